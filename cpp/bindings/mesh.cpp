@@ -1,0 +1,129 @@
+#include "mesh.hpp"
+
+#include <pybind11/stl.h>
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <string>
+
+namespace manip3d::bindings {
+namespace {
+
+template <typename Matrix>
+Eigen::Map<const Matrix> borrow(const py::object& mesh, const char* name,
+                                std::vector<py::object>& keep) {
+  using Scalar = typename Matrix::Scalar;
+  const py::object attribute = mesh.attr(name);
+  if (attribute.is_none()) {
+    return Eigen::Map<const Matrix>(nullptr, 0, Matrix::ColsAtCompileTime);
+  }
+  if (!py::isinstance<CArray<Scalar>>(attribute)) {
+    throw InputError(std::string(name) + ": expected a C-contiguous array of " +
+                     py::str(py::dtype::of<Scalar>()).cast<std::string>() + ", got " +
+                     py::repr(py::type::of(attribute)).cast<std::string>());
+  }
+  keep.push_back(attribute);
+  return rows<Matrix>(attribute.cast<CArray<Scalar>>(), name);
+}
+
+template <typename Matrix>
+py::object optional_array(Matrix&& matrix) {
+  if (matrix.rows() == 0) return py::none();
+  return to_numpy(std::forward<Matrix>(matrix));
+}
+
+constexpr const char* kAlphaModes[] = {"opaque", "mask", "blend"};
+
+py::object to_python(const Material& m) {
+  const py::module_ types = py::module_::import("manip3d.mesh");
+  py::dict textures;
+  for (const auto& [role, texture] : m.textures) {
+    py::object path = py::none();
+    if (!texture.path.empty()) path = py::str(texture.path);
+    py::object data = py::none();
+    if (!texture.data.empty()) {
+      data = py::bytes(reinterpret_cast<const char*>(texture.data.data()), texture.data.size());
+    }
+    textures[py::str(role)] = types.attr("Texture")(py::arg("path") = path, py::arg("data") = data);
+  }
+  return types.attr("Material")(
+      py::arg("name") = m.name,
+      py::arg("base_color") =
+          py::make_tuple(m.base_color[0], m.base_color[1], m.base_color[2], m.base_color[3]),
+      py::arg("metallic") = m.metallic, py::arg("roughness") = m.roughness,
+      py::arg("alpha_mode") = kAlphaModes[static_cast<int>(m.alpha_mode)],
+      py::arg("alpha_cutoff") = m.alpha_cutoff, py::arg("textures") = textures);
+}
+
+Material to_material(const py::handle& object) {
+  Material m;
+  m.name = object.attr("name").cast<std::string>();
+  const auto color = object.attr("base_color").cast<std::array<double, 4>>();
+  std::copy(color.begin(), color.end(), m.base_color);
+  m.metallic = object.attr("metallic").cast<double>();
+  m.roughness = object.attr("roughness").cast<double>();
+  const auto mode = object.attr("alpha_mode").cast<std::string>();
+  for (int i = 0; i < 3; ++i) {
+    if (mode == kAlphaModes[i]) m.alpha_mode = static_cast<AlphaMode>(i);
+  }
+  m.alpha_cutoff = object.attr("alpha_cutoff").cast<double>();
+  for (const auto& [role, value] : object.attr("textures").cast<py::dict>()) {
+    Texture& texture = m.textures[role.cast<std::string>()];
+    if (!value.attr("path").is_none()) texture.path = value.attr("path").cast<std::string>();
+    if (!value.attr("data").is_none()) {
+      const auto bytes = value.attr("data").cast<std::string>();
+      texture.data.resize(bytes.size());
+      std::memcpy(texture.data.data(), bytes.data(), bytes.size());
+    }
+  }
+  return m;
+}
+
+py::object make_mesh(TriangleMesh&& mesh, const py::object& materials) {
+  return py::module_::import("manip3d.mesh")
+      .attr("Mesh")(to_numpy(std::move(mesh.vertices)), to_numpy(std::move(mesh.faces)),
+                    py::arg("texcoords") = optional_array(std::move(mesh.texcoords)),
+                    py::arg("face_texcoords") = optional_array(std::move(mesh.face_texcoords)),
+                    py::arg("normals") = optional_array(std::move(mesh.normals)),
+                    py::arg("face_normals") = optional_array(std::move(mesh.face_normals)),
+                    py::arg("colors") = optional_array(std::move(mesh.colors)),
+                    py::arg("face_material") = optional_array(std::move(mesh.face_material)),
+                    py::arg("materials") = materials);
+}
+
+}  // namespace
+
+BorrowedMesh::BorrowedMesh(const py::object& mesh) : view_(std::make_unique<MeshView>()) {
+  const auto set = [&](auto& map, const char* name) {
+    using Map = std::decay_t<decltype(map)>;
+    using Matrix = typename Map::PlainObject;
+    new (&map) Map(borrow<Matrix>(mesh, name, arrays_));  // Eigen's way to rebind a map
+  };
+  set(view_->vertices, "vertices");
+  set(view_->faces, "faces");
+  set(view_->texcoords, "texcoords");
+  set(view_->face_texcoords, "face_texcoords");
+  set(view_->normals, "normals");
+  set(view_->face_normals, "face_normals");
+  set(view_->colors, "colors");
+  set(view_->face_material, "face_material");
+}
+
+std::vector<Material> materials_of(const py::object& mesh) {
+  std::vector<Material> materials;
+  for (const py::handle& object : mesh.attr("materials")) materials.push_back(to_material(object));
+  return materials;
+}
+
+py::object to_python(TriangleMesh&& mesh) {
+  py::list materials;
+  for (const Material& m : mesh.materials) materials.append(to_python(m));
+  return make_mesh(std::move(mesh), materials);
+}
+
+py::object to_python(TriangleMesh&& mesh, const py::object& source) {
+  return make_mesh(std::move(mesh), source.attr("materials"));
+}
+
+}  // namespace manip3d::bindings

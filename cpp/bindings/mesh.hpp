@@ -1,0 +1,34 @@
+#pragma once
+
+#include <pybind11/pybind11.h>
+
+#include <vector>
+
+#include "manip3d/geometry/mesh.hpp"
+#include "numpy.hpp"
+
+namespace manip3d::bindings {
+
+/// Borrows the arrays of a `manip3d.Mesh` for the length of one call.
+///
+/// Keeps references to the arrays, so that the views stay valid while the GIL is released.
+class BorrowedMesh {
+ public:
+  explicit BorrowedMesh(const py::object& mesh);
+  [[nodiscard]] const MeshView& view() const { return *view_; }
+
+ private:
+  std::vector<py::object> arrays_;
+  std::unique_ptr<MeshView> view_;
+};
+
+/// The materials of a `manip3d.Mesh`.
+std::vector<Material> materials_of(const py::object& mesh);
+
+/// A `manip3d.Mesh` that owns the tables of `mesh`.
+py::object to_python(TriangleMesh&& mesh);
+
+/// A `manip3d.Mesh` with the tables of `mesh` and the material objects of `source`, unchanged.
+py::object to_python(TriangleMesh&& mesh, const py::object& source);
+
+}  // namespace manip3d::bindings

@@ -1,0 +1,58 @@
+#include <pybind11/pybind11.h>
+
+#include <cerrno>
+#include <exception>
+#include <system_error>
+
+#include "manip3d/error.hpp"
+#include "modules.hpp"
+
+namespace py = pybind11;
+
+namespace {
+
+void raise(const char* type, const std::exception& error) {
+  const py::object cls = py::module_::import("manip3d.errors").attr(type);
+  PyErr_SetObject(cls.ptr(), py::str(error.what()).ptr());
+}
+
+void raise(const manip3d::FormatError& error) {
+  const auto none_or = [](const auto& value) -> py::object {
+    return value ? py::object(py::int_(*value)) : py::object(py::none());
+  };
+  const py::object cls = py::module_::import("manip3d.errors").attr("FormatError");
+  const py::object instance = cls(error.reason(), py::arg("file") = error.file(),
+                                  py::arg("line") = none_or(error.position().line),
+                                  py::arg("byte_offset") = none_or(error.position().byte_offset));
+  PyErr_SetObject(cls.ptr(), instance.ptr());
+}
+
+void translate(std::exception_ptr pointer) {
+  try {
+    if (pointer) std::rethrow_exception(pointer);
+  } catch (const manip3d::FormatError& error) {
+    raise(error);
+  } catch (const manip3d::InputError& error) {
+    raise("InputError", error);
+  } catch (const manip3d::DeviceError& error) {
+    raise("DeviceError", error);
+  } catch (const manip3d::Error& error) {
+    raise("Error", error);
+  } catch (const std::system_error& error) {  // files: becomes FileNotFoundError and the like
+    const py::object instance = py::reinterpret_borrow<py::object>(PyExc_OSError)(
+        error.code().value(), py::str(error.what()));
+    PyErr_SetObject(reinterpret_cast<PyObject*>(Py_TYPE(instance.ptr())), instance.ptr());
+  }
+}
+
+}  // namespace
+
+PYBIND11_MODULE(_core, m) {
+  m.doc() = "C++ core of manip3d. Private: use the typed functions of the package.";
+  m.attr("__version__") = MANIP3D_VERSION;
+  py::register_exception_translator(&translate);
+  manip3d::bindings::bind_geometry(m);
+  manip3d::bindings::bind_io(m);
+  manip3d::bindings::bind_simplify(m);
+  manip3d::bindings::bind_metrics(m);
+}

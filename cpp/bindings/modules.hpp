@@ -1,0 +1,13 @@
+#pragma once
+
+#include <pybind11/pybind11.h>
+
+/// One function per file of this folder; module.cpp calls them all.
+namespace manip3d::bindings {
+
+void bind_geometry(pybind11::module_& m);
+void bind_io(pybind11::module_& m);
+void bind_simplify(pybind11::module_& m);
+void bind_metrics(pybind11::module_& m);
+
+}  // namespace manip3d::bindings

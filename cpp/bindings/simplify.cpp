@@ -1,0 +1,7 @@
+#include "modules.hpp"
+
+namespace manip3d::bindings {
+
+void bind_simplify(pybind11::module_& m) { static_cast<void>(m); }
+
+}  // namespace manip3d::bindings

@@ -1,0 +1,103 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <string>
+#include <vector>
+
+namespace manip3d {
+
+template <typename Scalar, int Columns>
+using Rows = Eigen::Matrix<Scalar, Eigen::Dynamic, Columns, Eigen::RowMajor>;
+
+using Vertices = Rows<double, 3>;      ///< (V, 3) coordinates in the file's own units and axes.
+using Faces = Rows<std::int32_t, 3>;   ///< (F, 3) indices.
+using Texcoords = Rows<double, 2>;     ///< (T, 2) texture coordinates u, v (v up, as in OBJ).
+using Colors = Rows<std::uint8_t, 3>;  ///< (V, 3) sRGB.
+using Indices = Eigen::Matrix<std::int32_t, Eigen::Dynamic, 1>;
+
+/// A texture image: a path (relative to the mesh file where it came from one) or its bytes.
+struct Texture {
+  std::string path;             ///< Empty when only the bytes are known.
+  std::vector<std::byte> data;  ///< PNG or JPEG file content; empty when only the path is known.
+  [[nodiscard]] bool empty() const { return path.empty() && data.empty(); }
+};
+
+enum class AlphaMode : std::uint8_t { kOpaque, kMask, kBlend };
+
+/// Surface appearance, the metallic-roughness model of glTF 2.0.
+struct Material {
+  std::string name;
+  double base_color[4] = {1.0, 1.0, 1.0, 1.0};  ///< Linear RGBA factor in [0, 1].
+  double metallic = 0.0;
+  double roughness = 1.0;
+  AlphaMode alpha_mode = AlphaMode::kOpaque;
+  double alpha_cutoff = 0.5;
+  /// By role: "base_color", "metallic_roughness", "normal", "occlusion", "emissive".
+  std::map<std::string, Texture> textures;
+};
+
+/// Triangle mesh with per-corner attributes. Optional tables are empty (0 rows) when absent.
+///
+/// Corner c of face f uses vertices.row(faces(f, c)), texcoords.row(face_texcoords(f, c)) and
+/// normals.row(face_normals(f, c)); an index of -1 means that the corner has no such attribute.
+struct TriangleMesh {
+  Vertices vertices;
+  Faces faces;
+  Texcoords texcoords;
+  Faces face_texcoords;   ///< (F, 3) or empty.
+  Vertices normals;       ///< (K, 3) or empty.
+  Faces face_normals;     ///< (F, 3) or empty.
+  Colors colors;          ///< (V, 3) or empty.
+  Indices face_material;  ///< (F,) or empty; -1 = no material.
+  std::vector<Material> materials;
+};
+
+/// Borrowed TriangleMesh: the same tables as read-only maps (materials excepted).
+struct MeshView {
+  template <typename Matrix>
+  using Map = Eigen::Map<const Matrix>;
+
+  Map<Vertices> vertices{nullptr, 0, 3};
+  Map<Faces> faces{nullptr, 0, 3};
+  Map<Texcoords> texcoords{nullptr, 0, 2};
+  Map<Faces> face_texcoords{nullptr, 0, 3};
+  Map<Vertices> normals{nullptr, 0, 3};
+  Map<Faces> face_normals{nullptr, 0, 3};
+  Map<Colors> colors{nullptr, 0, 3};
+  Map<Indices> face_material{nullptr, 0};
+
+  MeshView() = default;
+  MeshView(const TriangleMesh& mesh);  // NOLINT(google-explicit-constructor): a view of a mesh
+  // Eigen::Map has no rebinding assignment; a view is made once and passed by reference.
+  MeshView(const MeshView&) = default;
+  MeshView& operator=(const MeshView&) = delete;
+  ~MeshView() = default;
+
+  [[nodiscard]] std::int64_t num_vertices() const { return vertices.rows(); }
+  [[nodiscard]] std::int64_t num_faces() const { return faces.rows(); }
+  [[nodiscard]] bool has_texcoords() const { return face_texcoords.rows() > 0; }
+  [[nodiscard]] bool has_materials() const { return face_material.rows() > 0; }
+  /// True when all three corners of the face have a texture coordinate.
+  [[nodiscard]] bool face_has_texcoords(Eigen::Index face) const {
+    return has_texcoords() && face_texcoords.row(face).minCoeff() >= 0;
+  }
+};
+
+/// Checks what every kernel relies on: finite coordinates, indices in range, tables of matching
+/// length, at most 2^31 - 1 vertices and faces. Every public function that takes a mesh calls it.
+/// @throws InputError  naming the table, the row, what was expected and what came.
+void check_mesh(const MeshView& mesh);
+
+/// Axis-aligned bounding box of the vertices that some face uses.
+struct BoundingBox {
+  Eigen::Vector3d min = Eigen::Vector3d::Zero();
+  Eigen::Vector3d max = Eigen::Vector3d::Zero();
+  [[nodiscard]] double diagonal() const { return (max - min).norm(); }
+  [[nodiscard]] Eigen::Vector3d center() const { return 0.5 * min + 0.5 * max; }
+};
+BoundingBox bounding_box(const MeshView& mesh);
+
+}  // namespace manip3d

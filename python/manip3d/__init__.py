@@ -1,0 +1,39 @@
+"""manip3d: make 3D content lighter, change it, and tell whether somebody else changed it."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from manip3d._core import __version__
+from manip3d.errors import DeviceError, Error, FormatError, InputError, MissingExtraError
+from manip3d.io import read_mesh
+from manip3d.mesh import Material, Mesh, Texture
+
+if TYPE_CHECKING:
+    from manip3d import io, metrics, simplify, simulate
+
+__all__ = [
+    "DeviceError",
+    "Error",
+    "FormatError",
+    "InputError",
+    "Material",
+    "Mesh",
+    "MissingExtraError",
+    "Texture",
+    "__version__",
+    "io",
+    "metrics",
+    "read_mesh",
+    "simplify",
+    "simulate",
+]
+
+_LAZY = frozenset({"io", "metrics", "simplify", "simulate"})
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LAZY:
+        return importlib.import_module(f"manip3d.{name}")
+    raise AttributeError(f"module 'manip3d' has no attribute {name!r}")

@@ -1,0 +1,59 @@
+"""Conversion of arguments at the API border: the only place where arrays are copied."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+_Scalar = TypeVar("_Scalar", bound=np.generic)
+
+
+def _shaped(array: NDArray[Any], columns: int | None, name: str) -> NDArray[Any]:
+    if array.size == 0:  # [] and np.empty((0, 3)) both mean no rows
+        return array.reshape((0,) if columns is None else (0, columns))
+    if array.ndim == (1 if columns is None else 2) and columns in (None, array.shape[-1]):
+        return array
+    expected = "(N,)" if columns is None else f"(N, {columns})"
+    raise InputError(f"{name}: expected shape {expected}, got {array.shape}")
+
+
+def rows(values: ArrayLike, columns: int, dtype: type[_Scalar], name: str) -> NDArray[_Scalar]:
+    """An (N, columns) C-contiguous array of ``dtype``; the same object if it already is one."""
+    array = _shaped(np.asarray(values), columns, name)
+    if array.dtype.kind not in "biuf":
+        raise InputError(f"{name}: expected numbers, got dtype {array.dtype}")
+    if array.dtype != dtype and np.issubdtype(dtype, np.integer):
+        limits = np.iinfo(dtype)
+        fits = (
+            np.isfinite(array)
+            & (array >= limits.min)
+            & (array <= limits.max)
+            & (np.mod(array, 1) == 0)
+        )
+        if not fits.all():
+            raise InputError(
+                f"{name}: expected whole numbers in [{limits.min}, {limits.max}], "
+                f"got {array[~fits][0]}"
+            )
+    return np.ascontiguousarray(array, dtype=dtype)
+
+
+def index_rows(values: ArrayLike, columns: int | None, name: str) -> NDArray[np.int32]:
+    """An (N, columns) or (N,) C-contiguous int32 array; other integer dtypes are range-checked."""
+    array = _shaped(np.asarray(values), columns, name)
+    if array.size and array.dtype.kind not in "iu":
+        raise InputError(f"{name}: expected integers, got dtype {array.dtype}")
+    if array.dtype != np.int32 and array.size:
+        limits = np.iinfo(np.int32)
+        if array.min() < limits.min or array.max() > limits.max:
+            raise InputError(
+                f"{name}: expected values in [{limits.min}, {limits.max}], "
+                f"got {array.min()} to {array.max()}"
+            )
+    return np.ascontiguousarray(array, dtype=np.int32)

@@ -1,0 +1,200 @@
+"""Triangle meshes with per-corner attributes, and their materials."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._arrays import index_rows, rows
+from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+AlphaMode = Literal["opaque", "mask", "blend"]
+
+
+@dataclass(frozen=True)
+class Texture:
+    """A texture image: a path, the bytes of an image file, or both.
+
+    Attributes
+    ----------
+    path : str or None
+        Where the image lies; relative to the mesh file it was named by unless absolute.
+    data : bytes or None
+        Content of a PNG or JPEG file (glTF embeds images); ``None`` when only the path is known.
+    """
+
+    path: str | None = None
+    data: bytes | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True)
+class Material:
+    """Surface appearance, the metallic-roughness model of glTF 2.0.
+
+    Attributes
+    ----------
+    name : str
+    base_color : (r, g, b, a) float in [0, 1]
+        Factor of the base colour texture, linear.
+    metallic, roughness : float in [0, 1]
+    alpha_mode : 'opaque', 'mask' or 'blend'
+    alpha_cutoff : float
+        Alpha below it is not drawn in mode ``mask``.
+    textures : dict of str to Texture
+        By role: ``base_color``, ``metallic_roughness``, ``normal``, ``occlusion``, ``emissive``.
+    """
+
+    name: str = ""
+    base_color: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
+    metallic: float = 0.0
+    roughness: float = 1.0
+    alpha_mode: AlphaMode = "opaque"
+    alpha_cutoff: float = 0.5
+    textures: dict[str, Texture] = field(default_factory=dict)
+
+
+class Mesh:
+    """Triangle mesh with per-corner texture coordinates and normals, and per-face materials.
+
+    Corner ``c`` of face ``f`` lies at ``vertices[faces[f, c]]`` and carries
+    ``texcoords[face_texcoords[f, c]]`` and ``normals[face_normals[f, c]]``; an index of -1 means
+    that the corner has no such attribute.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float64
+        Coordinates in the file's own units and axes.
+    faces : (F, 3) int32
+    texcoords : (T, 2) float64, optional
+        Texture coordinates, v up (OBJ's convention).
+    face_texcoords : (F, 3) int32, optional
+    normals : (K, 3) float64, optional
+    face_normals : (F, 3) int32, optional
+    colors : (V, 3) uint8, optional
+        sRGB.
+    face_material : (F,) int32, optional
+        Index into ``materials``; -1 = none.
+    materials : sequence of Material
+    source : str, optional
+        The file it was read from: relative texture paths start in its folder.
+
+    Raises
+    ------
+    InputError
+        An array has another shape, cannot be converted without loss, or indexes out of range.
+
+    Notes
+    -----
+    C-contiguous arrays of the dtypes above are kept as they are, without a copy; others are
+    converted.
+    """
+
+    __slots__ = (
+        "colors",
+        "face_material",
+        "face_normals",
+        "face_texcoords",
+        "faces",
+        "materials",
+        "normals",
+        "source",
+        "texcoords",
+        "vertices",
+    )
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    texcoords: NDArray[np.float64] | None
+    face_texcoords: NDArray[np.int32] | None
+    normals: NDArray[np.float64] | None
+    face_normals: NDArray[np.int32] | None
+    colors: NDArray[np.uint8] | None
+    face_material: NDArray[np.int32] | None
+    materials: tuple[Material, ...]
+    source: str | None
+
+    def __init__(
+        self,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        *,
+        texcoords: ArrayLike | None = None,
+        face_texcoords: ArrayLike | None = None,
+        normals: ArrayLike | None = None,
+        face_normals: ArrayLike | None = None,
+        colors: ArrayLike | None = None,
+        face_material: ArrayLike | None = None,
+        materials: Sequence[Material] = (),
+        source: str | None = None,
+    ) -> None:
+        self.vertices = rows(vertices, 3, np.float64, "vertices")
+        self.faces = index_rows(faces, 3, "faces")
+        self.texcoords = None if texcoords is None else rows(texcoords, 2, np.float64, "texcoords")
+        self.face_texcoords = (
+            None if face_texcoords is None else index_rows(face_texcoords, 3, "face_texcoords")
+        )
+        self.normals = None if normals is None else rows(normals, 3, np.float64, "normals")
+        self.face_normals = (
+            None if face_normals is None else index_rows(face_normals, 3, "face_normals")
+        )
+        self.colors = None if colors is None else rows(colors, 3, np.uint8, "colors")
+        self.face_material = (
+            None if face_material is None else index_rows(face_material, None, "face_material")
+        )
+        self.materials = tuple(materials)
+        self.source = source
+        self.validate()
+
+    def validate(self) -> None:
+        """Check indices, lengths and finiteness; arrays may have been written to since.
+
+        Raises
+        ------
+        InputError
+            Naming the array, the row, what was expected and what came.
+        """
+        _core.check_mesh(self)
+
+    @property
+    def num_vertices(self) -> int:
+        """Number of vertices, unreferenced ones included."""
+        return len(self.vertices)
+
+    @property
+    def num_faces(self) -> int:
+        """Number of triangles."""
+        return len(self.faces)
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3) corners of the bounding box of the vertices that some face uses."""
+        box: NDArray[np.float64] = _core.bounding_box(self)
+        return box
+
+    @property
+    def diagonal(self) -> float:
+        """Length of the bounding box's diagonal, in the mesh's units."""
+        low, high = self.bounds
+        return float(np.linalg.norm(high - low))
+
+    def replace(self, **changes: Any) -> Mesh:
+        """A mesh with some of the constructor's arguments changed; the other arrays are shared."""
+        unknown = set(changes) - set(self.__slots__)
+        if unknown:
+            raise InputError(f"replace: no such array: {', '.join(sorted(unknown))}")
+        return Mesh(**{name: changes.get(name, getattr(self, name)) for name in self.__slots__})
+
+    def __repr__(self) -> str:
+        parts = [f"{self.num_vertices} vertices", f"{self.num_faces} faces"]
+        if self.texcoords is not None:
+            parts.append(f"{len(self.texcoords)} texture coordinates")
+        if self.materials:
+            parts.append(f"{len(self.materials)} materials")
+        return f"<manip3d.Mesh: {', '.join(parts)}>"
