@@ -11,7 +11,7 @@ from manip3d.io import read_mesh
 from manip3d.mesh import Material, Mesh, Texture
 
 if TYPE_CHECKING:
-    from manip3d import io, metrics, simplify, simulate
+    from manip3d import io
 
 __all__ = [
     "DeviceError",

@@ -29,7 +29,7 @@ def rows(values: ArrayLike, columns: int, dtype: type[_Scalar], name: str) -> ND
     if array.dtype.kind not in "biuf":
         raise InputError(f"{name}: expected numbers, got dtype {array.dtype}")
     if array.dtype != dtype and np.issubdtype(dtype, np.integer):
-        limits = np.iinfo(dtype)
+        limits = np.iinfo(np.dtype(dtype))
         fits = (
             np.isfinite(array)
             & (array >= limits.min)
