@@ -6,7 +6,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from manip3d._core import __version__
-from manip3d.errors import DeviceError, Error, FormatError, InputError, MissingExtraError
+from manip3d.errors import (
+    DeviceError,
+    Error,
+    FormatError,
+    InputError,
+    MissingExtraError,
+    RenderError,
+)
 from manip3d.io import read_mesh
 from manip3d.mesh import Material, Mesh, Texture
 
@@ -21,6 +28,7 @@ __all__ = [
     "Material",
     "Mesh",
     "MissingExtraError",
+    "RenderError",
     "Texture",
     "__version__",
     "io",
@@ -28,9 +36,10 @@ __all__ = [
     "read_mesh",
     "simplify",
     "simulate",
+    "viewer",
 ]
 
-_LAZY = frozenset({"io", "metrics", "simplify", "simulate"})
+_LAZY = frozenset({"io", "metrics", "simplify", "simulate", "viewer"})
 
 
 def __getattr__(name: str) -> Any:

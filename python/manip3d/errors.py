@@ -50,6 +50,10 @@ class DeviceError(Error, RuntimeError):
     """A sensor that is absent, lost or misbehaves."""
 
 
+class RenderError(Error, RuntimeError):
+    """Nothing here can draw a picture. The message says what was tried, and names the cure."""
+
+
 class MissingExtraError(Error, ImportError):
     """An optional dependency is not installed. The message names the cure."""
 

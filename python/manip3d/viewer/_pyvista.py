@@ -1,0 +1,187 @@
+"""Pictures drawn by PyVista on VTK, off-screen through EGL."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d.errors import MissingExtraError
+from manip3d.mesh import Mesh
+from manip3d.viewer.renderer import egl_window
+from manip3d.viewer.scene import (
+    CREASE_ANGLE,
+    Camera,
+    Style,
+    Surface,
+    boundary_edges,
+    face_normals,
+    surfaces,
+    weld,
+)
+
+if TYPE_CHECKING:
+    from manip3d.viewer.scene import Image, Points, Shading
+
+EDGE_COLOR = (0.10, 0.13, 0.18)
+BOUNDARY_COLOR = (0.90, 0.10, 0.20)
+SUPERSAMPLING = 2  # pixels drawn per pixel kept, each way: no jagged edges on any driver
+
+# Camera lights, position and intensity: key from the upper left, fill from the right, and some
+# along the view, so that no visible face is black.
+LIGHTS = (((-0.6, 0.9, 1.0), 0.78), ((1.0, -0.1, 0.8), 0.25), ((0.0, 0.0, 1.0), 0.25))
+
+
+def draw(mesh: Mesh, camera: Camera, style: Style) -> Image:
+    """The picture of ``mesh`` that ``camera`` sees."""
+    try:
+        import pyvista
+    except ImportError as error:
+        raise MissingExtraError("pyvista", "viz") from error
+    width, height = style.size
+    with egl_window():
+        plotter: Any = pyvista.Plotter(
+            off_screen=True,
+            window_size=[SUPERSAMPLING * width, SUPERSAMPLING * height],
+            lighting="none",
+            theme=pyvista.themes.Theme(),  # not the user's
+        )
+        try:
+            plotter.set_background(style.background)
+            if mesh.num_faces:
+                _add_mesh(plotter, mesh, style)
+                if style.boundary:
+                    _add_boundary(plotter, mesh)
+            _add_lights(plotter)
+            _set_camera(plotter, camera)
+            plotter.enable_depth_peeling(number_of_peels=6)
+            plotter.render_window.SetMultiSamples(0)
+            large = np.asarray(plotter.screenshot(return_img=True))
+        finally:
+            plotter.close()
+    blocks = large.reshape(height, SUPERSAMPLING, width, SUPERSAMPLING, 3)
+    image: Image = blocks.mean(axis=(1, 3)).round().astype(np.uint8)
+    return image
+
+
+def _set_camera(plotter: Any, camera: Camera) -> None:
+    view = plotter.camera
+    view.position, view.focal_point, view.up = camera.position, camera.target, camera.up
+    view.view_angle = camera.view_angle
+    view.clipping_range = (camera.near, camera.far)
+
+
+def _add_lights(plotter: Any) -> None:
+    import pyvista
+
+    for position, intensity in LIGHTS:
+        light: Any = pyvista.Light(light_type="camera light", intensity=intensity)
+        light.position, light.focal_point = position, (0.0, 0.0, 0.0)
+        plotter.add_light(light)
+
+
+def _add_mesh(plotter: Any, mesh: Mesh, style: Style) -> None:
+    normals = _corner_normals(mesh, style.shading)
+    if not style.texture:
+        mesh = mesh.replace(materials=(), face_material=None, colors=None)
+    for surface in surfaces(mesh):
+        if len(surface.faces):
+            _add_surface(plotter, mesh, normals, surface, style)
+
+
+def _add_surface(plotter: Any, mesh: Mesh, normals: Points, part: Surface, style: Style) -> None:
+    """One actor. Its triangles share no points, so that every attribute is per corner."""
+    import pyvista
+
+    corners = mesh.faces[part.faces].ravel()
+    triangles: Any = np.arange(len(corners)).reshape(-1, 3)
+    surface: Any = pyvista.PolyData.from_regular_faces(mesh.vertices[corners], triangles)
+    surface.point_data.active_normals = normals[part.faces].reshape(-1, 3)
+    look: dict[str, Any] = {"color": tuple(part.color)}
+    if mesh.colors is not None:
+        tinted = np.rint(mesh.colors[corners] * part.color).astype(np.uint8)
+        look = {"scalars": tinted, "rgb": True}
+    if part.image is not None and mesh.texcoords is not None and mesh.face_texcoords is not None:
+        uv = mesh.texcoords[mesh.face_texcoords[part.faces].ravel()]
+        surface.active_texture_coordinates = uv
+        look["texture"] = _texture(part.image)
+    actor = plotter.add_mesh(
+        surface,
+        opacity=part.opacity,
+        ambient=0.12,
+        diffuse=0.88,
+        specular=0.10,
+        specular_power=18.0,
+        culling=False if style.backfaces else "back",
+        show_edges=style.wireframe,
+        edge_color=EDGE_COLOR,
+        edge_opacity=0.6,
+        line_width=0.5 * SUPERSAMPLING,
+        **look,
+    )
+    actor.prop.interpolation = "Phong"  # per pixel, with the corners' normals
+    if part.image is not None and part.image.shape[2] == 4:
+        actor.ForceTranslucentOn()
+
+
+def _texture(image: Image) -> Any:
+    import pyvista
+
+    make: Any = pyvista.Texture
+    texture = make(np.ascontiguousarray(image))
+    texture.SetMipmap(True)
+    texture.SetInterpolate(True)
+    texture.SetMaximumAnisotropicFiltering(8)
+    texture.SetRepeat(True)
+    return texture
+
+
+def _add_boundary(plotter: Any, mesh: Mesh) -> None:
+    import pyvista
+
+    edges = boundary_edges(mesh)
+    if not len(edges):
+        return
+    lines: Any = np.column_stack([np.full(len(edges), 2), edges]).ravel()
+    actor = plotter.add_mesh(
+        pyvista.PolyData(mesh.vertices, lines=lines),
+        color=BOUNDARY_COLOR,
+        line_width=2.0 * SUPERSAMPLING,
+        lighting=False,
+    )
+    # In front of the faces that they border, not behind half of their own pixels.
+    actor.GetMapper().SetResolveCoincidentTopologyToPolygonOffset()
+    actor.GetMapper().SetRelativeCoincidentTopologyLineOffsetParameters(-2.0, -2.0)
+
+
+def _corner_normals(mesh: Mesh, shading: Shading) -> Points:
+    """(F, 3, 3) normals to shade with: the file's own, else smooth up to the crease angle."""
+    flat = face_normals(mesh)
+    if shading == "flat":
+        return np.repeat(flat[:, None, :], 3, axis=1)
+    normals = _creased_normals(mesh)
+    if mesh.normals is not None and mesh.face_normals is not None:
+        given = mesh.normals[mesh.face_normals]
+        usable = (mesh.face_normals >= 0) & (np.linalg.norm(given, axis=2) > 0.0)
+        normals = np.where(usable[..., None], given, normals)
+    # Lights look at the side that a face turns to them: a normal must not point the other way.
+    against = np.einsum("fck,fk->fc", normals, flat) < 0.0
+    return np.where(against[..., None], -normals, normals)
+
+
+def _creased_normals(mesh: Mesh) -> Points:
+    import pyvista
+
+    group = weld(mesh.vertices)
+    points = np.zeros((int(group.max(initial=-1)) + 1, 3))
+    points[group] = mesh.vertices
+    welded: Any = group[mesh.faces]
+    smooth = pyvista.PolyData.from_regular_faces(points, welded).compute_normals(
+        cell_normals=False,
+        split_vertices=True,
+        feature_angle=CREASE_ANGLE,
+        consistent_normals=False,
+        auto_orient_normals=False,
+    )
+    normals: Points = np.asarray(smooth.point_normals, dtype=np.float64)[smooth.regular_faces]
+    return normals

@@ -1,0 +1,254 @@
+"""What every renderer shares: options, camera, edges, materials and textures."""
+
+from __future__ import annotations
+
+import io
+import math
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from manip3d.errors import InputError, MissingExtraError
+from manip3d.mesh import Material, Mesh, Texture
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Image = NDArray[np.uint8]
+    Points = NDArray[np.float64]
+
+Up = Literal["y", "z"]
+Shading = Literal["smooth", "flat"]
+Rgb = tuple[int, int, int]
+
+CLAY = (0.74, 0.76, 0.79)  # sRGB; what has no colour of its own
+BACKGROUND = "#f5f6f8"
+MAX_SIDE = 4096  # pixels
+CREASE_ANGLE = 40.0  # degrees: flatter edges are shaded smooth
+VIEW_ANGLE = 30.0  # degrees, vertical: a long lens, little perspective distortion
+MARGIN = 1.06  # picture over mesh
+
+
+def rgb(color: str | Rgb) -> Rgb:
+    """Three numbers of 0 to 255 from ``'#rrggbb'`` or themselves."""
+    try:
+        if isinstance(color, str):
+            if len(color) != 7 or color[0] != "#":
+                raise ValueError
+            color = (int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16))
+        red, green, blue = (int(c) for c in color)
+        if not all(0 <= c <= 255 for c in (red, green, blue)):
+            raise ValueError
+    except (TypeError, ValueError):
+        raise InputError(
+            f"background: expected '#rrggbb' or (r, g, b) of 0 to 255, got {color!r}"
+        ) from None
+    return red, green, blue
+
+
+@dataclass(frozen=True)
+class Style:
+    """What to draw, and how large; see `manip3d.viewer.picture` for the meaning."""
+
+    size: tuple[int, int]
+    shading: Shading
+    texture: bool
+    wireframe: bool
+    boundary: bool
+    backfaces: bool
+    background: Rgb
+
+    def __post_init__(self) -> None:
+        if len(self.size) != 2 or not all(1 <= n <= MAX_SIDE for n in self.size):
+            raise InputError(
+                f"size: expected (width, height) of 1 to {MAX_SIDE} pixels, got {self.size}"
+            )
+        if self.shading not in ("smooth", "flat"):
+            raise InputError(f"shading: expected 'smooth' or 'flat', got {self.shading!r}")
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A perspective camera in the mesh's coordinates; angles in degrees, vertical."""
+
+    position: Points
+    target: Points
+    up: Points
+    view_angle: float
+    near: float
+    far: float
+
+
+def _axes(azimuth: float, elevation: float, up: Up) -> Points:
+    """(3, 3) rows: the camera's right, up and backward in the mesh's coordinates."""
+    if up not in ("y", "z"):
+        raise InputError(f"up: expected 'y' or 'z', got {up!r}")
+    if not math.isfinite(azimuth):
+        raise InputError(f"azimuth: expected degrees, got {azimuth}")
+    if not -90.0 <= elevation <= 90.0:
+        raise InputError(f"elevation: expected degrees in [-90, 90], got {elevation}")
+    a, e = math.radians(azimuth), math.radians(elevation)
+    right = np.array([math.cos(a), 0.0, -math.sin(a)])
+    backward = np.array([math.sin(a) * math.cos(e), math.sin(e), math.cos(a) * math.cos(e)])
+    axes = np.array([right, np.cross(backward, right), backward])
+    if up == "z":  # y up to z up: (x, y, z) -> (x, -z, y)
+        axes = axes[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
+    return axes
+
+
+def frame(
+    mesh: Mesh, size: tuple[int, int], azimuth: float, elevation: float, zoom: float, up: Up
+) -> Camera:
+    """The camera in direction (azimuth, elevation) that just holds the mesh in the picture."""
+    if not (zoom > 0.0 and math.isfinite(zoom)):
+        raise InputError(f"zoom: expected a number > 0, got {zoom}")
+    axes = _axes(azimuth, elevation, up)
+    used = mesh.vertices[np.unique(mesh.faces)] if mesh.num_faces else np.zeros((1, 3))
+    center = 0.5 * (used.min(axis=0) + used.max(axis=0))
+    x, y, z = axes @ (used - center).T
+    # At distance d a point is inside when |x| <= (d - z) tan_x and |y| <= (d - z) tan_y.
+    tan_y = math.tan(math.radians(VIEW_ANGLE / 2.0))
+    tan_x = tan_y * size[0] / size[1]
+    nearest = float(z.max()) + 1e-3 * (float(np.ptp(used, axis=0).max()) or 1.0)
+    shift = np.zeros(2)
+    for _ in range(4):  # moving sideways changes the distance, and the other way round
+        reach = np.maximum(np.abs(x - shift[0]) / tan_x, np.abs(y - shift[1]) / tan_y)
+        distance = max(nearest, float((MARGIN * reach + z).max()))
+        seen = (np.array([x, y]) - shift[:, None]) / (distance - z)
+        shift += 0.5 * distance * (seen.min(axis=1) + seen.max(axis=1))
+    target = center + shift @ axes[:2]
+    return Camera(
+        position=target + distance * axes[2],
+        target=target,
+        up=axes[1],
+        view_angle=2.0 * math.degrees(math.atan(tan_y / zoom)),
+        near=0.9 * (distance - float(z.max())),
+        far=1.1 * (distance - float(z.min())),
+    )
+
+
+def weld(vertices: Points) -> NDArray[np.int64]:
+    """(V,) the same number for vertices at equal positions."""
+    order = np.lexsort(vertices.T)
+    starts = np.any(np.diff(vertices[order], axis=0, prepend=np.nan) != 0.0, axis=1)
+    group = np.empty(len(vertices), dtype=np.int64)
+    group[order] = np.cumsum(starts) - 1
+    return group
+
+
+def boundary_edges(mesh: Mesh) -> NDArray[np.int64]:
+    """(E, 2) vertices of the edges that exactly one face uses, once equal positions are one."""
+    edges = np.stack([mesh.faces, np.roll(mesh.faces, -1, axis=1)], axis=2).astype(np.int64)
+    welded = weld(mesh.vertices)[edges]
+    proper = (welded[..., 0] != welded[..., 1]).all(axis=1)  # a repeated corner has no border
+    low, high = np.sort(welded[proper].reshape(-1, 2), axis=1).T
+    _, first, uses = np.unique(
+        low * (mesh.num_vertices + 1) + high, return_index=True, return_counts=True
+    )
+    boundary: NDArray[np.int64] = edges[proper].reshape(-1, 2)[first[uses == 1]]
+    return boundary
+
+
+def face_normals(mesh: Mesh) -> Points:
+    """(F, 3) unit normals; zero for faces without area."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    unit: Points = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0.0)
+    return unit
+
+
+def srgb(linear: Any) -> NDArray[np.float64]:
+    """Linear light in [0, 1] to sRGB in [0, 1] [IEC 61966-2-1]."""
+    x = np.clip(np.asarray(linear, dtype=np.float64), 0.0, 1.0)
+    encoded: Points = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1.0 / 2.4) - 0.055)
+    return encoded
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Faces that look the same.
+
+    Attributes
+    ----------
+    faces : (N,) rows of ``Mesh.faces``
+    color : (3,) sRGB in [0, 1]
+        Factor of the texture and of the vertex colours.
+    opacity : float in [0, 1]
+    image : (H, W, 3 or 4) uint8, or None
+        Base colour texture, with the alpha that the material's mode gives it.
+    """
+
+    faces: NDArray[np.intp]
+    color: Points
+    opacity: float = 1.0
+    image: Image | None = None
+
+
+def surfaces(mesh: Mesh) -> Iterator[Surface]:
+    """The faces by material, those with texture coordinates apart from those without."""
+    materials = np.full(mesh.num_faces, -1) if mesh.face_material is None else mesh.face_material
+    images = _base_color_images(mesh)
+    for index in np.unique(materials):
+        faces = np.flatnonzero(materials == index)
+        if index < 0 or not mesh.materials:
+            yield Surface(faces, np.array(CLAY if mesh.colors is None else (1.0, 1.0, 1.0)))
+            continue
+        material = mesh.materials[index]
+        color = srgb(material.base_color[:3])
+        opacity = material.base_color[3] if material.alpha_mode == "blend" else 1.0
+        image = images.get(material.textures.get("base_color"))
+        if image is None or mesh.face_texcoords is None:
+            yield Surface(faces, color, opacity)
+            continue
+        has_uv = (mesh.face_texcoords[faces] >= 0).all(axis=1)
+        yield Surface(faces[has_uv], color, image=_with_alpha(image, material))
+        yield Surface(faces[~has_uv], color, opacity)
+
+
+def pillow() -> Any:
+    """The module ``PIL.Image``."""
+    try:
+        import PIL.Image
+    except ImportError as error:
+        raise MissingExtraError("pillow", "viz") from error
+    return PIL.Image
+
+
+def _base_color_images(mesh: Mesh) -> dict[Texture | None, Image | None]:
+    """Each base colour texture, read once; None if it cannot be read, with a warning."""
+    textures = (material.textures.get("base_color") for material in mesh.materials)
+    return {t: _texture_image(mesh, t) for t in dict.fromkeys(textures) if t is not None}
+
+
+def _texture_image(mesh: Mesh, texture: Texture) -> Image | None:
+    module = pillow()
+    source: io.BytesIO | Path
+    if texture.data is not None:
+        source = io.BytesIO(texture.data)
+    else:
+        source = Path(mesh.source or "").parent / (texture.path or "")
+    try:
+        with module.open(source) as image:
+            return np.asarray(image.convert("RGBA"))
+    except (OSError, ValueError, module.DecompressionBombError) as error:
+        warnings.warn(
+            f"texture {texture.path or '(embedded)'} cannot be read, the material's base colour "
+            f"is shown instead: {error}",
+            stacklevel=2,
+        )
+        return None
+
+
+def _with_alpha(image: Image, material: Material) -> Image:
+    """The texture with the alpha that its material's mode gives it."""
+    if material.alpha_mode == "opaque":
+        return image[..., :3]
+    alpha = image[..., 3] * material.base_color[3]
+    if material.alpha_mode == "mask":
+        alpha = np.where(alpha >= 255.0 * material.alpha_cutoff, 255.0, 0.0)
+    return np.dstack([image[..., :3], np.rint(alpha).astype(np.uint8)])
