@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
 import json
+import pkgutil
 import re
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -36,6 +40,53 @@ def test_versions_agree() -> None:
     cmake = re.search(r"project\(manip3d VERSION (\S+)", (ROOT / "CMakeLists.txt").read_text())
     assert cmake is not None
     assert manip3d.__version__ == cmake[1] == pyproject
+
+
+def public_names() -> Iterator[tuple[str, str, object]]:
+    """Module, name, object of everything in the ``__all__`` of the package's modules."""
+    for info in pkgutil.iter_modules(manip3d.__path__, "manip3d."):
+        if not info.name.startswith("manip3d._"):
+            module = importlib.import_module(info.name)
+            for name in getattr(module, "__all__", ()):
+                yield info.name, name, getattr(module, name)
+
+
+def test_every_public_name_is_documented() -> None:
+    def undocumented(value: object) -> bool:
+        return (inspect.isroutine(value) or inspect.isclass(value)) and not value.__doc__
+
+    names = list(public_names())
+    assert ("manip3d.io", "read_mesh", manip3d.read_mesh) in names
+    assert [f"{module}.{name}" for module, name, value in names if undocumented(value)] == []
+
+
+def test_every_public_method_and_property_is_documented() -> None:
+    missing = [
+        f"{module}.{cls.__name__}.{name}"
+        for module, _, cls in public_names()
+        if inspect.isclass(cls)
+        for name, value in vars(cls).items()
+        if not name.startswith("_")
+        and (inspect.isroutine(value) or isinstance(value, property))
+        and not inspect.getdoc(value)
+    ]
+    assert missing == []
+
+
+def test_tracked_files_name_no_path_of_somebodys_machine() -> None:
+    command = [
+        "git",
+        "grep",
+        "-nIE",
+        r"(^|[^A-Za-z0-9_.$}<])/(home|root|Users|work|mnt)/",
+        "--",
+        ".",
+    ]
+    found = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    if found.returncode not in (0, 1):
+        pytest.skip("not a git checkout")
+    lines = [line for line in found.stdout.splitlines() if "package-lock.json" not in line]
+    assert [line for line in lines if not line.startswith("tests/test_package.py")] == []
 
 
 def test_importing_loads_no_heavy_package() -> None:
