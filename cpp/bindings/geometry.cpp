@@ -1,8 +1,56 @@
+#include <pybind11/typing.h>
+
+#include <string>
+
 #include "manip3d/geometry/mesh.hpp"
+#include "manip3d/geometry/summary.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
 
 namespace manip3d::bindings {
+namespace {
+
+using Fields = py::typing::Dict<py::str, py::object>;
+
+py::array corners(const BoundingBox& box) {
+  Vertices rows(2, 3);
+  rows << box.min.transpose(), box.max.transpose();
+  return to_numpy(std::move(rows));
+}
+
+void add_counts(Fields& fields, const TopologyCounts& counts, const std::string& suffix) {
+  const auto set = [&](const char* name, std::int64_t value) {
+    fields[py::str(name + suffix)] = value;
+  };
+  set("vertices", counts.vertices);
+  set("edges", counts.edges);
+  set("boundary_edges", counts.boundary_edges);
+  set("non_manifold_edges", counts.non_manifold_edges);
+  set("complex_vertices", counts.complex_vertices);
+  set("degenerate_faces", counts.degenerate_faces);
+  set("duplicate_faces", counts.duplicate_faces);
+  set("components", counts.components);
+}
+
+Fields to_fields(const MeshSummary& summary) {
+  Fields fields;
+  add_counts(fields, summary.stored, "");
+  add_counts(fields, summary.welded, "_welded");
+  fields["faces"] = summary.faces;
+  fields["texcoords"] = summary.texcoords;
+  fields["unreferenced_vertices"] = summary.unreferenced_vertices;
+  fields["zero_area_faces"] = summary.zero_area_faces;
+  fields["materials_used"] = summary.materials_used;
+  fields["faces_without_uv"] = summary.faces_without_uv;
+  fields["multi_uv_vertices"] = summary.multi_uv_vertices;
+  fields["closed"] = summary.closed;
+  fields["has_normals"] = summary.has_normals;
+  fields["has_colors"] = summary.has_colors;
+  fields["bounds"] = corners(summary.bounding_box);
+  return fields;
+}
+
+}  // namespace
 
 void bind_geometry(py::module_& m) {
   m.def(
@@ -18,10 +66,19 @@ void bind_geometry(py::module_& m) {
       [](const py::object& mesh) {
         const BorrowedMesh borrowed(mesh);
         check_mesh(borrowed.view());
-        const BoundingBox box = bounding_box(borrowed.view());
-        Vertices corners(2, 3);
-        corners << box.min.transpose(), box.max.transpose();
-        return to_numpy(std::move(corners));
+        return corners(bounding_box(borrowed.view()));
+      },
+      py::arg("mesh"));
+  m.def(
+      "summarize",
+      [](const py::object& mesh) {
+        const BorrowedMesh borrowed(mesh);
+        MeshSummary summary;
+        {
+          const py::gil_scoped_release nogil;
+          summary = summarize(borrowed.view());
+        }
+        return to_fields(summary);
       },
       py::arg("mesh"));
 }

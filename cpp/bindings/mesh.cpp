@@ -80,7 +80,8 @@ Material to_material(const py::handle& object) {
   return m;
 }
 
-py::object make_mesh(TriangleMesh&& mesh, const py::object& materials) {
+py::object make_mesh(TriangleMesh&& mesh, const py::object& materials,
+                     const py::object& source = py::none()) {
   return py::module_::import("manip3d.mesh")
       .attr("Mesh")(to_numpy(std::move(mesh.vertices)), to_numpy(std::move(mesh.faces)),
                     py::arg("texcoords") = optional_array(std::move(mesh.texcoords)),
@@ -89,7 +90,7 @@ py::object make_mesh(TriangleMesh&& mesh, const py::object& materials) {
                     py::arg("face_normals") = optional_array(std::move(mesh.face_normals)),
                     py::arg("colors") = optional_array(std::move(mesh.colors)),
                     py::arg("face_material") = optional_array(std::move(mesh.face_material)),
-                    py::arg("materials") = materials);
+                    py::arg("materials") = materials, py::arg("source") = source);
 }
 
 }  // namespace
@@ -123,7 +124,7 @@ py::object to_python(TriangleMesh&& mesh) {
 }
 
 py::object to_python(TriangleMesh&& mesh, const py::object& source) {
-  return make_mesh(std::move(mesh), source.attr("materials"));
+  return make_mesh(std::move(mesh), source.attr("materials"), source.attr("source"));
 }
 
 }  // namespace manip3d::bindings

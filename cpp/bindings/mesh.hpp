@@ -28,7 +28,7 @@ std::vector<Material> materials_of(const py::object& mesh);
 /// A `manip3d.Mesh` that owns the tables of `mesh`.
 py::object to_python(TriangleMesh&& mesh);
 
-/// A `manip3d.Mesh` with the tables of `mesh` and the material objects of `source`, unchanged.
+/// A `manip3d.Mesh` with the tables of `mesh`, and the material objects and file name of `source`.
 py::object to_python(TriangleMesh&& mesh, const py::object& source);
 
 }  // namespace manip3d::bindings

@@ -10,6 +10,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._arrays import index_rows, rows
+from manip3d._summary import MeshSummary, summarize
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -183,6 +184,10 @@ class Mesh:
         """Length of the bounding box's diagonal, in the mesh's units."""
         low, high = self.bounds
         return float(np.linalg.norm(high - low))
+
+    def summary(self) -> MeshSummary:
+        """Counts of vertices, edges, defects and attributes, as stored and welded."""
+        return summarize(self)
 
     def replace(self, **changes: Any) -> Mesh:
         """A mesh with some of the constructor's arguments changed; the other arrays are shared."""

@@ -1,0 +1,40 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace manip3d {
+
+/// Items grouped by a key in [0, num_keys): a counting sort, in O(items + keys).
+template <typename Item>
+class Buckets {
+ public:
+  /// @param for_each  called twice with a function put(key, item); must pass the same pairs.
+  template <typename ForEach>
+  Buckets(std::int64_t num_keys, const ForEach& for_each)
+      : offsets_(static_cast<std::size_t>(num_keys) + 1) {
+    for_each([&](std::int32_t key, const Item&) { ++offsets_[static_cast<std::size_t>(key) + 1]; });
+    for (std::size_t k = 1; k < offsets_.size(); ++k) offsets_[k] += offsets_[k - 1];
+    items_.resize(static_cast<std::size_t>(offsets_.back()));
+    std::vector<std::int32_t> next(offsets_.begin(), offsets_.end() - 1);
+    for_each([&](std::int32_t key, const Item& item) {
+      items_[static_cast<std::size_t>(next[static_cast<std::size_t>(key)]++)] = item;
+    });
+  }
+
+  [[nodiscard]] std::int32_t num_keys() const {
+    return static_cast<std::int32_t>(offsets_.size()) - 1;
+  }
+  [[nodiscard]] std::span<Item> operator[](std::int32_t key) {
+    const auto k = static_cast<std::size_t>(key);
+    return std::span(items_).subspan(static_cast<std::size_t>(offsets_[k]),
+                                     static_cast<std::size_t>(offsets_[k + 1] - offsets_[k]));
+  }
+
+ private:
+  std::vector<std::int32_t> offsets_;
+  std::vector<Item> items_;
+};
+
+}  // namespace manip3d

@@ -1,0 +1,196 @@
+#include "manip3d/simplify/clean.hpp"
+
+#include <algorithm>
+#include <array>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+#include "geometry/buckets.hpp"
+#include "manip3d/geometry/compact.hpp"
+#include "manip3d/geometry/topology.hpp"
+#include "manip3d/geometry/weld.hpp"
+
+namespace manip3d {
+namespace {
+
+using Corners = std::array<std::int32_t, 3>;
+
+/// What a face shows, as numbers that are equal where values are equal.
+struct Look {
+  std::int32_t material = -1;
+  Corners texcoords{-1, -1, -1};
+  Corners colors{-1, -1, -1};
+  auto operator<=>(const Look&) const = default;
+};
+
+/// Equal for two faces that are duplicates of each other.
+struct FaceKey {
+  Corners positions{};
+  Look look;
+  Corners normals{-1, -1, -1};
+  auto operator<=>(const FaceKey&) const = default;
+};
+
+/// The corners of a face in an order that its duplicates share.
+Corners canonical_corners(const Faces& positions, Eigen::Index face, Duplicates duplicates) {
+  const auto at = [&](std::int32_t corner) { return positions(face, corner); };
+  if (duplicates == Duplicates::kAny) {
+    Corners corners{0, 1, 2};
+    std::sort(corners.begin(), corners.end(), [&](std::int32_t a, std::int32_t b) {
+      return std::pair(at(a), a) < std::pair(at(b), b);
+    });
+    return corners;
+  }
+  const auto less = [&](const Corners& a, const Corners& b) {
+    return Corners{at(a[0]), at(a[1]), at(a[2])} < Corners{at(b[0]), at(b[1]), at(b[2])};
+  };
+  return std::min({Corners{0, 1, 2}, Corners{1, 2, 0}, Corners{2, 0, 1}}, less);
+}
+
+std::vector<FaceKey> face_keys(const MeshView& mesh, const Faces& positions,
+                               Duplicates duplicates) {
+  const Faces texcoords = weld_indices(mesh.face_texcoords, weld_rows<2>(mesh.texcoords));
+  const Faces normals = weld_indices(mesh.face_normals, weld_rows<3>(mesh.normals));
+  const auto packed_color = [&](std::int32_t vertex) {
+    const auto rgb = mesh.colors.row(vertex).cast<std::int32_t>();
+    return (rgb[0] << 16) | (rgb[1] << 8) | rgb[2];
+  };
+  std::vector<FaceKey> keys(static_cast<std::size_t>(mesh.num_faces()));
+  for (Eigen::Index f = 0; f < mesh.num_faces(); ++f) {
+    FaceKey& key = keys[static_cast<std::size_t>(f)];
+    if (mesh.has_materials()) key.look.material = mesh.face_material[f];
+    const Corners corners = canonical_corners(positions, f, duplicates);
+    for (std::size_t i = 0; i < 3; ++i) {
+      key.positions[i] = positions(f, corners[i]);
+      if (texcoords.rows() > 0) key.look.texcoords[i] = texcoords(f, corners[i]);
+      if (normals.rows() > 0) key.normals[i] = normals(f, corners[i]);
+      if (mesh.colors.rows() > 0) key.look.colors[i] = packed_color(mesh.faces(f, corners[i]));
+    }
+  }
+  return keys;
+}
+
+/// The lowest vertex in use at each vertex's position, or -1 if the vertex is in no face.
+Indices find_representatives(const Faces& faces, const Weld& positions) {
+  Indices representative = Indices::Constant(positions.value.size(), -1);
+  for (const std::int32_t v : faces.reshaped()) representative[v] = v;
+  Indices lowest = Indices::Constant(positions.num_values(), -1);
+  for (std::int32_t v = 0; v < representative.size(); ++v) {
+    if (representative[v] < 0) continue;
+    std::int32_t& first = lowest[positions.value[v]];
+    if (first < 0) first = v;
+    representative[v] = first;
+  }
+  return representative;
+}
+
+Indices identity(std::int64_t size) {
+  Indices numbers(size);
+  std::iota(numbers.begin(), numbers.end(), 0);
+  return numbers;
+}
+
+std::vector<bool> find_degenerate_faces(const Faces& faces) {
+  std::vector<bool> degenerate(static_cast<std::size_t>(faces.rows()));
+  for (Eigen::Index f = 0; f < faces.rows(); ++f) {
+    degenerate[static_cast<std::size_t>(f)] = is_degenerate(faces, f);
+  }
+  return degenerate;
+}
+
+/// Marks the later ones of equal faces in `removed`; counts them, and those that look different.
+void remove_duplicates(const MeshView& mesh, const Faces& positions, std::int64_t num_positions,
+                       Duplicates duplicates, std::vector<bool>& removed, CleanResult& result) {
+  const std::vector<FaceKey> keys = face_keys(mesh, positions, duplicates);
+  const auto key = [&](std::int32_t f) -> const FaceKey& {
+    return keys[static_cast<std::size_t>(f)];
+  };
+  const bool any = duplicates == Duplicates::kAny;
+  Buckets<std::int32_t> faces_by_position(num_positions, [&](const auto& put) {
+    for (std::int32_t f = 0; f < mesh.num_faces(); ++f) {
+      if (!removed[static_cast<std::size_t>(f)]) put(key(f).positions[0], f);
+    }
+  });
+  const auto compare = [&](std::int32_t a, std::int32_t b) {
+    return any ? key(a).positions <=> key(b).positions : key(a) <=> key(b);
+  };
+  for (std::int32_t p = 0; p < faces_by_position.num_keys(); ++p) {
+    const auto faces = faces_by_position[p];
+    std::sort(faces.begin(), faces.end(), [&](std::int32_t a, std::int32_t b) {
+      const auto order = compare(a, b);
+      return order < 0 || (order == 0 && a < b);
+    });
+    std::int32_t kept = -1;
+    for (const std::int32_t f : faces) {
+      if (kept < 0 || compare(kept, f) != 0) {
+        kept = f;
+        continue;
+      }
+      removed[static_cast<std::size_t>(f)] = true;
+      ++result.duplicate_faces;
+      result.changed_faces += key(f).look != key(kept).look ? 1 : 0;
+    }
+  }
+}
+
+/// Copies the faces that are not removed, with all tables, and fills `face_map`.
+void take_faces(const MeshView& mesh, const Faces& faces, const std::vector<bool>& removed,
+                CleanResult& result) {
+  result.face_map.resize(mesh.num_faces());
+  std::vector<std::int32_t> kept;
+  for (std::int32_t f = 0; f < mesh.num_faces(); ++f) {
+    const bool gone = removed[static_cast<std::size_t>(f)];
+    result.face_map[f] = gone ? -1 : static_cast<std::int32_t>(kept.size());
+    if (!gone) kept.push_back(f);
+  }
+  TriangleMesh& out = result.mesh;
+  out.faces = faces(kept, Eigen::all);
+  if (mesh.has_texcoords()) out.face_texcoords = mesh.face_texcoords(kept, Eigen::all);
+  if (mesh.face_normals.rows() > 0) out.face_normals = mesh.face_normals(kept, Eigen::all);
+  if (mesh.has_materials()) out.face_material = mesh.face_material(kept);
+  out.vertices = mesh.vertices;
+  out.texcoords = mesh.texcoords;
+  out.normals = mesh.normals;
+  out.colors = mesh.colors;
+}
+
+void map_vertices(const MeshView& mesh, const Indices& representative, CleanResult& result) {
+  const Indices compact_map = remove_unreferenced(result.mesh);
+  result.vertex_map = Indices::Constant(mesh.num_vertices(), -1);
+  for (std::int32_t v = 0; v < mesh.num_vertices(); ++v) {
+    const std::int32_t kept = representative[v];
+    if (kept >= 0) result.vertex_map[v] = compact_map[kept];
+    if (result.vertex_map[v] < 0) {
+      ++result.unreferenced_vertices;
+    } else if (kept != v) {
+      ++result.merged_vertices;
+      const bool recolored = mesh.colors.rows() > 0 && mesh.colors.row(kept) != mesh.colors.row(v);
+      result.changed_vertices += recolored ? 1 : 0;
+    }
+  }
+}
+
+}  // namespace
+
+CleanResult clean(const MeshView& mesh, const CleanOptions& options) {
+  check_mesh(mesh);
+  const Weld positions = weld_rows<3>(mesh.vertices);
+  const Indices representative =
+      options.weld ? find_representatives(mesh.faces, positions) : identity(mesh.num_vertices());
+  Faces faces = mesh.faces;
+  for (std::int32_t& v : faces.reshaped()) v = representative[v];
+
+  CleanResult result;
+  std::vector<bool> removed = find_degenerate_faces(faces);
+  result.degenerate_faces = std::count(removed.begin(), removed.end(), true);
+  if (options.duplicates != Duplicates::kKeep) {
+    remove_duplicates(mesh, weld_indices(mesh.faces, positions), positions.num_values(),
+                      options.duplicates, removed, result);
+  }
+  take_faces(mesh, faces, removed, result);
+  map_vertices(mesh, representative, result);
+  return result;
+}
+
+}  // namespace manip3d
