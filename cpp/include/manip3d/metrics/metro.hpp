@@ -1,0 +1,46 @@
+#pragma once
+
+#include <cstdint>
+#include <limits>
+
+#include "manip3d/geometry/mesh.hpp"
+#include "manip3d/progress.hpp"
+
+namespace manip3d {
+
+/// Statistics of one-sided distances, in the meshes' units. NaN where there was nothing to sample.
+struct Deviation {
+  double mean = std::numeric_limits<double>::quiet_NaN();
+  double rms = std::numeric_limits<double>::quiet_NaN();
+  double max = std::numeric_limits<double>::quiet_NaN();
+  std::int64_t samples = 0;
+};
+
+enum class Sampling {
+  kVertex,  ///< Every vertex that a face uses: exact and without randomness.
+  kArea,    ///< Area-uniform random points.
+};
+
+struct MetroOptions {
+  Sampling sampling = Sampling::kVertex;
+  std::int64_t samples = 0;  ///< `kArea`, per direction; 0: 10 x the original's faces.
+  std::uint64_t seed = 0;    ///< `kArea` only.
+  int num_threads = 0;       ///< As in parallel_chunks.
+};
+
+struct MetroResult {
+  Deviation forward;      ///< From the original's samples to the simplified surface.
+  Deviation backward;     ///< From the simplified surface's samples to the original.
+  double diagonal = 0.0;  ///< Of the original's bounding box (vertices that a face uses).
+};
+
+/// Distances between two surfaces [Cignoni, Rocchini & Scopigno, Computer Graphics Forum 1998]:
+/// from samples of each to the closest point of the other.
+///
+/// The same bits for any number of threads. O(N log F) time for N samples, memory linear in F.
+/// @throws InputError  what check_mesh refuses; a mesh without faces; an original whose diagonal is
+///                     0 or no double; `kArea`: a surface without area, samples < 0.
+MetroResult metro(const MeshView& original, const MeshView& simplified,
+                  const MetroOptions& options = {}, const Progress& progress = {});
+
+}  // namespace manip3d

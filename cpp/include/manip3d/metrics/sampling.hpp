@@ -1,0 +1,37 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "manip3d/geometry/mesh.hpp"
+
+namespace manip3d {
+
+struct SurfaceSample {
+  std::int32_t face = -1;
+  Eigen::Vector3d barycentric;  ///< Weights of the face's corners.
+  Eigen::Vector3d point;
+};
+
+/// Area-uniform random points of a surface, one in each of `num_samples` strata of equal area.
+///
+/// The strata follow the order of the faces, so neighbouring samples are near each other. Sample i
+/// is a function of (mesh, num_samples, seed, i) alone: any thread may ask for any sample. Faces
+/// without area get none. The view must outlive the sampler. 8 bytes a face.
+class SurfaceSampler {
+ public:
+  /// @throws InputError  num_samples < 1; a surface without area, or of an area that is no double.
+  SurfaceSampler(const MeshView& mesh, std::int64_t num_samples, std::uint64_t seed);
+
+  [[nodiscard]] SurfaceSample operator[](std::int64_t i) const;
+  [[nodiscard]] std::int64_t size() const { return num_samples_; }
+
+ private:
+  const MeshView& mesh_;
+  std::int64_t num_samples_;
+  std::uint64_t seed_;
+  std::vector<double> cumulative_area_;  // doubled
+};
+
+}  // namespace manip3d

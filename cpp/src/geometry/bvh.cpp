@@ -1,0 +1,418 @@
+#include "manip3d/geometry/bvh.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include "manip3d/error.hpp"
+#include "manip3d/geometry/parallel.hpp"
+
+namespace manip3d {
+namespace {
+
+using Eigen::Array3d;
+using Eigen::Array3f;
+using Eigen::Array4f;
+using Eigen::Vector3d;
+
+constexpr int kWidth = 4;  // children of a node: one SSE register of floats
+constexpr int kBins = 16;
+constexpr int kMaxSahDepth = 40;  // below it the middle: the tree's depth stays under 56
+constexpr int kStackSize = 256;   // a level adds at most kWidth - 1 entries
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+
+// Boxes are kept in float and must never look farther away than their triangles:
+// - triangles' distances carry rounding errors near 1e-15 (the tree's unit is the mesh's size);
+// - distances to boxes, in float, are off by less than 5 * 2^-24 relative.
+constexpr double kBoxMargin = 1e-13;
+constexpr double kBoundSlack = 1.0 + 1e-6;
+// Clamping a query brings it nearer to every box, and its squares stay below the largest float.
+constexpr double kLargestCoordinate = 1e18;
+
+float round_down(double value) {
+  const auto nearest = static_cast<float>(value);
+  return nearest <= value ? nearest : std::nextafter(nearest, -kInfinity);
+}
+float round_up(double value) { return -round_down(-value); }
+
+// What a box's squared distance in float must exceed to be out of reach.
+float bound(double squared_limit) {
+  constexpr double kLargest = std::numeric_limits<float>::max();
+  constexpr double kSmallest = std::numeric_limits<float>::min();  // squares may underflow
+  return round_up(std::min(kLargest, squared_limit * kBoundSlack + kSmallest));
+}
+
+struct Box {
+  Array3f min = Array3f::Constant(kInfinity);
+  Array3f max = Array3f::Constant(-kInfinity);
+
+  void extend(const Box& other) {
+    min = min.min(other.min);
+    max = max.max(other.max);
+  }
+  [[nodiscard]] float half_area() const {
+    const Array3f size = max - min;
+    return size[0] * size[1] + size[1] * size[2] + size[2] * size[0];
+  }
+};
+
+}  // namespace
+
+struct TriangleBvh::Primitive {
+  Box box;
+  std::int32_t face;
+  [[nodiscard]] float center(int axis) const { return box.min[axis] + box.max[axis]; }  // doubled
+};
+
+namespace {
+
+using Size = std::int64_t;
+
+// The first corner of the longest edge; the lowest one where edges are equally long.
+int base_corner(const Vector3d corners[3]) {
+  double squared_length[3];
+  for (int k = 0; k < 3; ++k) {
+    squared_length[k] = (corners[(k + 1) % 3] - corners[k]).squaredNorm();
+  }
+  return static_cast<int>(std::max_element(squared_length, squared_length + 3) - squared_length);
+}
+
+template <typename Primitives>
+Size split_by_surface_area(Primitives& primitives, Size begin, Size end, int axis, float low,
+                           float high) {
+  const float bins_per_unit = kBins / (high - low);
+  const auto bin_of = [&](const auto& primitive) {
+    const float position = (primitive.center(axis) - low) * bins_per_unit;
+    return std::clamp(static_cast<int>(position), 0, kBins - 1);
+  };
+  std::array<Box, kBins> boxes;
+  std::array<Size, kBins> counts{};
+  for (Size i = begin; i < end; ++i) {
+    const int bin = bin_of(primitives[i]);
+    boxes[bin].extend(primitives[i].box);
+    ++counts[bin];
+  }
+  std::array<float, kBins> right_cost{};  // of bins b and above
+  Box box;
+  Size count = 0;
+  for (int b = kBins - 1; b > 0; --b) {
+    box.extend(boxes[b]);
+    count += counts[b];
+    right_cost[b] = count > 0 ? box.half_area() * static_cast<float>(count) : 0.0F;
+  }
+  box = Box{};
+  count = 0;
+  int best_bin = 1;
+  float best_cost = kInfinity;
+  for (int b = 1; b < kBins; ++b) {
+    box.extend(boxes[b - 1]);
+    count += counts[b - 1];
+    if (count == 0 || count == end - begin) continue;
+    const float cost = box.half_area() * static_cast<float>(count) + right_cost[b];
+    if (cost < best_cost) {
+      best_cost = cost;
+      best_bin = b;
+    }
+  }
+  const auto first = primitives.begin();
+  return std::partition(first + begin, first + end,
+                        [&](const auto& primitive) { return bin_of(primitive) < best_bin; }) -
+         first;
+}
+
+template <typename Primitives>
+Size split(Primitives& primitives, Size begin, Size end, int depth) {
+  Array3f low = Array3f::Constant(kInfinity);
+  Array3f high = Array3f::Constant(-kInfinity);
+  for (Size i = begin; i < end; ++i) {
+    const Array3f center = primitives[i].box.min + primitives[i].box.max;
+    low = low.min(center);
+    high = high.max(center);
+  }
+  int axis = 0;
+  (high - low).maxCoeff(&axis);
+  const Size middle = begin + (end - begin) / 2;
+  if (!(high[axis] > low[axis])) return middle;
+  if (depth < kMaxSahDepth && end - begin > kWidth) {
+    const Size cut = split_by_surface_area(primitives, begin, end, axis, low[axis], high[axis]);
+    if (cut > begin && cut < end) return cut;
+  }
+  const auto first = primitives.begin();
+  std::nth_element(first + begin, first + middle, first + end,
+                   [&](const auto& a, const auto& b) { return a.center(axis) < b.center(axis); });
+  return middle;
+}
+
+}  // namespace
+
+TriangleBvh::TriangleBvh(const MeshView& mesh) {
+  check_mesh(mesh);
+  if (mesh.num_faces() == 0) throw InputError("mesh: expected at least one face, got none");
+
+  const BoundingBox bounds = bounding_box(mesh);
+  center_ = bounds.center();
+  const double half_size = (bounds.max - center_).maxCoeff();
+  if (half_size > 0.0) scale_ = std::ldexp(1.0, -std::clamp(std::ilogb(half_size), -1000, 1000));
+  vertices_ = (mesh.vertices.rowwise() - center_.transpose()) * scale_;
+  faces_ = mesh.faces;
+
+  std::vector<Primitive> primitives(static_cast<std::size_t>(mesh.num_faces()));
+  for (Eigen::Index f = 0; f < faces_.rows(); ++f) {
+    const Array3d a = vertices_.row(faces_(f, 0));
+    const Array3d b = vertices_.row(faces_(f, 1));
+    const Array3d c = vertices_.row(faces_(f, 2));
+    Primitive& primitive = primitives[f];
+    primitive.face = static_cast<std::int32_t>(f);
+    primitive.box.min = (a.min(b).min(c) - kBoxMargin).unaryExpr(&round_down);
+    primitive.box.max = (a.max(b).max(c) + kBoxMargin).unaryExpr(&round_up);
+  }
+  nodes_.reserve(primitives.size() / 2 + 1);
+  build_node(primitives, 0, faces_.rows(), 0);
+
+  triangles_.reserve(primitives.size());
+  face_of_slot_.reserve(primitives.size());
+  slot_of_face_.resize(primitives.size());
+  for (const Primitive& primitive : primitives) {
+    const std::int32_t f = primitive.face;
+    slot_of_face_[f] = static_cast<std::int32_t>(triangles_.size());
+    face_of_slot_.push_back(f);
+    triangles_.push_back(make_triangle(corners_of(f).data()));
+  }
+}
+
+std::array<Vector3d, 3> TriangleBvh::corners_of(std::int32_t face) const {
+  return {vertices_.row(faces_(face, 0)), vertices_.row(faces_(face, 1)),
+          vertices_.row(faces_(face, 2))};
+}
+
+TriangleBvh::Triangle TriangleBvh::make_triangle(const Vector3d corners[3]) {
+  // The longest edge as base: its frame is well conditioned for needles and caps alike.
+  const int base = base_corner(corners);
+  Triangle t{corners[base], Vector3d::Zero(), Vector3d::Zero(), 0.0, 0.0, 0.0};
+  const Vector3d ab = corners[(base + 1) % 3] - t.a;
+  const Vector3d ac = corners[(base + 2) % 3] - t.a;
+  t.length = ab.norm();
+  if (!(t.length > 0.0)) return t;
+  t.u = ab / t.length;
+  t.foot = std::clamp(t.u.dot(ac), 0.0, t.length);
+  // Gram-Schmidt twice, so that v is perpendicular to u even where the height is rounding noise.
+  Vector3d perpendicular = ac - t.u.dot(ac) * t.u;
+  perpendicular -= t.u.dot(perpendicular) * t.u;
+  const double height = perpendicular.norm();
+  if (!(height > 1e-15 * t.length)) return t;  // a segment to within rounding
+  t.v = perpendicular / height;
+  t.height = height;
+  return t;
+}
+
+std::int32_t TriangleBvh::build_node(std::vector<Primitive>& primitives, Size begin, Size end,
+                                     int depth) {
+  struct Range {
+    Size begin, end;
+    [[nodiscard]] Size size() const { return end - begin; }
+  };
+  std::array<Range, kWidth> ranges{{{begin, end}}};
+  int count = 1;
+  while (count < kWidth) {
+    Range& largest = *std::max_element(ranges.begin(), ranges.begin() + count,
+                                       [](auto& a, auto& b) { return a.size() < b.size(); });
+    if (largest.size() < 2) break;
+    const Size cut = split(primitives, largest.begin, largest.end, depth);
+    ranges[count++] = {cut, largest.end};
+    largest.end = cut;
+  }
+
+  const auto index = static_cast<std::int32_t>(nodes_.size());
+  nodes_.emplace_back();
+  for (int axis = 0; axis < 3; ++axis) {
+    nodes_[index].min[axis].setConstant(kInfinity);
+    nodes_[index].max[axis].setConstant(-kInfinity);
+  }
+  for (int lane = 0; lane < count; ++lane) {
+    const Range& range = ranges[lane];
+    Box box;
+    for (Size i = range.begin; i < range.end; ++i) box.extend(primitives[i].box);
+    for (int axis = 0; axis < 3; ++axis) {
+      nodes_[index].min[axis][lane] = box.min[axis];
+      nodes_[index].max[axis][lane] = box.max[axis];
+    }
+    const std::int32_t child = range.size() == 1
+                                   ? ~static_cast<std::int32_t>(range.begin)
+                                   : build_node(primitives, range.begin, range.end, depth + 1);
+    nodes_[index].child[lane] = child;
+  }
+  return index;
+}
+
+TriangleBvh::Query TriangleBvh::make_query(const Vector3d& query) const {
+  Query q{(query - center_) * scale_, {}, {}};
+  if (!q.p.allFinite()) {
+    throw InputError("points: expected finite coordinates within reach of the mesh");
+  }
+  for (int axis = 0; axis < 3; ++axis) {
+    const double p = std::clamp(q.p[axis], -kLargestCoordinate, kLargestCoordinate);
+    q.low[axis].setConstant(round_down(p));
+    q.high[axis].setConstant(round_up(p));
+  }
+  return q;
+}
+
+TriangleBvh::Candidate TriangleBvh::closest_in(std::int32_t slot, const Vector3d& p) const {
+  const Triangle& t = triangles_[slot];
+  const Vector3d ap = p - t.a;
+  const double x = t.u.dot(ap);
+  const double y = t.v.dot(ap);
+  const double s = t.foot;
+  const double h = t.height;
+  const double rest = t.length - s;
+  double foot_x = x;
+  double foot_y = y;
+  if (!(y > 0.0)) {
+    foot_x = std::clamp(x, 0.0, t.length);
+    foot_y = 0.0;
+  } else {
+    const bool beyond_ac = s * y > h * x;
+    const bool beyond_bc = rest * y > h * (t.length - x);
+    // Along AC, 0 at A: in [0, 1) its foot, below 0 the corner A, above 1 BC's or the corner C.
+    const double along_ac = s * x + h * y;
+    const double squared_ac = s * s + h * h;
+    if (beyond_ac && (along_ac < squared_ac || !beyond_bc)) {
+      const double w = std::clamp(along_ac / squared_ac, 0.0, 1.0);
+      foot_x = w * s;
+      foot_y = w * h;
+    } else if (beyond_bc) {
+      const double along_bc = rest * (t.length - x) + h * y;
+      const double w = std::clamp(along_bc / (rest * rest + h * h), 0.0, 1.0);
+      foot_x = t.length - w * rest;
+      foot_y = w * h;
+    }
+  }
+  const Vector3d normal_part = ap - x * t.u - y * t.v;
+  Candidate candidate{
+      normal_part.squaredNorm() + (x - foot_x) * (x - foot_x) + (y - foot_y) * (y - foot_y), foot_x,
+      foot_y, face_of_slot_[slot], slot};
+  // Rounding must not hide that the query is a corner.
+  if (candidate.squared_distance < 1e-28) {
+    for (const Vector3d& corner : corners_of(candidate.face)) {
+      if (corner == p) candidate.squared_distance = 0.0;
+    }
+  }
+  return candidate;
+}
+
+SurfacePoint TriangleBvh::to_surface_point(const Candidate& candidate,
+                                           const Vector3d& query) const {
+  const Triangle& t = triangles_[candidate.slot];
+  const std::array<Vector3d, 3> corners = corners_of(candidate.face);
+  SurfacePoint result;
+  result.face = candidate.face;
+  result.distance = std::sqrt(candidate.squared_distance) / scale_;
+  if (!std::isfinite(result.distance)) {
+    throw InputError("points: too far from the mesh for a distance in double precision");
+  }
+  const Vector3d local_query = (query - center_) * scale_;
+  for (int k = 0; k < 3 && result.distance == 0.0; ++k) {
+    if (corners[k] != local_query) continue;
+    result.barycentric = Vector3d::Unit(k);
+    result.point = query;
+    return result;
+  }
+  result.point = center_ + (t.a + candidate.x * t.u + candidate.y * t.v) / scale_;
+  const double c = t.height > 0.0 ? std::min(candidate.y / t.height, 1.0) : 0.0;
+  const double b =
+      t.length > 0.0 ? std::clamp((candidate.x - c * t.foot) / t.length, 0.0, 1.0 - c) : 0.0;
+  const int base = base_corner(corners.data());
+  result.barycentric[base] = std::max(0.0, 1.0 - b - c);
+  result.barycentric[(base + 1) % 3] = b;
+  result.barycentric[(base + 2) % 3] = c;
+  return result;
+}
+
+template <typename Visit>
+void TriangleBvh::traverse(const Query& query, double& squared_limit, const Visit& visit) const {
+  struct Entry {
+    float squared_distance;
+    std::int32_t child;
+  };
+  std::array<Entry, kStackSize> stack;  // NOLINT: written before it is read
+  stack[0] = {0.0F, 0};
+  int size = 1;
+  float limit = bound(squared_limit);
+  while (size > 0) {
+    const Entry top = stack[--size];
+    if (top.squared_distance > limit) continue;
+    if (top.child < 0) {
+      if (visit(closest_in(~top.child, query.p))) limit = bound(squared_limit);
+      continue;
+    }
+    const Node& node = nodes_[top.child];
+    Array4f squared = Array4f::Zero();
+    for (int axis = 0; axis < 3; ++axis) {
+      squared += (node.min[axis] - query.high[axis])
+                     .max(query.low[axis] - node.max[axis])
+                     .max(Array4f::Zero())
+                     .square();
+    }
+    const int base = size;
+    for (int lane = 0; lane < kWidth; ++lane) {
+      if (!(squared[lane] <= limit)) continue;
+      int place = size++;  // the nearest goes on top
+      for (; place > base && stack[place - 1].squared_distance < squared[lane]; --place) {
+        stack[place] = stack[place - 1];
+      }
+      stack[place] = {squared[lane], node.child[lane]};
+    }
+  }
+}
+
+SurfacePoint TriangleBvh::closest_point(const Vector3d& query, std::int32_t near_face) const {
+  const Query q = make_query(query);
+  Candidate best = closest_in(slot_of_face_[near_face], q.p);
+  traverse(q, best.squared_distance, [&](const Candidate& candidate) {
+    if (!candidate.before(best)) return false;
+    best = candidate;
+    return true;
+  });
+  return to_surface_point(best, query);
+}
+
+void TriangleBvh::faces_within(const Vector3d& query, double distance,
+                               std::vector<SurfacePoint>& found) const {
+  found.clear();
+  double squared_limit = (distance * scale_) * (distance * scale_);
+  traverse(make_query(query), squared_limit, [&](const Candidate& candidate) {
+    if (candidate.squared_distance <= squared_limit) {
+      found.push_back(to_surface_point(candidate, query));
+    }
+    return false;
+  });
+  std::sort(found.begin(), found.end(),
+            [](const SurfacePoint& a, const SurfacePoint& b) { return a.face < b.face; });
+}
+
+ClosestPoints closest_points(const MeshView& mesh, const Eigen::Ref<const Vertices>& points,
+                             int num_threads, const Progress& progress) {
+  constexpr Size kChunk = 1024;
+  const TriangleBvh bvh(mesh);
+  ClosestPoints result;
+  result.distances.resize(points.rows());
+  result.faces.resize(points.rows());
+  result.points.resize(points.rows(), 3);
+  parallel_chunks(
+      points.rows(), kChunk, num_threads,
+      [&](Size begin, Size end) {
+        std::int32_t near_face = 0;
+        for (Size i = begin; i < end; ++i) {
+          const SurfacePoint nearest = bvh.closest_point(points.row(i), near_face);
+          result.distances[i] = nearest.distance;
+          result.faces[i] = near_face = nearest.face;
+          result.points.row(i) = nearest.point;
+        }
+      },
+      progress);
+  return result;
+}
+
+}  // namespace manip3d

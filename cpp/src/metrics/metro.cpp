@@ -1,0 +1,69 @@
+#include "manip3d/metrics/metro.hpp"
+
+#include <vector>
+
+#include "manip3d/geometry/bvh.hpp"
+#include "manip3d/metrics/sampling.hpp"
+#include "metrics/common.hpp"
+
+namespace manip3d {
+namespace {
+
+// Distances in units of the diagonal, whose squares neither overflow nor vanish.
+struct Distances : Moments {
+  std::int32_t near_face = 0;  // neighbouring samples have neighbouring answers
+
+  void measure(const TriangleBvh& bvh, const Eigen::Vector3d& point, double diagonal) {
+    const SurfacePoint nearest = bvh.closest_point(point, near_face);
+    near_face = nearest.face;
+    Moments::add(nearest.distance / diagonal);
+  }
+};
+
+std::vector<std::int32_t> used_vertices(const MeshView& mesh) {
+  std::vector<bool> is_used(static_cast<std::size_t>(mesh.num_vertices()));
+  for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
+    for (int k = 0; k < 3; ++k) is_used[mesh.faces(f, k)] = true;
+  }
+  std::vector<std::int32_t> used;
+  for (std::size_t v = 0; v < is_used.size(); ++v) {
+    if (is_used[v]) used.push_back(static_cast<std::int32_t>(v));
+  }
+  return used;
+}
+
+Deviation one_sided(const MeshView& from, const MeshView& to, double diagonal, std::int64_t samples,
+                    const MetroOptions& options, const Progress& progress) {
+  const TriangleBvh bvh(to);
+  const auto measure_all = [&](std::int64_t count, const auto& point) {
+    return accumulate_in_order<Distances>(count, options.num_threads, progress,
+                                          [&](std::int64_t i, Distances& distances) {
+                                            distances.measure(bvh, point(i), diagonal);
+                                          })
+        .deviation(diagonal);
+  };
+  if (options.sampling == Sampling::kVertex) {
+    const std::vector<std::int32_t> used = used_vertices(from);
+    return measure_all(static_cast<std::int64_t>(used.size()),
+                       [&](std::int64_t i) { return Eigen::Vector3d(from.vertices.row(used[i])); });
+  }
+  const SurfaceSampler sampler(from, samples, options.seed);
+  return measure_all(sampler.size(), [&](std::int64_t i) { return sampler[i].point; });
+}
+
+}  // namespace
+
+MetroResult metro(const MeshView& original, const MeshView& simplified, const MetroOptions& options,
+                  const Progress& progress) {
+  const CenteredPair pair(original, simplified);
+  const std::int64_t samples = options.samples == 0 ? 10 * original.num_faces() : options.samples;
+  MetroResult result;
+  result.diagonal = pair.diagonal();
+  result.forward = one_sided(pair.original(), pair.simplified(), result.diagonal, samples, options,
+                             part_of(progress, 0.0, 0.5));
+  result.backward = one_sided(pair.simplified(), pair.original(), result.diagonal, samples, options,
+                              part_of(progress, 0.5, 1.0));
+  return result;
+}
+
+}  // namespace manip3d

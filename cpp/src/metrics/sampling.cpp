@@ -1,0 +1,71 @@
+#include "manip3d/metrics/sampling.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+// SplitMix64 [Steele, Lea & Flood, OOPSLA 2014]: its state is a counter, so any of its outputs can
+// be had by itself.
+std::uint64_t mix(std::uint64_t z) {
+  z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9U;
+  z = (z ^ (z >> 27)) * 0x94D049BB133111EBU;
+  return z ^ (z >> 31);
+}
+
+double uniform(std::uint64_t seed, std::uint64_t counter) {  // in [0, 1)
+  const std::uint64_t bits = mix(mix(seed) + (counter + 1) * 0x9E3779B97F4A7C15U);
+  return static_cast<double>(bits >> 11) * 0x1p-53;
+}
+
+}  // namespace
+
+SurfaceSampler::SurfaceSampler(const MeshView& mesh, std::int64_t num_samples, std::uint64_t seed)
+    : mesh_(mesh), num_samples_(num_samples), seed_(seed) {
+  if (num_samples < 1) {
+    throw InputError("samples: expected >= 1, got " + std::to_string(num_samples));
+  }
+  cumulative_area_.reserve(static_cast<std::size_t>(mesh.num_faces()));
+  double sum = 0.0;
+  for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
+    const Eigen::Vector3d a = mesh.vertices.row(mesh.faces(f, 0));
+    const Eigen::Vector3d b = mesh.vertices.row(mesh.faces(f, 1));
+    const Eigen::Vector3d c = mesh.vertices.row(mesh.faces(f, 2));
+    sum += (b - a).cross(c - a).norm();
+    cumulative_area_.push_back(sum);
+  }
+  if (!(sum > 0.0 && std::isfinite(sum))) {
+    throw InputError("mesh: expected a surface with an area to draw samples from, got area " +
+                     std::to_string(0.5 * sum));
+  }
+}
+
+SurfaceSample SurfaceSampler::operator[](std::int64_t i) const {
+  const auto counter = 3 * static_cast<std::uint64_t>(i);
+  const double position = (static_cast<double>(i) + uniform(seed_, counter)) /
+                          static_cast<double>(num_samples_) * cumulative_area_.back();
+  auto entry = std::upper_bound(cumulative_area_.begin(), cumulative_area_.end(), position);
+  if (entry == cumulative_area_.end()) {  // rounding: the last face that has an area
+    entry =
+        std::lower_bound(cumulative_area_.begin(), cumulative_area_.end(), cumulative_area_.back());
+  }
+  double b = uniform(seed_, counter + 1);
+  double c = uniform(seed_, counter + 2);
+  if (b + c > 1.0) {  // the other half of the parallelogram
+    b = 1.0 - b;
+    c = 1.0 - c;
+  }
+  SurfaceSample sample;
+  sample.face = static_cast<std::int32_t>(entry - cumulative_area_.begin());
+  sample.barycentric = {1.0 - b - c, b, c};
+  const auto corner = [&](int k) { return mesh_.vertices.row(mesh_.faces(sample.face, k)); };
+  sample.point = corner(0) + b * (corner(1) - corner(0)) + c * (corner(2) - corner(0));
+  return sample;
+}
+
+}  // namespace manip3d

@@ -1,0 +1,96 @@
+#include <gtest/gtest.h>
+
+#include <limits>
+#include <random>
+
+#include "manip3d/error.hpp"
+#include "manip3d/geometry/bvh.hpp"
+
+namespace manip3d {
+namespace {
+
+// Triangles with corners on a small grid: faces without area, duplicates and ties abound.
+TriangleMesh triangle_soup(int num_faces, unsigned seed) {
+  std::mt19937 random(seed);
+  TriangleMesh mesh;
+  mesh.vertices.resize(60, 3);
+  for (double& x : mesh.vertices.reshaped()) x = static_cast<double>(random() % 9);
+  mesh.faces.resize(num_faces, 3);
+  for (std::int32_t& v : mesh.faces.reshaped()) v = static_cast<std::int32_t>(random() % 60);
+  return mesh;
+}
+
+TEST(TriangleBvh, AnswersDoNotDependOnTheTreeOrTheHint) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    const TriangleMesh mesh = triangle_soup(200, seed);
+    const TriangleBvh bvh(mesh);
+    std::vector<SurfacePoint> all;
+    std::vector<SurfacePoint> near;
+    std::mt19937 random(seed);
+    for (int i = 0; i < 50; ++i) {
+      const Eigen::Vector3d query(random() % 17 * 0.5, random() % 17 * 0.5, random() % 17 * 0.5);
+      bvh.faces_within(query, kInfinity, all);
+      ASSERT_EQ(all.size(), 200U);
+      const auto& lowest = *std::min_element(
+          all.begin(), all.end(), [](auto& a, auto& b) { return a.distance < b.distance; });
+      const std::int32_t face = bvh.closest_point(query).face;
+      EXPECT_EQ(all[face].distance, lowest.distance);
+      EXPECT_EQ(bvh.closest_point(query, 57).face, face);
+      EXPECT_EQ(bvh.closest_point(query, 199).face, face);
+      bvh.faces_within(query, 1.25, near);
+      std::erase_if(all, [](const SurfacePoint& p) { return p.distance > 1.25; });
+      ASSERT_EQ(near.size(), all.size());
+      for (std::size_t k = 0; k < near.size(); ++k) EXPECT_EQ(near[k].face, all[k].face);
+    }
+  }
+}
+
+TEST(TriangleBvh, BarycentricWeightsGiveThePoint) {
+  const TriangleMesh mesh = triangle_soup(200, 1);
+  const TriangleBvh bvh(mesh);
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> uniform(-1.0, 9.0);
+  for (int i = 0; i < 500; ++i) {
+    const Eigen::Vector3d query(uniform(random), uniform(random), uniform(random));
+    const SurfacePoint nearest = bvh.closest_point(query);
+    EXPECT_GE(nearest.barycentric.minCoeff(), 0.0);
+    EXPECT_NEAR(nearest.barycentric.sum(), 1.0, 1e-15);
+    Eigen::Vector3d point = Eigen::Vector3d::Zero();
+    for (int k = 0; k < 3; ++k) {
+      point += nearest.barycentric[k] * mesh.vertices.row(mesh.faces(nearest.face, k));
+    }
+    EXPECT_LT((point - nearest.point).norm(), 1e-13);
+    EXPECT_NEAR((query - nearest.point).norm(), nearest.distance, 1e-13);
+  }
+}
+
+TEST(TriangleBvh, BuildsOnAnySpacingOfTriangles) {
+  // Coordinates from 1 down to 2^-1000: each cut by surface area would take off a few triangles.
+  TriangleMesh mesh;
+  mesh.vertices.setZero(3000, 3);
+  mesh.faces.resize(1000, 3);
+  for (int f = 0; f < 1000; ++f) {
+    for (int k = 0; k < 3; ++k) mesh.vertices.row(3 * f + k).setConstant(std::ldexp(1.0, -f));
+    mesh.vertices(3 * f, 0) *= 1.5;
+    mesh.faces.row(f) << 3 * f, 3 * f + 1, 3 * f + 2;
+  }
+  const TriangleBvh bvh(mesh);
+  for (int f = 0; f < 1000; f += 50) {
+    EXPECT_EQ(bvh.closest_point(mesh.vertices.row(3 * f)).distance, 0.0);
+  }
+}
+
+TEST(TriangleBvh, RefusesBadInput) {
+  TriangleMesh mesh = triangle_soup(3, 0);
+  const TriangleBvh bvh(mesh);
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THROW(static_cast<void>(bvh.closest_point({kNan, 0, 0})), InputError);
+  EXPECT_THROW(static_cast<void>(bvh.closest_point({1e200, 0, 0})), InputError);
+  EXPECT_NO_THROW(static_cast<void>(bvh.closest_point({1e100, 0, 0})));
+  mesh.faces.resize(0, 3);
+  EXPECT_THROW(TriangleBvh{mesh}, InputError);
+}
+
+}  // namespace
+}  // namespace manip3d

@@ -1,0 +1,56 @@
+"""Options that many functions share: random numbers, threads, progress."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    Rng: TypeAlias = "int | np.random.Generator | None"
+    Progress: TypeAlias = "Callable[[float, str], object] | bool | None"
+
+
+def seed_of(rng: Rng) -> int:
+    """64 bits for a kernel of the core, drawn from ``numpy.random.default_rng(rng)``."""
+    try:
+        generator = np.random.default_rng(rng)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"rng: expected a seed, a Generator or None, got {rng!r}") from error
+    return int(generator.integers(2**64, dtype=np.uint64))
+
+
+def threads_of(threads: int) -> int:
+    """``threads``, or ``MANIP3D_THREADS`` for 0; 0 where neither says how many: all cores."""
+    if threads != 0:
+        return threads
+    text = os.environ.get("MANIP3D_THREADS", "") or "0"
+    if not text.isdecimal():
+        raise InputError(f"MANIP3D_THREADS: expected a whole number >= 0, got {text!r}")
+    return int(text)
+
+
+@contextmanager
+def reporting(progress: Progress, message: str) -> Iterator[Callable[[float], object] | None]:
+    """The callback ``fraction -> None`` of a kernel for the argument ``progress`` of a function.
+
+    ``True`` draws a bar on the standard error stream; a callable gets ``(fraction, message)``.
+    """
+    if progress is None or progress is False:
+        yield None
+    elif callable(progress):
+        yield lambda fraction: progress(fraction, message)
+    elif progress is True:
+        from rich.console import Console
+        from rich.progress import Progress as Bar
+
+        with Bar(console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(message, total=1.0)
+            yield lambda fraction: bar.update(task, completed=fraction)
+    else:
+        raise InputError(f"progress: expected None, True or a callable, got {progress!r}")
