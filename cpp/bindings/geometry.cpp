@@ -3,6 +3,7 @@
 #include <string>
 
 #include "manip3d/geometry/mesh.hpp"
+#include "manip3d/geometry/shading.hpp"
 #include "manip3d/geometry/summary.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
@@ -11,6 +12,7 @@ namespace manip3d::bindings {
 namespace {
 
 using Fields = py::typing::Dict<py::str, py::object>;
+using TwoArrays = py::typing::Tuple<py::array, py::array>;
 
 py::array corners(const BoundingBox& box) {
   Vertices rows(2, 3);
@@ -79,6 +81,31 @@ void bind_geometry(py::module_& m) {
           summary = summarize(borrowed.view());
         }
         return to_fields(summary);
+      },
+      py::arg("mesh"));
+  m.def(
+      "shading_normals",
+      [](const py::object& mesh, double crease_angle, int threads) {
+        const BorrowedMesh borrowed(mesh);
+        ShadingNormals shading;
+        {
+          const py::gil_scoped_release nogil;
+          shading = shading_normals(borrowed.view(), crease_angle, threads);
+        }
+        return TwoArrays(py::make_tuple(to_numpy(std::move(shading.normals)),
+                                        to_numpy(std::move(shading.face_normals))));
+      },
+      py::arg("mesh"), py::arg("crease_angle"), py::arg("threads"));
+  m.def(
+      "welded_boundary",
+      [](const py::object& mesh) {
+        const BorrowedMesh borrowed(mesh);
+        Rows<std::int32_t, 2> edges;
+        {
+          const py::gil_scoped_release nogil;
+          edges = welded_boundary(borrowed.view());
+        }
+        return to_numpy(std::move(edges));
       },
       py::arg("mesh"));
 }

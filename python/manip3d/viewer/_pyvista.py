@@ -10,18 +10,16 @@ from manip3d.errors import MissingExtraError
 from manip3d.mesh import Mesh
 from manip3d.viewer.renderer import egl_window
 from manip3d.viewer.scene import (
-    CREASE_ANGLE,
     Camera,
     Style,
     Surface,
     boundary_edges,
-    face_normals,
     surfaces,
-    weld,
+    with_shading_normals,
 )
 
 if TYPE_CHECKING:
-    from manip3d.viewer.scene import Image, Points, Shading
+    from manip3d.viewer.scene import Image
 
 EDGE_COLOR = (0.10, 0.13, 0.18)
 BOUNDARY_COLOR = (0.90, 0.10, 0.20)
@@ -81,22 +79,23 @@ def _add_lights(plotter: Any) -> None:
 
 
 def _add_mesh(plotter: Any, mesh: Mesh, style: Style) -> None:
-    normals = _corner_normals(mesh, style.shading)
+    mesh = with_shading_normals(mesh, style.shading)
     if not style.texture:
         mesh = mesh.replace(materials=(), face_material=None, colors=None)
     for surface in surfaces(mesh):
         if len(surface.faces):
-            _add_surface(plotter, mesh, normals, surface, style)
+            _add_surface(plotter, mesh, surface, style)
 
 
-def _add_surface(plotter: Any, mesh: Mesh, normals: Points, part: Surface, style: Style) -> None:
+def _add_surface(plotter: Any, mesh: Mesh, part: Surface, style: Style) -> None:
     """One actor. Its triangles share no points, so that every attribute is per corner."""
     import pyvista
 
     corners = mesh.faces[part.faces].ravel()
     triangles: Any = np.arange(len(corners)).reshape(-1, 3)
     surface: Any = pyvista.PolyData.from_regular_faces(mesh.vertices[corners], triangles)
-    surface.point_data.active_normals = normals[part.faces].reshape(-1, 3)
+    if mesh.normals is not None and mesh.face_normals is not None:
+        surface.point_data.active_normals = mesh.normals[mesh.face_normals[part.faces].ravel()]
     look: dict[str, Any] = {"color": tuple(part.color)}
     if mesh.colors is not None:
         tinted = np.rint(mesh.colors[corners] * part.color).astype(np.uint8)
@@ -152,36 +151,3 @@ def _add_boundary(plotter: Any, mesh: Mesh) -> None:
     # In front of the faces that they border, not behind half of their own pixels.
     actor.GetMapper().SetResolveCoincidentTopologyToPolygonOffset()
     actor.GetMapper().SetRelativeCoincidentTopologyLineOffsetParameters(-2.0, -2.0)
-
-
-def _corner_normals(mesh: Mesh, shading: Shading) -> Points:
-    """(F, 3, 3) normals to shade with: the file's own, else smooth up to the crease angle."""
-    flat = face_normals(mesh)
-    if shading == "flat":
-        return np.repeat(flat[:, None, :], 3, axis=1)
-    normals = _creased_normals(mesh)
-    if mesh.normals is not None and mesh.face_normals is not None:
-        given = mesh.normals[mesh.face_normals]
-        usable = (mesh.face_normals >= 0) & (np.linalg.norm(given, axis=2) > 0.0)
-        normals = np.where(usable[..., None], given, normals)
-    # Lights look at the side that a face turns to them: a normal must not point the other way.
-    against = np.einsum("fck,fk->fc", normals, flat) < 0.0
-    return np.where(against[..., None], -normals, normals)
-
-
-def _creased_normals(mesh: Mesh) -> Points:
-    import pyvista
-
-    group = weld(mesh.vertices)
-    points = np.zeros((int(group.max(initial=-1)) + 1, 3))
-    points[group] = mesh.vertices
-    welded: Any = group[mesh.faces]
-    smooth = pyvista.PolyData.from_regular_faces(points, welded).compute_normals(
-        cell_normals=False,
-        split_vertices=True,
-        feature_angle=CREASE_ANGLE,
-        consistent_normals=False,
-        auto_orient_normals=False,
-    )
-    normals: Points = np.asarray(smooth.point_normals, dtype=np.float64)[smooth.regular_faces]
-    return normals

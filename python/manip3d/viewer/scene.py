@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from manip3d import _core
+from manip3d._options import threads_of
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.mesh import Material, Mesh, Texture
 
@@ -131,35 +133,19 @@ def frame(
     )
 
 
-def weld(vertices: Points) -> NDArray[np.int64]:
-    """(V,) the same number for vertices at equal positions."""
-    order = np.lexsort(vertices.T)
-    starts = np.any(np.diff(vertices[order], axis=0, prepend=np.nan) != 0.0, axis=1)
-    group = np.empty(len(vertices), dtype=np.int64)
-    group[order] = np.cumsum(starts) - 1
-    return group
+def with_shading_normals(mesh: Mesh, shading: Shading) -> Mesh:
+    """The mesh with a normal at every corner: its own, else smooth up to the crease angle."""
+    if shading == "flat":
+        mesh = mesh.replace(normals=None, face_normals=None)
+    crease_angle = CREASE_ANGLE if shading == "smooth" else 0.0
+    normals, face_normals = _core.shading_normals(mesh, crease_angle, threads_of(0))
+    return mesh.replace(normals=normals, face_normals=face_normals)
 
 
-def boundary_edges(mesh: Mesh) -> NDArray[np.int64]:
+def boundary_edges(mesh: Mesh) -> NDArray[np.int32]:
     """(E, 2) vertices of the edges that exactly one face uses, once equal positions are one."""
-    edges = np.stack([mesh.faces, np.roll(mesh.faces, -1, axis=1)], axis=2).astype(np.int64)
-    welded = weld(mesh.vertices)[edges]
-    proper = (welded[..., 0] != welded[..., 1]).all(axis=1)  # a repeated corner has no border
-    low, high = np.sort(welded[proper].reshape(-1, 2), axis=1).T
-    _, first, uses = np.unique(
-        low * (mesh.num_vertices + 1) + high, return_index=True, return_counts=True
-    )
-    boundary: NDArray[np.int64] = edges[proper].reshape(-1, 2)[first[uses == 1]]
-    return boundary
-
-
-def face_normals(mesh: Mesh) -> Points:
-    """(F, 3) unit normals; zero for faces without area."""
-    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    unit: Points = np.divide(normals, length, out=np.zeros_like(normals), where=length > 0.0)
-    return unit
+    edges: NDArray[np.int32] = _core.welded_boundary(mesh)
+    return edges
 
 
 def srgb(linear: Any) -> NDArray[np.float64]:
