@@ -1,0 +1,124 @@
+"""Independent tasks in parallel processes (or on Dask), each outcome as it comes.
+
+An error of a task is part of its outcome, also when the task takes its process down; Ctrl-C stops
+the workers at once.
+"""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import signal
+import traceback
+from collections.abc import Callable, Generator, Hashable, Iterator, Mapping
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from manip3d.errors import MissingExtraError
+
+_Key = TypeVar("_Key", bound=Hashable)
+Task = tuple[Callable[..., Any], tuple[Any, ...]]
+"""A function that can be imported by name, and its arguments."""
+
+_log = logging.getLogger("manip3d")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a task returned, or the error it ended with (``""``: none)."""
+
+    value: Any = None
+    error: str = ""
+
+
+def run_tasks(
+    tasks: Mapping[_Key, Task], jobs: int, *, dask: str = ""
+) -> Generator[tuple[_Key, Outcome]]:
+    """Run tasks and yield each key with its outcome, in the order of finishing.
+
+    Parameters
+    ----------
+    tasks : mapping
+    jobs : int
+        Processes; 1: in this one, in order. Each worker's ``MANIP3D_THREADS`` is its share of
+        the cores.
+    dask : str
+        Address of a Dask scheduler to use instead; ``"local"`` starts one with ``jobs`` workers.
+
+    Notes
+    -----
+    Close the generator when leaving early, so that the workers stop.
+    """
+    if jobs == 1 and not dask:
+        yield from ((key, _attempt(*task)) for key, task in tasks.items())
+        return
+    pending = dict(tasks)
+    try:
+        with _executor(min(jobs, max(1, len(tasks))), dask) as executor:
+            futures = {executor.submit(_attempt, *task): key for key, task in tasks.items()}
+            for future in as_completed(futures):
+                outcome = future.result()
+                del pending[futures[future]]
+                yield futures[future], outcome
+    except BrokenProcessPool:  # one task took its worker down: find out which, each on its own
+        for key, task in pending.items():
+            yield key, _isolated(task)
+
+
+def _attempt(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Outcome:
+    try:
+        return Outcome(function(*arguments))
+    except Exception as error:  # part of the outcome, never lost
+        _log.debug("%s", traceback.format_exc())
+        return Outcome(error=f"{type(error).__name__}: {error}")
+
+
+def _isolated(task: Task) -> Outcome:
+    try:
+        with _executor(1, "") as executor:
+            future: Future[Outcome] = executor.submit(_attempt, *task)
+            return future.result()
+    except BrokenProcessPool:
+        return Outcome(error="the process that ran it died (out of memory, or a crash)")
+
+
+@contextmanager
+def _executor(workers: int, dask: str) -> Iterator[Executor]:
+    if dask:
+        with _dask_client(workers, dask) as client:
+            yield client.get_executor()
+        return
+    others = set(multiprocessing.active_children())
+    executor = ProcessPoolExecutor(
+        workers,
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=_start_worker,
+        initargs=(max(1, len(os.sched_getaffinity(0)) // workers),),
+    )
+    try:
+        yield executor
+        executor.shutdown()
+    except BaseException:  # Ctrl-C among them: at once, not after the tasks at work
+        executor.shutdown(wait=False, cancel_futures=True)
+        for process in set(multiprocessing.active_children()) - others:
+            process.kill()
+        raise
+
+
+def _start_worker(threads: int) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
+    os.environ["MANIP3D_THREADS"] = str(threads)
+
+
+def _dask_client(workers: int, address: str) -> Any:
+    try:
+        from distributed import Client
+    except ImportError:
+        raise MissingExtraError("distributed", "dask") from None
+    if address == "local":
+        return Client(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+    return Client(address)

@@ -1,0 +1,55 @@
+"""Public data sets: where they come from, whose they are, where they lie, and loaders.
+
+Three tiers feed the same loaders: simulated data (`manip3d.simulate`) is always there, real data
+is found under ``$MANIP3D_DATA`` or else in the user's cache, and `fetch` brings the latter from
+its official homes. Every file's bytes are checked before it is opened.
+
+Other packages add data sets through entry points of the group ``manip3d.datasets``.
+"""
+
+from __future__ import annotations
+
+from manip3d.datasets._fetch import FetchError, fetch
+from manip3d.datasets._load import CLEANINGS, Cleaning, clean, load_mesh, provenance, source_of
+from manip3d.datasets._registry import (
+    ENTRY_POINTS,
+    ChecksumError,
+    DataFile,
+    DataMissingError,
+    DataSet,
+    cache_folder,
+    data_root,
+    file_sha256,
+    get,
+    is_here,
+    locate,
+    registry,
+    require,
+)
+from manip3d.datasets.stand_ins import STAND_INS, StandIn
+
+__all__ = [
+    "CLEANINGS",
+    "ENTRY_POINTS",
+    "STAND_INS",
+    "ChecksumError",
+    "Cleaning",
+    "DataFile",
+    "DataMissingError",
+    "DataSet",
+    "FetchError",
+    "StandIn",
+    "cache_folder",
+    "clean",
+    "data_root",
+    "fetch",
+    "file_sha256",
+    "get",
+    "is_here",
+    "load_mesh",
+    "locate",
+    "provenance",
+    "registry",
+    "require",
+    "source_of",
+]

@@ -1,0 +1,93 @@
+"""Fetching data sets from their official homes into the user's cache."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from manip3d._files import atomic_write
+from manip3d.datasets._registry import DataFile, DataSet, cache_folder, locate, require
+from manip3d.errors import Error, MissingExtraError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+class FetchError(Error, OSError):
+    """A data set that could not be fetched. The message says why and where to look."""
+
+
+def fetch(data_set: DataSet, *, progress: Callable[[float, str], None] | None = None) -> list[Path]:
+    """Bring every file of a data set to this machine and check its bytes.
+
+    Files that are here already are checked, not fetched. Others come from their official homes
+    into the user's cache, uncompressed.
+
+    Parameters
+    ----------
+    data_set : DataSet
+    progress : callable, optional
+        Called with the fraction done and the file's path.
+
+    Returns
+    -------
+    list of Path
+        One per file of the data set, in its order.
+
+    Raises
+    ------
+    FetchError
+        ``MANIP3D_OFFLINE`` is set, a file has no stable official address, or its home does not
+        answer.
+    ChecksumError
+        A file's bytes are not the registered ones.
+    MissingExtraError
+        pooch is not installed.
+    """
+    absent = [file for file in data_set.files if locate(file) is None]
+    _refuse_what_has_no_home(data_set, absent)
+    for number, file in enumerate(absent):
+        if progress is not None:
+            progress(number / len(absent), file.plain_path)
+        if file.text:
+            atomic_write(_target(file), file.text)
+        else:
+            _download(data_set, file)
+    return [require(file, data_set.name) for file in data_set.files]
+
+
+def _refuse_what_has_no_home(data_set: DataSet, absent: list[DataFile]) -> None:
+    homeless = [file.path for file in absent if not (file.url or file.text)]
+    if homeless:
+        raise FetchError(
+            f"{data_set.name}: no stable official address serves {', '.join(homeless)} as it is "
+            f"registered here; its source is {data_set.page} ({data_set.origin}). Put the files "
+            f"under $MANIP3D_DATA."
+        )
+    if absent and os.environ.get("MANIP3D_OFFLINE", "") not in ("", "0"):
+        raise FetchError(f"{data_set.name}: not here, and MANIP3D_OFFLINE is set")
+
+
+def _target(file: DataFile) -> Path:
+    path = cache_folder() / file.plain_path
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def _download(data_set: DataSet, file: DataFile) -> None:
+    try:
+        import pooch
+    except ImportError:
+        raise MissingExtraError("pooch", "experiments") from None
+    target = _target(file)
+    pooch.get_logger().setLevel("WARNING")
+    try:
+        pooch.retrieve(
+            file.url, f"sha256:{file.content_sha256}", fname=target.name, path=target.parent
+        )
+    except (OSError, ValueError) as error:  # ValueError: pooch's word for a wrong checksum
+        raise FetchError(
+            f"{data_set.name}: {file.url} could not be fetched ({error}); "
+            f"its source is {data_set.page}"
+        ) from error

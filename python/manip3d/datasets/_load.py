@@ -1,0 +1,112 @@
+"""Opening a data set's mesh, in one of the cleanings that experiments name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from manip3d.datasets._registry import file_sha256, get, is_here, require
+from manip3d.errors import InputError
+from manip3d.io import read_mesh
+from manip3d.mesh import Mesh
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Cleaning = Literal["stored", "welded", "any-unwelded", "any-welded"]
+
+CLEANINGS: dict[str, str] = {
+    "stored": "as stored",
+    "welded": "welded, exact duplicates removed",
+    "any-unwelded": "unwelded, one face of each coincident set kept",
+    "any-welded": "welded, one face of each coincident set kept",
+}
+"""What each cleaning does, in words. All but ``stored`` also drop unreferenced vertices and
+faces with a repeated index."""
+
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "welded": {"weld": True, "duplicates": "same"},
+    "any-unwelded": {"weld": False, "duplicates": "any"},
+    "any-welded": {"weld": True, "duplicates": "any"},
+}
+
+
+def clean(mesh: Mesh, cleaning: Cleaning) -> Mesh:
+    """The mesh after one of `CLEANINGS`."""
+    if cleaning not in CLEANINGS:
+        raise InputError(f"cleaning: expected one of {', '.join(CLEANINGS)}, got {cleaning!r}")
+    if cleaning == "stored":
+        return mesh
+    from manip3d import simplify
+
+    cleaned: Mesh = simplify.clean(mesh, **_OPTIONS[cleaning]).mesh
+    return cleaned
+
+
+def with_uv_only(mesh: Mesh) -> Mesh:
+    """The mesh without the faces that have a corner without texture coordinate."""
+    if mesh.face_texcoords is None:
+        raise InputError("mesh: expected texture coordinates, got none")
+    keep: NDArray[np.bool_] = np.all(mesh.face_texcoords >= 0, axis=1)
+    per_face = ("faces", "face_texcoords", "face_normals", "face_material")
+    kept = {name: getattr(mesh, name) for name in per_face}
+    return mesh.replace(**{k: v[keep] for k, v in kept.items() if v is not None})
+
+
+DERIVED: dict[str, tuple[str, Callable[[Mesh], Mesh]]] = {
+    "BAe-125-uv": ("BAe-125", with_uv_only),
+}
+"""Meshes made from a data set on loading: name -> the data set and what is done to it."""
+
+
+def source_of(name: str) -> str:
+    """The data set that a mesh name stands on: itself, or what it is `DERIVED` from."""
+    return DERIVED[name][0] if name in DERIVED else name
+
+
+def load_mesh(name: str, *, cleaning: Cleaning = "stored") -> Mesh:
+    """Open a registered mesh after checking its bytes.
+
+    Parameters
+    ----------
+    name : str
+        A data set of kind ``mesh``, or one of the derived meshes (``BAe-125-uv``: BAe-125 without
+        its 374 faces that have no texture coordinates).
+    cleaning : str
+        One of `CLEANINGS`.
+
+    Returns
+    -------
+    Mesh
+
+    Raises
+    ------
+    InputError
+        No such mesh or cleaning.
+    DataMissingError
+        The file is not on this machine.
+    ChecksumError
+        The file is not the registered one.
+    """
+    data_set = get(source_of(name))
+    if data_set.kind != "mesh":
+        raise InputError(f"data set: expected a mesh, got {data_set.name!r} ({data_set.kind})")
+    mesh = read_mesh(require(data_set.files[0], data_set.name))
+    derive = DERIVED[name][1] if name in DERIVED else None
+    return clean(derive(mesh) if derive else mesh, cleaning)
+
+
+def provenance(name: str) -> dict[str, Any]:
+    """Where a data set comes from, for the record: origin, licence, checksums of its files."""
+    data_set = get(source_of(name))
+    files = [require(file, data_set.name) for file in data_set.files] if is_here(data_set) else []
+    return {
+        "name": data_set.name,
+        "title": data_set.title,
+        "origin": data_set.origin,
+        "page": data_set.page,
+        "licence": data_set.licence,
+        "files": {path.name: file_sha256(path) for path in files},
+    }

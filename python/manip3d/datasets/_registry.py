@@ -1,0 +1,210 @@
+"""What a data set is, which ones there are, and where their files lie."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from manip3d.errors import Error, InputError
+
+ENTRY_POINTS = "manip3d.datasets"
+"""Group of entry points: each names a `DataSet` or an iterable of them."""
+
+
+class DataMissingError(Error, FileNotFoundError):
+    """A data set that is not on this machine. The message says how to get it."""
+
+
+class ChecksumError(Error, ValueError):
+    """A data file whose bytes are not the ones that the registry names."""
+
+
+@dataclass(frozen=True)
+class DataFile:
+    """One file of a data set.
+
+    Attributes
+    ----------
+    path : str
+        Relative to the data root, with forward slashes. A path that ends in ``.xz`` may also lie
+        there uncompressed, without that suffix.
+    size : int
+        Bytes of the file at ``path``.
+    sha256 : str
+        Of the file at ``path``.
+    content_sha256 : str
+        Of its uncompressed bytes: what the official home serves.
+    url : str
+        The official home's address of the uncompressed bytes; ``""``: there is none.
+    text : str
+        The file's whole content where it is a few lines that exist nowhere else; else ``""``.
+    """
+
+    path: str
+    size: int
+    sha256: str
+    content_sha256: str
+    url: str = ""
+    text: str = ""
+
+    @property
+    def plain_path(self) -> str:
+        """The path of the uncompressed file."""
+        return self.path.removesuffix(".xz")
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """A public data set: what it is, whose it is, where it comes from.
+
+    Attributes
+    ----------
+    name : str
+        What `get` and ``manip3d data get`` know it by.
+    title : str
+    kind : str
+        ``mesh``, ``scan``, ``rgbd`` or ``lidar``.
+    files : tuple of DataFile
+        The first one is the one that loaders open.
+    licence : str
+    origin : str
+        Who made it.
+    page : str
+        Where it can be seen and, when a file has no `DataFile.url`, got by hand.
+    facts : mapping of str to int
+        Counts measured on the stored file.
+    """
+
+    name: str
+    title: str
+    kind: str
+    files: tuple[DataFile, ...]
+    licence: str
+    origin: str
+    page: str
+    facts: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files together, as stored."""
+        return sum(file.size for file in self.files)
+
+
+@cache
+def registry() -> Mapping[str, DataSet]:
+    """All data sets by name: the package's own, then those of installed plug-ins.
+
+    Raises
+    ------
+    InputError
+        Two data sets have the same name.
+    """
+    from manip3d.datasets.meshes import DATA_SETS
+
+    found: dict[str, DataSet] = {}
+    plugins = (entry.load() for entry in entry_points(group=ENTRY_POINTS))
+    for group in (DATA_SETS, *plugins):
+        for data_set in _data_sets(group):
+            if found.setdefault(data_set.name.casefold(), data_set) is not data_set:
+                raise InputError(f"data set {data_set.name!r} is registered twice")
+    return {data_set.name: data_set for data_set in found.values()}
+
+
+def _data_sets(group: object) -> Iterable[DataSet]:
+    items = list(group) if isinstance(group, Iterable) else [group]
+    data_sets = [item for item in items if isinstance(item, DataSet)]
+    if len(data_sets) < len(items):
+        raise InputError(f"entry point {ENTRY_POINTS}: expected DataSet objects, got {items!r:.80}")
+    return data_sets
+
+
+def get(name: str) -> DataSet:
+    """The data set of that name, whatever its case.
+
+    Raises
+    ------
+    InputError
+        There is none; the message names similar ones.
+    """
+    import difflib
+
+    known = {key.casefold(): value for key, value in registry().items()}
+    if name.casefold() in known:
+        return known[name.casefold()]
+    similar = difflib.get_close_matches(name.casefold(), known, cutoff=0.5)
+    hint = ", ".join(known[key].name for key in similar) or "'manip3d data list' lists them"
+    raise InputError(f"data set: expected a known name, got {name!r} (similar: {hint})")
+
+
+def cache_folder() -> Path:
+    """Where fetched data goes: ``$MANIP3D_CACHE``, else the user's cache folder."""
+    import platformdirs
+
+    chosen = os.environ.get("MANIP3D_CACHE")
+    return (Path(chosen) if chosen else platformdirs.user_cache_path("manip3d")) / "data"
+
+
+def data_root() -> Path | None:
+    """The folder with real data: ``$MANIP3D_DATA``, else what `fetch` has filled, else None."""
+    roots = _roots()
+    return roots[0] if roots else None
+
+
+def _roots() -> list[Path]:
+    chosen = os.environ.get("MANIP3D_DATA")
+    candidates = [Path(chosen)] if chosen else []
+    return [path for path in [*candidates, cache_folder()] if path.is_dir()]
+
+
+def locate(file: DataFile) -> Path | None:
+    """Where the file lies on this machine, compressed or plain; None if it does not."""
+    for root in _roots():
+        for relative in dict.fromkeys((file.path, file.plain_path)):
+            if (root / relative).is_file():
+                return root / relative
+    return None
+
+
+def is_here(data_set: DataSet) -> bool:
+    """Whether all files of the data set lie on this machine (their bytes are not checked)."""
+    return all(locate(file) is not None for file in data_set.files)
+
+
+def require(file: DataFile, name: str) -> Path:
+    """Where the file lies, its bytes checked.
+
+    Raises
+    ------
+    DataMissingError
+        It is not on this machine.
+    ChecksumError
+        Its bytes are not the registered ones.
+    """
+    path = locate(file)
+    if path is None:
+        raise DataMissingError(
+            f"{name}: {file.path} is not here; set MANIP3D_DATA to the folder that holds it, "
+            f"or try 'manip3d data get {name}'"
+        )
+    expected = file.sha256 if path.name == Path(file.path).name else file.content_sha256
+    actual = file_sha256(path)
+    if actual != expected:
+        raise ChecksumError(f"{path}: expected sha256 {expected}, got {actual}")
+    return path
+
+
+def file_sha256(path: Path) -> str:
+    """Hexadecimal SHA-256 of a file's bytes; computed once while its size and time stay."""
+    status = path.stat()
+    return _sha256(path, status.st_size, status.st_mtime_ns)
+
+
+@cache
+def _sha256(path: Path, size: int, modified_ns: int) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

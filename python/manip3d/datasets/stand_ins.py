@@ -1,0 +1,69 @@
+"""Which public meshes stand in for the dissertation's models.
+
+RockerArm and Head are the published files. Car, Dragon, Jet and Airplane are not public: meshes
+with the same traits stand in for them, and every number measured on one says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from manip3d.datasets._load import CLEANINGS, Cleaning
+
+
+@dataclass(frozen=True)
+class StandIn:
+    """One mesh, in one cleaning, in the place of one of the dissertation's models.
+
+    Attributes
+    ----------
+    published : str
+        The dissertation's model; ``""`` for a mesh shown beside them.
+    mesh : str
+        Name for `manip3d.datasets.load_mesh`.
+    cleaning : str
+        One of `manip3d.datasets.CLEANINGS`.
+    same_file : bool
+        Whether it is the published file itself.
+    textured : bool
+        Whether it stands in the textured group (tables 2.3, 2.4 and 2.7).
+    """
+
+    published: str
+    mesh: str
+    cleaning: Cleaning = "welded"
+    same_file: bool = False
+    textured: bool = False
+
+    @property
+    def label(self) -> str:
+        """The mesh, and its cleaning where several are shown."""
+        several = sum(other.mesh == self.mesh for other in STAND_INS) > 1
+        return f"{self.mesh} ({CLEANINGS[self.cleaning]})" if several else self.mesh
+
+    @property
+    def role(self) -> str:
+        """What its numbers are: the published model's, a stand-in's, or a mesh's beside them."""
+        if self.same_file:
+            return f"the published {self.published}"
+        return f"stand-in for {self.published}" if self.published else "beside the published models"
+
+
+STAND_INS: tuple[StandIn, ...] = (
+    StandIn("RockerArm", "rockerArm", "stored", same_file=True),
+    StandIn("Car", "ferrari_458", "stored"),
+    StandIn("Car", "ferrari_458", "welded"),
+    StandIn("Car", "ferrari_458", "any-unwelded"),
+    StandIn("Car", "2CylinderEngine", "stored"),
+    StandIn("Car", "2CylinderEngine", "welded"),
+    StandIn("Dragon", "lifeboat"),
+    StandIn("Dragon", "flash2a"),
+    StandIn("Head", "LeePerrySmith", "stored", same_file=True, textured=True),
+    StandIn("Jet", "BAe-125", textured=True),
+    StandIn("Jet", "BAe-125-uv", textured=True),
+    StandIn("Jet", "Cessna337", textured=True),
+    StandIn("Airplane", "G-164A", textured=True),
+    StandIn("Airplane", "M18B_Dromader", textured=True),
+    StandIn("", "face_multitexture", textured=True),
+    StandIn("", "chair", textured=True),
+)

@@ -1,0 +1,39 @@
+"""Experiments: one module per published table or figure, all on one small runner.
+
+Other packages add experiments through entry points of the group ``manip3d.experiments``.
+"""
+
+from __future__ import annotations
+
+from manip3d.experiments._model import (
+    Case,
+    Claim,
+    Column,
+    Experiment,
+    Finding,
+    Plan,
+    Row,
+    Verdict,
+)
+from manip3d.experiments._registry import ENTRY_POINTS, registry, select
+from manip3d.experiments._runner import RunSummary, run
+from manip3d.experiments._store import Store, pack_mesh, unpack_mesh
+
+__all__ = [
+    "ENTRY_POINTS",
+    "Case",
+    "Claim",
+    "Column",
+    "Experiment",
+    "Finding",
+    "Plan",
+    "Row",
+    "RunSummary",
+    "Store",
+    "Verdict",
+    "pack_mesh",
+    "registry",
+    "run",
+    "select",
+    "unpack_mesh",
+]

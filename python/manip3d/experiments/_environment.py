@@ -1,0 +1,69 @@
+"""Where and with what a run was made, and a fingerprint of the code that made it."""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import os
+import platform
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from manip3d import __version__, _core
+
+# Modules that show results but do not make them: a change there keeps stored results valid.
+_PRESENTATION = {"cli.py", "_cli", "report", "viewer", "_environment.py"}
+_LIBRARIES = ("numpy", "scipy", "pandas", "matplotlib", "open3d", "vtk", "pyvista", "trimesh")
+
+
+@cache
+def code_fingerprint() -> str:
+    """Version and a hash of the package's binary and sources: stale results are never reused."""
+    package = Path(__file__).parents[1]
+    digest = hashlib.sha256(Path(_core.__file__).read_bytes())
+    for path in sorted(package.rglob("*.py")):
+        relative = path.relative_to(package)
+        if not _PRESENTATION & set(relative.parts):
+            digest.update(relative.as_posix().encode() + b"\0" + path.read_bytes())
+    return f"{__version__}+{digest.hexdigest()[:16]}"
+
+
+def environment() -> dict[str, Any]:
+    """Machine, operating system and versions, for the record of a run."""
+    return {
+        "manip3d": __version__,
+        "code": code_fingerprint(),
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "cpu": _cpu(),
+        "cores": len(os.sched_getaffinity(0)),
+        "memory_gib": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1),
+        "os": _os(),
+        "python": platform.python_version(),
+        "libraries": _versions(),
+    }
+
+
+def _cpu() -> str:
+    lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
+
+
+def _os() -> str:
+    try:
+        name = platform.freedesktop_os_release()["PRETTY_NAME"]
+    except OSError:
+        name = platform.system()
+    return f"{name}, Linux {platform.release()}, {platform.machine()}"
+
+
+def _versions() -> dict[str, str]:
+    found = {}
+    for name in _LIBRARIES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found

@@ -1,0 +1,55 @@
+"""Which experiments there are: the package's own and those of plug-ins."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import entry_points
+
+from manip3d.errors import InputError
+from manip3d.experiments._model import Experiment
+
+ENTRY_POINTS = "manip3d.experiments"
+"""Group of entry points: each names an `Experiment`."""
+
+_BUILT_IN: tuple[str, ...] = ()
+
+
+@cache
+def registry() -> Mapping[str, Experiment]:
+    """All experiments by id.
+
+    Raises
+    ------
+    InputError
+        Two have the same id, or an entry point names something else.
+    """
+    modules = [importlib.import_module(f"manip3d.experiments.{name}") for name in _BUILT_IN]
+    found: dict[str, Experiment] = {}
+    plugins = (entry.load() for entry in entry_points(group=ENTRY_POINTS))
+    for experiment in (*(module.EXPERIMENT for module in modules), *plugins):
+        if not isinstance(experiment, Experiment):
+            raise InputError(
+                f"entry point {ENTRY_POINTS}: expected an Experiment, got {experiment!r:.80}"
+            )
+        if found.setdefault(experiment.id, experiment) is not experiment:
+            raise InputError(f"experiment {experiment.id!r} is registered twice")
+    return found
+
+
+def select(ids: list[str]) -> list[Experiment]:
+    """The experiments of these ids, in the registry's order; all of them for an empty list.
+
+    Raises
+    ------
+    InputError
+        An id is not known.
+    """
+    known = registry()
+    unknown = [name for name in ids if name not in known]
+    if unknown:
+        raise InputError(
+            f"experiment: expected some of {', '.join(known)}, got {', '.join(unknown)}"
+        )
+    return [experiment for name, experiment in known.items() if not ids or name in ids]

@@ -1,0 +1,242 @@
+"""Runs experiments: cases in parallel, each result stored as it finishes, resumed when asked again.
+
+A results folder may be interrupted and resumed at any time: a stored row is used again only if
+its inputs, options and code are the same and none of its bytes has changed.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import logging
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from manip3d import datasets
+from manip3d._parallel import run_tasks
+from manip3d.errors import InputError
+from manip3d.experiments._environment import code_fingerprint, environment
+from manip3d.experiments._model import Case, Experiment, Plan, Row
+from manip3d.experiments._store import Store
+
+Progress = Callable[[float, str], None]
+
+_log = logging.getLogger("manip3d")
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """What a run did.
+
+    Attributes
+    ----------
+    folder : Path
+    experiments : list of str
+    cases : int
+        Different cases of all experiments; shared ones count once.
+    resumed : int
+        Of these, taken from the folder.
+    failed : int
+    seconds : float
+        Wall time.
+    results : dict
+        The content of ``results.json``.
+    """
+
+    folder: Path
+    experiments: list[str]
+    cases: int
+    resumed: int
+    failed: int
+    seconds: float
+    results: dict[str, Any]
+
+
+def run(
+    experiments: Sequence[Experiment],
+    folder: Path,
+    *,
+    plan: Plan | None = None,
+    jobs: int = 0,
+    dask: str = "",
+    progress: Progress | None = None,
+) -> RunSummary:
+    """Run experiments into a results folder.
+
+    Parameters
+    ----------
+    experiments : sequence of Experiment
+    folder : Path
+        Created if absent; finished cases in it are used again when nothing they depend on changed.
+    plan : Plan, optional
+    jobs : int
+        Processes; 0: one per core; 1: in this process.
+    dask : str
+        Address of a Dask scheduler that sees the same data folder; ``"local"`` starts one here.
+    progress : callable, optional
+        Called with the fraction done and what was just finished.
+
+    Returns
+    -------
+    RunSummary
+
+    Raises
+    ------
+    InputError
+        An argument is out of range.
+    DataMissingError, ChecksumError
+        ``data='real'`` and a mesh is absent, or a mesh's bytes are not the registered ones.
+    KeyboardInterrupt
+        After stopping the workers; what had finished stays stored.
+
+    Notes
+    -----
+    A case that fails is recorded with its error, and tried again by the next run.
+    """
+    if jobs < 0:
+        raise InputError(f"jobs: expected >= 0, got {jobs}")
+    plan = plan or Plan()
+    jobs = jobs or len(os.sched_getaffinity(0))
+    started = time.perf_counter()
+    store = Store(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+
+    cases = {experiment.id: _keyed(experiment.cases(plan)) for experiment in experiments}
+    todo = {key: case for keyed in cases.values() for key, case in keyed.items()}
+    done = {key: row for key in todo if (row := store.load(key)) is not None}
+    resumed = len(done)
+    failed: dict[str, str] = {}
+    waiting = {key: case for key, case in todo.items() if key not in done}
+    tasks = {key: (_run_case, (case,)) for key, case in waiting.items()}
+    with closing(run_tasks(tasks, jobs, dask=dask)) as outcomes:
+        for key, outcome in outcomes:
+            if outcome.error:
+                failed[key] = outcome.error
+                _log.error("%s: %s", describe(todo[key]), outcome.error)
+            else:
+                done[key] = store.save(key, outcome.value)
+            if progress is not None:
+                progress((len(done) + len(failed)) / len(todo), describe(todo[key]))
+
+    rows = {
+        experiment.id: _rows(experiment, cases[experiment.id], done, failed)
+        for experiment in experiments
+    }
+    results = {
+        "environment": environment() | {"jobs": jobs, "executor": dask or "processes"},
+        "plan": asdict(plan),
+        "wall_time_s": round(time.perf_counter() - started, 3),
+        "cases": {"all": len(todo), "resumed": resumed, "failed": len(failed)},
+        "data": _provenance(todo.values()),
+        "experiments": {e.id: _record(e, rows[e.id], store) for e in experiments},
+    }
+    store.write("results.json", json.dumps(results, indent=1))
+    store.write("results.csv", _csv(rows))
+    return RunSummary(
+        folder,
+        [e.id for e in experiments],
+        len(todo),
+        resumed,
+        len(failed),
+        time.perf_counter() - started,
+        results,
+    )
+
+
+def describe(case: Case) -> str:
+    """A case in a few words, for people."""
+    words = (case.options.get(name) for name in ("model", "method", "level"))
+    return " ".join(str(word) for word in words if word not in (None, "")) or case.function
+
+
+def _keyed(cases: Sequence[Case]) -> dict[str, Case]:
+    return {case.key(_input_hashes(case), code_fingerprint()): case for case in cases}
+
+
+def _input_hashes(case: Case) -> dict[str, str]:
+    files = (datasets.get(datasets.source_of(name)).files[0] for name in case.inputs)
+    return {file.path: datasets.file_sha256(datasets.require(file, file.path)) for file in files}
+
+
+def _run_case(case: Case) -> Row:
+    """Run one case, in whatever process this is."""
+    return {name: _plain(value) for name, value in case.run(case).items()}
+
+
+def _plain(value: Any) -> Any:
+    """NumPy's scalars and arrays as JSON values."""
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+
+
+# --- collecting --------------------------------------------------------------------------------
+
+
+def _rows(
+    experiment: Experiment,
+    cases: Mapping[str, Case],
+    done: Mapping[str, Row],
+    failed: Mapping[str, str],
+) -> list[Row]:
+    return [
+        experiment.complete(
+            {"experiment": experiment.id, **case.options, **done.get(key, {})}
+            | {"error": failed.get(key, ""), "key": key}
+        )
+        for key, case in cases.items()
+    ]
+
+
+def _provenance(cases: Any) -> list[dict[str, Any]]:
+    names = dict.fromkeys(datasets.source_of(name) for case in cases for name in case.inputs)
+    return [datasets.provenance(name) for name in names]
+
+
+def _record(experiment: Experiment, rows: list[Row], store: Store) -> dict[str, Any]:
+    return {
+        "title": experiment.title,
+        "published": experiment.published,
+        "columns": [asdict(column) for column in experiment.columns],
+        "notes": list(experiment.notes),
+        "rows": rows,
+        "verdicts": [
+            asdict(verdict) | {"word": verdict.word}
+            for verdict in (claim.verdict(rows) for claim in experiment.claims)
+        ],
+        "figures": _figures(experiment, rows, store),
+    }
+
+
+def _figures(experiment: Experiment, rows: list[Row], store: Store) -> dict[str, str]:
+    """Draw the figures as SVG: name -> file."""
+    if experiment.figures is None:
+        return {}
+    sound = [row for row in rows if not row["error"]]
+    written = {}
+    for name, figure in experiment.figures(sound).items():
+        stream = io.StringIO()
+        figure.savefig(stream, format="svg", metadata={"Date": None})
+        relative = f"figures/{experiment.id}-{name}.svg"
+        store.write(relative, stream.getvalue())
+        written[name] = relative
+    return written
+
+
+def _csv(rows_by_experiment: Mapping[str, list[Row]]) -> str:
+    rows = [row for rows in rows_by_experiment.values() for row in rows]
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, names, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(
+        {k: json.dumps(v) if isinstance(v, dict | list) else v for k, v in row.items()}
+        for row in rows
+    )
+    return stream.getvalue()

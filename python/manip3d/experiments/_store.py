@@ -1,0 +1,98 @@
+"""A results folder: each case's row under its key, verified when it is read again.
+
+::
+
+    DIR/cases/KEY.json       the row, with a checksum of itself and of the files beside it
+    DIR/files/KEY-NAME.npz   meshes, KEY-NAME.bin other bytes
+    DIR/results.json         everything, for the report
+    DIR/results.csv          the rows
+    DIR/figures, DIR/pictures
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from manip3d._files import atomic_write
+from manip3d.experiments._model import Row, canonical_json
+from manip3d.mesh import Mesh
+
+_ARRAYS = (
+    "vertices",
+    "faces",
+    "texcoords",
+    "face_texcoords",
+    "normals",
+    "face_normals",
+    "colors",
+    "face_material",
+)
+
+
+def pack_mesh(mesh: Mesh) -> bytes:
+    """A mesh's arrays as an npz archive; materials stay with the mesh it was made from."""
+    stream = io.BytesIO()
+    present = {name: getattr(mesh, name) for name in _ARRAYS}
+    np.savez_compressed(stream, **{k: v for k, v in present.items() if v is not None})
+    return stream.getvalue()
+
+
+def unpack_mesh(data: bytes, like: Mesh) -> Mesh:
+    """The mesh that `pack_mesh` packed, with the materials of ``like``."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        return Mesh(**arrays, materials=like.materials, source=like.source)
+
+
+@dataclass(frozen=True)
+class Store:
+    """The results folder of a run."""
+
+    folder: Path
+
+    def save(self, key: str, row: Row) -> Row:
+        """Store a case's row; meshes and bytes in it become files and are named in their place."""
+        plain, files = dict(row), {}
+        for name, value in row.items():
+            if isinstance(value, Mesh | bytes):
+                data = pack_mesh(value) if isinstance(value, Mesh) else value
+                relative = f"files/{key}-{name}.{'npz' if isinstance(value, Mesh) else 'bin'}"
+                self.write(relative, data)
+                files[relative] = hashlib.sha256(data).hexdigest()
+                plain[name] = relative
+        record = {"key": key, "row": plain, "files": files}
+        record["sha256"] = hashlib.sha256(canonical_json(record)).hexdigest()
+        text = json.dumps(record, indent=1)
+        self.write(f"cases/{key}.json", text)
+        stored: Row = json.loads(text)["row"]  # what a resumed run would read: no tuples
+        return stored
+
+    def load(self, key: str) -> Row | None:
+        """The stored row, or None where there is none or a byte of it has changed."""
+        try:
+            record: dict[str, Any] = json.loads((self.folder / f"cases/{key}.json").read_bytes())
+            claimed = record.pop("sha256")
+            if claimed != hashlib.sha256(canonical_json(record)).hexdigest():
+                return None
+            if record["key"] != key or not all(
+                hashlib.sha256((self.folder / name).read_bytes()).hexdigest() == digest
+                for name, digest in record["files"].items()
+            ):
+                return None
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            return None  # torn, truncated or foreign: the case runs again
+        row: Row = record["row"]
+        return row
+
+    def write(self, name: str, data: str | bytes) -> Path:
+        """Write a file of the results folder, whole or not at all."""
+        path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        atomic_write(path, data)
+        return path
