@@ -1,18 +1,33 @@
-"""Options that every test may ask for."""
+"""Options and fixtures that every test may ask for."""
 
 from __future__ import annotations
 
-import pytest
-from hypothesis import settings
+import json
+from collections.abc import Callable
+from pathlib import Path
 
-settings.register_profile("ci", max_examples=200, deadline=None, derandomize=True)
-settings.register_profile("nightly", max_examples=10_000, deadline=None)
-settings.load_profile("ci")  # --hypothesis-profile=nightly chooses the other
+import pytest
+
+GOLDEN = Path(__file__).parent / "golden" / "golden.json"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--update-golden",
         action="store_true",
-        help="rewrite the files of tests/golden from this run, for review with git diff",
+        help="rewrite tests/golden/golden.json from this run, for review with git diff",
     )
+
+
+@pytest.fixture
+def golden(request: pytest.FixtureRequest) -> Callable[[str, object], None]:
+    """Compare a value with the one kept under its name; ``--update-golden`` keeps it instead."""
+
+    def check(name: str, value: object) -> None:
+        kept = json.loads(GOLDEN.read_text()) if GOLDEN.exists() else {}
+        if request.config.getoption("--update-golden"):
+            kept[name] = value
+            GOLDEN.write_text(json.dumps(dict(sorted(kept.items())), indent=1) + "\n")
+        assert kept[name] == value
+
+    return check

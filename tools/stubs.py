@@ -6,6 +6,7 @@ Usage: ``python tools/stubs.py [--check]``, in an environment where ``import man
 from __future__ import annotations
 
 import difflib
+import re
 import subprocess
 import sys
 import tempfile
@@ -21,6 +22,9 @@ def generate() -> str:
         command = [sys.executable, "-m", "pybind11_stubgen", MODULE, "-o", folder]
         subprocess.run([*command, "--exit-code"], check=True)
         text = (Path(folder) / "manip3d" / "_core.pyi").read_text()
+    # py::tuple and the like come without their type arguments, which mypy --strict wants.
+    for bare, full in (("tuple", "tuple[typing.Any, ...]"), ("list", "list[typing.Any]")):
+        text = re.sub(rf"(?<=[\[ ]){bare}(?=[],:])", full, text)
     for action in (["check", "--quiet", "--fix-only"], ["format", "--quiet"]):
         command = [sys.executable, "-m", "ruff", *action, "--stdin-filename", str(STUB), "-"]
         text = subprocess.run(

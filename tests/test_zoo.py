@@ -1,0 +1,95 @@
+"""The degenerate zoo through every public function that takes a mesh.
+
+To add a function, add a line to ``FUNCTIONS``. Each call must give a valid result or raise
+``manip3d.Error``; it must not touch its input.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+import manip3d
+from manip3d import Mesh
+from manip3d.metrics import metro
+from manip3d.simplify import clean
+from zoo import MESHES, REFUSED, TRIANGLE
+
+FUNCTIONS: dict[str, Callable[[Mesh], object]] = {
+    "replace": lambda mesh: mesh.replace(source="x.obj"),
+    "bounds": lambda mesh: mesh.bounds,
+    "diagonal": lambda mesh: mesh.diagonal,
+    "repr": repr,
+    "summary": Mesh.summary,
+    "clean": clean,
+    "clean-any": lambda mesh: clean(mesh, duplicates="any"),
+    "metro": lambda mesh: metro(mesh, clean(mesh).mesh),
+    "metro-area": lambda mesh: metro(mesh, MESHES["tetrahedron"], sampling="area"),
+    "clean-unwelded": lambda mesh: clean(mesh, weld=False, duplicates="any"),
+}
+
+
+def assert_valid(result: object, where: str = "result") -> None:
+    """No NaN, and meshes whose indices are in range, at any depth of the result."""
+    if isinstance(result, Mesh):
+        result.validate()
+    elif isinstance(result, float):
+        assert not math.isnan(result), where
+    elif isinstance(result, np.ndarray) and result.dtype.kind == "f":
+        assert not np.isnan(result).any(), where
+    elif dataclasses.is_dataclass(result):
+        for field in dataclasses.fields(result):
+            assert_valid(getattr(result, field.name), f"{where}.{field.name}")
+    elif isinstance(result, Mapping):
+        for key, value in result.items():
+            assert_valid(value, f"{where}[{key!r}]")
+    elif isinstance(result, tuple | list):
+        for i, value in enumerate(result):
+            assert_valid(value, f"{where}[{i}]")
+
+
+def arrays_of(mesh: Mesh) -> dict[str, Any]:
+    arrays = {name: getattr(mesh, name) for name in Mesh.__slots__}
+    return {name: value for name, value in arrays.items() if isinstance(value, np.ndarray)}
+
+
+@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize("function", FUNCTIONS)
+def test_every_function_bears_every_mesh(function: str, name: str) -> None:
+    mesh = MESHES[name]
+    before = {key: value.copy() for key, value in arrays_of(mesh).items()}
+    try:
+        result = FUNCTIONS[function](mesh)
+    except manip3d.Error:
+        result = None
+    assert_valid(result)
+    for key, value in arrays_of(mesh).items():
+        np.testing.assert_array_equal(value, before[key], err_msg=f"{function} wrote to {key}")
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_the_constructor_refuses(name: str) -> None:
+    changes, message = REFUSED[name]
+    with pytest.raises(manip3d.InputError, match=re.escape(message)):
+        Mesh(**({"vertices": TRIANGLE, "faces": [[0, 1, 2]]} | changes))
+
+
+def test_the_zoo_holds_what_its_names_say() -> None:
+    summaries = {name: mesh.summary() for name, mesh in MESHES.items()}
+    assert len(summaries) >= 40
+    assert summaries["moebius_strip"].boundary_edges == 24 * 2
+    assert summaries["moebius_strip"].edges == 48 * 2
+    assert summaries["pillow"].duplicate_faces == 0
+    assert summaries["pillow"].duplicate_faces_welded > 0
+    assert summaries["unwelded"].closed
+    assert summaries["all_points_equal"].degenerate_faces_welded == 4
+    assert summaries["edge_with_five_faces"].non_manifold_edges == 1
+    assert summaries["tetrahedra_sharing_an_edge"].non_manifold_edges == 1
+    assert summaries["self_touching_boundary"].complex_vertices == 1
+    assert summaries["thousands_of_triangles_apart"].components == 2000
