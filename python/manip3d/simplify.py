@@ -2,21 +2,63 @@
 
 from __future__ import annotations
 
+import enum
+import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal, TypeVar, get_args
 
 from manip3d import _core
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
     import numpy as np
     from numpy.typing import NDArray
 
     from manip3d.mesh import Mesh
 
-__all__ = ["CleanResult", "Duplicates", "clean"]
+__all__ = [
+    "METHODS",
+    "CleanResult",
+    "Duplicates",
+    "SimplifyResult",
+    "StopReason",
+    "clean",
+    "qem4vr",
+    "qem_bp",
+    "qem_btp",
+    "qem_orig",
+    "qem_tp",
+]
 
 Duplicates = Literal["same", "any", "keep"]
+Boundary = Literal["freeze", "weight"]
+Curvature = Literal["turning", "paper"]
+SeamMode = Literal["planes", "paper", "lock"]
+ComplexVertices = Literal["keep", "freeze"]
+LinkCondition = Literal["manifold", "always", "never"]
+
+_Choice = TypeVar("_Choice")
+_BOUNDARIES = {"freeze": _core.BoundaryTerm.FREEZE, "weight": _core.BoundaryTerm.WEIGHT}
+_CURVATURES = {
+    "turning": _core.BoundaryCurvature.TURNING,
+    "paper": _core.BoundaryCurvature.PAPER,
+}
+_SEAM_MODES = {
+    "planes": _core.TextureTerm.SEAM_PLANES,
+    "paper": _core.TextureTerm.SEAM_PAPER,
+    "lock": _core.TextureTerm.SEAM_LOCK,
+}
+_COMPLEX_VERTICES = {
+    "keep": _core.ComplexVertices.KEEP,
+    "freeze": _core.ComplexVertices.FREEZE,
+}
+_LINK_CONDITIONS = {
+    "manifold": _core.LinkCondition.MANIFOLD,
+    "always": _core.LinkCondition.ALWAYS,
+    "never": _core.LinkCondition.NEVER,
+}
 
 
 @dataclass(frozen=True)
@@ -101,3 +143,359 @@ def clean(mesh: Mesh, *, weld: bool = True, duplicates: Duplicates = "same") -> 
     if duplicates not in get_args(Duplicates):
         raise InputError(f"duplicates: expected 'same', 'any' or 'keep', got {duplicates!r}")
     return CleanResult(**_core.clean(mesh, weld, getattr(_core.Duplicates, duplicates)))
+
+
+class StopReason(enum.StrEnum):
+    """Why a simplification ended."""
+
+    TARGET_REACHED = "target_reached"
+    ERROR_LIMIT = "error_limit"  #: every collapse left is above ``max_error`` or not legal
+    NO_LEGAL_COLLAPSE = "no_legal_collapse"  #: nothing left that keeps the mesh valid
+    REFUSED = "refused"  #: the method cannot work on this mesh; see ``message``
+
+
+@dataclass(frozen=True)
+class SimplifyResult:
+    """A simplified mesh, how it came about and why it ended there.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        Its vertices are vertices of the input, bit for bit; materials are the input's.
+    stop : StopReason
+        Missing the target is a result, not an error: read it here.
+    max_error : float
+        Largest error of a collapse made, in the file's unit: sqrt(surface quadric / its weight).
+        It bounds the quadric, not the Hausdorff distance.
+    vertex_map : (V,) int32
+        Input vertex -> the output vertex it became; -1 if no face of the output is left there.
+    kept : (V',) int32
+        Output vertex -> the input vertex it is.
+    face_map : (F,) int32
+        Input face -> output face, or -1 if it is gone.
+    collapses : (C, 2) int32
+        The record: input vertices (removed, kept), in order.
+    collapse_errors : (C,) float64
+    rejected : dict of str to int
+        How many candidate collapses were turned down, by reason.
+    locked_vertices : int
+        Output vertices that the method does not move.
+    dropped_faces : int
+        Input faces with a repeated vertex, left out.
+    clamped_costs : int
+        Errors that came out below zero by rounding and were taken as zero.
+    message : str
+        Why the method refused the mesh, or empty.
+    """
+
+    mesh: Mesh
+    stop: StopReason
+    max_error: float
+    vertex_map: NDArray[np.int32] = field(repr=False)
+    kept: NDArray[np.int32] = field(repr=False)
+    face_map: NDArray[np.int32] = field(repr=False)
+    collapses: NDArray[np.int32] = field(repr=False)
+    collapse_errors: NDArray[np.float64] = field(repr=False)
+    rejected: dict[str, int]
+    locked_vertices: int
+    dropped_faces: int
+    clamped_costs: int
+    message: str
+    _source: Mesh = field(repr=False)
+    _options: _core.QemOptions = field(repr=False)
+
+    def level_of_detail(self, target_faces: int) -> Mesh:
+        """The mesh as it was when it first had ``target_faces`` or fewer.
+
+        Replays the record: equal to a run of its own for that target, without its cost.
+
+        Raises
+        ------
+        InputError
+            ``target_faces`` is negative.
+        """
+        fields = _core.replay_collapses(
+            self._source, self._options, self.collapses, self.collapse_errors, target_faces
+        )
+        mesh: Mesh = fields["mesh"]
+        return mesh
+
+
+def _target(
+    mesh: Mesh, target_faces: int | None, ratio: float | None, max_error: float | None
+) -> tuple[int, float]:
+    """The face count and error at which to stop; the first one reached stops."""
+    if target_faces is None and ratio is None and max_error is None:
+        raise InputError("target_faces, ratio or max_error: expected at least one, got none")
+    targets = [0]
+    if target_faces is not None:
+        if target_faces < 0:
+            raise InputError(f"target_faces: expected >= 0, got {target_faces}")
+        targets.append(target_faces)
+    if ratio is not None:
+        if not 0.0 <= ratio <= 1.0:
+            raise InputError(f"ratio: expected a number in [0, 1], got {ratio}")
+        targets.append(math.floor(ratio * mesh.num_faces))
+    return max(targets), math.inf if max_error is None else max_error
+
+
+def _choice(name: str, value: str, choices: Mapping[str, _Choice]) -> _Choice:
+    if value not in choices:
+        expected = ", ".join(repr(choice) for choice in choices)
+        raise InputError(f"{name}: expected one of {expected}, got {value!r}")
+    return choices[value]
+
+
+def _simplify(
+    mesh: Mesh,
+    options: _core.QemOptions,
+    target_faces: int | None,
+    ratio: float | None,
+    max_error: float | None,
+    quality_threshold: float,
+    link_condition: LinkCondition,
+    progress: Callable[[float], object] | None,
+) -> SimplifyResult:
+    options.target_faces, options.max_error = _target(mesh, target_faces, ratio, max_error)
+    options.quality_threshold = quality_threshold
+    options.link_condition = _choice("link_condition", link_condition, _LINK_CONDITIONS)
+    fields = _core.simplify_qem(mesh, options, progress)
+    fields["stop"] = StopReason(fields["stop"].name.lower())
+    return SimplifyResult(**fields, _source=mesh, _options=options)
+
+
+def qem4vr(
+    mesh: Mesh,
+    *,
+    target_faces: int | None = None,
+    ratio: float | None = None,
+    max_error: float | None = None,
+    boundary_weight: float = 5.0,
+    seam_weight: float = 1000.0,
+    curvature: Curvature = "turning",
+    seam_mode: SeamMode = "planes",
+    complex_vertices: ComplexVertices = "keep",
+    quality_threshold: float = 0.0,
+    link_condition: LinkCondition = "manifold",
+    progress: Callable[[float], object] | None = None,
+) -> SimplifyResult:
+    """QEM4VR: edge collapse that keeps boundaries, material seams and texture coordinates.
+
+    Works on any triangle mesh: open, non-manifold, with several materials, several texture
+    coordinates per vertex and faces without any. Output vertices are input vertices.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Not changed. Cleaning it first (:func:`clean`) is step 1 of the published method.
+    target_faces : int, optional
+        Stop at this many faces or fewer.
+    ratio : float in [0, 1], optional
+        The fraction of the input's faces that stays.
+    max_error : float, optional
+        No collapse with a larger error (see ``SimplifyResult.max_error``), in the file's unit.
+        Targets combine; the first one reached stops. One is needed.
+    boundary_weight : float
+        W_b of eq. 2.6.
+    seam_weight : float
+        W_t: weight of the planes along seams, or of a seam vertex's quadric (``'paper'``).
+    curvature : 'turning' or 'paper'
+        Of the boundary at a vertex: |r' x r''| / (2 |r'|^2), which does not depend on the unit,
+        or eq. 2.5 as printed, on the mesh scaled to a unit diagonal.
+    seam_mode : 'planes', 'paper' or 'lock'
+        Planes perpendicular to the faces of each seam edge, and seam vertices that move along
+        their seam only; the quadrics of seam vertices times ``seam_weight``, as printed, which
+        protects nothing where the quadric is zero; or seam vertices that never move.
+    complex_vertices : 'keep' or 'freeze'
+        Boundary vertices with other than two boundary neighbours never move; ``'freeze'`` also
+        keeps others from collapsing onto them, as printed.
+    quality_threshold : float in [0, 1]
+        Divide a cost by min(quality of the worst new face, this); 0 is off, MeshLab's is 0.3.
+    link_condition : 'manifold', 'always' or 'never'
+        Where a collapse must not change the topology: where both ends of the edge have a
+        manifold neighbourhood, everywhere, or nowhere.
+    progress : callable, optional
+        Called with the fraction done, at most ten times a second.
+
+    Returns
+    -------
+    SimplifyResult
+
+    Raises
+    ------
+    InputError
+        No target, or an option out of its range.
+
+    Notes
+    -----
+    Dissertation sections 2.3 to 2.4.5, read as follows: a boundary vertex collapses only along
+    a boundary edge, a boundary loop keeps three edges; the quadrics are weighted by area,
+    computed once and accumulated; no face turns over, in space or in texture space. Vertices
+    that collapse take the texture coordinates of their target on the same surface.
+
+    Examples
+    --------
+    >>> import manip3d
+    >>> square = manip3d.Mesh(
+    ...     [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [1, 1, 0]],
+    ...     [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]],
+    ... )
+    >>> manip3d.simplify.qem4vr(square, target_faces=2).mesh
+    <manip3d.Mesh: 4 vertices, 2 faces>
+    """
+    options = _core.QemOptions()
+    options.boundary = _core.BoundaryTerm.CURVATURE
+    options.boundary_weight = boundary_weight
+    options.curvature = _choice("curvature", curvature, _CURVATURES)
+    options.texture = _choice("seam_mode", seam_mode, _SEAM_MODES)
+    options.seam_weight = seam_weight
+    options.complex_vertices = _choice("complex_vertices", complex_vertices, _COMPLEX_VERTICES)
+    return _simplify(
+        mesh, options, target_faces, ratio, max_error, quality_threshold, link_condition, progress
+    )
+
+
+def _baseline(
+    mesh: Mesh,
+    boundary: _core.BoundaryTerm,
+    texture: _core.TextureTerm,
+    target_faces: int | None,
+    ratio: float | None,
+    max_error: float | None,
+    quality_threshold: float,
+    link_condition: LinkCondition,
+    progress: Callable[[float], object] | None,
+) -> SimplifyResult:
+    options = _core.QemOptions()
+    options.boundary = boundary
+    options.boundary_weight = 1.0
+    options.texture = texture
+    return _simplify(
+        mesh, options, target_faces, ratio, max_error, quality_threshold, link_condition, progress
+    )
+
+
+def qem_orig(
+    mesh: Mesh,
+    *,
+    target_faces: int | None = None,
+    ratio: float | None = None,
+    max_error: float | None = None,
+    quality_threshold: float = 0.0,
+    link_condition: LinkCondition = "manifold",
+    progress: Callable[[float], object] | None = None,
+) -> SimplifyResult:
+    """QEM_ORIG: quadrics of the faces alone [Garland & Heckbert 1997], subset placement.
+
+    The baseline without a term for boundaries or texture; parameters, result and errors as
+    :func:`qem4vr`. Texture coordinates are carried along and decide nothing.
+    """
+    return _baseline(
+        mesh,
+        _core.BoundaryTerm.NONE,
+        _core.TextureTerm.NONE,
+        target_faces,
+        ratio,
+        max_error,
+        quality_threshold,
+        link_condition,
+        progress,
+    )
+
+
+def qem_bp(
+    mesh: Mesh,
+    *,
+    target_faces: int | None = None,
+    ratio: float | None = None,
+    max_error: float | None = None,
+    boundary: Boundary = "freeze",
+    quality_threshold: float = 0.0,
+    link_condition: LinkCondition = "manifold",
+    progress: Callable[[float], object] | None = None,
+) -> SimplifyResult:
+    """QEM_BP: :func:`qem_orig` with preserved boundaries.
+
+    Parameters, result and errors as :func:`qem4vr`, and
+
+    Parameters
+    ----------
+    boundary : 'freeze' or 'weight'
+        Boundary vertices never move, as in MeshLab, which is why the method stops early on open
+        meshes; or planes of constant weight 1 alone, section 2.4.2's literal reading.
+    """
+    return _baseline(
+        mesh,
+        _choice("boundary", boundary, _BOUNDARIES),
+        _core.TextureTerm.NONE,
+        target_faces,
+        ratio,
+        max_error,
+        quality_threshold,
+        link_condition,
+        progress,
+    )
+
+
+def qem_tp(
+    mesh: Mesh,
+    *,
+    target_faces: int | None = None,
+    ratio: float | None = None,
+    max_error: float | None = None,
+    quality_threshold: float = 0.0,
+    link_condition: LinkCondition = "manifold",
+    progress: Callable[[float], object] | None = None,
+) -> SimplifyResult:
+    """QEM_TP: quadrics over (x, y, z, u, v) for each texture coordinate of a vertex (eq. 2.7).
+
+    The texture-preserving baseline; parameters, result and errors as :func:`qem4vr`. Positions
+    are scaled to a unit diagonal. Refuses a mesh with faces without texture coordinates:
+    ``stop`` is ``refused`` and ``message`` says why, the failure that the source reports.
+    """
+    return _baseline(
+        mesh,
+        _core.BoundaryTerm.NONE,
+        _core.TextureTerm.QUADRIC5,
+        target_faces,
+        ratio,
+        max_error,
+        quality_threshold,
+        link_condition,
+        progress,
+    )
+
+
+def qem_btp(
+    mesh: Mesh,
+    *,
+    target_faces: int | None = None,
+    ratio: float | None = None,
+    max_error: float | None = None,
+    boundary: Boundary = "freeze",
+    quality_threshold: float = 0.0,
+    link_condition: LinkCondition = "manifold",
+    progress: Callable[[float], object] | None = None,
+) -> SimplifyResult:
+    """QEM_BTP: :func:`qem_tp` with the preserved boundaries of :func:`qem_bp`."""
+    return _baseline(
+        mesh,
+        _choice("boundary", boundary, _BOUNDARIES),
+        _core.TextureTerm.QUADRIC5,
+        target_faces,
+        ratio,
+        max_error,
+        quality_threshold,
+        link_condition,
+        progress,
+    )
+
+
+#: The methods compared in chapter 2, by the name that the command line uses.
+METHODS: dict[str, Callable[..., SimplifyResult]] = {
+    "qem4vr": qem4vr,
+    "qem-orig": qem_orig,
+    "qem-bp": qem_bp,
+    "qem-tp": qem_tp,
+    "qem-btp": qem_btp,
+}

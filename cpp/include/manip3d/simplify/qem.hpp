@@ -1,0 +1,138 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "manip3d/geometry/mesh.hpp"
+#include "manip3d/progress.hpp"
+
+namespace manip3d {
+
+/// What is added for mesh boundaries (edges with exactly one face).
+enum class BoundaryTerm : std::uint8_t {
+  kNone,       ///< Boundaries count for nothing (QEM_ORIG, QEM_TP).
+  kFreeze,     ///< Boundary vertices never move; planes of constant weight (QEM_BP, QEM_BTP).
+  kWeight,     ///< Planes of constant weight only [Garland & Heckbert 1997, sec. 6].
+  kCurvature,  ///< Planes weighted by W_b and the boundary's curvature (QEM4VR, eq. 2.6).
+};
+
+/// How the curvature of a boundary curve at a vertex is measured (eq. 2.5).
+enum class BoundaryCurvature : std::uint8_t {
+  kTurning,  ///< |r' x r''| / (2 |r'|^2): dimensionless, independent of the file's unit.
+  kPaper,    ///< |r' x r''| / |r'|^3 of the mesh scaled to a unit diagonal.
+};
+
+/// What is added for texture coordinates and materials.
+enum class TextureTerm : std::uint8_t {
+  kNone,        ///< Attributes are carried along, for nothing (QEM_ORIG, QEM_BP).
+  kQuadric5,    ///< Quadrics over (x, y, z, u, v) per distinct UV (QEM_TP, QEM_BTP; eq. 2.7).
+  kSeamPlanes,  ///< Planes along seams, weight W_t; seam vertices stay on their seam (QEM4VR).
+  kSeamPaper,   ///< The quadric of a seam vertex times W_t, as printed.
+  kSeamLock,    ///< Seam vertices never move.
+};
+
+/// Where the link condition [Dey et al. 1999] is enforced.
+enum class LinkCondition : std::uint8_t {
+  kManifold,  ///< Where both ends of the edge have a manifold neighbourhood.
+  kAlways,
+  kNever,
+};
+
+/// May an edge that ends in a complex vertex collapse? (Complex: on the boundary, but with a number
+/// of boundary neighbours other than two.)
+enum class ComplexVertices : std::uint8_t {
+  kKeep,    ///< The complex vertex stays; others may collapse onto it.
+  kFreeze,  ///< No edge of it collapses, as printed.
+};
+
+struct QemOptions {
+  std::int64_t target_faces = 0;  ///< Stop at this many faces or fewer; 0: as few as possible.
+  double max_error = std::numeric_limits<double>::infinity();  ///< Of one collapse, input units.
+  BoundaryTerm boundary = BoundaryTerm::kCurvature;
+  double boundary_weight = 5.0;  ///< W_b.
+  BoundaryCurvature curvature = BoundaryCurvature::kTurning;
+  TextureTerm texture = TextureTerm::kSeamPlanes;
+  double seam_weight = 1000.0;  ///< W_t.
+  ComplexVertices complex_vertices = ComplexVertices::kKeep;
+  LinkCondition link_condition = LinkCondition::kManifold;
+  double quality_threshold =
+      0.0;  ///< Divide the cost by min(worst new face quality, this); 0: off.
+};
+
+enum class StopReason : std::uint8_t {
+  kTargetReached,
+  kErrorLimit,       ///< Every collapse left is above max_error (or not legal).
+  kNoLegalCollapse,  ///< Nothing left that keeps the mesh valid.
+  kRefused,          ///< The method cannot work on this mesh; the mesh is returned as it came.
+};
+
+/// Why a candidate collapse was turned down, each a counter of QemResult::rejected.
+enum class Rejection : std::uint8_t {
+  kFlip,           ///< A face would turn by more than about 78 degrees.
+  kDegenerate,     ///< A face would lose its area.
+  kDuplicate,      ///< Two faces would have the same vertices.
+  kLink,           ///< The link condition fails.
+  kBoundaryLoop,   ///< A boundary loop would fall below three edges.
+  kComplexVertex,  ///< The edge ends in a complex vertex (ComplexVertices::kFreeze).
+  kTextureFlip,    ///< A face would flip in texture space.
+  kAttribute,      ///< A corner would find no texture coordinate of its material to continue with.
+  kErrorLimit,     ///< Above max_error.
+};
+inline constexpr int kNumRejections = 9;
+inline constexpr std::array<const char*, kNumRejections> kRejectionNames = {
+    "flip",           "degenerate",   "duplicate", "link_condition", "boundary_loop",
+    "complex_vertex", "texture_flip", "attribute", "error_limit"};
+
+/// One collapse: `removed` moved onto `kept` (input vertex indices), at this error (input units).
+struct Collapse {
+  std::int32_t removed;
+  std::int32_t kept;
+  double error;
+};
+
+struct QemResult {
+  TriangleMesh mesh;                     ///< Compact; materials are left to the caller.
+  std::vector<std::int32_t> vertex_map;  ///< Input vertex -> the output vertex it became, or -1.
+  std::vector<std::int32_t> kept;        ///< Output vertex -> the input vertex it is.
+  std::vector<std::int32_t> face_map;    ///< Input face -> output face, or -1 if gone.
+  std::vector<Collapse> collapses;       ///< In order; see replay_collapses().
+  double max_error = 0.0;                ///< Largest error among the collapses made, input units.
+  StopReason stop = StopReason::kTargetReached;
+  std::string message;                                  ///< For kRefused: why.
+  std::array<std::int64_t, kNumRejections> rejected{};  ///< Candidates turned down, by Rejection.
+  std::int64_t locked_vertices = 0;                     ///< Vertices that the method does not move.
+  std::int64_t dropped_faces = 0;  ///< Input faces with a repeated vertex, left out.
+  std::int64_t clamped_costs = 0;  ///< Errors below zero by rounding, taken as zero.
+};
+
+/// Edge collapse with subset placement, ordered by quadric error [Garland & Heckbert 1997], with
+/// the boundary and texture terms of QEM4VR and of the baselines it was compared with.
+///
+/// Works on any triangle soup: boundaries, non-manifold edges and vertices, several materials,
+/// several texture coordinates per vertex, faces without any. Output vertices are input vertices.
+/// The quadrics are those of faces weighted by area, computed once on the centred mesh scaled to a
+/// unit diagonal and accumulated. A collapse v -> t costs (Q_v + Q_t)(t); the cheapest legal one is
+/// made next; ties go to the shorter edge, then to the lower indices. No collapse turns a face
+/// over, in space or (with a texture term) in texture space, or makes a degenerate or duplicate
+/// face. The error of a collapse is sqrt(surface quadric / its weight): it bounds the quadric, not
+/// the Hausdorff distance. Deterministic. O(E log E) time, O(V + F) memory, one thread.
+/// @throws InputError  as check_mesh(); an option out of range.
+QemResult simplify_qem(const MeshView& mesh, const QemOptions& options,
+                       const Progress& progress = {});
+
+/// The mesh after the first collapses of a record, until it has `target_faces` or fewer: equal to
+/// what simplify_qem() gives for that target with the options that made the record. O(V + F).
+/// @throws InputError  the record does not belong to the mesh.
+QemResult replay_collapses(const MeshView& mesh, const QemOptions& options,
+                           const std::vector<Collapse>& collapses, std::int64_t target_faces);
+
+/// Curvature of a boundary curve at `vertex` from its two boundary neighbours (eq. 2.5), clamped
+/// to [0, 10]; 10 where the neighbours coincide.
+/// @param diagonal  of the mesh's bounding box: kPaper measures in units of it.
+double boundary_curvature(const Eigen::Vector3d& previous, const Eigen::Vector3d& vertex,
+                          const Eigen::Vector3d& next, BoundaryCurvature kind, double diagonal);
+
+}  // namespace manip3d

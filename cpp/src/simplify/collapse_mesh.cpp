@@ -1,0 +1,276 @@
+#include "simplify/collapse_mesh.hpp"
+
+#include <algorithm>
+#include <limits>
+#include <tuple>
+
+namespace manip3d {
+namespace {
+
+bool has_repeated_vertex(const std::array<std::int32_t, 3>& f) {
+  return f[0] == f[1] || f[1] == f[2] || f[2] == f[0];
+}
+
+}  // namespace
+
+CollapseMesh::CollapseMesh(const MeshView& mesh)
+    : positions_(static_cast<std::size_t>(mesh.num_vertices())),
+      faces_(static_cast<std::size_t>(mesh.num_faces())),
+      first_corner_(static_cast<std::size_t>(mesh.num_vertices()), -1),
+      next_corner_(static_cast<std::size_t>(3 * mesh.num_faces()), -1) {
+  const BoundingBox box = bounding_box(mesh);
+  if (box.diagonal() > 0.0) scale_ = box.diagonal();
+  const Eigen::Vector3d center = box.center();
+  for (std::int32_t v = 0; v < num_vertices(); ++v) {
+    positions_[index(v)] = (mesh.vertices.row(v).transpose() - center) / scale_;
+  }
+  // From the last corner to the first, so that the lists start in order of the faces.
+  for (auto f = static_cast<std::int32_t>(faces_.size()) - 1; f >= 0; --f) {
+    Triple& face = faces_[index(f)];
+    face = {mesh.faces(f, 0), mesh.faces(f, 1), mesh.faces(f, 2)};
+    if (has_repeated_vertex(face)) {
+      face[0] = -1;
+      ++num_dropped_;
+      continue;
+    }
+    ++num_faces_;
+    for (int c = 2; c >= 0; --c) {
+      const std::int32_t corner = 3 * f + c;
+      std::int32_t& first = first_corner_[index(face[static_cast<std::size_t>(c)])];
+      next_corner_[index(corner)] = first;
+      first = corner;
+    }
+  }
+  make_wedges(mesh);
+  if (mesh.face_normals.rows() > 0) {
+    normals_ = mesh.normals;
+    for (Eigen::Index f = 0; f < mesh.face_normals.rows(); ++f) {
+      const auto n = mesh.face_normals.row(f);
+      normal_indices_.push_back({n(0), n(1), n(2)});
+    }
+  }
+}
+
+void CollapseMesh::make_wedges(const MeshView& mesh) {
+  wedges_ = faces_;
+  if (!mesh.has_texcoords() && !mesh.has_materials()) {  // one wedge per vertex
+    surface_.assign(positions_.size(), 0);
+    uvs_.assign(positions_.size(), Eigen::Vector2d::Zero());
+    texcoord_.assign(positions_.size(), -1);
+    return;
+  }
+  struct CornerLook {
+    std::int32_t surface;
+    double u, v;
+    std::int32_t corner, texcoord;
+    [[nodiscard]] auto key() const { return std::tie(surface, u, v, corner); }
+    [[nodiscard]] bool same_wedge(const CornerLook& o) const {
+      return surface == o.surface && u == o.u && v == o.v;
+    }
+  };
+  std::vector<CornerLook> looks;
+  for (std::int32_t v = 0; v < num_vertices(); ++v) {
+    looks.clear();
+    for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+      const std::int32_t material = mesh.has_materials() ? mesh.face_material(f) : -1;
+      // A face without texture coordinates is a surface of its own, even with the same material.
+      const bool textured = mesh.face_has_texcoords(f);
+      const std::int32_t t = textured ? mesh.face_texcoords(f, c) : -1;
+      looks.push_back({2 * material + (textured ? 1 : 0), textured ? mesh.texcoords(t, 0) : 0.0,
+                       textured ? mesh.texcoords(t, 1) : 0.0, 3 * f + c, t});
+    });
+    std::sort(looks.begin(), looks.end(),
+              [](const CornerLook& a, const CornerLook& b) { return a.key() < b.key(); });
+    for (std::size_t i = 0; i < looks.size(); ++i) {
+      if (i == 0 || !looks[i].same_wedge(looks[i - 1])) {
+        surface_.push_back(looks[i].surface);
+        uvs_.emplace_back(looks[i].u, looks[i].v);
+        texcoord_.push_back(looks[i].texcoord);
+      }
+      const std::int32_t corner = looks[i].corner;
+      wedges_[index(corner / 3)][index(corner % 3)] = num_wedges() - 1;
+    }
+  }
+}
+
+void CollapseMesh::gather_ring(std::int32_t v, Ring& ring) const {
+  ring.clear();
+  for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+    const Triple& face = faces_[index(f)];
+    const Triple& wedge = wedges_[index(f)];
+    const auto own = index(c), next = index((c + 1) % 3), last = index((c + 2) % 3);
+    ring.add(face[next], wedge[own], wedge[next]);
+    ring.add(face[last], wedge[own], wedge[last]);
+  });
+}
+
+std::int32_t CollapseMesh::nearest_wedge(std::int32_t wedge, std::int32_t t) const {
+  std::int32_t nearest = -1;
+  double least = std::numeric_limits<double>::infinity();
+  for_each_face(t, [&](std::int32_t f, std::int32_t c) {
+    const std::int32_t other = wedges_[index(f)][index(c)];
+    if (surface_[index(other)] != surface_[index(wedge)]) return;
+    const double distance = (uvs_[index(other)] - uvs_[index(wedge)]).squaredNorm();
+    if (distance < least || (distance == least && other < nearest)) {
+      least = distance;
+      nearest = other;
+    }
+  });
+  return nearest;
+}
+
+void CollapseMesh::map_wedges(std::int32_t v, std::int32_t t, WedgeMap& map) const {
+  map.pairs.clear();
+  map.is_complete = true;
+  for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+    const Triple& face = faces_[index(f)];
+    const std::int32_t from = wedges_[index(f)][index(c)];
+    for (const std::size_t other : {index((c + 1) % 3), index((c + 2) % 3)}) {
+      if (face[other] != t) continue;
+      const std::int32_t to = wedges_[index(f)][other];
+      const std::int32_t mapped = map.at(from);
+      if (mapped < 0) {
+        map.pairs.push_back({from, to});
+      } else if (mapped != to) {
+        map.is_complete = false;  // one wedge here, two beyond: the end of a seam
+      }
+    }
+  });
+  for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+    const std::int32_t from = wedges_[index(f)][index(c)];
+    if (map.at(from) >= 0) return;
+    const std::int32_t nearest = nearest_wedge(from, t);
+    if (nearest < 0) map.is_complete = false;
+    map.pairs.push_back({from, nearest < 0 ? from : nearest});
+  });
+}
+
+std::int32_t CollapseMesh::nearest_normal(std::int32_t normal, std::int32_t t) const {
+  if (normal < 0) return -1;
+  std::int32_t nearest = normal;
+  double most = -std::numeric_limits<double>::infinity();
+  for_each_face(t, [&](std::int32_t f, std::int32_t c) {
+    const std::int32_t other = normal_indices_[index(f)][index(c)];
+    if (other < 0) return;
+    const double cosine = normals_.row(other).dot(normals_.row(normal));
+    if (cosine > most || (cosine == most && other < nearest)) {
+      most = cosine;
+      nearest = other;
+    }
+  });
+  return nearest;
+}
+
+void CollapseMesh::unlink(std::int32_t vertex, std::int32_t corner) {
+  std::int32_t* link = &first_corner_[index(vertex)];
+  while (*link != corner) link = &next_corner_[index(*link)];
+  *link = next_corner_[index(corner)];
+}
+
+void CollapseMesh::collapse(std::int32_t v, std::int32_t t, const WedgeMap& map) {
+  if (!normal_indices_.empty()) {  // while t still has all its faces
+    for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+      std::int32_t& normal = normal_indices_[index(f)][index(c)];
+      normal = nearest_normal(normal, t);
+    });
+  }
+  std::int32_t corner = first_corner_[index(v)];
+  first_corner_[index(v)] = -1;
+  std::int32_t moved_first = -1;
+  std::int32_t moved_last = -1;
+  while (corner >= 0) {
+    const std::int32_t next = next_corner_[index(corner)];
+    const std::int32_t f = corner / 3;
+    Triple& face = faces_[index(f)];
+    if (face[0] == t || face[1] == t || face[2] == t) {
+      for (std::int32_t c = 0; c < 3; ++c) {
+        if (face[index(c)] != v) unlink(face[index(c)], 3 * f + c);
+      }
+      face[0] = -1;
+      --num_faces_;
+    } else {
+      const std::int32_t c = corner - 3 * f;
+      face[index(c)] = t;
+      wedges_[index(f)][index(c)] = map.at(wedges_[index(f)][index(c)]);
+      (moved_last < 0 ? moved_first : next_corner_[index(moved_last)]) = corner;
+      moved_last = corner;
+    }
+    corner = next;
+  }
+  if (moved_last < 0) return;
+  next_corner_[index(moved_last)] = first_corner_[index(t)];
+  first_corner_[index(t)] = moved_first;
+}
+
+namespace {
+
+/// Renumbers the used rows of a table: old index -> new index in `renumber` (-1 = unused).
+template <typename Table>
+Table compact_rows(const Table& table, std::vector<std::int32_t>& renumber) {
+  Eigen::Index count = 0;
+  for (std::int32_t& i : renumber) i = i < 0 ? -1 : static_cast<std::int32_t>(count++);
+  Table result(count, table.cols());
+  for (std::size_t i = 0; i < renumber.size(); ++i) {
+    if (renumber[i] >= 0) result.row(renumber[i]) = table.row(static_cast<Eigen::Index>(i));
+  }
+  return result;
+}
+
+}  // namespace
+
+TriangleMesh CollapseMesh::extract(const MeshView& input, std::vector<std::int32_t>& kept,
+                                   std::vector<std::int32_t>& output_vertex,
+                                   std::vector<std::int32_t>& face_map) const {
+  TriangleMesh out;
+  output_vertex.assign(positions_.size(), -1);
+  face_map.assign(faces_.size(), -1);
+  std::vector<std::int32_t> texcoord(static_cast<std::size_t>(input.texcoords.rows()), -1);
+  std::vector<std::int32_t> normal(static_cast<std::size_t>(input.normals.rows()), -1);
+  out.faces.resize(num_faces_, 3);
+  if (input.has_texcoords()) out.face_texcoords.resize(num_faces_, 3);
+  if (!normal_indices_.empty()) out.face_normals.resize(num_faces_, 3);
+  if (input.has_materials()) out.face_material.resize(num_faces_);
+
+  std::int32_t row = 0;
+  for (std::int32_t f = 0; f < static_cast<std::int32_t>(faces_.size()); ++f) {
+    if (!is_alive(f)) continue;
+    face_map[index(f)] = row;
+    for (int c = 0; c < 3; ++c) {
+      const std::int32_t v = faces_[index(f)][index(c)];
+      output_vertex[index(v)] = 0;
+      out.faces(row, c) = v;
+      if (!normal_indices_.empty()) {
+        const std::int32_t n = normal_indices_[index(f)][index(c)];
+        if (n >= 0) normal[index(n)] = 0;
+        out.face_normals(row, c) = n;
+      }
+      if (!input.has_texcoords()) continue;
+      const std::int32_t t = texcoord_[index(wedges_[index(f)][index(c)])];
+      if (t >= 0) texcoord[index(t)] = 0;
+      out.face_texcoords(row, c) = t;
+    }
+    if (input.has_materials()) out.face_material(row) = input.face_material(f);
+    ++row;
+  }
+  out.vertices = compact_rows<Vertices>(input.vertices, output_vertex);
+  if (input.colors.rows() > 0) out.colors = compact_rows<Colors>(input.colors, output_vertex);
+  out.texcoords = compact_rows<Texcoords>(input.texcoords, texcoord);
+  out.normals = compact_rows<Vertices>(input.normals, normal);
+  const auto renumber = [](Faces& table, const std::vector<std::int32_t>& map) {
+    for (Eigen::Index i = 0; i < table.size(); ++i) {
+      std::int32_t& value = table.data()[i];
+      if (value >= 0) value = map[index(value)];
+    }
+  };
+  renumber(out.faces, output_vertex);
+  renumber(out.face_texcoords, texcoord);
+  renumber(out.face_normals, normal);
+  if (out.texcoords.rows() == 0) out.face_texcoords.resize(0, 3);
+  kept.clear();
+  for (std::int32_t v = 0; v < num_vertices(); ++v) {
+    if (output_vertex[index(v)] >= 0) kept.push_back(v);
+  }
+  return out;
+}
+
+}  // namespace manip3d

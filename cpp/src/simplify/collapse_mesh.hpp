@@ -1,0 +1,165 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "manip3d/geometry/mesh.hpp"
+
+namespace manip3d {
+
+/// An edge from a vertex to one of its neighbours.
+struct RingEdge {
+  std::int32_t vertex;                 // the neighbour
+  std::int32_t num_faces;              // of the edge: 1 on a boundary
+  bool is_seam;                        // two of its faces continue with different wedges
+  std::array<std::int32_t, 2> wedges;  // of the first face: at the centre, at the neighbour
+};
+
+/// The neighbours of a vertex, with constant-time look-up.
+class Ring {
+ public:
+  explicit Ring(std::size_t num_vertices) : slots_(num_vertices) {}
+
+  [[nodiscard]] const std::vector<RingEdge>& edges() const { return edges_; }
+
+  /// The edge to `vertex`, or nullptr if it is no neighbour.
+  [[nodiscard]] const RingEdge* find(std::int32_t vertex) const {
+    const Slot& slot = slots_[static_cast<std::size_t>(vertex)];
+    return slot.stamp == stamp_ ? &edges_[slot.index] : nullptr;
+  }
+
+ private:
+  friend class CollapseMesh;
+  struct Slot {
+    std::uint32_t stamp = 0;
+    std::uint32_t index = 0;
+  };
+
+  void clear() {
+    edges_.clear();
+    ++stamp_;  // wraps after 4 billion calls, when every slot has long been overwritten or is stale
+    if (stamp_ == 0) {
+      slots_.assign(slots_.size(), {});
+      stamp_ = 1;
+    }
+  }
+
+  void add(std::int32_t vertex, std::int32_t own_wedge, std::int32_t wedge) {
+    Slot& slot = slots_[static_cast<std::size_t>(vertex)];
+    if (slot.stamp != stamp_) {
+      slot = {stamp_, static_cast<std::uint32_t>(edges_.size())};
+      edges_.push_back({vertex, 1, false, {own_wedge, wedge}});
+      return;
+    }
+    RingEdge& edge = edges_[slot.index];
+    ++edge.num_faces;
+    edge.is_seam |= edge.wedges[0] != own_wedge || edge.wedges[1] != wedge;
+  }
+
+  std::vector<RingEdge> edges_;
+  std::vector<Slot> slots_;
+  std::uint32_t stamp_ = 0;
+};
+
+/// Which wedge of the target each wedge of a collapsing vertex continues as.
+struct WedgeMap {
+  struct Pair {
+    std::int32_t from;
+    std::int32_t to;
+  };
+  std::vector<Pair> pairs;
+  bool is_complete = true;  // every corner has a continuation of its own surface
+
+  [[nodiscard]] std::int32_t at(std::int32_t from) const {
+    for (const Pair& pair : pairs) {
+      if (pair.from == from) return pair.to;
+    }
+    return -1;
+  }
+};
+
+/// Triangle soup under edge collapse: vertex -> corner lists instead of half-edges, so that edges
+/// with any number of faces are fine.
+///
+/// A *wedge* is what a vertex looks like from one surface: the faces around a vertex that share a
+/// material, the presence of texture coordinates and their value share a wedge [Hoppe 1998].
+class CollapseMesh {
+ public:
+  explicit CollapseMesh(const MeshView& mesh);
+
+  [[nodiscard]] std::int32_t num_vertices() const {
+    return static_cast<std::int32_t>(first_corner_.size());
+  }
+  [[nodiscard]] std::int64_t num_faces() const { return num_faces_; }
+  [[nodiscard]] std::int64_t num_dropped() const { return num_dropped_; }
+  [[nodiscard]] std::int32_t num_wedges() const {
+    return static_cast<std::int32_t>(surface_.size());
+  }
+
+  using Triple = std::array<std::int32_t, 3>;
+  /// Vertices (or wedges) of a face; the first is -1 once the face is gone.
+  [[nodiscard]] const Triple& face(std::int32_t f) const { return faces_[index(f)]; }
+  [[nodiscard]] const Triple& wedges(std::int32_t f) const { return wedges_[index(f)]; }
+  [[nodiscard]] bool is_alive(std::int32_t f) const { return faces_[index(f)][0] >= 0; }
+
+  /// Positions, centred and scaled to a unit diagonal.
+  [[nodiscard]] const Eigen::Vector3d& position(std::int32_t v) const {
+    return positions_[index(v)];
+  }
+  [[nodiscard]] double scale() const { return scale_; }  ///< Input units per unit here.
+
+  [[nodiscard]] bool has_texture(std::int32_t wedge) const {
+    return (surface_[index(wedge)] & 1) != 0;
+  }
+  [[nodiscard]] const Eigen::Vector2d& uv(std::int32_t wedge) const { return uvs_[index(wedge)]; }
+
+  /// Calls body(face, corner) for each face of a vertex, `corner` in 0..2.
+  template <typename Body>
+  void for_each_face(std::int32_t v, Body&& body) const {
+    for (std::int32_t c = first_corner_[index(v)]; c >= 0; c = next_corner_[index(c)]) {
+      const std::int32_t f = c / 3;
+      body(f, c - 3 * f);
+    }
+  }
+
+  [[nodiscard]] bool is_isolated(std::int32_t v) const { return first_corner_[index(v)] < 0; }
+
+  void gather_ring(std::int32_t v, Ring& ring) const;
+
+  /// How the wedges of v continue at t: along the faces on the edge, the others with the nearest
+  /// texture coordinate of t on the same surface (section 2.4.4); where there is none they stay,
+  /// and the map is not complete.
+  void map_wedges(std::int32_t v, std::int32_t t, WedgeMap& map) const;
+
+  /// Moves v onto t: faces on the edge go, the others continue with the mapped wedges.
+  void collapse(std::int32_t v, std::int32_t t, const WedgeMap& map);
+
+  /// The mesh as it is now, compact, vertices and faces in input order; fills the maps.
+  TriangleMesh extract(const MeshView& input, std::vector<std::int32_t>& kept,
+                       std::vector<std::int32_t>& output_vertex,
+                       std::vector<std::int32_t>& face_map) const;
+
+ private:
+  static std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
+  void make_wedges(const MeshView& mesh);
+  void unlink(std::int32_t vertex, std::int32_t corner);
+  [[nodiscard]] std::int32_t nearest_normal(std::int32_t normal, std::int32_t t) const;
+  [[nodiscard]] std::int32_t nearest_wedge(std::int32_t wedge, std::int32_t t) const;
+
+  std::vector<Eigen::Vector3d> positions_;
+  double scale_ = 1.0;
+  std::vector<Triple> faces_;
+  std::vector<Triple> wedges_;
+  std::vector<Triple> normal_indices_;  // of a face; empty when the mesh has no normals
+  Vertices normals_;
+  std::vector<std::int32_t> first_corner_;  // of a vertex; corner = 3 face + 0..2; -1: none
+  std::vector<std::int32_t> next_corner_;   // of a corner, in the list of its vertex
+  std::vector<std::int32_t> surface_;       // of a wedge: 2 material + (has texture coordinates)
+  std::vector<Eigen::Vector2d> uvs_;        // of a wedge
+  std::vector<std::int32_t> texcoord_;      // of a wedge: row of the input's table, or -1
+  std::int64_t num_faces_ = 0;
+  std::int64_t num_dropped_ = 0;
+};
+
+}  // namespace manip3d

@@ -1,0 +1,44 @@
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "manip3d/simplify/qem.hpp"
+#include "simplify/collapse_mesh.hpp"
+#include "simplify/constraints.hpp"
+
+namespace manip3d {
+
+/// Decides whether a collapse keeps the mesh valid: no flips, no degenerate or duplicate faces,
+/// link condition, boundary loops, texture coordinates.
+class Legality {
+ public:
+  Legality(const CollapseMesh& mesh, const QemOptions& options)
+      : mesh_(mesh),
+        options_(options),
+        ring_v_(static_cast<std::size_t>(mesh.num_vertices())),
+        ring_t_(static_cast<std::size_t>(mesh.num_vertices())) {}
+
+  /// Why v must not collapse onto its neighbour t, if so. Fills `map` as CollapseMesh::map_wedges.
+  std::optional<Rejection> check(std::int32_t v, std::int32_t t, WedgeMap& map);
+
+  /// The neighbours of v at the last check().
+  [[nodiscard]] const Ring& ring() const { return ring_v_; }
+
+ private:
+  [[nodiscard]] bool keeps_texture() const {
+    return options_.texture != TextureTerm::kNone && options_.texture != TextureTerm::kQuadric5;
+  }
+  [[nodiscard]] bool closes_boundary_loop(std::int32_t t) const;
+  [[nodiscard]] bool needs_link_condition(std::int32_t v, std::int32_t t) const;
+  [[nodiscard]] bool breaks_link_condition(std::int32_t t) const;
+  [[nodiscard]] std::optional<Rejection> check_face(std::int32_t f, std::int32_t c, std::int32_t t,
+                                                    const WedgeMap& map) const;
+  [[nodiscard]] bool has_face(std::int32_t t, std::int32_t a, std::int32_t b) const;
+
+  const CollapseMesh& mesh_;
+  const QemOptions& options_;
+  Ring ring_v_, ring_t_;
+};
+
+}  // namespace manip3d

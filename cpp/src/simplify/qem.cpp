@@ -1,0 +1,422 @@
+#include "manip3d/simplify/qem.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "manip3d/error.hpp"
+#include "simplify/collapse_mesh.hpp"
+#include "simplify/collapse_queue.hpp"
+#include "simplify/constraints.hpp"
+#include "simplify/legality.hpp"
+#include "simplify/quadric.hpp"
+
+namespace manip3d {
+namespace {
+
+std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
+
+/// On flat regions every cost is rounding noise. This fraction of the squared edge length (a
+/// deviation of 3e-5 of the edge) makes short edges go first there and changes nothing elsewhere.
+constexpr double kShortEdgePreference = 1e-9;
+
+/// Accumulated quadrics: of the faces alone (the reported error) and with the constraints (the
+/// order), both weighted by area; optionally of (x, y, z, u, v) per wedge.
+class Quadrics {
+ public:
+  Quadrics(const CollapseMesh& mesh, const QemOptions& options)
+      : surface_(index(mesh.num_vertices())),
+        area_(index(mesh.num_vertices()), 0.0),
+        self_(index(mesh.num_vertices()), 0.0) {
+    const bool textured = options.texture == TextureTerm::kQuadric5;
+    if (textured) texture_.resize(index(mesh.num_wedges()));
+    for_each_face(mesh, [&](std::int32_t f) { add_face(mesh, f, textured); });
+    const std::vector<VertexClass> classes = classify(mesh);
+    constraint_ = constraint_quadrics(mesh, classes, options);
+    if (options.texture == TextureTerm::kSeamPaper) weigh_seams(classes, options);
+    for (std::int32_t v = 0; v < mesh.num_vertices(); ++v) update_self(mesh, v);
+  }
+
+  /// (Q_v + Q_t)(t); with a texture term summed over the wedges, each at its continuation.
+  [[nodiscard]] double cost(const CollapseMesh& mesh, std::int32_t v, std::int32_t t,
+                            const WedgeMap* map) const {
+    const Eigen::Vector3d& x = mesh.position(t);
+    double cost = self_[index(t)];
+    if (map != nullptr) {
+      for (const WedgeMap::Pair& pair : map->pairs) {
+        cost += texture_[index(pair.from)](point5(mesh, x, pair.to));
+      }
+    } else {
+      cost += surface_[index(v)](x);
+    }
+    if (!constraint_.empty()) cost += constraint_[index(v)](x);
+    return cost;
+  }
+
+  /// Squared error of the surface alone: quadric / weight, in units of the diagonal.
+  [[nodiscard]] double squared_error(const CollapseMesh& mesh, std::int32_t v,
+                                     std::int32_t t) const {
+    const double area = area_[index(v)] + area_[index(t)];
+    if (!(area > 0.0)) return 0.0;
+    const Eigen::Vector3d& x = mesh.position(t);
+    return (surface_[index(v)](x) + surface_[index(t)](x)) / area;
+  }
+
+  [[nodiscard]] double area(std::int32_t v) const { return area_[index(v)]; }
+  [[nodiscard]] bool is_textured() const { return !texture_.empty(); }
+
+  /// Q_t += Q_v; call after the mesh has collapsed v onto t.
+  void merge(const CollapseMesh& mesh, std::int32_t v, std::int32_t t, const WedgeMap& map) {
+    surface_[index(t)] += surface_[index(v)];
+    area_[index(t)] += area_[index(v)];
+    if (!constraint_.empty()) constraint_[index(t)] += constraint_[index(v)];
+    if (is_textured()) {
+      for (const WedgeMap::Pair& pair : map.pairs) {
+        if (pair.from != pair.to) texture_[index(pair.to)] += texture_[index(pair.from)];
+      }
+    }
+    update_self(mesh, t);
+  }
+
+ private:
+  template <typename Body>
+  static void for_each_face(const CollapseMesh& mesh, Body&& body) {
+    for (std::int32_t v = 0; v < mesh.num_vertices(); ++v) {
+      mesh.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+        if (c == 0) body(f);
+      });
+    }
+  }
+
+  static std::vector<VertexClass> classify(const CollapseMesh& mesh) {
+    std::vector<VertexClass> classes(index(mesh.num_vertices()));
+    Ring ring(classes.size());
+    for (std::int32_t v = 0; v < mesh.num_vertices(); ++v) {
+      mesh.gather_ring(v, ring);
+      classes[index(v)] = classify_vertex(mesh, ring, v);
+    }
+    return classes;
+  }
+
+  static Vector5d point5(const CollapseMesh& mesh, const Eigen::Vector3d& x, std::int32_t wedge) {
+    Vector5d p;
+    p << x, mesh.uv(wedge);
+    return p;
+  }
+
+  void add_face(const CollapseMesh& mesh, std::int32_t f, bool textured) {
+    const auto& face = mesh.face(f);
+    const auto& wedges = mesh.wedges(f);
+    const Eigen::Vector3d &p = mesh.position(face[0]), &q = mesh.position(face[1]),
+                          &r = mesh.position(face[2]);
+    const Eigen::Vector3d normal = (q - p).cross(r - p);
+    const double length = normal.norm();
+    if (!(length > 0.0)) return;
+    const double area = 0.5 * length;
+    const Quadric quadric = Quadric::plane(normal / length, p, area);
+    for (const std::int32_t v : face) {
+      surface_[index(v)] += quadric;
+      area_[index(v)] += area;
+    }
+    if (!textured) return;
+    const TextureQuadric texture = TextureQuadric::plane(
+        point5(mesh, p, wedges[0]), point5(mesh, q, wedges[1]), point5(mesh, r, wedges[2]), area);
+    for (const std::int32_t wedge : wedges) texture_[index(wedge)] += texture;
+  }
+
+  void weigh_seams(const std::vector<VertexClass>& classes, const QemOptions& options) {
+    if (constraint_.empty()) constraint_.resize(surface_.size());
+    for (std::size_t v = 0; v < surface_.size(); ++v) {
+      if (!classes[v].is_seam) continue;
+      Quadric weighted = surface_[v];
+      weighted += constraint_[v];
+      weighted *= options.seam_weight - 1.0;
+      constraint_[v] += weighted;
+    }
+  }
+
+  /// Q_t(t): what every collapse onto t costs at least.
+  void update_self(const CollapseMesh& mesh, std::int32_t t) {
+    const Eigen::Vector3d& x = mesh.position(t);
+    double self = 0.0;
+    if (is_textured()) {
+      seen_.clear();
+      mesh.for_each_face(t, [&](std::int32_t f, std::int32_t c) {
+        const std::int32_t wedge = mesh.wedges(f)[index(c)];
+        if (std::find(seen_.begin(), seen_.end(), wedge) != seen_.end()) return;
+        seen_.push_back(wedge);
+        self += texture_[index(wedge)](point5(mesh, x, wedge));
+      });
+    } else {
+      self = surface_[index(t)](x);
+    }
+    if (!constraint_.empty()) self += constraint_[index(t)](x);
+    self_[index(t)] = self;
+  }
+
+  std::vector<Quadric> surface_;
+  std::vector<Quadric> constraint_;  // empty: none
+  std::vector<TextureQuadric> texture_;
+  std::vector<double> area_;
+  std::vector<double> self_;
+  std::vector<std::int32_t> seen_;
+};
+
+/// 2 area / longest edge squared, 0.866 for an equilateral triangle (MeshLab's quality).
+double face_quality(const Eigen::Vector3d& p, const Eigen::Vector3d& q, const Eigen::Vector3d& r) {
+  const double longest =
+      std::max({(q - p).squaredNorm(), (r - q).squaredNorm(), (p - r).squaredNorm()});
+  return longest > 0.0 ? (q - p).cross(r - p).norm() / longest : 0.0;
+}
+
+class QemSimplifier {
+ public:
+  QemSimplifier(const MeshView& input, const QemOptions& options)
+      : input_(input),
+        options_(options),
+        mesh_(input),
+        quadrics_(mesh_, options),
+        legality_(mesh_, options),
+        queue_(index(mesh_.num_vertices())),
+        ring_(index(mesh_.num_vertices())) {}
+
+  QemResult run(const Progress& progress) {
+    QemResult result;
+    fill_queue();
+    const double start = static_cast<double>(mesh_.num_faces());
+    std::int64_t collapses_at_fill = 0;
+    for (std::int64_t step = 0; mesh_.num_faces() > options_.target_faces; ++step) {
+      if (queue_.empty()) {
+        // A turned-down collapse may have become legal through changes further away.
+        if (static_cast<std::int64_t>(result.collapses.size()) == collapses_at_fill) break;
+        collapses_at_fill = static_cast<std::int64_t>(result.collapses.size());
+        fill_queue();
+        continue;
+      }
+      try_cheapest(result);
+      if (progress && step % 512 == 0) {
+        const double gone = start - static_cast<double>(mesh_.num_faces());
+        progress(gone / std::max(1.0, start - static_cast<double>(options_.target_faces)));
+      }
+    }
+    return finish(std::move(result));
+  }
+
+  QemResult replay(const std::vector<Collapse>& collapses) {
+    QemResult result;
+    const auto exists = [&](std::int32_t v) {
+      return v >= 0 && v < mesh_.num_vertices() && !mesh_.is_isolated(v);
+    };
+    for (const Collapse& collapse : collapses) {
+      if (mesh_.num_faces() <= options_.target_faces) break;
+      bool is_edge = exists(collapse.removed) && exists(collapse.kept);
+      if (is_edge) {
+        mesh_.gather_ring(collapse.removed, ring_);
+        is_edge = ring_.find(collapse.kept) != nullptr;
+      }
+      if (!is_edge) {
+        throw InputError("collapses: expected the record of this mesh, but " +
+                         std::to_string(collapse.removed) + " -> " + std::to_string(collapse.kept) +
+                         " is no edge when its turn comes");
+      }
+      mesh_.map_wedges(collapse.removed, collapse.kept, map_);
+      mesh_.collapse(collapse.removed, collapse.kept, map_);
+      result.collapses.push_back(collapse);
+      result.max_error = std::max(result.max_error, collapse.error);
+    }
+    return finish(std::move(result));
+  }
+
+ private:
+  void fill_queue() {
+    for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) propose(v, nullptr);
+  }
+
+  /// Queues the best collapse of v; with `after`, the best of those that come after it.
+  void propose(std::int32_t v, const Candidate* after) {
+    if (mesh_.is_isolated(v)) return;
+    mesh_.gather_ring(v, ring_);
+    const VertexClass vertex = classify_vertex(mesh_, ring_, v);
+    if (is_locked(vertex, options_)) {
+      queue_.remove(v);
+      return;
+    }
+    Candidate best;
+    for (const RingEdge& edge : ring_.edges()) {
+      if (!may_collapse(vertex, edge)) continue;
+      const Candidate candidate = price(v, edge.vertex);
+      if (after != nullptr && !(*after < candidate)) continue;
+      if (best.vertex < 0 || candidate < best) best = candidate;
+    }
+    best.vertex < 0 ? queue_.remove(v) : queue_.set(best);
+  }
+
+  /// The edges that the class of a vertex lets it collapse along.
+  [[nodiscard]] bool may_collapse(const VertexClass& vertex, const RingEdge& edge) const {
+    if (options_.boundary == BoundaryTerm::kCurvature && vertex.is_boundary &&
+        edge.num_faces != 1) {
+      return false;  // along the boundary only
+    }
+    return options_.texture != TextureTerm::kSeamPlanes || !vertex.is_seam || edge.is_seam;
+  }
+
+  [[nodiscard]] Candidate price(std::int32_t v, std::int32_t t) {
+    const WedgeMap* map = nullptr;
+    if (quadrics_.is_textured()) {
+      mesh_.map_wedges(v, t, map_);
+      map = &map_;
+    }
+    const double squared_length = (mesh_.position(t) - mesh_.position(v)).squaredNorm();
+    double cost = std::max(0.0, quadrics_.cost(mesh_, v, t, map)) +
+                  kShortEdgePreference * quadrics_.area(v) * squared_length;
+    if (options_.quality_threshold > 0.0) {
+      // Never by less than this, so that a needle costs much but stays comparable.
+      constexpr double kLeastQuality = 1e-6;
+      cost /= std::max(kLeastQuality, std::min(worst_quality(v, t), options_.quality_threshold));
+    }
+    return {cost, squared_length, v, t};
+  }
+
+  [[nodiscard]] double worst_quality(std::int32_t v, std::int32_t t) const {
+    double worst = 1.0;
+    mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+      const auto& face = mesh_.face(f);
+      const std::int32_t a = face[index((c + 1) % 3)], b = face[index((c + 2) % 3)];
+      if (a == t || b == t) return;
+      worst =
+          std::min(worst, face_quality(mesh_.position(t), mesh_.position(a), mesh_.position(b)));
+    });
+    return worst;
+  }
+
+  void try_cheapest(QemResult& result) {
+    const Candidate candidate = queue_.top();
+    const std::int32_t v = candidate.vertex, t = candidate.target;
+    // Q_t may have grown since; it never shrinks, so the queue's costs are lower bounds.
+    if (price(v, t).cost > candidate.cost) {
+      propose(v, nullptr);
+      return;
+    }
+    const double squared = quadrics_.squared_error(mesh_, v, t);
+    if (squared < 0.0) ++result.clamped_costs;
+    const double error = mesh_.scale() * std::sqrt(std::max(0.0, squared));
+    const std::optional<Rejection> rejection =
+        error > options_.max_error ? Rejection::kErrorLimit : legality_.check(v, t, map_);
+    if (rejection) {
+      ++result.rejected[static_cast<std::size_t>(*rejection)];
+      propose(v, &candidate);
+      return;
+    }
+    collapse(v, t);
+    result.collapses.push_back({v, t, error});
+    result.max_error = std::max(result.max_error, error);
+  }
+
+  void collapse(std::int32_t v, std::int32_t t) {
+    neighbours_.clear();
+    for (const RingEdge& edge : legality_.ring().edges()) neighbours_.push_back(edge.vertex);
+    mesh_.collapse(v, t, map_);
+    quadrics_.merge(mesh_, v, t, map_);
+    queue_.remove(v);
+    // Their faces have changed, and with them their edges, costs and legality; t is among them.
+    for (const std::int32_t w : neighbours_) {
+      mesh_.is_isolated(w) ? queue_.remove(w) : propose(w, nullptr);
+    }
+  }
+
+  QemResult finish(QemResult result) {
+    if (mesh_.num_faces() <= options_.target_faces) {
+      result.stop = StopReason::kTargetReached;
+    } else if (result.rejected[static_cast<std::size_t>(Rejection::kErrorLimit)] > 0) {
+      result.stop = StopReason::kErrorLimit;
+    } else {
+      result.stop = StopReason::kNoLegalCollapse;
+    }
+    result.dropped_faces = mesh_.num_dropped();
+    for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
+      if (mesh_.is_isolated(v)) continue;
+      mesh_.gather_ring(v, ring_);
+      result.locked_vertices += is_locked(classify_vertex(mesh_, ring_, v), options_) ? 1 : 0;
+    }
+    result.mesh = mesh_.extract(input_, result.kept, result.vertex_map, result.face_map);
+    follow_collapses(result);
+    return result;
+  }
+
+  /// Completes the map of the vertices that are left with those that moved onto them.
+  static void follow_collapses(QemResult& result) {
+    for (auto c = result.collapses.rbegin(); c != result.collapses.rend(); ++c) {
+      result.vertex_map[index(c->removed)] = result.vertex_map[index(c->kept)];
+    }
+  }
+
+  const MeshView& input_;
+  const QemOptions options_;
+  CollapseMesh mesh_;
+  Quadrics quadrics_;
+  Legality legality_;
+  CollapseQueue queue_;
+  Ring ring_;
+  WedgeMap map_;
+  std::vector<std::int32_t> neighbours_;
+};
+
+void check_options(const QemOptions& options) {
+  const auto check = [](bool ok, const char* name, const char* expected, double got) {
+    if (ok) return;
+    throw InputError(std::string(name) + ": expected " + expected + ", got " + std::to_string(got));
+  };
+  check(options.target_faces >= 0, "target_faces", ">= 0",
+        static_cast<double>(options.target_faces));
+  check(options.max_error >= 0.0, "max_error", ">= 0", options.max_error);
+  check(options.boundary_weight >= 0.0 && std::isfinite(options.boundary_weight), "boundary_weight",
+        "a finite number >= 0", options.boundary_weight);
+  check(options.seam_weight >= 1.0 && std::isfinite(options.seam_weight), "seam_weight",
+        "a finite number >= 1", options.seam_weight);
+  check(options.quality_threshold >= 0.0 && options.quality_threshold <= 1.0, "quality_threshold",
+        "a number in [0, 1]", options.quality_threshold);
+}
+
+/// The published baselines that preserve texture need texture coordinates everywhere (table 2.3).
+std::int64_t count_untextured(const MeshView& mesh) {
+  std::int64_t count = 0;
+  for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) count += mesh.face_has_texcoords(f) ? 0 : 1;
+  return count;
+}
+
+QemResult refuse(const MeshView& mesh, std::string message) {
+  QemOptions untouched;
+  untouched.target_faces = mesh.num_faces();
+  QemResult result = QemSimplifier(mesh, untouched).run({});
+  result.stop = StopReason::kRefused;
+  result.message = std::move(message);
+  return result;
+}
+
+}  // namespace
+
+QemResult simplify_qem(const MeshView& mesh, const QemOptions& options, const Progress& progress) {
+  check_mesh(mesh);
+  check_options(options);
+  if (options.texture == TextureTerm::kQuadric5) {
+    const std::int64_t untextured = count_untextured(mesh);
+    if (untextured > 0) {
+      return refuse(mesh, "texture-preserving quadrics need texture coordinates on every face; " +
+                              std::to_string(untextured) + " of " +
+                              std::to_string(mesh.num_faces()) + " have none");
+    }
+  }
+  return QemSimplifier(mesh, options).run(progress);
+}
+
+QemResult replay_collapses(const MeshView& mesh, const QemOptions& options,
+                           const std::vector<Collapse>& collapses, std::int64_t target_faces) {
+  check_mesh(mesh);
+  QemOptions replayed = options;
+  replayed.target_faces = target_faces;
+  check_options(replayed);
+  return QemSimplifier(mesh, replayed).replay(collapses);
+}
+
+}  // namespace manip3d
