@@ -40,7 +40,7 @@ py::object to_python(const Material& m) {
   py::dict textures;
   for (const auto& [role, texture] : m.textures) {
     py::object path = py::none();
-    if (!texture.path.empty()) path = py::str(texture.path);
+    if (!texture.path.empty()) path = readable(texture.path);
     py::object data = py::none();
     if (!texture.data.empty()) {
       data = py::bytes(reinterpret_cast<const char*>(texture.data.data()), texture.data.size());
@@ -48,7 +48,7 @@ py::object to_python(const Material& m) {
     textures[py::str(role)] = types.attr("Texture")(py::arg("path") = path, py::arg("data") = data);
   }
   return types.attr("Material")(
-      py::arg("name") = m.name,
+      py::arg("name") = readable(m.name),
       py::arg("base_color") =
           py::make_tuple(m.base_color[0], m.base_color[1], m.base_color[2], m.base_color[3]),
       py::arg("metallic") = m.metallic, py::arg("roughness") = m.roughness,
@@ -56,9 +56,17 @@ py::object to_python(const Material& m) {
       py::arg("alpha_cutoff") = m.alpha_cutoff, py::arg("textures") = textures);
 }
 
+// The inverse of readable().
+std::string file_bytes(const py::handle& text) {
+  const auto bytes = py::reinterpret_steal<py::bytes>(
+      PyUnicode_AsEncodedString(text.ptr(), "utf-8", "surrogateescape"));
+  if (!bytes) throw py::error_already_set();
+  return bytes;
+}
+
 Material to_material(const py::handle& object) {
   Material m;
-  m.name = object.attr("name").cast<std::string>();
+  m.name = file_bytes(object.attr("name"));
   const auto color = object.attr("base_color").cast<std::array<double, 4>>();
   std::copy(color.begin(), color.end(), m.base_color);
   m.metallic = object.attr("metallic").cast<double>();
@@ -70,7 +78,7 @@ Material to_material(const py::handle& object) {
   m.alpha_cutoff = object.attr("alpha_cutoff").cast<double>();
   for (const auto& [role, value] : object.attr("textures").cast<py::dict>()) {
     Texture& texture = m.textures[role.cast<std::string>()];
-    if (!value.attr("path").is_none()) texture.path = value.attr("path").cast<std::string>();
+    if (!value.attr("path").is_none()) texture.path = file_bytes(value.attr("path"));
     if (!value.attr("data").is_none()) {
       const auto bytes = value.attr("data").cast<std::string>();
       texture.data.resize(bytes.size());
@@ -109,6 +117,14 @@ BorrowedMesh::BorrowedMesh(const py::object& mesh) : view_(std::make_unique<Mesh
   set(view_->face_normals, "face_normals");
   set(view_->colors, "colors");
   set(view_->face_material, "face_material");
+}
+
+py::str readable(const std::string& bytes) {
+  // surrogateescape, as the names of files: writing gives the same bytes.
+  PyObject* text =
+      PyUnicode_DecodeUTF8(bytes.data(), static_cast<py::ssize_t>(bytes.size()), "surrogateescape");
+  if (text == nullptr) throw py::error_already_set();
+  return py::reinterpret_steal<py::str>(text);
 }
 
 std::vector<Material> materials_of(const py::object& mesh) {

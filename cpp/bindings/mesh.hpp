@@ -22,6 +22,9 @@ class BorrowedMesh {
   std::unique_ptr<MeshView> view_;
 };
 
+/// Text of a file, which may hold bytes that are no UTF-8.
+py::str readable(const std::string& bytes);
+
 /// The materials of a `manip3d.Mesh`.
 std::vector<Material> materials_of(const py::object& mesh);
 

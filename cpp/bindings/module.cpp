@@ -2,6 +2,7 @@
 
 #include <cerrno>
 #include <exception>
+#include <filesystem>
 #include <system_error>
 
 #include "manip3d/error.hpp"
@@ -38,6 +39,10 @@ void translate(std::exception_ptr pointer) {
     raise("DeviceError", error);
   } catch (const manip3d::Error& error) {
     raise("Error", error);
+  } catch (const std::filesystem::filesystem_error& error) {  // FileNotFoundError and the like
+    const py::object instance = py::reinterpret_borrow<py::object>(PyExc_OSError)(
+        error.code().value(), error.code().message(), error.path1().string());
+    PyErr_SetObject(reinterpret_cast<PyObject*>(Py_TYPE(instance.ptr())), instance.ptr());
   } catch (const std::system_error& error) {  // files: becomes FileNotFoundError and the like
     const py::object instance = py::reinterpret_borrow<py::object>(PyExc_OSError)(
         error.code().value(), py::str(error.what()));

@@ -23,11 +23,18 @@ __all__: list[str] = [
     "clean",
     "closest_points",
     "metro",
+    "read_mesh",
+    "read_mesh_bytes",
+    "read_range_grid",
+    "readable_suffixes",
     "replay_collapses",
+    "resolve_inside",
     "shading_normals",
     "simplify_qem",
     "summarize",
     "welded_boundary",
+    "writable_suffixes",
+    "write_mesh",
 ]
 
 class Duplicates:
@@ -334,6 +341,16 @@ def metro(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> tuple[tuple[typing.Any, ...], tuple[typing.Any, ...], float]: ...
+def read_mesh(
+    path: bytes, allow_outside: bool, max_bytes: typing.SupportsInt | typing.SupportsIndex
+) -> tuple[typing.Any, ...]: ...
+def read_mesh_bytes(
+    data: bytes, suffix: str, max_bytes: typing.SupportsInt | typing.SupportsIndex
+) -> tuple[typing.Any, ...]: ...
+def read_range_grid(
+    path: bytes, max_bytes: typing.SupportsInt | typing.SupportsIndex
+) -> tuple[int, int, numpy.ndarray, numpy.ndarray]: ...
+def readable_suffixes() -> list[typing.Any]: ...
 def replay_collapses(
     mesh: typing.Any,
     options: QemOptions,
@@ -341,6 +358,7 @@ def replay_collapses(
     collapse_errors: numpy.typing.NDArray[numpy.float64],
     target_faces: typing.SupportsInt | typing.SupportsIndex,
 ) -> dict[str, typing.Any]: ...
+def resolve_inside(folder: bytes, reference: bytes) -> bytes: ...
 def shading_normals(
     mesh: typing.Any,
     crease_angle: typing.SupportsFloat | typing.SupportsIndex,
@@ -351,5 +369,7 @@ def simplify_qem(
 ) -> dict[str, typing.Any]: ...
 def summarize(mesh: typing.Any) -> dict[str, typing.Any]: ...
 def welded_boundary(mesh: typing.Any) -> numpy.ndarray: ...
+def writable_suffixes() -> list[typing.Any]: ...
+def write_mesh(mesh: typing.Any, path: bytes, texture_folder: bytes) -> list[typing.Any]: ...
 
 __version__: str = "0.1.0"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
@@ -188,6 +189,12 @@ class Mesh:
     def summary(self) -> MeshSummary:
         """Counts of vertices, edges, defects and attributes, as stored and welded."""
         return summarize(self)
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the mesh to a file, whole or not at all; see `manip3d.io.write_mesh`."""
+        from manip3d.io import write_mesh
+
+        write_mesh(self, path)
 
     def replace(self, **changes: Any) -> Mesh:
         """A mesh with some of the constructor's arguments changed; the other arrays are shared."""

@@ -1,0 +1,36 @@
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+
+/// @file
+/// Files that appear whole or not at all.
+namespace manip3d {
+
+/// Writes a file under a temporary name in the same folder and renames it at `commit()`.
+///
+/// Until `commit()` returns, the target is the old file, whole; without a commit (an exception, a
+/// full disk) the temporary file is removed. `commit()` syncs the file, renames it and syncs the
+/// folder. A symbolic link is followed; its target is replaced. A target that is no regular file
+/// (a pipe, /dev/stdout) is written in place. The mode of a replaced file is kept.
+/// @throws std::filesystem::filesystem_error  the operating system refused, with the target's path.
+class AtomicFile {
+ public:
+  explicit AtomicFile(const std::filesystem::path& target);
+  AtomicFile(const AtomicFile&) = delete;
+  AtomicFile& operator=(const AtomicFile&) = delete;
+  ~AtomicFile();
+
+  void write(const char* data, std::size_t size);
+  void commit();
+
+ private:
+  void refuse(const char* action) const;
+
+  std::filesystem::path requested_;  ///< As the caller named it, for messages.
+  std::filesystem::path target_;
+  std::filesystem::path temporary_;  ///< Empty when written in place.
+  int descriptor_ = -1;
+};
+
+}  // namespace manip3d

@@ -1,0 +1,176 @@
+#include "manip3d/geometry/triangulate_polygon.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+namespace manip3d {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr std::int64_t kTestsPerCorner = 128;
+// Rounding of a cross product of points in the unit cube; below it three points are in line.
+constexpr double kInLine = 1e-15;
+
+// A power of two is exact: points in line stay in line.
+std::vector<Vector3d>& scale_to_unit(std::vector<Vector3d>& points) {
+  double largest = 0.0;
+  for (const Vector3d& p : points) largest = std::max(largest, p.cwiseAbs().maxCoeff());
+  if (!(largest > 0.0)) return points;
+  const int exponent = std::ilogb(largest) + 2;  // halves at most, so that differences fit too
+  for (Vector3d& p : points) {
+    p = p.unaryExpr([&](double x) { return std::ldexp(x, -exponent); });
+  }
+  const Vector3d origin = points.front();
+  for (Vector3d& p : points) p -= origin;
+  return points;
+}
+
+// Newell's normal: twice the area vector of the polygon.
+Vector3d newell_normal(const std::vector<Vector3d>& points) {
+  Vector3d normal = Vector3d::Zero();
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    normal += points[i].cross(points[(i + 1) % points.size()]);
+  }
+  return normal;
+}
+
+}  // namespace
+
+std::span<const PolygonTriangulator::Triangle> PolygonTriangulator::triangulate(
+    std::span<const Vector3d> corners) {
+  triangles_.clear();
+  if (corners.size() == 3) {
+    triangles_.push_back({0, 1, 2});
+    return triangles_;
+  }
+  points_.assign(corners.begin(), corners.end());
+  const Vector3d normal = newell_normal(scale_to_unit(points_));
+  if (corners.size() == 4) {
+    cut_quad(normal);
+  } else {
+    clip_ears(normal);
+  }
+  return triangles_;
+}
+
+void PolygonTriangulator::cut_quad(const Vector3d& normal) {
+  const auto faces_normal = [&](int a, int b, int c) {
+    const auto& p = points_;
+    const auto at = [](int i) { return static_cast<std::size_t>(i); };
+    return normal.dot((p[at(b)] - p[at(a)]).cross(p[at(c)] - p[at(a)])) > 0.0;
+  };
+  const bool first_fits = faces_normal(0, 1, 2) && faces_normal(0, 2, 3);
+  const bool second_fits = faces_normal(0, 1, 3) && faces_normal(1, 2, 3);
+  const double first_length = (points_[2] - points_[0]).squaredNorm();
+  const double second_length = (points_[3] - points_[1]).squaredNorm();
+  const bool second = first_fits == second_fits ? second_length < first_length : second_fits;
+  if (second) {
+    triangles_ = {{0, 1, 3}, {1, 2, 3}};
+  } else {
+    triangles_ = {{0, 1, 2}, {0, 2, 3}};
+  }
+}
+
+void PolygonTriangulator::clip_ears(const Vector3d& normal) {
+  project(normal);
+  const auto n = static_cast<std::int32_t>(points_.size());
+  next_.resize(points_.size());
+  previous_.resize(points_.size());
+  for (std::int32_t i = 0; i < n; ++i) {
+    next_[static_cast<std::size_t>(i)] = i + 1 < n ? i + 1 : 0;
+    previous_[static_cast<std::size_t>(i)] = i > 0 ? i - 1 : n - 1;
+  }
+  blockers_.clear();
+  blocks_.assign(points_.size(), false);
+  for (std::int32_t i = 0; i < n; ++i) {
+    if (is_convex(i)) continue;
+    blocks_[static_cast<std::size_t>(i)] = true;
+    blockers_.push_back(i);
+  }
+  tests_left_ = kTestsPerCorner * n + shared_tests_;
+
+  // Two corners on after each cut: fewer slivers than cutting along one corner.
+  std::int32_t corner = 0;
+  std::int32_t refused = 0;
+  for (std::int32_t left = n; left > 3;) {
+    if (tests_left_ > 0 && refused < left && !is_ear(corner)) {
+      corner = next_[static_cast<std::size_t>(corner)];
+      ++refused;
+      continue;
+    }
+    const std::int32_t after = next_[static_cast<std::size_t>(corner)];
+    cut(corner);
+    // Without work left: always the corner after the first, which makes a fan.
+    corner = tests_left_ > 0 ? next_[static_cast<std::size_t>(after)] : after;
+    refused = 0;
+    --left;
+  }
+  triangles_.push_back({previous_[static_cast<std::size_t>(corner)], corner,
+                        next_[static_cast<std::size_t>(corner)]});
+  shared_tests_ = std::max<std::int64_t>(0, std::min(shared_tests_, tests_left_));
+}
+
+// Coordinates along two axes of the plane, counter-clockwise about the normal.
+void PolygonTriangulator::project(const Vector3d& normal) {
+  const double length = normal.norm();
+  const Vector3d w = length > 0.0 ? Vector3d(normal / length) : Vector3d::UnitZ();
+  int smallest = 0;
+  w.cwiseAbs().minCoeff(&smallest);
+  const Vector3d u = Vector3d::Unit(smallest).cross(w).normalized();
+  const Vector3d v = w.cross(u);
+  plane_.resize(points_.size());
+  std::transform(points_.begin(), points_.end(), plane_.begin(),
+                 [&](const Vector3d& p) { return Vector2d(p.dot(u), p.dot(v)); });
+}
+
+double PolygonTriangulator::orientation(std::int32_t a, std::int32_t b, std::int32_t c) const {
+  const Vector2d& p = plane_[static_cast<std::size_t>(a)];
+  const Vector2d ab = plane_[static_cast<std::size_t>(b)] - p;
+  const Vector2d ac = plane_[static_cast<std::size_t>(c)] - p;
+  return ab.x() * ac.y() - ab.y() * ac.x();
+}
+
+bool PolygonTriangulator::is_convex(std::int32_t corner) const {
+  const auto at = static_cast<std::size_t>(corner);
+  return orientation(previous_[at], corner, next_[at]) > kInLine;
+}
+
+bool PolygonTriangulator::is_ear(std::int32_t corner) {
+  --tests_left_;
+  if (blocks_[static_cast<std::size_t>(corner)]) return false;
+  const std::int32_t a = previous_[static_cast<std::size_t>(corner)];
+  const std::int32_t c = next_[static_cast<std::size_t>(corner)];
+  const auto same_place = [&](std::int32_t i, std::int32_t j) {
+    return plane_[static_cast<std::size_t>(i)] == plane_[static_cast<std::size_t>(j)];
+  };
+  tests_left_ -= static_cast<std::int64_t>(blockers_.size());
+  for (const std::int32_t p : blockers_) {
+    if (!blocks_[static_cast<std::size_t>(p)] || p == a || p == c) continue;
+    // A hole joined by a bridge visits the same place twice: that does not block.
+    if (same_place(p, a) || same_place(p, corner) || same_place(p, c)) continue;
+    if (orientation(a, corner, p) >= -kInLine && orientation(corner, c, p) >= -kInLine &&
+        orientation(c, a, p) >= -kInLine) {
+      return false;
+    }
+  }
+  return true;
+}
+
+void PolygonTriangulator::cut(std::int32_t corner) {
+  const auto at = static_cast<std::size_t>(corner);
+  const std::int32_t a = previous_[at];
+  const std::int32_t c = next_[at];
+  triangles_.push_back({a, corner, c});
+  next_[static_cast<std::size_t>(a)] = c;
+  previous_[static_cast<std::size_t>(c)] = a;
+  blocks_[at] = false;
+  // A cut makes its neighbours more convex, never less.
+  for (const std::int32_t neighbour : {a, c}) {
+    if (is_convex(neighbour)) blocks_[static_cast<std::size_t>(neighbour)] = false;
+  }
+}
+
+}  // namespace manip3d

@@ -1,0 +1,30 @@
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "io/output.hpp"
+#include "manip3d/io/byte_source.hpp"
+#include "manip3d/io/mesh_file.hpp"
+
+/// @file
+/// One reader and one writer per format; mesh_file.cpp holds the table that dispatches to them.
+namespace manip3d {
+
+ReadResult read_obj(ByteSource& source, const ReadOptions& options, const Progress& progress);
+ReadResult read_ply(ByteSource& source, const ReadOptions& options, const Progress& progress);
+
+/// What a writer gets beside the mesh.
+struct WriteJob {
+  const MeshView& mesh;
+  const std::vector<Material>& materials;
+  const WriteOptions& options;
+  const std::filesystem::path& path;  ///< For formats of several files.
+  std::vector<std::string>& warnings;
+};
+
+void write_obj(Output& output, const WriteJob& job);
+void write_ply(Output& output, const WriteJob& job);
+
+}  // namespace manip3d

@@ -1,0 +1,111 @@
+#pragma once
+
+#include <charconv>
+#include <cmath>
+#include <cstdint>
+#include <string>
+#include <string_view>
+
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+
+/// Reads words and numbers of one line, left to right; errors carry the line's number.
+class LineCursor {
+ public:
+  LineCursor(std::string_view line, std::int64_t line_number)
+      : at_(line.data()), end_(line.data() + line.size()), line_(line_number) {}
+
+  /// Skips blanks; true when only a comment (`# ...`) or nothing is left.
+  bool at_end() {
+    skip_blanks();
+    return at_ == end_ || *at_ == '#';
+  }
+
+  std::string_view word() {
+    skip_blanks();
+    const char* start = at_;
+    while (at_ < end_ && !is_blank(*at_)) ++at_;
+    return {start, static_cast<std::size_t>(at_ - start)};
+  }
+
+  /// What is left, without blanks around it.
+  std::string_view rest() {
+    skip_blanks();
+    const char* last = end_;
+    while (last > at_ && is_blank(last[-1])) --last;
+    const std::string_view text(at_, static_cast<std::size_t>(last - at_));
+    at_ = end_;
+    return text;
+  }
+
+  /// A finite number.
+  double number(const char* what) {
+    skip_blanks();
+    const char* start = at_;
+    if (start < end_ && *start == '+') ++start;
+    double value = 0.0;
+    const auto [stop, error] = std::from_chars(start, end_, value);
+    if (error == std::errc::result_out_of_range) return extreme(start, stop, what);
+    if (error != std::errc() || (stop < end_ && !is_blank(*stop)) || !std::isfinite(value)) {
+      fail(what, "a finite number");
+    }
+    at_ = stop;
+    return value;
+  }
+
+  /// An integer that fits into 64 bits.
+  std::int64_t integer(const char* what) {
+    skip_blanks();
+    const char* start = at_;
+    if (start < end_ && *start == '+') ++start;
+    std::int64_t value = 0;
+    const auto [stop, error] = std::from_chars(start, end_, value);
+    if (error != std::errc() || (stop < end_ && !is_blank(*stop))) fail(what, "an integer");
+    at_ = stop;
+    return value;
+  }
+
+  /// The unread text, for hand-written loops over hot syntax.
+  [[nodiscard]] const char* position() const { return at_; }
+  [[nodiscard]] const char* end() const { return end_; }
+  void move_to(const char* position) { at_ = position; }
+
+  [[nodiscard]] std::int64_t line() const { return line_; }
+
+  /// Throws "<what>: expected <expected>, got '<next word>'".
+  [[noreturn]] void fail(const char* what, const char* expected) {
+    constexpr std::size_t kShown = 40;
+    std::string got;
+    for (const char c : word().substr(0, kShown)) {
+      const bool printable = c >= ' ' && c <= '~';
+      got += printable ? c : '?';
+    }
+    throw FormatError::at_line(line_, std::string(what) + ": expected " + expected + ", got " +
+                                          (got.empty() ? "the end of the line" : "'" + got + "'"));
+  }
+
+  static bool is_blank(char c) {
+    return c == ' ' || c == '\t' || c == '\r' || c == '\v' || c == '\f';
+  }
+
+ private:
+  void skip_blanks() {
+    while (at_ < end_ && is_blank(*at_)) ++at_;
+  }
+
+  // Too small for a double is zero; too large is an error.
+  double extreme(const char* start, const char* stop, const char* what) {
+    long double value = 0.0L;
+    const auto error = std::from_chars(start, end_, value).ec;
+    if (error != std::errc() || std::fabs(value) > 1.0L) fail(what, "a number that fits a double");
+    at_ = stop;
+    return static_cast<double>(value);
+  }
+
+  const char* at_;
+  const char* end_;
+  std::int64_t line_;
+};
+
+}  // namespace manip3d

@@ -1,0 +1,154 @@
+#include "io/mesh_builder.hpp"
+
+#include <cmath>
+
+namespace manip3d {
+namespace {
+
+constexpr std::int64_t kMostFaces = std::numeric_limits<std::int32_t>::max() / 3;
+
+}  // namespace
+
+void MeshBuilder::add_polygon(std::span<const Corner> corners, std::int32_t material,
+                              const FormatError::Position& position) {
+  if (corners.size() < 3) {
+    throw FormatError("face: expected at least 3 corners, got " + std::to_string(corners.size()),
+                      position);
+  }
+  const std::int64_t first = faces_.size();
+  const auto num_corners = static_cast<std::int64_t>(corners.size());
+  if (first + num_corners - 2 > kMostFaces) {
+    throw FormatError("more than " + std::to_string(kMostFaces) + " triangles", position);
+  }
+  bool known = true;
+  for (const Corner& c : corners) {
+    known = known && c.vertex < vertices.size() && c.texcoord < texcoords.size() &&
+            c.normal < normals.size();
+  }
+  if (!known) forward_.push_back({first, position});
+  if (num_corners > 3) {
+    polygons_.push_back({first, corners_.size(), num_corners});
+    for (const Corner& c : corners) {
+      std::int32_t* row = corners_.append(input_);
+      row[0] = c.vertex;
+      row[1] = c.texcoord;
+      row[2] = c.normal;
+    }
+  }
+  // A fan holds the place until the positions of all corners are known.
+  for (std::size_t i = 2; i < corners.size(); ++i) {
+    add_triangle(corners[0], corners[i - 1], corners[i]);
+  }
+  if (material != kNone || !face_material_.empty()) {
+    face_material_.fill(first, kNone, input_);
+    face_material_.fill(faces_.size(), material, input_);
+  }
+  ++num_polygons_;
+}
+
+void MeshBuilder::add_triangle(const Corner& a, const Corner& b, const Corner& c) {
+  const std::int64_t face = faces_.size();
+  const auto put = [](std::int32_t* row, std::int32_t i, std::int32_t j, std::int32_t k) {
+    row[0] = i;
+    row[1] = j;
+    row[2] = k;
+  };
+  put(faces_.append(input_), a.vertex, b.vertex, c.vertex);
+  if (std::max({a.texcoord, b.texcoord, c.texcoord}) != kNone || !face_texcoords_.empty()) {
+    face_texcoords_.fill(face, kNone, input_);
+    put(face_texcoords_.append(input_), a.texcoord, b.texcoord, c.texcoord);
+  }
+  if (std::max({a.normal, b.normal, c.normal}) != kNone || !face_normals_.empty()) {
+    face_normals_.fill(face, kNone, input_);
+    put(face_normals_.append(input_), a.normal, b.normal, c.normal);
+  }
+}
+
+void MeshBuilder::check_forward_references() const {
+  const auto check = [&](const GrowingTable<Faces>& table, std::int64_t face, std::int64_t rows,
+                         const char* what, const FormatError::Position& position) {
+    if (face >= table.size()) return;
+    const std::int32_t largest = *std::max_element(table.row(face), table.row(face) + 3);
+    if (largest < rows) return;
+    throw FormatError(std::string(what) + " index: expected " + std::to_string(first_index_) +
+                          " to " + std::to_string(rows - 1 + first_index_) + ", got " +
+                          std::to_string(largest + first_index_),
+                      position);
+  };
+  for (std::size_t i = 0; i < forward_.size(); ++i) {
+    // Every corner of a polygon is in some row of its fan.
+    const std::int64_t first = forward_[i].face;
+    const auto polygon =
+        std::lower_bound(polygons_.begin(), polygons_.end(), first,
+                         [](const Polygon& p, std::int64_t face) { return p.first_face < face; });
+    const bool larger = polygon != polygons_.end() && polygon->first_face == first;
+    const std::int64_t last = first + (larger ? polygon->num_corners - 2 : 1);
+    for (std::int64_t face = first; face < last; ++face) {
+      check(faces_, face, vertices.size(), "vertex", forward_[i].position);
+      check(face_texcoords_, face, texcoords.size(), "texture coordinate", forward_[i].position);
+      check(face_normals_, face, normals.size(), "normal", forward_[i].position);
+    }
+  }
+}
+
+void MeshBuilder::cut_polygons() {
+  PolygonTriangulator triangulator;
+  std::vector<Eigen::Vector3d> positions;
+  for (const Polygon& polygon : polygons_) {
+    positions.clear();
+    for (std::int64_t c = 0; c < polygon.num_corners; ++c) {
+      const std::int32_t vertex = corners_.row(polygon.first_corner + c)[0];
+      positions.emplace_back(Eigen::Map<const Eigen::Vector3d>(vertices.row(vertex)));
+    }
+    std::int64_t face = polygon.first_face;
+    for (const auto& triangle : triangulator.triangulate(positions)) {
+      for (std::int64_t k = 0; k < 3; ++k) {
+        const std::int32_t* corner =
+            corners_.row(polygon.first_corner + triangle[static_cast<std::size_t>(k)]);
+        faces_.row(face)[k] = corner[0];
+        if (!face_texcoords_.empty()) face_texcoords_.row(face)[k] = corner[1];
+        if (!face_normals_.empty()) face_normals_.row(face)[k] = corner[2];
+      }
+      ++face;
+    }
+  }
+}
+
+// Some programs write 0 to 255 where the convention is 0 to 1; one value above 1 shows it.
+Colors MeshBuilder::take_colors() {
+  if (colors.empty()) return {};
+  colors.fill(vertices.size(), std::numeric_limits<float>::quiet_NaN(), input_);
+  const Rows<float, 3> values = colors.take();
+  float largest = 0.0F;
+  for (Eigen::Index i = 0; i < values.size(); ++i) {
+    largest = std::max(largest, values.data()[i]);  // NaN is never larger
+  }
+  const float scale = largest > 1.0F ? 1.0F : 255.0F;
+  Colors bytes(values.rows(), 3);
+  for (Eigen::Index i = 0; i < values.size(); ++i) {
+    const float value = std::isnan(values.data()[i]) ? 255.0F : scale * values.data()[i];
+    bytes.data()[i] = static_cast<std::uint8_t>(std::lround(std::clamp(value, 0.0F, 255.0F)));
+  }
+  return bytes;
+}
+
+void MeshBuilder::finish(ReadResult& result) {
+  check_forward_references();
+  // Rows of faces read after the last one with the attribute.
+  if (!face_texcoords_.empty()) face_texcoords_.fill(faces_.size(), kNone, input_);
+  if (!face_normals_.empty()) face_normals_.fill(faces_.size(), kNone, input_);
+  if (!face_material_.empty()) face_material_.fill(faces_.size(), kNone, input_);
+  cut_polygons();
+  result.num_polygons = num_polygons_;
+  TriangleMesh& mesh = result.mesh;
+  mesh.colors = take_colors();
+  mesh.vertices = vertices.take();
+  mesh.texcoords = texcoords.take();
+  mesh.normals = normals.take();
+  mesh.faces = faces_.take();
+  mesh.face_texcoords = face_texcoords_.take();
+  mesh.face_normals = face_normals_.take();
+  mesh.face_material = face_material_.take();
+}
+
+}  // namespace manip3d

@@ -1,0 +1,218 @@
+#include "manip3d/io/mesh_file.hpp"
+
+#include <algorithm>
+#include <cctype>
+#include <memory>
+#include <system_error>
+
+#include "io/formats.hpp"
+#include "io/warnings.hpp"
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace fs = std::filesystem;
+namespace {
+
+using Reader = ReadResult (*)(ByteSource&, const ReadOptions&, const Progress&);
+using Writer = void (*)(Output&, const WriteJob&);
+
+struct Format {
+  MeshFormat format;
+  const char* name;
+  const char* suffix;
+  Reader read;   ///< Null: not read.
+  Writer write;  ///< Null: not written.
+};
+
+// A new format is one line here.
+constexpr Format kFormats[] = {
+    {MeshFormat::kObj, "obj", ".obj", read_obj, write_obj},
+    {MeshFormat::kPly, "ply", ".ply", read_ply, write_ply},
+};
+
+const Format* find_format(MeshFormat format) {
+  const auto* found = std::find_if(std::begin(kFormats), std::end(kFormats),
+                                   [&](const Format& f) { return f.format == format; });
+  return found == std::end(kFormats) ? nullptr : found;
+}
+
+std::string known_suffixes() {
+  std::string text;
+  for (const Format& f : kFormats) text += std::string(text.empty() ? "" : " ") + f.suffix;
+  return text + ", then .gz or .xz if wanted";
+}
+
+// Gives the first bytes back to the reader after they were looked at.
+class Rewound final : public ByteSource {
+ public:
+  Rewound(ByteSource& source, std::size_t size) : source_(source), head_(size, '\0') {
+    std::size_t got = 0;
+    while (got < size) {
+      const std::size_t more = source.read(head_.data() + got, size - got);
+      if (more == 0) break;
+      got += more;
+    }
+    head_.resize(got);
+  }
+  std::size_t read(char* data, std::size_t size) override {
+    if (position_ == head_.size()) return source_.read(data, size);
+    const std::size_t got = head_.copy(data, size, position_);
+    position_ += got;
+    return got;
+  }
+  [[nodiscard]] std::optional<std::uint64_t> remaining() const override {
+    const auto rest = source_.remaining();
+    return rest ? std::optional(*rest + head_.size() - position_) : std::nullopt;
+  }
+  [[nodiscard]] std::uint64_t stored_bytes() const override { return source_.stored_bytes(); }
+  [[nodiscard]] std::uint64_t stored_size() const override { return source_.stored_size(); }
+  [[nodiscard]] bool expansion_allowed() const override { return source_.expansion_allowed(); }
+  [[nodiscard]] const std::string& head() const { return head_; }
+
+ private:
+  ByteSource& source_;
+  std::string head_;
+  std::size_t position_ = 0;
+};
+
+std::optional<std::string> why_outside(const fs::path& folder, const std::string& reference) {
+  try {
+    resolve_inside(folder, reference);
+    return std::nullopt;
+  } catch (const InputError& error) {
+    return error.what();
+  }
+}
+
+// Relative textures outside of the mesh file's folder are dropped, or made absolute where the
+// caller allows them: whoever opens a texture later need not know where the mesh came from.
+void confine_textures(ReadResult& result, const ReadOptions& options) {
+  if (options.folder.empty()) return;
+  for (Material& m : result.mesh.materials) {
+    for (auto item = m.textures.begin(); item != m.textures.end();) {
+      Texture& texture = item->second;
+      const auto outside =
+          texture.path.empty() ? std::nullopt : why_outside(options.folder, texture.path);
+      if (!outside) {
+        ++item;
+      } else if (options.allow_outside) {
+        texture.path = fs::absolute(options.folder / texture.path).lexically_normal().string();
+        ++item;
+      } else {
+        warn(result.warnings, "texture of material '" + m.name + "' left out: " + *outside);
+        texture.path.clear();
+        item = texture.empty() ? m.textures.erase(item) : std::next(item);
+      }
+    }
+  }
+}
+
+ReadResult read_from(std::unique_ptr<ByteSource> stored, Compression compression,
+                     std::optional<MeshFormat> format, const ReadOptions& options,
+                     const Progress& progress) {
+  const auto bytes = decompressed(std::move(stored), compression, options.max_bytes);
+  constexpr std::size_t kLooked = 256;
+  Rewound source(*bytes, kLooked);
+  if (!format) format = format_of_content(source.head(), source.remaining());
+  const Format* entry = format ? find_format(*format) : nullptr;
+  if (entry == nullptr || entry->read == nullptr) {
+    throw FormatError("unknown mesh format; manip3d reads " + known_suffixes(), {});
+  }
+  ReadResult result = entry->read(source, options, progress);
+  result.format = entry->format;
+  confine_textures(result, options);
+  return result;
+}
+
+}  // namespace
+
+ReadResult read_mesh(const fs::path& path, const ReadOptions& options, const Progress& progress) {
+  ReadOptions here = options;
+  here.folder = path.parent_path().empty() ? "." : path.parent_path();
+  const auto format = format_of_suffix(without_compression_suffix(path).extension().string());
+  try {
+    return read_from(file_source(path), compression_of(path), format, here, progress);
+  } catch (const FormatError& error) {
+    if (!error.file().empty()) throw;  // a file that the mesh file names
+    throw error.in_file(path.string());
+  }
+}
+
+ReadResult read_mesh(std::span<const std::byte> data, std::optional<MeshFormat> format,
+                     const ReadOptions& options, const Progress& progress) {
+  return read_from(memory_source(data), Compression::kNone, format, options, progress);
+}
+
+std::vector<std::string> write_mesh(const fs::path& path, const MeshView& mesh,
+                                    const std::vector<Material>& materials,
+                                    const WriteOptions& options, const Progress& progress) {
+  check_mesh(mesh);
+  const auto format = format_of_suffix(without_compression_suffix(path).extension().string());
+  const Format* entry = format ? find_format(*format) : nullptr;
+  if (entry == nullptr || entry->write == nullptr) {
+    throw InputError("path: expected one of " + known_suffixes() + ", got '" + path.string() + "'");
+  }
+  std::vector<std::string> warnings;
+  Output output(path, compression_of(path), progress);
+  entry->write(output, {mesh, materials, options, path, warnings});
+  output.commit();
+  return warnings;
+}
+
+std::optional<MeshFormat> format_of_suffix(std::string_view suffix) {
+  std::string lower(suffix);
+  std::transform(lower.begin(), lower.end(), lower.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  for (const Format& f : kFormats) {
+    if (lower == f.suffix) return f.format;
+  }
+  return std::nullopt;
+}
+
+std::optional<MeshFormat> format_of_content(std::string_view head,
+                                            std::optional<std::uint64_t> size) {
+  static_cast<void>(size);
+  if (head.starts_with("ply\n") || head.starts_with("ply\r")) return MeshFormat::kPly;
+  if (head.starts_with("glTF")) return MeshFormat::kGlb;
+  for (const char* start : {"v ", "#", "mtllib ", "o ", "g ", "vn ", "vt "}) {
+    if (head.starts_with(start)) return MeshFormat::kObj;
+  }
+  return std::nullopt;
+}
+
+std::vector<std::string> readable_suffixes() {
+  std::vector<std::string> suffixes;
+  for (const Format& f : kFormats) {
+    if (f.read != nullptr) suffixes.emplace_back(f.suffix);
+  }
+  return suffixes;
+}
+
+std::vector<std::string> writable_suffixes() {
+  std::vector<std::string> suffixes;
+  for (const Format& f : kFormats) {
+    if (f.write != nullptr) suffixes.emplace_back(f.suffix);
+  }
+  return suffixes;
+}
+
+const char* format_name(MeshFormat format) {
+  const Format* entry = find_format(format);
+  return entry != nullptr ? entry->name : "";
+}
+
+fs::path resolve_inside(const fs::path& folder, const std::string& reference) {
+  const fs::path path = folder / reference;  // an absolute reference stands alone
+  std::error_code unreachable;
+  const fs::path root = fs::weakly_canonical(fs::absolute(folder), unreachable);
+  const fs::path target = fs::weakly_canonical(fs::absolute(path), unreachable);
+  const auto [root_end, ignored] =
+      std::mismatch(root.begin(), root.end(), target.begin(), target.end());
+  const bool inside = root_end == root.end() || (root_end->empty() && !unreachable);
+  if (unreachable || !inside) {
+    throw InputError("'" + reference + "' lies outside of the mesh file's folder");
+  }
+  return path;
+}
+
+}  // namespace manip3d

@@ -1,0 +1,312 @@
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <limits>
+#include <map>
+#include <set>
+#include <string>
+#include <string_view>
+#include <system_error>
+#include <unordered_map>
+#include <vector>
+
+#include "io/formats.hpp"
+#include "io/input_buffer.hpp"
+#include "io/line_cursor.hpp"
+#include "io/mesh_builder.hpp"
+#include "io/texture_files.hpp"
+#include "io/warnings.hpp"
+#include "manip3d/io/mtl.hpp"
+
+namespace manip3d {
+namespace fs = std::filesystem;
+namespace {
+
+class ObjReader {
+ public:
+  ObjReader(ByteSource& source, const ReadOptions& options, const Progress& progress)
+      : options_(options), input_(source, progress), builder_(input_, 1) {}
+
+  ReadResult read() {
+    std::string_view line;
+    while (input_.next_joined_line(line)) {
+      LineCursor cursor(line, input_.line());
+      if (!cursor.at_end()) statement(cursor);
+    }
+    builder_.finish(result_);
+    for (const std::string& name : material_names_) {
+      const auto known = library_.find(name);
+      Material& material = result_.mesh.materials.emplace_back();
+      if (known != library_.end()) material = known->second;
+      material.name = name;
+    }
+    return std::move(result_);
+  }
+
+ private:
+  using Corner = MeshBuilder::Corner;
+
+  void statement(LineCursor& cursor) {
+    const std::string_view keyword = cursor.word();
+    if (keyword == "v") {
+      vertex(cursor);
+    } else if (keyword == "vt") {
+      texcoord(cursor);
+    } else if (keyword == "vn") {
+      double* row = builder_.normals.append(input_);
+      for (int k = 0; k < 3; ++k) row[k] = cursor.number("vn");
+    } else if (keyword == "f" || keyword == "fo") {
+      face(cursor);
+    } else if (keyword == "usemtl") {
+      use_material(cursor.rest());
+    } else if (keyword == "mtllib") {
+      load_libraries(cursor.rest());
+    } else {
+      ++result_.num_skipped;
+    }
+  }
+
+  // v x y z [w] | v x y z r g b [a]; w is for rational curves, which are skipped.
+  void vertex(LineCursor& cursor) {
+    double* row = builder_.vertices.append(input_);
+    for (int k = 0; k < 3; ++k) row[k] = cursor.number("v");
+    if (cursor.at_end()) return;
+    double extra[4];
+    int num_extra = 0;
+    while (num_extra < 4 && !cursor.at_end()) extra[num_extra++] = cursor.number("v");
+    if (num_extra == 2 || !cursor.at_end()) cursor.fail("v", "3, 4, 6 or 7 numbers");
+    if (num_extra < 3) return;
+    builder_.colors.fill(builder_.vertices.size() - 1, std::numeric_limits<float>::quiet_NaN(),
+                         input_);
+    float* color = builder_.colors.append(input_);
+    for (int k = 0; k < 3; ++k) color[k] = static_cast<float>(extra[k]);
+  }
+
+  void texcoord(LineCursor& cursor) {
+    double* row = builder_.texcoords.append(input_);
+    row[0] = cursor.number("vt");
+    row[1] = cursor.at_end() ? 0.0 : cursor.number("vt");
+  }
+
+  void face(LineCursor& cursor) {
+    corners_.clear();
+    while (!cursor.at_end()) corners_.push_back(corner(cursor));
+    if (corners_.size() < 3) {
+      throw FormatError::at_line(cursor.line(), "face: expected at least 3 corners, got " +
+                                                    std::to_string(corners_.size()));
+    }
+    builder_.add_polygon(corners_, material_, {cursor.line(), std::nullopt});
+  }
+
+  // a | a/b | a//c | a/b/c
+  Corner corner(LineCursor& cursor) {
+    const char* start = cursor.position();
+    const char* at = start;
+    const char* end = cursor.end();
+    const auto more = [&] { return at < end && !LineCursor::is_blank(*at); };
+    Corner corner;
+    bool good = index(at, end, builder_.vertices.size(), corner.vertex);
+    if (good && more() && *at == '/') {
+      ++at;
+      if (more() && *at != '/') good = index(at, end, builder_.texcoords.size(), corner.texcoord);
+      if (good && more() && *at == '/') {
+        ++at;
+        if (more()) good = index(at, end, builder_.normals.size(), corner.normal);
+      }
+    }
+    if (!good || more()) {
+      cursor.move_to(start);
+      cursor.fail("face", "v, v/vt, v//vn or v/vt/vn with indices that exist");
+    }
+    cursor.move_to(at);
+    return corner;
+  }
+
+  // From 1, or negative: back from the last row. Rows that may still come are checked at the end.
+  static bool index(const char*& at, const char* end, std::int64_t size, std::int32_t& result) {
+    std::int64_t value = 0;
+    const auto [stop, error] = std::from_chars(at, end, value);
+    if (error != std::errc()) return false;
+    at = stop;
+    value += value < 0 ? size : -1;
+    if (value < 0 || value >= std::numeric_limits<std::int32_t>::max()) return false;
+    result = static_cast<std::int32_t>(value);
+    return true;
+  }
+
+  // Without a name: faces that follow have no material.
+  void use_material(std::string_view name) {
+    if (name.empty()) {
+      material_ = MeshBuilder::kNone;
+      return;
+    }
+    const auto [item, is_new] =
+        material_of_name_.try_emplace(std::string(name), material_names_.size());
+    if (is_new) material_names_.emplace_back(name);
+    material_ = static_cast<std::int32_t>(item->second);
+  }
+
+  // One name with blanks, or several names.
+  void load_libraries(std::string_view names) {
+    if (options_.folder.empty()) {
+      warn(result_.warnings,
+           "material library '" + std::string(names) + "' left out: no folder to read it from");
+      return;
+    }
+    std::error_code missing;
+    if (fs::exists(options_.folder / names, missing)) return load_library(std::string(names));
+    LineCursor cursor(names, input_.line());
+    while (!cursor.at_end()) load_library(std::string(cursor.word()));
+  }
+
+  // A library that is missing or outside of the folder costs its materials, not the mesh.
+  void load_library(std::string name) {
+    std::replace(name.begin(), name.end(), '\\', '/');
+    fs::path path;
+    try {
+      path =
+          options_.allow_outside ? options_.folder / name : resolve_inside(options_.folder, name);
+    } catch (const InputError& error) {
+      warn(result_.warnings, "material library left out: " + std::string(error.what()));
+      return;
+    }
+    std::error_code refused;
+    if (!fs::is_regular_file(path, refused)) {
+      warn(result_.warnings, "material library '" + name + "' not found");
+      return;
+    }
+    if (!libraries_read_.insert(fs::weakly_canonical(path, refused)).second) return;
+    try {
+      const auto source = decompressed(file_source(path), Compression::kNone, options_.max_bytes);
+      for (Material& m : read_mtl(*source, result_.warnings)) {
+        std::string key = m.name;
+        library_.try_emplace(std::move(key), std::move(m));
+      }
+    } catch (const FormatError& error) {
+      throw error.in_file(path.string());
+    }
+  }
+
+  const ReadOptions& options_;
+  InputBuffer input_;
+  MeshBuilder builder_;
+  ReadResult result_;
+  std::vector<Corner> corners_;
+  std::unordered_map<std::string, std::size_t> material_of_name_;
+  std::vector<std::string> material_names_;
+  std::int32_t material_ = MeshBuilder::kNone;
+  std::unordered_map<std::string, Material> library_;
+  std::set<fs::path> libraries_read_;
+};
+
+}  // namespace
+
+namespace {
+
+void map_line(std::string& text, const char* keyword, const std::string& name) {
+  if (!name.empty()) text += std::string(keyword) + " " + name + "\n";
+}
+
+std::string shortest(double value) {
+  std::array<char, 32> digits;
+  return {digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr};
+}
+
+std::string mtl_text(const WriteJob& job, const std::vector<std::string>& names,
+                     CompanionFiles& companions) {
+  std::string text;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const Material& m = job.materials[i];
+    text += "newmtl " + names[i] + "\nKd " + shortest(m.base_color[0]) + " " +
+            shortest(m.base_color[1]) + " " + shortest(m.base_color[2]) + "\nd " +
+            shortest(m.base_color[3]) + "\nPr " + shortest(m.roughness) + "\nPm " +
+            shortest(m.metallic) + "\n";
+    map_line(text, "map_Kd", companions.texture_name(m, "base_color"));
+    map_line(text, "map_Ke", companions.texture_name(m, "emissive"));
+    map_line(text, "norm", companions.texture_name(m, "normal"));
+    const std::string both = companions.texture_name(m, "metallic_roughness");
+    map_line(text, "map_Pr", both);
+    map_line(text, "map_Pm", both);
+    if (m.textures.contains("occlusion")) {
+      warn(job.warnings, "material " + names[i] + ": OBJ holds no occlusion texture");
+    }
+  }
+  return text;
+}
+
+void write_vertices(Output& out, const MeshView& mesh) {
+  const bool has_colors = mesh.colors.rows() > 0;
+  for (Eigen::Index i = 0; i < mesh.vertices.rows(); ++i) {
+    out.text("v");
+    for (int k = 0; k < 3; ++k) {
+      out.text(" ");
+      out.number(mesh.vertices(i, k));
+    }
+    for (int k = 0; has_colors && k < 3; ++k) {
+      out.text(" ");
+      out.number(static_cast<float>(mesh.colors(i, k)) / 255.0F);
+    }
+    out.text("\n");
+  }
+}
+
+template <typename Table>
+void write_rows(Output& out, const char* keyword, const Table& table) {
+  for (Eigen::Index i = 0; i < table.rows(); ++i) {
+    out.text(keyword);
+    for (Eigen::Index k = 0; k < table.cols(); ++k) {
+      out.text(" ");
+      out.number(table(i, k));
+    }
+    out.text("\n");
+  }
+}
+
+void write_corner(Output& out, const MeshView& mesh, Eigen::Index face, int corner) {
+  const std::int32_t texcoord =
+      mesh.face_texcoords.rows() > 0 ? mesh.face_texcoords(face, corner) : MeshBuilder::kNone;
+  const std::int32_t normal =
+      mesh.face_normals.rows() > 0 ? mesh.face_normals(face, corner) : MeshBuilder::kNone;
+  out.text(" ");
+  out.number(std::int64_t{mesh.faces(face, corner)} + 1);
+  if (texcoord < 0 && normal < 0) return;
+  out.text("/");
+  if (texcoord >= 0) out.number(std::int64_t{texcoord} + 1);
+  if (normal < 0) return;
+  out.text("/");
+  out.number(std::int64_t{normal} + 1);
+}
+
+}  // namespace
+
+void write_obj(Output& out, const WriteJob& job) {
+  const MeshView& mesh = job.mesh;
+  const std::vector<std::string> names = unique_names(job.materials);
+  if (!names.empty()) {
+    CompanionFiles companions(job);
+    const fs::path stem = without_compression_suffix(job.path).stem();
+    const std::string content = mtl_text(job, names, companions);
+    out.text("mtllib " + companions.place(line_name(stem.string()) + ".mtl", content) + "\n");
+  }
+  write_vertices(out, mesh);
+  write_rows(out, "vt", mesh.texcoords);
+  write_rows(out, "vn", mesh.normals);
+  std::int32_t material = MeshBuilder::kNone;
+  for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
+    const std::int32_t now = mesh.has_materials() ? mesh.face_material[f] : MeshBuilder::kNone;
+    if (now != material) {
+      const bool named = now >= 0 && now < static_cast<std::int32_t>(names.size());
+      out.text(named ? "usemtl " + names[static_cast<std::size_t>(now)] + "\n" : "usemtl\n");
+      material = now;
+    }
+    out.text("f");
+    for (int c = 0; c < 3; ++c) write_corner(out, mesh, f, c);
+    out.text("\n");
+  }
+}
+
+ReadResult read_obj(ByteSource& source, const ReadOptions& options, const Progress& progress) {
+  return ObjReader(source, options, progress).read();
+}
+
+}  // namespace manip3d

@@ -1,0 +1,60 @@
+#pragma once
+
+#include <array>
+#include <bit>
+#include <charconv>
+#include <cstring>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <string_view>
+
+#include "manip3d/io/atomic_file.hpp"
+#include "manip3d/io/byte_source.hpp"
+#include "manip3d/progress.hpp"
+
+namespace manip3d {
+
+/// Formats text and binary values into an AtomicFile, compressed on the way if asked.
+class Output {
+ public:
+  Output(const std::filesystem::path& path, Compression compression, Progress progress = {});
+  Output(const Output&) = delete;
+  Output& operator=(const Output&) = delete;
+  ~Output();
+
+  void text(std::string_view s) {
+    buffer_ += s;
+    if (buffer_.size() >= kBlock) flush();
+  }
+  /// The shortest decimal number that reads back as the same value.
+  template <typename Number>
+  void number(Number value) {
+    std::array<char, 32> digits;
+    const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr;
+    text({digits.data(), static_cast<std::size_t>(end - digits.data())});
+  }
+  /// The bytes of `value`, little endian.
+  template <typename Value>
+  void binary(Value value) {
+    static_assert(std::endian::native == std::endian::little);
+    std::array<char, sizeof(Value)> bytes;
+    std::memcpy(bytes.data(), &value, sizeof(Value));
+    text({bytes.data(), bytes.size()});
+  }
+
+  /// Ends the stream and puts the file in place.
+  void commit();
+
+ private:
+  class Encoder;
+  static constexpr std::size_t kBlock = std::size_t{1} << 20;
+  void flush();
+
+  AtomicFile file_;
+  std::unique_ptr<Encoder> encoder_;  ///< Null: not compressed.
+  std::string buffer_;
+  Progress progress_;
+};
+
+}  // namespace manip3d

@@ -1,0 +1,863 @@
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <map>
+#include <string>
+#include <string_view>
+#include <unordered_map>
+#include <vector>
+
+#include "io/formats.hpp"
+#include "io/input_buffer.hpp"
+#include "io/line_cursor.hpp"
+#include "io/mesh_builder.hpp"
+#include "io/texture_files.hpp"
+#include "io/warnings.hpp"
+#include "manip3d/io/range_grid.hpp"
+
+namespace manip3d {
+namespace {
+
+enum class Encoding : std::uint8_t { kAscii, kLittleEndian, kBigEndian };
+enum class Type : std::uint8_t { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat, kDouble };
+
+struct TypeName {
+  std::string_view name;
+  Type type;
+};
+constexpr TypeName kTypeNames[] = {
+    {"char", Type::kInt8},     {"int8", Type::kInt8},     {"uchar", Type::kUint8},
+    {"uint8", Type::kUint8},   {"short", Type::kInt16},   {"int16", Type::kInt16},
+    {"ushort", Type::kUint16}, {"uint16", Type::kUint16}, {"int", Type::kInt32},
+    {"int32", Type::kInt32},   {"uint", Type::kUint32},   {"uint32", Type::kUint32},
+    {"float", Type::kFloat},   {"float32", Type::kFloat}, {"double", Type::kDouble},
+    {"float64", Type::kDouble}};
+constexpr std::int64_t kTypeSizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
+
+constexpr std::int64_t size_of(Type type) { return kTypeSizes[static_cast<int>(type)]; }
+
+// What manip3d makes of a property; everything else is skipped.
+enum Role : std::uint8_t {
+  kX,
+  kY,
+  kZ,
+  kNx,
+  kNy,
+  kNz,
+  kRed,
+  kGreen,
+  kBlue,
+  kS,
+  kT,  // of a vertex
+  kTexnumber,
+  kMaterial,  // of a face
+  kNumScalars,
+  kIndices,
+  kTexcoord,  // lists
+  kSkip
+};
+
+struct RoleName {
+  std::string_view name;
+  Role role;
+};
+constexpr RoleName kVertexRoles[] = {{"x", kX},
+                                     {"y", kY},
+                                     {"z", kZ},
+                                     {"nx", kNx},
+                                     {"ny", kNy},
+                                     {"nz", kNz},
+                                     {"red", kRed},
+                                     {"green", kGreen},
+                                     {"blue", kBlue},
+                                     {"diffuse_red", kRed},
+                                     {"diffuse_green", kGreen},
+                                     {"diffuse_blue", kBlue},
+                                     {"r", kRed},
+                                     {"g", kGreen},
+                                     {"b", kBlue},
+                                     {"s", kS},
+                                     {"t", kT},
+                                     {"u", kS},
+                                     {"v", kT},
+                                     {"texture_u", kS},
+                                     {"texture_v", kT},
+                                     {"texture_s", kS},
+                                     {"texture_t", kT}};
+constexpr RoleName kFaceRoles[] = {{"vertex_indices", kIndices},
+                                   {"vertex_index", kIndices},
+                                   {"texcoord", kTexcoord},
+                                   {"texnumber", kTexnumber},
+                                   {"material_index", kMaterial}};
+
+struct Property {
+  Type type = Type::kFloat;
+  bool is_list = false;
+  Type count_type = Type::kUint8;
+  Role role = kSkip;
+  std::string name;
+};
+
+struct Element {
+  std::string name;
+  std::int64_t count = 0;
+  std::int64_t line = 0;
+  std::vector<Property> properties;
+
+  [[nodiscard]] bool has(Role role) const {
+    return std::any_of(properties.begin(), properties.end(),
+                       [&](const Property& p) { return p.role == role; });
+  }
+  [[nodiscard]] std::int64_t least_bytes(Encoding encoding) const {
+    std::int64_t bytes = 0;
+    for (const Property& p : properties) {
+      if (encoding == Encoding::kAscii) {
+        bytes += 2;  // a digit and a separator
+      } else {
+        bytes += p.is_list ? size_of(p.count_type) : size_of(p.type);
+      }
+    }
+    return bytes;
+  }
+};
+
+struct Header {
+  Encoding encoding = Encoding::kAscii;
+  std::vector<Element> elements;
+  std::map<std::int64_t, std::string> material_names;
+  std::vector<std::string> texture_files;
+  std::int64_t num_cols = -1, num_rows = -1;
+  std::int64_t num_skipped = 0;
+};
+
+class HeaderReader {
+ public:
+  explicit HeaderReader(InputBuffer& input) : input_(input) {}
+
+  Header read() {
+    std::string_view line;
+    if (!input_.next_line(line) || LineCursor(line, 1).word() != "ply") {
+      throw FormatError::at_line(1, "expected 'ply'");
+    }
+    bool has_format = false;
+    while (input_.next_line(line)) {
+      LineCursor cursor(line, input_.line());
+      const std::string_view keyword = cursor.word();
+      if (keyword == "end_header") {
+        if (!has_format) input_.fail_at_line("expected a format line before end_header");
+        return std::move(header_);
+      }
+      if (keyword == "format") {
+        format(cursor);
+        has_format = true;
+      } else if (keyword == "comment") {
+        comment(cursor);
+      } else if (keyword == "obj_info") {
+        obj_info(cursor);
+      } else if (keyword == "element") {
+        element(cursor);
+      } else if (keyword == "property") {
+        property(cursor);
+      } else {
+        ++header_.num_skipped;
+      }
+    }
+    input_.fail_at_line("file ends within the header");
+  }
+
+ private:
+  void format(LineCursor& cursor) {
+    const std::string_view name = cursor.word();
+    if (name == "ascii") {
+      header_.encoding = Encoding::kAscii;
+    } else if (name == "binary_little_endian") {
+      header_.encoding = Encoding::kLittleEndian;
+    } else if (name == "binary_big_endian") {
+      header_.encoding = Encoding::kBigEndian;
+    } else {
+      input_.fail_at_line("format: expected ascii, binary_little_endian or binary_big_endian");
+    }
+    if (cursor.word() != "1.0") input_.fail_at_line("format: expected version 1.0");
+  }
+
+  // comment material N NAME (ours), comment TextureFile NAME (MeshLab's)
+  void comment(LineCursor& cursor) {
+    const std::string_view kind = cursor.word();
+    if (kind == "TextureFile") {
+      header_.texture_files.emplace_back(cursor.rest());
+    } else if (kind == "material") {
+      const std::string_view number = cursor.word();
+      std::int64_t index = 0;
+      const auto [stop, error] =
+          std::from_chars(number.data(), number.data() + number.size(), index);
+      const bool whole = error == std::errc() && stop == number.data() + number.size();
+      if (whole && index >= 0) header_.material_names[index] = cursor.rest();
+    }
+  }
+
+  void obj_info(LineCursor& cursor) {
+    const std::string_view name = cursor.word();
+    if (name == "num_cols") header_.num_cols = cursor.integer("num_cols");
+    if (name == "num_rows") header_.num_rows = cursor.integer("num_rows");
+  }
+
+  void element(LineCursor& cursor) {
+    Element& e = header_.elements.emplace_back();
+    e.name = cursor.word();
+    e.count = cursor.integer("element");
+    e.line = cursor.line();
+    if (e.count < 0) input_.fail_at_line("element: expected a count >= 0");
+  }
+
+  void property(LineCursor& cursor) {
+    if (header_.elements.empty()) input_.fail_at_line("property before the first element");
+    Element& e = header_.elements.back();
+    Property p;
+    std::string_view word = cursor.word();
+    p.is_list = word == "list";
+    if (p.is_list) {
+      p.count_type = type(cursor.word());
+      word = cursor.word();
+    }
+    p.type = type(word);
+    p.name = cursor.word();
+    p.role = role_of(e, p);
+    if (p.role != kSkip && e.has(p.role)) p.role = kSkip;  // the first of that meaning counts
+    if (p.role == kSkip) ++header_.num_skipped;
+    e.properties.push_back(std::move(p));
+  }
+
+  [[nodiscard]] Type type(std::string_view word) const {
+    for (const TypeName& t : kTypeNames) {
+      if (t.name == word) return t.type;
+    }
+    input_.fail_at_line("property: unknown type '" + std::string(word.substr(0, 40)) + "'");
+  }
+
+  static Role role_of(const Element& e, const Property& p) {
+    const auto find = [&](const auto& names) {
+      for (const RoleName& r : names) {
+        if (r.name == p.name && p.is_list == (r.role == kIndices || r.role == kTexcoord)) {
+          return r.role;
+        }
+      }
+      return kSkip;
+    };
+    if (e.name == "vertex") return find(kVertexRoles);
+    if (e.name == "face" || e.name == "range_grid" || e.name == "tristrips") {
+      return find(kFaceRoles);
+    }
+    return kSkip;
+  }
+
+  InputBuffer& input_;
+  Header header_;
+};
+
+// One value of a type in host order, as a double: all types but 64-bit integers fit exactly.
+double load(const char* bytes, Type type, bool swap) {
+  const auto get = [&]<typename T>(T value) {
+    std::array<char, sizeof(T)> raw;
+    std::memcpy(raw.data(), bytes, sizeof(T));
+    if (swap) std::reverse(raw.begin(), raw.end());
+    std::memcpy(&value, raw.data(), sizeof(T));
+    return static_cast<double>(value);
+  };
+  switch (type) {
+    case Type::kInt8:
+      return get(std::int8_t{});
+    case Type::kUint8:
+      return get(std::uint8_t{});
+    case Type::kInt16:
+      return get(std::int16_t{});
+    case Type::kUint16:
+      return get(std::uint16_t{});
+    case Type::kInt32:
+      return get(std::int32_t{});
+    case Type::kUint32:
+      return get(std::uint32_t{});
+    case Type::kFloat:
+      return get(float{});
+    case Type::kDouble:
+      return get(double{});
+  }
+  return 0.0;
+}
+
+// The values of one element, property by property.
+class RowReader {
+ public:
+  RowReader(InputBuffer& input, Encoding encoding)
+      : input_(input),
+        encoding_(encoding),
+        swap_((encoding == Encoding::kBigEndian) == (std::endian::native == std::endian::little)) {}
+
+  std::array<double, kNumScalars> scalars{};
+  std::vector<double> indices, texcoord;
+
+  void read(const Element& element) {
+    indices.clear();
+    texcoord.clear();
+    if (encoding_ == Encoding::kAscii) {
+      read_line(element);
+    } else {
+      read_bytes(element);
+    }
+  }
+
+  [[nodiscard]] FormatError::Position position() const {
+    if (encoding_ == Encoding::kAscii) return {input_.line(), std::nullopt};
+    return {std::nullopt, start_};
+  }
+  [[noreturn]] void fail(const std::string& reason) const { throw FormatError(reason, position()); }
+
+  /// A scalar that must be finite.
+  double finite(Role role, const char* name) const {
+    if (!std::isfinite(scalars[role])) fail(std::string(name) + ": expected a finite number");
+    return scalars[role];
+  }
+  std::int32_t index(double value, const char* what) const {
+    if (!(value >= 0.0 && value < std::numeric_limits<std::int32_t>::max()) ||
+        value != std::floor(value)) {
+      fail(std::string(what) + ": expected an index >= 0, got " + std::to_string(value));
+    }
+    return static_cast<std::int32_t>(value);
+  }
+
+ private:
+  std::vector<double>* list_of(Role role) {
+    if (role == kIndices) return &indices;
+    return role == kTexcoord ? &texcoord : nullptr;
+  }
+
+  // As in Turk's original: one element, one line.
+  void read_line(const Element& element) {
+    std::string_view line;
+    do {
+      if (!input_.next_line(line)) {
+        throw FormatError::at_line(input_.line() + 1, "file ends within element " + element.name);
+      }
+    } while (LineCursor(line, 0).rest().empty());
+    LineCursor cursor(line, input_.line());
+    for (const Property& p : element.properties) {
+      if (p.is_list) {
+        read_list(cursor, p);
+      } else if (p.role == kSkip) {
+        if (cursor.word().empty()) cursor.fail(p.name.c_str(), "a value");
+      } else {
+        scalars[p.role] = cursor.number(p.name.c_str());
+      }
+    }
+    if (!cursor.rest().empty()) {
+      fail("element " + element.name + ": more values on the line than properties");
+    }
+  }
+
+  void read_list(LineCursor& cursor, const Property& p) {
+    const std::int64_t count = cursor.integer(p.name.c_str());
+    if (count < 0) fail(p.name + ": expected a count >= 0, got " + std::to_string(count));
+    std::vector<double>* list = list_of(p.role);
+    for (std::int64_t i = 0; i < count; ++i) {  // ends at the latest with the line
+      if (list != nullptr) {
+        list->push_back(cursor.number(p.name.c_str()));
+      } else if (cursor.word().empty()) {
+        cursor.fail(p.name.c_str(), "a value");
+      }
+    }
+  }
+
+  void read_bytes(const Element& element) {
+    start_ = input_.offset();
+    const char* what = element.name.c_str();
+    for (const Property& p : element.properties) {
+      if (!p.is_list) {
+        const char* bytes = input_.bytes(static_cast<std::size_t>(size_of(p.type)), what);
+        if (p.role != kSkip) scalars[p.role] = load(bytes, p.type, swap_);
+        continue;
+      }
+      const char* head = input_.bytes(static_cast<std::size_t>(size_of(p.count_type)), what);
+      const double count = load(head, p.count_type, swap_);
+      if (!(count >= 0.0 && count <= 4294967295.0) || count != std::floor(count)) {
+        fail(p.name + ": expected a count >= 0, got " + std::to_string(count));
+      }
+      read_values(p, static_cast<std::int64_t>(count), what);
+    }
+  }
+
+  // In blocks, so that a list that claims four billion values fails where the file ends.
+  void read_values(const Property& p, std::int64_t count, const char* what) {
+    constexpr std::int64_t kBlock = 4096;
+    std::vector<double>* list = list_of(p.role);
+    const std::int64_t size = size_of(p.type);
+    while (count > 0) {
+      const std::int64_t n = std::min(count, kBlock);
+      const char* bytes = input_.bytes(static_cast<std::size_t>(n * size), what);
+      if (list != nullptr) {
+        if (list->size() > kLongestList) fail(p.name + ": list of more than 16 million values");
+        for (std::int64_t i = 0; i < n; ++i) {
+          list->push_back(load(bytes + i * size, p.type, swap_));
+        }
+      }
+      count -= n;
+    }
+  }
+
+  static constexpr std::size_t kLongestList = std::size_t{1} << 24;
+
+  InputBuffer& input_;
+  Encoding encoding_;
+  bool swap_;
+  std::int64_t start_ = 0;
+};
+
+// Equal pairs share a row: PLY stores the texture coordinates of each corner anew.
+class TexcoordTable {
+ public:
+  std::int32_t row(double u, double v, MeshBuilder& builder, const InputBuffer& input) {
+    const auto bits = std::bit_cast<std::array<std::uint64_t, 2>>(std::array<double, 2>{u, v});
+    const auto [item, is_new] =
+        rows_.try_emplace(bits, static_cast<std::int32_t>(builder.texcoords.size()));
+    if (is_new) {
+      double* row = builder.texcoords.append(input);
+      row[0] = u;
+      row[1] = v;
+    }
+    return item->second;
+  }
+
+ private:
+  using Bits = std::array<std::uint64_t, 2>;
+  struct Hash {
+    std::size_t operator()(const Bits& b) const {
+      constexpr std::uint64_t kMix = 0x9E3779B97F4A7C15U;  // 2^64 / golden ratio
+      std::uint64_t h = (b[0] ^ (b[0] >> 29U)) * kMix;
+      h = (h ^ b[1] ^ (b[1] >> 29U)) * kMix;
+      return h ^ (h >> 32U);
+    }
+  };
+  std::unordered_map<Bits, std::int32_t, Hash> rows_;
+};
+
+class PlyReader {
+ public:
+  PlyReader(ByteSource& source, const Progress& progress)
+      : input_(source, progress), builder_(input_), header_(HeaderReader(input_).read()) {
+    result_.num_skipped = header_.num_skipped;
+    for (const Element& e : header_.elements) {
+      if (e.name == "vertex") note_vertex_attributes(e);
+      has_faces_ = has_faces_ || ((e.name == "face" || e.name == "tristrips") && e.count > 0);
+    }
+  }
+
+  ReadResult read_mesh() {
+    read_elements();
+    if (!has_faces_) grid_to_faces();
+    builder_.finish(result_);
+    make_materials();
+    return std::move(result_);
+  }
+
+  RangeGrid read_grid() {
+    read_elements();
+    if (!has_grid_) throw FormatError("no range_grid in this file", {});
+    RangeGrid grid{header_.num_rows, header_.num_cols, grid_.take(), builder_.vertices.take()};
+    for (Eigen::Index i = 0; i < grid.vertex.rows(); ++i) {
+      if (grid.vertex[i] >= grid.points.rows()) fail_grid(i);
+    }
+    return grid;
+  }
+
+ private:
+  using Corner = MeshBuilder::Corner;
+
+  void note_vertex_attributes(const Element& e) {
+    has_normals_ = e.has(kNx) && e.has(kNy) && e.has(kNz);
+    has_colors_ = e.has(kRed) && e.has(kGreen) && e.has(kBlue);
+    has_vertex_texcoords_ = e.has(kS) && e.has(kT);
+    for (const Property& p : e.properties) {
+      if (p.role != kRed) continue;
+      if (p.type == Type::kUint16) color_scale_ = 1.0F / 65535.0F;
+      if (size_of(p.type) == 1) color_scale_ = 1.0F / 255.0F;
+      if (p.type == Type::kInt32 || p.type == Type::kUint32) color_scale_ = 1.0F / 255.0F;
+    }
+  }
+
+  void read_elements() {
+    for (const Element& e : header_.elements) {
+      const std::int64_t least = e.least_bytes(header_.encoding);
+      if (least == 0) continue;  // no properties, no bytes
+      const std::int64_t sure =
+          input_.checked_claim(e.count, least, e.name.c_str(), {e.line, std::nullopt});
+      RowReader row(input_, header_.encoding);
+      if (e.name == "vertex") {
+        read_vertices(e, row, sure);
+      } else if (e.name == "face") {
+        read_faces(e, row, sure);
+      } else if (e.name == "tristrips") {
+        read_strips(e, row);
+      } else if (e.name == "range_grid") {
+        read_range_grid(e, row, sure);
+      } else {
+        ++result_.num_skipped;
+        for (std::int64_t i = 0; i < e.count; ++i) row.read(e);
+      }
+    }
+  }
+
+  void read_vertices(const Element& e, RowReader& row, std::int64_t sure) {
+    if (!(e.has(kX) && e.has(kY) && e.has(kZ))) {
+      throw FormatError::at_line(e.line, "element vertex: expected properties x, y and z");
+    }
+    if (e.count > std::numeric_limits<std::int32_t>::max()) {
+      throw FormatError::at_line(e.line, "more than 2147483647 vertices");
+    }
+    builder_.vertices.reserve(sure);
+    if (has_normals_) builder_.normals.reserve(sure);
+    for (std::int64_t i = 0; i < e.count; ++i) {
+      row.read(e);
+      double* position = builder_.vertices.append(input_);
+      position[0] = row.finite(kX, "x");
+      position[1] = row.finite(kY, "y");
+      position[2] = row.finite(kZ, "z");
+      if (has_normals_) {
+        double* normal = builder_.normals.append(input_);
+        normal[0] = row.finite(kNx, "nx");
+        normal[1] = row.finite(kNy, "ny");
+        normal[2] = row.finite(kNz, "nz");
+      }
+      if (has_vertex_texcoords_) {
+        double* texcoord = builder_.texcoords.append(input_);
+        texcoord[0] = row.finite(kS, "s");
+        texcoord[1] = row.finite(kT, "t");
+      }
+      if (has_colors_) {
+        float* color = builder_.colors.append(input_);
+        color[0] = color_scale_ * static_cast<float>(row.finite(kRed, "red"));
+        color[1] = color_scale_ * static_cast<float>(row.finite(kGreen, "green"));
+        color[2] = color_scale_ * static_cast<float>(row.finite(kBlue, "blue"));
+      }
+    }
+  }
+
+  [[nodiscard]] Corner corner_of(std::int32_t vertex) const {
+    return {vertex, has_vertex_texcoords_ ? vertex : MeshBuilder::kNone,
+            has_normals_ ? vertex : MeshBuilder::kNone};
+  }
+
+  void read_faces(const Element& e, RowReader& row, std::int64_t sure) {
+    if (!e.has(kIndices)) {
+      throw FormatError::at_line(e.line, "element face: expected a list vertex_indices");
+    }
+    builder_.reserve_faces(sure);
+    const bool has_texnumber = e.has(kTexnumber);
+    has_material_index_ = e.has(kMaterial);
+    for (std::int64_t i = 0; i < e.count; ++i) {
+      row.read(e);
+      corners_.clear();
+      for (const double value : row.indices) {
+        corners_.push_back(corner_of(row.index(value, "vertex_indices")));
+      }
+      set_texcoords(row);
+      const std::int32_t texture = has_texnumber ? number(row, kTexnumber) : MeshBuilder::kNone;
+      std::int32_t material = texture;
+      if (has_material_index_) {
+        material = number(row, kMaterial);
+        if (texture >= 0) texture_of_material_.try_emplace(material, texture);
+      }
+      builder_.add_polygon(corners_, material, row.position());
+    }
+  }
+
+  // A number that may be absent: anything below 0 means none.
+  static std::int32_t number(const RowReader& row, Role role) {
+    const double value = row.scalars[role];
+    if (value < 0.0) return MeshBuilder::kNone;
+    const std::int32_t index = row.index(value, role == kMaterial ? "material_index" : "texnumber");
+    constexpr std::int32_t kMostMaterials = 1 << 16;
+    if (index >= kMostMaterials) row.fail("more than 65536 materials");
+    return index;
+  }
+
+  // MeshLab's convention: u, v of each corner; an empty list means none.
+  void set_texcoords(const RowReader& row) {
+    if (row.texcoord.empty()) return;
+    if (row.texcoord.size() != 2 * corners_.size()) {
+      row.fail("texcoord: expected " + std::to_string(2 * corners_.size()) +
+               " values or none, got " + std::to_string(row.texcoord.size()));
+    }
+    for (std::size_t c = 0; c < corners_.size(); ++c) {
+      const double u = row.texcoord[2 * c];
+      const double v = row.texcoord[2 * c + 1];
+      if (!(std::isfinite(u) && std::isfinite(v))) row.fail("texcoord: expected finite numbers");
+      corners_[c].texcoord = texcoords_.row(u, v, builder_, input_);
+    }
+  }
+
+  // Stanford's strips: -1 starts a new one; every second triangle is turned.
+  void read_strips(const Element& e, RowReader& row) {
+    for (std::int64_t i = 0; i < e.count; ++i) {
+      row.read(e);
+      std::size_t length = 0;
+      Corner window[3];
+      for (const double value : row.indices) {
+        if (value == -1.0) {
+          length = 0;
+          continue;
+        }
+        window[0] = window[1];
+        window[1] = window[2];
+        window[2] = corner_of(row.index(value, "vertex_indices"));
+        if (++length < 3) continue;
+        corners_ = {window[0], window[1], window[2]};
+        if (length % 2 == 0) std::swap(corners_[0], corners_[1]);
+        builder_.add_polygon(corners_, MeshBuilder::kNone, row.position());
+      }
+    }
+  }
+
+  void read_range_grid(const Element& e, RowReader& row, std::int64_t sure) {
+    const std::int64_t cols = header_.num_cols;
+    const std::int64_t rows = header_.num_rows;
+    if (!e.has(kIndices) || cols < 0 || rows < 0 || (cols > 0 && e.count / cols != rows) ||
+        e.count != cols * rows) {
+      throw FormatError::at_line(e.line,
+                                 "range_grid: expected obj_info num_cols x num_rows lists "
+                                 "vertex_indices");
+    }
+    has_grid_ = true;
+    grid_.reserve(sure);
+    for (std::int64_t i = 0; i < e.count; ++i) {
+      row.read(e);
+      if (row.indices.size() > 1) row.fail("range_grid: expected 0 or 1 vertex index per pixel");
+      *grid_.append(input_) =
+          row.indices.empty() ? MeshBuilder::kNone : row.index(row.indices[0], "vertex_indices");
+    }
+  }
+
+  [[noreturn]] void fail_grid(std::int64_t pixel) const {
+    throw FormatError(
+        "range_grid: vertex index of pixel " + std::to_string(pixel) + " is out of range", {});
+  }
+
+  // Two triangles per full 2x2 cell, one where three pixels are valid, counter-clockwise as seen
+  // with columns to the right and rows upward: Stanford's scanner stands on that side.
+  void grid_to_faces() {
+    const std::int64_t cols = header_.num_cols;
+    for (std::int64_t i = 0; i < grid_.size(); ++i) {
+      if (*grid_.row(i) >= builder_.vertices.size()) fail_grid(i);
+    }
+    for (std::int64_t r = 0; has_grid_ && r + 1 < header_.num_rows; ++r) {
+      for (std::int64_t c = 0; c + 1 < cols; ++c) {
+        const std::int64_t pixel = r * cols + c;
+        corners_.clear();
+        for (const std::int64_t p : {pixel, pixel + 1, pixel + cols + 1, pixel + cols}) {
+          const std::int32_t vertex = *grid_.row(p);
+          if (vertex >= 0) corners_.push_back(corner_of(vertex));
+        }
+        if (corners_.size() >= 3) builder_.add_polygon(corners_, MeshBuilder::kNone, {});
+      }
+    }
+  }
+
+  void make_materials() {
+    TriangleMesh& mesh = result_.mesh;
+    auto& materials = mesh.materials;
+    const auto texture = [&](std::int64_t i) -> std::string {
+      const bool known = i >= 0 && i < static_cast<std::int64_t>(header_.texture_files.size());
+      return known ? header_.texture_files[static_cast<std::size_t>(i)] : "";
+    };
+    if (!has_material_index_ && !header_.texture_files.empty()) {
+      for (const std::string& file : header_.texture_files) {
+        materials.emplace_back().name = file;
+        materials.back().textures["base_color"].path = file;
+      }
+      // Without texnumber the one texture is everybody's.
+      if (mesh.face_material.rows() == 0) mesh.face_material.setZero(mesh.faces.rows());
+    }
+    const std::int32_t largest =
+        mesh.face_material.rows() > 0 ? mesh.face_material.maxCoeff() : MeshBuilder::kNone;
+    const std::int64_t named =
+        has_material_index_ && !header_.material_names.empty()
+            ? std::min<std::int64_t>(header_.material_names.rbegin()->first, 1 << 16)
+            : -1;
+    for (auto i = static_cast<std::int64_t>(materials.size());
+         i <= std::max<std::int64_t>(largest, named); ++i) {
+      const auto name = header_.material_names.find(i);
+      materials.emplace_back().name =
+          name != header_.material_names.end() ? name->second : "material_" + std::to_string(i);
+      const auto number = texture_of_material_.find(static_cast<std::int32_t>(i));
+      const std::string file = number != texture_of_material_.end() ? texture(number->second) : "";
+      if (!file.empty()) materials.back().textures["base_color"].path = file;
+    }
+  }
+
+  InputBuffer input_;
+  MeshBuilder builder_;
+  Header header_;
+  ReadResult result_;
+  bool has_normals_ = false, has_colors_ = false, has_vertex_texcoords_ = false;
+  bool has_faces_ = false, has_grid_ = false, has_material_index_ = false;
+  float color_scale_ = 1.0F;
+  std::vector<Corner> corners_;
+  TexcoordTable texcoords_;
+  std::map<std::int32_t, std::int32_t> texture_of_material_;
+  GrowingTable<Indices> grid_;
+};
+
+}  // namespace
+
+namespace {
+
+template <typename Table>
+bool fits_float(const Table& table) {
+  return (table.array() == table.template cast<float>().template cast<double>().array()).all();
+}
+
+// The normal of each vertex, where all its corners agree; empty where some do not.
+Vertices vertex_normals(const MeshView& mesh, std::vector<std::string>& warnings) {
+  if (mesh.face_normals.rows() == 0) return {};
+  Vertices normals = Vertices::Zero(mesh.vertices.rows(), 3);
+  std::vector<bool> known(static_cast<std::size_t>(mesh.vertices.rows()), false);
+  for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
+    for (int c = 0; c < 3; ++c) {
+      const std::int32_t index = mesh.face_normals(f, c);
+      const std::int32_t vertex = mesh.faces(f, c);
+      const bool agrees = index >= 0 && (!known[static_cast<std::size_t>(vertex)] ||
+                                         normals.row(vertex) == mesh.normals.row(index));
+      if (!agrees) {
+        warn(warnings, "PLY holds one normal per vertex: normals left out");
+        return {};
+      }
+      normals.row(vertex) = mesh.normals.row(index);
+      known[static_cast<std::size_t>(vertex)] = true;
+    }
+  }
+  return normals;
+}
+
+class PlyWriter {
+ public:
+  PlyWriter(Output& out, const WriteJob& job)
+      : out_(out),
+        job_(job),
+        mesh_(job.mesh),
+        normals_(vertex_normals(mesh_, job.warnings)),
+        wide_positions_(!fits_float(mesh_.vertices)),
+        wide_texcoords_(!fits_float(mesh_.texcoords)) {}
+
+  void write() {
+    find_textures();
+    write_header();
+    for (Eigen::Index i = 0; i < mesh_.vertices.rows(); ++i) write_vertex(i);
+    for (Eigen::Index f = 0; f < mesh_.faces.rows(); ++f) write_face(f);
+  }
+
+ private:
+  void find_textures() {
+    CompanionFiles companions(job_);
+    for (const Material& m : job_.materials) {
+      const std::string name = companions.texture_name(m, "base_color");
+      texture_of_material_.push_back(-1);
+      if (name.empty()) continue;
+      const auto known = std::find(texture_names_.begin(), texture_names_.end(), name);
+      texture_of_material_.back() = static_cast<std::int32_t>(known - texture_names_.begin());
+      if (known == texture_names_.end()) texture_names_.push_back(name);
+    }
+  }
+
+  void write_header() {
+    out_.text("ply\nformat binary_little_endian 1.0\n");
+    for (const std::string& name : texture_names_) out_.text("comment TextureFile " + name + "\n");
+    for (std::size_t i = 0; i < job_.materials.size(); ++i) {
+      out_.text("comment material " + std::to_string(i) + " " + line_name(job_.materials[i].name) +
+                "\n");
+    }
+    const std::string position = wide_positions_ ? "property double " : "property float ";
+    out_.text("element vertex " + std::to_string(mesh_.vertices.rows()) + "\n");
+    for (const char* axis : {"x\n", "y\n", "z\n"}) out_.text(position + axis);
+    if (normals_.rows() > 0) {
+      for (const char* axis : {"nx\n", "ny\n", "nz\n"})
+        out_.text("property double " + std::string(axis));
+    }
+    if (mesh_.colors.rows() > 0) {
+      out_.text("property uchar red\nproperty uchar green\nproperty uchar blue\n");
+    }
+    out_.text("element face " + std::to_string(mesh_.faces.rows()) +
+              "\nproperty list uchar int vertex_indices\n");
+    if (mesh_.has_texcoords()) {
+      out_.text(wide_texcoords_ ? "property list uchar double texcoord\n"
+                                : "property list uchar float texcoord\n");
+    }
+    if (!texture_names_.empty()) out_.text("property int texnumber\n");
+    if (mesh_.has_materials()) out_.text("property int material_index\n");
+    out_.text("end_header\n");
+  }
+
+  void real(double value, bool wide) {
+    if (wide) {
+      out_.binary(value);
+    } else {
+      out_.binary(static_cast<float>(value));
+    }
+  }
+
+  void write_vertex(Eigen::Index i) {
+    for (int k = 0; k < 3; ++k) real(mesh_.vertices(i, k), wide_positions_);
+    for (int k = 0; normals_.rows() > 0 && k < 3; ++k) real(normals_(i, k), true);
+    for (int k = 0; mesh_.colors.rows() > 0 && k < 3; ++k) out_.binary(mesh_.colors(i, k));
+  }
+
+  void write_face(Eigen::Index f) {
+    out_.binary(std::uint8_t{3});
+    for (int c = 0; c < 3; ++c) out_.binary(mesh_.faces(f, c));
+    if (mesh_.has_texcoords()) write_texcoords(f);
+    const std::int32_t material = mesh_.has_materials() ? mesh_.face_material[f] : -1;
+    if (!texture_names_.empty()) {
+      const auto index = static_cast<std::size_t>(material);
+      out_.binary(material >= 0 && index < texture_of_material_.size() ? texture_of_material_[index]
+                                                                       : std::int32_t{-1});
+    }
+    if (mesh_.has_materials()) out_.binary(material);
+  }
+
+  void write_texcoords(Eigen::Index f) {
+    const bool has = mesh_.face_has_texcoords(f);
+    out_.binary(static_cast<std::uint8_t>(has ? 6 : 0));
+    for (int c = 0; has && c < 3; ++c) {
+      for (int k = 0; k < 2; ++k) {
+        real(mesh_.texcoords(mesh_.face_texcoords(f, c), k), wide_texcoords_);
+      }
+    }
+  }
+
+  Output& out_;
+  const WriteJob& job_;
+  const MeshView& mesh_;
+  Vertices normals_;
+  bool wide_positions_, wide_texcoords_;
+  std::vector<std::string> texture_names_;
+  std::vector<std::int32_t> texture_of_material_;
+};
+
+}  // namespace
+
+void write_ply(Output& output, const WriteJob& job) { PlyWriter(output, job).write(); }
+
+ReadResult read_ply(ByteSource& source, const ReadOptions&, const Progress& progress) {
+  return PlyReader(source, progress).read_mesh();
+}
+
+RangeGrid read_range_grid(const std::filesystem::path& path, const ReadOptions& options,
+                          const Progress& progress) {
+  try {
+    const auto source = decompressed(file_source(path), compression_of(path), options.max_bytes);
+    return PlyReader(*source, progress).read_grid();
+  } catch (const FormatError& error) {
+    throw error.in_file(path.string());
+  }
+}
+
+}  // namespace manip3d

@@ -1,0 +1,126 @@
+#include "io/texture_files.hpp"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <set>
+#include <system_error>
+
+#include "io/warnings.hpp"
+#include "manip3d/error.hpp"
+#include "manip3d/io/atomic_file.hpp"
+
+namespace manip3d {
+namespace fs = std::filesystem;
+namespace {
+
+std::string read_whole(const fs::path& path) {
+  const auto source = file_source(path);
+  std::string content;
+  constexpr std::size_t kBlock = std::size_t{1} << 16;
+  while (true) {
+    const std::size_t size = content.size();
+    content.resize(size + kBlock);
+    const std::size_t got = source->read(content.data() + size, kBlock);
+    content.resize(size + got);
+    if (got == 0) return content;
+  }
+}
+
+bool holds(const fs::path& path, const std::string& content) {
+  std::error_code missing;
+  return fs::file_size(path, missing) == content.size() && !missing && read_whole(path) == content;
+}
+
+// FNV-1a, 64 bits: tells files apart; names that still collide are compared byte by byte.
+std::string hash_of(const std::string& content) {
+  std::uint64_t hash = 0xCBF29CE484222325U;
+  for (const char c : content) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001B3U;
+  std::array<char, 16> digits{};
+  const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), hash, 16).ptr;
+  return {digits.data(), end};
+}
+
+const char* image_suffix(const std::vector<std::byte>& data) {
+  return !data.empty() && data[0] == std::byte{0xFF} ? ".jpg" : ".png";
+}
+
+}  // namespace
+
+CompanionFiles::CompanionFiles(const WriteJob& job)
+    : job_(job), folder_(job.path.parent_path().empty() ? "." : job.path.parent_path()) {}
+
+std::string CompanionFiles::place(const std::string& name, const std::string& content) {
+  const fs::path plain(name);
+  std::string candidate = name;
+  for (int attempt = 0;; ++attempt) {
+    const fs::path path = folder_ / candidate;
+    std::error_code missing;
+    if (!fs::exists(path, missing)) {
+      AtomicFile file(path);
+      file.write(content.data(), content.size());
+      file.commit();
+      return candidate;
+    }
+    if (fs::is_regular_file(path, missing) && holds(path, content)) return candidate;
+    candidate = plain.stem().string();
+    candidate.append("-").append(hash_of(content));
+    if (attempt > 0) candidate.append("-").append(std::to_string(attempt));
+    candidate.append(plain.extension().string());
+  }
+}
+
+std::string CompanionFiles::texture_name(const Material& material, const std::string& role) {
+  const auto found = material.textures.find(role);
+  if (found == material.textures.end() || found->second.empty()) return "";
+  const Texture& texture = found->second;
+  const std::string base = line_name(fs::path(texture.path).filename().string());
+  if (!texture.data.empty()) {
+    const std::string name =
+        base.empty() ? line_name(material.name + "_" + role) + image_suffix(texture.data) : base;
+    std::string safe = name;
+    std::replace(safe.begin(), safe.end(), '/', '_');
+    return place(safe, {reinterpret_cast<const char*>(texture.data.data()), texture.data.size()});
+  }
+  if (base.empty()) return "";
+  const auto [item, is_new] = name_of_path_.try_emplace(texture.path, base);
+  if (!is_new) return item->second;
+  if (job_.options.texture_folder.empty() && !fs::path(texture.path).is_absolute()) {
+    warn(job_.warnings, "texture '" + texture.path + "' not copied: no folder to find it in");
+    return base;
+  }
+  const fs::path given(texture.path);
+  const fs::path path =
+      given.is_absolute() ? given : resolve_inside(job_.options.texture_folder, texture.path);
+  std::error_code refused;
+  if (!fs::is_regular_file(path, refused)) {
+    warn(job_.warnings, "texture '" + texture.path + "' not found, only its name is written");
+    return base;
+  }
+  return item->second = place(base, read_whole(path));
+}
+
+std::string line_name(const std::string& name) {
+  std::string result = name;
+  for (char& c : result) {
+    if (static_cast<unsigned char>(c) < ' ') c = '_';
+  }
+  if (result.ends_with('\\')) result.back() = '_';
+  const auto first = result.find_first_not_of(' ');
+  if (first == std::string::npos) return "";
+  return result.substr(first, result.find_last_not_of(' ') - first + 1);
+}
+
+std::vector<std::string> unique_names(const std::vector<Material>& materials) {
+  std::vector<std::string> names;
+  std::set<std::string> taken;
+  for (const Material& m : materials) {
+    const std::string plain = m.name.empty() ? "material" : line_name(m.name);
+    std::string name = plain;
+    for (int i = 2; !taken.insert(name).second; ++i) name = plain + "_" + std::to_string(i);
+    names.push_back(name);
+  }
+  return names;
+}
+
+}  // namespace manip3d

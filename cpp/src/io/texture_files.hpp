@@ -1,0 +1,38 @@
+#pragma once
+
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "io/formats.hpp"
+
+namespace manip3d {
+
+/// Puts textures and material libraries beside a mesh file, under base names; where a different
+/// file of that name exists, the name gets a hash of the content, so that no file that an older
+/// mesh refers to changes.
+class CompanionFiles {
+ public:
+  explicit CompanionFiles(const WriteJob& job);
+
+  /// Name that the mesh file shall use for the texture of a role; "" where there is none.
+  std::string texture_name(const Material& material, const std::string& role);
+
+  /// Writes `content` beside the mesh file under `name` or a name with a hash, which it returns.
+  std::string place(const std::string& name, const std::string& content);
+
+ private:
+  const WriteJob& job_;
+  std::filesystem::path folder_;
+  std::map<std::string, std::string> name_of_path_;
+};
+
+/// A name for a line of text: no control characters, no blanks at the ends, no backslash at the end
+/// (it would continue the line).
+std::string line_name(const std::string& name);
+
+/// One name per material, each different.
+std::vector<std::string> unique_names(const std::vector<Material>& materials);
+
+}  // namespace manip3d
