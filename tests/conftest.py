@@ -7,6 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# Seconds depend on what else runs; the same examples in every run.
+settings.register_profile("manip3d", deadline=None, derandomize=True)
+settings.load_profile("manip3d")
 
 GOLDEN = Path(__file__).parent / "golden" / "golden.json"
 

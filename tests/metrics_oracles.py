@@ -36,17 +36,26 @@ def face_distances(vertices: Array, faces: NDArray[np.int32], points: Array) -> 
 
 
 def sphere(num_rings: int = 24, radius: float = 1.0) -> manip3d.Mesh:
-    theta = np.linspace(0, np.pi, num_rings + 1)
+    """Rings of quads, cut in two, between two poles: closed, without degenerate faces."""
+    theta = np.linspace(0, np.pi, num_rings + 1)[1:-1, None]
     phi = np.linspace(0, 2 * np.pi, 2 * num_rings, endpoint=False)
-    t, p = np.meshgrid(theta, phi, indexing="ij")
-    vertices = np.stack([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)], -1)
-    i, j = np.meshgrid(np.arange(num_rings), np.arange(2 * num_rings), indexing="ij")
-    a = i * 2 * num_rings + j
-    b = i * 2 * num_rings + (j + 1) % (2 * num_rings)
-    quads = np.stack([a, a + 2 * num_rings, b + 2 * num_rings, b], -1).reshape(-1, 4)
-    return manip3d.Mesh(
-        radius * vertices.reshape(-1, 3), np.vstack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    rings = np.stack(
+        np.broadcast_arrays(
+            np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)
+        ),
+        axis=-1,
     )
+    vertices = np.vstack([rings.reshape(-1, 3), [[0, 0, 1], [0, 0, -1]]])
+    index = np.arange(rings.shape[0] * rings.shape[1]).reshape(rings.shape[:2])
+    turned = np.roll(index, -1, axis=1)
+    north, south = np.full_like(index[0], index.size), np.full_like(index[0], index.size + 1)
+    corners = [
+        (north, index[0], turned[0]),
+        (index[-1], south, turned[-1]),
+        (index[:-1].ravel(), index[1:].ravel(), turned[1:].ravel()),
+        (index[:-1].ravel(), turned[1:].ravel(), turned[:-1].ravel()),
+    ]
+    return manip3d.Mesh(radius * vertices, np.vstack([np.stack(c, axis=-1) for c in corners]))
 
 
 def plane(size: int = 8, height: float = 0.0) -> manip3d.Mesh:

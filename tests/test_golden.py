@@ -73,6 +73,18 @@ CASES: dict[str, Case] = {
     "metro soup area": lambda threads: metrics.metro(
         models.soup(), halved(models.soup()), sampling="area", rng=7, threads=threads
     ),
+    "texture error pipe": lambda threads: metrics.texture_error(
+        models.pipe(), halved(models.pipe()), samples=5000, threads=threads
+    ),
+    "texture error floor": lambda threads: metrics.texture_error(
+        models.floor(), halved(models.floor()), samples=5000, threads=threads
+    ),
+    "boundary gap pipe": lambda threads: metrics.boundary_gap(
+        models.pipe(), halved(models.pipe()), threads=threads
+    ),
+    "boundary gap soup": lambda threads: metrics.boundary_gap(
+        models.soup(), halved(models.soup()), weld=False, threads=threads
+    ),
 }
 
 

@@ -96,7 +96,7 @@ def test_rng() -> None:
     assert mean(1) == mean(1) == mean(np.random.default_rng(1))
     assert mean(1) != mean(2)
     assert mean(None) != mean(None)
-    assert mean(1) == pytest.approx(mean(2), rel=0.02)
+    assert mean(1) == pytest.approx(mean(2), rel=0.05)
     with pytest.raises(manip3d.InputError, match="rng"):
         mean(-1)
 

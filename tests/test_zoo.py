@@ -17,7 +17,7 @@ import pytest
 
 import manip3d
 from manip3d import Mesh
-from manip3d.metrics import metro
+from manip3d.metrics import boundary_gap, closest_points, fmpd, metro, texture_error
 from manip3d.simplify import METHODS, clean
 from zoo import MESHES, REFUSED, TRIANGLE
 
@@ -31,6 +31,10 @@ FUNCTIONS: dict[str, Callable[[Mesh], object]] = {
     "clean-any": lambda mesh: clean(mesh, duplicates="any"),
     "metro": lambda mesh: metro(mesh, clean(mesh).mesh),
     "metro-area": lambda mesh: metro(mesh, MESHES["tetrahedron"], sampling="area"),
+    "closest-points": lambda mesh: closest_points(mesh, TRIANGLE),
+    "texture-error": lambda mesh: texture_error(mesh, clean(mesh).mesh),
+    "fmpd": lambda mesh: fmpd(mesh, MESHES["tetrahedron"]),
+    "boundary-gap": lambda mesh: boundary_gap(mesh, clean(mesh).mesh),
     **{
         f"{name}-{ratio}": lambda mesh, run=run, ratio=ratio: run(mesh, ratio=ratio).mesh
         for name, run in METHODS.items()

@@ -1,6 +1,11 @@
+#include <pybind11/stl.h>
+
 #include "interruptible.hpp"
 #include "manip3d/geometry/bvh.hpp"
+#include "manip3d/metrics/boundary_gap.hpp"
+#include "manip3d/metrics/fmpd.hpp"
 #include "manip3d/metrics/metro.hpp"
+#include "manip3d/metrics/texture_error.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
 
@@ -8,6 +13,11 @@ namespace manip3d::bindings {
 namespace {
 
 py::tuple to_python(const Deviation& d) { return py::make_tuple(d.mean, d.rms, d.max, d.samples); }
+
+py::object to_python(const std::optional<Deviation>& d) {
+  if (!d) return py::none();
+  return to_python(*d);
+}
 
 }  // namespace
 
@@ -48,6 +58,60 @@ void bind_metrics(py::module_& m) {
       },
       py::arg("original"), py::arg("simplified"), py::arg("area"), py::arg("samples"),
       py::arg("seed"), py::arg("threads"), py::arg("progress"));
+  m.def(
+      "texture_error",
+      [](const py::object& original, const py::object& simplified, std::int64_t samples,
+         std::uint64_t seed, double epsilon, int threads, const py::object& progress) {
+        const BorrowedMesh a(original);
+        const BorrowedMesh b(simplified);
+        const TextureErrorOptions options{samples, seed, epsilon, threads};
+        const Progress report = interruptible(progress);
+        TextureError e;
+        {
+          const py::gil_scoped_release nogil;
+          e = texture_error(a.view(), b.view(), options, report);
+        }
+        return py::make_tuple(e.mean, e.rms, e.mse, e.max, e.samples, e.skipped,
+                              e.material_mismatch_rate);
+      },
+      py::arg("original"), py::arg("simplified"), py::arg("samples"), py::arg("seed"),
+      py::arg("epsilon"), py::arg("threads"), py::arg("progress"));
+  m.def(
+      "fmpd",
+      [](const py::object& original, const py::object& simplified, bool clip, int threads,
+         const py::object& progress) {
+        const BorrowedMesh a(original);
+        const BorrowedMesh b(simplified);
+        const FmpdOptions options{clip, threads};
+        const Progress report = interruptible(progress);
+        FmpdResult r;
+        {
+          const py::gil_scoped_release nogil;
+          r = fmpd(a.view(), b.view(), options, report);
+        }
+        return py::make_tuple(r.value, r.roughness_original, r.roughness_simplified,
+                              r.skipped_faces, r.is_non_manifold);
+      },
+      py::arg("original"), py::arg("simplified"), py::arg("clip"), py::arg("threads"),
+      py::arg("progress"));
+  m.def(
+      "boundary_gap",
+      [](const py::object& original, const py::object& simplified, double tolerance, bool weld,
+         int threads, const py::object& progress) {
+        const BorrowedMesh a(original);
+        const BorrowedMesh b(simplified);
+        const BoundaryGapOptions options{tolerance, weld, threads};
+        const Progress report = interruptible(progress);
+        BoundaryGap gap;
+        {
+          const py::gil_scoped_release nogil;
+          gap = boundary_gap(a.view(), b.view(), options, report);
+        }
+        return py::make_tuple(to_python(gap.forward), to_python(gap.backward), gap.cracks,
+                              gap.crack_length, gap.diagonal);
+      },
+      py::arg("original"), py::arg("simplified"), py::arg("tolerance"), py::arg("weld"),
+      py::arg("threads"), py::arg("progress"));
 }
 
 }  // namespace manip3d::bindings

@@ -18,10 +18,12 @@ __all__: list[str] = [
     "QemOptions",
     "StopReason",
     "TextureTerm",
+    "boundary_gap",
     "bounding_box",
     "check_mesh",
     "clean",
     "closest_points",
+    "fmpd",
     "metro",
     "read_mesh",
     "read_mesh_bytes",
@@ -32,6 +34,7 @@ __all__: list[str] = [
     "shading_normals",
     "simplify_qem",
     "summarize",
+    "texture_error",
     "welded_boundary",
     "writable_suffixes",
     "write_mesh",
@@ -323,6 +326,14 @@ class QemOptions:
     @target_faces.setter
     def target_faces(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
 
+def boundary_gap(
+    original: typing.Any,
+    simplified: typing.Any,
+    tolerance: typing.SupportsFloat | typing.SupportsIndex,
+    weld: bool,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+    progress: typing.Any,
+) -> tuple[typing.Any, typing.Any, int, float, float]: ...
 def bounding_box(mesh: typing.Any) -> numpy.ndarray: ...
 def check_mesh(mesh: typing.Any) -> None: ...
 def clean(mesh: typing.Any, weld: bool, duplicates: Duplicates) -> dict[str, typing.Any]: ...
@@ -332,6 +343,13 @@ def closest_points(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
+def fmpd(
+    original: typing.Any,
+    simplified: typing.Any,
+    clip: bool,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+    progress: typing.Any,
+) -> tuple[float, float, float, int, bool]: ...
 def metro(
     original: typing.Any,
     simplified: typing.Any,
@@ -368,8 +386,19 @@ def simplify_qem(
     mesh: typing.Any, options: QemOptions, progress: typing.Any = None
 ) -> dict[str, typing.Any]: ...
 def summarize(mesh: typing.Any) -> dict[str, typing.Any]: ...
+def texture_error(
+    original: typing.Any,
+    simplified: typing.Any,
+    samples: typing.SupportsInt | typing.SupportsIndex,
+    seed: typing.SupportsInt | typing.SupportsIndex,
+    epsilon: typing.SupportsFloat | typing.SupportsIndex,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+    progress: typing.Any,
+) -> tuple[float | None, float | None, float | None, float | None, int, int, float]: ...
 def welded_boundary(mesh: typing.Any) -> numpy.ndarray: ...
 def writable_suffixes() -> list[typing.Any]: ...
 def write_mesh(mesh: typing.Any, path: bytes, texture_folder: bytes) -> list[typing.Any]: ...
 
 __version__: str = "0.1.0"
+
+def __getattr__(name: str) -> typing.Any: ...

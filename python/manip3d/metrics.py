@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -18,7 +19,19 @@ if TYPE_CHECKING:
     from manip3d._options import Progress, Rng
     from manip3d.mesh import Mesh
 
-__all__ = ["ClosestPoints", "Deviation", "MetroResult", "closest_points", "metro"]
+__all__ = [
+    "BoundaryGap",
+    "ClosestPoints",
+    "Deviation",
+    "FmpdResult",
+    "MetroResult",
+    "TextureError",
+    "boundary_gap",
+    "closest_points",
+    "fmpd",
+    "metro",
+    "texture_error",
+]
 
 
 @dataclass(frozen=True)
@@ -45,7 +58,6 @@ class Deviation:
     Attributes
     ----------
     mean, rms, max : float
-        NaN when there was nothing to sample.
     samples : int
     """
 
@@ -89,6 +101,81 @@ class MetroResult:
     def max(self) -> float:
         """Largest distance of ``forward`` divided by ``diagonal``."""
         return self.forward.max / self.diagonal
+
+
+@dataclass(frozen=True)
+class TextureError:
+    """Deviation of texture coordinates; see :func:`texture_error`.
+
+    Attributes
+    ----------
+    mean, rms, mse, max : float or None
+        Of the distances between texture coordinates (1 = a whole texture); ``mse`` is the square of
+        ``rms``. ``None`` when no sample could be compared.
+    samples : int
+        Samples compared.
+    skipped : int
+        Samples on a face without texture coordinates, or that met only such faces.
+    material_mismatch_rate : float
+        Share of all samples drawn that met no face of their own material; they are not compared.
+    """
+
+    mean: float | None
+    rms: float | None
+    mse: float | None
+    max: float | None
+    samples: int
+    skipped: int
+    material_mismatch_rate: float
+
+
+@dataclass(frozen=True)
+class FmpdResult:
+    """Fast mesh perceptual distance; see :func:`fmpd`.
+
+    Attributes
+    ----------
+    value : float
+        0 = equally rough.
+    roughness_original, roughness_simplified : float
+        Global roughness of each mesh. Both depend on both meshes: thresholds are shared.
+    skipped_faces : int
+        Faces without area in both meshes, which do not take part.
+    non_manifold : bool
+        Some vertex is not manifold. Its curvature is that of an interior vertex.
+    """
+
+    value: float
+    roughness_original: float
+    roughness_simplified: float
+    skipped_faces: int
+    non_manifold: bool
+
+
+@dataclass(frozen=True)
+class BoundaryGap:
+    """Distances between boundary curves; see :func:`boundary_gap`.
+
+    Attributes
+    ----------
+    forward : Deviation or None
+        From the original's boundary to the simplified one, in the meshes' units. ``None`` where the
+        original has no boundary; infinite where only the simplified mesh has none.
+    backward : Deviation or None
+        From the simplified boundary to the original's, likewise.
+    cracks : int
+        Simplified boundary edges with a point beyond the tolerance of every original one.
+    crack_length : float
+        Summed length of those edges, in the meshes' units.
+    diagonal : float
+        Of the original's bounding box, in the meshes' units.
+    """
+
+    forward: Deviation | None
+    backward: Deviation | None
+    cracks: int
+    crack_length: float
+    diagonal: float
 
 
 def closest_points(
@@ -188,6 +275,180 @@ def metro(
             report,
         )
     return MetroResult(Deviation(*forward), Deviation(*backward), diagonal, sampling)
+
+
+def texture_error(
+    original: Mesh,
+    simplified: Mesh,
+    *,
+    samples: int | None = None,
+    rng: Rng = 0,
+    epsilon: float = 1e-4,
+    threads: int = 0,
+    progress: Progress = None,
+) -> TextureError:
+    """Measure how far texture coordinates moved on the surface.
+
+    Area-uniform samples of the original are compared with the interpolated texture coordinates at
+    the closest point of the simplified surface. Where several faces are met within ``epsilon`` of
+    the closest distance, the one of the sample's material counts whose texture coordinates are
+    nearest, so a seam is not an error.
+
+    Parameters
+    ----------
+    original, simplified : Mesh
+        In the same units and place; at least one face each.
+    samples : int, optional
+        The larger of the two numbers of faces by default.
+    rng : int, numpy.random.Generator or None
+        Seed; ``None``: another one each time.
+    epsilon : float
+        In diagonals of the original's bounding box.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+    progress : None, True or callable(fraction, message)
+
+    Returns
+    -------
+    TextureError
+
+    Raises
+    ------
+    InputError
+        A mesh without faces; an original without area; ``samples`` below 1; ``epsilon`` negative.
+
+    Notes
+    -----
+    H. Hoppe: New quadric metric for simplifying meshes with appearance attributes, IEEE
+    Visualization 1999. Materials are the same when their names are (the n-th of a name with the
+    n-th of that name), or by index where a mesh has no table of materials.
+    """
+    with reporting(progress, "texture error") as report:
+        return TextureError(
+            *_core.texture_error(
+                original,
+                _with_materials_of(original, simplified),
+                _checked_samples(samples),
+                seed_of(rng),
+                epsilon,
+                threads_of(threads),
+                report,
+            )
+        )
+
+
+def fmpd(
+    original: Mesh,
+    simplified: Mesh,
+    *,
+    clip: bool = False,
+    threads: int = 0,
+    progress: Progress = None,
+) -> FmpdResult:
+    """Measure the perceptual distance of two meshes as the difference of their roughness.
+
+    Parameters
+    ----------
+    original, simplified : Mesh
+        Connectivity is taken as stored; weld seams before where they should not count as boundary.
+    clip : bool
+        Limit the value to 1, as chapter 3 of the dissertation does and chapter 2 does not.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+    progress : None, True or callable(fraction, message)
+
+    Returns
+    -------
+    FmpdResult
+
+    Raises
+    ------
+    InputError
+        A mesh without faces or without area.
+
+    Notes
+    -----
+    K. Wang, F. Torkhani, A. Montanvert: A fast roughness-based approach to the assessment of 3D
+    mesh visual quality, Computers & Graphics 36(7), 2012. Local roughness is the Laplacian, with
+    cotangent weights clamped to [0.001, 1000], of the absolute angle deficit. The values published
+    in the dissertation cannot be met with it: compare ranks.
+    """
+    with reporting(progress, "fmpd") as report:
+        return FmpdResult(*_core.fmpd(original, simplified, clip, threads_of(threads), report))
+
+
+def boundary_gap(
+    original: Mesh,
+    simplified: Mesh,
+    *,
+    tolerance: float = 1e-3,
+    weld: bool = True,
+    threads: int = 0,
+    progress: Progress = None,
+) -> BoundaryGap:
+    """Measure the distances between the boundary curves of two meshes, and find cracks.
+
+    A boundary edge is used by exactly one face (faces with a repeated index apart). Mean and RMS
+    are by length, sampled in the middles of equal pieces of each edge, none longer than 1e-3
+    diagonals; the maximum looks at the ends of the edges as well.
+
+    Parameters
+    ----------
+    original, simplified : Mesh
+        In the same units and place; at least one face each.
+    tolerance : float
+        Of a crack, in diagonals of the original's bounding box; 1e-6 to 1.
+    weld : bool
+        Count vertices with bit-identical positions as one, in both meshes. Without it each seam of
+        a file that stores one vertex per texture coordinate (glTF always) is a boundary, and a
+        crack along it is found only where it is wider than the tolerance.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+    progress : None, True or callable(fraction, message)
+
+    Returns
+    -------
+    BoundaryGap
+
+    Raises
+    ------
+    InputError
+        A mesh without faces; an original whose bounding box is a point; ``tolerance`` out of range.
+    """
+    with reporting(progress, "boundary gap") as report:
+        forward, backward, cracks, crack_length, diagonal = _core.boundary_gap(
+            original, simplified, tolerance, weld, threads_of(threads), report
+        )
+    return BoundaryGap(
+        None if forward is None else Deviation(*forward),
+        None if backward is None else Deviation(*backward),
+        cracks,
+        crack_length,
+        diagonal,
+    )
+
+
+def _with_materials_of(original: Mesh, simplified: Mesh) -> Mesh:
+    """``simplified`` with its materials numbered as in ``original``; new ones come after those."""
+    face_material = simplified.face_material
+    if face_material is None or not original.materials or not simplified.materials:
+        return simplified
+    known = {key: index for index, key in enumerate(_keys(original))}
+    numbers = np.arange(-1, max(len(simplified.materials), face_material.max(initial=-1) + 1))
+    numbers[numbers >= 0] += len(known)  # a material that the original does not have
+    for index, key in enumerate(_keys(simplified)):
+        numbers[index + 1] = known.get(key, numbers[index + 1])
+    return simplified.replace(face_material=numbers[face_material + 1])
+
+
+def _keys(mesh: Mesh) -> list[tuple[str, int]]:
+    """Name of each material, and how many of that name came before it."""
+    seen: Counter[str] = Counter()
+    keys = []
+    for material in mesh.materials:
+        keys.append((material.name, seen[material.name]))
+        seen[material.name] += 1
+    return keys
 
 
 def _checked_samples(samples: int | None) -> int:

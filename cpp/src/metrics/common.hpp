@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <new>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -38,27 +38,24 @@ struct Moments {
     max = std::max(max, other.max);
     count += other.count;
   }
-  [[nodiscard]] double mean() const { return sum / static_cast<double>(count); }  // none: NaN
+  [[nodiscard]] double mean() const { return sum / static_cast<double>(count); }
   [[nodiscard]] double mean_square() const { return squares / static_cast<double>(count); }
   /// The values times `unit`.
   [[nodiscard]] Deviation deviation(double unit) const {
-    if (count == 0) return {};
     return {mean() * unit, std::sqrt(mean_square()) * unit, max * unit, count};
   }
 };
 
-/// Runs `measure(i, accumulator)` for each i in [0, count), one accumulator a chunk, and adds them
-/// up in chunk order.
-template <typename Accumulator, typename Measure>
-Accumulator accumulate_in_order(std::int64_t count, int num_threads, const Progress& progress,
-                                const Measure& measure) {
+/// Adds up `measure(begin, end)` over the chunks of [0, count), in their order.
+template <typename Accumulator>
+Accumulator accumulate_in_order(
+    std::int64_t count, int num_threads, const Progress& progress,
+    const std::function<Accumulator(std::int64_t begin, std::int64_t end)>& measure) {
   std::vector<Accumulator> chunks((count + kSampleChunk - 1) / kSampleChunk);
   parallel_chunks(
       count, kSampleChunk, num_threads,
       [&](std::int64_t begin, std::int64_t end) {
-        Accumulator chunk;
-        for (std::int64_t i = begin; i < end; ++i) measure(i, chunk);
-        chunks[begin / kSampleChunk] = chunk;
+        chunks[begin / kSampleChunk] = measure(begin, end);
       },
       progress);
   Accumulator total;
@@ -72,50 +69,32 @@ inline Progress part_of(const Progress& progress, double from, double to) {
   return [=](double fraction) { progress(from + fraction * (to - from)); };
 }
 
-/// The two meshes moved so that the middle of the original's bounding box is the origin: samples
-/// of surfaces far from the origin would otherwise be rounded to the coordinates' last place.
-class CenteredPair {
+/// The two meshes, moved so that the middle of the original's bounding box is the origin and scaled
+/// by a power of two so that its size is near 1: no measure then depends on where a file puts its
+/// origin, and no product overflows or vanishes because of its unit.
+class NormalizedPair {
  public:
-  /// @throws InputError  what check_mesh refuses; a mesh without faces; a diagonal of the original
-  ///                     that is 0 or no double.
-  CenteredPair(const MeshView& original, const MeshView& simplified)
-      : original_(original), simplified_(simplified) {
-    check_mesh(original);
-    check_mesh(simplified);
-    const BoundingBox box = bounding_box(original);
-    diagonal_ = box.diagonal();
-    for (const auto& [name, mesh] :
-         {std::pair{"original", &original}, std::pair{"simplified", &simplified}}) {
-      if (mesh->num_faces() > 0) continue;
-      throw InputError(std::string(name) + ": expected at least one face, got none");
-    }
-    if (!(diagonal_ > 0.0 && std::isfinite(diagonal_))) {
-      throw InputError("original: expected a bounding box with a diagonal > 0, got " +
-                       std::to_string(diagonal_));
-    }
-    move(original_, original_vertices_, box.center());
-    move(simplified_, simplified_vertices_, box.center());
-  }
-  CenteredPair(const CenteredPair&) = delete;
-  CenteredPair& operator=(const CenteredPair&) = delete;
-  ~CenteredPair() = default;
+  /// @throws InputError  what check_mesh refuses; a mesh without faces; an original whose bounding
+  ///                     box is a point.
+  NormalizedPair(const MeshView& original, const MeshView& simplified);
+  NormalizedPair(const NormalizedPair&) = delete;
+  NormalizedPair& operator=(const NormalizedPair&) = delete;
+  ~NormalizedPair() = default;
 
   [[nodiscard]] const MeshView& original() const { return original_; }
   [[nodiscard]] const MeshView& simplified() const { return simplified_; }
+  /// Of the original's bounding box, in the normalised unit.
   [[nodiscard]] double diagonal() const { return diagonal_; }
+  /// The normalised unit in the files' units.
+  [[nodiscard]] double unit() const { return unit_; }
 
  private:
-  static void move(MeshView& view, Vertices& moved, const Eigen::Vector3d& center) {
-    moved = view.vertices.rowwise() - center.transpose();
-    using Map = MeshView::Map<Vertices>;
-    new (&view.vertices) Map(moved.data(), moved.rows(), 3);  // Eigen's way to rebind a map
-  }
-
   MeshView original_;
   MeshView simplified_;
   Vertices original_vertices_;
   Vertices simplified_vertices_;
   double diagonal_ = 0.0;
+  double unit_ = 1.0;
 };
 
 }  // namespace manip3d

@@ -9,17 +9,6 @@
 namespace manip3d {
 namespace {
 
-// Distances in units of the diagonal, whose squares neither overflow nor vanish.
-struct Distances : Moments {
-  std::int32_t near_face = 0;  // neighbouring samples have neighbouring answers
-
-  void measure(const TriangleBvh& bvh, const Eigen::Vector3d& point, double diagonal) {
-    const SurfacePoint nearest = bvh.closest_point(point, near_face);
-    near_face = nearest.face;
-    Moments::add(nearest.distance / diagonal);
-  }
-};
-
 std::vector<std::int32_t> used_vertices(const MeshView& mesh) {
   std::vector<bool> is_used(static_cast<std::size_t>(mesh.num_vertices()));
   for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
@@ -32,15 +21,22 @@ std::vector<std::int32_t> used_vertices(const MeshView& mesh) {
   return used;
 }
 
-Deviation one_sided(const MeshView& from, const MeshView& to, double diagonal, std::int64_t samples,
+Deviation one_sided(const MeshView& from, const MeshView& to, double unit, std::int64_t samples,
                     const MetroOptions& options, const Progress& progress) {
   const TriangleBvh bvh(to);
-  const auto measure_all = [&](std::int64_t count, const auto& point) {
-    return accumulate_in_order<Distances>(count, options.num_threads, progress,
-                                          [&](std::int64_t i, Distances& distances) {
-                                            distances.measure(bvh, point(i), diagonal);
-                                          })
-        .deviation(diagonal);
+  const auto measure_all = [&](std::int64_t count, const auto& point_of) {
+    const auto measure = [&](std::int64_t begin, std::int64_t end) {
+      Moments distances;
+      std::int32_t near_face = 0;  // neighbouring samples have neighbouring answers
+      for (std::int64_t i = begin; i < end; ++i) {
+        const SurfacePoint nearest = bvh.closest_point(point_of(i), near_face);
+        distances.add(nearest.distance);
+        near_face = nearest.face;
+      }
+      return distances;
+    };
+    return accumulate_in_order<Moments>(count, options.num_threads, progress, measure)
+        .deviation(unit);
   };
   if (options.sampling == Sampling::kVertex) {
     const std::vector<std::int32_t> used = used_vertices(from);
@@ -55,13 +51,13 @@ Deviation one_sided(const MeshView& from, const MeshView& to, double diagonal, s
 
 MetroResult metro(const MeshView& original, const MeshView& simplified, const MetroOptions& options,
                   const Progress& progress) {
-  const CenteredPair pair(original, simplified);
+  const NormalizedPair pair(original, simplified);
   const std::int64_t samples = options.samples == 0 ? 10 * original.num_faces() : options.samples;
   MetroResult result;
-  result.diagonal = pair.diagonal();
-  result.forward = one_sided(pair.original(), pair.simplified(), result.diagonal, samples, options,
+  result.diagonal = pair.diagonal() * pair.unit();
+  result.forward = one_sided(pair.original(), pair.simplified(), pair.unit(), samples, options,
                              part_of(progress, 0.0, 0.5));
-  result.backward = one_sided(pair.simplified(), pair.original(), result.diagonal, samples, options,
+  result.backward = one_sided(pair.simplified(), pair.original(), pair.unit(), samples, options,
                               part_of(progress, 0.5, 1.0));
   return result;
 }

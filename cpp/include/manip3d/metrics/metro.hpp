@@ -1,18 +1,17 @@
 #pragma once
 
 #include <cstdint>
-#include <limits>
 
 #include "manip3d/geometry/mesh.hpp"
 #include "manip3d/progress.hpp"
 
 namespace manip3d {
 
-/// Statistics of one-sided distances, in the meshes' units. NaN where there was nothing to sample.
+/// Statistics of one-sided distances, in the meshes' units.
 struct Deviation {
-  double mean = std::numeric_limits<double>::quiet_NaN();
-  double rms = std::numeric_limits<double>::quiet_NaN();
-  double max = std::numeric_limits<double>::quiet_NaN();
+  double mean = 0.0;
+  double rms = 0.0;
+  double max = 0.0;
   std::int64_t samples = 0;
 };
 
@@ -38,8 +37,8 @@ struct MetroResult {
 /// from samples of each to the closest point of the other.
 ///
 /// The same bits for any number of threads. O(N log F) time for N samples, memory linear in F.
-/// @throws InputError  what check_mesh refuses; a mesh without faces; an original whose diagonal is
-///                     0 or no double; `kArea`: a surface without area, samples < 0.
+/// @throws InputError  what check_mesh refuses; a mesh without faces; an original whose bounding
+///                     box is a point; `kArea`: a surface without area, samples < 0.
 MetroResult metro(const MeshView& original, const MeshView& simplified,
                   const MetroOptions& options = {}, const Progress& progress = {});
 

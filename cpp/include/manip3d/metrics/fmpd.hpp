@@ -1,0 +1,31 @@
+#pragma once
+
+#include <cstdint>
+
+#include "manip3d/geometry/mesh.hpp"
+#include "manip3d/progress.hpp"
+
+namespace manip3d {
+
+struct FmpdOptions {
+  bool clip = false;    ///< At 1, as chapter 3 of the dissertation does and chapter 2 does not.
+  int num_threads = 0;  ///< As in parallel_chunks.
+};
+
+struct FmpdResult {
+  double value = 0.0;                 ///< 8 |difference of the two roughnesses|.
+  double roughness_original = 0.0;    ///< Global roughness, modulated as in the paper.
+  double roughness_simplified = 0.0;  ///< The modulation depends on both meshes.
+  std::int64_t skipped_faces = 0;     ///< Without area, in both meshes.
+  bool is_non_manifold = false;       ///< Some vertex of either mesh is not manifold.
+};
+
+/// Fast mesh perceptual distance [Wang, Torkhani & Montanvert, Computers & Graphics 2012]: the
+/// difference of two global roughnesses, which derive from the Laplacian of Gaussian curvature.
+///
+/// The same bits for any number of threads; 1e-12 relative across processors (libm).
+/// @throws InputError  what check_mesh refuses; a mesh without faces or without area.
+FmpdResult fmpd(const MeshView& original, const MeshView& simplified,
+                const FmpdOptions& options = {}, const Progress& progress = {});
+
+}  // namespace manip3d
