@@ -118,7 +118,8 @@ def read_mesh(
         Let an OBJ or glTF file name materials and textures outside of its own folder.
     max_bytes : int, optional
         The most uncompressed bytes to read. Without it compressed files are refused past 64 MiB
-        where they expand more than 200 times.
+        where they expand more than 200 times. glTF, whose nodes can name one mesh many times,
+        may become 64 MiB of arrays or 100 times its size, whichever is more.
 
     Returns
     -------

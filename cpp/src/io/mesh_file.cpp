@@ -28,6 +28,8 @@ struct Format {
 constexpr Format kFormats[] = {
     {MeshFormat::kObj, "obj", ".obj", read_obj, write_obj},
     {MeshFormat::kPly, "ply", ".ply", read_ply, write_ply},
+    {MeshFormat::kGltf, "gltf", ".gltf", read_gltf, write_gltf},
+    {MeshFormat::kGlb, "glb", ".glb", read_gltf, write_glb},
 };
 
 const Format* find_format(MeshFormat format) {
@@ -174,6 +176,7 @@ std::optional<MeshFormat> format_of_content(std::string_view head,
   static_cast<void>(size);
   if (head.starts_with("ply\n") || head.starts_with("ply\r")) return MeshFormat::kPly;
   if (head.starts_with("glTF")) return MeshFormat::kGlb;
+  if (head.starts_with("{")) return MeshFormat::kGltf;
   for (const char* start : {"v ", "#", "mtllib ", "o ", "g ", "vn ", "vt "}) {
     if (head.starts_with(start)) return MeshFormat::kObj;
   }

@@ -85,19 +85,32 @@ std::string CompanionFiles::texture_name(const Material& material, const std::st
   if (base.empty()) return "";
   const auto [item, is_new] = name_of_path_.try_emplace(texture.path, base);
   if (!is_new) return item->second;
-  if (job_.options.texture_folder.empty() && !fs::path(texture.path).is_absolute()) {
-    warn(job_.warnings, "texture '" + texture.path + "' not copied: no folder to find it in");
-    return base;
-  }
-  const fs::path given(texture.path);
-  const fs::path path =
-      given.is_absolute() ? given : resolve_inside(job_.options.texture_folder, texture.path);
-  std::error_code refused;
-  if (!fs::is_regular_file(path, refused)) {
+  const auto path = find(texture);
+  if (!path) {
     warn(job_.warnings, "texture '" + texture.path + "' not found, only its name is written");
     return base;
   }
-  return item->second = place(base, read_whole(path));
+  return item->second = place(base, read_whole(*path));
+}
+
+std::string CompanionFiles::image(const Texture& texture) {
+  if (!texture.data.empty()) {
+    return {reinterpret_cast<const char*>(texture.data.data()), texture.data.size()};
+  }
+  const auto path = find(texture);
+  if (path) return read_whole(*path);
+  warn(job_.warnings, "texture '" + texture.path + "' not found and left out");
+  return "";
+}
+
+std::optional<fs::path> CompanionFiles::find(const Texture& texture) const {
+  const fs::path given(texture.path);
+  if (!given.is_absolute() && job_.options.texture_folder.empty()) return std::nullopt;
+  const fs::path path =
+      given.is_absolute() ? given : resolve_inside(job_.options.texture_folder, texture.path);
+  std::error_code refused;
+  if (!fs::is_regular_file(path, refused)) return std::nullopt;
+  return path;
 }
 
 std::string line_name(const std::string& name) {

@@ -2,6 +2,7 @@
 
 #include <filesystem>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -19,10 +20,15 @@ class CompanionFiles {
   /// Name that the mesh file shall use for the texture of a role; "" where there is none.
   std::string texture_name(const Material& material, const std::string& role);
 
+  /// Bytes of a texture's image file; "" (with a warning) where it is not to be found.
+  std::string image(const Texture& texture);
+
   /// Writes `content` beside the mesh file under `name` or a name with a hash, which it returns.
   std::string place(const std::string& name, const std::string& content);
 
  private:
+  [[nodiscard]] std::optional<std::filesystem::path> find(const Texture& texture) const;
+
   const WriteJob& job_;
   std::filesystem::path folder_;
   std::map<std::string, std::string> name_of_path_;

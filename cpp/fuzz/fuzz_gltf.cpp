@@ -1,0 +1,64 @@
+// glTF and GLB: whatever the bytes, a FormatError or a valid mesh; a mesh that came through is
+// written and read again with the same faces.
+#include <algorithm>
+#include <cstdint>
+#include <cstdlib>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "io/gltf.hpp"
+#include "io/gltf_scene.hpp"
+#include "manip3d/error.hpp"
+
+namespace {
+
+using manip3d::TriangleMesh;
+
+std::span<const std::byte> as_bytes(const std::string& text) {
+  return std::as_bytes(std::span(text.data(), text.size()));
+}
+
+/// Every external file has these 64 bytes.
+std::vector<std::byte> resource(const std::string& uri, std::int64_t size) {
+  std::vector<std::byte> bytes(static_cast<std::size_t>(std::min<std::int64_t>(size, 64)));
+  for (std::size_t i = 0; i < bytes.size(); ++i) {
+    bytes[i] = static_cast<std::byte>(i % 4 == 3 ? 0x3F : uri.size() + i);
+  }
+  return bytes;
+}
+
+std::string texture_file(const manip3d::Texture& texture) {
+  return std::string(reinterpret_cast<const char*>(texture.data.data()), texture.data.size());
+}
+
+void check_round_trip(const TriangleMesh& mesh) {
+  std::string glb;
+  std::vector<std::string> warnings;
+  try {
+    manip3d::GltfScene scene = manip3d::build_gltf(mesh, mesh.materials, texture_file, warnings);
+    glb = manip3d::finish_glb(scene);
+    glb += scene.buffer;
+  } catch (const manip3d::InputError&) {  // no faces, or beyond float32
+    return;
+  }
+  const TriangleMesh again = manip3d::parse_gltf(as_bytes(glb), resource).mesh;
+  if (again.faces.rows() != mesh.faces.rows()) std::abort();
+  if (again.materials.size() != mesh.materials.size()) std::abort();
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  try {
+    const manip3d::ReadResult content =
+        manip3d::parse_gltf(std::as_bytes(std::span(data, size)), resource);
+    manip3d::check_mesh(content.mesh);
+    for (const std::int32_t material : content.mesh.face_material) {
+      if (material >= static_cast<std::int64_t>(content.mesh.materials.size())) std::abort();
+    }
+    if (content.mesh.faces.rows() < 4096) check_round_trip(content.mesh);
+  } catch (const manip3d::FormatError&) {
+  }
+  return 0;
+}

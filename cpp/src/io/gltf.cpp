@@ -1,0 +1,683 @@
+#include "io/gltf.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <numeric>
+#include <optional>
+#include <string_view>
+#include <tuple>
+#include <utility>
+
+#include "io/formats.hpp"
+#include "io/gltf_document.hpp"
+#include "io/gltf_scene.hpp"
+#include "io/warnings.hpp"
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr std::int64_t kFreeBytes = std::int64_t{64} << 20;
+constexpr std::int64_t kFreeRatio = 100;
+
+struct Transform {
+  Eigen::Matrix3d linear = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d translation = Eigen::Vector3d::Zero();
+
+  Transform operator*(const Transform& child) const {
+    return {linear * child.linear, linear * child.translation + translation};
+  }
+  [[nodiscard]] bool mirrors() const { return linear.determinant() < 0.0; }
+};
+
+constexpr std::int64_t kTriangles = 4;
+constexpr std::int64_t kTriangleStrip = 5;
+constexpr std::int64_t kTriangleFan = 6;
+
+/// The accessors of one primitive; null where it has none.
+struct Primitive {
+  const GltfAccessor* position = nullptr;
+  const GltfAccessor* normal = nullptr;
+  const GltfAccessor* texcoord = nullptr;
+  const GltfAccessor* color = nullptr;
+  const GltfAccessor* indices = nullptr;
+  std::int32_t material = -1;
+  std::int64_t mode = kTriangles;
+  std::string pointer;
+
+  [[nodiscard]] std::int64_t num_corners() const {
+    return indices != nullptr ? indices->count : position->count;
+  }
+  [[nodiscard]] std::int64_t num_faces() const {
+    return mode == kTriangles ? num_corners() / 3 : std::max<std::int64_t>(num_corners() - 2, 0);
+  }
+};
+
+struct Instance {
+  std::int64_t mesh;
+  Transform transform;
+};
+
+/// One primitive of one instance, and the rows where its elements start.
+struct Draw {
+  const Primitive* primitive;
+  const Transform* transform;
+  std::int64_t vertices = 0;
+  std::int64_t texcoords = 0;
+  std::int64_t normals = 0;
+  std::int64_t faces = 0;
+  bool owns_vertices = false;  ///< The first of those that share the rows fills them.
+  bool owns_texcoords = false;
+  bool owns_normals = false;
+};
+
+template <int N>
+Eigen::Matrix<double, N, 1> numbers(const JsonPlace& place) {
+  if (place.size() != N) place.fail("expected " + std::to_string(N) + " numbers");
+  Eigen::Matrix<double, N, 1> values;
+  for (int i = 0; i < N; ++i) values[i] = place.item(i).number();
+  return values;
+}
+
+Transform matrix_transform(const JsonPlace& place) {
+  const Eigen::Matrix<double, 16, 1> columns = numbers<16>(place);
+  const Eigen::Matrix4d m = Eigen::Map<const Eigen::Matrix4d>(columns.data());
+  if (m.row(3) != Eigen::RowVector4d(0, 0, 0, 1)) place.fail("expected 0 0 0 1 as the last row");
+  return {m.topLeftCorner<3, 3>(), m.topRightCorner<3, 1>()};
+}
+
+Transform node_transform(const JsonPlace& node) {
+  if (const auto matrix = node.find("matrix")) return matrix_transform(*matrix);
+  Transform transform;
+  if (const auto rotation = node.find("rotation")) {
+    const Eigen::Vector4d xyzw = numbers<4>(*rotation);
+    if (!(xyzw.norm() > 0.0)) rotation->fail("expected a unit quaternion, got zero");
+    transform.linear = Eigen::Quaterniond(xyzw.normalized()).toRotationMatrix();
+  }
+  if (const auto scale = node.find("scale")) {
+    transform.linear = transform.linear * numbers<3>(*scale).asDiagonal();
+  }
+  if (const auto translation = node.find("translation")) {
+    transform.translation = numbers<3>(*translation);
+  }
+  return transform;
+}
+
+class Reader {
+ public:
+  Reader(ByteSpan data, const GltfResource& resource, std::uint64_t max_bytes)
+      : document_(data, resource), max_bytes_(static_cast<std::int64_t>(max_bytes)) {}
+
+  ReadResult read(const Progress& progress) {
+    check_asset();
+    collect_instances();
+    plan_draws();
+    allocate();
+    fill(progress);
+    read_materials();
+    result_.num_polygons = num_faces_;
+    return std::move(result_);
+  }
+
+ private:
+  /// Each warning once, however often there is cause for it.
+  void warn_once(const std::string& warning) {
+    if (std::find(result_.warnings.begin(), result_.warnings.end(), warning) ==
+        result_.warnings.end()) {
+      warn(result_.warnings, warning);
+    }
+  }
+
+  // --- What the file asks for ------------------------------------------------------------
+
+  void check_asset() {
+    const JsonPlace version = document_.root().member("asset").member("version");
+    if (!version.text().starts_with("2.")) version.fail("expected glTF 2.x, got another version");
+    check_extensions();
+    if (document_.count("animations") > 0) warn_once("animations are left out");
+    if (document_.count("skins") > 0)
+      warn_once("skins are left out: meshes stay in their bind pose");
+  }
+
+  void check_extensions() {
+    // Extensions of materials change how a mesh looks, not where it is.
+    const auto appearance = [](const std::string& name) {
+      return name.starts_with("KHR_materials_");
+    };
+    const std::string known = "KHR_mesh_quantization";
+    if (const auto required = document_.root().find("extensionsRequired")) {
+      for (std::int64_t i = 0; i < required->size(); ++i) {
+        const std::string& name = required->item(i).text();
+        if (name != known && !appearance(name)) {
+          required->item(i).fail("the file requires the extension " + name + ", which is not read");
+        }
+      }
+    }
+    if (const auto used = document_.root().find("extensionsUsed")) {
+      for (std::int64_t i = 0; i < used->size(); ++i) {
+        const std::string& name = used->item(i).text();
+        if (name != known) warn_once("extension " + name + " is left out");
+      }
+    }
+  }
+
+  // --- Nodes -----------------------------------------------------------------------------
+
+  /// Children of every node; each node has at most one parent and none is its own ancestor.
+  std::vector<std::vector<std::int64_t>> read_forest(std::vector<bool>& has_parent) const {
+    const std::int64_t num_nodes = document_.count("nodes");
+    std::vector<std::vector<std::int64_t>> children(static_cast<std::size_t>(num_nodes));
+    has_parent.assign(children.size(), false);
+    for (std::int64_t n = 0; n < num_nodes; ++n) {
+      const auto list = node(n).find("children");
+      if (!list) continue;
+      for (std::int64_t i = 0; i < list->size(); ++i) {
+        const std::int64_t child = list->item(i).integer(0, num_nodes - 1);
+        if (has_parent[static_cast<std::size_t>(child)]) {
+          list->item(i).fail("node " + std::to_string(child) + " has two parents");
+        }
+        has_parent[static_cast<std::size_t>(child)] = true;
+        children[static_cast<std::size_t>(n)].push_back(child);
+      }
+    }
+    check_acyclic(children, has_parent);
+    return children;
+  }
+
+  /// With at most one parent each, a node is in or below a cycle unless a root reaches it.
+  void check_acyclic(const std::vector<std::vector<std::int64_t>>& children,
+                     const std::vector<bool>& has_parent) const {
+    std::vector<std::int64_t> stack;
+    std::vector<bool> reached(children.size(), false);
+    for (std::size_t n = 0; n < children.size(); ++n) {
+      if (!has_parent[n]) stack.push_back(static_cast<std::int64_t>(n));
+    }
+    while (!stack.empty()) {
+      const auto n = static_cast<std::size_t>(stack.back());
+      stack.pop_back();
+      reached[n] = true;
+      stack.insert(stack.end(), children[n].begin(), children[n].end());
+    }
+    const auto lost = std::find(reached.begin(), reached.end(), false);
+    if (lost != reached.end()) node(lost - reached.begin()).fail("the nodes form a cycle");
+  }
+
+  [[nodiscard]] JsonPlace node(std::int64_t index) const {
+    return document_.root().member("nodes").item(index);
+  }
+
+  /// Roots of the default scene, else of the first scene, else all nodes without a parent.
+  std::vector<std::int64_t> scene_roots(const std::vector<bool>& has_parent) const {
+    std::vector<std::int64_t> roots;
+    if (document_.count("scenes") == 0) {
+      for (std::size_t n = 0; n < has_parent.size(); ++n) {
+        if (!has_parent[n]) roots.push_back(static_cast<std::int64_t>(n));
+      }
+      return roots;
+    }
+    const auto chosen = document_.root().find("scene");
+    const JsonPlace scene =
+        chosen ? document_.object("scenes", *chosen) : document_.root().member("scenes").item(0);
+    const auto list = scene.find("nodes");
+    std::vector<bool> listed(has_parent.size(), false);
+    for (std::int64_t i = 0; list && i < list->size(); ++i) {
+      const JsonPlace place = list->item(i);
+      const auto n = static_cast<std::size_t>(
+          place.integer(0, static_cast<std::int64_t>(has_parent.size()) - 1));
+      if (has_parent[n]) place.fail("the root of a scene has a parent");
+      if (listed[n]) place.fail("node " + std::to_string(n) + " is listed twice");
+      listed[n] = true;
+      roots.push_back(static_cast<std::int64_t>(n));
+    }
+    return roots;
+  }
+
+  void collect_instances() {
+    std::vector<bool> has_parent;
+    const auto children = read_forest(has_parent);
+    struct Visit {
+      std::int64_t node;
+      Transform parent;
+    };
+    std::vector<Visit> stack;
+    const auto push_reversed = [&](const std::vector<std::int64_t>& nodes, const Transform& t) {
+      for (auto n = nodes.rbegin(); n != nodes.rend(); ++n) stack.push_back({*n, t});
+    };
+    push_reversed(scene_roots(has_parent), {});
+    while (!stack.empty()) {
+      const Visit visit = stack.back();
+      stack.pop_back();
+      const JsonPlace place = node(visit.node);
+      const Transform world = visit.parent * node_transform(place);
+      if (const auto mesh = place.find("mesh")) {
+        static_cast<void>(document_.object("meshes", *mesh));  // checks the index
+        instances_.push_back({mesh->integer(0, document_.count("meshes") - 1), world});
+      }
+      push_reversed(children[static_cast<std::size_t>(visit.node)], world);
+    }
+  }
+
+  // --- Primitives ------------------------------------------------------------------------
+
+  const GltfAccessor* attribute(const JsonPlace& attributes, const char* name, int fewest,
+                                int most) {
+    const auto user = attributes.find(name);
+    if (!user) return nullptr;
+    const GltfAccessor& accessor = document_.accessor(*user);
+    if (accessor.num_components < fewest || accessor.num_components > most) {
+      accessor.place.fail(std::string("the type does not suit ") + name);
+    }
+    return &accessor;
+  }
+
+  std::optional<Primitive> read_primitive(const JsonPlace& place) {
+    Primitive p{.pointer = place.pointer()};
+    if (const auto mode = place.find("mode")) p.mode = mode->integer(0, kTriangleFan);
+    if (p.mode < kTriangles) {
+      warn_once("points and lines are left out");
+      return std::nullopt;
+    }
+    if (place.has("targets")) warn_once("morph targets are left out");
+    const JsonPlace attributes = place.member("attributes");
+    p.position = attribute(attributes, "POSITION", 3, 3);
+    if (p.position == nullptr) {
+      warn_once("primitives without POSITION are left out");
+      return std::nullopt;
+    }
+    check_compression(place, p);
+    p.normal = attribute(attributes, "NORMAL", 3, 3);
+    p.texcoord = attribute(attributes, "TEXCOORD_0", 2, 2);
+    p.color = attribute(attributes, "COLOR_0", 3, 4);
+    for (const GltfAccessor* other : {p.normal, p.texcoord, p.color}) {
+      if (other != nullptr && other->count != p.position->count) {
+        other->place.fail("has " + std::to_string(other->count) + " elements, POSITION of " +
+                          p.pointer + " " + std::to_string(p.position->count));
+      }
+    }
+    if (const auto indices = place.find("indices")) {
+      p.indices = &document_.accessor(*indices);
+      p.indices->check_indices();
+    }
+    if (const auto material = place.find("material")) {
+      static_cast<void>(document_.object("materials", *material));  // checks the index
+      p.material = static_cast<std::int32_t>(material->integer(0, (std::int64_t{1} << 31) - 1));
+    }
+    if (p.mode == kTriangles && p.num_corners() % 3 != 0) {
+      place.fail(std::to_string(p.num_corners()) + " corners do not make whole triangles");
+    }
+    return p;
+  }
+
+  /// Where Draco is optional, the plain accessors are there as well; zeros would be a lie.
+  static void check_compression(const JsonPlace& place, const Primitive& p) {
+    const auto extensions = place.find("extensions");
+    if (extensions && extensions->has("KHR_draco_mesh_compression") &&
+        p.position->dense.data == nullptr) {
+      place.fail("extension KHR_draco_mesh_compression is not read");
+    }
+  }
+
+  const std::vector<Primitive>& primitives_of(std::int64_t mesh) {
+    const auto known = meshes_.find(mesh);
+    if (known != meshes_.end()) return known->second;
+    const JsonPlace list = document_.root().member("meshes").item(mesh).member("primitives");
+    std::vector<Primitive> primitives;
+    for (std::int64_t i = 0; i < list.size(); ++i) {
+      if (auto primitive = read_primitive(list.item(i))) primitives.push_back(*primitive);
+    }
+    return meshes_.emplace(mesh, std::move(primitives)).first->second;
+  }
+
+  // --- Sizes, before anything is allocated -------------------------------------------------
+
+  void charge(std::int64_t rows, std::int64_t bytes_per_row, const std::string& who) {
+    bytes_ += rows * bytes_per_row;
+    const std::int64_t limit =
+        max_bytes_ > 0 ? max_bytes_ : std::max(kFreeBytes, kFreeRatio * document_.num_bytes());
+    if (bytes_ <= limit) return;
+    throw FormatError::at_byte(0, who + ": the mesh takes more than " + std::to_string(limit) +
+                                      " bytes, much for a file of " +
+                                      std::to_string(document_.num_bytes()) +
+                                      "; max_bytes allows it");
+  }
+
+  void plan_draws() {
+    bool any_color = false;
+    bool all_color = true;
+    for (const Instance& instance : instances_) {
+      for (const Primitive& p : primitives_of(instance.mesh)) {
+        charge(1, sizeof(Draw), p.pointer);
+        any_color = any_color || p.color != nullptr;
+        all_color = all_color && p.color != nullptr;
+      }
+    }
+    if (any_color && !all_color)
+      warn_once("vertex colours are left out: some primitives have none");
+    with_colors_ = any_color && all_color;
+    for (const Instance& instance : instances_) plan_instance(instance);
+    constexpr std::int64_t kMaxRows = std::numeric_limits<std::int32_t>::max() / 3;
+    if (num_vertices_ > kMaxRows || num_faces_ > kMaxRows || num_normals_ > kMaxRows ||
+        num_texcoords_ > kMaxRows) {
+      throw FormatError::at_byte(
+          0, "the scene has more than " + std::to_string(kMaxRows) + " vertices or faces");
+    }
+  }
+
+  void plan_instance(const Instance& instance) {
+    using Key = std::pair<const GltfAccessor*, const GltfAccessor*>;
+    std::map<Key, std::int64_t> vertex_rows;
+    std::map<const GltfAccessor*, std::int64_t> normal_rows;
+    for (const Primitive& p : primitives_of(instance.mesh)) {
+      Draw draw{.primitive = &p, .transform = &instance.transform, .faces = num_faces_};
+      // The row where `key` starts, and whether it is new.
+      const auto place = [&](auto& rows, const auto& key, std::int64_t& count, std::int64_t size,
+                             std::int64_t bytes) {
+        const auto [row, is_new] = rows.try_emplace(key, count);
+        if (is_new) {
+          charge(size, bytes, p.pointer);
+          count += size;
+        }
+        return std::pair(row->second, is_new);
+      };
+      const std::int64_t size = p.position->count;
+      std::tie(draw.vertices, draw.owns_vertices) =
+          place(vertex_rows, Key(p.position, with_colors_ ? p.color : nullptr), num_vertices_, size,
+                with_colors_ ? kVertexBytes + kColorBytes : kVertexBytes);
+      if (p.texcoord != nullptr) {
+        std::tie(draw.texcoords, draw.owns_texcoords) =
+            place(texcoord_rows_, p.texcoord, num_texcoords_, size, 16);
+      }
+      if (p.normal != nullptr) {
+        std::tie(draw.normals, draw.owns_normals) =
+            place(normal_rows, p.normal, num_normals_, size, kVertexBytes);
+      }
+      charge(p.num_corners(), sizeof(std::uint32_t), p.pointer);
+      charge(p.num_faces(), kFaceBytes, p.pointer);
+      num_faces_ += p.num_faces();
+      draws_.push_back(draw);
+    }
+  }
+
+  void allocate() {
+    mesh_.vertices.resize(num_vertices_, 3);
+    mesh_.faces.resize(num_faces_, 3);
+    mesh_.texcoords.resize(num_texcoords_, 2);
+    mesh_.normals.resize(num_normals_, 3);
+    if (num_texcoords_ > 0) mesh_.face_texcoords.setConstant(num_faces_, 3, -1);
+    if (num_normals_ > 0) mesh_.face_normals.setConstant(num_faces_, 3, -1);
+    if (with_colors_) mesh_.colors.resize(num_vertices_, 3);
+    if (document_.count("materials") > 0) mesh_.face_material.setConstant(num_faces_, -1);
+  }
+
+  // --- Values ----------------------------------------------------------------------------
+
+  void fill(const Progress& progress) {
+    for (std::size_t i = 0; i < draws_.size(); ++i) {
+      const Draw& draw = draws_[i];
+      if (draw.owns_vertices) fill_vertices(draw);
+      if (draw.owns_vertices && with_colors_) fill_colors(draw);
+      if (draw.owns_texcoords) fill_texcoords(draw);
+      if (draw.owns_normals) fill_normals(draw);
+      fill_faces(draw);
+      if (progress) progress(static_cast<double>(i + 1) / static_cast<double>(draws_.size()));
+    }
+  }
+
+  void fill_vertices(const Draw& draw) {
+    const GltfAccessor& accessor = *draw.primitive->position;
+    accessor.decode(mesh_.vertices.data() + 3 * draw.vertices);
+    for (std::int64_t i = draw.vertices; i < draw.vertices + accessor.count; ++i) {
+      auto row = mesh_.vertices.row(i);
+      row = (draw.transform->linear * row.transpose() + draw.transform->translation)
+                .transpose()
+                .eval();
+      if (!row.allFinite()) {
+        accessor.place.fail("element " + std::to_string(i - draw.vertices) +
+                            " is not finite after the transform of its node");
+      }
+    }
+  }
+
+  /// Linear light to sRGB bytes, IEC 61966-2-1.
+  void fill_colors(const Draw& draw) {
+    const GltfAccessor& accessor = *draw.primitive->color;
+    std::vector<double> linear(static_cast<std::size_t>(accessor.count * accessor.num_components));
+    accessor.decode(linear.data());
+    for (std::int64_t i = 0; i < accessor.count; ++i) {
+      for (int c = 0; c < 3; ++c) {
+        const double x =
+            std::clamp(linear[static_cast<std::size_t>(i * accessor.num_components + c)], 0.0, 1.0);
+        const double y = x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1 / 2.4) - 0.055;
+        mesh_.colors(draw.vertices + i, c) = static_cast<std::uint8_t>(std::lround(255.0 * y));
+      }
+    }
+  }
+
+  void fill_texcoords(const Draw& draw) {
+    const GltfAccessor& accessor = *draw.primitive->texcoord;
+    accessor.decode(mesh_.texcoords.data() + 2 * draw.texcoords);
+    auto v = mesh_.texcoords.col(1).segment(draw.texcoords, accessor.count);
+    v = (1.0 - v.array()).matrix().eval();
+  }
+
+  /// Normals go with the cofactors: the inverse transpose, also where there is no inverse.
+  void fill_normals(const Draw& draw) {
+    const GltfAccessor& accessor = *draw.primitive->normal;
+    accessor.decode(mesh_.normals.data() + 3 * draw.normals);
+    const Eigen::Matrix3d& m = draw.transform->linear;
+    if (m.isIdentity(0.0)) return;
+    Eigen::Matrix3d cofactors;
+    cofactors << m.col(1).cross(m.col(2)), m.col(2).cross(m.col(0)), m.col(0).cross(m.col(1));
+    if (draw.transform->mirrors()) cofactors = -cofactors;
+    for (std::int64_t i = draw.normals; i < draw.normals + accessor.count; ++i) {
+      const Eigen::Vector3d normal = cofactors * mesh_.normals.row(i).transpose();
+      if (!normal.allFinite())
+        accessor.place.fail("a normal overflows in the transform of its node");
+      mesh_.normals.row(i) = normal.stableNormalized().transpose();
+    }
+  }
+
+  [[nodiscard]] static std::vector<std::uint32_t> corners_of(const Primitive& p) {
+    std::vector<std::uint32_t> corners;
+    if (p.indices == nullptr) {
+      corners.resize(static_cast<std::size_t>(p.position->count));
+      std::iota(corners.begin(), corners.end(), 0U);
+      return corners;
+    }
+    corners = p.indices->decode_indices();
+    for (std::size_t i = 0; i < corners.size(); ++i) {
+      if (corners[i] < static_cast<std::uint64_t>(p.position->count)) continue;
+      p.indices->place.fail("element " + std::to_string(i) + " is " + std::to_string(corners[i]) +
+                            ", " + p.pointer + " has " + std::to_string(p.position->count) +
+                            " vertices");
+    }
+    return corners;
+  }
+
+  /// The corners of face f in the list of corners: glTF 2.0, section 3.7.2.1.
+  static std::array<std::int64_t, 3> face_corners(std::int64_t mode, std::int64_t f) {
+    if (mode == kTriangleStrip) return {f, f + 1 + f % 2, f + 2 - f % 2};
+    if (mode == kTriangleFan) return {f + 1, f + 2, 0};
+    return {3 * f, 3 * f + 1, 3 * f + 2};
+  }
+
+  void fill_faces(const Draw& draw) {
+    const Primitive& p = *draw.primitive;
+    const std::vector<std::uint32_t> corners = corners_of(p);
+    const bool mirrored = draw.transform->mirrors();
+    for (std::int64_t f = 0; f < p.num_faces(); ++f) {
+      std::array<std::int64_t, 3> from = face_corners(p.mode, f);
+      if (mirrored) std::swap(from[1], from[2]);
+      const std::int64_t face = draw.faces + f;
+      for (int c = 0; c < 3; ++c) {
+        const std::int64_t i = corners[static_cast<std::size_t>(from[static_cast<std::size_t>(c)])];
+        const auto set = [&](Faces& table, std::int64_t row) {
+          table(face, c) = static_cast<std::int32_t>(row + i);
+        };
+        set(mesh_.faces, draw.vertices);
+        if (p.texcoord != nullptr) set(mesh_.face_texcoords, draw.texcoords);
+        if (p.normal != nullptr) set(mesh_.face_normals, draw.normals);
+      }
+      if (mesh_.face_material.rows() > 0) mesh_.face_material[face] = p.material;
+    }
+  }
+
+  // --- Materials -------------------------------------------------------------------------
+
+  /// The writer's textureless copies become the material that they were made of.
+  void read_materials() {
+    std::vector<std::int32_t> rows;
+    for (std::int64_t i = 0; i < document_.count("materials"); ++i) {
+      const JsonPlace place = document_.root().member("materials").item(i);
+      const auto extras = place.find("extras");
+      const auto original =
+          extras && extras->is_object() ? extras->find(kUntexturedCopyOf) : std::nullopt;
+      if (original && i > 0) {
+        rows.push_back(rows[static_cast<std::size_t>(original->integer(0, i - 1))]);
+      } else {
+        rows.push_back(static_cast<std::int32_t>(mesh_.materials.size()));
+        mesh_.materials.push_back(read_material(place));
+      }
+    }
+    for (std::int32_t& material : mesh_.face_material) {
+      if (material >= 0) material = rows[static_cast<std::size_t>(material)];
+    }
+  }
+
+  Texture read_image(const JsonPlace& image) {
+    Texture texture;
+    if (const auto uri = image.find("uri")) {
+      if (uri_scheme(uri->text()) == "data") {
+        texture.data = decode_data_uri(*uri);
+      } else {
+        texture.path = decode_relative_uri(*uri);
+      }
+      return texture;
+    }
+    const ByteSpan bytes = document_.buffer_view(image.member("bufferView"));
+    charge(static_cast<std::int64_t>(bytes.size()), 1, image.pointer());
+    texture.data.assign(bytes.begin(), bytes.end());
+    return texture;
+  }
+
+  void read_texture(const JsonPlace& owner, const char* key, const char* role, Material& material) {
+    const auto info = owner.find(key);
+    if (!info) return;
+    if (const auto set = info->find("texCoord"); set && set->integer(0, 255) != 0) {
+      warn_once("textures on TEXCOORD_1 and above are left out");
+      return;
+    }
+    const auto source = document_.object("textures", info->member("index")).find("source");
+    if (!source) {
+      warn_once("textures that are no PNG or JPEG images are left out");
+      return;
+    }
+    const JsonPlace image = document_.object("images", *source);
+    if (const auto uri = image.find("uri")) {
+      if (const std::string scheme = uri_scheme(uri->text()); !scheme.empty() && scheme != "data") {
+        warn_once("remote images are left out");
+        return;
+      }
+      charge(static_cast<std::int64_t>(uri->text().size()), 1, image.pointer());
+    }
+    material.textures[role] = read_image(image);
+  }
+
+  Material read_material(const JsonPlace& place) {
+    Material m;
+    m.metallic = 1.0;  // glTF's default, where ours is 0
+    if (const auto name = place.find("name")) m.name = name->text();
+    if (const auto pbr = place.find("pbrMetallicRoughness")) {
+      if (const auto color = pbr->find("baseColorFactor")) {
+        Eigen::Map<Eigen::Vector4d>(m.base_color) = numbers<4>(*color);
+      }
+      if (const auto metallic = pbr->find("metallicFactor")) m.metallic = metallic->number();
+      if (const auto roughness = pbr->find("roughnessFactor")) m.roughness = roughness->number();
+      read_texture(*pbr, "baseColorTexture", "base_color", m);
+      read_texture(*pbr, "metallicRoughnessTexture", "metallic_roughness", m);
+    }
+    read_texture(place, "normalTexture", "normal", m);
+    read_texture(place, "occlusionTexture", "occlusion", m);
+    if (const auto factor = place.find("emissiveFactor"); factor && !numbers<3>(*factor).isZero()) {
+      read_texture(place, "emissiveTexture", "emissive", m);
+    }
+    if (const auto mode = place.find("alphaMode")) m.alpha_mode = read_alpha_mode(*mode);
+    if (const auto cutoff = place.find("alphaCutoff")) m.alpha_cutoff = cutoff->number();
+    return m;
+  }
+
+  static AlphaMode read_alpha_mode(const JsonPlace& place) {
+    constexpr std::array<std::string_view, 3> kModes = {"OPAQUE", "MASK", "BLEND"};
+    const auto found = std::find(kModes.begin(), kModes.end(), place.text());
+    if (found == kModes.end()) place.fail("expected OPAQUE, MASK or BLEND");
+    return static_cast<AlphaMode>(found - kModes.begin());
+  }
+
+  // Bytes of one row in the tables of the mesh, temporaries included.
+  static constexpr std::int64_t kVertexBytes = 24;
+  static constexpr std::int64_t kColorBytes = 3 + 32;
+  static constexpr std::int64_t kFaceBytes = 40;  // vertices, texcoords, normals, material
+
+  GltfDocument document_;
+  std::int64_t max_bytes_;
+  ReadResult result_;
+  TriangleMesh& mesh_ = result_.mesh;
+  std::vector<Instance> instances_;
+  std::map<std::int64_t, std::vector<Primitive>> meshes_;
+  std::map<const GltfAccessor*, std::int64_t> texcoord_rows_;
+  std::vector<Draw> draws_;
+  bool with_colors_ = false;
+  std::int64_t bytes_ = 0;
+  std::int64_t num_vertices_ = 0;
+  std::int64_t num_texcoords_ = 0;
+  std::int64_t num_normals_ = 0;
+  std::int64_t num_faces_ = 0;
+};
+
+Bytes read_all(ByteSource& source, std::size_t most) {
+  constexpr std::size_t kBlock = std::size_t{1} << 16;
+  Bytes bytes;
+  bytes.reserve(std::min<std::size_t>(source.remaining().value_or(0), most));
+  while (bytes.size() < most) {
+    const std::size_t size = bytes.size();
+    bytes.resize(size + std::min(kBlock, most - size));
+    const std::size_t got =
+        source.read(reinterpret_cast<char*>(bytes.data()) + size, bytes.size() - size);
+    bytes.resize(size + got);
+    if (got == 0) break;
+  }
+  return bytes;
+}
+
+Bytes read_beside(const ReadOptions& options, const std::string& uri, std::int64_t size) {
+  if (options.folder.empty()) {
+    throw InputError("'" + uri + "' cannot be read: no folder to find it in");
+  }
+  const std::filesystem::path path =
+      options.allow_outside ? options.folder / uri : resolve_inside(options.folder, uri);
+  if (std::filesystem::exists(path) && !std::filesystem::is_regular_file(path)) {
+    throw InputError("'" + uri + "' is not a regular file");
+  }
+  return read_all(*file_source(path), static_cast<std::size_t>(size));
+}
+
+}  // namespace
+
+ReadResult parse_gltf(std::span<const std::byte> data, const GltfResource& resource,
+                      std::uint64_t max_bytes, const Progress& progress) {
+  return Reader(data, resource, max_bytes).read(progress);
+}
+
+ReadResult read_gltf(ByteSource& source, const ReadOptions& options, const Progress& progress) {
+  const Bytes file = read_all(source, std::numeric_limits<std::size_t>::max());
+  const GltfResource resource = [&](const std::string& uri, std::int64_t size) {
+    return read_beside(options, uri, size);
+  };
+  return parse_gltf(file, resource, options.max_bytes, progress);
+}
+
+}  // namespace manip3d

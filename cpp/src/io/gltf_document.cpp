@@ -1,0 +1,436 @@
+#include "io/gltf_document.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cstring>
+#include <limits>
+#include <string_view>
+#include <type_traits>
+#include <utility>
+
+namespace manip3d {
+namespace {
+
+constexpr std::int64_t kMaxCount = std::numeric_limits<std::int32_t>::max();
+constexpr std::int64_t kMaxLength = std::int64_t{1} << 53;  // what a JSON number holds exactly
+constexpr int kMaxDepth = 64;                               // real files stay below 20
+constexpr std::int64_t kHeaderBytes = 12;
+constexpr std::int64_t kChunkHeaderBytes = 8;
+constexpr std::uint32_t kJsonChunk = 0x4E4F534A;    // "JSON"
+constexpr std::uint32_t kBinaryChunk = 0x004E4942;  // "BIN\0"
+
+template <typename T>
+T load(const std::byte* data) {  // little endian, like every machine this is built for
+  T value;
+  std::memcpy(&value, data, sizeof(T));
+  return value;
+}
+
+std::string_view as_text(ByteSpan bytes) {
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+
+/// nlohmann's parser takes any depth, but whoever walks the result would not.
+void check_depth(std::string_view text, std::int64_t offset) {
+  int depth = 0;
+  bool in_string = false;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    const char c = text[i];
+    if (in_string) {
+      if (c == '\\') ++i;
+      if (c == '"') in_string = false;
+    } else if (c == '"') {
+      in_string = true;
+    } else if (c == '[' || c == '{') {
+      if (++depth > kMaxDepth) {
+        throw FormatError::at_byte(offset + static_cast<std::int64_t>(i),
+                                   "JSON: nested deeper than " + std::to_string(kMaxDepth));
+      }
+    } else if (c == ']' || c == '}') {
+      --depth;
+    }
+  }
+}
+
+int component_bytes(GltfType type) {
+  switch (type) {
+    case GltfType::kByte:
+    case GltfType::kUnsignedByte:
+      return 1;
+    case GltfType::kShort:
+    case GltfType::kUnsignedShort:
+      return 2;
+    case GltfType::kUnsignedInt:
+    case GltfType::kFloat:
+      break;
+  }
+  return 4;
+}
+
+GltfType component_type(const JsonPlace& place) {
+  const std::int64_t code = place.integer(5120, 5126);
+  if (code == 5124) place.fail("expected 5120, 5121, 5122, 5123, 5125 or 5126, got 5124");
+  return static_cast<GltfType>(code);
+}
+
+int components_of(const JsonPlace& place) {
+  constexpr std::array<const char*, 4> kTypes = {"SCALAR", "VEC2", "VEC3", "VEC4"};
+  const auto found = std::find(kTypes.begin(), kTypes.end(), place.text());
+  if (found == kTypes.end()) place.fail("expected SCALAR, VEC2, VEC3 or VEC4 here");
+  return static_cast<int>(found - kTypes.begin()) + 1;
+}
+
+/// Integers that stand for [0, 1] or [-1, 1]: glTF 2.0 section 3.11 (animations) and
+/// KHR_mesh_quantization; the lowest signed value also means -1.
+template <typename T>
+double as_double(T value, bool normalized) {
+  const auto number = static_cast<double>(value);
+  if constexpr (std::is_integral_v<T>) {
+    if (normalized) return std::max(number / std::numeric_limits<T>::max(), -1.0);
+  }
+  return number;
+}
+
+/// Calls `use(row, data)` with a typed loader for each of `count` elements.
+template <typename Use>
+void with_type(GltfType type, const Use& use) {
+  switch (type) {
+    case GltfType::kByte:
+      return use(std::int8_t{});
+    case GltfType::kUnsignedByte:
+      return use(std::uint8_t{});
+    case GltfType::kShort:
+      return use(std::int16_t{});
+    case GltfType::kUnsignedShort:
+      return use(std::uint16_t{});
+    case GltfType::kUnsignedInt:
+      return use(std::uint32_t{});
+    case GltfType::kFloat:
+      return use(float{});
+  }
+}
+
+std::vector<std::uint32_t> load_indices(const GltfAccessor::Elements& elements,
+                                        std::int64_t count) {
+  std::vector<std::uint32_t> indices(static_cast<std::size_t>(count), 0);
+  if (elements.data == nullptr) return indices;
+  with_type(elements.type, [&](auto zero) {
+    using T = decltype(zero);
+    const std::byte* data = elements.data;
+    for (std::uint32_t& index : indices) {
+      index = static_cast<std::uint32_t>(load<T>(data));
+      data += elements.stride;
+    }
+  });
+  return indices;
+}
+
+void check_index_type(const JsonPlace& place, GltfType type) {
+  if (type == GltfType::kUnsignedByte || type == GltfType::kUnsignedShort ||
+      type == GltfType::kUnsignedInt) {
+    return;
+  }
+  place.fail("expected unsigned integers (5121, 5123 or 5125) as indices, got component type " +
+             std::to_string(static_cast<int>(type)));
+}
+
+int base64_value(char c) {
+  if (c >= 'A' && c <= 'Z') return c - 'A';
+  if (c >= 'a' && c <= 'z') return c - 'a' + 26;
+  if (c >= '0' && c <= '9') return c - '0' + 52;
+  if (c == '+' || c == '-') return 62;
+  if (c == '/' || c == '_') return 63;
+  return -1;
+}
+
+Bytes decode_base64(const JsonPlace& place, std::string_view text) {
+  while (!text.empty() && text.back() == '=') text.remove_suffix(1);
+  if (text.size() % 4 == 1) place.fail("expected base64, got a length that base64 cannot have");
+  Bytes bytes;
+  bytes.reserve(text.size() * 3 / 4);
+  std::uint32_t bits = 0;
+  int num_bits = 0;
+  for (const char c : text) {
+    const int value = base64_value(c);
+    if (value < 0) place.fail("expected base64, got another character");
+    bits = (bits << 6) | static_cast<std::uint32_t>(value);
+    num_bits += 6;
+    if (num_bits < 8) continue;
+    num_bits -= 8;
+    bytes.push_back(static_cast<std::byte>((bits >> num_bits) & 0xFF));
+  }
+  return bytes;
+}
+
+std::string decode_percent(const JsonPlace& place, std::string_view text) {
+  std::string decoded;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    if (text[i] != '%') {
+      decoded += text[i];
+      continue;
+    }
+    const auto digit = [&](std::size_t at) {
+      const char c = at < text.size() ? text[at] : '?';
+      if (std::isxdigit(static_cast<unsigned char>(c)) == 0) {
+        place.fail("expected two hexadecimal digits after % in a URI");
+      }
+      return c <= '9' ? c - '0' : (c | 0x20) - 'a' + 10;
+    };
+    decoded += static_cast<char>(16 * digit(i + 1) + digit(i + 2));
+    i += 2;
+  }
+  if (decoded.find('\0') != std::string::npos) place.fail("a URI holds a zero byte");
+  return decoded;
+}
+
+}  // namespace
+
+std::string uri_scheme(const std::string& uri) {
+  const std::size_t colon = uri.find(':');
+  if (colon == std::string::npos || uri.find('/') < colon) return "";
+  std::string scheme = uri.substr(0, colon);
+  for (char& c : scheme) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return scheme;
+}
+
+Bytes decode_data_uri(const JsonPlace& uri) {
+  const std::string_view text = uri.text();
+  const std::size_t comma = text.find(',');
+  if (comma == std::string_view::npos) uri.fail("expected data:...;base64,..., got no comma");
+  if (!text.substr(0, comma).ends_with(";base64")) uri.fail("expected a data URI in base64");
+  return decode_base64(uri, text.substr(comma + 1));
+}
+
+std::string decode_relative_uri(const JsonPlace& uri) {
+  const std::string scheme = uri_scheme(uri.text());
+  if (!scheme.empty())
+    uri.fail("expected a relative path or data:, got a URI of \"" + scheme + ":\"");
+  std::string path = decode_percent(uri, uri.text());
+  if (path.empty()) uri.fail("expected a file name, got an empty URI");
+  return path;
+}
+
+void GltfAccessor::decode(double* out) const {
+  const auto load_row = [&](const std::byte* data, GltfType type, double* row) {
+    with_type(type, [&](auto zero) {
+      using T = decltype(zero);
+      for (int c = 0; c < num_components; ++c) {
+        row[c] = as_double(load<T>(data + c * static_cast<int>(sizeof(T))), normalized);
+      }
+    });
+  };
+  const std::int64_t num_values = count * num_components;
+  if (dense.data == nullptr) {
+    std::fill_n(out, num_values, 0.0);
+  } else {
+    for (std::int64_t row = 0; row < count; ++row) {
+      load_row(dense.data + row * dense.stride, dense.type, out + row * num_components);
+    }
+  }
+  std::int64_t previous = -1;
+  std::int64_t replacement = 0;
+  for (const std::uint32_t row : load_indices(sparse_indices, num_sparse)) {
+    if (row >= count || row <= previous) {
+      place.fail("sparse: expected rising indices below " + std::to_string(count) + ", got " +
+                 std::to_string(row) + " after " + std::to_string(previous));
+    }
+    previous = row;
+    load_row(sparse_values.data + replacement++ * sparse_values.stride, sparse_values.type,
+             out + row * num_components);
+  }
+  const double* bad =
+      std::find_if_not(out, out + num_values, [](double value) { return std::isfinite(value); });
+  if (bad != out + num_values) {
+    place.fail("expected finite numbers, got " + std::to_string(*bad) + " in element " +
+               std::to_string((bad - out) / num_components));
+  }
+}
+
+void GltfAccessor::check_indices() const {
+  check_index_type(place, dense.type);
+  if (num_components != 1 || normalized) place.fail("expected plain SCALAR indices");
+}
+
+std::vector<std::uint32_t> GltfAccessor::decode_indices() const {
+  if (num_sparse == 0) return load_indices(dense, count);
+  std::vector<double> values(static_cast<std::size_t>(count));
+  decode(values.data());  // a double holds any 32-bit index
+  return {values.begin(), values.end()};
+}
+
+GltfDocument::GltfDocument(ByteSpan file, const GltfResource& resource)
+    : resource_(resource), num_bytes_(static_cast<std::int64_t>(file.size())) {
+  if (as_text(file).starts_with("glTF")) {
+    split_chunks(file);
+  } else {
+    parse_json(file);
+  }
+}
+
+void GltfDocument::split_chunks(ByteSpan file) {
+  const auto size = static_cast<std::int64_t>(file.size());
+  if (size < kHeaderBytes) throw FormatError::at_byte(size, "GLB: the header is cut off");
+  if (const auto version = load<std::uint32_t>(file.data() + 4); version != 2) {
+    throw FormatError::at_byte(4, "GLB: expected version 2, got " + std::to_string(version));
+  }
+  if (const std::int64_t length = load<std::uint32_t>(file.data() + 8); length != size) {
+    throw FormatError::at_byte(8, "GLB: the header says " + std::to_string(length) +
+                                      " bytes, the file has " + std::to_string(size));
+  }
+  ByteSpan text;
+  for (std::int64_t at = kHeaderBytes; at < size;) {
+    if (size - at < kChunkHeaderBytes) throw FormatError::at_byte(at, "GLB: a chunk is cut off");
+    const std::int64_t length = load<std::uint32_t>(file.data() + at);
+    const auto type = load<std::uint32_t>(file.data() + at + 4);
+    const std::int64_t begin = at + kChunkHeaderBytes;
+    if (length > size - begin) {
+      throw FormatError::at_byte(at, "GLB: the chunk says " + std::to_string(length) +
+                                         " bytes, the file has " + std::to_string(size - begin));
+    }
+    const ByteSpan chunk =
+        file.subspan(static_cast<std::size_t>(begin), static_cast<std::size_t>(length));
+    if (at == kHeaderBytes) {
+      if (type != kJsonChunk)
+        throw FormatError::at_byte(at + 4, "GLB: expected a JSON chunk first");
+      text = chunk;
+      json_offset_ = begin;
+    } else if (type == kBinaryChunk && !binary_chunk_) {
+      binary_chunk_ = chunk;
+      binary_offset_ = begin;
+    }
+    at = begin + length;
+  }
+  if (json_offset_ == 0) throw FormatError::at_byte(size, "GLB: no JSON chunk");
+  parse_json(text);
+}
+
+void GltfDocument::parse_json(ByteSpan bytes) {
+  const std::string_view text = as_text(bytes);
+  check_depth(text, json_offset_);
+  try {
+    json_ = JsonPlace::Json::parse(text.begin(), text.end());
+  } catch (const JsonPlace::Json::parse_error& error) {
+    const std::int64_t at = std::max<std::int64_t>(static_cast<std::int64_t>(error.byte) - 1, 0);
+    throw FormatError::at_byte(json_offset_ + at, "not JSON: the syntax breaks here");
+  } catch (const JsonPlace::Json::exception&) {  // a number that no double holds
+    throw FormatError::at_byte(json_offset_, "JSON: a number is out of range");
+  }
+}
+
+JsonPlace GltfDocument::object(const char* array, const JsonPlace& user) const {
+  const std::int64_t size = count(array);
+  if (size == 0) user.fail(std::string("the file has no ") + array);
+  return root().member(array).item(user.integer(0, size - 1));
+}
+
+std::int64_t GltfDocument::count(const char* array) const {
+  const auto found = root().find(array);
+  return found ? found->size() : 0;
+}
+
+Bytes GltfDocument::read_external(const JsonPlace& uri, std::int64_t length) {
+  try {
+    Bytes bytes = resource_(decode_relative_uri(uri), length);
+    num_bytes_ += static_cast<std::int64_t>(bytes.size());
+    return bytes;
+  } catch (const InputError& error) {
+    uri.fail(error.what());
+  }
+}
+
+ByteSpan GltfDocument::buffer(const JsonPlace& user) {
+  const JsonPlace place = object("buffers", user);
+  const std::int64_t length = place.member("byteLength").integer(0, kMaxLength);
+  const auto uri = place.find("uri");
+  ByteSpan bytes;
+  std::int64_t offset = json_offset_;
+  if (uri) {
+    auto known = buffers_.find(place.pointer());
+    if (known == buffers_.end()) {
+      const bool embedded = uri_scheme(uri->text()) == "data";
+      Bytes read = embedded ? decode_data_uri(*uri) : read_external(*uri, length);
+      known = buffers_.emplace(place.pointer(), std::move(read)).first;
+    }
+    bytes = known->second;
+  } else if (place.pointer() == "/buffers/0" && binary_chunk_) {
+    bytes = *binary_chunk_;
+    offset = binary_offset_;
+  } else {
+    const bool packed =
+        place.has("extensions") && place.member("extensions").has("EXT_meshopt_compression");
+    place.fail(packed ? "extension EXT_meshopt_compression is not read" : "the buffer has no data");
+  }
+  if (length > static_cast<std::int64_t>(bytes.size())) {
+    throw FormatError::at_byte(offset, place.pointer() + "/byteLength: says " +
+                                           std::to_string(length) + " bytes, the buffer has " +
+                                           std::to_string(bytes.size()));
+  }
+  return bytes.first(static_cast<std::size_t>(length));
+}
+
+ByteSpan GltfDocument::buffer_view(const JsonPlace& user) {
+  const JsonPlace view = object("bufferViews", user);
+  const ByteSpan bytes = buffer(view.member("buffer"));
+  const auto size = static_cast<std::int64_t>(bytes.size());
+  const auto given = view.find("byteOffset");
+  const std::int64_t offset = given ? given->integer(0, kMaxLength) : 0;
+  const std::int64_t length = view.member("byteLength").integer(0, kMaxLength);
+  if (offset + length > size) {
+    view.fail("bytes " + std::to_string(offset) + " to " + std::to_string(offset + length) +
+              " of a buffer of " + std::to_string(size));
+  }
+  return bytes.subspan(static_cast<std::size_t>(offset), static_cast<std::size_t>(length));
+}
+
+GltfAccessor::Elements GltfDocument::elements(const JsonPlace& owner, GltfType type,
+                                              std::int64_t num_elements, int num_components) {
+  const JsonPlace user = owner.member("bufferView");
+  const ByteSpan bytes = buffer_view(user);
+  const std::int64_t element = std::int64_t{component_bytes(type)} * num_components;
+  const auto stride_given = object("bufferViews", user).find("byteStride");
+  const std::int64_t stride = stride_given ? stride_given->integer(element, 252) : element;
+  const auto offset_given = owner.find("byteOffset");
+  const std::int64_t offset = offset_given ? offset_given->integer(0, kMaxLength) : 0;
+  const auto size = static_cast<std::int64_t>(bytes.size());
+  if (num_elements > 0 && offset + (num_elements - 1) * stride + element > size) {
+    owner.fail(std::to_string(num_elements) + " elements of " + std::to_string(element) +
+               " bytes, " + std::to_string(stride) + " apart from byte " + std::to_string(offset) +
+               " on, do not fit into a bufferView of " + std::to_string(size));
+  }
+  return {num_elements > 0 ? bytes.data() + offset : nullptr, stride, type};
+}
+
+GltfAccessor GltfDocument::read_accessor(const JsonPlace& place) {
+  GltfAccessor accessor{.place = place};
+  const GltfType type = component_type(place.member("componentType"));
+  accessor.dense.type = type;
+  accessor.count = place.member("count").integer(0, kMaxCount);
+  accessor.num_components = components_of(place.member("type"));
+  if (const auto normalized = place.find("normalized")) accessor.normalized = normalized->boolean();
+  if (accessor.normalized && component_bytes(type) == 4) {
+    place.fail("expected 8 or 16 bit integers to be normalized");
+  }
+  if (place.has("bufferView")) {
+    accessor.dense = elements(place, type, accessor.count, accessor.num_components);
+  }
+  if (const auto sparse = place.find("sparse")) {
+    accessor.num_sparse = sparse->member("count").integer(0, accessor.count);
+    const JsonPlace indices = sparse->member("indices");
+    const GltfType index_type = component_type(indices.member("componentType"));
+    check_index_type(indices, index_type);
+    accessor.sparse_indices = elements(indices, index_type, accessor.num_sparse, 1);
+    accessor.sparse_values =
+        elements(sparse->member("values"), type, accessor.num_sparse, accessor.num_components);
+  }
+  return accessor;
+}
+
+const GltfAccessor& GltfDocument::accessor(const JsonPlace& user) {
+  const JsonPlace place = object("accessors", user);
+  const auto known = accessors_.find(place.pointer());
+  if (known != accessors_.end()) return known->second;
+  return accessors_.emplace(place.pointer(), read_accessor(place)).first->second;
+}
+
+}  // namespace manip3d

@@ -1,0 +1,95 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "io/gltf.hpp"
+#include "io/gltf_json.hpp"
+
+namespace manip3d {
+
+using Bytes = std::vector<std::byte>;
+using ByteSpan = std::span<const std::byte>;
+
+/// Component types of glTF accessors; the values are those of the file (OpenGL's).
+enum class GltfType : int {
+  kByte = 5120,
+  kUnsignedByte = 5121,
+  kShort = 5122,
+  kUnsignedShort = 5123,
+  kUnsignedInt = 5125,
+  kFloat = 5126,
+};
+
+/// A checked accessor: every element, and every sparse replacement, lies inside its buffer.
+struct GltfAccessor {
+  struct Elements {
+    const std::byte* data = nullptr;  ///< nullptr: zeros.
+    std::int64_t stride = 0;
+    GltfType type = GltfType::kFloat;
+  };
+  JsonPlace place;
+  std::int64_t count = 0;
+  int num_components = 1;
+  bool normalized = false;
+  Elements dense = {};
+  std::int64_t num_sparse = 0;
+  Elements sparse_indices = {};
+  Elements sparse_values = {};
+
+  /// Writes `count` rows of `num_components` finite doubles, row after row.
+  void decode(double* out) const;
+  /// Whether it holds SCALAR unsigned integers. @throws FormatError  it does not.
+  void check_indices() const;
+  /// The values of an accessor that passed check_indices().
+  [[nodiscard]] std::vector<std::uint32_t> decode_indices() const;
+};
+
+/// The JSON of a .gltf or .glb and the bytes it refers to; nothing is believed unchecked.
+class GltfDocument {
+ public:
+  GltfDocument(ByteSpan file, const GltfResource& resource);
+
+  [[nodiscard]] JsonPlace root() const { return {json_, "", json_offset_}; }
+  /// The `index`-th object of a top-level array such as "accessors"; `user` is who refers to it.
+  [[nodiscard]] JsonPlace object(const char* array, const JsonPlace& user) const;
+  /// Elements of a top-level array; 0 where it is absent.
+  [[nodiscard]] std::int64_t count(const char* array) const;
+
+  const GltfAccessor& accessor(const JsonPlace& user);
+  ByteSpan buffer_view(const JsonPlace& user);
+  /// Bytes of the file and of the buffers read from beside it so far.
+  [[nodiscard]] std::int64_t num_bytes() const { return num_bytes_; }
+
+ private:
+  void split_chunks(ByteSpan file);
+  void parse_json(ByteSpan text);
+  ByteSpan buffer(const JsonPlace& user);
+  Bytes read_external(const JsonPlace& uri, std::int64_t length);
+  GltfAccessor read_accessor(const JsonPlace& place);
+  GltfAccessor::Elements elements(const JsonPlace& owner, GltfType type, std::int64_t count,
+                                  int num_components);
+
+  const GltfResource& resource_;
+  JsonPlace::Json json_;
+  std::int64_t json_offset_ = 0;
+  std::optional<ByteSpan> binary_chunk_;
+  std::int64_t binary_offset_ = 0;
+  std::int64_t num_bytes_ = 0;
+  std::map<std::string, Bytes> buffers_;  ///< By pointer: decoded data URIs and external files.
+  std::map<std::string, GltfAccessor> accessors_;  ///< By pointer.
+};
+
+/// The part of a URI before ":" in lower case, or "" for a relative reference.
+std::string uri_scheme(const std::string& uri);
+/// The bytes of a data: URI. @throws FormatError  not base64, or malformed.
+Bytes decode_data_uri(const JsonPlace& uri);
+/// A relative reference with its %XX undone. @throws FormatError  malformed, or with a scheme.
+std::string decode_relative_uri(const JsonPlace& uri);
+
+}  // namespace manip3d

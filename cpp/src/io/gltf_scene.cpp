@@ -1,0 +1,351 @@
+#include "io/gltf_scene.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <map>
+#include <tuple>
+#include <utility>
+
+#include "io/gltf_document.hpp"
+#include "io/warnings.hpp"
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// Corners of these faces carry the same kinds of attributes.
+struct Group {
+  std::int32_t material;
+  bool has_texcoords;
+  bool has_normals;
+  std::vector<std::int32_t> faces;
+};
+
+/// A vertex of a primitive: what one corner, or several alike, point to.
+struct Split {
+  std::int32_t vertex;
+  std::int32_t texcoord;
+  std::int32_t normal;
+  std::int32_t next;  ///< Another split of the same vertex, or -1.
+};
+
+bool face_has_normals(const MeshView& mesh, Eigen::Index face) {
+  if (mesh.face_normals.rows() == 0) return false;
+  for (int c = 0; c < 3; ++c) {
+    const std::int32_t n = mesh.face_normals(face, c);
+    if (n < 0 || !(mesh.normals.row(n).squaredNorm() > 0.0)) return false;  // glTF: unit length
+  }
+  return true;
+}
+
+/// Groups in the order of their first faces.
+std::vector<Group> group_faces(const MeshView& mesh, std::size_t num_materials) {
+  std::vector<Group> groups;
+  std::map<std::tuple<std::int32_t, bool, bool>, std::size_t> known;
+  for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
+    const std::int32_t material = mesh.has_materials() ? mesh.face_material[f] : -1;
+    if (material >= static_cast<std::int64_t>(num_materials)) {
+      throw InputError("face_material: expected indices below " + std::to_string(num_materials) +
+                       " (the number of materials), got " + std::to_string(material) + " at row " +
+                       std::to_string(f));
+    }
+    const bool uv = mesh.face_has_texcoords(f);
+    const bool normals = face_has_normals(mesh, f);
+    const auto [group, is_new] = known.try_emplace({material, uv, normals}, groups.size());
+    if (is_new) groups.push_back({material, uv, normals, {}});
+    groups[group->second].faces.push_back(static_cast<std::int32_t>(f));
+  }
+  return groups;
+}
+
+/// sRGB to linear light (IEC 61966-2-1) in 16 bits: enough to come back as the same byte.
+std::array<std::uint16_t, 256> linear_light() {
+  std::array<std::uint16_t, 256> table{};
+  for (std::size_t i = 0; i < table.size(); ++i) {
+    const double y = static_cast<double>(i) / 255.0;
+    const double x = y <= 0.04045 ? y / 12.92 : std::pow((y + 0.055) / 1.055, 2.4);
+    table[i] = static_cast<std::uint16_t>(std::lround(65535.0 * x));
+  }
+  return table;
+}
+
+template <typename T>
+std::string_view bytes_of(const std::vector<T>& values) {
+  return {reinterpret_cast<const char*>(values.data()), values.size() * sizeof(T)};
+}
+
+void check_float32(const std::vector<float>& values, const char* name) {
+  if (std::all_of(values.begin(), values.end(), [](float x) { return std::isfinite(x); })) return;
+  throw InputError(std::string(name) + ": glTF holds float32, whose range a value exceeds");
+}
+
+/// Where to put the origin so that float32 holds the mesh: 0 if that will do.
+Eigen::Vector3d origin_for_float32(const MeshView& mesh) {
+  constexpr double kRelativeLoss = 1e-6;
+  constexpr double kHalfUlp = 1.0 / (1 << 24);  // relative rounding error of float32
+  constexpr double kSmallest = 1e-38;           // below it float32 itself loses kRelativeLoss
+  const BoundingBox box = bounding_box(mesh);
+  if (box.diagonal() > 0.0 && box.diagonal() < kSmallest) {
+    throw InputError("vertices: glTF holds float32, too coarse for a mesh of diagonal " +
+                     std::to_string(box.diagonal() / kSmallest) + "e-38");
+  }
+  const double farthest = std::max(box.min.cwiseAbs().maxCoeff(), box.max.cwiseAbs().maxCoeff());
+  if (!(farthest * kHalfUlp > kRelativeLoss * box.diagonal())) return Eigen::Vector3d::Zero();
+  return box.center().cast<float>().cast<double>();  // exact for readers with float32 nodes too
+}
+
+class SceneBuilder {
+ public:
+  SceneBuilder(const MeshView& mesh, const std::vector<Material>& materials,
+               const GltfTextureReader& read_texture, std::vector<std::string>& warnings)
+      : mesh_(mesh), materials_(materials), read_texture_(read_texture), warnings_(warnings) {}
+
+  GltfScene build() {
+    check_mesh(mesh_);
+    if (mesh_.num_faces() == 0) throw InputError("mesh: glTF cannot hold a mesh without faces");
+    scene_.json["asset"] = {{"version", "2.0"}, {"generator", "manip3d " MANIP3D_VERSION}};
+    scene_.json["scene"] = 0;
+    scene_.json["scenes"] = Json::array({{{"nodes", {0}}}});
+    write_node();
+    for (const Material& material : materials_) write_material(material);
+    Json primitives = Json::array();
+    chains_.assign(static_cast<std::size_t>(mesh_.num_vertices()), -1);
+    for (const Group& group : group_faces(mesh_, materials_.size())) {
+      primitives.push_back(write_primitive(group));
+    }
+    scene_.json["meshes"] = Json::array({{{"primitives", std::move(primitives)}}});
+    return std::move(scene_);
+  }
+
+ private:
+  void write_node() {
+    origin_ = origin_for_float32(mesh_);
+    Json node = {{"mesh", 0}};
+    if (!origin_.isZero(0.0)) node["translation"] = {origin_.x(), origin_.y(), origin_.z()};
+    scene_.json["nodes"] = Json::array({std::move(node)});
+  }
+
+  // --- Primitives ------------------------------------------------------------------------
+
+  Json write_primitive(const Group& group) {
+    const std::vector<std::uint32_t> indices = split_vertices(group);
+    Json attributes;
+    attributes["POSITION"] = write_positions();
+    if (group.has_normals) attributes["NORMAL"] = write_normals();
+    if (group.has_texcoords) attributes["TEXCOORD_0"] = write_texcoords();
+    if (mesh_.colors.rows() > 0) attributes["COLOR_0"] = write_colors();
+    Json primitive = {{"attributes", std::move(attributes)}, {"indices", write_indices(indices)}};
+    if (group.material >= 0) {
+      primitive["material"] = group.has_texcoords ? group.material : untextured(group.material);
+    }
+    return primitive;
+  }
+
+  /// Fills `splits_`; the indices of the group's corners into it.
+  std::vector<std::uint32_t> split_vertices(const Group& group) {
+    splits_.clear();
+    std::vector<std::uint32_t> indices;
+    indices.reserve(3 * group.faces.size());
+    for (const std::int32_t f : group.faces) {
+      for (int c = 0; c < 3; ++c) {
+        indices.push_back(split_of(mesh_.faces(f, c),
+                                   group.has_texcoords ? mesh_.face_texcoords(f, c) : -1,
+                                   group.has_normals ? mesh_.face_normals(f, c) : -1));
+      }
+    }
+    for (const Split& split : splits_) chains_[static_cast<std::size_t>(split.vertex)] = -1;
+    return indices;
+  }
+
+  std::uint32_t split_of(std::int32_t vertex, std::int32_t texcoord, std::int32_t normal) {
+    std::int32_t& chain = chains_[static_cast<std::size_t>(vertex)];
+    for (std::int32_t i = chain; i >= 0; i = splits_[static_cast<std::size_t>(i)].next) {
+      const Split& split = splits_[static_cast<std::size_t>(i)];
+      if (split.texcoord == texcoord && split.normal == normal) {
+        return static_cast<std::uint32_t>(i);
+      }
+    }
+    splits_.push_back({vertex, texcoord, normal, chain});
+    chain = static_cast<std::int32_t>(splits_.size()) - 1;
+    return static_cast<std::uint32_t>(chain);
+  }
+
+  std::size_t write_accessor(std::string_view bytes, GltfType type, std::size_t count,
+                             const char* shape, bool normalized = false) {
+    Json accessor = {{"bufferView", scene_.add_buffer_view(bytes)},
+                     {"componentType", static_cast<int>(type)},
+                     {"count", count},
+                     {"type", shape}};
+    if (normalized) accessor["normalized"] = true;
+    scene_.json["accessors"].push_back(std::move(accessor));
+    return scene_.json["accessors"].size() - 1;
+  }
+
+  std::size_t write_positions() {
+    std::vector<float> values;
+    values.reserve(3 * splits_.size());
+    constexpr float kHuge = std::numeric_limits<float>::max();
+    Eigen::Vector3f low = Eigen::Vector3f::Constant(kHuge);
+    Eigen::Vector3f high = -low;
+    for (const Split& split : splits_) {
+      const Eigen::Vector3f p =
+          (mesh_.vertices.row(split.vertex).transpose() - origin_).cast<float>();
+      values.insert(values.end(), p.data(), p.data() + 3);
+      low = low.cwiseMin(p);
+      high = high.cwiseMax(p);
+    }
+    check_float32(values, "vertices");
+    const std::size_t index =
+        write_accessor(bytes_of(values), GltfType::kFloat, splits_.size(), "VEC3");
+    scene_.json["accessors"][index]["min"] = {low.x(), low.y(), low.z()};
+    scene_.json["accessors"][index]["max"] = {high.x(), high.y(), high.z()};
+    return index;
+  }
+
+  std::size_t write_normals() {
+    std::vector<float> values;
+    values.reserve(3 * splits_.size());
+    for (const Split& split : splits_) {
+      const Eigen::Vector3d normal = mesh_.normals.row(split.normal).transpose();
+      const Eigen::Vector3f unit = normal.stableNormalized().cast<float>();
+      values.insert(values.end(), unit.data(), unit.data() + 3);
+    }
+    return write_accessor(bytes_of(values), GltfType::kFloat, splits_.size(), "VEC3");
+  }
+
+  std::size_t write_texcoords() {
+    std::vector<float> values;
+    values.reserve(2 * splits_.size());
+    for (const Split& split : splits_) {
+      values.push_back(static_cast<float>(mesh_.texcoords(split.texcoord, 0)));
+      values.push_back(static_cast<float>(1.0 - mesh_.texcoords(split.texcoord, 1)));
+    }
+    check_float32(values, "texcoords");
+    return write_accessor(bytes_of(values), GltfType::kFloat, splits_.size(), "VEC2");
+  }
+
+  std::size_t write_colors() {
+    static const std::array<std::uint16_t, 256> kLinear = linear_light();
+    std::vector<std::uint16_t> values;  // RGBA: three would not be 4-byte aligned
+    values.reserve(4 * splits_.size());
+    for (const Split& split : splits_) {
+      for (int c = 0; c < 3; ++c) values.push_back(kLinear[mesh_.colors(split.vertex, c)]);
+      values.push_back(std::numeric_limits<std::uint16_t>::max());
+    }
+    return write_accessor(bytes_of(values), GltfType::kUnsignedShort, splits_.size(), "VEC4", true);
+  }
+
+  std::size_t write_indices(const std::vector<std::uint32_t>& indices) {
+    // 65535 would be the primitive restart value of 16-bit indices.
+    if (splits_.size() <= std::numeric_limits<std::uint16_t>::max()) {
+      const std::vector<std::uint16_t> narrow(indices.begin(), indices.end());
+      return write_accessor(bytes_of(narrow), GltfType::kUnsignedShort, narrow.size(), "SCALAR");
+    }
+    return write_accessor(bytes_of(indices), GltfType::kUnsignedInt, indices.size(), "SCALAR");
+  }
+
+  // --- Materials -------------------------------------------------------------------------
+
+  Json material_factors(const Material& m) {
+    Json pbr = {{"baseColorFactor", m.base_color},
+                {"metallicFactor", m.metallic},
+                {"roughnessFactor", m.roughness}};
+    Json material = {{"name", m.name}, {"pbrMetallicRoughness", std::move(pbr)}};
+    if (m.alpha_mode == AlphaMode::kBlend) material["alphaMode"] = "BLEND";
+    if (m.alpha_mode == AlphaMode::kMask) {
+      material["alphaMode"] = "MASK";
+      material["alphaCutoff"] = m.alpha_cutoff;
+    }
+    material["doubleSided"] = true;
+    return material;
+  }
+
+  void write_material(const Material& m) {
+    Json material = material_factors(m);
+    const auto add = [&](Json& owner, const char* role, const char* key) {
+      const auto texture = m.textures.find(role);
+      if (texture == m.textures.end() || texture->second.empty()) return;
+      const std::int64_t index = texture_index(texture->second);
+      if (index >= 0) owner[key] = {{"index", index}};
+    };
+    add(material["pbrMetallicRoughness"], "base_color", "baseColorTexture");
+    add(material["pbrMetallicRoughness"], "metallic_roughness", "metallicRoughnessTexture");
+    add(material, "normal", "normalTexture");
+    add(material, "occlusion", "occlusionTexture");
+    if (m.textures.contains("emissive")) material["emissiveFactor"] = {1.0, 1.0, 1.0};
+    add(material, "emissive", "emissiveTexture");
+    scene_.json["materials"].push_back(std::move(material));
+  }
+
+  /// The material as faces without texture coordinates may have it.
+  std::int64_t untextured(std::int32_t index) {
+    const Material& m = materials_[static_cast<std::size_t>(index)];
+    if (m.textures.empty()) return index;
+    const auto [copy, is_new] = untextured_.try_emplace(index, scene_.json["materials"].size());
+    if (is_new) {
+      Json material = material_factors(m);
+      material["extras"] = {{kUntexturedCopyOf, index}};
+      scene_.json["materials"].push_back(std::move(material));
+    }
+    return static_cast<std::int64_t>(copy->second);
+  }
+
+  /// Textures that show the same image are one; -1: there is no image.
+  std::int64_t texture_index(const Texture& texture) {
+    std::string data = read_texture_(texture);
+    const char* mime_type = mime_type_of(data);
+    if (mime_type == nullptr) {
+      if (!data.empty()) {
+        warn(warnings_, "texture '" + texture.path + "' is no PNG or JPEG image and was left out");
+      }
+      return -1;
+    }
+    const auto known = std::find_if(scene_.images.begin(), scene_.images.end(),
+                                    [&](const GltfImage& image) { return image.data == data; });
+    if (known != scene_.images.end()) return known - scene_.images.begin();
+    const std::size_t index = scene_.images.size();
+    scene_.images.push_back({std::move(data), mime_type, texture.path});
+    scene_.json["textures"].push_back({{"source", index}});
+    scene_.json["images"].push_back(Json::object());
+    return static_cast<std::int64_t>(index);
+  }
+
+  static const char* mime_type_of(std::string_view data) {
+    if (data.starts_with("\x89PNG\r\n\x1A\n")) return "image/png";
+    if (data.starts_with("\xFF\xD8\xFF")) return "image/jpeg";
+    return nullptr;
+  }
+
+  const MeshView& mesh_;
+  const std::vector<Material>& materials_;
+  const GltfTextureReader& read_texture_;
+  std::vector<std::string>& warnings_;
+  GltfScene scene_;
+  Eigen::Vector3d origin_ = Eigen::Vector3d::Zero();
+  std::vector<Split> splits_;
+  std::vector<std::int32_t> chains_;  ///< Per vertex of the mesh: its latest split, or -1.
+  std::map<std::int32_t, std::size_t> untextured_;
+};
+
+}  // namespace
+
+std::size_t GltfScene::add_buffer_view(std::string_view bytes) {
+  buffer.resize((buffer.size() + 3) / 4 * 4, '\0');
+  json["bufferViews"].push_back(
+      {{"buffer", 0}, {"byteOffset", buffer.size()}, {"byteLength", bytes.size()}});
+  buffer += bytes;
+  return json["bufferViews"].size() - 1;
+}
+
+GltfScene build_gltf(const MeshView& mesh, const std::vector<Material>& materials,
+                     const GltfTextureReader& read_texture, std::vector<std::string>& warnings) {
+  return SceneBuilder(mesh, materials, read_texture, warnings).build();
+}
+
+}  // namespace manip3d

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "manip3d/geometry/mesh.hpp"
+
+namespace manip3d {
+
+/// A texture image to write.
+struct GltfImage {
+  std::string data;
+  std::string mime_type;  ///< image/png or image/jpeg.
+  std::string path;       ///< Of the texture; "" when only its bytes were known.
+};
+
+/// A mesh in glTF's terms. `json` lacks what depends on where the bytes go: /buffers, and for each
+/// of `images`, in order, its uri or bufferView.
+struct GltfScene {
+  nlohmann::ordered_json json;
+  std::string buffer;
+  std::vector<GltfImage> images;
+
+  /// Appends bytes, 4-byte aligned, and gives the index of their bufferView.
+  std::size_t add_buffer_view(std::string_view bytes);
+};
+
+/// The image file of a texture, or "" (with a warning of its own) where there is none to be had.
+using GltfTextureReader = std::function<std::string(const Texture& texture)>;
+
+/// One node with one mesh: a primitive for the faces that share material and kinds of attributes.
+///
+/// Vertices are split where the UV or normal of a corner differs; those that no face uses are left
+/// out. Positions are float32; where that would lose more than 1e-6 of the diagonal, they are
+/// stored around the centre and the node moves them back. Materials are double-sided: other
+/// formats know no sides. A textured material of faces without UV is written a second time without
+/// its textures, because glTF forbids the pair; its `extras` name the first, so that parse_gltf
+/// makes one of the two again.
+/// @throws InputError  no faces, material index out of range, values beyond float32.
+GltfScene build_gltf(const MeshView& mesh, const std::vector<Material>& materials,
+                     const GltfTextureReader& read_texture, std::vector<std::string>& warnings);
+
+/// Puts the images into the buffer and gives all bytes of a GLB file that precede the buffer.
+/// @throws InputError  more than 4 GiB.
+std::string finish_glb(GltfScene& scene);
+
+/// Member of a material's `extras`: the material whose textures it lacks.
+constexpr const char* kUntexturedCopyOf = "manip3d_untextured_copy_of";
+
+}  // namespace manip3d

@@ -1,0 +1,413 @@
+"""Reading glTF and GLB: every rule of the format on the smallest file that shows it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import manip3d
+from gltf_files import FACES, PNG, SQUARE, SQUARE_BUFFER, Scene, data_uri, document, glb, square
+from manip3d.io import read_mesh_bytes, read_report
+
+
+def read(content: bytes) -> manip3d.Mesh:
+    return read_mesh_bytes(content)
+
+
+def report(tmp_path: Path, content: bytes) -> Any:
+    path = tmp_path / "scene.glb"
+    path.write_bytes(content)
+    return read_report(path)
+
+
+def test_a_square_comes_as_it_is() -> None:
+    mesh = read(square())
+    np.testing.assert_array_equal(mesh.vertices, SQUARE)
+    np.testing.assert_array_equal(mesh.faces, FACES)
+    assert mesh.texcoords is mesh.normals is mesh.colors is mesh.face_material is None
+
+
+def test_json_with_a_data_uri(tmp_path: Path) -> None:
+    path = tmp_path / "square.gltf"
+    path.write_text(
+        json.dumps(document(buffers=[{"byteLength": 60, "uri": data_uri(SQUARE_BUFFER)}]))
+    )
+    mesh = manip3d.read_mesh(path)
+    np.testing.assert_array_equal(mesh.vertices, SQUARE)
+    assert mesh.source == str(path)
+
+
+# --- Nodes ------------------------------------------------------------------------------------
+
+HALF_TURN_Z = [0, 0, 1, 0]
+MATRIX_MOVE = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 5, 6, 7, 1]
+
+
+@pytest.mark.parametrize(
+    ("nodes", "corner"),
+    [
+        ([{"mesh": 0}], [1, 0, 0]),
+        ([{"mesh": 0, "translation": [5, 6, 7]}], [6, 6, 7]),
+        ([{"mesh": 0, "matrix": MATRIX_MOVE}], [6, 6, 7]),
+        ([{"mesh": 0, "scale": [2, 3, 4]}], [2, 0, 0]),
+        ([{"mesh": 0, "rotation": HALF_TURN_Z}], [-1, 0, 0]),
+        ([{"mesh": 0, "rotation": [0, 0, 5, 0]}], [-1, 0, 0]),  # normalised
+        # translation * rotation * scale: scaled first, moved last
+        (
+            [{"mesh": 0, "translation": [5, 0, 0], "rotation": HALF_TURN_Z, "scale": [2, 1, 1]}],
+            [3, 0, 0],
+        ),
+        ([{"children": [1], "scale": [2, 2, 2]}, {"mesh": 0, "translation": [1, 0, 0]}], [4, 0, 0]),
+        (
+            [
+                {"children": [1], "translation": [0, 0, 1]},
+                {"children": [2], "rotation": HALF_TURN_Z},
+                {"mesh": 0, "matrix": MATRIX_MOVE},
+            ],
+            [-6, -6, 8],
+        ),
+    ],
+)
+def test_node_transforms(nodes: list[dict[str, Any]], corner: list[float]) -> None:
+    mesh = read(square(nodes=nodes))
+    np.testing.assert_allclose(mesh.vertices[1], corner, atol=1e-15)
+    np.testing.assert_array_equal(mesh.faces, FACES)
+
+
+@pytest.mark.parametrize("mirrored", [[-1, 1, 1], [1, 1, -1], [-1, -1, -1]])
+def test_a_mirror_turns_the_faces_around(mirrored: list[int]) -> None:
+    mesh = read(square(nodes=[{"mesh": 0, "scale": mirrored}]))
+    np.testing.assert_array_equal(mesh.faces, FACES[:, [0, 2, 1]])
+
+
+def test_two_mirrors_do_not() -> None:
+    nodes = [{"children": [1], "scale": [-1, 1, 1]}, {"mesh": 0, "scale": [1, -1, 1]}]
+    np.testing.assert_array_equal(read(square(nodes=nodes)).faces, FACES)
+
+
+def test_instances_follow_in_depth_first_order() -> None:
+    def node(x: float, *children: int) -> dict[str, Any]:
+        extra = {"children": list(children)} if children else {}
+        return {"mesh": 0, "translation": [x, 0, 0], **extra}
+
+    nodes = [node(100), node(10, 2, 3), node(1), node(2)]
+    mesh = read(square(nodes=nodes, scenes=[{"nodes": [1, 0]}]))
+    assert mesh.num_faces == 8
+    np.testing.assert_array_equal(mesh.vertices[::4, 0], [10, 11, 12, 100])
+
+
+def test_the_default_scene_is_read_alone() -> None:
+    nodes = [{"mesh": 0}, {"mesh": 0, "translation": [9, 0, 0]}]
+    scenes = [{"nodes": [0]}, {"nodes": [1]}, {}]
+    for scene, start in ((0, [0.0]), (1, [9.0]), (2, [])):
+        mesh = read(square(nodes=nodes, scenes=scenes, scene=scene))
+        np.testing.assert_array_equal(mesh.vertices[::4, 0], start)
+    first = document(nodes=nodes, scenes=scenes)
+    del first["scene"]
+    assert read(glb(first, SQUARE_BUFFER)).vertices[0, 0] == 0
+    del first["scenes"]
+    assert read(glb(first, SQUARE_BUFFER)).num_faces == 4
+
+
+# --- Primitives -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("mode", "corners", "faces"),
+    [
+        (4, [0, 1, 2, 2, 1, 3], [[0, 1, 2], [2, 1, 3]]),
+        (5, [0, 1, 2, 3, 0], [[0, 1, 2], [1, 3, 2], [2, 3, 0]]),  # section 3.7.2.1
+        (6, [0, 1, 2, 3], [[1, 2, 0], [2, 3, 0]]),
+        (5, [0, 1], np.empty((0, 3))),
+    ],
+)
+@pytest.mark.parametrize("dtype", ["u1", "u2", "u4"])
+def test_modes_and_index_types(mode: int, corners: list[int], faces: Any, dtype: str) -> None:
+    scene = Scene()
+    position = scene.accessor(SQUARE)
+    scene.primitive({"POSITION": position}, mode=mode, indices=scene.accessor(corners, dtype))
+    np.testing.assert_array_equal(read(scene.glb()).faces, faces)
+
+
+def test_without_indices_the_vertices_are_the_corners() -> None:
+    scene = Scene()
+    scene.primitive({"POSITION": scene.accessor(SQUARE)}, mode=5)
+    np.testing.assert_array_equal(read(scene.glb()).faces, [[0, 1, 2], [1, 3, 2]])
+
+
+def test_primitives_with_one_position_accessor_share_their_vertices() -> None:
+    scene = Scene()
+    position = scene.accessor(SQUARE)
+    for face in FACES:
+        scene.primitive({"POSITION": position}, indices=scene.accessor(face, "u2"))
+    mesh = read(scene.glb())
+    assert mesh.num_vertices == 4
+    np.testing.assert_array_equal(mesh.faces, FACES)
+
+
+def test_a_strided_view_with_offsets() -> None:
+    rows = np.zeros((4, 5), dtype="<f4")
+    rows[:, 1:4] = SQUARE
+    scene = Scene()
+    scene.json["accessors"].append(
+        {
+            "bufferView": scene.view(rows.tobytes(), byteStride=20),
+            "byteOffset": 4,
+            "componentType": 5126,
+            "count": 4,
+            "type": "VEC3",
+        }
+    )
+    scene.primitive({"POSITION": 0}, indices=scene.accessor(FACES.reshape(-1), "u2"))
+    np.testing.assert_array_equal(read(scene.glb()).vertices, SQUARE)
+
+
+@pytest.mark.parametrize("dense", [False, True])
+def test_sparse_accessors(dense: bool) -> None:
+    scene = Scene()
+    sparse = {
+        "count": 2,
+        "indices": {"bufferView": scene.view(bytes([1, 3])), "componentType": 5121},
+        "values": {"bufferView": scene.view(np.array([[9, 8, 7], [6, 5, 4]], "<f4").tobytes())},
+    }
+    accessor = {"componentType": 5126, "count": 4, "type": "VEC3", "sparse": sparse}
+    if dense:
+        accessor["bufferView"] = scene.view(SQUARE.tobytes())
+    scene.json["accessors"].append(accessor)
+    scene.primitive({"POSITION": 0}, mode=5)
+    expected = SQUARE.copy() if dense else np.zeros((4, 3))
+    expected[1], expected[3] = [9, 8, 7], [6, 5, 4]
+    np.testing.assert_array_equal(read(scene.glb()).vertices, expected)
+
+
+@pytest.mark.parametrize("dtype", ["i1", "u1", "i2", "u2"])
+@pytest.mark.parametrize("normalized", [False, True])
+def test_quantized_attributes(dtype: str, normalized: bool) -> None:
+    limits = np.iinfo(np.dtype(dtype))
+    values = np.array([[0, 0, 0], [limits.max, 0, 1], [limits.min, 5, 0], [1, 2, 3]])
+    scene = Scene()
+    scene.json["extensionsRequired"] = scene.json["extensionsUsed"] = ["KHR_mesh_quantization"]
+    attributes = {
+        "POSITION": scene.accessor(values, dtype, normalized=normalized),
+        "TEXCOORD_0": scene.accessor(values[:, :2], dtype, normalized=normalized),
+    }
+    scene.primitive(attributes, mode=5)
+    mesh = read(scene.glb())
+    expected = np.maximum(values / limits.max, -1) if normalized else values.astype(float)
+    np.testing.assert_array_equal(mesh.vertices, expected)
+    np.testing.assert_array_equal(mesh.texcoords, [[u, 1 - v] for u, v in expected[:, :2]])
+
+
+def test_sparse_indices() -> None:
+    scene = Scene()
+    position = scene.accessor(SQUARE)
+    sparse = {
+        "count": 1,
+        "indices": {"bufferView": scene.view(bytes([5])), "componentType": 5121},
+        "values": {"bufferView": scene.view(bytes([3]))},
+    }
+    corners = scene.accessor([0, 1, 2, 2, 1, 0], "u1", sparse=sparse)
+    scene.primitive({"POSITION": position}, indices=corners)
+    np.testing.assert_array_equal(read(scene.glb()).faces, FACES)
+
+
+def test_v_is_flipped_and_primitives_without_uv_say_so() -> None:
+    scene = Scene()
+    position = scene.accessor(SQUARE)
+    uv = scene.accessor([[0, 0], [1, 0.25], [0, 0.5], [1, 1]])
+    scene.primitive(
+        {"POSITION": position, "TEXCOORD_0": uv}, indices=scene.accessor(FACES[0], "u2")
+    )
+    scene.primitive({"POSITION": position}, indices=scene.accessor(FACES[1], "u2"))
+    mesh = read(scene.glb())
+    np.testing.assert_array_equal(mesh.texcoords, [[0, 1], [1, 0.75], [0, 0.5], [1, 0]])
+    np.testing.assert_array_equal(mesh.face_texcoords, [[0, 1, 2], [-1, -1, -1]])
+
+
+def test_normals_follow_the_inverse_transpose() -> None:
+    scene = Scene()
+    normal = scene.accessor([[0, 1, 0], [0.6, 0.8, 0], [0, 0, 1], [0, 0, -1]])
+    scene.primitive({"POSITION": scene.accessor(SQUARE), "NORMAL": normal}, mode=5)
+    scene.json["nodes"] = [{"mesh": 0, "scale": [2, 1, -1]}]
+    mesh = read(scene.glb())
+    slanted = np.array([0.3, 0.8, 0]) / np.hypot(0.3, 0.8)
+    np.testing.assert_allclose(mesh.normals, [[0, 1, 0], slanted, [0, 0, -1], [0, 0, 1]], atol=1e-7)
+    np.testing.assert_array_equal(mesh.face_normals, mesh.faces)
+
+
+def test_colours_are_srgb_if_every_primitive_has_them(tmp_path: Path) -> None:
+    scene = Scene()
+    position = scene.accessor(SQUARE)
+    linear = np.array([[0, 0, 0], [1, 1, 1], [0.5, 0.2158605, 0.001], [2, -1, 0.0031308]])
+    color = scene.accessor(linear)
+    scene.primitive({"POSITION": position, "COLOR_0": color}, mode=5)
+    mesh = read(scene.glb())
+    np.testing.assert_array_equal(
+        mesh.colors, [[0, 0, 0], [255, 255, 255], [188, 128, 3], [255, 0, 10]]
+    )
+    scene.primitive({"POSITION": position}, mode=5)
+    seen = report(tmp_path, scene.glb())
+    assert seen.mesh.colors is None
+    assert seen.warnings == ("vertex colours are left out: some primitives have none",)
+
+
+# --- Materials --------------------------------------------------------------------------------
+
+
+def test_materials() -> None:
+    scene = Scene()
+    position = scene.accessor(SQUARE)
+    scene.json["materials"] = [
+        {},
+        {
+            "name": "glass",
+            "pbrMetallicRoughness": {
+                "baseColorFactor": [0.25, 0.5, 0.75, 0.125],
+                "metallicFactor": 0.5,
+                "roughnessFactor": 0.25,
+                "baseColorTexture": {"index": 0},
+                "metallicRoughnessTexture": {"index": 1},
+            },
+            "normalTexture": {"index": 2},
+            "occlusionTexture": {"index": 2},
+            "emissiveTexture": {"index": 2},
+            "emissiveFactor": [1, 1, 1],
+            "alphaMode": "MASK",
+            "alphaCutoff": 0.75,
+        },
+    ]
+    scene.json["textures"] = [{"source": i} for i in range(3)]
+    scene.json["images"] = [
+        {"uri": data_uri(PNG, "image/png")},
+        {"bufferView": scene.view(PNG), "mimeType": "image/png"},
+        {"uri": "skins/bark%20%C3%A9.jpg"},
+    ]
+    scene.primitive({"POSITION": position}, mode=5, material=1)
+    scene.primitive({"POSITION": position}, mode=5)
+    mesh = read(scene.glb())
+    np.testing.assert_array_equal(mesh.face_material, [1, 1, -1, -1])
+    plain, glass = mesh.materials
+    assert plain == manip3d.Material(metallic=1.0)  # glTF's default
+    external = manip3d.Texture(path="skins/bark é.jpg")
+    assert glass == manip3d.Material(
+        name="glass",
+        base_color=(0.25, 0.5, 0.75, 0.125),
+        metallic=0.5,
+        roughness=0.25,
+        alpha_mode="mask",
+        alpha_cutoff=0.75,
+        textures={
+            "base_color": manip3d.Texture(data=PNG),
+            "metallic_roughness": manip3d.Texture(data=PNG),
+            "normal": external,
+            "occlusion": external,
+            "emissive": external,
+        },
+    )
+
+
+# --- Files beside it --------------------------------------------------------------------------
+
+
+def external(tmp_path: Path, uri: str) -> Path:
+    folder = tmp_path / "folder"
+    folder.mkdir(exist_ok=True)
+    path = folder / "square.gltf"
+    path.write_text(json.dumps(document(buffers=[{"byteLength": 60, "uri": uri}])))
+    return path
+
+
+def test_an_external_buffer(tmp_path: Path) -> None:
+    path = external(tmp_path, "a%20b.bin")
+    (path.parent / "a b.bin").write_bytes(SQUARE_BUFFER + b"more than byteLength")
+    np.testing.assert_array_equal(manip3d.read_mesh(path).vertices, SQUARE)
+    (path.parent / "a b.bin").write_bytes(SQUARE_BUFFER[:-1])
+    with pytest.raises(manip3d.FormatError, match="says 60 bytes, the buffer has 59"):
+        manip3d.read_mesh(path)
+    (path.parent / "a b.bin").unlink()
+    with pytest.raises(FileNotFoundError):
+        manip3d.read_mesh(path)
+
+
+@pytest.mark.parametrize("way", ["../secret.bin", "absolute", "link.bin", "%2e%2e/secret.bin"])
+def test_buffers_outside_of_the_folder_are_refused(tmp_path: Path, way: str) -> None:
+    secret = tmp_path / "secret.bin"
+    secret.write_bytes(SQUARE_BUFFER)
+    path = external(tmp_path, str(secret) if way == "absolute" else way)
+    (path.parent / "link.bin").symlink_to(secret)
+    with pytest.raises(manip3d.FormatError, match="outside"):
+        manip3d.read_mesh(path)
+    assert manip3d.read_mesh(path, allow_outside=True).num_faces == 2
+
+
+def test_no_file_no_folder() -> None:
+    with pytest.raises(manip3d.FormatError, match="no folder"):
+        read(json.dumps(document(buffers=[{"byteLength": 60, "uri": "a.bin"}])).encode())
+
+
+def test_remote_files_are_not_fetched(tmp_path: Path) -> None:
+    with pytest.raises(manip3d.FormatError, match='"https:"'):
+        manip3d.read_mesh(external(tmp_path, "https://example.org/a.bin"))
+
+
+@pytest.mark.parametrize("suffix", [".xz", ".gz"])
+def test_compressed(tmp_path: Path, suffix: str) -> None:
+    import gzip
+    import lzma
+
+    path = tmp_path / f"square.glb{suffix}"
+    path.write_bytes({".xz": lzma.compress, ".gz": gzip.compress}[suffix](square()))
+    np.testing.assert_array_equal(manip3d.read_mesh(path).vertices, SQUARE)
+
+
+# --- What is left out, what is refused ----------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "warning"),
+    [
+        ({"animations": [{}]}, "animations are left out"),
+        ({"skins": [{}]}, "skins are left out: meshes stay in their bind pose"),
+        ({"extensionsUsed": ["KHR_lights_punctual"]}, "extension KHR_lights_punctual is left out"),
+        (
+            {
+                "extensionsUsed": ["KHR_materials_unlit"],
+                "extensionsRequired": ["KHR_materials_unlit"],
+            },
+            "extension KHR_materials_unlit is left out",
+        ),
+    ],
+)
+def test_left_out_with_a_warning(tmp_path: Path, changes: dict[str, Any], warning: str) -> None:
+    seen = report(tmp_path, square(**changes))
+    assert seen.warnings == (warning,)
+    assert seen.mesh.num_faces == 2
+
+
+def test_points_lines_and_morph_targets_are_left_out(tmp_path: Path) -> None:
+    scene = Scene()
+    position = scene.accessor(SQUARE)
+    for mode in range(4):
+        scene.primitive({"POSITION": position}, mode=mode)
+    scene.primitive({"POSITION": position}, mode=5, targets=[{"POSITION": position}])
+    seen = report(tmp_path, scene.glb())
+    assert seen.mesh.num_faces == 2
+    assert seen.warnings == ("points and lines are left out", "morph targets are left out")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "KHR_draco_mesh_compression",
+        "EXT_meshopt_compression",
+        "KHR_texture_transform",
+        "EXT_mesh_gpu_instancing",
+    ],
+)
+def test_a_required_extension_is_named(name: str) -> None:
+    with pytest.raises(manip3d.FormatError, match=name):
+        read(square(extensionsRequired=[name]))
