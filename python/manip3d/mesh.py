@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -60,6 +61,12 @@ class Material:
     alpha_mode: AlphaMode = "opaque"
     alpha_cutoff: float = 0.5
     textures: dict[str, Texture] = field(default_factory=dict)
+
+
+def _interop() -> ModuleType:
+    from manip3d import _interop as module  # only who converts pays for the import
+
+    return module
 
 
 class Mesh:
@@ -195,6 +202,71 @@ class Mesh:
         from manip3d.io import write_mesh
 
         write_mesh(self, path)
+
+    def to_open3d(self) -> Any:
+        """Convert to an ``open3d.geometry.TriangleMesh`` (legacy).
+
+        Vertices and faces stay as they are, one for one. UVs become ``triangle_uvs`` (NaN where a
+        corner has none), materials ``triangle_material_ids`` (-1 = none), base colour images
+        ``textures`` (an empty image where a material has none or its file is missing). Normals are
+        kept where each vertex has a single one; other traits of materials are lost.
+
+        Raises
+        ------
+        MissingExtraError
+            Open3D is not installed.
+        """
+        return _interop().to_open3d(self)
+
+    @staticmethod
+    def from_open3d(source: Any) -> Mesh:
+        """Convert from an Open3D ``TriangleMesh``, legacy or tensor; the inverse of `to_open3d`.
+
+        Corners with equal UVs share one texture coordinate; NaN means none. Materials are named
+        ``material_0`` and so on, since Open3D's have no names; textures become PNG.
+
+        Raises
+        ------
+        InputError
+            ``source`` is no triangle mesh.
+        """
+        mesh: Mesh = _interop().from_open3d(source)
+        return mesh
+
+    def to_trimesh(self, *, geometry_only: bool = False) -> Any:
+        """Convert to a ``trimesh.Trimesh``, or to a ``trimesh.Scene`` where one cannot hold it.
+
+        A ``Trimesh`` has one UV per vertex and one material: vertices are split at seams, and
+        faces of different materials, or with and without UVs, become geometries of a ``Scene``
+        (``part_0000`` and so on, by material, those without UVs first). Materials become
+        ``PBRMaterial``; normals are kept where each vertex has a single one.
+
+        Parameters
+        ----------
+        geometry_only : bool
+            Always a single ``Trimesh`` with the very vertices and faces; no UVs, no materials.
+
+        Raises
+        ------
+        MissingExtraError
+            trimesh is not installed, or Pillow, which its textures need.
+        """
+        return _interop().to_trimesh(self, geometry_only=geometry_only)
+
+    @staticmethod
+    def from_trimesh(source: Any) -> Mesh:
+        """Convert from a ``trimesh.Trimesh`` or ``Scene``; the inverse of `to_trimesh`.
+
+        Meshes of a scene are placed by its graph and put one after the other; vertices stay split
+        at seams. Normals are not taken: trimesh does not tell stored from computed ones.
+
+        Raises
+        ------
+        InputError
+            ``source`` is neither.
+        """
+        mesh: Mesh = _interop().from_trimesh(source)
+        return mesh
 
     def replace(self, **changes: Any) -> Mesh:
         """A mesh with some of the constructor's arguments changed; the other arrays are shared."""

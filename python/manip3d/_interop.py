@@ -1,0 +1,395 @@
+"""Conversion of meshes to and from Open3D and trimesh; the methods of `Mesh` call it."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d.errors import InputError, MissingExtraError
+from manip3d.mesh import AlphaMode, Material, Mesh, Texture
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_ROLES = {
+    "base_color": "baseColorTexture",
+    "metallic_roughness": "metallicRoughnessTexture",
+    "normal": "normalTexture",
+    "occlusion": "occlusionTexture",
+    "emissive": "emissiveTexture",
+}
+_ALPHA_MODES: dict[str, AlphaMode] = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
+
+
+def _require(package: str, extra: str, distribution: str | None = None) -> Any:
+    try:
+        return importlib.import_module(package)
+    except ImportError as error:
+        raise MissingExtraError(distribution or package, extra) from error
+
+
+# --- What both need ---------------------------------------------------------------------------
+
+
+def _vertex_normals(mesh: Mesh) -> NDArray[np.float64] | None:
+    """(V, 3) normals where every corner of a vertex has the same one, else ``None``."""
+    if mesh.normals is None or mesh.face_normals is None or (mesh.face_normals < 0).any():
+        return None
+    corners = mesh.normals[mesh.face_normals]
+    per_vertex = np.zeros_like(mesh.vertices)
+    per_vertex[mesh.faces] = corners
+    return per_vertex if np.array_equal(per_vertex[mesh.faces], corners) else None
+
+
+def _texture_table(
+    corners: NDArray[np.float64],
+) -> tuple[NDArray[np.float64] | None, NDArray[np.int32] | None]:
+    """Distinct rows of (F, 3, 2) corner UVs and the (F, 3) index into them; not finite: -1."""
+    known = np.isfinite(corners).all(axis=2)
+    if not known.any():
+        return None, None
+    texcoords, index = np.unique(corners[known], axis=0, return_inverse=True)
+    face_texcoords = np.full(corners.shape[:2], -1, dtype=np.int32)
+    face_texcoords[known] = index.reshape(-1)
+    return texcoords, face_texcoords
+
+
+def _image_bytes(mesh: Mesh, texture: Texture) -> bytes | None:
+    """Content of an image file, or ``None`` where it is not to be found."""
+    if texture.data is not None:
+        return texture.data
+    from manip3d.io import texture_path
+
+    path = texture_path(mesh, texture)
+    return None if path is None else path.read_bytes()
+
+
+# --- Open3D -----------------------------------------------------------------------------------
+
+
+def to_open3d(mesh: Mesh) -> Any:
+    """See `Mesh.to_open3d`."""
+    o3d = _require("open3d", "simulate")
+    result = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(mesh.vertices), o3d.utility.Vector3iVector(mesh.faces)
+    )
+    if mesh.texcoords is not None and mesh.face_texcoords is not None:
+        with_none = np.vstack([mesh.texcoords, [np.nan, np.nan]])  # row -1
+        corners = with_none[mesh.face_texcoords.reshape(-1)]
+        result.triangle_uvs = o3d.utility.Vector2dVector(corners)
+    if mesh.face_material is not None:
+        result.triangle_material_ids = o3d.utility.IntVector(mesh.face_material)
+    if mesh.colors is not None:
+        result.vertex_colors = o3d.utility.Vector3dVector(mesh.colors / 255.0)
+    normals = _vertex_normals(mesh)
+    if normals is not None:
+        result.vertex_normals = o3d.utility.Vector3dVector(normals)
+    images = [_open3d_image(o3d, mesh, material) for material in mesh.materials]
+    if any(not image.is_empty() for image in images):
+        result.textures = images
+    return result
+
+
+def _open3d_image(o3d: Any, mesh: Mesh, material: Material) -> Any:
+    texture = material.textures.get("base_color")
+    data = None if texture is None else _image_bytes(mesh, texture)
+    if data is None:
+        return o3d.geometry.Image()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / ("image.jpg" if data.startswith(b"\xff\xd8\xff") else "image.png")
+        path.write_bytes(data)
+        return o3d.io.read_image(str(path)).flip_vertical()  # Open3D: the first row has v = 0
+
+
+def from_open3d(source: Any) -> Mesh:
+    """See `Mesh.from_open3d`."""
+    if hasattr(source, "to_legacy"):
+        source = source.to_legacy()
+    if not hasattr(source, "triangles"):
+        raise InputError(f"source: expected an Open3D TriangleMesh, got {type(source)}")
+    faces = np.asarray(source.triangles, dtype=np.int32)
+    texcoords, face_texcoords = None, None
+    if source.has_triangle_uvs():
+        texcoords, face_texcoords = _texture_table(
+            np.asarray(source.triangle_uvs).reshape(len(faces), 3, 2)
+        )
+    has_normals = source.has_vertex_normals()
+    face_material = (
+        np.asarray(source.triangle_material_ids, dtype=np.int32)
+        if source.has_triangle_material_ids()
+        else None
+    )
+    colors = None
+    if source.has_vertex_colors():
+        colors = np.rint(255 * np.clip(np.asarray(source.vertex_colors), 0, 1)).astype(np.uint8)
+    return Mesh(
+        np.array(source.vertices),
+        faces,
+        texcoords=texcoords,
+        face_texcoords=face_texcoords,
+        normals=np.array(source.vertex_normals) if has_normals else None,
+        face_normals=faces if has_normals else None,
+        colors=colors,
+        face_material=face_material,
+        materials=_open3d_materials(source, face_material),
+    )
+
+
+def _open3d_materials(source: Any, face_material: NDArray[np.int32] | None) -> list[Material]:
+    images = list(source.textures)
+    used = 0 if face_material is None or not face_material.size else int(face_material.max()) + 1
+    return [
+        Material(
+            f"material_{i}",
+            textures={"base_color": Texture(data=_open3d_png(images[i]))}
+            if i < len(images) and not images[i].is_empty()
+            else {},
+        )
+        for i in range(max(used, len(images)))
+    ]
+
+
+def _open3d_png(image: Any) -> bytes:
+    o3d = _require("open3d", "simulate")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "image.png"
+        if not o3d.io.write_image(str(path), image.flip_vertical()):
+            raise InputError("source: Open3D cannot write one of its textures as PNG")
+        return path.read_bytes()
+
+
+# --- trimesh ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Faces that trimesh can hold in one mesh: one material, all with UVs or all without."""
+
+    material: int
+    vertices: NDArray[np.int32]  # (N,) rows of Mesh.vertices, repeated at seams
+    texcoords: NDArray[np.int32] | None  # (N,) rows of Mesh.texcoords
+    faces: NDArray[np.int64]  # (M, 3) into the two
+
+
+def _parts(mesh: Mesh) -> Iterator[_Part]:
+    material = mesh.face_material
+    if material is None:
+        material = np.full(mesh.num_faces, -1, dtype=np.int32)
+    if mesh.face_texcoords is None:
+        has_uv = np.zeros(mesh.num_faces, dtype=np.bool_)
+    else:
+        has_uv = np.all(mesh.face_texcoords >= 0, axis=1)
+    for index, uv in np.unique(np.column_stack([material, has_uv]), axis=0):
+        selected = (material == index) & (has_uv == bool(uv))
+        vertex = mesh.faces[selected].reshape(-1)
+        if uv and mesh.face_texcoords is not None:
+            corners = np.column_stack([vertex, mesh.face_texcoords[selected].reshape(-1)])
+            rows, inverse = np.unique(corners, axis=0, return_inverse=True)
+            yield _Part(int(index), rows[:, 0], rows[:, 1], inverse.reshape(-1, 3))
+        else:
+            used, inverse = np.unique(vertex, return_inverse=True)
+            yield _Part(int(index), used, None, inverse.reshape(-1, 3))
+
+
+def to_trimesh(mesh: Mesh, *, geometry_only: bool = False) -> Any:
+    """See `Mesh.to_trimesh`."""
+    trimesh = _require("trimesh", "io")
+    if geometry_only:
+        return trimesh.Trimesh(
+            vertices=mesh.vertices,
+            faces=mesh.faces,
+            vertex_normals=_vertex_normals(mesh),
+            vertex_colors=mesh.colors,
+            process=False,
+        )
+    normals = _vertex_normals(mesh)
+    materials = [_trimesh_material(trimesh, mesh, m) for m in mesh.materials]
+    parts = [_trimesh_part(trimesh, mesh, part, materials, normals) for part in _parts(mesh)]
+    if not parts:
+        return trimesh.Trimesh(vertices=mesh.vertices, process=False)
+    if len(parts) == 1:
+        return parts[0]
+    scene = trimesh.Scene()
+    for i, part in enumerate(parts):
+        scene.add_geometry(part, geom_name=f"part_{i:04d}", node_name=f"part_{i:04d}")
+    return scene
+
+
+def _trimesh_part(
+    trimesh: Any,
+    mesh: Mesh,
+    part: _Part,
+    materials: list[Any],
+    normals: NDArray[np.float64] | None,
+) -> Any:
+    colors = None if mesh.colors is None else mesh.colors[part.vertices]
+    result = trimesh.Trimesh(
+        vertices=mesh.vertices[part.vertices],
+        faces=part.faces,
+        vertex_normals=None if normals is None else normals[part.vertices],
+        process=False,
+    )
+    has_material = 0 <= part.material < len(materials)
+    uv = None
+    if part.texcoords is not None and mesh.texcoords is not None:
+        uv = mesh.texcoords[part.texcoords]
+    if has_material or uv is not None:
+        material = (
+            materials[part.material] if has_material else trimesh.visual.material.PBRMaterial()
+        )
+        result.visual = trimesh.visual.TextureVisuals(uv=uv, material=material)
+        if colors is not None:
+            result.vertex_attributes["color"] = colors
+    elif colors is not None:
+        result.visual = trimesh.visual.ColorVisuals(result, vertex_colors=colors)
+    return result
+
+
+def _trimesh_material(trimesh: Any, mesh: Mesh, material: Material) -> Any:
+    images = {}
+    for role, texture in material.textures.items():
+        data = _image_bytes(mesh, texture)
+        if data is not None:
+            image = _require("PIL.Image", "io", "pillow").open(io.BytesIO(data))
+            image.load()
+            images[_ROLES[role]] = image
+    return trimesh.visual.material.PBRMaterial(
+        name=material.name,
+        baseColorFactor=np.rint(255 * np.asarray(material.base_color)).astype(np.uint8),
+        metallicFactor=material.metallic,
+        roughnessFactor=material.roughness,
+        alphaMode=material.alpha_mode.upper(),
+        alphaCutoff=material.alpha_cutoff if material.alpha_mode == "mask" else None,
+        doubleSided=True,
+        **images,
+    )
+
+
+def from_trimesh(source: Any) -> Mesh:
+    """See `Mesh.from_trimesh`."""
+    trimesh = _require("trimesh", "io")
+    if isinstance(source, trimesh.Trimesh):
+        placed = [(source, np.eye(4))]
+    elif isinstance(source, trimesh.Scene):
+        placed = [
+            (source.geometry[geometry], transform)
+            for transform, geometry in (source.graph[n] for n in source.graph.nodes_geometry)
+            if isinstance(source.geometry[geometry], trimesh.Trimesh)
+        ]
+    else:
+        raise InputError(f"source: expected a trimesh.Trimesh or Scene, got {type(source)}")
+    sources = [m for m, _ in placed]
+    materials, face_material = _trimesh_materials(sources)
+    starts = np.cumsum([0, *(len(m.vertices) for m in sources)])
+    corners = [_trimesh_corners(m) for m in sources]
+    faces = [
+        _outward(np.asarray(m.faces), t) + start
+        for (m, t), start in zip(placed, starts, strict=False)
+    ]
+    uvs = [
+        _outward(corner, transform) for corner, (_, transform) in zip(corners, placed, strict=True)
+    ]
+    texcoords, face_texcoords = _texture_table(np.concatenate([np.empty((0, 3, 2)), *uvs]))
+    return Mesh(
+        np.concatenate([np.empty((0, 3)), *(_transformed(m.vertices, t) for m, t in placed)]),
+        np.concatenate([np.empty((0, 3), dtype=np.int64), *faces]),
+        texcoords=texcoords,
+        face_texcoords=face_texcoords,
+        colors=_trimesh_colors(sources),
+        face_material=face_material if materials else None,
+        materials=materials,
+    )
+
+
+def _transformed(points: Any, transform: NDArray[np.float64]) -> NDArray[np.float64]:
+    result: NDArray[np.float64] = np.asarray(points) @ transform[:3, :3].T + transform[:3, 3]
+    return result
+
+
+def _outward(corners: NDArray[Any], transform: NDArray[np.float64]) -> NDArray[Any]:
+    """Corners of faces, turned around where the transform mirrors."""
+    return corners[:, ::-1] if np.linalg.det(transform[:3, :3]) < 0 else corners
+
+
+def _trimesh_corners(mesh: Any) -> NDArray[np.float64]:
+    """(F, 3, 2) UVs of the corners, NaN where there are none."""
+    uv = getattr(mesh.visual, "uv", None)
+    if uv is None or len(uv) != len(mesh.vertices):
+        return np.full((len(mesh.faces), 3, 2), np.nan)
+    corners: NDArray[np.float64] = np.asarray(uv, dtype=np.float64)[:, :2][mesh.faces]
+    return corners
+
+
+def _trimesh_colors(meshes: list[Any]) -> NDArray[np.uint8] | None:
+    """(V, 3) vertex colours if all meshes carry them."""
+    found = []
+    for mesh in meshes:
+        colors = mesh.vertex_attributes.get("color")
+        if colors is None and mesh.visual.kind == "vertex":
+            colors = mesh.visual.vertex_colors
+        if colors is None:
+            return None
+        found.append(np.asarray(colors)[:, :3])
+    return np.concatenate(found) if found else None
+
+
+def _trimesh_materials(meshes: list[Any]) -> tuple[list[Material], NDArray[np.int32]]:
+    """Materials by identity, and the material of every face."""
+    index: dict[int, int] = {}
+    materials: list[Material] = []
+    per_face: list[NDArray[np.int32]] = []
+    for mesh in meshes:
+        material = getattr(mesh.visual, "material", None)
+        if material is None or _says_nothing(material):
+            row = -1
+        elif id(material) in index:
+            row = index[id(material)]
+        else:
+            row = index[id(material)] = len(materials)
+            materials.append(_from_trimesh_material(material))
+        per_face.append(np.full(len(mesh.faces), row, dtype=np.int32))
+    return materials, np.concatenate([np.empty(0, dtype=np.int32), *per_face])
+
+
+def _says_nothing(material: Any) -> bool:
+    """Whether it is the empty material that stands for none."""
+    keys = ("name", "baseColorFactor", "metallicFactor", "roughnessFactor", *_ROLES.values())
+    return all(getattr(material, key, 0) is None for key in keys)
+
+
+def _from_trimesh_material(material: Any) -> Material:
+    if hasattr(material, "to_pbr"):
+        material = material.to_pbr()
+    textures = {
+        role: Texture(data=_png(image))
+        for role, key in _ROLES.items()
+        if (image := getattr(material, key, None)) is not None
+    }
+    color = material.baseColorFactor
+    red, green, blue, alpha = (1.0, 1.0, 1.0, 1.0) if color is None else np.asarray(color) / 255.0
+
+    def factor(value: float | None, default: float) -> float:
+        return default if value is None else float(value)
+
+    return Material(
+        name=material.name or "",
+        base_color=(float(red), float(green), float(blue), float(alpha)),
+        metallic=factor(material.metallicFactor, 1.0),
+        roughness=factor(material.roughnessFactor, 1.0),
+        alpha_mode=_ALPHA_MODES.get(material.alphaMode or "OPAQUE", "opaque"),
+        alpha_cutoff=factor(material.alphaCutoff, 0.5),
+        textures=textures,
+    )
+
+
+def _png(image: Any) -> bytes:
+    stream = io.BytesIO()
+    image.save(stream, format="PNG")
+    return stream.getvalue()

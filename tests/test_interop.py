@@ -1,0 +1,216 @@
+"""Meshes to Open3D and trimesh and back."""
+
+from __future__ import annotations
+
+import io
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import manip3d
+from gltf_files import PNG
+from manip3d import Material, Mesh, Texture
+
+
+def picture() -> bytes:
+    image = pytest.importorskip("PIL.Image")
+    stream = io.BytesIO()
+    image.fromarray(np.arange(48, dtype=np.uint8).reshape(4, 4, 3)).save(stream, "PNG")
+    return stream.getvalue()
+
+
+def pixels(texture: Texture) -> NDArray[np.uint8]:
+    image = pytest.importorskip("PIL.Image")
+    assert texture.data is not None
+    return np.asarray(image.open(io.BytesIO(texture.data)))
+
+
+def corner_uvs(mesh: Mesh) -> NDArray[np.float64]:
+    assert mesh.texcoords is not None
+    assert mesh.face_texcoords is not None
+    with_none: NDArray[np.float64] = np.vstack([mesh.texcoords, [[np.nan, np.nan]]])
+    return with_none[mesh.face_texcoords]
+
+
+def make(**changes: Any) -> Mesh:
+    """A tetrahedron: a seam at vertex 0, two materials, and a face without UVs."""
+    parts: dict[str, Any] = {
+        "vertices": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        "faces": [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+        "texcoords": [[0, 0], [1, 0], [0, 1], [0.5, 0.25]],
+        "face_texcoords": [[0, 2, 1], [3, 1, 2], [-1, -1, -1], [1, 2, 0]],
+        "face_material": [0, 1, 0, 1],
+        "materials": [
+            Material("skin", textures={"base_color": Texture(data=picture())}),
+            Material("glass", (1.0, 0.4, 0.2, 0.6), 0.25, 0.5, "mask", 0.75),
+        ],
+    }
+    return Mesh(**{**parts, **changes})
+
+
+COLORS = [[0, 0, 0], [255, 254, 253], [1, 2, 3], [128, 129, 130]]
+PLAIN: dict[str, Any] = {
+    "texcoords": None,
+    "face_texcoords": None,
+    "face_material": None,
+    "materials": (),
+}
+
+
+class TestOpen3d:
+    pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+
+    @pytest.fixture(autouse=True)
+    def _open3d(self) -> None:
+        pytest.importorskip("open3d")
+
+    def test_round_trip(self) -> None:
+        mesh = make(colors=COLORS)
+        again = Mesh.from_open3d(mesh.to_open3d())
+        np.testing.assert_array_equal(again.vertices, mesh.vertices)
+        np.testing.assert_array_equal(again.faces, mesh.faces)
+        np.testing.assert_array_equal(corner_uvs(again), corner_uvs(mesh))
+        np.testing.assert_array_equal(again.face_material, mesh.face_material)
+        np.testing.assert_array_equal(again.colors, mesh.colors)
+        assert [m.name for m in again.materials] == ["material_0", "material_1"]
+        assert again.materials[1].textures == {}
+        np.testing.assert_array_equal(
+            pixels(again.materials[0].textures["base_color"]),
+            pixels(mesh.materials[0].textures["base_color"]),
+        )
+
+    def test_open3d_keeps_images_bottom_up(self) -> None:
+        image = np.asarray(make().to_open3d().textures[0])
+        np.testing.assert_array_equal(image[::-1], np.arange(48).reshape(4, 4, 3))
+
+    def test_without_attributes(self) -> None:
+        mesh = make(**PLAIN)
+        again = Mesh.from_open3d(mesh.to_open3d())
+        np.testing.assert_array_equal(again.faces, mesh.faces)
+        assert again.texcoords is again.face_material is again.colors is again.normals is None
+        assert again.materials == ()
+
+    def test_normals_where_each_vertex_has_one(self) -> None:
+        normals = np.eye(4, 3) + 1
+        mesh = make(normals=normals, face_normals=make().faces)
+        again = Mesh.from_open3d(mesh.to_open3d())
+        assert again.normals is not None
+        np.testing.assert_array_equal(again.normals[again.face_normals], normals[mesh.faces])
+        creased = make(normals=normals, face_normals=[[0, 0, 0], [1, 1, 1], [2, 2, 2], [3, 3, 3]])
+        assert not creased.to_open3d().has_vertex_normals()
+
+    def test_missing_images_are_empty(self) -> None:
+        material = Material(textures={"base_color": Texture(path="missing.png")})
+        mesh = make(materials=[material, *make().materials], source="nowhere/mesh.obj")
+        textures = mesh.to_open3d().textures
+        assert [image.is_empty() for image in textures] == [True, False, True]
+
+    def test_tensor_meshes(self) -> None:
+        import open3d as o3d
+
+        mesh = make(**PLAIN)
+        tensor = o3d.t.geometry.TriangleMesh.from_legacy(mesh.to_open3d())
+        np.testing.assert_array_equal(Mesh.from_open3d(tensor).faces, mesh.faces)
+
+    def test_others_are_refused(self) -> None:
+        with pytest.raises(manip3d.InputError, match="source: expected an Open3D TriangleMesh"):
+            Mesh.from_open3d("mesh")
+
+
+class TestTrimesh:
+    @pytest.fixture(autouse=True)
+    def _trimesh(self) -> None:
+        pytest.importorskip("trimesh")
+
+    def test_parts_of_a_scene(self) -> None:
+        """One geometry per material and having UVs; faces keep their order in each."""
+        mesh = make(colors=COLORS)
+        scene = mesh.to_trimesh()
+        sizes = [(len(g.vertices), len(g.faces)) for g in scene.geometry.values()]
+        assert sizes == [(3, 1), (3, 1), (5, 2)]
+        again = Mesh.from_trimesh(scene)
+        order = [2, 0, 1, 3]
+        np.testing.assert_array_equal(again.vertices[again.faces], mesh.vertices[mesh.faces][order])
+        np.testing.assert_array_equal(corner_uvs(again), corner_uvs(mesh)[order])
+        np.testing.assert_array_equal(again.face_material, [0, 0, 1, 1])
+        assert again.colors is not None
+        assert mesh.colors is not None
+        np.testing.assert_array_equal(again.colors[again.faces], mesh.colors[mesh.faces][order])
+
+    def test_materials(self) -> None:
+        mesh = make()
+        skin, glass = Mesh.from_trimesh(mesh.to_trimesh()).materials
+        assert glass == mesh.materials[1]  # 0.4, 0.2, 0.6 are whole in 255ths
+        assert (skin.name, skin.base_color) == ("skin", (1.0, 1.0, 1.0, 1.0))
+        np.testing.assert_array_equal(
+            pixels(skin.textures["base_color"]),
+            pixels(mesh.materials[0].textures["base_color"]),
+        )
+
+    def test_one_part_is_one_mesh(self) -> None:
+        trimesh = pytest.importorskip("trimesh")
+        mesh = make(**PLAIN)
+        one = mesh.to_trimesh()
+        assert isinstance(one, trimesh.Trimesh)
+        assert one.is_watertight
+        np.testing.assert_array_equal(Mesh.from_trimesh(one).faces, mesh.faces)
+
+    def test_without_materials(self) -> None:
+        mesh = make(face_material=None, materials=(), face_texcoords=make().faces)
+        again = Mesh.from_trimesh(mesh.to_trimesh())
+        assert again.materials == ()
+        assert again.face_material is None
+        np.testing.assert_array_equal(corner_uvs(again), corner_uvs(mesh))
+
+    def test_geometry_only(self) -> None:
+        mesh = make(colors=COLORS)
+        one = mesh.to_trimesh(geometry_only=True)
+        np.testing.assert_array_equal(one.vertices, mesh.vertices)
+        np.testing.assert_array_equal(one.faces, mesh.faces)
+        np.testing.assert_array_equal(one.visual.vertex_colors[:, :3], COLORS)
+        np.testing.assert_array_equal(Mesh.from_trimesh(one).colors, COLORS)
+
+    def test_the_graph_of_a_scene_places_its_meshes(self) -> None:
+        trimesh = pytest.importorskip("trimesh")
+        mesh = make(**PLAIN)
+        scene = trimesh.Scene()
+        mirror = np.diag([-1.0, 1, 1, 1])
+        mirror[:3, 3] = [5, 0, 0]
+        scene.add_geometry(mesh.to_trimesh())
+        scene.add_geometry(mesh.to_trimesh(), transform=mirror)
+        again = Mesh.from_trimesh(scene)
+        assert again.num_faces == 8
+        np.testing.assert_array_equal(again.vertices[5], [4, 0, 0])
+        np.testing.assert_array_equal(again.faces[4:], mesh.faces[:, ::-1] + 4)
+
+    def test_empty(self) -> None:
+        trimesh = pytest.importorskip("trimesh")
+        assert len(Mesh([], []).to_trimesh().faces) == 0
+        assert Mesh.from_trimesh(trimesh.Scene()).num_faces == 0
+
+    def test_others_are_refused(self) -> None:
+        with pytest.raises(manip3d.InputError, match=r"source: expected a trimesh\.Trimesh"):
+            Mesh.from_trimesh("mesh")
+
+
+@pytest.mark.parametrize(
+    ("package", "method", "cure"),
+    [
+        ("open3d", "to_open3d", r"manip3d\[simulate\]"),
+        ("trimesh", "to_trimesh", r"manip3d\[io\]"),
+        ("PIL.Image", "to_trimesh", r"pillow is needed here: pip install 'manip3d\[io\]'"),
+    ],
+)
+def test_a_missing_package_names_its_cure(
+    monkeypatch: pytest.MonkeyPatch, package: str, method: str, cure: str
+) -> None:
+    if method == "to_trimesh":
+        pytest.importorskip("trimesh")
+    skin = Material(textures={"base_color": Texture(data=PNG)})
+    mesh = Mesh(np.eye(3), [[0, 1, 2]], face_material=[0], materials=[skin])
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(manip3d.MissingExtraError, match=cure):
+        getattr(mesh, method)()
