@@ -19,6 +19,7 @@ from manip3d.mesh import Material, Mesh, Texture
 
 if TYPE_CHECKING:
     from manip3d import io
+    from manip3d.viewer import view
 
 __all__ = [
     "DeviceError",
@@ -36,6 +37,7 @@ __all__ = [
     "read_mesh",
     "simplify",
     "simulate",
+    "view",
     "viewer",
 ]
 
@@ -45,4 +47,8 @@ _LAZY = frozenset({"io", "metrics", "simplify", "simulate", "viewer"})
 def __getattr__(name: str) -> Any:
     if name in _LAZY:
         return importlib.import_module(f"manip3d.{name}")
+    if name == "view":
+        from manip3d.viewer import view
+
+        return view
     raise AttributeError(f"module 'manip3d' has no attribute {name!r}")

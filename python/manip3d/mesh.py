@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal
@@ -274,6 +274,14 @@ class Mesh:
         if unknown:
             raise InputError(f"replace: no such array: {', '.join(sorted(unknown))}")
         return Mesh(**{name: changes.get(name, getattr(self, name)) for name in self.__slots__})
+
+    def _repr_mimebundle_(
+        self, include: Collection[str] | None = None, exclude: Collection[str] | None = None
+    ) -> dict[str, str | bytes]:
+        """What a notebook shows: the viewer, a picture, and text."""
+        from manip3d.viewer.notebook import mimebundle
+
+        return mimebundle(self)
 
     def __repr__(self) -> str:
         parts = [f"{self.num_vertices} vertices", f"{self.num_faces} faces"]

@@ -14,6 +14,7 @@ from manip3d.viewer.scene import (
     Style,
     Surface,
     boundary_edges,
+    downsampled,
     surfaces,
     with_shading_normals,
 )
@@ -57,9 +58,7 @@ def draw(mesh: Mesh, camera: Camera, style: Style) -> Image:
             large = np.asarray(plotter.screenshot(return_img=True))
         finally:
             plotter.close()
-    blocks = large.reshape(height, SUPERSAMPLING, width, SUPERSAMPLING, 3)
-    image: Image = blocks.mean(axis=(1, 3)).round().astype(np.uint8)
-    return image
+    return downsampled(large, SUPERSAMPLING)
 
 
 def _set_camera(plotter: Any, camera: Camera) -> None:

@@ -10,14 +10,17 @@ import numpy as np
 
 from manip3d.errors import InputError
 from manip3d.mesh import Mesh
-from manip3d.viewer import _pyvista
+from manip3d.viewer import _chromium, _pyvista
 from manip3d.viewer.renderer import renderer
 from manip3d.viewer.scene import BACKGROUND, Camera, Style, frame, pillow, rgb
 
 if TYPE_CHECKING:
     from manip3d.viewer.scene import Image, Rgb, Shading, Up
 
-DRAW: dict[str, Callable[[Mesh, Camera, Style], Image]] = {"pyvista": _pyvista.draw}
+DRAW: dict[str, Callable[[Mesh, Camera, Style], Image]] = {
+    "pyvista": _pyvista.draw,
+    "chromium": _chromium.draw,
+}
 
 
 def picture(

@@ -1,4 +1,4 @@
-"""Which program draws pictures here: PyVista through EGL, or nothing, and why.
+"""Which program draws pictures here: PyVista through EGL, a headless Chromium, or none.
 
 A broken OpenGL driver does not raise, it kills the process. So the first picture is drawn by a
 child process, once; what it does decides.
@@ -16,13 +16,14 @@ from typing import Literal, cast
 
 from manip3d.errors import InputError, RenderError
 
-Renderer = Literal["pyvista"]
+Renderer = Literal["pyvista", "chromium"]
 
 _CURES = {
     "pyvista": (
         "pip install 'manip3d[viz]' and apt-get install libegl1 libgl1-mesa-dri libopengl0 "
         "libxrender1"
     ),
+    "chromium": "apt-get install chromium and make setup",
 }
 _PROBE_SECONDS = 60.0  # a cold disk needs about 10
 
@@ -47,7 +48,7 @@ def egl_window() -> Iterator[None]:
 def _wanted() -> tuple[Renderer, ...]:
     choice = os.environ.get("MANIP3D_RENDERER", "").strip().lower()
     if choice in ("", "auto"):
-        return ("pyvista",)
+        return ("pyvista", "chromium")
     if choice == "none":
         return ()
     if choice not in _CURES:

@@ -7,7 +7,6 @@ import math
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._options import threads_of
 from manip3d.errors import InputError, MissingExtraError
+from manip3d.io import texture_path
 from manip3d.mesh import Material, Mesh, Texture
 
 if TYPE_CHECKING:
@@ -56,13 +56,13 @@ def rgb(color: str | Rgb) -> Rgb:
 class Style:
     """What to draw, and how large; see `manip3d.viewer.picture` for the meaning."""
 
-    size: tuple[int, int]
-    shading: Shading
-    texture: bool
-    wireframe: bool
-    boundary: bool
-    backfaces: bool
-    background: Rgb
+    size: tuple[int, int] = (800, 600)
+    shading: Shading = "smooth"
+    texture: bool = True
+    wireframe: bool = False
+    boundary: bool = False
+    backfaces: bool = True
+    background: Rgb = (245, 246, 248)
 
     def __post_init__(self) -> None:
         if len(self.size) != 2 or not all(1 <= n <= MAX_SIDE for n in self.size):
@@ -85,14 +85,19 @@ class Camera:
     far: float
 
 
-def _axes(azimuth: float, elevation: float, up: Up) -> Points:
-    """(3, 3) rows: the camera's right, up and backward in the mesh's coordinates."""
+def check_view(azimuth: float, elevation: float, up: Up) -> None:
+    """Refuse directions that are none."""
     if up not in ("y", "z"):
         raise InputError(f"up: expected 'y' or 'z', got {up!r}")
     if not math.isfinite(azimuth):
         raise InputError(f"azimuth: expected degrees, got {azimuth}")
     if not -90.0 <= elevation <= 90.0:
         raise InputError(f"elevation: expected degrees in [-90, 90], got {elevation}")
+
+
+def _axes(azimuth: float, elevation: float, up: Up) -> Points:
+    """(3, 3) rows: the camera's right, up and backward in the mesh's coordinates."""
+    check_view(azimuth, elevation, up)
     a, e = math.radians(azimuth), math.radians(elevation)
     right = np.array([math.cos(a), 0.0, -math.sin(a)])
     backward = np.array([math.sin(a) * math.cos(e), math.sin(e), math.cos(a) * math.cos(e)])
@@ -155,6 +160,13 @@ def srgb(linear: Any) -> NDArray[np.float64]:
     return encoded
 
 
+def linear(srgb: Any) -> Points:
+    """The inverse of `srgb`."""
+    x = np.clip(np.asarray(srgb, dtype=np.float64), 0.0, 1.0)
+    decoded: Points = np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+    return decoded
+
+
 @dataclass(frozen=True)
 class Surface:
     """Faces that look the same.
@@ -196,6 +208,14 @@ def surfaces(mesh: Mesh) -> Iterator[Surface]:
         yield Surface(faces[~has_uv], color, opacity)
 
 
+def downsampled(image: Image, factor: int) -> Image:
+    """The mean over squares of ``factor`` pixels a side."""
+    height, width = (side // factor for side in image.shape[:2])
+    blocks = image.reshape(height, factor, width, factor, 3)
+    small: Image = np.rint(blocks.mean(axis=(1, 3))).astype(np.uint8)
+    return small
+
+
 def pillow() -> Any:
     """The module ``PIL.Image``."""
     try:
@@ -211,23 +231,39 @@ def _base_color_images(mesh: Mesh) -> dict[Texture | None, Image | None]:
     return {t: _texture_image(mesh, t) for t in dict.fromkeys(textures) if t is not None}
 
 
+def texture_bytes(mesh: Mesh, texture: Texture) -> bytes | None:
+    """Content of the image file; ``None`` and a warning if it cannot be read."""
+    if texture.data is not None:
+        return texture.data
+    try:
+        path = texture_path(mesh, texture)
+        if path is None:
+            raise FileNotFoundError("no such file")
+        return path.read_bytes()
+    except (OSError, InputError) as error:
+        _warn_unreadable(texture, error)
+        return None
+
+
 def _texture_image(mesh: Mesh, texture: Texture) -> Image | None:
     module = pillow()
-    source: io.BytesIO | Path
-    if texture.data is not None:
-        source = io.BytesIO(texture.data)
-    else:
-        source = Path(mesh.source or "").parent / (texture.path or "")
+    content = texture_bytes(mesh, texture)
+    if content is None:
+        return None
     try:
-        with module.open(source) as image:
+        with module.open(io.BytesIO(content)) as image:
             return np.asarray(image.convert("RGBA"))
     except (OSError, ValueError, module.DecompressionBombError) as error:
-        warnings.warn(
-            f"texture {texture.path or '(embedded)'} cannot be read, the material's base colour "
-            f"is shown instead: {error}",
-            stacklevel=2,
-        )
+        _warn_unreadable(texture, error)
         return None
+
+
+def _warn_unreadable(texture: Texture, error: Exception) -> None:
+    warnings.warn(
+        f"texture {texture.path or '(embedded)'} cannot be read, the material's base colour is "
+        f"shown instead: {error}",
+        stacklevel=2,
+    )
 
 
 def _with_alpha(image: Image, material: Material) -> Image:

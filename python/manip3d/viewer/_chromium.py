@@ -1,0 +1,174 @@
+"""Pictures drawn by the viewer's page in a headless Chromium, steered through a pipe."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import fcntl
+import io
+import itertools
+import json
+import os
+import select
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d.errors import RenderError
+from manip3d.viewer.scene import Camera, Style, downsampled, pillow
+
+if TYPE_CHECKING:
+    from manip3d.mesh import Mesh
+    from manip3d.viewer.scene import Image
+
+PROGRAMS = ("chromium", "chromium-browser", "google-chrome-stable", "google-chrome")
+SUPERSAMPLING = 2
+SECONDS = 60.0  # for one page; software rendering of 360 000 faces takes 5
+
+# Chromium takes commands at descriptor 3 and answers at 4 [--remote-debugging-pipe].
+_LAUNCH = (
+    "import os, sys; os.dup2(int(sys.argv[1]), 3); os.dup2(int(sys.argv[2]), 4); "
+    "os.execv(sys.argv[3], sys.argv[3:])"
+)
+
+
+def program() -> str:
+    """The Chromium of this machine."""
+    found = next(filter(None, map(shutil.which, PROGRAMS)), None)
+    if found is None:
+        raise RenderError(f"none of {', '.join(PROGRAMS)} is installed")
+    return found
+
+
+class Tab:
+    """A page in a headless browser."""
+
+    def __init__(self, commands: int, answers: int) -> None:
+        self._commands = commands
+        self._answers = answers
+        self._buffer = b""
+        self._numbers = itertools.count(1)
+        self._session: str | None = None
+        target = self.send("Target.createTarget", url="about:blank")["targetId"]
+        attached = self.send("Target.attachToTarget", targetId=target, flatten=True)
+        self._session = attached["sessionId"]
+
+    def send(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """One command of the DevTools protocol, and its result."""
+        number = next(self._numbers)
+        message: dict[str, Any] = {"id": number, "method": method, "params": parameters}
+        if self._session is not None:
+            message["sessionId"] = self._session
+        rest = json.dumps(message).encode() + b"\0"
+        while rest:
+            rest = rest[os.write(self._commands, rest) :]
+        deadline = time.monotonic() + SECONDS
+        while True:
+            answer = self._next_message(deadline)
+            if answer.get("id") == number:
+                break
+        if "error" in answer:
+            raise RenderError(f"Chromium refused {method}: {answer['error'].get('message')}")
+        result: dict[str, Any] = answer["result"]
+        return result
+
+    def _next_message(self, deadline: float) -> dict[str, Any]:
+        while b"\0" not in self._buffer:
+            ready, _, _ = select.select([self._answers], [], [], deadline - time.monotonic())
+            if not ready:
+                raise RenderError(f"Chromium gave no answer within {SECONDS:.0f} s")
+            received = os.read(self._answers, 1 << 20)
+            if not received:
+                raise RenderError("Chromium ended before it answered")
+            self._buffer += received
+        text, _, self._buffer = self._buffer.partition(b"\0")
+        message: dict[str, Any] = json.loads(text)
+        return message
+
+    def evaluate(self, expression: str) -> Any:
+        """The value of a JavaScript expression, awaited if it is a promise."""
+        answer = self.send(
+            "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
+        )
+        if "exceptionDetails" in answer:
+            details = answer["exceptionDetails"]
+            raise RenderError(f"the page failed: {details.get('exception', details)}")
+        return answer["result"].get("value")
+
+
+@contextlib.contextmanager
+def open_page(page: str, size: tuple[int, int]) -> Iterator[Tab]:
+    """The page in a browser window of ``size`` pixels, shown completely."""
+    with contextlib.ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)))
+        (folder / "page.html").write_text(page, encoding="utf-8")
+        tab = stack.enter_context(_browser(folder, size))
+        tab.send("Page.enable")
+        tab.send("Page.navigate", url=(folder / "page.html").as_uri())
+        tab.evaluate(
+            "new Promise(done => document.readyState === 'complete' ? done() "
+            ": addEventListener('load', () => done()))"
+        )
+        yield tab
+
+
+@contextlib.contextmanager
+def _browser(folder: Path, size: tuple[int, int]) -> Iterator[Tab]:
+    with contextlib.ExitStack() as stack:
+        pipes = []
+        for ends in (os.pipe(), os.pipe()):
+            for end in ends:
+                # Above 10, so that the launcher's 3 and 4 are free.
+                pipes.append(fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10))
+                os.close(end)
+        theirs_in, ours_out, ours_in, theirs_out = pipes
+        stack.callback(os.close, ours_out)
+        stack.callback(os.close, ours_in)
+        process = subprocess.Popen(
+            [
+                *(sys.executable, "-c", _LAUNCH, str(theirs_in), str(theirs_out), program()),
+                "--headless=new",
+                "--remote-debugging-pipe",
+                f"--user-data-dir={folder / 'profile'}",
+                f"--window-size={size[0]},{size[1]}",
+                *("--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+                *("--no-first-run", "--disable-extensions", "--disable-background-networking"),
+                *("--force-color-profile=srgb", "--hide-scrollbars", "--mute-audio"),
+                *(["--no-sandbox"] if os.geteuid() == 0 else []),  # it has none for root
+            ],
+            pass_fds=(theirs_in, theirs_out),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        stack.callback(_end, process)
+        os.close(theirs_in)
+        os.close(theirs_out)
+        yield Tab(ours_out, ours_in)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Ends the browser and the processes that it started, which form one group."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+def draw(mesh: Mesh, camera: Camera, style: Style) -> Image:
+    """The picture of ``mesh`` that ``camera`` sees."""
+    from manip3d.viewer.page import still_page
+
+    width, height = (SUPERSAMPLING * n for n in style.size)
+    with open_page(still_page(mesh, camera, style, SUPERSAMPLING), (width, height)) as tab:
+        url = tab.evaluate("manip3d")
+    with pillow().open(io.BytesIO(base64.b64decode(url.partition(",")[2]))) as image:
+        return downsampled(np.asarray(image.convert("RGB")), SUPERSAMPLING)

@@ -1,0 +1,218 @@
+// The page: reads what Python wrote into it, builds the panes and the toolbar.
+
+import { Model } from "./model.js";
+import { Stage } from "./stage.js";
+import css from "./viewer.css";
+
+/**
+ * What Python writes into the page as JSON.
+ * @typedef {object} Page
+ * @property {string} title
+ * @property {import("./stage.js").View} view
+ * @property {import("./model.js").Looks} looks
+ * @property {{label: string, detail: string, glb: string, boundary: string}[]} models
+ *   `glb`, and `boundary` (float32, x y z of both ends of each edge) in base64
+ * @property {{size: number[], pose: import("./stage.js").Pose, background: string}} [still]
+ *   instead of a view, one picture: its PNG's data URL
+ */
+
+const SWITCHES = /** @type {const} */ ([
+  ["texture", "t", "Texture", "Materials, textures and colours"],
+  ["wireframe", "w", "Wireframe", "The triangles' edges"],
+  ["flat", "f", "Flat", "One shade for each triangle"],
+  ["boundary", "b", "Boundary", "Edges that exactly one face uses, in red"],
+  ["backfaces", "k", "Back faces", "Faces seen from behind"],
+]);
+const HELP = [
+  ["drag, arrow keys", "turn"],
+  ["wheel, pinch, + −", "nearer, farther"],
+  ["right drag, two fingers, shift + arrow keys", "move"],
+  ["R", "first view"],
+  ["D", "dark or light"],
+  ["?", "this list"],
+];
+const TURN = 0.1; // radians for each press of an arrow key
+const NEARER = 0.9; // times the distance
+const SHIFT = 30; // pixels
+
+/**
+ * @template {keyof HTMLElementTagNameMap} Tag
+ * @param {Tag} tag @param {Record<string, string>} attributes @param {(Node | string)[]} children
+ * @returns {HTMLElementTagNameMap[Tag]}
+ */
+function element(tag, attributes = {}, ...children) {
+  const node = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
+  node.append(...children);
+  return node;
+}
+
+/** @param {string} base64 */
+function bytes(base64) {
+  const text = atob(base64);
+  const array = new Uint8Array(text.length);
+  for (let i = 0; i < text.length; i++) array[i] = text.charCodeAt(i);
+  return array.buffer;
+}
+
+function hasWebGL() {
+  return document.createElement("canvas").getContext("webgl2") !== null;
+}
+
+/** @param {Page} page */
+async function start(page) {
+  const message = element("p", { class: "message", role: "status" }, "Loading…");
+  const canvas = element("canvas");
+  const panes = page.models.map(({ label, detail }) =>
+    element("figure", {}, element("figcaption", {}, element("b", {}, label), " ", detail)),
+  );
+  const area = element("div", { class: "area" }, canvas, ...panes, message);
+  const bar = element("header", {}, element("h1", {}, page.title));
+  const help = helpDialog();
+  document.head.append(element("style", {}, css));
+  document.body.append(bar, area, help);
+
+  if (!hasWebGL()) {
+    message.textContent =
+      "This browser offers no WebGL 2, which the view needs. Switch on hardware acceleration " +
+      "in its settings, or open the page in another browser.";
+    return undefined;
+  }
+  const models = await Promise.all(
+    page.models.map(({ glb, boundary }) => Model.load(bytes(glb), new Float32Array(bytes(boundary)))),
+  );
+  const stage = new Stage(canvas, panes, models, page.view);
+  if (page.still) return still(stage, page.looks, page.still);
+  message.remove();
+  addToolbar(bar, stage, page.looks, help);
+  addManners(area, stage);
+  return undefined;
+}
+
+/**
+ * @param {Stage} stage @param {import("./model.js").Looks} looks
+ * @param {NonNullable<Page["still"]>} settings
+ */
+function still(stage, looks, { size, pose, background }) {
+  for (const model of stage.models) model.show(looks);
+  stage.setBackground(background);
+  stage.setPose(pose);
+  return stage.picture(size[0], size[1]);
+}
+
+function helpDialog() {
+  const switches = SWITCHES.map(([, key, , what]) => [key.toUpperCase(), what]);
+  const rows = [...switches, ...HELP].map(([keys, what]) =>
+    element("tr", {}, element("th", {}, keys), element("td", {}, what)),
+  );
+  const close = element("button", {}, "Close");
+  const help = element("dialog", { "aria-label": "Keys" }, element("table", {}, ...rows), close);
+  close.addEventListener("click", () => help.close());
+  return help;
+}
+
+/**
+ * @param {HTMLElement} bar @param {Stage} stage @param {import("./model.js").Looks} looks
+ * @param {HTMLDialogElement} help
+ */
+function addToolbar(bar, stage, looks, help) {
+  /** @type {Record<string, () => void>} */
+  const actions = {};
+  const update = () => {
+    for (const model of stage.models) model.show(looks);
+    stage.requestDraw();
+  };
+  for (const [name, key, label, what] of SWITCHES) {
+    const button = element("button", { title: `${what} (${key.toUpperCase()})` }, label);
+    actions[key] = () => {
+      looks[name] = !looks[name];
+      button.setAttribute("aria-pressed", String(looks[name]));
+      update();
+    };
+    button.setAttribute("aria-pressed", String(looks[name]));
+    button.addEventListener("click", actions[key]);
+    bar.append(button);
+  }
+  actions.r = () => stage.fit();
+  actions.d = () => setTheme(stage, theme() === "dark" ? "light" : "dark");
+  actions["?"] = () => (help.open ? help.close() : help.showModal());
+  for (const [key, label, what] of [
+    ["r", "Reset", "First view (R)"],
+    ["d", "◐", "Dark or light (D)"],
+    ["?", "?", "Keys (?)"],
+  ]) {
+    const button = element("button", { title: what, "aria-label": what }, label);
+    button.addEventListener("click", actions[key]);
+    bar.append(button);
+  }
+  addKeys(stage, actions);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => setTheme(stage));
+  setTheme(stage);
+  update();
+}
+
+/** @param {Stage} stage @param {Record<string, () => void>} actions  by key */
+function addKeys(stage, actions) {
+  const { controls } = stage;
+  /** @type {Record<string, [number, number]>} */
+  const arrows = {
+    ArrowLeft: [1, 0],
+    ArrowRight: [-1, 0],
+    ArrowUp: [0, 1],
+    ArrowDown: [0, -1],
+  };
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return; // the browser's own
+    stage.held ||= event.key in arrows || "+=-".includes(event.key);
+    if (event.key in arrows) {
+      const [x, y] = arrows[event.key];
+      if (event.shiftKey) controls.pan(x * SHIFT, y * SHIFT);
+      else if (x) controls.rotateLeft(x * TURN);
+      else controls.rotateUp(y * TURN);
+    } else if (event.key === "+" || event.key === "=") controls.dollyIn(NEARER);
+    else if (event.key === "-") controls.dollyOut(NEARER);
+    else if (event.key.toLowerCase() in actions) actions[event.key.toLowerCase()]();
+    else return;
+    event.preventDefault();
+  });
+}
+
+/** @returns {"dark" | "light"} */
+function theme() {
+  const chosen = document.documentElement.dataset.theme;
+  if (chosen === "dark" || chosen === "light") return chosen;
+  return matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+}
+
+/** @param {Stage} stage @param {string} [chosen] */
+function setTheme(stage, chosen) {
+  if (chosen) document.documentElement.dataset.theme = chosen;
+  stage.setBackground(getComputedStyle(document.body).backgroundColor);
+}
+
+/** @param {HTMLElement} area @param {Stage} stage */
+function addManners(area, stage) {
+  if (window.parent !== window) {
+    // In a notebook or report the wheel scrolls the page until somebody takes hold of the model.
+    stage.controls.enableZoom = false;
+    area.addEventListener("pointerdown", () => (stage.controls.enableZoom = true));
+    area.addEventListener("pointerleave", () => (stage.controls.enableZoom = false));
+  }
+  const asleep = element("p", { class: "message" }, "The browser took the view's memory for another. Reload to see it.");
+  stage.canvas.addEventListener("webglcontextlost", () => area.append(asleep));
+  stage.canvas.addEventListener("webglcontextrestored", () => {
+    asleep.remove();
+    stage.requestDraw();
+  });
+}
+
+const source = /** @type {HTMLElement} */ (document.getElementById("manip3d-page"));
+const page = JSON.parse(/** @type {string} */ (source.textContent));
+// For whoever steers the page from outside: settled when it shows its models.
+Object.assign(window, {
+  manip3d: start(page).catch((error) => {
+    const message = document.querySelector(".message") ?? document.body;
+    message.textContent = `The model cannot be shown: ${error.message}`;
+    throw error;
+  }),
+});

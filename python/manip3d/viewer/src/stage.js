@@ -1,0 +1,193 @@
+// One canvas and one camera for all models; each model has a pane of the canvas to itself.
+
+import * as THREE from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { RoomEnvironment } from "three/addons/environments/RoomEnvironment.js";
+
+const VIEW_ANGLE = 30; // degrees, vertical; this and the margin as in scene.py
+const MARGIN = 1.06;
+
+/**
+ * From where the models are seen.
+ * @typedef {object} View
+ * @property {number} azimuth  degrees; 0 looks at the front, 90 from +x
+ * @property {number} elevation  degrees above the horizon
+ * @property {"y" | "z"} up
+ */
+
+/** @param {View} view @returns {THREE.Vector3} from the models to the camera */
+function direction({ azimuth, elevation, up }) {
+  const a = THREE.MathUtils.degToRad(azimuth);
+  const e = THREE.MathUtils.degToRad(elevation);
+  const front = Math.cos(a) * Math.cos(e);
+  const side = Math.sin(a) * Math.cos(e);
+  return up === "y"
+    ? new THREE.Vector3(side, Math.sin(e), front)
+    : new THREE.Vector3(side, -front, Math.sin(e));
+}
+
+/**
+ * A camera of Python's.
+ * @typedef {object} Pose
+ * @property {number[]} position
+ * @property {number[]} target
+ * @property {number[]} up
+ * @property {number} view_angle  degrees, vertical
+ * @property {number} near
+ * @property {number} far
+ */
+
+export class Stage {
+  /**
+   * @param {HTMLCanvasElement} canvas
+   * @param {HTMLElement[]} panes  where on the canvas each model is drawn
+   * @param {import("./model.js").Model[]} models
+   * @param {View} view
+   */
+  constructor(canvas, panes, models, view) {
+    this.canvas = canvas;
+    this.panes = panes;
+    this.models = models;
+    this.view = view;
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
+    this.renderer.setScissorTest(true);
+    this.camera = new THREE.PerspectiveCamera(VIEW_ANGLE);
+    this.camera.up.set(0, Number(view.up === "y"), Number(view.up === "z"));
+    this.scene = new THREE.Scene().add(this.camera, ...models.map((model) => model.root));
+    this.scene.updateMatrixWorld(true);
+    this.#light();
+
+    const area = /** @type {HTMLElement} */ (canvas.parentElement);
+    this.controls = new OrbitControls(this.camera, area);
+    this.controls.addEventListener("change", () => this.requestDraw());
+    this.controls.addEventListener("start", () => (this.held = true));
+    this.held = false; // somebody chose where to look from
+    this.drawRequested = false;
+    new ResizeObserver(() => this.resize()).observe(area);
+    this.resize();
+  }
+
+  /** A bright room all around, and a key light that moves with the camera. */
+  #light() {
+    const generator = new THREE.PMREMGenerator(this.renderer);
+    this.scene.environment = generator.fromScene(new RoomEnvironment(), 0.04).texture;
+    this.scene.environmentIntensity = 0.34;
+    if (this.view.up === "z") this.scene.environmentRotation.set(Math.PI / 2, 0, 0);
+    generator.dispose();
+    const key = new THREE.DirectionalLight("#ffffff", 1.1);
+    key.position.set(-0.6, 0.9, 1);
+    this.camera.add(key, key.target);
+  }
+
+  /** @param {string} color  CSS */
+  setBackground(color) {
+    this.scene.background = new THREE.Color(color);
+    this.requestDraw();
+  }
+
+  resize() {
+    const { clientWidth, clientHeight } = /** @type {HTMLElement} */ (this.canvas.parentElement);
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+    this.renderer.setSize(clientWidth, clientHeight, false);
+    if (!this.held) this.fit();
+    this.draw(); // at once: a resized canvas is blank
+  }
+
+  /** Moves the camera to the first view, where every model just fits into its pane. */
+  fit() {
+    this.held = false;
+    const { width, height } = this.panes[0].getBoundingClientRect();
+    const tanY = Math.tan(THREE.MathUtils.degToRad(VIEW_ANGLE / 2)) / MARGIN;
+    const tanX = (tanY * Math.max(width, 1)) / Math.max(height, 1);
+    const zero = new THREE.Vector3();
+    const point = new THREE.Vector3();
+    const axes = new THREE.Matrix4().lookAt(direction(this.view), zero, this.camera.up);
+    const points = this.#vertices(axes.clone().transpose()); // as the camera sees them
+    const box = new THREE.Box3().setFromPoints(points);
+    const target = box.getCenter(new THREE.Vector3());
+    const size = Math.max(box.getSize(new THREE.Vector3()).length(), 1e-3);
+    let distance = 0;
+    for (let step = 0; step < 4; step++) {
+      // At distance d a point is inside when |x| <= (d - z) tanX and |y| <= (d - z) tanY.
+      distance = size / 1000;
+      for (const { x, y, z } of points) {
+        const reach = Math.max(Math.abs(x - target.x) / tanX, Math.abs(y - target.y) / tanY);
+        distance = Math.max(distance, reach + z - target.z);
+      }
+      // Perspective shows near parts larger: move to the middle of what is seen.
+      box.makeEmpty();
+      for (const { x, y, z } of points) {
+        const depth = distance - (z - target.z);
+        box.expandByPoint(point.set((x - target.x) / depth, (y - target.y) / depth, 0));
+      }
+      target.addScaledVector(box.getCenter(point), distance);
+    }
+    this.controls.target.copy(target).applyMatrix4(axes);
+    this.camera.position.copy(target).add(new THREE.Vector3(0, 0, distance)).applyMatrix4(axes);
+    this.camera.near = size / 500;
+    this.camera.far = size * 30;
+    this.controls.minDistance = size / 100;
+    this.controls.maxDistance = size * 20;
+    this.controls.update();
+    this.requestDraw();
+  }
+
+  /** @param {THREE.Matrix4} transform @returns {THREE.Vector3[]} of all models */
+  #vertices(transform) {
+    const points = [];
+    for (const { geometry, matrixWorld } of this.models.flatMap((model) => model.surfaces)) {
+      const positions = geometry.attributes.position;
+      const matrix = transform.clone().multiply(matrixWorld);
+      for (let i = 0; i < positions.count; i++) {
+        points.push(new THREE.Vector3().fromBufferAttribute(positions, i).applyMatrix4(matrix));
+      }
+    }
+    return points;
+  }
+
+  /** @param {Pose} pose */
+  setPose(pose) {
+    this.camera.fov = pose.view_angle;
+    this.camera.near = pose.near;
+    this.camera.far = pose.far;
+    this.camera.up.fromArray(pose.up);
+    this.camera.position.fromArray(pose.position);
+    this.camera.lookAt(new THREE.Vector3().fromArray(pose.target));
+  }
+
+  /** @param {number} width @param {number} height @returns {string} data URL of a PNG */
+  picture(width, height) {
+    this.models.forEach((model, index) => (model.root.visible = index === 0));
+    this.renderer.setPixelRatio(1);
+    this.renderer.setSize(width, height, false);
+    this.renderer.setScissorTest(false);
+    this.renderer.setViewport(0, 0, width, height);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    this.renderer.render(this.scene, this.camera);
+    return this.canvas.toDataURL("image/png");
+  }
+
+  requestDraw() {
+    if (this.drawRequested) return;
+    this.drawRequested = true;
+    requestAnimationFrame(() => {
+      this.drawRequested = false;
+      this.draw();
+    });
+  }
+
+  draw() {
+    const area = this.canvas.getBoundingClientRect();
+    this.panes.forEach((pane, index) => {
+      const { left, bottom, width, height } = pane.getBoundingClientRect();
+      if (width < 1 || height < 1) return;
+      this.models.forEach((model, other) => (model.root.visible = other === index));
+      this.renderer.setViewport(left - area.left, area.bottom - bottom, width, height);
+      this.renderer.setScissor(left - area.left, area.bottom - bottom, width, height);
+      this.camera.aspect = width / height;
+      this.camera.updateProjectionMatrix();
+      this.renderer.render(this.scene, this.camera);
+    });
+  }
+}

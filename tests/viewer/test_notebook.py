@@ -1,0 +1,65 @@
+"""What a mesh shows of itself in a notebook."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from manip3d import Mesh, RenderError
+from manip3d.viewer import notebook, page, renderer
+
+
+def test_text_is_always_there() -> None:
+    nothing = Mesh(np.zeros((0, 3)), np.zeros((0, 3), int))
+    assert nothing._repr_mimebundle_() == {"text/plain": "<manip3d.Mesh: 0 vertices, 0 faces>"}
+
+
+def test_the_viewer_is_a_frame(bundle: None, quad: Mesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MANIP3D_RENDERER", "none")
+    shown = quad._repr_mimebundle_(include=None, exclude=None)
+    assert set(shown) == {"text/plain", "text/html"}
+    assert str(shown["text/html"]).startswith("<iframe srcdoc=")
+    assert shown["text/plain"] == repr(quad)
+
+
+def test_a_picture_where_one_can_be_drawn(quad: Mesh) -> None:
+    try:
+        renderer()
+    except RenderError as error:
+        pytest.skip(str(error))
+    shown = quad._repr_mimebundle_()
+    assert bytes(shown["image/png"])[:8] == b"\x89PNG\r\n\x1a\n"  # type: ignore[arg-type]
+
+
+def test_without_viewer_and_renderer_the_text_says_why(
+    quad: Mesh, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("MANIP3D_RENDERER", "none")
+    monkeypatch.setattr(page, "BUNDLE", tmp_path / "dist" / "viewer.js")
+    page._bundle.cache_clear()
+    try:
+        shown = quad._repr_mimebundle_()
+    finally:
+        page._bundle.cache_clear()
+    assert set(shown) == {"text/plain"}
+    assert "make setup" in str(shown["text/plain"])
+    assert "MANIP3D_RENDERER=none" in str(shown["text/plain"])
+
+
+def test_large_meshes_are_simplified_and_say_so(
+    bundle: None, quad: Mesh, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MANIP3D_RENDERER", "none")
+    monkeypatch.setattr(notebook, "SHOWN_FACES", 1)
+    text = str(quad._repr_mimebundle_()["text/plain"])
+    assert text.startswith(repr(quad))
+    assert "2 faces, shown with" in text
+
+
+def test_huge_meshes_are_text_only(quad: Mesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(notebook, "MAX_FACES", 1)
+    shown = quad._repr_mimebundle_()
+    assert set(shown) == {"text/plain"}
+    assert "manip3d.view(mesh)" in str(shown["text/plain"])

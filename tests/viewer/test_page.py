@@ -1,0 +1,266 @@
+"""The page holds all it needs, and a real browser shows what its options and keys say."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+import webbrowser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import manip3d
+from manip3d import InputError, Material, Mesh, RenderError, Texture
+from manip3d.viewer import _chromium, html, iframe, page, picture, view
+
+pytestmark = pytest.mark.usefixtures("bundle")
+
+PAPER = np.array([245, 246, 248])
+
+
+def content(text: str) -> dict:
+    found = re.search(r'id="manip3d-page">(.*?)</script>', text, re.DOTALL)
+    assert found is not None
+    return json.loads(found[1])
+
+
+def png(color: tuple[int, int, int]) -> bytes:
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.new("RGB", (4, 4), color).save(stream, format="PNG")
+    return stream.getvalue()
+
+
+def screenshot(tab: _chromium.Tab) -> np.ndarray:
+    from PIL import Image
+
+    tab.evaluate("new Promise(r => requestAnimationFrame(() => requestAnimationFrame(r)))")
+    data = base64.b64decode(tab.send("Page.captureScreenshot", format="png")["data"])
+    return np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(int)
+
+
+def press(tab: _chromium.Tab, *keys: str) -> None:
+    for key in keys:
+        tab.evaluate(f"document.dispatchEvent(new KeyboardEvent('keydown', {{key: '{key}'}}))")
+
+
+def reddish(image: np.ndarray) -> np.ndarray:
+    return (image[..., 0] > image[..., 1] + 80) & (image[..., 0] > image[..., 2] + 80)
+
+
+# ------------------------------------------------------------------------------- the text
+
+
+def test_the_page_loads_nothing(quad: Mesh) -> None:
+    text = html(quad, title="a <b> é")
+    assert text.isascii()  # else a host page of another encoding would change the script's hash
+    assert not re.search(r"""(src|href)\s*=\s*["']?(?!data:|blob:)[a-z]+:""", text)
+    assert "<link" not in text
+    assert not re.search(r"@import|url\(\s*['\"]?http", text)
+    assert set(re.findall(r"https?://[^\s\"'`)<]+", text)) <= {"http://www.w3.org/1999/xhtml"}
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
+    assert policy is not None
+    assert policy[1].startswith("default-src 'none'; script-src 'sha256-")
+    assert "<title>a &lt;b&gt; &#233;</title>" in text
+    assert text.count("</script>") == 2
+
+
+def test_labels_titles_and_names_cannot_break_out(quad: Mesh) -> None:
+    nasty = "</script><script>alert(1)</script>"
+    text = html(quad, title=nasty, labels=[nasty])
+    assert text.count("<script") == 2
+    assert content(text)["title"] == nasty
+    assert content(text)["models"][0]["label"] == nasty
+
+
+def test_face_counts_stand_beside_the_labels(quad: Mesh) -> None:
+    models = content(html([quad, quad], labels=["original", "light"]))["models"]
+    assert [(m["label"], m["detail"]) for m in models] == [
+        ("original", "2 faces"),
+        ("light", "2 faces"),
+    ]
+
+
+def test_boundary_edges_are_placed_like_the_mesh(quad: Mesh) -> None:
+    far = quad.replace(vertices=quad.vertices * 1e6 + 1e9)
+    model = content(html(far))["models"][0]
+    ends = np.frombuffer(base64.b64decode(model["boundary"]), "<f4").reshape(-1, 2, 3)
+    assert ends.shape == (4, 2, 3)
+    np.testing.assert_allclose(np.abs(ends[..., :2]), 0.5 / np.sqrt(2), rtol=1e-6)
+
+
+def test_large_meshes_are_simplified_and_say_so() -> None:
+    n = 30
+    v, u = np.mgrid[0:n, 0:n]
+    lower = (v[:-1, :-1] * n + u[:-1, :-1]).ravel()
+    grid = Mesh(
+        np.column_stack([u.ravel(), v.ravel(), np.sin(u.ravel())]),
+        np.vstack(
+            [np.column_stack([lower, lower + 1, lower + n]),
+             np.column_stack([lower + 1, lower + n + 1, lower + n])]
+        ),
+    )  # fmt: skip
+    detail = content(html(grid, max_faces=500))["models"][0]["detail"]
+    assert re.fullmatch(r"1,682 faces, shown with (500|49\d)", detail)
+
+
+def test_textures_travel_in_the_page(quad: Mesh) -> None:
+    pytest.importorskip("PIL.Image")
+    material = Material(textures={"base_color": Texture(data=png((255, 0, 0)))})
+    textured = quad.replace(materials=(material,), face_material=[0, 0])
+    glb = base64.b64decode(content(html(textured))["models"][0]["glb"])
+    assert glb[:4] == b"glTF"
+    assert png((255, 0, 0)) in glb
+
+
+def test_a_missing_texture_warns(quad: Mesh, tmp_path: Path) -> None:
+    material = Material(textures={"base_color": Texture(path="gone.png")})
+    mesh = quad.replace(
+        materials=(material,), face_material=[0, 0], source=str(tmp_path / "mesh.obj")
+    )
+    with pytest.warns(UserWarning, match=r"gone\.png cannot be read"):
+        html(mesh)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"labels": ["a", "b"]}, "got 2 labels for 1 meshes"),
+        ({"max_faces": 0}, "max_faces"),
+        ({"up": "x"}, "up"),
+        ({"elevation": float("nan")}, "elevation"),
+        ({"shading": "toon"}, "shading"),
+    ],
+)
+def test_bad_options_are_named(quad: Mesh, options: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        html(quad, **options)
+
+
+def test_no_mesh_is_refused() -> None:
+    with pytest.raises(InputError, match="at least one mesh"):
+        html([])
+
+
+def test_without_the_bundle_the_cure_is_named(
+    quad: Mesh, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(page, "BUNDLE", tmp_path / "dist" / "viewer.js")
+    page._bundle.cache_clear()
+    try:
+        with pytest.raises(RenderError, match="make setup"):
+            html(quad)
+    finally:
+        page._bundle.cache_clear()
+
+
+def test_iframe_escapes_the_page(quad: Mesh) -> None:
+    element = iframe(html(quad), height=300)
+    assert element.count("<") == 2
+    assert 'sandbox="allow-scripts"' in element
+    assert "height:300px" in element
+
+
+# ------------------------------------------------------------------------------- view
+
+
+def test_view_writes_a_page(quad: Mesh, tmp_path: Path) -> None:
+    path = manip3d.view(quad, tmp_path / "quad.html", title="quad")
+    assert content(path.read_text())["title"] == "quad"
+    assert [p.name for p in tmp_path.iterdir()] == ["quad.html"]
+
+
+def test_view_opens_a_browser(quad: Mesh, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    path = view(quad)
+    assert opened == [path.as_uri()]
+    assert path.parent == tmp_path
+    assert content(path.read_text())["models"][0]["detail"] == "2 faces"
+
+
+def test_view_refuses_other_suffixes(quad: Mesh, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"\.html or \.png"):
+        view(quad, tmp_path / "quad.jpg")
+
+
+# ------------------------------------------------------------------------------- the browser
+
+
+def test_the_browser_shows_each_mesh_in_its_pane(chromium: None, quad: Mesh) -> None:
+    red = quad.replace(colors=[[255, 0, 0]] * 4)
+    text = html([red, quad], labels=["red", "grey"], azimuth=0, elevation=0)
+    with _chromium.open_page(text, (800, 500)) as tab:
+        tab.evaluate("manip3d")
+        image = screenshot(tab)
+    red_pixels = reddish(image)
+    middle = image.shape[1] // 2
+    assert red_pixels[:, :middle].sum() > 20_000
+    assert red_pixels[:, middle:].sum() == 0
+    right = image[60:-40, middle:]
+    assert (np.abs(right - PAPER).max(axis=2) > 8).sum() > 20_000
+
+
+def test_the_keys_do_what_the_help_says(chromium: None, quad: Mesh) -> None:
+    material = Material(textures={"base_color": Texture(data=png((255, 0, 0)))})
+    mesh = quad.replace(materials=(material,), face_material=[0, 0])
+    with _chromium.open_page(html(mesh, azimuth=0, elevation=0), (500, 400)) as tab:
+        tab.evaluate("manip3d")
+        first = screenshot(tab)
+        press(tab, "t")
+        grey = screenshot(tab)
+        press(tab, "b")
+        bordered = screenshot(tab)
+        press(tab, "b", "w")
+        wired = screenshot(tab)
+        press(tab, "w", "d")
+        dark = screenshot(tab)
+        press(tab, "d", "t", "ArrowLeft", "+", "r")
+        again = screenshot(tab)
+        press(tab, "?")
+        help_open = tab.evaluate("document.querySelector('dialog').open")
+    assert reddish(first).sum() > 10_000
+    assert reddish(grey).sum() == 0
+    assert reddish(bordered).sum() > 200
+    center = tuple(side // 2 for side in wired.shape[:2])
+    around = np.s_[center[0] - 20 : center[0] + 20, center[1] - 20 : center[1] + 20]
+    assert wired[around].min() < grey[around].min() - 30
+    assert dark[-2, 2].max() < 60
+    np.testing.assert_allclose(again, first, atol=2)
+    assert help_open
+
+
+def test_a_sandboxed_frame_shows_the_page(chromium: None, quad: Mesh) -> None:
+    pytest.importorskip("PIL.Image")
+    material = Material(textures={"base_color": Texture(data=png((255, 0, 0)))})
+    mesh = quad.replace(materials=(material,), face_material=[0, 0])
+    host = f"<!DOCTYPE html><body style='margin:0'>{iframe(html(mesh), height=300)}</body>"
+    with _chromium.open_page(host, (500, 400)) as tab:
+        for _ in range(100):  # the host cannot look into the frame
+            image = screenshot(tab)
+            if reddish(image).sum() > 1000:
+                return
+            tab.evaluate("new Promise(r => setTimeout(r, 100))")
+    pytest.fail("the frame stayed empty")
+
+
+def test_both_renderers_draw_the_same_outline(
+    chromium: None, quad: Mesh, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pyvista")
+    covered = {}
+    for name in ("pyvista", "chromium"):
+        monkeypatch.setenv("MANIP3D_RENDERER", name)
+        try:
+            image = picture(quad, size=(160, 120), azimuth=25, background=(255, 255, 255))
+        except RenderError as error:
+            pytest.skip(str(error))
+        covered[name] = (image < 250).any(axis=2)
+    both = (covered["pyvista"] & covered["chromium"]).sum()
+    either = (covered["pyvista"] | covered["chromium"]).sum()
+    assert both > 0.97 * either > 3000
