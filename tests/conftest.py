@@ -25,14 +25,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 @pytest.fixture
-def golden(request: pytest.FixtureRequest) -> Callable[[str, object], None]:
+def golden(request: pytest.FixtureRequest) -> Callable[..., None]:
     """Compare a value with the one kept under its name; ``--update-golden`` keeps it instead."""
 
-    def check(name: str, value: object) -> None:
+    def check(name: str, value: object, *, rel: float = 0.0) -> None:
         kept = json.loads(GOLDEN.read_text()) if GOLDEN.exists() else {}
         if request.config.getoption("--update-golden"):
             kept[name] = value
             GOLDEN.write_text(json.dumps(dict(sorted(kept.items())), indent=1) + "\n")
-        assert kept[name] == value
+        assert value == (pytest.approx(kept[name], rel=rel, abs=0.0) if rel else kept[name])
 
     return check
