@@ -65,6 +65,17 @@ def test_the_lowest_vertex_in_use_gives_its_color() -> None:
     assert result.changed_vertices == 1
 
 
+def test_faces_that_welding_makes_equal_are_copies() -> None:
+    mesh = Mesh(
+        CORNERS[[0, 1, 2, 0, 1, 2]],
+        [[0, 1, 2], [3, 4, 5]],
+        colors=[[0, 0, 0]] * 3 + [[1, 1, 1]] * 3,
+    )
+    assert clean(mesh).duplicate_faces == 1
+    assert clean(mesh).changed_vertices == 3
+    assert clean(mesh, weld=False).duplicate_faces == 0
+
+
 def two_faces(second: list[int], **arrays: object) -> Mesh:
     return Mesh(CORNERS, [[0, 1, 2], second], **arrays)
 

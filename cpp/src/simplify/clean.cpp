@@ -48,7 +48,7 @@ Corners canonical_corners(const Faces& positions, Eigen::Index face, Duplicates 
   return std::min({Corners{0, 1, 2}, Corners{1, 2, 0}, Corners{2, 0, 1}}, less);
 }
 
-std::vector<FaceKey> face_keys(const MeshView& mesh, const Faces& positions,
+std::vector<FaceKey> face_keys(const MeshView& mesh, const Faces& faces, const Faces& positions,
                                Duplicates duplicates) {
   const Faces texcoords = weld_indices(mesh.face_texcoords, weld_rows<2>(mesh.texcoords));
   const Faces normals = weld_indices(mesh.face_normals, weld_rows<3>(mesh.normals));
@@ -65,7 +65,7 @@ std::vector<FaceKey> face_keys(const MeshView& mesh, const Faces& positions,
       key.positions[i] = positions(f, corners[i]);
       if (texcoords.rows() > 0) key.look.texcoords[i] = texcoords(f, corners[i]);
       if (normals.rows() > 0) key.normals[i] = normals(f, corners[i]);
-      if (mesh.colors.rows() > 0) key.look.colors[i] = packed_color(mesh.faces(f, corners[i]));
+      if (mesh.colors.rows() > 0) key.look.colors[i] = packed_color(faces(f, corners[i]));
     }
   }
   return keys;
@@ -100,9 +100,10 @@ std::vector<bool> find_degenerate_faces(const Faces& faces) {
 }
 
 /// Marks the later ones of equal faces in `removed`; counts them, and those that look different.
-void remove_duplicates(const MeshView& mesh, const Faces& positions, std::int64_t num_positions,
-                       Duplicates duplicates, std::vector<bool>& removed, CleanResult& result) {
-  const std::vector<FaceKey> keys = face_keys(mesh, positions, duplicates);
+void remove_duplicates(const MeshView& mesh, const Faces& faces, const Faces& positions,
+                       std::int64_t num_positions, Duplicates duplicates,
+                       std::vector<bool>& removed, CleanResult& result) {
+  const std::vector<FaceKey> keys = face_keys(mesh, faces, positions, duplicates);
   const auto key = [&](std::int32_t f) -> const FaceKey& {
     return keys[static_cast<std::size_t>(f)];
   };
@@ -116,13 +117,13 @@ void remove_duplicates(const MeshView& mesh, const Faces& positions, std::int64_
     return any ? key(a).positions <=> key(b).positions : key(a) <=> key(b);
   };
   for (std::int32_t p = 0; p < faces_by_position.num_keys(); ++p) {
-    const auto faces = faces_by_position[p];
-    std::sort(faces.begin(), faces.end(), [&](std::int32_t a, std::int32_t b) {
+    const auto here = faces_by_position[p];
+    std::sort(here.begin(), here.end(), [&](std::int32_t a, std::int32_t b) {
       const auto order = compare(a, b);
       return order < 0 || (order == 0 && a < b);
     });
     std::int32_t kept = -1;
-    for (const std::int32_t f : faces) {
+    for (const std::int32_t f : here) {
       if (kept < 0 || compare(kept, f) != 0) {
         kept = f;
         continue;
@@ -185,7 +186,7 @@ CleanResult clean(const MeshView& mesh, const CleanOptions& options) {
   std::vector<bool> removed = find_degenerate_faces(faces);
   result.degenerate_faces = std::count(removed.begin(), removed.end(), true);
   if (options.duplicates != Duplicates::kKeep) {
-    remove_duplicates(mesh, weld_indices(mesh.faces, positions), positions.num_values(),
+    remove_duplicates(mesh, faces, weld_indices(faces, positions), positions.num_values(),
                       options.duplicates, removed, result);
   }
   take_faces(mesh, faces, removed, result);
