@@ -10,8 +10,9 @@ import pytest
 from hypothesis import settings
 
 # Seconds depend on what else runs; the same examples in every run.
-settings.register_profile("manip3d", deadline=None, derandomize=True)
-settings.load_profile("manip3d")
+settings.register_profile("ci", max_examples=200, deadline=None, derandomize=True)
+settings.register_profile("nightly", max_examples=10_000, deadline=None)
+settings.load_profile("ci")  # --hypothesis-profile=nightly chooses the other
 
 GOLDEN = Path(__file__).parent / "golden" / "golden.json"
 

@@ -14,38 +14,41 @@
 namespace manip3d {
 namespace {
 
-using Corners = std::array<std::int32_t, 3>;
-
-/// What a face shows, as numbers that are equal where values are equal.
-struct Look {
-  std::int32_t material = -1;
-  Corners texcoords{-1, -1, -1};
-  Corners colors{-1, -1, -1};
-  auto operator<=>(const Look&) const = default;
+/// What a corner of a face is, as numbers that are equal where values are equal.
+struct Corner {
+  std::int32_t position = -1;
+  std::int32_t texcoord = -1;
+  std::int32_t color = -1;
+  std::int32_t normal = -1;
+  auto operator<=>(const Corner&) const = default;
 };
 
-/// Equal for two faces that are duplicates of each other.
+/// The corners of a face in an order that its duplicates share, and its material.
 struct FaceKey {
-  Corners positions{};
-  Look look;
-  Corners normals{-1, -1, -1};
+  std::array<Corner, 3> corners;
+  std::int32_t material = -1;
   auto operator<=>(const FaceKey&) const = default;
+
+  [[nodiscard]] std::array<std::int32_t, 3> positions() const {
+    return {corners[0].position, corners[1].position, corners[2].position};
+  }
+  /// Normals aside: the two sides of a surface always differ in those.
+  [[nodiscard]] bool looks_like(const FaceKey& other) const {
+    for (std::size_t i = 0; i < 3; ++i) {
+      if (corners[i].texcoord != other.corners[i].texcoord) return false;
+      if (corners[i].color != other.corners[i].color) return false;
+    }
+    return material == other.material;
+  }
 };
 
-/// The corners of a face in an order that its duplicates share.
-Corners canonical_corners(const Faces& positions, Eigen::Index face, Duplicates duplicates) {
-  const auto at = [&](std::int32_t corner) { return positions(face, corner); };
+void sort_corners(std::array<Corner, 3>& corners, Duplicates duplicates) {
   if (duplicates == Duplicates::kAny) {
-    Corners corners{0, 1, 2};
-    std::sort(corners.begin(), corners.end(), [&](std::int32_t a, std::int32_t b) {
-      return std::pair(at(a), a) < std::pair(at(b), b);
-    });
-    return corners;
+    std::sort(corners.begin(), corners.end());
+  } else {  // the least of the three rotations, so that the orientation stays
+    const auto [a, b, c] = corners;
+    corners = std::min({std::array{a, b, c}, std::array{b, c, a}, std::array{c, a, b}});
   }
-  const auto less = [&](const Corners& a, const Corners& b) {
-    return Corners{at(a[0]), at(a[1]), at(a[2])} < Corners{at(b[0]), at(b[1]), at(b[2])};
-  };
-  return std::min({Corners{0, 1, 2}, Corners{1, 2, 0}, Corners{2, 0, 1}}, less);
 }
 
 std::vector<FaceKey> face_keys(const MeshView& mesh, const Faces& faces, const Faces& positions,
@@ -59,14 +62,15 @@ std::vector<FaceKey> face_keys(const MeshView& mesh, const Faces& faces, const F
   std::vector<FaceKey> keys(static_cast<std::size_t>(mesh.num_faces()));
   for (Eigen::Index f = 0; f < mesh.num_faces(); ++f) {
     FaceKey& key = keys[static_cast<std::size_t>(f)];
-    if (mesh.has_materials()) key.look.material = mesh.face_material[f];
-    const Corners corners = canonical_corners(positions, f, duplicates);
-    for (std::size_t i = 0; i < 3; ++i) {
-      key.positions[i] = positions(f, corners[i]);
-      if (texcoords.rows() > 0) key.look.texcoords[i] = texcoords(f, corners[i]);
-      if (normals.rows() > 0) key.normals[i] = normals(f, corners[i]);
-      if (mesh.colors.rows() > 0) key.look.colors[i] = packed_color(faces(f, corners[i]));
+    for (int c = 0; c < 3; ++c) {
+      Corner& corner = key.corners[static_cast<std::size_t>(c)];
+      corner.position = positions(f, c);
+      if (texcoords.rows() > 0) corner.texcoord = texcoords(f, c);
+      if (normals.rows() > 0) corner.normal = normals(f, c);
+      if (mesh.colors.rows() > 0) corner.color = packed_color(faces(f, c));
     }
+    sort_corners(key.corners, duplicates);
+    if (mesh.has_materials()) key.material = mesh.face_material[f];
   }
   return keys;
 }
@@ -110,11 +114,11 @@ void remove_duplicates(const MeshView& mesh, const Faces& faces, const Faces& po
   const bool any = duplicates == Duplicates::kAny;
   Buckets<std::int32_t> faces_by_position(num_positions, [&](const auto& put) {
     for (std::int32_t f = 0; f < mesh.num_faces(); ++f) {
-      if (!removed[static_cast<std::size_t>(f)]) put(key(f).positions[0], f);
+      if (!removed[static_cast<std::size_t>(f)]) put(key(f).corners[0].position, f);
     }
   });
   const auto compare = [&](std::int32_t a, std::int32_t b) {
-    return any ? key(a).positions <=> key(b).positions : key(a) <=> key(b);
+    return any ? key(a).positions() <=> key(b).positions() : key(a) <=> key(b);
   };
   for (std::int32_t p = 0; p < faces_by_position.num_keys(); ++p) {
     const auto here = faces_by_position[p];
@@ -130,7 +134,7 @@ void remove_duplicates(const MeshView& mesh, const Faces& faces, const Faces& po
       }
       removed[static_cast<std::size_t>(f)] = true;
       ++result.duplicate_faces;
-      result.changed_faces += key(f).look != key(kept).look ? 1 : 0;
+      result.changed_faces += key(f).looks_like(key(kept)) ? 0 : 1;
     }
   }
 }
