@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import lzma
+import os
 from collections import Counter, defaultdict
+from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from manip3d import Material, Mesh
+from manip3d import Material, Mesh, read_mesh
+from manip3d._summary import MeshSummary
+from manip3d.io import READABLE
 from soups import soups
 
 TETRAHEDRON = Mesh(
@@ -184,3 +191,77 @@ def test_counts_do_not_depend_on_any_order(mesh: Mesh, random) -> None:
         },
     )
     assert shuffled.summary() == mesh.summary()
+
+
+def manifest_rows(text: str, title: str) -> dict[str, dict[str, str]]:
+    """One table of the data folder's MANIFEST.md: file -> column -> cell."""
+    lines = text.split(f"## {title}\n")[1].split("\n## ")[0].splitlines()
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if "|" in line]
+    header, rows = cells[0][1:], cells[2:]
+    return {row[0]: dict(zip(header, row[1:], strict=True)) for row in rows}
+
+
+def manifest_cells(summary: MeshSummary, polygons: str) -> dict[str, str]:
+    """The cells of the tables 'Geometry' and 'Attributes' as a summary has them."""
+
+    def pair(name: str) -> str:
+        counts = summary.as_dict()
+        return f"{counts[name]} / {counts[f'{name}_welded']}"
+
+    no_uv = "all" if summary.faces_without_uv == summary.faces else str(summary.faces_without_uv)
+    return {
+        "vertices": str(summary.vertices),
+        "triangles": str(summary.faces),
+        "polygons": polygons,  # not known once they are triangles
+        "boundary (stored / welded)": pair("boundary_edges"),
+        "non-manifold (stored / welded)": pair("non_manifold_edges"),
+        "welded vertices": str(summary.vertices_welded),
+        "closed after welding": "yes" if summary.closed else "no",
+        "materials used": str(summary.materials_used),
+        "texture coordinates": str(summary.texcoords),
+        "triangles with no UV": no_uv,
+        "multi-UV vertices": str(summary.multi_uv_vertices),
+        "degenerate faces": str(summary.degenerate_faces),
+        "duplicate faces (stored / welded)": pair("duplicate_faces"),
+        "components (welded)": str(summary.components_welded),
+    }
+
+
+# What depends on how a polygon is cut: the manifest cuts fans, which turns some inside out.
+CUT_DEPENDENT = (
+    "boundary (stored / welded)",
+    "non-manifold (stored / welded)",
+    "duplicate faces (stored / welded)",
+)
+
+
+def obj_with_fans(path: Path) -> Mesh:
+    """Positions and faces of an OBJ file, its polygons cut from their first corners."""
+    vertices, faces = [], []
+    with lzma.open(path, "rt", encoding="latin-1") as lines:
+        for key, *words in filter(None, map(str.split, lines)):
+            if key == "v":
+                vertices.append([float(word) for word in words[:3]])
+            elif key == "f":
+                first, *rest = (int(word.partition("/")[0]) - 1 for word in words)
+                faces += [[first, a, b] for a, b in itertools.pairwise(rest)]
+    return Mesh(vertices, faces)
+
+
+@pytest.mark.realdata
+def test_counts_equal_the_manifest_of_the_data_folder() -> None:
+    folder = Path(os.environ.get("MANIP3D_DATA", "")) / "meshes"
+    if not (folder / "MANIFEST.md").is_file():
+        pytest.skip("MANIP3D_DATA has no meshes/MANIFEST.md")
+    text = (folder / "MANIFEST.md").read_text()
+    geometry, attributes = manifest_rows(text, "Geometry"), manifest_rows(text, "Attributes")
+    assert len(geometry) == len(attributes) == 24
+    for name, row in geometry.items():
+        if Path(name.removesuffix(".xz")).suffix not in READABLE:
+            continue
+        expected = row | attributes[name]
+        got = manifest_cells(read_mesh(folder / name).summary(), row["polygons"])
+        if row["polygons"] != row["triangles"] and name.endswith(".obj.xz"):
+            fans = manifest_cells(obj_with_fans(folder / name).summary(), row["polygons"])
+            got |= {column: fans[column] for column in CUT_DEPENDENT}
+        assert got == expected, name
