@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import subprocess
 import sys
@@ -234,10 +235,10 @@ ZOO: dict[str, tuple[bytes, str]] = {
 @pytest.mark.parametrize("name", ZOO)
 def test_the_zoo(name: str) -> None:
     content, message = ZOO[name]
-    begin = time.perf_counter()
+    begin = time.process_time()
     with pytest.raises(manip3d.FormatError, match=message) as caught:
         read_mesh_bytes(content, "gltf")
-    assert time.perf_counter() - begin < 1
+    assert time.process_time() - begin < 1
     assert caught.value.byte_offset is not None
 
 
@@ -302,6 +303,21 @@ def test_images_count_as_often_as_they_are_named() -> None:
 
 
 MEBIBYTE = 1 << 20
+EMPTY_OBJECTS = b'{"asset":{"version":"2.0"},"nodes":[' + b",".join([b"{}"] * 20_000_000) + b"]}"
+
+
+@pytest.mark.parametrize("content", [EMPTY_OBJECTS, b" " * len(EMPTY_OBJECTS), None])
+def test_what_a_small_compressed_file_may_become_is_bounded(content: bytes | None) -> None:
+    if content is None:
+        content = zeros(10_000_000, b"\0" * 50_000_000)
+    small = gzip.compress(content, 1)
+    assert len(small) < MEBIBYTE
+    begin = time.process_time()
+    with pytest.raises(manip3d.FormatError):
+        read_mesh_bytes(small, "glb")
+    assert time.process_time() - begin < 1
+
+
 HOSTILE: dict[str, bytes] = {
     "crowd": crowd(27_000, 10_000),
     "empty nodes": b'{"asset":{"version":"2.0"},"nodes":[' + b",".join([b"{}"] * 340_000) + b"]}",

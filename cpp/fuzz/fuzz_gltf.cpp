@@ -42,7 +42,8 @@ void check_round_trip(const TriangleMesh& mesh) {
   } catch (const manip3d::InputError&) {  // no faces, or beyond float32
     return;
   }
-  const TriangleMesh again = manip3d::parse_gltf(as_bytes(glb), resource).mesh;
+  const TriangleMesh again =
+      manip3d::parse_gltf(as_bytes(glb), resource, manip3d::GltfBudget(1 << 20)).mesh;
   if (again.faces.rows() != mesh.faces.rows()) std::abort();
   if (again.materials.size() != mesh.materials.size()) std::abort();
 }
@@ -52,7 +53,8 @@ void check_round_trip(const TriangleMesh& mesh) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   try {
     const manip3d::ReadResult content =
-        manip3d::parse_gltf(std::as_bytes(std::span(data, size)), resource);
+        manip3d::parse_gltf(std::as_bytes(std::span(data, size)), resource,
+                            manip3d::GltfBudget(static_cast<std::int64_t>(size)));
     manip3d::check_mesh(content.mesh);
     for (const std::int32_t material : content.mesh.face_material) {
       if (material >= static_cast<std::int64_t>(content.mesh.materials.size())) std::abort();

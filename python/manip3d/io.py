@@ -119,7 +119,7 @@ def read_mesh(
     max_bytes : int, optional
         The most uncompressed bytes to read. Without it compressed files are refused past 64 MiB
         where they expand more than 200 times. glTF, whose nodes can name one mesh many times,
-        may become 64 MiB of arrays or 100 times its size, whichever is more.
+        may take 64 MiB of memory or 100 times its size on disk, whichever is more.
 
     Returns
     -------

@@ -109,8 +109,8 @@ Transform node_transform(const JsonPlace& node) {
 
 class Reader {
  public:
-  Reader(ByteSpan data, const GltfResource& resource, std::uint64_t max_bytes)
-      : document_(data, resource), max_bytes_(static_cast<std::int64_t>(max_bytes)) {}
+  Reader(ByteSpan data, const GltfResource& resource, GltfBudget& budget)
+      : budget_(budget), document_(data, resource, budget) {}
 
   ReadResult read(const Progress& progress) {
     check_asset();
@@ -335,14 +335,7 @@ class Reader {
   // --- Sizes, before anything is allocated -------------------------------------------------
 
   void charge(std::int64_t rows, std::int64_t bytes_per_row, const std::string& who) {
-    bytes_ += rows * bytes_per_row;
-    const std::int64_t limit =
-        max_bytes_ > 0 ? max_bytes_ : std::max(kFreeBytes, kFreeRatio * document_.num_bytes());
-    if (bytes_ <= limit) return;
-    throw FormatError::at_byte(0, who + ": the mesh takes more than " + std::to_string(limit) +
-                                      " bytes, much for a file of " +
-                                      std::to_string(document_.num_bytes()) +
-                                      "; max_bytes allows it");
+    budget_.charge(rows * bytes_per_row, who);
   }
 
   void plan_draws() {
@@ -622,8 +615,8 @@ class Reader {
   static constexpr std::int64_t kColorBytes = 3 + 32;
   static constexpr std::int64_t kFaceBytes = 40;  // vertices, texcoords, normals, material
 
+  GltfBudget& budget_;
   GltfDocument document_;
-  std::int64_t max_bytes_;
   ReadResult result_;
   TriangleMesh& mesh_ = result_.mesh;
   std::vector<Instance> instances_;
@@ -631,14 +624,13 @@ class Reader {
   std::map<const GltfAccessor*, std::int64_t> texcoord_rows_;
   std::vector<Draw> draws_;
   bool with_colors_ = false;
-  std::int64_t bytes_ = 0;
   std::int64_t num_vertices_ = 0;
   std::int64_t num_texcoords_ = 0;
   std::int64_t num_normals_ = 0;
   std::int64_t num_faces_ = 0;
 };
 
-Bytes read_all(ByteSource& source, std::size_t most) {
+Bytes read_all(ByteSource& source, std::size_t most, GltfBudget* budget) {
   constexpr std::size_t kBlock = std::size_t{1} << 16;
   Bytes bytes;
   bytes.reserve(std::min<std::size_t>(source.remaining().value_or(0), most));
@@ -648,6 +640,7 @@ Bytes read_all(ByteSource& source, std::size_t most) {
     const std::size_t got =
         source.read(reinterpret_cast<char*>(bytes.data()) + size, bytes.size() - size);
     bytes.resize(size + got);
+    if (budget != nullptr) budget->charge(static_cast<std::int64_t>(got), "file");
     if (got == 0) break;
   }
   return bytes;
@@ -662,22 +655,36 @@ Bytes read_beside(const ReadOptions& options, const std::string& uri, std::int64
   if (std::filesystem::exists(path) && !std::filesystem::is_regular_file(path)) {
     throw InputError("'" + uri + "' is not a regular file");
   }
-  return read_all(*file_source(path), static_cast<std::size_t>(size));
+  return read_all(*file_source(path), static_cast<std::size_t>(size), nullptr);
 }
 
 }  // namespace
 
+GltfBudget::GltfBudget(std::int64_t stored_bytes, std::uint64_t max_bytes)
+    : stored_bytes_(stored_bytes), max_bytes_(static_cast<std::int64_t>(max_bytes)) {}
+
+void GltfBudget::charge(std::int64_t bytes, const std::string& who) {
+  spent_ += bytes;
+  const std::int64_t limit =
+      max_bytes_ > 0 ? max_bytes_ : std::max(kFreeBytes, kFreeRatio * stored_bytes_);
+  if (spent_ <= limit) return;
+  throw FormatError::at_byte(0, who + ": the mesh takes more than " + std::to_string(limit) +
+                                    " bytes, much for a file of " + std::to_string(stored_bytes_) +
+                                    "; max_bytes allows it");
+}
+
 ReadResult parse_gltf(std::span<const std::byte> data, const GltfResource& resource,
-                      std::uint64_t max_bytes, const Progress& progress) {
-  return Reader(data, resource, max_bytes).read(progress);
+                      GltfBudget budget, const Progress& progress) {
+  return Reader(data, resource, budget).read(progress);
 }
 
 ReadResult read_gltf(ByteSource& source, const ReadOptions& options, const Progress& progress) {
-  const Bytes file = read_all(source, std::numeric_limits<std::size_t>::max());
+  GltfBudget budget(static_cast<std::int64_t>(source.stored_size()), options.max_bytes);
+  const Bytes file = read_all(source, std::numeric_limits<std::size_t>::max(), &budget);
   const GltfResource resource = [&](const std::string& uri, std::int64_t size) {
     return read_beside(options, uri, size);
   };
-  return parse_gltf(file, resource, options.max_bytes, progress);
+  return parse_gltf(file, resource, budget, progress);
 }
 
 }  // namespace manip3d

@@ -21,6 +21,27 @@ namespace manip3d {
 using GltfResource =
     std::function<std::vector<std::byte>(const std::string& uri, std::int64_t size)>;
 
+/// Memory that a file may take: its uncompressed bytes, its JSON as objects, the tables of the
+/// mesh.
+///
+/// A small file can name one mesh in many nodes, count zeros, or be compressed.
+class GltfBudget {
+ public:
+  /// @param stored_bytes  of the file, compressed if it is.
+  /// @param max_bytes     0: 64 MiB or 100 times the stored bytes, whichever is more.
+  explicit GltfBudget(std::int64_t stored_bytes, std::uint64_t max_bytes = 0);
+
+  /// Another file was read.
+  void add_file(std::int64_t stored_bytes) { stored_bytes_ += stored_bytes; }
+  /// @throws FormatError  that is too much; names `who`.
+  void charge(std::int64_t bytes, const std::string& who);
+
+ private:
+  std::int64_t stored_bytes_;
+  std::int64_t max_bytes_;
+  std::int64_t spent_ = 0;
+};
+
 /// The triangles of the default scene, in depth-first order of its nodes.
 ///
 /// Node transforms are applied; one that mirrors turns its triangles around. Primitives of one
@@ -31,13 +52,11 @@ using GltfResource =
 /// has them.
 /// @param data       a .gltf or .glb, told apart by the first four bytes.
 /// @param resource   called for external buffers; external images stay paths.
-/// @param max_bytes  most bytes that the tables of the mesh may take; 0: 64 MiB or 100 times the
-///                   bytes of the files, whichever is more (a small file can name one mesh in many
-///                   nodes, or count zeros).
+/// @param budget     what reading it may cost.
 /// @throws FormatError  not glTF 2.x, lengths or indices that do not fit, nodes that are no forest,
 ///                      nesting deeper than 64, a required extension that is not known (it is
-///                      named), a mesh beyond `max_bytes`. The message holds a JSON pointer.
+///                      named), a mesh beyond the budget. The message holds a JSON pointer.
 ReadResult parse_gltf(std::span<const std::byte> data, const GltfResource& resource,
-                      std::uint64_t max_bytes = 0, const Progress& progress = {});
+                      GltfBudget budget, const Progress& progress = {});
 
 }  // namespace manip3d

@@ -14,6 +14,7 @@ namespace {
 
 constexpr std::int64_t kMaxCount = std::numeric_limits<std::int32_t>::max();
 constexpr std::int64_t kMaxLength = std::int64_t{1} << 53;  // what a JSON number holds exactly
+constexpr std::int64_t kBytesPerValue = 64;                 // of JSON, as objects
 constexpr int kMaxDepth = 64;                               // real files stay below 20
 constexpr std::int64_t kHeaderBytes = 12;
 constexpr std::int64_t kChunkHeaderBytes = 8;
@@ -32,7 +33,9 @@ std::string_view as_text(ByteSpan bytes) {
 }
 
 /// nlohmann's parser takes any depth, but whoever walks the result would not.
-void check_depth(std::string_view text, std::int64_t offset) {
+/// @return an upper bound on the number of values, up to one.
+std::int64_t check_depth(std::string_view text, std::int64_t offset) {
+  std::int64_t num_values = 0;
   int depth = 0;
   bool in_string = false;
   for (std::size_t i = 0; i < text.size(); ++i) {
@@ -50,7 +53,9 @@ void check_depth(std::string_view text, std::int64_t offset) {
     } else if (c == ']' || c == '}') {
       --depth;
     }
+    if (!in_string && (c == ',' || c == '[' || c == '{')) ++num_values;
   }
+  return num_values;
 }
 
 int component_bytes(GltfType type) {
@@ -259,8 +264,8 @@ std::vector<std::uint32_t> GltfAccessor::decode_indices() const {
   return {values.begin(), values.end()};
 }
 
-GltfDocument::GltfDocument(ByteSpan file, const GltfResource& resource)
-    : resource_(resource), num_bytes_(static_cast<std::int64_t>(file.size())) {
+GltfDocument::GltfDocument(ByteSpan file, const GltfResource& resource, GltfBudget& budget)
+    : resource_(resource), budget_(budget) {
   if (as_text(file).starts_with("glTF")) {
     split_chunks(file);
   } else {
@@ -307,7 +312,7 @@ void GltfDocument::split_chunks(ByteSpan file) {
 
 void GltfDocument::parse_json(ByteSpan bytes) {
   const std::string_view text = as_text(bytes);
-  check_depth(text, json_offset_);
+  budget_.charge(check_depth(text, json_offset_) * kBytesPerValue, "JSON");
   try {
     json_ = JsonPlace::Json::parse(text.begin(), text.end());
   } catch (const JsonPlace::Json::parse_error& error) {
@@ -332,7 +337,8 @@ std::int64_t GltfDocument::count(const char* array) const {
 Bytes GltfDocument::read_external(const JsonPlace& uri, std::int64_t length) {
   try {
     Bytes bytes = resource_(decode_relative_uri(uri), length);
-    num_bytes_ += static_cast<std::int64_t>(bytes.size());
+    budget_.add_file(static_cast<std::int64_t>(bytes.size()));
+    budget_.charge(static_cast<std::int64_t>(bytes.size()), uri.pointer());
     return bytes;
   } catch (const InputError& error) {
     uri.fail(error.what());

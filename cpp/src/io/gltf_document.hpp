@@ -53,7 +53,7 @@ struct GltfAccessor {
 /// The JSON of a .gltf or .glb and the bytes it refers to; nothing is believed unchecked.
 class GltfDocument {
  public:
-  GltfDocument(ByteSpan file, const GltfResource& resource);
+  GltfDocument(ByteSpan file, const GltfResource& resource, GltfBudget& budget);
 
   [[nodiscard]] JsonPlace root() const { return {json_, "", json_offset_}; }
   /// The `index`-th object of a top-level array such as "accessors"; `user` is who refers to it.
@@ -63,8 +63,6 @@ class GltfDocument {
 
   const GltfAccessor& accessor(const JsonPlace& user);
   ByteSpan buffer_view(const JsonPlace& user);
-  /// Bytes of the file and of the buffers read from beside it so far.
-  [[nodiscard]] std::int64_t num_bytes() const { return num_bytes_; }
 
  private:
   void split_chunks(ByteSpan file);
@@ -76,11 +74,11 @@ class GltfDocument {
                                   int num_components);
 
   const GltfResource& resource_;
+  GltfBudget& budget_;
   JsonPlace::Json json_;
   std::int64_t json_offset_ = 0;
   std::optional<ByteSpan> binary_chunk_;
   std::int64_t binary_offset_ = 0;
-  std::int64_t num_bytes_ = 0;
   std::map<std::string, Bytes> buffers_;  ///< By pointer: decoded data URIs and external files.
   std::map<std::string, GltfAccessor> accessors_;  ///< By pointer.
 };
