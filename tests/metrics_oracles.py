@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 import manip3d
@@ -33,6 +36,36 @@ def face_distances(vertices: Array, faces: NDArray[np.int32], points: Array) -> 
         inside = inside & (_dot(np.cross(end - start, p - start), normal) >= 0)
     unit = normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-300)
     return np.where(inside, np.minimum(distances, np.abs(_dot(p - a, unit))), distances)
+
+
+def texture_error_by_open3d(
+    original: manip3d.Mesh, simplified: manip3d.Mesh, num_samples: int
+) -> tuple[float, float]:
+    """Mean and RMS over random samples of the original, by Open3D's closest points."""
+    o3d = pytest.importorskip("open3d")
+    rng = np.random.default_rng(0)
+    corners = original.vertices[original.faces]
+    areas = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    faces = rng.choice(original.num_faces, num_samples, p=areas / areas.sum())
+    weights = rng.dirichlet(np.ones(3), num_samples)
+    points = (weights[:, :, None] * corners[faces]).sum(axis=1)
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(simplified.vertices.astype(np.float32), simplified.faces.astype(np.uint32))
+    answer = scene.compute_closest_points(o3d.core.Tensor(points.astype(np.float32)))
+    last_two = answer["primitive_uvs"].numpy()
+    there_weights = np.column_stack([1 - last_two.sum(axis=1), last_two])
+
+    def texcoords(mesh: manip3d.Mesh, at: NDArray[np.integer[Any]], by: Array) -> Array:
+        assert mesh.texcoords is not None
+        assert mesh.face_texcoords is not None
+        return np.asarray((by[:, :, None] * mesh.texcoords[mesh.face_texcoords[at]]).sum(axis=1))
+
+    here = texcoords(original, faces, weights)
+    there = texcoords(simplified, answer["primitive_ids"].numpy(), there_weights)
+    differences = np.linalg.norm(here - there, axis=1)
+    return float(differences.mean()), float(np.sqrt((differences**2).mean()))
 
 
 def sphere(num_rings: int = 24, radius: float = 1.0) -> manip3d.Mesh:

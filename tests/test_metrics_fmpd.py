@@ -22,19 +22,21 @@ def transcription(
         K = np.full(num_vertices, 2 * np.pi)
         K[boundary] = np.pi
         area = 0.5 * np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
-        W = np.zeros((num_vertices, num_vertices))
+        weighted, weights = np.zeros(num_vertices), np.zeros(num_vertices)
         m = np.zeros(num_vertices)
+        cosines = []
         for k in range(3):
             a, b = p[:, (k + 1) % 3] - p[:, k], p[:, (k + 2) % 3] - p[:, k]
-            cosine = (a * b).sum(1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
-            np.subtract.at(K, mesh.faces[:, k], np.arccos(cosine))
-            cot = cosine / np.sqrt(1 - cosine**2)
-            i, j = mesh.faces[:, (k + 1) % 3], mesh.faces[:, (k + 2) % 3]
-            w = np.clip(cot / 2, 0.001, 1000)
-            np.add.at(W, (i, j), w)
-            np.add.at(W, (j, i), w)
+            cosines.append((a * b).sum(1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1))
+            np.subtract.at(K, mesh.faces[:, k], np.arccos(cosines[k]))
             np.add.at(m, mesh.faces[:, k], area / 3)
-        R = np.abs(np.abs(K) - W @ np.abs(K) / W.sum(axis=1))
+        for k, cosine in enumerate(cosines):
+            w = np.clip(cosine / np.sqrt(1 - cosine**2) / 2, 0.001, 1000)
+            for i, j in ((1, 2), (2, 1)):
+                at, of = mesh.faces[:, (k + i) % 3], mesh.faces[:, (k + j) % 3]
+                np.add.at(weighted, at, w * np.abs(K[of]))
+                np.add.at(weights, at, w)
+        R = np.abs(np.abs(K) - weighted / weights)
         roughness.append(R)
         areas.append(m)
         means.append((R * m).sum() / area.sum())

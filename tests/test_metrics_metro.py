@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import signal
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -123,15 +125,17 @@ def test_equals_pymeshlab() -> None:
         samplevert=True,
         sampleedge=False,
         sampleface=False,
+        samplenum=a.num_vertices,
         maxdist=pymeshlab.PercentageValue(100),
     )
     used = np.unique(a.faces)
     ours = metro(a, b)
     assert ours.forward.samples == len(used)
+    assert theirs["n_samples"] == len(used)
     assert ours.forward.max == pytest.approx(theirs["max"], rel=1e-4)
-    if theirs["n_samples"] == len(used):
-        assert ours.forward.mean == pytest.approx(theirs["mean"], rel=1e-4)
-        assert ours.forward.rms == pytest.approx(theirs["RMS"], rel=1e-4)
+    assert ours.forward.mean == pytest.approx(theirs["mean"], rel=1e-4)
+    assert ours.forward.rms == pytest.approx(theirs["RMS"], rel=1e-4)
+    assert ours.mean == pytest.approx(theirs["mean"] / theirs["diag_mesh_0"], rel=1e-4)
     sampled = meshes.get_hausdorff_distance(
         sampledmesh=0,
         targetmesh=1,
@@ -170,6 +174,35 @@ def test_refuses_bad_input() -> None:
     with pytest.raises(manip3d.InputError, match="area"):
         metro(segment, mesh, sampling="area")
     assert metro(segment, mesh).forward.max == 0.0
+
+
+def test_progress_grows_to_one() -> None:
+    seen: list[float] = []
+    metro(sphere(80), sphere(60), sampling="area", progress=lambda done, _: seen.append(done))
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
+
+
+def test_a_signal_interrupts() -> None:
+    """Ctrl-C while the tree is built and while it is asked: the handler's error comes through."""
+
+    class InterruptedByTest(Exception):
+        pass
+
+    def interrupt(number: int, frame: object) -> None:
+        raise InterruptedByTest
+
+    mesh = sphere(150)
+    before = signal.signal(signal.SIGALRM, interrupt)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.1)
+        start = time.monotonic()
+        with pytest.raises(InterruptedByTest):
+            metro(mesh, mesh, sampling="area", samples=10**9)
+        assert time.monotonic() - start < 5
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def test_results_are_frozen() -> None:

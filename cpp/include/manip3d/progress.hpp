@@ -9,4 +9,10 @@ namespace manip3d {
 /// exception travels through the kernel to its caller. An empty function is fine.
 using Progress = std::function<void(double fraction)>;
 
+/// The progress of a part of the work that takes the whole from fraction `from` to `to`.
+inline Progress part_of(const Progress& progress, double from, double to) {
+  if (!progress) return {};
+  return [=](double fraction) { progress(from + fraction * (to - from)); };
+}
+
 }  // namespace manip3d

@@ -19,8 +19,9 @@ using Eigen::Vector3d;
 
 constexpr int kWidth = 4;  // children of a node: one SSE register of floats
 constexpr int kBins = 16;
-constexpr int kMaxSahDepth = 40;  // below it the middle: the tree's depth stays under 56
-constexpr int kStackSize = 256;   // a level adds at most kWidth - 1 entries
+constexpr int kMaxSahDepth = 40;      // below it the middle: the tree's depth stays under 56
+constexpr int kProgressStep = 10000;  // triangles between two reports: a few milliseconds
+constexpr int kStackSize = 256;       // a level adds at most kWidth - 1 entries
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 // Boxes are kept in float and must never look farther away than their triangles:
@@ -147,7 +148,7 @@ Size split(Primitives& primitives, Size begin, Size end, int depth) {
 
 }  // namespace
 
-TriangleBvh::TriangleBvh(const MeshView& mesh) {
+TriangleBvh::TriangleBvh(const MeshView& mesh, const Progress& progress) {
   check_mesh(mesh);
   if (mesh.num_faces() == 0) throw InputError("mesh: expected at least one face, got none");
 
@@ -169,7 +170,7 @@ TriangleBvh::TriangleBvh(const MeshView& mesh) {
     primitive.box.max = (a.max(b).max(c) + kBoxMargin).unaryExpr(&round_up);
   }
   nodes_.reserve(primitives.size() / 2 + 1);
-  build_node(primitives, 0, faces_.rows(), 0);
+  build_node(primitives, 0, faces_.rows(), 0, progress);
 
   triangles_.reserve(primitives.size());
   face_of_slot_.reserve(primitives.size());
@@ -208,7 +209,10 @@ TriangleBvh::Triangle TriangleBvh::make_triangle(const Vector3d corners[3]) {
 }
 
 std::int32_t TriangleBvh::build_node(std::vector<Primitive>& primitives, Size begin, Size end,
-                                     int depth) {
+                                     int depth, const Progress& progress) {
+  if (progress && end - begin > kProgressStep) {  // nodes come in the order of their triangles
+    progress(static_cast<double>(begin) / static_cast<double>(primitives.size()));
+  }
   struct Range {
     Size begin, end;
     [[nodiscard]] Size size() const { return end - begin; }
@@ -238,9 +242,9 @@ std::int32_t TriangleBvh::build_node(std::vector<Primitive>& primitives, Size be
       nodes_[index].min[axis][lane] = box.min[axis];
       nodes_[index].max[axis][lane] = box.max[axis];
     }
-    const std::int32_t child = range.size() == 1
-                                   ? ~static_cast<std::int32_t>(range.begin)
-                                   : build_node(primitives, range.begin, range.end, depth + 1);
+    const std::int32_t child =
+        range.size() == 1 ? ~static_cast<std::int32_t>(range.begin)
+                          : build_node(primitives, range.begin, range.end, depth + 1, progress);
     nodes_[index].child[lane] = child;
   }
   return index;
@@ -395,7 +399,7 @@ void TriangleBvh::faces_within(const Vector3d& query, double distance,
 ClosestPoints closest_points(const MeshView& mesh, const Eigen::Ref<const Vertices>& points,
                              int num_threads, const Progress& progress) {
   constexpr Size kChunk = 1024;
-  const TriangleBvh bvh(mesh);
+  const TriangleBvh bvh(mesh, part_of(progress, 0.0, 0.3));
   ClosestPoints result;
   result.distances.resize(points.rows());
   result.faces.resize(points.rows());
@@ -411,7 +415,7 @@ ClosestPoints closest_points(const MeshView& mesh, const Eigen::Ref<const Vertic
           result.points.row(i) = nearest.point;
         }
       },
-      progress);
+      part_of(progress, 0.3, 1.0));
   return result;
 }
 

@@ -63,12 +63,6 @@ Accumulator accumulate_in_order(
   return total;
 }
 
-/// Maps a part of the work to the range [from, to] of the whole's progress.
-inline Progress part_of(const Progress& progress, double from, double to) {
-  if (!progress) return {};
-  return [=](double fraction) { progress(from + fraction * (to - from)); };
-}
-
 /// The two meshes, moved so that the middle of the original's bounding box is the origin and scaled
 /// by a power of two so that its size is near 1: no measure then depends on where a file puts its
 /// origin, and no product overflows or vanishes because of its unit.

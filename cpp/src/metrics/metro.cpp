@@ -23,7 +23,7 @@ std::vector<std::int32_t> used_vertices(const MeshView& mesh) {
 
 Deviation one_sided(const MeshView& from, const MeshView& to, double unit, std::int64_t samples,
                     const MetroOptions& options, const Progress& progress) {
-  const TriangleBvh bvh(to);
+  const TriangleBvh bvh(to, part_of(progress, 0.0, 0.3));
   const auto measure_all = [&](std::int64_t count, const auto& point_of) {
     const auto measure = [&](std::int64_t begin, std::int64_t end) {
       Moments distances;
@@ -35,7 +35,8 @@ Deviation one_sided(const MeshView& from, const MeshView& to, double unit, std::
       }
       return distances;
     };
-    return accumulate_in_order<Moments>(count, options.num_threads, progress, measure)
+    return accumulate_in_order<Moments>(count, options.num_threads, part_of(progress, 0.3, 1.0),
+                                        measure)
         .deviation(unit);
   };
   if (options.sampling == Sampling::kVertex) {

@@ -75,7 +75,7 @@ TextureError texture_error(const MeshView& original, const MeshView& simplified,
   const SurfaceSampler sampler(
       from, options.samples == 0 ? std::max(from.num_faces(), to.num_faces()) : options.samples,
       options.seed);
-  const TriangleBvh bvh(to);
+  const TriangleBvh bvh(to, part_of(progress, 0.0, 0.3));
 
   const auto measure = [&](std::int64_t begin, std::int64_t end) {
     Counts counts;
@@ -95,8 +95,8 @@ TextureError texture_error(const MeshView& original, const MeshView& simplified,
     }
     return counts;
   };
-  const auto counts =
-      accumulate_in_order<Counts>(sampler.size(), options.num_threads, progress, measure);
+  const auto counts = accumulate_in_order<Counts>(sampler.size(), options.num_threads,
+                                                  part_of(progress, 0.3, 1.0), measure);
 
   TextureError error;
   error.samples = counts.differences.count;

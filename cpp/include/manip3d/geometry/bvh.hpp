@@ -30,7 +30,7 @@ struct SurfacePoint {
 class TriangleBvh {
  public:
   /// @throws InputError  what check_mesh refuses; a mesh without faces.
-  explicit TriangleBvh(const MeshView& mesh);
+  explicit TriangleBvh(const MeshView& mesh, const Progress& progress = {});
 
   [[nodiscard]] std::int64_t num_faces() const { return faces_.rows(); }
 
@@ -76,7 +76,7 @@ class TriangleBvh {
   [[nodiscard]] std::array<Eigen::Vector3d, 3> corners_of(std::int32_t face) const;
   static Triangle make_triangle(const Eigen::Vector3d corners[3]);
   std::int32_t build_node(std::vector<Primitive>& primitives, std::int64_t begin, std::int64_t end,
-                          int depth);
+                          int depth, const Progress& progress);
   [[nodiscard]] Query make_query(const Eigen::Vector3d& query) const;
   [[nodiscard]] Candidate closest_in(std::int32_t slot, const Eigen::Vector3d& p) const;
   [[nodiscard]] SurfacePoint to_surface_point(const Candidate& candidate,
