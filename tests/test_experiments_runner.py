@@ -174,13 +174,13 @@ if __name__ == "__main__":
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([*sys.path, str(TESTS)])}
     process = subprocess.Popen([sys.executable, str(script)], env=environment)
     deadline = time.monotonic() + 60
-    while not list((tmp_path / "cases").glob("*.json")) and time.monotonic() < deadline:
+    while not list((tmp_path / "cases").glob("[!.]*.json")) and time.monotonic() < deadline:
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
     started = time.monotonic()
     assert process.wait(timeout=30) == 130
     assert time.monotonic() - started < 2  # the manner is 0.2 s; this machine may be busy
-    assert len(list((tmp_path / "cases").glob("*.json"))) == 1
+    assert len(list((tmp_path / "cases").glob("[!.]*.json"))) == 1
     assert run([experiment(1)], tmp_path, jobs=1).resumed == 1
 
 
