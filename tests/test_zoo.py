@@ -19,6 +19,7 @@ import manip3d
 from manip3d import Mesh
 from manip3d.metrics import boundary_gap, closest_points, fmpd, metro, texture_error
 from manip3d.simplify import METHODS, clean
+from manip3d.viewer import html, picture
 from zoo import MESHES, REFUSED, TRIANGLE
 
 FUNCTIONS: dict[str, Callable[[Mesh], object]] = {
@@ -40,6 +41,9 @@ FUNCTIONS: dict[str, Callable[[Mesh], object]] = {
         for name, run in METHODS.items()
         for ratio in (0.0, 0.5)
     },
+    "picture": lambda mesh: picture(mesh, size=(24, 16), boundary=True),
+    "html": html,
+    "notebook": lambda mesh: mesh._repr_mimebundle_(),
     "clean-unwelded": lambda mesh: clean(mesh, weld=False, duplicates="any"),
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from square import square
 
 from manip3d import Mesh, RenderError
 from manip3d.viewer import _chromium
@@ -26,12 +27,4 @@ def chromium(bundle: None) -> None:
 
 @pytest.fixture
 def quad() -> Mesh:
-    """A square with its texture upright, seen from +z.
-
-    (0,1) 3---2 (1,1)
-          | / |          faces 0 1 2 (lower right), 0 2 3 (upper left)
-    (0,0) 0---1 (1,0)
-    """
-    corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
-    triangles = [[0, 1, 2], [0, 2, 3]]
-    return Mesh(corners, triangles, texcoords=[c[:2] for c in corners], face_texcoords=triangles)
+    return square()

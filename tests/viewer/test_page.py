@@ -174,6 +174,18 @@ def test_view_writes_a_page(quad: Mesh, tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["quad.html"]
 
 
+@pytest.mark.parametrize("several", [False, True])
+def test_view_writes_a_picture(quad: Mesh, tmp_path: Path, several: bool) -> None:
+    try:
+        path = view([quad, quad] if several else quad, tmp_path / "quad.png", size=(40, 30))
+    except RenderError as error:
+        pytest.skip(str(error))
+    from PIL import Image
+
+    with Image.open(path) as image:
+        assert image.size == ((80, 60) if several else (40, 30))
+
+
 def test_view_opens_a_browser(quad: Mesh, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     opened: list[str] = []
     monkeypatch.setattr(webbrowser, "open", opened.append)

@@ -14,6 +14,8 @@ import pytest
 pytest.importorskip("pyvista")
 Image = pytest.importorskip("PIL.Image")
 
+from square import square  # noqa: E402
+
 from manip3d import InputError, Material, Mesh, RenderError, Texture  # noqa: E402
 from manip3d.viewer import comparison, picture, png_bytes, renderer  # noqa: E402
 from manip3d.viewer.scene import boundary_edges, frame, rgb, srgb  # noqa: E402
@@ -33,24 +35,6 @@ def png(pixels: object) -> bytes:
     stream = io.BytesIO()
     Image.fromarray(np.asarray(pixels, dtype=np.uint8)).save(stream, format="PNG")
     return stream.getvalue()
-
-
-def quad(*, materials: tuple[Material, ...] = (), face_material: object = None) -> Mesh:
-    """A square with its texture upright, seen from +z.
-
-    (0,1) 3---2 (1,1)
-          | / |          faces 0 1 2 (lower right), 0 2 3 (upper left)
-    (0,0) 0---1 (1,0)
-    """
-    corners = [[0, 0], [1, 0], [1, 1], [0, 1]]
-    return Mesh(
-        np.column_stack([corners, np.zeros(4)]),
-        [[0, 1, 2], [0, 2, 3]],
-        texcoords=corners,
-        face_texcoords=[[0, 1, 2], [0, 2, 3]],
-        face_material=face_material,
-        materials=materials,
-    )
 
 
 def front(mesh: Mesh, **options: object) -> np.ndarray:
@@ -73,7 +57,7 @@ def looks(pixel: np.ndarray, name: str) -> bool:
 
 @draws
 def test_the_mesh_fills_the_picture_and_not_more() -> None:
-    image = front(quad())
+    image = front(square())
     rows, columns = np.nonzero((image != 255).any(axis=2))
     assert 90 <= np.ptp(rows) + 1 <= 98
     assert 90 <= np.ptp(columns) + 1 <= 98
@@ -84,7 +68,7 @@ def test_the_mesh_fills_the_picture_and_not_more() -> None:
 @draws
 @pytest.mark.parametrize("size", [(120, 100), (60, 200), (1, 1), (333, 7)])
 def test_size_is_width_then_height(size: tuple[int, int]) -> None:
-    image = picture(quad(), size=size)
+    image = picture(square(), size=size)
     assert image.shape == (size[1], size[0], 3)
     assert image.dtype == np.uint8
 
@@ -95,7 +79,7 @@ def test_textures_are_upright_and_each_on_its_own_faces() -> None:
     one = Texture(data=png([[[255, 0, 0]] * 4] * 2 + [[[0, 0, 255]] * 4] * 2))
     two = Texture(data=png([[[0, 255, 0]] * 4] * 2 + [[[255, 255, 0]] * 4] * 2))
     materials = tuple(Material(textures={"base_color": t}) for t in (one, two))
-    image = front(quad(materials=materials, face_material=[1, 0]))
+    image = front(square(materials=materials, face_material=[1, 0]))
     assert looks(image[15, 30], "red")
     assert looks(image[70, 17], "blue")
     assert looks(image[30, 100], "green")
@@ -107,7 +91,7 @@ def test_faces_without_texture_coordinates_show_the_base_colour() -> None:
     textured = Material(
         base_color=(0.0, 0.0, 1.0, 1.0), textures={"base_color": Texture(data=png([[WHITE] * 2]))}
     )
-    mesh = quad(materials=(textured,), face_material=[0, 0])
+    mesh = square(materials=(textured,), face_material=[0, 0])
     mesh.face_texcoords[1] = -1
     image = front(mesh)
     assert looks(image[15, 30], "blue")
@@ -119,7 +103,9 @@ def test_a_missing_texture_warns_and_shows_the_base_colour(tmp_path: Path) -> No
     material = Material(
         base_color=(1.0, 0.0, 0.0, 1.0), textures={"base_color": Texture(path="gone.png")}
     )
-    mesh = quad(materials=(material,), face_material=[0, 0]).replace(source=str(tmp_path / "a.obj"))
+    mesh = square(materials=(material,), face_material=[0, 0]).replace(
+        source=str(tmp_path / "a.obj")
+    )
     with pytest.warns(UserWarning, match=r"gone\.png cannot be read"):
         image = front(mesh)
     assert looks(image[50, 60], "red")
@@ -129,21 +115,23 @@ def test_a_missing_texture_warns_and_shows_the_base_colour(tmp_path: Path) -> No
 def test_a_texture_path_starts_in_the_folder_of_the_mesh(tmp_path: Path) -> None:
     (tmp_path / "green.png").write_bytes(png([[[0, 255, 0]]]))
     material = Material(textures={"base_color": Texture(path="green.png")})
-    mesh = quad(materials=(material,), face_material=[0, 0]).replace(source=str(tmp_path / "a.obj"))
+    mesh = square(materials=(material,), face_material=[0, 0]).replace(
+        source=str(tmp_path / "a.obj")
+    )
     assert looks(front(mesh)[50, 60], "green")
 
 
 @draws
 def test_vertex_colours() -> None:
-    image = front(quad().replace(colors=[[255, 0, 0]] * 4))
+    image = front(square().replace(colors=[[255, 0, 0]] * 4))
     assert looks(image[50, 60], "red")
 
 
 @draws
 def test_base_colour_is_linear() -> None:
-    grey = front(quad(materials=(Material(base_color=(0.2140, 0.2140, 0.2140, 1.0)),),
+    grey = front(square(materials=(Material(base_color=(0.2140, 0.2140, 0.2140, 1.0)),),
                       face_material=[0, 0]))[50, 60]  # fmt: skip
-    white = front(quad(materials=(Material(),), face_material=[0, 0]))[50, 60]
+    white = front(square(materials=(Material(),), face_material=[0, 0]))[50, 60]
     np.testing.assert_allclose(grey / white, 0.5, atol=0.06)
 
 
@@ -153,7 +141,7 @@ def test_alpha_modes() -> None:
     seen = {}
     for mode in ("opaque", "mask", "blend"):
         material = Material(alpha_mode=mode, textures={"base_color": Texture(data=half)})
-        seen[mode] = front(quad(materials=(material,), face_material=[0, 0]))[50, 60].astype(int)
+        seen[mode] = front(square(materials=(material,), face_material=[0, 0]))[50, 60].astype(int)
     assert looks(seen["opaque"], "red")
     assert tuple(seen["mask"]) == WHITE  # 100 / 255 is below the cut-off
     assert seen["opaque"][1] + 60 < seen["blend"][1] < 240
@@ -161,14 +149,14 @@ def test_alpha_modes() -> None:
 
 @draws
 def test_texture_false_draws_the_shape_alone() -> None:
-    mesh = quad(materials=(Material(base_color=(1, 0, 0, 1)),), face_material=[0, 0])
+    mesh = square(materials=(Material(base_color=(1, 0, 0, 1)),), face_material=[0, 0])
     pixel = front(mesh, texture=False)[50, 60].astype(int)
     assert np.ptp(pixel) < 20
 
 
 @draws
 def test_both_sides_are_lit_unless_backfaces_are_left_out() -> None:
-    mesh = quad()
+    mesh = square()
     turned = mesh.replace(faces=mesh.faces[:, ::-1], face_texcoords=mesh.face_texcoords[:, ::-1])
     np.testing.assert_array_equal(front(mesh), front(turned))
     assert covered(front(turned, backfaces=False)) == 0.0
@@ -176,19 +164,21 @@ def test_both_sides_are_lit_unless_backfaces_are_left_out() -> None:
 
 @draws
 def test_boundary_edges_are_red_and_inner_edges_are_not() -> None:
-    image = front(quad(), boundary=True).astype(int)
+    image = front(square(), boundary=True).astype(int)
     red = (image[..., 0] > image[..., 1] + 60) & (image[..., 0] > image[..., 2] + 60)
     rows, columns = np.nonzero(red)
     assert np.ptp(rows) > 85
     assert np.ptp(columns) > 85
     assert not red[40:60, 40:80].any()
-    assert not (front(quad()).astype(int)[..., 0] > front(quad()).astype(int)[..., 1] + 60).any()
+    assert not (
+        front(square()).astype(int)[..., 0] > front(square()).astype(int)[..., 1] + 60
+    ).any()
 
 
 @draws
 def test_wireframe_draws_the_inner_edge() -> None:
     middle = np.s_[47:53, 57:63, 0]
-    assert front(quad(), wireframe=True)[middle].min() + 40 < front(quad())[middle].min()
+    assert front(square(), wireframe=True)[middle].min() + 40 < front(square())[middle].min()
 
 
 @draws
@@ -208,15 +198,15 @@ def test_smooth_and_flat_differ_on_a_bent_strip() -> None:
 
 @draws
 def test_the_files_own_normals_are_used() -> None:
-    tilted = quad().replace(normals=[[0.8, -0.5, 0.3]], face_normals=np.zeros((2, 3), int))
-    assert front(tilted)[50, 60].sum() + 60 < front(quad())[50, 60].sum()
+    tilted = square().replace(normals=[[0.8, -0.5, 0.3]], face_normals=np.zeros((2, 3), int))
+    assert front(tilted)[50, 60].sum() + 60 < front(square())[50, 60].sum()
 
 
 @draws
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
 @pytest.mark.parametrize("up", ["y", "z"])
 def test_any_scale_and_place(scale: float, up: str) -> None:
-    mesh = quad().replace(vertices=quad().vertices * scale + 5 * scale)
+    mesh = square().replace(vertices=square().vertices * scale + 5 * scale)
     image = picture(mesh, size=(80, 60), elevation=50, up=up, background=WHITE)
     assert 0.1 < covered(image) < 0.9
 
@@ -238,14 +228,14 @@ def test_degenerate_meshes_give_a_picture(mesh: Mesh) -> None:
 
 @draws
 def test_zoom_shows_the_middle_larger() -> None:
-    assert covered(front(quad(), zoom=0.5)) < 0.3 * covered(front(quad()))
-    assert covered(front(quad(), zoom=3.0)) == 1.0
+    assert covered(front(square(), zoom=0.5)) < 0.3 * covered(front(square()))
+    assert covered(front(square(), zoom=3.0)) == 1.0
 
 
 @draws
 def test_comparison_uses_one_camera_and_labels_each() -> None:
-    small = quad().replace(vertices=quad().vertices * 0.5)
-    sheet = comparison([quad(), small, quad()], ["a", "b", "c"], columns=2, size=(100, 80))
+    small = square().replace(vertices=square().vertices * 0.5)
+    sheet = comparison([square(), small, square()], ["a", "b", "c"], columns=2, size=(100, 80))
     assert sheet.shape == (2 * 110, 2 * 100, 3)
     filled = (sheet != rgb("#f5f6f8")).any(axis=2)
     first, second = filled[30:110, :100].sum(), filled[30:110, 100:].sum()
@@ -256,13 +246,13 @@ def test_comparison_uses_one_camera_and_labels_each() -> None:
 
 @draws
 def test_png_bytes_round_trip() -> None:
-    image = front(quad())
+    image = front(square())
     with Image.open(io.BytesIO(png_bytes(image))) as read:
         np.testing.assert_array_equal(np.asarray(read), image)
 
 
 def test_boundary_edges_after_welding() -> None:
-    mesh = quad()
+    mesh = square()
     assert len(boundary_edges(mesh)) == 4
     split = mesh.replace(  # as glTF stores a texture seam
         vertices=mesh.vertices[mesh.faces.ravel()], faces=np.arange(6).reshape(2, 3)
@@ -307,18 +297,18 @@ def test_srgb_known_values() -> None:
 )
 def test_bad_options_are_named(options: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        picture(quad(), **options)
+        picture(square(), **options)
 
 
 def test_comparison_needs_a_label_for_each_mesh() -> None:
     with pytest.raises(InputError, match="got 1 labels for 2 meshes"):
-        comparison([quad(), quad()], ["one"])
+        comparison([square(), square()], ["one"])
 
 
 def test_renderer_none_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MANIP3D_RENDERER", "none")
     with pytest.raises(RenderError, match="MANIP3D_RENDERER=none"):
-        picture(quad())
+        picture(square())
 
 
 def test_an_unknown_renderer_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,7 +22,7 @@ from manip3d._files import atomic_write
 from manip3d.errors import InputError, RenderError
 from manip3d.io import write_mesh
 from manip3d.mesh import Material, Mesh, Texture
-from manip3d.viewer.pictures import picture, png_bytes
+from manip3d.viewer.pictures import comparison, picture, png_bytes
 from manip3d.viewer.scene import (
     CLAY,
     Style,
@@ -275,18 +275,19 @@ def iframe(page: str, *, height: int = 480) -> str:
     )
 
 
-def view(mesh: Mesh, output: str | os.PathLike[str] | None = None, **options: Any) -> Path:
-    """Show a mesh: in the browser, or as an ``.html`` or ``.png`` file.
+def view(
+    mesh: Mesh | Sequence[Mesh], output: str | os.PathLike[str] | None = None, **options: Any
+) -> Path:
+    """Show a mesh, or several side by side: in the browser, or as an .html or .png file.
 
     Parameters
     ----------
-    mesh : Mesh
-        For ``.html`` also a sequence of meshes.
+    mesh : Mesh or sequence of Mesh
     output : path, optional
         Where to write; without it a page in the folder for temporary files is opened in the
         browser.
     **options
-        Of `html`, or of `picture` for ``.png``.
+        Of `html`; for ``.png`` of `picture`, or of `comparison` for several meshes.
 
     Returns
     -------
@@ -313,7 +314,8 @@ def view(mesh: Mesh, output: str | os.PathLike[str] | None = None, **options: An
     if suffix == ".html":
         atomic_write(path, html(mesh, **options))
     elif suffix == ".png":
-        atomic_write(path, png_bytes(picture(mesh, **options)))
+        image = picture(mesh, **options) if isinstance(mesh, Mesh) else comparison(mesh, **options)
+        atomic_write(path, png_bytes(image))
     else:
         raise InputError(f"output: expected a name that ends in .html or .png, got {str(path)!r}")
     return path
