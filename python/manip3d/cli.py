@@ -49,6 +49,33 @@ Force = Annotated[bool, typer.Option("--force", help="Replace existing outputs."
 Strict = Annotated[bool, typer.Option("--strict", help="Exit 4 when a target is missed.")]
 
 
+class Method(StrEnum):
+    """The five methods of chapter 2."""
+
+    qem4vr = "qem4vr"
+    qem_orig = "qem-orig"
+    qem_bp = "qem-bp"
+    qem_tp = "qem-tp"
+    qem_btp = "qem-btp"
+
+
+class Unit(StrEnum):
+    """Units of length of a file's coordinates."""
+
+    m = "m"
+    cm = "cm"
+    mm = "mm"
+    inch = "in"
+    ft = "ft"
+
+
+class Up(StrEnum):
+    """The axis that points up in a file."""
+
+    y = "y"
+    z = "z"
+
+
 class Tier(StrEnum):
     """Which data experiments use."""
 
@@ -73,6 +100,136 @@ def _root(
 
         print(f"manip3d {__version__}")
         raise typer.Exit
+
+
+@app.command()
+def simplify(
+    source: Annotated[str, typer.Argument(help="A mesh file, a folder of them, or - for stdin.")],
+    output: Output,
+    faces: Annotated[int | None, typer.Option(min=1, help="Stop at this many faces.")] = None,
+    ratio: Annotated[
+        float | None, typer.Option(help="Stop at this fraction of the faces as read.")
+    ] = None,
+    max_error: Annotated[
+        float | None, typer.Option(help="Largest error of a collapse, in the file's units.")
+    ] = None,
+    method: Annotated[Method, typer.Option(help="How.")] = Method.qem4vr,
+    no_clean: Annotated[bool, typer.Option("--no-clean", help="Do not clean first.")] = False,
+    force: Force = False,
+    strict: Strict = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: Jobs = 0,
+    seed: Seed = 0,
+) -> None:
+    """Reduce the faces of a mesh; cleans it first. The first target reached stops.
+
+    A folder is simplified mesh by mesh into another folder, in parallel processes.
+    """
+    from manip3d._cli import simplifying, terminal
+
+    shell = terminal.Terminal(as_json=as_json, quiet=quiet)
+    order = simplifying.Order(method.value, faces, ratio, max_error, not no_clean, {})
+    if Path(source).is_dir():
+        records = simplifying.simplify_folder(
+            Path(source), output, order, shell, jobs=jobs, force=force
+        )
+        shell.result(records)
+        simplifying.fail_if_any(records)
+    else:
+        terminal.refuse_existing(output, force=force)
+        with shell.progress("simplify") as progress:
+            records = [simplifying.simplify_file(source, output, order, shell, progress)]
+        shell.result(records[0])
+        if records[0]["stop"] == "refused":
+            raise typer.Exit(MISSED if strict else 1)
+    if strict and any(record["target_missed"] for record in records):
+        raise typer.Exit(MISSED)
+
+
+@app.command()
+def compare(
+    original: Annotated[str, typer.Argument(help="The original mesh.")],
+    simplified: Annotated[str, typer.Argument(help="The mesh that is compared with it.")],
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: Jobs = 0,
+    seed: Seed = 0,
+) -> None:
+    """Measure how far a mesh is from the original: Metro, texture error, FMPD, boundary gap."""
+    from manip3d._cli import comparing, terminal
+
+    shell = terminal.Terminal(as_json=as_json, quiet=quiet)
+    record = comparing.compare(original, simplified, shell, threads=jobs, seed=seed)
+    shell.result(record, lambda console: comparing.show(console, record))
+
+
+@app.command()
+def info(source: Source, as_json: Json = False, quiet: Quiet = False) -> None:
+    """Count what a mesh is made of."""
+    from manip3d._cli import describing, terminal
+
+    shell = terminal.Terminal(as_json=as_json, quiet=quiet)
+    record = describing.summary(source, shell)
+    shell.result(record, lambda console: describing.show(console, record))
+
+
+@app.command()
+def view(
+    source: Source,
+    output: OptionalOutput = None,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Show a mesh in the browser, or write an interactive page (.html) or a picture (.png)."""
+    from manip3d._cli import terminal, viewing
+
+    terminal.refuse_existing(output, force=force)
+    viewing.view(source, output, terminal.Terminal(quiet=quiet))
+
+
+@app.command()
+def convert(
+    source: Source,
+    output: Output,
+    unit: Annotated[
+        Unit | None, typer.Option(help="Unit of the input; the output is in metres.")
+    ] = None,
+    up: Annotated[
+        Up | None, typer.Option(help="Axis that is up in the input; the output has +y up.")
+    ] = None,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write a mesh in another format. Coordinates change only with --unit or --up."""
+    from manip3d._cli import converting, terminal
+
+    terminal.refuse_existing(output, force=force)
+    converting.convert(
+        source,
+        output,
+        unit=unit.value if unit else None,
+        up=up.value if up else None,
+        terminal=terminal.Terminal(quiet=quiet),
+    )
+
+
+@app.command()
+def demo(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder.")] = Path("demo"),
+    scale: Annotated[Scale, typer.Option(help="quick: a minute; full: some more.")] = Scale.quick,
+    data: Annotated[Tier, typer.Option(help="Which data.")] = Tier.auto,
+    quiet: Quiet = False,
+    jobs: Jobs = 0,
+    seed: Seed = 0,
+) -> None:
+    """Run chapter 2's experiments and open their report; needs no data."""
+    from manip3d._cli import reproducing, terminal
+
+    shell = terminal.Terminal(quiet=quiet)
+    plan = {"data": data.value, "scale": scale.value, "seed": seed}
+    reproducing.reproduce([], output, plan, shell, jobs=jobs, dask="", force=False)
+    reproducing.open_report(reproducing.write_report(output, None, shell), shell)
 
 
 @app.command()
@@ -121,6 +278,20 @@ def reproduce(
         raise typer.Exit(1)
     if strict and reproducing.some_claim_fails(summary):
         raise typer.Exit(MISSED)
+
+
+@app.command()
+def report(
+    folder: Annotated[Path, typer.Argument(help="A results folder of 'reproduce'.")],
+    output: OptionalOutput = None,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Turn a results folder into one page: .html (default), .md or .csv."""
+    from manip3d._cli import reproducing, terminal
+
+    terminal.refuse_existing(output, force=force)
+    reproducing.write_report(folder, output, terminal.Terminal(quiet=quiet))
 
 
 @data_app.command("list")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import webbrowser
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -56,10 +58,14 @@ def reproduce(
     """Run experiments into a results folder, new or of an earlier run."""
     experiments = select(ids)
     _refuse_foreign_folder(folder, force=force)
-    with terminal.progress("experiments") as progress:
-        summary = run(
-            experiments, folder, plan=Plan(**plan), jobs=jobs, dask=dask, progress=progress
-        )
+    try:
+        with terminal.progress("experiments") as progress:
+            summary = run(
+                experiments, folder, plan=Plan(**plan), jobs=jobs, dask=dask, progress=progress
+            )
+    except KeyboardInterrupt:
+        terminal.say(f"interrupted; what had finished is in {folder}, the same command goes on")
+        raise
     terminal.say(
         f"{summary.cases} cases ({summary.resumed} from an earlier run, {summary.failed} failed) "
         f"in {summary.seconds:.1f} s; results in {folder}"
@@ -99,9 +105,28 @@ def show(console: Console, summary: RunSummary) -> None:
     ]
     if rows:
         table(console, rows, ("experiment", "verdict", "claim"))
+    console.print(f"\n'manip3d report {summary.folder}' makes one page of it.")
 
 
 def some_claim_fails(summary: RunSummary) -> bool:
     """Whether a claim does not hold."""
     records = summary.results["experiments"].values()
     return any(v["word"] == "does not hold" for record in records for v in record["verdicts"])
+
+
+def write_report(folder: Path, output: Path | None, terminal: Terminal) -> Path:
+    """Write the report of a results folder; say where it is."""
+    from manip3d import report
+
+    path = output or folder / "report.html"
+    report.write_report(folder, path)
+    terminal.say(f"report: {path.resolve()}")
+    return path
+
+
+def open_report(path: Path, terminal: Terminal) -> None:
+    """Open the report where there is a screen and a browser."""
+    if terminal.quiet or not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return
+    if not webbrowser.open(path.resolve().as_uri()):
+        terminal.say("no browser found to open it with")

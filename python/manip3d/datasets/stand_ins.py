@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from manip3d.datasets._load import CLEANINGS, Cleaning
+from manip3d.datasets._load import Cleaning
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,8 @@ class StandIn:
         Whether it is the published file itself.
     textured : bool
         Whether it stands in the textured group (tables 2.3, 2.4 and 2.7).
+    variant : str
+        Tells several cleanings of one mesh apart.
     """
 
     published: str
@@ -34,12 +36,12 @@ class StandIn:
     cleaning: Cleaning = "welded"
     same_file: bool = False
     textured: bool = False
+    variant: str = ""
 
     @property
     def label(self) -> str:
-        """The mesh, and its cleaning where several are shown."""
-        several = sum(other.mesh == self.mesh for other in STAND_INS) > 1
-        return f"{self.mesh} ({CLEANINGS[self.cleaning]})" if several else self.mesh
+        """The mesh, and its variant where several are shown."""
+        return f"{self.mesh}, {self.variant}" if self.variant else self.mesh
 
     @property
     def role(self) -> str:
@@ -51,11 +53,11 @@ class StandIn:
 
 STAND_INS: tuple[StandIn, ...] = (
     StandIn("RockerArm", "rockerArm", "stored", same_file=True),
-    StandIn("Car", "ferrari_458", "stored"),
-    StandIn("Car", "ferrari_458", "welded"),
-    StandIn("Car", "ferrari_458", "any-unwelded"),
-    StandIn("Car", "2CylinderEngine", "stored"),
-    StandIn("Car", "2CylinderEngine", "welded"),
+    StandIn("Car", "ferrari_458", "stored", variant="as stored"),
+    StandIn("Car", "ferrari_458", "welded", variant="welded"),
+    StandIn("Car", "ferrari_458", "any-unwelded", variant="one-sided"),
+    StandIn("Car", "2CylinderEngine", "stored", variant="as stored"),
+    StandIn("Car", "2CylinderEngine", "welded", variant="welded"),
     StandIn("Dragon", "lifeboat"),
     StandIn("Dragon", "flash2a"),
     StandIn("Head", "LeePerrySmith", "stored", same_file=True, textured=True),

@@ -16,11 +16,12 @@ from manip3d.experiments._model import (
     Verdict,
 )
 from manip3d.experiments._registry import ENTRY_POINTS, registry, select
-from manip3d.experiments._runner import RunSummary, run
+from manip3d.experiments._runner import RESULTS_FORMAT, RunSummary, run
 from manip3d.experiments._store import Store, pack_mesh, unpack_mesh
 
 __all__ = [
     "ENTRY_POINTS",
+    "RESULTS_FORMAT",
     "Case",
     "Claim",
     "Column",

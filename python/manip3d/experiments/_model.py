@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
@@ -158,6 +158,13 @@ class Column:
         Decimals; None: as it is.
     published : str
         Key of the published value that stands beside it; ``""``: none.
+    ratio : bool
+        Whether their ratio stands there too, where both are of the same file.
+    lower_is_better : bool
+        Whether the report marks each model's lowest value, among rows whose ``reached`` is not
+        false.
+    words : mapping of str to str
+        How the row's words are shown.
     """
 
     name: str
@@ -165,6 +172,28 @@ class Column:
     scale: float = 1.0
     digits: int | None = None
     published: str = ""
+    ratio: bool = True
+    lower_is_better: bool = False
+    words: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """Pictures that belong together: one model and what was made of it.
+
+    Attributes
+    ----------
+    about : str
+        Said beside its name.
+    draw : callable
+        ``draw(folder, options)``, importable by name: draws into the results folder and returns
+        a list of dicts with ``label``, ``faces``, and the file of each style.
+    options : mapping
+    """
+
+    about: str
+    draw: Callable[[str, Mapping[str, Any]], list[dict[str, Any]]]
+    options: Mapping[str, Any]
 
 
 def _as_it_is(row: Row) -> Row:
@@ -188,12 +217,14 @@ class Experiment:
     cases : callable
         Plan -> cases, in the order of the table.
     columns : tuple of Column
-        What the report's table shows.
+        What the report's table shows, below a heading for each model.
     claims : tuple of Claim
     complete : callable
         Row -> row with what the publication says about it; runs after the case.
     figures : callable or None
-        Rows -> figures by name.
+        Rows that did not fail -> figures by name.
+    sheets : callable or None
+        Rows that did not fail -> pictures by the name of their model.
     notes : tuple of str
         What a reader must know to read the numbers.
     """
@@ -207,4 +238,5 @@ class Experiment:
     claims: tuple[Claim, ...] = ()
     complete: Callable[[Row], Row] = _as_it_is
     figures: Callable[[Sequence[Row]], dict[str, Figure]] | None = None
+    sheets: Callable[[Sequence[Row]], dict[str, Sheet]] | None = None
     notes: tuple[str, ...] = ()

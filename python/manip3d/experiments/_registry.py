@@ -13,7 +13,17 @@ from manip3d.experiments._model import Experiment
 ENTRY_POINTS = "manip3d.experiments"
 """Group of entry points: each names an `Experiment`."""
 
-_BUILT_IN: tuple[str, ...] = ()
+_BUILT_IN = (
+    "table_2_1",
+    "table_2_2",
+    "table_2_3",
+    "table_2_4",
+    "table_2_6",
+    "table_2_7",
+    "figure_2_11",
+    "figure_2_17",
+    "ablation_boundary_weight",
+)
 
 
 @cache

@@ -10,6 +10,7 @@ import csv
 import io
 import json
 import logging
+import math
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -24,10 +25,13 @@ from manip3d import datasets
 from manip3d._parallel import run_tasks
 from manip3d.errors import InputError
 from manip3d.experiments._environment import code_fingerprint, environment
-from manip3d.experiments._model import Case, Experiment, Plan, Row
+from manip3d.experiments._model import Case, Experiment, Plan, Row, Sheet
 from manip3d.experiments._store import Store
 
 Progress = Callable[[float, str], None]
+
+RESULTS_FORMAT = 1
+"""Of ``results.json``; counted up when readers of older ones would fail."""
 
 _log = logging.getLogger("manip3d")
 
@@ -131,14 +135,16 @@ def run(
         for experiment in experiments
     }
     results = {
+        "format": RESULTS_FORMAT,
         "environment": environment() | {"jobs": jobs, "executor": dask or "processes"},
         "plan": asdict(plan),
         "wall_time_s": round(time.perf_counter() - started, 3),
         "cases": {"all": len(todo), "resumed": resumed, "failed": len(failed)},
         "data": _provenance(todo.values()),
         "experiments": {e.id: _record(e, rows[e.id], store) for e in experiments},
+        "pictures": _draw_pictures(experiments, rows, folder, jobs),
     }
-    store.write("results.json", json.dumps(results, indent=1))
+    store.write("results.json", json.dumps(_strict(results), indent=1, allow_nan=False))
     store.write("results.csv", _csv(rows))
     return RunSummary(
         folder,
@@ -194,6 +200,10 @@ def _rows(
     ]
 
 
+def _sound(rows: Sequence[Row]) -> list[Row]:
+    return [row for row in rows if not row["error"]]
+
+
 def _provenance(cases: Any) -> list[dict[str, Any]]:
     names = dict.fromkeys(datasets.source_of(name) for case in cases for name in case.inputs)
     return [datasets.provenance(name) for name in names]
@@ -218,15 +228,40 @@ def _figures(experiment: Experiment, rows: list[Row], store: Store) -> dict[str,
     """Draw the figures as SVG: name -> file."""
     if experiment.figures is None:
         return {}
-    sound = [row for row in rows if not row["error"]]
     written = {}
-    for name, figure in experiment.figures(sound).items():
+    for number, (name, figure) in enumerate(experiment.figures(_sound(rows)).items()):
         stream = io.StringIO()
-        figure.savefig(stream, format="svg", metadata={"Date": None})
-        relative = f"figures/{experiment.id}-{name}.svg"
+        figure.savefig(stream, format="svg", metadata={"Date": None}, transparent=True)
+        relative = f"figures/{experiment.id}-{number}.svg"
         store.write(relative, stream.getvalue())
         written[name] = relative
     return written
+
+
+def _draw_pictures(
+    experiments: Sequence[Experiment], rows: Mapping[str, list[Row]], folder: Path, jobs: int
+) -> dict[str, Any]:
+    """Sheets of pictures by model, or why there are none."""
+    sheets: dict[str, Sheet] = {}
+    for experiment in experiments:
+        if experiment.sheets is not None:
+            sheets |= experiment.sheets(_sound(rows[experiment.id]))
+    tasks = {model: (sheet.draw, (str(folder), sheet.options)) for model, sheet in sheets.items()}
+    drawn: dict[str, Any] = {}
+    with closing(run_tasks(tasks, jobs)) as outcomes:
+        for model, outcome in outcomes:
+            items = outcome.value or []
+            drawn[model] = {"about": sheets[model].about, "items": items, "error": outcome.error}
+    return {model: drawn[model] for model in sheets}
+
+
+def _strict(value: Any) -> Any:
+    """The value with infinities and NaN as words, which JSON has no numbers for."""
+    if isinstance(value, dict):
+        return {key: _strict(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_strict(item) for item in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _csv(rows_by_experiment: Mapping[str, list[Row]]) -> str:

@@ -1,0 +1,105 @@
+"""Pictures of the originals and of what each method made of them, all from one camera."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from manip3d._files import atomic_write
+from manip3d.experiments._model import Row, Sheet, canonical_json
+from manip3d.experiments._simplification import METHOD_TITLES, open_model
+from manip3d.experiments._store import unpack_mesh
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from manip3d.mesh import Mesh
+
+_SIZE = (480, 400)
+_QUALITY = 82  # of the WebP files: about 15 kB a picture, no visible loss
+_STYLES: dict[str, dict[str, Any]] = {
+    "shaded": {"texture": False, "shading": "flat"},
+    "textured": {"texture": True, "shading": "smooth"},
+}
+
+
+def sheets(rows: Sequence[Row]) -> dict[str, Sheet]:
+    """One sheet of pictures per model that was simplified to its table's target.
+
+    Returns
+    -------
+    dict of str to Sheet
+        By model.
+    """
+    methods: dict[str, dict[str, str]] = {}
+    found: dict[str, Sheet] = {}
+    for row in rows:
+        if row.get("simplified"):
+            of_model = methods.setdefault(row["model"], {})
+            of_model[row["method"]] = row["simplified"]
+            options = {name: row[name] for name in ("mesh", "simulated_faces")}
+            about = f"{row['role']} · {row['cleaning_does']}"
+            found[row["model"]] = Sheet(about, draw, options | {"methods": of_model})
+    return found
+
+
+def draw(folder: str, options: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Draw the original and every method's mesh, in grey and with its materials.
+
+    Pictures that exist are kept: their names are hashes of what they show.
+
+    Returns
+    -------
+    list of dict
+        ``label``, ``faces``, and by style the file in the results folder.
+
+    Raises
+    ------
+    RenderError
+        Nothing can draw here.
+    """
+    root = Path(folder)
+    original = open_model(options)
+    packed = [(root / name).read_bytes() for name in options["methods"].values()]
+    meshes = [original, *(unpack_mesh(data, like=original) for data in packed)]
+    labels = ["original", *(METHOD_TITLES[method] for method in options["methods"])]
+    identity = [
+        options["mesh"],
+        options["simulated_faces"],
+        *(hashlib.sha256(d).hexdigest() for d in packed),
+    ]
+    items: list[dict[str, Any]] = [
+        {"label": label, "faces": mesh.num_faces}
+        for label, mesh in zip(labels, meshes, strict=True)
+    ]
+    for style in _STYLES if original.materials else ("shaded",):
+        digest = hashlib.sha256(canonical_json([*identity, style, _SIZE])).hexdigest()[:24]
+        names = [f"pictures/{digest}-{number}.webp" for number in range(len(meshes))]
+        if not all((root / name).exists() for name in names):
+            (root / "pictures").mkdir(exist_ok=True)
+            for name, image in zip(names, _draw_alike(meshes, style), strict=True):
+                atomic_write(root / name, _webp(image))
+        for item, name in zip(items, names, strict=True):
+            item[style] = name
+    return items
+
+
+def _draw_alike(meshes: Sequence[Mesh], style: str) -> list[NDArray[np.uint8]]:
+    """Each mesh from the camera that frames the first."""
+    from manip3d import viewer
+
+    sheet = viewer.comparison(meshes, columns=1, size=_SIZE, **_STYLES[style])
+    height = len(sheet) // len(meshes)
+    return [sheet[(n + 1) * height - _SIZE[1] : (n + 1) * height] for n in range(len(meshes))]
+
+
+def _webp(image: NDArray[np.uint8]) -> bytes:
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.fromarray(image).save(stream, "WEBP", quality=_QUALITY)
+    return stream.getvalue()

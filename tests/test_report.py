@@ -1,0 +1,137 @@
+"""The report: one page that loads nothing, says what was measured, and escapes what it is given."""
+
+from __future__ import annotations
+
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from manip3d import FormatError, InputError
+from manip3d.experiments import run
+from manip3d.report import write_report
+from toy_experiments import all_below, experiment
+
+EVIL = '<script>alert("x")</script>'
+LOADING = {"src", "href", "data", "poster", "srcset", "action", "background"}
+
+
+class Loads(HTMLParser):
+    """Collects what a page would load, and its elements."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.addresses: list[str] = []
+        self.elements: set[str] = set()
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.elements.add(tag)
+        self.addresses += [value or "" for name, value in attributes if name in LOADING]
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    claims = [all_below(10), all_below(9)]
+    run([experiment(1, 2, 3, fail=2, claims=claims)], tmp_path / "results", jobs=1)
+    return tmp_path / "results"
+
+
+def edit(results: Path, change) -> None:
+    path = results / "results.json"
+    record = json.loads(path.read_text())
+    change(record)
+    path.write_text(json.dumps(record))
+
+
+def page(results: Path) -> str:
+    output = results.parent / "report.html"
+    write_report(results, output)
+    return output.read_text()
+
+
+def test_the_page_loads_nothing(results: Path) -> None:
+    text = page(results)
+    parsed = Loads(text)
+    assert not {"script", "link", "iframe", "object", "embed"} & parsed.elements
+    assert all(address.startswith(("#", "data:image/")) for address in parsed.addresses)
+    assert "@import" not in text
+    assert not re.search(r"url\((?!#)", text)
+    assert "default-src 'none'" in text
+
+
+def test_numbers_verdicts_failures_and_environment_are_there(results: Path) -> None:
+    text = page(results)
+    for said in (
+        "✓ holds",
+        "✗ does not hold",
+        "every square is below 9",
+        "ValueError: no square for 2 today",
+        "manip3d reproduce toy --data auto --scale full --seed 0",
+        "No real data",
+    ):
+        assert said in text
+
+
+@pytest.mark.parametrize("place", ["model", "error", "note", "claim", "finding", "title"])
+def test_everything_is_escaped(results: Path, place: str) -> None:
+    def poison(record: dict) -> None:
+        toy = record["experiments"]["toy"]
+        if place in ("model", "error"):
+            toy["rows"][1][place] = EVIL
+        elif place == "note":
+            toy["notes"] = [EVIL]
+        elif place == "title":
+            toy["title"] = EVIL
+        elif place == "claim":
+            toy["verdicts"][0]["claim"] = EVIL
+        else:
+            toy["verdicts"][0]["findings"][0]["numbers"] = EVIL
+
+    edit(results, poison)
+    text = page(results)
+    assert EVIL not in text
+    assert "&lt;script&gt;" in text
+
+
+def test_pictures_outside_the_folder_are_refused(results: Path) -> None:
+    (results.parent / "secret.svg").write_text("<svg/>")
+
+    def point_outside(record: dict) -> None:
+        record["experiments"]["toy"]["figures"] = {"x": "../secret.svg"}
+
+    edit(results, point_outside)
+    with pytest.raises(FormatError, match="in the results folder"):
+        page(results)
+
+
+def test_markdown_has_the_table_and_the_verdicts(results: Path) -> None:
+    edit(results, lambda record: record["experiments"]["toy"].update(title="a | b"))
+    output = results.parent / "report.md"
+    write_report(results, output)
+    text = output.read_text()
+    assert "## toy: a \\| b" in text
+    assert "**does not hold**: every square is below 9" in text
+    table = [line for line in text.splitlines() if line.startswith("|")]
+    assert len({len(re.findall(r"(?<!\\)\|", line)) for line in table}) == 1
+
+
+def test_csv_is_the_rows(results: Path) -> None:
+    output = results.parent / "report.csv"
+    write_report(results, output)
+    assert output.read_text() == (results / "results.csv").read_text()
+
+
+def test_unknown_suffix_and_foreign_folders_are_refused(results: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"\.html, \.md, \.csv"):
+        write_report(results, tmp_path / "report.pdf")
+    with pytest.raises(InputError, match=r"no results\.json"):
+        write_report(tmp_path, tmp_path / "report.html")
+    (results / "results.json").write_text("[1, 2")
+    with pytest.raises(FormatError, match="not JSON"):
+        write_report(results, tmp_path / "report.html")
+    (results / "results.json").write_text("[]")
+    with pytest.raises(FormatError, match="running it again"):
+        write_report(results, tmp_path / "report.html")
