@@ -14,6 +14,8 @@ namespace manip3d {
 
 ReadResult read_obj(ByteSource& source, const ReadOptions& options, const Progress& progress);
 ReadResult read_ply(ByteSource& source, const ReadOptions& options, const Progress& progress);
+ReadResult read_off(ByteSource& source, const ReadOptions& options, const Progress& progress);
+ReadResult read_stl(ByteSource& source, const ReadOptions& options, const Progress& progress);
 /// Both .gltf and .glb.
 ReadResult read_gltf(ByteSource& source, const ReadOptions& options, const Progress& progress);
 
@@ -28,6 +30,8 @@ struct WriteJob {
 
 void write_obj(Output& output, const WriteJob& job);
 void write_ply(Output& output, const WriteJob& job);
+void write_off(Output& output, const WriteJob& job);
+void write_stl(Output& output, const WriteJob& job);
 void write_gltf(Output& output, const WriteJob& job);
 void write_glb(Output& output, const WriteJob& job);
 

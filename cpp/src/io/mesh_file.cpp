@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cstring>
 #include <memory>
 #include <system_error>
 
@@ -28,6 +29,8 @@ struct Format {
 constexpr Format kFormats[] = {
     {MeshFormat::kObj, "obj", ".obj", read_obj, write_obj},
     {MeshFormat::kPly, "ply", ".ply", read_ply, write_ply},
+    {MeshFormat::kOff, "off", ".off", read_off, write_off},
+    {MeshFormat::kStl, "stl", ".stl", read_stl, write_stl},
     {MeshFormat::kGltf, "gltf", ".gltf", read_gltf, write_gltf},
     {MeshFormat::kGlb, "glb", ".glb", read_gltf, write_glb},
 };
@@ -173,7 +176,17 @@ std::optional<MeshFormat> format_of_suffix(std::string_view suffix) {
 
 std::optional<MeshFormat> format_of_content(std::string_view head,
                                             std::optional<std::uint64_t> size) {
-  static_cast<void>(size);
+  constexpr std::size_t kStlHeader = 84;
+  constexpr std::uint64_t kStlTriangle = 50;
+  if (size && head.size() >= kStlHeader) {
+    std::uint32_t count = 0;
+    std::memcpy(&count, head.data() + kStlHeader - sizeof(count), sizeof(count));
+    if (*size == kStlHeader + kStlTriangle * count) return MeshFormat::kStl;
+  }
+  if (head.starts_with("solid")) return MeshFormat::kStl;
+  for (const char* start : {"OFF", "COFF", "NOFF", "CNOFF", "STOFF", "STCOFF", "STNOFF"}) {
+    if (head.starts_with(start)) return MeshFormat::kOff;
+  }
   if (head.starts_with("ply\n") || head.starts_with("ply\r")) return MeshFormat::kPly;
   if (head.starts_with("glTF")) return MeshFormat::kGlb;
   if (head.starts_with("{")) return MeshFormat::kGltf;

@@ -7,7 +7,6 @@
 #include <map>
 #include <string>
 #include <string_view>
-#include <unordered_map>
 #include <vector>
 
 #include "io/formats.hpp"
@@ -15,6 +14,7 @@
 #include "io/line_cursor.hpp"
 #include "io/mesh_builder.hpp"
 #include "io/texture_files.hpp"
+#include "io/unique_rows.hpp"
 #include "io/warnings.hpp"
 #include "manip3d/io/range_grid.hpp"
 
@@ -413,34 +413,6 @@ class RowReader {
   std::int64_t start_ = 0;
 };
 
-// Equal pairs share a row: PLY stores the texture coordinates of each corner anew.
-class TexcoordTable {
- public:
-  std::int32_t row(double u, double v, MeshBuilder& builder, const InputBuffer& input) {
-    const auto bits = std::bit_cast<std::array<std::uint64_t, 2>>(std::array<double, 2>{u, v});
-    const auto [item, is_new] =
-        rows_.try_emplace(bits, static_cast<std::int32_t>(builder.texcoords.size()));
-    if (is_new) {
-      double* row = builder.texcoords.append(input);
-      row[0] = u;
-      row[1] = v;
-    }
-    return item->second;
-  }
-
- private:
-  using Bits = std::array<std::uint64_t, 2>;
-  struct Hash {
-    std::size_t operator()(const Bits& b) const {
-      constexpr std::uint64_t kMix = 0x9E3779B97F4A7C15U;  // 2^64 / golden ratio
-      std::uint64_t h = (b[0] ^ (b[0] >> 29U)) * kMix;
-      h = (h ^ b[1] ^ (b[1] >> 29U)) * kMix;
-      return h ^ (h >> 32U);
-    }
-  };
-  std::unordered_map<Bits, std::int32_t, Hash> rows_;
-};
-
 class PlyReader {
  public:
   PlyReader(ByteSource& source, const Progress& progress)
@@ -592,7 +564,7 @@ class PlyReader {
       const double u = row.texcoord[2 * c];
       const double v = row.texcoord[2 * c + 1];
       if (!(std::isfinite(u) && std::isfinite(v))) row.fail("texcoord: expected finite numbers");
-      corners_[c].texcoord = texcoords_.row(u, v, builder_, input_);
+      corners_[c].texcoord = texcoords_.index({u, v}, input_);
     }
   }
 
@@ -702,7 +674,7 @@ class PlyReader {
   bool has_faces_ = false, has_grid_ = false, has_material_index_ = false;
   float color_scale_ = 1.0F;
   std::vector<Corner> corners_;
-  TexcoordTable texcoords_;
+  UniqueRows<Texcoords> texcoords_{builder_.texcoords};  ///< Of corners.
   std::map<std::int32_t, std::int32_t> texture_of_material_;
   GrowingTable<Indices> grid_;
 };

@@ -1,0 +1,212 @@
+#include <algorithm>
+#include <cctype>
+#include <charconv>
+#include <limits>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "io/formats.hpp"
+#include "io/input_buffer.hpp"
+#include "io/line_cursor.hpp"
+#include "io/mesh_builder.hpp"
+#include "io/warnings.hpp"
+
+namespace manip3d {
+namespace {
+
+// Geomview's OFF: [ST][C][N][4][n]OFF [BINARY], counts, vertices, polygons.
+struct OffHeader {
+  bool has_texcoords = false, has_colors = false, has_normals = false;
+  std::int64_t num_vertices = 0, num_polygons = 0;
+};
+
+class OffReader {
+ public:
+  OffReader(ByteSource& source, const Progress& progress)
+      : input_(source, progress), builder_(input_) {}
+
+  ReadResult read() {
+    read_header();
+    for (std::int64_t i = 0; i < header_.num_vertices; ++i) read_vertex();
+    for (std::int64_t i = 0; i < header_.num_polygons; ++i) read_polygon();
+    builder_.finish(result_);
+    return std::move(result_);
+  }
+
+ private:
+  // The next line that holds more than blanks and a comment.
+  LineCursor next_line(const char* what) {
+    std::string_view line;
+    while (input_.next_line(line)) {
+      LineCursor cursor(line.substr(0, line.find('#')), input_.line());
+      if (!cursor.at_end()) return cursor;
+    }
+    throw FormatError::at_line(input_.line() + 1, std::string("file ends within ") + what);
+  }
+
+  // The keyword may be missing, and the counts may follow it on the same line.
+  void read_header() {
+    LineCursor cursor = next_line("the header");
+    const char* start = cursor.position();
+    std::string_view keyword = cursor.word();
+    if (keyword.ends_with("OFF")) {
+      parse_keyword(keyword.substr(0, keyword.size() - 3), cursor);
+      if (cursor.at_end()) cursor = next_line("the header");
+    } else if (std::isdigit(static_cast<unsigned char>(keyword.front())) != 0) {
+      cursor.move_to(start);
+    } else {
+      throw FormatError::at_line(cursor.line(), "expected OFF");
+    }
+    const FormatError::Position position{cursor.line(), std::nullopt};
+    constexpr std::int64_t kLeastVertex = 6, kLeastPolygon = 4;  // "0 0 0\n", "3 0 ..."
+    header_.num_vertices = cursor.integer("number of vertices");
+    header_.num_polygons = cursor.integer("number of faces");
+    if (!cursor.at_end()) cursor.integer("number of edges");  // never used
+    expect_end(cursor);
+    if (header_.num_vertices > std::numeric_limits<std::int32_t>::max()) {
+      throw FormatError("more than 2147483647 vertices", position);
+    }
+    builder_.vertices.reserve(
+        input_.checked_claim(header_.num_vertices, kLeastVertex, "vertices", position));
+    builder_.reserve_faces(
+        input_.checked_claim(header_.num_polygons, kLeastPolygon, "faces", position));
+  }
+
+  void parse_keyword(std::string_view prefix, LineCursor& cursor) {
+    const auto take = [&](std::string_view part) {
+      if (!prefix.starts_with(part)) return false;
+      prefix.remove_prefix(part.size());
+      return true;
+    };
+    header_.has_texcoords = take("ST");
+    header_.has_colors = take("C");
+    header_.has_normals = take("N");
+    if (!prefix.empty()) {
+      throw FormatError::at_line(cursor.line(), "OFF of another dimension is not supported");
+    }
+    const char* start = cursor.position();
+    if (cursor.word() == "BINARY") {
+      throw FormatError::at_line(cursor.line(), "binary OFF is not supported");
+    }
+    cursor.move_to(start);
+  }
+
+  // x y z [nx ny nz] [r g b a] [s t]
+  void read_vertex() {
+    LineCursor cursor = next_line("the vertices");
+    read_numbers(cursor, builder_.vertices.append(input_), 3, "vertex");
+    if (header_.has_normals) {
+      read_numbers(cursor, builder_.normals.append(input_), 3, "normal");
+    }
+    if (header_.has_colors) read_color(cursor);
+    if (header_.has_texcoords) {
+      read_numbers(cursor, builder_.texcoords.append(input_), 2, "texture coordinate");
+    }
+    // Plain OFF with colours is common; they are told by their number.
+    if (header_.num_vertices > 0 && !header_.has_colors && !header_.has_normals &&
+        !header_.has_texcoords && !cursor.at_end()) {
+      read_color(cursor);
+    }
+    expect_end(cursor);
+  }
+
+  static void read_numbers(LineCursor& cursor, double* row, int count, const char* what) {
+    for (int k = 0; k < count; ++k) row[k] = cursor.number(what);
+  }
+
+  // Integers 0 to 255 or numbers 0 to 1, with or without alpha.
+  void read_color(LineCursor& cursor) {
+    const std::int64_t vertex = builder_.vertices.size() - 1;
+    builder_.colors.fill(vertex, std::numeric_limits<float>::quiet_NaN(), input_);
+    float* color = builder_.colors.append(input_);
+    bool whole = true;
+    for (int k = 0; k < 3; ++k) {
+      const char* start = (cursor.at_end(), cursor.position());
+      color[k] = static_cast<float>(cursor.number("color"));
+      whole = whole && std::all_of(start, cursor.position(),
+                                   [](unsigned char c) { return std::isdigit(c) != 0; });
+    }
+    for (int k = 0; whole && k < 3; ++k) color[k] /= 255.0F;
+    // The alpha, unless what is left are the two texture coordinates.
+    const char* rest = cursor.position();
+    int left = 0;
+    while (!cursor.at_end() && !cursor.word().empty()) ++left;
+    cursor.move_to(rest);
+    if (left == (header_.has_texcoords ? 3 : 1)) cursor.number("color");
+  }
+
+  // n i1 ... in [color: 0, 1, 3 or 4 numbers]
+  void read_polygon() {
+    LineCursor cursor = next_line("the faces");
+    const std::int64_t num_corners = cursor.integer("number of corners");
+    if (num_corners < 3) {
+      throw FormatError::at_line(
+          cursor.line(), "face: expected at least 3 corners, got " + std::to_string(num_corners));
+    }
+    corners_.clear();
+    for (std::int64_t c = 0; c < num_corners; ++c) {  // ends at the latest with the line
+      const std::int64_t vertex = cursor.integer("vertex index");
+      if (vertex < 0 || vertex >= builder_.vertices.size()) {
+        throw FormatError::at_line(cursor.line(), "vertex index: expected 0 to " +
+                                                      std::to_string(builder_.vertices.size() - 1) +
+                                                      ", got " + std::to_string(vertex));
+      }
+      const auto index = static_cast<std::int32_t>(vertex);
+      corners_.push_back({index, header_.has_texcoords ? index : MeshBuilder::kNone,
+                          header_.has_normals ? index : MeshBuilder::kNone});
+    }
+    if (!cursor.at_end()) ++result_.num_skipped;  // a colour of the face
+    builder_.add_polygon(corners_, MeshBuilder::kNone, {cursor.line(), std::nullopt});
+  }
+
+  static void expect_end(LineCursor& cursor) {
+    if (!cursor.at_end()) cursor.fail("line", "its end");
+  }
+
+  InputBuffer input_;
+  MeshBuilder builder_;
+  OffHeader header_;
+  ReadResult result_;
+  std::vector<MeshBuilder::Corner> corners_;
+};
+
+}  // namespace
+
+ReadResult read_off(ByteSource& source, const ReadOptions&, const Progress& progress) {
+  return OffReader(source, progress).read();
+}
+
+void write_off(Output& out, const WriteJob& job) {
+  const MeshView& mesh = job.mesh;
+  const bool has_colors = mesh.colors.rows() > 0;
+  if (mesh.has_texcoords()) warn(job.warnings, "OFF: texture coordinates left out");
+  if (mesh.has_materials()) warn(job.warnings, "OFF: materials left out");
+  if (mesh.face_normals.rows() > 0) warn(job.warnings, "OFF: normals left out");
+  out.text(has_colors ? "COFF\n" : "OFF\n");
+  out.number(mesh.num_vertices());
+  out.text(" ");
+  out.number(mesh.num_faces());
+  out.text(" 0\n");
+  for (Eigen::Index i = 0; i < mesh.vertices.rows(); ++i) {
+    for (int k = 0; k < 3; ++k) {
+      if (k > 0) out.text(" ");
+      out.number(mesh.vertices(i, k));
+    }
+    for (int k = 0; has_colors && k < 3; ++k) {
+      out.text(" ");
+      out.number(int{mesh.colors(i, k)});
+    }
+    out.text(has_colors ? " 255\n" : "\n");
+  }
+  for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
+    out.text("3");
+    for (int c = 0; c < 3; ++c) {
+      out.text(" ");
+      out.number(mesh.faces(f, c));
+    }
+    out.text("\n");
+  }
+}
+
+}  // namespace manip3d

@@ -1,0 +1,165 @@
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cmath>
+#include <cstring>
+#include <string>
+#include <string_view>
+
+#include "io/formats.hpp"
+#include "io/input_buffer.hpp"
+#include "io/line_cursor.hpp"
+#include "io/mesh_builder.hpp"
+#include "io/unique_rows.hpp"
+#include "io/warnings.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr std::size_t kHeaderBytes = 84;  // 80 of comment, then the number of triangles
+constexpr std::size_t kTriangleBytes = 50;
+
+class StlReader {
+ public:
+  StlReader(ByteSource& source, const Progress& progress)
+      : input_(source, progress), builder_(input_), vertices_(builder_.vertices) {}
+
+  ReadResult read() {
+    if (is_binary()) {
+      read_binary();
+    } else {
+      read_ascii();
+    }
+    builder_.finish(result_);
+    return std::move(result_);
+  }
+
+ private:
+  // Binary files may begin with "solid" too. The number of triangles in a binary header gives the
+  // length of the file; where the length is not known, a byte that no text holds tells.
+  bool is_binary() {
+    const auto size = input_.remaining();
+    const std::string_view head = input_.peek(2 * kHeaderBytes);
+    if (size && head.size() >= kHeaderBytes &&
+        *size == kHeaderBytes + std::uint64_t{kTriangleBytes} * claimed(head)) {
+      return true;
+    }
+    const auto text = std::find_if(head.begin(), head.end(),
+                                   [](unsigned char c) { return std::isspace(c) == 0; });
+    const bool says_solid = std::string_view(text, head.end()).starts_with("solid");
+    const bool has_text_only = std::all_of(head.begin(), head.end(), [](unsigned char c) {
+      return c >= 0x80 || std::isprint(c) != 0 || std::isspace(c) != 0;
+    });
+    return !(says_solid && has_text_only);
+  }
+
+  static std::uint32_t claimed(std::string_view head) {
+    const auto byte = [&](std::size_t i) {
+      return std::uint32_t{static_cast<unsigned char>(head[kHeaderBytes - 4 + i])};
+    };
+    return byte(0) | byte(1) << 8U | byte(2) << 16U | byte(3) << 24U;
+  }
+
+  void read_binary() {
+    const std::string_view head(input_.bytes(kHeaderBytes, "the header"), kHeaderBytes);
+    const std::uint32_t num_triangles = claimed(head);
+    constexpr std::int64_t kCountOffset = kHeaderBytes - 4;
+    builder_.reserve_faces(input_.checked_claim(num_triangles, kTriangleBytes, "triangles",
+                                                {std::nullopt, kCountOffset}));
+    for (std::uint32_t i = 0; i < num_triangles; ++i) {
+      const std::int64_t start = input_.offset();
+      const char* bytes = input_.bytes(kTriangleBytes, "the triangles");
+      std::array<float, 12> values;  // normal, three positions; then two bytes of attributes
+      std::memcpy(values.data(), bytes, sizeof(values));
+      for (std::size_t c = 0; c < 3; ++c) {
+        const float* p = values.data() + 3 * (c + 1);
+        if (!(std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2]))) {
+          throw FormatError::at_byte(start, "vertex: expected finite numbers");
+        }
+        corners_[c].vertex = vertices_.index({p[0], p[1], p[2]}, input_);
+      }
+      builder_.add_polygon(corners_, MeshBuilder::kNone, {std::nullopt, start});
+    }
+    if (!input_.at_end()) {
+      warn(result_.warnings, "bytes after the last triangle left out");
+    }
+  }
+
+  // solid, facet normal, outer loop, vertex x y z (three times), endloop, endfacet, endsolid:
+  // the vertices between loops count, whatever else a program writes.
+  void read_ascii() {
+    std::string_view line;
+    std::size_t num_corners = 0;
+    bool ended = false;
+    while (input_.next_line(line)) {
+      LineCursor cursor(line, input_.line());
+      const std::string_view keyword = cursor.word();
+      if (keyword == "vertex") {
+        if (num_corners == 3) input_.fail_at_line("facet: expected 3 vertices, got more");
+        const double x = cursor.number("vertex");
+        const double y = cursor.number("vertex");
+        const double z = cursor.number("vertex");
+        corners_[num_corners++].vertex = vertices_.index({x, y, z}, input_);
+        ended = false;
+      } else if (keyword == "endloop") {
+        if (num_corners != 3) {
+          input_.fail_at_line("facet: expected 3 vertices, got " + std::to_string(num_corners));
+        }
+        builder_.add_polygon(corners_, MeshBuilder::kNone, {input_.line(), std::nullopt});
+        num_corners = 0;
+      } else if (keyword == "endsolid") {
+        ended = true;
+      }
+    }
+    if (num_corners != 0 || !ended) {
+      throw FormatError::at_line(input_.line() + 1, "file ends before endsolid");
+    }
+  }
+
+  InputBuffer input_;
+  MeshBuilder builder_;
+  // STL stores three positions per triangle; equal ones become one vertex.
+  UniqueRows<Vertices> vertices_;
+  ReadResult result_;
+  std::array<MeshBuilder::Corner, 3> corners_;
+};
+
+}  // namespace
+
+ReadResult read_stl(ByteSource& source, const ReadOptions&, const Progress& progress) {
+  return StlReader(source, progress).read();
+}
+
+void write_stl(Output& out, const WriteJob& job) {
+  const MeshView& mesh = job.mesh;
+  if (mesh.has_texcoords()) warn(job.warnings, "STL: texture coordinates left out");
+  if (mesh.has_materials()) warn(job.warnings, "STL: materials left out");
+  if (mesh.colors.rows() > 0) warn(job.warnings, "STL: colors left out");
+  // Never "solid", which would look like text to others.
+  std::string header = "binary STL";
+  header.resize(kHeaderBytes - 4, ' ');
+  out.text(header);
+  out.binary(static_cast<std::uint32_t>(mesh.num_faces()));
+  bool exact = true;
+  for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
+    const Eigen::Vector3d a = mesh.vertices.row(mesh.faces(f, 0));
+    const Eigen::Vector3d b = mesh.vertices.row(mesh.faces(f, 1));
+    const Eigen::Vector3d c = mesh.vertices.row(mesh.faces(f, 2));
+    const Eigen::Vector3d normal = (b - a).cross(c - a).normalized();
+    for (const Eigen::Vector3d& row :
+         {Eigen::Vector3d(normal.allFinite() ? normal : Eigen::Vector3d::Zero()), a, b, c}) {
+      for (int k = 0; k < 3; ++k) out.binary(static_cast<float>(row[k]));
+    }
+    for (const Eigen::Vector3d& p : {a, b, c}) {
+      exact = exact && p == p.cast<float>().cast<double>();
+      if (!p.cast<float>().allFinite()) {
+        throw InputError("vertices: STL holds 32-bit numbers, a coordinate is too large for them");
+      }
+    }
+    out.binary(std::uint16_t{0});
+  }
+  if (!exact) warn(job.warnings, "STL: coordinates rounded to 32 bits");
+}
+
+}  // namespace manip3d
