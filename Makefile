@@ -93,7 +93,7 @@ fuzz: ## Run each fuzz target over its corpus, then FUZZ_RUNS times
 	tools/install_packages.sh $(PACKAGES) $(FUZZ_PACKAGES)
 	cmake --preset fuzz >/dev/null
 	cmake --build --preset fuzz
-	cpp/fuzz/run.sh build/fuzz/cpp/fuzz $(FUZZ_RUNS)
+	cpp/fuzz/run.sh $(FUZZ_RUNS)
 
 # The instrumented module lies in build/asan/site and goes before the editable one: entries of
 # PYTHONPATH do not run .venv's .pth files, which install the editable package's import hook.

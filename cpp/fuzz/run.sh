@@ -1,0 +1,43 @@
+#!/bin/bash
+# Runs each fuzz target over its corpus, then EXECUTIONS times from a fixed seed.
+# usage: cpp/fuzz/run.sh EXECUTIONS [TARGET...]      TARGET: obj, mtl, ply, ...; default: all
+# Build first: cmake --preset fuzz && cmake --build --preset fuzz. FUZZ_BUILD names another folder.
+# Ends with 1 when a target found something; the input is left in the folder `findings`.
+set -u
+here=$(cd "$(dirname "$0")" && pwd)
+build=${FUZZ_BUILD:-$here/../../build/fuzz/cpp/fuzz}
+executions=${1:?usage: run.sh EXECUTIONS [TARGET...]}
+shift
+if [ $# -eq 0 ]; then
+  for source in "$here"/fuzz_*.cpp; do
+    name=$(basename "$source" .cpp)
+    set -- "$@" "${name#fuzz_}"
+  done
+fi
+findings=$build/findings
+mkdir -p "$findings"
+options=(-max_len=65536 -malloc_limit_mb=256 -timeout=5 -seed=1 "-artifact_prefix=$findings/")
+failed=0
+printf '%-12s %8s %12s %10s %s\n' target corpus executions exec/s result
+for name in "$@"; do
+  program=$build/fuzz_$name
+  corpus=$here/corpus/$name
+  log=$findings/$name.log
+  work=$(mktemp -d)
+  mkdir -p "$corpus"
+  count=$(find "$corpus" -type f | wc -l)
+  # First the corpus as it stands, which holds every past finding; then new inputs.
+  if find "$corpus" -type f -exec "$program" "${options[@]}" {} + >"$log" 2>&1 &&
+    "$program" "${options[@]}" -runs="$executions" -print_final_stats=1 "$work" "$corpus" \
+      >"$log" 2>&1; then
+    result=ok
+  else
+    result="FINDING, see $log"
+    failed=1
+  fi
+  rm -rf "$work"
+  done_runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
+  rate=$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log")
+  printf '%-12s %8s %12s %10s %s\n' "$name" "$count" "${done_runs:--}" "${rate:--}" "$result"
+done
+exit $failed
