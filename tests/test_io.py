@@ -40,7 +40,7 @@ def test_round_trip_keeps_bits(tmp_path: Path, suffix: str) -> None:
     mesh = manip3d.Mesh(
         rng.normal(size=(5, 3)) * 1e3,
         [[0, 1, 2], [2, 3, 4]],
-        texcoords=rng.random((4, 2)),
+        texcoords=rng.random((4, 2)).astype(np.float32),
         face_texcoords=[[0, 1, 2], [-1, -1, -1]],
         colors=rng.integers(0, 256, (5, 3), dtype=np.uint8),
         face_material=[1, -1],

@@ -4,6 +4,7 @@
 # Build first: cmake --preset fuzz && cmake --build --preset fuzz. FUZZ_BUILD names another folder.
 # Ends with 1 when a target found something; the input is left in the folder `findings`.
 set -u
+shopt -s nullglob
 here=$(cd "$(dirname "$0")" && pwd)
 build=${FUZZ_BUILD:-$here/../../build/fuzz/cpp/fuzz}
 executions=${1:?usage: run.sh EXECUTIONS [TARGET...]}

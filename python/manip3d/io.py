@@ -175,7 +175,8 @@ def write_mesh(mesh: Mesh, path: str | os.PathLike[str]) -> None:
 
     The file appears whole or not at all: it is written under a temporary name, synced and renamed.
     Textures and the OBJ material library are put beside it first, under names that do not change
-    what an existing file of that folder refers to. Coordinates read back as the same doubles.
+    what an existing file of that folder refers to. Positions read back as the same doubles; STL
+    rounds them to 32 bits, PLY rounds texture coordinates (MeshLab's convention).
 
     Raises
     ------

@@ -153,6 +153,7 @@ class ObjReader {
            "material library '" + std::string(names) + "' left out: no folder to read it from");
       return;
     }
+    if (libraries_named_.contains(std::string(names))) return;
     std::error_code missing;
     if (fs::exists(options_.folder / names, missing)) return load_library(std::string(names));
     LineCursor cursor(names, input_.line());
@@ -162,6 +163,11 @@ class ObjReader {
   // A library that is missing or outside of the folder costs its materials, not the mesh.
   void load_library(std::string name) {
     std::replace(name.begin(), name.end(), '\\', '/');
+    if (!libraries_named_.insert(name).second) return;
+    constexpr std::size_t kMostLibraries = 100;  // each costs system calls
+    if (libraries_named_.size() > kMostLibraries) {
+      throw FormatError::at_line(input_.line(), "more than 100 material libraries");
+    }
     fs::path path;
     try {
       path =
@@ -196,6 +202,7 @@ class ObjReader {
   std::vector<std::string> material_names_;
   std::int32_t material_ = MeshBuilder::kNone;
   std::unordered_map<std::string, Material> library_;
+  std::set<std::string> libraries_named_;
   std::set<fs::path> libraries_read_;
 };
 

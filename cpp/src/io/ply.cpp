@@ -717,8 +717,7 @@ class PlyWriter {
         job_(job),
         mesh_(job.mesh),
         normals_(vertex_normals(mesh_, job.warnings)),
-        wide_positions_(!fits_float(mesh_.vertices)),
-        wide_texcoords_(!fits_float(mesh_.texcoords)) {}
+        wide_positions_(!fits_float(mesh_.vertices)) {}
 
   void write() {
     find_textures();
@@ -760,8 +759,8 @@ class PlyWriter {
     out_.text("element face " + std::to_string(mesh_.faces.rows()) +
               "\nproperty list uchar int vertex_indices\n");
     if (mesh_.has_texcoords()) {
-      out_.text(wide_texcoords_ ? "property list uchar double texcoord\n"
-                                : "property list uchar float texcoord\n");
+      // 32 bits: MeshLab overlooks a list of doubles.
+      out_.text("property list uchar float texcoord\n");
     }
     if (!texture_names_.empty()) out_.text("property int texnumber\n");
     if (mesh_.has_materials()) out_.text("property int material_index\n");
@@ -800,7 +799,7 @@ class PlyWriter {
     out_.binary(static_cast<std::uint8_t>(has ? 6 : 0));
     for (int c = 0; has && c < 3; ++c) {
       for (int k = 0; k < 2; ++k) {
-        real(mesh_.texcoords(mesh_.face_texcoords(f, c), k), wide_texcoords_);
+        real(mesh_.texcoords(mesh_.face_texcoords(f, c), k), false);
       }
     }
   }
@@ -809,7 +808,7 @@ class PlyWriter {
   const WriteJob& job_;
   const MeshView& mesh_;
   Vertices normals_;
-  bool wide_positions_, wide_texcoords_;
+  bool wide_positions_;
   std::vector<std::string> texture_names_;
   std::vector<std::int32_t> texture_of_material_;
 };
