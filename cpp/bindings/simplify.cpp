@@ -78,6 +78,7 @@ Fields to_fields(QemResult&& r, const py::object& source) {
   result["stop"] = r.stop;
   result["message"] = r.message;
   result["rejected"] = rejected;
+  result["off_seam_collapses"] = r.off_seam_collapses;
   result["locked_vertices"] = r.locked_vertices;
   result["dropped_faces"] = r.dropped_faces;
   result["clamped_costs"] = r.clamped_costs;

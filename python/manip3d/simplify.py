@@ -178,6 +178,8 @@ class SimplifyResult:
     collapse_errors : (C,) float64
     rejected : dict of str to int
         How many candidate collapses were turned down, by reason.
+    off_seam_collapses : int
+        Collapses of seam vertices that had to leave their seam to reach the target (QEM4VR).
     locked_vertices : int
         Output vertices that the method does not move.
     dropped_faces : int
@@ -197,6 +199,7 @@ class SimplifyResult:
     collapses: NDArray[np.int32] = field(repr=False)
     collapse_errors: NDArray[np.float64] = field(repr=False)
     rejected: dict[str, int]
+    off_seam_collapses: int
     locked_vertices: int
     dropped_faces: int
     clamped_costs: int
@@ -304,7 +307,7 @@ def qem4vr(
         or eq. 2.5 as printed, on the mesh scaled to a unit diagonal.
     seam_mode : 'planes', 'paper' or 'lock'
         Planes perpendicular to the faces of each seam edge, and seam vertices that move along
-        their seam only; the quadrics of seam vertices times ``seam_weight``, as printed, which
+        their seam only, as long as the target can be reached so; the quadrics of seam vertices times ``seam_weight``, as printed, which
         protects nothing where the quadric is zero; or seam vertices that never move.
     complex_vertices : 'keep' or 'freeze'
         Boundary vertices with other than two boundary neighbours never move; ``'freeze'`` also

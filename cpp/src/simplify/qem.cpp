@@ -185,12 +185,14 @@ class QemSimplifier {
     QemResult result;
     fill_queue();
     const double start = static_cast<double>(mesh_.num_faces());
-    std::int64_t collapses_at_fill = 0;
+    std::int64_t collapses_at_fill = -1;
     for (std::int64_t step = 0; mesh_.num_faces() > options_.target_faces; ++step) {
       if (queue_.empty()) {
-        // A turned-down collapse may have become legal through changes further away.
-        if (static_cast<std::int64_t>(result.collapses.size()) == collapses_at_fill) break;
-        collapses_at_fill = static_cast<std::int64_t>(result.collapses.size());
+        // A turned-down collapse may have become legal through changes further away. When none
+        // has, the target is worth more than the seams.
+        const auto num_collapses = static_cast<std::int64_t>(result.collapses.size());
+        if (num_collapses == collapses_at_fill && !leave_seams()) break;
+        collapses_at_fill = num_collapses;
         fill_queue();
         continue;
       }
@@ -229,6 +231,19 @@ class QemSimplifier {
   }
 
  private:
+  /// Lets seam vertices leave their seam; false if they already may.
+  bool leave_seams() {
+    if (options_.texture != TextureTerm::kSeamPlanes || may_leave_seams_) return false;
+    may_leave_seams_ = true;
+    return true;
+  }
+
+  [[nodiscard]] bool is_locked_now(const VertexClass& vertex) const {
+    VertexClass freed = vertex;
+    if (may_leave_seams_) freed.is_seam_corner = false;
+    return is_locked(freed, options_);
+  }
+
   void fill_queue() {
     for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) propose(v, nullptr);
   }
@@ -238,7 +253,7 @@ class QemSimplifier {
     if (mesh_.is_isolated(v)) return;
     mesh_.gather_ring(v, ring_);
     const VertexClass vertex = classify_vertex(mesh_, ring_, v);
-    if (is_locked(vertex, options_)) {
+    if (is_locked_now(vertex)) {
       queue_.remove(v);
       return;
     }
@@ -258,7 +273,8 @@ class QemSimplifier {
         edge.num_faces != 1) {
       return false;  // along the boundary only
     }
-    return options_.texture != TextureTerm::kSeamPlanes || !vertex.is_seam || edge.is_seam;
+    return options_.texture != TextureTerm::kSeamPlanes || may_leave_seams_ || !vertex.is_seam ||
+           edge.is_seam;
   }
 
   [[nodiscard]] Candidate price(std::int32_t v, std::int32_t t) {
@@ -308,9 +324,16 @@ class QemSimplifier {
       propose(v, &candidate);
       return;
     }
+    if (may_leave_seams_ && leaves_seam(v, t)) ++result.off_seam_collapses;
     collapse(v, t);
     result.collapses.push_back({v, t, error});
     result.max_error = std::max(result.max_error, error);
+  }
+
+  [[nodiscard]] bool leaves_seam(std::int32_t v, std::int32_t t) {
+    const Ring& ring = legality_.ring();
+    const VertexClass vertex = classify_vertex(mesh_, ring, v);
+    return vertex.is_seam && (vertex.is_seam_corner || !ring.find(t)->is_seam);
   }
 
   void collapse(std::int32_t v, std::int32_t t) {
@@ -337,7 +360,7 @@ class QemSimplifier {
     for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
       if (mesh_.is_isolated(v)) continue;
       mesh_.gather_ring(v, ring_);
-      result.locked_vertices += is_locked(classify_vertex(mesh_, ring_, v), options_) ? 1 : 0;
+      result.locked_vertices += is_locked_now(classify_vertex(mesh_, ring_, v)) ? 1 : 0;
     }
     result.mesh = mesh_.extract(input_, result.kept, result.vertex_map, result.face_map);
     follow_collapses(result);
@@ -360,6 +383,7 @@ class QemSimplifier {
   Ring ring_;
   WedgeMap map_;
   std::vector<std::int32_t> neighbours_;
+  bool may_leave_seams_ = false;
 };
 
 void check_options(const QemOptions& options) {

@@ -29,7 +29,8 @@ enum class BoundaryCurvature : std::uint8_t {
 enum class TextureTerm : std::uint8_t {
   kNone,        ///< Attributes are carried along, for nothing (QEM_ORIG, QEM_BP).
   kQuadric5,    ///< Quadrics over (x, y, z, u, v) per distinct UV (QEM_TP, QEM_BTP; eq. 2.7).
-  kSeamPlanes,  ///< Planes along seams, weight W_t; seam vertices stay on their seam (QEM4VR).
+  kSeamPlanes,  ///< Planes along seams, weight W_t; seam vertices stay on their seam, as long as
+                ///< the target can be reached so (QEM4VR).
   kSeamPaper,   ///< The quadric of a seam vertex times W_t, as printed.
   kSeamLock,    ///< Seam vertices never move.
 };
@@ -103,6 +104,7 @@ struct QemResult {
   StopReason stop = StopReason::kTargetReached;
   std::string message;                                  ///< For kRefused: why.
   std::array<std::int64_t, kNumRejections> rejected{};  ///< Candidates turned down, by Rejection.
+  std::int64_t off_seam_collapses = 0;  ///< Of seam vertices that had to leave their seam.
   std::int64_t locked_vertices = 0;                     ///< Vertices that the method does not move.
   std::int64_t dropped_faces = 0;  ///< Input faces with a repeated vertex, left out.
   std::int64_t clamped_costs = 0;  ///< Errors below zero by rounding, taken as zero.
