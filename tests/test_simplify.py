@@ -192,6 +192,33 @@ def disc(rim: int = 64, rings: int = 8) -> Mesh:
     return Mesh(vertices, np.concatenate(faces))
 
 
+def test_a_curved_rim_keeps_its_shape() -> None:
+    mesh = disc()
+    result = simplify.qem4vr(mesh, target_faces=30)
+    assert result.stop == StopReason.TARGET_REACHED
+    boundary = {v for edge, n in edge_counts(result.mesh).items() if n == 1 for v in edge}
+    on_rim = np.linalg.norm(result.mesh.vertices[sorted(boundary)], axis=1)
+    np.testing.assert_allclose(on_rim, 1.0)  # the rim is still made of vertices of the rim
+    # A regular polygon of as many corners has the least gap that any choice can have.
+    gap = metrics.boundary_gap(mesh, result.mesh).forward.max
+    regular = 1 - np.cos(np.pi / len(boundary))
+    assert regular * 0.99 <= gap <= 4 * regular
+    plain = simplify.qem_orig(mesh, target_faces=30).mesh
+    assert metrics.boundary_gap(mesh, plain).forward.max > 4 * gap
+
+
+def test_more_boundary_weight_means_less_boundary_gap() -> None:
+    mesh = models.hill()
+    gaps = [
+        metrics.boundary_gap(
+            mesh, simplify.qem4vr(mesh, ratio=0.1, boundary_weight=weight).mesh
+        ).forward.mean
+        for weight in (0.0, 5.0, 1000.0)
+    ]
+    assert gaps[2] <= gaps[1] <= gaps[0]
+    assert gaps[2] < gaps[0]
+
+
 def test_boundary_loops_keep_three_edges() -> None:
     """A triangle of its own, and a square with a triangular hole, are as small as they get."""
     triangle = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
@@ -269,6 +296,20 @@ def pairs_of(mesh: Mesh) -> set[tuple[float, ...]]:
     return {tuple(corner) for corner in corners.reshape(-1, 5).tolist()}
 
 
+def test_a_seam_with_two_texture_coordinates_stays_closed() -> None:
+    """A pipe unrolled along a cut: no face may span the texture, no vertex may leave its UV."""
+    mesh = models.pipe()
+    result = simplify.qem4vr(mesh, ratio=0.2)
+    assert result.stop == StopReason.TARGET_REACHED
+    assert pairs_of(result.mesh) <= pairs_of(mesh)
+    assert result.mesh.texcoords is not None
+    u = result.mesh.texcoords[result.mesh.face_texcoords][:, :, 0]
+    assert (np.ptp(u, axis=1) <= 0.5).all()
+    assert metrics.boundary_gap(mesh, result.mesh).cracks == 0
+    error = metrics.texture_error(mesh, result.mesh)
+    assert error.mean < metrics.texture_error(mesh, simplify.qem_orig(mesh, ratio=0.2).mesh).mean
+
+
 def test_texture_quadrics_refuse_faces_without_texture_coordinates() -> None:
     mesh = models.floor()
     assert mesh.face_texcoords is not None
@@ -278,6 +319,19 @@ def test_texture_quadrics_refuse_faces_without_texture_coordinates() -> None:
         assert result.stop == StopReason.REFUSED
         assert f"{untextured} of {mesh.num_faces}" in result.message
         np.testing.assert_array_equal(result.mesh.faces, mesh.faces)
+
+
+def test_texture_quadrics_price_texture_coordinates() -> None:
+    """Where a texture bends more than the ball does, vertices stay for it."""
+    ball = simplify.clean(models.ball()).mesh
+    u = np.abs(ball.vertices[:, 0]) ** 3 + 0.2 * ball.vertices[:, 1]
+    mesh = ball.replace(
+        texcoords=np.column_stack([u, ball.vertices[:, 2]]), face_texcoords=ball.faces
+    )
+    textured, plain = (run(mesh, ratio=0.2).mesh for run in (simplify.qem_tp, simplify.qem_orig))
+    error, without = (metrics.texture_error(mesh, m).rms for m in (textured, plain))
+    assert error < 0.9 * without
+    assert metrics.metro(mesh, textured).mean > metrics.metro(mesh, plain).mean  # its price
 
 
 def test_normals_and_colours_follow_their_vertices() -> None:

@@ -56,7 +56,7 @@ struct QemOptions {
   double boundary_weight = 5.0;  ///< W_b.
   BoundaryCurvature curvature = BoundaryCurvature::kTurning;
   TextureTerm texture = TextureTerm::kSeamPlanes;
-  double seam_weight = 1000.0;  ///< W_t.
+  double seam_weight = 100.0;  ///< W_t: of seam planes, or a factor (kSeamPaper).
   ComplexVertices complex_vertices = ComplexVertices::kKeep;
   LinkCondition link_condition = LinkCondition::kManifold;
   double quality_threshold =
@@ -105,9 +105,9 @@ struct QemResult {
   std::string message;                                  ///< For kRefused: why.
   std::array<std::int64_t, kNumRejections> rejected{};  ///< Candidates turned down, by Rejection.
   std::int64_t off_seam_collapses = 0;  ///< Of seam vertices that had to leave their seam.
-  std::int64_t locked_vertices = 0;                     ///< Vertices that the method does not move.
-  std::int64_t dropped_faces = 0;  ///< Input faces with a repeated vertex, left out.
-  std::int64_t clamped_costs = 0;  ///< Errors below zero by rounding, taken as zero.
+  std::int64_t locked_vertices = 0;     ///< Vertices that the method does not move.
+  std::int64_t dropped_faces = 0;       ///< Input faces with a repeated vertex, left out.
+  std::int64_t clamped_costs = 0;       ///< Errors below zero by rounding, taken as zero.
 };
 
 /// Edge collapse with subset placement, ordered by quadric error [Garland & Heckbert 1997], with
