@@ -52,8 +52,8 @@ std::vector<FaceTerms> face_terms(const MeshView& mesh, int num_threads, const P
 
 enum class VertexKind : std::uint8_t { kInterior, kBoundary, kNonManifold };
 
-// Around a manifold vertex the faces form one fan: no edge with more than two faces, and all
-// corners connected through shared edges.
+// Around a manifold vertex the faces form one fan, connected through edges with two faces. At an
+// edge with more of them fans end, so its vertices have several.
 std::vector<VertexKind> classify_vertices(const MeshView& mesh) {
   const Edges edges = find_edges(mesh.faces, mesh.num_vertices());
   std::vector<VertexKind> kinds(static_cast<std::size_t>(mesh.num_vertices()),
@@ -73,7 +73,6 @@ std::vector<VertexKind> classify_vertices(const MeshView& mesh) {
     const auto faces = edges.faces_of(e);
     for (const std::int32_t v : {edges.vertices(e, 0), edges.vertices(e, 1)}) {
       if (edges.is_boundary(e)) kinds[v] = std::max(kinds[v], VertexKind::kBoundary);
-      if (edges.is_non_manifold(e)) kinds[v] = VertexKind::kNonManifold;
       if (faces.size() == 2) fan[find(corner_at(faces[0], v))] = find(corner_at(faces[1], v));
     }
   }
