@@ -9,18 +9,29 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+import tempfile
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import manip3d
-from manip3d import Mesh
+from manip3d import Mesh, read_mesh
+from manip3d.io import WRITABLE, write_mesh
 from manip3d.metrics import boundary_gap, closest_points, fmpd, metro, texture_error
 from manip3d.simplify import METHODS, clean
 from manip3d.viewer import html, picture
 from zoo import MESHES, REFUSED, TRIANGLE
+
+
+def written_and_read(mesh: Mesh, suffix: str) -> Mesh:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"mesh{suffix}"
+        write_mesh(mesh, path)
+        return read_mesh(path)
+
 
 FUNCTIONS: dict[str, Callable[[Mesh], object]] = {
     "replace": lambda mesh: mesh.replace(source="x.obj"),
@@ -44,6 +55,10 @@ FUNCTIONS: dict[str, Callable[[Mesh], object]] = {
     "picture": lambda mesh: picture(mesh, size=(24, 16), boundary=True),
     "html": html,
     "notebook": lambda mesh: mesh._repr_mimebundle_(),
+    **{
+        f"write{suffix}": lambda mesh, suffix=suffix: written_and_read(mesh, suffix)
+        for suffix in WRITABLE
+    },
     "clean-unwelded": lambda mesh: clean(mesh, weld=False, duplicates="any"),
 }
 
