@@ -135,3 +135,20 @@ def test_unknown_suffix_and_foreign_folders_are_refused(results: Path, tmp_path:
     (results / "results.json").write_text("[]")
     with pytest.raises(FormatError, match="running it again"):
         write_report(results, tmp_path / "report.html")
+
+
+def test_headlines_are_ratios_on_published_files_only(results: Path) -> None:
+    def pretend(record: dict) -> None:
+        toy = record["experiments"]["toy"]
+        column = toy["columns"][1] | {"published": "printed", "digits": 3, "scale": 1.0}
+        toy["columns"] = [column | {"name": "a"}, column | {"name": "b", "ratio": False}]
+        for row, same in zip(toy["rows"], (True, False, False), strict=True):
+            row |= {"method": "qem4vr", "same_file": same, "stands_in_for": "Head", "error": ""}
+            row |= {"a": 3.0, "b": 5.0, "printed": 4.0}
+
+    edit(results, pretend)
+    text = page(results)
+    cards = text[text.index('class="headlines"') : text.index('<section id="toy">')]
+    assert cards.count('class="card"') == 1
+    assert "× 0.75" in cards
+    assert "of the published Head, another mesh" in text

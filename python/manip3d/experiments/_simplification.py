@@ -463,8 +463,15 @@ SHARED_COLUMNS = (
 )
 METRO_COLUMNS = (
     *SHARED_COLUMNS,
-    Column("metro_vertex", "Metro, vertex", 1e3, 3, "published_metro_vertex", lower_is_better=True),
-    Column("metro_area", "Metro, area", 1e3, 3, lower_is_better=True),
+    Column(
+        "metro_vertex",
+        "Metro, vertex, 1e-3",
+        1e3,
+        3,
+        "published_metro_vertex",
+        lower_is_better=True,
+    ),
+    Column("metro_area", "Metro, area, 1e-3", 1e3, 3, lower_is_better=True),
     Column("metro_vertex_rms", "RMS, vertex", 1e3, 3),
     Column("metro_area_backward", "Metro back, area", 1e3, 3),
     Column("boundary_gap", "boundary gap", 1e3, 3),

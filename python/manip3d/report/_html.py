@@ -84,12 +84,12 @@ def _headlines(results: Mapping[str, Any]) -> Iterator[dict[str, str]]:
     """What QEM4VR reaches on the published files, beside what is printed."""
     seen = set()
     for name, record in results["experiments"].items():
-        for column in record["columns"]:
+        for column in (column for column in record["columns"] if column["ratio"]):
             for row in record["rows"]:
                 measured, printed = row.get(column["name"]), row.get(column["published"])
                 about = (row.get("model"), column["name"])
                 wanted = row.get("method") == "qem4vr" and row.get("same_file")
-                if not wanted or row.get("level") or about in seen or column["name"] == "faces":
+                if not wanted or row.get("level") or about in seen:
                     continue
                 if isinstance(measured, float) and isinstance(printed, float) and printed > 0:
                     seen.add(about)
