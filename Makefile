@@ -86,7 +86,7 @@ tidy: setup ## Run clang-tidy over the C++ core
 	tools/install_packages.sh clang-tidy
 	clang-tidy -p build/dev --quiet $(wildcard cpp/src/*/*.cpp)
 
-bench: setup ## Compare with the peers that are installed (pip install -e '.[peers]')
+bench: setup ## Compare with the peers that are installed (benchmarks/setup.sh)
 	$(BIN)/python -m benchmarks
 
 fuzz: ## Run each fuzz target over its corpus, then FUZZ_RUNS times

@@ -1,0 +1,12 @@
+"""All benchmarks, one after the other: ``python benchmarks`` (``make bench``)."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+
+for topic in ("startup", "io", "metrics", "simplify"):
+    subprocess.run([sys.executable, str(HERE / f"bench_{topic}.py")], check=True)

@@ -1,0 +1,142 @@
+"""Simplification beside the peers: time, memory and every measure, same inputs, same targets.
+
+``python benchmarks/bench_simplify.py [--models ...] [--peers ...] [--rounds N] -o results.json``
+
+Each run is a process of its own, pinned to one core. A round runs every peer once, so that a
+machine that becomes slower hits all alike; ratios are those of times of the same rounds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import models
+import tables
+from manip3d import Mesh, metrics
+from measuring import environment
+from peers import PEERS
+
+HERE = Path(__file__).parent
+TIMEOUT_S = 600
+MOST_SAMPLES = 4_000_000  # of the area samples; 10 per face below 400 000 faces
+COSTS = ("cpu_s", "wall_s", "base_bytes", "peak_bytes")
+Row = dict[str, Any]
+
+
+def run_once(peer: str, mesh: Path, target: int, output: Path) -> dict[str, Any]:
+    """What `run_peer` says; a peer that dies or does not come back is a status too."""
+    command = [sys.executable, str(HERE / "run_peer.py"), peer, str(mesh), str(target), str(output)]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return {"status": "timeout", "message": f"more than {TIMEOUT_S} s"}
+    if done.returncode != 0:
+        last = (done.stderr.strip() or f"exit {done.returncode}").splitlines()[-1]
+        return {"status": "failed", "message": last}
+    said: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return said
+
+
+def quality(original: Mesh, simplified: Mesh) -> dict[str, Any]:
+    """All measures of a result; texture ones where both meshes have texture coordinates."""
+    measured: dict[str, Any] = {
+        "faces": simplified.num_faces,
+        "vertices": simplified.num_vertices,
+    }
+    for sampling in ("vertex", "area"):
+        samples = min(10 * original.num_faces, MOST_SAMPLES) if sampling == "area" else None
+        metro = metrics.metro(original, simplified, sampling=sampling, samples=samples)
+        measured[f"metro_{sampling}"] = {
+            "mean": metro.mean,
+            "rms": metro.rms,
+            "max": metro.max,
+            "backward_mean": metro.backward.mean / metro.diagonal,
+        }
+    measured["fmpd"] = metrics.fmpd(original, simplified).value
+    gap = metrics.boundary_gap(original, simplified)
+    if gap.forward is not None:
+        measured["boundary_gap"] = gap.forward.mean / gap.diagonal
+    measured["cracks"] = gap.cracks
+    if original.texcoords is not None and simplified.texcoords is not None:
+        measured["texture"] = asdict(metrics.texture_error(original, simplified))
+    return measured
+
+
+def new_row(model: str, mesh: Mesh, target: int, peer: str) -> Row:
+    """A row without results."""
+    return {
+        "model": model,
+        "input_faces": mesh.num_faces,
+        "textured": mesh.texcoords is not None,
+        "target": target,
+        "peer": peer,
+        "keeps_texture": PEERS[peer].texture,
+        "placement": PEERS[peer].placement,
+        "status": "",
+        "load": os.getloadavg()[0],
+        **{cost: [] for cost in COSTS},
+    }
+
+
+def compare(model: models.Model, peers: list[str], rounds: int, folder: Path) -> list[Row]:
+    """One row per peer on one model."""
+    mesh = model.load()
+    target = model.target(mesh)
+    source = folder / "mesh.pickle"
+    source.write_bytes(pickle.dumps(mesh))
+    rows = [new_row(model.name, mesh, target, peer) for peer in peers]
+    for number in range(rounds):
+        for row in rows:
+            if row["status"] not in ("", "ok"):
+                continue  # what cannot run once cannot run twice
+            output = folder / f"{row['peer']}.pickle"
+            said = run_once(row["peer"], source, target, output)
+            row |= {key: said[key] for key in ("status", "message") if key in said}
+            if said["status"] == "ok":
+                for cost in COSTS:
+                    row[cost].append(said[cost])
+        print(f"{time.strftime('%H:%M:%S')} {model.name}: round {number + 1}", file=sys.stderr)
+    for row in rows:
+        if row["status"] == "ok":
+            output = folder / f"{row['peer']}.pickle"
+            row |= quality(mesh, pickle.loads(output.read_bytes()))
+    return rows
+
+
+def main() -> None:
+    """Run, store, and write the tables of RESULTS.md."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--models", nargs="+", default=list(models.MODELS), metavar="MODEL")
+    parser.add_argument("--peers", nargs="+", default=list(PEERS), choices=PEERS, metavar="PEER")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("-o", "--output", type=Path, default=Path("results.json"))
+    options = parser.parse_args()
+
+    stored: list[Row] = []
+    if options.output.exists():  # results of models that are not run now stay
+        stored = json.loads(options.output.read_text())["rows"]
+    results: dict[str, Any] = {"environment": environment()}
+    for name in options.models:
+        with tempfile.TemporaryDirectory() as folder:
+            rows = compare(models.get(name), options.peers, options.rounds, Path(folder))
+        stored = [row for row in stored if row["model"] != name] + rows
+        order = list(models.MODELS)
+        results["rows"] = sorted(stored, key=lambda row: order.index(row["model"]))
+        options.output.write_text(json.dumps(results, indent=1) + "\n")
+        tables.write_simplify(results)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,91 @@
+"""What a call costs: processor time, wall time and peak memory of this process; and the machine."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+PACKAGES = ("manip3d", "numpy", "pymeshlab", "meshlib", "open3d-cpu", "open3d", "vtk",
+            "fast-simplification", "trimesh")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Of one call.
+
+    Attributes
+    ----------
+    cpu_s : float
+        Processor time of the process, all threads: on a shared machine what repeats best.
+    wall_s : float
+    base_bytes : int
+        Resident before the call: interpreter, libraries, input.
+    peak_bytes : int
+        Most resident during the call. (Linux's VmHWM, set back before the call; ``ru_maxrss``
+        would still hold the peak of loading.)
+    """
+
+    cpu_s: float
+    wall_s: float
+    base_bytes: int
+    peak_bytes: int
+
+
+def _status_bytes(field: str) -> int:
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith(field + ":"):
+            return 1024 * int(line.split()[1])
+    raise OSError(f"/proc/self/status has no {field}")
+
+
+def measure(call: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> tuple[T, Cost]:
+    """The call's result and what it cost."""
+    gc.collect()
+    ctypes.CDLL(None).malloc_trim(0)  # what loading freed is not to be used again unseen
+    Path("/proc/self/clear_refs").write_text("5")  # sets VmHWM back to VmRSS
+    base = _status_bytes("VmRSS")
+    cpu, wall = time.process_time(), time.perf_counter()
+    result = call(*args, **kwargs)
+    cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+    return result, Cost(cpu, wall, base, _status_bytes("VmHWM"))
+
+
+def one_thread() -> None:
+    """Pin this process and its children to one core; call it before libraries are imported."""
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    os.environ["OMP_NUM_THREADS"] = os.environ["MANIP3D_THREADS"] = "1"
+
+
+def _version(package: str) -> str | None:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def environment() -> dict[str, Any]:
+    """The machine in general terms, and versions."""
+    model = next(
+        line.partition(":")[2].strip()
+        for line in Path("/proc/cpuinfo").read_text().splitlines()
+        if line.startswith("model name")
+    )
+    return {
+        "cpu": model,
+        "cores": os.cpu_count(),
+        "memory_gib": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30),
+        "system": f"{platform.freedesktop_os_release()['PRETTY_NAME']}, {platform.machine()}",
+        "python": platform.python_version(),
+        "versions": {name: found for name in PACKAGES if (found := _version(name))},
+    }

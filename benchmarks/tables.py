@@ -1,0 +1,198 @@
+"""Results as Markdown tables, each in its own section of RESULTS.md.
+
+A section lies between ``<!-- NAME -->`` and ``<!-- /NAME -->``; what stands around them is written
+by hand and stays.
+"""
+
+from __future__ import annotations
+
+import re
+import statistics
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+RESULTS = Path(__file__).with_name("RESULTS.md")
+REFERENCE = "manip3d QEM4VR"
+MIB = 2**20
+Row = dict[str, Any]
+
+
+def write_section(name: str, markdown: str, path: Path = RESULTS) -> None:
+    """Replace a section; the file must have it."""
+    pattern = re.compile(f"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
+    text, found = pattern.subn(
+        lambda match: f"{match[1]}\n{markdown}\n{match[2]}", path.read_text(encoding="utf-8")
+    )
+    if not found:
+        raise ValueError(f"{path}: no section {name}")
+    path.write_text(text, encoding="utf-8")
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table; the first column to the left, numbers to the right."""
+    lines = [head, ["---"] + ["---:"] * (len(head) - 1), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
+
+
+def environment_line(environment: Row) -> str:
+    """What it was measured on, in one sentence."""
+    versions = ", ".join(f"{name} {version}" for name, version in environment["versions"].items())
+    return (
+        f"{environment['cpu']}, {environment['cores']} cores, {environment['memory_gib']} GiB, "
+        f"{environment['system']}, Python {environment['python']}; {versions}.\n"
+    )
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """Significant digits without an exponent; a dash for nothing."""
+    if value is None:
+        return "–"
+    if value == 0.0:
+        return "0"
+    return f"{value:#.{digits}g}".rstrip(".") if abs(value) < 1e4 else f"{value:.0f}"
+
+
+def write_simplify(results: Row) -> None:
+    """The sections `environment`, `ratios` and `simplify`."""
+    write_section("environment", environment_line(results["environment"]))
+    models = [list(rows) for _, rows in groupby(results["rows"], key=lambda row: row["model"])]
+    write_section("ratios", _ratios(models))
+    write_section("simplify", "\n".join(map(_model_tables, models)))
+
+
+def _median_time(row: Row) -> float:
+    return float(statistics.median(row["cpu_s"]))
+
+
+def _vertex_metro(row: Row) -> float:
+    return float(row["metro_vertex"]["mean"])
+
+
+def _area_metro(row: Row) -> float:
+    return float(row["metro_area"]["mean"])
+
+
+COMPARED = {"time": _median_time, "vertex Metro": _vertex_metro, "area Metro": _area_metro}
+
+
+def _ratios(models: list[list[Row]]) -> str:
+    """Time and error of each peer over QEM4VR's: a row per model, above 1 it is behind."""
+    peers = list(dict.fromkeys(row["peer"] for rows in models for row in rows))
+    others = [peer for peer in peers if not peer.startswith("manip3d")]
+    parts = []
+    for title, value in COMPARED.items():
+        body = []
+        for rows in models:
+            ran = {row["peer"]: row for row in rows if row["status"] == "ok"}
+            if REFERENCE not in ran:
+                continue
+            own = value(ran[REFERENCE])
+            cells = [
+                f"{value(ran[peer]) / own:.2f}{_missed(ran[peer])}" if peer in ran else "–"
+                for peer in others
+            ]
+            body.append([rows[0]["model"], *cells])
+        parts.append(table([f"{title} / QEM4VR's", *others], body))
+    return "\n".join(parts)
+
+
+def _model_tables(rows: list[Row]) -> str:
+    first = rows[0]
+    rounds = max(len(row["cpu_s"]) for row in rows)
+    head = (
+        f"### {first['model']}: {first['input_faces']:,} → {first['target']:,} faces\n\n"
+        f"Rounds: {rounds}; load average at the start: {first['load']:.1f}.\n"
+    )
+    reference = next((row for row in rows if row["peer"] == REFERENCE), None)
+    if reference is None or reference["status"] != "ok":
+        reference = None
+    ran = [row for row in rows if row["status"] == "ok"]
+    absent = [row for row in rows if row["status"] != "ok"]
+    notes = "".join(f"- {row['peer']}: {_status(row)}\n" for row in absent)
+    return f"{head}\n{_costs(ran, reference)}\n{_measures(ran)}\n{notes}"
+
+
+def _status(row: Row) -> str:
+    message = row.get("message", "")
+    return f"{row['status']} ({message})" if message else row["status"]
+
+
+def _ratio(row: Row, reference: Row | None) -> str:
+    if reference is None:
+        return "–"
+    return f"{_median_time(row) / _median_time(reference):.2f}"
+
+
+def _missed(row: Row) -> str:
+    """A mark where the target was missed by more than a percent."""
+    return " *" if abs(row["faces"] - row["target"]) > 0.01 * row["target"] else ""
+
+
+def _faces(row: Row) -> str:
+    return f"{row['faces']:,}{_missed(row)}"
+
+
+def _costs(rows: list[Row], reference: Row | None) -> str:
+    body = []
+    for row in rows:
+        extra = [p - b for p, b in zip(row["peak_bytes"], row["base_bytes"], strict=True)]
+        body.append(
+            [
+                row["peer"],
+                row["placement"],
+                _faces(row),
+                number(1e3 * _median_time(row)),
+                number(1e3 * min(row["cpu_s"])),
+                _ratio(row, reference),
+                f"{statistics.median(extra) / MIB:.0f}",
+                f"{statistics.median(row['peak_bytes']) / MIB:.0f}",
+            ]
+        )
+    head = [
+        "peer", "placement", "faces", "ms, median", "ms, least", "time / QEM4VR",
+        "MiB for the call", "MiB of the process",
+    ]  # fmt: skip
+    return table(head, body)
+
+
+def _measures(rows: list[Row]) -> str:
+    textured = rows[0]["textured"] if rows else False
+    head = [
+        "errors / diagonal, 1e-3", "vertex mean", "area mean", "area RMS", "area max",
+        "area back", "FMPD", "boundary gap", "cracks",
+    ]  # fmt: skip
+    if textured:
+        head += ["texture mean, 1e-2", "texture RMS, 1e-2", "wrong material"]
+    return table(head, [_measure_row(row, textured) for row in rows])
+
+
+def _measure_row(row: Row, textured: bool) -> list[str]:
+    area = row["metro_area"]
+    gap = row.get("boundary_gap")
+    cells = [
+        row["peer"],
+        number(1e3 * row["metro_vertex"]["mean"]),
+        number(1e3 * area["mean"]),
+        number(1e3 * area["rms"]),
+        number(1e3 * area["max"]),
+        number(1e3 * area["backward_mean"]),
+        number(row["fmpd"]),
+        number(None if gap is None else 1e3 * gap),
+        str(row["cracks"]),
+    ]
+    if not textured:
+        return cells
+    if not row["keeps_texture"]:
+        return [*cells, "ignores UVs", "–", "–"]
+    texture = row.get("texture")
+    if texture is None or texture["mean"] is None:
+        return [*cells, "–", "–", "–"]
+    mismatch = 100.0 * texture["material_mismatch_rate"]
+    return [
+        *cells,
+        number(100.0 * texture["mean"]),
+        number(100.0 * texture["rms"]),
+        f"{mismatch:.2f} %",
+    ]
