@@ -274,7 +274,7 @@ def qem4vr(
     ratio: float | None = None,
     max_error: float | None = None,
     boundary_weight: float = 5.0,
-    seam_weight: float = 100.0,
+    seam_weight: float = 30.0,
     curvature: Curvature = "turning",
     seam_mode: SeamMode = "planes",
     complex_vertices: ComplexVertices = "keep",

@@ -23,6 +23,7 @@ _BUILT_IN = (
     "figure_2_11",
     "figure_2_17",
     "ablation_boundary_weight",
+    "ablation_seam_weight",
 )
 
 

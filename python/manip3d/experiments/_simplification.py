@@ -28,7 +28,7 @@ PUBLISHED_TARGETS = {"RockerArm": 8174, "Head": 1844}
 # many as the published models have.
 SIMULATED = (
     (StandIn("RockerArm", "rocker"), 80_354),
-    (StandIn("Car", "car", "stored", variant="as stored"), 268_630),
+    (StandIn("Car", "car", variant="as stored"), 268_630),
     (StandIn("Car", "car", "any-unwelded", variant="one-sided"), 268_630),
     (StandIn("Dragon", "lifeboat"), 37_986),
     (StandIn("Head", "head", textured=True), 17_684),
@@ -41,7 +41,7 @@ _QUICK_FRACTION = 0.125
 _QUICK = (
     "rockerArm",
     "2CylinderEngine, welded",
-    "lifeboat",
+    "lifeboat, as stored",
     "LeePerrySmith",
     "BAe-125-uv",
     "G-164A",

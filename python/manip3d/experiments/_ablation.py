@@ -1,0 +1,97 @@
+"""What experiments share that vary one option of QEM4VR: cases, columns and the claim."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
+from manip3d.experiments._simplification import (
+    METRO_COLUMNS,
+    STAND_IN_NOTE,
+    complete,
+    models,
+    simplification_case,
+)
+
+
+def weight_ablation(
+    *,
+    id: str,
+    title: str,
+    option: str,
+    symbol: str,
+    weights: Sequence[float],
+    readings: Sequence[dict[str, Any]],
+    meshes: dict[str, Sequence[str]],
+    measures: dict[str, float],
+    source_value: float,
+    note: str,
+) -> Experiment:
+    """QEM4VR at several values of one weight.
+
+    Parameters
+    ----------
+    readings : sequence of dict
+        Other options to combine each weight with; they become columns too.
+    meshes : dict of scale to labels
+        Which models it looks at.
+    measures : dict of column to scale
+        In which the source's value is judged.
+    """
+
+    def cases(plan: Plan) -> list[Case]:
+        return [
+            simplification_case(model, faces, "qem4vr", plan, **{option: weight}, **reading)
+            for model, faces in models(plan)
+            if model.mesh in meshes[plan.scale] and "welded" not in model.variant
+            for reading in readings
+            for weight in weights
+        ]
+
+    def completed(row: Row) -> Row:
+        options = row["method_options"]
+        return complete(row) | {name: options[name] for name in (option, *readings[0])}
+
+    def best(name: str, scale: float) -> Claim:
+        def judge(rows: Sequence[Row]) -> Iterator[Finding]:
+            groups: dict[tuple[str, ...], dict[float, float]] = {}
+            for row in rows:
+                if row.get(name) is not None:
+                    key = (row["model"], *(f"{key} {row[key]!r}" for key in readings[0]))
+                    groups.setdefault(key, {})[row[option]] = row[name]
+            for key, errors in groups.items():
+                numbers = ", ".join(
+                    f"{symbol} = {w:g}: {e * scale:.3f}" for w, e in sorted(errors.items())
+                )
+                mine = errors.get(source_value)
+                holds = None if mine is None else mine <= min(errors.values())
+                yield Finding(", ".join(key), holds, f"{numbers} (1/{scale:g})")
+
+        listed = ", ".join(f"{weight:g}" for weight in weights)
+        text = f"{symbol} = {source_value:g} has the lowest {name} of {listed} on every model"
+        return Claim(text, "section 2.5, parameters", judge)
+
+    texture_columns = [
+        Column(name, f"{name.replace('_', ' ')}, 1e-2", 1e2, 3, lower_is_better=True)
+        for name in ("texture_mean", "texture_rms")
+        if name in measures
+    ]
+    return Experiment(
+        id=id,
+        title=title,
+        published="",
+        data=tuple(dict.fromkeys(mesh for group in meshes.values() for mesh in group)),
+        cases=cases,
+        columns=(
+            *(Column(name, name) for name in readings[0]),
+            Column(option, symbol),
+            Column("faces", "faces"),
+            *(replace(column, published="") for column in METRO_COLUMNS[2:]),
+            *texture_columns,
+        ),
+        claims=tuple(best(name, scale) for name, scale in measures.items()),
+        complete=completed,
+        notes=(STAND_IN_NOTE, note),
+    )
