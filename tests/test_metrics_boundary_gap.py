@@ -148,3 +148,10 @@ def test_refuses_bad_input() -> None:
             boundary_gap(mesh, mesh, tolerance=tolerance)
     with pytest.raises(manip3d.InputError, match="original: expected at least one face"):
         boundary_gap(manip3d.Mesh(mesh.vertices, []), mesh)
+
+
+def test_a_simplified_mesh_of_another_order_of_magnitude_is_measured_at_once() -> None:
+    """Found by fuzzing: edges were cut into pieces of the original's size, 1e12 of them."""
+    gap = boundary_gap(plane(1), moved(plane(1), [0, 0, 0], scale=1e9))
+    assert gap.backward.samples < 10_000
+    assert gap.backward.max == pytest.approx(1e9 * math.sqrt(2), rel=1e-6)

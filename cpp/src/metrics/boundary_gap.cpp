@@ -166,6 +166,8 @@ BoundaryGap boundary_gap(const MeshView& original, const MeshView& simplified,
   }
   const NormalizedPair pair(original, simplified);
   const double step = kStep * pair.diagonal();
+  // Of the larger mesh: a simplified edge a million diagonals long is no reason to take as long.
+  const double step_back = std::max(step, kStep * bounding_box(pair.simplified()).diagonal());
   const BoundaryCurve a(pair.original(), options.weld);
   const BoundaryCurve b(pair.simplified(), options.weld);
   const Cracks cracks = find_cracks(b, a, options.tolerance * pair.diagonal(), options.num_threads,
@@ -174,7 +176,7 @@ BoundaryGap boundary_gap(const MeshView& original, const MeshView& simplified,
   gap.forward =
       one_sided(a, b, step, pair.unit(), options.num_threads, part_of(progress, 0.2, 0.6));
   gap.backward =
-      one_sided(b, a, step, pair.unit(), options.num_threads, part_of(progress, 0.6, 1.0));
+      one_sided(b, a, step_back, pair.unit(), options.num_threads, part_of(progress, 0.6, 1.0));
   gap.cracks = cracks.count;
   gap.crack_length = cracks.length * pair.unit();
   gap.diagonal = pair.diagonal() * pair.unit();

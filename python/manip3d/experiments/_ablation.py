@@ -9,6 +9,7 @@ from typing import Any
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
 from manip3d.experiments._simplification import (
     METRO_COLUMNS,
+    SIMULATED,
     STAND_IN_NOTE,
     complete,
     models,
@@ -73,6 +74,7 @@ def weight_ablation(
         text = f"{symbol} = {source_value:g} has the lowest {name} of {listed} on every model"
         return Claim(text, "section 2.5, parameters", judge)
 
+    simulated = {model.mesh for model, _ in SIMULATED}
     texture_columns = [
         Column(name, f"{name.replace('_', ' ')}, 1e-2", 1e2, 3, lower_is_better=True)
         for name in ("texture_mean", "texture_rms")
@@ -82,7 +84,7 @@ def weight_ablation(
         id=id,
         title=title,
         published="",
-        data=tuple(dict.fromkeys(mesh for group in meshes.values() for mesh in group)),
+        data=tuple(mesh for mesh in meshes["full"] if mesh not in simulated),
         cases=cases,
         columns=(
             *(Column(name, name) for name in readings[0]),

@@ -29,11 +29,11 @@ struct BoundaryGap {
 /// tore.
 ///
 /// A boundary edge is used by exactly one face that has three different vertices. Mean and RMS are
-/// by length: each edge is cut into equal pieces of at most 1e-3 diagonals, whose middles are
-/// measured; the maximum looks at the ends of the edges as well. Cracks are decided to within a
-/// thousandth of the tolerance. Without welding every seam of a glTF file is a boundary, on both
-/// sides, and a crack along it goes unnoticed until it is wider than the tolerance.
-/// The same bits for any number of threads.
+/// by length: each edge is cut into equal pieces of at most 1e-3 diagonals (of the larger mesh, for
+/// the simplified one's edges), whose middles are measured; the maximum looks at the ends of the
+/// edges as well. Cracks are decided to within a thousandth of the tolerance. Without welding every
+/// seam of a glTF file is a boundary, on both sides, and a crack along it goes unnoticed until it
+/// is wider than the tolerance. The same bits for any number of threads.
 /// @throws InputError  what check_mesh refuses; a mesh without faces; an original whose bounding
 ///                     box is a point; tolerance not in [1e-6, 1].
 BoundaryGap boundary_gap(const MeshView& original, const MeshView& simplified,
