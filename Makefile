@@ -36,7 +36,7 @@ help: ## List the targets
 setup: $(STAMPS)/viewer $(STAMPS)/built ## Install system packages, .venv, the package (editable), the viewer
 
 $(STAMPS)/venv: Makefile pyproject.toml
-	@tools/install_packages.sh $(PACKAGES)
+	@.ci/install_packages.sh $(PACKAGES)
 	@$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "Python 3.11 or later is needed")'
 	@echo "installing the package and what it needs into $(VENV)"
 	@[ -x $(BIN)/pip ] || $(PYTHON) -m venv $(VENV)
@@ -77,20 +77,20 @@ lint: setup ## Check format, ruff, mypy and that the type stubs of the core are 
 	$(BIN)/ruff check --quiet .
 	$(BIN)/ruff format --quiet --check .
 	$(BIN)/mypy
-	$(BIN)/python tools/stubs.py --check
+	$(BIN)/python .ci/stubs.py --check
 
 stubs: setup ## Write python/manip3d/_core.pyi anew
-	$(BIN)/python tools/stubs.py
+	$(BIN)/python .ci/stubs.py
 
 tidy: setup ## Run clang-tidy over the C++ core
-	tools/install_packages.sh clang-tidy
+	.ci/install_packages.sh clang-tidy
 	clang-tidy -p build/dev --quiet $(wildcard cpp/src/*/*.cpp)
 
 bench: setup ## Compare with the peers that are installed (benchmarks/setup.sh)
 	$(BIN)/python -m benchmarks
 
 fuzz: ## Run each fuzz target over its corpus, then FUZZ_RUNS times
-	tools/install_packages.sh $(PACKAGES) $(FUZZ_PACKAGES)
+	.ci/install_packages.sh $(PACKAGES) $(FUZZ_PACKAGES)
 	cmake --preset fuzz >/dev/null
 	cmake --build --preset fuzz
 	cpp/fuzz/run.sh $(FUZZ_RUNS)
@@ -114,16 +114,16 @@ asan: setup ## Run both test suites under the address and undefined-behaviour sa
 		$$($(BIN)/python -c 'import sys; print(sys._base_executable)') -m pytest $(PYTEST_ASAN)
 
 tsan: ## Run the C++ tests under the thread sanitizer
-	tools/install_packages.sh $(PACKAGES)
+	.ci/install_packages.sh $(PACKAGES)
 	cmake --preset tsan >/dev/null
 	cmake --build --preset tsan
 	ctest --preset tsan
 
 wheel: setup ## Build dist/: the sdist, and from it a wheel that needs no development package
-	tools/build_wheel.sh $(BIN)
+	.ci/build_wheel.sh $(BIN)
 
 wheel-test: ## Install the wheel in a bare Debian (debootstrap, root) and simplify a file there
-	tools/install_packages.sh debootstrap
+	.ci/install_packages.sh debootstrap
 	tests/wheel_in_bare_debian.sh dist/*.whl
 
 clean: ## Remove everything that make made

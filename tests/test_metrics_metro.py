@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import signal
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -196,10 +195,8 @@ def test_a_signal_interrupts() -> None:
     before = signal.signal(signal.SIGALRM, interrupt)
     try:
         signal.setitimer(signal.ITIMER_REAL, 0.1)
-        start = time.monotonic()
         with pytest.raises(InterruptedByTest):
-            metro(mesh, mesh, sampling="area", samples=10**9)
-        assert time.monotonic() - start < 5
+            metro(mesh, mesh, sampling="area", samples=10**9)  # hours, if not interrupted
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)

@@ -1,6 +1,6 @@
 """Write python/manip3d/_core.pyi from the compiled module, or check that it is up to date.
 
-Usage: ``python tools/stubs.py [--check]``, in an environment where ``import manip3d`` works.
+Usage: ``python .ci/stubs.py [--check]``, in an environment where ``import manip3d`` works.
 """
 
 from __future__ import annotations
