@@ -162,3 +162,11 @@ def test_vertices_that_are_not_manifold_count_as_interior(faces: list[list[int]]
     assert result.non_manifold
     assert_equals(result, transcription(mesh, ball(4), [boundary, NOWHERE]))
     assert not fmpd(ball(4), hill(3, 0.1)).non_manifold
+
+
+def test_meshes_of_very_different_sizes_are_compared() -> None:
+    """Found by fuzzing: areas in the other mesh's unit overflowed, and the result was NaN."""
+    mesh = sphere(6)
+    large = mesh.replace(vertices=mesh.vertices * 2.0**540)
+    assert fmpd(mesh, large).value == 0.0
+    assert fmpd(large, mesh).value == 0.0

@@ -31,12 +31,21 @@ struct FaceTerms {
   double weight[3];  // of the edge opposite to the corner: half its cotangent
 };
 
+// A power of two near the size of the mesh: in this unit no area overflows or vanishes, also where
+// the two meshes are of very different sizes, and no bit of a ratio of areas changes.
+double own_unit(const MeshView& mesh) {
+  const BoundingBox box = bounding_box(mesh);
+  const double size = (box.max - box.min).maxCoeff();
+  return size > 0.0 ? std::ldexp(1.0, std::clamp(std::ilogb(size), -1000, 1000)) : 1.0;
+}
+
 std::vector<FaceTerms> face_terms(const MeshView& mesh, int num_threads, const Progress& progress) {
+  const double unit = own_unit(mesh);
   std::vector<FaceTerms> terms(static_cast<std::size_t>(mesh.num_faces()));
   const auto compute = [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t f = begin; f < end; ++f) {
       Vector3d p[3];
-      for (int k = 0; k < 3; ++k) p[k] = mesh.vertices.row(mesh.faces(f, k));
+      for (int k = 0; k < 3; ++k) p[k] = mesh.vertices.row(mesh.faces(f, k)) / unit;
       const double doubled_area = (p[1] - p[0]).cross(p[2] - p[0]).norm();
       terms[f].area = 0.5 * doubled_area;
       for (int k = 0; k < 3; ++k) {
