@@ -28,7 +28,7 @@ from peers import PEERS
 
 HERE = Path(__file__).parent
 TIMEOUT_S = 600
-MOST_SAMPLES = 4_000_000  # of the area samples; 10 per face below 400 000 faces
+MOST_SAMPLES = 1_000_000  # of the area samples, 10 per face below 100 000 faces
 COSTS = ("cpu_s", "wall_s", "base_bytes", "peak_bytes")
 Row = dict[str, Any]
 
@@ -118,24 +118,30 @@ def compare(model: models.Model, peers: list[str], rounds: int, folder: Path) ->
 def main() -> None:
     """Run, store, and write the tables of RESULTS.md."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--models", nargs="+", default=list(models.MODELS), metavar="MODEL")
+    parser.add_argument(
+        "--models",
+        nargs="*",
+        default=list(models.MODELS),
+        metavar="MODEL",
+        help="none: write the tables of the stored results anew",
+    )
     parser.add_argument("--peers", nargs="+", default=list(PEERS), choices=PEERS, metavar="PEER")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("-o", "--output", type=Path, default=Path("results.json"))
     options = parser.parse_args()
 
-    stored: list[Row] = []
+    results: dict[str, Any] = {"rows": []}
     if options.output.exists():  # results of models that are not run now stay
-        stored = json.loads(options.output.read_text())["rows"]
-    results: dict[str, Any] = {"environment": environment()}
+        results = json.loads(options.output.read_text())
+    order = list(models.MODELS)
     for name in options.models:
         with tempfile.TemporaryDirectory() as folder:
             rows = compare(models.get(name), options.peers, options.rounds, Path(folder))
-        stored = [row for row in stored if row["model"] != name] + rows
-        order = list(models.MODELS)
-        results["rows"] = sorted(stored, key=lambda row: order.index(row["model"]))
+        rows += (row for row in results["rows"] if row["model"] != name)
+        rows.sort(key=lambda row: order.index(row["model"]))
+        results = {"environment": environment(), "rows": rows}
         options.output.write_text(json.dumps(results, indent=1) + "\n")
-        tables.write_simplify(results)
+    tables.write_simplify(results)
 
 
 if __name__ == "__main__":

@@ -46,18 +46,21 @@ def environment_line(environment: Row) -> str:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Significant digits without an exponent; a dash for nothing."""
+    """Significant digits; a dash for nothing."""
     if value is None:
         return "–"
     if value == 0.0:
         return "0"
-    return f"{value:#.{digits}g}".rstrip(".") if abs(value) < 1e4 else f"{value:.0f}"
+    if abs(value) >= 10.0 ** (digits - 1):
+        return f"{value:,.0f}"
+    return f"{value:#.{digits}g}"
 
 
 def write_simplify(results: Row) -> None:
-    """The sections `environment`, `ratios` and `simplify`."""
+    """The sections `environment`, `claims`, `ratios` and `simplify`."""
     write_section("environment", environment_line(results["environment"]))
     models = [list(rows) for _, rows in groupby(results["rows"], key=lambda row: row["model"])]
+    write_section("claims", _claims(results["rows"]))
     write_section("ratios", _ratios(models))
     write_section("simplify", "\n".join(map(_model_tables, models)))
 
@@ -75,6 +78,37 @@ def _area_metro(row: Row) -> float:
 
 
 COMPARED = {"time": _median_time, "vertex Metro": _vertex_metro, "area Metro": _area_metro}
+
+
+def _claims(rows: list[Row]) -> str:
+    """What has to hold, with the numbers; a claim whose rows are missing is left out."""
+    ran = {(row["model"], row["peer"]): row for row in rows if row["status"] == "ok"}
+    body = []
+
+    def claim(words: str, got: float, limit: float, digits: int = 3) -> None:
+        verdict = "holds" if got <= limit else "**does not hold**"
+        body.append([words, number(got, digits), number(limit, digits), verdict])
+
+    for model in ("rockerArm", "ferrari_458"):
+        for peer in ("PyMeshLab subset", "PyMeshLab optimal"):
+            if (model, REFERENCE) in ran and (model, peer) in ran:
+                own, theirs = (_median_time(ran[model, name]) for name in (REFERENCE, peer))
+                claim(f"{model}: QEM4VR's ms, at most those of {peer}", 1e3 * own, 1e3 * theirs)
+    if row := ran.get(("ferrari_458", REFERENCE)):
+        most = max(row["peak_bytes"]) / MIB
+        claim(f"{row['input_faces']:,} faces: MiB of the process, at most 1 GiB", most, 1024)
+    if row := ran.get(("rockerArm", REFERENCE)):
+        claim("rockerArm: vertex Metro, 1e-3", 1e3 * _vertex_metro(row), 0.160)
+        claim("rockerArm: area Metro, 1e-3", 1e3 * _area_metro(row), 0.142)
+    if row := ran.get(("LeePerrySmith", REFERENCE)):
+        claim("Head: mean texture error, 1e-2", 1e2 * row["texture"]["mean"], 0.34)
+        claim("Head: RMS texture error, 1e-2 (aim)", 1e2 * row["texture"]["rms"], 0.45)
+        for name in ("QEM_TP", "QEM_BTP"):
+            if other := ran.get(("LeePerrySmith", f"manip3d {name}")):
+                for kind, metro in (("vertex", _vertex_metro), ("area", _area_metro)):
+                    words = f"Head: {kind} Metro, 1e-3, at most {name}'s"
+                    claim(words, 1e3 * metro(row), 1e3 * metro(other))
+    return table(["claim", "QEM4VR", "limit", "verdict"], body)
 
 
 def _ratios(models: list[list[Row]]) -> str:
