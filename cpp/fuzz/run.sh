@@ -1,6 +1,7 @@
 #!/bin/bash
 # Runs each fuzz target over its corpus, then EXECUTIONS times from a fixed seed.
 # usage: cpp/fuzz/run.sh EXECUTIONS [TARGET...]      TARGET: obj, mtl, ply, ...; default: all
+# Kernels (metrics, simplify) run a tenth of that.
 # Build first: cmake --preset fuzz && cmake --build --preset fuzz. FUZZ_BUILD names another folder.
 # Ends with 1 when a target found something; the input is left in the folder `findings`.
 set -u
@@ -27,9 +28,13 @@ for name in "$@"; do
   work=$(mktemp -d)
   mkdir -p "$corpus"
   count=$(find "$corpus" -type f | wc -l)
+  # Kernels are no parsers: each execution runs them several times over.
+  case $name in metrics | simplify) runs=$((executions / 10)) ;; *) runs=$executions ;; esac
+  dictionary=()
+  [ -e "$here/$name.dict" ] && dictionary=("-dict=$here/$name.dict")
   # First the corpus as it stands, which holds every past finding; then new inputs.
   if find "$corpus" -type f -exec "$program" "${options[@]}" {} + >"$log" 2>&1 &&
-    "$program" "${options[@]}" -runs="$executions" -print_final_stats=1 "$work" "$corpus" \
+    "$program" "${options[@]}" "${dictionary[@]}" -runs="$runs" -print_final_stats=1 "$work" "$corpus" \
       >"$log" 2>&1; then
     result=ok
   else
