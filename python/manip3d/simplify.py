@@ -274,7 +274,7 @@ def qem4vr(
     ratio: float | None = None,
     max_error: float | None = None,
     boundary_weight: float = 5.0,
-    seam_weight: float = 30.0,
+    seam_weight: float = 100.0,
     curvature: Curvature = "turning",
     seam_mode: SeamMode = "planes",
     complex_vertices: ComplexVertices = "keep",
@@ -301,9 +301,9 @@ def qem4vr(
     boundary_weight : float
         W_b of eq. 2.6.
     seam_weight : float
-        W_t: weight of the planes along seams, or of a seam vertex's quadric (``'paper'``). The
-        source's 1000 is a factor of quadrics; as a weight of planes it freezes seams, at twice
-        the geometric error on welded models with many of them. More keeps seams straighter.
+        W_t: weight of the planes along seams, or of a seam vertex's quadric (``'paper'``). More
+        keeps seams straighter, less keeps the surface closer. The source's 1000 is a factor of
+        quadrics; the experiment ``ablation-seam-weight`` shows what it does as a weight of planes.
     curvature : 'turning' or 'paper'
         Of the boundary at a vertex: |r' x r''| / (2 |r'|^2), which does not depend on the unit,
         or eq. 2.5 as printed, on the mesh scaled to a unit diagonal.

@@ -330,6 +330,20 @@ def lowest_claims(
     return tuple(claims)
 
 
+def below(name: str, sampling: str, method: str, model: str, *, scale: float) -> Claim:
+    """QEM4VR has less of a measure than one baseline, on a published model that is here."""
+
+    def judge(rows: Sequence[Row]) -> Iterator[Finding]:
+        for label, group in by_model(rows):
+            both = {m: r for m, r in ran(group).items() if m in (method, "qem4vr")}
+            if len(both) == 2 and both[method]["stands_in_for"] == model:
+                holds = both["qem4vr"][name] < both[method][name]
+                yield Finding(label, holds, listing(both, name, scale))
+
+    text = f"{model}: QEM4VR has a lower Metro ({sampling} sampling) than {METHOD_TITLES[method]}"
+    return Claim(text, "aim", judge)
+
+
 def reaches_target() -> Claim:
     """QEM4VR reaches its target on every model."""
 

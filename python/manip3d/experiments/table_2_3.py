@@ -8,6 +8,7 @@ from manip3d.experiments._simplification import (
     METRO_COLUMNS,
     STAND_IN_NOTE,
     TEXTURED_METHODS,
+    below,
     complete,
     equal_methods,
     lowest_claims,
@@ -41,6 +42,11 @@ EXPERIMENT = Experiment(
             "metro_vertex", "Metro (vertex sampling)", "table 2.3", scale=1e3, five=True
         ),
         *lowest_claims("metro_area", "Metro (area sampling)", "table 2.3", scale=1e3, five=True),
+        *(
+            below(name, sampling, method, "Head", scale=1e3)
+            for name, sampling in (("metro_vertex", "vertex"), ("metro_area", "area"))
+            for method in ("qem-tp", "qem-btp")
+        ),
         reaches_target(),
         reaches_where_others_stop(("qem-bp", "qem-btp"), "table 2.3"),
         refuses_faces_without_uv(),

@@ -56,7 +56,7 @@ struct QemOptions {
   double boundary_weight = 5.0;  ///< W_b.
   BoundaryCurvature curvature = BoundaryCurvature::kTurning;
   TextureTerm texture = TextureTerm::kSeamPlanes;
-  double seam_weight = 30.0;  ///< W_t: of seam planes, or a factor (kSeamPaper).
+  double seam_weight = 100.0;  ///< W_t: of seam planes, or a factor (kSeamPaper).
   ComplexVertices complex_vertices = ComplexVertices::kKeep;
   LinkCondition link_condition = LinkCondition::kManifold;
   double quality_threshold =
