@@ -60,7 +60,7 @@ void CollapseMesh::make_wedges(const MeshView& mesh) {
     return;
   }
   struct CornerLook {
-    std::int32_t surface;
+    std::int64_t surface;
     double u, v;
     std::int32_t corner, texcoord;
     [[nodiscard]] auto key() const { return std::tie(surface, u, v, corner); }
@@ -72,7 +72,7 @@ void CollapseMesh::make_wedges(const MeshView& mesh) {
   for (std::int32_t v = 0; v < num_vertices(); ++v) {
     looks.clear();
     for_each_face(v, [&](std::int32_t f, std::int32_t c) {
-      const std::int32_t material = mesh.has_materials() ? mesh.face_material(f) : -1;
+      const std::int64_t material = mesh.has_materials() ? mesh.face_material(f) : -1;
       // A face without texture coordinates is a surface of its own, even with the same material.
       const bool textured = mesh.face_has_texcoords(f);
       const std::int32_t t = textured ? mesh.face_texcoords(f, c) : -1;

@@ -155,7 +155,7 @@ class CollapseMesh {
   Vertices normals_;
   std::vector<std::int32_t> first_corner_;  // of a vertex; corner = 3 face + 0..2; -1: none
   std::vector<std::int32_t> next_corner_;   // of a corner, in the list of its vertex
-  std::vector<std::int32_t> surface_;       // of a wedge: 2 material + (has texture coordinates)
+  std::vector<std::int64_t> surface_;       // of a wedge: 2 material + (has texture coordinates)
   std::vector<Eigen::Vector2d> uvs_;        // of a wedge
   std::vector<std::int32_t> texcoord_;      // of a wedge: row of the input's table, or -1
   std::int64_t num_faces_ = 0;
