@@ -119,6 +119,8 @@ CASES: dict[str, Case] = {
     ),
     "write obj": lambda _: written(pipe, ".obj"),
     "write ply": lambda _: written(pipe, ".ply"),
+    "write off": lambda _: written(floor, ".off"),
+    "write stl": lambda _: written(pipe, ".stl"),
     "write glb": lambda _: written(floor, ".glb"),
     "write gltf": lambda _: written(pipe, ".gltf"),
 }
