@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from manip3d import InputError, Mesh, datasets, read_mesh
 
@@ -43,32 +42,16 @@ def _registered(stand_in: datasets.StandIn) -> Model:
     )
 
 
-def _rotation(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The matrix of a quaternion (x, y, z, w)."""
-    x, y, z, w = quaternion / np.linalg.norm(quaternion)
-    cross: NDArray[np.float64] = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    matrix: NDArray[np.float64] = np.eye(3) + 2.0 * w * cross + 2.0 * cross @ cross
-    return matrix
-
-
 def happy_stand() -> Mesh:
     """The 15 range scans of the Happy Buddha beside each other: 2.1 million triangles.
 
-    Each scan is triangulated on its pixel grid and placed as ``happyStandRight.conf`` says
-    (``bmesh FILE tx ty tz qx qy qz qw``; the rotation is the inverse of the quaternion's).
+    Each scan is triangulated on its pixel grid and placed as ``happyStandRight.conf`` says.
     """
-    root = datasets.data_root()
-    if root is None:
-        raise datasets.DataMissingError("range scans: $MANIP3D_DATA is not set")
-    folder = root / "range_scans" / "happy_stand"
     vertices, faces, offset = [], [], 0
-    for line in (folder / "happyStandRight.conf").read_text().splitlines():
-        kind, *fields = line.split()
-        if kind != "bmesh":
-            continue
-        scan = read_mesh(folder / f"{fields[0]}.xz")
-        pose = np.array(fields[1:], dtype=float)
-        vertices.append(scan.vertices @ _rotation(pose[3:]) + pose[:3])
+    for name in datasets.scan_names("happy_stand"):
+        pose = datasets.load_scan(name).pose
+        scan = read_mesh(datasets.scan_path(name))
+        vertices.append(scan.vertices @ pose[:3, :3].T + pose[:3, 3])
         faces.append(scan.faces + offset)
         offset += scan.num_vertices
     return Mesh(np.concatenate(vertices), np.concatenate(faces))

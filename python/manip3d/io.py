@@ -1,4 +1,4 @@
-"""Reading and writing of mesh and scan files.
+"""Reading and writing of mesh, scan and depth files.
 
 Readers are safe on hostile input: a damaged file, an index out of range, a header that claims more
 than the file can hold end in a `FormatError` that names the file and the line or byte.
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
+from manip3d._depth_files import DEPTH_SUFFIXES, read_depth
 from manip3d.errors import InputError
 from manip3d.mesh import Mesh, Texture
 
@@ -22,10 +23,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = [
+    "DEPTH_SUFFIXES",
     "READABLE",
     "WRITABLE",
     "RangeGrid",
     "ReadReport",
+    "read_depth",
     "read_mesh",
     "read_mesh_bytes",
     "read_range_grid",

@@ -26,6 +26,14 @@ from manip3d.datasets._registry import (
     registry,
     require,
 )
+from manip3d.datasets.scans import (
+    RangeScan,
+    load_scan,
+    read_poses,
+    scan_is_here,
+    scan_names,
+    scan_path,
+)
 from manip3d.datasets.stand_ins import STAND_INS, StandIn
 
 __all__ = [
@@ -38,6 +46,7 @@ __all__ = [
     "DataMissingError",
     "DataSet",
     "FetchError",
+    "RangeScan",
     "StandIn",
     "cache_folder",
     "clean",
@@ -47,9 +56,14 @@ __all__ = [
     "get",
     "is_here",
     "load_mesh",
+    "load_scan",
     "locate",
     "provenance",
+    "read_poses",
     "registry",
     "require",
+    "scan_is_here",
+    "scan_names",
+    "scan_path",
     "source_of",
 ]

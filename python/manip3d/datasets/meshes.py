@@ -7,12 +7,10 @@ merges vertices with bit-identical coordinates), a polygon of n corners counting
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterator
-from importlib.resources import files
 from pathlib import PurePosixPath
 
 from manip3d.datasets._registry import DataFile, DataSet
+from manip3d.datasets._tables import data_file, table
 
 # Written for this collection: the OBJ names the file, its source does not ship it.
 _HEAD_MTL = """\
@@ -43,20 +41,8 @@ _FACTS = (
 )
 
 
-def _table(name: str) -> Iterator[dict[str, str]]:
-    text = files("manip3d.datasets").joinpath(name).read_text(encoding="utf-8")
-    yield from csv.DictReader(text.splitlines())
-
-
 def _file(row: dict[str, str]) -> DataFile:
-    return DataFile(
-        path=f"meshes/{row['path']}",
-        size=int(row["size"]),
-        sha256=row["sha256"],
-        content_sha256=row.get("content_sha256") or row["sha256"],
-        url=row["url"],
-        text=_TEXTS.get(row["path"], ""),
-    )
+    return data_file("meshes", row, _TEXTS.get(row["path"], ""))
 
 
 def _data_set(row: dict[str, str], companions: list[DataFile]) -> DataSet:
@@ -77,8 +63,8 @@ def _data_set(row: dict[str, str], companions: list[DataFile]) -> DataSet:
 
 
 def _data_sets() -> tuple[DataSet, ...]:
-    companions = [_file(row) for row in _table("companions.csv")]
-    return tuple(_data_set(row, companions) for row in _table("meshes.csv"))
+    companions = [_file(row) for row in table("companions.csv")]
+    return tuple(_data_set(row, companions) for row in table("meshes.csv"))
 
 
 DATA_SETS = _data_sets()

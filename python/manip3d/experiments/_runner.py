@@ -168,8 +168,12 @@ def _keyed(cases: Sequence[Case]) -> dict[str, Case]:
 
 
 def _input_hashes(case: Case) -> dict[str, str]:
-    files = (datasets.get(datasets.source_of(name)).files[0] for name in case.inputs)
-    return {file.path: datasets.file_sha256(datasets.require(file, file.path)) for file in files}
+    sets = (datasets.get(datasets.source_of(name)) for name in case.inputs)
+    return {
+        file.path: datasets.file_sha256(datasets.require(file, data_set.name))
+        for data_set in sets
+        for file in data_set.files
+    }
 
 
 def _run_case(case: Case) -> Row:

@@ -1,0 +1,191 @@
+"""The Stanford range scans: single range images with the poses that align them.
+
+``scans.csv`` holds names, checksums, sources and the counts measured on the stored files; faces are
+two triangles per 2x2 cell of pixels with four points, one where three are there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import PurePosixPath
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d.datasets._registry import DataFile, DataSet, get, locate, require
+from manip3d.datasets._tables import data_file, table
+from manip3d.errors import FormatError, InputError
+from manip3d.io import read_range_grid
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+_SETS = {
+    "bunny": ("bunny_scans", "Stanford Bunny, ten single range scans"),
+    "dragon_stand": ("dragon_stand", "Stanford Dragon standing, fifteen single range scans"),
+    "happy_stand": ("happy_stand", "Stanford Happy Buddha standing, fifteen single range scans"),
+}
+_LICENCE = (
+    "Stanford terms: research use, mirroring and free redistribution allowed with acknowledgement "
+    "of the Stanford Computer Graphics Laboratory; commercial use needs permission. The Dragon and "
+    "the Buddha are religious symbols: keep their use in good taste"
+)
+_COPY = "thegyro/Project4-Scan-Matching @8cdb8ae86bade5717851d7dbb7080993c138c150 data"
+
+
+def _data_sets() -> tuple[DataSet, ...]:
+    rows = list(table("scans.csv"))
+    sets = []
+    for folder, (name, title) in _SETS.items():
+        mine = [row for row in rows if row["path"].startswith(f"{folder}/")]
+        scans = [row for row in mine if row["faces"]]
+        files = (data_file("range_scans", row) for row in mine)
+        facts = {"scans": len(scans), "points": sum(int(row["vertices"]) for row in scans)}
+        sets.append(
+            DataSet(
+                name=name,
+                title=title,
+                kind="scan",
+                files=tuple(files),
+                licence=_LICENCE,
+                origin=f"Stanford 3D Scanning Repository, Cyberware 3030MS; this copy: {_COPY}",
+                page="https://graphics.stanford.edu/data/3Dscanrep/",
+                facts=facts,
+            )
+        )
+    return tuple(sets)
+
+
+DATA_SETS = _data_sets()
+
+
+@dataclass(frozen=True)
+class RangeScan:
+    """One range image and where it belongs among its neighbours.
+
+    Attributes
+    ----------
+    name : str
+    points : (H, W, 3) float64
+        In the file's own units (metres) and axes; NaN where nothing was measured.
+    valid : (H, W) bool
+    pose : (4, 4) float64
+        Rigid transform from the scan's frame to the one that all scans of its set share.
+    """
+
+    name: str
+    points: NDArray[np.float64]
+    valid: NDArray[np.bool_]
+    pose: NDArray[np.float64]
+
+
+@cache
+def _sets_of_scans() -> Mapping[str, tuple[DataSet, DataFile]]:
+    return {
+        PurePosixPath(file.plain_path).stem: (data_set, file)
+        for data_set in DATA_SETS
+        for file in data_set.files
+        if file.plain_path.endswith(".ply")
+    }
+
+
+def scan_names(data_set: str = "") -> tuple[str, ...]:
+    """Names of the scans of a data set of kind ``scan``; of all of them without one.
+
+    Raises
+    ------
+    InputError
+        No such data set, or it is of another kind.
+    """
+    wanted = get(data_set) if data_set else None
+    if wanted is not None and wanted.kind != "scan":
+        raise InputError(f"data set: expected range scans, got {wanted.name!r} ({wanted.kind})")
+    return tuple(n for n, (of, _) in _sets_of_scans().items() if wanted in (None, of))
+
+
+def scan_path(name: str) -> Path:
+    """Where the file of a scan lies, its bytes checked; errors as `load_scan`."""
+    data_set, file = _find(name)
+    return require(file, data_set.name)
+
+
+def scan_is_here(name: str) -> bool:
+    """Whether a scan and the poses of its set lie on this machine."""
+    data_set, file = _find(name)
+    return locate(file) is not None and locate(_poses_file(data_set)) is not None
+
+
+def load_scan(name: str) -> RangeScan:
+    """Open a range scan after checking its bytes.
+
+    Parameters
+    ----------
+    name : str
+        One of `scan_names`: ``bun000``, ``happyStandRight_0``, ...
+
+    Raises
+    ------
+    InputError
+        No such scan.
+    DataMissingError, ChecksumError
+        The file is not on this machine, or not the registered one.
+    """
+    data_set, file = _find(name)
+    grid = read_range_grid(require(file, data_set.name))
+    poses = read_poses(require(_poses_file(data_set), data_set.name))
+    return RangeScan(name, grid.points, grid.valid, poses[f"{name}.ply"])
+
+
+def _find(name: str) -> tuple[DataSet, DataFile]:
+    known = _sets_of_scans()
+    if name not in known:
+        raise InputError(f"scan: expected one of {', '.join(known)}, got {name!r}")
+    return known[name]
+
+
+def _poses_file(data_set: DataSet) -> DataFile:
+    return next(file for file in data_set.files if file.path.endswith(".conf"))
+
+
+def read_poses(path: Path) -> dict[str, NDArray[np.float64]]:
+    """The poses of a Stanford ``.conf`` file: ``bmesh FILE tx ty tz qx qy qz qw``.
+
+    Returns
+    -------
+    dict of str to (4, 4) float64
+        By file: the transform of that scan to the frame of all. The rotation is the inverse of the
+        quaternion's, as the format has it.
+
+    Raises
+    ------
+    FormatError
+        A line has other fields.
+    OSError
+    """
+    poses = {}
+    for number, line in enumerate(path.read_text(encoding="ascii").splitlines(), start=1):
+        kind, *fields = line.split() or [""]
+        if kind != "bmesh":
+            continue
+        try:
+            file, values = fields[0], np.array(fields[1:], dtype=np.float64)
+            poses[file] = _rigid(values)
+        except (IndexError, ValueError) as error:
+            text = "expected 'bmesh FILE' and seven numbers, a quaternion among them"
+            raise FormatError(text, file=str(path), line=number) from error
+    return poses
+
+
+def _rigid(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    if values.shape != (7,) or not np.isfinite(values).all() or not np.any(values[3:]):
+        raise ValueError(values)
+    x, y, z, w = values[3:] / np.linalg.norm(values[3:])
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    pose = np.eye(4)
+    pose[:3, :3] = (np.eye(3) + 2.0 * w * cross + 2.0 * cross @ cross).T
+    pose[:3, 3] = values[:3]
+    return pose

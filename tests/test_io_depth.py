@@ -1,0 +1,181 @@
+"""Depth images: what is stored is what comes out, and hostile files end in one typed error."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from manip3d import FormatError, InputError
+from manip3d.io import read_depth
+
+Image = pytest.importorskip("PIL.Image")
+
+DEPTH = np.array([[0, 1, 1000], [4095, 40_000, 65_535]], dtype=np.uint16)
+
+
+def encoded(kind: str, depth: np.ndarray = DEPTH) -> bytes:
+    stream = io.BytesIO()
+    if kind == "npy":
+        np.save(stream, depth)
+    elif kind == "pgm":
+        header = f"P5\n# a comment\n{depth.shape[1]} {depth.shape[0]}\n65535\n".encode()
+        return header + depth.astype(">u2").tobytes()
+    else:
+        Image.fromarray(depth).save(stream, kind)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("kind", ["PNG", "TIFF", "pgm", "npy"])
+def test_every_format_gives_the_stored_numbers(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "depth.bin"  # the content decides
+    path.write_bytes(encoded(kind))
+    depth = read_depth(path)
+    assert depth.dtype == np.uint16
+    assert depth.flags.c_contiguous
+    assert depth.flags.writeable
+    np.testing.assert_array_equal(depth, DEPTH)
+
+
+def test_other_units_become_metres(tmp_path: Path) -> None:
+    path = tmp_path / "tum.png"
+    path.write_bytes(encoded("PNG"))
+    depth = read_depth(path, units_per_metre=5000)
+    assert depth.dtype == np.float32
+    np.testing.assert_array_equal(depth, (DEPTH / 5000.0).astype(np.float32))
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_floating_point_arrays_are_metres(order: str, dtype: type, tmp_path: Path) -> None:
+    metres = np.asarray([[0.0, np.nan, 1.5], [2.25, 0.5, 4.0]], dtype=dtype, order=order)
+    np.save(tmp_path / "depth.npy", metres)
+    depth = read_depth(tmp_path / "depth.npy", units_per_metre=5000)
+    assert depth.dtype == np.float32
+    np.testing.assert_array_equal(depth, metres.astype(np.float32))
+
+
+def test_a_small_largest_value_does_not_stretch_the_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "depth.pgm"
+    path.write_bytes(b"P5 2 1 2047\n" + struct.pack(">HH", 7, 2047))
+    np.testing.assert_array_equal(read_depth(path), [[7, 2047]])
+
+
+def png(width: int, height: int, bits: int = 16, colour: int = 0, rows: bytes = b"") -> bytes:
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        body = kind + data
+        return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))
+
+    header = struct.pack(">IIBBBBB", width, height, bits, colour, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(rows))
+        + chunk(b"IEND", b"")
+    )
+
+
+def npy_header(text: str) -> bytes:
+    body = text.encode().ljust(117) + b"\n"
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(body)) + body
+
+
+HOSTILE = {
+    "nothing": (b"", "got bytes that begin with"),
+    "text": (b"hello, world", "expected a 16-bit PNG, PGM or TIFF"),
+    "jpeg": (b"\xff\xd8\xff\xe0" + bytes(20), "got bytes that begin with"),
+    "short png": (encoded("PNG")[:47], "damaged image"),
+    "huge png": (png(2**31 - 1, 2**31 - 1), "."),
+    "wide png": (png(1 << 13, 1 << 13), "expected at most"),
+    "empty png": (png(0, 4), "."),
+    "png without rows": (png(4, 4), "damaged image"),
+    "8-bit png": (png(1, 1, 8, 0, b"\0\0"), "16 bits of grey, got mode L"),
+    "colour png": (png(1, 1, 8, 2, b"\0\0\0\0"), "got mode RGB"),
+    "flipped png": (encoded("PNG")[:45] + b"\xff" + encoded("PNG")[46:], "damaged image"),
+    "tiff header": (b"II*\0\x08\0\0\0", "damaged image"),
+    "tiff far": (b"II*\0\xff\xff\xff\x7f", "damaged image"),
+    "pgm header": (b"P5 2 ", "expected a PGM header"),
+    "pgm digits": (b"P5 " + b"9" * 5000 + b" 2 65535\n", "expected a PGM header"),
+    "pgm short": (b"P5 2 2 65535\n\0\0\0", "expected 8 bytes of pixels, got 3"),
+    "pgm huge": (b"P5 99999999 99999999 65535\n", "expected at most"),
+    "pgm empty": (b"P5 0 5 65535\n", "at least one pixel"),
+    "pgm 8 bits": (b"P5 1 1 255\n\0", "maximum 256 to 65535"),
+    "pgm above": (b"P5 1 1 300\n\xff\xff", "expected values up to 300"),
+    "npy version": (b"\x93NUMPY\x09\x09junk", "expected a header"),
+    "npy code": (npy_header("__import__('os').abort()"), "expected a header"),
+    "npy object": (npy_header("{'descr':'|O','fortran_order':False,'shape':(1,1)}"), "2-D array"),
+    "npy flat": (npy_header("{'descr':'<u2','fortran_order':False,'shape':(4,)}"), "2-D array"),
+    "npy negative": (
+        npy_header("{'descr':'<u2','fortran_order':False,'shape':(-1,-4)}"),
+        "at least one pixel",
+    ),
+    "npy huge": (
+        npy_header("{'descr':'<f8','fortran_order':False,'shape':(1099511627776,1)}"),
+        "expected at most",
+    ),
+    "npy short": (
+        npy_header("{'descr':'<f8','fortran_order':False,'shape':(2,2)}") + bytes(31),
+        "expected 32 bytes of pixels, got 31",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_files_are_refused_by_name(name: str, tmp_path: Path) -> None:
+    data, message = HOSTILE[name]
+    path = tmp_path / "depth.png"
+    path.write_bytes(data)
+    with pytest.raises(FormatError, match=message) as caught:
+        read_depth(path)
+    assert caught.value.file == str(path)
+
+
+def test_large_files_are_not_read_to_their_end(tmp_path: Path) -> None:
+    path = tmp_path / "depth.npy"
+    with path.open("wb") as file:
+        file.truncate(1 << 34)
+    with pytest.raises(FormatError, match="got a larger file"):
+        read_depth(path, max_pixels=100)
+
+
+def test_arguments_and_missing_files(tmp_path: Path) -> None:
+    path = tmp_path / "depth.png"
+    with pytest.raises(FileNotFoundError):
+        read_depth(path)
+    with pytest.raises(InputError, match="units_per_metre: expected > 0, got nan"):
+        read_depth(path, units_per_metre=float("nan"))
+    with pytest.raises(InputError, match="max_pixels"):
+        read_depth(path, max_pixels=0)
+    path.write_bytes(encoded("PNG"))
+    with pytest.raises(FormatError, match="expected at most 5 pixels, got 3 x 2"):
+        read_depth(path, max_pixels=5)
+
+
+@pytest.fixture(scope="module")
+def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("fuzz") / "depth.png"
+
+
+@pytest.mark.parametrize("kind", ["PNG", "TIFF", "pgm", "npy"])
+@settings(max_examples=300)
+@given(data=st.data())
+def test_damaged_files_never_end_otherwise(kind: str, scratch: Path, data: st.DataObject) -> None:
+    content = bytearray(encoded(kind))
+    for _ in range(data.draw(st.integers(1, 4))):
+        content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
+    scratch.write_bytes(bytes(content[: data.draw(st.integers(1, len(content)))]))
+    try:
+        depth = read_depth(scratch, max_pixels=10_000)
+    except FormatError as error:
+        depth, named = None, error.file
+    if depth is None:
+        assert named == str(scratch)
+    else:
+        assert depth.dtype in (np.uint16, np.float32)
+        assert 0 < depth.size <= 10_000
