@@ -278,6 +278,7 @@ def test_materials() -> None:
             "emissiveFactor": [1, 1, 1],
             "alphaMode": "MASK",
             "alphaCutoff": 0.75,
+            "doubleSided": True,
         },
     ]
     scene.json["textures"] = [{"source": i} for i in range(3)]
@@ -291,7 +292,7 @@ def test_materials() -> None:
     mesh = read(scene.glb())
     np.testing.assert_array_equal(mesh.face_material, [1, 1, -1, -1])
     plain, glass = mesh.materials
-    assert plain == manip3d.Material(metallic=1.0)  # glTF's default
+    assert plain == manip3d.Material(metallic=1.0, double_sided=False)  # glTF's defaults
     external = manip3d.Texture(path="skins/bark é.jpg")
     assert glass == manip3d.Material(
         name="glass",
@@ -300,6 +301,7 @@ def test_materials() -> None:
         roughness=0.25,
         alpha_mode="mask",
         alpha_cutoff=0.75,
+        double_sided=True,
         textures={
             "base_color": manip3d.Texture(data=PNG),
             "metallic_roughness": manip3d.Texture(data=PNG),

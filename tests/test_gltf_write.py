@@ -73,7 +73,7 @@ def mesh() -> Mesh:
         face_material=[0, 0, 0],
         materials=[
             Material("skin", textures={"base_color": Texture(data=PNG)}),
-            Material("glass", (1.0, 0.5, 0.25, 0.125), 0.25, 0.5, "mask", 0.75),
+            Material("glass", (1.0, 0.5, 0.25, 0.125), 0.25, 0.5, "mask", 0.75, double_sided=False),
         ],
     )
 

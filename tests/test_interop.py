@@ -45,7 +45,7 @@ def make(**changes: Any) -> Mesh:
         "face_material": [0, 1, 0, 1],
         "materials": [
             Material("skin", textures={"base_color": Texture(data=picture())}),
-            Material("glass", (1.0, 0.4, 0.2, 0.6), 0.25, 0.5, "mask", 0.75),
+            Material("glass", (1.0, 0.4, 0.2, 0.6), 0.25, 0.5, "mask", 0.75, double_sided=False),
         ],
     }
     return Mesh(**{**parts, **changes})

@@ -53,7 +53,8 @@ py::object to_python(const Material& m) {
           py::make_tuple(m.base_color[0], m.base_color[1], m.base_color[2], m.base_color[3]),
       py::arg("metallic") = m.metallic, py::arg("roughness") = m.roughness,
       py::arg("alpha_mode") = kAlphaModes[static_cast<int>(m.alpha_mode)],
-      py::arg("alpha_cutoff") = m.alpha_cutoff, py::arg("textures") = textures);
+      py::arg("alpha_cutoff") = m.alpha_cutoff, py::arg("double_sided") = m.double_sided,
+      py::arg("textures") = textures);
 }
 
 // The inverse of readable().
@@ -76,6 +77,7 @@ Material to_material(const py::handle& object) {
     if (mode == kAlphaModes[i]) m.alpha_mode = static_cast<AlphaMode>(i);
   }
   m.alpha_cutoff = object.attr("alpha_cutoff").cast<double>();
+  m.double_sided = object.attr("double_sided").cast<bool>();
   for (const auto& [role, value] : object.attr("textures").cast<py::dict>()) {
     Texture& texture = m.textures[role.cast<std::string>()];
     if (!value.attr("path").is_none()) texture.path = file_bytes(value.attr("path"));

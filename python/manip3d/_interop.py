@@ -267,7 +267,7 @@ def _trimesh_material(trimesh: Any, mesh: Mesh, material: Material) -> Any:
         roughnessFactor=material.roughness,
         alphaMode=material.alpha_mode.upper(),
         alphaCutoff=material.alpha_cutoff if material.alpha_mode == "mask" else None,
-        doubleSided=True,
+        doubleSided=material.double_sided,
         **images,
     )
 
@@ -385,6 +385,7 @@ def _from_trimesh_material(material: Any) -> Material:
         roughness=factor(material.roughnessFactor, 1.0),
         alpha_mode=_ALPHA_MODES.get(material.alphaMode or "OPAQUE", "opaque"),
         alpha_cutoff=factor(material.alphaCutoff, 0.5),
+        double_sided=bool(material.doubleSided),
         textures=textures,
     )
 

@@ -50,6 +50,8 @@ class Material:
     alpha_mode : 'opaque', 'mask' or 'blend'
     alpha_cutoff : float
         Alpha below it is not drawn in mode ``mask``.
+    double_sided : bool
+        Whether faces are seen from behind. Only glTF files say; all others mean both sides.
     textures : dict of str to Texture
         By role: ``base_color``, ``metallic_roughness``, ``normal``, ``occlusion``, ``emissive``.
     """
@@ -60,6 +62,7 @@ class Material:
     roughness: float = 1.0
     alpha_mode: AlphaMode = "opaque"
     alpha_cutoff: float = 0.5
+    double_sided: bool = True
     textures: dict[str, Texture] = field(default_factory=dict)
 
 

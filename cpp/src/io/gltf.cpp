@@ -582,7 +582,8 @@ class Reader {
 
   Material read_material(const JsonPlace& place) {
     Material m;
-    m.metallic = 1.0;  // glTF's default, where ours is 0
+    m.metallic = 1.0;  // glTF's defaults, where ours are 0 and true
+    m.double_sided = false;
     if (const auto name = place.find("name")) m.name = name->text();
     if (const auto pbr = place.find("pbrMetallicRoughness")) {
       if (const auto color = pbr->find("baseColorFactor")) {
@@ -600,6 +601,7 @@ class Reader {
     }
     if (const auto mode = place.find("alphaMode")) m.alpha_mode = read_alpha_mode(*mode);
     if (const auto cutoff = place.find("alphaCutoff")) m.alpha_cutoff = cutoff->number();
+    if (const auto both = place.find("doubleSided")) m.double_sided = both->boolean();
     return m;
   }
 

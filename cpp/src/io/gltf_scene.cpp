@@ -262,7 +262,7 @@ class SceneBuilder {
       material["alphaMode"] = "MASK";
       material["alphaCutoff"] = m.alpha_cutoff;
     }
-    material["doubleSided"] = true;
+    material["doubleSided"] = m.double_sided;
     return material;
   }
 

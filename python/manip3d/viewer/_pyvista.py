@@ -110,7 +110,7 @@ def _add_surface(plotter: Any, mesh: Mesh, part: Surface, style: Style) -> None:
         diffuse=0.88,
         specular=0.10,
         specular_power=18.0,
-        culling=False if style.backfaces else "back",
+        culling=False if style.backfaces and part.double_sided else "back",
         show_edges=style.wireframe,
         edge_color=EDGE_COLOR,
         edge_opacity=0.6,

@@ -179,12 +179,15 @@ class Surface:
     opacity : float in [0, 1]
     image : (H, W, 3 or 4) uint8, or None
         Base colour texture, with the alpha that the material's mode gives it.
+    double_sided : bool
+        Seen from behind as well.
     """
 
     faces: NDArray[np.intp]
     color: Points
     opacity: float = 1.0
     image: Image | None = None
+    double_sided: bool = True
 
 
 def surfaces(mesh: Mesh) -> Iterator[Surface]:
@@ -201,11 +204,12 @@ def surfaces(mesh: Mesh) -> Iterator[Surface]:
         opacity = material.base_color[3] if material.alpha_mode == "blend" else 1.0
         image = images.get(material.textures.get("base_color"))
         if image is None or mesh.face_texcoords is None:
-            yield Surface(faces, color, opacity)
+            yield Surface(faces, color, opacity, double_sided=material.double_sided)
             continue
         has_uv = (mesh.face_texcoords[faces] >= 0).all(axis=1)
-        yield Surface(faces[has_uv], color, image=_with_alpha(image, material))
-        yield Surface(faces[~has_uv], color, opacity)
+        textured = _with_alpha(image, material)
+        yield Surface(faces[has_uv], color, image=textured, double_sided=material.double_sided)
+        yield Surface(faces[~has_uv], color, opacity, double_sided=material.double_sided)
 
 
 def downsampled(image: Image, factor: int) -> Image:

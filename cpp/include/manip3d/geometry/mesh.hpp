@@ -35,6 +35,7 @@ struct Material {
   double roughness = 1.0;
   AlphaMode alpha_mode = AlphaMode::kOpaque;
   double alpha_cutoff = 0.5;
+  bool double_sided = true;  ///< Only glTF tells; elsewhere both sides of a face are seen.
   /// By role: "base_color", "metallic_roughness", "normal", "occlusion", "emissive".
   std::map<std::string, Texture> textures;
 };

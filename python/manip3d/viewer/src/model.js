@@ -40,10 +40,11 @@ export class Model {
     });
     for (const surface of this.surfaces) {
       surface.userData.materials = [
-        new THREE.MeshStandardMaterial({ color: CLAY, roughness: 0.8 }),
+        new THREE.MeshStandardMaterial({ color: CLAY, roughness: 0.8, side: THREE.DoubleSide }),
         surface.material,
       ];
       for (const material of surface.userData.materials) {
+        material.userData.side = material.side;
         material.polygonOffset = true; // lines on the surface stay in front of it
         material.polygonOffsetFactor = material.polygonOffsetUnits = 1;
       }
@@ -61,7 +62,7 @@ export class Model {
     for (const surface of this.surfaces) {
       const material = surface.userData.materials[Number(looks.texture)];
       material.flatShading = looks.flat || !surface.geometry.attributes.normal;
-      material.side = looks.backfaces ? THREE.DoubleSide : THREE.FrontSide;
+      material.side = looks.backfaces ? material.userData.side : THREE.FrontSide;
       material.needsUpdate = true;
       surface.material = material;
     }
