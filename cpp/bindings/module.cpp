@@ -60,4 +60,5 @@ PYBIND11_MODULE(_core, m) {
   manip3d::bindings::bind_io(m);
   manip3d::bindings::bind_simplify(m);
   manip3d::bindings::bind_metrics(m);
+  manip3d::bindings::bind_scans(m);
 }

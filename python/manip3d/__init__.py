@@ -14,7 +14,8 @@ from manip3d.errors import (
     MissingExtraError,
     RenderError,
 )
-from manip3d.io import read_mesh
+from manip3d.io import read_mesh, read_scan
+from manip3d.lidar import Box, LidarFrame
 from manip3d.mesh import Material, Mesh, Texture
 
 if TYPE_CHECKING:
@@ -22,10 +23,12 @@ if TYPE_CHECKING:
     from manip3d.viewer import view
 
 __all__ = [
+    "Box",
     "DeviceError",
     "Error",
     "FormatError",
     "InputError",
+    "LidarFrame",
     "Material",
     "Mesh",
     "MissingExtraError",
@@ -35,6 +38,7 @@ __all__ = [
     "io",
     "metrics",
     "read_mesh",
+    "read_scan",
     "simplify",
     "simulate",
     "view",

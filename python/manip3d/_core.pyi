@@ -21,12 +21,15 @@ __all__: list[str] = [
     "boundary_gap",
     "bounding_box",
     "check_mesh",
+    "check_points",
     "clean",
     "closest_points",
     "fmpd",
     "metro",
+    "point_suffixes",
     "read_mesh",
     "read_mesh_bytes",
+    "read_points",
     "read_range_grid",
     "readable_suffixes",
     "replay_collapses",
@@ -38,6 +41,7 @@ __all__: list[str] = [
     "welded_boundary",
     "writable_suffixes",
     "write_mesh",
+    "write_points",
 ]
 
 class Duplicates:
@@ -336,6 +340,9 @@ def boundary_gap(
 ) -> tuple[typing.Any, typing.Any, int, float, float]: ...
 def bounding_box(mesh: typing.Any) -> numpy.ndarray: ...
 def check_mesh(mesh: typing.Any) -> None: ...
+def check_points(
+    points: numpy.typing.NDArray[numpy.float32], intensity: numpy.typing.NDArray[numpy.float32]
+) -> None: ...
 def clean(mesh: typing.Any, weld: bool, duplicates: Duplicates) -> dict[str, typing.Any]: ...
 def closest_points(
     mesh: typing.Any,
@@ -359,12 +366,16 @@ def metro(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> tuple[tuple[typing.Any, ...], tuple[typing.Any, ...], float]: ...
+def point_suffixes() -> list[typing.Any]: ...
 def read_mesh(
     path: bytes, allow_outside: bool, max_bytes: typing.SupportsInt | typing.SupportsIndex
 ) -> tuple[typing.Any, ...]: ...
 def read_mesh_bytes(
     data: bytes, suffix: str, max_bytes: typing.SupportsInt | typing.SupportsIndex
 ) -> tuple[typing.Any, ...]: ...
+def read_points(
+    path: bytes, max_bytes: typing.SupportsInt | typing.SupportsIndex
+) -> tuple[str, list[typing.Any], int, numpy.ndarray]: ...
 def read_range_grid(
     path: bytes, max_bytes: typing.SupportsInt | typing.SupportsIndex
 ) -> tuple[int, int, numpy.ndarray, numpy.ndarray]: ...
@@ -398,5 +409,11 @@ def texture_error(
 def welded_boundary(mesh: typing.Any) -> numpy.ndarray: ...
 def writable_suffixes() -> list[typing.Any]: ...
 def write_mesh(mesh: typing.Any, path: bytes, texture_folder: bytes) -> list[typing.Any]: ...
+def write_points(
+    path: bytes,
+    fields: list[typing.Any],
+    num_points: typing.SupportsInt | typing.SupportsIndex,
+    bytes: numpy.typing.NDArray[numpy.int8],
+) -> None: ...
 
 __version__: str = "0.1.0"

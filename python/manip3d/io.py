@@ -16,6 +16,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._depth_files import DEPTH_SUFFIXES, read_depth
+from manip3d._scan_files import SCAN_SUFFIXES, read_scan, write_scan
 from manip3d.errors import InputError
 from manip3d.mesh import Mesh, Texture
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = [
     "DEPTH_SUFFIXES",
     "READABLE",
+    "SCAN_SUFFIXES",
     "WRITABLE",
     "RangeGrid",
     "ReadReport",
@@ -33,8 +35,10 @@ __all__ = [
     "read_mesh_bytes",
     "read_range_grid",
     "read_report",
+    "read_scan",
     "texture_path",
     "write_mesh",
+    "write_scan",
 ]
 
 READABLE: tuple[str, ...] = tuple(_core.readable_suffixes())

@@ -26,6 +26,7 @@ from manip3d.datasets._registry import (
     registry,
     require,
 )
+from manip3d.datasets.kitti import KittiCalibration, KittiDrive, KittiFrame, open_kitti
 from manip3d.datasets.scans import (
     RangeScan,
     load_scan,
@@ -46,6 +47,9 @@ __all__ = [
     "DataMissingError",
     "DataSet",
     "FetchError",
+    "KittiCalibration",
+    "KittiDrive",
+    "KittiFrame",
     "RangeScan",
     "StandIn",
     "cache_folder",
@@ -58,6 +62,7 @@ __all__ = [
     "load_mesh",
     "load_scan",
     "locate",
+    "open_kitti",
     "provenance",
     "read_poses",
     "registry",

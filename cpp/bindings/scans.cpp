@@ -1,0 +1,93 @@
+#include <algorithm>
+#include <iterator>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "interruptible.hpp"
+#include "manip3d/geometry/point_cloud.hpp"
+#include "manip3d/io/point_file.hpp"
+#include "mesh.hpp"
+#include "modules.hpp"
+#include "numpy.hpp"
+
+namespace manip3d::bindings {
+namespace {
+
+// NumPy's names of the types, in the order of FieldType.
+constexpr const char* kTypeNames[] = {"<i1", "<u1", "<i2", "<u2", "<i4",
+                                      "<u4", "<i8", "<u8", "<f4", "<f8"};
+
+FieldType field_type(const std::string& name) {
+  const auto* found = std::find(std::begin(kTypeNames), std::end(kTypeNames), name);
+  if (found == std::end(kTypeNames)) {
+    throw InputError("fields: expected a type such as '<f4', got '" + name + "'");
+  }
+  return static_cast<FieldType>(found - std::begin(kTypeNames));
+}
+
+// [(name, type, values per point)]
+py::list to_list(const std::vector<PointField>& fields) {
+  py::list list;
+  for (const PointField& field : fields) {
+    list.append(py::make_tuple(readable(field.name), kTypeNames[static_cast<int>(field.type)],
+                               field.count));
+  }
+  return list;
+}
+
+std::vector<PointField> to_fields(const py::list& list) {
+  std::vector<PointField> fields;
+  for (const py::handle& item : list) {
+    const auto entry = py::cast<py::tuple>(item);
+    fields.push_back({py::cast<std::string>(entry[0]), field_type(py::cast<std::string>(entry[1])),
+                      py::cast<std::int64_t>(entry[2])});
+  }
+  return fields;
+}
+
+}  // namespace
+
+void bind_scans(py::module_& m) {
+  m.def(
+      "check_points",
+      [](const CArray<float>& points, const CArray<float>& intensity) {
+        const PointsView view(rows<Points>(points, "points"),
+                              rows<Intensities>(intensity, "intensity"));
+        const py::gil_scoped_release nogil;
+        check_points(view);
+      },
+      py::arg("points").noconvert(), py::arg("intensity").noconvert());
+  m.def(
+      "read_points",
+      [](const py::bytes& path, std::uint64_t max_bytes) {
+        const std::filesystem::path file = std::string(path);
+        PointTable table;
+        {
+          const py::gil_scoped_release nogil;
+          table = read_points(file, ReadPointsOptions{max_bytes}, interruptible());
+        }
+        const py::list fields = to_list(table.fields);
+        return py::make_tuple(point_format_name(table.format), fields, table.num_points,
+                              to_numpy(std::move(table.rows)));
+      },
+      py::arg("path"), py::arg("max_bytes"));
+  m.def(
+      "write_points",
+      [](const py::bytes& path, const py::list& fields, std::int64_t num_points,
+         const CArray<char>& bytes) {
+        const std::filesystem::path file = std::string(path);
+        const PointTableView table{
+            to_fields(fields), num_points, {bytes.data(), static_cast<std::size_t>(bytes.size())}};
+        const py::gil_scoped_release nogil;
+        write_points(file, table, interruptible());
+      },
+      py::arg("path"), py::arg("fields"), py::arg("num_points"), py::arg("bytes").noconvert());
+  m.def("point_suffixes", [] {
+    py::list list;
+    for (const std::string& suffix : point_suffixes()) list.append(suffix);
+    return list;
+  });
+}
+
+}  // namespace manip3d::bindings

@@ -1,0 +1,92 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "manip3d/io/byte_source.hpp"
+#include "manip3d/progress.hpp"
+
+/// @file
+/// Point files as tables: every field of every point, as the file has it.
+namespace manip3d {
+
+enum class PointFormat : std::uint8_t { kKitti };
+
+enum class FieldType : std::uint8_t {
+  kInt8,
+  kUint8,
+  kInt16,
+  kUint16,
+  kInt32,
+  kUint32,
+  kInt64,
+  kUint64,
+  kFloat,
+  kDouble
+};
+
+struct PointField {
+  std::string name;
+  FieldType type = FieldType::kFloat;
+  std::int64_t count = 1;  ///< Values per point.
+
+  [[nodiscard]] std::int64_t num_bytes() const;
+};
+
+/// The points of one file, row by row, without gaps between fields, little endian.
+struct PointTable {
+  PointFormat format = PointFormat::kKitti;
+  std::vector<PointField> fields;
+  std::int64_t num_points = 0;
+  std::vector<char> rows;  ///< num_points * row_bytes(fields)
+};
+
+std::int64_t row_bytes(const std::vector<PointField>& fields);
+
+struct ReadPointsOptions {
+  /// 0: compressed input is limited by its ratio (byte_source.hpp); else the most uncompressed
+  /// bytes to read.
+  std::uint64_t max_bytes = 0;
+};
+
+/// Reads a point file; `.gz` and `.xz` are decompressed on the fly. The suffix tells the format.
+///
+/// KITTI's `.bin` has rows of four floats: x, y, z, intensity, all finite. Of other formats the
+/// values are as stored, NaN included.
+/// @throws FormatError  with the file's name and the line or byte where reading stopped.
+/// @throws InputError  unknown suffix.
+/// @throws std::filesystem::filesystem_error  missing file and the like.
+PointTable read_points(const std::filesystem::path& path, const ReadPointsOptions& options = {},
+                       const Progress& progress = {});
+
+/// Reads points from memory, compressed or not.
+PointTable read_points(std::span<const std::byte> data, PointFormat format,
+                       const ReadPointsOptions& options = {}, const Progress& progress = {});
+
+/// What write_points borrows.
+struct PointTableView {
+  std::vector<PointField> fields;
+  std::int64_t num_points = 0;
+  std::span<const char> rows;
+};
+
+/// Writes points in the format that the suffix says (then `.gz` or `.xz`), whole or not at all.
+/// @throws InputError  unknown suffix; fields that the format cannot hold.
+/// @throws std::filesystem::filesystem_error  the operating system refused.
+void write_points(const std::filesystem::path& path, const PointTableView& table,
+                  const Progress& progress = {});
+
+/// Format of a suffix such as ".bin" (any case), if there is one.
+std::optional<PointFormat> point_format_of_suffix(std::string_view suffix);
+/// Suffixes of the formats, with their dots.
+std::vector<std::string> point_suffixes();
+/// "kitti", ...
+const char* point_format_name(PointFormat format);
+
+}  // namespace manip3d

@@ -1,0 +1,42 @@
+#include "manip3d/geometry/point_cloud.hpp"
+
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+// Infinity times zero and NaN times zero are NaN, and so is any sum with one of them: a quick look
+// at all values, and a slow search only where it finds something.
+template <typename Table>
+void check_finite(const Table& table, const char* name) {
+  if (((table.array() * 0.0F).sum() == 0.0F)) return;
+  for (Eigen::Index row = 0; row < table.rows(); ++row) {
+    for (Eigen::Index column = 0; column < table.cols(); ++column) {
+      const float value = table(row, column);
+      if (std::isfinite(value)) continue;
+      throw InputError(std::string(name) + ": expected finite numbers, got " +
+                       std::to_string(value) + " in row " + std::to_string(row));
+    }
+  }
+}
+
+}  // namespace
+
+void check_points(const PointsView& view) {
+  if (view.num_points() > std::numeric_limits<std::int32_t>::max()) {
+    throw InputError("points: expected at most 2147483647 rows, got " +
+                     std::to_string(view.num_points()));
+  }
+  if (view.has_intensity() && view.intensity.rows() != view.num_points()) {
+    throw InputError("intensity: expected " + std::to_string(view.num_points()) + " values, got " +
+                     std::to_string(view.intensity.rows()));
+  }
+  check_finite(view.points, "points");
+  check_finite(view.intensity, "intensity");
+}
+
+}  // namespace manip3d

@@ -1,0 +1,104 @@
+#include "manip3d/io/point_file.hpp"
+
+#include <algorithm>
+#include <cctype>
+#include <memory>
+
+#include "io/point_formats.hpp"
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace fs = std::filesystem;
+namespace {
+
+struct Format {
+  PointFormat format;
+  const char* name;
+  const char* suffix;
+  PointTable (*read)(ByteSource&, const Progress&);
+  void (*write)(Output&, const PointTableView&);
+};
+
+// A new format is one line here.
+constexpr Format kFormats[] = {
+    {PointFormat::kKitti, "kitti", ".bin", read_kitti, write_kitti},
+};
+
+const Format& format_of(const fs::path& path) {
+  const auto known = point_format_of_suffix(without_compression_suffix(path).extension().string());
+  for (const Format& f : kFormats) {
+    if (known == f.format) return f;
+  }
+  std::string suffixes;
+  for (const Format& f : kFormats) suffixes += std::string(f.suffix) + " ";
+  throw InputError("path: expected a point file (" + suffixes +
+                   "then .gz or .xz if wanted), got '" + path.string() + "'");
+}
+
+}  // namespace
+
+std::int64_t PointField::num_bytes() const {
+  constexpr std::int64_t kSizes[] = {1, 1, 2, 2, 4, 4, 8, 8, 4, 8};
+  return kSizes[static_cast<int>(type)] * count;
+}
+
+std::int64_t row_bytes(const std::vector<PointField>& fields) {
+  std::int64_t bytes = 0;
+  for (const PointField& field : fields) bytes += field.num_bytes();
+  return bytes;
+}
+
+PointTable read_points(const fs::path& path, const ReadPointsOptions& options,
+                       const Progress& progress) {
+  const Format& format = format_of(path);
+  try {
+    const auto source = decompressed(file_source(path), compression_of(path), options.max_bytes);
+    return format.read(*source, progress);
+  } catch (const FormatError& error) {
+    throw error.in_file(path.string());
+  }
+}
+
+PointTable read_points(std::span<const std::byte> data, PointFormat format,
+                       const ReadPointsOptions& options, const Progress& progress) {
+  const auto source = decompressed(memory_source(data), Compression::kNone, options.max_bytes);
+  const auto* entry = std::find_if(std::begin(kFormats), std::end(kFormats),
+                                   [&](const Format& f) { return f.format == format; });
+  return entry->read(*source, progress);
+}
+
+void write_points(const fs::path& path, const PointTableView& table, const Progress& progress) {
+  const Format& format = format_of(path);
+  if (static_cast<std::int64_t>(table.rows.size()) != table.num_points * row_bytes(table.fields)) {
+    throw InputError("rows: expected " + std::to_string(table.num_points) + " of " +
+                     std::to_string(row_bytes(table.fields)) + " bytes, got " +
+                     std::to_string(table.rows.size()) + " bytes");
+  }
+  Output output(path, compression_of(path), progress);
+  format.write(output, table);
+  output.commit();
+}
+
+std::optional<PointFormat> point_format_of_suffix(std::string_view suffix) {
+  std::string lower(suffix);
+  std::transform(lower.begin(), lower.end(), lower.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  for (const Format& f : kFormats) {
+    if (lower == f.suffix) return f.format;
+  }
+  return std::nullopt;
+}
+
+std::vector<std::string> point_suffixes() {
+  std::vector<std::string> suffixes;
+  for (const Format& f : kFormats) suffixes.emplace_back(f.suffix);
+  return suffixes;
+}
+
+const char* point_format_name(PointFormat format) {
+  const auto* entry = std::find_if(std::begin(kFormats), std::end(kFormats),
+                                   [&](const Format& f) { return f.format == format; });
+  return entry->name;
+}
+
+}  // namespace manip3d

@@ -1,0 +1,381 @@
+"""KITTI's layouts: raw drives, object, odometry and stereo-2015, and what simulators write alike.
+
+Geiger, Lenz, Stiller, Urtasun, "Vision meets Robotics: The KITTI Dataset", IJRR 2013. Scans may be
+compressed (``.bin.xz``). Nothing is read before it is asked for.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, overload
+
+import numpy as np
+
+from manip3d._scan_files import read_scan, scan_paths
+from manip3d.errors import FormatError, InputError
+from manip3d.lidar import Box, LidarFrame
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["KittiCalibration", "KittiDrive", "KittiFrame", "open_kitti"]
+
+_IMAGE_SUFFIXES = (".png", ".jpg")
+
+
+@dataclass(frozen=True, eq=False)
+class KittiCalibration:
+    """Cameras and LiDAR of one drive.
+
+    Attributes
+    ----------
+    projections : mapping of int to (3, 4) float64
+        Rectified camera 0 frame to pixels of camera 0, 1 (grey), 2, 3 (colour).
+    T_rect_velo : (4, 4) float64
+        LiDAR frame to rectified camera 0 frame (x right, y down, z forward), metres.
+    """
+
+    projections: Mapping[int, NDArray[np.float64]]
+    T_rect_velo: NDArray[np.float64]
+
+    def project(
+        self, points: ArrayLike, camera: int = 2
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Pixels and depths of LiDAR points in a camera.
+
+        Parameters
+        ----------
+        points : (N, 3), metres
+            In the LiDAR frame.
+        camera : int
+            0 to 3.
+
+        Returns
+        -------
+        pixels : (N, 2) float64
+            Column and row; without meaning where the depth is not positive.
+        depth : (N,) float64
+            Metres along the camera's axis.
+
+        Raises
+        ------
+        InputError
+            No such camera.
+        """
+        if camera not in self.projections:
+            raise InputError(f"camera: expected one of {sorted(self.projections)}, got {camera}")
+        xyz = np.asarray(points, np.float64)
+        matrix = self.projections[camera] @ self.T_rect_velo
+        image = xyz @ matrix[:, :3].T + matrix[:, 3]
+        depth = image[:, 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = image[:, :2] / depth[:, None]
+        return pixels, depth
+
+    def baseline(self, left: int = 2, right: int = 3) -> float:
+        """Distance of two cameras, metres."""
+        shift = [self.projections[c][0, 3] / self.projections[c][0, 0] for c in (left, right)]
+        return float(shift[0] - shift[1])
+
+
+@dataclass(frozen=True)
+class KittiFrame:
+    """The files of one moment of a drive.
+
+    Attributes
+    ----------
+    name : str
+        ``0000000005``, ``000005``, ...
+    scan_path : Path
+    images : mapping of int to Path
+        By camera, those that are here.
+    timestamp : float or None
+        Of the scan, seconds since 1970.
+    label_path, truth_path, disparity_path, oxts_path : Path or None
+        Objects (``label_2``), labels of points (``labels/NAME.label``, one uint32 per point as in
+        SemanticKITTI), disparity ground truth (``disp_occ_0``), position (``oxts``).
+    drive : KittiDrive
+    """
+
+    name: str
+    scan_path: Path
+    images: Mapping[int, Path]
+    timestamp: float | None
+    label_path: Path | None
+    truth_path: Path | None
+    disparity_path: Path | None
+    oxts_path: Path | None
+    drive: KittiDrive = field(repr=False)
+
+    def scan(self) -> LidarFrame:
+        """Read the points; labels of points come as ``fields["label"]``.
+
+        Raises
+        ------
+        FormatError
+            The scan is damaged, or there is another number of labels than points.
+        """
+        frame = read_scan(self.scan_path).replace(timestamp=self.timestamp)
+        if self.truth_path is None:
+            return frame
+        raw = self.truth_path.read_bytes()
+        if len(raw) != 4 * frame.num_points:
+            raise FormatError(
+                f"expected {frame.num_points} labels of 4 bytes, got {len(raw)} bytes",
+                file=str(self.truth_path),
+                byte_offset=len(raw),
+            )
+        return frame.replace(fields={**frame.fields, "label": np.frombuffer(raw, "<u4")})
+
+    def calibration(self) -> KittiCalibration:
+        """Of this frame (object) or of its drive.
+
+        Raises
+        ------
+        InputError
+            There is none.
+        """
+        folder = self.drive.calibration_path
+        if folder is None:
+            raise InputError(f"{self.drive.path}: no calibration beside these scans")
+        return read_calibration(folder / f"{self.name}.txt" if self.drive.per_frame else folder)
+
+    def boxes(self) -> tuple[Box, ...]:
+        """Labelled objects, in the LiDAR frame; none where there are no labels."""
+        if self.label_path is None:
+            return ()
+        return read_labels(self.label_path, self.calibration())
+
+
+class KittiDrive:
+    """A sequence of frames in one of KITTI's layouts; a sequence in the order of names.
+
+    Attributes
+    ----------
+    path : Path
+    layout : str
+        ``raw`` or ``flat`` (object, odometry, stereo-2015).
+    calibration_path : Path or None
+        File or folder for `read_calibration`.
+    per_frame : bool
+        Whether ``calibration_path`` holds a file per frame.
+    """
+
+    def __init__(self, path: Path, *, calibration: Path | None = None) -> None:
+        self.path = path
+        self.layout = "raw" if (path / "velodyne_points" / "data").is_dir() else "flat"
+        raw = self.layout == "raw"
+        self.scan_folder = path / "velodyne_points" / "data" if raw else path / "velodyne"
+        if not self.scan_folder.is_dir():
+            raise InputError(
+                f"{path}: expected a folder with velodyne_points/data or velodyne, found neither"
+            )
+        self.calibration_path, self.per_frame = _find_calibration(path, calibration)
+        self._scans = tuple(scan_paths(self.scan_folder))
+        self._times = _times(path, raw)
+
+    def __len__(self) -> int:
+        return len(self._scans)
+
+    @overload
+    def __getitem__(self, index: int) -> KittiFrame: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[KittiFrame, ...]: ...
+    def __getitem__(self, index: int | slice) -> KittiFrame | tuple[KittiFrame, ...]:
+        if isinstance(index, slice):
+            return tuple(self._frame(path) for path in self._scans[index])
+        return self._frame(self._scans[index])
+
+    def __iter__(self) -> Iterator[KittiFrame]:
+        return (self._frame(path) for path in self._scans)
+
+    def _frame(self, scan: Path) -> KittiFrame:
+        name = scan.name.split(".")[0]
+        raw = self.layout == "raw"
+        images = {}
+        for camera in range(4):
+            folder = self.path / (f"image_0{camera}/data" if raw else f"image_{camera}")
+            found = _first(folder / f"{name}{suffix}" for suffix in _IMAGE_SUFFIXES)
+            if found is not None:
+                images[camera] = found
+        truth = self.path / "velodyne_points" if raw else self.path
+        return KittiFrame(
+            name=name,
+            scan_path=scan,
+            images=images,
+            timestamp=self._times.get(int(name)) if name.isdecimal() else None,
+            label_path=_first([self.path / "label_2" / f"{name}.txt"]),
+            truth_path=_first([truth / "labels" / f"{name}.label"]),
+            disparity_path=_first([self.path / "disp_occ_0" / f"{name}.png"]),
+            oxts_path=_first([self.path / "oxts" / "data" / f"{name}.txt"]),
+            drive=self,
+        )
+
+    def __repr__(self) -> str:
+        return f"<manip3d.datasets.KittiDrive: {self.path}, {len(self)} frames>"
+
+
+def open_kitti(
+    path: str | os.PathLike[str], *, calibration: str | os.PathLike[str] | None = None
+) -> KittiDrive:
+    """Open a folder of scans in one of KITTI's layouts.
+
+    Parameters
+    ----------
+    path : path-like
+        A raw drive (``velodyne_points/data``, ``image_0N/data``), or a folder with ``velodyne``
+        and ``image_N`` (object, odometry sequence, stereo-2015). What a simulator writes in the
+        same layout opens alike.
+    calibration : path-like, optional
+        Where the calibration lies, when not where KITTI has it: a day's folder with
+        ``calib_cam_to_cam.txt``, or a file such as odometry's ``calib.txt``.
+
+    Raises
+    ------
+    InputError
+        The folder has neither layout.
+    OSError
+        The folder is missing.
+
+    Examples
+    --------
+    >>> drive = open_kitti("2011_09_26/2011_09_26_drive_0005_sync")  # doctest: +SKIP
+    >>> frame = drive[0].scan()  # doctest: +SKIP
+    """
+    folder = Path(path)
+    if not folder.is_dir():
+        raise FileNotFoundError(2, os.strerror(2), str(path))
+    return KittiDrive(folder, calibration=None if calibration is None else Path(calibration))
+
+
+def read_calibration(path: Path) -> KittiCalibration:
+    """Read a day's folder (raw) or one file (object, odometry)."""
+    if path.is_dir():
+        cameras = _matrices(path / "calib_cam_to_cam.txt")
+        rigid = _matrices(path / "calib_velo_to_cam.txt")
+        projections = {c: f"P_rect_0{c}" for c in range(4)}
+        rotation, file = "R_rect_00", path / "calib_cam_to_cam.txt"
+        velo = np.column_stack(
+            [
+                _shaped(rigid, "R", (3, 3), path / "calib_velo_to_cam.txt"),
+                _shaped(rigid, "T", (3,), path / "calib_velo_to_cam.txt"),
+            ]
+        )
+    else:
+        cameras, file = _matrices(path), path
+        projections = {c: f"P{c}" for c in range(4)}
+        rotation = "R0_rect"
+        velo = _shaped(cameras, "Tr" if "Tr" in cameras else "Tr_velo_to_cam", (3, 4), path)
+    rectify = np.eye(4)
+    if rotation in cameras:  # odometry's calib.txt has it inside Tr
+        rectify[:3, :3] = _shaped(cameras, rotation, (3, 3), file)
+    rigid_velo = np.vstack([velo, [0.0, 0.0, 0.0, 1.0]])
+    return KittiCalibration(
+        {
+            c: _shaped(cameras, key, (3, 4), file)
+            for c, key in projections.items()
+            if key in cameras
+        },
+        rectify @ rigid_velo,
+    )
+
+
+def read_labels(path: Path, calibration: KittiCalibration) -> tuple[Box, ...]:
+    """Read a file of the object benchmark (``label_2``) as boxes in the LiDAR frame.
+
+    ``DontCare`` regions, which have no box, are left out.
+    """
+    boxes = []
+    velo_rect = np.linalg.inv(calibration.T_rect_velo)
+    for number, line in enumerate(path.read_text().splitlines(), 1):
+        words = line.split()
+        if not words or words[0] == "DontCare":
+            continue
+        try:
+            height, width, length, x, y, z, rotation = map(float, words[8:15])
+        except ValueError:
+            raise FormatError(
+                f"expected a label of 15 words, got {len(words)}", file=str(path), line=number
+            ) from None
+        # The place is the middle of the bottom face, the turn about the camera's y (down).
+        bottom = velo_rect @ [x, y, z, 1.0]
+        heading = velo_rect[:3, :3] @ [np.cos(rotation), 0.0, -np.sin(rotation)]
+        boxes.append(
+            Box(
+                (float(bottom[0]), float(bottom[1]), float(bottom[2]) + height / 2.0),
+                (length, width, height),
+                float(np.arctan2(heading[1], heading[0])),
+                words[0],
+            )
+        )
+    return tuple(boxes)
+
+
+def _matrices(path: Path) -> dict[str, NDArray[np.float64]]:
+    """The lines ``name: numbers`` of a calibration file; others (dates) are left out."""
+    found = {}
+    for line in path.read_text().splitlines():
+        name, _, values = line.partition(":")
+        try:
+            found[name.strip()] = np.array([float(word) for word in values.split()])
+        except ValueError:
+            continue
+    return found
+
+
+def _shaped(
+    matrices: Mapping[str, NDArray[np.float64]], name: str, shape: tuple[int, ...], file: Path
+) -> NDArray[np.float64]:
+    values = matrices.get(name)
+    if values is None or values.size != np.prod(shape) or not np.isfinite(values).all():
+        got = "no such line" if values is None else f"{values.size} numbers"
+        raise FormatError(
+            f"{name}: expected {np.prod(shape)} finite numbers, got {got}", file=str(file)
+        )
+    return values.reshape(shape)
+
+
+def _find_calibration(path: Path, given: Path | None) -> tuple[Path | None, bool]:
+    if given is not None:
+        return given, given.is_dir() and not (given / "calib_cam_to_cam.txt").is_file()
+    for folder in (path, path.resolve().parent):
+        if (folder / "calib_cam_to_cam.txt").is_file():
+            return folder, False
+    if (path / "calib.txt").is_file():
+        return path / "calib.txt", False
+    if (path / "calib").is_dir():
+        return path / "calib", True
+    return None, False
+
+
+def _times(path: Path, raw: bool) -> dict[int, float]:
+    """Seconds by frame number: line n of the file is frame n."""
+    file = path / ("velodyne_points/timestamps.txt" if raw else "times.txt")
+    if not file.is_file():
+        return {}
+    times = {}
+    for number, line in enumerate(file.read_text().splitlines()):
+        if not line.strip():
+            continue
+        try:
+            times[number] = parse_time(line) if raw else float(line)
+        except ValueError:
+            raise FormatError(
+                f"expected a time, got {line[:40]!r}", file=str(file), line=number + 1
+            ) from None
+    return times
+
+
+def parse_time(text: str) -> float:
+    """Seconds since 1970 of ``2011-09-26 13:02:44.317412775``, which names no time zone: UTC."""
+    whole, _, fraction = text.strip().partition(".")
+    moment = datetime.strptime(whole, "%Y-%m-%d %H:%M:%S").replace(tzinfo=UTC)
+    return moment.timestamp() + (float(f"0.{fraction}") if fraction else 0.0)
+
+
+def _first(candidates: Iterator[Path] | list[Path]) -> Path | None:
+    return next((path for path in candidates if path.is_file()), None)

@@ -1,0 +1,287 @@
+"""Scans: the points of one turn or one position of a LiDAR, and what travels beside them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from dataclasses import replace as _replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._arrays import rows as as_rows
+from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Box", "LidarFrame", "ScanFormat"]
+
+
+@dataclass(frozen=True)
+class ScanFormat:
+    """How the file that a scan came from is laid out, so that the same can be written back.
+
+    Attributes
+    ----------
+    name : str
+        ``kitti``, ``pcd``, ``ply``, ...
+    columns : tuple of (str, str, int)
+        Name, NumPy type and values per point of each of the file's columns, in their order.
+    header : mapping
+        What else the file says, by the format's own names.
+    """
+
+    name: str
+    columns: tuple[tuple[str, str, int], ...] = ()
+    header: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box around an object, upright and turned about the vertical.
+
+    Attributes
+    ----------
+    center : (float, float, float)
+        Middle of the box, metres, in the frame of the scan it belongs to.
+    size : (float, float, float)
+        Length (along x before turning), width, height, metres.
+    yaw : float
+        Turn about z, radians, counter-clockwise seen from above.
+    label : str
+        ``Car``, ``Pedestrian``, ...
+    track : int
+        The same object in other frames; -1: not known.
+    """
+
+    center: tuple[float, float, float]
+    size: tuple[float, float, float]
+    yaw: float = 0.0
+    label: str = ""
+    track: int = -1
+
+    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
+        """Which of the (N, 3) points lie inside, faces included."""
+        offset = as_rows(points, 3, np.float64, "points") - np.asarray(self.center)
+        cosine, sine = np.cos(self.yaw), np.sin(self.yaw)
+        along = cosine * offset[:, 0] + sine * offset[:, 1]
+        across = cosine * offset[:, 1] - sine * offset[:, 0]
+        half = np.abs(np.column_stack([along, across, offset[:, 2]])) * 2.0
+        inside: NDArray[np.bool_] = np.all(half <= np.asarray(self.size), axis=1)
+        return inside
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LidarFrame:
+    """One scan: points and, row by row beside them, what the sensor or the file says of each.
+
+    Attributes
+    ----------
+    points : (N, 3) float32
+        Metres, right-handed; x forward, y left, z up (KITTI) where the format knows its axes.
+    intensity : (N,) float32 or None
+        As stored (KITTI: reflectance in [0, 1]); None: the scanner gave none.
+    timestamp : float or None
+        Seconds since 1970 (UTC).
+    ring : (N,) integers or None
+        Laser of each point; of decoded packets 0 is the highest beam (KITTI's order).
+    origin : (float, float, float) or None
+        Where the scanner stood, in the frame of ``points``; None: not known.
+    source : str
+        File or address it came from.
+    fields : mapping of str to (N,) or (N, k) array
+        The other columns by name, in the file's own types.
+    exact : (N, 3) float64 or None
+        The file's own coordinates where float32 metres cannot hold them; written back for points
+        that were not moved.
+    offset : (float, float, float)
+        What was subtracted from ``exact`` to keep ``points`` small.
+    format : ScanFormat or None
+        Of the file it came from.
+    num_dropped : int
+        Points of the file without coordinates (NaN), which are not here.
+
+    Raises
+    ------
+    InputError
+        A shape or dtype is wrong, a coordinate or intensity is not finite.
+
+    Notes
+    -----
+    C-contiguous arrays of the dtypes above are kept as they are, without a copy.
+    """
+
+    points: NDArray[np.float32]
+    intensity: NDArray[np.float32] | None = None
+    timestamp: float | None = None
+    ring: NDArray[Any] | None = None
+    origin: tuple[float, float, float] | None = None
+    source: str = ""
+    fields: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    exact: NDArray[np.float64] | None = None
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    format: ScanFormat | None = None
+    num_dropped: int = 0
+
+    def __post_init__(self) -> None:
+        points = as_rows(self.points, 3, np.float32, "points")
+        intensity = None
+        if self.intensity is not None:
+            intensity = _column(self.intensity, "intensity")
+        _core.check_points(points, np.empty(0, np.float32) if intensity is None else intensity)
+        exact = None if self.exact is None else as_rows(self.exact, 3, np.float64, "exact")
+        ring = None if self.ring is None else np.asarray(self.ring)
+        if ring is not None and ring.dtype.kind not in "iu":
+            raise InputError(f"ring: expected integers, got dtype {ring.dtype}")
+        fields = {name: np.asarray(values) for name, values in self.fields.items()}
+        named = {"intensity": intensity, "exact": exact, "ring": ring, **fields}
+        for name, values in named.items():
+            if values is not None and (values.ndim == 0 or len(values) != len(points)):
+                raise InputError(
+                    f"{name}: expected {len(points)} rows, as many as points, "
+                    f"got shape {values.shape}"
+                )
+        for name in ("origin", "offset"):
+            place = getattr(self, name)
+            if place is not None:
+                object.__setattr__(self, name, _place(place, name))
+        for name, value in (
+            ("points", points),
+            ("intensity", intensity),
+            ("exact", exact),
+            ("ring", ring),
+            ("fields", MappingProxyType(fields)),
+        ):
+            object.__setattr__(self, name, value)
+
+    @property
+    def num_points(self) -> int:
+        """Number of points."""
+        return len(self.points)
+
+    @property
+    def num_empty(self) -> int:
+        """Points at exactly (0, 0, 0): how some formats say that nothing came back."""
+        return int(np.count_nonzero(~self.points.any(axis=1)))
+
+    def replace(self, **changes: Any) -> LidarFrame:
+        """The frame with some of its attributes changed; the other arrays are shared."""
+        unknown = set(changes) - set(self.__dataclass_fields__)
+        if unknown:
+            raise InputError(f"replace: no such attribute: {', '.join(sorted(unknown))}")
+        return _replace(self, **changes)
+
+    def select(self, rows: ArrayLike) -> LidarFrame:
+        """The frame with some of its points.
+
+        Parameters
+        ----------
+        rows : (N,) bool or (M,) integers
+            A mask, or row numbers in the wanted order.
+        """
+        index = np.asarray(rows)
+        if index.dtype == np.bool_ and index.shape != (self.num_points,):
+            raise InputError(
+                f"rows: expected a mask of shape ({self.num_points},), got {index.shape}"
+            )
+        return self._taken(lambda values: values[index])
+
+    def with_points(
+        self,
+        points: ArrayLike,
+        *,
+        source_index: ArrayLike,
+        intensity: ArrayLike | None = None,
+    ) -> LidarFrame:
+        """The frame with other points, the columns beside them carried along.
+
+        Parameters
+        ----------
+        points : (M, 3) float32
+        source_index : (M,) integers
+            The row of this frame that each point was; -1: a new point, whose other columns are 0.
+        intensity : (M,) float32, optional
+            Without it that of the source point.
+
+        Raises
+        ------
+        InputError
+            A row out of range, another number of rows.
+        """
+        new = as_rows(points, 3, np.float32, "points")
+        index = np.asarray(source_index)
+        if index.shape != (len(new),) or index.dtype.kind not in "iu":
+            raise InputError(
+                f"source_index: expected ({len(new)},) integers, got {index.dtype} {index.shape}"
+            )
+        if index.size and not (index.min() >= -1 and index.max() < self.num_points):
+            raise InputError(
+                f"source_index: expected values in [-1, {self.num_points - 1}], "
+                f"got {index.min()} to {index.max()}"
+            )
+        added = index < 0
+        safe = np.where(added, 0, index)
+
+        def carried(values: NDArray[Any]) -> NDArray[Any]:
+            if not self.num_points:
+                return np.zeros((len(new), *values.shape[1:]), values.dtype)
+            taken: NDArray[Any] = values[safe]
+            taken[added] = 0
+            return taken
+
+        frame = self._taken(carried)
+        exact = None
+        if frame.exact is not None:
+            exact = frame.exact.copy()
+            moved = added | np.any(frame.points != new, axis=1)
+            exact[moved] = new[moved].astype(np.float64) + self.offset
+        return frame.replace(
+            points=new,
+            exact=exact,
+            intensity=frame.intensity if intensity is None else intensity,
+        )
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the scan to a file, whole or not at all; see `manip3d.io.write_scan`."""
+        from manip3d.io import write_scan
+
+        write_scan(self, path)
+
+    def _taken(self, take: Any) -> LidarFrame:
+        """The frame with ``take`` done to every array of rows."""
+        named = {
+            name: take(values)
+            for name in ("points", "intensity", "ring", "exact")
+            if (values := getattr(self, name)) is not None
+        }
+        fields = {name: take(values) for name, values in self.fields.items()}
+        return self.replace(fields=fields, **named)
+
+    def __repr__(self) -> str:
+        parts = [f"{self.num_points} points"]
+        if self.ring is not None and self.num_points:
+            parts.append(f"rings {self.ring.min()}-{self.ring.max()}")
+        if self.timestamp is not None:
+            parts.append(f"t = {self.timestamp:.3f} s")
+        if self.fields:
+            parts.append(", ".join(self.fields))
+        return f"<manip3d.LidarFrame: {'; '.join(parts)}>"
+
+
+def _column(values: ArrayLike, name: str) -> NDArray[np.float32]:
+    array = np.asarray(values)
+    if array.ndim != 1:
+        raise InputError(f"{name}: expected shape (N,), got {array.shape}")
+    return as_rows(array[:, None], 1, np.float32, name)[:, 0]
+
+
+def _place(values: Any, name: str) -> tuple[float, float, float]:
+    place = np.asarray(values, dtype=np.float64)
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise InputError(f"{name}: expected three finite numbers, got {values!r}")
+    x, y, z = place.tolist()
+    return x, y, z

@@ -1,0 +1,137 @@
+"""`LidarFrame`: what it refuses, what travels with points."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+import manip3d
+from manip3d import Box, InputError, LidarFrame
+
+
+def frame(**changes: Any) -> LidarFrame:
+    values: dict[str, Any] = {
+        "points": np.arange(12, dtype=np.float32).reshape(4, 3),
+        "intensity": np.array([0.1, 0.2, 0.3, 0.4], np.float32),
+        "ring": np.array([3, 2, 1, 0], np.uint8),
+        "fields": {"echo": np.array([1, 2, 1, 2], np.uint8), "rgb": np.eye(4, 3)},
+    }
+    return LidarFrame(**(values | changes))
+
+
+def test_arrays_of_the_right_kind_are_not_copied() -> None:
+    points = np.zeros((5, 3), np.float32)
+    intensity = np.zeros(5, np.float32)
+    made = LidarFrame(points, intensity)
+    assert np.shares_memory(made.points, points)
+    assert np.shares_memory(made.intensity, intensity)
+    assert LidarFrame([[1, 2, 3]]).points.dtype == np.float32
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"points": np.zeros((4, 2))}, "points: expected shape (N, 3), got (4, 2)"),
+        ({"points": [[0, 0, np.nan]] * 4}, "points: expected finite numbers, got nan in row 0"),
+        ({"points": [[0, 0, 0]] * 3 + [[0, np.inf, 0]]}, "got inf in row 3"),
+        ({"intensity": [0.0] * 3}, "intensity: expected 4 values, got 3"),
+        ({"intensity": [0.0, 0.0, np.nan, 0.0]}, "intensity: expected finite numbers"),
+        ({"intensity": np.zeros((4, 1))}, "intensity: expected shape (N,), got (4, 1)"),
+        ({"ring": np.zeros(4)}, "ring: expected integers, got dtype float64"),
+        ({"ring": [1, 2]}, "ring: expected 4 rows"),
+        ({"fields": {"a": np.zeros(3)}}, "a: expected 4 rows, as many as points"),
+        ({"exact": np.zeros((3, 3))}, "exact: expected 4 rows"),
+        ({"origin": (0.0, 0.0)}, "origin: expected three finite numbers"),
+        ({"origin": (0.0, 0.0, np.nan)}, "origin: expected three finite numbers"),
+    ],
+)
+def test_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=re.escape(message)):
+        frame(**changes)
+
+
+def test_selection_takes_every_column() -> None:
+    kept = frame().select(np.array([False, True, False, True]))
+    assert kept.points.tolist() == [[3, 4, 5], [9, 10, 11]]
+    assert kept.ring is not None
+    assert kept.ring.tolist() == [2, 0]
+    assert kept.fields["echo"].tolist() == [2, 2]
+    assert kept.fields["rgb"].shape == (2, 3)
+    assert frame().select([2, 0]).points[:, 0].tolist() == [6, 0]
+    with pytest.raises(InputError, match=r"mask of shape \(4,\), got \(3,\)"):
+        frame().select(np.array([True, False, True]))
+
+
+def test_new_points_have_zeros_beside_them() -> None:
+    new = np.array([[3, 4, 5], [100, 100, 100], [0, 1, 2.5]], np.float32)
+    made = frame().with_points(new, source_index=[1, -1, 0])
+    assert made.points.tolist() == new.tolist()
+    assert made.intensity is not None
+    assert made.intensity.tolist() == np.array([0.2, 0.0, 0.1], np.float32).tolist()
+    assert made.fields["echo"].tolist() == [2, 0, 1]
+    given = frame().with_points(new, source_index=[1, -1, 0], intensity=[0.5, 0.5, 0.5])
+    assert given.intensity is not None
+    assert given.intensity.tolist() == [0.5, 0.5, 0.5]
+    empty = LidarFrame(np.empty((0, 3))).with_points([[1, 2, 3]], source_index=[-1])
+    assert empty.num_points == 1
+
+
+def test_exact_coordinates_stay_where_points_stayed() -> None:
+    exact = np.array([[5e5 + 0.1, 5e6 + 0.2, 100.3], [5e5 + 1.1, 5e6 + 1.2, 101.3]])
+    offset = (5e5, 5e6, 100.0)
+    scan = LidarFrame((exact - offset).astype(np.float32), exact=exact, offset=offset)
+    moved = scan.points.copy()
+    moved[1, 2] += 1.0
+    made = scan.with_points(moved, source_index=[0, 1])
+    assert made.exact is not None
+    assert made.exact[0].tolist() == exact[0].tolist()
+    np.testing.assert_allclose(made.exact[1], exact[1] + [0, 0, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("index", "message"),
+    [
+        ([0, 1], "expected (1,) integers"),
+        ([0.0], "expected (1,) integers, got float64"),
+        ([4], "expected values in [-1, 3], got 4 to 4"),
+        ([-2], "expected values in [-1, 3]"),
+    ],
+)
+def test_source_index_is_checked(index: list[Any], message: str) -> None:
+    with pytest.raises(InputError, match=re.escape(message)):
+        frame().with_points([[0, 0, 0]], source_index=index)
+
+
+def test_frames_are_frozen_and_replaced() -> None:
+    scan = frame()
+    with pytest.raises(AttributeError):
+        scan.points = scan.points  # type: ignore[misc]
+    with pytest.raises(TypeError):
+        scan.fields["new"] = scan.points  # type: ignore[index]
+    later = scan.replace(timestamp=2.5)
+    assert later.timestamp == 2.5
+    assert later.points is scan.points
+    with pytest.raises(InputError, match="no such attribute: time"):
+        scan.replace(time=2.5)
+    assert repr(later) == "<manip3d.LidarFrame: 4 points; rings 0-3; t = 2.500 s; echo, rgb>"
+
+
+def test_empty_returns_are_counted() -> None:
+    assert LidarFrame([[0, 0, 0], [1, 0, 0], [0, 0, 0]]).num_empty == 2
+
+
+def test_box_contains_what_lies_inside() -> None:
+    #   y
+    #   |  a car of 4 x 2 x 1 m at (10, 5, 0.5), turned by 90 degrees: along y
+    box = Box((10.0, 5.0, 0.5), (4.0, 2.0, 1.0), np.pi / 2, "Car")
+    inside = [[10, 5, 0.5], [10, 6.9, 0.5], [10.9, 5, 0.5], [10, 5, 0.9]]
+    outside = [[10, 7.1, 0.5], [11.1, 5, 0.5], [10, 5, 1.1], [-10, 5, 0.5]]
+    assert box.contains(inside + outside).tolist() == [True] * 4 + [False] * 4
+
+
+def test_top_level_names() -> None:
+    assert manip3d.LidarFrame is LidarFrame
+    assert manip3d.read_scan is manip3d.io.read_scan
