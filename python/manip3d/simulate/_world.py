@@ -1,0 +1,216 @@
+"""What the simulated sensors look at: triangles with a truth label, an object and a surface."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from manip3d.simulate._raycast import RayCaster
+from manip3d.simulate._surfaces import Patch, Points
+
+
+class Label(IntEnum):
+    """What a point lies on."""
+
+    GROUND = 0
+    BUILDING = 1
+    WALL = 2
+    VEGETATION = 3
+    TRUNK = 4
+    CAR = 5
+    PERSON = 6
+    POLE = 7
+    FURNITURE = 8
+    CYCLIST = 9
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """How a surface answers to light.
+
+    Attributes
+    ----------
+    color : (red, green, blue)
+        Diffuse, 0 to 1; multiplies the texture.
+    reflectance : float
+        Of the laser's wavelength, 0 to 1.
+    transmission : float
+        Share of laser pulses that pass (glass) or are mirrored away: no return.
+    texture : (2^n, 2^n, 3) uint8, optional
+        Repeated every ``texture_size`` metres; first row on top.
+    texture_size : float, metres
+    """
+
+    color: tuple[float, float, float] = (0.5, 0.5, 0.5)
+    reflectance: float = 0.4
+    transmission: float = 0.0
+    texture: NDArray[np.uint8] | None = None
+    texture_size: float = 1.0
+
+
+Parts = list[tuple[Patch, Surface]]
+"""Patches of an object, each with its surface; x forward, y left, z up."""
+
+
+@dataclass(frozen=True)
+class LabelBox:
+    """An object's box: the truth of detectors and attackers.
+
+    Attributes
+    ----------
+    object : int
+        As in the labels of points.
+    label : Label
+    center : (x, y, z), metres
+        The middle of the box's bottom, in the frame named by who gives the box.
+    size : (length, width, height), metres
+    yaw : float, radians
+        Of the length, counter-clockwise from x.
+    """
+
+    object: int
+    label: Label
+    center: tuple[float, float, float]
+    size: tuple[float, float, float]
+    yaw: float
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A static scene.
+
+    Attributes
+    ----------
+    vertices : (V, 3) float32, metres
+    faces : (F, 3) int32
+    texcoords : (F, 3, 2) float32, metres
+        Of the corners; divided by the surface's ``texture_size`` they count repetitions.
+    face_label : (F,) uint8
+        A `Label`.
+    face_object : (F,) int32
+        Number of the object; -1: background.
+    face_surface : (F,) int32
+        Index into ``surfaces``.
+    surfaces : tuple of Surface
+    boxes : tuple of LabelBox
+        Of the objects that have one, in the world's frame.
+    """
+
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.int32]
+    texcoords: NDArray[np.float32]
+    face_label: NDArray[np.uint8]
+    face_object: NDArray[np.int32]
+    face_surface: NDArray[np.int32]
+    surfaces: tuple[Surface, ...]
+    boxes: tuple[LabelBox, ...]
+
+    def caster(self) -> RayCaster:
+        """The search structure for rays."""
+        return RayCaster(self.vertices, self.faces)
+
+    @property
+    def reflectance(self) -> NDArray[np.float32]:
+        """(S,) of the surfaces."""
+        return np.array([s.reflectance for s in self.surfaces], np.float32)
+
+    @property
+    def transmission(self) -> NDArray[np.float32]:
+        """(S,) of the surfaces."""
+        return np.array([s.transmission for s in self.surfaces], np.float32)
+
+
+@dataclass
+class WorldBuilder:
+    """Collects parts; `build` joins them."""
+
+    _patches: list[Patch] = field(default_factory=list)
+    _labels: list[int] = field(default_factory=list)
+    _objects: list[int] = field(default_factory=list)
+    _surfaces: dict[Surface, int] = field(default_factory=dict)
+    _boxes: list[LabelBox] = field(default_factory=list)
+    _count: int = 0
+
+    def add(
+        self, parts: Iterable[tuple[Patch, Surface]], label: Label, *, object_id: int = -1
+    ) -> None:
+        """Parts of the background, or of the object ``object_id``."""
+        for patch, surface in parts:
+            index = self._surfaces.setdefault(surface, len(self._surfaces))
+            self._patches.append(replace(patch, material=index))
+            self._labels.append(int(label))
+            self._objects.append(object_id)
+
+    def add_object(
+        self,
+        parts: Parts,
+        label: Label,
+        *,
+        at: ArrayLike = (0, 0, 0),
+        yaw: float = 0.0,
+        more: Sequence[tuple[Parts, Label]] = (),
+    ) -> int:
+        """An object with a number and a box; ``more``: its parts of other labels."""
+        number = self._count
+        self._count += 1
+        for some, their_label in ((parts, label), *more):
+            self.add(placed(some, at=at, yaw=yaw), their_label, object_id=number)
+        everything = [p for some, _ in ((parts, label), *more) for p in some]
+        self._boxes.append(box_of(everything, label, number, at=at, yaw=yaw))
+        return number
+
+    def build(self) -> World:
+        """One world of everything added."""
+        patches = self._patches
+        starts = np.cumsum([0] + [len(p.vertices) for p in patches])
+        sizes = [len(p.faces) for p in patches]
+        corners = [
+            np.zeros((len(p.faces), 3, 2), np.float32)
+            if p.texcoords is None
+            else p.texcoords[p.faces]
+            for p in patches
+        ]
+        return World(
+            np.concatenate([p.vertices for p in patches]).astype(np.float32),
+            np.concatenate(
+                [p.faces + s for p, s in zip(patches, starts, strict=False)], dtype=np.int32
+            ),
+            np.concatenate(corners, dtype=np.float32),
+            np.repeat(np.array(self._labels, np.uint8), sizes),
+            np.repeat(np.array(self._objects, np.int32), sizes),
+            np.repeat(np.array([p.material for p in patches], np.int32), sizes),
+            tuple(self._surfaces),
+            tuple(self._boxes),
+        )
+
+
+def turned(points: Points, yaw: float) -> Points:
+    """Points turned about z, counter-clockwise."""
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    matrix = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(points @ matrix)
+
+
+def placed(parts: Parts, *, at: ArrayLike = (0, 0, 0), yaw: float = 0.0) -> Parts:
+    """Parts turned about z, then shifted."""
+    offset = np.asarray(at, float)
+    return [
+        (replace(patch, vertices=turned(patch.vertices, yaw) + offset), surface)
+        for patch, surface in parts
+    ]
+
+
+def box_of(
+    parts: Parts, label: Label, number: int, *, at: ArrayLike = (0, 0, 0), yaw: float = 0.0
+) -> LabelBox:
+    """The box of parts in their own axes, at the place where they are put."""
+    vertices = np.concatenate([patch.vertices for patch, _ in parts])
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    middle = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
+    x, y, z = (turned(middle[None], yaw)[0] + np.asarray(at, float)).tolist()
+    length, width, height = (high - low).tolist()
+    return LabelBox(number, label, (x, y, z), (length, width, height), yaw)

@@ -1,0 +1,294 @@
+"""A terrestrial laser scanner on its tripod: a full angular grid from one position."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from manip3d.errors import InputError
+from manip3d.simulate._raycast import CHUNK, Hits, Progress, RayCaster
+from manip3d.simulate.scenes import Scene
+
+__all__ = ["TerrestrialScan", "terrestrial_scan"]
+
+Floats = NDArray[np.float32]
+
+EDGE = 0.1
+"""Metres between neighbouring rays from which on the beam may hit two surfaces at once."""
+MIXED_SHARE = 0.02
+"""At most this share of the points has a mixed range."""
+SUB_RAYS = 6
+"""Rays spread over the footprint of a beam that may hit two surfaces."""
+
+
+@dataclass(frozen=True, eq=False)
+class TerrestrialScan:
+    """Points of one scanner position, in the scanner's frame, with the truth.
+
+    Points are in the order of the scanner: column by column, counter-clockwise, each column
+    upwards.
+
+    Attributes
+    ----------
+    points : (N, 3) float32, metres
+        The scanner is at the origin; z up.
+    intensity : (N,) float32
+        0 to 1: reflectance times the cosine of the angle of incidence.
+    label : (N,) uint8
+        Truth: what is hit (`manip3d.simulate.scenes.Label`).
+    object : (N,) int32
+        Truth: number of the object in the scene's world; -1: background.
+    mixed : (N,) bool
+        Truth: the beam hit two surfaces, the range lies between them.
+    row, column : (N,) uint16
+        Place in the angular grid; row 0 is the lowest.
+    shape : (rows, columns)
+        Of the whole grid.
+    resolution_deg : float
+    first_azimuth_deg, first_elevation_deg : float
+        Centre of column 0 and of row 0.
+    """
+
+    points: Floats
+    intensity: Floats
+    label: NDArray[np.uint8]
+    object: NDArray[np.int32]
+    mixed: NDArray[np.bool_]
+    row: NDArray[np.uint16]
+    column: NDArray[np.uint16]
+    shape: tuple[int, int]
+    resolution_deg: float
+    first_azimuth_deg: float
+    first_elevation_deg: float
+
+
+def terrestrial_scan(
+    scene: Scene,
+    *,
+    resolution_deg: float = 0.06,
+    field_of_view: tuple[tuple[float, float], tuple[float, float]] = (
+        (-180.0, 180.0),
+        (-40.0, 60.0),
+    ),
+    range_noise: float = 0.003,
+    angle_noise_deg: float = 0.0005,
+    beam_divergence: float = 0.3e-3,
+    min_range: float = 0.5,
+    max_range: float = 350.0,
+    rng: int | np.random.Generator = 0,
+    num_threads: int = 0,
+    progress: Progress | None = None,
+) -> TerrestrialScan:
+    """Scan a scene from its tripod; the defaults are those of a Riegl VZ-400.
+
+    One ray for each cell of the angular grid, through its centre. Where neighbouring ranges
+    differ by more than 0.1 m, further rays over the footprint of the beam tell whether it hits
+    two surfaces; then the range is a seeded mix of theirs, for at most 2 % of the points.
+
+    Parameters
+    ----------
+    scene : Scene
+    resolution_deg : float
+        Of the grid, in azimuth and in elevation.
+    field_of_view : ((azimuth, azimuth), (elevation, elevation)), degrees
+    range_noise : float, metres
+        Standard deviation of a range (the VZ-400's data sheet: precision 3 mm).
+    angle_noise_deg : float
+        Standard deviation of the beam's direction (the data sheet: 0.0005 degrees).
+    beam_divergence : float, radians
+        Full angle of the beam.
+    min_range, max_range : float, metres
+        Nearer and farther surfaces give no point.
+    rng : int or numpy.random.Generator
+    num_threads : int
+        0: all cores. The result does not depend on it.
+    progress : callable, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    TerrestrialScan
+        Ranges are rounded to 1 mm.
+
+    Raises
+    ------
+    InputError
+        An option is out of range.
+    MissingExtraError
+        Open3D is not installed.
+    """
+    grid = _Grid(resolution_deg, field_of_view)
+    for name, value in (
+        ("range_noise", range_noise),
+        ("angle_noise_deg", angle_noise_deg),
+        ("beam_divergence", beam_divergence),
+        ("min_range", min_range),
+    ):
+        if not (0.0 <= value < math.inf):
+            raise InputError(f"{name}: expected a finite number >= 0, got {value}")
+    if not max_range > min_range:
+        raise InputError(f"max_range: expected more than {min_range}, got {max_range}")
+    random = np.random.default_rng(rng)
+    report = progress or (lambda fraction, message: None)
+    azimuth, elevation = grid.angles(random, math.radians(angle_noise_deg))
+    caster = scene.world.caster()
+    origin = np.array(scene.scanner, np.float32)
+
+    ranges = np.empty(azimuth.size, np.float32)
+    face = np.empty(azimuth.size, np.uint32)
+    cosine = np.empty(azimuth.size, np.float32)
+    for start in range(0, azimuth.size, CHUNK):
+        report(0.8 * start / azimuth.size, "casting rays")
+        part = slice(start, start + CHUNK)
+        direction = _directions(azimuth[part], elevation[part])
+        hits = caster.cast(origin, direction, num_threads=num_threads)
+        ranges[part], face[part] = hits.distance, hits.face
+        cosine[part] = np.abs(np.einsum("ij,ij->i", direction, hits.normal))
+
+    report(0.8, "mixed ranges")
+    world = scene.world
+    surface = world.face_surface[np.where(np.isinf(ranges), 0, face)]
+    returned = (ranges >= min_range) & (ranges <= max_range)
+    returned &= random.random(len(ranges), np.float32) >= world.transmission[surface]
+    mixed = _mix_ranges(
+        ranges, returned, grid, azimuth, elevation, caster, origin, beam_divergence, random
+    )
+
+    report(0.9, "points")
+    kept = np.flatnonzero(returned)
+    noise = random.standard_normal(len(kept), np.float32) * np.float32(range_noise)
+    measured = np.round((ranges[kept] + noise) * 1000.0) / 1000.0
+    points = _directions(azimuth[kept], elevation[kept]) * measured[:, None].astype(np.float32)
+    report(1.0, "done")
+    return TerrestrialScan(
+        points,
+        world.reflectance[surface[kept]] * cosine[kept],
+        world.face_label[face[kept]],
+        world.face_object[face[kept]],
+        mixed[kept],
+        (kept % grid.rows).astype(np.uint16),
+        (kept // grid.rows).astype(np.uint16),
+        (grid.rows, grid.columns),
+        resolution_deg,
+        grid.first_azimuth,
+        grid.first_elevation,
+    )
+
+
+class _Grid:
+    """The angular grid: centres of its cells, column by column."""
+
+    def __init__(self, resolution: float, field_of_view: Any) -> None:
+        if not (0.0 < resolution <= 10.0):
+            raise InputError(f"resolution_deg: expected 0 < degrees <= 10, got {resolution}")
+        ((left, right), (low, high)) = field_of_view
+        if not (-360.0 <= left < right <= left + 360.0 and -90.0 <= low < high <= 90.0):
+            raise InputError(
+                "field_of_view: expected ((azimuth, azimuth), (elevation, elevation)) in degrees, "
+                f"ascending, at most a full turn, got {field_of_view}"
+            )
+        self.columns = max(1, math.floor((right - left) / resolution + 1e-9))
+        self.rows = max(1, math.floor((high - low) / resolution + 1e-9))
+        if max(self.columns, self.rows) > np.iinfo(np.uint16).max:
+            raise InputError(f"resolution_deg: {resolution} makes more than 65 535 columns or rows")
+        self.first_azimuth = left + resolution / 2
+        self.first_elevation = low + resolution / 2
+        self.resolution = resolution
+        self.full_turn = right - left >= 360.0 - resolution / 2
+
+    def angles(self, random: np.random.Generator, noise: float) -> tuple[Floats, Floats]:
+        """Azimuth and elevation of all cells in radians, each with the scanner's noise."""
+        step = math.radians(self.resolution)
+        across = math.radians(self.first_azimuth) + step * np.arange(self.columns)
+        up = math.radians(self.first_elevation) + step * np.arange(self.rows)
+        azimuth = np.repeat(across.astype(np.float32), self.rows)
+        elevation = np.tile(up.astype(np.float32), self.columns)
+        for angle in (azimuth, elevation):
+            angle += np.float32(noise) * random.standard_normal(angle.size, np.float32)
+        return azimuth, elevation
+
+
+def _directions(azimuth: Floats, elevation: Floats) -> Floats:
+    """(N, 3) unit vectors."""
+    level = np.cos(elevation)
+    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
+
+
+def _mix_ranges(
+    ranges: Floats,
+    returned: NDArray[np.bool_],
+    grid: _Grid,
+    azimuth: Floats,
+    elevation: Floats,
+    caster: RayCaster,
+    origin: Floats,
+    divergence: float,
+    random: np.random.Generator,
+) -> NDArray[np.bool_]:
+    """Mixes, in place, the ranges whose footprint lies on two surfaces; tells which."""
+    mixed = np.zeros(len(ranges), np.bool_)
+    at_edge = _at_edges(ranges, returned, grid)
+    if divergence == 0.0 or at_edge.size == 0:
+        return mixed
+    cast = functools.partial(_cast_all, caster, origin)
+    direction = _directions(azimuth[at_edge], elevation[at_edge])
+    center = cast(direction)
+    plane = center.distance * np.einsum("ij,ij->i", center.normal, direction)
+    spread = [center.distance]
+    straddling = np.zeros(at_edge.size, np.bool_)
+    for _ in range(SUB_RAYS):
+        # Uniform over the disc of the beam.
+        radius = 0.5 * divergence * np.sqrt(random.random(at_edge.size, np.float32))
+        angle = np.float32(2.0 * np.pi) * random.random(at_edge.size, np.float32)
+        up = elevation[at_edge] + radius * np.sin(angle)
+        across = azimuth[at_edge] + radius * np.cos(angle) / np.maximum(np.cos(up), 1e-3)
+        direction = _directions(across, up)
+        distance = cast(direction).distance
+        # A slanted plane spreads ranges too, but is one surface.
+        cosine = np.einsum("ij,ij->i", center.normal, direction)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            off_plane = abs(distance - plane / cosine)
+        straddling |= np.isfinite(distance) & ~(off_plane <= EDGE)
+        spread.append(distance)
+    sample = np.stack(spread)
+    sample[np.isinf(sample)] = np.nan  # the sky returns nothing, and adds nothing
+    most = int(MIXED_SHARE * np.count_nonzero(returned))
+    chosen = np.sort(random.permutation(np.flatnonzero(straddling))[:most])
+    weight = random.random((SUB_RAYS + 1, chosen.size), np.float32)
+    values = sample[:, chosen]
+    weight[np.isnan(values)] = 0.0
+    mixed[at_edge[chosen]] = True
+    ranges[at_edge[chosen]] = np.nansum(weight * values, axis=0) / weight.sum(axis=0)
+    return mixed
+
+
+def _cast_all(caster: RayCaster, origin: Floats, directions: Floats) -> Hits:
+    """Hits of any number of rays, a chunk at a time."""
+    parts = [
+        caster.cast(origin, directions[start : start + CHUNK])
+        for start in range(0, len(directions), CHUNK)
+    ]
+    names = [field.name for field in fields(Hits)]
+    return Hits(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def _at_edges(ranges: Floats, returned: NDArray[np.bool_], grid: _Grid) -> NDArray[np.int64]:
+    """Cells with a return of which one of the four neighbours is more than `EDGE` away."""
+    image = np.where(np.isinf(ranges), np.float32(1e4), ranges).reshape(grid.columns, grid.rows)
+    edge = np.zeros(image.shape, np.bool_)
+    upwards = abs(np.diff(image, axis=1)) > EDGE
+    edge[:, 1:] |= upwards
+    edge[:, :-1] |= upwards
+    across = abs(np.diff(image, axis=0)) > EDGE
+    edge[1:] |= across
+    edge[:-1] |= across
+    if grid.full_turn:
+        seam = abs(image[0] - image[-1]) > EDGE
+        edge[0] |= seam
+        edge[-1] |= seam
+    return np.flatnonzero(edge.ravel() & returned)
