@@ -12,10 +12,16 @@ constexpr std::size_t kLongestLine = std::size_t{32} << 20;
 // Tables of an honest mesh take some 5 to 30 times the bytes of its .xz file.
 constexpr std::uint64_t kMaxTableExpansion = 100;
 
+/// A small file needs no whole block; one byte more than it has, and its end is seen at once.
+std::size_t first_block(const ByteSource& source) {
+  const auto size = source.remaining();
+  return size && *size < kBlock ? static_cast<std::size_t>(*size) + 1 : kBlock;
+}
+
 }  // namespace
 
 InputBuffer::InputBuffer(ByteSource& source, Progress progress)
-    : source_(source), progress_(std::move(progress)), buffer_(kBlock) {}
+    : source_(source), progress_(std::move(progress)), buffer_(first_block(source)) {}
 
 bool InputBuffer::fill() {
   if (source_ended_) return false;
