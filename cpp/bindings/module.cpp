@@ -56,6 +56,7 @@ PYBIND11_MODULE(_core, m) {
   m.doc() = "C++ core of manip3d. Private: use the typed functions of the package.";
   m.attr("__version__") = MANIP3D_VERSION;
   py::register_exception_translator(&translate);
+  manip3d::bindings::bind_depth(m);
   manip3d::bindings::bind_geometry(m);
   manip3d::bindings::bind_io(m);
   manip3d::bindings::bind_simplify(m);

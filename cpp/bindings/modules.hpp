@@ -5,6 +5,7 @@
 /// One function per file of this folder; module.cpp calls them all.
 namespace manip3d::bindings {
 
+void bind_depth(pybind11::module_& m);
 void bind_geometry(pybind11::module_& m);
 void bind_io(pybind11::module_& m);
 void bind_simplify(pybind11::module_& m);

@@ -28,6 +28,7 @@ class Bytes {
     std::memcpy(&value, bytes.data(), sizeof(T));
     return value;
   }
+  [[nodiscard]] bool empty() const { return rest_.empty(); }
 
  private:
   std::span<const std::uint8_t> rest_;

@@ -1,7 +1,7 @@
 #!/bin/bash
 # Runs each fuzz target over its corpus, then EXECUTIONS times from a fixed seed.
 # usage: cpp/fuzz/run.sh EXECUTIONS [TARGET...]      TARGET: obj, mtl, ply, ...; default: all
-# Kernels (metrics, simplify) run a tenth of that.
+# Kernels (metrics, simplify, grid_delaunay) run a tenth of that.
 # Build first: cmake --preset fuzz && cmake --build --preset fuzz. FUZZ_BUILD names another folder.
 # Ends with 1 when a target found something; the input is left in the folder `findings`.
 set -u
@@ -20,7 +20,7 @@ findings=$build/findings
 mkdir -p "$findings"
 options=(-max_len=65536 -malloc_limit_mb=256 -timeout=5 -seed=1 "-artifact_prefix=$findings/")
 failed=0
-printf '%-12s %8s %12s %10s %s\n' target corpus executions exec/s result
+printf '%-14s %8s %12s %10s %s\n' target corpus executions exec/s result
 for name in "$@"; do
   program=$build/fuzz_$name
   corpus=$here/corpus/$name
@@ -29,7 +29,7 @@ for name in "$@"; do
   mkdir -p "$corpus"
   count=$(find "$corpus" -type f | wc -l)
   # Kernels are no parsers: each execution runs them several times over.
-  case $name in metrics | simplify) runs=$((executions / 10)) ;; *) runs=$executions ;; esac
+  case $name in metrics | simplify | grid_delaunay) runs=$((executions / 10)) ;; *) runs=$executions ;; esac
   dictionary=()
   [ -e "$here/$name.dict" ] && dictionary=("-dict=$here/$name.dict")
   # First the corpus as it stands, which holds every past finding; then new inputs.
@@ -44,6 +44,6 @@ for name in "$@"; do
   rm -rf "$work"
   done_runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
   rate=$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log")
-  printf '%-12s %8s %12s %10s %s\n' "$name" "$count" "${done_runs:--}" "${rate:--}" "$result"
+  printf '%-14s %8s %12s %10s %s\n' "$name" "$count" "${done_runs:--}" "${rate:--}" "$result"
 done
 exit $failed

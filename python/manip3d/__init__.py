@@ -6,6 +6,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from manip3d._core import __version__
+from manip3d.camera import Intrinsics, Registration
 from manip3d.errors import (
     DeviceError,
     Error,
@@ -28,10 +29,12 @@ __all__ = [
     "Error",
     "FormatError",
     "InputError",
+    "Intrinsics",
     "LidarFrame",
     "Material",
     "Mesh",
     "MissingExtraError",
+    "Registration",
     "RenderError",
     "Texture",
     "__version__",

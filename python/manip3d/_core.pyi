@@ -20,11 +20,15 @@ __all__: list[str] = [
     "TextureTerm",
     "boundary_gap",
     "bounding_box",
+    "check_intrinsics",
     "check_mesh",
     "check_points",
+    "check_registration",
     "clean",
     "closest_points",
     "fmpd",
+    "grid_delaunay",
+    "grid_mesh",
     "metro",
     "point_suffixes",
     "read_mesh",
@@ -32,12 +36,14 @@ __all__: list[str] = [
     "read_points",
     "read_range_grid",
     "readable_suffixes",
+    "registered_uvs",
     "replay_collapses",
     "resolve_inside",
     "shading_normals",
     "simplify_qem",
     "summarize",
     "texture_error",
+    "unproject",
     "welded_boundary",
     "writable_suffixes",
     "write_mesh",
@@ -339,10 +345,12 @@ def boundary_gap(
     progress: typing.Any,
 ) -> tuple[typing.Any, typing.Any, int, float, float]: ...
 def bounding_box(mesh: typing.Any) -> numpy.ndarray: ...
+def check_intrinsics(camera: typing.Any) -> None: ...
 def check_mesh(mesh: typing.Any) -> None: ...
 def check_points(
     points: numpy.typing.NDArray[numpy.float32], intensity: numpy.typing.NDArray[numpy.float32]
 ) -> None: ...
+def check_registration(registration: typing.Any) -> None: ...
 def clean(mesh: typing.Any, weld: bool, duplicates: Duplicates) -> dict[str, typing.Any]: ...
 def closest_points(
     mesh: typing.Any,
@@ -357,6 +365,14 @@ def fmpd(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> tuple[float, float, float, int, bool]: ...
+def grid_delaunay(pixels: numpy.typing.NDArray[numpy.int32]) -> numpy.ndarray: ...
+def grid_mesh(
+    points: numpy.typing.NDArray[numpy.float32],
+    valid: numpy.typing.NDArray[numpy.bool],
+    rows_up: bool,
+    max_edge: typing.SupportsFloat | typing.SupportsIndex,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> dict[str, typing.Any]: ...
 def metro(
     original: typing.Any,
     simplified: typing.Any,
@@ -380,6 +396,9 @@ def read_range_grid(
     path: bytes, max_bytes: typing.SupportsInt | typing.SupportsIndex
 ) -> tuple[int, int, numpy.ndarray, numpy.ndarray]: ...
 def readable_suffixes() -> list[typing.Any]: ...
+def registered_uvs(
+    vertices: numpy.typing.NDArray[numpy.float32], registration: typing.Any
+) -> numpy.ndarray: ...
 def replay_collapses(
     mesh: typing.Any,
     options: QemOptions,
@@ -406,6 +425,9 @@ def texture_error(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> tuple[float | None, float | None, float | None, float | None, int, int, float]: ...
+def unproject(
+    depth: numpy.ndarray, camera: typing.Any, threads: typing.SupportsInt | typing.SupportsIndex
+) -> tuple[numpy.ndarray, numpy.ndarray, bool]: ...
 def welded_boundary(mesh: typing.Any) -> numpy.ndarray: ...
 def writable_suffixes() -> list[typing.Any]: ...
 def write_mesh(mesh: typing.Any, path: bytes, texture_folder: bytes) -> list[typing.Any]: ...

@@ -18,6 +18,12 @@ from manip3d.simplify._collapse import (
     qem_orig,
     qem_tp,
 )
+from manip3d.simplify._depth import (
+    DepthMesh,
+    dense_mesh,
+    dense_mesh_grid,
+    grid_delaunay,
+)
 
 __all__ = [
     "METHODS",
@@ -25,12 +31,16 @@ __all__ = [
     "CleanResult",
     "ComplexVertices",
     "Curvature",
+    "DepthMesh",
     "Duplicates",
     "LinkCondition",
     "SeamMode",
     "SimplifyResult",
     "StopReason",
     "clean",
+    "dense_mesh",
+    "dense_mesh_grid",
+    "grid_delaunay",
     "qem4vr",
     "qem_bp",
     "qem_btp",

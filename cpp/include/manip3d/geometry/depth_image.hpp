@@ -1,0 +1,53 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "manip3d/geometry/camera.hpp"
+#include "manip3d/geometry/mesh.hpp"
+
+namespace manip3d {
+
+/// A borrowed depth image, row by row: distance along the optical axis. 0 and NaN mean that there
+/// is no measurement. Exactly one of the two pointers is set.
+struct DepthView {
+  std::int64_t rows = 0, cols = 0;
+  const std::uint16_t* millimetres = nullptr;
+  const float* metres = nullptr;
+};
+
+/// A borrowed grid of points, one per pixel or none: what a depth image becomes, and what a range
+/// scan is.
+struct PointGridView {
+  std::int64_t rows = 0, cols = 0;
+  const float* points = nullptr;        ///< (rows, cols, 3); read only where valid.
+  const std::uint8_t* valid = nullptr;  ///< (rows, cols); 0 = no measurement.
+  /// Seen from the sensor, are triangles that go round counter-clockwise in (column, row) front
+  /// faces? So for Stanford's range grids, whose rows go up; not for images, whose rows go down.
+  bool rows_up = false;
+};
+
+/// The same with its memory.
+struct PointGrid {
+  std::int64_t rows = 0, cols = 0;
+  Rows<float, 3> points;            ///< NaN where there is no measurement.
+  std::vector<std::uint8_t> valid;  ///< 0 or 1.
+  bool rows_up = false;
+  [[nodiscard]] PointGridView view() const {
+    return {rows, cols, points.data(), valid.data(), rows_up};
+  }
+};
+
+/// Lifts a depth image to points of the camera frame, metres: V(u) = R(u) K^-1 u (dissertation
+/// section 3.3.1). Sizes must agree.
+/// @throws InputError  other sizes; a depth that is negative or infinite.
+PointGrid unproject(const DepthView& depth, const PixelRays& rays, int num_threads = 1);
+
+/// @throws InputError  side above kMaxImageSide; a valid point that is not finite.
+void check_point_grid(const PointGridView& grid);
+
+/// One row of a depth image in metres, NaN where there is no measurement.
+/// @throws InputError  a depth that is negative or infinite, with its pixel.
+void load_depth_row(const DepthView& depth, std::int64_t row, float* metres);
+
+}  // namespace manip3d

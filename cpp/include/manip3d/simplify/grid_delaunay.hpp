@@ -1,0 +1,128 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace manip3d {
+
+/// A pixel: column u and row v, 0 to kMaxImageSide - 1.
+struct Pixel {
+  std::int32_t u = 0, v = 0;
+  /// Row-major order.
+  [[nodiscard]] bool operator<(const Pixel& other) const {
+    return v != other.v ? v < other.v : u < other.u;
+  }
+  [[nodiscard]] bool operator==(const Pixel&) const = default;
+};
+
+/// Delaunay triangulation of distinct pixels: exact, unique and deterministic.
+///
+/// All predicates are exact in 64-bit integers, which bounds images to 16 384 pixels a side. Four
+/// pixels on a circle are the rule on a grid. Such ties are broken by symbolic perturbation: each
+/// point, lifted to the paraboloid, is raised by an infinitesimal amount that is larger for later
+/// pixels in row-major order by orders of magnitude [after Devillers & Teillaud, "Perturbations
+/// for Delaunay and weighted Delaunay 3D triangulations", 2011]. Four pixels on a circle are
+/// hence cut by the diagonal that does not end in the last of them. The triangulation is thus
+/// unique: it depends on the set of pixels only, not on how it came about.
+///
+/// The pixels are swept row by row [after Domiter & Zalik, "Sweep-line algorithm for constrained
+/// Delaunay triangulation", 2008]: above the triangulated part runs a front, monotone in u, to
+/// which each pixel is attached vertically, and edges are flipped [Lawson 1977] until they are
+/// Delaunay. In the end the front's bays are filled up to the convex hull. About O(n) on images,
+/// O(n^2) at worst. Reusing an object reuses its memory.
+class GridDelaunay {
+ public:
+  /// @param pixels  strictly increasing in row-major order; copied. Fewer than three, or all on a
+  ///                line: no triangles.
+  /// @throws InputError  not in order (so also repeated), or out of range.
+  void triangulate(std::span<const Pixel> pixels);
+
+  /// Adds one pixel and restores the Delaunay property.
+  /// @return  its vertex; an existing vertex if the pixel already is one; -1, and nothing is
+  ///          changed, if it lies outside of the convex hull (or there is no triangle).
+  std::int32_t insert(Pixel pixel);
+
+  /// The triangles that the last insert() made or changed: those around the new vertex. All other
+  /// triangles kept their numbers.
+  [[nodiscard]] std::span<const std::int32_t> changed() const { return changed_; }
+
+  /// The triangle that holds a pixel (on an edge: one of the two), or -1 outside of the hull, by a
+  /// walk that starts at triangle `start`.
+  [[nodiscard]] std::int32_t locate(Pixel pixel, std::int32_t start) const;
+
+  [[nodiscard]] std::span<const Pixel> pixels() const { return pixels_; }
+  [[nodiscard]] std::int32_t num_triangles() const {
+    return static_cast<std::int32_t>(edges_.size() / kStride);
+  }
+  /// Vertices of triangle t, counter-clockwise for u to the right and v up.
+  [[nodiscard]] std::array<std::int32_t, 3> triangle(std::int32_t t) const {
+    return {edge(kStride * t).origin, edge(kStride * t + 1).origin, edge(kStride * t + 2).origin};
+  }
+  /// The triangle across the side from vertex i to vertex i + 1 of triangle t, or -1.
+  [[nodiscard]] std::int32_t neighbor(std::int32_t t, int i) const {
+    const std::int32_t twin = edge(kStride * t + i).twin;
+    return twin < 0 ? -1 : twin / kStride;
+  }
+
+ private:
+  // Half-edge e of triangle e / 4 runs from its origin to the origin of next(e); the fourth of
+  // each triangle is unused. `twin` is the half-edge across, or ~a on the boundary, where a is
+  // the vertex it ends in.
+  struct HalfEdge {
+    std::int32_t origin, twin;
+  };
+  static constexpr std::int32_t kStride = 4;
+  static std::int32_t next(std::int32_t e) { return (e & 3) == 2 ? e - 2 : e + 1; }
+  static std::int32_t prev(std::int32_t e) { return (e & 3) == 0 ? e + 2 : e - 1; }
+  HalfEdge& edge(std::int32_t e) { return edges_[static_cast<std::size_t>(e)]; }
+  [[nodiscard]] const HalfEdge& edge(std::int32_t e) const {
+    return edges_[static_cast<std::size_t>(e)];
+  }
+  [[nodiscard]] const Pixel& pixel(std::int32_t vertex) const {
+    return pixels_[static_cast<std::size_t>(vertex)];
+  }
+  // The boundary is a ring of vertices, clockwise: the front from left to right, then below.
+  struct BoundaryVertex {
+    std::int32_t next, prev;
+    std::int32_t edge;  ///< The half-edge from `next` to this vertex.
+  };
+  BoundaryVertex& ring(std::int32_t vertex) { return ring_[static_cast<std::size_t>(vertex)]; }
+
+  [[nodiscard]] std::int64_t orient(std::int32_t a, std::int32_t b, std::int32_t c) const;
+  [[nodiscard]] bool is_illegal(std::int32_t e) const;
+  [[nodiscard]] bool is_narrow(std::int32_t a, std::int32_t b, std::int32_t c) const;
+  void link(std::int32_t e, std::int32_t twin);
+  void set_boundary(std::int32_t a, std::int32_t b, std::int32_t e);
+  std::int32_t make_triangle(std::int32_t a, std::int32_t b, std::int32_t c);
+  void flip(std::int32_t e);
+  void legalize_star(std::int32_t e);
+  void legalize(std::int32_t e, std::int32_t f);
+
+  std::int32_t count_collinear() const;
+  void start_fan(std::int32_t apex);
+  std::int32_t find_below(std::int32_t u) const;
+  void attach(std::int32_t a, std::int32_t p);
+  void fill(std::int32_t b);
+  void add(std::int32_t p);
+  void add_right(std::int32_t p);
+  void add_left(std::int32_t p);
+  void smooth_left(std::int32_t p);
+  void smooth_right(std::int32_t p);
+  void fill_bays();
+
+  void split_triangle(std::int32_t t, std::int32_t p);
+  void split_edge(std::int32_t e, std::int32_t p);
+  void collect_star(std::int32_t e);
+
+  std::vector<Pixel> pixels_;
+  std::vector<HalfEdge> edges_;
+  std::vector<BoundaryVertex> ring_;
+  std::vector<std::int32_t> stack_;
+  std::vector<std::int32_t> changed_;
+  std::int32_t left_ = -1, right_ = -1, last_ = -1;  ///< Of the front; the last vertex added.
+  std::int32_t found_ = 0;  ///< The triangle of the last insert(), where the next walk starts.
+};
+
+}  // namespace manip3d
