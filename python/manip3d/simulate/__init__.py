@@ -1,6 +1,18 @@
 """Data made on the spot, seeded: what runs where no data set is."""
 
-from manip3d.simulate import models, scenes
+from manip3d.simulate import models, scenes, streets
+from manip3d.simulate.lidar import LidarScan, hdl64e
+from manip3d.simulate.streets import Street, street
 from manip3d.simulate.terrestrial import TerrestrialScan, terrestrial_scan
 
-__all__ = ["TerrestrialScan", "models", "scenes", "terrestrial_scan"]
+__all__ = [
+    "LidarScan",
+    "Street",
+    "TerrestrialScan",
+    "hdl64e",
+    "models",
+    "scenes",
+    "street",
+    "streets",
+    "terrestrial_scan",
+]

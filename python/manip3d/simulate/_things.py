@@ -23,6 +23,7 @@ METAL = Surface((0.45, 0.46, 0.48), 0.3)
 DARK = Surface((0.06, 0.06, 0.07), 0.06)
 CLOTH = Surface((0.30, 0.33, 0.45), 0.4)
 GLASS = Surface((0.25, 0.32, 0.38), 0.05, transmission=0.93)
+CAR_GLASS = Surface((0.12, 0.15, 0.18), 0.06, transmission=0.6)
 LEAF = Surface((0.22, 0.36, 0.12), 0.5)
 BARK = Surface((0.30, 0.23, 0.16), 0.3)
 SKIN = Surface((0.75, 0.57, 0.45), 0.5)
@@ -319,7 +320,7 @@ def car(random: Random, *, paint: Surface | None = None) -> Parts:
         color = CAR_COLORS[random.integers(len(CAR_COLORS))]
         paint = Surface(color, 0.15 + 0.6 * float(np.mean(color)))
     scale = random.uniform((0.86, 0.95, 0.97), (1.08, 1.05, 1.25))
-    surfaces = (paint, GLASS, RUBBER, METAL, LAMP, TAIL_LAMP, DARK, CLOTH)
+    surfaces = (paint, CAR_GLASS, RUBBER, METAL, LAMP, TAIL_LAMP, DARK, CLOTH)
     return [
         (Patch(p.vertices * scale, p.faces, p.texcoords), s)
         for p, s in zip(_car_panels(), surfaces, strict=True)

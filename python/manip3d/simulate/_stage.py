@@ -1,0 +1,193 @@
+"""Static world and movers: the world is built once, movers are cast in their own frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from manip3d.simulate._raycast import NO_FACE
+from manip3d.simulate._world import Label, LabelBox, Surface, World
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Mover:
+    """Something that moves straight ahead.
+
+    Attributes
+    ----------
+    model : World
+        In its own frame: origin at the middle of its bottom, x forward.
+    label : Label
+    start : (x, y, z), metres
+        At time 0.
+    yaw : float, radians
+    speed : float, metres per second
+        Along its x axis.
+    """
+
+    model: World
+    label: Label
+    start: tuple[float, float, float]
+    yaw: float
+    speed: float
+
+    @property
+    def velocity(self) -> NDArray[np.float64]:
+        """(3,) metres per second."""
+        return self.speed * np.array([np.cos(self.yaw), np.sin(self.yaw), 0.0])
+
+    def box(self, number: int, time: float) -> LabelBox:
+        """Its box at a time, as object ``number``."""
+        low, high = self.model.vertices.min(axis=0), self.model.vertices.max(axis=0)
+        x, y, z = (np.asarray(self.start) + self.velocity * time).tolist()
+        length, width, height = (high - low).tolist()
+        return LabelBox(number, self.label, (x, y, z), (length, width, height), self.yaw)
+
+
+@dataclass
+class StageHits:
+    """Where rays meet the stage.
+
+    Attributes
+    ----------
+    distance : (N,) float32
+        Infinite: no hit.
+    face : (N,) int64
+        Index into the stage's face tables; undefined where there is no hit.
+    normal : (N, 3) float32
+        In the world's frame.
+    uv : (N, 2) float32
+        Barycentric weights of the second and the third corner.
+    object : (N,) int32
+        -1: background or no hit.
+    """
+
+    distance: Floats
+    face: NDArray[np.int64]
+    normal: Floats
+    uv: Floats
+    object: NDArray[np.int32]
+
+
+class Stage:
+    """A static world with movers, ready for rays.
+
+    Parameters
+    ----------
+    world : World
+    movers : sequence of Mover
+        Movers that share a model share its search structure.
+    """
+
+    def __init__(self, world: World, movers: Sequence[Mover] = ()) -> None:
+        self.world = world
+        self.movers = tuple(movers)
+        models = {id(mover.model): mover.model for mover in movers}
+        worlds = [world, *models.values()]
+        first = np.cumsum([0] + [len(w.faces) for w in worlds]).tolist()
+        base = np.cumsum([0] + [len(w.surfaces) for w in worlds]).tolist()
+        self._first_face = dict(zip(models, first[1:], strict=False))
+        self._caster = world.caster()
+        self._casters = {key: model.caster() for key, model in models.items()}
+        self.surfaces: tuple[Surface, ...] = tuple(s for w in worlds for s in w.surfaces)
+        self.reflectance = np.array([s.reflectance for s in self.surfaces], np.float32)
+        self.transmission = np.array([s.transmission for s in self.surfaces], np.float32)
+        self.face_label = np.concatenate([w.face_label for w in worlds])
+        self.face_surface = np.concatenate(
+            [w.face_surface + start for w, start in zip(worlds, base, strict=False)]
+        )
+        self.texcoords = np.concatenate([w.texcoords for w in worlds])
+        self._face_object = np.concatenate([w.face_object for w in worlds])
+        self._first_mover = int(world.face_object.max(initial=-1)) + 1
+
+    def boxes(self, time: float) -> tuple[LabelBox, ...]:
+        """Boxes of all objects at a time, in the world's frame."""
+        moving = [mover.box(self._first_mover + i, time) for i, mover in enumerate(self.movers)]
+        return (*self.world.boxes, *moving)
+
+    def cast(
+        self,
+        origins: Floats,
+        directions: Floats,
+        times: Floats,
+        *,
+        subsets: Sequence[NDArray[np.int64]] | None = None,
+        num_threads: int = 0,
+    ) -> StageHits:
+        """First hits of N rays, each at its own time.
+
+        Parameters
+        ----------
+        origins : (N, 3) or (3,) float32
+        directions : (N, 3) float32
+            Of unit length.
+        times : (N,) float32, seconds
+        subsets : sequence of (K,) int64, optional
+            For each mover the rays that may meet it; else found from its bounding sphere.
+        num_threads : int
+        """
+        static = self._caster.cast(origins, directions, num_threads=num_threads)
+        face = static.face.astype(np.int64)
+        missed = static.face == NO_FACE
+        face[missed] = 0
+        number = self._face_object[face]
+        number[missed] = -1
+        hits = StageHits(static.distance, face, static.normal, static.uv, number)
+        for index, mover in enumerate(self.movers):
+            rays = (
+                self._rays_near(mover, origins, directions, times)
+                if subsets is None
+                else subsets[index]
+            )
+            if rays.size:
+                self._merge(hits, index, rays, origins, directions, times, num_threads)
+        return hits
+
+    @staticmethod
+    def _rays_near(
+        mover: Mover, origins: Floats, directions: Floats, times: Floats
+    ) -> NDArray[np.int64]:
+        """Rays that come within the mover's bounding sphere."""
+        low, high = mover.model.vertices.min(axis=0), mover.model.vertices.max(axis=0)
+        radius = 0.5 * float(np.linalg.norm(high - low)) + 0.1
+        center = np.array(mover.start) + np.array([0.0, 0.0, 0.5 * (low[2] + high[2])])
+        off = center.astype(np.float32) + times[:, None] * mover.velocity.astype(np.float32)
+        off -= origins
+        along = np.einsum("ij,ij->i", off, directions)
+        aside = np.einsum("ij,ij->i", off, off) - along * along
+        return np.flatnonzero((along > -radius) & (aside < radius * radius))
+
+    def _merge(
+        self,
+        hits: StageHits,
+        index: int,
+        rays: NDArray[np.int64],
+        origins: Floats,
+        directions: Floats,
+        times: Floats,
+        num_threads: int,
+    ) -> None:
+        """Hits of one mover that lie before what was hit so far."""
+        mover = self.movers[index]
+        cosine, sine = np.cos(mover.yaw), np.sin(mover.yaw)
+        to_mover = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]], np.float32)
+        origin = origins if origins.ndim == 1 else origins[rays]
+        shift = np.array(mover.start, np.float32) + times[rays, None] * mover.velocity.astype(
+            np.float32
+        )
+        key = id(mover.model)
+        found = self._casters[key].cast(
+            (origin - shift) @ to_mover, directions[rays] @ to_mover, num_threads=num_threads
+        )
+        nearer = found.distance < hits.distance[rays]
+        mine = rays[nearer]
+        hits.distance[mine] = found.distance[nearer]
+        hits.face[mine] = found.face[nearer].astype(np.int64) + self._first_face[key]
+        hits.normal[mine] = found.normal[nearer] @ to_mover.T
+        hits.uv[mine] = found.uv[nearer]
+        hits.object[mine] = self._first_mover + index

@@ -1,0 +1,145 @@
+"""Procedural textures that tile: (256, 256, 3) uint8; colours multiply them."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from manip3d.simulate._world import Surface
+
+Pixels = NDArray[np.uint8]
+Field = NDArray[np.float64]
+
+SIZE = 256
+
+
+def noise(seed: int, slope: float) -> Field:
+    """Periodic noise of unit variance whose amplitude falls as frequency^-slope."""
+    random = np.random.default_rng(seed)
+    fx, fy = np.meshgrid(np.fft.rfftfreq(SIZE), np.fft.fftfreq(SIZE))
+    frequency = np.hypot(fx, fy)
+    frequency[0, 0] = np.inf
+    spectrum = np.fft.rfft2(random.standard_normal((SIZE, SIZE))) * frequency**-slope
+    field = np.fft.irfft2(spectrum)
+    return np.asarray(field / field.std())
+
+
+def _pixels(brightness: Field, *, tint: Field | None = None) -> Pixels:
+    """Grey pixels of a brightness around 1; ``tint`` shifts red against blue."""
+    shift = np.zeros_like(brightness) if tint is None else tint
+    image = np.stack([brightness * (1 + shift), brightness, brightness * (1 - shift)], axis=-1)
+    return np.asarray(np.clip(200.0 * image, 0, 255)).astype(np.uint8)
+
+
+def _grid() -> tuple[Field, Field]:
+    """Row and column in 0..1."""
+    s = (np.arange(SIZE) + 0.5) / SIZE
+    return np.meshgrid(s, s, indexing="ij")
+
+
+@functools.cache
+def rough(seed: int, contrast: float, slope: float) -> Pixels:
+    """Asphalt, plaster, concrete, earth."""
+    return _pixels(1.0 + contrast * noise(seed, slope), tint=0.02 * noise(seed + 1, 1.0))
+
+
+@functools.cache
+def foliage(seed: int) -> Pixels:
+    """Grass and leaves: strong contrast from leaf to leaf."""
+    return _pixels(1.0 + 0.35 * noise(seed, 0.45), tint=0.12 * noise(seed + 1, 1.0))
+
+
+@functools.cache
+def courses(seed: int, rows: int, columns: int, joint: float) -> Pixels:
+    """Bricks, slabs or tiles: each second course shifted, each stone a shade of its own."""
+    random = np.random.default_rng(seed)
+    v, u = _grid()
+    course = np.floor(v * rows).astype(int)
+    along = u * columns + 0.5 * (course % 2)
+    stone = np.floor(along).astype(int) % columns
+    shade = 1.0 + 0.14 * random.standard_normal((rows, columns))
+    edge = np.minimum(np.minimum(along % 1, 1 - along % 1) / columns * rows, 1.0)
+    edge = np.minimum(edge, np.minimum(v * rows % 1, 1 - v * rows % 1))
+    brightness = np.where(edge < joint, 0.72, shade[course, stone]) + 0.05 * noise(seed, 0.4)
+    return _pixels(brightness, tint=0.03 * noise(seed + 1, 0.8))
+
+
+@functools.cache
+def window(seed: int) -> Pixels:
+    """A pane with a frame, curtains, and the dim room behind."""
+    v, u = _grid()
+    frame = (abs(u - 0.5) < 0.02) | (np.minimum(u, 1 - u) < 0.03) | (np.minimum(v, 1 - v) < 0.03)
+    random = np.random.default_rng(seed)
+    curtain = abs(u - 0.5) > random.uniform(0.25, 0.45)
+    folds = 0.85 + 0.2 * np.sin(2 * np.pi * u * 24)
+    brightness = np.where(curtain, folds, 0.35 + 0.3 * v) + 0.05 * noise(seed, 1.2)
+    return _pixels(np.where(frame, 1.25, brightness))
+
+
+def asphalt(random: np.random.Generator) -> Surface:
+    """Of a road."""
+    shade = float(random.uniform(0.26, 0.36))
+    return Surface(
+        (shade, shade, shade * 1.03),
+        float(random.uniform(0.3, 0.4)),
+        texture=rough(1, 0.16, 0.45),
+        texture_size=4.0,
+    )
+
+
+def paving(random: np.random.Generator) -> Surface:
+    """Of a pavement."""
+    shade = float(random.uniform(0.42, 0.55))
+    return Surface(
+        (shade, shade * 0.98, shade * 0.94), 0.35, texture=courses(2, 8, 8, 0.06), texture_size=3.2
+    )
+
+
+def grass() -> Surface:
+    """Of verges and gardens."""
+    return Surface((0.30, 0.42, 0.17), 0.45, texture=foliage(3), texture_size=3.0)
+
+
+def wall(random: np.random.Generator) -> Surface:
+    """Of a house: plaster, brick or concrete."""
+    kind = random.integers(3)
+    if kind == 0:
+        color = np.array([0.86, 0.83, 0.74]) * random.uniform((0.7, 0.7, 0.6), 1.1)
+        texture, size, reflectance = rough(4, 0.07, 0.9), 5.0, 0.55
+    elif kind == 1:
+        color = np.array([0.58, 0.33, 0.25]) * random.uniform(0.7, 1.2)
+        texture, size, reflectance = courses(5, 32, 10, 0.09), 2.6, 0.35
+    else:
+        color = np.array([0.6, 0.6, 0.6]) * random.uniform(0.7, 1.2)
+        texture, size, reflectance = rough(6, 0.10, 0.8), 6.0, 0.4
+    return Surface(_color(color), reflectance, texture=texture, texture_size=size)
+
+
+def roof(random: np.random.Generator) -> Surface:
+    """Of tiles."""
+    color = np.array([0.48, 0.22, 0.16]) * random.uniform(0.6, 1.2)
+    return Surface(_color(color), 0.3, texture=courses(7, 16, 16, 0.05), texture_size=4.0)
+
+
+def pane(random: np.random.Generator) -> Surface:
+    """Of windows: what the laser mostly passes."""
+    texture = window(8 + int(random.integers(4)))
+    return Surface((0.42, 0.46, 0.52), 0.12, transmission=0.25, texture=texture, texture_size=1.6)
+
+
+def leaves(random: np.random.Generator) -> Surface:
+    """Of a tree or a hedge."""
+    color = np.array([0.26, 0.40, 0.15]) * random.uniform((0.7, 0.7, 0.6), (1.3, 1.2, 1.3))
+    return Surface(_color(color), 0.45, texture=foliage(20), texture_size=1.5)
+
+
+def bark() -> Surface:
+    """Of a trunk."""
+    return Surface((0.34, 0.27, 0.2), 0.3, texture=rough(21, 0.25, 0.5), texture_size=0.8)
+
+
+def _color(values: Field) -> tuple[float, float, float]:
+    red, green, blue = np.clip(values, 0.0, 1.0).tolist()
+    return red, green, blue

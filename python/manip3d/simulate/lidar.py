@@ -1,0 +1,308 @@
+"""A Velodyne HDL-64E on a moving car, as KITTI's raw frames show it.
+
+What the real frames give (measured on KITTI drive 2011_09_26_0002; the same numbers hold in all
+other raw, object and stereo frames at hand):
+
+- a laser's point is ``d`` metres along a beam that starts off the axis: ``z = slope * rho +
+  offset`` and ``azimuth = 0.09 k + azimuth_deg + asin(horizontal / rho)`` with whole ``k``, both
+  exact but for the rounding to 1 mm; ``d`` is a multiple of 2 mm plus an offset of the laser;
+- the head turns clockwise in 103.1 ms and fires every 48 us: 2148 or 2149 firings, whose encoder
+  value ``k`` (the same for all lasers) falls by 2, and each seventh time or so by 1;
+- a sweep begins and ends at encoder 178.2 degrees, behind the car;
+- the car's own roof hides the lowest beams ahead and behind.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.resources
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from manip3d.errors import InputError
+from manip3d.simulate.streets import Street
+
+__all__ = ["FIRING_PERIOD", "LidarScan", "hdl64e"]
+
+Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
+
+FIRING_PERIOD = 48e-6
+"""Seconds between firings (20 833 a second, HDL-64E S2 manual)."""
+ENCODER_STEPS = 4000
+"""Of a turn: 0.09 degrees each."""
+SEAM = 1980
+"""Encoder value at which a sweep begins: 178.2 degrees."""
+TURN_PERIOD = 0.10313
+"""Seconds of one turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class LidarScan:
+    """One sweep in the sensor's frame at each firing: motion is not compensated, as in KITTI raw.
+
+    Points are in KITTI's order: rings from the top downwards, each counter-clockwise from
+    straight ahead.
+
+    Attributes
+    ----------
+    points : (N, 3) float32, metres
+        On a 1 mm grid; x forward, y left, z up.
+    intensity : (N,) float32
+        0 to 0.99 in steps of 0.01.
+    ring : (N,) uint8
+        0 is the highest.
+    label : (N,) uint8
+        Truth: what is hit (`manip3d.simulate.scenes.Label`).
+    object : (N,) int32
+        Truth: number of the object; -1: background.
+    firing : (N,) uint16
+        Truth: number of the firing within the sweep.
+    encoder : (F,) int16
+        Truth: encoder value of each firing, 0.09 degrees a step.
+    time : (F,) float64, seconds
+        Of each firing, on the street's clock; the sensor looks ahead at the frame's time.
+    """
+
+    points: Floats
+    intensity: Floats
+    ring: NDArray[np.uint8]
+    label: NDArray[np.uint8]
+    object: NDArray[np.int32]
+    firing: NDArray[np.uint16]
+    encoder: NDArray[np.int16]
+    time: Doubles
+
+
+@dataclass(frozen=True)
+class Lasers:
+    """The 64 lasers, from the highest to the lowest; each field (64,) float64.
+
+    Attributes
+    ----------
+    slope, offset_m
+        A point lies at ``z = slope * reach + offset_m``; ``reach``: see ``horizontal_m``.
+    azimuth_deg
+        Of the laser at encoder value 0.
+    horizontal_m
+        The beam passes the axis at this distance: a point lies ``reach`` along the laser's
+        azimuth and ``horizontal_m`` to the left.
+    range_offset_mm
+        Ranges are a multiple of 2 mm plus this.
+    """
+
+    slope: Doubles
+    offset_m: Doubles
+    azimuth_deg: Doubles
+    horizontal_m: Doubles
+    range_offset_mm: Doubles
+
+
+@functools.cache
+def lasers() -> Lasers:
+    """The calibration of KITTI's HDL-64E, measured from its clouds."""
+    text = importlib.resources.files("manip3d.simulate").joinpath("hdl64e_lasers.csv").read_text()
+    table = np.array([[float(cell) for cell in row.split(",")] for row in text.split()[1:]])
+    return Lasers(*table.T[1:])
+
+
+def hdl64e(
+    street: Street,
+    time: float = 0.0,
+    *,
+    range_noise: float = 0.011,
+    laser_bias: float = 0.017,
+    drop_out: float = 0.003,
+    max_range: float = 80.0,
+    rng: int | np.random.Generator = 0,
+    num_threads: int = 0,
+) -> LidarScan:
+    """One sweep of an HDL-64E on the car that drives along a street.
+
+    Parameters
+    ----------
+    street : Street
+    time : float, seconds
+        When the sensor looks straight ahead; the sweep begins half a turn earlier.
+    range_noise : float, metres
+        Standard deviation from shot to shot: 9 to 13 mm on smooth stretches of KITTI's rings.
+    laser_bias : float, metres
+        Standard deviation of the lasers' constant errors; with ``range_noise`` 2 cm in all.
+    drop_out : float
+        Share of pulses without a return where all is well (0.3 % on KITTI's roads); glass,
+        dark and grazing surfaces return less.
+    max_range : float, metres
+        KITTI keeps no point beyond 80 m.
+    rng : int or numpy.random.Generator
+        Noise, drop-outs and the motor's wobble. The lasers' errors belong to the sensor and are
+        the same for all seeds.
+    num_threads : int
+        0: all cores. The result does not depend on it.
+
+    Raises
+    ------
+    InputError
+        An option is out of range, or the car has left the street.
+    MissingExtraError
+        Open3D is not installed.
+    """
+    for name, value in (("range_noise", range_noise), ("laser_bias", laser_bias)):
+        if not (0.0 <= value < 1.0):
+            raise InputError(f"{name}: expected 0 <= metres < 1, got {value}")
+    if not (0.0 <= drop_out < 1.0):
+        raise InputError(f"drop_out: expected 0 <= share < 1, got {drop_out}")
+    if not (2.0 < max_range <= 120.0):
+        raise InputError(f"max_range: expected 2 < metres <= 120, got {max_range}")
+    random = np.random.default_rng(rng)
+    encoder, moment = _firings(time, random)
+    firing, ring = _free_beams(encoder)
+    start, direction = _beams(encoder[firing], ring)
+
+    position, yaw = street.pose(moment)
+    to_world = _turns(yaw)[firing]
+    origin = np.einsum("nij,nj->ni", to_world, start.astype(np.float32))
+    origin += position[firing].astype(np.float32)
+    aim = np.einsum("nij,nj->ni", to_world, direction.astype(np.float32))
+    stage = street.stage
+    hits = stage.cast(origin, aim, moment[firing].astype(np.float32), num_threads=num_threads)
+
+    surface = stage.face_surface[hits.face]
+    reflectance = stage.reflectance[surface]
+    cosine = abs(np.einsum("ij,ij->i", aim, hits.normal))
+    returned = np.isfinite(hits.distance)
+    returned &= random.random(len(ring), np.float32) >= np.maximum(
+        stage.transmission[surface], drop_out
+    )
+    returned &= _strong_enough(hits.distance, reflectance, cosine, random)
+    k = np.flatnonzero(returned)
+
+    bias = np.random.default_rng(64).standard_normal(64) * laser_bias
+    measured = hits.distance[k] + bias[ring[k]] + range_noise * random.standard_normal(len(k))
+    quantum = lasers().range_offset_mm[ring[k]]
+    measured = (2.0 * np.round((1000.0 * measured - quantum) / 2.0) + quantum) / 1000.0
+    points = np.round((start[k] + direction[k] * measured[:, None]) * 1000.0) / 1000.0
+    seen = np.linalg.norm(points, axis=1) <= max_range
+    points, k = points[seen].astype(np.float32), k[seen]
+    order = _kitti_order(points, ring[k])
+    k = k[order]
+    glow = reflectance[k] * np.sqrt(np.sqrt(cosine[k])) + 0.03 * random.standard_normal(
+        len(k), np.float32
+    )
+    return LidarScan(
+        points[order],
+        (np.clip(np.round(glow * 100.0), 0, 99) / 100.0).astype(np.float32),
+        ring[k].astype(np.uint8),
+        stage.face_label[hits.face[k]],
+        hits.object[k],
+        firing[k].astype(np.uint16),
+        encoder,
+        moment,
+    )
+
+
+def _firings(time: float, random: np.random.Generator) -> tuple[NDArray[np.int16], Doubles]:
+    """Encoder values and times of the firings of one sweep.
+
+    The head's angle falls evenly but for a wobble of about half an encoder step, as measured.
+    """
+    period = TURN_PERIOD + 3e-5 * random.standard_normal()
+    count = int(np.ceil(period / FIRING_PERIOD)) + 4
+    moment = (np.arange(count) - random.random()) * FIRING_PERIOD
+    turn = moment / period
+    phases = random.uniform(0.0, 2.0 * np.pi, 2)
+    wobble = 0.6 * np.sin(2.0 * np.pi * turn + phases[0]) + 0.15 * np.sin(
+        4.0 * np.pi * turn + phases[1]
+    )
+    angle = SEAM - ENCODER_STEPS * turn + wobble
+    encoder = np.floor(angle).astype(np.int64)
+    once = (encoder <= SEAM) & (encoder > SEAM - ENCODER_STEPS)
+    return encoder[once].astype(np.int16), time + moment[once] - SEAM / ENCODER_STEPS * period
+
+
+def _beams(encoder: NDArray[np.int16], ring: NDArray[np.int64]) -> tuple[Doubles, Doubles]:
+    """Where beams start and their unit directions, in the sensor's frame, at given encoders."""
+    table = lasers()
+    azimuth = np.radians(0.09 * encoder + table.azimuth_deg[ring])
+    ahead = np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1)
+    left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+    level = 1.0 / np.hypot(1.0, table.slope[ring])  # cosine of the elevation
+    rise = table.slope[ring] * level
+    # The foot of the perpendicular from the axis' point to the beam: range 0.
+    perpendicular = table.offset_m[ring] * level
+    start = np.empty((len(ring), 3))
+    start[:, :2] = -(perpendicular * rise)[:, None] * ahead
+    start[:, :2] += table.horizontal_m[ring][:, None] * left
+    start[:, 2] = perpendicular * level
+    direction = np.column_stack([ahead * level[:, None], rise])
+    return start, direction
+
+
+def _turns(yaw: Doubles) -> Floats:
+    """(N, 3, 3) rotations about z."""
+    cosine, sine, zero = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)
+    rows = [[cosine, -sine, zero], [sine, cosine, zero], [zero, zero, zero + 1.0]]
+    return np.array(rows, np.float32).transpose(2, 0, 1)
+
+
+# Where KITTI's own car hides beams, as found in its clouds: azimuths from, to (degrees, left is
+# positive), rings from, to.
+_OWN_CAR = (
+    (-13, 9, 57, 58),  # bonnet
+    (-15, 17, 59, 60),
+    (-17, 22, 61, 63),
+    (28, 38, 61, 63),  # racks
+    (-40, -28, 61, 63),
+    (126, 134, 57, 63),
+    (-131, -123, 57, 63),
+    (-77, -61, 46, 49),  # a case on the right
+    (-81, -58, 50, 57),
+    (-77, -60, 58, 60),
+    (-73, -63, 61, 62),
+    (158, 166, 42, 51),  # roof behind
+    (-167, -159, 42, 51),
+    (158, 202, 52, 56),
+    (154, 206, 57, 59),
+    (150, 210, 60, 62),
+    (146, 214, 63, 63),
+)
+
+
+@functools.cache
+def _hidden() -> NDArray[np.bool_]:
+    """(64, 4000): whether the own car hides a laser at an encoder value."""
+    ring, encoder = np.mgrid[:64, :ENCODER_STEPS]
+    azimuth = 0.09 * encoder + lasers().azimuth_deg[:, None]
+    hidden = np.zeros(ring.shape, np.bool_)
+    for right, left, first, last in _OWN_CAR:
+        within = (azimuth - right) % 360.0 < left - right
+        hidden |= within & (ring >= first) & (ring <= last)
+    return hidden
+
+
+def _free_beams(encoder: NDArray[np.int16]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Firing and ring of all beams that clear the car's own roof, firing by firing."""
+    free = ~_hidden()[:, encoder.astype(np.int64) % ENCODER_STEPS].T
+    firing, ring = np.nonzero(free)
+    return firing, ring
+
+
+def _strong_enough(
+    distance: Floats, reflectance: Floats, cosine: Floats, random: np.random.Generator
+) -> NDArray[np.bool_]:
+    """Whether an echo is seen: dark, grazing and far surfaces fade.
+
+    The range equation of a surface wider than the beam: power ~ reflectance cos / r^2. The limit
+    is that of the data sheet, 50 m for 10 % reflectance, blurred by speckle.
+    """
+    with np.errstate(invalid="ignore"):
+        power = reflectance * cosine / np.maximum(distance, 5.0) ** 2
+    speckle = 0.5 + random.random(len(distance), np.float32)
+    return np.asarray(power * speckle >= 0.1 / 50.0**2 / 4.0)
+
+
+def _kitti_order(points: Floats, ring: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rings from the top, each by ascending azimuth in 0..360 degrees."""
+    azimuth = np.arctan2(points[:, 1], points[:, 0]) % np.float32(2.0 * np.pi)
+    return np.lexsort((azimuth, ring))
