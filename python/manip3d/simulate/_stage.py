@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d.lidar import Box
 from manip3d.simulate._raycast import NO_FACE
-from manip3d.simulate._world import Label, LabelBox, Surface, World
+from manip3d.simulate._world import Label, Surface, World, box_of
 
 Floats = NDArray[np.float32]
 
@@ -41,12 +42,10 @@ class Mover:
         """(3,) metres per second."""
         return self.speed * np.array([np.cos(self.yaw), np.sin(self.yaw), 0.0])
 
-    def box(self, number: int, time: float) -> LabelBox:
+    def box(self, number: int, time: float) -> Box:
         """Its box at a time, as object ``number``."""
-        low, high = self.model.vertices.min(axis=0), self.model.vertices.max(axis=0)
-        x, y, z = (np.asarray(self.start) + self.velocity * time).tolist()
-        length, width, height = (high - low).tolist()
-        return LabelBox(number, self.label, (x, y, z), (length, width, height), self.yaw)
+        at = np.asarray(self.start) + self.velocity * time
+        return box_of(self.model.vertices.astype(float), self.label, number, at=at, yaw=self.yaw)
 
 
 @dataclass
@@ -105,7 +104,7 @@ class Stage:
         self._face_object = np.concatenate([w.face_object for w in worlds])
         self._first_mover = int(world.face_object.max(initial=-1)) + 1
 
-    def boxes(self, time: float) -> tuple[LabelBox, ...]:
+    def boxes(self, time: float) -> tuple[Box, ...]:
         """Boxes of all objects at a time, in the world's frame."""
         moving = [mover.box(self._first_mover + i, time) for i, mover in enumerate(self.movers)]
         return (*self.world.boxes, *moving)

@@ -9,6 +9,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from manip3d.lidar import Box
 from manip3d.simulate._raycast import RayCaster
 from manip3d.simulate._surfaces import Patch, Points
 
@@ -26,6 +27,11 @@ class Label(IntEnum):
     POLE = 7
     FURNITURE = 8
     CYCLIST = 9
+
+    @property
+    def title(self) -> str:
+        """As boxes say it: KITTI's word where KITTI has one."""
+        return "Pedestrian" if self is Label.PERSON else self.name.capitalize()
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,29 +62,6 @@ Parts = list[tuple[Patch, Surface]]
 """Patches of an object, each with its surface; x forward, y left, z up."""
 
 
-@dataclass(frozen=True)
-class LabelBox:
-    """An object's box: the truth of detectors and attackers.
-
-    Attributes
-    ----------
-    object : int
-        As in the labels of points.
-    label : Label
-    center : (x, y, z), metres
-        The middle of the box's bottom, in the frame named by who gives the box.
-    size : (length, width, height), metres
-    yaw : float, radians
-        Of the length, counter-clockwise from x.
-    """
-
-    object: int
-    label: Label
-    center: tuple[float, float, float]
-    size: tuple[float, float, float]
-    yaw: float
-
-
 @dataclass(frozen=True, eq=False)
 class World:
     """A static scene.
@@ -96,8 +79,8 @@ class World:
     face_surface : (F,) int32
         Index into ``surfaces``.
     surfaces : tuple of Surface
-    boxes : tuple of LabelBox
-        Of the objects that have one, in the world's frame.
+    boxes : tuple of Box
+        Of the objects, in the world's frame; ``track`` is the object's number.
     """
 
     vertices: NDArray[np.float32]
@@ -107,7 +90,7 @@ class World:
     face_object: NDArray[np.int32]
     face_surface: NDArray[np.int32]
     surfaces: tuple[Surface, ...]
-    boxes: tuple[LabelBox, ...]
+    boxes: tuple[Box, ...]
 
     def caster(self) -> RayCaster:
         """The search structure for rays."""
@@ -132,7 +115,7 @@ class WorldBuilder:
     _labels: list[int] = field(default_factory=list)
     _objects: list[int] = field(default_factory=list)
     _surfaces: dict[Surface, int] = field(default_factory=dict)
-    _boxes: list[LabelBox] = field(default_factory=list)
+    _boxes: list[Box] = field(default_factory=list)
     _count: int = 0
 
     def add(
@@ -159,8 +142,8 @@ class WorldBuilder:
         self._count += 1
         for some, their_label in ((parts, label), *more):
             self.add(placed(some, at=at, yaw=yaw), their_label, object_id=number)
-        everything = [p for some, _ in ((parts, label), *more) for p in some]
-        self._boxes.append(box_of(everything, label, number, at=at, yaw=yaw))
+        vertices = [p.vertices for some, _ in ((parts, label), *more) for p, _ in some]
+        self._boxes.append(box_of(np.concatenate(vertices), label, number, at=at, yaw=yaw))
         return number
 
     def build(self) -> World:
@@ -205,12 +188,11 @@ def placed(parts: Parts, *, at: ArrayLike = (0, 0, 0), yaw: float = 0.0) -> Part
 
 
 def box_of(
-    parts: Parts, label: Label, number: int, *, at: ArrayLike = (0, 0, 0), yaw: float = 0.0
-) -> LabelBox:
-    """The box of parts in their own axes, at the place where they are put."""
-    vertices = np.concatenate([patch.vertices for patch, _ in parts])
+    vertices: Points, label: Label, number: int, *, at: ArrayLike = (0, 0, 0), yaw: float = 0.0
+) -> Box:
+    """The box of vertices in their own axes, at the place where they are put."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    middle = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
-    x, y, z = (turned(middle[None], yaw)[0] + np.asarray(at, float)).tolist()
+    middle = turned((low + high)[None] / 2.0, yaw)[0] + np.asarray(at, float)
+    x, y, z = middle.tolist()
     length, width, height = (high - low).tolist()
-    return LabelBox(number, label, (x, y, z), (length, width, height), yaw)
+    return Box((x, y, z), (length, width, height), yaw, label.title, number)

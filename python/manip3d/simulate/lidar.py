@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from manip3d.errors import InputError
+from manip3d.lidar import LidarFrame
 from manip3d.simulate.streets import Street
 
 __all__ = ["FIRING_PERIOD", "LidarScan", "hdl64e"]
@@ -74,6 +75,18 @@ class LidarScan:
     firing: NDArray[np.uint16]
     encoder: NDArray[np.int16]
     time: Doubles
+
+    @property
+    def frame(self) -> LidarFrame:
+        """The sweep as any other scan, the truth in its fields ``label`` and ``object``."""
+        return LidarFrame(
+            self.points,
+            self.intensity,
+            ring=self.ring,
+            origin=(0.0, 0.0, 0.0),
+            source="simulate.hdl64e",
+            fields={"label": self.label, "object": self.object},
+        )
 
 
 @dataclass(frozen=True)

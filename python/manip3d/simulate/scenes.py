@@ -15,7 +15,7 @@ from manip3d.errors import InputError
 from manip3d.simulate import _things as things
 from manip3d.simulate._surfaces import Patch, Points, sheet, waves
 from manip3d.simulate._things import Random, Relief
-from manip3d.simulate._world import Label, LabelBox, Parts, Surface, World, WorldBuilder, placed
+from manip3d.simulate._world import Label, Parts, Surface, World, WorldBuilder, placed
 
 __all__ = [
     "CALIBRATION",
@@ -23,7 +23,6 @@ __all__ = [
     "OUTDOOR",
     "SCENES",
     "Label",
-    "LabelBox",
     "Scene",
     "World",
     "indoor",

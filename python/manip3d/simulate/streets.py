@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from manip3d.errors import InputError
+from manip3d.lidar import Box
 from manip3d.simulate import _textures as textures
 from manip3d.simulate import _things as things
 from manip3d.simulate._stage import Mover, Stage
 from manip3d.simulate._surfaces import Patch, sheet
 from manip3d.simulate._things import Random, Relief
-from manip3d.simulate._world import Label, LabelBox, Parts, Surface, World, WorldBuilder, placed
+from manip3d.simulate._world import Label, Parts, Surface, World, WorldBuilder, placed
 
 __all__ = ["SENSOR_HEIGHT", "Mover", "Street", "street"]
 
@@ -26,6 +27,9 @@ LENGTH = 420.0
 """Of a street, metres; the car drives from 60 to at most 360."""
 BORDER = 95.0
 """The ground reaches this far to both sides: beyond the laser."""
+
+ROAD_USERS = frozenset(label.title for label in (Label.CAR, Label.PERSON, Label.CYCLIST))
+"""Labels of the boxes that a street gives."""
 
 MARKING = Surface((0.9, 0.9, 0.88), 0.8)
 CURB = Surface((0.6, 0.59, 0.57), 0.4)
@@ -87,7 +91,7 @@ class Street:
         """Seconds from time 0 until the car has 60 m of street before it."""
         return (LENGTH - 60.0 - self.start[0]) / self.speed if self.speed > 0 else math.inf
 
-    def boxes(self, time: float, *, max_range: float = 80.0) -> tuple[LabelBox, ...]:
+    def boxes(self, time: float, *, max_range: float = 80.0) -> tuple[Box, ...]:
         """Boxes of cars, people and cyclists within reach, in the LiDAR's frame at a time."""
         position, yaw = self.pose([time])
         cosine, sine = math.cos(yaw[0]), math.sin(yaw[0])
@@ -95,13 +99,9 @@ class Street:
         for box in self.stage.boxes(time):
             dx, dy, dz = (np.asarray(box.center) - position[0]).tolist()
             x, y = cosine * dx + sine * dy, cosine * dy - sine * dx
-            if (
-                box.label in (Label.CAR, Label.PERSON, Label.CYCLIST)
-                and math.hypot(x, y) < max_range
-            ):
-                turn = box.yaw - float(yaw[0])
-                turn = math.atan2(math.sin(turn), math.cos(turn))
-                seen.append(LabelBox(box.object, box.label, (x, y, dz), box.size, turn))
+            if box.label in ROAD_USERS and math.hypot(x, y) < max_range:
+                turn = math.remainder(box.yaw - float(yaw[0]), 2.0 * math.pi)
+                seen.append(replace(box, center=(x, y, dz), yaw=turn))
         return tuple(seen)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from manip3d.errors import InputError
+from manip3d.lidar import LidarFrame
 from manip3d.simulate._raycast import CHUNK, Hits, Progress, RayCaster
 from manip3d.simulate.scenes import Scene
 
@@ -65,6 +66,17 @@ class TerrestrialScan:
     resolution_deg: float
     first_azimuth_deg: float
     first_elevation_deg: float
+
+    @property
+    def frame(self) -> LidarFrame:
+        """The scan as any other, the truth in its fields ``label``, ``object`` and ``mixed``."""
+        return LidarFrame(
+            self.points,
+            self.intensity,
+            origin=(0.0, 0.0, 0.0),
+            source="simulate.terrestrial_scan",
+            fields={"label": self.label, "object": self.object, "mixed": self.mixed},
+        )
 
 
 def terrestrial_scan(
