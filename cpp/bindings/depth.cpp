@@ -1,3 +1,5 @@
+#include "depth.hpp"
+
 #include <pybind11/typing.h>
 
 #include <algorithm>
@@ -15,36 +17,7 @@
 #include "numpy.hpp"
 
 namespace manip3d::bindings {
-namespace {
 
-using Fields = py::typing::Dict<py::str, py::object>;
-
-/// An (H, W, channels) array as it is; (H, W) for no channels.
-template <typename T>
-void check_image(const CArray<T>& array, py::ssize_t channels, const char* name) {
-  const py::ssize_t dimensions = channels == 0 ? 2 : 3;
-  if (array.ndim() != dimensions || (channels > 0 && array.shape(2) != channels)) {
-    throw InputError(std::string(name) + ": expected shape (H, W" +
-                     (channels == 0 ? std::string() : ", " + std::to_string(channels)) + ")");
-  }
-}
-
-DepthView depth_view(const py::array& depth) {
-  DepthView view;
-  if (py::isinstance<CArray<std::uint16_t>>(depth)) {
-    view.millimetres = static_cast<const std::uint16_t*>(depth.data());
-  } else if (py::isinstance<CArray<float>>(depth)) {
-    view.metres = static_cast<const float*>(depth.data());
-  }
-  if (depth.ndim() != 2 || (view.millimetres == nullptr && view.metres == nullptr)) {
-    throw InputError("depth: expected (H, W) uint16 or float32, C-contiguous");
-  }
-  view.rows = depth.shape(0);
-  view.cols = depth.shape(1);
-  return view;
-}
-
-/// A `manip3d.Intrinsics`; `keep` holds its ray table.
 Intrinsics to_intrinsics(const py::object& camera, py::object& keep) {
   Intrinsics result;
   result.width = camera.attr("width").cast<std::int64_t>();
@@ -64,6 +37,25 @@ Intrinsics to_intrinsics(const py::object& camera, py::object& keep) {
   return result;
 }
 
+namespace {
+
+using Fields = py::typing::Dict<py::str, py::object>;
+
+DepthView depth_view(const py::array& depth) {
+  DepthView view;
+  if (py::isinstance<CArray<std::uint16_t>>(depth)) {
+    view.millimetres = static_cast<const std::uint16_t*>(depth.data());
+  } else if (py::isinstance<CArray<float>>(depth)) {
+    view.metres = static_cast<const float*>(depth.data());
+  }
+  if (depth.ndim() != 2 || (view.millimetres == nullptr && view.metres == nullptr)) {
+    throw InputError("depth: expected (H, W) uint16 or float32, C-contiguous");
+  }
+  view.rows = depth.shape(0);
+  view.cols = depth.shape(1);
+  return view;
+}
+
 Registration to_registration(const py::object& registration) {
   Registration result;
   py::object no_rays;
@@ -76,24 +68,6 @@ Registration to_registration(const py::object& registration) {
   }
   return result;
 }
-
-/// The arrays of a grid of points, held while the GIL is released.
-struct BorrowedGrid {
-  CArray<float> points;
-  CArray<bool> valid;
-  PointGridView view;
-
-  BorrowedGrid(const CArray<float>& points_in, const CArray<bool>& valid_in, bool rows_up)
-      : points(points_in), valid(valid_in) {
-    check_image(points, 3, "points");
-    check_image(valid, 0, "valid");
-    if (valid.shape(0) != points.shape(0) || valid.shape(1) != points.shape(1)) {
-      throw InputError("valid: expected as many rows and columns as points");
-    }
-    view = {points.shape(0), points.shape(1), points.data(),
-            reinterpret_cast<const std::uint8_t*>(valid.data()), rows_up};
-  }
-};
 
 Fields to_fields(DepthMesh&& mesh) {
   Fields fields;

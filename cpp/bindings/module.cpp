@@ -61,5 +61,6 @@ PYBIND11_MODULE(_core, m) {
   manip3d::bindings::bind_io(m);
   manip3d::bindings::bind_simplify(m);
   manip3d::bindings::bind_metrics(m);
+  manip3d::bindings::bind_range_image(m);
   manip3d::bindings::bind_scans(m);
 }

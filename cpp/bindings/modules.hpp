@@ -10,6 +10,7 @@ void bind_geometry(pybind11::module_& m);
 void bind_io(pybind11::module_& m);
 void bind_simplify(pybind11::module_& m);
 void bind_metrics(pybind11::module_& m);
+void bind_range_image(pybind11::module_& m);
 void bind_scans(pybind11::module_& m);
 
 }  // namespace manip3d::bindings

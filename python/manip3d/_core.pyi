@@ -31,12 +31,14 @@ __all__: list[str] = [
     "grid_mesh",
     "metro",
     "point_suffixes",
+    "range_image_error",
     "read_mesh",
     "read_mesh_bytes",
     "read_points",
     "read_range_grid",
     "readable_suffixes",
     "registered_uvs",
+    "render_depth",
     "replay_collapses",
     "resolve_inside",
     "shading_normals",
@@ -383,6 +385,15 @@ def metro(
     progress: typing.Any,
 ) -> tuple[tuple[typing.Any, ...], tuple[typing.Any, ...], float]: ...
 def point_suffixes() -> list[typing.Any]: ...
+def range_image_error(
+    mesh: typing.Any,
+    points: numpy.typing.NDArray[numpy.float32],
+    valid: numpy.typing.NDArray[numpy.bool],
+    rows_up: bool,
+    intrinsics: typing.Any,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+    progress: typing.Any,
+) -> tuple[float, float, float, float, int, int]: ...
 def read_mesh(
     path: bytes, allow_outside: bool, max_bytes: typing.SupportsInt | typing.SupportsIndex
 ) -> tuple[typing.Any, ...]: ...
@@ -398,6 +409,15 @@ def read_range_grid(
 def readable_suffixes() -> list[typing.Any]: ...
 def registered_uvs(
     vertices: numpy.typing.NDArray[numpy.float32], registration: typing.Any
+) -> numpy.ndarray: ...
+def render_depth(
+    mesh: typing.Any,
+    points: numpy.typing.NDArray[numpy.float32],
+    valid: numpy.typing.NDArray[numpy.bool],
+    rows_up: bool,
+    intrinsics: typing.Any,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+    progress: typing.Any,
 ) -> numpy.ndarray: ...
 def replay_collapses(
     mesh: typing.Any,

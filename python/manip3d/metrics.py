@@ -11,6 +11,16 @@ import numpy as np
 from manip3d import _core
 from manip3d._arrays import rows
 from manip3d._options import reporting, seed_of, threads_of
+from manip3d._range_image import (
+    BoundaryNoise,
+    Flicker,
+    RangeImageError,
+    boundary_noise,
+    flicker,
+    range_image_error,
+    range_image_error_grid,
+    render_depth,
+)
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,15 +31,23 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BoundaryGap",
+    "BoundaryNoise",
     "ClosestPoints",
     "Deviation",
+    "Flicker",
     "FmpdResult",
     "MetroResult",
+    "RangeImageError",
     "TextureError",
     "boundary_gap",
+    "boundary_noise",
     "closest_points",
+    "flicker",
     "fmpd",
     "metro",
+    "range_image_error",
+    "range_image_error_grid",
+    "render_depth",
     "texture_error",
 ]
 

@@ -27,6 +27,12 @@ from manip3d.datasets._registry import (
     require,
 )
 from manip3d.datasets.kitti import KittiCalibration, KittiDrive, KittiFrame, open_kitti
+from manip3d.datasets.rgbd import (
+    DepthFrame,
+    frame_names,
+    load_frame,
+    load_kinect2_intrinsics,
+)
 from manip3d.datasets.scans import (
     RangeScan,
     load_scan,
@@ -46,6 +52,7 @@ __all__ = [
     "DataFile",
     "DataMissingError",
     "DataSet",
+    "DepthFrame",
     "FetchError",
     "KittiCalibration",
     "KittiDrive",
@@ -57,8 +64,11 @@ __all__ = [
     "data_root",
     "fetch",
     "file_sha256",
+    "frame_names",
     "get",
     "is_here",
+    "load_frame",
+    "load_kinect2_intrinsics",
     "load_mesh",
     "load_scan",
     "locate",

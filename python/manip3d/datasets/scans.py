@@ -173,14 +173,21 @@ def read_poses(path: Path) -> dict[str, NDArray[np.float64]]:
             continue
         try:
             file, values = fields[0], np.array(fields[1:], dtype=np.float64)
-            poses[file] = _rigid(values)
+            poses[file] = rigid(values)
         except (IndexError, ValueError) as error:
             text = "expected 'bmesh FILE' and seven numbers, a quaternion among them"
             raise FormatError(text, file=str(path), line=number) from error
     return poses
 
 
-def _rigid(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def rigid(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The transform of ``tx ty tz qx qy qz qw``, its rotation the inverse of the quaternion's.
+
+    Raises
+    ------
+    ValueError
+        Other than seven finite numbers, or a quaternion of zeros.
+    """
     if values.shape != (7,) or not np.isfinite(values).all() or not np.any(values[3:]):
         raise ValueError(values)
     x, y, z, w = values[3:] / np.linalg.norm(values[3:])

@@ -1,6 +1,6 @@
 """Data made on the spot, seeded: what runs where no data set is."""
 
-from manip3d.simulate import models, scenes, streets
+from manip3d.simulate import depth, models, scenes, streets
 from manip3d.simulate.lidar import LidarScan, hdl64e
 from manip3d.simulate.streets import Street, street
 from manip3d.simulate.terrestrial import TerrestrialScan, terrestrial_scan
@@ -9,6 +9,7 @@ __all__ = [
     "LidarScan",
     "Street",
     "TerrestrialScan",
+    "depth",
     "hdl64e",
     "models",
     "scenes",

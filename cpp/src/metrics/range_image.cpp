@@ -1,0 +1,302 @@
+#include "manip3d/metrics/range_image.hpp"
+
+#include <Eigen/Geometry>
+#include <Eigen/QR>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "manip3d/error.hpp"
+#include "manip3d/geometry/parallel.hpp"
+#include "metrics/common.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr std::int64_t kBandRows = 8;
+// Of the barycentric coordinates of a hit. Points are 32-bit numbers, so a pixel on the border of
+// the mesh is off it by about 1e-7 of a triangle.
+constexpr double kOnBorder = -1e-6;
+constexpr double kNoHit = std::numeric_limits<double>::infinity();
+
+Eigen::Vector3d point_of(const PointGridView& grid, std::int64_t pixel) {
+  return Eigen::Map<const Eigen::Vector3f>(grid.points + 3 * pixel).cast<double>();
+}
+
+std::vector<std::int64_t> valid_pixels(const PointGridView& grid) {
+  std::vector<std::int64_t> pixels;
+  for (std::int64_t i = 0; i < grid.rows * grid.cols; ++i) {
+    if (grid.valid[i] != 0) pixels.push_back(i);
+  }
+  return pixels;
+}
+
+double apply(const Eigen::RowVector4d& affine, const Eigen::Vector3d& point) {
+  return affine.head<3>().dot(point) + affine[3];
+}
+
+Eigen::Vector2d project(const RangeCamera& camera, const Eigen::Vector3d& point) {
+  return {apply(camera.u_over, point) / apply(camera.u_under, point),
+          apply(camera.v_over, point) / apply(camera.v_under, point)};
+}
+
+// --- Fitting -----------------------------------------------------------------------------------
+
+/// A ratio of affine functions: t = (over X) / (under X).
+struct Ratio {
+  Eigen::RowVector4d over, under;
+};
+
+/// An affine function of (point - center) / scale as one of the point.
+Eigen::RowVector4d in_input_frame(const Eigen::RowVector4d& f, const Eigen::Vector3d& center,
+                                  double scale) {
+  Eigen::RowVector4d g = f / scale;
+  g[3] = f[3] - g.head<3>().dot(center);
+  return g;
+}
+
+/// Least squares of (over X - t under X) / (under X), the last coefficient of `under` being 1: the
+/// denominator of one round weighs the next, so that the residual ends up in units of t.
+Ratio fit_ratio(const Eigen::MatrixX3d& points, const Eigen::VectorXd& values) {
+  constexpr int kRounds = 4;
+  const Eigen::Index n = points.rows();
+  Eigen::VectorXd weight = Eigen::VectorXd::Ones(n);
+  Eigen::Matrix<double, 7, 1> solution;
+  for (int round = 0; round < kRounds; ++round) {
+    Eigen::MatrixXd system(n, 7);
+    system << points, Eigen::VectorXd::Ones(n),
+        (points.array().colwise() * -values.array()).matrix();
+    system.array().colwise() *= weight.array();
+    Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(n, 7);
+    qr.setThreshold(1e-6);  // of 32-bit coordinates
+    qr.compute(system);
+    if (qr.rank() < 7) {
+      throw InputError("points: expected a scan that fixes its lines of sight, got a plane");
+    }
+    solution = qr.solve((values.array() * weight.array()).matrix());
+    weight = ((points * solution.tail<3>()).array() + 1.0).inverse();
+  }
+  Ratio ratio;
+  ratio.over = solution.head<4>().transpose();
+  ratio.under << solution.tail<3>().transpose(), 1.0;
+  return ratio;
+}
+
+/// The mean line of sight, away from the sensor: there a pixel is wider, so the denominators grow.
+Eigen::RowVector3d mean_axis(const RangeCamera& camera, const Eigen::MatrixX3d& points, double size,
+                             bool rows_up) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  Eigen::Vector3d right_handed = Eigen::Vector3d::Zero();
+  for (Eigen::Index i = 0; i < points.rows(); ++i) {
+    const Eigen::Vector3d x = points.row(i);
+    const Eigen::Vector2d pixel = project(camera, x);
+    const Eigen::Vector3d across_u = (camera.u_over - pixel[0] * camera.u_under).head<3>();
+    const Eigen::Vector3d across_v = (camera.v_over - pixel[1] * camera.v_under).head<3>();
+    sum += across_u.cross(across_v).normalized();
+  }
+  right_handed = rows_up ? Eigen::Vector3d(-sum) : sum;
+  const Eigen::Vector3d axis = right_handed.normalized();
+  const Eigen::Vector3d center = points.colwise().mean();
+  double growth = 0.0;  // of the width of a pixel, over the size of the scan
+  for (const Eigen::RowVector4d& under : {camera.u_under, camera.v_under}) {
+    growth += size * under.head<3>().dot(axis) / apply(under, center);
+  }
+  constexpr double kSeen = 1e-3;
+  return growth < -kSeen ? Eigen::RowVector3d(-axis.transpose()) : axis.transpose();
+}
+
+double rms_residual(const RangeCamera& camera, const PointGridView& grid,
+                    const std::vector<std::int64_t>& pixels) {
+  double sum = 0.0;
+  for (const std::int64_t i : pixels) {
+    const Eigen::Vector2d place(static_cast<double>(i % grid.cols),
+                                static_cast<double>(i / grid.cols));
+    sum += (project(camera, point_of(grid, i)) - place).squaredNorm();
+  }
+  return std::sqrt(sum / static_cast<double>(pixels.size()));
+}
+
+// --- Rendering ---------------------------------------------------------------------------------
+
+/// A triangle as the camera sees it: the four affine functions and the depth at its corners, and
+/// the pixels whose lines of sight may meet it.
+struct SeenTriangle {
+  Eigen::Vector3d u_over, u_under, v_over, v_under, depth;
+  std::int64_t first_col, last_col, first_row, last_row;
+};
+
+/// Both coordinates are monotone along any segment on which the denominators are positive, so the
+/// corners bound the triangle; where one is not, the triangle may be seen anywhere.
+SeenTriangle see(const MeshView& mesh, std::int64_t face, const RangeCamera& camera,
+                 const PointGridView& grid, double slack) {
+  SeenTriangle seen;
+  for (int k = 0; k < 3; ++k) {
+    const Eigen::Vector3d corner = mesh.vertices.row(mesh.faces(face, k));
+    seen.u_over[k] = apply(camera.u_over, corner);
+    seen.u_under[k] = apply(camera.u_under, corner);
+    seen.v_over[k] = apply(camera.v_over, corner);
+    seen.v_under[k] = apply(camera.v_under, corner);
+    seen.depth[k] = camera.axis.dot(corner);
+  }
+  seen.first_col = seen.first_row = 0;
+  seen.last_col = grid.cols - 1;
+  seen.last_row = grid.rows - 1;
+  const auto narrow = [slack](const Eigen::Vector3d& over, const Eigen::Vector3d& under,
+                              std::int64_t& first, std::int64_t& last) {
+    if (!(under.minCoeff() > 0.0)) return;
+    const Eigen::Array3d place = over.array() / under.array();
+    const double low = std::ceil(place.minCoeff() - slack);
+    const double high = std::floor(place.maxCoeff() + slack);
+    const auto end = static_cast<double>(last);
+    first = static_cast<std::int64_t>(std::clamp(low, 0.0, end + 1.0));
+    last = static_cast<std::int64_t>(std::clamp(high, -1.0, end));
+  };
+  narrow(seen.u_over, seen.u_under, seen.first_col, seen.last_col);
+  narrow(seen.v_over, seen.v_under, seen.first_row, seen.last_row);
+  return seen;
+}
+
+/// Depth at which the line of sight of `pixel` meets the triangle, or kNoHit. The line is where
+/// two planes meet; in the triangle's corners their equations have the values p and q, and the hit
+/// is the point whose interpolated values are both 0 [cf. Olano & Greer, Graphics Hardware 1997].
+double hit(const SeenTriangle& seen, const Eigen::Vector2d& pixel) {
+  const Eigen::Vector3d p = seen.u_over - pixel[0] * seen.u_under;
+  const Eigen::Vector3d q = seen.v_over - pixel[1] * seen.v_under;
+  Eigen::Vector3d weights = p.cross(q);
+  const double sum = weights.sum();
+  if (!(std::abs(sum) > 0.0)) return kNoHit;  // seen from its edge
+  weights /= sum;
+  if (!(weights.minCoeff() >= kOnBorder)) return kNoHit;
+  const bool in_front = weights.dot(seen.u_under) > 0.0 && weights.dot(seen.v_under) > 0.0;
+  return in_front ? weights.dot(seen.depth) : kNoHit;
+}
+
+/// Where the points of the grid are seen, which need not be the middles of their pixels.
+struct Places {
+  std::vector<Eigen::Vector2d> pixel;
+  double farthest = 0.0;  ///< From its column or row, over the grid.
+};
+
+Places places_of(const PointGridView& grid, const RangeCamera& camera) {
+  Places places;
+  places.pixel.resize(static_cast<std::size_t>(grid.rows * grid.cols));
+  for (std::int64_t i = 0; i < grid.rows * grid.cols; ++i) {
+    if (grid.valid[i] == 0) continue;
+    const Eigen::Vector2d place(static_cast<double>(i % grid.cols),
+                                static_cast<double>(i / grid.cols));
+    places.pixel[i] = project(camera, point_of(grid, i));
+    places.farthest = std::max(places.farthest, (places.pixel[i] - place).cwiseAbs().maxCoeff());
+  }
+  return places;
+}
+
+}  // namespace
+
+RangeCamera pinhole_range_camera(const Intrinsics& camera) {
+  check_intrinsics(camera);
+  const double fx = camera.mirrored ? -camera.fx : camera.fx;
+  RangeCamera result;
+  result.u_over << fx, 0.0, camera.cx, 0.0;
+  result.v_over << 0.0, camera.fy, camera.cy, 0.0;
+  result.u_under = result.v_under = Eigen::RowVector4d(0.0, 0.0, 1.0, 0.0);
+  return result;
+}
+
+RangeCamera fit_range_camera(const PointGridView& grid) {
+  check_point_grid(grid);
+  const std::vector<std::int64_t> pixels = valid_pixels(grid);
+  const auto n = static_cast<Eigen::Index>(pixels.size());
+  if (n < 16) {
+    throw InputError("points: expected at least 16 valid points, got " + std::to_string(n));
+  }
+  Eigen::MatrixX3d points(n, 3);
+  Eigen::VectorXd u(n), v(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    points.row(i) = point_of(grid, pixels[i]).transpose();
+    u[i] = static_cast<double>(pixels[i] % grid.cols) / static_cast<double>(grid.cols);
+    v[i] = static_cast<double>(pixels[i] / grid.cols) / static_cast<double>(grid.rows);
+  }
+  const Eigen::Vector3d center = points.colwise().mean();
+  const Eigen::MatrixX3d centered = points.rowwise() - center.transpose();
+  const double size = centered.cwiseAbs().maxCoeff();
+  const Eigen::MatrixX3d normalized = centered / size;
+  const auto coordinate = [&](const Eigen::VectorXd& values, double pixels_per_unit,
+                              Eigen::RowVector4d& over, Eigen::RowVector4d& under) {
+    const Ratio ratio = fit_ratio(normalized, values);
+    over = pixels_per_unit * in_input_frame(ratio.over, center, size);
+    under = in_input_frame(ratio.under, center, size);
+  };
+  RangeCamera camera;
+  coordinate(u, static_cast<double>(grid.cols), camera.u_over, camera.u_under);
+  coordinate(v, static_cast<double>(grid.rows), camera.v_over, camera.v_under);
+  camera.residual = rms_residual(camera, grid, pixels);
+  if (!(camera.residual <= 1.0)) {
+    throw InputError("points: expected a scan along lines of sight, got points " +
+                     std::to_string(camera.residual) + " pixels (RMS) off their pixels");
+  }
+  camera.axis = mean_axis(camera, points, size, grid.rows_up);
+  return camera;
+}
+
+std::vector<double> render_depth(const MeshView& mesh, const PointGridView& grid,
+                                 const RangeCamera& camera, const RenderOptions& options,
+                                 const Progress& progress) {
+  check_mesh(mesh);
+  check_point_grid(grid);
+  const Places places = places_of(grid, camera);
+  std::vector<SeenTriangle> triangles(static_cast<std::size_t>(mesh.num_faces()));
+  parallel_chunks(mesh.num_faces(), kSampleChunk, options.num_threads,
+                  [&](std::int64_t begin, std::int64_t end) {
+                    for (std::int64_t f = begin; f < end; ++f) {
+                      triangles[f] = see(mesh, f, camera, grid, places.farthest + 1e-6);
+                    }
+                  });
+  std::vector<double> depth(places.pixel.size(), kNoHit);
+  const auto render_band = [&](std::int64_t first_row, std::int64_t end_row) {
+    for (const SeenTriangle& seen : triangles) {
+      const std::int64_t end = std::min(end_row, seen.last_row + 1);
+      for (std::int64_t row = std::max(first_row, seen.first_row); row < end; ++row) {
+        for (std::int64_t col = seen.first_col; col <= seen.last_col; ++col) {
+          const std::int64_t i = row * grid.cols + col;
+          if (grid.valid[i] != 0) depth[i] = std::min(depth[i], hit(seen, places.pixel[i]));
+        }
+      }
+    }
+  };
+  parallel_chunks(grid.rows, kBandRows, options.num_threads, render_band, progress);
+  std::replace(depth.begin(), depth.end(), kNoHit, std::numeric_limits<double>::quiet_NaN());
+  return depth;
+}
+
+RangeImageError range_image_error(const MeshView& mesh, const PointGridView& grid,
+                                  const RangeCamera& camera, const RenderOptions& options,
+                                  const Progress& progress) {
+  const std::vector<double> depth = render_depth(mesh, grid, camera, options, progress);
+  const std::vector<std::int64_t> pixels = valid_pixels(grid);
+  if (pixels.empty()) throw InputError("valid: expected at least one valid pixel, got none");
+  Eigen::AlignedBox3d box;
+  for (const std::int64_t i : pixels) box.extend(point_of(grid, i));
+  const auto differences = [&](std::int64_t begin, std::int64_t end) {
+    Moments moments;
+    for (std::int64_t k = begin; k < end; ++k) {
+      const double rendered = depth[pixels[k]];
+      if (std::isnan(rendered)) continue;
+      moments.add(std::abs(rendered - camera.axis.dot(point_of(grid, pixels[k]))));
+    }
+    return moments;
+  };
+  const auto moments = accumulate_in_order<Moments>(static_cast<std::int64_t>(pixels.size()),
+                                                    options.num_threads, {}, differences);
+  RangeImageError error;
+  error.mean_square = moments.mean_square();
+  error.mean_absolute = moments.mean();
+  error.max = moments.count > 0 ? moments.max : std::numeric_limits<double>::quiet_NaN();
+  error.diagonal = box.diagonal().norm();
+  error.compared = moments.count;
+  error.valid = static_cast<std::int64_t>(pixels.size());
+  return error;
+}
+
+}  // namespace manip3d

@@ -1,0 +1,298 @@
+#include "manip3d/simplify/depth_sampling.hpp"
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <string>
+#include <unordered_map>
+#include <utility>
+
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+void check(const PointGridView& grid, std::int64_t target_points) {
+  check_point_grid(grid);
+  if (target_points < 1) {
+    throw InputError("target_points: expected >= 1, got " + std::to_string(target_points));
+  }
+}
+
+bool is_valid(const PointGridView& grid, std::int64_t row, std::int64_t col) {
+  return grid.valid[row * grid.cols + col] != 0;
+}
+
+Eigen::Vector3f point_at(const PointGridView& grid, std::int64_t row, std::int64_t col) {
+  return Eigen::Map<const Eigen::Vector3f>(grid.points + 3 * (row * grid.cols + col));
+}
+
+Pixel pixel_at(std::int64_t row, std::int64_t col) {
+  return {static_cast<std::int32_t>(col), static_cast<std::int32_t>(row)};
+}
+
+std::vector<Pixel> valid_pixels(const PointGridView& grid) {
+  std::vector<Pixel> pixels;
+  for (std::int64_t row = 0; row < grid.rows; ++row) {
+    for (std::int64_t col = 0; col < grid.cols; ++col) {
+      if (is_valid(grid, row, col)) pixels.push_back(pixel_at(row, col));
+    }
+  }
+  return pixels;
+}
+
+// --- Uniform -----------------------------------------------------------------------------------
+
+/// Rows or columns of a lattice: the middles of intervals of length `spacing`.
+std::vector<std::int64_t> lattice_lines(std::int64_t size, double spacing) {
+  std::vector<std::int64_t> lines;
+  for (double at = 0.5 * spacing; at < static_cast<double>(size); at += spacing) {
+    lines.push_back(static_cast<std::int64_t>(at));
+  }
+  return lines;
+}
+
+std::vector<Pixel> on_lattice(const PointGridView& grid, double spacing) {
+  const std::vector<std::int64_t> cols = lattice_lines(grid.cols, spacing);
+  std::vector<Pixel> pixels;
+  for (const std::int64_t row : lattice_lines(grid.rows, spacing)) {
+    for (const std::int64_t col : cols) {
+      if (is_valid(grid, row, col)) pixels.push_back(pixel_at(row, col));
+    }
+  }
+  return pixels;
+}
+
+// --- Poisson disks -----------------------------------------------------------------------------
+
+using Cell = Eigen::Vector3i;
+
+struct CellHash {
+  std::size_t operator()(const Cell& cell) const {
+    std::uint64_t hash = 0;
+    for (int k = 0; k < 3; ++k) {
+      hash = (hash ^ static_cast<std::uint32_t>(cell[k])) * 0x9E3779B97F4A7C15U;
+      hash ^= hash >> 29;
+    }
+    return hash;
+  }
+};
+
+/// Points kept so far, in cubes as wide as the radius; only ever looked up by cube.
+class KeptPoints {
+ public:
+  /// @param origin  a corner of the points' box: cubes are numbered from there.
+  KeptPoints(const Eigen::Vector3f& origin, float radius) : origin_(origin), radius_(radius) {}
+
+  /// Keeps the point unless another one is within the radius.
+  bool keep(const Eigen::Vector3f& point) {
+    const Cell middle = ((point - origin_) / radius_).array().floor().matrix().cast<int>();
+    for (int dz = -1; dz <= 1; ++dz) {
+      for (int dy = -1; dy <= 1; ++dy) {
+        for (int dx = -1; dx <= 1; ++dx) {
+          if (has_near(middle + Cell(dx, dy, dz), point)) return false;
+        }
+      }
+    }
+    cells_[middle].push_back(point);
+    return true;
+  }
+
+ private:
+  bool has_near(const Cell& cell, const Eigen::Vector3f& point) const {
+    const auto found = cells_.find(cell);
+    if (found == cells_.end()) return false;
+    return std::any_of(found->second.begin(), found->second.end(), [&](const auto& kept) {
+      return (kept - point).squaredNorm() < radius_ * radius_;
+    });
+  }
+
+  Eigen::Vector3f origin_;
+  float radius_;
+  std::unordered_map<Cell, std::vector<Eigen::Vector3f>, CellHash> cells_;
+};
+
+/// A random order of the pixels [Fisher & Yates]; std::shuffle differs between libraries.
+std::vector<Pixel> shuffled(std::vector<Pixel> pixels, std::uint64_t seed) {
+  std::mt19937_64 random(seed);
+  for (std::size_t i = pixels.size(); i > 1; --i) std::swap(pixels[i - 1], pixels[random() % i]);
+  return pixels;
+}
+
+std::vector<Pixel> throw_darts(const PointGridView& grid, const std::vector<Pixel>& order,
+                               const Eigen::Vector3f& origin, double radius) {
+  KeptPoints kept(origin, static_cast<float>(radius));
+  std::vector<Pixel> pixels;
+  for (const Pixel& pixel : order) {
+    if (kept.keep(point_at(grid, pixel.v, pixel.u))) pixels.push_back(pixel);
+  }
+  return pixels;
+}
+
+// --- Scale space -------------------------------------------------------------------------------
+
+/// A run of valid pixels in one row, and the distance of its points from the medial axis.
+struct Run {
+  std::int64_t row, first;
+  std::vector<double> radius;
+};
+
+std::vector<Run> runs_of_row(const PointGridView& grid, std::int64_t row) {
+  Eigen::AlignedBox3f extent;
+  for (std::int64_t col = 0; col < grid.cols; ++col) {
+    if (is_valid(grid, row, col)) extent.extend(point_at(grid, row, col));
+  }
+  std::vector<Run> runs;
+  if (extent.isEmpty()) return runs;
+  const Eigen::Vector3f axis = extent.center();
+  bool inside = false;
+  for (std::int64_t col = 0; col < grid.cols; ++col) {
+    const bool valid = is_valid(grid, row, col);
+    if (valid && !inside) runs.push_back({row, col, {}});
+    if (valid) {
+      const Eigen::Vector3d arm = (point_at(grid, row, col) - axis).cast<double>();
+      runs.back().radius.push_back(std::sqrt(arm.x() * arm.x() + arm.z() * arm.z()));
+    }
+    inside = valid;
+  }
+  return runs;
+}
+
+std::vector<Run> medial_runs(const PointGridView& grid) {
+  std::vector<Run> runs;
+  for (std::int64_t row = 0; row < grid.rows; ++row) {
+    for (Run& run : runs_of_row(grid, row)) runs.push_back(std::move(run));
+  }
+  return runs;
+}
+
+/// Half of a symmetric kernel: the second difference of a Gaussian whose value at k is
+/// `ratio`^(k^2). Powers by multiplication: the crossings are the same on every processor.
+std::vector<double> laplacian_of_gaussian(double ratio) {
+  constexpr double kCut = 1e-5;
+  std::vector<double> gaussian{1.0};
+  for (double step = ratio; gaussian.back() > kCut; step *= ratio * ratio) {
+    gaussian.push_back(gaussian.back() * step);
+  }
+  gaussian.insert(gaussian.end(), {0.0, 0.0});
+  std::vector<double> kernel{2.0 * (gaussian[1] - gaussian[0])};
+  for (std::size_t k = 1; k + 1 < gaussian.size(); ++k) {
+    kernel.push_back(gaussian[k - 1] - 2.0 * gaussian[k] + gaussian[k + 1]);
+  }
+  return kernel;
+}
+
+/// The run filtered; beyond its ends it stays as it is there.
+std::vector<double> filtered(const std::vector<double>& values, const std::vector<double>& kernel) {
+  const auto n = static_cast<std::int64_t>(values.size());
+  const auto at = [&](std::int64_t i) { return values[std::clamp<std::int64_t>(i, 0, n - 1)]; };
+  std::vector<double> result(values.size());
+  for (std::int64_t i = 0; i < n; ++i) {
+    double sum = kernel[0] * at(i);
+    for (std::int64_t k = 1; k < static_cast<std::int64_t>(kernel.size()); ++k) {
+      sum += kernel[k] * (at(i - k) + at(i + k));
+    }
+    result[i] = sum;
+  }
+  return result;
+}
+
+std::vector<Pixel> zero_crossings(const std::vector<Run>& runs, double ratio) {
+  constexpr double kRounding = 1e-9;  // of the radius: where a surface is flat, signs are chance
+  const std::vector<double> kernel = laplacian_of_gaussian(ratio);
+  std::vector<Pixel> pixels;
+  for (const Run& run : runs) {
+    const std::vector<double> response = filtered(run.radius, kernel);
+    for (std::size_t i = 0; i + 1 < response.size(); ++i) {
+      const double left = response[i], right = response[i + 1];
+      const bool crosses = (left < 0.0) != (right < 0.0);
+      if (!crosses || !(std::abs(left - right) > kRounding * run.radius[i])) continue;
+      const std::size_t nearer = std::abs(left) <= std::abs(right) ? i : i + 1;
+      const Pixel pixel = pixel_at(run.row, run.first + static_cast<std::int64_t>(nearer));
+      if (pixels.empty() || !(pixels.back() == pixel)) pixels.push_back(pixel);
+    }
+  }
+  return pixels;
+}
+
+}  // namespace
+
+std::vector<Pixel> sample_uniform(const PointGridView& grid, std::int64_t target_points) {
+  check(grid, target_points);
+  const auto num_valid = static_cast<double>(valid_pixels(grid).size());
+  if (num_valid <= static_cast<double>(target_points)) return valid_pixels(grid);
+  // The number falls with the spacing, but not steadily: all spacings near the expected one.
+  constexpr int kTries = 400;
+  const double expected = std::sqrt(num_valid / static_cast<double>(target_points));
+  std::vector<Pixel> best;
+  for (int i = 0; i < kTries; ++i) {
+    std::vector<Pixel> pixels = on_lattice(grid, expected * (0.8 + 1e-3 * i));
+    const auto count = static_cast<std::int64_t>(pixels.size());
+    if (count <= target_points && pixels.size() > best.size()) best = std::move(pixels);
+  }
+  return best;
+}
+
+PoissonDiskSample sample_poisson_disk(const PointGridView& grid, std::int64_t target_points,
+                                      std::uint64_t seed) {
+  check(grid, target_points);
+  std::vector<Pixel> order = valid_pixels(grid);
+  PoissonDiskSample best;
+  if (static_cast<std::int64_t>(order.size()) <= target_points) {
+    best.pixels = std::move(order);
+    return best;
+  }
+  Eigen::AlignedBox3f box;
+  for (const Pixel& pixel : order) box.extend(point_at(grid, pixel.v, pixel.u));
+  order = shuffled(std::move(order), seed);
+  // With the diagonal as radius one or two points are kept. Cubes are numbered by 32-bit integers,
+  // so the radius is at least a millionth of it.
+  double high = 1.01 * box.diagonal().cast<double>().norm();
+  double low = 1e-6 * high;
+  double radius = high / std::sqrt(static_cast<double>(target_points));
+  constexpr int kMaxSteps = 40;
+  for (int step = 0; step < kMaxSteps && low < high; ++step) {
+    std::vector<Pixel> pixels = throw_darts(grid, order, box.min(), radius);
+    const auto count = static_cast<std::int64_t>(pixels.size());
+    if (count <= target_points && pixels.size() > best.pixels.size()) {
+      best = {std::move(pixels), radius};
+    }
+    if (count <= target_points && 100 * count >= 99 * target_points) break;
+    (count > target_points ? low : high) = radius;
+    // The number of disks goes with the square of the radius.
+    const double guess = radius * std::sqrt(static_cast<double>(count) /
+                                            (0.995 * static_cast<double>(target_points)));
+    radius = low < guess && guess < high ? guess : 0.5 * (low + high);
+  }
+  std::sort(best.pixels.begin(), best.pixels.end());
+  return best;
+}
+
+ScaleSpaceSample sample_scale_space(const PointGridView& grid, std::int64_t target_points) {
+  check(grid, target_points);
+  const std::vector<Run> runs = medial_runs(grid);
+  // exp(-x) for x = 1 / (2 sigma^2), by a fraction that is the same on every processor.
+  const auto ratio_of = [](double sigma) {
+    const double x = 1.0 / (2.0 * sigma * sigma);
+    return 1.0 / (1.0 + x + 0.5 * x * x);
+  };
+  double low = 0.5;
+  double high = std::max(1.0, static_cast<double>(grid.cols) / 8.0);
+  ScaleSpaceSample best;
+  constexpr int kSteps = 24;
+  for (int step = 0; step < kSteps; ++step) {
+    const double sigma = step == 0 ? low : 0.5 * (low + high);
+    std::vector<Pixel> pixels = zero_crossings(runs, ratio_of(sigma));
+    const auto count = static_cast<std::int64_t>(pixels.size());
+    if (count <= target_points && pixels.size() > best.pixels.size()) {
+      best = {std::move(pixels), sigma};
+    }
+    if (count <= target_points && (step == 0 || 100 * count >= 99 * target_points)) break;
+    if (step > 0) (count > target_points ? low : high) = sigma;
+  }
+  return best;
+}
+
+}  // namespace manip3d
