@@ -63,4 +63,5 @@ PYBIND11_MODULE(_core, m) {
   manip3d::bindings::bind_metrics(m);
   manip3d::bindings::bind_range_image(m);
   manip3d::bindings::bind_scans(m);
+  manip3d::bindings::bind_forge(m);
 }

@@ -12,5 +12,6 @@ void bind_simplify(pybind11::module_& m);
 void bind_metrics(pybind11::module_& m);
 void bind_range_image(pybind11::module_& m);
 void bind_scans(pybind11::module_& m);
+void bind_forge(pybind11::module_& m);
 
 }  // namespace manip3d::bindings

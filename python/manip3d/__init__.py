@@ -38,6 +38,8 @@ __all__ = [
     "RenderError",
     "Texture",
     "__version__",
+    "authenticate",
+    "forge",
     "io",
     "metrics",
     "read_mesh",
@@ -48,7 +50,7 @@ __all__ = [
     "viewer",
 ]
 
-_LAZY = frozenset({"io", "metrics", "simplify", "simulate", "viewer"})
+_LAZY = frozenset({"authenticate", "forge", "io", "metrics", "simplify", "simulate", "viewer"})
 
 
 def __getattr__(name: str) -> Any:

@@ -4,6 +4,7 @@ C++ core of manip3d. Private: use the typed functions of the package.
 
 from __future__ import annotations
 
+import collections.abc
 import typing
 
 import numpy
@@ -26,11 +27,17 @@ __all__: list[str] = [
     "check_registration",
     "clean",
     "closest_points",
+    "copy_transform_paste",
+    "deform",
     "fmpd",
     "grid_delaunay",
     "grid_mesh",
+    "insert_occluding",
+    "local_spacing",
     "metro",
+    "move_box",
     "point_suffixes",
+    "points_in_box",
     "range_image_error",
     "read_mesh",
     "read_mesh_bytes",
@@ -39,10 +46,16 @@ __all__: list[str] = [
     "readable_suffixes",
     "registered_uvs",
     "render_depth",
+    "replace_rows",
     "replay_collapses",
+    "resample",
     "resolve_inside",
+    "rotation_about_z",
+    "segment_objects",
     "shading_normals",
     "simplify_qem",
+    "snap_to_lattice",
+    "subtract",
     "summarize",
     "texture_error",
     "unproject",
@@ -360,6 +373,31 @@ def closest_points(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
+def copy_transform_paste(
+    points: numpy.typing.NDArray[numpy.float32],
+    intensity: numpy.typing.NDArray[numpy.float32],
+    object: numpy.typing.NDArray[numpy.float32],
+    object_intensity: numpy.typing.NDArray[numpy.float32],
+    position: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+    rotation: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 3]"],
+    scale: typing.SupportsFloat | typing.SupportsIndex,
+    paper: bool,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[typing.Any, ...]: ...
+def deform(
+    points: numpy.typing.NDArray[numpy.float32],
+    intensity: numpy.typing.NDArray[numpy.float32],
+    box: tuple[
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+        typing.SupportsFloat | typing.SupportsIndex,
+    ],
+    amplitude: typing.SupportsFloat | typing.SupportsIndex,
+    along_normal: bool,
+    origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+    seed: typing.SupportsInt | typing.SupportsIndex,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[typing.Any, ...]: ...
 def fmpd(
     original: typing.Any,
     simplified: typing.Any,
@@ -375,6 +413,32 @@ def grid_mesh(
     max_edge: typing.SupportsFloat | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> dict[str, typing.Any]: ...
+def insert_occluding(
+    points: numpy.typing.NDArray[numpy.float32],
+    intensity: numpy.typing.NDArray[numpy.float32],
+    object: numpy.typing.NDArray[numpy.float32],
+    faces: numpy.typing.NDArray[numpy.int32],
+    position: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+    rotation: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 3]"],
+    scale: typing.SupportsFloat | typing.SupportsIndex,
+    origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+    range_noise: typing.SupportsFloat | typing.SupportsIndex,
+    rings: collections.abc.Sequence[
+        tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ]
+    ],
+    azimuth_step: typing.SupportsFloat | typing.SupportsIndex,
+    azimuth_phase: typing.SupportsFloat | typing.SupportsIndex,
+    seed: typing.SupportsInt | typing.SupportsIndex,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[typing.Any, ...]: ...
+def local_spacing(
+    points: numpy.typing.NDArray[numpy.float32],
+    position: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+    radius: typing.SupportsFloat | typing.SupportsIndex,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> float: ...
 def metro(
     original: typing.Any,
     simplified: typing.Any,
@@ -384,7 +448,27 @@ def metro(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> tuple[tuple[typing.Any, ...], tuple[typing.Any, ...], float]: ...
+def move_box(
+    points: numpy.typing.NDArray[numpy.float32],
+    intensity: numpy.typing.NDArray[numpy.float32],
+    box: tuple[
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+        typing.SupportsFloat | typing.SupportsIndex,
+    ],
+    transform: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[4, 4]"],
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[typing.Any, ...]: ...
 def point_suffixes() -> list[typing.Any]: ...
+def points_in_box(
+    points: numpy.typing.NDArray[numpy.float32],
+    box: tuple[
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+        typing.SupportsFloat | typing.SupportsIndex,
+    ],
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> numpy.ndarray: ...
 def range_image_error(
     mesh: typing.Any,
     points: numpy.typing.NDArray[numpy.float32],
@@ -419,6 +503,14 @@ def render_depth(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> numpy.ndarray: ...
+def replace_rows(
+    points: numpy.typing.NDArray[numpy.float32],
+    intensity: numpy.typing.NDArray[numpy.float32],
+    removed: numpy.typing.NDArray[numpy.int32],
+    added: numpy.typing.NDArray[numpy.float32],
+    added_intensity: numpy.typing.NDArray[numpy.float32],
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[typing.Any, ...]: ...
 def replay_collapses(
     mesh: typing.Any,
     options: QemOptions,
@@ -426,7 +518,27 @@ def replay_collapses(
     collapse_errors: numpy.typing.NDArray[numpy.float64],
     target_faces: typing.SupportsInt | typing.SupportsIndex,
 ) -> dict[str, typing.Any]: ...
+def resample(
+    object: numpy.typing.NDArray[numpy.float32],
+    faces: numpy.typing.NDArray[numpy.int32],
+    spacing: typing.SupportsFloat | typing.SupportsIndex,
+    uniform: bool,
+    seed: typing.SupportsInt | typing.SupportsIndex,
+) -> numpy.ndarray: ...
 def resolve_inside(folder: bytes, reference: bytes) -> bytes: ...
+def rotation_about_z(
+    yaw: typing.SupportsFloat | typing.SupportsIndex,
+) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 3]"]: ...
+def segment_objects(
+    points: numpy.typing.NDArray[numpy.float32],
+    origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+    max_range: typing.SupportsFloat | typing.SupportsIndex,
+    ground_height: typing.SupportsFloat | typing.SupportsIndex,
+    ground_slope: typing.SupportsFloat | typing.SupportsIndex,
+    tolerance: typing.SupportsFloat | typing.SupportsIndex,
+    min_points: typing.SupportsInt | typing.SupportsIndex,
+    max_size: typing.SupportsFloat | typing.SupportsIndex,
+) -> tuple[numpy.ndarray, list[typing.Any]]: ...
 def shading_normals(
     mesh: typing.Any,
     crease_angle: typing.SupportsFloat | typing.SupportsIndex,
@@ -435,6 +547,32 @@ def shading_normals(
 def simplify_qem(
     mesh: typing.Any, options: QemOptions, progress: typing.Any = None
 ) -> dict[str, typing.Any]: ...
+def snap_to_lattice(
+    points: numpy.typing.NDArray[numpy.float32],
+    intensity: numpy.typing.NDArray[numpy.float32],
+    snapped: numpy.typing.NDArray[numpy.int32],
+    rings: collections.abc.Sequence[
+        tuple[
+            typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex
+        ]
+    ],
+    azimuth_step: typing.SupportsFloat | typing.SupportsIndex,
+    azimuth_phase: typing.SupportsFloat | typing.SupportsIndex,
+    along_ray: bool,
+    azimuth: bool,
+    max_move: typing.SupportsFloat | typing.SupportsIndex,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[typing.Any, ...]: ...
+def subtract(
+    points: numpy.typing.NDArray[numpy.float32],
+    intensity: numpy.typing.NDArray[numpy.float32],
+    box: tuple[
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+        typing.SupportsFloat | typing.SupportsIndex,
+    ],
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[typing.Any, ...]: ...
 def summarize(mesh: typing.Any) -> dict[str, typing.Any]: ...
 def texture_error(
     original: typing.Any,

@@ -6,24 +6,9 @@
 #include <string>
 
 #include "manip3d/error.hpp"
+#include "manip3d/geometry/random.hpp"
 
 namespace manip3d {
-namespace {
-
-// SplitMix64 [Steele, Lea & Flood, OOPSLA 2014]: its state is a counter, so any of its outputs can
-// be had by itself.
-std::uint64_t mix(std::uint64_t z) {
-  z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9U;
-  z = (z ^ (z >> 27)) * 0x94D049BB133111EBU;
-  return z ^ (z >> 31);
-}
-
-double uniform(std::uint64_t seed, std::uint64_t counter) {  // in [0, 1)
-  const std::uint64_t bits = mix(mix(seed) + (counter + 1) * 0x9E3779B97F4A7C15U);
-  return static_cast<double>(bits >> 11) * 0x1p-53;
-}
-
-}  // namespace
 
 SurfaceSampler::SurfaceSampler(const MeshView& mesh, std::int64_t num_samples, std::uint64_t seed)
     : mesh_(mesh), num_samples_(num_samples), seed_(seed) {

@@ -1,0 +1,225 @@
+#include <pybind11/eigen.h>
+#include <pybind11/stl.h>
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "manip3d/forge/attacks.hpp"
+#include "manip3d/forge/insertion.hpp"
+#include "manip3d/forge/lattice.hpp"
+#include "manip3d/forge/segment.hpp"
+#include "manip3d/geometry/angles.hpp"
+#include "modules.hpp"
+#include "points.hpp"
+
+namespace manip3d::bindings {
+namespace {
+
+using Box = std::tuple<Eigen::Vector3d, Eigen::Vector3d, double>;
+using Rings = std::vector<std::pair<double, double>>;
+
+OrientedBox to_box(const Box& box) {
+  return {std::get<0>(box), std::get<1>(box), std::get<2>(box)};
+}
+
+py::tuple to_python(const OrientedBox& box) {
+  return py::make_tuple(std::vector<double>{box.center.x(), box.center.y(), box.center.z()},
+                        std::vector<double>{box.size.x(), box.size.y(), box.size.z()}, box.yaw);
+}
+
+py::tuple to_python(Forgery&& forged) {
+  const bool has_intensity = forged.intensity.size() > 0;
+  const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> transform = forged.transform;
+  return py::make_tuple(
+      to_numpy_rows<3>(std::move(forged.points)),
+      has_intensity ? py::object(to_numpy_rows<1>(std::move(forged.intensity))) : py::none(),
+      to_numpy(std::move(forged.added)), to_numpy(std::move(forged.moved)),
+      to_numpy(std::move(forged.moved_from)), to_numpy(std::move(forged.removed)),
+      to_python(forged.box), py::array_t<double>({4, 4}, transform.data()));
+}
+
+Placement placement(const Eigen::Vector3d& position, const Eigen::Matrix3d& rotation, double scale,
+                    bool paper) {
+  return {position, rotation, scale, paper ? Translation::kPaper : Translation::kCentroid};
+}
+
+ScanLattice to_lattice(const Rings& rings, double azimuth_step, double azimuth_phase) {
+  ScanLattice lattice;
+  for (const auto& [slope, offset] : rings) lattice.rings.push_back({slope, offset});
+  lattice.azimuth_step = azimuth_step;
+  lattice.azimuth_phase = azimuth_phase;
+  return lattice;
+}
+
+// Runs an attack without the GIL.
+template <typename Attack>
+py::tuple forged_by(const Attack& attack) {
+  Forgery forged;
+  {
+    const py::gil_scoped_release nogil;
+    forged = attack();
+  }
+  return to_python(std::move(forged));
+}
+
+}  // namespace
+
+void bind_forge(py::module_& m) {
+  m.def("rotation_about_z", &rotation_about_z, py::arg("yaw"));
+  m.def(
+      "points_in_box",
+      [](const CArray<float>& points, const Box& box, int threads) {
+        const PointsView view = points_view(points, {});
+        std::vector<std::int32_t> rows;
+        {
+          const py::gil_scoped_release nogil;
+          rows = points_in_box(view, to_box(box), threads);
+        }
+        return to_numpy(std::move(rows));
+      },
+      py::arg("points").noconvert(), py::arg("box"), py::arg("threads"));
+  m.def(
+      "copy_transform_paste",
+      [](const CArray<float>& points, const CArray<float>& intensity, const CArray<float>& object,
+         const CArray<float>& object_intensity, const Eigen::Vector3d& position,
+         const Eigen::Matrix3d& rotation, double scale, bool paper, int threads) {
+        const PointsView scene = points_view(points, intensity);
+        const PointsView hoax = points_view(object, object_intensity);
+        return forged_by([&] {
+          return copy_transform_paste(scene, hoax, placement(position, rotation, scale, paper),
+                                      threads);
+        });
+      },
+      py::arg("points").noconvert(), py::arg("intensity").noconvert(),
+      py::arg("object").noconvert(), py::arg("object_intensity").noconvert(), py::arg("position"),
+      py::arg("rotation"), py::arg("scale"), py::arg("paper"), py::arg("threads"));
+  m.def(
+      "resample",
+      [](const CArray<float>& object, const CArray<std::int32_t>& faces, double spacing,
+         bool uniform, std::uint64_t seed) {
+        const PointsView view = points_view(object, {});
+        const auto triangles = rows<Faces>(faces, "faces");
+        Points points;
+        {
+          const py::gil_scoped_release nogil;
+          points =
+              resample(view, triangles,
+                       {spacing, uniform ? Resampling::kUniform : Resampling::kPoissonDisk, seed});
+        }
+        return to_numpy(std::move(points));
+      },
+      py::arg("object").noconvert(), py::arg("faces").noconvert(), py::arg("spacing"),
+      py::arg("uniform"), py::arg("seed"));
+  m.def(
+      "local_spacing",
+      [](const CArray<float>& points, const Eigen::Vector3d& position, double radius, int threads) {
+        const PointsView scene = points_view(points, {});
+        const py::gil_scoped_release nogil;
+        return local_spacing(scene, position, radius, threads);
+      },
+      py::arg("points").noconvert(), py::arg("position"), py::arg("radius"), py::arg("threads"));
+  m.def(
+      "subtract",
+      [](const CArray<float>& points, const CArray<float>& intensity, const Box& box, int threads) {
+        const PointsView scene = points_view(points, intensity);
+        return forged_by([&] { return subtract(scene, to_box(box), threads); });
+      },
+      py::arg("points").noconvert(), py::arg("intensity").noconvert(), py::arg("box"),
+      py::arg("threads"));
+  m.def(
+      "replace_rows",
+      [](const CArray<float>& points, const CArray<float>& intensity,
+         const CArray<std::int32_t>& removed, const CArray<float>& added,
+         const CArray<float>& added_intensity, int threads) {
+        const PointsView scene = points_view(points, intensity);
+        const PointsView more = points_view(added, added_intensity);
+        const std::vector<std::int32_t> gone = row_vector(removed);
+        return forged_by([&] { return replace_rows(scene, gone, more, threads); });
+      },
+      py::arg("points").noconvert(), py::arg("intensity").noconvert(),
+      py::arg("removed").noconvert(), py::arg("added").noconvert(),
+      py::arg("added_intensity").noconvert(), py::arg("threads"));
+  m.def(
+      "deform",
+      [](const CArray<float>& points, const CArray<float>& intensity, const Box& box,
+         double amplitude, bool along_normal, const Eigen::Vector3d& origin, std::uint64_t seed,
+         int threads) {
+        const PointsView scene = points_view(points, intensity);
+        const DeformOptions options{
+            amplitude, along_normal ? Displacement::kNormal : Displacement::kRandom, origin, seed};
+        return forged_by([&] { return deform(scene, to_box(box), options, threads); });
+      },
+      py::arg("points").noconvert(), py::arg("intensity").noconvert(), py::arg("box"),
+      py::arg("amplitude"), py::arg("along_normal"), py::arg("origin"), py::arg("seed"),
+      py::arg("threads"));
+  m.def(
+      "move_box",
+      [](const CArray<float>& points, const CArray<float>& intensity, const Box& box,
+         const Eigen::Matrix4d& transform, int threads) {
+        const PointsView scene = points_view(points, intensity);
+        return forged_by([&] { return move_box(scene, to_box(box), transform, threads); });
+      },
+      py::arg("points").noconvert(), py::arg("intensity").noconvert(), py::arg("box"),
+      py::arg("transform"), py::arg("threads"));
+  m.def(
+      "insert_occluding",
+      [](const CArray<float>& points, const CArray<float>& intensity, const CArray<float>& object,
+         const CArray<std::int32_t>& faces, const Eigen::Vector3d& position,
+         const Eigen::Matrix3d& rotation, double scale, const Eigen::Vector3d& origin,
+         double range_noise, const Rings& rings, double azimuth_step, double azimuth_phase,
+         std::uint64_t seed, int threads) {
+        const PointsView scene = points_view(points, intensity);
+        const PointsView hoax = points_view(object, {});
+        const auto triangles = rows<Faces>(faces, "faces");
+        const InsertionOptions options{origin, range_noise, seed,
+                                       to_lattice(rings, azimuth_step, azimuth_phase)};
+        return forged_by([&] {
+          return insert_occluding(scene, hoax, triangles,
+                                  placement(position, rotation, scale, false), options, threads);
+        });
+      },
+      py::arg("points").noconvert(), py::arg("intensity").noconvert(),
+      py::arg("object").noconvert(), py::arg("faces").noconvert(), py::arg("position"),
+      py::arg("rotation"), py::arg("scale"), py::arg("origin"), py::arg("range_noise"),
+      py::arg("rings"), py::arg("azimuth_step"), py::arg("azimuth_phase"), py::arg("seed"),
+      py::arg("threads"));
+  m.def(
+      "snap_to_lattice",
+      [](const CArray<float>& points, const CArray<float>& intensity,
+         const CArray<std::int32_t>& snapped, const Rings& rings, double azimuth_step,
+         double azimuth_phase, bool along_ray, bool azimuth, double max_move, int threads) {
+        const PointsView scene = points_view(points, intensity);
+        const ScanLattice lattice = to_lattice(rings, azimuth_step, azimuth_phase);
+        const SnapOptions options{along_ray ? Snapping::kRay : Snapping::kHeight, azimuth,
+                                  max_move};
+        const std::vector<std::int32_t> touched = row_vector(snapped);
+        return forged_by(
+            [&] { return snap_to_lattice(scene, touched, lattice, options, threads); });
+      },
+      py::arg("points").noconvert(), py::arg("intensity").noconvert(),
+      py::arg("snapped").noconvert(), py::arg("rings"), py::arg("azimuth_step"),
+      py::arg("azimuth_phase"), py::arg("along_ray"), py::arg("azimuth"), py::arg("max_move"),
+      py::arg("threads"));
+  m.def(
+      "segment_objects",
+      [](const CArray<float>& points, const Eigen::Vector3d& origin, double max_range,
+         double ground_height, double ground_slope, double tolerance, std::int64_t min_points,
+         double max_size) {
+        const PointsView scene = points_view(points, {});
+        Segmentation result;
+        {
+          const py::gil_scoped_release nogil;
+          result = segment_objects(scene, {origin, max_range, ground_height, ground_slope,
+                                           tolerance, min_points, max_size});
+        }
+        py::list boxes;
+        for (const OrientedBox& box : result.boxes) boxes.append(to_python(box));
+        return py::make_tuple(to_numpy(std::move(result.labels)), boxes);
+      },
+      py::arg("points").noconvert(), py::arg("origin"), py::arg("max_range"),
+      py::arg("ground_height"), py::arg("ground_slope"), py::arg("tolerance"),
+      py::arg("min_points"), py::arg("max_size"));
+}
+
+}  // namespace manip3d::bindings

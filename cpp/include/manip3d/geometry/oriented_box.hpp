@@ -1,0 +1,31 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "manip3d/geometry/point_cloud.hpp"
+
+namespace manip3d {
+
+/// A box that stands upright: `size` is its length, width and height along its own axes, turned by
+/// `yaw` radians about the vertical.
+struct OrientedBox {
+  Eigen::Vector3d center = Eigen::Vector3d::Zero();
+  Eigen::Vector3d size = Eigen::Vector3d::Zero();
+  double yaw = 0.0;
+};
+
+/// @throws InputError  a number that is not finite, a negative size, a yaw beyond 1e6.
+void check_box(const OrientedBox& box);
+
+/// Rows of the points inside the box or on its border, ascending.
+/// @throws InputError  what check_points and check_box refuse.
+std::vector<std::int32_t> points_in_box(const PointsView& view, const OrientedBox& box,
+                                        int num_threads = 0);
+
+/// The smallest box with this yaw around the given rows; all zero for no rows.
+OrientedBox box_around(const PointsView& view, const std::vector<std::int32_t>& rows,
+                       double yaw = 0.0);
+
+}  // namespace manip3d

@@ -1,0 +1,251 @@
+#include "manip3d/forge/attacks.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <utility>
+
+#include "geometry/kd_tree.hpp"
+#include "geometry/select_rows.hpp"
+#include "manip3d/error.hpp"
+#include "manip3d/geometry/angles.hpp"
+#include "manip3d/geometry/random.hpp"
+
+namespace manip3d {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Matrix4d;
+using Eigen::Vector3d;
+
+constexpr std::size_t kNormalNeighbours = 12;  // a plane through fewer follows the range noise
+
+Vector3d sum_of(const PointsView& view, std::int64_t begin, std::int64_t end) {
+  Vector3d sum = Vector3d::Zero();
+  for (std::int64_t i = begin; i < end; ++i) {
+    sum += view.points.row(i).transpose().cast<double>();
+  }
+  return sum;
+}
+
+Vector3d centroid(const PointsView& view, int num_threads) {
+  const std::int64_t count = view.num_points();
+  std::vector<Vector3d> sums((count + kPointChunk - 1) / kPointChunk);
+  parallel_chunks(count, kPointChunk, num_threads, [&](std::int64_t begin, std::int64_t end) {
+    sums[begin / kPointChunk] = sum_of(view, begin, end);
+  });
+  Vector3d total = Vector3d::Zero();
+  for (const Vector3d& sum : sums) total += sum;
+  return total / static_cast<double>(std::max<std::int64_t>(count, 1));
+}
+
+bool is_rotation(const Matrix3d& r) {
+  return (r * r.transpose() - Matrix3d::Identity()).cwiseAbs().maxCoeff() <= 1e-6 &&
+         r.determinant() > 0.0;
+}
+
+Points rows_of(const PointsView& view, const std::vector<std::int32_t>& rows) {
+  Points points(static_cast<Eigen::Index>(rows.size()), 3);
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    points.row(static_cast<Eigen::Index>(i)) = view.points.row(rows[i]);
+  }
+  return points;
+}
+
+Vector3d in_ball(std::uint64_t seed, std::uint64_t row) {  // uniform, by rejection
+  for (std::uint64_t trial = 0;; ++trial) {
+    const std::uint64_t counter = 3 * (64 * row + trial);
+    const Vector3d v(2.0 * uniform(seed, counter) - 1.0, 2.0 * uniform(seed, counter + 1) - 1.0,
+                     2.0 * uniform(seed, counter + 2) - 1.0);
+    if (v.squaredNorm() <= 1.0 || trial == 63) return v / std::max(1.0, v.norm());
+  }
+}
+
+// Normal of the plane through a point's neighbours, towards the scanner; zero for a lone point.
+Vector3d surface_normal(const Points& points, const KdTree& tree, Eigen::Index row,
+                        const Vector3d& origin, KdTree::Neighbours& near) {
+  tree.nearest(row, kNormalNeighbours, near);
+  if (near.rows.size() < 3) return Vector3d::Zero();
+  Vector3d mean = Vector3d::Zero();
+  for (const std::uint32_t r : near.rows) mean += points.row(r).transpose().cast<double>();
+  mean /= static_cast<double>(near.rows.size());
+  Matrix3d covariance = Matrix3d::Zero();
+  for (const std::uint32_t r : near.rows) {
+    const Vector3d d = points.row(r).transpose().cast<double>() - mean;
+    covariance += d * d.transpose();
+  }
+  const Eigen::SelfAdjointEigenSolver<Matrix3d> solver(covariance);
+  const Vector3d normal = solver.eigenvectors().col(0);
+  const Vector3d to_scanner = origin - points.row(row).transpose().cast<double>();
+  return normal.dot(to_scanner) < 0.0 ? Vector3d(-normal) : normal;
+}
+
+// 1 in the middle of the box, 0 on its border and beyond.
+double dent_profile(const Vector3d& point, const OrientedBox& box, const Matrix3d& to_box) {
+  const Vector3d p = to_box * (point - box.center);
+  double squared = 0.0;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (box.size[axis] > 0.0) {
+      const double d = 2.0 * p[axis] / box.size[axis];
+      squared += d * d;
+    }
+  }
+  const double rest = std::max(0.0, 1.0 - squared);
+  return rest * rest;
+}
+
+std::vector<Vector3d> displacements(const PointsView& scene, const std::vector<std::int32_t>& rows,
+                                    const OrientedBox& box, const DeformOptions& options) {
+  std::vector<Vector3d> moves(rows.size());
+  if (options.direction == Displacement::kRandom) {
+    for (std::size_t i = 0; i < rows.size(); ++i) {
+      moves[i] = options.amplitude * in_ball(options.seed, static_cast<std::uint64_t>(rows[i]));
+    }
+    return moves;
+  }
+  const Points points = rows_of(scene, rows);
+  const KdTree tree(PointsView({points.data(), points.rows(), 3}));
+  const Matrix3d to_box = rotation_about_z(box.yaw).transpose();
+  KdTree::Neighbours near;
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    const auto row = static_cast<Eigen::Index>(i);
+    const Vector3d p = points.row(row).transpose().cast<double>();
+    moves[i] = -options.amplitude * dent_profile(p, box, to_box) *
+               surface_normal(points, tree, row, options.origin, near);
+  }
+  return moves;
+}
+
+}  // namespace
+
+Matrix4d placement_transform(const PointsView& scene, const PointsView& object,
+                             const Placement& placement, int num_threads) {
+  if (!placement.position.allFinite()) throw InputError("position: expected finite numbers");
+  if (!(placement.scale > 0.0 && std::isfinite(placement.scale))) {
+    throw InputError("scale: expected > 0, got " + std::to_string(placement.scale));
+  }
+  if (!is_rotation(placement.rotation)) {
+    throw InputError("rotation: expected a rotation matrix");
+  }
+  if (object.num_points() == 0) throw InputError("hoax: expected points, got none");
+  const Matrix3d linear = placement.scale * placement.rotation;
+  const Vector3d o_object = centroid(object, 1);
+  Matrix4d transform = Matrix4d::Identity();
+  transform.topLeftCorner<3, 3>() = linear;
+  const bool paper = placement.translation == Translation::kPaper;
+  transform.topRightCorner<3, 1>() =
+      paper ? Vector3d(placement.position - (centroid(scene, num_threads) - o_object))
+            : Vector3d(placement.position - linear * o_object);
+  return transform;
+}
+
+Points transformed(const Eigen::Ref<const Points>& points, const Matrix4d& transform) {
+  const Matrix3d linear = transform.topLeftCorner<3, 3>();
+  const Vector3d translation = transform.topRightCorner<3, 1>();
+  Points result(points.rows(), 3);
+  for (Eigen::Index i = 0; i < points.rows(); ++i) {
+    const Vector3d p = linear * points.row(i).transpose().cast<double>() + translation;
+    result.row(i) = p.cast<float>();
+    if (!result.row(i).allFinite()) {
+      throw InputError("transform: takes row " + std::to_string(i) + " beyond the finite floats");
+    }
+  }
+  return result;
+}
+
+Forgery copy_transform_paste(const PointsView& scene, const PointsView& object,
+                             const Placement& placement, int num_threads) {
+  check_points_everywhere(scene, num_threads);
+  check_points(object);
+  const Matrix4d transform = placement_transform(scene, object, placement, num_threads);
+  Edit edit;
+  edit.added = transformed(object.points, transform);
+  edit.added_intensity = object.intensity;
+  Forgery forged = apply_edit(scene, edit, num_threads);
+  forged.transform = transform;
+  return forged;
+}
+
+double local_spacing(const PointsView& scene, const Vector3d& position, double radius,
+                     int num_threads) {
+  if (!position.allFinite()) throw InputError("position: expected finite numbers");
+  if (!(radius > 0.0 && std::isfinite(radius))) {
+    throw InputError("radius: expected > 0, got " + std::to_string(radius));
+  }
+  // Neighbours of points near the border lie outside: twice the radius holds those of all points
+  // that have one within it.
+  const auto within = [&](double r) {
+    return [=](float x, float y, float z) {
+      return (Vector3d(x, y, z) - position).squaredNorm() <= r * r;
+    };
+  };
+  const Points near = rows_of(scene, select_rows(scene, num_threads, within(2.0 * radius)));
+  const KdTree tree(PointsView({near.data(), near.rows(), 3}));
+  double sum = 0.0;
+  std::int64_t count = 0;
+  for (Eigen::Index i = 0; i < near.rows(); ++i) {
+    const Vector3d p = near.row(i).transpose().cast<double>();
+    if (!((p - position).squaredNorm() <= radius * radius)) continue;
+    const double distance = tree.nearest_distance(i);
+    if (!std::isfinite(distance)) continue;
+    sum += distance;
+    ++count;
+  }
+  if (count < 2) {
+    throw InputError("position: expected scene points within " + std::to_string(radius) +
+                     " m, whose spacing the object takes; got " + std::to_string(count));
+  }
+  return sum / static_cast<double>(count);
+}
+
+Forgery subtract(const PointsView& scene, const OrientedBox& box, int num_threads) {
+  Edit edit;
+  edit.removed = points_in_box(scene, box, num_threads);
+  return apply_edit(scene, edit, num_threads);
+}
+
+Forgery replace_rows(const PointsView& scene, std::vector<std::int32_t> rows,
+                     const PointsView& added, int num_threads) {
+  check_points_everywhere(scene, num_threads);
+  check_points(added);
+  Edit edit;
+  edit.removed = checked_rows(std::move(rows), scene.num_points());
+  edit.added = added.points;
+  edit.added_intensity = added.intensity;
+  return apply_edit(scene, edit, num_threads);
+}
+
+Forgery deform(const PointsView& scene, const OrientedBox& box, const DeformOptions& options,
+               int num_threads) {
+  if (!std::isfinite(options.amplitude)) throw InputError("amplitude: expected a finite number");
+  if (!options.origin.allFinite()) throw InputError("origin: expected finite numbers");
+  Edit edit;
+  edit.moved = points_in_box(scene, box, num_threads);
+  const std::vector<Vector3d> moves = displacements(scene, edit.moved, box, options);
+  edit.moved_to = rows_of(scene, edit.moved);
+  for (std::size_t i = 0; i < moves.size(); ++i) {
+    const auto row = static_cast<Eigen::Index>(i);
+    const Vector3d p = edit.moved_to.row(row).transpose().cast<double>() + moves[i];
+    edit.moved_to.row(row) = p.cast<float>();
+  }
+  if (!edit.moved_to.allFinite()) throw InputError("amplitude: takes points beyond finite floats");
+  return apply_edit(scene, edit, num_threads);
+}
+
+Forgery move_box(const PointsView& scene, const OrientedBox& box, const Matrix4d& transform,
+                 int num_threads) {
+  const bool affine = transform.row(3) == Eigen::RowVector4d(0.0, 0.0, 0.0, 1.0);
+  if (!(transform.allFinite() && affine && is_rotation(transform.topLeftCorner<3, 3>()))) {
+    throw InputError("transform: expected a rotation and a translation");
+  }
+  Edit edit;
+  edit.moved = points_in_box(scene, box, num_threads);
+  edit.moved_to = transformed(rows_of(scene, edit.moved), transform);
+  Forgery forged = apply_edit(scene, edit, num_threads);
+  forged.transform = transform;
+  return forged;
+}
+
+}  // namespace manip3d

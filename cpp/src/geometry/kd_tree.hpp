@@ -1,0 +1,66 @@
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <nanoflann.hpp>
+#include <vector>
+
+#include "manip3d/geometry/point_cloud.hpp"
+
+namespace manip3d {
+
+/// Exact neighbours in any cloud of points, by nanoflann; distances in double.
+class KdTree {
+ public:
+  /// The view's points must outlive the tree.
+  explicit KdTree(const PointsView& view)
+      : cloud_{view.points.data(), static_cast<std::size_t>(view.num_points())},
+        tree_(3, cloud_, nanoflann::KDTreeSingleIndexAdaptorParams(10)) {}
+
+  struct Neighbours {
+    std::vector<std::uint32_t> rows;
+    std::vector<double> squared_distances;
+  };
+
+  /// The k nearest of a row, itself among them.
+  void nearest(std::int64_t row, std::size_t k, Neighbours& found) const {
+    found.rows.resize(k);
+    found.squared_distances.resize(k);
+    const double query[3] = {cloud_.kdtree_get_pt(row, 0), cloud_.kdtree_get_pt(row, 1),
+                             cloud_.kdtree_get_pt(row, 2)};
+    const std::size_t count =
+        tree_.knnSearch(query, k, found.rows.data(), found.squared_distances.data());
+    found.rows.resize(count);
+    found.squared_distances.resize(count);
+  }
+
+  /// Distance of a row from its nearest other row; infinite where there is no other.
+  [[nodiscard]] double nearest_distance(std::int64_t row) const {
+    Neighbours two;
+    nearest(row, 2, two);
+    return two.rows.size() == 2 ? std::sqrt(two.squared_distances[1])
+                                : std::numeric_limits<double>::infinity();
+  }
+
+ private:
+  struct Cloud {
+    const float* xyz;
+    std::size_t size;
+    [[nodiscard]] std::size_t kdtree_get_point_count() const { return size; }
+    [[nodiscard]] double kdtree_get_pt(std::size_t row, std::size_t axis) const {
+      return xyz[3 * row + axis];
+    }
+    template <typename Box>
+    bool kdtree_get_bbox(Box&) const {
+      return false;
+    }
+  };
+  using Tree =
+      nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Cloud>, Cloud, 3>;
+
+  Cloud cloud_;
+  Tree tree_;
+};
+
+}  // namespace manip3d

@@ -1,0 +1,48 @@
+"""Forged scans with their ground truth: what the detectors of `manip3d.authenticate` must find."""
+
+from __future__ import annotations
+
+from manip3d.forge._alert import (
+    ALERT_ATTACKS,
+    additive,
+    additive_subtractive,
+    replacement,
+    rotation,
+    subtractive,
+    translation,
+)
+from manip3d.forge._attacks import (
+    crtp,
+    ctp,
+    deform,
+    insert_occluding,
+    range_scale,
+    resample,
+    snap_to_lattice,
+    subtract,
+)
+from manip3d.forge._objects import Segmentation, nearest_object, segment
+from manip3d.forge._truth import Forgery, Lattice
+
+__all__ = [
+    "ALERT_ATTACKS",
+    "Forgery",
+    "Lattice",
+    "Segmentation",
+    "additive",
+    "additive_subtractive",
+    "crtp",
+    "ctp",
+    "deform",
+    "insert_occluding",
+    "nearest_object",
+    "range_scale",
+    "replacement",
+    "resample",
+    "rotation",
+    "segment",
+    "snap_to_lattice",
+    "subtract",
+    "subtractive",
+    "translation",
+]

@@ -1,0 +1,253 @@
+"""The six attacks of ALERT (dissertation section 7.4); boxes come from labels or `segment`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._arrays import rows as as_rows
+from manip3d._options import threads_of
+from manip3d.errors import InputError
+from manip3d.forge._objects import nearest_object
+from manip3d.forge._truth import (
+    Forgery,
+    Scan,
+    box_arguments,
+    origin_of,
+    renamed,
+    to_forgery,
+    to_scan,
+)
+from manip3d.lidar import Box, LidarFrame
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from manip3d.forge._truth import ScanLike
+
+CLEARANCE = 0.3
+"""Metres above an object's lowest point from where on scene points count as a collision."""
+
+
+def additive(
+    scan: ScanLike,
+    object_points: ArrayLike | LidarFrame,
+    *,
+    offset: ArrayLike = (0.0, 0.0, 0.0),
+    allow_collision: bool = False,
+    threads: int = 0,
+) -> Forgery:
+    """Attack 1: append the points of an object that was cut from another frame.
+
+    Parameters
+    ----------
+    scan : LidarFrame, (N, 3) or (N, 4) float32
+    object_points : LidarFrame, (K, 3) or (K, 4)
+        At the place they had in their own frame.
+    offset : (3,), metres
+        By which they are shifted.
+    allow_collision : bool
+        Else scene points within the object's box, 0.3 m above its foot and higher, are an error.
+    threads : int
+
+    Raises
+    ------
+    InputError
+        The object is empty, or stands in something.
+    """
+    scene = to_scan(scan)
+    added = _shifted(to_scan(object_points), offset)
+    if not allow_collision:
+        _check_free(scene, added.points, threads)
+    return _edited("additive", scene, np.empty(0, np.int32), added, threads)
+
+
+def subtractive(
+    scan: ScanLike, box: Box | None = None, *, origin: ArrayLike | None = None, threads: int = 0
+) -> Forgery:
+    """Attack 2: delete the points of an object, the nearest by default."""
+    scene, target = _target(scan, box, origin)
+    parts = _core.subtract(
+        scene.points, scene.intensity, box_arguments(target), threads_of(threads)
+    )
+    return to_forgery(parts, scene, "subtractive", {"box": target})
+
+
+def additive_subtractive(
+    scan: ScanLike,
+    object_points: ArrayLike | LidarFrame,
+    box: Box | None = None,
+    *,
+    offset: ArrayLike = (0.0, 0.0, 0.0),
+    origin: ArrayLike | None = None,
+    allow_collision: bool = False,
+    threads: int = 0,
+) -> Forgery:
+    """Attack 3: `additive` and `subtractive` at once."""
+    scene, target = _target(scan, box, origin)
+    added = _shifted(to_scan(object_points), offset)
+    if not allow_collision:
+        _check_free(scene, added.points, threads)
+    gone = _core.points_in_box(scene.points, box_arguments(target), threads_of(threads))
+    return _edited("additive_subtractive", scene, gone, added, threads)
+
+
+def replacement(
+    scan: ScanLike,
+    object_points: ArrayLike | LidarFrame,
+    box: Box | None = None,
+    *,
+    origin: ArrayLike | None = None,
+    threads: int = 0,
+) -> Forgery:
+    """Attack 4: delete an object, and paste another one centred on the removed points."""
+    scene, target = _target(scan, box, origin)
+    gone = _core.points_in_box(scene.points, box_arguments(target), threads_of(threads))
+    if not len(gone):
+        raise InputError("box: expected scene points in it, got none")
+    pasted = to_scan(object_points)
+    if not len(pasted.points):
+        raise InputError("object_points: expected points, got none")
+    center = scene.points[gone].mean(axis=0, dtype=np.float64)
+    offset = center - pasted.points.mean(axis=0, dtype=np.float64)
+    return _edited("replacement", scene, gone, _shifted(pasted, offset), threads)
+
+
+def translation(
+    scan: ScanLike,
+    box: Box | None = None,
+    *,
+    distance: float = 3.0,
+    origin: ArrayLike | None = None,
+    threads: int = 0,
+) -> Forgery:
+    """Attack 5: move an object, the nearest by default, away from the scanner.
+
+    Parameters
+    ----------
+    scan : LidarFrame, (N, 3) or (N, 4) float32
+    box : Box, optional
+    distance : float, metres
+        Over the ground, along the line from the scanner to the middle of the box.
+    origin : (3,), optional
+    threads : int
+    """
+    scene, target = _target(scan, box, origin)
+    away = _away(target, origin_of(origin, scene))
+    transform = np.eye(4)
+    transform[:2, 3] = distance * away
+    return _moved("translation", scene, target, transform, threads, {"distance": distance})
+
+
+def rotation(
+    scan: ScanLike,
+    box: Box | None = None,
+    *,
+    angle: float = math.radians(-10.0),
+    sideways: float = 0.0,
+    origin: ArrayLike | None = None,
+    threads: int = 0,
+) -> Forgery:
+    """Attack 6: turn an object, the nearest by default, about the vertical through its centroid.
+
+    Parameters
+    ----------
+    scan : LidarFrame, (N, 3) or (N, 4) float32
+    box : Box, optional
+    angle : float, radians
+    sideways : float, metres
+        To the left, seen from the scanner; the authors' own tool has 2 m.
+    origin : (3,), optional
+    threads : int
+    """
+    scene, target = _target(scan, box, origin)
+    inside = _core.points_in_box(scene.points, box_arguments(target), threads_of(threads))
+    if not len(inside):
+        raise InputError("box: expected scene points in it, got none")
+    center = scene.points[inside].mean(axis=0, dtype=np.float64)
+    away = _away(target, origin_of(origin, scene))
+    transform = np.eye(4)
+    transform[:3, :3] = _core.rotation_about_z(angle)
+    transform[:3, 3] = center - transform[:3, :3] @ center
+    transform[:2, 3] += sideways * np.array([-away[1], away[0]])
+    return _moved(
+        "rotation", scene, target, transform, threads, {"angle": angle, "sideways": sideways}
+    )
+
+
+ALERT_ATTACKS: Mapping[str, Callable[..., Forgery]] = MappingProxyType(
+    {
+        "additive": additive,
+        "subtractive": subtractive,
+        "additive_subtractive": additive_subtractive,
+        "replacement": replacement,
+        "translation": translation,
+        "rotation": rotation,
+    }
+)
+"""The six, in the dissertation's order."""
+
+
+def _target(scan: ScanLike, box: Box | None, origin: ArrayLike | None) -> tuple[Scan, Box]:
+    return to_scan(scan), nearest_object(scan, origin=origin) if box is None else box
+
+
+def _shifted(added: Scan, offset: ArrayLike) -> Scan:
+    shift = as_rows(np.asarray(offset)[None], 3, np.float64, "offset")
+    if not len(added.points):
+        raise InputError("object_points: expected points, got none")
+    return added._replace(points=(added.points + shift).astype(np.float32))
+
+
+def _check_free(scene: Scan, points: NDArray[np.float32], threads: int) -> None:
+    low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+    low[2] = min(low[2] + CLEARANCE, high[2])
+    center, size = (low + high) / 2, high - low
+    box = (tuple(center.tolist()), tuple(size.tolist()), 0.0)
+    inside = len(_core.points_in_box(scene.points, box, threads_of(threads)))
+    if inside:
+        raise InputError(
+            f"offset: expected a free place, got one with {inside} points of the scan in it "
+            "(allow_collision=True puts the object there all the same)"
+        )
+
+
+def _edited(
+    attack: str, scene: Scan, removed: NDArray[np.int32], added: Scan, threads: int
+) -> Forgery:
+    intensity = added.intensity
+    if not len(scene.intensity):
+        intensity = np.empty(0, np.float32)
+    parts = _core.replace_rows(
+        scene.points, scene.intensity, removed, added.points, intensity, threads_of(threads)
+    )
+    return to_forgery(parts, scene, attack, {"added": len(added.points), "removed": len(removed)})
+
+
+def _moved(
+    attack: str,
+    scene: Scan,
+    box: Box,
+    transform: NDArray[np.float64],
+    threads: int,
+    parameters: Mapping[str, float],
+) -> Forgery:
+    parts = _core.move_box(
+        scene.points, scene.intensity, box_arguments(box), transform, threads_of(threads)
+    )
+    forgery = to_forgery(parts, scene, attack, {})
+    return renamed(forgery, attack, {"box": box, **parameters})
+
+
+def _away(box: Box, origin: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Horizontal unit vector from the scanner to the box."""
+    line = np.asarray(box.center, np.float64)[:2] - origin[:2]
+    length = math.sqrt(float(line @ line))
+    if not length > 0.0:
+        raise InputError("box: expected one beside the scanner, got one around its axis")
+    return line / length

@@ -1,0 +1,435 @@
+"""The dissertation's attacks (section 6.4), and two that go beyond them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._arrays import index_rows
+from manip3d._options import seed_of, threads_of
+from manip3d.errors import InputError
+from manip3d.forge._truth import (
+    NO_LATTICE,
+    Forgery,
+    Hoax,
+    Lattice,
+    Scan,
+    box_arguments,
+    origin_of,
+    place,
+    rotation_matrix,
+    to_forgery,
+    to_hoax,
+    to_scan,
+)
+from manip3d.lidar import Box
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from manip3d._options import Rng
+    from manip3d.forge._truth import ObjectLike, ScanLike
+
+NEIGHBOURHOOD = 1.0
+"""Metres around the position whose points give the scene's spacing (MID)."""
+
+
+def ctp(
+    scan: ScanLike,
+    hoax: ObjectLike,
+    *,
+    position: ArrayLike,
+    rotation: ArrayLike = 0.0,
+    scale: float = 1.0,
+    translation: Literal["centroid", "paper"] = "centroid",
+    intensity: ArrayLike = 0.0,
+    threads: int = 0,
+) -> Forgery:
+    """Copy-Transform-Paste: scale, rotate and translate an object's points, and append them.
+
+    Parameters
+    ----------
+    scan : LidarFrame, (N, 3) or (N, 4) float32
+        Metres; a fourth column is intensity.
+    hoax : Mesh, LidarFrame or (K, 3) array
+        Of a mesh, the vertices.
+    position : (3,) metres
+        P_object, in the scan's frame.
+    rotation : float or (3, 3)
+        Turn about the vertical in radians, or a rotation matrix.
+    scale : float
+        Of the hoax's units to metres; see `range_scale`.
+    translation : 'centroid' or 'paper'
+        ``centroid``: t = P_object - R s o_object, the hoax's centroid lands on the position.
+        ``paper``: t = P_object - (o_scene - o_object) as printed, which is somewhere else.
+    intensity : float or (K,)
+        Of the appended points, where the scan has intensities.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+
+    Returns
+    -------
+    Forgery
+
+    Raises
+    ------
+    InputError
+        A shape is wrong, a number is not finite, ``scale`` is not positive, the hoax is empty.
+
+    Examples
+    --------
+    >>> import manip3d
+    >>> forged = manip3d.forge.ctp([[5, 0, 0], [6, 0, 0]], [[0, 0, 0]], position=(3, 0, 0))
+    >>> forged.points[forged.added].tolist()
+    [[3.0, 0.0, 0.0]]
+    """
+    scene = to_scan(scan)
+    paper = _choice(translation, ("centroid", "paper"), "translation") == "paper"
+    return _paste(
+        "ctp", scene, to_hoax(hoax, intensity, scene), position, rotation, scale, paper, threads
+    )
+
+
+def crtp(
+    scan: ScanLike,
+    hoax: ObjectLike,
+    *,
+    position: ArrayLike,
+    rotation: ArrayLike = 0.0,
+    scale: float = 1.0,
+    spacing: float | None = None,
+    resampling: Literal["poisson", "uniform"] = "poisson",
+    translation: Literal["centroid", "paper"] = "centroid",
+    intensity: float = 0.0,
+    rng: Rng = 0,
+    threads: int = 0,
+) -> Forgery:
+    """Copy-Resample-Transform-Paste: `ctp` after giving the object the scene's density.
+
+    The object is resampled by gamma = MID_object / MID_scene, where MID is the mean distance to
+    the nearest neighbour: thinned out below 1, interpolated on its surface above.
+
+    Parameters
+    ----------
+    scan, hoax, position, rotation, scale, translation, threads
+        As in `ctp`. A mesh is interpolated on its faces, points between neighbours.
+    spacing : float, metres, optional
+        MID_scene; by default that of the scan's points within 1 m of ``position``.
+    resampling : 'poisson' or 'uniform'
+        How points are thinned out: so that none are nearer than a radius, or by chance.
+    intensity : float
+        Of the appended points, where the scan has intensities.
+    rng : int, numpy.random.Generator or None
+
+    Returns
+    -------
+    Forgery
+        ``parameters`` holds the ``spacing``.
+
+    Raises
+    ------
+    InputError
+        As `ctp`; no two scene points within 1 m of ``position`` and no ``spacing``.
+    """
+    scene = to_scan(scan)
+    paper = _choice(translation, ("centroid", "paper"), "translation") == "paper"
+    where = place(position, "position")
+    workers = threads_of(threads)
+    if spacing is None:
+        spacing = _core.local_spacing(scene.points, where, NEIGHBOURHOOD, workers)
+    _check_scale(scale)
+    whole = to_hoax(hoax, 0.0, scene)
+    uniform = _choice(resampling, ("poisson", "uniform"), "resampling") == "uniform"
+    points = _core.resample(whole.points, whole.faces, spacing / scale, uniform, seed_of(rng))
+    sampled = to_hoax(points, intensity, scene)
+    forgery = _paste("crtp", scene, sampled, where, rotation, scale, paper, threads)
+    return replace(forgery, parameters={**forgery.parameters, "spacing": float(spacing)})
+
+
+def resample(
+    hoax: ObjectLike,
+    *,
+    spacing: float,
+    resampling: Literal["poisson", "uniform"] = "poisson",
+    rng: Rng = 0,
+) -> NDArray[np.float32]:
+    """Points of an object whose mean nearest-neighbour distance is ``spacing``; see `crtp`.
+
+    Raises
+    ------
+    InputError
+        Fewer than two points, ``spacing`` not positive, or more than 2^24 points wanted.
+    """
+    whole = to_hoax(hoax, 0.0, to_scan(np.empty((0, 3), np.float32)))
+    uniform = _choice(resampling, ("poisson", "uniform"), "resampling") == "uniform"
+    return _core.resample(whole.points, whole.faces, spacing, uniform, seed_of(rng))
+
+
+def range_scale(scan: ScanLike, hoax: ObjectLike) -> float:
+    """Scale that gives the hoax the range of coordinates of the scan (largest extent).
+
+    Raises
+    ------
+    InputError
+        One of them is empty, or the hoax is a single place.
+    """
+    scene = to_scan(scan)
+    points = to_hoax(hoax, 0.0, scene).points
+    if not (len(points) and len(scene.points)):
+        raise InputError("hoax: expected points in both, scan and hoax")
+    extent = float(np.ptp(points, axis=0).max())
+    if not extent > 0.0:
+        raise InputError("hoax: expected points at different places")
+    return float(np.ptp(scene.points, axis=0).max()) / extent
+
+
+def subtract(
+    scan: ScanLike, box: Box | None = None, *, rows: ArrayLike | None = None, threads: int = 0
+) -> Forgery:
+    """Remove the points in a box, or rows of the scan (of a segmented object).
+
+    Parameters
+    ----------
+    scan : LidarFrame, (N, 3) or (N, 4) float32
+    box : Box, optional
+        The border belongs to it.
+    rows : (K,) integers, optional
+        Instead of a box.
+    threads : int
+
+    Raises
+    ------
+    InputError
+        Neither or both of ``box`` and ``rows``; a row out of range; a box that is not finite.
+    """
+    scene = to_scan(scan)
+    if (box is None) == (rows is None):
+        raise InputError("subtract: expected either a box or rows")
+    if box is not None:
+        parts = _core.subtract(
+            scene.points, scene.intensity, box_arguments(box), threads_of(threads)
+        )
+        return to_forgery(parts, scene, "subtract", {"box": box})
+    gone = index_rows(rows if rows is not None else (), None, "rows")
+    nothing = np.empty((0, 3), np.float32)
+    parts = _core.replace_rows(
+        scene.points, scene.intensity, gone, nothing, np.empty(0, np.float32), threads_of(threads)
+    )
+    return to_forgery(parts, scene, "subtract", {"rows": len(gone)})
+
+
+def deform(
+    scan: ScanLike,
+    box: Box,
+    *,
+    amplitude: float,
+    direction: Literal["random", "normal"] = "random",
+    origin: ArrayLike | None = None,
+    rng: Rng = 0,
+    threads: int = 0,
+) -> Forgery:
+    """Displace the points of a box.
+
+    Parameters
+    ----------
+    scan : LidarFrame, (N, 3) or (N, 4) float32
+    box : Box
+    amplitude : float, metres
+        Largest displacement.
+    direction : 'random' or 'normal'
+        ``random``: uniform in a ball. ``normal``: a dent, against the surface normal that faces
+        the scanner (a bulge for a negative amplitude), deepest in the middle of the box and 0 at
+        its border.
+    origin : (3,), optional
+        Where the scanner stands; by default as the frame says, else (0, 0, 0).
+    rng : int, numpy.random.Generator or None
+    threads : int
+
+    Raises
+    ------
+    InputError
+        A number is not finite.
+    """
+    scene = to_scan(scan)
+    along_normal = _choice(direction, ("random", "normal"), "direction") == "normal"
+    parts = _core.deform(
+        scene.points,
+        scene.intensity,
+        box_arguments(box),
+        amplitude,
+        along_normal,
+        origin_of(origin, scene),
+        seed_of(rng),
+        threads_of(threads),
+    )
+    return to_forgery(
+        parts, scene, "deform", {"box": box, "amplitude": amplitude, "direction": direction}
+    )
+
+
+def insert_occluding(
+    scan: ScanLike,
+    hoax: ObjectLike,
+    *,
+    position: ArrayLike,
+    rotation: ArrayLike = 0.0,
+    scale: float = 1.0,
+    origin: ArrayLike | None = None,
+    range_noise: float = 0.0,
+    lattice: Lattice | None = None,
+    rng: Rng = 0,
+    threads: int = 0,
+) -> Forgery:
+    """Insert an object as the scanner would have seen it: on its rays, and with a shadow.
+
+    Each ray that meets the object before its own point ends on the object instead. With a
+    ``lattice``, rays that brought nothing home (sky) end on it as well.
+
+    Parameters
+    ----------
+    scan, hoax, position, rotation, scale, threads
+        As in `ctp`. The faces of a mesh are hit; each point of a cloud stands for a disc of its
+        spacing.
+    origin : (3,), optional
+        Where the scanner stands; by default as the frame says, else (0, 0, 0).
+    range_noise : float, metres
+        Standard deviation along the ray.
+    lattice : Lattice, optional
+        In the scanner's own frame.
+    rng : int, numpy.random.Generator or None
+
+    Returns
+    -------
+    Forgery
+        ``moved``: rays that now end on the object; ``added``: rays that had no return.
+
+    Raises
+    ------
+    InputError
+        As `ctp`; the object surrounds the scanner.
+    """
+    scene = to_scan(scan)
+    whole = to_hoax(hoax, 0.0, scene)
+    where = place(position, "position")
+    parts = _core.insert_occluding(
+        scene.points,
+        scene.intensity,
+        whole.points,
+        whole.faces,
+        where,
+        rotation_matrix(rotation),
+        scale,
+        origin_of(origin, scene),
+        range_noise,
+        *(NO_LATTICE if lattice is None else lattice.arguments()),
+        seed_of(rng),
+        threads_of(threads),
+    )
+    return to_forgery(
+        parts,
+        scene,
+        "insert_occluding",
+        {"position": tuple(where.tolist()), "scale": scale, "range_noise": range_noise},
+    )
+
+
+def snap_to_lattice(
+    forgery: Forgery,
+    lattice: Lattice,
+    *,
+    along: Literal["height", "ray"] = "height",
+    azimuth: bool = True,
+    max_move: float = 1.0,
+    threads: int = 0,
+) -> Forgery:
+    """Take the added and moved points of a forgery onto the sensor's ring lines.
+
+    Parameters
+    ----------
+    forgery : Forgery
+        The scanner stands in (0, 0, 0).
+    lattice : Lattice
+    along : 'height' or 'ray'
+        ``height``: only z changes. ``ray``: points move on their ray to the nearest crossing with a
+        line, where there is one within ``max_move``; else in height.
+    azimuth : bool
+        Turn to the nearest azimuth step first, where the lattice knows the steps.
+    max_move : float, metres
+    threads : int
+
+    Raises
+    ------
+    InputError
+        A lattice without rings.
+    """
+    along_ray = _choice(along, ("height", "ray"), "along") == "ray"
+    touched = np.concatenate([forgery.added, forgery.moved])
+    none = np.empty(0, np.float32)
+    parts = _core.snap_to_lattice(
+        forgery.points,
+        none if forgery.intensity is None else forgery.intensity,
+        touched,
+        *lattice.arguments(),
+        along_ray,
+        azimuth,
+        max_move,
+        threads_of(threads),
+    )
+    center, size, yaw = parts[6]
+    return replace(
+        forgery,
+        points=parts[0],
+        intensity=parts[1],
+        box=Box(tuple(center), tuple(size), yaw) if len(touched) else forgery.box,
+        attack=f"{forgery.attack}+snap",
+        parameters={**forgery.parameters, "snapped": along},
+    )
+
+
+def _paste(
+    attack: str,
+    scene: Scan,
+    hoax: Hoax,
+    position: ArrayLike,
+    rotation: ArrayLike,
+    scale: float,
+    paper: bool,
+    threads: int,
+) -> Forgery:
+    where = place(position, "position")
+    _check_scale(scale)
+    parts = _core.copy_transform_paste(
+        scene.points,
+        scene.intensity,
+        hoax.points,
+        hoax.intensity,
+        where,
+        rotation_matrix(rotation),
+        scale,
+        paper,
+        threads_of(threads),
+    )
+    return to_forgery(
+        parts,
+        scene,
+        attack,
+        {
+            "position": tuple(where.tolist()),
+            "scale": scale,
+            "translation": "paper" if paper else "centroid",
+        },
+    )
+
+
+def _check_scale(scale: float) -> None:
+    if not (scale > 0.0 and np.isfinite(scale)):
+        raise InputError(f"scale: expected > 0, got {scale}")
+
+
+def _choice(value: str, accepted: tuple[str, ...], name: str) -> str:
+    if value not in accepted:
+        raise InputError(f"{name}: expected one of {', '.join(accepted)}, got {value!r}")
+    return value

@@ -1,0 +1,111 @@
+"""Objects of a scan, for those who have no boxes: ground removal and Euclidean clustering."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d import _core
+from manip3d.errors import InputError
+from manip3d.forge._truth import origin_of, to_scan
+from manip3d.lidar import Box
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from manip3d.forge._truth import ScanLike
+
+GROUND = -1
+OTHER = -2
+
+
+@dataclass(frozen=True, eq=False)
+class Segmentation:
+    """Objects of a scan; see :func:`segment`.
+
+    Attributes
+    ----------
+    label : (N,) int32
+        Index of ``boxes``; -1: ground; -2: neither (too few points, too large, too far).
+    boxes : tuple of Box
+        The nearest to the scanner first.
+    """
+
+    label: NDArray[np.int32]
+    boxes: tuple[Box, ...]
+
+    def rows(self, index: int) -> NDArray[np.int32]:
+        """Rows of the points of one object."""
+        return np.flatnonzero(self.label == index).astype(np.int32)
+
+
+def segment(
+    scan: ScanLike,
+    *,
+    origin: ArrayLike | None = None,
+    max_range: float = 80.0,
+    ground_height: float = 0.3,
+    ground_slope: float = 0.3,
+    tolerance: float = 0.5,
+    min_points: int = 30,
+    max_size: float = 8.0,
+) -> Segmentation:
+    """Find the objects that stand on the ground.
+
+    The ground is the lower envelope, no steeper than ``ground_slope``, of the lowest points of 1 m
+    cells; what rises above it is clustered.
+
+    Parameters
+    ----------
+    scan : LidarFrame, (N, 3) or (N, 4) float32
+        Metres, z up.
+    origin : (3,), optional
+        Where the scanner stands; by default as the frame says, else (0, 0, 0).
+    max_range : float, metres
+        Points farther away, over the ground, are left out.
+    ground_height : float, metres
+        Above the ground, where objects begin.
+    ground_slope : float
+        Height over distance.
+    tolerance : float, metres
+        Points in the same or in touching cubes of this side belong together.
+    min_points : int
+        Smaller clusters are no objects.
+    max_size : float, metres
+        Longer ones (walls) are none either.
+
+    Raises
+    ------
+    InputError
+        An option is out of range.
+    """
+    scene = to_scan(scan)
+    label, boxes = _core.segment_objects(
+        scene.points,
+        origin_of(origin, scene),
+        max_range,
+        ground_height,
+        ground_slope,
+        tolerance,
+        min_points,
+        max_size,
+    )
+    return Segmentation(
+        label, tuple(Box(tuple(center), tuple(size), yaw) for center, size, yaw in boxes)
+    )
+
+
+def nearest_object(scan: ScanLike, *, origin: ArrayLike | None = None) -> Box:
+    """The box of the object that is nearest to the scanner, as `segment` finds it.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    boxes = segment(scan, origin=origin).boxes
+    if not boxes:
+        raise InputError("scan: expected an object that stands free on the ground, found none")
+    return boxes[0]

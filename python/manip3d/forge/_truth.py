@@ -1,0 +1,251 @@
+"""A forged scan with its ground truth, and the arguments that all attacks share."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._arrays import rows
+from manip3d.errors import InputError
+from manip3d.lidar import Box, LidarFrame
+from manip3d.mesh import Mesh
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    ScanLike: TypeAlias = LidarFrame | ArrayLike
+    ObjectLike: TypeAlias = Mesh | LidarFrame | ArrayLike
+
+    Points: TypeAlias = NDArray[np.float32]
+    Rows: TypeAlias = NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Forgery:
+    """A forged scan and what was done to it.
+
+    Points that nobody touched keep their order and their bits; added ones come last.
+
+    Attributes
+    ----------
+    points : (M, 3) float32, metres
+    intensity : (M,) float32 or None
+        None where the scan had none.
+    added, moved : int32 arrays
+        Rows of the forged scan, ascending.
+    moved_from : int32 array
+        The rows of the original scan that the points of ``moved`` were.
+    removed : int32 array
+        Rows of the original scan, ascending.
+    box : Box
+        Around what was added and moved; around what was removed where nothing was.
+    transform : (4, 4) float64
+        Of the object into the scan; the identity where no object was placed.
+    attack : str
+    parameters : mapping
+        What the attack was asked for.
+    original : LidarFrame or None
+        The scan it was made of, where that was a frame.
+    """
+
+    points: Points
+    intensity: NDArray[np.float32] | None
+    added: Rows
+    moved: Rows
+    moved_from: Rows
+    removed: Rows
+    box: Box
+    transform: NDArray[np.float64]
+    attack: str
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    original: LidarFrame | None = None
+
+    @cached_property
+    def label(self) -> NDArray[np.uint8]:
+        """Truth of each point of the forged scan: 0 untouched, 1 added, 2 moved."""
+        label = np.zeros(len(self.points), np.uint8)
+        label[self.added] = 1
+        label[self.moved] = 2
+        return label
+
+    @cached_property
+    def source_index(self) -> Rows:
+        """Row of the original scan that each point was; -1: added."""
+        kept = np.ones(len(self.points) - len(self.added) + len(self.removed), np.bool_)
+        kept[self.removed] = False
+        index = np.full(len(self.points), -1, np.int32)
+        index[: len(self.points) - len(self.added)] = np.flatnonzero(kept)
+        return index
+
+    @property
+    def num_touched(self) -> int:
+        """Points added, moved and removed."""
+        return len(self.added) + len(self.moved) + len(self.removed)
+
+    @cached_property
+    def frame(self) -> LidarFrame:
+        """The forged scan as a frame; other columns of the original are carried along."""
+        if self.original is None:
+            return LidarFrame(self.points, self.intensity)
+        return self.original.with_points(
+            self.points, source_index=self.source_index, intensity=self.intensity
+        )
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the forged scan; see `manip3d.io.write_scan`."""
+        self.frame.write(path)
+
+    def __repr__(self) -> str:
+        return (
+            f"<manip3d.forge.Forgery: {self.attack}; {len(self.points)} points, "
+            f"{len(self.added)} added, {len(self.moved)} moved, {len(self.removed)} removed>"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice:
+    """The directions that a spinning scanner measures.
+
+    Attributes
+    ----------
+    rings : (K, 2) float64
+        Ring k meets the points ``z = rings[k, 0] * hypot(x, y) + rings[k, 1]``, metres.
+    azimuth_step, azimuth_phase : float, radians
+        Azimuths are ``phase + i * step``; step 0: not known.
+    """
+
+    rings: NDArray[np.float64]
+    azimuth_step: float = 0.0
+    azimuth_phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rings", rows(self.rings, 2, np.float64, "rings"))
+
+    @classmethod
+    def grid(
+        cls, elevations: ArrayLike, azimuth_step: float, azimuth_phase: float = 0.0
+    ) -> Lattice:
+        """An ideal scanner, whose lasers sit in the origin; all angles in radians."""
+        slopes = np.tan(np.asarray(elevations, np.float64))
+        return cls(np.column_stack([slopes, np.zeros_like(slopes)]), azimuth_step, azimuth_phase)
+
+    def arguments(self) -> tuple[list[tuple[float, float]], float, float]:
+        """As the core takes it."""
+        rings = [(float(slope), float(offset)) for slope, offset in self.rings]
+        return rings, self.azimuth_step, self.azimuth_phase
+
+
+NO_LATTICE: tuple[list[tuple[float, float]], float, float] = ([], 0.0, 0.0)
+
+
+class Scan(NamedTuple):
+    """A scan as the core takes it; ``intensity`` has no rows where there is none."""
+
+    points: Points
+    intensity: NDArray[np.float32]
+    frame: LidarFrame | None
+
+
+def to_scan(values: ScanLike) -> Scan:
+    """A scan from a frame, (N, 3) points, or (N, 4) points with intensity."""
+    none = np.empty(0, np.float32)
+    if isinstance(values, LidarFrame):
+        return Scan(values.points, none if values.intensity is None else values.intensity, values)
+    array = np.asarray(values)
+    if array.ndim == 2 and array.shape[1] == 4:
+        return Scan(
+            rows(array[:, :3], 3, np.float32, "scan"),
+            np.ascontiguousarray(array[:, 3], np.float32),
+            None,
+        )
+    return Scan(rows(array, 3, np.float32, "scan"), none, None)
+
+
+class Hoax(NamedTuple):
+    """An object as the core takes it; ``faces`` and ``intensity`` may have no rows."""
+
+    points: Points
+    faces: NDArray[np.int32]
+    intensity: NDArray[np.float32]
+
+
+def to_hoax(values: ObjectLike, intensity: ArrayLike, scan: Scan) -> Hoax:
+    """An object from a mesh, a frame or points; with intensities where the scan has some."""
+    faces = np.empty((0, 3), np.int32)
+    if isinstance(values, Mesh):
+        points = rows(values.vertices, 3, np.float32, "hoax")
+        faces = values.faces
+    elif isinstance(values, LidarFrame):
+        points = values.points
+    else:
+        points = rows(values, 3, np.float32, "hoax")
+    if not len(scan.intensity):
+        return Hoax(points, faces, np.empty(0, np.float32))
+    given = np.asarray(intensity, np.float32)
+    if given.ndim > 0 and given.shape != (len(points),):
+        raise InputError(f"intensity: expected one value or {len(points)}, got {given.shape}")
+    return Hoax(points, faces, np.ascontiguousarray(np.broadcast_to(given, len(points))))
+
+
+def to_forgery(
+    parts: tuple[Any, ...], scan: Scan, attack: str, parameters: Mapping[str, Any]
+) -> Forgery:
+    """The core's tuple as a `Forgery`."""
+    points, intensity, added, moved, moved_from, removed, box, transform = parts
+    center, size, yaw = box
+    return Forgery(
+        points,
+        intensity,
+        added,
+        moved,
+        moved_from,
+        removed,
+        Box(tuple(center), tuple(size), yaw),
+        transform,
+        attack,
+        MappingProxyType(dict(parameters)),
+        scan.frame,
+    )
+
+
+def renamed(forgery: Forgery, attack: str, parameters: Mapping[str, Any]) -> Forgery:
+    """The forgery of one attack as a part of another."""
+    return replace(forgery, attack=attack, parameters=MappingProxyType(dict(parameters)))
+
+
+def box_arguments(box: Box) -> tuple[tuple[float, float, float], tuple[float, float, float], float]:
+    """A box as the core takes it."""
+    return box.center, box.size, box.yaw
+
+
+def rotation_matrix(rotation: ArrayLike) -> NDArray[np.float64]:
+    """A rotation from a turn about the vertical in radians, or from a (3, 3) matrix."""
+    array = np.asarray(rotation, np.float64)
+    if array.ndim == 0:
+        matrix: NDArray[np.float64] = _core.rotation_about_z(float(array))
+        return matrix
+    if array.shape != (3, 3):
+        raise InputError(f"rotation: expected an angle or a (3, 3) matrix, got {array.shape}")
+    return array
+
+
+def place(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Three finite numbers."""
+    array = np.asarray(values, np.float64)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise InputError(f"{name}: expected three finite numbers, got {values!r}")
+    return array
+
+
+def origin_of(origin: ArrayLike | None, scan: Scan) -> NDArray[np.float64]:
+    """Where the scanner stood: as given, else as the frame says, else (0, 0, 0)."""
+    if origin is None and scan.frame is not None and scan.frame.origin is not None:
+        return place(scan.frame.origin, "origin")
+    return np.zeros(3) if origin is None else place(origin, "origin")
