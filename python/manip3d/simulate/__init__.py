@@ -1,18 +1,21 @@
 """Data made on the spot, seeded: what runs where no data set is."""
 
 from manip3d.simulate import depth, models, scenes, streets
+from manip3d.simulate.cameras import StereoPair, stereo_pair
 from manip3d.simulate.lidar import LidarScan, hdl64e
 from manip3d.simulate.streets import Street, street
 from manip3d.simulate.terrestrial import TerrestrialScan, terrestrial_scan
 
 __all__ = [
     "LidarScan",
+    "StereoPair",
     "Street",
     "TerrestrialScan",
     "depth",
     "hdl64e",
     "models",
     "scenes",
+    "stereo_pair",
     "street",
     "streets",
     "terrestrial_scan",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from manip3d.lidar import Box
 from manip3d.simulate._raycast import NO_FACE
+from manip3d.simulate._shading import Shader
 from manip3d.simulate._world import Label, Surface, World, box_of
 
 Floats = NDArray[np.float32]
@@ -104,6 +106,11 @@ class Stage:
         self._face_object = np.concatenate([w.face_object for w in worlds])
         self._first_mover = int(world.face_object.max(initial=-1)) + 1
 
+    @functools.cached_property
+    def shader(self) -> Shader:
+        """Colours of hits; its tables are built once."""
+        return Shader(self.surfaces, self.face_surface, self.texcoords)
+
     def boxes(self, time: float) -> tuple[Box, ...]:
         """Boxes of all objects at a time, in the world's frame."""
         moving = [mover.box(self._first_mover + i, time) for i, mover in enumerate(self.movers)]
@@ -113,7 +120,7 @@ class Stage:
         self,
         origins: Floats,
         directions: Floats,
-        times: Floats,
+        times: Floats | float,
         *,
         subsets: Sequence[NDArray[np.int64]] | None = None,
         num_threads: int = 0,
@@ -125,7 +132,7 @@ class Stage:
         origins : (N, 3) or (3,) float32
         directions : (N, 3) float32
             Of unit length.
-        times : (N,) float32, seconds
+        times : (N,) float32 or float, seconds
         subsets : sequence of (K,) int64, optional
             For each mover the rays that may meet it; else found from its bounding sphere.
         num_threads : int
@@ -149,13 +156,13 @@ class Stage:
 
     @staticmethod
     def _rays_near(
-        mover: Mover, origins: Floats, directions: Floats, times: Floats
+        mover: Mover, origins: Floats, directions: Floats, times: Floats | float
     ) -> NDArray[np.int64]:
         """Rays that come within the mover's bounding sphere."""
         low, high = mover.model.vertices.min(axis=0), mover.model.vertices.max(axis=0)
         radius = 0.5 * float(np.linalg.norm(high - low)) + 0.1
         center = np.array(mover.start) + np.array([0.0, 0.0, 0.5 * (low[2] + high[2])])
-        off = center.astype(np.float32) + times[:, None] * mover.velocity.astype(np.float32)
+        off = center.astype(np.float32) + _moved(mover, times)
         off -= origins
         along = np.einsum("ij,ij->i", off, directions)
         aside = np.einsum("ij,ij->i", off, off) - along * along
@@ -168,7 +175,7 @@ class Stage:
         rays: NDArray[np.int64],
         origins: Floats,
         directions: Floats,
-        times: Floats,
+        times: Floats | float,
         num_threads: int,
     ) -> None:
         """Hits of one mover that lie before what was hit so far."""
@@ -176,9 +183,8 @@ class Stage:
         cosine, sine = np.cos(mover.yaw), np.sin(mover.yaw)
         to_mover = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]], np.float32)
         origin = origins if origins.ndim == 1 else origins[rays]
-        shift = np.array(mover.start, np.float32) + times[rays, None] * mover.velocity.astype(
-            np.float32
-        )
+        moment = times[rays] if isinstance(times, np.ndarray) else times
+        shift = np.array(mover.start, np.float32) + _moved(mover, moment)
         key = id(mover.model)
         found = self._casters[key].cast(
             (origin - shift) @ to_mover, directions[rays] @ to_mover, num_threads=num_threads
@@ -190,3 +196,8 @@ class Stage:
         hits.normal[mine] = found.normal[nearer] @ to_mover.T
         hits.uv[mine] = found.uv[nearer]
         hits.object[mine] = self._first_mover + index
+
+
+def _moved(mover: Mover, times: Floats | float) -> Floats:
+    """(N, 3) or (1, 3) ways gone since time 0."""
+    return np.atleast_1d(np.asarray(times, np.float32))[:, None] * mover.velocity.astype(np.float32)

@@ -1,4 +1,4 @@
-"""Procedural textures that tile: (256, 256, 3) uint8; colours multiply them."""
+"""Procedural textures that tile: (256, 256) uint8 brightness, 128 = the surface's own colour."""
 
 from __future__ import annotations
 
@@ -26,11 +26,9 @@ def noise(seed: int, slope: float) -> Field:
     return np.asarray(field / field.std())
 
 
-def _pixels(brightness: Field, *, tint: Field | None = None) -> Pixels:
-    """Grey pixels of a brightness around 1; ``tint`` shifts red against blue."""
-    shift = np.zeros_like(brightness) if tint is None else tint
-    image = np.stack([brightness * (1 + shift), brightness, brightness * (1 - shift)], axis=-1)
-    return np.asarray(np.clip(200.0 * image, 0, 255)).astype(np.uint8)
+def _pixels(brightness: Field) -> Pixels:
+    """Of a brightness around 1."""
+    return np.asarray(np.clip(128.0 * brightness, 0, 255)).astype(np.uint8)
 
 
 def _grid() -> tuple[Field, Field]:
@@ -42,13 +40,13 @@ def _grid() -> tuple[Field, Field]:
 @functools.cache
 def rough(seed: int, contrast: float, slope: float) -> Pixels:
     """Asphalt, plaster, concrete, earth."""
-    return _pixels(1.0 + contrast * noise(seed, slope), tint=0.02 * noise(seed + 1, 1.0))
+    return _pixels(1.0 + contrast * noise(seed, slope))
 
 
 @functools.cache
 def foliage(seed: int) -> Pixels:
     """Grass and leaves: strong contrast from leaf to leaf."""
-    return _pixels(1.0 + 0.35 * noise(seed, 0.45), tint=0.12 * noise(seed + 1, 1.0))
+    return _pixels(1.0 + 0.35 * noise(seed, 0.45))
 
 
 @functools.cache
@@ -63,7 +61,7 @@ def courses(seed: int, rows: int, columns: int, joint: float) -> Pixels:
     edge = np.minimum(np.minimum(along % 1, 1 - along % 1) / columns * rows, 1.0)
     edge = np.minimum(edge, np.minimum(v * rows % 1, 1 - v * rows % 1))
     brightness = np.where(edge < joint, 0.72, shade[course, stone]) + 0.05 * noise(seed, 0.4)
-    return _pixels(brightness, tint=0.03 * noise(seed + 1, 0.8))
+    return _pixels(brightness)
 
 
 @functools.cache
@@ -106,7 +104,9 @@ def wall(random: np.random.Generator) -> Surface:
     """Of a house: plaster, brick or concrete."""
     kind = random.integers(3)
     if kind == 0:
-        color = np.array([0.86, 0.83, 0.74]) * random.uniform((0.7, 0.7, 0.6), 1.1)
+        color = (
+            np.array([0.86, 0.82, 0.74]) * random.uniform(0.75, 1.1) * random.uniform(0.94, 1.06, 3)
+        )
         texture, size, reflectance = rough(4, 0.07, 0.9), 5.0, 0.55
     elif kind == 1:
         color = np.array([0.58, 0.33, 0.25]) * random.uniform(0.7, 1.2)
@@ -133,6 +133,19 @@ def leaves(random: np.random.Generator) -> Surface:
     """Of a tree or a hedge."""
     color = np.array([0.26, 0.40, 0.15]) * random.uniform((0.7, 0.7, 0.6), (1.3, 1.2, 1.3))
     return Surface(_color(color), 0.45, texture=foliage(20), texture_size=1.5)
+
+
+def paint(color: tuple[float, float, float]) -> Surface:
+    """Of a car: what it mirrors, as faint spots."""
+    reflectance = 0.15 + 0.6 * sum(color) / 3.0
+    return Surface(color, reflectance, texture=rough(30, 0.08, 0.6), texture_size=2.0)
+
+
+def cloth(random: np.random.Generator, brightest: float) -> Surface:
+    """Of clothes."""
+    color = _color(random.uniform(0.05, brightest, 3))
+    reflectance = float(random.uniform(0.1, 0.7))
+    return Surface(color, reflectance, texture=rough(31, 0.2, 0.5), texture_size=0.8)
 
 
 def bark() -> Surface:

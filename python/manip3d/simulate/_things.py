@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from manip3d.simulate import _surfaces
+from manip3d.simulate import _textures as textures
 from manip3d.simulate._surfaces import Patch, Points, revolved, sheet, waves
 from manip3d.simulate._world import Parts, Surface, placed, turned
 
@@ -309,7 +310,8 @@ def _car_panels() -> tuple[Patch, ...]:
     assert material is not None
     # Its front looks to -x, y is up.
     vertices = mesh.vertices[:, [0, 2, 1]] * (-1.0, 1.0, 1.0)
-    whole = Patch(vertices, faces.astype(np.int64), vertices[:, :2])
+    texcoords = vertices[:, [0, 2]] + 0.7 * vertices[:, 1:2]  # along no face of a car
+    whole = Patch(vertices, faces.astype(np.int64), texcoords)
     kinds = material[np.sort(first)]
     return tuple(whole.where(kinds == k) for k in range(8))
 
@@ -317,8 +319,7 @@ def _car_panels() -> tuple[Patch, ...]:
 def car(random: Random, *, paint: Surface | None = None) -> Parts:
     """A car of about 4.4 x 1.8 x 1.4 m, looking to +x, in a colour and size of its own."""
     if paint is None:
-        color = CAR_COLORS[random.integers(len(CAR_COLORS))]
-        paint = Surface(color, 0.15 + 0.6 * float(np.mean(color)))
+        paint = textures.paint(CAR_COLORS[random.integers(len(CAR_COLORS))])
     scale = random.uniform((0.86, 0.95, 0.97), (1.08, 1.05, 1.25))
     surfaces = (paint, CAR_GLASS, RUBBER, METAL, LAMP, TAIL_LAMP, DARK, CLOTH)
     return [
@@ -342,8 +343,7 @@ CAR_COLORS = (
 def person(random: Random) -> Parts:
     """Somebody standing or walking, looking to +x."""
     tall = float(random.uniform(1.55, 1.92))
-    coat = Surface(tuple(random.uniform(0.05, 0.8, 3).tolist()), float(random.uniform(0.1, 0.7)))
-    legs = Surface(tuple(random.uniform(0.05, 0.4, 3).tolist()), float(random.uniform(0.1, 0.5)))
+    coat, legs = textures.cloth(random, 0.8), textures.cloth(random, 0.4)
     stride = float(random.uniform(0.0, 0.28))
     parts: Parts = []
     for side, step in ((0.1, stride), (-0.1, -stride)):

@@ -41,13 +41,13 @@ class Surface:
     Attributes
     ----------
     color : (red, green, blue)
-        Diffuse, 0 to 1; multiplies the texture.
+        Diffuse, 0 to 1.
     reflectance : float
         Of the laser's wavelength, 0 to 1.
     transmission : float
         Share of laser pulses that pass (glass) or are mirrored away: no return.
-    texture : (2^n, 2^n, 3) uint8, optional
-        Repeated every ``texture_size`` metres; first row on top.
+    texture : (256, 256) uint8, optional
+        Brightness; 128 is the colour as it is. Repeated every ``texture_size`` metres.
     texture_size : float, metres
     """
 

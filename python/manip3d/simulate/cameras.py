@@ -1,0 +1,216 @@
+"""A calibrated colour stereo pair on the car, with the geometry of KITTI's cameras 2 and 3."""
+
+from __future__ import annotations
+
+import functools
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from manip3d.simulate._stage import Mover, Stage
+from manip3d.simulate.streets import Street
+
+__all__ = ["BASELINE", "FOCAL", "HEIGHT", "WIDTH", "StereoPair", "projections", "stereo_pair"]
+
+Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
+
+WIDTH, HEIGHT = 1242, 375
+FOCAL = 721.5377
+"""Pixels (KITTI, 2011_09_26)."""
+CENTER = (609.5593, 172.854)
+"""Principal point: column, row."""
+BASELINE = 0.5327
+"""Metres between cameras 2 and 3."""
+LEFT_OFFSET = 0.0622
+"""Camera 2 is this far to the left of camera 0, metres."""
+CAMERA_0 = (0.27, 0.0, -0.08)
+"""Camera 0 in the LiDAR's frame, metres; all cameras look along its x."""
+
+_BAND = 24  # rows shaded at once: their arrays stay in the cache
+_NOISE = 1.5  # grey levels of the sensor
+
+
+@dataclass(frozen=True, eq=False)
+class StereoPair:
+    """Two rectified pictures and the truth of the left one.
+
+    Attributes
+    ----------
+    left, right : (375, 1242, 3) uint8
+        Red, green, blue.
+    depth : (375, 1242) float32, metres
+        Along the left camera's axis; 0: sky.
+    object : (375, 1242) int32
+        Number of the object in the left picture; -1: background.
+    """
+
+    left: NDArray[np.uint8]
+    right: NDArray[np.uint8]
+    depth: Floats
+    object: NDArray[np.int32]
+
+    @property
+    def disparity(self) -> Floats:
+        """(375, 1242) pixels, left column minus right column; 0: sky."""
+        with np.errstate(divide="ignore"):
+            return np.where(self.depth > 0, np.float32(FOCAL * BASELINE) / self.depth, 0.0).astype(
+                np.float32
+            )
+
+
+def projections() -> tuple[dict[int, Doubles], Doubles]:
+    """(3, 4) projections of cameras 0 to 3, and (4, 4) LiDAR frame to camera 0.
+
+    Cameras 0 and 1 (grey) are named so that the files are complete; nothing is drawn for them.
+    """
+    intrinsic = np.array([[FOCAL, 0.0, CENTER[0]], [0.0, FOCAL, CENTER[1]], [0.0, 0.0, 1.0]])
+    to_camera = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    matrices = {}
+    for camera, shift in enumerate((0.0, -BASELINE, LEFT_OFFSET, LEFT_OFFSET - BASELINE)):
+        matrices[camera] = intrinsic @ np.column_stack([np.eye(3), [shift, 0.0, 0.0]])
+    rigid = np.eye(4)
+    rigid[:3, :3] = to_camera
+    rigid[:3, 3] = -to_camera @ np.asarray(CAMERA_0)
+    return matrices, rigid
+
+
+def stereo_pair(
+    street: Street,
+    time: float = 0.0,
+    *,
+    rng: int | np.random.Generator = 0,
+    num_threads: int = 0,
+) -> StereoPair:
+    """What the cameras of the car see at a time: one ray a pixel, in the middle of the pixel.
+
+    Parameters
+    ----------
+    street : Street
+    time : float, seconds
+        When the LiDAR looks ahead, as in KITTI.
+    rng : int or numpy.random.Generator
+        Noise of the pictures.
+    num_threads : int
+        Of the ray casting; 0: all cores. The result does not depend on it.
+
+    Raises
+    ------
+    InputError
+        The car has left the street.
+    MissingExtraError
+        Open3D is not installed.
+    """
+    random = np.random.default_rng(rng)
+    position, yaw = street.pose([time])
+    cosine, sine = np.cos(yaw[0]), np.sin(yaw[0])
+    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    rays, _ = _rays()
+    aim = rays @ turn.T.astype(np.float32)
+    noise = [random.integers(0, 128, 3) for _ in range(2)]
+    stage = street.stage
+    eyes = [
+        position[0] + turn @ np.add(CAMERA_0, (0.0, side, 0.0))
+        for side in (LEFT_OFFSET, LEFT_OFFSET - BASELINE)
+    ]
+
+    def draw(eye: int) -> tuple[NDArray[np.uint8], Floats, NDArray[np.int32]]:
+        return _picture(stage, eyes[eye], turn, aim, float(time), noise[eye], num_threads)
+
+    stage.shader  # noqa: B018  built before two threads ask for it
+    with ThreadPoolExecutor(2) as pool:
+        (left, depth, number), (right, _, _) = pool.map(draw, (0, 1))
+    return StereoPair(left, right, depth, number)
+
+
+@functools.cache
+def _rays() -> tuple[Floats, Floats]:
+    """(N, 3) unit directions of the pixels, row by row, in the LiDAR's axes; depth per metre."""
+    column, row = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
+    right, down = (column - CENTER[0]) / FOCAL, (row - CENTER[1]) / FOCAL
+    direction = np.stack([np.ones_like(right), -right, -down], axis=-1).reshape(-1, 3)
+    depth = 1.0 / np.linalg.norm(direction, axis=1)
+    return (direction * depth[:, None]).astype(np.float32), depth.astype(np.float32)
+
+
+def _picture(
+    stage: Stage,
+    eye: Doubles,
+    turn: Doubles,
+    aim: Floats,
+    time: float,
+    noise: NDArray[np.int64],
+    num_threads: int,
+) -> tuple[NDArray[np.uint8], Floats, NDArray[np.int32]]:
+    """Picture, depth and object numbers of one camera."""
+    subsets = [_pixels_of(mover, eye, turn, time) for mover in stage.movers]
+    hits = stage.cast(eye.astype(np.float32), aim, time, subsets=subsets, num_threads=num_threads)
+    picture = np.empty((HEIGHT * WIDTH, 3), np.uint8)
+    _, per_metre = _rays()
+    grain = _grain()
+    for start in range(0, HEIGHT * WIDTH, _BAND * WIDTH):
+        band = slice(start, min(start + _BAND * WIDTH, HEIGHT * WIDTH))
+        color = _sky(aim[band, 2])
+        seen = np.flatnonzero(np.isfinite(hits.distance[band]))
+        rays, distance = aim[band][seen], hits.distance[band][seen]
+        normal = hits.normal[band][seen]
+        facing = np.einsum("ij,ij->i", rays, normal)
+        light = _light(normal, facing)
+        footprint = distance / np.float32(FOCAL) / np.sqrt(np.maximum(abs(facing), 0.02))
+        color[seen] = stage.shader.colors(
+            hits.face[band][seen], hits.uv[band][seen], footprint, light
+        )
+        rows = np.arange(start // WIDTH, band.stop // WIDTH) + noise[0]
+        color += grain[rows[:, None] % 512, (np.arange(WIDTH) + noise[1]) % 2048].reshape(-1, 3)
+        picture[band] = np.clip(color, 0.0, 255.0)
+    depth = np.where(np.isfinite(hits.distance), hits.distance * per_metre, np.float32(0.0))
+    return (
+        picture.reshape(HEIGHT, WIDTH, 3),
+        depth.reshape(HEIGHT, WIDTH),
+        hits.object.reshape(HEIGHT, WIDTH),
+    )
+
+
+_SUN = np.array([0.35, -0.5, 0.79], np.float32)  # unit length
+
+
+def _light(normal: Floats, facing: Floats) -> Floats:
+    """Lambert's law with a sun and a sky; surfaces are lit on the side that is seen."""
+    side = np.where(facing > 0, -1.0, 1.0).astype(np.float32)
+    lit = np.maximum((normal @ _SUN) * side, 0.0)
+    up = normal[:, 2] * side
+    return np.asarray(0.45 + 0.15 * up + 0.75 * lit)
+
+
+def _sky(up: Floats) -> Floats:
+    """(N, 3) colours: pale at the horizon, blue above."""
+    t = np.sqrt(np.clip(up * np.float32(3.0), 0.0, 1.0))[:, None]
+    low, high = np.array([222, 226, 230], np.float32), np.array([128, 168, 222], np.float32)
+    return np.asarray(low + t * (high - low))
+
+
+@functools.cache
+def _grain() -> Floats:
+    """A tile of the sensor's noise, of which each picture takes another part."""
+    random = np.random.default_rng(0)
+    return np.float32(_NOISE) * random.standard_normal((512, 2048, 3), np.float32)
+
+
+def _pixels_of(mover: Mover, eye: Doubles, turn: Doubles, time: float) -> NDArray[np.int64]:
+    """The pixels of the rectangle around a mover's box; all of them if it is beside the camera."""
+    low, high = mover.model.vertices.min(axis=0), mover.model.vertices.max(axis=0)
+    corner = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
+    cosine, sine = np.cos(mover.yaw), np.sin(mover.yaw)
+    to_world = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    at = corner @ to_world.T + mover.start + mover.velocity * time
+    ahead, left, up = ((at - eye) @ turn).T
+    if ahead.max() < 0.2:
+        return np.empty(0, np.int64)
+    if ahead.min() < 0.2:
+        return np.arange(HEIGHT * WIDTH)
+    column, row = CENTER[0] - FOCAL * left / ahead, CENTER[1] - FOCAL * up / ahead
+    c0, c1 = np.clip([np.floor(column.min()), np.ceil(column.max()) + 1], 0, WIDTH).astype(int)
+    r0, r1 = np.clip([np.floor(row.min()), np.ceil(row.max()) + 1], 0, HEIGHT).astype(int)
+    return (np.arange(r0, r1)[:, None] * WIDTH + np.arange(c0, c1)).ravel()
