@@ -45,7 +45,8 @@ def test_points_come_in_the_order_of_kitti(scans: list[LidarScan]) -> None:
         np.testing.assert_array_equal(
             statistics.rings_in_file_order(scan.points.astype(float)), scan.ring
         )
-        azimuth = np.arctan2(scan.points[:, 1], scan.points[:, 0]) % np.float32(2 * np.pi)
+        x, y = scan.points[:, :2].astype(float).T
+        azimuth = np.arctan2(y, x) % (2 * np.pi)
         assert (np.diff(azimuth)[np.diff(scan.ring) == 0] > 0).all()
 
 

@@ -317,5 +317,5 @@ def _strong_enough(
 
 def _kitti_order(points: Floats, ring: NDArray[np.int64]) -> NDArray[np.int64]:
     """Rings from the top, each by ascending azimuth in 0..360 degrees."""
-    azimuth = np.arctan2(points[:, 1], points[:, 0]) % np.float32(2.0 * np.pi)
+    azimuth = np.arctan2(*points[:, 1::-1].T.astype(float)) % (2.0 * np.pi)
     return np.lexsort((azimuth, ring))
