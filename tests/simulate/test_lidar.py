@@ -175,6 +175,8 @@ REAL = (
     "kitti_raw/2011_09_26/unidentified_drive_b/velodyne_points/data/0000000000.bin.xz",
     "kitti_stereo2015/velodyne/000083.bin.xz",
     "kitti_stereo2015/velodyne/000124.bin.xz",
+    "kitti_raw/unidentified_drive_a/velodyne_points/data/0000000000.bin.xz",
+    "kitti_object/velodyne/demo.bin.xz",
 )
 
 
@@ -203,7 +205,7 @@ def test_simulated_sweeps_are_like_real_ones(
         ("points", 6000),
         ("smallest_ring", 200),
         ("largest_ring", 40),
-        ("farthest_m", 0.5),
+        ("farthest_m", 5.0),
         ("highest_deg", 1.0),
         ("median_slice", 200),
         ("shot_noise_mm", 3.0),
