@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 
 import exact_models as models
-from manip3d import Mesh, metrics, simplify
+import lattice_scans
+from manip3d import Mesh, _core, metrics, simplify
 
 pytestmark = pytest.mark.golden
 
@@ -72,6 +73,16 @@ hill, ball, pipe, floor, soup = (
     models.soup(),
 )
 
+
+def forgery() -> np.ndarray:
+    """A scan with points moved off the lattice and others taken away."""
+    points = lattice_scans.scan(np.random.default_rng(0))
+    points[20_000:20_300] += np.float32(0.01)
+    return np.delete(points, slice(70_000, 71_000), axis=0)
+
+
+scanner, forged_scan = lattice_scans.lattice(), forgery()
+
 CASES: dict[str, Case] = {
     "summary soup": lambda _: soup.summary(),
     "summary pipe": lambda _: pipe.summary(),
@@ -116,6 +127,10 @@ CASES: dict[str, Case] = {
     "boundary gap pipe": lambda threads: metrics.boundary_gap(pipe, halved(pipe), threads=threads),
     "boundary gap soup": lambda threads: metrics.boundary_gap(
         soup, halved(soup), weld=False, threads=threads
+    ),
+    "lattice reading": lambda threads: scanner.read(forged_scan, threads=threads),
+    "generic consistency": lambda threads: _core.generic_consistency(
+        forged_scan, scanner.table, 4000, 0.002, 0.001, 0.002, threads
     ),
     "write obj": lambda _: written(pipe, ".obj"),
     "write ply": lambda _: written(pipe, ".ply"),

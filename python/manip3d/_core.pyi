@@ -11,6 +11,8 @@ import numpy
 import numpy.typing
 
 __all__: list[str] = [
+    "CELL_COLUMNS",
+    "CELL_RINGS",
     "BoundaryCurvature",
     "BoundaryTerm",
     "ComplexVertices",
@@ -30,6 +32,7 @@ __all__: list[str] = [
     "copy_transform_paste",
     "deform",
     "fmpd",
+    "generic_consistency",
     "grid_delaunay",
     "grid_mesh",
     "insert_occluding",
@@ -39,6 +42,7 @@ __all__: list[str] = [
     "point_suffixes",
     "points_in_box",
     "range_image_error",
+    "read_lattice",
     "read_mesh",
     "read_mesh_bytes",
     "read_points",
@@ -405,6 +409,15 @@ def fmpd(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> tuple[float, float, float, int, bool]: ...
+def generic_consistency(
+    points: numpy.typing.NDArray[numpy.float32],
+    rings: numpy.typing.NDArray[numpy.float64],
+    steps: typing.SupportsInt | typing.SupportsIndex,
+    range_step: typing.SupportsFloat | typing.SupportsIndex,
+    coordinate_step: typing.SupportsFloat | typing.SupportsIndex,
+    tolerance: typing.SupportsFloat | typing.SupportsIndex,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> dict[str, typing.Any]: ...
 def grid_delaunay(pixels: numpy.typing.NDArray[numpy.int32]) -> numpy.ndarray: ...
 def grid_mesh(
     points: numpy.typing.NDArray[numpy.float32],
@@ -478,6 +491,16 @@ def range_image_error(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> tuple[float, float, float, float, int, int]: ...
+def read_lattice(
+    points: numpy.typing.NDArray[numpy.float32],
+    rings: numpy.typing.NDArray[numpy.float64],
+    steps: typing.SupportsInt | typing.SupportsIndex,
+    range_step: typing.SupportsFloat | typing.SupportsIndex,
+    coordinate_step: typing.SupportsFloat | typing.SupportsIndex,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[
+    numpy.ndarray, numpy.ndarray, numpy.ndarray, numpy.ndarray, numpy.ndarray, numpy.ndarray
+]: ...
 def read_mesh(
     path: bytes, allow_outside: bool, max_bytes: typing.SupportsInt | typing.SupportsIndex
 ) -> tuple[typing.Any, ...]: ...
@@ -596,4 +619,6 @@ def write_points(
     bytes: numpy.typing.NDArray[numpy.int8],
 ) -> None: ...
 
+CELL_COLUMNS: int = 500
+CELL_RINGS: int = 2
 __version__: str = "0.1.0"

@@ -1,0 +1,98 @@
+#include "manip3d/authenticate/lattice.hpp"
+
+#include <pybind11/stl.h>
+#include <pybind11/typing.h>
+
+#include <string>
+#include <utility>
+
+#include "manip3d/authenticate/generic.hpp"
+#include "mesh.hpp"
+#include "modules.hpp"
+#include "numpy.hpp"
+
+namespace manip3d::bindings {
+namespace {
+
+using Fields = py::typing::Dict<py::str, py::object>;
+// Slope, offset, lateral, azimuth, range phase, center, slope error.
+using RingTable = Rows<double, 7>;
+
+RingLattice to_lattice(const CArray<double>& rings, int steps, double range_step,
+                       double coordinate_step) {
+  const auto table = rows<RingTable>(rings, "rings");
+  return {table.col(0), table.col(1), table.col(2), table.col(3), table.col(4),
+          table.col(5), table.col(6), steps,        range_step,   coordinate_step};
+}
+
+constexpr const char* kDroppedNames[] = {"", "unknown", "contradicted", "depends", "no ground"};
+
+py::list to_list(const std::array<EvidenceReport, kNumEvidence>& evidence) {
+  py::list list;
+  for (const EvidenceReport& report : evidence) {
+    list.append(py::make_tuple(kDroppedNames[static_cast<int>(report.dropped)], report.share,
+                               report.strength));
+  }
+  return list;
+}
+
+py::list to_list(const std::vector<SuspectRegion>& regions) {
+  py::list list;
+  for (const SuspectRegion& region : regions) {
+    list.append(py::make_tuple(region.strength,
+                               std::array{region.lower.x(), region.lower.y(), region.lower.z()},
+                               std::array{region.upper.x(), region.upper.y(), region.upper.z()}));
+  }
+  return list;
+}
+
+}  // namespace
+
+void bind_lattice(py::module_& m) {
+  m.def(
+      "read_lattice",
+      [](const CArray<float>& points, const CArray<double>& rings, int steps, double range_step,
+         double coordinate_step, int threads) {
+        const PointsView view(rows<Points>(points, "points"));
+        const RingLattice lattice = to_lattice(rings, steps, range_step, coordinate_step);
+        LatticeReading reading;
+        {
+          const py::gil_scoped_release nogil;
+          reading = read_lattice(view, lattice, threads);
+        }
+        return py::make_tuple(
+            to_numpy(std::move(reading.ring)), to_numpy(std::move(reading.count)),
+            to_numpy(std::move(reading.azimuth)), to_numpy(std::move(reading.line_error)),
+            to_numpy(std::move(reading.step_error)), to_numpy(std::move(reading.range_error)));
+      },
+      py::arg("points").noconvert(), py::arg("rings").noconvert(), py::arg("steps"),
+      py::arg("range_step"), py::arg("coordinate_step"), py::arg("threads"));
+  m.def(
+      "generic_consistency",
+      [](const CArray<float>& points, const CArray<double>& rings, int steps, double range_step,
+         double coordinate_step, double tolerance, int threads) {
+        const PointsView view(rows<Points>(points, "points"));
+        const RingLattice lattice = to_lattice(rings, steps, range_step, coordinate_step);
+        GenericOptions options;
+        options.tolerance = tolerance;
+        options.num_threads = threads;
+        GenericResult result;
+        {
+          const py::gil_scoped_release nogil;
+          result = generic_consistency(view, lattice, options);
+        }
+        Fields fields;
+        fields["evidence"] = to_list(result.evidence);
+        fields["regions"] = to_list(result.regions);
+        fields["flags"] = to_numpy(std::move(result.flags));
+        fields["region_of_point"] = to_numpy(std::move(result.region_of_point));
+        fields["cells"] = to_numpy(std::move(result.cells));
+        return fields;
+      },
+      py::arg("points").noconvert(), py::arg("rings").noconvert(), py::arg("steps"),
+      py::arg("range_step"), py::arg("coordinate_step"), py::arg("tolerance"), py::arg("threads"));
+  m.attr("CELL_COLUMNS") = kCellColumns;
+  m.attr("CELL_RINGS") = kCellRings;
+}
+
+}  // namespace manip3d::bindings

@@ -1,0 +1,82 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "manip3d/authenticate/lattice.hpp"
+
+/// @file
+/// Detector III: has this LiDAR scan been edited, told from the scan alone?
+namespace manip3d {
+
+/// What a scan of a known lattice can contradict. All but the last two are said of single points.
+enum class Evidence : std::uint8_t {
+  kGrid,       ///< Coordinates that are no whole numbers of the coordinate step.
+  kLine,       ///< Points beside the line of every laser.
+  kStep,       ///< Points between two steps of the encoder.
+  kFiring,     ///< Points at a step at which the scanner did not fire.
+  kDuplicate,  ///< Two returns of one firing of one laser.
+  kOrder,      ///< Points at the wrong place in the file.
+  kRange,      ///< Windows whose ranges are not whole numbers of the range step.
+  kVoid,       ///< Firings that got no return although they went to the ground.
+};
+inline constexpr int kNumEvidence = 8;
+
+struct GenericOptions {
+  double tolerance = 0.002;    ///< Metres from line and step; rounding to 1 mm leaves 0.0008.
+  double dropped_share = 0.2;  ///< Evidence that more of all points contradict is dropped.
+  /// Share of clean points more than a quarter of the range step off, at most: KITTI's frames have
+  /// 0.06, of points nearer than 5 m 0.09.
+  double range_incoherence = 0.12;
+  double min_ground_range = 8.0;   ///< Metres; nearer, the vehicle hides the ground.
+  double max_ground_range = 40.0;  ///< Metres; farther, grazing rays get lost.
+  int num_threads = 0;
+};
+
+/// Why a kind of evidence was not used.
+enum class Dropped : std::uint8_t {
+  kNo,
+  kUnknown,       ///< The lattice says nothing about it.
+  kContradicted,  ///< Too large a share of the whole frame contradicts it: it was processed.
+  kDepends,       ///< It stands on evidence that was dropped.
+  kNoGround,      ///< No ground plane was found.
+};
+
+struct EvidenceReport {
+  Dropped dropped = Dropped::kNo;
+  double share = 0.0;     ///< Of the points (of ranges: excess of those a quarter step off).
+  double strength = 0.0;  ///< That of the strongest region.
+};
+
+/// A connected set of cells with evidence.
+struct SuspectRegion {
+  std::array<double, kNumEvidence> strength{};      ///< Points; kRange: exponent; kVoid: firings.
+  Eigen::Vector3d lower = Eigen::Vector3d::Zero();  ///< Metres: axis-parallel box of the suspected
+  Eigen::Vector3d upper = Eigen::Vector3d::Zero();  ///< points, or where removed ones stood.
+};
+
+inline constexpr int kCellColumns = 500;  ///< Cells of the map around the horizon, 0.72 degrees.
+inline constexpr int kCellRings = 2;      ///< Lasers per row of cells.
+
+struct GenericResult {
+  std::array<EvidenceReport, kNumEvidence> evidence;
+  std::vector<std::uint8_t> flags;            ///< (N,): bit e is set where Evidence(e) speaks.
+  std::vector<std::uint16_t> cells;           ///< (rows x kCellColumns): items of evidence.
+  std::vector<std::int32_t> region_of_point;  ///< (N,): of a point with flags; else -1.
+  std::vector<SuspectRegion> regions;         ///< In the order of their first cells.
+  [[nodiscard]] int num_cell_rows() const { return static_cast<int>(cells.size()) / kCellColumns; }
+};
+
+/// Looks for edits in one frame of a scanner whose lattice is known.
+///
+/// A kind of evidence that a large share of the whole frame contradicts is no evidence of an edit:
+/// somebody processed the frame as a whole (motion compensation, another unit), or it is of another
+/// scanner. It is dropped, with all that stands on it.
+/// @throws InputError  what check_points and check_lattice refuse; an option out of range.
+GenericResult generic_consistency(const PointsView& points, const RingLattice& lattice,
+                                  const GenericOptions& options = {});
+
+}  // namespace manip3d

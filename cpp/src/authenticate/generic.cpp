@@ -1,0 +1,369 @@
+#include "manip3d/authenticate/generic.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "authenticate/file_order.hpp"
+#include "authenticate/ground_plane.hpp"
+#include "authenticate/range_windows.hpp"
+#include "authenticate/ring_image.hpp"
+#include "authenticate/void_search.hpp"
+#include "manip3d/error.hpp"
+#include "manip3d/geometry/angles.hpp"
+
+namespace manip3d {
+namespace {
+
+// Float32 holds a coordinate of 100 m to 4 micrometres.
+constexpr double kFloatRounding = 1e-5;  // metres
+
+// 25 000 windows of clean ranges reach this exponent in 2 % of the frames at most.
+constexpr double kWindowThreshold = 14.0;
+
+constexpr std::size_t index_of(Evidence evidence) { return static_cast<std::size_t>(evidence); }
+
+using Strength = std::array<double, kNumEvidence>;
+
+// One frame on its way through the stages; each stage fills in what the later ones need.
+class Examination {
+ public:
+  Examination(const PointsView& points, const RingLattice& lattice, const GenericOptions& options)
+      : points_(points),
+        lattice_(lattice),
+        options_(options),
+        reading_(read_lattice(points, lattice, options.num_threads)),
+        cells_((lattice.num_rings() + kCellRings - 1) / kCellRings, kCellColumns, Strength{}) {
+    result_.flags.assign(static_cast<std::size_t>(points.num_points()), 0);
+    num_read_ = (reading_.ring.array() >= 0).count();
+  }
+
+  GenericResult run() {
+    examine_coordinates();
+    examine_lines();
+    examine_steps();
+    examine_firings();
+    examine_duplicates();
+    examine_order();
+    examine_ranges();
+    examine_voids();
+    tally_flags();
+    gather_regions();
+    return std::move(result_);
+  }
+
+ private:
+  EvidenceReport& report(Evidence evidence) { return result_.evidence[index_of(evidence)]; }
+  bool dropped(Evidence evidence) { return report(evidence).dropped != Dropped::kNo; }
+
+  // Drops `evidence` where the lattice does not know it or what it stands on was dropped.
+  bool usable(Evidence evidence, bool known, std::initializer_list<Evidence> stands_on) {
+    if (!known) report(evidence).dropped = Dropped::kUnknown;
+    for (const Evidence basis : stands_on) {
+      if (!dropped(evidence) && dropped(basis)) report(evidence).dropped = Dropped::kDepends;
+    }
+    return !dropped(evidence);
+  }
+
+  // Flags the points for which `contradicts(i)`, unless too many do.
+  template <typename Predicate>
+  void flag_points(Evidence evidence, const Predicate& contradicts) {
+    std::vector<std::int32_t> found;
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      if (reading_.ring(i) >= 0 && contradicts(i)) found.push_back(i);
+    }
+    flag_points(evidence, found);
+  }
+
+  void flag_points(Evidence evidence, const std::vector<std::int32_t>& found) {
+    const auto total = static_cast<double>(std::max<std::int64_t>(num_read_, 1));
+    report(evidence).share = static_cast<double>(found.size()) / total;
+    if (report(evidence).share > options_.dropped_share) {
+      report(evidence).dropped = Dropped::kContradicted;
+      return;
+    }
+    for (const std::int32_t i : found) flag(i, evidence);
+  }
+
+  void flag(std::int32_t i, Evidence evidence) {
+    result_.flags[static_cast<std::size_t>(i)] |=
+        static_cast<std::uint8_t>(1U << index_of(evidence));
+  }
+
+  void examine_coordinates() {
+    const double step = lattice_.coordinate_step;
+    if (!usable(Evidence::kGrid, step > 0.0, {})) return;
+    flag_points(Evidence::kGrid, [&](std::int32_t i) {
+      for (int axis = 0; axis < 3; ++axis) {
+        const double value = points_.points(i, axis);
+        if (std::abs(value - std::floor(value / step + 0.5) * step) > kFloatRounding) return true;
+      }
+      return false;
+    });
+  }
+
+  void examine_lines() {
+    flag_points(Evidence::kLine,
+                [&](std::int32_t i) { return is_beside(i, reading_.line_error(i)); });
+  }
+
+  void examine_steps() {
+    if (!usable(Evidence::kStep, lattice_.steps > 0, {Evidence::kLine})) return;
+    flag_points(Evidence::kStep,
+                [&](std::int32_t i) { return is_beside(i, reading_.step_error(i)); });
+    forget_counts_beside_lattice();
+  }
+
+  // Angles of a line and of a step are known as well as the slope: from the same points.
+  [[nodiscard]] bool is_beside(std::int32_t i, double error) const {
+    const double off = std::abs(error) - options_.tolerance;
+    if (off <= 0.0) return false;
+    const Eigen::RowVector2d p = points_.points.row(i).head<2>().cast<double>();
+    const double rho = std::sqrt(p.x() * p.x() + p.y() * p.y());
+    return !(off <= lattice_.uncertainty(reading_.ring(i), rho));
+  }
+
+  // A point between lines or steps is of no firing; it neither votes for one nor answers it.
+  void forget_counts_beside_lattice() {
+    constexpr unsigned kBeside =
+        1U << static_cast<unsigned>(Evidence::kLine) | 1U << static_cast<unsigned>(Evidence::kStep);
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      if ((result_.flags[static_cast<std::size_t>(i)] & kBeside) != 0) reading_.count(i) = -1;
+    }
+  }
+
+  void examine_firings() {
+    if (!usable(Evidence::kFiring, lattice_.steps > 0, {Evidence::kLine, Evidence::kStep})) return;
+    schedule_ = find_firings(reading_, lattice_);
+    flag_points(Evidence::kFiring, [&](std::int32_t i) {
+      const std::int32_t count = reading_.count(i);
+      return count >= 0 && schedule_.order[static_cast<std::size_t>(count)] < 0;
+    });
+  }
+
+  void examine_duplicates() {
+    if (!usable(Evidence::kDuplicate, lattice_.steps > 0, {Evidence::kLine, Evidence::kStep})) {
+      return;
+    }
+    RingImage<std::uint8_t> returns(lattice_.num_rings(), lattice_.steps, 0);
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      if (reading_.count(i) < 0) continue;
+      std::uint8_t& seen = returns(reading_.ring(i), reading_.count(i));
+      seen = static_cast<std::uint8_t>(std::min(seen + 1, 2));
+    }
+    flag_points(Evidence::kDuplicate, [&](std::int32_t i) {
+      return reading_.count(i) >= 0 && returns(reading_.ring(i), reading_.count(i)) > 1;
+    });
+  }
+
+  void examine_order() {
+    if (!usable(Evidence::kOrder, true, {Evidence::kLine})) return;
+    flag_points(Evidence::kOrder, misplaced_in_file(reading_));
+  }
+
+  void examine_ranges() {
+    if (!usable(Evidence::kRange, lattice_.range_step > 0.0, {Evidence::kLine})) return;
+    const double quarter = 0.25 * lattice_.range_step;
+    const auto incoherent = [&](std::int32_t i) {
+      return std::abs(reading_.range_error(i)) > quarter;
+    };
+    RingImage<RangeTally> tallies(cells_.rings(), cells_.columns(), {});
+    RangeTally all;
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      if (reading_.ring(i) < 0) continue;
+      for (RangeTally* tally : {&all, &tallies(cell_row(i), cell_column(reading_.azimuth(i)))}) {
+        ++tally->points;
+        tally->incoherent += incoherent(i) ? 1 : 0;
+      }
+    }
+    const double share = all.points > 0 ? static_cast<double>(all.incoherent) / all.points : 0.0;
+    const double clean = options_.range_incoherence;
+    report(Evidence::kRange).share = std::max(0.0, (share - clean) / (0.5 - clean));
+    if (report(Evidence::kRange).share > options_.dropped_share) {
+      report(Evidence::kRange).dropped = Dropped::kContradicted;
+      return;
+    }
+    const auto windows = incoherent_windows(tallies, clean, kWindowThreshold);
+    for (int row = 0; row < cells_.rings(); ++row) {
+      for (int column = 0; column < cells_.columns(); ++column) {
+        cells_(row, column)[index_of(Evidence::kRange)] = windows(row, column);
+      }
+    }
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      if (reading_.ring(i) < 0 || !incoherent(i)) continue;
+      if (windows(cell_row(i), cell_column(reading_.azimuth(i))) > 0.0) flag(i, Evidence::kRange);
+    }
+  }
+
+  void examine_voids() {
+    if (!usable(Evidence::kVoid, lattice_.steps > 0,
+                {Evidence::kLine, Evidence::kStep, Evidence::kFiring})) {
+      return;
+    }
+    const auto ground = find_ground_plane(points_);
+    if (!ground) {
+      report(Evidence::kVoid).dropped = Dropped::kNoGround;
+      return;
+    }
+    voids_ = find_voids(points_, reading_, lattice_, schedule_, *ground,
+                        {options_.min_ground_range, options_.max_ground_range});
+    std::size_t firings = 0;
+    for (const Void& found : voids_) {
+      firings += found.cells.size();
+      for (const Void::Cell& cell : found.cells) {
+        cells_(cell.ring / kCellRings, cell_column(cell.azimuth))[index_of(Evidence::kVoid)] += 1.0;
+      }
+    }
+    report(Evidence::kVoid).share =
+        static_cast<double>(firings) / static_cast<double>(std::max<std::int64_t>(num_read_, 1));
+  }
+
+  [[nodiscard]] int cell_row(std::int32_t i) const { return reading_.ring(i) / kCellRings; }
+
+  static int cell_column(double azimuth) {
+    const auto column = static_cast<int>(azimuth * (kCellColumns / (2.0 * std::numbers::pi)));
+    return std::min(column, kCellColumns - 1);
+  }
+
+  void tally_flags() {
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      const unsigned flags = result_.flags[static_cast<std::size_t>(i)];
+      if (flags == 0) continue;
+      Strength& cell = cells_(cell_row(i), cell_column(reading_.azimuth(i)));
+      for (std::size_t e = 0; e < index_of(Evidence::kRange); ++e) cell[e] += flags >> e & 1U;
+    }
+  }
+
+  void gather_regions() {
+    RingImage<std::uint8_t> suspect(cells_.rings(), cells_.columns(), 0);
+    for (int row = 0; row < cells_.rings(); ++row) {
+      for (int column = 0; column < cells_.columns(); ++column) {
+        double sum = 0.0;
+        for (const double strength : cells_(row, column)) sum += strength;
+        suspect(row, column) = sum > 0.0 ? 1 : 0;
+        result_.cells.push_back(static_cast<std::uint16_t>(std::min(sum + 0.5, 65535.0)));
+      }
+    }
+    RingImage<std::int32_t> region_of(cells_.rings(), cells_.columns(), -1);
+    for (const auto& component : connected_components(suspect)) {
+      const auto number = static_cast<std::int32_t>(result_.regions.size());
+      result_.regions.push_back(region(component));
+      for (const auto& [row, column] : component) region_of(row, column) = number;
+    }
+    forget_windows_beside_points(region_of);
+    find_boxes(region_of);
+    name_regions_of_points(region_of);
+    for (const SuspectRegion& found : result_.regions) {
+      for (std::size_t e = 0; e < kNumEvidence; ++e) {
+        double& strength = result_.evidence[e].strength;
+        strength = std::max(strength, found.strength[e]);
+      }
+    }
+  }
+
+  [[nodiscard]] SuspectRegion region(const std::vector<RingCell>& component) const {
+    SuspectRegion found;
+    found.lower.setConstant(std::numeric_limits<double>::infinity());
+    found.upper = -found.lower;
+    for (const auto& [row, column] : component) {
+      const Strength& cell = cells_(row, column);
+      for (std::size_t e = 0; e < kNumEvidence; ++e) {
+        double& strength = found.strength[e];
+        strength =
+            e == index_of(Evidence::kRange) ? std::max(strength, cell[e]) : strength + cell[e];
+      }
+    }
+    return found;
+  }
+
+  void extend_box(std::int32_t region, const Eigen::Vector3d& point) {
+    SuspectRegion& found = result_.regions[static_cast<std::size_t>(region)];
+    found.lower = found.lower.cwiseMin(point);
+    found.upper = found.upper.cwiseMax(point);
+  }
+
+  // Windows of ranges reach beyond what was forged. Where single points are known to be, they say
+  // better where.
+  void forget_windows_beside_points(const RingImage<std::int32_t>& region_of) {
+    constexpr auto kWindow = static_cast<std::uint8_t>(1U << index_of(Evidence::kRange));
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      std::uint8_t& flags = result_.flags[static_cast<std::size_t>(i)];
+      if ((flags & kWindow) == 0) continue;
+      const std::int32_t number = region_of(cell_row(i), cell_column(reading_.azimuth(i)));
+      const Strength& strength = result_.regions[static_cast<std::size_t>(number)].strength;
+      const auto* windows = strength.data() + index_of(Evidence::kRange);
+      if (std::any_of(strength.data(), windows, [](double s) { return s > 0.0; })) {
+        flags &= static_cast<std::uint8_t>(~kWindow);
+      }
+    }
+  }
+
+  void find_boxes(const RingImage<std::int32_t>& region_of) {
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      if (result_.flags[static_cast<std::size_t>(i)] == 0) continue;
+      extend_box(region_of(cell_row(i), cell_column(reading_.azimuth(i))),
+                 points_.points.row(i).transpose().cast<double>());
+    }
+    for (const Void& found : voids_) {
+      for (const Void::Cell& cell : found.cells) {
+        extend_box(region_of(cell.ring / kCellRings, cell_column(cell.azimuth)),
+                   stood_at(cell, found.distance));
+      }
+    }
+  }
+
+  // What was removed stood on the ground, no nearer than the last returns below and not far behind.
+  [[nodiscard]] Eigen::Vector3d stood_at(const Void::Cell& cell, double distance) const {
+    const SinCos azimuth = sin_cos(cell.azimuth);
+    return {distance * azimuth.cos, distance * azimuth.sin,
+            lattice_.slope(cell.ring) * distance + lattice_.offset(cell.ring)};
+  }
+
+  void name_regions_of_points(const RingImage<std::int32_t>& region_of) {
+    result_.region_of_point.assign(result_.flags.size(), -1);
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      const auto row = static_cast<std::size_t>(i);
+      if (result_.flags[row] == 0) continue;
+      result_.region_of_point[row] = region_of(cell_row(i), cell_column(reading_.azimuth(i)));
+    }
+  }
+
+  const PointsView& points_;
+  const RingLattice& lattice_;
+  const GenericOptions& options_;
+  LatticeReading reading_;
+  RingImage<Strength> cells_;
+  FiringSchedule schedule_;
+  std::vector<Void> voids_;
+  std::int64_t num_read_ = 0;
+  GenericResult result_;
+};
+
+void check_options(const GenericOptions& options) {
+  if (!(options.tolerance > 0.0 && options.tolerance < 1.0)) {
+    throw InputError("tolerance: expected metres in (0, 1), got " +
+                     std::to_string(options.tolerance));
+  }
+  if (!(options.dropped_share > 0.0 && options.dropped_share <= 1.0)) {
+    throw InputError("dropped_share: expected a share in (0, 1], got " +
+                     std::to_string(options.dropped_share));
+  }
+  if (!(options.range_incoherence > 0.0 && options.range_incoherence < 0.5)) {
+    throw InputError("range_incoherence: expected a share in (0, 0.5), got " +
+                     std::to_string(options.range_incoherence));
+  }
+  if (!(options.min_ground_range > 0.0 && options.max_ground_range > options.min_ground_range)) {
+    throw InputError("min_ground_range: expected 0 < min_ground_range < max_ground_range");
+  }
+}
+
+}  // namespace
+
+GenericResult generic_consistency(const PointsView& points, const RingLattice& lattice,
+                                  const GenericOptions& options) {
+  check_options(options);
+  return Examination(points, lattice, options).run();
+}
+
+}  // namespace manip3d

@@ -1,0 +1,463 @@
+"""The lattice on which a spinning scanner measures, estimated from its own clean scans."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._arrays import rows as as_rows
+from manip3d._files import atomic_write
+from manip3d._options import threads_of
+from manip3d.errors import FormatError, InputError
+from manip3d.lidar import LidarFrame
+
+if TYPE_CHECKING:
+    from typing import TypeAlias
+
+    from numpy.typing import ArrayLike, NDArray
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+LINE_TOLERANCE = 2e-3
+"""Metres from a line: coordinates of whole millimetres leave 0.8 mm."""
+
+COORDINATE_STEPS = (1e-2, 5e-3, 2e-3, 1e-3, 1e-4)
+RANGE_STEPS = (1e-2, 5e-3, 4e-3, 2e-3)
+"""Metres that are looked for, the coarsest first: every finer one fits a coarser one's data."""
+
+FEWEST_POINTS = 100
+"""A ring with fewer points is not taken for one."""
+
+FEWEST_PAIRS = 30
+"""Of points a given number of firings apart, for the encoder's counts."""
+
+MOST_POINTS = 4000
+"""Of a ring, for what a few points tell as well as all: a search over a grid."""
+
+COLUMNS = ("slope", "offset", "lateral", "azimuth", "range_phase", "center", "slope_error")
+"""Of the table of lasers."""
+
+LATERALS = np.arange(-0.08, 0.0801, 0.002)
+"""Metres between beam and axis that are tried; the fit behind the search finds the rest."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorLattice:
+    """Where the returns of one scanner can lie; see :func:`estimate_lattice`.
+
+    Attributes
+    ----------
+    slope, offset : (R,) float64
+        Laser's line ``z = slope * rho + offset``, ``rho = hypot(x, y)``, metres; from the highest
+        laser to the lowest.
+    lateral : (R,) float64
+        Distance at which its beam passes the axis, metres, positive to the left.
+    azimuth : (R,) float64
+        Its horizontal angle at count 0 of the encoder, radians.
+    range_phase : (R,) float64
+        Its ranges are this and whole numbers of ``range_step``, metres.
+    center, slope_error : (R,) float64
+        Mean ``rho`` of the points that the line was fitted to, metres, and the slope's standard
+        error: how far the line can be trusted elsewhere.
+    steps : int
+        Counts of the encoder per revolution; 0: none found.
+    range_step : float
+        Metres; 0: none found.
+    coordinate_step : float
+        Coordinates are whole numbers of it, metres; 0: none found.
+    incoherence : float
+        Share of clean ranges more than a quarter of ``range_step`` off.
+    """
+
+    slope: Floats
+    offset: Floats
+    lateral: Floats
+    azimuth: Floats
+    range_phase: Floats
+    center: Floats
+    slope_error: Floats
+    steps: int
+    range_step: float
+    coordinate_step: float
+    incoherence: float
+
+    @property
+    def table(self) -> Floats:
+        """(R, 7): the columns above, in their order."""
+        columns = [getattr(self, name) for name in COLUMNS]
+        return np.ascontiguousarray(np.column_stack(columns), np.float64)
+
+    def read(self, points: ArrayLike, *, threads: int = 0) -> LatticeReading:
+        """Say where points lie on the lattice, and how far off it.
+
+        Parameters
+        ----------
+        points : (N, 3) float32, metres
+            A C-contiguous array is not copied.
+        threads : int
+            0: ``MANIP3D_THREADS``, else all cores. The answer does not depend on it.
+        """
+        cloud = as_rows(points, 3, np.float32, "points")
+        return LatticeReading(
+            *_core.read_lattice(
+                cloud,
+                self.table,
+                self.steps,
+                self.range_step,
+                self.coordinate_step,
+                threads_of(threads),
+            )
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write it as JSON."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        text = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in values.items()}
+        atomic_write(path, json.dumps({"sensor_lattice": text}, indent=1).encode())
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> SensorLattice:
+        """Read what :meth:`save` wrote.
+
+        Raises
+        ------
+        FormatError
+            The file is none of these.
+        """
+        with open(path, "rb") as file:
+            data = file.read()
+        try:
+            values = json.loads(data)["sensor_lattice"]
+            column = {name: np.asarray(values[name], np.float64) for name in COLUMNS}
+            return cls(
+                slope=column["slope"],
+                offset=column["offset"],
+                lateral=column["lateral"],
+                azimuth=column["azimuth"],
+                range_phase=column["range_phase"],
+                center=column["center"],
+                slope_error=column["slope_error"],
+                steps=int(values["steps"]),
+                range_step=float(values["range_step"]),
+                coordinate_step=float(values["coordinate_step"]),
+                incoherence=float(values["incoherence"]),
+            )
+        except (ValueError, TypeError, KeyError, OverflowError) as error:
+            raise FormatError(f"not a sensor lattice: {error}", file=os.fspath(path)) from error
+
+
+@dataclass(frozen=True, eq=False)
+class LatticeReading:
+    """Where points lie on a lattice; see :meth:`SensorLattice.read`. One value per point.
+
+    Attributes
+    ----------
+    ring : (N,) int32
+        Nearest laser, 0 the highest; -1: at the scanner itself.
+    count : (N,) int32
+        Of the encoder, in ``[0, steps)``; -1: no ring, or no encoder known.
+    azimuth : (N,) float32
+        ``atan2(y, x)`` in [0, 2 pi).
+    line_error, step_error, range_error : (N,) float32
+        Metres from the line, from the middle of the step, from the nearest range.
+    """
+
+    ring: NDArray[np.int32]
+    count: NDArray[np.int32]
+    azimuth: NDArray[np.float32]
+    line_error: NDArray[np.float32]
+    step_error: NDArray[np.float32]
+    range_error: NDArray[np.float32]
+
+
+def estimate_lattice(
+    frames: LidarFrame | ArrayLike | Iterable[LidarFrame | ArrayLike],
+) -> SensorLattice:
+    """Estimate the lattice of a scanner from scans of it.
+
+    A minority of forged points does no harm: every fit goes by the majority.
+
+    Parameters
+    ----------
+    frames : LidarFrame or (N, 3) points, metres, or several of them
+        Scans as the scanner gave them, the scanner at the origin. Without ``ring`` the points must
+        be in KITTI's order: ring after ring, azimuths ascending from 0 in each.
+
+    Returns
+    -------
+    SensorLattice
+
+    Raises
+    ------
+    InputError
+        No rings can be told from each other: another order, or a cloud that was moved.
+
+    Notes
+    -----
+    KITTI's HDL-64E: 64 lines to 0.3 mm (rounding to whole millimetres), an encoder of 4000 counts,
+    lasers 26 mm left or right of the axis, ranges in steps of 2 mm. The lasers' order is their
+    slope's. Velodyne, HDL-64E S2 manual, appendix: the calibration whose numbers these are.
+    """
+    clouds = [_Cloud.of(frame) for frame in _listed(frames)]
+    if not clouds:
+        raise InputError("frames: expected at least one scan, got none")
+    slope, offset = _find_lines(clouds)
+    rho = np.concatenate([cloud.rho for cloud in clouds])
+    z = np.concatenate([cloud.points[:, 2] for cloud in clouds])
+    angle = np.concatenate([cloud.azimuth for cloud in clouds])
+    frame = np.repeat(np.arange(len(clouds)), [len(cloud.rho) for cloud in clouds])
+    ring = _on_lines(rho, z, slope, offset)
+    xyz = np.concatenate([cloud.points for cloud in clouds])
+    members = [np.flatnonzero(ring == k) for k in range(len(slope))]
+    steps = _find_steps(rho, angle, members)
+    lateral = np.zeros(len(slope))
+    azimuth = np.zeros(len(slope))
+    if steps:
+        fits = [_fit_encoder(rho[rows], angle[rows], steps) for rows in members]
+        lateral, azimuth = np.array(fits).T
+        shifts = _align_counts(rho, angle, frame, ring, lateral, azimuth, steps)
+        azimuth += 2.0 * math.pi / steps * shifts
+    range_step, phase, incoherence = _find_range_step(rho, z, members, slope, lateral)
+    return SensorLattice(
+        slope,
+        offset,
+        lateral,
+        np.mod(azimuth, 2.0 * math.pi),
+        phase,
+        *_trust(rho, z, members, slope, offset),
+        steps,
+        range_step,
+        _find_coordinate_step(xyz),
+        incoherence,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Cloud:
+    points: Floats
+    rho: Floats
+    azimuth: Floats
+    rings: tuple[NDArray[np.intp], ...]
+
+    @classmethod
+    def of(cls, frame: LidarFrame | ArrayLike) -> _Cloud:
+        labels = frame.ring if isinstance(frame, LidarFrame) else None
+        points = frame.points if isinstance(frame, LidarFrame) else frame
+        xyz = as_rows(points, 3, np.float32, "frames").astype(np.float64)
+        if not np.isfinite(xyz).all():
+            raise InputError("frames: expected finite coordinates")
+        rho = np.hypot(xyz[:, 0], xyz[:, 1])
+        there = rho > 0.5  # nearer there is the scanner's own case, or no return at all
+        xyz, rho = xyz[there], rho[there]
+        azimuth = np.mod(np.arctan2(xyz[:, 1], xyz[:, 0]), 2.0 * math.pi)
+        if labels is None:
+            starts = np.flatnonzero(np.diff(azimuth) < -math.pi) + 1
+            rings = np.split(np.arange(len(rho)), starts)
+        else:
+            kept = labels[there]
+            rings = [np.flatnonzero(kept == label) for label in np.unique(kept)]
+        return cls(xyz, rho, azimuth, tuple(ring for ring in rings if len(ring) >= FEWEST_POINTS))
+
+
+def _listed(
+    frames: LidarFrame | ArrayLike | Iterable[LidarFrame | ArrayLike],
+) -> Sequence[LidarFrame | ArrayLike]:
+    if isinstance(frames, LidarFrame) or (isinstance(frames, np.ndarray) and frames.ndim == 2):
+        return [frames]
+    return list(frames)  # type: ignore[arg-type]
+
+
+def _find_lines(clouds: Sequence[_Cloud]) -> tuple[Floats, Floats]:
+    """Lines that the rings of the clouds agree on, from the highest to the lowest."""
+    lines = np.array(
+        [line for cloud in clouds for ring in cloud.rings if (line := _fit_ring(cloud, ring))]
+    ).reshape(-1, 3)
+    lines = lines[np.argsort(-lines[:, 0], kind="stable")]
+    # The same laser's slopes differ by 1e-5 between frames, two lasers' by 5e-3.
+    groups = np.split(lines, np.flatnonzero(np.diff(-lines[:, 0]) > 1e-3) + 1)
+    agreed = [group[group[:, 2].argmax()] for group in groups if 2 * len(group) >= len(clouds)]
+    if len(agreed) < 4:
+        raise InputError(
+            f"frames: expected the rings of a spinning scanner, ring after ring and each by "
+            f"azimuth, or `ring`; found {len(agreed)} lines"
+        )
+    slope, offset = np.array(agreed)[:, 0], np.array(agreed)[:, 1]
+    rho = np.concatenate([cloud.rho for cloud in clouds])
+    z = np.concatenate([cloud.points[:, 2] for cloud in clouds])
+    ring = _on_lines(rho, z, slope, offset)
+    members = [np.flatnonzero(ring == k) for k in range(len(slope))]
+    fits = [np.polyfit(rho[k], z[k], 1) for k in members if len(k) >= FEWEST_POINTS]
+    return np.array(fits)[:, 0], np.array(fits)[:, 1]
+
+
+def _fit_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int] | None:
+    """Slope, offset and support of the line through pairs of points that most others lie on."""
+    some = ring[:: max(1, len(ring) // 500)]
+    rho, z = cloud.rho[some], cloud.points[some, 2]
+    order = np.argsort(rho, kind="stable")
+    half = len(order) // 2
+    near, far = order[:half], order[-half:]
+    run = rho[far] - rho[near]
+    wide = run > 0.05
+    if not wide.any():
+        return None
+    slope = (z[far] - z[near])[wide] / run[wide]
+    offset = z[near][wide] - slope * rho[near][wide]
+    support = (np.abs(z - np.outer(slope, rho) - offset[:, None]) < LINE_TOLERANCE).sum(axis=1)
+    best = support.argmax()
+    for _ in range(3):
+        line = slope[best], offset[best]
+        error = cloud.points[ring, 2] - line[0] * cloud.rho[ring] - line[1]
+        inside = ring[np.abs(error) < LINE_TOLERANCE]
+        if 2 * len(inside) < len(ring):
+            return None
+        slope[best], offset[best] = np.polyfit(cloud.rho[inside], cloud.points[inside, 2], 1)
+    return float(slope[best]), float(offset[best]), len(inside)
+
+
+def _on_lines(rho: Floats, z: Floats, slope: Floats, offset: Floats) -> NDArray[np.int32]:
+    """Line of each point; -1: off all of them."""
+    table = np.zeros((len(slope), len(COLUMNS)))
+    table[:, 0], table[:, 1] = slope, offset
+    cloud = np.ascontiguousarray(np.column_stack([rho, np.zeros_like(rho), z]), np.float32)
+    ring, _, _, error, _, _ = _core.read_lattice(cloud, table, 0, 0.0, 0.0, 1)
+    found: NDArray[np.int32] = np.where(np.abs(error) < LINE_TOLERANCE, ring, np.int32(-1))
+    return found
+
+
+def _trust(
+    rho: Floats, z: Floats, members: Sequence[NDArray[np.intp]], slope: Floats, offset: Floats
+) -> tuple[Floats, Floats]:
+    """Mean distance of each line's points, and the standard error of its slope."""
+    center, error = np.zeros(len(slope)), np.zeros(len(slope))
+    for k, rows in enumerate(members):
+        spread = rho[rows] - rho[rows].mean()
+        noise = z[rows] - slope[k] * rho[rows] - offset[k]
+        center[k] = rho[rows].mean()
+        error[k] = math.sqrt(noise.var() / (spread @ spread))
+    return center, error
+
+
+def _find_steps(rho: Floats, angle: Floats, members: Sequence[NDArray[np.intp]]) -> int:
+    """Counts per revolution that make whole numbers of the differences within rings."""
+    size, fewest, most = 1 << 20, 600, 36000
+    coherence = np.zeros(most)
+    rows = np.concatenate([ring for ring in members if len(ring)])
+    same_ring = np.concatenate([np.full(len(ring), k) for k, ring in enumerate(members)])
+    for lag in (1, 7, 49, 343):
+        first, second = rows[:-lag], rows[lag:]
+        alike = (same_ring[:-lag] == same_ring[lag:]) & (rho[first] > 10.0)
+        # The same parallax: a beam 0.1 m beside the axis turns by less than 2e-5 more.
+        alike &= np.abs(1.0 / rho[first] - 1.0 / rho[second]) < 2e-4
+        turn = np.mod(angle[second] - angle[first], 2.0 * math.pi)[alike]
+        if len(turn) < FEWEST_PAIRS:
+            return 0
+        bins = np.minimum((turn * (size / (2.0 * math.pi))).astype(np.int64), size - 1)
+        waves = np.fft.rfft(np.bincount(bins, minlength=size))[:most]
+        middle = np.exp(-1j * math.pi / size * np.arange(most))  # of the bins
+        coherence += np.real(waves * middle) / len(turn) / 4.0
+    best = fewest + int(coherence[fewest:].argmax())
+    return best if coherence[best] > 0.5 else 0
+
+
+def _fit_encoder(rho: Floats, angle: Floats, steps: int) -> tuple[float, float]:
+    """Lateral distance (m) and angle at count 0 (rad, within one step) of one laser."""
+    if len(rho) < FEWEST_POINTS:
+        return 0.0, 0.0
+    some = slice(None, None, max(1, len(rho) // MOST_POINTS))
+    beams = angle[some] - LATERALS[:, None] / rho[some]
+    waves = np.exp(1j * steps * beams).mean(axis=1)
+    best = np.abs(waves).argmax()
+    lateral, azimuth = float(LATERALS[best]), float(np.angle(waves[best])) / steps
+    for _ in range(5):
+        error = _off_step(angle - np.arcsin(lateral / rho) - azimuth, steps) * rho
+        near = np.abs(error) < LINE_TOLERANCE
+        if near.sum() < 2:
+            break
+        turn, shift = np.polyfit(rho[near], error[near], 1)
+        lateral, azimuth = lateral + shift, azimuth + turn
+    return lateral, azimuth
+
+
+def _off_step(angle: Floats, steps: int) -> Floats:
+    step = 2.0 * math.pi / steps
+    return angle - np.round(angle / step) * step
+
+
+def _align_counts(
+    rho: Floats,
+    angle: Floats,
+    frame: NDArray[np.intp],
+    ring: NDArray[np.int32],
+    lateral: Floats,
+    azimuth: Floats,
+    steps: int,
+) -> Floats:
+    """Counts by which each laser looks ahead of the first, from the pattern of the firings.
+
+    All lasers fire at the same counts, which the revolution spaces unevenly, but look in different
+    directions then: the correlation of who answered when peaks at the difference.
+    """
+    known = ring >= 0
+    beam = angle[known] - np.arcsin(lateral[ring[known]] / rho[known]) - azimuth[ring[known]]
+    count = np.mod(np.round(beam * (steps / (2.0 * math.pi))), steps).astype(np.int64)
+    shape = (int(frame.max()) + 1, len(lateral), steps)
+    answered = np.zeros(shape)
+    answered[frame[known], ring[known], count] = 1.0
+    window = np.zeros(steps)
+    window[np.arange(-10, 11)] = 1.0 / 21.0  # what varies slowly is the street, not the firings
+    waves = np.fft.rfft(answered, axis=-1) * (1.0 - np.fft.rfft(window))
+    total = answered.sum(axis=(0, 2))
+    leader = int(total.argmax())
+    shifts = np.zeros(len(lateral))
+    common = waves[:, leader].copy()
+    turns = np.arange(waves.shape[-1]) * (2j * math.pi / steps)
+    for k in np.argsort(-total, kind="stable"):
+        if k == leader:
+            continue
+        correlation = np.fft.irfft((waves[:, k] * np.conj(common)).sum(axis=0), n=steps)
+        shifts[k] = correlation.argmax()
+        common += waves[:, k] * np.exp(turns * shifts[k])
+    return shifts
+
+
+def _find_range_step(
+    rho: Floats,
+    z: Floats,
+    members: Sequence[NDArray[np.intp]],
+    slope: Floats,
+    lateral: Floats,
+) -> tuple[float, Floats, float]:
+    """Step of the ranges, each laser's phase (m), and the share of ranges a quarter step off."""
+    cosine = 1.0 / np.sqrt(1.0 + slope**2)
+    ranges = [
+        np.sqrt(np.maximum(rho[rows] ** 2 - lateral[k] ** 2, 0.0)) * cosine[k]
+        + z[rows] * slope[k] * cosine[k]
+        for k, rows in enumerate(members)
+    ]
+    for step in RANGE_STEPS:
+        waves = np.array(
+            [np.exp(2j * math.pi / step * r).mean() if len(r) else 0.0j for r in ranges]
+        )
+        if np.median(np.abs(waves)) < 0.4:
+            continue
+        phase = np.mod(np.angle(waves) * step / (2.0 * math.pi), step)
+        off = np.concatenate([(r - p) / step for r, p in zip(ranges, phase, strict=True)])
+        incoherence = float(np.mean(np.abs(off - np.round(off)) > 0.25))
+        return step, phase, max(incoherence, 0.01)
+    return 0.0, np.zeros(len(slope)), 0.25
+
+
+def _find_coordinate_step(points: Floats) -> float:
+    for step in COORDINATE_STEPS:
+        off = np.abs(points - np.round(points / step) * step).max(axis=1)
+        if np.mean(off < 1e-5) > 0.9:
+            return step
+    return 0.0
