@@ -2,16 +2,19 @@
 
 from manip3d.simulate import depth, models, scenes, streets
 from manip3d.simulate.cameras import StereoPair, stereo_pair
+from manip3d.simulate.drives import DriveFrame, drive, write_drive
 from manip3d.simulate.lidar import LidarScan, hdl64e
 from manip3d.simulate.streets import Street, street
 from manip3d.simulate.terrestrial import TerrestrialScan, terrestrial_scan
 
 __all__ = [
+    "DriveFrame",
     "LidarScan",
     "StereoPair",
     "Street",
     "TerrestrialScan",
     "depth",
+    "drive",
     "hdl64e",
     "models",
     "scenes",
@@ -19,4 +22,5 @@ __all__ = [
     "street",
     "streets",
     "terrestrial_scan",
+    "write_drive",
 ]

@@ -1,0 +1,322 @@
+"""Simulated drives: LiDAR and stereo frame by frame, and as files in KITTI's raw layout."""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from manip3d.errors import InputError, MissingExtraError
+from manip3d.lidar import Box
+from manip3d.simulate import cameras
+from manip3d.simulate._raycast import Progress
+from manip3d.simulate.cameras import StereoPair, stereo_pair
+from manip3d.simulate.lidar import TURN_PERIOD, LidarScan, hdl64e
+from manip3d.simulate.streets import Street
+
+if TYPE_CHECKING:
+    import PIL.Image
+
+__all__ = ["DriveFrame", "drive", "write_drive"]
+
+DATE = "2000_01_01"
+"""Of simulated drives: no real one has it."""
+_START = datetime(2000, 1, 1, 12, 0, 0, tzinfo=UTC)
+_ORIGIN = (49.0, 8.4)  # latitude and longitude of the street's zero, made up
+_EARTH_RADIUS = 6378137.0
+
+_OXTS = """\
+lat:   latitude (deg)
+lon:   longitude (deg)
+alt:   altitude (m)
+roll:  roll angle (rad)
+pitch: pitch angle (rad)
+yaw:   heading (rad), 0 = east, positive = counter clockwise
+vn:    velocity towards north (m/s)
+ve:    velocity towards east (m/s)
+vf:    forward velocity (m/s)
+vl:    leftward velocity (m/s)
+vu:    upward velocity (m/s)
+ax ay az af al au: accelerations (m/s^2), not simulated: 0
+wx wy wz wf wl wu: angular rates (rad/s), wz and wu as driven
+pos_accuracy vel_accuracy: 0, exact
+navstat numsats posmode velmode orimode: 0
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class DriveFrame:
+    """One moment of a drive.
+
+    Attributes
+    ----------
+    time : float, seconds
+        When the LiDAR looks ahead and the cameras expose.
+    scan : LidarScan
+    pictures : StereoPair or None
+    boxes : tuple of manip3d.Box
+        Of the cars, people and cyclists that the scan has points of, in the LiDAR's frame;
+        ``track`` is the number that the scan's and the pictures' objects have.
+    """
+
+    time: float
+    scan: LidarScan
+    pictures: StereoPair | None
+    boxes: tuple[Box, ...]
+
+
+def drive(
+    street: Street,
+    frames: int,
+    *,
+    start: float = 0.0,
+    pictures: bool = True,
+    rng: int | np.random.Generator = 0,
+    num_threads: int = 0,
+) -> Iterator[DriveFrame]:
+    """Drive along a street, one frame for each turn of the LiDAR.
+
+    Parameters
+    ----------
+    street : Street
+    frames : int
+    start : float, seconds
+        Of the first frame.
+    pictures : bool
+        Whether the cameras see, too.
+    rng : int or numpy.random.Generator
+        Noise; frame n is the same however many frames follow it.
+    num_threads : int
+        0: all cores.
+
+    Raises
+    ------
+    InputError
+        The street ends before the last frame.
+    MissingExtraError
+        Open3D is not installed.
+    """
+    if frames < 1:
+        raise InputError(f"frames: expected at least 1, got {frames}")
+    times = start + TURN_PERIOD * np.arange(frames)
+    street.pose([times[0] - TURN_PERIOD, times[-1] + TURN_PERIOD])  # refuses before, not midway
+    seeds = np.random.default_rng(rng).spawn(frames)
+    for time, random in zip(times.tolist(), seeds, strict=True):
+        scan = hdl64e(street, time, rng=random, num_threads=num_threads)
+        pair = stereo_pair(street, time, rng=random, num_threads=num_threads) if pictures else None
+        seen = set(np.unique(scan.object).tolist())
+        boxes = tuple(box for box in street.boxes(time) if box.track in seen)
+        yield DriveFrame(time, scan, pair, boxes)
+
+
+def write_drive(
+    street: Street,
+    folder: str | os.PathLike[str],
+    frames: int,
+    *,
+    number: int = 0,
+    start: float = 0.0,
+    pictures: bool = True,
+    rng: int | np.random.Generator = 0,
+    num_threads: int = 0,
+    progress: Progress | None = None,
+) -> Path:
+    """Write a drive in KITTI's raw layout; `manip3d.datasets.open_kitti` reads it.
+
+    Beside what KITTI has there are ``velodyne_points/labels`` (per point: the label in the lower
+    16 bits, the object's number plus 1 in the upper 16) and ``label_2`` (boxes). The folder
+    appears whole or not at all.
+
+    Parameters
+    ----------
+    street : Street
+    folder : path-like
+        Made; must not exist. The drive is ``2000_01_01/2000_01_01_drive_NNNN_sync`` in it.
+    frames : int
+    number : int
+        NNNN.
+    start, pictures, rng, num_threads
+        As for `drive`.
+    progress : callable, optional
+        Called with the fraction done and a message.
+
+    Returns
+    -------
+    Path
+        The drive's folder.
+
+    Raises
+    ------
+    InputError
+        ``folder`` exists, the street is too short.
+    MissingExtraError
+        Open3D is not installed, or Pillow where pictures are wanted.
+    OSError
+        The operating system refused; nothing is left behind.
+    """
+    target = Path(folder)
+    if target.exists():
+        raise InputError(f"{target}: expected a folder that is not there yet")
+    if not 0 <= number <= 9999:
+        raise InputError(f"number: expected 0 to 9999, got {number}")
+    name = f"{DATE}_drive_{number:04d}_sync"
+    temporary = Path(tempfile.mkdtemp(prefix=".manip3d-", dir=target.parent))
+    try:
+        day = temporary / DATE
+        _write_calibration(day)
+        moments = []
+        source = drive(
+            street, frames, start=start, pictures=pictures, rng=rng, num_threads=num_threads
+        )
+        for index, frame in enumerate(source):
+            if progress is not None:
+                progress(index / frames, f"frame {index + 1} of {frames}")
+            _write_frame(day / name, index, frame, street)
+            moments.append(frame.time)
+        _write_times(day / name, moments, pictures=pictures)
+        temporary.chmod(0o755)
+        temporary.rename(target)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
+    return target / DATE / name
+
+
+def _write_frame(folder: Path, index: int, frame: DriveFrame, street: Street) -> None:
+    """Scan, labels, boxes, pictures and position of one frame."""
+    name = f"{index:010d}"
+    scan = frame.scan
+    rows = np.column_stack([scan.points, scan.intensity]).astype("<f4")
+    _write(folder / "velodyne_points" / "data" / f"{name}.bin", rows.tobytes())
+    label = scan.label.astype("<u4") | ((scan.object + 1).astype("<u4") << 16)
+    _write(folder / "velodyne_points" / "labels" / f"{name}.label", label.tobytes())
+    lines = [_label_line(box) for box in frame.boxes]
+    _write(folder / "label_2" / f"{name}.txt", "".join(lines).encode())
+    _write(folder / "oxts" / "data" / f"{name}.txt", _oxts_line(street, frame.time).encode())
+    if frame.pictures is not None:
+        for camera, pixels in ((2, frame.pictures.left), (3, frame.pictures.right)):
+            path = folder / f"image_0{camera}" / "data" / f"{name}.png"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            _image(pixels).save(path, compress_level=1)
+
+
+def _image(pixels: NDArray[np.uint8]) -> PIL.Image.Image:
+    try:
+        import PIL.Image
+    except ImportError as error:
+        raise MissingExtraError("pillow", "simulate") from error
+    return PIL.Image.fromarray(pixels)
+
+
+def _write(path: Path, data: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+
+
+def _write_times(folder: Path, moments: list[float], *, pictures: bool) -> None:
+    """Timestamps of all sensors, one line a frame."""
+    half = TURN_PERIOD / 2.0
+    parts = ["velodyne_points", "oxts"] + (["image_02", "image_03"] if pictures else [])
+    files = [(f"{part}/timestamps.txt", 0.0) for part in parts]
+    files += [
+        ("velodyne_points/timestamps_start.txt", -half),
+        ("velodyne_points/timestamps_end.txt", half),
+    ]
+    for file, shift in files:
+        lines = [_stamp(time + shift) for time in moments]
+        _write(folder / file, "".join(lines).encode())
+    _write(folder / "oxts" / "dataformat.txt", _OXTS.encode())
+
+
+def _stamp(time: float) -> str:
+    moment = _START + timedelta(seconds=time)
+    return f"{moment:%Y-%m-%d %H:%M:%S.%f}000\n"
+
+
+def _write_calibration(day: Path) -> None:
+    """The three files of a day."""
+    matrices, rigid = cameras.projections()
+    lines = ["calib_time: 01-Jan-2000 12:00:00\n"]
+    for camera, matrix in matrices.items():
+        size = np.array([cameras.WIDTH, cameras.HEIGHT])
+        for key, values in (
+            ("S", size),
+            ("K", matrix[:, :3]),
+            ("D", np.zeros(5)),
+            ("R", np.eye(3)),
+            ("T", np.linalg.solve(matrix[:, :3], matrix[:, 3])),
+            ("S_rect", size),
+            ("R_rect", np.eye(3)),
+            ("P_rect", matrix),
+        ):
+            lines.append(f"{key}_{camera:02d}: {_numbers(values)}\n")
+    _write(day / "calib_cam_to_cam.txt", "".join(lines).encode())
+    for file, rotation, shift in (
+        ("calib_velo_to_cam.txt", rigid[:3, :3], rigid[:3, 3]),
+        ("calib_imu_to_velo.txt", np.eye(3), np.zeros(3)),
+    ):
+        text = f"{lines[0]}R: {_numbers(rotation)}\nT: {_numbers(shift)}\n"
+        _write(day / file, text.encode())
+
+
+def _numbers(values: NDArray[Any]) -> str:
+    return " ".join(f"{value:.9e}" for value in np.ravel(values).tolist())
+
+
+def _oxts_line(street: Street, time: float) -> str:
+    """Position and motion; KITTI's devkit maps it back to metres by the Mercator projection."""
+    step = 1e-3
+    position, yaw = street.pose([time - step, time, time + step])
+    velocity = (position[2] - position[0]) / (2.0 * step)
+    turn = (yaw[2] - yaw[0]) / (2.0 * step)
+    x, y, z = position[1].tolist()
+    scale = math.cos(math.radians(_ORIGIN[0]))
+    longitude = _ORIGIN[1] + math.degrees(x / (scale * _EARTH_RADIUS))
+    north = math.log(math.tan(math.radians(90.0 + _ORIGIN[0]) / 2.0))
+    north += y / (scale * _EARTH_RADIUS)
+    latitude = math.degrees(2.0 * math.atan(math.exp(north))) - 90.0
+    ahead = float(np.hypot(*velocity[:2]))
+    motion = [velocity[1], velocity[0], ahead, 0.0, velocity[2], *[0.0] * 6]
+    turns = [0.0, 0.0, turn, 0.0, 0.0, turn]
+    values = [latitude, longitude, z, 0.0, 0.0, yaw[1], *motion, *turns, 0.0, 0.0]
+    return " ".join(f"{value:.13g}" for value in values) + " 0 0 0 0 0\n"
+
+
+def _label_line(box: Box) -> str:
+    """One line of ``label_2``; occlusion 3: unknown."""
+    matrices, rigid = cameras.projections()
+    length, width, height = box.size
+    along = np.array([math.cos(box.yaw), math.sin(box.yaw)])
+    aside = np.array([-along[1], along[0]])
+    corners = np.array(
+        [
+            [*(np.array(box.center[:2]) + sx * along * length + sy * aside * width), sz]
+            for sx in (-0.5, 0.5)
+            for sy in (-0.5, 0.5)
+            for sz in (box.center[2] - height / 2, box.center[2] + height / 2)
+        ]
+    )
+    image = np.column_stack([corners, np.ones(8)]) @ (matrices[2] @ rigid).T
+    frame, truncated = np.zeros(4), 1.0
+    if image[:, 2].min() > 0.1:
+        pixels = image[:, :2] / image[:, 2:]
+        whole = np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
+        limit = np.array([cameras.WIDTH - 1.0, cameras.HEIGHT - 1.0])
+        frame = np.clip(whole, 0.0, np.tile(limit, 2))
+        area = np.prod(whole[2:] - whole[:2])
+        truncated = float(1.0 - np.prod(frame[2:] - frame[:2]) / area)
+    bottom = rigid @ [*box.center[:2], box.center[2] - height / 2, 1.0]
+    heading = rigid[:3, :3] @ [along[0], along[1], 0.0]
+    turn = math.atan2(-heading[2], heading[0])
+    alpha = math.remainder(turn - math.atan2(bottom[0], bottom[2]), 2.0 * math.pi)
+    numbers = [alpha, *frame, height, width, length, *bottom[:3], turn]
+    return f"{box.label} {truncated:.2f} 3 " + " ".join(f"{v:.4f}" for v in numbers) + "\n"
