@@ -1,12 +1,17 @@
+#include <pybind11/eigen.h>
+#include <pybind11/stl.h>
 #include <pybind11/typing.h>
 
 #include <string>
 
+#include "interruptible.hpp"
 #include "manip3d/geometry/mesh.hpp"
+#include "manip3d/geometry/nearest_neighbours.hpp"
 #include "manip3d/geometry/shading.hpp"
 #include "manip3d/geometry/summary.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
+#include "points.hpp"
 
 namespace manip3d::bindings {
 namespace {
@@ -108,6 +113,21 @@ void bind_geometry(py::module_& m) {
         return to_numpy(std::move(edges));
       },
       py::arg("mesh"));
+  m.def(
+      "nearest_distances",
+      [](const CArray<float>& points, const std::optional<Eigen::Vector3d>& origin,
+         double resolution, int threads, const py::object& progress) {
+        const PointsView view = points_view(points, {});
+        const Progress report = interruptible(progress);
+        LargeArray<double> distances;
+        {
+          const py::gil_scoped_release nogil;
+          distances = nearest_distances(view, {origin, resolution, threads}, report);
+        }
+        return to_numpy_rows<1>(std::move(distances));
+      },
+      py::arg("points").noconvert(), py::arg("origin"), py::arg("resolution"), py::arg("threads"),
+      py::arg("progress"));
 }
 
 }  // namespace manip3d::bindings

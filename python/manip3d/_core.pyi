@@ -39,6 +39,7 @@ __all__: list[str] = [
     "local_spacing",
     "metro",
     "move_box",
+    "nearest_distances",
     "point_suffixes",
     "points_in_box",
     "range_image_error",
@@ -472,6 +473,13 @@ def move_box(
     transform: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[4, 4]"],
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> tuple[typing.Any, ...]: ...
+def nearest_distances(
+    points: numpy.typing.NDArray[numpy.float32],
+    origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"] | None,
+    resolution: typing.SupportsFloat | typing.SupportsIndex,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+    progress: typing.Any,
+) -> numpy.ndarray: ...
 def point_suffixes() -> list[typing.Any]: ...
 def points_in_box(
     points: numpy.typing.NDArray[numpy.float32],

@@ -233,6 +233,53 @@ def closest_points(
         return ClosestPoints(*_core.closest_points(mesh, queries, threads_of(threads), report))
 
 
+def nearest_distances(
+    points: ArrayLike,
+    *,
+    origin: ArrayLike | None = (0.0, 0.0, 0.0),
+    resolution: float = 0.0,
+    threads: int = 0,
+    progress: Progress = None,
+) -> NDArray[np.float64]:
+    """Distance of each point from its nearest other point, exactly.
+
+    Parameters
+    ----------
+    points : (N, 3) float32
+        In any order. A C-contiguous float32 array is not copied.
+    origin : (3,), optional
+        Where the scanner stood: points are searched by the direction in which it saw them, which
+        takes O(N) time. ``None``: a k-d tree; slower, and the same answer.
+    resolution : float, radians
+        Of the search; 0: one point a cell on average. The answer does not depend on it.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The answer does not depend on it.
+    progress : None, True or callable(fraction, message)
+
+    Returns
+    -------
+    (N,) float64
+        0 for duplicates, infinite for a lone point.
+
+    Raises
+    ------
+    InputError
+        ``points`` has another shape or is not finite; ``origin`` is not three finite numbers.
+
+    Examples
+    --------
+    >>> import manip3d
+    >>> manip3d.metrics.nearest_distances([[1, 0, 0], [3, 0, 0], [4, 0, 0]])
+    array([2., 1., 1.])
+    """
+    cloud = rows(points, 3, np.float32, "points")
+    place = None
+    if origin is not None:
+        place = rows(np.asarray(origin)[None], 3, np.float64, "origin")[0]
+    with reporting(progress, "nearest distances") as report:
+        return _core.nearest_distances(cloud, place, resolution, threads_of(threads), report)
+
+
 def metro(
     original: Mesh,
     simplified: Mesh,

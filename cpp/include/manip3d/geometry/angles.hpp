@@ -10,17 +10,12 @@
 /// CPU, where libm's functions differ with and without FMA.
 namespace manip3d {
 
-/// Largest error of arc_tangent<float>, and of the elevation and azimuth computed with it.
-constexpr double kArcTangentError = 1e-6;
+/// Largest error, in radians, of angles computed in float with these functions.
+constexpr double kAngleError = 1e-6;
 
-/// atan2(y, x) in (-pi, pi], 0 for (0, 0): Abramowitz & Stegun, 4.4.49 (error 2e-8 before
-/// rounding).
+/// atan(t) for t in [0, 1]: Abramowitz & Stegun, 4.4.49 (error 2e-8 before rounding).
 template <typename Real>
-Real arc_tangent(Real y, Real x) {
-  const Real ax = std::abs(x);
-  const Real ay = std::abs(y);
-  const Real longer = std::max(ax, ay);
-  const Real t = std::min(ax, ay) / (longer > 0 ? longer : Real{1});
+Real arc_tangent_of_unit(Real t) {
   const Real s = t * t;
   Real p = Real(0.0028662257);
   p = p * s - Real(0.0161657367);
@@ -30,9 +25,18 @@ Real arc_tangent(Real y, Real x) {
   p = p * s - Real(0.1420889944);
   p = p * s + Real(0.1999355085);
   p = p * s - Real(0.3333314528);
-  Real angle = t * (p * s + Real(1));
-  angle = ay > ax ? std::numbers::pi_v<Real> / 2 - angle : angle;
-  angle = x < 0 ? std::numbers::pi_v<Real> - angle : angle;
+  return t * (p * s + Real(1));
+}
+
+/// atan2(y, x) in [-pi, pi], 0 for (0, 0).
+template <typename Real>
+Real arc_tangent(Real y, Real x) {
+  const Real ax = std::abs(x);
+  const Real ay = std::abs(y);
+  const Real longer = std::max(ax, ay);
+  Real angle = arc_tangent_of_unit(std::min(ax, ay) / (longer > 0 ? longer : Real{1}));
+  if (ay > ax) angle = std::numbers::pi_v<Real> / 2 - angle;
+  if (x < 0) angle = std::numbers::pi_v<Real> - angle;
   return y < 0 ? -angle : angle;
 }
 
