@@ -56,6 +56,9 @@ __all__: list[str] = [
     "resample",
     "resolve_inside",
     "rotation_about_z",
+    "sample_poisson_disk",
+    "sample_scale_space",
+    "sample_uniform",
     "segment_objects",
     "shading_normals",
     "simplify_qem",
@@ -560,6 +563,22 @@ def resolve_inside(folder: bytes, reference: bytes) -> bytes: ...
 def rotation_about_z(
     yaw: typing.SupportsFloat | typing.SupportsIndex,
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 3]"]: ...
+def sample_poisson_disk(
+    points: numpy.typing.NDArray[numpy.float32],
+    valid: numpy.typing.NDArray[numpy.bool],
+    target_points: typing.SupportsInt | typing.SupportsIndex,
+    seed: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[numpy.ndarray, float]: ...
+def sample_scale_space(
+    points: numpy.typing.NDArray[numpy.float32],
+    valid: numpy.typing.NDArray[numpy.bool],
+    target_points: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[numpy.ndarray, float]: ...
+def sample_uniform(
+    points: numpy.typing.NDArray[numpy.float32],
+    valid: numpy.typing.NDArray[numpy.bool],
+    target_points: typing.SupportsInt | typing.SupportsIndex,
+) -> numpy.ndarray: ...
 def segment_objects(
     points: numpy.typing.NDArray[numpy.float32],
     origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],

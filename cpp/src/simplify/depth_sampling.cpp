@@ -223,14 +223,20 @@ std::vector<Pixel> sample_uniform(const PointGridView& grid, std::int64_t target
   check(grid, target_points);
   const auto num_valid = static_cast<double>(valid_pixels(grid).size());
   if (num_valid <= static_cast<double>(target_points)) return valid_pixels(grid);
-  // The number falls with the spacing, but not steadily: all spacings near the expected one.
-  constexpr int kTries = 400;
-  const double expected = std::sqrt(num_valid / static_cast<double>(target_points));
+  // The number falls with the spacing, but not steadily: coarse steps first, then fine ones.
+  constexpr int kTries = 40;
+  double spacing = std::sqrt(num_valid / static_cast<double>(target_points));
   std::vector<Pixel> best;
-  for (int i = 0; i < kTries; ++i) {
-    std::vector<Pixel> pixels = on_lattice(grid, expected * (0.8 + 1e-3 * i));
-    const auto count = static_cast<std::int64_t>(pixels.size());
-    if (count <= target_points && pixels.size() > best.size()) best = std::move(pixels);
+  for (const double step : {1e-2, 1e-3}) {
+    const double middle = spacing;
+    for (int i = -kTries / 2; i <= kTries / 2; ++i) {
+      const double tried = middle * (1.0 + step * i);
+      std::vector<Pixel> pixels = on_lattice(grid, tried);
+      const auto count = static_cast<std::int64_t>(pixels.size());
+      if (count > target_points || pixels.size() <= best.size()) continue;
+      best = std::move(pixels);
+      spacing = tried;
+    }
   }
   return best;
 }

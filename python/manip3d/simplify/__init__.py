@@ -24,6 +24,7 @@ from manip3d.simplify._depth import (
     dense_mesh_grid,
     grid_delaunay,
 )
+from manip3d.simplify._sampling import SamplingMethod, sample_depth, sample_depth_grid
 
 __all__ = [
     "METHODS",
@@ -34,6 +35,7 @@ __all__ = [
     "DepthMesh",
     "Duplicates",
     "LinkCondition",
+    "SamplingMethod",
     "SeamMode",
     "SimplifyResult",
     "StopReason",
@@ -46,4 +48,6 @@ __all__ = [
     "qem_btp",
     "qem_orig",
     "qem_tp",
+    "sample_depth",
+    "sample_depth_grid",
 ]

@@ -1,0 +1,176 @@
+"""Choices of depth pixels that CS3 is compared with: lattice, Poisson disks, scale space."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._options import seed_of, threads_of
+from manip3d.errors import InputError
+from manip3d.simplify._depth import (
+    DepthMesh,
+    _colour_image,
+    _depth_image,
+    _max_edge,
+    _point_grid,
+    grid_delaunay,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from manip3d._options import Rng
+    from manip3d.camera import Intrinsics, Registration
+
+SamplingMethod = Literal["uniform", "poisson", "ssa"]
+
+
+def sample_depth(
+    depth: ArrayLike,
+    intrinsics: Intrinsics,
+    target_points: int,
+    *,
+    method: SamplingMethod = "uniform",
+    colour: ArrayLike | None = None,
+    registration: Registration | None = None,
+    max_edge: float | None = None,
+    rng: Rng = 0,
+    threads: int = 1,
+) -> DepthMesh:
+    """Reduce a depth image by a method that CS3 is compared with.
+
+    Parameters
+    ----------
+    depth : (H, W) uint16 in millimetres or float32 in metres
+        0 and NaN mean no measurement.
+    intrinsics : Intrinsics
+    target_points : int
+        At most so many vertices; within 1 % of it where the method can.
+    method : 'uniform', 'poisson' or 'ssa'
+        A square lattice; points in random order, none within a radius of another; or zero
+        crossings of the Laplacian of Gaussian along the rows (scale-space analysis), which is
+        meant for a single object.
+    colour : (H', W', 3 or 4) uint8, optional
+        Of the depth image's size, or that of ``registration.colour``.
+    registration : Registration, optional
+    max_edge : float, metres, optional
+        Triangles with a longer edge are left out.
+    rng : int, numpy.random.Generator or None
+        For ``'poisson'``.
+    threads : int
+        0: all cores. The result is the same for any number.
+
+    Returns
+    -------
+    DepthMesh
+        The chosen pixels in row-major order, triangulated as CS3's are: Delaunay, without the
+        triangles whose centroid falls on a pixel without depth.
+
+    Raises
+    ------
+    InputError
+        Another shape or dtype, a negative or infinite depth, or an option out of range.
+
+    Notes
+    -----
+    Poisson disks: R. L. Cook, ACM Transactions on Graphics 5(1), 1986. Scale space: I. Cheng,
+    P. Boulanger, Proc. 3DPVT 2006. Both in the dissertation's section 3.6.
+    """
+    image = _depth_image(depth, intrinsics)
+    picture = _colour_image(colour, image.shape, registration)
+    points, valid, rows_up = _core.unproject(image, intrinsics, threads_of(threads))
+    mesh = sample_depth_grid(
+        points.reshape(*image.shape, 3),
+        valid.reshape(image.shape).view(np.bool_),
+        target_points,
+        method=method,
+        rows_up=rows_up,
+        max_edge=max_edge,
+        rng=rng,
+    )
+    uvs = mesh.uvs
+    if registration is not None:
+        uvs = _core.registered_uvs(mesh.vertices, registration)
+    return DepthMesh(mesh.vertices, mesh.triangles, mesh.pixels, uvs, picture)
+
+
+def sample_depth_grid(
+    points: ArrayLike,
+    valid: ArrayLike | None,
+    target_points: int,
+    *,
+    method: SamplingMethod = "uniform",
+    colour: ArrayLike | None = None,
+    rows_up: bool = True,
+    max_edge: float | None = None,
+    rng: Rng = 0,
+) -> DepthMesh:
+    """Reduce a range scan by a method that CS3 is compared with; see `sample_depth`.
+
+    Parameters
+    ----------
+    points : (H, W, 3) float
+        As of `manip3d.io.read_range_grid`. Rounded to float32.
+    valid : (H, W) bool, optional
+        Default: where all three coordinates are finite.
+    target_points : int
+    method : 'uniform', 'poisson' or 'ssa'
+    colour : (H, W, 3 or 4) uint8, optional
+    rows_up : bool
+        As for `dense_mesh_grid`.
+    max_edge : float, optional
+        In the unit of the points.
+    rng : int, numpy.random.Generator or None
+
+    Raises
+    ------
+    InputError
+        As `sample_depth`; a valid point is not finite.
+    """
+    if method not in get_args(SamplingMethod):
+        expected = ", ".join(repr(name) for name in get_args(SamplingMethod))
+        raise InputError(f"method: expected one of {expected}, got {method!r}")
+    grid, mask = _point_grid(points, valid)
+    picture = _colour_image(colour, mask.shape, None)
+    if method == "uniform":
+        pixels = _core.sample_uniform(grid, mask, target_points)
+    elif method == "poisson":
+        pixels, _ = _core.sample_poisson_disk(grid, mask, target_points, seed_of(rng))
+    else:
+        pixels, _ = _core.sample_scale_space(grid, mask, target_points)
+    return _meshed(grid, mask, pixels, rows_up, _max_edge(max_edge), picture)
+
+
+def _meshed(
+    points: NDArray[np.float32],
+    valid: NDArray[np.bool_],
+    pixels: NDArray[np.int32],
+    rows_up: bool,
+    max_edge: float,
+    colour: NDArray[np.uint8] | None,
+) -> DepthMesh:
+    """The modified Delaunay triangulation of section 3.4."""
+    if not max_edge > 0:
+        raise InputError(f"max_edge: expected > 0, got {max_edge}")
+    height, width = valid.shape
+    vertices = points[pixels[:, 1], pixels[:, 0]]
+    triangles = grid_delaunay(pixels)
+    u, v = np.rint(pixels[triangles].mean(axis=1)).astype(np.intp).T
+    kept = valid[v, u]
+    if max_edge < np.inf:
+        corners = vertices[triangles].astype(np.float64)
+        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        kept &= sides.max(axis=1, initial=0.0) <= max_edge
+    triangles = triangles[kept]
+    uvs = np.stack(
+        [(pixels[:, 0] + 0.5) / width, 1.0 - (pixels[:, 1] + 0.5) / height], axis=1
+    ).astype(np.float32)
+    return DepthMesh(
+        vertices,
+        triangles if rows_up else np.ascontiguousarray(triangles[:, [0, 2, 1]]),
+        pixels,
+        uvs,
+        colour,
+    )
