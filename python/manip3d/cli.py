@@ -215,6 +215,47 @@ def convert(
 
 
 @app.command()
+def simulate(
+    source: Annotated[
+        str, typer.Argument(metavar="SOURCE", help="sim:street, sim:indoor-00, sim:outdoor-26 ...")
+    ],
+    output: Output,
+    frames: Annotated[int, typer.Option(min=1, help="Of a street: turns of the LiDAR.")] = 10,
+    resolution: Annotated[
+        float, typer.Option(help="Of a scene: degrees between neighbouring rays.")
+    ] = 0.06,
+    no_pictures: Annotated[
+        bool, typer.Option("--no-pictures", help="Of a street: LiDAR only.")
+    ] = False,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: Jobs = 0,
+    seed: Seed = 0,
+) -> None:
+    """Make LiDAR data with truth: a drive in KITTI's layout, or a terrestrial scan.
+
+    Another seed is another street; of a scene it is other noise.
+    """
+    from manip3d._cli import simulating, terminal
+
+    terminal.refuse_existing(output, force=force)
+    shell = terminal.Terminal(as_json=as_json, quiet=quiet)
+    record = simulating.simulate(
+        source,
+        output,
+        shell,
+        frames=frames,
+        resolution=resolution,
+        pictures=not no_pictures,
+        force=force,
+        threads=jobs,
+        seed=seed,
+    )
+    shell.result(record)
+
+
+@app.command()
 def demo(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder.")] = Path("demo"),
     scale: Annotated[Scale, typer.Option(help="quick: a minute; full: some more.")] = Scale.quick,

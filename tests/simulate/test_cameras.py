@@ -17,8 +17,8 @@ TIME = 1.0
 
 
 @pytest.fixture(scope="module")
-def place() -> Street:
-    return street(3)
+def place(busy_street: Street) -> Street:
+    return busy_street
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import pytest
 
 from manip3d import InputError
 from manip3d.datasets import open_kitti
-from manip3d.simulate import DriveFrame, Street, cameras, drive, drives, street, write_drive
+from manip3d.simulate import DriveFrame, Street, cameras, drive, drives, write_drive
 
 pytest.importorskip("open3d")
 image = pytest.importorskip("PIL.Image")
@@ -19,8 +19,8 @@ FRAMES = 2
 
 
 @pytest.fixture(scope="module")
-def place() -> Street:
-    return street(2)
+def place(busy_street: Street) -> Street:
+    return busy_street
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +134,7 @@ def test_a_stopped_run_leaves_nothing(place: Street, tmp_path: Path) -> None:
 
 
 def test_an_existing_folder_and_a_short_street_are_refused(place: Street, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected a folder that is not there yet"):
+    with pytest.raises(InputError, match="expected a new folder, this one exists"):
         write_drive(place, tmp_path, 1)
     with pytest.raises(InputError, match="times: expected the car on the street"):
         write_drive(place, tmp_path / "far", 100_000)
@@ -143,6 +143,19 @@ def test_an_existing_folder_and_a_short_street_are_refused(place: Street, tmp_pa
     with pytest.raises(InputError, match="number: expected 0 to 9999"):
         write_drive(place, tmp_path / "far", 1, number=10_000)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_only_a_simulated_drive_is_replaced(place: Street, tmp_path: Path) -> None:
+    target = tmp_path / "drive"
+    first = write_drive(place, target, 2, pictures=False)
+    second = write_drive(place, target, 1, number=1, pictures=False, overwrite=True)
+    assert not first.exists()
+    assert len(open_kitti(second)) == 1
+    (target / "mine.txt").write_text("keep")
+    with pytest.raises(InputError, match="or one of a simulated drive, this one exists"):
+        write_drive(place, target, 1, pictures=False, overwrite=True)
+    assert len(open_kitti(second)) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["drive"]
 
 
 def test_a_box_beside_the_camera_has_no_rectangle() -> None:

@@ -18,12 +18,12 @@ from manip3d.simulate.scenes import Label
 pytest.importorskip("open3d")
 
 FIELDS = ("points", "intensity", "ring", "label", "object", "firing", "encoder", "time")
-SEEDS = (0, 1, 4)
+SEEDS = (3, 0)
 
 
 @pytest.fixture(scope="module")
-def streets() -> list[Street]:
-    return [street(seed) for seed in SEEDS]
+def streets(busy_street: Street) -> list[Street]:
+    return [busy_street, street(SEEDS[1])]
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def scans(streets: list[Street]) -> list[LidarScan]:
 
 
 def test_same_seed_same_sweep_whatever_the_threads(streets: list[Street]) -> None:
-    first = hdl64e(street(0), 2.0, rng=7, num_threads=1)
+    first = hdl64e(street(SEEDS[0]), 2.0, rng=7, num_threads=1)
     again = hdl64e(streets[0], 2.0, rng=7, num_threads=2)
     for field in FIELDS:
         np.testing.assert_array_equal(getattr(first, field), getattr(again, field))

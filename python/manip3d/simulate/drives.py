@@ -128,6 +128,7 @@ def write_drive(
     pictures: bool = True,
     rng: int | np.random.Generator = 0,
     num_threads: int = 0,
+    overwrite: bool = False,
     progress: Progress | None = None,
 ) -> Path:
     """Write a drive in KITTI's raw layout; `manip3d.datasets.open_kitti` reads it.
@@ -140,12 +141,14 @@ def write_drive(
     ----------
     street : Street
     folder : path-like
-        Made; must not exist. The drive is ``2000_01_01/2000_01_01_drive_NNNN_sync`` in it.
+        Made. The drive is ``2000_01_01/2000_01_01_drive_NNNN_sync`` in it.
     frames : int
     number : int
         NNNN.
     start, pictures, rng, num_threads
         As for `drive`.
+    overwrite : bool
+        Replace ``folder`` if it holds a simulated drive and nothing else.
     progress : callable, optional
         Called with the fraction done and a message.
 
@@ -157,21 +160,22 @@ def write_drive(
     Raises
     ------
     InputError
-        ``folder`` exists, the street is too short.
+        ``folder`` exists and is not to be replaced, the street is too short.
     MissingExtraError
         Open3D is not installed, or Pillow where pictures are wanted.
     OSError
         The operating system refused; nothing is left behind.
     """
     target = Path(folder)
-    if target.exists():
-        raise InputError(f"{target}: expected a folder that is not there yet")
+    if target.exists() and not (overwrite and _holds_drives_only(target)):
+        kind = "a new folder or one of a simulated drive" if overwrite else "a new folder"
+        raise InputError(f"{target}: expected {kind}, this one exists")
     if not 0 <= number <= 9999:
         raise InputError(f"number: expected 0 to 9999, got {number}")
     name = f"{DATE}_drive_{number:04d}_sync"
     temporary = Path(tempfile.mkdtemp(prefix=".manip3d-", dir=target.parent))
     try:
-        day = temporary / DATE
+        day = temporary / "new" / DATE
         _write_calibration(day)
         moments = []
         source = drive(
@@ -183,12 +187,16 @@ def write_drive(
             _write_frame(day / name, index, frame, street)
             moments.append(frame.time)
         _write_times(day / name, moments, pictures=pictures)
-        temporary.chmod(0o755)
-        temporary.rename(target)
-    except BaseException:
+        if target.exists():
+            target.rename(temporary / "old")
+        (temporary / "new").rename(target)
+    finally:
         shutil.rmtree(temporary, ignore_errors=True)
-        raise
     return target / DATE / name
+
+
+def _holds_drives_only(folder: Path) -> bool:
+    return folder.is_dir() and {path.name for path in folder.iterdir()} <= {DATE}
 
 
 def _write_frame(folder: Path, index: int, frame: DriveFrame, street: Street) -> None:
