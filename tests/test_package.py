@@ -32,6 +32,7 @@ HEAVY = {
     "trimesh",
     "typer",
     "vtkmodules",
+    "yaml",
 }
 
 

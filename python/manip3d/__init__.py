@@ -39,6 +39,7 @@ __all__ = [
     "Texture",
     "__version__",
     "authenticate",
+    "capture",
     "forge",
     "io",
     "metrics",
@@ -51,6 +52,7 @@ __all__ = [
 ]
 
 _LAZY = frozenset({"authenticate", "forge", "io", "metrics", "simplify", "simulate", "viewer"})
+_LAZY = frozenset({"capture", "io", "metrics", "simplify", "simulate", "viewer"})
 
 
 def __getattr__(name: str) -> Any:

@@ -21,6 +21,9 @@ __all__: list[str] = [
     "QemOptions",
     "StopReason",
     "TextureTerm",
+    "VelodyneOptions",
+    "VelodynePcapSource",
+    "VelodyneUdpSource",
     "boundary_gap",
     "bounding_box",
     "check_intrinsics",
@@ -358,6 +361,44 @@ class QemOptions:
     def target_faces(self) -> int: ...
     @target_faces.setter
     def target_faces(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+
+class VelodyneOptions:
+    def __init__(
+        self,
+        model: str,
+        lasers: numpy.typing.NDArray[numpy.float64],
+        range_unit: typing.SupportsFloat | typing.SupportsIndex,
+        cut_azimuth: typing.SupportsFloat | typing.SupportsIndex,
+        interpolate_azimuth: bool,
+        min_range: typing.SupportsFloat | typing.SupportsIndex,
+        max_range: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+
+class VelodynePcapSource:
+    def __init__(
+        self,
+        path: bytes,
+        options: VelodyneOptions,
+        port: typing.SupportsInt | typing.SupportsIndex,
+        max_bytes: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+    def counters(self) -> dict[str, typing.Any]: ...
+    def read(self, timeout_ms: typing.SupportsInt | typing.SupportsIndex) -> typing.Any: ...
+
+class VelodyneUdpSource:
+    def __init__(
+        self,
+        address: str,
+        port: typing.SupportsInt | typing.SupportsIndex,
+        sender: str,
+        ring_packets: typing.SupportsInt | typing.SupportsIndex,
+        options: VelodyneOptions,
+    ) -> None: ...
+    def counters(self) -> dict[str, typing.Any]: ...
+    def port(self) -> int: ...
+    def read(self, timeout_ms: typing.SupportsInt | typing.SupportsIndex) -> typing.Any: ...
+    def start(self) -> None: ...
+    def stop(self) -> None: ...
 
 def boundary_gap(
     original: typing.Any,

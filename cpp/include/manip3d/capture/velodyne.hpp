@@ -1,0 +1,178 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+/// @file
+/// Data packets of Velodyne's spinning LiDARs.
+///
+/// A packet is 1206 bytes: 12 blocks of (flag, azimuth in 0.01 degrees, 32 x (range,
+/// reflectivity)), a time stamp in microseconds after the hour, and two factory bytes (return mode,
+/// product). Sources: User's manuals HDL-64E S2 (63-HDL64ES2), HDL-32E (63-9113), VLP-16 (63-9243),
+/// VLP-32C (63-9325).
+namespace manip3d {
+
+constexpr std::size_t kVelodynePacketBytes = 1206;
+
+enum class VelodyneModel : std::uint8_t { kHdl64e, kHdl32e, kVlp16, kVlp32c };
+
+/// "hdl64e", ...
+const char* velodyne_model_name(VelodyneModel model);
+std::optional<VelodyneModel> velodyne_model_of_name(const std::string& name);
+
+/// Where one laser looks and what its ranges need, in the terms of the HDL-64E's db.xml.
+struct LaserCalibration {
+  double elevation_deg = 0.0;
+  double azimuth_offset_deg = 0.0;  ///< Added to the rotor's azimuth (clockwise from above).
+  double range_offset_m = 0.0;     ///< Added to every range; at 25.04 m where two points are known.
+  bool has_two_points = false;     ///< The next two hold.
+  double range_offset_x_m = 0.0;   ///< At 2.4 m along x.
+  double range_offset_y_m = 0.0;   ///< At 1.93 m along y.
+  double vertical_offset_m = 0.0;  ///< Of the laser, at right angles to its beam.
+  double horizontal_offset_m = 0.0;
+};
+
+struct VelodyneCalibration {
+  std::vector<LaserCalibration>
+      lasers;  ///< In the order of the packet; HDL-64E: upper block first.
+  double range_unit_m = 0.002;
+};
+
+/// The tables that the manual prints for all sensors of a model: angles, and the VLP-16's vertical
+/// corrections. (VeloView and velodyne-decoder also raise the HDL-32E's and VLP-32C's points by
+/// -29 and -42.4 mm times the tangent of the elevation; their manuals do not.)
+/// @throws InputError  HDL-64E: each sensor has a calibration file of its own.
+VelodyneCalibration factory_calibration(VelodyneModel model);
+
+enum class ReturnType : std::uint8_t {
+  kUnknown,  ///< The packet does not say (HDL-64E, one return).
+  kStrongest,
+  kLast,
+  kBoth  ///< Two returns were asked for, and the last one is the strongest.
+};
+
+struct VelodyneOptions {
+  /// None: the first packet says. HDL-64E packets are known by their lower blocks (0xDDFF).
+  std::optional<VelodyneModel> model;
+  VelodyneCalibration calibration;  ///< Without lasers: factory_calibration of the model.
+  /// A frame ends where the azimuth passes this angle, degrees in [0, 360).
+  double cut_azimuth_deg = 0.0;
+  /// Turn the azimuth on with the time of each firing in a block; off: all have the block's. Blocks
+  /// of the HDL-64E always have one azimuth: its calibration holds the rest.
+  bool interpolate_azimuth = true;
+  double min_range_m = 0.0;
+  double max_range_m = 1000.0;
+  /// A frame that gets longer is ended, whatever the azimuth says.
+  std::int64_t max_points_per_frame = std::int64_t{1} << 22;
+};
+
+/// What was seen and what was refused; every firing of a good block is exactly one of points,
+/// no_return, duplicates and out_of_range.
+struct VelodyneCounters {
+  std::int64_t packets = 0;              ///< Data packets decoded, some of their blocks at least.
+  std::int64_t position_packets = 0;     ///< 512 bytes: GPS; passed over.
+  std::int64_t bad_length = 0;           ///< Packets of any other length.
+  std::int64_t unknown_product = 0;      ///< Packets of no model that is known here.
+  std::int64_t other_product = 0;        ///< Packets of another model than the first.
+  std::int64_t unknown_return_mode = 0;  ///< Packets.
+  std::int64_t bad_time = 0;             ///< Packets with a time past the hour; they are decoded.
+  std::int64_t bad_block_flag = 0;       ///< Blocks.
+  std::int64_t bad_azimuth = 0;          ///< Blocks at 360 degrees or more.
+  std::int64_t backward_azimuth = 0;     ///< Blocks that turn back; they are decoded.
+  std::int64_t no_return = 0;            ///< Firings with range 0.
+  std::int64_t duplicates = 0;           ///< Second of two equal returns.
+  std::int64_t out_of_range = 0;         ///< Returns outside of min_range_m and max_range_m.
+  std::int64_t points = 0;
+  std::int64_t frames = 0;
+  std::int64_t overlong_frames = 0;  ///< Ended at max_points_per_frame.
+};
+
+/// One turn of the sensor. Metres; x forward (azimuth 0), y left, z up.
+struct VelodyneFrame {
+  std::vector<float> points;              ///< (3 N) x, y, z
+  std::vector<float> intensity;           ///< (N) reflectivity as sent, 0 to 255.
+  std::vector<std::uint8_t> ring;         ///< 0 the highest laser.
+  std::vector<std::uint8_t> laser;        ///< Number in the packet.
+  std::vector<std::uint8_t> return_type;  ///< ReturnType
+  std::vector<float> azimuth;             ///< Degrees in [0, 360), clockwise from above.
+  std::vector<float> range;               ///< As sent, metres, without the calibration's offsets.
+  std::vector<float> time;                ///< Seconds after the frame's first packet.
+  VelodyneModel model = VelodyneModel::kVlp16;
+  double receive_time = 0.0;  ///< Of the first packet, as its receiver noted.
+  double sensor_time = 0.0;   ///< Of the first packet, seconds after the hour.
+  std::int64_t packets = 0;
+  bool is_complete = false;  ///< Began and ended at the cut.
+
+  [[nodiscard]] std::int64_t num_points() const {
+    return static_cast<std::int64_t>(intensity.size());
+  }
+};
+
+/// Turns packets into frames. Safe on any bytes: a packet gives the points that are in it and no
+/// others, or is refused and counted.
+class VelodyneDecoder {
+ public:
+  /// @throws InputError  an option is out of range, lasers of another number than the model's.
+  explicit VelodyneDecoder(VelodyneOptions options = {});
+
+  /// Adds one UDP payload.
+  /// @throws InputError  it is the first one of an HDL-64E, and there is no calibration.
+  void decode(std::span<const std::byte> payload, double receive_time);
+  /// Takes the oldest frame that has ended.
+  bool take(VelodyneFrame& frame);
+  /// Ends the frame in progress; it is not complete.
+  void flush();
+  /// Forgets the frame in progress, those not taken, the model found, and the counters.
+  void reset();
+
+  [[nodiscard]] const VelodyneCounters& counters() const { return counters_; }
+  [[nodiscard]] std::optional<VelodyneModel> model() const { return model_; }
+
+ private:
+  struct Laser {  // what positions need, computed once
+    double sin_elevation, cos_elevation;
+    double azimuth_offset;  // 0.01 degrees
+    double range_offset, range_offset_x, range_offset_y;
+    double vertical_offset, horizontal_offset;
+    bool has_two_points;
+    std::uint8_t ring;
+  };
+  struct Block;
+  struct Packet;
+
+  bool identify(std::span<const std::byte> payload);
+  void set_model(VelodyneModel model);
+  void read_packet(std::span<const std::byte> payload, Packet& packet);
+  void read_returns(Packet& packet, std::span<const std::byte> payload);
+  void decode_block(const Packet& packet, std::size_t index, std::span<const std::byte> payload);
+  void advance(std::uint32_t azimuth, const Packet& packet, bool is_first);
+  void add_point(const Laser& laser, std::uint8_t number, double azimuth, std::uint32_t raw_range,
+                 std::uint8_t reflectivity, ReturnType type, double time);
+  void begin_frame(const Packet& packet, bool at_cut);
+  void end_frame(bool at_cut);
+
+  VelodyneOptions options_;
+  VelodyneCounters counters_;
+  std::optional<VelodyneModel> model_;
+  std::vector<Laser> lasers_;
+  std::vector<double> fraction_;  // of a column's turn, when each firing of a block happens
+  std::vector<double> delay_;     // seconds after its block
+  double column_time_ = 0.0;      // seconds from block to block
+  double turn_ = 0.0;             // 0.01 degrees from column to column, the last that was sane
+  double range_unit_ = 0.002;
+  std::uint32_t cut_ = 0;
+  std::optional<std::uint32_t> last_azimuth_;
+  bool is_open_ = false;
+  bool began_at_cut_ = false;
+  double frame_time_ = 0.0;  // sensor time of the frame in progress
+  VelodyneFrame frame_;
+  std::size_t capacity_hint_ = 0;
+  std::deque<VelodyneFrame> ended_;
+};
+
+}  // namespace manip3d

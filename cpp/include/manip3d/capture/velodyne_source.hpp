@@ -1,0 +1,64 @@
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+
+#include "manip3d/capture/frame_source.hpp"
+#include "manip3d/capture/pcap.hpp"
+#include "manip3d/capture/udp.hpp"
+#include "manip3d/capture/velodyne.hpp"
+
+/// @file
+/// Velodyne frames out of recordings and live sensors.
+namespace manip3d {
+
+/// Frames of a pcap or pcapng file (also `.gz`, `.xz`); the last one may be incomplete.
+class VelodynePcapSource final : public FrameSource<VelodyneFrame> {
+ public:
+  /// @param port  Take packets sent to this port only; none: all that look like Velodyne's.
+  /// @throws FormatError, std::filesystem::filesystem_error, InputError
+  VelodynePcapSource(const std::filesystem::path& path, VelodyneOptions options = {},
+                     std::optional<std::uint16_t> port = {}, std::uint64_t max_bytes = 0);
+
+  [[nodiscard]] SourceCapabilities capabilities() const override { return {}; }
+  void start() override {}
+  ReadStatus read(VelodyneFrame& frame, std::chrono::milliseconds timeout) override;
+  void stop() override {}
+
+  [[nodiscard]] const VelodyneCounters& counters() const { return decoder_.counters(); }
+  [[nodiscard]] const PcapCounters& file_counters() const { return reader_.counters(); }
+
+ private:
+  std::filesystem::path path_;
+  PcapReader reader_;
+  VelodyneDecoder decoder_;
+  std::optional<std::uint16_t> port_;
+  bool at_end_ = false;
+};
+
+/// Frames of a sensor that sends to this machine. No packet is lost while `read` is called often
+/// enough for the ring (UdpOptions); what is lost is counted.
+class VelodyneUdpSource final : public FrameSource<VelodyneFrame> {
+ public:
+  /// @throws InputError, DeviceError
+  explicit VelodyneUdpSource(const UdpOptions& udp, VelodyneOptions options = {});
+
+  [[nodiscard]] SourceCapabilities capabilities() const override { return {true}; }
+  void start() override { receiver_.start(); }
+  /// After `stop`: what the ring still holds, then the incomplete frame, then kEnd.
+  ReadStatus read(VelodyneFrame& frame, std::chrono::milliseconds timeout) override;
+  void stop() override { receiver_.stop(); }
+
+  [[nodiscard]] std::uint16_t port() const { return receiver_.port(); }
+  [[nodiscard]] const VelodyneCounters& counters() const { return decoder_.counters(); }
+  [[nodiscard]] UdpCounters udp_counters() const { return receiver_.counters(); }
+
+ private:
+  UdpReceiver receiver_;
+  VelodyneDecoder decoder_;
+  std::vector<std::byte> payload_;
+};
+
+}  // namespace manip3d

@@ -1,0 +1,353 @@
+#include "manip3d/capture/pcap.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "io/input_buffer.hpp"
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+using Bytes = std::span<const std::byte>;
+
+constexpr std::size_t kLargestRecord = std::size_t{1} << 18;  // libpcap's own limit
+
+enum LinkType : std::uint32_t {
+  kBsdLoopback = 0,
+  kEthernet = 1,
+  kRawBsd = 12,
+  kRawOpenBsd = 14,
+  kRaw = 101,
+  kOpenBsdLoopback = 108,
+  kLinuxCooked = 113,
+  kRawIpv4 = 228,
+  kRawIpv6 = 229,
+  kLinuxCooked2 = 276
+};
+
+std::uint32_t big16(Bytes bytes, std::size_t at) {
+  return std::to_integer<std::uint32_t>(bytes[at]) << 8 |
+         std::to_integer<std::uint32_t>(bytes[at + 1]);
+}
+
+// The bytes from `from` on; none where there are fewer.
+std::optional<Bytes> after(Bytes bytes, std::size_t from) {
+  if (bytes.size() < from) return std::nullopt;
+  return bytes.subspan(from);
+}
+
+enum class Layer : std::uint8_t { kIp, kOther, kCut };
+struct Network {
+  Layer layer = Layer::kOther;
+  Bytes bytes;
+};
+
+Network network_at(Bytes frame, std::size_t header, std::size_t type_at) {
+  constexpr std::uint32_t kIpv4 = 0x0800, kIpv6 = 0x86DD, kTag = 0x8100, kOuterTag = 0x88A8;
+  constexpr int kMostTags = 4;
+  if (frame.size() < header) return {Layer::kCut, {}};
+  std::uint32_t type = big16(frame, type_at);
+  for (int tags = 0; tags < kMostTags && (type == kTag || type == kOuterTag); ++tags) {
+    if (frame.size() < header + 4) return {Layer::kCut, {}};
+    type = big16(frame, header + 2);
+    header += 4;
+  }
+  if (type != kIpv4 && type != kIpv6) return {};
+  return {Layer::kIp, frame.subspan(header)};
+}
+
+Network network_layer(Bytes frame, std::uint32_t link) {
+  switch (link) {
+    case kEthernet:
+      return network_at(frame, 14, 12);
+    case kLinuxCooked:
+      return network_at(frame, 16, 14);
+    case kLinuxCooked2:
+      return network_at(frame, 20, 0);
+    case kBsdLoopback:
+    case kOpenBsdLoopback: {
+      // The address family's number differs between systems: the IP version tells as much.
+      const auto bytes = after(frame, 4);
+      return bytes ? Network{Layer::kIp, *bytes} : Network{Layer::kCut, {}};
+    }
+    case kRaw:
+    case kRawBsd:
+    case kRawOpenBsd:
+    case kRawIpv4:
+    case kRawIpv6:
+      return {Layer::kIp, frame};
+    default:
+      return {};
+  }
+}
+
+enum class Found : std::uint8_t { kUdp, kOther, kFragment, kCut };
+
+struct Datagram {
+  std::uint16_t port = 0;
+  Bytes payload;
+};
+
+Found udp_of(Bytes segment, Datagram& datagram) {
+  constexpr std::size_t kHeader = 8;
+  if (segment.size() < kHeader) return Found::kCut;
+  const std::size_t length = big16(segment, 4);
+  if (length < kHeader || length > segment.size()) return Found::kCut;
+  datagram.port = static_cast<std::uint16_t>(big16(segment, 2));
+  datagram.payload = segment.subspan(kHeader, length - kHeader);
+  return Found::kUdp;
+}
+
+Found ipv4_of(Bytes packet, Datagram& datagram) {
+  constexpr std::uint32_t kUdp = 17, kMoreFragments = 0x2000, kOffset = 0x1FFF;
+  constexpr std::size_t kLeast = 20;
+  if (packet.size() < kLeast) return Found::kCut;
+  const std::size_t header = 4 * (std::to_integer<std::size_t>(packet[0]) & 0xF);
+  const std::size_t total = big16(packet, 2);
+  if (header < kLeast || total < header || total > packet.size()) return Found::kCut;
+  if (std::to_integer<std::uint32_t>(packet[9]) != kUdp) return Found::kOther;
+  if ((big16(packet, 6) & (kMoreFragments | kOffset)) != 0) return Found::kFragment;
+  return udp_of(packet.subspan(header, total - header), datagram);
+}
+
+Found ipv6_of(Bytes packet, Datagram& datagram) {
+  constexpr std::uint32_t kUdp = 17, kFragmentHeader = 44;
+  constexpr std::size_t kHeader = 40;
+  if (packet.size() < kHeader) return Found::kCut;
+  const std::size_t length = big16(packet, 4);
+  if (length > packet.size() - kHeader) return Found::kCut;
+  const auto next = std::to_integer<std::uint32_t>(packet[6]);
+  if (next == kFragmentHeader) return Found::kFragment;
+  if (next != kUdp) return Found::kOther;
+  return udp_of(packet.subspan(kHeader, length), datagram);
+}
+
+Found datagram_of(Bytes frame, std::uint32_t link, Datagram& datagram) {
+  const Network network = network_layer(frame, link);
+  if (network.layer == Layer::kCut) return Found::kCut;
+  if (network.layer == Layer::kOther) return Found::kOther;
+  if (network.bytes.empty()) return Found::kCut;
+  const auto version = std::to_integer<std::uint32_t>(network.bytes[0]) >> 4;
+  if (version == 4) return ipv4_of(network.bytes, datagram);
+  if (version == 6) return ipv6_of(network.bytes, datagram);
+  return Found::kOther;
+}
+
+}  // namespace
+
+// The records of the file, whatever its format.
+class PcapReader::Records {
+ public:
+  struct Record {
+    double time = 0.0;
+    std::uint32_t link = 0;
+    bool is_whole = false;
+    Bytes bytes;
+  };
+
+  explicit Records(ByteSource& source) : input_(source) {
+    const std::string_view head = input_.peek(4);
+    if (head.size() < 4) throw FormatError::at_byte(0, "expected a pcap or pcapng file");
+    std::uint32_t magic = 0;
+    for (std::size_t i = 4; i-- > 0;) magic = magic << 8 | static_cast<unsigned char>(head[i]);
+    if (magic == kSection) {
+      is_ng_ = true;
+    } else {
+      read_header(magic);
+    }
+  }
+
+  bool next(Record& record) { return is_ng_ ? next_ng(record) : next_classic(record); }
+
+ private:
+  static constexpr std::uint32_t kMicroseconds = 0xA1B2C3D4, kNanoseconds = 0xA1B23C4D;
+  static constexpr std::uint32_t kSection = 0x0A0D0D0A;  // the same in both byte orders
+
+  static std::uint32_t swapped(std::uint32_t v) {
+    return v >> 24 | (v >> 8 & 0xFF00) | (v << 8 & 0xFF0000) | v << 24;
+  }
+
+  [[nodiscard]] std::uint32_t u32(Bytes bytes, std::size_t at) const {
+    const std::uint32_t big = big16(bytes, at) << 16 | big16(bytes, at + 2);
+    return is_big_ ? big : swapped(big);
+  }
+  [[nodiscard]] std::uint32_t u16(Bytes bytes, std::size_t at) const {
+    const std::uint32_t big = big16(bytes, at);
+    return is_big_ ? big : (big >> 8 | (big << 8 & 0xFF00));
+  }
+
+  Bytes bytes(std::size_t size, const char* what) {
+    return {reinterpret_cast<const std::byte*>(input_.bytes(size, what)), size};
+  }
+
+  void read_header(std::uint32_t magic) {
+    is_big_ = magic == swapped(kMicroseconds) || magic == swapped(kNanoseconds);
+    const std::uint32_t native = is_big_ ? swapped(magic) : magic;
+    if (native != kMicroseconds && native != kNanoseconds) {
+      throw FormatError::at_byte(0, "expected a pcap or pcapng file");
+    }
+    tick_ = native == kNanoseconds ? 1e-9 : 1e-6;
+    const Bytes header = bytes(24, "the header");
+    // The upper half of the link type can hold the length of check sums.
+    constexpr std::uint32_t kLinkMask = 0xFFFF;
+    link_ = u32(header, 20) & kLinkMask;
+  }
+
+  bool next_classic(Record& record) {
+    if (input_.at_end()) return false;
+    const std::int64_t offset = input_.offset();
+    const Bytes header = bytes(16, "the header of a record");
+    record.time = static_cast<double>(u32(header, 0)) + tick_ * static_cast<double>(u32(header, 4));
+    const std::uint32_t stored = u32(header, 8);
+    record.is_whole = stored >= u32(header, 12);
+    record.link = link_;
+    check_length(stored, offset + 8);
+    record.bytes = bytes(stored, "a record");
+    return true;
+  }
+
+  static void check_length(std::size_t length, std::int64_t offset) {
+    if (length <= kLargestRecord) return;
+    throw FormatError::at_byte(offset, "expected records of at most " +
+                                           std::to_string(kLargestRecord) + " bytes, got " +
+                                           std::to_string(length));
+  }
+
+  // draft-ietf-opsawg-pcapng: blocks of (type, length, body, length). A section's first block tells
+  // its byte order.
+  bool next_ng(Record& record) {
+    constexpr std::uint32_t kInterface = 1, kSimple = 3, kEnhanced = 6;
+    while (!input_.at_end()) {
+      const std::int64_t offset = input_.offset();
+      const std::string_view seen = input_.peek(12);
+      if (seen.size() < 12) bytes(12, "a block");  // throws, with the byte
+      const Bytes head{reinterpret_cast<const std::byte*>(seen.data()), seen.size()};
+      if (u32(head, 0) == kSection) start_section(head, offset);
+      const std::uint32_t type = u32(head, 0);
+      const std::uint32_t length = u32(head, 4);
+      if (length < 12 || length % 4 != 0) {
+        throw FormatError::at_byte(
+            offset + 4,
+            "expected a block of 12 bytes or more, a multiple of 4, got " + std::to_string(length));
+      }
+      check_length(length, offset + 4);
+      const Bytes body = bytes(length, "a block").subspan(8, length - 12);
+      if (type == kInterface) add_interface(body, offset);
+      if (type == kEnhanced) return read_enhanced(body, offset, record);
+      if (type == kSimple) return read_simple(body, offset, record);
+    }
+    return false;
+  }
+
+  void start_section(Bytes head, std::int64_t offset) {
+    constexpr std::uint32_t kOrder = 0x1A2B3C4D;
+    is_big_ = true;
+    is_big_ = u32(head, 8) == kOrder;
+    if (u32(head, 8) != kOrder) {
+      throw FormatError::at_byte(offset + 8, "expected the byte order mark 1A2B3C4D");
+    }
+    interfaces_.clear();
+  }
+
+  struct Interface {
+    std::uint32_t link = 0;
+    double tick = 1e-6;
+  };
+
+  [[noreturn]] static void fail_short(std::int64_t offset) {
+    throw FormatError::at_byte(offset, "a block is too short for what it should hold");
+  }
+
+  void add_interface(Bytes body, std::int64_t offset) {
+    constexpr std::size_t kMostInterfaces = 4096;
+    constexpr std::uint32_t kTimeResolution = 9;
+    if (body.size() < 8) fail_short(offset);
+    if (interfaces_.size() == kMostInterfaces) {
+      throw FormatError::at_byte(offset, "more than 4096 interfaces");
+    }
+    Interface added{u16(body, 0), 1e-6};
+    std::size_t at = 8;
+    while (at + 4 <= body.size() && u16(body, at) != 0) {
+      const std::size_t size = u16(body, at + 2);
+      if (size > body.size() - at - 4) fail_short(offset);
+      if (u16(body, at) == kTimeResolution && size >= 1) {
+        const auto exponent = std::to_integer<int>(body[at + 4]);
+        constexpr int kBinary = 0x80;
+        added.tick = std::pow((exponent & kBinary) != 0 ? 2.0 : 10.0, -(exponent & ~kBinary));
+      }
+      at += 4 + (size + 3) / 4 * 4;
+    }
+    interfaces_.push_back(added);
+  }
+
+  bool read_enhanced(Bytes body, std::int64_t offset, Record& record) {
+    constexpr std::size_t kHeader = 20;
+    if (body.size() < kHeader) fail_short(offset);
+    const std::uint32_t index = u32(body, 0);
+    const std::size_t stored = u32(body, 12);
+    if (stored > body.size() - kHeader) fail_short(offset);
+    if (index >= interfaces_.size()) {
+      throw FormatError::at_byte(offset + 8, "no interface " + std::to_string(index));
+    }
+    constexpr double kHigh = 4294967296.0;
+    const double ticks = kHigh * static_cast<double>(u32(body, 4)) + u32(body, 8);
+    record.time = interfaces_[index].tick * ticks;
+    record.link = interfaces_[index].link;
+    record.is_whole = stored >= u32(body, 16);
+    record.bytes = body.subspan(kHeader, stored);
+    return true;
+  }
+
+  bool read_simple(Bytes body, std::int64_t offset, Record& record) {
+    if (body.size() < 4) fail_short(offset);
+    if (interfaces_.empty()) throw FormatError::at_byte(offset, "no interface 0");
+    const std::size_t length = u32(body, 0);
+    record.time = 0.0;  // it has none
+    record.link = interfaces_[0].link;
+    record.is_whole = length <= body.size() - 4;
+    record.bytes = body.subspan(4, std::min(length, body.size() - 4));
+    return true;
+  }
+
+  InputBuffer input_;
+  bool is_ng_ = false;
+  bool is_big_ = false;
+  double tick_ = 1e-6;
+  std::uint32_t link_ = 0;
+  std::vector<Interface> interfaces_;
+};
+
+PcapReader::PcapReader(std::unique_ptr<ByteSource> source)
+    : source_(std::move(source)), records_(std::make_unique<Records>(*source_)) {}
+
+PcapReader::~PcapReader() = default;
+
+bool PcapReader::next(UdpPacket& packet) {
+  Records::Record record;
+  while (records_->next(record)) {
+    ++counters_.packets;
+    Datagram datagram;
+    switch (datagram_of(record.bytes, record.link, datagram)) {
+      case Found::kUdp:
+        ++counters_.udp;
+        packet = {record.time, datagram.port, datagram.payload};
+        return true;
+      case Found::kFragment:
+        ++counters_.fragments;
+        break;
+      case Found::kCut:
+        ++counters_.cut_short;
+        break;
+      case Found::kOther:
+        ++(record.is_whole ? counters_.other : counters_.cut_short);
+        break;
+    }
+  }
+  return false;
+}
+
+}  // namespace manip3d

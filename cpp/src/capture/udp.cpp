@@ -1,0 +1,197 @@
+#include "manip3d/capture/udp.hpp"
+
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+[[noreturn]] void refuse(const std::string& what) {
+  throw DeviceError(what + ": " + std::strerror(errno));
+}
+
+in_addr address_of(const std::string& text, const char* name) {
+  in_addr address{};
+  if (inet_pton(AF_INET, text.c_str(), &address) != 1) {
+    throw InputError(std::string(name) + ": expected an IPv4 address, got '" + text + "'");
+  }
+  return address;
+}
+
+int bound_socket(const UdpOptions& options, std::uint16_t& port) {
+  const int descriptor = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+  if (descriptor < 0) refuse("UDP socket");
+  // As much as the system grants: a second of packets where it grants 8 MiB.
+  const int wanted = 8 << 20, yes = 1;
+  if (setsockopt(descriptor, SOL_SOCKET, SO_RCVBUFFORCE, &wanted, sizeof(wanted)) != 0) {
+    setsockopt(descriptor, SOL_SOCKET, SO_RCVBUF, &wanted, sizeof(wanted));
+  }
+  setsockopt(descriptor, SOL_SOCKET, SO_RXQ_OVFL, &yes, sizeof(yes));
+  setsockopt(descriptor, SOL_SOCKET, SO_TIMESTAMPNS, &yes, sizeof(yes));
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(options.port);
+  address.sin_addr = address_of(options.address, "address");
+  socklen_t size = sizeof(address);
+  auto* generic = reinterpret_cast<sockaddr*>(&address);
+  if (bind(descriptor, generic, size) != 0 || getsockname(descriptor, generic, &size) != 0) {
+    const int reason = errno;
+    close(descriptor);
+    errno = reason;
+    refuse("UDP port " + options.address + ":" + std::to_string(options.port));
+  }
+  port = ntohs(address.sin_port);
+  return descriptor;
+}
+
+struct Arrival {
+  double time = 0.0;
+  std::int64_t dropped = 0;  // by the kernel since the socket was opened; 0: it does not say
+};
+
+// What the kernel notes beside a packet.
+Arrival arrival_of(msghdr& message) {
+  Arrival arrival;
+  for (cmsghdr* c = CMSG_FIRSTHDR(&message); c != nullptr; c = CMSG_NXTHDR(&message, c)) {
+    if (c->cmsg_level != SOL_SOCKET) continue;
+    if (c->cmsg_type == SO_RXQ_OVFL) {
+      std::uint32_t dropped = 0;
+      std::memcpy(&dropped, CMSG_DATA(c), sizeof(dropped));
+      arrival.dropped = dropped;
+    } else if (c->cmsg_type == SCM_TIMESTAMPNS) {
+      timespec time{};
+      std::memcpy(&time, CMSG_DATA(c), sizeof(time));
+      arrival.time = static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+    }
+  }
+  return arrival;
+}
+
+}  // namespace
+
+UdpReceiver::UdpReceiver(const UdpOptions& options) {
+  if (options.ring_packets == 0) throw InputError("ring_packets: expected > 0, got 0");
+  if (!options.sender.empty()) sender_ = address_of(options.sender, "sender").s_addr;
+  slots_.resize(options.ring_packets);
+  bytes_.resize(options.ring_packets * kMaxUdpBytes);
+  socket_ = bound_socket(options, port_);
+  if (pipe(wake_) != 0) {
+    close(socket_);
+    refuse("pipe");
+  }
+}
+
+UdpReceiver::~UdpReceiver() {
+  stop();
+  close(socket_);
+  close(wake_[0]);
+  close(wake_[1]);
+}
+
+void UdpReceiver::start() {
+  const std::lock_guard lock(mutex_);
+  if (running_ || thread_.joinable()) return;
+  running_ = true;
+  thread_ = std::thread(&UdpReceiver::receive, this);
+}
+
+void UdpReceiver::stop() {
+  {
+    const std::lock_guard lock(mutex_);
+    running_ = false;
+  }
+  if (thread_.joinable()) {
+    const char byte = 0;
+    while (write(wake_[1], &byte, 1) < 0 && errno == EINTR) {
+    }
+    thread_.join();
+    char taken = 0;
+    while (::read(wake_[0], &taken, 1) < 0 && errno == EINTR) {
+    }
+  }
+  arrived_.notify_all();
+}
+
+void UdpReceiver::receive() {
+  std::array<std::byte, kMaxUdpBytes> data;
+  alignas(cmsghdr) std::array<char, 256> control;
+  std::array<pollfd, 2> waits{pollfd{socket_, POLLIN, 0}, pollfd{wake_[0], POLLIN, 0}};
+  while (true) {
+    if (poll(waits.data(), waits.size(), -1) < 0 && errno != EINTR) break;
+    if ((waits[1].revents & POLLIN) != 0) break;
+    sockaddr_in from{};
+    iovec piece{data.data(), data.size()};
+    msghdr message{};
+    message.msg_name = &from;
+    message.msg_namelen = sizeof(from);
+    message.msg_iov = &piece;
+    message.msg_iovlen = 1;
+    message.msg_control = control.data();
+    message.msg_controllen = control.size();
+    const ssize_t size = recvmsg(socket_, &message, MSG_DONTWAIT);
+    if (size < 0) continue;  // nothing there, or an ICMP error that does not concern us
+    const Arrival arrival = arrival_of(message);
+    {
+      const std::lock_guard lock(mutex_);
+      counters_.dropped_kernel = std::max(counters_.dropped_kernel, arrival.dropped);
+      if (sender_ != 0 && from.sin_addr.s_addr != sender_) {
+        ++counters_.other_sender;
+      } else if ((message.msg_flags & MSG_TRUNC) != 0) {
+        ++counters_.too_long;
+      } else {
+        put(data.data(), static_cast<std::size_t>(size), arrival.time);
+      }
+    }
+    arrived_.notify_one();
+  }
+  const std::lock_guard lock(mutex_);
+  running_ = false;
+}
+
+void UdpReceiver::put(const std::byte* data, std::size_t size, double time) {
+  if (count_ == slots_.size()) {
+    ++counters_.dropped;
+    return;
+  }
+  const std::size_t slot = (begin_ + count_) % slots_.size();
+  slots_[slot] = {time, size};
+  std::memcpy(bytes_.data() + slot * kMaxUdpBytes, data, size);
+  ++count_;
+  ++counters_.packets;
+}
+
+bool UdpReceiver::read(std::vector<std::byte>& payload, double& time,
+                       std::chrono::milliseconds timeout) {
+  std::unique_lock lock(mutex_);
+  arrived_.wait_for(lock, timeout, [this] { return count_ > 0 || !running_; });
+  if (count_ == 0) return false;
+  const Slot& slot = slots_[begin_];
+  const std::byte* data = bytes_.data() + begin_ * kMaxUdpBytes;
+  payload.assign(data, data + slot.size);
+  time = slot.time;
+  begin_ = (begin_ + 1) % slots_.size();
+  --count_;
+  return true;
+}
+
+bool UdpReceiver::is_running() const {
+  const std::lock_guard lock(mutex_);
+  return running_;
+}
+
+UdpCounters UdpReceiver::counters() const {
+  const std::lock_guard lock(mutex_);
+  return counters_;
+}
+
+}  // namespace manip3d

@@ -1,0 +1,546 @@
+#include "manip3d/capture/velodyne.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <iterator>
+#include <numbers>
+#include <numeric>
+#include <utility>
+
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr std::size_t kBlocks = 12;
+constexpr std::size_t kFirings = 32;  // of a block
+constexpr std::size_t kBlockBytes = 100;
+constexpr std::size_t kPositionPacketBytes = 512;
+constexpr std::uint32_t kFullTurn = 36000;  // 0.01 degrees
+constexpr std::uint32_t kUpperFlag = 0xEEFF;
+constexpr std::uint32_t kLowerFlag = 0xDDFF;
+constexpr std::uint32_t kHour = 3'600'000'000;  // microseconds
+// At 20 turns a second a VLP-16 turns 0.8 degrees from column to column; more is a gap.
+constexpr double kLargestTurn = 200.0;
+
+enum ReturnMode : std::uint8_t { kModeStrongest = 0x37, kModeLast = 0x38, kModeDual = 0x39 };
+
+struct Product {
+  VelodyneModel model;
+  const char* name;
+  std::uint8_t byte;  // 0: the packet does not say
+  std::size_t num_lasers;
+  double column_time_s;  // between blocks of the same return
+  double range_unit_m;
+};
+constexpr Product kProducts[] = {
+    {VelodyneModel::kHdl64e, "hdl64e", 0x00, 64, 0.0, 0.002},
+    {VelodyneModel::kHdl32e, "hdl32e", 0x21, 32, 46.080e-6, 0.002},
+    {VelodyneModel::kVlp16, "vlp16", 0x22, 16, 110.592e-6, 0.002},
+    {VelodyneModel::kVlp32c, "vlp32c", 0x28, 32, 55.296e-6, 0.004},
+};
+
+const Product& product(VelodyneModel model) { return kProducts[static_cast<int>(model)]; }
+
+// Seconds after its block that each firing happens. VLP-16: two rounds of 16 lasers; VLP-32C: two
+// lasers at a time. The HDL-64E's blocks say nothing of it.
+double firing_delay(VelodyneModel model, std::size_t firing) {
+  const auto n = static_cast<double>(firing);
+  switch (model) {
+    case VelodyneModel::kHdl64e:
+      return 0.0;
+    case VelodyneModel::kHdl32e:
+      return 1.152e-6 * n;
+    case VelodyneModel::kVlp16:
+      return firing < 16 ? 2.304e-6 * n : 55.296e-6 + 2.304e-6 * (n - 16.0);
+    case VelodyneModel::kVlp32c:
+      return 2.304e-6 * static_cast<double>(firing / 2);
+  }
+  return 0.0;
+}
+
+// User's manual HDL-32E, appendix on packets: elevation by firing, degrees.
+constexpr std::array<double, 32> kHdl32eElevation = {
+    -30.67, -9.33,  -29.33, -8.00,  -28.00, -6.67,  -26.67, -5.33,  -25.33, -4.00,  -24.00,
+    -2.67,  -22.67, -1.33,  -21.33, 0.00,   -20.00, 1.33,   -18.67, 2.67,   -17.33, 4.00,
+    -16.00, 5.33,   -14.67, 6.67,   -13.33, 8.00,   -12.00, 9.33,   -10.67, 10.67};
+// VLP-16, table of vertical angles by laser, and of vertical corrections in millimetres.
+constexpr std::array<double, 16> kVlp16Elevation = {
+    -15.0, 1.0, -13.0, 3.0, -11.0, 5.0, -9.0, 7.0, -7.0, 9.0, -5.0, 11.0, -3.0, 13.0, -1.0, 15.0};
+constexpr std::array<double, 16> kVlp16Vertical = {11.2, -0.7, 9.7, -2.2, 8.1, -3.7, 6.6, -5.1,
+                                                   5.1,  -6.6, 3.7, -8.1, 2.2, -9.7, 0.7, -11.2};
+// VLP-32C, table of elevation angles and azimuth offsets by laser.
+constexpr std::array<double, 32> kVlp32cElevation = {
+    -25.0,  -1.0,   -1.667, -15.639, -11.31, 0.0,    -0.667, -8.843, -7.254, 0.333,  -0.333,
+    -6.148, -5.333, 1.333,  0.667,   -4.0,   -4.667, 1.667,  1.0,    -3.667, -3.333, 3.333,
+    2.333,  -2.667, -3.0,   7.0,     4.667,  -2.333, -2.0,   15.0,   10.333, -1.333};
+constexpr std::array<double, 32> kVlp32cAzimuth = {
+    1.4, -4.2, 1.4, -1.4, 1.4, -1.4, 4.2, -1.4, 1.4, -4.2, 1.4, -1.4, 4.2, -1.4, 4.2, -1.4,
+    1.4, -4.2, 1.4, -4.2, 4.2, -1.4, 1.4, -1.4, 1.4, -1.4, 1.4, -4.2, 4.2, -1.4, 1.4, -1.4};
+
+struct SinCos {
+  double sine, cosine;
+};
+
+// Of every hundredth of a degree. In long double: glibc has one version of that, whatever the CPU.
+const std::vector<SinCos>& turn_table() {
+  static const std::vector<SinCos> table = [] {
+    std::vector<SinCos> values(kFullTurn + 1);
+    for (std::size_t i = 0; i < values.size(); ++i) {
+      const long double angle =
+          static_cast<long double>(i) * std::numbers::pi_v<long double> / (kFullTurn / 2);
+      values[i] = {static_cast<double>(std::sin(angle)), static_cast<double>(std::cos(angle))};
+    }
+    return values;
+  }();
+  return table;
+}
+
+SinCos sin_cos_deg(double degrees) {
+  const long double angle =
+      static_cast<long double>(degrees) * std::numbers::pi_v<long double> / 180.0L;
+  return {static_cast<double>(std::sin(angle)), static_cast<double>(std::cos(angle))};
+}
+
+// Of an azimuth in [0, 36000): the table, and on from there by less than 0.01 degrees, where the
+// next term of the series is 1e-12.
+SinCos sin_cos(double azimuth) {
+  const auto whole = static_cast<std::size_t>(azimuth);
+  const SinCos& base = turn_table()[whole];
+  const double rest = (azimuth - static_cast<double>(whole)) * (std::numbers::pi / (kFullTurn / 2));
+  const double cosine = 1.0 - 0.5 * rest * rest;
+  return {base.sine * cosine + base.cosine * rest, base.cosine * cosine - base.sine * rest};
+}
+
+double wrapped(double azimuth) {
+  if (azimuth < 0.0) return azimuth + kFullTurn;
+  return azimuth >= kFullTurn ? azimuth - kFullTurn : azimuth;
+}
+
+std::uint32_t forward(std::uint32_t from, std::uint32_t to) {
+  return (to + kFullTurn - from) % kFullTurn;
+}
+
+std::uint32_t read16(std::span<const std::byte> bytes, std::size_t at) {
+  return std::to_integer<std::uint32_t>(bytes[at]) | std::to_integer<std::uint32_t>(bytes[at + 1])
+                                                         << 8;
+}
+
+std::uint32_t read32(std::span<const std::byte> bytes, std::size_t at) {
+  return read16(bytes, at) | read16(bytes, at + 2) << 16;
+}
+
+// Twice a turn of an HDL-64E with two returns.
+constexpr std::size_t kMostReserved = 500'000;
+
+// Calls `f` with every column of points and its values per point.
+template <typename F>
+void for_each_column(VelodyneFrame& frame, F f) {
+  f(frame.points, std::size_t{3});
+  f(frame.intensity, std::size_t{1});
+  f(frame.ring, std::size_t{1});
+  f(frame.laser, std::size_t{1});
+  f(frame.return_type, std::size_t{1});
+  f(frame.azimuth, std::size_t{1});
+  f(frame.range, std::size_t{1});
+  f(frame.time, std::size_t{1});
+}
+
+// A correction of z alone, in terms of offsets along the beam and at right angles to it.
+void raise(LaserCalibration& laser, double height) {
+  const auto [sine, cosine] = sin_cos_deg(laser.elevation_deg);
+  laser.range_offset_m = height * sine;
+  laser.vertical_offset_m = height * cosine;
+}
+
+bool finite(const LaserCalibration& c) {
+  return std::isfinite(c.elevation_deg + c.azimuth_offset_deg + c.range_offset_m +
+                       c.range_offset_x_m + c.range_offset_y_m + c.vertical_offset_m +
+                       c.horizontal_offset_m) &&
+         std::fabs(c.azimuth_offset_deg) <= 180.0;
+}
+
+}  // namespace
+
+const char* velodyne_model_name(VelodyneModel model) { return product(model).name; }
+
+std::optional<VelodyneModel> velodyne_model_of_name(const std::string& name) {
+  for (const Product& p : kProducts) {
+    if (name == p.name) return p.model;
+  }
+  return std::nullopt;
+}
+
+VelodyneCalibration factory_calibration(VelodyneModel model) {
+  VelodyneCalibration calibration;
+  calibration.range_unit_m = product(model).range_unit_m;
+  calibration.lasers.resize(product(model).num_lasers);
+  for (std::size_t i = 0; i < calibration.lasers.size(); ++i) {
+    LaserCalibration& laser = calibration.lasers[i];
+    switch (model) {
+      case VelodyneModel::kHdl64e:
+        throw InputError(
+            "calibration: an HDL-64E needs the file of its own sensor (db.xml or YAML)");
+      case VelodyneModel::kHdl32e:
+        laser.elevation_deg = kHdl32eElevation[i];
+        break;
+      case VelodyneModel::kVlp16:
+        laser.elevation_deg = kVlp16Elevation[i];
+        raise(laser, kVlp16Vertical[i] / 1000.0);
+        break;
+      case VelodyneModel::kVlp32c:
+        laser.elevation_deg = kVlp32cElevation[i];
+        laser.azimuth_offset_deg = kVlp32cAzimuth[i];
+        break;
+    }
+  }
+  return calibration;
+}
+
+struct VelodyneDecoder::Block {
+  bool is_good = false;
+  bool is_lower = false;      // lasers 32 to 63
+  std::uint32_t azimuth = 0;  // 0.01 degrees
+  double turn = 0.0;          // to the next column
+  double time = 0.0;          // seconds after the packet
+  ReturnType type = ReturnType::kUnknown;
+  std::size_t twin = kBlocks;  // the other return of the same firings
+};
+
+struct VelodyneDecoder::Packet {
+  std::array<Block, kBlocks> blocks;
+  double receive_time = 0.0;
+  double sensor_time = 0.0;  // seconds after the hour
+};
+
+VelodyneDecoder::VelodyneDecoder(VelodyneOptions options) : options_(std::move(options)) {
+  if (!(options_.cut_azimuth_deg >= 0.0 && options_.cut_azimuth_deg < 360.0)) {
+    throw InputError("cut_azimuth: expected degrees in [0, 360), got " +
+                     std::to_string(options_.cut_azimuth_deg));
+  }
+  if (!(options_.min_range_m >= 0.0 && options_.max_range_m > options_.min_range_m)) {
+    throw InputError("min_range, max_range: expected 0 <= min_range < max_range, got " +
+                     std::to_string(options_.min_range_m) + " and " +
+                     std::to_string(options_.max_range_m));
+  }
+  if (!(options_.max_points_per_frame > 0)) {
+    throw InputError("max_points_per_frame: expected > 0, got " +
+                     std::to_string(options_.max_points_per_frame));
+  }
+  if (!(options_.calibration.range_unit_m > 0.0 && options_.calibration.range_unit_m < 1.0) ||
+      !std::all_of(options_.calibration.lasers.begin(), options_.calibration.lasers.end(),
+                   finite)) {
+    throw InputError(
+        "calibration: expected finite numbers, azimuth offsets within 180 degrees and a range unit "
+        "in (0, 1) metres");
+  }
+  cut_ = static_cast<std::uint32_t>(options_.cut_azimuth_deg * 100.0 + 0.5) % kFullTurn;
+  reset();
+}
+
+void VelodyneDecoder::reset() {
+  counters_ = {};
+  model_.reset();
+  last_azimuth_.reset();
+  is_open_ = false;
+  turn_ = 0.0;
+  frame_ = {};
+  ended_.clear();
+  if (options_.model) set_model(*options_.model);
+}
+
+void VelodyneDecoder::set_model(VelodyneModel model) {
+  const bool has_own = !options_.calibration.lasers.empty();
+  const VelodyneCalibration calibration =
+      has_own ? options_.calibration : factory_calibration(model);
+  const std::size_t num_lasers = product(model).num_lasers;
+  if (calibration.lasers.size() != num_lasers) {
+    throw InputError("calibration: expected " + std::to_string(num_lasers) + " lasers for " +
+                     product(model).name + ", got " + std::to_string(calibration.lasers.size()));
+  }
+  range_unit_ = calibration.range_unit_m;
+  std::vector<std::size_t> order(num_lasers);
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+    return calibration.lasers[a].elevation_deg > calibration.lasers[b].elevation_deg;
+  });
+  lasers_.resize(num_lasers);
+  for (std::size_t rank = 0; rank < num_lasers; ++rank) {
+    const LaserCalibration& c = calibration.lasers[order[rank]];
+    const SinCos elevation = sin_cos_deg(c.elevation_deg);
+    lasers_[order[rank]] = {elevation.sine,
+                            elevation.cosine,
+                            100.0 * c.azimuth_offset_deg,
+                            c.range_offset_m,
+                            c.range_offset_x_m,
+                            c.range_offset_y_m,
+                            c.vertical_offset_m,
+                            c.horizontal_offset_m,
+                            c.has_two_points,
+                            static_cast<std::uint8_t>(rank)};
+  }
+  column_time_ = product(model).column_time_s;
+  delay_.resize(kFirings);
+  fraction_.resize(kFirings);
+  for (std::size_t i = 0; i < kFirings; ++i) {
+    delay_[i] = firing_delay(model, i);
+    const bool turns = options_.interpolate_azimuth && column_time_ > 0.0;
+    fraction_[i] = turns ? delay_[i] / column_time_ : 0.0;
+  }
+  model_ = model;
+}
+
+bool VelodyneDecoder::identify(std::span<const std::byte> payload) {
+  // The last two bytes of an HDL-64E packet cycle through its status: they name no product.
+  bool has_lower = false;
+  for (std::size_t b = 0; b < kBlocks; ++b) {
+    has_lower = has_lower || read16(payload, b * kBlockBytes) == kLowerFlag;
+  }
+  const auto byte = std::to_integer<std::uint8_t>(payload[kVelodynePacketBytes - 1]);
+  const auto* known = std::find_if(std::begin(kProducts), std::end(kProducts), [&](const auto& p) {
+    return has_lower ? p.model == VelodyneModel::kHdl64e : p.byte != 0 && p.byte == byte;
+  });
+  if (model_ == VelodyneModel::kHdl64e) return true;  // asked for, or seen before
+  if (known == std::end(kProducts)) {
+    ++counters_.unknown_product;
+    return false;
+  }
+  if (!model_) set_model(known->model);
+  if (*model_ == known->model) return true;
+  ++counters_.other_product;
+  return false;
+}
+
+void VelodyneDecoder::read_packet(std::span<const std::byte> payload, Packet& packet) {
+  const bool is_hdl64e = model_ == VelodyneModel::kHdl64e;
+  for (std::size_t b = 0; b < kBlocks; ++b) {
+    Block& block = packet.blocks[b];
+    const std::uint32_t flag = read16(payload, b * kBlockBytes);
+    block.azimuth = read16(payload, b * kBlockBytes + 2);
+    block.is_lower = flag == kLowerFlag;
+    const bool good_flag = flag == kUpperFlag || (is_hdl64e && block.is_lower);
+    block.is_good = good_flag && block.azimuth < kFullTurn;
+    if (!good_flag) {
+      ++counters_.bad_block_flag;
+    } else if (!block.is_good) {
+      ++counters_.bad_azimuth;
+    }
+  }
+  const std::uint32_t microseconds = read32(payload, kBlocks * kBlockBytes);
+  if (microseconds >= kHour) ++counters_.bad_time;
+  packet.sensor_time = 1e-6 * static_cast<double>(microseconds);
+}
+
+// Which return each block holds, and which block holds the other one: VLP and HDL-32E send the last
+// return, then the strongest; the HDL-64E upper and lower block of one, then of the other, known by
+// their equal azimuths.
+void VelodyneDecoder::read_returns(Packet& packet, std::span<const std::byte> payload) {
+  auto& blocks = packet.blocks;
+  const auto mode = std::to_integer<std::uint8_t>(payload[kVelodynePacketBytes - 2]);
+  const bool is_hdl64e = model_ == VelodyneModel::kHdl64e;
+  bool is_dual = mode == kModeDual;
+  if (is_hdl64e) {
+    is_dual = true;
+    for (std::size_t b = 0; b < kBlocks; ++b) {
+      is_dual = is_dual && blocks[b].azimuth == blocks[b - b % 4].azimuth;
+    }
+  }
+  const std::size_t step = is_hdl64e ? 2 : 1;  // from a block to its twin
+  for (std::size_t b = 0; b < kBlocks; ++b) {
+    Block& block = blocks[b];
+    const bool is_second = is_dual && (b / step) % 2 == 1;
+    if (is_dual) {
+      block.twin = is_second ? b - step : b + step;
+      block.type = is_second == is_hdl64e ? ReturnType::kLast : ReturnType::kStrongest;
+    } else if (!is_hdl64e) {
+      block.type = mode == kModeStrongest ? ReturnType::kStrongest : ReturnType::kLast;
+    }
+    const std::size_t column = is_dual ? b / 2 : b;
+    block.time = column_time_ * static_cast<double>(column);
+  }
+  const std::size_t next = is_dual ? 2 : 1;
+  for (std::size_t b = 0; b < kBlocks && column_time_ > 0.0; ++b) {
+    if (b + next < kBlocks && blocks[b].is_good && blocks[b + next].is_good) {
+      const double turn = forward(blocks[b].azimuth, blocks[b + next].azimuth);
+      if (turn <= kLargestTurn) turn_ = turn;
+    }
+    blocks[b].turn = turn_;
+  }
+}
+
+void VelodyneDecoder::decode(std::span<const std::byte> payload, double receive_time) {
+  if (payload.size() == kPositionPacketBytes) {
+    ++counters_.position_packets;
+    return;
+  }
+  if (payload.size() != kVelodynePacketBytes) {
+    ++counters_.bad_length;
+    return;
+  }
+  if (!identify(payload)) return;
+  const auto mode = std::to_integer<std::uint8_t>(payload[kVelodynePacketBytes - 2]);
+  const bool says_mode = model_ != VelodyneModel::kHdl64e;
+  if (says_mode && mode != kModeStrongest && mode != kModeLast && mode != kModeDual) {
+    ++counters_.unknown_return_mode;
+    return;
+  }
+  Packet packet;
+  packet.receive_time = receive_time;
+  read_packet(payload, packet);
+  read_returns(packet, payload);
+  const bool some = std::any_of(packet.blocks.begin(), packet.blocks.end(),
+                                [](const Block& block) { return block.is_good; });
+  if (some) ++counters_.packets;
+  bool is_first = true;
+  for (std::size_t b = 0; b < kBlocks; ++b) {
+    if (!packet.blocks[b].is_good) continue;
+    advance(packet.blocks[b].azimuth, packet, is_first);
+    is_first = false;
+    decode_block(packet, b, payload);
+  }
+}
+
+// Ends the frame where the azimuth passes the cut. Turning back ends nothing: packets may come out
+// of order.
+void VelodyneDecoder::advance(std::uint32_t azimuth, const Packet& packet, bool is_first) {
+  bool at_cut = false;
+  if (last_azimuth_) {
+    if (forward(*last_azimuth_, azimuth) >= kFullTurn / 2) {
+      ++counters_.backward_azimuth;
+    } else {
+      at_cut = forward(cut_, azimuth) < forward(cut_, *last_azimuth_);
+    }
+  }
+  last_azimuth_ = azimuth;
+  const bool is_overlong = frame_.num_points() >= options_.max_points_per_frame;
+  if (is_open_ && is_overlong) ++counters_.overlong_frames;
+  if (is_open_ && (at_cut || is_overlong)) end_frame(at_cut);
+  if (is_open_) {
+    frame_.packets += is_first ? 1 : 0;
+  } else {
+    begin_frame(packet, at_cut);
+  }
+}
+
+void VelodyneDecoder::begin_frame(const Packet& packet, bool at_cut) {
+  frame_ = {};
+  frame_.model = *model_;
+  frame_.packets = 1;
+  frame_.receive_time = packet.receive_time;
+  frame_.sensor_time = packet.sensor_time;
+  frame_time_ = packet.sensor_time;
+  for_each_column(
+      frame_, [this](auto& column, std::size_t width) { column.reserve(width * capacity_hint_); });
+  is_open_ = true;
+  began_at_cut_ = at_cut;
+}
+
+void VelodyneDecoder::end_frame(bool at_cut) {
+  frame_.is_complete = began_at_cut_ && at_cut;
+  // Frames are much alike; those that are not give back what was reserved for them.
+  const auto size = static_cast<std::size_t>(frame_.num_points());
+  if (size < capacity_hint_ / 2) {
+    for_each_column(frame_, [](auto& column, std::size_t) { column.shrink_to_fit(); });
+  }
+  capacity_hint_ = std::min(size + size / 16, kMostReserved);
+  ++counters_.frames;
+  ended_.push_back(std::move(frame_));
+  frame_ = {};
+  is_open_ = false;
+}
+
+void VelodyneDecoder::decode_block(const Packet& packet, std::size_t index,
+                                   std::span<const std::byte> payload) {
+  const Block& block = packet.blocks[index];
+  const bool has_twin = block.twin < kBlocks && packet.blocks[block.twin].is_good &&
+                        packet.blocks[block.twin].is_lower == block.is_lower;
+  const std::size_t base = index * kBlockBytes + 4;
+  const std::size_t twin_base = has_twin ? block.twin * kBlockBytes + 4 : base;
+  constexpr double kHourSeconds = 3600.0;
+  double packet_time = packet.sensor_time - frame_time_;
+  if (packet_time < -kHourSeconds / 2.0) packet_time += kHourSeconds;  // the hour struck
+  for (std::size_t i = 0; i < kFirings; ++i) {
+    const std::size_t at = base + 3 * i;
+    const std::uint32_t raw_range = read16(payload, at);
+    if (raw_range == 0) {
+      ++counters_.no_return;
+      continue;
+    }
+    ReturnType type = block.type;
+    const auto reflectivity = std::to_integer<std::uint8_t>(payload[at + 2]);
+    if (has_twin) {
+      const std::size_t other = twin_base + 3 * i;
+      const bool equal =
+          read16(payload, other) == raw_range && payload[other + 2] == payload[at + 2];
+      if (equal && block.twin < index) {
+        ++counters_.duplicates;
+        continue;
+      }
+      if (equal) type = ReturnType::kBoth;
+    }
+    std::size_t number = block.is_lower ? kFirings + i : i;
+    if (number >= lasers_.size()) number -= lasers_.size();  // VLP-16's second round
+    const double turned = static_cast<double>(block.azimuth) + block.turn * fraction_[i];
+    add_point(lasers_[number], static_cast<std::uint8_t>(number), turned, raw_range, reflectivity,
+              type, packet_time + block.time + delay_[i]);
+  }
+}
+
+// HDL-64E S2 manual, appendix on the conversion of raw data: range offsets known at two distances
+// are interpolated along x and along y; offsets of the laser are at right angles to its beam.
+void VelodyneDecoder::add_point(const Laser& laser, std::uint8_t number, double azimuth,
+                                std::uint32_t raw_range, std::uint8_t reflectivity, ReturnType type,
+                                double time) {
+  const double range = range_unit_ * static_cast<double>(raw_range);
+  if (!(range >= options_.min_range_m && range <= options_.max_range_m)) {
+    ++counters_.out_of_range;
+    return;
+  }
+  const double pointed = wrapped(azimuth + laser.azimuth_offset);
+  const auto [sine, cosine] = sin_cos(pointed);
+  const double corrected = range + laser.range_offset;
+  const double lift = laser.vertical_offset * laser.sin_elevation;
+  double range_x = corrected;  // x to the right, y ahead: the manual's axes
+  double range_y = corrected;
+  if (laser.has_two_points) {
+    const double flat = corrected * laser.cos_elevation - lift;
+    const double x = std::fabs(flat * sine - laser.horizontal_offset * cosine);
+    const double y = std::fabs(flat * cosine + laser.horizontal_offset * sine);
+    range_x = range + (laser.range_offset - laser.range_offset_x) * (x - 2.4) / (25.04 - 2.4) +
+              laser.range_offset_x;
+    range_y = range + (laser.range_offset - laser.range_offset_y) * (y - 1.93) / (25.04 - 1.93) +
+              laser.range_offset_y;
+  }
+  const double right =
+      (range_x * laser.cos_elevation - lift) * sine - laser.horizontal_offset * cosine;
+  const double ahead =
+      (range_y * laser.cos_elevation - lift) * cosine + laser.horizontal_offset * sine;
+  const double up = range_y * laser.sin_elevation + laser.vertical_offset * laser.cos_elevation;
+  const float xyz[3] = {static_cast<float>(ahead), static_cast<float>(-right),
+                        static_cast<float>(up)};
+  frame_.points.insert(frame_.points.end(), std::begin(xyz), std::end(xyz));
+  frame_.intensity.push_back(static_cast<float>(reflectivity));
+  frame_.ring.push_back(laser.ring);
+  frame_.laser.push_back(number);
+  frame_.return_type.push_back(static_cast<std::uint8_t>(type));
+  const auto degrees = static_cast<float>(0.01 * pointed);
+  frame_.azimuth.push_back(degrees < 360.0F ? degrees : 0.0F);
+  frame_.range.push_back(static_cast<float>(range));
+  frame_.time.push_back(static_cast<float>(time));
+  ++counters_.points;
+}
+
+bool VelodyneDecoder::take(VelodyneFrame& frame) {
+  if (ended_.empty()) return false;
+  frame = std::move(ended_.front());
+  ended_.pop_front();
+  return true;
+}
+
+void VelodyneDecoder::flush() {
+  if (is_open_) end_frame(false);
+}
+
+}  // namespace manip3d

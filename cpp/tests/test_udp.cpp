@@ -1,0 +1,111 @@
+#include <arpa/inet.h>
+#include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <cstring>
+#include <thread>
+#include <vector>
+
+#include "manip3d/capture/udp.hpp"
+#include "manip3d/capture/velodyne_source.hpp"
+
+// Also run under the thread sanitizer: one thread receives, one sends, one reads.
+namespace manip3d {
+namespace {
+
+using std::chrono::milliseconds;
+
+void send_numbers(std::uint16_t port, int count, milliseconds pause) {
+  const int descriptor = socket(AF_INET, SOCK_DGRAM, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(port);
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  for (int i = 0; i < count; ++i) {
+    sendto(descriptor, &i, sizeof(i), 0, reinterpret_cast<sockaddr*>(&address), sizeof(address));
+    if (i % 16 == 15) std::this_thread::sleep_for(pause);
+  }
+  close(descriptor);
+}
+
+UdpOptions any_port(std::size_t ring_packets = 16384) {
+  UdpOptions options;
+  options.port = 0;
+  options.ring_packets = ring_packets;
+  return options;
+}
+
+TEST(UdpReceiver, PacketsComeInOrder) {
+  constexpr int kCount = 2000;
+  UdpReceiver receiver(any_port(64));
+  receiver.start();
+  std::thread sender(send_numbers, receiver.port(), kCount, milliseconds(2));
+  std::vector<std::byte> payload;
+  double time = 0.0;
+  std::int64_t received = 0;
+  int last = -1;
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+  while (last + 1 < kCount && std::chrono::steady_clock::now() < deadline) {
+    if (!receiver.read(payload, time, milliseconds(20))) continue;
+    int number = 0;
+    ASSERT_EQ(payload.size(), sizeof(number));
+    std::memcpy(&number, payload.data(), sizeof(number));
+    ASSERT_GT(number, last);
+    last = number;
+    ++received;
+  }
+  sender.join();
+  receiver.stop();
+  const UdpCounters counters = receiver.counters();
+  EXPECT_EQ(counters.packets, received);
+  EXPECT_EQ(received + counters.dropped + counters.dropped_kernel, kCount);
+}
+
+TEST(UdpReceiver, StartsAndStopsManyTimes) {
+  UdpReceiver receiver(any_port(4));
+  std::vector<std::byte> payload;
+  double time = 0.0;
+  for (int i = 0; i < 20; ++i) {
+    receiver.start();
+    EXPECT_TRUE(receiver.is_running());
+    receiver.stop();
+    receiver.stop();
+    EXPECT_FALSE(receiver.is_running());
+    EXPECT_FALSE(receiver.read(payload, time, milliseconds(0)));
+  }
+}
+
+TEST(UdpReceiver, StopEndsAWaitingRead) {
+  UdpReceiver receiver(any_port(4));
+  receiver.start();
+  std::thread stopper([&] {
+    std::this_thread::sleep_for(milliseconds(20));
+    receiver.stop();
+  });
+  std::vector<std::byte> payload;
+  double time = 0.0;
+  EXPECT_FALSE(receiver.read(payload, time, std::chrono::minutes(10)));
+  stopper.join();
+}
+
+TEST(VelodyneUdpSource, CountersMayBeReadMeanwhile) {
+  VelodyneUdpSource source(any_port(64));
+  source.start();
+  EXPECT_TRUE(source.capabilities().is_live);
+  std::thread sender(send_numbers, source.port(), 200, milliseconds(1));
+  VelodyneFrame frame;
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+  while (source.udp_counters().packets < 200 && std::chrono::steady_clock::now() < deadline) {
+    EXPECT_EQ(source.read(frame, milliseconds(5)), ReadStatus::kTimeout);
+  }
+  sender.join();
+  source.stop();
+  EXPECT_EQ(source.read(frame, milliseconds(0)), ReadStatus::kEnd);
+  EXPECT_EQ(source.counters().bad_length, source.udp_counters().packets);
+}
+
+}  // namespace
+}  // namespace manip3d

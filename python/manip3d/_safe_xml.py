@@ -1,0 +1,77 @@
+"""XML without the traps: no entities, no external files, bounded size and depth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+from manip3d.errors import FormatError
+
+MOST_BYTES = 16 << 20
+_MOST_DEPTH = 64
+
+
+def parse_xml(path: Path) -> Element:
+    """The root element of a file.
+
+    Raises
+    ------
+    FormatError
+        Not well-formed, larger than 16 MiB, nested deeper than 64, or it declares entities.
+    """
+    file = str(path)
+    data = bounded_bytes(path, MOST_BYTES)
+    builder = TreeBuilder()
+    parser = expat.ParserCreate()
+    depth = 0
+
+    def fail(reason: str) -> FormatError:
+        return FormatError(reason, file=file, line=parser.CurrentLineNumber)
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > _MOST_DEPTH:
+            raise fail(f"elements nested deeper than {_MOST_DEPTH}")
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    def refuse(*_: Any) -> int:
+        raise fail("entities are refused")
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.CharacterDataHandler = builder.data
+    parser.EntityDeclHandler = refuse
+    parser.ExternalEntityRefHandler = refuse
+    parser.buffer_text = True
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        raise FormatError(
+            f"not well-formed XML: {expat.ErrorString(error.code)}", file=file, line=error.lineno
+        ) from None
+    return builder.close()
+
+
+def bounded_bytes(path: Path, most: int) -> bytes:
+    """The bytes of a file of at most so many.
+
+    Raises
+    ------
+    FormatError
+        There are more.
+    """
+    with path.open("rb") as stream:
+        data = stream.read(most + 1)
+    if len(data) > most:
+        raise FormatError(
+            f"expected at most {most} bytes, got more", file=str(path), byte_offset=most
+        )
+    return data

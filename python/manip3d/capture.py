@@ -1,0 +1,287 @@
+"""Frames out of sensors and recordings: ``open("pcap:FILE")``, ``open("velodyne:2368")``.
+
+A source is iterated; each item is a `manip3d.LidarFrame`. What was seen and what was refused is in
+its ``counters``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from manip3d import _core
+from manip3d.errors import InputError
+from manip3d.lidar import LidarFrame, ScanFormat
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = [
+    "RETURN_TYPES",
+    "LidarSource",
+    "VelodyneCalibration",
+    "open",
+    "read_velodyne_calibration",
+]
+
+RETURN_TYPES: tuple[str, ...] = ("unknown", "strongest", "last", "both")
+"""What the values of ``fields["return_type"]`` mean; both: the last return is the strongest."""
+
+DEFAULT_PORT = 2368
+_POLL_MS = 100  # how long a wait goes on before Python looks for Ctrl-C
+
+
+@dataclass(frozen=True, eq=False)
+class VelodyneCalibration:
+    """Where each laser looks and what its ranges need, in the terms of the HDL-64E's db.xml.
+
+    Attributes
+    ----------
+    elevation, azimuth_offset : (L,) float64
+        Degrees; the offset is added to the rotor's azimuth, clockwise from above.
+    range_offset : (L,) float64
+        Metres, added to every range; at 25.04 m for lasers with ``two_points``.
+    two_points : (L,) bool
+        Lasers with offsets measured at two distances.
+    range_offset_x, range_offset_y : (L,) float64
+        Metres, at 2.4 m along x and at 1.93 m along y.
+    vertical_offset, horizontal_offset : (L,) float64
+        Of the laser, metres, at right angles to its beam.
+    range_unit : float
+        Metres.
+    """
+
+    elevation: NDArray[np.float64]
+    azimuth_offset: NDArray[np.float64]
+    range_offset: NDArray[np.float64]
+    two_points: NDArray[np.bool_]
+    range_offset_x: NDArray[np.float64]
+    range_offset_y: NDArray[np.float64]
+    vertical_offset: NDArray[np.float64]
+    horizontal_offset: NDArray[np.float64]
+    range_unit: float = 0.002
+
+    def table(self) -> NDArray[np.float64]:
+        """(L, 8) float64: the attributes as columns, in their order."""
+        columns = [
+            self.elevation,
+            self.azimuth_offset,
+            self.range_offset,
+            self.two_points,
+            self.range_offset_x,
+            self.range_offset_y,
+            self.vertical_offset,
+            self.horizontal_offset,
+        ]
+        return np.ascontiguousarray(np.column_stack(columns), np.float64)
+
+
+def read_velodyne_calibration(path: str | os.PathLike[str]) -> VelodyneCalibration:
+    """Read an HDL-64E's calibration: Velodyne's ``db.xml``, or the YAML that ROS makes of it.
+
+    Raises
+    ------
+    FormatError
+        The file is damaged or hostile (entities are refused), or a laser is missing.
+    MissingExtraError
+        PyYAML is not installed and the file is YAML: ``pip install 'manip3d[velodyne]'``.
+    """
+    from manip3d._velodyne_calibration import read
+
+    return VelodyneCalibration(**read(Path(path)))
+
+
+class LidarSource:
+    """Frames one after the other; made by `open`.
+
+    Attributes
+    ----------
+    uri : str
+    counters : dict of str to int
+        What was seen and refused so far; every firing of a good block is exactly one of
+        ``points``, ``no_return``, ``duplicates`` and ``out_of_range``.
+    """
+
+    def __init__(self, uri: str, source: Any, *, live: bool) -> None:
+        self.uri = uri
+        self.is_live = live
+        self._source = source
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """What was seen and refused so far."""
+        found: dict[str, int] = self._source.counters()
+        return found
+
+    @property
+    def port(self) -> int:
+        """The UDP port that a live source listens on."""
+        if not self.is_live:
+            raise InputError(f"port: {self.uri} is a recording")
+        return int(self._source.port())
+
+    def read(self, timeout: float | None = None) -> LidarFrame | None:
+        """The next frame.
+
+        Parameters
+        ----------
+        timeout : float, optional
+            Seconds to wait for a live source; without it until there is one.
+
+        Returns
+        -------
+        LidarFrame or None
+            None: the recording ends, the source was stopped, or the time is over.
+        """
+        waited = 0.0
+        while timeout is None or waited <= timeout:
+            left = _POLL_MS if timeout is None else min(_POLL_MS, (timeout - waited) * 1000)
+            fields = self._source.read(max(1, round(left)))
+            if isinstance(fields, Mapping):
+                return _to_frame(dict(fields), self.uri)
+            if not fields:
+                return None
+            waited += left / 1000
+            if left <= 0:
+                break
+        return None
+
+    def stop(self) -> None:
+        """End a live source's thread; what it has collected can still be read."""
+        if self.is_live:
+            self._source.stop()
+
+    def __iter__(self) -> Iterator[LidarFrame]:
+        while (frame := self.read()) is not None:
+            yield frame
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    def __repr__(self) -> str:
+        return f"<manip3d.capture.LidarSource: {self.uri}>"
+
+
+def open(
+    uri: str,
+    *,
+    model: str | None = None,
+    calibration: VelodyneCalibration | str | os.PathLike[str] | None = None,
+    cut_azimuth: float = 0.0,
+    interpolate_azimuth: bool = True,
+    min_range: float = 0.0,
+    max_range: float = 1000.0,
+    sender: str | None = None,
+    ring_packets: int = 16384,
+    max_bytes: int | None = None,
+) -> LidarSource:
+    """Open a recording or a live sensor (Velodyne HDL-64E, HDL-32E, VLP-16, VLP-32C).
+
+    Parameters
+    ----------
+    uri : str
+        ``pcap:FILE`` (pcap or pcapng, also ``.gz`` and ``.xz``), or
+        ``velodyne:[ADDRESS:]PORT``, which listens on an address of this machine (127.0.0.1;
+        0.0.0.0 for a sensor on the network; port 2368; 0: a free one).
+    model : str, optional
+        ``hdl64e``, ``hdl32e``, ``vlp16`` or ``vlp32c``; without it the first packet says.
+    calibration : VelodyneCalibration or path, optional
+        An HDL-64E needs it (see `read_velodyne_calibration`); without it the model's own table.
+    cut_azimuth : float
+        A frame ends where the azimuth passes this angle, degrees in [0, 360), clockwise from
+        above, 0 ahead.
+    interpolate_azimuth : bool
+        Turn the azimuth on with the time of each firing in a block.
+    min_range, max_range : float, metres
+        Other returns are left out, and counted.
+    sender : str, optional
+        Take packets from this address only (live).
+    ring_packets : int
+        Packets that wait to be read before more are dropped, and counted (live).
+    max_bytes : int, optional
+        The most uncompressed bytes to read of a recording.
+
+    Returns
+    -------
+    LidarSource
+        Its frames have x forward, y left, z up, metres; ``intensity`` 0 to 255 as sent; ``ring``
+        0 the highest laser; ``fields``: ``laser`` (number in the packet), ``azimuth`` (degrees),
+        ``range`` (metres, as sent), ``time`` (seconds after ``timestamp``), ``return_type`` (see
+        `RETURN_TYPES`). ``timestamp`` is when the frame's first packet was received. ``format``
+        tells the model, the sensor's own time and whether the turn is complete.
+
+    Raises
+    ------
+    InputError
+        An unknown scheme, an option out of range, an HDL-64E without calibration (when read).
+    FormatError
+        The recording is damaged.
+    DeviceError
+        The port is taken.
+    """
+    if isinstance(calibration, str | os.PathLike):
+        calibration = read_velodyne_calibration(calibration)
+    options = _core.VelodyneOptions(
+        model=model or "",
+        lasers=np.empty((0, 8)) if calibration is None else calibration.table(),
+        range_unit=0.002 if calibration is None else calibration.range_unit,
+        cut_azimuth=cut_azimuth,
+        interpolate_azimuth=interpolate_azimuth,
+        min_range=min_range,
+        max_range=max_range,
+    )
+    scheme, colon, rest = uri.partition(":")
+    if colon and scheme == "pcap":
+        from manip3d._scan_files import byte_limit
+
+        limit = byte_limit(max_bytes)
+        return LidarSource(
+            uri, _core.VelodynePcapSource(os.fsencode(rest), options, -1, limit), live=False
+        )
+    if colon and scheme == "velodyne":
+        address, port = _address(rest)
+        if not 0 < ring_packets <= 1 << 20:
+            raise InputError(f"ring_packets: expected 1 to {1 << 20}, got {ring_packets}")
+        source = _core.VelodyneUdpSource(address, port, sender or "", ring_packets, options)
+        source.start()
+        return LidarSource(uri, source, live=True)
+    raise InputError(f"uri: expected pcap:FILE or velodyne:[ADDRESS:]PORT, got {uri!r}")
+
+
+def _address(text: str) -> tuple[str, int]:
+    address, colon, port = text.rpartition(":")
+    number = -1
+    with contextlib.suppress(ValueError):
+        number = int(port) if port else DEFAULT_PORT
+    if not 0 <= number < 1 << 16:
+        raise InputError(f"uri: expected a port from 0 to 65535, got {port!r}")
+    return (address if colon else "127.0.0.1"), number
+
+
+def _to_frame(fields: dict[str, Any], uri: str) -> LidarFrame:
+    header = {key: fields.pop(key) for key in ("model", "sensor_time", "packets", "is_complete")}
+    return LidarFrame(
+        points=fields.pop("points").reshape(-1, 3),
+        intensity=fields.pop("intensity"),
+        timestamp=fields.pop("receive_time"),
+        ring=fields.pop("ring"),
+        origin=(0.0, 0.0, 0.0),
+        source=uri,
+        fields=fields,
+        format=ScanFormat("velodyne", header=header),
+    )

@@ -1,0 +1,296 @@
+"""Velodyne packets: positions, frames, returns, and exact counts of what is refused."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from manip3d import InputError, LidarFrame, capture
+from manip3d.capture import RETURN_TYPES
+from velodyne_packets import (
+    DUAL,
+    LAST,
+    LOWER,
+    PRODUCT,
+    STRONGEST,
+    Block,
+    block,
+    ethernet,
+    hdl64e_calibration,
+    packet,
+    pcap,
+    ray_points,
+    udp_frame,
+)
+
+PER_COLUMN = {"hdl32e": 46.080e-6, "vlp16": 110.592e-6, "vlp32c": 55.296e-6}
+
+
+def decode(
+    tmp_path: Path, payloads: Sequence[bytes], **options: Any
+) -> tuple[list[LidarFrame], dict[str, int]]:
+    path = tmp_path / "p.pcap"
+    path.write_bytes(pcap(ethernet(udp_frame(data)) for data in payloads))
+    source = capture.open(f"pcap:{path}", **options)
+    return list(source), source.counters
+
+
+def turning(model: str, azimuths: Sequence[int], raw: int = 1000, mode: int = STRONGEST) -> bytes:
+    blocks = [block(a, [raw] * 32) for a in azimuths]
+    return packet(blocks, mode=mode, product=PRODUCT[model])
+
+
+def firings(counters: dict[str, int]) -> int:
+    return sum(counters[k] for k in ("points", "no_return", "duplicates", "out_of_range"))
+
+
+@pytest.mark.parametrize(
+    ("model", "unit", "firing", "elevation", "offset", "delay"),
+    [
+        ("hdl32e", 0.002, 0, -30.67, 0.0, 0.0),
+        ("hdl32e", 0.002, 31, 10.67, 0.0, 31 * 1.152e-6),
+        ("vlp32c", 0.004, 3, -15.639, -1.4, 2.304e-6),
+        ("vlp32c", 0.004, 14, 0.667, 4.2, 7 * 2.304e-6),
+        ("vlp16", 0.002, 1, 1.0, 0.0, 2.304e-6),
+        ("vlp16", 0.002, 30, -1.0, 0.0, 55.296e-6 + 14 * 2.304e-6),
+    ],
+)
+def test_one_return(
+    tmp_path: Path, model: str, unit: float, firing: int, elevation: float, offset: float,
+    delay: float,
+) -> None:  # fmt: skip
+    ranges = [0] * 32
+    ranges[firing] = 2500
+    blocks = [block(9000 + 20 * b, ranges if b == 4 else [0] * 32) for b in range(12)]
+    (frame,), counters = decode(tmp_path, [packet(blocks, product=PRODUCT[model])])
+    azimuth = 90.8 + 0.2 * delay / PER_COLUMN[model] + offset
+    r = 2500 * unit
+    flat = r * np.cos(np.radians(elevation))
+    z = r * np.sin(np.radians(elevation))
+    z += {1: -0.0007, 30: 0.0007}[firing] if model == "vlp16" else 0.0  # the manual's table
+    expected = [flat * np.cos(np.radians(azimuth)), -flat * np.sin(np.radians(azimuth)), z]
+    np.testing.assert_allclose(frame.points, [expected], atol=1e-6)
+    assert frame.fields["azimuth"][0] == pytest.approx(azimuth, abs=1e-4)
+    assert frame.fields["range"][0] == pytest.approx(r, abs=1e-6)
+    assert frame.fields["time"][0] == pytest.approx(4 * PER_COLUMN[model] + delay, abs=1e-9)
+    assert frame.fields["laser"][0] == firing % (16 if model == "vlp16" else 32)
+    assert frame.intensity is not None
+    assert frame.intensity[0] == 7 + firing
+    assert frame.format is not None
+    assert frame.format.header["model"] == model
+    assert frame.timestamp == 1000.0
+    assert firings(counters) == 12 * 32
+    assert (counters["packets"], counters["points"]) == (1, 1)
+
+
+def test_rings_count_from_the_highest_laser_down(tmp_path: Path) -> None:
+    (frame,), _ = decode(tmp_path, [turning("hdl32e", range(0, 240, 20))])
+    assert frame.ring is not None
+    order = np.argsort(frame.ring[:32])
+    assert np.all(np.diff(frame.points[order, 2]) < 0)
+    assert sorted(frame.ring[:32].tolist()) == list(range(32))
+
+
+def test_frames_end_where_the_azimuth_passes_the_cut(tmp_path: Path) -> None:
+    turns = [
+        turning("hdl32e", [a + 100 * b for b in range(12)]) for a in range(30000, 110000, 1200)
+    ]
+    frames, counters = decode(tmp_path, turns)
+    assert [f.format.header["is_complete"] for f in frames] == [False, True, True, False]  # type: ignore[union-attr]
+    assert sum(f.num_points for f in frames) == counters["points"] == len(turns) * 384
+    for frame in frames:
+        assert np.all(np.diff(frame.fields["azimuth"][::32]) > 0)
+    assert [f.fields["azimuth"].min() for f in frames[1:]] == [0.0, 0.0, 0.0]
+    halves, _ = decode(tmp_path, turns, cut_azimuth=180.0)
+    assert [f.fields["azimuth"][0] for f in halves[1:]] == [180.0, 180.0]
+    assert counters["frames"] == len(frames)
+
+
+def test_dual_returns(tmp_path: Path) -> None:
+    last = [1000, 2000, 0, 500] + [0] * 28
+    strongest = [1000, 1500, 700, 0] + [0] * 28
+    blocks: list[Block] = []
+    for column in range(6):
+        blocks += [block(100 * column, last), block(100 * column, strongest)]
+    (frame,), counters = decode(tmp_path, [packet(blocks, mode=DUAL)])
+    kinds = [RETURN_TYPES[k] for k in frame.fields["return_type"]]
+    ranges = np.round(frame.fields["range"] * 500).astype(int).tolist()
+    assert list(zip(kinds, ranges, strict=True))[:5] == [
+        ("both", 1000), ("last", 2000), ("last", 500), ("strongest", 1500), ("strongest", 700),
+    ]  # fmt: skip
+    assert counters["points"] == 6 * 5
+    assert counters["duplicates"] == 6
+    # Both blocks of a column were fired at once.
+    assert np.ptp(frame.fields["time"][[1, 3]]) == 0.0
+
+
+@pytest.mark.parametrize(("mode", "kind"), [(STRONGEST, "strongest"), (LAST, "last")])
+def test_single_returns_are_named(tmp_path: Path, mode: int, kind: str) -> None:
+    (frame,), _ = decode(tmp_path, [turning("vlp16", range(0, 480, 40), mode=mode)])
+    assert {RETURN_TYPES[k] for k in frame.fields["return_type"]} == {kind}
+
+
+def hdl64e_packets(raw: np.ndarray, azimuths: np.ndarray) -> list[bytes]:
+    """Packets of upper and lower blocks by turns; ``raw`` is (columns, 64)."""
+    packets = []
+    for start in range(0, len(azimuths), 6):
+        blocks: list[Block] = []
+        for ranges, azimuth in zip(
+            raw[start : start + 6], azimuths[start : start + 6], strict=True
+        ):
+            blocks.append(block(int(azimuth), ranges[:32]))
+            blocks.append(block(int(azimuth), ranges[32:], flag=LOWER))
+        packets.append(packet(blocks, mode=0x48, product=0x31))  # status bytes, not modes
+    return packets
+
+
+@pytest.mark.parametrize("two_points", [False, True])
+def test_hdl64e_round_trip(tmp_path: Path, two_points: bool) -> None:
+    rng = np.random.default_rng(1)
+    calibration = hdl64e_calibration(two_points=two_points)
+    azimuths = np.arange(0, 36000, 18)[:1998]
+    raw = rng.integers(500, 40000, (len(azimuths), 64))
+    raw[rng.random(raw.shape) < 0.1] = 0
+    (frame,), counters = decode(tmp_path, hdl64e_packets(raw, azimuths), calibration=calibration)
+    column, laser = np.nonzero(raw)
+    # Packets hold the upper 32 lasers, then the lower, of one column after the other.
+    expected = ray_points(calibration, laser, azimuths[column] / 100, raw[column, laser])
+    assert frame.num_points == len(expected)
+    np.testing.assert_allclose(frame.points, expected, atol=2e-5)
+    assert frame.fields["laser"].tolist() == laser.tolist()
+    assert counters["no_return"] == np.count_nonzero(raw == 0)
+    assert {RETURN_TYPES[k] for k in frame.fields["return_type"]} == {"unknown"}
+
+
+def test_hdl64e_dual_returns_are_known_by_their_azimuths(tmp_path: Path) -> None:
+    blocks: list[Block] = []
+    for column in range(3):
+        for raw in (3000, 4000):
+            blocks.append(block(18 * column, [raw] * 32))
+            blocks.append(block(18 * column, [raw + 1] * 32, flag=LOWER))
+    (frame,), counters = decode(
+        tmp_path, [packet(blocks)], calibration=hdl64e_calibration(two_points=False)
+    )
+    strongest = frame.fields["return_type"] == RETURN_TYPES.index("strongest")
+    assert np.unique(np.round(frame.fields["range"][strongest] * 500)).tolist() == [3000, 3001]
+    assert counters["points"] == 12 * 32
+
+
+def test_hdl64e_needs_its_calibration(tmp_path: Path) -> None:
+    data = hdl64e_packets(np.full((6, 64), 1000), np.arange(6) * 18)
+    with pytest.raises(InputError, match="HDL-64E needs the file of its own sensor"):
+        decode(tmp_path, data)
+    with pytest.raises(InputError, match="expected 16 lasers for vlp16, got 64"):
+        decode(tmp_path, data, model="vlp16", calibration=hdl64e_calibration(two_points=False))
+
+
+def with_bytes(data: bytes, at: int, new: bytes) -> bytes:
+    return data[:at] + new + data[at + len(new) :]
+
+
+FIRST = turning("vlp16", range(0, 480, 40))
+GOOD = turning("vlp16", range(480, 960, 40))
+
+
+@pytest.mark.parametrize(
+    ("data", "counter", "refused", "points"),
+    [
+        (GOOD[:-1], "bad_length", 1, 0),
+        (GOOD + b"\0", "bad_length", 1, 0),
+        (b"", "bad_length", 1, 0),
+        (bytes(512), "position_packets", 1, 0),
+        (with_bytes(GOOD, 1205, b"\x99"), "unknown_product", 1, 0),
+        (with_bytes(GOOD, 1205, b"\x21"), "other_product", 1, 0),
+        (with_bytes(GOOD, 1204, b"\x00"), "unknown_return_mode", 1, 0),
+        (with_bytes(GOOD, 300, b"\xaa\xbb"), "bad_block_flag", 1, 11 * 32),
+        (with_bytes(GOOD, 302, b"\xa0\x8c"), "bad_azimuth", 1, 11 * 32),  # 36000
+        (with_bytes(GOOD, 302, b"\xff\xff"), "bad_azimuth", 1, 11 * 32),
+        (with_bytes(GOOD, 302, b"\x0a\x00"), "backward_azimuth", 1, 12 * 32),
+        (with_bytes(GOOD, 1200, b"\xff\xff\xff\xff"), "bad_time", 1, 12 * 32),
+        (with_bytes(GOOD, 4, b"\0\0"), "no_return", 1, 12 * 32 - 1),
+        (with_bytes(GOOD, 4, b"\xff\xff"), "out_of_range", 1, 12 * 32 - 1),
+    ],
+)
+def test_what_is_refused_is_counted(
+    tmp_path: Path, data: bytes, counter: str, refused: int, points: int
+) -> None:
+    frames, counters = decode(tmp_path, [FIRST, data], max_range=100.0)
+    assert counters[counter] == refused
+    assert counters["points"] == 384 + points == sum(f.num_points for f in frames)
+    odd = {k for k, v in counters.items() if v} - {"packets", "points", "frames", counter}
+    assert odd <= {"file_packets", "file_udp"}
+    blocks = 24 if points else 12
+    lost = counters["bad_block_flag"] + counters["bad_azimuth"]
+    assert firings(counters) == 32 * (blocks - lost)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=100)
+@given(data=st.data())
+def test_damaged_packets_give_no_point_that_is_not_in_them(tmp_path: Path, data: Any) -> None:
+    """Any bytes, any order: each point is a firing of a packet with both of its marks."""
+    model = data.draw(st.sampled_from(sorted(PRODUCT)))
+    good = [turning(model, [a + 20 * b for b in range(12)], raw=1 + a) for a in range(0, 4800, 240)]
+    payloads = []
+    for index in data.draw(st.lists(st.integers(0, len(good) - 1), max_size=8)):
+        raw = bytearray(good[index])
+        for _ in range(data.draw(st.integers(0, 6))):
+            raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
+        payloads.append(bytes(raw[: data.draw(st.sampled_from([1206, 1206, 1206, 1205, 600]))]))
+    frames, counters = decode(tmp_path, payloads, model=model)
+    unit = 0.004 if model == "vlp32c" else 0.002
+    sent = {
+        (int.from_bytes(p[at : at + 2], "little"), p[at + 2])
+        for p in payloads
+        if len(p) == 1206
+        for b in range(12)
+        for at in range(b * 100 + 4, b * 100 + 100, 3)
+    }
+    for frame in frames:
+        assert frame.intensity is not None
+        raw_range = np.round(frame.fields["range"] / unit).astype(int).tolist()
+        assert set(zip(raw_range, frame.intensity.astype(int).tolist(), strict=True)) <= sent
+        assert 0 not in raw_range
+        assert frame.fields["azimuth"].min(initial=0) >= 0
+        assert frame.fields["azimuth"].max(initial=0) < 360
+    assert counters["points"] == sum(f.num_points for f in frames)
+    good_blocks = counters["packets"] * 12 - counters["bad_block_flag"] - counters["bad_azimuth"]
+    whole = counters["bad_block_flag"] + counters["bad_azimuth"] < 12
+    assert not whole or firings(counters) == 32 * good_blocks
+
+
+def test_azimuth_is_not_turned_on_across_gaps(tmp_path: Path) -> None:
+    """Sensors with a limited field of view jump: the last sane turn is used."""
+    azimuths = [8940 + 20 * b if b < 6 else 27000 + 20 * b for b in range(12)]
+    (frame,), _ = decode(tmp_path, [turning("vlp32c", azimuths)])
+    before_gap = frame.fields["azimuth"][5 * 32 : 6 * 32]
+    assert before_gap.max() < 90.4 + 4.2 + 0.2
+    plain, _ = decode(tmp_path, [turning("vlp32c", azimuths)], interpolate_azimuth=False)
+    assert np.ptp(plain[0].fields["azimuth"][0:32:2]) == pytest.approx(4.2 - 1.4, abs=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"model": "vls128"}, "model: expected hdl64e, hdl32e, vlp16 or vlp32c, got 'vls128'"),
+        ({"cut_azimuth": 360.0}, "cut_azimuth: expected degrees in [0, 360)"),
+        ({"cut_azimuth": np.nan}, "cut_azimuth: expected degrees in [0, 360)"),
+        ({"min_range": 5.0, "max_range": 5.0}, "expected 0 <= min_range < max_range"),
+        ({"max_bytes": -1}, "max_bytes: expected > 0"),
+    ],
+)
+def test_options_are_checked(tmp_path: Path, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=re.escape(message)):
+        decode(tmp_path, [GOOD], **options)
+
+
+@pytest.mark.parametrize("uri", ["sim:x", "pcap", "velodyne:x", "velodyne:70000", "", "C:\\x"])
+def test_unknown_addresses(uri: str) -> None:
+    with pytest.raises(InputError, match="uri: expected"):
+        capture.open(uri)

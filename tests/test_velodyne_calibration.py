@@ -1,0 +1,115 @@
+"""The HDL-64E's calibration: db.xml and YAML, and what hostile ones say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from manip3d import FormatError
+from manip3d.capture import VelodyneCalibration, read_velodyne_calibration
+from velodyne_packets import hdl64e_calibration
+
+yaml = pytest.importorskip("yaml")
+
+
+def db_xml(c: VelodyneCalibration) -> str:
+    """As Velodyne ships it: degrees and centimetres, rotations to be subtracted."""
+    items = ""
+    for i in range(len(c.elevation)):
+        values = {
+            "id_": i,
+            "rotCorrection_": -c.azimuth_offset[i],
+            "vertCorrection_": c.elevation[i],
+            "distCorrection_": 100 * c.range_offset[i],
+            "distCorrectionX_": 100 * c.range_offset_x[i],
+            "distCorrectionY_": 100 * c.range_offset_y[i],
+            "vertOffsetCorrection_": 100 * c.vertical_offset[i],
+            "horizOffsetCorrection_": 100 * c.horizontal_offset[i],
+        }
+        inner = "".join(f"<{key}>{float(value)!r}</{key}>" for key, value in values.items())
+        items += f"<item><px class_id='9'>{inner}</px></item>"
+    return (
+        "<?xml version='1.0'?><!DOCTYPE boost_serialization><boost_serialization><DB>"
+        f"<distLSB_>0.2</distLSB_><points_><count>64</count>{items}</points_>"
+        "</DB></boost_serialization>"
+    )
+
+
+def ros_yaml(c: VelodyneCalibration) -> str:
+    lasers = [
+        {
+            "laser_id": i,
+            "rot_correction": float(-np.radians(c.azimuth_offset[i])),
+            "vert_correction": float(np.radians(c.elevation[i])),
+            "dist_correction": float(c.range_offset[i]),
+            "dist_correction_x": float(c.range_offset_x[i]),
+            "dist_correction_y": float(c.range_offset_y[i]),
+            "vert_offset_correction": float(c.vertical_offset[i]),
+            "horiz_offset_correction": float(c.horizontal_offset[i]),
+        }
+        for i in range(len(c.elevation))
+    ]
+    text: str = yaml.safe_dump({"lasers": lasers, "num_lasers": 64, "distance_resolution": 0.002})
+    return text
+
+
+@pytest.mark.parametrize(("name", "make"), [("db.xml", db_xml), ("c.yaml", ros_yaml)])
+def test_both_formats_say_the_same(tmp_path: Path, name: str, make: Any) -> None:
+    expected = hdl64e_calibration(two_points=True)
+    path = tmp_path / name
+    path.write_text(make(expected))
+    made = read_velodyne_calibration(path)
+    np.testing.assert_allclose(made.table(), expected.table(), atol=1e-12)
+    assert made.range_unit == pytest.approx(0.002)
+
+
+def test_offsets_at_one_distance_only(tmp_path: Path) -> None:
+    text = "lasers: [{laser_id: 0, rot_correction: 0.1, vert_correction: 0, dist_correction: 1}]"
+    (tmp_path / "c.yaml").write_text(text)
+    made = read_velodyne_calibration(tmp_path / "c.yaml")
+    assert made.two_points.tolist() == [False]
+    assert made.azimuth_offset[0] == pytest.approx(-np.degrees(0.1))
+
+
+BOMB = (
+    '<!DOCTYPE a [<!ENTITY b "'
+    + "x" * 1000
+    + '">'
+    + "".join(f'<!ENTITY b{i} "{f"&b{i - 1};" * 100 if i else "&b;" * 100}">' for i in range(6))
+    + "]><a>&b5;</a>"
+)
+LASER = "{laser_id: 0, rot_correction: 0, vert_correction: 0, dist_correction: 0}"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "reason"),
+    [
+        ("a.xml", BOMB, "entities are refused"),
+        ("a.xml", '<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]><a>&b;</a>', "entities"),
+        ("a.xml", "<a>" * 100, "nested deeper than 64"),
+        ("a.xml", "<a><b></a>", "not well-formed XML"),
+        ("a.xml", "", "not well-formed XML"),
+        ("a.xml", "<a/>", "lasers numbered 0, 1, 2"),
+        ("a.xml", "<a>" + "x" * (17 << 20), "at most 16777216 bytes"),
+        ("a.xml", "<a><points_><px><id_>0</id_></px></points_></a>", "a laser without vertCorr"),
+        ("a.xml", "<a><points_><px><id_>nan</id_></px></points_></a>", "expected a finite number"),
+        ("a.yaml", "a: &a [1]\nb: [*a, *a]", "aliases are refused"),
+        ("a.yaml", "[" * 5000, "not YAML"),
+        ("a.yaml", "lasers: [" + ", ".join([LASER] * 2) + "]", "lasers numbered 0, 1, 2"),
+        ("a.yaml", "lasers: [{laser_id: 0}]", "a laser without vert_correction"),
+        ("a.yaml", "lasers: [{laser_id: .inf}]", "expected a finite number"),
+        ("a.yaml", "lasers: 5", "expected a list of lasers"),
+        ("a.yaml", "!!python/object/apply:os.system [ls]", "not YAML"),
+        ("a.yaml", "a: b: c", "not YAML"),
+        ("a.yaml", "x" * (200 << 10), "at most 131072 bytes"),
+        ("a.yaml", "", "expected a list of lasers"),
+    ],
+)
+def test_hostile_calibrations(tmp_path: Path, name: str, text: str, reason: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(FormatError, match=reason) as caught:
+        read_velodyne_calibration(tmp_path / name)
+    assert caught.value.file == str(tmp_path / name)

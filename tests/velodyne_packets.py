@@ -1,0 +1,137 @@
+"""Velodyne packets and recordings made from the manuals' descriptions, apart from the C++ code."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from manip3d.capture import VelodyneCalibration
+
+UPPER, LOWER = 0xEEFF, 0xDDFF
+PRODUCT = {"hdl32e": 0x21, "vlp16": 0x22, "vlp32c": 0x28}
+STRONGEST, LAST, DUAL = 0x37, 0x38, 0x39
+
+Block = tuple[int, int, Sequence[tuple[int, int]]]
+"""Flag, azimuth in 0.01 degrees, 32 times range and reflectivity."""
+
+
+def block(azimuth: int, ranges: Sequence[int], *, flag: int = UPPER, shine: int = 7) -> Block:
+    return flag, azimuth % 36000, [(int(r), (shine + i) % 256) for i, r in enumerate(ranges)]
+
+
+def packet(
+    blocks: Sequence[Block], *, mode: int = STRONGEST, product: int = 0x21, time_us: int = 0
+) -> bytes:
+    """The 1206 bytes of one data packet."""
+    assert len(blocks) == 12
+    data = b""
+    for flag, azimuth, firings in blocks:
+        data += struct.pack("<HH", flag, azimuth)
+        data += b"".join(struct.pack("<HB", *firing) for firing in firings)
+    return data + struct.pack("<IBB", time_us, mode, product)
+
+
+def udp_frame(payload: bytes, *, port: int = 2368, protocol: int = 17, fragment: int = 0) -> bytes:
+    """An IPv4 packet with a UDP datagram."""
+    length = 20 + 8 + len(payload)
+    ip = struct.pack(">BBHHHBBH4s4s", 0x45, 0, length, 1, fragment, 64, protocol, 0,
+                     b"\x7f\0\0\1", b"\x7f\0\0\1")  # fmt: skip
+    return ip + struct.pack(">HHHH", 1, port, 8 + len(payload), 0) + payload
+
+
+def udp6_frame(payload: bytes, *, port: int = 2368) -> bytes:
+    length = 8 + len(payload)
+    header = struct.pack(">IHBB", 0x60000000, length, 17, 64) + bytes(32)
+    return header + struct.pack(">HHHH", 1, port, length, 0) + payload
+
+
+def ethernet(ip: bytes, *, tags: int = 0, kind: int = 0x0800) -> bytes:
+    vlan = b"".join(struct.pack(">HH", 0x8100, 5) for _ in range(tags))
+    return bytes(12) + vlan + struct.pack(">H", kind) + ip
+
+
+def pcap(
+    frames: Iterable[bytes], *, link: int = 1, order: str = "<", nanoseconds: bool = False,
+    start: float = 1000.0, step: float = 0.25,
+) -> bytes:  # fmt: skip
+    """A pcap file with a frame every ``step`` seconds."""
+    magic = 0xA1B23C4D if nanoseconds else 0xA1B2C3D4
+    data = struct.pack(order + "IHHiIII", magic, 2, 4, 0, 0, 65535, link)
+    for i, frame in enumerate(frames):
+        seconds, part = divmod(start + i * step, 1.0)
+        ticks = round(part * (1e9 if nanoseconds else 1e6))
+        data += struct.pack(order + "IIII", int(seconds), ticks, len(frame), len(frame)) + frame
+    return data
+
+
+def pcapng(frames: Iterable[bytes], *, link: int = 1, order: str = "<", tick: int = 6) -> bytes:
+    """A pcapng file: a section, an interface, and an enhanced block per frame."""
+
+    def ng_block(kind: int, body: bytes) -> bytes:
+        size = 12 + len(body)
+        return struct.pack(order + "II", kind, size) + body + struct.pack(order + "I", size)
+
+    data = ng_block(0x0A0D0D0A, struct.pack(order + "IHHq", 0x1A2B3C4D, 1, 0, -1))
+    option = struct.pack(order + "HHBxxx", 9, 1, tick) + struct.pack(order + "HH", 0, 0)
+    data += ng_block(1, struct.pack(order + "HHI", link, 0, 65535) + option)
+    for i, frame in enumerate(frames):
+        ticks = round((1000.0 + i * 0.25) * 10**tick)
+        head = struct.pack(
+            order + "IIIII", 0, ticks >> 32, ticks & 0xFFFFFFFF, len(frame), len(frame)
+        )
+        data += ng_block(6, head + frame + bytes(-len(frame) % 4))
+    return data
+
+
+def hdl64e_calibration(*, two_points: bool, seed: int = 0) -> VelodyneCalibration:
+    """A calibration as an HDL-64E has: 64 lasers, offsets of some centimetres and decimetres."""
+    rng = np.random.default_rng(seed)
+    elevation = np.concatenate([np.linspace(2.0, -8.33, 32), np.linspace(-8.83, -24.33, 32)])
+    return VelodyneCalibration(
+        elevation=elevation + rng.normal(0, 0.05, 64),
+        azimuth_offset=rng.uniform(-9, 9, 64),
+        range_offset=rng.uniform(0.8, 1.4, 64),
+        two_points=np.full(64, two_points),
+        range_offset_x=rng.uniform(0.8, 1.4, 64) if two_points else np.zeros(64),
+        range_offset_y=rng.uniform(0.8, 1.4, 64) if two_points else np.zeros(64),
+        vertical_offset=np.repeat([0.21, 0.12], 32) + rng.normal(0, 0.01, 64),
+        horizontal_offset=np.where(np.arange(64) % 2, 0.026, -0.026),
+    )
+
+
+def ray_points(
+    calibration: VelodyneCalibration, laser: np.ndarray, azimuth_deg: np.ndarray, raw: np.ndarray
+) -> np.ndarray:
+    """Where returns lie, by vectors: a laser's place plus its direction times the range.
+
+    Right, ahead, up as in the manual; then x ahead, y left, z up.
+    """
+    azimuth = np.radians(azimuth_deg + calibration.azimuth_offset[laser])
+    elevation = np.radians(calibration.elevation[laser])
+    ahead = np.stack([np.sin(azimuth), np.cos(azimuth), 0 * azimuth], axis=-1)
+    sideways = np.stack([np.cos(azimuth), -np.sin(azimuth), 0 * azimuth], axis=-1)
+    up = np.array([0.0, 0.0, 1.0])
+    beam = np.cos(elevation)[:, None] * ahead + np.sin(elevation)[:, None] * up
+    across = -np.sin(elevation)[:, None] * ahead + np.cos(elevation)[:, None] * up
+    place = (
+        calibration.vertical_offset[laser, None] * across
+        - calibration.horizontal_offset[laser, None] * sideways
+    )
+    sent = calibration.range_unit * raw
+    at_far = sent + calibration.range_offset[laser]
+    points = place + beam * at_far[:, None]
+    if calibration.two_points.any():
+        # Between the offsets measured at 2.4 m (x) or 1.93 m (y) and at 25.04 m.
+        for axis, near, offsets in (
+            (0, 2.4, calibration.range_offset_x),
+            (1, 1.93, calibration.range_offset_y),
+        ):
+            share = (np.abs((place + beam * at_far[:, None])[:, axis]) - near) / (25.04 - near)
+            offset = offsets[laser] * (1 - share) + calibration.range_offset[laser] * share
+            moved = place + beam * (sent + offset)[:, None]
+            points[:, axis] = moved[:, axis]
+            if axis == 1:
+                points[:, 2] = moved[:, 2]
+    return np.stack([points[:, 1], -points[:, 0], points[:, 2]], axis=-1)
