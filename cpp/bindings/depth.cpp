@@ -3,15 +3,19 @@
 #include <pybind11/typing.h>
 
 #include <algorithm>
+#include <mutex>
 #include <numeric>
 #include <optional>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "interruptible.hpp"
 #include "manip3d/geometry/camera.hpp"
 #include "manip3d/geometry/depth_image.hpp"
 #include "manip3d/geometry/grid_mesh.hpp"
+#include "manip3d/geometry/range_image.hpp"
+#include "manip3d/simplify/cs3.hpp"
 #include "manip3d/simplify/grid_delaunay.hpp"
 #include "modules.hpp"
 #include "numpy.hpp"
@@ -69,6 +73,20 @@ Registration to_registration(const py::object& registration) {
   return result;
 }
 
+/// A `manip3d.Registration`, or none.
+class OptionalRegistration {
+ public:
+  explicit OptionalRegistration(const py::object& registration) {
+    if (!registration.is_none()) registration_ = to_registration(registration);
+  }
+  [[nodiscard]] const Registration* get() const {
+    return registration_ ? &*registration_ : nullptr;
+  }
+
+ private:
+  std::optional<Registration> registration_;
+};
+
 Fields to_fields(DepthMesh&& mesh) {
   Fields fields;
   fields["vertices"] = to_numpy(std::move(mesh.vertices));
@@ -76,6 +94,150 @@ Fields to_fields(DepthMesh&& mesh) {
   fields["uvs"] = to_numpy(std::move(mesh.uvs));
   fields["triangles"] = to_numpy(std::move(mesh.triangles));
   return fields;
+}
+
+/// The caller's arrays, which are written to.
+struct OutputArrays {
+  py::array_t<float> vertices, uvs;
+  py::array_t<std::int32_t> pixels, triangles;
+  DepthMeshBuffers buffers;
+
+  explicit OutputArrays(const py::object& out)
+      : vertices(take<float>(out, "vertices", 3)),
+        uvs(take<float>(out, "uvs", 2)),
+        pixels(take<std::int32_t>(out, "pixels", 2)),
+        triangles(take<std::int32_t>(out, "triangles", 3)) {
+    const py::ssize_t capacity =
+        std::min({vertices.shape(0), uvs.shape(0), pixels.shape(0), triangles.shape(0) / 2});
+    buffers = {capacity, vertices.mutable_data(), pixels.mutable_data(), uvs.mutable_data(),
+               triangles.mutable_data()};
+  }
+
+ private:
+  template <typename T>
+  static py::array_t<T> take(const py::object& out, const char* name, py::ssize_t columns) {
+    const py::object array = out.attr(name);
+    if (!py::isinstance<CArray<T>>(array) || py::reinterpret_borrow<py::array>(array).ndim() != 2 ||
+        py::reinterpret_borrow<py::array>(array).shape(1) != columns ||
+        !py::reinterpret_borrow<py::array>(array).writeable()) {
+      throw InputError(std::string("out.") + name + ": expected a writable C-contiguous (N, " +
+                       std::to_string(columns) + ") array of " +
+                       (std::is_same_v<T, float> ? "float32" : "int32"));
+    }
+    return py::reinterpret_borrow<py::array_t<T>>(array);
+  }
+};
+
+Fields to_fields(const Cs3Report& report) {
+  py::typing::Dict<py::str, double> timings;
+  for (std::size_t i = 0; i < report.seconds.size(); ++i) {
+    timings[kCs3StageNames[i]] = report.seconds[i];
+  }
+  Fields fields;
+  fields["num_vertices"] = report.num_vertices;
+  fields["num_triangles"] = report.num_triangles;
+  fields["reached"] = report.reached;
+  fields["factor"] = report.factor;
+  fields["literal_count"] = report.literal_count;
+  fields["passes"] = report.passes;
+  fields["timings"] = timings;
+  return fields;
+}
+
+/// A Cs3 with the rays of the camera it saw last.
+class Cs3Runner {
+ public:
+  Fields run_depth(const py::array& depth, const py::object& camera, const Cs3Options& options,
+                   const py::object& registration, const py::object& out) {
+    const auto lock = take_turn();
+    const DepthView view = depth_view(depth);
+    if (!camera.is(camera_)) {
+      py::object keep;
+      rays_ = PixelRays(to_intrinsics(camera, keep));
+      camera_ = camera;
+    }
+    return run(RangeImage(view, rays_), options, registration, out);
+  }
+
+  Fields run_grid(const CArray<float>& points, const CArray<bool>& valid, bool rows_up,
+                  const Cs3Options& options, const py::object& out) {
+    const auto lock = take_turn();
+    const BorrowedGrid grid(points, valid, rows_up);
+    return run(RangeImage(grid.view), options, py::none(), out);
+  }
+
+ private:
+  std::unique_lock<std::mutex> take_turn() {
+    std::unique_lock lock(mutex_, std::try_to_lock);
+    if (!lock) throw Error("a stream cannot take frames from two threads at a time");
+    return lock;
+  }
+
+  Fields run(const RangeImage& image, const Cs3Options& options, const py::object& registration,
+             const py::object& out) {
+    OutputArrays arrays(out);
+    const OptionalRegistration colour(registration);
+    Cs3Report report;
+    {
+      const py::gil_scoped_release nogil;
+      report = cs3_.run(image, options, colour.get(), arrays.buffers);
+    }
+    return to_fields(report);
+  }
+
+  Cs3 cs3_;
+  PixelRays rays_;
+  py::object camera_ = py::none();  ///< Of rays_; intrinsics never change.
+  std::mutex mutex_;
+};
+
+void bind_cs3(py::module_& m) {
+  py::enum_<Cs3Importance>(m, "Cs3Importance")
+      .value("LAPLACIAN", Cs3Importance::kLaplacian)
+      .value("MIN_CURVATURE", Cs3Importance::kMinCurvature);
+  py::enum_<Cs3Sampling>(m, "Cs3Sampling")
+      .value("NON_MAXIMUM", Cs3Sampling::kNonMaximum)
+      .value("IMPORTANCE_ORDER", Cs3Sampling::kImportanceOrder);
+  py::enum_<Cs3Reading::Stencil>(m, "Cs3Stencil")
+      .value("GRADIENT_OF_GRADIENT", Cs3Reading::Stencil::kGradientOfGradient)
+      .value("COMPACT", Cs3Reading::Stencil::kCompact)
+      .value("FORWARD", Cs3Reading::Stencil::kForward)
+      .value("SOBEL", Cs3Reading::Stencil::kSobel);
+  py::enum_<Cs3Reading::BesideInvalid>(m, "Cs3BesideInvalid")
+      .value("BACKWARD", Cs3Reading::BesideInvalid::kBackward)
+      .value("ZERO", Cs3Reading::BesideInvalid::kZero)
+      .value("UNKNOWN", Cs3Reading::BesideInvalid::kUnknown);
+  py::enum_<Cs3Reading::Rounding>(m, "Cs3Rounding")
+      .value("DOWN", Cs3Reading::Rounding::kDown)
+      .value("NEAREST", Cs3Reading::Rounding::kNearest)
+      .value("UP", Cs3Reading::Rounding::kUp);
+  py::enum_<Cs3Reached>(m, "Cs3Reached")
+      .value("FACTOR", Cs3Reached::kFactor)
+      .value("CUT", Cs3Reached::kCut)
+      .value("CONTINUED", Cs3Reached::kContinued)
+      .value("ALL_PIXELS", Cs3Reached::kAllPixels);
+  py::class_<Cs3Reading>(m, "Cs3Reading")
+      .def(py::init<>())
+      .def_readwrite("stencil", &Cs3Reading::stencil)
+      .def_readwrite("beside_invalid", &Cs3Reading::beside_invalid)
+      .def_readwrite("rounding", &Cs3Reading::rounding)
+      .def_readwrite("outliers", &Cs3Reading::outliers);
+  py::class_<Cs3Options>(m, "Cs3Options")
+      .def(py::init<>())
+      .def_readwrite("target_points", &Cs3Options::target_points)
+      .def_readwrite("importance", &Cs3Options::importance)
+      .def_readwrite("sampling", &Cs3Options::sampling)
+      .def_readwrite("distance_dependent", &Cs3Options::distance_dependent)
+      .def_readwrite("max_edge", &Cs3Options::max_edge)
+      .def_readwrite("first_factor", &Cs3Options::first_factor)
+      .def_readwrite("num_threads", &Cs3Options::num_threads)
+      .def_readwrite("reading", &Cs3Options::reading);
+  py::class_<Cs3Runner>(m, "Cs3Runner")
+      .def(py::init<>())
+      .def("run_depth", &Cs3Runner::run_depth, py::arg("depth"), py::arg("camera"),
+           py::arg("options"), py::arg("registration"), py::arg("out"))
+      .def("run_grid", &Cs3Runner::run_grid, py::arg("points").noconvert(),
+           py::arg("valid").noconvert(), py::arg("rows_up"), py::arg("options"), py::arg("out"));
 }
 
 /// The triangulation of pixels in any order, numbered as they came.
@@ -102,6 +264,7 @@ Faces triangulate(const Eigen::Map<const Rows<std::int32_t, 2>>& rows) {
 }  // namespace
 
 void bind_depth(py::module_& m) {
+  bind_cs3(m);
   m.def(
       "check_intrinsics",
       [](const py::object& camera) {
@@ -132,26 +295,30 @@ void bind_depth(py::module_& m) {
   m.def(
       "grid_mesh",
       [](const CArray<float>& points, const CArray<bool>& valid, bool rows_up, double max_edge,
-         int threads) {
+         const py::object& registration, int threads) {
         const BorrowedGrid grid(points, valid, rows_up);
+        const OptionalRegistration camera(registration);
         DepthMesh mesh;
         {
           const py::gil_scoped_release nogil;
-          mesh = grid_mesh(grid.view, {max_edge, threads});
+          mesh = grid_mesh(grid.view, {max_edge, threads}, camera.get());
         }
         return to_fields(std::move(mesh));
       },
       py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("rows_up"),
-      py::arg("max_edge"), py::arg("threads"));
+      py::arg("max_edge"), py::arg("registration"), py::arg("threads"));
   m.def(
       "registered_uvs",
       [](const CArray<float>& vertices, const py::object& registration) {
-        const Rows<float, 3> points = rows<Rows<float, 3>>(vertices, "vertices");
+        const auto points = rows<Rows<float, 3>>(vertices, "vertices");
         const Registration camera = to_registration(registration);
-        Rows<float, 2> uvs;
+        Rows<float, 2> uvs(points.rows(), 2);
         {
           const py::gil_scoped_release nogil;
-          registered_uvs(points, camera, uvs);
+          for (Eigen::Index i = 0; i < points.rows(); ++i) {
+            const auto uv = registered_uv({points(i, 0), points(i, 1), points(i, 2)}, camera);
+            uvs.row(i) << uv[0], uv[1];
+          }
         }
         return to_numpy(std::move(uvs));
       },

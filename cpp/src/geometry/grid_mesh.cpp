@@ -66,7 +66,8 @@ class CellCutter {
 
 }  // namespace
 
-DepthMesh grid_mesh(const PointGridView& grid, const GridMeshOptions& options) {
+DepthMesh grid_mesh(const PointGridView& grid, const GridMeshOptions& options,
+                    const Registration* registration) {
   check_point_grid(grid);
   if (!(options.max_edge > 0.0)) {
     throw InputError("max_edge: expected > 0, got " + std::to_string(options.max_edge));
@@ -128,32 +129,17 @@ DepthMesh grid_mesh(const PointGridView& grid, const GridMeshOptions& options) {
           });
         }
       });
-  grid_uvs(mesh.pixels, grid.rows, grid.cols, mesh.uvs);
+  mesh.uvs.resize(mesh.vertices.rows(), 2);
+  for (Eigen::Index i = 0; i < mesh.uvs.rows(); ++i) {
+    const float* p = mesh.vertices.row(i).data();
+    const std::array<float, 2> uv =
+        registration == nullptr
+            ? grid_uv(mesh.pixels(i, 0), mesh.pixels(i, 1), static_cast<double>(grid.cols),
+                      static_cast<double>(grid.rows))
+            : registered_uv({p[0], p[1], p[2]}, *registration);
+    mesh.uvs.row(i) << uv[0], uv[1];
+  }
   return mesh;
-}
-
-void grid_uvs(const Rows<std::int32_t, 2>& pixels, std::int64_t rows, std::int64_t cols,
-              Rows<float, 2>& uvs) {
-  uvs.resize(pixels.rows(), 2);
-  const auto width = static_cast<double>(cols), height = static_cast<double>(rows);
-  for (Eigen::Index i = 0; i < pixels.rows(); ++i) {
-    uvs(i, 0) = static_cast<float>((pixels(i, 0) + 0.5) / width);
-    uvs(i, 1) = static_cast<float>(1.0 - (pixels(i, 1) + 0.5) / height);
-  }
-}
-
-void registered_uvs(const Rows<float, 3>& vertices, const Registration& registration,
-                    Rows<float, 2>& uvs) {
-  uvs.resize(vertices.rows(), 2);
-  const auto width = static_cast<double>(registration.colour.width);
-  const auto height = static_cast<double>(registration.colour.height);
-  for (Eigen::Index i = 0; i < vertices.rows(); ++i) {
-    const Eigen::Vector3d point = vertices.row(i).cast<double>().transpose();
-    const Eigen::Vector2d pixel =
-        project(registration.colour, registration.rotation * point + registration.translation);
-    uvs(i, 0) = static_cast<float>((pixel.x() + 0.5) / width);
-    uvs(i, 1) = static_cast<float>(1.0 - (pixel.y() + 0.5) / height);
-  }
 }
 
 }  // namespace manip3d

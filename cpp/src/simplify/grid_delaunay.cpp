@@ -277,11 +277,19 @@ void GridDelaunay::fill_bays() {
   }
 }
 
+void GridDelaunay::reserve(std::int64_t num_pixels) {
+  const auto n = static_cast<std::size_t>(num_pixels);
+  pixels_.reserve(n);
+  ring_.reserve(n);
+  edges_.reserve(2 * n * kStride);
+  stack_.reserve(2 * n * kStride);  // of edges to look at; each flip adds four and takes one
+}
+
 void GridDelaunay::triangulate(std::span<const Pixel> pixels) {
   check_pixels(pixels);
+  reserve(static_cast<std::int64_t>(pixels.size()));
   pixels_.assign(pixels.begin(), pixels.end());
   edges_.clear();
-  edges_.reserve(2 * pixels.size() * kStride);
   ring_.resize(pixels.size());
   changed_.clear();
   found_ = 0;

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import enum
 import io
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -20,7 +21,26 @@ from manip3d.mesh import Material, Mesh, Texture
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["DepthMesh", "dense_mesh", "dense_mesh_grid", "grid_delaunay"]
+__all__ = [
+    "Cs3Stream",
+    "DepthMesh",
+    "DepthSimplification",
+    "Reached",
+    "Variant",
+    "cs3",
+    "cs3_grid",
+    "dense_mesh",
+    "dense_mesh_grid",
+    "grid_delaunay",
+]
+
+Variant = Literal["lnms", "lios", "cnms", "cios"]
+_VARIANTS = {
+    "lnms": (_core.Cs3Importance.LAPLACIAN, _core.Cs3Sampling.NON_MAXIMUM),
+    "lios": (_core.Cs3Importance.LAPLACIAN, _core.Cs3Sampling.IMPORTANCE_ORDER),
+    "cnms": (_core.Cs3Importance.MIN_CURVATURE, _core.Cs3Sampling.NON_MAXIMUM),
+    "cios": (_core.Cs3Importance.MIN_CURVATURE, _core.Cs3Sampling.IMPORTANCE_ORDER),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +171,38 @@ def _max_edge(max_edge: float | None) -> float:
     return math.inf if max_edge is None else float(max_edge)
 
 
+class Reached(enum.StrEnum):
+    """How the number of points came about."""
+
+    FACTOR = "factor"  #: a factor on the radii gives it, within 1 %
+    CUT = "cut"  #: no factor gives so few; the order was cut off at the target
+    CONTINUED = "continued"  #: the count jumps over the target; the most important points left
+    ALL_PIXELS = "all_pixels"  #: there are no more valid pixels than asked for
+    ERROR = "error"  #: an error bound was reached first (operators that have one)
+
+
+@dataclass(frozen=True, eq=False)
+class DepthSimplification(DepthMesh):
+    """A sparse mesh of a depth image, and how it came about.
+
+    Attributes
+    ----------
+    reached : Reached
+        How the number of points came about; it never exceeds the target.
+    factor : float
+        On the radius Rd_max (on the window s for non-maximum suppression) that was kept.
+    literal_count : int
+        Points that the formulas give as printed, without a factor.
+    timings : dict of str to float, seconds
+        By stage, of the core; wall time.
+    """
+
+    reached: Reached
+    factor: float
+    literal_count: int
+    timings: dict[str, float] = field(repr=False)
+
+
 def dense_mesh(
     depth: ArrayLike,
     intrinsics: Intrinsics,
@@ -196,10 +248,9 @@ def dense_mesh(
         valid.reshape(image.shape).view(np.bool_),
         rows_up,
         _max_edge(max_edge),
+        registration,
         threads,
     )
-    if registration is not None:
-        fields["uvs"] = _core.registered_uvs(fields["vertices"], registration)
     return DepthMesh(**fields, colour=picture)
 
 
@@ -243,8 +294,298 @@ def dense_mesh_grid(
     """
     grid, mask = _point_grid(points, valid)
     picture = _colour_image(colour, mask.shape)
-    fields = _core.grid_mesh(grid, mask, bool(rows_up), _max_edge(max_edge), threads_of(threads))
+    threads = threads_of(threads)
+    fields = _core.grid_mesh(grid, mask, bool(rows_up), _max_edge(max_edge), None, threads)
     return DepthMesh(**fields, colour=picture)
+
+
+@dataclass(frozen=True, eq=False)
+class _Buffers:
+    """Memory for a mesh of up to ``len(vertices)`` vertices; the core writes into it."""
+
+    vertices: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+    pixels: NDArray[np.int32]
+    uvs: NDArray[np.float32]
+
+    @staticmethod
+    def of_size(capacity: int) -> _Buffers:
+        return _Buffers(
+            np.empty((capacity, 3), np.float32),
+            np.empty((2 * capacity, 3), np.int32),
+            np.empty((capacity, 2), np.int32),
+            np.empty((capacity, 2), np.float32),
+        )
+
+
+def _options(
+    target_points: int,
+    variant: Variant,
+    max_edge: float | None,
+    distance_dependent: bool,
+    threads: int,
+    reading: dict[str, str | float] | None,
+) -> _core.Cs3Options:
+    if variant not in _VARIANTS:
+        raise InputError(f"variant: expected one of {', '.join(_VARIANTS)}, got {variant!r}")
+    options = _core.Cs3Options()
+    options.target_points = _count(target_points, "target_points")
+    options.importance, options.sampling = _VARIANTS[variant]
+    options.max_edge = _max_edge(max_edge)
+    options.distance_dependent = bool(distance_dependent)
+    options.num_threads = threads_of(threads)
+    if reading:
+        options.reading = _reading(reading)
+    return options
+
+
+def _count(value: int, name: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
+        raise InputError(f"{name}: expected a whole number >= 0, got {value!r}")
+    return int(value)
+
+
+_READINGS: dict[str, Any] = {
+    "stencil": _core.Cs3Stencil,
+    "beside_invalid": _core.Cs3BesideInvalid,
+    "rounding": _core.Cs3Rounding,
+}
+
+
+def _reading(choices: dict[str, str | float]) -> _core.Cs3Reading:
+    reading = _core.Cs3Reading()
+    for name, value in choices.items():
+        if name == "outliers":
+            reading.outliers = float(value)
+        elif name not in _READINGS:
+            raise InputError(f"reading: expected {', '.join([*_READINGS, 'outliers'])}: {name!r}")
+        else:
+            members = _READINGS[name].__members__
+            if str(value).upper() not in members:
+                known = ", ".join(member.lower() for member in members)
+                raise InputError(f"reading: {name} is one of {known}, got {value!r}")
+            setattr(reading, name, members[str(value).upper()])
+    return reading
+
+
+def _result(
+    report: dict[str, Any], buffers: _Buffers, colour: NDArray[np.uint8] | None
+) -> DepthSimplification:
+    vertices, triangles = report["num_vertices"], report["num_triangles"]
+    return DepthSimplification(
+        vertices=buffers.vertices[:vertices],
+        triangles=buffers.triangles[:triangles],
+        pixels=buffers.pixels[:vertices],
+        uvs=buffers.uvs[:vertices],
+        colour=colour,
+        reached=Reached[report["reached"].name],
+        factor=report["factor"],
+        literal_count=report["literal_count"],
+        timings=report["timings"],
+    )
+
+
+class Cs3Stream:
+    """CS3 on the frames of a sequence: `cs3` with memory that is kept from frame to frame.
+
+    Parameters
+    ----------
+    target_points : int
+    variant, max_edge, distance_dependent, threads, reading
+        As for `cs3`.
+    frames : int, optional
+        Hand out the arrays of this many results in turn instead of fresh ones: a result is valid
+        until as many more frames have come. With one thread the core then allocates nothing.
+
+    Notes
+    -----
+    A frame's result depends on this frame alone: it has the same bytes as that of `cs3`. Not for
+    use from two threads at a time.
+
+    Examples
+    --------
+    >>> import numpy as np, manip3d
+    >>> camera = manip3d.Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+    >>> stream = manip3d.simplify.Cs3Stream(100, frames=2)
+    >>> [stream.simplify(np.full((48, 64), z, np.uint16), camera).num_vertices for z in (900, 950)]
+    [100, 100]
+    """
+
+    def __init__(
+        self,
+        target_points: int,
+        *,
+        variant: Variant = "cios",
+        max_edge: float | None = None,
+        distance_dependent: bool = False,
+        threads: int = 1,
+        reading: dict[str, str | float] | None = None,
+        frames: int | None = None,
+    ) -> None:
+        self._options = _options(
+            target_points, variant, max_edge, distance_dependent, threads, reading
+        )
+        self._core = _core.Cs3Runner()
+        self._pool: list[_Buffers | None] = [None] * (_count(frames, "frames") if frames else 0)
+        self._next = 0
+
+    def _buffers(self, shape: tuple[int, ...]) -> _Buffers:
+        capacity = min(self._options.target_points, shape[0] * shape[1])
+        if not self._pool:
+            return _Buffers.of_size(capacity)
+        buffers = self._pool[self._next]
+        if buffers is None or len(buffers.vertices) < capacity:
+            buffers = self._pool[self._next] = _Buffers.of_size(capacity)
+        self._next = (self._next + 1) % len(self._pool)
+        return buffers
+
+    def simplify(
+        self,
+        depth: ArrayLike,
+        intrinsics: Intrinsics,
+        *,
+        colour: ArrayLike | None = None,
+        registration: Registration | None = None,
+    ) -> DepthSimplification:
+        """Simplify a depth image; see `cs3`."""
+        image = _depth_image(depth, intrinsics)
+        picture = _colour_image(colour, image.shape, registration)
+        buffers = self._buffers(image.shape)
+        report = self._core.run_depth(image, intrinsics, self._options, registration, buffers)
+        return _result(report, buffers, picture)
+
+    def simplify_grid(
+        self,
+        points: ArrayLike,
+        valid: ArrayLike | None = None,
+        *,
+        colour: ArrayLike | None = None,
+        rows_up: bool = True,
+    ) -> DepthSimplification:
+        """Simplify a grid of points; see `cs3_grid`."""
+        grid, mask = _point_grid(points, valid)
+        picture = _colour_image(colour, mask.shape)
+        buffers = self._buffers(mask.shape)
+        report = self._core.run_grid(grid, mask, bool(rows_up), self._options, buffers)
+        return _result(report, buffers, picture)
+
+
+def cs3(
+    depth: ArrayLike,
+    intrinsics: Intrinsics,
+    target_points: int,
+    *,
+    colour: ArrayLike | None = None,
+    registration: Registration | None = None,
+    variant: Variant = "cios",
+    max_edge: float | None = None,
+    distance_dependent: bool = False,
+    threads: int = 1,
+    reading: dict[str, str | float] | None = None,
+) -> DepthSimplification:
+    """Curvature-sensitive simplification of a depth image (CS3, dissertation chapter 3).
+
+    Parameters
+    ----------
+    depth : (H, W) uint16 in millimetres or float32 in metres
+        0 and NaN mean no measurement.
+    intrinsics : Intrinsics
+    target_points : int
+        Never more vertices than this, and no fewer than 99 % of it where the image has so many.
+    colour : (H', W', 3 or 4) uint8, optional
+        Of the depth image's size, or that of ``registration.colour``.
+    registration : Registration, optional
+        Where the colour camera stands; without it both images share their pixels.
+    variant : 'cios', 'lios', 'cnms' or 'lnms'
+        Importance by the smaller eigenvalue of the Hessian (C) or by the Laplacian (L); sampling
+        by importance order (IOS) or by non-maximum suppression (NMS). CS3 is CIOS.
+    max_edge : float, metres, optional
+        Triangles with a longer edge are dropped: for scenes, whose objects are apart.
+    distance_dependent : bool
+        Nearer surfaces get more points: radii are scaled by depth / largest depth (eq. 3.9).
+    threads : int
+        0: all cores. The result is the same for any number.
+    reading : dict, optional
+        Other readings of what the text leaves open, to see what depends on them: ``stencil``
+        (``'gradient_of_gradient'``, ``'compact'``, ``'forward'``, ``'sobel'``),
+        ``beside_invalid`` (``'backward'``, ``'zero'``, ``'unknown'``), ``rounding`` (``'down'``,
+        ``'nearest'``, ``'up'``), ``outliers`` (share of pixels above the largest importance).
+
+    Returns
+    -------
+    DepthSimplification
+        Vertices are points of the image, unmoved; UVs are exact. Vertices may be left without a
+        triangle where validity dropped all around them.
+
+    Raises
+    ------
+    InputError
+        Another shape or dtype, a negative or infinite depth, or an option out of range.
+
+    Notes
+    -----
+    Points are chosen by decreasing importance, eq. 3.6; each blocks a square of radius eq. 3.8.
+    As printed this gives about half of the points asked for (``literal_count``), so a ``factor``
+    on the radius is searched. The Delaunay triangulation of the pixels is exact and unique
+    (`grid_delaunay`); a triangle whose centroid falls on a pixel without depth is dropped.
+
+    Examples
+    --------
+    >>> import numpy as np, manip3d
+    >>> camera = manip3d.Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+    >>> v, u = np.mgrid[0:48, 0:64]
+    >>> depth = (1.0 + 0.2 * np.hypot((u - 32) / 32, (v - 24) / 24)).astype(np.float32)
+    >>> result = manip3d.simplify.cs3(depth, camera, 200)
+    >>> 198 <= result.num_vertices <= 200
+    True
+    """
+    stream = Cs3Stream(
+        target_points,
+        variant=variant,
+        max_edge=max_edge,
+        distance_dependent=distance_dependent,
+        threads=threads,
+        reading=reading,
+    )
+    return stream.simplify(depth, intrinsics, colour=colour, registration=registration)
+
+
+def cs3_grid(
+    points: ArrayLike,
+    valid: ArrayLike | None,
+    target_points: int,
+    *,
+    colour: ArrayLike | None = None,
+    rows_up: bool = True,
+    variant: Variant = "cios",
+    max_edge: float | None = None,
+    threads: int = 1,
+    reading: dict[str, str | float] | None = None,
+) -> DepthSimplification:
+    """CS3 on a grid of points that is no pinhole image, such as a range scan; see `cs3`.
+
+    Parameters
+    ----------
+    points : (H, W, 3) float
+        As of `manip3d.io.read_range_grid`. Rounded to float32.
+    valid : (H, W) bool, optional
+        None: where all three coordinates are finite.
+    target_points : int
+    colour : (H, W, 3 or 4) uint8, optional
+    rows_up : bool
+        As for `dense_mesh_grid`.
+    variant, max_edge, threads, reading
+        As for `cs3`; ``max_edge`` in the unit of the points.
+
+    Raises
+    ------
+    InputError
+        As `cs3`; a valid point is not finite.
+    """
+    stream = Cs3Stream(
+        target_points, variant=variant, max_edge=max_edge, threads=threads, reading=reading
+    )
+    return stream.simplify_grid(points, valid, colour=colour, rows_up=rows_up)
 
 
 def grid_delaunay(pixels: ArrayLike) -> NDArray[np.int32]:

@@ -46,8 +46,4 @@ PointGrid unproject(const DepthView& depth, const PixelRays& rays, int num_threa
 /// @throws InputError  side above kMaxImageSide; a valid point that is not finite.
 void check_point_grid(const PointGridView& grid);
 
-/// One row of a depth image in metres, NaN where there is no measurement.
-/// @throws InputError  a depth that is negative or infinite, with its pixel.
-void load_depth_row(const DepthView& depth, std::int64_t row, float* metres);
-
 }  // namespace manip3d

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <limits>
 
 #include "manip3d/geometry/depth_image.hpp"
@@ -22,17 +23,25 @@ struct GridMeshOptions {
 
 /// The dense mesh of a grid: all valid pixels; two triangles for each 2x2 cell of four of them,
 /// cut along the shorter diagonal, and one where three are valid. UVs are those of
-/// grid_uvs(). The same for any number of threads.
+/// registered_uv(), or of grid_uv() without a registration. The same for any number of threads.
 /// @throws InputError  as check_point_grid; max_edge is not > 0.
-DepthMesh grid_mesh(const PointGridView& grid, const GridMeshOptions& options = {});
+DepthMesh grid_mesh(const PointGridView& grid, const GridMeshOptions& options = {},
+                    const Registration* registration = nullptr);
 
-/// Texture coordinates of pixel centres in an image of the same size: ((u + 1/2) / cols,
-/// 1 - (v + 1/2) / rows).
-void grid_uvs(const Rows<std::int32_t, 2>& pixels, std::int64_t rows, std::int64_t cols,
-              Rows<float, 2>& uvs);
+/// Texture coordinates of the centre of pixel (u, v) in an image of the given size: ((u + 1/2) /
+/// width, 1 - (v + 1/2) / height).
+inline std::array<float, 2> grid_uv(double u, double v, double width, double height) {
+  return {static_cast<float>((u + 0.5) / width), static_cast<float>(1.0 - (v + 0.5) / height)};
+}
 
-/// Texture coordinates in a registered colour image; NaN for points behind the colour camera.
-void registered_uvs(const Rows<float, 3>& vertices, const Registration& registration,
-                    Rows<float, 2>& uvs);
+/// Texture coordinates of a point in a registered colour image; NaN behind the colour camera.
+inline std::array<float, 2> registered_uv(const std::array<float, 3>& point,
+                                          const Registration& registration) {
+  const Eigen::Vector3d p(point[0], point[1], point[2]);
+  const Eigen::Vector2d pixel =
+      project(registration.colour, registration.rotation * p + registration.translation);
+  return grid_uv(pixel.x(), pixel.y(), static_cast<double>(registration.colour.width),
+                 static_cast<double>(registration.colour.height));
+}
 
 }  // namespace manip3d

@@ -39,6 +39,9 @@ class GridDelaunay {
   /// @throws InputError  not in order (so also repeated), or out of range.
   void triangulate(std::span<const Pixel> pixels);
 
+  /// Makes room for this many pixels, so that triangulating no more allocates nothing.
+  void reserve(std::int64_t num_pixels);
+
   /// Adds one pixel and restores the Delaunay property.
   /// @return  its vertex; an existing vertex if the pixel already is one; -1, and nothing is
   ///          changed, if it lies outside of the convex hull (or there is no triangle).

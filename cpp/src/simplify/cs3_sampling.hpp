@@ -1,0 +1,51 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "manip3d/simplify/cs3.hpp"
+#include "simplify/importance_map.hpp"
+
+namespace manip3d {
+
+/// The valid slots by decreasing importance, ties by slot.
+class ImportanceOrder {
+ public:
+  void sort(const ImportanceMap& map);
+  [[nodiscard]] const std::vector<Slot>& slots() const { return slots_; }
+
+ private:
+  template <typename Item>
+  void sort_items(const ImportanceMap& map, std::vector<Item>& items);
+
+  std::vector<Slot> slots_;
+  std::vector<std::uint32_t> small_items_;
+  std::vector<std::uint64_t> large_items_;
+  std::vector<std::uint32_t> low_, high_;  ///< Where the next item of a digit goes.
+};
+
+/// Chooses slots: either sampling, for one factor and for a number of points.
+class Cs3Sampler {
+ public:
+  /// Fills slots(), ordered by pixel, and the counts of the report.
+  void choose(const RangeImage& image, const ImportanceMap& map, const ImportanceOrder& order,
+              const Cs3Options& options, Cs3Report& report);
+  [[nodiscard]] const std::vector<Slot>& slots() const { return slots_; }
+
+ private:
+  struct Frame;
+  std::int64_t sample(const Frame& frame, double factor);
+  std::int64_t sample_by_order(const Frame& frame, double factor);
+  std::int64_t sample_maxima(const Frame& frame, double factor);
+  void block(const Frame& frame, Slot slot, double radius);
+  double search(const Frame& frame, Cs3Report& report);
+  void go_on(const Frame& frame);
+  void sort_by_pixel(const Frame& frame);
+
+  std::vector<Slot> chosen_;             ///< In order of importance.
+  std::vector<Slot> slots_;              ///< In order of pixels.
+  std::vector<std::uint64_t> blocked_;   ///< A bit per slot.
+  std::vector<std::uint64_t> selected_;  ///< Likewise.
+};
+
+}  // namespace manip3d
