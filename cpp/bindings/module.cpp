@@ -60,6 +60,7 @@ PYBIND11_MODULE(_core, m) {
   manip3d::bindings::bind_geometry(m);
   manip3d::bindings::bind_io(m);
   manip3d::bindings::bind_lattice(m);
+  manip3d::bindings::bind_relief(m);
   manip3d::bindings::bind_simplify(m);
   manip3d::bindings::bind_metrics(m);
   manip3d::bindings::bind_range_image(m);

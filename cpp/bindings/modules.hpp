@@ -9,6 +9,7 @@ void bind_depth(pybind11::module_& m);
 void bind_geometry(pybind11::module_& m);
 void bind_io(pybind11::module_& m);
 void bind_lattice(pybind11::module_& m);
+void bind_relief(pybind11::module_& m);
 void bind_simplify(pybind11::module_& m);
 void bind_metrics(pybind11::module_& m);
 void bind_range_image(pybind11::module_& m);

@@ -28,6 +28,9 @@ __all__: list[str] = [
     "Duplicates",
     "LinkCondition",
     "QemOptions",
+    "ReliefEffort",
+    "ReliefOptions",
+    "ReliefStop",
     "StopReason",
     "TextureTerm",
     "VelodyneOptions",
@@ -62,6 +65,7 @@ __all__: list[str] = [
     "read_range_grid",
     "readable_suffixes",
     "registered_uvs",
+    "relief",
     "render_depth",
     "replace_rows",
     "replay_collapses",
@@ -352,6 +356,102 @@ class Cs3Runner:
         options: Cs3Options,
         out: typing.Any,
     ) -> dict[str, typing.Any]: ...
+
+class ReliefEffort:
+    """
+    Members:
+
+      live
+
+      fast
+
+      balanced
+
+      fine
+
+      best
+    """
+
+    __members__: typing.ClassVar[dict[str, ReliefEffort]]
+    balanced: typing.ClassVar[ReliefEffort]
+    best: typing.ClassVar[ReliefEffort]
+    fast: typing.ClassVar[ReliefEffort]
+    fine: typing.ClassVar[ReliefEffort]
+    live: typing.ClassVar[ReliefEffort]
+    @typing.overload
+    def __eq__(self, other: ReliefEffort) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: ReliefEffort) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class ReliefStop:
+    """
+    Members:
+
+      target
+
+      all_points
+
+      small_pieces
+    """
+
+    __members__: typing.ClassVar[dict[str, ReliefStop]]
+    all_points: typing.ClassVar[ReliefStop]
+    small_pieces: typing.ClassVar[ReliefStop]
+    target: typing.ClassVar[ReliefStop]
+    @typing.overload
+    def __eq__(self, other: ReliefStop) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: ReliefStop) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class ReliefOptions:
+    effort: ReliefEffort
+    from_origin: bool
+    move_points: bool
+    def __init__(self) -> None: ...
+    @property
+    def max_edge(self) -> float: ...
+    @max_edge.setter
+    def max_edge(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def num_threads(self) -> int: ...
+    @num_threads.setter
+    def num_threads(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    @property
+    def target_points(self) -> int: ...
+    @target_points.setter
+    def target_points(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
 
 class Duplicates:
     """
@@ -847,6 +947,12 @@ def readable_suffixes() -> list[typing.Any]: ...
 def registered_uvs(
     vertices: numpy.typing.NDArray[numpy.float32], registration: typing.Any
 ) -> numpy.ndarray: ...
+def relief(
+    points: numpy.typing.NDArray[numpy.float32],
+    valid: numpy.typing.NDArray[numpy.bool],
+    rows_up: bool,
+    options: ReliefOptions,
+) -> dict[str, typing.Any]: ...
 def render_depth(
     mesh: typing.Any,
     points: numpy.typing.NDArray[numpy.float32],

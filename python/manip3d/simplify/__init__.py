@@ -30,6 +30,12 @@ from manip3d.simplify._depth import (
     dense_mesh_grid,
     grid_delaunay,
 )
+from manip3d.simplify._relief import (
+    Effort,
+    Relief,
+    relief,
+    relief_grid,
+)
 from manip3d.simplify._sampling import SamplingMethod, sample_depth, sample_depth_grid
 
 __all__ = [
@@ -42,8 +48,10 @@ __all__ = [
     "DepthMesh",
     "DepthSimplification",
     "Duplicates",
+    "Effort",
     "LinkCondition",
     "Reached",
+    "Relief",
     "SamplingMethod",
     "SeamMode",
     "SimplifyResult",
@@ -60,6 +68,8 @@ __all__ = [
     "qem_btp",
     "qem_orig",
     "qem_tp",
+    "relief",
+    "relief_grid",
     "sample_depth",
     "sample_depth_grid",
 ]

@@ -1,0 +1,66 @@
+#include "manip3d/simplify/relief.hpp"
+
+#include <pybind11/typing.h>
+
+#include <utility>
+
+#include "depth.hpp"
+#include "modules.hpp"
+#include "numpy.hpp"
+
+namespace manip3d::bindings {
+namespace {
+
+using Fields = py::typing::Dict<py::str, py::object>;
+
+Fields to_fields(ReliefResult&& result) {
+  Fields fields;
+  fields["vertices"] = to_numpy(std::move(result.mesh.vertices));
+  fields["pixels"] = to_numpy(std::move(result.mesh.pixels));
+  fields["uvs"] = to_numpy(std::move(result.mesh.uvs));
+  fields["triangles"] = to_numpy(std::move(result.mesh.triangles));
+  fields["stop"] = result.stop;
+  fields["dropped_pixels"] = result.dropped_pixels;
+  fields["mean_move"] = result.mean_move;
+  fields["max_move"] = result.max_move;
+  return fields;
+}
+
+}  // namespace
+
+void bind_relief(py::module_& m) {
+  py::enum_<ReliefEffort>(m, "ReliefEffort")
+      .value("live", ReliefEffort::kLive)
+      .value("fast", ReliefEffort::kFast)
+      .value("balanced", ReliefEffort::kBalanced)
+      .value("fine", ReliefEffort::kFine)
+      .value("best", ReliefEffort::kBest);
+  py::enum_<ReliefStop>(m, "ReliefStop")
+      .value("target", ReliefStop::kTarget)
+      .value("all_points", ReliefStop::kAllPoints)
+      .value("small_pieces", ReliefStop::kSmallPieces);
+  py::class_<ReliefOptions>(m, "ReliefOptions")
+      .def(py::init<>())
+      .def_readwrite("target_points", &ReliefOptions::target_points)
+      .def_readwrite("effort", &ReliefOptions::effort)
+      .def_readwrite("move_points", &ReliefOptions::move_points)
+      .def_readwrite("from_origin", &ReliefOptions::from_origin)
+      .def_readwrite("max_edge", &ReliefOptions::max_edge)
+      .def_readwrite("num_threads", &ReliefOptions::num_threads);
+  m.def(
+      "relief",
+      [](const CArray<float>& points, const CArray<bool>& valid, bool rows_up,
+         const ReliefOptions& options) {
+        const BorrowedGrid grid(points, valid, rows_up);
+        ReliefResult result;
+        {
+          const py::gil_scoped_release nogil;
+          result = relief(grid.view, options);
+        }
+        return to_fields(std::move(result));
+      },
+      py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("rows_up"),
+      py::arg("options"));
+}
+
+}  // namespace manip3d::bindings

@@ -1,0 +1,81 @@
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <vector>
+
+#include "manip3d/geometry/depth_image.hpp"
+#include "manip3d/geometry/grid_mesh.hpp"
+
+namespace manip3d {
+
+/// How much time a relief may take; each is slower and nearer to the surface than the one before.
+enum class ReliefEffort : std::uint8_t { kLive, kFast, kBalanced, kFine, kBest };
+
+struct ReliefOptions {
+  std::int64_t target_points = 0;  ///< At most so many vertices; at least 3.
+  ReliefEffort effort = ReliefEffort::kBalanced;
+  /// Vertices may leave the measured points, along their line of sight, where that lowers the
+  /// error.
+  bool move_points = false;
+  /// The points are as a camera in the origin sees them, so lines of sight go through it. Else they
+  /// are taken as parallel to the mean normal of the surface.
+  bool from_origin = false;
+  /// Dense triangles with a longer edge are no surface; units of the points.
+  double max_edge = std::numeric_limits<double>::infinity();
+  int num_threads = 1;
+};
+
+/// How the number of vertices came about.
+enum class ReliefStop : std::uint8_t {
+  kTarget,       ///< Reduced to the target.
+  kAllPoints,    ///< The surface has no more points than the target.
+  kSmallPieces,  ///< So many separate pieces that small ones had to be left out.
+};
+
+struct ReliefResult {
+  DepthMesh mesh;
+  ReliefStop stop = ReliefStop::kTarget;
+  std::int64_t dropped_pixels = 0;  ///< kSmallPieces: pixels of the pieces left out.
+  double mean_move = 0.0;           ///< move_points: of the vertices, in units of the points.
+  double max_move = 0.0;
+};
+
+/// Few vertices for the dense surface of a point grid (that of grid_mesh()), so that the mean
+/// distance from the surface to the mesh is small.
+///
+/// 1. An adaptive triangulation by longest-edge bisection, down to single pixels where the surface
+///    ends or is cut: silhouettes and depth discontinuities are boundaries of the mesh from the
+///    start, and no triangle ever bridges them.
+/// 2. Edges collapse onto one of their ends, priced by how much sqrt(area x quadric) grows: an
+///    estimate of area times distance, what the mean measures, where quadrics alone
+///    [Garland & Heckbert 1997] measure squares.
+/// 3. Edges are flipped and vertices moved to other measured points nearby while that lowers the
+///    sum of distances between the pixels and the planes of their triangles [cf. Dyn, Levin &
+///    Rippa 1990, data dependent triangulations].
+/// 4. `move_points`: vertices slide along their lines of sight to the least-squares fit of all
+///    pixels.
+///
+/// Keeps its memory between frames of the same size. The result depends on the input alone.
+class Relief {
+ public:
+  Relief();
+  ~Relief();
+  Relief(Relief&&) noexcept;
+  Relief& operator=(Relief&&) noexcept;
+
+  /// Overwrites `result`, reusing its memory.
+  /// @throws InputError  as check_point_grid; target_points < 3; max_edge is not > 0;
+  ///                     num_threads < 0.
+  void run(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
+
+ private:
+  struct Memory;
+  std::unique_ptr<Memory> memory_;
+};
+
+/// The same for a single frame.
+ReliefResult relief(const PointGridView& grid, const ReliefOptions& options);
+
+}  // namespace manip3d

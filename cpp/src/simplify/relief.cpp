@@ -1,0 +1,204 @@
+#include "manip3d/simplify/relief.hpp"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include "manip3d/error.hpp"
+#include "simplify/relief_collapse.hpp"
+#include "simplify/relief_refine.hpp"
+#include "simplify/relief_start.hpp"
+#include "simplify/relief_surface.hpp"
+#include "simplify/relief_triangulation.hpp"
+
+namespace manip3d {
+namespace {
+
+using relief_detail::Surface;
+using relief_detail::Triangulation;
+using relief_detail::Vec3;
+
+/// What an effort spends. Measured on the Stanford scans; each step pays for itself.
+struct Budget {
+  double start;       ///< Bisections of the first triangulation per target point.
+  float round_share;  ///< Of the vertices that a round of collapses may remove.
+  int flip_sweeps;
+  int move_rounds;  ///< Of moves and flips.
+  int radius;       ///< Of a move, pixels.
+};
+
+Budget budget_of(ReliefEffort effort) {
+  switch (effort) {
+    case ReliefEffort::kLive:
+      return {0.5, 0.3F, 1, 0, 0};
+    case ReliefEffort::kFast:
+      return {0.7, 0.3F, 3, 0, 0};
+    case ReliefEffort::kBalanced:
+      return {1.0, 0.2F, 3, 1, 1};
+    case ReliefEffort::kFine:
+      return {3.0, 0.2F, 4, 2, 1};
+    case ReliefEffort::kBest:
+      break;
+  }
+  return {1e9, 0.1F, 8, 4, 2};
+}
+
+void check_options(const ReliefOptions& options) {
+  if (options.target_points < 3) {
+    throw InputError("target_points: expected at least 3, got " +
+                     std::to_string(options.target_points));
+  }
+  if (!(options.max_edge > 0.0)) {
+    throw InputError("max_edge: expected > 0, got " + std::to_string(options.max_edge));
+  }
+}
+
+}  // namespace
+
+struct Relief::Memory {
+  Surface surface;
+  relief_detail::StartMesh start;
+  Triangulation mesh;
+  relief_detail::Collapser collapser;
+  relief_detail::Refiner refiner;
+  std::vector<Vec3> sight;           ///< By vertex: where it may slide.
+  std::vector<std::int32_t> order;   ///< Output vertex -> vertex.
+  std::vector<std::int32_t> number;  ///< Vertex -> output vertex.
+
+  void select(const ReliefOptions& options, ReliefResult& result);
+  void refine(const Budget& budget);
+  void find_sight(const ReliefOptions& options);
+  void write(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
+  void move_points(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
+};
+
+void Relief::Memory::select(const ReliefOptions& options, ReliefResult& result) {
+  const Budget budget = budget_of(options.effort);
+  const std::int64_t target = options.target_points;
+  const double splits =
+      std::min(budget.start * static_cast<double>(target), static_cast<double>(surface.num_used()));
+  mesh.assign(surface, start.build(surface, static_cast<std::int64_t>(splits)));
+  result.stop = ReliefStop::kTarget;
+  result.dropped_pixels = 0;
+  if (surface.num_used() <= target) {
+    mesh.assign(surface, start.build(surface, surface.num_used()));
+    result.stop = ReliefStop::kAllPoints;
+  }
+  if (mesh.num_vertices() <= target) return;
+  collapser.assign(mesh);
+  collapser.run(surface, mesh, target, budget.round_share);
+  if (mesh.num_vertices() > target) {
+    result.stop = ReliefStop::kSmallPieces;
+    result.dropped_pixels = relief_detail::drop_small_pieces(mesh, target);
+  }
+}
+
+void Relief::Memory::refine(const Budget& budget) {
+  refiner.assign(mesh);
+  refiner.flip_edges(surface, mesh, budget.flip_sweeps);
+  for (int round = 0; round < budget.move_rounds; ++round) {
+    const int moved = refiner.move_vertices(surface, mesh, budget.radius);
+    if (moved + refiner.flip_edges(surface, mesh, budget.flip_sweeps) == 0) break;
+  }
+}
+
+void Relief::Memory::find_sight(const ReliefOptions& options) {
+  sight.resize(static_cast<std::size_t>(mesh.num_slots()));
+  const Vec3 center = (surface.center() / surface.unit()).cast<float>();
+  const Vec3 parallel = surface.mean_normal();
+  for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+    sight[v] = options.from_origin ? (mesh.vertex(v).point + center).normalized() : parallel;
+  }
+}
+
+void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& options,
+                           ReliefResult& result) {
+  order.clear();
+  for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+    if (mesh.vertex(v).alive()) order.push_back(v);
+  }
+  std::sort(order.begin(), order.end(), [&](std::int32_t a, std::int32_t b) {
+    return std::pair(mesh.vertex(a).pixel, a) < std::pair(mesh.vertex(b).pixel, b);
+  });
+  number.resize(static_cast<std::size_t>(mesh.num_slots()));
+  DepthMesh& out = result.mesh;
+  const auto width = static_cast<double>(grid.cols), height = static_cast<double>(grid.rows);
+  const auto num_vertices = static_cast<Eigen::Index>(order.size());
+  out.vertices.resize(num_vertices, 3);
+  out.pixels.resize(num_vertices, 2);
+  out.uvs.resize(num_vertices, 2);
+  for (Eigen::Index i = 0; i < num_vertices; ++i) {
+    const std::int32_t v = order[static_cast<std::size_t>(i)];
+    number[v] = static_cast<std::int32_t>(i);
+    const std::int64_t u_in = surface.input_u(mesh.vertex(v).pixel);
+    const std::int64_t v_in = surface.input_v(mesh.vertex(v).pixel);
+    const float* point = grid.points + 3 * (v_in * grid.cols + u_in);
+    out.vertices.row(i) << point[0], point[1], point[2];
+    out.pixels.row(i) << static_cast<std::int32_t>(u_in), static_cast<std::int32_t>(v_in);
+    out.uvs.row(i) << static_cast<float>((static_cast<double>(u_in) + 0.5) / width),
+        static_cast<float>(1.0 - (static_cast<double>(v_in) + 0.5) / height);
+  }
+  Eigen::Index num_triangles = 0;
+  for (std::int32_t t = 0; t < mesh.num_triangle_slots(); ++t) num_triangles += mesh.is_triangle(t);
+  out.triangles.resize(num_triangles, 3);
+  Eigen::Index row = 0;
+  for (std::int32_t t = 0; t < mesh.num_triangle_slots(); ++t) {
+    if (!mesh.is_triangle(t)) continue;
+    auto [a, b, c] = mesh.triangle(t);
+    if (!grid.rows_up) std::swap(b, c);
+    out.triangles.row(row++) << number[a], number[b], number[c];
+  }
+  result.mean_move = result.max_move = 0.0;
+  if (options.move_points) move_points(grid, options, result);
+}
+
+void Relief::Memory::move_points(const PointGridView& grid, const ReliefOptions& options,
+                                 ReliefResult& result) {
+  find_sight(options);
+  refiner.fit(surface, mesh, sight);
+  DepthMesh& out = result.mesh;
+  double sum = 0.0;
+  for (Eigen::Index i = 0; i < out.vertices.rows(); ++i) {
+    const std::int32_t v = order[static_cast<std::size_t>(i)];
+    const Vec3 move = static_cast<float>(surface.unit()) * refiner.offset(v) * sight[v];
+    out.vertices.row(i) += move.transpose();
+    const double length = move.norm();
+    sum += length;
+    result.max_move = std::max(result.max_move, length);
+    if (options.from_origin) continue;  // along the line of sight the pixel stays the same
+    const Eigen::Vector2f step = surface.pixels_along(mesh.vertex(v).pixel, move);
+    out.uvs(i, 0) += step.x() / static_cast<float>(grid.cols);
+    out.uvs(i, 1) -= step.y() / static_cast<float>(grid.rows);
+  }
+  if (out.vertices.rows() > 0) result.mean_move = sum / static_cast<double>(out.vertices.rows());
+}
+
+Relief::Relief() : memory_(std::make_unique<Memory>()) {}
+Relief::~Relief() = default;
+Relief::Relief(Relief&&) noexcept = default;
+Relief& Relief::operator=(Relief&&) noexcept = default;
+
+void Relief::run(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result) {
+  check_options(options);
+  check_point_grid(grid);
+  Memory& m = *memory_;
+  m.surface.assign(grid, options.max_edge, options.num_threads);
+  if (m.surface.empty()) {
+    m.mesh.clear();
+    result.stop = ReliefStop::kAllPoints;
+    result.dropped_pixels = 0;
+  } else {
+    m.select(options, result);
+    m.refine(budget_of(options.effort));
+  }
+  m.write(grid, options, result);
+}
+
+ReliefResult relief(const PointGridView& grid, const ReliefOptions& options) {
+  ReliefResult result;
+  Relief().run(grid, options, result);
+  return result;
+}
+
+}  // namespace manip3d

@@ -1,0 +1,203 @@
+#include "simplify/relief_refine.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "simplify/relief_raster.hpp"
+
+namespace manip3d::relief_detail {
+namespace {
+
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+
+struct Corner {
+  std::int32_t u, v;
+  Vec3 point;
+};
+
+Corner corner_of(const Triangulation& mesh, std::int32_t v) {
+  const Triangulation::Vertex& vertex = mesh.vertex(v);
+  return {vertex.u, vertex.v, vertex.point};
+}
+
+float triangle_error(const Surface& surface, const Corner& a, const Corner& b, const Corner& c) {
+  const Vec3 normal = (b.point - a.point).cross(c.point - a.point);
+  const float length = normal.norm();
+  if (!(length > 0.0F)) return kInfinity;
+  const Vec3 n = normal / length;
+  const float d = n.dot(a.point);
+  float sum = 0.0F;
+  visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, Edges::kShared,
+               [&](std::int32_t p) {
+                 const Sample& s = surface.sample(p);
+                 sum += s.area * std::abs(n.x() * s.x + n.y() * s.y + n.z() * s.z - d);
+               });
+  return sum;
+}
+
+float triangle_error(const Surface& surface, const Triangulation& mesh, std::int32_t a,
+                     std::int32_t b, std::int32_t c) {
+  return triangle_error(surface, corner_of(mesh, a), corner_of(mesh, b), corner_of(mesh, c));
+}
+
+}  // namespace
+
+void Refiner::assign(const Triangulation& mesh) {
+  errors_.assign(mesh.num_triangle_slots(), -1.0F);
+  dirty_.assign(mesh.num_triangle_slots(), 1);
+}
+
+float Refiner::error_of(const Surface& surface, const Triangulation& mesh, std::int32_t t) {
+  if (errors_[t] < 0.0F) {
+    const Triangle& c = mesh.triangle(t);
+    errors_[t] = triangle_error(surface, mesh, c[0], c[1], c[2]);
+  }
+  return errors_[t];
+}
+
+int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps) {
+  constexpr float kGain = 0.999F;  // so that rounding does not flip back and forth
+  int total = 0;
+  for (int sweep = 0; sweep < sweeps; ++sweep) {
+    int flips = 0;
+    next_dirty_.assign(dirty_.size(), 0);
+    for (std::int32_t t = 0; t < mesh.num_triangle_slots(); ++t) {
+      if (!mesh.is_triangle(t)) continue;
+      for (int i = 0; i < 3; ++i) {
+        const std::int32_t o = mesh.neighbors(t)[i];
+        if (o == Triangulation::kNone || (dirty_[t] == 0 && dirty_[o] == 0)) continue;
+        if (o < t && dirty_[o] != 0 && next_dirty_[o] == 0 && next_dirty_[t] == 0)
+          continue;  // asked from there
+        std::array<std::int32_t, 4> q{};
+        if (!mesh.quad(t, i, q)) continue;
+        const float limit = kGain * (error_of(surface, mesh, t) + error_of(surface, mesh, o));
+        const float first = triangle_error(surface, mesh, q[0], q[1], q[3]);
+        if (!(first < limit)) continue;
+        const float second = triangle_error(surface, mesh, q[0], q[3], q[2]);
+        if (!(first + second < limit)) continue;
+        mesh.flip(t, i);
+        errors_[t] = first;
+        errors_[o] = second;
+        next_dirty_[t] = next_dirty_[o] = 1;
+        ++flips;
+      }
+    }
+    dirty_.swap(next_dirty_);
+    total += flips;
+    if (flips == 0) break;
+  }
+  return total;
+}
+
+int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radius) {
+  Triangulation::Fan fan;
+  int moved = 0;
+  std::array<float, Triangulation::kMaxFan> best_errors{}, errors{};
+  for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+    const Triangulation::Vertex& vertex = mesh.vertex(v);
+    if (!vertex.alive() || vertex.on_boundary || !mesh.fan(v, fan)) continue;
+    float now = 0.0F;
+    for (int i = 0; i < fan.size; ++i) now += error_of(surface, mesh, fan.triangles[i]);
+    const int u0 = vertex.u, v0 = vertex.v;
+    std::int32_t best = -1;
+    for (int dv = -radius; dv <= radius; ++dv) {
+      for (int du = -radius; du <= radius; ++du) {
+        if (du == 0 && dv == 0) continue;
+        if (u0 + du < 0 || v0 + dv < 0 || u0 + du >= surface.cols() || v0 + dv >= surface.rows())
+          continue;
+        const std::int32_t pixel = (v0 + dv) * surface.cols() + u0 + du;
+        if (!(surface.sample(pixel).area > 0.0F)) continue;
+        const Corner center{u0 + du, v0 + dv, surface.sample(pixel).point()};
+        float sum = 0.0F;
+        int i = 0;
+        for (; i < fan.size && sum < now; ++i) {
+          const Corner a = corner_of(mesh, fan.neighbors[i]), b = corner_of(mesh, fan.next(i));
+          if (std::int64_t{a.u - center.u} * (b.v - center.v) -
+                  std::int64_t{a.v - center.v} * (b.u - center.u) <=
+              0)
+            break;
+          errors[i] = triangle_error(surface, center, a, b);
+          sum += errors[i];
+        }
+        if (i < fan.size || !(sum < 0.999F * now)) continue;
+        now = sum;
+        best = pixel;
+        best_errors = errors;
+      }
+    }
+    if (best < 0) continue;
+    mesh.move(v, surface, best);
+    for (int i = 0; i < fan.size; ++i)
+      errors_[fan.triangles[i]] = best_errors[i], dirty_[fan.triangles[i]] = 1;
+    ++moved;
+  }
+  return moved;
+}
+
+/// The part of the normal equations that one triangle adds, for its corners a, b, c.
+Refiner::Block Refiner::normal_equations(const Surface& surface, const Triangulation& mesh,
+                                         const std::vector<Vec3>& directions, std::int32_t t) {
+  Block block{};
+  const Triangle& f = mesh.triangle(t);
+  const Corner a = corner_of(mesh, f[0]), b = corner_of(mesh, f[1]), c = corner_of(mesh, f[2]);
+  const Vec3 normal = (b.point - a.point).cross(c.point - a.point);
+  const float length = normal.norm();
+  if (!(length > 0.0F)) return block;
+  const Vec3 n = normal / length;
+  const float d = n.dot(a.point);
+  // How far the plane moves per unit that a corner slides.
+  const float ka = n.dot(directions[f[0]]), kb = n.dot(directions[f[1]]);
+  const float kc = n.dot(directions[f[2]]);
+  const float inverse = 1.0F / static_cast<float>(mesh.orient(f[0], f[1], f[2]));
+  const auto ub = static_cast<float>(b.u - a.u), vb = static_cast<float>(b.v - a.v);
+  const auto uc = static_cast<float>(c.u - a.u), vc = static_cast<float>(c.v - a.v);
+  visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, Edges::kShared,
+               [&](std::int32_t p) {
+                 const Sample& s = surface.sample(p);
+                 const auto du = static_cast<float>(surface.u(p) - a.u);
+                 const auto dv = static_cast<float>(surface.v(p) - a.v);
+                 const float wb = (du * vc - dv * uc) * inverse;
+                 const float wc = (ub * dv - vb * du) * inverse;
+                 const float pa = (1.0F - wb - wc) * ka, pb = wb * kb, pc = wc * kc;
+                 const float e = s.area * (n.x() * s.x + n.y() * s.y + n.z() * s.z - d);
+                 block.aa += s.area * pa * pa, block.bb += s.area * pb * pb;
+                 block.cc += s.area * pc * pc, block.ab += s.area * pa * pb;
+                 block.bc += s.area * pb * pc, block.ca += s.area * pc * pa;
+                 block.ra += pa * e, block.rb += pb * e, block.rc += pc * e;
+               });
+  return block;
+}
+
+void Refiner::fit(const Surface& surface, const Triangulation& mesh,
+                  const std::vector<Vec3>& directions) {
+  constexpr int kSweeps = 4;  // Gauss-Seidel: the system is nearly diagonal
+  offsets_.assign(static_cast<std::size_t>(mesh.num_slots()), 0.0F);
+  blocks_.resize(static_cast<std::size_t>(mesh.num_triangle_slots()));
+  for (std::int32_t t = 0; t < mesh.num_triangle_slots(); ++t) {
+    if (mesh.is_triangle(t)) blocks_[t] = normal_equations(surface, mesh, directions, t);
+  }
+  // A tenth of a pixel's worth of evidence that a vertex stays: some have none of their own.
+  const float ridge = 0.1F * surface.mean_area();
+  Triangulation::Fan fan;
+  for (int sweep = 0; sweep < kSweeps; ++sweep) {
+    for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+      if (!mesh.vertex(v).alive() || !mesh.fan(v, fan)) continue;
+      float right = 0.0F, own = ridge;
+      for (int i = 0; i < fan.size; ++i) {
+        const Block& k = blocks_[fan.triangles[i]];
+        const auto [a, b, c] = mesh.triangle(fan.triangles[i]);
+        if (a == v) {
+          right += k.ra - k.ab * offsets_[b] - k.ca * offsets_[c], own += k.aa;
+        } else if (b == v) {
+          right += k.rb - k.ab * offsets_[a] - k.bc * offsets_[c], own += k.bb;
+        } else {
+          right += k.rc - k.ca * offsets_[a] - k.bc * offsets_[b], own += k.cc;
+        }
+      }
+      offsets_[v] = right / own;
+    }
+  }
+}
+
+}  // namespace manip3d::relief_detail

@@ -1,0 +1,38 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "simplify/relief_triangulation.hpp"
+
+namespace manip3d::relief_detail {
+
+/// Improves a triangulation by what the mean distance measures: the sum over the surface's pixels
+/// of their area times their distance from the plane of the triangle that they appear in.
+class Refiner {
+ public:
+  void assign(const Triangulation& mesh);
+  /// Flips edges while that lowers the error, in at most `sweeps` passes.
+  int flip_edges(const Surface& surface, Triangulation& mesh, int sweeps);
+  /// Moves interior vertices to a pixel nearby where that lowers the error.
+  int move_vertices(const Surface& surface, Triangulation& mesh, int radius);
+  /// How far each vertex has to slide in its direction for the least sum of squared distances
+  /// (weighted by area) between the pixels and the triangles.
+  void fit(const Surface& surface, const Triangulation& mesh, const std::vector<Vec3>& directions);
+  [[nodiscard]] float offset(std::int32_t v) const { return offsets_[v]; }
+
+ private:
+  struct Block {
+    float aa, bb, cc, ab, bc, ca, ra, rb, rc;
+  };
+  static Block normal_equations(const Surface& surface, const Triangulation& mesh,
+                                const std::vector<Vec3>& directions, std::int32_t t);
+  float error_of(const Surface& surface, const Triangulation& mesh, std::int32_t t);
+
+  std::vector<float> errors_;  ///< By triangle; negative: not known.
+  std::vector<std::uint8_t> dirty_, next_dirty_;
+  std::vector<float> offsets_;
+  std::vector<Block> blocks_;
+};
+
+}  // namespace manip3d::relief_detail

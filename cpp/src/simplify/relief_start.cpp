@@ -1,0 +1,212 @@
+#include "simplify/relief_start.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+
+namespace manip3d::relief_detail {
+namespace {
+
+constexpr float kMustSplit = std::numeric_limits<float>::infinity();
+constexpr float kNothing = -1.0F;  // no dense triangle around
+constexpr int kTile = Surface::kTile;
+
+/// Distance of a point from a line. Zero on a plane for every camera: straight lines of pixels are
+/// straight lines in space there.
+float distance_from_line(const Vec3& p, const Vec3& a, const Vec3& b) {
+  const Vec3 along = b - a;
+  const float length = along.squaredNorm();
+  return length > 0.0F ? std::sqrt((p - a).cross(along).squaredNorm() / length) : 0.0F;
+}
+
+// Vertices by their coordinates in steps: one odd and one even, a "side" halves the side of a
+// square of two steps; both odd, a "diagonal" halves the diagonal of such a square.
+bool is_odd(int i) { return (i & 1) != 0; }
+
+/// The ends of the diagonal of the square of two steps around (u, v): the one corner that is even
+/// in both coordinates and the one that is odd in both, counted in sides of the square.
+int diagonal_direction(int u, int v, int step) {
+  const int i = (u - step) / (2 * step), j = (v - step) / (2 * step);
+  return is_odd(i) == is_odd(j) ? 1 : -1;  // v grows with u along it, or falls
+}
+
+}  // namespace
+
+void StartMesh::measure_sides(const Surface& surface, int step) {
+  const int cols = surface.cols(), rows = surface.rows();
+  const float weight = static_cast<float>(step * step);
+  for (int v = 0; v < rows; v += step) {
+    const bool odd_row = is_odd(v / step);
+    for (int u = odd_row ? 0 : step; u < cols; u += 2 * step) {
+      const std::int32_t p = v * cols + u;
+      float error = kNothing;
+      if (step == 1) {
+        int full = 0, some = 0, cells = 0;
+        for (int dv = -1; dv <= 0; ++dv) {
+          for (int du = -1; du <= 0; ++du) {
+            if (u + du < 0 || v + dv < 0 || u + du >= cols - 1 || v + dv >= rows - 1) continue;
+            const int halves = surface.cell(p + dv * cols + du) & kFull;
+            ++cells;
+            full += halves == kFull ? 1 : 0;
+            some += halves != 0 ? 1 : 0;
+          }
+        }
+        error = some == 0 ? kNothing : full == cells ? 0.0F : kMustSplit;
+      } else {
+        const int h = step / 2;
+        for (const int du : {-h, h}) {
+          for (const int dv : {-h, h}) {
+            if (u + du < 0 || v + dv < 0 || u + du >= cols || v + dv >= rows) continue;
+            error = std::max(error, errors_[p + dv * cols + du]);
+          }
+        }
+      }
+      if (error >= 0.0F && error < kMustSplit) {
+        const std::int32_t away = odd_row ? step * cols : step;
+        const float own =
+            distance_from_line(surface.sample(p).point(), surface.sample(p - away).point(),
+                               surface.sample(p + away).point());
+        error = std::max(error, own * weight);
+      }
+      errors_[p] = error;
+    }
+  }
+}
+
+void StartMesh::measure_diagonals(const Surface& surface, int step) {
+  const int cols = surface.cols(), rows = surface.rows();
+  const float weight = static_cast<float>(step * step);
+  for (int v = step; v < rows; v += 2 * step) {
+    for (int u = step; u < cols; u += 2 * step) {
+      const std::int32_t p = v * cols + u;
+      float error = std::max(std::max(errors_[p - step], errors_[p + step]),
+                             std::max(errors_[p - step * cols], errors_[p + step * cols]));
+      if (error >= 0.0F && error < kMustSplit) {
+        const std::int32_t away = step * cols + step * diagonal_direction(u, v, step);
+        const float own =
+            distance_from_line(surface.sample(p).point(), surface.sample(p - away).point(),
+                               surface.sample(p + away).point());
+        error = std::max(error, own * weight);
+      }
+      errors_[p] = error;
+    }
+  }
+}
+
+void StartMesh::measure(const Surface& surface) {
+  errors_.resize(static_cast<std::size_t>(surface.cols()) * surface.rows());
+  for (int step = 1; step < kTile; step *= 2) {
+    measure_sides(surface, step);
+    measure_diagonals(surface, step);
+  }
+  for (int v = 0; v < surface.rows(); v += kTile) {
+    for (int u = 0; u < surface.cols(); u += kTile) errors_[v * surface.cols() + u] = kNothing;
+  }
+}
+
+float StartMesh::threshold_for(std::int64_t num_vertices) {
+  // Counts by the upper bits of the error, which order as the errors do.
+  constexpr int kShift = 19;
+  histogram_.assign(std::size_t{1} << (31 - kShift), 0);
+  for (const float error : errors_) {
+    if (error > 0.0F && error < kMustSplit) {
+      ++histogram_[std::bit_cast<std::uint32_t>(error) >> kShift];
+    }
+  }
+  std::int64_t left = num_vertices;
+  std::size_t bucket = histogram_.size();
+  while (bucket > 0 && left >= histogram_[bucket - 1]) left -= histogram_[--bucket];
+  if (bucket == histogram_.size()) return kMustSplit;
+  if (bucket == 0) return std::numeric_limits<float>::denorm_min();  // all that is not flat
+  return std::bit_cast<float>(static_cast<std::uint32_t>(bucket << kShift));
+}
+
+void StartMesh::emit_cells(const Surface& surface, float threshold) {
+  const int cols = surface.cols();
+  for (int v = 0; v + 1 < surface.rows(); ++v) {
+    for (int u = 0; u + 1 < cols; ++u) {
+      const std::int32_t a = v * cols + u, b = a + 1, c = a + cols, d = c + 1;
+      const std::uint8_t cell = surface.cell(a);
+      if ((cell & kFull) == 0) continue;
+      // The two corners at which a side is halved: b and c, or a and d.
+      const bool at_bc = is_odd(u) == is_odd(v);
+      const bool first = errors_[at_bc ? b : a] >= threshold;
+      const bool second = errors_[at_bc ? c : d] >= threshold;
+      if (first && second) {
+        if ((cell & kFirst) != 0) triangles_.push_back(cell_triangle(cell, false, a, cols));
+        if ((cell & kSecond) != 0) triangles_.push_back(cell_triangle(cell, true, a, cols));
+      } else if (first || second) {  // half of it; the other half is in a larger triangle
+        const std::uint8_t cut = at_bc ? kFull : kFull | kCutFromBToC;
+        triangles_.push_back(cell_triangle(cut, second, a, cols));
+      }
+    }
+  }
+}
+
+void StartMesh::emit_fans(const Surface& surface, float threshold, int step) {
+  const int cols = surface.cols(), rows = surface.rows();
+  const auto emit = [&](std::int32_t p, std::int32_t q, std::int32_t r) {
+    triangles_.push_back({p, q, r});
+  };
+  const auto is_flat = [&](std::int32_t p) { return errors_[p] >= 0.0F && errors_[p] < threshold; };
+  // Around halved diagonals: the four quarters of the square whose outer side is not halved.
+  for (int v = step; v < rows; v += 2 * step) {
+    for (int u = step; u < cols; u += 2 * step) {
+      const std::int32_t m = v * cols + u;
+      if (!(errors_[m] >= threshold)) continue;
+      const std::int32_t du = step, dv = step * cols;
+      if (is_flat(m - dv)) emit(m, m - dv - du, m - dv + du);
+      if (is_flat(m + du)) emit(m, m + du - dv, m + du + dv);
+      if (is_flat(m + dv)) emit(m, m + dv + du, m + dv - du);
+      if (is_flat(m - du)) emit(m, m - du + dv, m - du - dv);
+    }
+  }
+  if (step == 1) return;
+  // Around halved sides: the up to four halves of the quarters whose long side is not halved.
+  const int h = step / 2;
+  for (int v = 0; v < rows; v += step) {
+    const bool odd_row = is_odd(v / step);
+    for (int u = odd_row ? 0 : step; u < cols; u += 2 * step) {
+      const std::int32_t m = v * cols + u;
+      if (!(errors_[m] >= threshold)) continue;
+      const std::int32_t du = step, dv = step * cols;
+      const bool left = u > 0, right = u + step < cols, below = v > 0, above = v + step < rows;
+      if (right && above && is_flat(m + h + h * cols)) emit(m, m + du, m + dv);
+      if (left && above && is_flat(m - h + h * cols)) emit(m, m + dv, m - du);
+      if (left && below && is_flat(m - h - h * cols)) emit(m, m - du, m - dv);
+      if (right && below && is_flat(m + h - h * cols)) emit(m, m - dv, m + du);
+    }
+  }
+}
+
+void StartMesh::emit(const Surface& surface, float threshold) {
+  const int cols = surface.cols();
+  const int half = kTile / 2;
+  triangles_.clear();
+  for (int v = half; v < surface.rows(); v += kTile) {
+    for (int u = half; u < cols; u += kTile) {
+      const std::int32_t m = v * cols + u;
+      if (!(errors_[m] >= 0.0F && errors_[m] < threshold)) continue;
+      const std::int32_t a = m - half - half * cols, b = a + kTile, c = a + kTile * cols,
+                         d = c + kTile;
+      if (diagonal_direction(u, v, half) > 0) {
+        triangles_.push_back({a, b, d});
+        triangles_.push_back({a, d, c});
+      } else {
+        triangles_.push_back({a, b, c});
+        triangles_.push_back({b, d, c});
+      }
+    }
+  }
+  for (int step = half; step >= 1; step /= 2) emit_fans(surface, threshold, step);
+  emit_cells(surface, threshold);
+}
+
+std::span<const Triangle> StartMesh::build(const Surface& surface, std::int64_t num_vertices) {
+  measure(surface);
+  emit(surface, threshold_for(num_vertices));
+  return triangles_;
+}
+
+}  // namespace manip3d::relief_detail

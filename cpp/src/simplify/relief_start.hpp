@@ -1,0 +1,35 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "simplify/relief_triangulation.hpp"
+
+namespace manip3d::relief_detail {
+
+/// A first, adaptive triangulation of a surface by longest-edge bisection: right triangles whose
+/// long side is halved where the surface leaves it [Duchaineau et al., "ROAMing terrain", 1997;
+/// Lindstrom et al. 1996]. Where the surface ends or is cut it goes down to single pixels and keeps
+/// the dense mesh's triangles, so that it covers exactly the same pixels.
+class StartMesh {
+ public:
+  /// Halves where the error is largest: at most `num_vertices` times, not counting what the edges
+  /// of the surface need.
+  std::span<const Triangle> build(const Surface& surface, std::int64_t num_vertices);
+
+ private:
+  void measure(const Surface& surface);
+  void measure_sides(const Surface& surface, int step);
+  void measure_diagonals(const Surface& surface, int step);
+  [[nodiscard]] float threshold_for(std::int64_t num_vertices);
+  void emit(const Surface& surface, float threshold);
+  void emit_cells(const Surface& surface, float threshold);
+  void emit_fans(const Surface& surface, float threshold, int step);
+
+  std::vector<float> errors_;  ///< By pixel: of the bisection there, at least that of its parts.
+  std::vector<std::int32_t> histogram_;
+  std::vector<Triangle> triangles_;
+};
+
+}  // namespace manip3d::relief_detail

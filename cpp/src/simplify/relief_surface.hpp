@@ -1,0 +1,89 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <vector>
+
+#include "manip3d/geometry/depth_image.hpp"
+
+namespace manip3d::relief_detail {
+
+using Vec3 = Eigen::Vector3f;
+
+/// A measured point and the area of the dense mesh that belongs to it: a third of each triangle
+/// around it. A pixel that no dense triangle uses has none.
+struct Sample {
+  float x = 0.0F, y = 0.0F, z = 0.0F, area = 0.0F;
+  [[nodiscard]] Vec3 point() const { return {x, y, z}; }
+};
+
+/// Which dense triangles a 2x2 cell of pixels holds. Its corners are a (least u and v), b (next u),
+/// c (next v) and d (both); the triangles go counter-clockwise with v up.
+enum Cell : std::uint8_t {
+  kFirst = 1,        ///< abd, or abc if cut from b to c.
+  kSecond = 2,       ///< adc, or bdc.
+  kFull = 3,         ///< Both.
+  kCutFromBToC = 4,  ///< Else from a to d.
+};
+
+/// The dense surface of a point grid, cropped to its valid pixels, centred, scaled to a bounding
+/// box of diagonal 1, and padded to whole tiles with pixels that no triangle uses.
+class Surface {
+ public:
+  static constexpr int kTile = 16;  ///< Pixels between the corners of the coarsest triangles.
+
+  /// The dense mesh is that of grid_mesh().
+  void assign(const PointGridView& grid, double max_edge, int num_threads);
+
+  [[nodiscard]] bool empty() const { return num_triangles_ == 0; }
+  [[nodiscard]] int cols() const { return cols_; }
+  [[nodiscard]] int rows() const { return rows_; }
+  [[nodiscard]] int u(std::int32_t pixel) const { return pixel % cols_; }
+  [[nodiscard]] int v(std::int32_t pixel) const { return pixel / cols_; }
+  [[nodiscard]] const Sample& sample(std::int32_t pixel) const { return samples_[pixel]; }
+  [[nodiscard]] std::uint8_t cell(std::int32_t pixel) const { return cells_[pixel]; }
+  [[nodiscard]] std::int64_t num_triangles() const { return num_triangles_; }
+  /// Pixels that some dense triangle uses.
+  [[nodiscard]] std::int64_t num_used() const { return num_used_; }
+  /// Column and row of the input.
+  [[nodiscard]] std::int32_t input_u(std::int32_t pixel) const { return u(pixel) + u0_; }
+  [[nodiscard]] std::int32_t input_v(std::int32_t pixel) const { return v(pixel) + v0_; }
+  /// Unit sum of the dense triangles' normals times their areas; (0, 0, 1) if that is nothing.
+  [[nodiscard]] Vec3 mean_normal() const;
+  /// How many columns and rows a small move (in input units) from a pixel's point goes along the
+  /// surface.
+  [[nodiscard]] Eigen::Vector2f pixels_along(std::int32_t pixel, const Vec3& move) const;
+  [[nodiscard]] float mean_area() const { return mean_area_; }
+  [[nodiscard]] double unit() const { return unit_; }
+  [[nodiscard]] const Eigen::Vector3d& center() const { return center_; }
+
+ private:
+  bool crop(const PointGridView& grid);
+  void load_samples(const PointGridView& grid, int num_threads);
+  void cut_cells(double max_edge, int num_threads);
+  void add_areas();
+
+  int cols_ = 0, rows_ = 0;            ///< Padded.
+  int u0_ = 0, v0_ = 0;                ///< The crop's corner in the input.
+  int used_cols_ = 0, used_rows_ = 0;  ///< Of the crop.
+  double unit_ = 1.0;                  ///< Input units per unit here.
+  Eigen::Vector3d center_ = Eigen::Vector3d::Zero();
+  std::vector<Sample> samples_;
+  std::vector<std::uint8_t> valid_;
+  std::vector<std::uint8_t> cells_;
+  std::int64_t num_triangles_ = 0, num_used_ = 0;
+  float mean_area_ = 0.0F;
+};
+
+/// The corners of the triangle of a cell, as pixels; `second`: which of the two.
+inline std::array<std::int32_t, 3> cell_triangle(std::uint8_t cell, bool second, std::int32_t a,
+                                                 int cols) {
+  const std::int32_t b = a + 1, c = a + cols, d = c + 1;
+  if ((cell & kCutFromBToC) != 0) {
+    return second ? std::array<std::int32_t, 3>{b, d, c} : std::array<std::int32_t, 3>{a, b, c};
+  }
+  return second ? std::array<std::int32_t, 3>{a, d, c} : std::array<std::int32_t, 3>{a, b, d};
+}
+
+}  // namespace manip3d::relief_detail

@@ -1,0 +1,230 @@
+#include "simplify/relief_triangulation.hpp"
+
+#include <algorithm>
+
+#include "simplify/relief_raster.hpp"
+
+namespace manip3d::relief_detail {
+
+void Triangulation::link_neighbors(std::span<const Triangle> triangles) {
+  // Half-edges 3 t + i (side opposite to corner i) by the pixel where they start.
+  const auto start = [&](std::int32_t e) { return triangles[e / 3][(e % 3 + 1) % 3]; };
+  const auto end = [&](std::int32_t e) { return triangles[e / 3][(e % 3 + 2) % 3]; };
+  const auto num_edges = static_cast<std::int32_t>(3 * triangles.size());
+  std::fill(first_edge_.begin(), first_edge_.end(), 0);
+  for (std::int32_t e = 0; e < num_edges; ++e) ++first_edge_[start(e) + 1];
+  for (std::size_t p = 1; p < first_edge_.size(); ++p) first_edge_[p] += first_edge_[p - 1];
+  edges_.resize(num_edges);
+  for (std::int32_t e = num_edges - 1; e >= 0; --e) edges_[--first_edge_[start(e) + 1]] = e;
+  // first_edge_[p + 1] is now where pixel p starts, first_edge_[p + 2] where it ends.
+  neighbors_.assign(triangles.size(), {kNone, kNone, kNone});
+  for (std::int32_t e = 0; e < num_edges; ++e) {
+    const std::int32_t p = end(e);
+    for (std::int32_t k = first_edge_[p + 1]; k < first_edge_[p + 2]; ++k) {
+      if (end(edges_[k]) == start(e)) neighbors_[e / 3][e % 3] = edges_[k] / 3;
+    }
+  }
+}
+
+void Triangulation::split_fans(const Surface& surface, std::span<const Triangle> triangles) {
+  triangles_.assign(triangles.size(), {kNone, kNone, kNone});
+  vertices_.clear();
+  for (std::size_t i = 0; i < 3 * triangles.size(); ++i) {
+    if (triangles_[i / 3][i % 3] != kNone) continue;
+    const std::int32_t pixel = triangles[i / 3][i % 3];
+    const auto id = static_cast<std::int32_t>(vertices_.size());
+    auto first = static_cast<std::int32_t>(i / 3);
+    bool on_boundary = true;
+    for (const std::int32_t from = first;;) {  // backwards to where the fan starts
+      const std::int32_t before = neighbors_[first][(corner(triangles[first], pixel) + 2) % 3];
+      if (before == kNone) break;
+      first = before;
+      if (first == from) {
+        on_boundary = false;
+        break;
+      }
+    }
+    vertices_.push_back({pixel, first, surface.u(pixel), surface.v(pixel),
+                         surface.sample(pixel).point(), on_boundary});
+    for (std::int32_t t = first;;) {
+      const int k = corner(triangles[t], pixel);
+      triangles_[t][k] = id;
+      t = neighbors_[t][(k + 1) % 3];
+      if (t == kNone || t == first) break;
+    }
+  }
+  num_alive_ = static_cast<std::int64_t>(vertices_.size());
+}
+
+void Triangulation::assign(const Surface& surface, std::span<const Triangle> triangles) {
+  first_edge_.resize(static_cast<std::size_t>(surface.cols()) * surface.rows() + 2);
+  link_neighbors(triangles);
+  split_fans(surface, triangles);
+}
+
+void Triangulation::clear() {
+  vertices_.clear();
+  triangles_.clear();
+  neighbors_.clear();
+  num_alive_ = 0;
+}
+
+void Triangulation::remove_piece(std::span<const std::int32_t> triangles) {
+  for (const std::int32_t t : triangles) {
+    for (const std::int32_t v : triangles_[t]) {
+      if (!vertices_[v].alive()) continue;
+      vertices_[v].triangle = kNone;
+      --num_alive_;
+    }
+    triangles_[t] = {kNone, kNone, kNone};
+  }
+}
+
+bool Triangulation::fan(std::int32_t v, Fan& out) const {
+  const std::int32_t first = vertices_[v].triangle;
+  std::int32_t t = first;
+  out.size = 0;
+  int k = 0;
+  do {
+    if (out.size == kMaxFan) return false;
+    k = corner(triangles_[t], v);
+    out.triangles[out.size] = t;
+    out.neighbors[out.size++] = triangles_[t][(k + 1) % 3];
+    const std::int32_t next = neighbors_[t][(k + 1) % 3];
+    if (next == kNone) {
+      out.neighbors[out.size] = triangles_[t][(k + 2) % 3];
+      out.num_neighbors = out.size + 1;
+      return true;
+    }
+    t = next;
+  } while (t != first);
+  out.num_neighbors = out.size;
+  return true;
+}
+
+bool Triangulation::covers_pixels(const Surface& surface, std::int32_t a, std::int32_t b,
+                                  std::int32_t c) const {
+  const auto visit = [&](Edges edges, auto&& see) {
+    visit_pixels(surface.cols(), {vertices_[a].u, vertices_[a].v}, {vertices_[b].u, vertices_[b].v},
+                 {vertices_[c].u, vertices_[c].v}, edges, see);
+  };
+  bool covers = false;
+  visit(Edges::kOpen, [&](std::int32_t) { covers = true; });
+  // Pixels of its own surface may lie on its sides.
+  visit(Edges::kClosed,
+        [&](std::int32_t p) { covers = covers || !(surface.sample(p).area > 0.0F); });
+  return covers;
+}
+
+bool Triangulation::can_collapse(const Surface& surface, std::int32_t v, const Fan& fan,
+                                 int i) const {
+  const std::int32_t target = fan.neighbors[i];
+  for (int k = 0; k < fan.size; ++k) {
+    const std::int32_t a = fan.neighbors[k], b = fan.next(k);
+    if (a != target && b != target && orient(target, a, b) <= 0) return false;
+  }
+  if (!vertices_[v].on_boundary) return true;
+  // Along the boundary only, never the last triangle of a component, never closing a hole.
+  const int last = fan.num_neighbors - 1;
+  if ((i != 0 && i != last) || fan.size < 2) return false;
+  const std::int32_t first = fan.neighbors[0], end = fan.neighbors[last];
+  Fan around;
+  if (!this->fan(target, around)) return false;
+  const std::int32_t other = i == 0 ? end : first;
+  for (int k = 0; k < around.num_neighbors; ++k) {
+    if (around.neighbors[k] == other) return false;
+  }
+  // A bay that is filled must hold no pixel: it would have no surface, or another one.
+  return orient(v, first, end) >= 0 || !covers_pixels(surface, first, v, end);
+}
+
+void Triangulation::relink(std::int32_t t, std::int32_t from, std::int32_t to) {
+  if (t == kNone) return;
+  for (std::int32_t& n : neighbors_[t]) {
+    if (n == from) {
+      n = to;
+      return;
+    }
+  }
+}
+
+void Triangulation::find_first(std::int32_t v, std::int32_t t) {
+  const std::int32_t from = t;
+  for (;;) {
+    const std::int32_t before = neighbors_[t][(corner(triangles_[t], v) + 2) % 3];
+    if (before == kNone || before == from) break;
+    t = before;
+  }
+  vertices_[v].triangle = t;
+}
+
+void Triangulation::collapse(std::int32_t v, const Fan& fan, int i) {
+  const std::int32_t target = fan.neighbors[i];
+  std::int32_t stays = kNone;  // a triangle that the target has afterwards
+  std::array<std::int32_t, 2> side{}, at_side{};
+  int sides = 0;
+  for (int k = 0; k < fan.size; ++k) {
+    const std::int32_t t = fan.triangles[k];
+    const std::int32_t a = fan.neighbors[k], b = fan.next(k);
+    if (a != target && b != target) {
+      triangles_[t][corner(triangles_[t], v)] = target;
+      stays = t;
+      continue;
+    }
+    // Its two neighbours that remain become neighbours of each other.
+    const std::int32_t beyond = neighbors_[t][corner(triangles_[t], v)];
+    const std::int32_t within = neighbors_[t][corner(triangles_[t], target)];
+    relink(beyond, t, within);
+    relink(within, t, beyond);
+    side[sides] = a == target ? b : a;
+    at_side[sides++] = beyond != kNone ? beyond : within;
+    triangles_[t] = {kNone, kNone, kNone};
+  }
+  vertices_[v].triangle = kNone;
+  --num_alive_;
+  find_first(target, stays);
+  for (int k = 0; k < sides; ++k) find_first(side[k], at_side[k]);
+}
+
+bool Triangulation::quad(std::int32_t t, int i, std::array<std::int32_t, 4>& abcd) const {
+  const std::int32_t across = neighbors_[t][i];
+  if (across == kNone) return false;
+  const std::int32_t a = triangles_[t][i], b = triangles_[t][(i + 1) % 3],
+                     c = triangles_[t][(i + 2) % 3];
+  const Triangle& other = triangles_[across];
+  const std::int32_t d = other[0] != b && other[0] != c   ? other[0]
+                         : other[1] != b && other[1] != c ? other[1]
+                                                          : other[2];
+  abcd = {a, b, c, d};
+  return orient(a, b, d) > 0 && orient(a, d, c) > 0;
+}
+
+void Triangulation::flip(std::int32_t t, int i) {
+  const std::int32_t o = neighbors_[t][i];
+  std::array<std::int32_t, 4> abcd{};
+  quad(t, i, abcd);
+  const auto [a, b, c, d] = abcd;
+  const std::int32_t ca = neighbors_[t][(i + 1) % 3], ab = neighbors_[t][(i + 2) % 3];
+  const std::int32_t cd = neighbors_[o][corner(triangles_[o], b)];
+  const std::int32_t db = neighbors_[o][corner(triangles_[o], c)];
+  triangles_[t] = {a, b, d};
+  neighbors_[t] = {db, o, ab};
+  triangles_[o] = {a, d, c};
+  neighbors_[o] = {cd, ca, t};
+  relink(db, o, t);
+  relink(ca, t, o);
+  find_first(a, t);
+  find_first(b, t);
+  find_first(d, t);
+  find_first(c, o);
+}
+
+void Triangulation::move(std::int32_t v, const Surface& surface, std::int32_t pixel) {
+  Vertex& vertex = vertices_[v];
+  vertex.pixel = pixel;
+  vertex.u = surface.u(pixel);
+  vertex.v = surface.v(pixel);
+  vertex.point = surface.sample(pixel).point();
+}
+
+}  // namespace manip3d::relief_detail

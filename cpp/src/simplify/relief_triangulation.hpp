@@ -1,0 +1,107 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "simplify/relief_surface.hpp"
+
+namespace manip3d::relief_detail {
+
+using Triangle = std::array<std::int32_t, 3>;
+
+/// A triangulation of some pixels in the pixel plane, with neighbours across edges, that vertices
+/// are removed from and whose edges are flipped. All triangles are counter-clockwise with v up, so
+/// it never folds over as seen from the sensor.
+///
+/// Where two fans of triangles meet in one pixel, each has its own vertex: every vertex has one
+/// fan, closed inside and open on the boundary.
+class Triangulation {
+ public:
+  static constexpr std::int32_t kNone = -1;
+  static constexpr int kMaxFan = 64;  ///< Triangles around a vertex.
+
+  struct Vertex {
+    std::int32_t pixel = 0;
+    std::int32_t triangle = kNone;  ///< The first of its fan if on the boundary; kNone: removed.
+    std::int32_t u = 0, v = 0;
+    Vec3 point = Vec3::Zero();
+    bool on_boundary = false;
+    [[nodiscard]] bool alive() const { return triangle != kNone; }
+  };
+
+  /// The triangles around a vertex in order, and its neighbours: one more than triangles if on the
+  /// boundary (the first and the last are then on the boundary too), else as many.
+  struct Fan {
+    int size = 0, num_neighbors = 0;
+    std::array<std::int32_t, kMaxFan> triangles;
+    std::array<std::int32_t, kMaxFan + 1> neighbors;
+    /// The vertex after neighbour i around the fan's centre.
+    [[nodiscard]] std::int32_t next(int i) const {
+      return neighbors[i + 1 < num_neighbors ? i + 1 : 0];
+    }
+  };
+
+  /// Takes triangles whose corners are pixels.
+  void assign(const Surface& surface, std::span<const Triangle> triangles);
+
+  void clear();
+  /// Removes triangles that have no neighbours but each other.
+  void remove_piece(std::span<const std::int32_t> triangles);
+
+  [[nodiscard]] std::int32_t num_slots() const {
+    return static_cast<std::int32_t>(vertices_.size());
+  }
+  [[nodiscard]] std::int64_t num_vertices() const { return num_alive_; }
+  [[nodiscard]] const Vertex& vertex(std::int32_t v) const { return vertices_[v]; }
+  [[nodiscard]] std::int32_t num_triangle_slots() const {
+    return static_cast<std::int32_t>(triangles_.size());
+  }
+  [[nodiscard]] bool is_triangle(std::int32_t t) const { return triangles_[t][0] != kNone; }
+  [[nodiscard]] const Triangle& triangle(std::int32_t t) const { return triangles_[t]; }
+  /// Triangles across the sides opposite to the three corners, or kNone.
+  [[nodiscard]] const Triangle& neighbors(std::int32_t t) const { return neighbors_[t]; }
+
+  /// False if there are more than kMaxFan triangles.
+  bool fan(std::int32_t v, Fan& out) const;
+
+  /// Twice the signed area of a triangle in pixels.
+  [[nodiscard]] std::int64_t orient(std::int32_t a, std::int32_t b, std::int32_t c) const {
+    const Vertex &p = vertices_[a], &q = vertices_[b], &r = vertices_[c];
+    return std::int64_t{q.u - p.u} * (r.v - p.v) - std::int64_t{q.v - p.v} * (r.u - p.u);
+  }
+
+  /// May `fan`'s centre v merge into its neighbour number i?
+  [[nodiscard]] bool can_collapse(const Surface& surface, std::int32_t v, const Fan& fan,
+                                  int i) const;
+  /// Merges v into its neighbour number i of `fan`.
+  void collapse(std::int32_t v, const Fan& fan, int i);
+
+  /// The quadrilateral around the side of t opposite to its corner i: corners a (that one), b, c
+  /// (the side's ends), d (across). False on the boundary, or if it is not strictly convex.
+  bool quad(std::int32_t t, int i, std::array<std::int32_t, 4>& abcd) const;
+  /// Replaces the side bc by ad: triangle t becomes abd, the other one adc.
+  void flip(std::int32_t t, int i);
+
+  /// Moves an interior vertex to another pixel.
+  void move(std::int32_t v, const Surface& surface, std::int32_t pixel);
+  void set_point(std::int32_t v, const Vec3& point) { vertices_[v].point = point; }
+
+ private:
+  static int corner(const Triangle& t, std::int32_t v) { return t[0] == v ? 0 : t[1] == v ? 1 : 2; }
+  void link_neighbors(std::span<const Triangle> triangles);
+  void split_fans(const Surface& surface, std::span<const Triangle> triangles);
+  void relink(std::int32_t t, std::int32_t from, std::int32_t to);
+  void find_first(std::int32_t v, std::int32_t t);
+  [[nodiscard]] bool covers_pixels(const Surface& surface, std::int32_t a, std::int32_t b,
+                                   std::int32_t c) const;
+
+  std::vector<Vertex> vertices_;
+  std::vector<Triangle> triangles_, neighbors_;
+  std::int64_t num_alive_ = 0;
+  // Scratch of assign().
+  std::vector<std::int32_t> first_edge_, edges_;
+};
+
+}  // namespace manip3d::relief_detail

@@ -1,0 +1,211 @@
+"""The relief operator: depth images to sparse meshes by what the mean distance measures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._options import threads_of
+from manip3d.errors import InputError
+from manip3d.simplify._depth import (
+    DepthMesh,
+    _colour_image,
+    _depth_image,
+    _max_edge,
+    _point_grid,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from manip3d.camera import Intrinsics, Registration
+
+__all__ = ["Effort", "Relief", "relief", "relief_grid"]
+
+Effort = Literal["live", "fast", "balanced", "fine", "best"]
+
+
+@dataclass(frozen=True, eq=False)
+class Relief(DepthMesh):
+    """What `relief` returns: a `DepthMesh`, and how it came about.
+
+    Attributes
+    ----------
+    stop : 'target', 'all_points' or 'small_pieces'
+        Reduced to the target; the surface has no more points than that; or so many separate pieces
+        that the smallest had to be left out.
+    dropped_pixels : int
+        Pixels of the pieces left out.
+    mean_move, max_move : float
+        How far vertices moved from their measured points (``move_points``), in the points' unit.
+    """
+
+    stop: Literal["target", "all_points", "small_pieces"]
+    dropped_pixels: int
+    mean_move: float
+    max_move: float
+
+
+def _options(
+    target_points: int,
+    effort: Effort,
+    move_points: bool,
+    max_edge: float | None,
+    threads: int,
+    *,
+    from_origin: bool,
+) -> _core.ReliefOptions:
+    if effort not in get_args(Effort):
+        raise InputError(f"effort: expected one of {', '.join(get_args(Effort))}, got {effort!r}")
+    if isinstance(target_points, bool) or not isinstance(target_points, int | np.integer):
+        raise InputError(f"target_points: expected a whole number, got {target_points!r}")
+    options = _core.ReliefOptions()
+    options.target_points = int(target_points)
+    options.effort = getattr(_core.ReliefEffort, effort)
+    options.move_points = bool(move_points)
+    options.from_origin = from_origin
+    options.max_edge = _max_edge(max_edge)
+    options.num_threads = threads_of(threads)
+    return options
+
+
+def _run(
+    points: NDArray[np.float32],
+    valid: NDArray[np.bool_],
+    rows_up: bool,
+    options: _core.ReliefOptions,
+    colour: NDArray[np.uint8] | None,
+    registration: Registration | None,
+) -> Relief:
+    fields = _core.relief(points, valid, rows_up, options)
+    fields["stop"] = fields["stop"].name
+    if registration is not None:
+        fields["uvs"] = _core.registered_uvs(fields["vertices"], registration)
+    return Relief(**fields, colour=colour)
+
+
+def relief(
+    depth: ArrayLike,
+    intrinsics: Intrinsics,
+    target_points: int,
+    *,
+    colour: ArrayLike | None = None,
+    registration: Registration | None = None,
+    move_points: bool = False,
+    effort: Effort = "balanced",
+    max_edge: float | None = None,
+    threads: int = 1,
+) -> Relief:
+    """Simplify a depth image so that the mean distance of its surface from the mesh is small.
+
+    The interface is that of `cs3`, the published operator; the method is manip3d's own.
+
+    Parameters
+    ----------
+    depth : (H, W) uint16 in millimetres or float32 in metres
+        0 and NaN mean no measurement.
+    intrinsics : Intrinsics
+    target_points : int
+        At most so many vertices; at least 3.
+    colour : (H', W', 3 or 4) uint8, optional
+        Of the depth image's size, or that of ``registration.colour``.
+    registration : Registration, optional
+        Where the colour camera stands; without it both images share their pixels.
+    move_points : bool
+        Let vertices leave the measured points along their lines of sight, where the least-squares
+        fit of all pixels wants it; ``mean_move`` and ``max_move`` say how far. Texture coordinates
+        stay those of the line of sight (re-projected if there is a registration).
+    effort : 'live', 'fast', 'balanced', 'fine' or 'best'
+        Each is slower and nearer to the surface than the one before.
+    max_edge : float, metres, optional
+        Triangles of the dense surface with a longer edge are left out of it; nothing bridges them.
+    threads : int
+        0: all cores. The result is the same for any number.
+
+    Returns
+    -------
+    Relief
+
+    Raises
+    ------
+    InputError
+        Another shape or dtype, a negative or infinite depth, or an option out of range.
+
+    Notes
+    -----
+    Longest-edge bisection down to the pixels where the surface ends, edge collapses priced by the
+    growth of sqrt(area x quadric), then edge flips and moves to other measured points nearby that
+    lower the sum of distances between the pixels and their triangles' planes. Silhouettes and
+    depth discontinuities (``max_edge``) are boundaries of the mesh from the start.
+
+    Examples
+    --------
+    >>> import numpy as np, manip3d
+    >>> camera = manip3d.Intrinsics(64, 48, fx=60, fy=60, cx=31.5, cy=23.5)
+    >>> wall = np.full((48, 64), 2000, np.uint16)
+    >>> manip3d.simplify.relief(wall, camera, 4).pixels.tolist()
+    [[0, 0], [63, 0], [0, 47], [63, 47]]
+    """
+    image = _depth_image(depth, intrinsics)
+    picture = _colour_image(colour, image.shape, registration)
+    options = _options(target_points, effort, move_points, max_edge, threads, from_origin=True)
+    points, valid, rows_up = _core.unproject(image, intrinsics, options.num_threads)
+    return _run(
+        points.reshape(*image.shape, 3),
+        valid.reshape(image.shape).view(np.bool_),
+        rows_up,
+        options,
+        picture,
+        registration,
+    )
+
+
+def relief_grid(
+    points: ArrayLike,
+    valid: ArrayLike | None,
+    target_points: int,
+    *,
+    colour: ArrayLike | None = None,
+    rows_up: bool = True,
+    move_points: bool = False,
+    effort: Effort = "balanced",
+    max_edge: float | None = None,
+    threads: int = 1,
+) -> Relief:
+    """Simplify a range scan; see `relief`.
+
+    Parameters
+    ----------
+    points : (H, W, 3) float
+        As of `manip3d.io.read_range_grid`. Rounded to float32.
+    valid : (H, W) bool or None
+        None: where all three coordinates are finite.
+    target_points : int
+        At most so many vertices; at least 3.
+    colour : (H, W, 3 or 4) uint8, optional
+    rows_up : bool
+        Seen from the sensor, do rows go upward (Stanford's scans) or downward (images)?
+    move_points : bool
+        As of `relief`, but along the mean normal of the surface; texture coordinates follow to
+        where the moved vertex lies on the surface.
+    effort : 'live', 'fast', 'balanced', 'fine' or 'best'
+    max_edge : float, optional
+        In the unit of the points.
+    threads : int
+
+    Returns
+    -------
+    Relief
+
+    Raises
+    ------
+    InputError
+        As `relief`; a valid point is not finite.
+    """
+    grid, mask = _point_grid(points, valid)
+    picture = _colour_image(colour, mask.shape)
+    options = _options(target_points, effort, move_points, max_edge, threads, from_origin=False)
+    return _run(grid, mask, bool(rows_up), options, picture, None)

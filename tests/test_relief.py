@@ -1,0 +1,299 @@
+"""The relief operator: what its meshes promise, and how near they are to the surface."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+import manip3d
+from manip3d import InputError, Intrinsics, simplify
+from manip3d.io import read_range_grid
+
+EFFORTS: tuple[simplify.Effort, ...] = ("live", "fast", "balanced", "fine", "best")
+
+
+def bumps(height: int, width: int, seed: int = 0) -> NDArray[np.float32]:
+    """A smooth range scan with noise; rows go up."""
+    v, u = np.mgrid[0:height, 0:width].astype(float)
+    z = 4 * np.sin(u / 7) * np.cos(v / 5) + 0.02 * np.random.default_rng(seed).normal(size=u.shape)
+    return np.stack([u, v, z], axis=-1).astype(np.float32)
+
+
+def corners(result: simplify.DepthMesh) -> NDArray[np.int64]:
+    """(m, 3, 2): u and v of the corners of each triangle."""
+    return result.pixels[result.triangles].astype(np.int64)
+
+
+def doubled_areas(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Twice the signed areas in pixels; > 0: counter-clockwise with v up."""
+    p, q, r = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    a, b = q - p, r - p
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def covering(triangles: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """How many triangles hold each point (u, v) strictly inside."""
+    inside = np.ones((len(points), len(triangles)), bool)
+    for i in range(3):
+        p, q = triangles[:, i], triangles[:, (i + 1) % 3]
+        edge, to = (q - p)[None], points[:, None] - p[None]
+        inside &= edge[..., 0] * to[..., 1] - edge[..., 1] * to[..., 0] > 0
+    return inside.sum(axis=1)
+
+
+def check_promises(
+    result: simplify.Relief, points: NDArray[np.float32], valid: NDArray[np.bool_], target: int
+) -> None:
+    assert result.num_vertices <= target or result.stop == "all_points"
+    u, v = result.pixels.T
+    assert np.all(valid[v, u])
+    if result.max_move == 0:
+        assert np.array_equal(result.vertices, points[v, u])
+        height, width = valid.shape
+        assert np.array_equal(result.uvs[:, 0], ((u + 0.5) / width).astype(np.float32))
+        assert np.array_equal(result.uvs[:, 1], (1 - (v + 0.5) / height).astype(np.float32))
+    triangles = corners(result)
+    assert np.all(doubled_areas(triangles) > 0)
+    # Each edge has one face on each side, or one face: a surface.
+    faces = result.triangles.tolist()
+    edges = Counter((f[i], f[(i + 1) % 3]) for f in faces for i in range(3))
+    assert not edges or max(edges.values()) == 1
+    assert set(range(result.num_vertices)) == set(result.triangles.ravel().tolist())
+    # It lies over valid pixels, and over each place once.
+    v, u = np.mgrid[0 : valid.shape[0], 0 : valid.shape[1]]
+    pixels = np.column_stack([u.ravel(), v.ravel()]).astype(float)
+    over = covering(triangles, pixels)
+    assert np.all(valid.ravel()[over > 0])
+    between = np.random.default_rng(1).uniform((0, 0), valid.shape[::-1], (500, 2))
+    assert covering(triangles, between).max(initial=0) <= 1
+
+
+@settings(max_examples=60)
+@given(
+    height=st.integers(1, 40),
+    width=st.integers(1, 40),
+    holes=st.floats(0, 0.6),
+    target=st.integers(3, 300),
+    effort=st.sampled_from(EFFORTS),
+    move=st.booleans(),
+    seed=st.integers(0, 2**31),
+)
+def test_promises(
+    height: int,
+    width: int,
+    holes: float,
+    target: int,
+    effort: simplify.Effort,
+    move: bool,
+    seed: int,
+) -> None:
+    points = bumps(height, width, seed)
+    valid = np.random.default_rng(seed).random((height, width)) >= holes
+    result = simplify.relief_grid(points, valid, target, effort=effort, move_points=move)
+    check_promises(result, points, valid, target)
+    assert np.isfinite(result.vertices).all()
+
+
+@pytest.mark.parametrize("effort", EFFORTS)
+def test_reaches_the_target(effort: simplify.Effort) -> None:
+    points = bumps(90, 120)
+    valid = np.ones((90, 120), bool)
+    valid[30:50, 40:70] = False
+    result = simplify.relief_grid(points, valid, 400, effort=effort)
+    assert result.num_vertices == 400
+    assert result.stop == "target"
+    check_promises(result, points, valid, 400)
+
+
+def test_each_effort_is_nearer_than_the_one_before() -> None:
+    points = bumps(120, 160)
+    dense = simplify.dense_mesh_grid(points).mesh
+    errors = [
+        manip3d.metrics.metro(
+            dense, simplify.relief_grid(points, None, 600, effort=effort).mesh, sampling="area"
+        ).mean
+        for effort in EFFORTS
+    ]
+    assert errors == sorted(errors, reverse=True)
+
+
+def test_a_plane_needs_its_corners_only() -> None:
+    camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+    v, u = np.mgrid[0:48, 0:64]
+    slanted = (1 / (0.4 + 0.002 * u + 0.001 * v)).astype(np.float32)  # a plane in space
+    result = simplify.relief(slanted, camera, 4)
+    assert result.pixels.tolist() == [[0, 0], [63, 0], [0, 47], [63, 47]]
+
+
+def test_nothing_bridges_a_discontinuity() -> None:
+    camera = Intrinsics(80, 60, 70.0, 70.0, 39.5, 29.5)
+    depth = np.full((60, 80), 3000, np.uint16)
+    v, u = np.mgrid[0:60, 0:80]
+    front = (u - 40) ** 2 + (v - 30) ** 2 < 300
+    depth[front] = 1000
+    result = simplify.relief(depth, camera, 120, max_edge=0.5)
+    u, v = result.pixels.T
+    in_front = front[v, u][result.triangles]
+    assert np.all(in_front.all(axis=1) | ~in_front.any(axis=1))
+    assert in_front.all(axis=1).any()
+
+
+def test_front_faces_look_at_the_sensor() -> None:
+    camera = Intrinsics(40, 30, 35.0, 35.0, 19.5, 14.5)
+    depth = 2000 + np.arange(40 * 30).reshape(30, 40) % 7
+    result = simplify.relief(depth.astype(np.uint16), camera, 60)
+    p, q, r = (result.vertices[result.triangles[:, i]].astype(float) for i in range(3))
+    assert np.all(np.einsum("ij,ij->i", np.cross(q - p, r - p), p) < 0)
+
+
+def test_moved_points_stay_on_their_line_of_sight_and_lower_the_error() -> None:
+    camera = Intrinsics(160, 120, 150.0, 150.0, 79.5, 59.5)
+    v, u = np.mgrid[0:120, 0:160]
+    noise = np.random.default_rng(0).normal(size=u.shape)
+    depth = (1500 + 200 * np.sin(u / 30) * np.cos(v / 20) + 3 * noise).astype(np.uint16)
+    still = simplify.relief(depth, camera, 300, effort="fast")
+    moved = simplify.relief(depth, camera, 300, effort="fast", move_points=True)
+    assert np.array_equal(still.pixels, moved.pixels)
+    assert np.array_equal(still.uvs, moved.uvs)
+    assert 0 < moved.mean_move < moved.max_move < 0.1
+    directions = np.cross(still.vertices, moved.vertices)
+    assert np.abs(directions).max() < 1e-5
+    dense = simplify.dense_mesh(depth, camera).mesh
+    before, after = (
+        manip3d.metrics.metro(dense, r.mesh, sampling="area").mean for r in (still, moved)
+    )
+    assert after < 0.9 * before
+
+
+def test_uvs_of_a_moved_scan_follow_along_the_surface() -> None:
+    points = bumps(60, 80)
+    dense = simplify.dense_mesh_grid(points).mesh
+    still = simplify.relief_grid(points, None, 200, effort="fast")
+    moved = simplify.relief_grid(points, None, 200, effort="fast", move_points=True)
+    shift = (moved.uvs - still.uvs) * [80, 60]
+    assert 0 < np.abs(shift).max() < 2
+    before, after = (
+        manip3d.metrics.texture_error(dense, result.mesh).mean for result in (still, moved)
+    )
+    assert before is not None
+    assert after is not None
+    assert after < before
+
+
+@pytest.mark.parametrize("effort", EFFORTS)
+@pytest.mark.parametrize("shape", [(0, 0), (0, 5), (5, 0), (1, 1), (1, 9), (9, 1), (2, 2)])
+def test_hostile_shapes(effort: simplify.Effort, shape: tuple[int, int]) -> None:
+    points = bumps(*shape)
+    result = simplify.relief_grid(points, None, 10, effort=effort, move_points=True)
+    assert result.num_faces == (2 if shape == (2, 2) else 0)
+    assert result.stop == "all_points"
+    nothing = simplify.relief_grid(points, np.zeros(shape, bool), 10, effort=effort)
+    assert nothing.num_vertices == nothing.num_faces == 0
+
+
+def test_hostile_depths() -> None:
+    camera = Intrinsics(20, 16, 20.0, 20.0, 9.5, 7.5)
+    far = np.full((16, 20), 65_535, np.uint16)
+    assert simplify.relief(far, camera, 8).num_vertices <= 8
+    far[::2, ::2] = 1
+    assert np.isfinite(simplify.relief(far, camera, 50, move_points=True).vertices).all()
+    missing = np.full((16, 20), np.nan, np.float32)
+    assert simplify.relief(missing, camera, 8).num_vertices == 0
+    missing[5:9, 5:9] = 1.0
+    assert simplify.relief(missing, camera, 4).num_vertices == 4
+    same = np.zeros((16, 20, 3), np.float32)  # all points equal
+    assert simplify.relief_grid(same, None, 8, move_points=True).num_vertices <= 8
+    for scale in (1e-9, 1e9):
+        result = simplify.relief_grid(bumps(30, 30) * np.float32(scale), None, 50)
+        assert result.num_vertices == 50
+
+
+def test_pieces_left_out() -> None:
+    valid = np.zeros((40, 40), bool)
+    for u in range(0, 40, 4):
+        valid[::4, u] = valid[1::4, u] = valid[::4, u + 1] = True  # a hundred corners
+    valid[20:32, 20:32] = True
+    result = simplify.relief_grid(bumps(40, 40), valid, 30)
+    assert result.stop == "small_pieces"
+    assert result.num_vertices <= 30
+    assert result.dropped_pixels > 0
+    assert np.any(np.all(result.pixels >= 20, axis=1))  # the large one stays
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"target_points": 2}, "target_points: expected at least 3, got 2"),
+        ({"target_points": 2.5}, r"target_points: expected a whole number, got 2\.5"),
+        ({"effort": "most"}, "effort: expected one of live, fast, balanced, fine, best"),
+        ({"max_edge": 0.0}, "max_edge: expected > 0"),
+        ({"max_edge": float("nan")}, "max_edge: expected > 0"),
+        ({"threads": -1}, "threads"),
+    ],
+)
+def test_bad_options(options: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        simplify.relief_grid(bumps(9, 9), None, **{"target_points": 20, **options})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("effort", EFFORTS)
+def test_same_bytes_for_any_number_of_threads(effort: simplify.Effort) -> None:
+    points = bumps(100, 130)
+    one, two, four = (
+        simplify.relief_grid(points, None, 500, effort=effort, move_points=True, threads=threads)
+        for threads in (1, 2, 4)
+    )
+    for other in (two, four):
+        assert np.array_equal(one.vertices, other.vertices)
+        assert np.array_equal(one.triangles, other.triangles)
+
+
+@pytest.mark.golden
+@pytest.mark.parametrize("effort", EFFORTS)
+def test_golden(effort: simplify.Effort, golden: Callable[..., None]) -> None:
+    points = bumps(100, 130)
+    valid = np.ones((100, 130), bool)
+    valid[20:50, 60:61] = valid[70:90, 10:40] = False
+    result = simplify.relief_grid(points, valid, 400, effort=effort, move_points=True)
+    digest = hashlib.sha256()
+    for array in (result.vertices, result.pixels, result.uvs, result.triangles):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    golden(f"relief {effort}", digest.hexdigest())
+
+
+# Errors of meshoptimizer 1.3 on the same dense mesh with as many vertices (chapter 3's page):
+# a subset of the points, and with update of their positions.
+@pytest.mark.realdata
+@pytest.mark.parametrize(
+    ("scan", "points", "subset", "update"),
+    [
+        ("bunny/bun000.ply.xz", 2012, 0.404e-3, 0.326e-3),
+        ("happy_stand/happyStandRight_0.ply.xz", 3902, 0.311e-3, 0.242e-3),
+    ],
+)
+def test_below_meshoptimizer(scan: str, points: int, subset: float, update: float) -> None:
+    folder = os.environ.get("MANIP3D_DATA")
+    if not folder:
+        pytest.skip("MANIP3D_DATA is not set")
+    grid = read_range_grid(Path(folder) / "range_scans" / scan)
+    dense = simplify.dense_mesh_grid(grid.points, grid.valid).mesh
+
+    def error(effort: simplify.Effort, move_points: bool) -> float:
+        result = simplify.relief_grid(
+            grid.points, grid.valid, points, effort=effort, move_points=move_points
+        )
+        assert result.num_vertices == points
+        return manip3d.metrics.metro(dense, result.mesh, sampling="area").mean
+
+    assert error("live", False) < 0.5e-3
+    assert error("balanced", False) < subset
+    assert error("balanced", True) < update
