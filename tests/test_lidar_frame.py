@@ -10,6 +10,7 @@ import pytest
 
 import manip3d
 from manip3d import Box, InputError, LidarFrame
+from manip3d.lidar import ScanFormat
 
 
 def frame(**changes: Any) -> LidarFrame:
@@ -81,8 +82,12 @@ def test_new_points_have_zeros_beside_them() -> None:
 
 def test_exact_coordinates_stay_where_points_stayed() -> None:
     exact = np.array([[5e5 + 0.1, 5e6 + 0.2, 100.3], [5e5 + 1.1, 5e6 + 1.2, 101.3]])
-    offset = (5e5, 5e6, 100.0)
-    scan = LidarFrame((exact - offset).astype(np.float32), exact=exact, offset=offset)
+    offset = np.array([5e5, 5e6, 100.0])
+    to_file = np.eye(4)
+    to_file[:3, 3] = offset
+    scan = LidarFrame(
+        (exact - offset).astype(np.float32), exact=exact, format=ScanFormat("las", to_file=to_file)
+    )
     moved = scan.points.copy()
     moved[1, 2] += 1.0
     made = scan.with_points(moved, source_index=[0, 1])

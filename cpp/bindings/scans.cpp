@@ -36,6 +36,24 @@ py::list to_list(const std::vector<PointField>& fields) {
   return list;
 }
 
+// [(key, value)]
+py::list to_list(const PointHeader& header) {
+  py::list list;
+  for (const auto& [key, value] : header) {
+    list.append(py::make_tuple(key, py::str(readable(value))));
+  }
+  return list;
+}
+
+PointHeader to_header(const py::list& list) {
+  PointHeader header;
+  for (const py::handle& item : list) {
+    const auto entry = py::cast<py::tuple>(item);
+    header.emplace_back(py::cast<std::string>(entry[0]), py::cast<std::string>(entry[1]));
+  }
+  return header;
+}
+
 std::vector<PointField> to_fields(const py::list& list) {
   std::vector<PointField> fields;
   for (const py::handle& item : list) {
@@ -68,21 +86,25 @@ void bind_scans(py::module_& m) {
           table = read_points(file, ReadPointsOptions{max_bytes}, interruptible());
         }
         const py::list fields = to_list(table.fields);
-        return py::make_tuple(point_format_name(table.format), fields, table.num_points,
+        const py::list header = to_list(table.header);
+        return py::make_tuple(point_format_name(table.format), fields, header, table.num_points,
                               to_numpy(std::move(table.rows)));
       },
       py::arg("path"), py::arg("max_bytes"));
   m.def(
       "write_points",
-      [](const py::bytes& path, const py::list& fields, std::int64_t num_points,
-         const CArray<char>& bytes) {
+      [](const py::bytes& path, const py::list& fields, const py::list& header,
+         std::int64_t num_points, const CArray<char>& bytes) {
         const std::filesystem::path file = std::string(path);
-        const PointTableView table{
-            to_fields(fields), num_points, {bytes.data(), static_cast<std::size_t>(bytes.size())}};
+        const PointTableView table{to_fields(fields),
+                                   to_header(header),
+                                   num_points,
+                                   {bytes.data(), static_cast<std::size_t>(bytes.size())}};
         const py::gil_scoped_release nogil;
         write_points(file, table, interruptible());
       },
-      py::arg("path"), py::arg("fields"), py::arg("num_points"), py::arg("bytes").noconvert());
+      py::arg("path"), py::arg("fields"), py::arg("header"), py::arg("num_points"),
+      py::arg("bytes").noconvert());
   m.def("point_suffixes", [] {
     py::list list;
     for (const std::string& suffix : point_suffixes()) list.append(suffix);

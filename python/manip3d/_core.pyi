@@ -939,7 +939,7 @@ def read_mesh_bytes(
 ) -> tuple[typing.Any, ...]: ...
 def read_points(
     path: bytes, max_bytes: typing.SupportsInt | typing.SupportsIndex
-) -> tuple[str, list[typing.Any], int, numpy.ndarray]: ...
+) -> tuple[str, list[typing.Any], list[typing.Any], int, numpy.ndarray]: ...
 def read_range_grid(
     path: bytes, max_bytes: typing.SupportsInt | typing.SupportsIndex
 ) -> tuple[int, int, numpy.ndarray, numpy.ndarray]: ...
@@ -1067,6 +1067,7 @@ def write_mesh(mesh: typing.Any, path: bytes, texture_folder: bytes) -> list[typ
 def write_points(
     path: bytes,
     fields: list[typing.Any],
+    header: list[typing.Any],
     num_points: typing.SupportsInt | typing.SupportsIndex,
     bytes: numpy.typing.NDArray[numpy.int8],
 ) -> None: ...

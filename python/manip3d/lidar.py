@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["Box", "LidarFrame", "ScanFormat"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ScanFormat:
     """How the file that a scan came from is laid out, so that the same can be written back.
 
@@ -33,11 +33,23 @@ class ScanFormat:
         Name, NumPy type and values per point of each of the file's columns, in their order.
     header : mapping
         What else the file says, by the format's own names.
+    to_file : (4, 4) float64
+        Takes the frame's points to the file's coordinates: other axes, units or a far origin.
     """
 
     name: str
     columns: tuple[tuple[str, str, int], ...] = ()
     header: Mapping[str, Any] = field(default_factory=dict)
+    to_file: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
+
+    def file_coordinates(self, points: ArrayLike) -> NDArray[np.float64]:
+        """(N, 3) float64: points of the frame in the file's coordinates."""
+        matrix = self.to_file
+        wide: NDArray[np.float64] = np.asarray(points, np.float64)
+        if np.array_equal(matrix, np.eye(4)):  # to the bit, the sign of zeros included
+            return wide
+        moved: NDArray[np.float64] = wide @ matrix[:3, :3].T + matrix[:3, 3]
+        return moved
 
 
 @dataclass(frozen=True)
@@ -97,9 +109,7 @@ class LidarFrame:
         The other columns by name, in the file's own types.
     exact : (N, 3) float64 or None
         The file's own coordinates where float32 metres cannot hold them; written back for points
-        that were not moved.
-    offset : (float, float, float)
-        What was subtracted from ``exact`` to keep ``points`` small.
+        that were not moved. `ScanFormat.to_file` leads to them.
     format : ScanFormat or None
         Of the file it came from.
     num_dropped : int
@@ -123,7 +133,6 @@ class LidarFrame:
     source: str = ""
     fields: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     exact: NDArray[np.float64] | None = None
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     format: ScanFormat | None = None
     num_dropped: int = 0
 
@@ -145,10 +154,8 @@ class LidarFrame:
                     f"{name}: expected {len(points)} rows, as many as points, "
                     f"got shape {values.shape}"
                 )
-        for name in ("origin", "offset"):
-            place = getattr(self, name)
-            if place is not None:
-                object.__setattr__(self, name, _place(place, name))
+        if self.origin is not None:
+            object.__setattr__(self, "origin", _place(self.origin, "origin"))
         for name, value in (
             ("points", points),
             ("intensity", intensity),
@@ -238,7 +245,7 @@ class LidarFrame:
         if frame.exact is not None:
             exact = frame.exact.copy()
             moved = added | np.any(frame.points != new, axis=1)
-            exact[moved] = new[moved].astype(np.float64) + self.offset
+            exact[moved] = (self.format or ScanFormat("")).file_coordinates(new[moved])
         return frame.replace(
             points=new,
             exact=exact,

@@ -22,6 +22,9 @@ struct Format {
 // A new format is one line here.
 constexpr Format kFormats[] = {
     {PointFormat::kKitti, "kitti", ".bin", read_kitti, write_kitti},
+    {PointFormat::kPcd, "pcd", ".pcd", read_pcd, write_pcd},
+    {PointFormat::kPly, "ply", ".ply", read_ply_points, write_ply_points},
+    {PointFormat::k3dtk, "3dtk", ".3d", read_3dtk, write_3dtk},
 };
 
 const Format& format_of(const fs::path& path) {
@@ -46,6 +49,13 @@ std::int64_t row_bytes(const std::vector<PointField>& fields) {
   std::int64_t bytes = 0;
   for (const PointField& field : fields) bytes += field.num_bytes();
   return bytes;
+}
+
+std::string header_value(const PointHeader& header, std::string_view key) {
+  for (const auto& [name, value] : header) {
+    if (name == key) return value;
+  }
+  return "";
 }
 
 PointTable read_points(const fs::path& path, const ReadPointsOptions& options,

@@ -11,4 +11,13 @@ namespace manip3d {
 PointTable read_kitti(ByteSource& source, const Progress& progress);
 void write_kitti(Output& output, const PointTableView& table);
 
+PointTable read_pcd(ByteSource& source, const Progress& progress);
+void write_pcd(Output& output, const PointTableView& table);
+
+PointTable read_ply_points(ByteSource& source, const Progress& progress);
+void write_ply_points(Output& output, const PointTableView& table);
+
+PointTable read_3dtk(ByteSource& source, const Progress& progress);
+void write_3dtk(Output& output, const PointTableView& table);
+
 }  // namespace manip3d

@@ -1,12 +1,12 @@
 #pragma once
 
-#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "manip3d/io/byte_source.hpp"
@@ -16,7 +16,7 @@
 /// Point files as tables: every field of every point, as the file has it.
 namespace manip3d {
 
-enum class PointFormat : std::uint8_t { kKitti };
+enum class PointFormat : std::uint8_t { kKitti, kPcd, kPly, k3dtk };
 
 enum class FieldType : std::uint8_t {
   kInt8,
@@ -39,10 +39,21 @@ struct PointField {
   [[nodiscard]] std::int64_t num_bytes() const;
 };
 
+/// What a file says beside its points: key, value; in the file's order, keys may repeat.
+///
+/// PCD: `version`, `width`, `height`, `viewpoint`, `data` (ascii, binary, binary_compressed).
+/// PLY: `format` (ascii, binary_little_endian, binary_big_endian), `remark` (a whole line of
+/// comment or obj_info), `skipped` (an element that is not points).
+using PointHeader = std::vector<std::pair<std::string, std::string>>;
+
+/// The first value of a key; empty when there is none.
+std::string header_value(const PointHeader& header, std::string_view key);
+
 /// The points of one file, row by row, without gaps between fields, little endian.
 struct PointTable {
   PointFormat format = PointFormat::kKitti;
   std::vector<PointField> fields;
+  PointHeader header;
   std::int64_t num_points = 0;
   std::vector<char> rows;  ///< num_points * row_bytes(fields)
 };
@@ -57,8 +68,10 @@ struct ReadPointsOptions {
 
 /// Reads a point file; `.gz` and `.xz` are decompressed on the fly. The suffix tells the format.
 ///
-/// KITTI's `.bin` has rows of four floats: x, y, z, intensity, all finite. Of other formats the
-/// values are as stored, NaN included.
+/// KITTI's `.bin` has rows of four floats: x, y, z, intensity, all finite. 3DTK's `.3d` has three
+/// or more finite numbers a line: x, y, z, and c3, c4, ... as double. PCD may be ascii, binary or
+/// binary_compressed. PLY: the element `vertex`, which has no lists and comes first; other elements
+/// are left out. Values of these two are as stored, NaN included.
 /// @throws FormatError  with the file's name and the line or byte where reading stopped.
 /// @throws InputError  unknown suffix.
 /// @throws std::filesystem::filesystem_error  missing file and the like.
@@ -72,6 +85,7 @@ PointTable read_points(std::span<const std::byte> data, PointFormat format,
 /// What write_points borrows.
 struct PointTableView {
   std::vector<PointField> fields;
+  PointHeader header;
   std::int64_t num_points = 0;
   std::span<const char> rows;
 };

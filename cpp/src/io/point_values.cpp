@@ -1,0 +1,125 @@
+#include "io/point_values.hpp"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <type_traits>
+
+namespace manip3d {
+namespace {
+
+// Calls f with a value of the type.
+template <typename F>
+void with_type(FieldType type, F f) {
+  switch (type) {
+    case FieldType::kInt8:
+      return f(std::int8_t{});
+    case FieldType::kUint8:
+      return f(std::uint8_t{});
+    case FieldType::kInt16:
+      return f(std::int16_t{});
+    case FieldType::kUint16:
+      return f(std::uint16_t{});
+    case FieldType::kInt32:
+      return f(std::int32_t{});
+    case FieldType::kUint32:
+      return f(std::uint32_t{});
+    case FieldType::kInt64:
+      return f(std::int64_t{});
+    case FieldType::kUint64:
+      return f(std::uint64_t{});
+    case FieldType::kFloat:
+      return f(float{});
+    case FieldType::kDouble:
+      return f(double{});
+  }
+}
+
+template <typename T>
+T parsed(std::string_view word, LineCursor& at_word, const PointField& field) {
+  T value{};
+  const char* begin = word.data();
+  const char* end = begin + word.size();
+  if (begin < end && *begin == '+') ++begin;
+  const auto [stop, error] = std::from_chars(begin, end, value);
+  if constexpr (std::is_floating_point_v<T>) {
+    if (error == std::errc::result_out_of_range) return at_word.number(field.name.c_str());
+  }
+  if (error != std::errc() || stop != end || word.empty()) {
+    at_word.fail(field.name.c_str(), std::is_integral_v<T> ? "an integer of its type" : "a number");
+  }
+  return value;
+}
+
+}  // namespace
+
+void read_text(LineCursor& cursor, const PointField& field, std::vector<char>& bytes) {
+  for (std::int64_t i = 0; i < field.count; ++i) {
+    LineCursor at_word = cursor;
+    const std::string_view word = cursor.word();
+    with_type(field.type, [&]<typename T>(T) {
+      T value{};
+      if constexpr (std::is_same_v<T, float>) {
+        // By way of double, as others do.
+        const double wide = parsed<double>(word, at_word, field);
+        if (std::isfinite(wide) && std::fabs(wide) > std::numeric_limits<float>::max()) {
+          at_word.fail(field.name.c_str(), "a number that fits a float");
+        }
+        value = static_cast<float>(wide);
+      } else {
+        value = parsed<T>(word, at_word, field);
+      }
+      const auto* raw = reinterpret_cast<const char*>(&value);
+      bytes.insert(bytes.end(), raw, raw + sizeof(T));
+    });
+  }
+}
+
+void write_text(Output& output, const std::vector<PointField>& fields, const char* row) {
+  bool is_first = true;
+  for (const PointField& field : fields) {
+    for (std::int64_t i = 0; i < field.count; ++i) {
+      with_type(field.type, [&]<typename T>(T value) {
+        std::memcpy(&value, row, sizeof(T));
+        row += sizeof(T);
+        if (!is_first) output.text(" ");
+        is_first = false;
+        if constexpr (sizeof(T) == 1) {
+          output.number(static_cast<int>(value));
+        } else {
+          output.number(value);
+        }
+      });
+    }
+  }
+  output.text("\n");
+}
+
+void read_rows(InputBuffer& input, std::int64_t num_rows, std::int64_t row_size,
+               std::vector<char>& bytes) {
+  constexpr std::int64_t kBlock = std::int64_t{1} << 18;
+  const std::int64_t block = std::max<std::int64_t>(1, kBlock / row_size);
+  while (num_rows > 0) {
+    const auto size = static_cast<std::size_t>(std::min(block, num_rows) * row_size);
+    const char* data = input.bytes(size, "the points");
+    bytes.insert(bytes.end(), data, data + size);
+    num_rows -= std::min(block, num_rows);
+  }
+}
+
+void swap_rows(const std::vector<PointField>& fields, std::vector<char>& bytes) {
+  char* at = bytes.data();
+  const char* end = at + bytes.size();
+  while (at < end) {
+    for (const PointField& field : fields) {
+      const std::int64_t size = value_bytes(field.type);
+      for (std::int64_t i = 0; i < field.count; ++i, at += size) std::reverse(at, at + size);
+    }
+  }
+}
+
+std::int64_t value_bytes(FieldType type) { return PointField{"", type, 1}.num_bytes(); }
+
+}  // namespace manip3d

@@ -1,0 +1,32 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "io/input_buffer.hpp"
+#include "io/line_cursor.hpp"
+#include "io/output.hpp"
+#include "manip3d/io/point_file.hpp"
+
+namespace manip3d {
+
+/// Reads the values of one field from a line and appends their bytes. Numbers with a fraction may
+/// be NaN or infinite; integers must fit their type.
+void read_text(LineCursor& cursor, const PointField& field, std::vector<char>& bytes);
+
+/// Writes a row as a line.
+void write_text(Output& output, const std::vector<PointField>& fields, const char* row);
+
+/// Appends `num_rows` rows of `row_size` bytes as they are; grows with what is really there.
+void read_rows(InputBuffer& input, std::int64_t num_rows, std::int64_t row_size,
+               std::vector<char>& bytes);
+
+/// Turns the byte order of every value of the rows around.
+void swap_rows(const std::vector<PointField>& fields, std::vector<char>& bytes);
+
+/// Bytes per value.
+std::int64_t value_bytes(FieldType type);
+
+}  // namespace manip3d
