@@ -31,6 +31,8 @@ __all__ = ["DriveFrame", "drive", "write_drive"]
 DATE = "2000_01_01"
 """Of simulated drives: no real one has it."""
 _START = datetime(2000, 1, 1, 12, 0, 0, tzinfo=UTC)
+EPOCH = _START.timestamp()
+"""Seconds since 1970 of a street's time 0."""
 _ORIGIN = (49.0, 8.4)  # latitude and longitude of the street's zero, made up
 _EARTH_RADIUS = 6378137.0
 

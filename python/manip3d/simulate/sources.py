@@ -1,0 +1,93 @@
+"""``sim:`` addresses: simulated scans wherever a scan's file or folder can be named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import TypeVar
+from urllib.parse import parse_qsl, urlsplit
+
+from manip3d.errors import InputError
+from manip3d.lidar import LidarFrame
+from manip3d.simulate import scenes
+from manip3d.simulate.drives import EPOCH, drive
+from manip3d.simulate.streets import street
+from manip3d.simulate.terrestrial import terrestrial_scan
+
+__all__ = ["open_source"]
+
+_Number = TypeVar("_Number", int, float)
+
+
+def open_source(address: str, *, num_threads: int = 0) -> Iterator[LidarFrame]:
+    """Simulated scans by their address, one after the other.
+
+    Parameters
+    ----------
+    address : str
+        ``sim:street?seed=0&frames=10&start=0`` (HDL-64E on a car; ``seed`` names the street) or
+        ``sim:indoor-00?seed=0&resolution=0.06`` (a terrestrial scan of a scene of
+        `manip3d.simulate.scenes`; ``seed`` is that of the noise). What is left out is as here.
+    num_threads : int
+        0: all cores. The scans do not depend on it.
+
+    Yields
+    ------
+    LidarFrame
+        With the truth in its fields ``label`` and ``object``.
+
+    Raises
+    ------
+    InputError
+        Unknown source, option or value.
+    MissingExtraError
+        Open3D is not installed.
+
+    Examples
+    --------
+    >>> for frame in open_source("sim:street?seed=3&frames=2"):  # doctest: +SKIP
+    ...     print(frame.num_points)
+    """
+    parts = urlsplit(address)
+    name, options = parts.path, dict(parse_qsl(parts.query, keep_blank_values=True))
+    if parts.scheme != "sim":
+        raise InputError(f"address: expected sim:..., got {address!r}")
+    seed = _taken(options, "seed", int, 0)
+    if seed < 0:
+        raise InputError(f"seed: expected >= 0, got {seed}")
+    if name == "street":
+        frames, start = _taken(options, "frames", int, 10), _taken(options, "start", float, 0.0)
+        _refuse_others(options, address)
+        return (
+            frame.scan.frame.replace(source=address, timestamp=EPOCH + frame.time)
+            for frame in drive(
+                street(seed), frames, start=start, pictures=False, rng=seed, num_threads=num_threads
+            )
+        )
+    if name in {**scenes.SCENES, **scenes.CALIBRATION}:
+        resolution = _taken(options, "resolution", float, 0.06)
+        _refuse_others(options, address)
+        scan = terrestrial_scan(
+            scenes.make(name), resolution_deg=resolution, rng=seed, num_threads=num_threads
+        )
+        return iter([scan.frame.replace(source=address)])
+    raise InputError(
+        f"address: expected sim:street or a scene such as sim:indoor-00, got {address!r}"
+    )
+
+
+def _taken(
+    options: dict[str, str], name: str, kind: Callable[[str], _Number], default: _Number
+) -> _Number:
+    """The value of an option, taken out of ``options``."""
+    text = options.pop(name, None)
+    if text is None:
+        return default
+    try:
+        return kind(text)
+    except ValueError:
+        raise InputError(f"{name}: expected a number, got {text!r}") from None
+
+
+def _refuse_others(options: Mapping[str, str], address: str) -> None:
+    if options:
+        raise InputError(f"{address}: unknown option {', '.join(sorted(options))}")

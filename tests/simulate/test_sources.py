@@ -1,0 +1,48 @@
+"""``sim:`` addresses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from manip3d import InputError
+from manip3d.simulate import Street, drive, open_source, scenes, terrestrial_scan
+
+pytest.importorskip("open3d")
+
+
+def test_a_street_gives_its_drive(busy_street: Street) -> None:
+    address = "sim:street?seed=3&frames=2&start=1.5"
+    frames = list(open_source(address))
+    expected = list(drive(busy_street, 2, start=1.5, pictures=False, rng=3))
+    for got, made in zip(frames, expected, strict=True):
+        np.testing.assert_array_equal(got.points, made.scan.points)
+        np.testing.assert_array_equal(got.fields["label"], made.scan.label)
+        assert got.timestamp == 946_728_000.0 + made.time
+        assert got.source == address
+        assert got.origin == (0.0, 0.0, 0.0)
+
+
+def test_a_scene_gives_one_scan() -> None:
+    (frame,) = open_source("sim:indoor-02?resolution=3&seed=5")
+    scan = terrestrial_scan(scenes.make("indoor-02"), resolution_deg=3.0, rng=5)
+    np.testing.assert_array_equal(frame.points, scan.points)
+    np.testing.assert_array_equal(frame.fields["object"], scan.object)
+
+
+@pytest.mark.parametrize(
+    ("address", "text"),
+    [
+        ("kitti:street", "address: expected sim:..., got 'kitti:street'"),
+        ("sim:moon", "address: expected sim:street or a scene"),
+        ("sim:street?seed=x", "seed: expected a number, got 'x'"),
+        ("sim:street?seed=-1", "seed: expected >= 0, got -1"),
+        ("sim:street?resolution=1", "unknown option resolution"),
+        ("sim:indoor-00?frames=2", "unknown option frames"),
+        ("sim:indoor-00?resolution=0", "resolution_deg: expected 0 < degrees"),
+        ("sim:indoor-00?resolution=", "resolution: expected a number, got ''"),
+    ],
+)
+def test_bad_addresses_are_refused(address: str, text: str) -> None:
+    with pytest.raises(InputError, match=text.replace("?", r"\?")):
+        list(open_source(address))
