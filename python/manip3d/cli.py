@@ -264,12 +264,14 @@ def demo(
     jobs: Jobs = 0,
     seed: Seed = 0,
 ) -> None:
-    """Run chapter 2's experiments and open their report; needs no data."""
+    """Run experiments on meshes and depth images and open their report; needs no data."""
     from manip3d._cli import reproducing, terminal
 
     shell = terminal.Terminal(quiet=quiet)
     plan = {"data": data.value, "scale": scale.value, "seed": seed}
-    reproducing.reproduce([], output, plan, shell, jobs=jobs, dask="", force=False)
+    reproducing.reproduce(
+        reproducing.demo_ids(), output, plan, shell, jobs=jobs, dask="", force=False
+    )
     reproducing.open_report(reproducing.write_report(output, None, shell), shell)
 
 

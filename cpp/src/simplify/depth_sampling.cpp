@@ -217,6 +217,16 @@ std::vector<Pixel> zero_crossings(const std::vector<Run>& runs, double ratio) {
   return pixels;
 }
 
+/// As many of the pixels as asked for, spread over their order.
+std::vector<Pixel> spread(const std::vector<Pixel>& pixels, std::int64_t count) {
+  const auto size = static_cast<std::int64_t>(pixels.size());
+  std::vector<Pixel> kept;
+  for (std::int64_t i = 0; i < std::min(count, size); ++i) {
+    kept.push_back(pixels[i * size / std::min(count, size)]);
+  }
+  return kept;
+}
+
 }  // namespace
 
 std::vector<Pixel> sample_uniform(const PointGridView& grid, std::int64_t target_points) {
@@ -298,6 +308,8 @@ ScaleSpaceSample sample_scale_space(const PointGridView& grid, std::int64_t targ
     if (count <= target_points && (step == 0 || 100 * count >= 99 * target_points)) break;
     if (step > 0) (count > target_points ? low : high) = sigma;
   }
+  if (best.pixels.empty())
+    best = {spread(zero_crossings(runs, ratio_of(high)), target_points), high};
   return best;
 }
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _EXTRAS = {
     "io": ("trimesh",),
     "viz": ("pyvista", "vtk", "PIL"),
-    "simulate": ("open3d", "PIL"),
+    "simulate": ("open3d",),
     "experiments": ("pandas", "matplotlib", "jinja2", "scipy", "pooch"),
     "notebook": ("ipykernel", "nbclient"),
     "dask": ("distributed",),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from manip3d import datasets
 from manip3d._cli.terminal import Terminal, table
 from manip3d.errors import InputError
-from manip3d.experiments import Plan, RunSummary, run, select
+from manip3d.experiments import Plan, RunSummary, registry, run, select
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -43,6 +43,12 @@ def _data_state(record: dict[str, Any]) -> str:
     if missing == wanted:
         return "not here: simulated models stand in"
     return f"{missing} of {wanted} missing: {', '.join(record['missing'])}"
+
+
+def demo_ids() -> list[str]:
+    """What shows most in a minute: chapter 2, and the errors of chapter 3."""
+    chapter_2 = ("table-2.", "figure-2.", "ablation-")
+    return [name for name in registry() if name.startswith(chapter_2) or name == "table-3.4"]
 
 
 def reproduce(

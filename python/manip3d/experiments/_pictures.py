@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -72,32 +72,64 @@ def draw(folder: str, options: Mapping[str, Any]) -> list[dict[str, Any]]:
         options["simulated_faces"],
         *(hashlib.sha256(d).hexdigest() for d in packed),
     ]
+    return draw_set(root, identity, labels, meshes, _STYLES if original.materials else ["shaded"])
+
+
+def draw_set(
+    root: Path,
+    identity: Sequence[Any],
+    labels: Sequence[str],
+    meshes: Sequence[Mesh],
+    styles: Iterable[str],
+    **view: Any,
+) -> list[dict[str, Any]]:
+    """Draw meshes from the camera that frames the first; pictures that exist are kept.
+
+    Parameters
+    ----------
+    root : Path
+        The results folder.
+    identity : sequence of JSON values
+        All that the pictures depend on.
+    labels, meshes : sequences of the same length
+    styles : iterable of str
+        ``shaded``, ``textured``.
+    view
+        For `manip3d.viewer.comparison`.
+
+    Returns
+    -------
+    list of dict
+        ``label``, ``faces``, and by style the file in the results folder.
+    """
     items: list[dict[str, Any]] = [
         {"label": label, "faces": mesh.num_faces}
         for label, mesh in zip(labels, meshes, strict=True)
     ]
-    for style in _STYLES if original.materials else ("shaded",):
+    for style in styles:
+        options = _STYLES[style] | view
         digest = hashlib.sha256(canonical_json([*identity, style, _SIZE])).hexdigest()[:24]
         names = [f"pictures/{digest}-{number}.webp" for number in range(len(meshes))]
         if not all((root / name).exists() for name in names):
             (root / "pictures").mkdir(exist_ok=True)
-            for name, image in zip(names, _draw_alike(meshes, style), strict=True):
-                atomic_write(root / name, _webp(image))
+            for name, image in zip(names, _draw_alike(meshes, options), strict=True):
+                atomic_write(root / name, webp(image))
         for item, name in zip(items, names, strict=True):
             item[style] = name
     return items
 
 
-def _draw_alike(meshes: Sequence[Mesh], style: str) -> list[NDArray[np.uint8]]:
+def _draw_alike(meshes: Sequence[Mesh], options: Mapping[str, Any]) -> list[NDArray[np.uint8]]:
     """Each mesh from the camera that frames the first."""
     from manip3d import viewer
 
-    sheet = viewer.comparison(meshes, columns=1, size=_SIZE, **_STYLES[style])
+    sheet = viewer.comparison(meshes, columns=1, size=_SIZE, **options)
     height = len(sheet) // len(meshes)
     return [sheet[(n + 1) * height - _SIZE[1] : (n + 1) * height] for n in range(len(meshes))]
 
 
-def _webp(image: NDArray[np.uint8]) -> bytes:
+def webp(image: NDArray[np.uint8]) -> bytes:
+    """The WebP file of a picture."""
     from PIL import Image
 
     stream = io.BytesIO()

@@ -24,6 +24,19 @@ _BUILT_IN = (
     "figure_2_17",
     "ablation_boundary_weight",
     "ablation_seam_weight",
+    "table_3_1",
+    "table_3_2",
+    "table_3_3",
+    "table_3_4",
+    "figure_3_5",
+    "figure_3_6",
+    "figure_3_7",
+    "figure_3_8",
+    "figure_3_10",
+    "figure_3_12",
+    "figure_3_13",
+    "figure_3_14",
+    "boundary_noise",
 )
 
 

@@ -81,9 +81,10 @@ def sample_depth(
     image = _depth_image(depth, intrinsics)
     picture = _colour_image(colour, image.shape, registration)
     points, valid, rows_up = _core.unproject(image, intrinsics, threads_of(threads))
+    points, valid = points.reshape(*image.shape, 3), valid.reshape(image.shape).view(np.bool_)
     mesh = sample_depth_grid(
-        points.reshape(*image.shape, 3),
-        valid.reshape(image.shape).view(np.bool_),
+        points,
+        valid,
         target_points,
         method=method,
         rows_up=rows_up,
@@ -91,8 +92,10 @@ def sample_depth(
         rng=rng,
     )
     uvs = mesh.uvs
-    if registration is not None:
-        uvs = _core.registered_uvs(mesh.vertices, registration)
+    if registration is not None:  # those of the same pixels of the dense mesh
+        dense = _core.grid_mesh(points, valid, rows_up, np.inf, registration, threads_of(threads))
+        row = np.cumsum(valid).reshape(valid.shape) - 1
+        uvs = dense["uvs"][row[mesh.pixels[:, 1], mesh.pixels[:, 0]]]
     return DepthMesh(mesh.vertices, mesh.triangles, mesh.pixels, uvs, picture)
 
 

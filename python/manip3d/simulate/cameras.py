@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -117,18 +116,12 @@ def stereo_pair(
         for side in (LEFT_OFFSET, LEFT_OFFSET - BASELINE)
     ]
 
-    stopped = threading.Event()
-
     def draw(eye: int) -> tuple[NDArray[np.uint8], Floats, NDArray[np.int32]]:
-        return _picture(stage, eyes[eye], turn, aim, float(time), noise[eye], num_threads, stopped)
+        return _picture(stage, eyes[eye], turn, aim, float(time), noise[eye], num_threads)
 
     stage.shader  # noqa: B018  built before two threads ask for it
     with ThreadPoolExecutor(2) as pool:
-        try:
-            (left, depth, number), (right, _, _) = pool.map(draw, (0, 1))
-        except BaseException:
-            stopped.set()  # Ctrl-C need not wait for the pictures
-            raise
+        (left, depth, number), (right, _, _) = pool.map(draw, (0, 1))
     return StereoPair(left, right, depth, number)
 
 
@@ -150,7 +143,6 @@ def _picture(
     time: float,
     noise: NDArray[np.int64],
     num_threads: int,
-    stopped: threading.Event,
 ) -> tuple[NDArray[np.uint8], Floats, NDArray[np.int32]]:
     """Picture, depth and object numbers of one camera."""
     subsets = [_pixels_of(mover, eye, turn, time) for mover in stage.movers]
@@ -159,8 +151,6 @@ def _picture(
     _, per_metre = _rays()
     grain = _grain()
     for start in range(0, HEIGHT * WIDTH, _BAND * WIDTH):
-        if stopped.is_set():
-            break
         band = slice(start, min(start + _BAND * WIDTH, HEIGHT * WIDTH))
         color = _sky(aim[band, 2])
         seen = np.flatnonzero(np.isfinite(hits.distance[band]))

@@ -117,7 +117,7 @@ def street(rng: int | Random = 0) -> Street:
     relief = Relief(random, float(random.uniform(0.01, 0.05)), 30.0)
     builder = WorldBuilder()
     half_road = float(random.uniform(5.2, 7.0))
-    pavement = float(random.uniform(2.6, 3.8))
+    pavement = float(random.uniform(1.8, 3.5))
     _ground(builder, random, relief, half_road, pavement)
     garden = float(random.choice([0.0, 3.0, 6.0, 10.0]))
     for side in (1, -1):
@@ -218,7 +218,7 @@ def _side(
                 _put(builder, relief, bush, Label.VEGETATION, at, 0.0)
     for x in random.uniform(20.0, LENGTH - 20.0, 8):
         thing = things.bin_(random) if random.random() < 0.5 else things.bench()
-        at = (float(x), side * (half_road + pavement - 0.35))
+        at = (float(x), side * (half_road + pavement - 0.4))
         _put(builder, relief, thing, Label.FURNITURE, at, yaw)
 
 
@@ -316,13 +316,13 @@ def _traffic(
     movers = []
     ahead = start[0] + float(random.uniform(10.0, 35.0))
     if random.random() < 0.7:
-        pace = speed + float(random.uniform(0.0, 0.3))  # never closes up
+        pace = speed + float(random.normal(0.0, 0.3))
         movers.append(mover(things.car(random), Label.CAR, ahead, start[1], 0.0, pace))
     if random.random() < 0.5:
         behind = start[0] - float(random.uniform(9.0, 25.0))
         movers.append(mover(things.car(random), Label.CAR, behind, start[1], 0.0, speed))
-    pace = float(random.uniform(4.0, 13.0))  # one for all that come: they never meet
     for x in start[0] + np.cumsum(random.uniform(12.0, 60.0, 6)):
+        pace = float(random.uniform(4.0, 13.0))
         movers.append(mover(things.car(random), Label.CAR, float(x), -start[1], np.pi, pace))
     for _ in range(int(random.integers(0, 3)) if half_road > 6.0 else 0):
         x, y = start[0] + float(random.uniform(8.0, 60.0)), -half_road + 2.6
@@ -330,7 +330,7 @@ def _traffic(
     for _ in range(int(random.integers(6, 16))):
         x = start[0] + float(random.uniform(-30.0, 200.0))
         side = 1.0 if random.random() < 0.5 else -1.0
-        y = side * (half_road + float(random.uniform(1.45, pavement - 0.95)))
+        y = side * (half_road + float(random.uniform(1.3, pavement - 0.2)))
         yaw = 0.0 if random.random() < 0.5 else np.pi
         pace = float(random.uniform(0.6, 1.7))
         movers.append(mover(things.person(random), Label.PERSON, x, y, yaw, pace, 0.11))

@@ -36,7 +36,9 @@ struct ScaleSpaceSample {
 /// Zero crossings of the Laplacian of Gaussian along scan lines [Cheng & Boulanger, "Single-pass
 /// surface simplification by scale-space analysis", 2006]: of the distance from the object's
 /// medial axis, which is taken as upright (along y) and, in each row, as the middle of the extent
-/// of its points. A wider Gaussian leaves fewer. For single objects: a scene has no such axis.
+/// of its points. A wider Gaussian leaves fewer; where
+/// even the widest leaves too many, some are taken out all over the image. For single objects: a
+/// scene has no such axis.
 /// @throws InputError  as check_point_grid; target_points < 1.
 ScaleSpaceSample sample_scale_space(const PointGridView& grid, std::int64_t target_points);
 

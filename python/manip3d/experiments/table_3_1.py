@@ -1,0 +1,85 @@
+"""Table 3.1: attributes of the range images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from manip3d.experiments import _published
+from manip3d.experiments._depth import NOTE, models, open_input, real_data
+from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
+
+_COUNTS = ("faces", "vertices")
+
+
+def count(case: Case) -> Row:
+    """Faces and vertices of the dense mesh."""
+    image = open_input(case.options)
+    dense = image.dense()
+    rows, columns = image.measured.shape
+    return {
+        "faces": dense.num_faces,
+        "vertices": dense.num_vertices,
+        "image": f"{columns} x {rows}",
+        "coloured": image.colour is not None,
+    }
+
+
+def _cases(plan: Plan) -> list[Case]:
+    return [
+        Case(count, model.options, inputs=(model.data,) if model.data else ())
+        for model in models(plan)
+    ]
+
+
+def _complete(row: Row) -> Row:
+    printed = next(
+        r for r in _published.rows("table_3_1_datasets") if r["model"] == row["stands_in_for"]
+    )
+    return row | {f"published_{n}": int(printed[n]) for n in _COUNTS}
+
+
+def _same_counts(rows: Sequence[Row]) -> Iterator[Finding]:
+    for row in rows:
+        got = [row[name] for name in _COUNTS]
+        printed = [row[f"published_{name}"] for name in _COUNTS]
+        holds = got == printed if row["same_file"] else None
+        yield Finding(row["model"], holds, f"{got}, published {printed}")
+
+
+def _possible(_: Sequence[Row]) -> Iterator[Finding]:
+    for row in _published.rows("table_3_1_datasets"):
+        faces, vertices = int(row["faces"]), int(row["vertices"])
+        numbers = f"{faces} faces on {vertices} vertices"
+        yield Finding(row["model"], faces < 2 * vertices, numbers)
+
+
+EXPERIMENT = Experiment(
+    id="table-3.1",
+    title="Attributes of the range images",
+    published="table_3_1_datasets",
+    data=real_data(),
+    cases=_cases,
+    columns=(
+        *(Column(n, n, published=f"published_{n}", ratio=False) for n in _COUNTS),
+        Column("image", "pixels"),
+        Column("coloured", "colour"),
+    ),
+    claims=(
+        Claim(
+            "bun000 and happyStandRight_0 are the published scans: faces and vertices agree",
+            "table 3.1",
+            _same_counts,
+        ),
+        Claim(
+            "Each printed model has fewer than two faces a vertex, as the mesh of a pixel grid has",
+            "aim",
+            _possible,
+        ),
+    ),
+    complete=_complete,
+    notes=(
+        NOTE,
+        "Desk's printed 3 042 969 faces are impossible on 155 275 vertices of a pixel grid: a "
+        "misprint of about 304 000.",
+    ),
+)

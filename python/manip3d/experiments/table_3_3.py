@@ -1,0 +1,89 @@
+"""Table 3.3: time of the methods at 5 % of the points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from manip3d.experiments._depth import (
+    METHOD_COLUMN,
+    METHODS,
+    NOTE,
+    QEM_NOTE,
+    REAL_TIME,
+    TIME_NOTE,
+    by_model,
+    listing,
+    models,
+    printed_time,
+    real_data,
+    reduction_case,
+)
+from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
+
+_TABLE = "table_3_3_time_ms"
+
+
+def cases(plan: Plan) -> list[Case]:
+    """Every range image by each method at 5 %; SSA is for single objects. Shared with table 3.4."""
+    return [
+        reduction_case(model, method, plan, share=0.05)
+        for model in models(plan)
+        for method in METHODS
+        if method != "ssa" or model.kind != "scene"
+    ]
+
+
+def _complete(row: Row) -> Row:
+    return row | {"published_time": printed_time(_TABLE, row)}
+
+
+def _faster_than_qem(rows: Sequence[Row]) -> Iterator[Finding]:
+    for model, group in by_model(rows):
+        ratio = group["qem4vr"]["time_ms"] / group["cios"]["time_ms"]
+        numbers = f"{ratio:.0f} times: {listing(group, 'time_ms', digits=2)} ms"
+        yield Finding(model, ratio >= 20, numbers)
+
+
+def _faster_than_fmeps(rows: Sequence[Row]) -> Iterator[Finding]:
+    for model, _ in by_model(rows):
+        yield Finding(model, None, "Lindstrom-Turk is measured in benchmarks/RESULTS.md")
+
+
+def _real_time(rows: Sequence[Row]) -> Iterator[Finding]:
+    for row in rows:
+        if row["method"] == "cios":
+            yield Finding(row["model"], row["time_ms"] < 100, f"{row['time_ms']:.2f} ms")
+
+
+def _uniform_is_quickest(rows: Sequence[Row]) -> Iterator[Finding]:
+    for model, group in by_model(rows):
+        present = {m: group[m] for m in REAL_TIME if m in group}
+        quickest = min(present, key=lambda method: float(present[method]["time_ms"]))
+        yield Finding(model, quickest == "uniform", f"{listing(present, 'time_ms', digits=2)} ms")
+
+
+EXPERIMENT = Experiment(
+    id="table-3.3",
+    title="Time of the methods, 5 % of the points",
+    published=_TABLE,
+    data=real_data(),
+    cases=cases,
+    columns=(
+        METHOD_COLUMN,
+        Column("points", "vertices"),
+        Column("faces", "faces"),
+        Column("time_ms", "ms", 1.0, 2, "published_time", lower_is_better=True),
+    ),
+    claims=(
+        Claim("CS3 is at least 20 times faster than QEM", "table 3.3", _faster_than_qem),
+        Claim(
+            "CS3 is thousands of times faster than Lindstrom-Turk (FMEPS)",
+            "table 3.3",
+            _faster_than_fmeps,
+        ),
+        Claim("CS3 works in real time: less than 100 ms an image", "section 3.6", _real_time),
+        Claim("The uniform grid takes the least time", "section 3.6", _uniform_is_quickest),
+    ),
+    complete=_complete,
+    notes=(NOTE, QEM_NOTE, TIME_NOTE),
+)
