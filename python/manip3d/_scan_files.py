@@ -21,8 +21,8 @@ Column = tuple[str, str, int]
 """Name, NumPy type, values per point."""
 
 TABLE_SUFFIXES: tuple[str, ...] = tuple(_core.point_suffixes())
-SCAN_SUFFIXES: tuple[str, ...] = TABLE_SUFFIXES
-"""Suffixes that `read_scan` and `write_scan` know."""
+SCAN_SUFFIXES: tuple[str, ...] = (*TABLE_SUFFIXES, ".las", ".laz", ".e57")
+"""Suffixes that `read_scan` and `write_scan` know; LAS, LAZ and E57 need an extra."""
 _COMPRESSED = (".gz", ".xz")
 _INTENSITY = ("intensity", "reflectance", "reflectivity", "remission", "i")
 _RING = ("ring", "channel", "laser_id")
@@ -69,20 +69,46 @@ def read_scan(
         KITTI's ``.bin``: metres, x forward, y left, z up, the scanner at the origin. PCD: the
         scanner at its viewpoint. PLY: coordinates as they are, the scanner's place not known.
         3DTK's ``.3d``: turned to metres and our axes, the scanner at the origin; the pose of the
-        ``.pose`` file beside it is ``format.header["pose"]``. Points of PCD and PLY whose
-        coordinates are NaN were not measured: they are dropped and counted.
+        ``.pose`` file beside it is ``format.header["pose"]``. LAS and LAZ: coordinates as they
+        are, moved near 0 where they lie far from it. E57: the scanner's own frame, the scanner at
+        the origin; its pose is ``format.header["pose"]``. Points of PCD, PLY and E57 without
+        coordinates (NaN, marked invalid) were not measured: they are dropped and counted.
 
     Raises
     ------
     FormatError
         The file is damaged or hostile; names the file and the line or byte.
     InputError
-        No format has that suffix.
+        No format has that suffix, or the file holds several positions (see `read_scans`).
+    MissingExtraError
+        LAS, LAZ and E57: the package that reads them is not installed.
     OSError
         `FileNotFoundError` and the like.
     """
-    frame = _read_table(path, byte_limit(max_bytes))
-    return frame if origin is None else frame.replace(origin=tuple(origin))
+    frames = read_scans(path, max_bytes=max_bytes)
+    if len(frames) != 1:
+        raise InputError(f"{os.fspath(path)}: expected one scan, got {len(frames)}: use read_scans")
+    return frames[0] if origin is None else frames[0].replace(origin=tuple(origin))
+
+
+def read_scans(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> list[LidarFrame]:
+    """Read all scans of a file: E57 may hold many positions, other formats hold one.
+
+    Raises
+    ------
+    FormatError, InputError, MissingExtraError, OSError
+        As `read_scan`.
+    """
+    suffix = scan_suffix(path)
+    if suffix in (".las", ".laz"):
+        from manip3d import _scan_las
+
+        return [_scan_las.read(Path(path), max_bytes)]
+    if suffix == ".e57":
+        from manip3d import _scan_e57
+
+        return _scan_e57.read_all(Path(path), max_bytes)
+    return [_read_table(path, byte_limit(max_bytes))]
 
 
 def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
@@ -91,26 +117,72 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     The file appears whole or not at all. A scan written to the format that it was read from keeps
     the file's columns, their types and their order, and the coordinates of points that were not
     moved. Another format gets x, y, z, the intensity (`.bin`: 0 where there is none), the ring and
-    what of ``fields`` it can hold; KITTI's ``.bin`` holds nothing else, 3DTK's ``.3d`` numbers.
+    what of ``fields`` it can hold; KITTI's ``.bin`` holds nothing else, 3DTK's ``.3d`` the
+    intensity, E57 rows, columns and colours (coordinates as 32-bit floats).
 
     Raises
     ------
     InputError
         Unknown suffix.
+    MissingExtraError
+        LAS, LAZ and E57: the package that writes them is not installed.
     OSError
         The operating system refused; the old file is whole.
     """
     name = os.fspath(path)
-    table = _TABLES.get(scan_suffix(name))
+    suffix = scan_suffix(name)
+    if suffix in (".las", ".laz"):
+        from manip3d import _scan_las
+
+        return _scan_las.write(frame, Path(name))
+    if suffix == ".e57":
+        return write_scans([frame], name)
+    table = _TABLES.get(suffix)
     if table is None:
         _core.write_points(os.fsencode(name), [], [], 0, np.empty(0, np.int8))  # says what is known
-        return
+        return None
     own = frame.format is not None and frame.format.name == table.name
     layout = frame.format if own and frame.format is not None else table.layout(frame)
     rows = _packed(frame, layout)
     header = _header(layout, frame)
     columns = [list(column) for column in layout.columns]
     _core.write_points(os.fsencode(name), columns, header, len(rows), rows.view(np.int8))
+    return None
+
+
+def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> None:
+    """Write several scan positions to one E57 file, each with the pose it was read with.
+
+    Raises
+    ------
+    InputError
+        Another suffix and not exactly one scan.
+    MissingExtraError, OSError
+        As `write_scan`.
+    """
+    if scan_suffix(path) == ".e57":
+        from manip3d import _scan_e57
+
+        return _scan_e57.write_all(frames, Path(path))
+    if len(frames) != 1:
+        raise InputError(f"frames: only E57 holds several scans, got {len(frames)}")
+    return write_scan(frames[0], path)
+
+
+def refuse_expansion(claimed: int, stored: int, limit: int, file: str) -> None:
+    """Refuse a compressed file that says that it holds far more than it can: `read_scan`'s limit.
+
+    Raises
+    ------
+    FormatError
+        More than ``limit`` bytes, or without one more than 64 MiB and 200 times the file.
+    """
+    if limit and claimed > limit:
+        raise FormatError(f"more than max_bytes = {limit}", file=file)
+    if not limit and claimed > 64 << 20 and claimed > 200 * stored:
+        raise FormatError(
+            f"{stored} bytes claim to hold {claimed}; set max_bytes to read them", file=file
+        )
 
 
 def scan_paths(folder: str | os.PathLike[str]) -> Iterator[Path]:
@@ -153,7 +225,7 @@ def _read_table(path: str | os.PathLike[str], limit: int) -> LidarFrame:
     stored = np.column_stack([by_name.pop(axis) for axis in "xyz"])
     header: dict[str, Any] = {"pairs": tuple((str(a), str(b)) for a, b in pairs)}
     layout = ScanFormat(kind, columns, header, _to_file(kind))
-    points = _to_points(stored, layout, name)
+    points = measured_points(stored, layout, name)
     intensity = _take(by_name, _INTENSITY, "fiu")
     ring = _take(by_name, _RING, "iu")
     frame = LidarFrame(
@@ -163,7 +235,7 @@ def _read_table(path: str | os.PathLike[str], limit: int) -> LidarFrame:
         origin=_origin(kind, dict(header["pairs"])),
         source=name,
         fields={key: np.ascontiguousarray(values) for key, values in by_name.items()},
-        exact=_exact(stored, points),
+        exact=exact_coordinates(stored, points),
         format=layout,
         num_dropped=num_dropped,
     )
@@ -205,7 +277,8 @@ def _to_file(kind: str) -> NDArray[np.float64]:
     return matrix
 
 
-def _to_points(stored: NDArray[Any], layout: ScanFormat, file: str) -> NDArray[np.float32]:
+def measured_points(stored: NDArray[Any], layout: ScanFormat, file: str) -> NDArray[np.float32]:
+    """File coordinates as points of the frame: metres, our axes, near 0."""
     back = np.linalg.inv(layout.to_file)
     same = np.array_equal(back, np.eye(4))
     metres = stored if same else stored.astype(np.float64) @ back[:3, :3].T + back[:3, 3]
@@ -220,7 +293,10 @@ def _to_points(stored: NDArray[Any], layout: ScanFormat, file: str) -> NDArray[n
     return points
 
 
-def _exact(stored: NDArray[Any], points: NDArray[np.float32]) -> NDArray[np.float64] | None:
+def exact_coordinates(
+    stored: NDArray[Any], points: NDArray[np.float32]
+) -> NDArray[np.float64] | None:
+    """The file's coordinates where the points do not say them to the bit."""
     if stored.dtype == np.float32 or np.array_equal(stored, points):
         return None
     return np.ascontiguousarray(stored, np.float64)
@@ -286,6 +362,15 @@ def _general_columns(frame: LidarFrame) -> tuple[Column, ...]:
         if values.ndim <= 2 and values.dtype.kind in "iuf" and values.dtype.itemsize <= 8:
             columns.append((name, _kind(values), values.shape[1] if values.ndim == 2 else 1))
     return tuple(columns)
+
+
+def general_fields(frame: LidarFrame) -> dict[str, NDArray[Any]]:
+    """What another format may hold of a frame: numbers, one per point."""
+    columns = {} if frame.ring is None else {"ring": frame.ring}
+    columns |= {
+        name: v for name, v in frame.fields.items() if v.ndim == 1 and v.dtype.kind in "iuf"
+    }
+    return columns
 
 
 def _kind(values: NDArray[Any]) -> str:

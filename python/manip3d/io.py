@@ -16,7 +16,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._depth_files import DEPTH_SUFFIXES, read_depth
-from manip3d._scan_files import SCAN_SUFFIXES, read_scan, write_scan
+from manip3d._scan_files import SCAN_SUFFIXES, read_scan, read_scans, write_scan, write_scans
 from manip3d.errors import InputError
 from manip3d.mesh import Mesh, Texture
 
@@ -36,9 +36,11 @@ __all__ = [
     "read_range_grid",
     "read_report",
     "read_scan",
+    "read_scans",
     "texture_path",
     "write_mesh",
     "write_scan",
+    "write_scans",
 ]
 
 READABLE: tuple[str, ...] = tuple(_core.readable_suffixes())

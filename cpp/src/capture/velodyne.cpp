@@ -263,8 +263,10 @@ void VelodyneDecoder::set_model(VelodyneModel model) {
   range_unit_ = calibration.range_unit_m;
   std::vector<std::size_t> order(num_lasers);
   std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
-    return calibration.lasers[a].elevation_deg > calibration.lasers[b].elevation_deg;
+  std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+    const double high = calibration.lasers[a].elevation_deg;
+    const double low = calibration.lasers[b].elevation_deg;
+    return high > low || (high == low && a < b);
   });
   lasers_.resize(num_lasers);
   for (std::size_t rank = 0; rank < num_lasers; ++rank) {
