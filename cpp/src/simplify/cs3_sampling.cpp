@@ -140,32 +140,43 @@ std::int64_t Cs3Sampler::sample_by_order(const Frame& frame, double factor) {
 
 namespace {
 
-struct Direction {
-  double u, v;
-};
-
-/// Principal directions of the Hessian [[uu, uv], [uv, vv]]; lambda_max is larger in magnitude.
-struct Principal {
-  Direction max{1.0, 0.0}, min{0.0, 1.0};
-  double ratio = 1.0;  ///< |lambda_max / lambda_min|, infinite for lambda_min = 0.
-};
-
-Principal principal_directions(double uu, double vv, double uv) {
+PrincipalDirections principal_directions(double uu, double vv, double uv) {
   const double mean = 0.5 * (uu + vv), half = 0.5 * (uu - vv);
   const double root = std::sqrt(half * half + uv * uv);
   const double large = mean >= 0.0 ? mean + root : mean - root;
   const double small = mean >= 0.0 ? mean - root : mean + root;
-  Principal result;
-  result.ratio = std::abs(large) / std::abs(small);
+  constexpr double kMaxStretch = 4.0;
+  PrincipalDirections result;
+  const double ratio = std::abs(large) / std::abs(small);
+  result.stretch = ratio < kMaxStretch * kMaxStretch ? std::sqrt(ratio) : kMaxStretch;
   // (M - small I) maps everything onto the direction of `large`: take its longer column.
-  const Direction a{uu - small, uv}, b{uv, vv - small};
-  const double aa = a.u * a.u + a.v * a.v, bb = b.u * b.u + b.v * b.v;
-  const Direction& longer = aa >= bb ? a : b;
+  const double aa = (uu - small) * (uu - small) + uv * uv;
+  const double bb = (vv - small) * (vv - small) + uv * uv;
   const double length = std::sqrt(std::max(aa, bb));
   if (!(length > 0.0 && length < std::numeric_limits<double>::infinity())) return result;
-  result.max = {longer.u / length, longer.v / length};
-  result.min = {-result.max.v, result.max.u};
+  result.u = (aa >= bb ? uu - small : uv) / length;
+  result.v = (aa >= bb ? uv : vv - small) / length;
   return result;
+}
+
+}  // namespace
+
+void Cs3Sampler::find_directions(const Frame& frame) {
+  const ImportanceMap& map = frame.map;
+  directions_.reserve(map.keys.capacity());
+  directions_.resize(map.keys.size());
+  for (const Slot slot : frame.order) {
+    directions_[slot] =
+        principal_directions(map.hessian_uu[slot], map.hessian_vv[slot], map.hessian_uv[slot]);
+  }
+}
+
+namespace {
+
+// The integer nearest to x, halves up, for |x| < 2^20: without a call of floor().
+std::int64_t nearest(double x) {
+  constexpr std::int64_t kOffset = 1 << 20;  // truncation is floor for positive numbers
+  return static_cast<std::int64_t>(x + (static_cast<double>(kOffset) + 0.5)) - kOffset;
 }
 
 }  // namespace
@@ -173,35 +184,31 @@ Principal principal_directions(double uu, double vv, double uv) {
 // Keeps the points whose importance is the greatest along both principal directions; ties go to
 // the earlier pixel. Directions by absolute value of the eigenvalues; w_min at most 4 w_max.
 std::int64_t Cs3Sampler::sample_maxima(const Frame& frame, double factor) {
-  constexpr double kMaxStretch = 4.0;
+  const double w_max = factor * frame.interval;
   const ImportanceMap& map = frame.map;
   chosen_.clear();
   for (const Slot slot : frame.order) {
-    const std::int64_t u = frame.u(slot), v = frame.v(slot);
-    const ImportanceKey own = map.keys[slot];
-    const auto is_maximum = [&](const Direction& direction, double window) {
-      const auto steps = static_cast<std::int64_t>(window);
-      for (std::int64_t k = 1; k <= steps; ++k) {
-        for (const double sign : {1.0, -1.0}) {
-          const auto other_u = static_cast<std::int64_t>(std::floor(
-              static_cast<double>(u) + 0.5 + sign * static_cast<double>(k) * direction.u));
-          const auto other_v = static_cast<std::int64_t>(std::floor(
-              static_cast<double>(v) + 0.5 + sign * static_cast<double>(k) * direction.v));
-          if (other_u < 0 || other_v < 0 || other_u >= map.box.width || other_v >= map.box.height) {
-            continue;
-          }
-          const auto other = static_cast<Slot>(other_v * map.stride + other_u);
-          const ImportanceKey key = map.keys[other];  // an invalid pixel has the largest
-          if (key < own || (key == own && other < slot)) return false;
-        }
+    const auto u = static_cast<double>(frame.u(slot)), v = static_cast<double>(frame.v(slot));
+    // Is a more important pixel, or an earlier one as important, at this distance?
+    const auto is_exceeded = [&](double du, double dv) {
+      const std::int64_t other_u = nearest(u + du), other_v = nearest(v + dv);
+      if (other_u < 0 || other_v < 0 || other_u >= map.box.width || other_v >= map.box.height) {
+        return false;
       }
-      return true;
+      const auto other = static_cast<Slot>(other_v * map.stride + other_u);
+      const ImportanceKey key = map.keys[other], own = map.keys[slot];  // invalid: the largest
+      return key < own || (key == own && other < slot);
     };
-    const Principal p =
-        principal_directions(map.hessian_uu[slot], map.hessian_vv[slot], map.hessian_uv[slot]);
-    const double w_max = factor * frame.interval;
-    const double stretch = p.ratio < kMaxStretch * kMaxStretch ? std::sqrt(p.ratio) : kMaxStretch;
-    if (is_maximum(p.max, w_max) && is_maximum(p.min, stretch * w_max)) chosen_.push_back(slot);
+    const PrincipalDirections& d = directions_[slot];
+    const auto steps_max = static_cast<std::int64_t>(w_max);
+    const auto steps_min = static_cast<std::int64_t>(d.stretch * w_max);
+    bool is_maximum = true;
+    for (std::int64_t k = 1; is_maximum && k <= steps_min; ++k) {  // stretch >= 1
+      const double du = static_cast<double>(k) * d.u, dv = static_cast<double>(k) * d.v;
+      is_maximum = !is_exceeded(-dv, du) && !is_exceeded(dv, -du) &&
+                   (k > steps_max || (!is_exceeded(du, dv) && !is_exceeded(-du, -dv)));
+    }
+    if (is_maximum) chosen_.push_back(slot);
   }
   return static_cast<std::int64_t>(chosen_.size());
 }
@@ -239,7 +246,7 @@ double Cs3Sampler::search(const Frame& frame, Cs3Report& report) {
     if (count >= enough && count <= n) return factor;
     (count > n ? many : few) = factor;
     if (many >= largest) break;                                 // nothing gives so few
-    if (few > 0.0 && many > 0.0 && few < many * 1.0001) break;  // the count jumps
+    if (few > 0.0 && many > 0.0 && few < many * 1.0005) break;  // the count jumps
     const double measure = factor_measure(static_cast<double>(count));
     double next = measure != last_measure
                       ? factor + (aim - measure) * (factor - last_factor) / (measure - last_measure)
@@ -300,6 +307,7 @@ void Cs3Sampler::choose(const RangeImage& image, const ImportanceMap& map,
     return;
   }
   const Frame frame(image, map, order.slots(), options);
+  if (options.sampling == Cs3Sampling::kNonMaximum) find_directions(frame);
   if (valid <= options.target_points) {
     report.literal_count = sample(frame, 1.0);
     report.passes = 1;

@@ -24,6 +24,12 @@ class ImportanceOrder {
   std::vector<std::uint32_t> low_, high_;  ///< Where the next item of a digit goes.
 };
 
+/// Of the Hessian of A: (u, v) belongs to the eigenvalue of larger magnitude.
+struct PrincipalDirections {
+  double u = 1.0, v = 0.0;
+  double stretch = 1.0;  ///< sqrt(|lambda_max / lambda_min|), at most 4 (eq. 3.7).
+};
+
 /// Chooses slots: either sampling, for one factor and for a number of points.
 class Cs3Sampler {
  public:
@@ -36,16 +42,18 @@ class Cs3Sampler {
   struct Frame;
   std::int64_t sample(const Frame& frame, double factor);
   std::int64_t sample_by_order(const Frame& frame, double factor);
+  void find_directions(const Frame& frame);
   std::int64_t sample_maxima(const Frame& frame, double factor);
   void block(const Frame& frame, Slot slot, double radius);
   double search(const Frame& frame, Cs3Report& report);
   void go_on(const Frame& frame);
   void sort_by_pixel(const Frame& frame);
 
-  std::vector<Slot> chosen_;             ///< In order of importance.
-  std::vector<Slot> slots_;              ///< In order of pixels.
-  std::vector<std::uint64_t> blocked_;   ///< A bit per slot.
-  std::vector<std::uint64_t> selected_;  ///< Likewise.
+  std::vector<Slot> chosen_;                     ///< In order of importance.
+  std::vector<Slot> slots_;                      ///< In order of pixels.
+  std::vector<std::uint64_t> blocked_;           ///< A bit per slot.
+  std::vector<std::uint64_t> selected_;          ///< Likewise.
+  std::vector<PrincipalDirections> directions_;  ///< Of each slot, for non-maximum suppression.
 };
 
 }  // namespace manip3d

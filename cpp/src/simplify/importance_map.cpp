@@ -13,6 +13,9 @@ namespace {
 using Stencil = Cs3Reading::Stencil;
 using BesideInvalid = Cs3Reading::BesideInvalid;
 
+// Small functions in loops over pixels must vanish, or the loops take one pixel at a time.
+#define MANIP3D_INLINE inline __attribute__((always_inline))
+
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr std::int64_t kPad = 2;  // the widest stencil reads two pixels to each side
@@ -22,27 +25,44 @@ struct PointRow {
   float *x, *y, *z;
 };
 
-// A(u) of one row (eq. 3.1, 3.2). Differences go forward; where the pixel they need is not valid,
-// backward. NaN, the mark of an invalid pixel, spreads to all that depends on it.
+// condition ? a : b, without a branch.
+MANIP3D_INLINE float choose(bool condition, float a, float b) {
+  const std::uint32_t mask = 0U - static_cast<std::uint32_t>(condition);
+  return std::bit_cast<float>((std::bit_cast<std::uint32_t>(a) & mask) |
+                              (std::bit_cast<std::uint32_t>(b) & ~mask));
+}
+
+// The difference to the next point, or from the one before where the next is not valid. NaN, the
+// mark of an invalid point, spreads to all that depends on it. All is loaded before anything is
+// chosen, so that the compiler can do many pixels at a time.
 template <BesideInvalid beside>
-void area_row(const PointRow& above, const PointRow& row, const PointRow& below, std::int64_t width,
-              float* area) {
+MANIP3D_INLINE float difference(float before, float here, float after, float z_here,
+                                float z_after) {
+  const float forward = after - here, backward = here - before;
+  if constexpr (beside != BesideInvalid::kBackward) return forward;
+  const float z_difference = z_after - z_here;
+  return choose(z_difference == z_difference, forward, backward);
+}
+
+// A(u) of one row (eq. 3.1, 3.2).
+template <BesideInvalid beside>
+void area_row(const PointRow& above_row, const PointRow& row, const PointRow& below_row,
+              std::int64_t width, float* __restrict area) {
+  const float* __restrict x = row.x, * __restrict y = row.y, * __restrict z = row.z;
+  const PointRow above = above_row, below = below_row;
+  constexpr float kUnknown = beside == BesideInvalid::kUnknown ? kNan : 0.0F;
   for (std::int64_t u = 0; u < width; ++u) {
-    float ax = row.x[u + 1] - row.x[u], ay = row.y[u + 1] - row.y[u], az = row.z[u + 1] - row.z[u];
-    float bx = below.x[u] - row.x[u], by = below.y[u] - row.y[u], bz = below.z[u] - row.z[u];
-    if constexpr (beside == BesideInvalid::kBackward) {
-      const bool no_right = az != az, no_below = bz != bz;
-      ax = no_right ? row.x[u] - row.x[u - 1] : ax;
-      ay = no_right ? row.y[u] - row.y[u - 1] : ay;
-      az = no_right ? row.z[u] - row.z[u - 1] : az;
-      bx = no_below ? row.x[u] - above.x[u] : bx;
-      by = no_below ? row.y[u] - above.y[u] : by;
-      bz = no_below ? row.z[u] - above.z[u] : bz;
-    }
+    const float z_right = z[u + 1], z_below = below.z[u];
+    const float ax = difference<beside>(x[u - 1], x[u], x[u + 1], z[u], z_right);
+    const float ay = difference<beside>(y[u - 1], y[u], y[u + 1], z[u], z_right);
+    const float az = difference<beside>(z[u - 1], z[u], z_right, z[u], z_right);
+    const float bx = difference<beside>(above.x[u], x[u], below.x[u], z[u], z_below);
+    const float by = difference<beside>(above.y[u], y[u], below.y[u], z[u], z_below);
+    const float bz = difference<beside>(above.z[u], z[u], z_below, z[u], z_below);
     const float nx = ay * bz - az * by, ny = az * bx - ax * bz, nz = ax * by - ay * bx;
     const float length_n = std::sqrt(nx * nx + ny * ny + nz * nz);
     const float a = length_n / ((ax * ax + ay * ay + az * az) * (bx * bx + by * by + bz * bz));
-    area[u] = a < kInfinity ? a : (beside == BesideInvalid::kUnknown ? kNan : 0.0F);
+    area[u] = choose(a < kInfinity, a, kUnknown);
   }
 }
 
@@ -50,26 +70,33 @@ struct Hessian {
   float uu, vv, uv;
 };
 
-// Second differences of A around column u of the middle one of five rows.
+/// A of five rows around that of the pixel.
+struct AreaRows {
+  const float *up2, *up, *row, *down, *down2;
+};
+
+// Second differences of A at column u.
 template <Stencil stencil>
-Hessian hessian(const std::array<const float*, kAreaRows>& rows, std::int64_t u) {
-  const auto a = [&](std::int64_t du, int dv) {
-    return rows[static_cast<std::size_t>(2 + dv)][u + du];
-  };
-  const float cross = a(1, 1) - a(-1, 1) - a(1, -1) + a(-1, -1);
+MANIP3D_INLINE Hessian hessian(const AreaRows& a, std::int64_t u) {
+  const float center = a.row[u], left = a.row[u - 1], right = a.row[u + 1];
+  const float upper = a.up[u], lower = a.down[u];
+  const float left2 = a.row[u - 2], right2 = a.row[u + 2], upper2 = a.up2[u], lower2 = a.down2[u];
+  const float lower_right = a.down[u + 1], lower_left = a.down[u - 1];
+  const float upper_right = a.up[u + 1], upper_left = a.up[u - 1];
+  const float cross = lower_right - lower_left - upper_right + upper_left;
   if constexpr (stencil == Stencil::kGradientOfGradient) {
-    const float middle = 2.0F * a(0, 0);
-    return {a(2, 0) - middle + a(-2, 0), a(0, 2) - middle + a(0, -2), cross};  // all times 4
+    const float middle = 2.0F * center;
+    return {right2 - middle + left2, lower2 - middle + upper2, cross};  // all times 4
   } else if constexpr (stencil == Stencil::kCompact) {
-    const float middle = 2.0F * a(0, 0);
-    return {a(1, 0) - middle + a(-1, 0), a(0, 1) - middle + a(0, -1), 0.25F * cross};
+    const float middle = 2.0F * center;
+    return {right - middle + left, lower - middle + upper, 0.25F * cross};
   } else if constexpr (stencil == Stencil::kForward) {
-    return {a(2, 0) - 2.0F * a(1, 0) + a(0, 0), a(0, 2) - 2.0F * a(0, 1) + a(0, 0),
-            a(1, 1) - a(1, 0) - a(0, 1) + a(0, 0)};
+    return {right2 - 2.0F * right + center, lower2 - 2.0F * lower + center,
+            lower_right - right - lower + center};
   } else {
-    const float corners = a(1, 1) + a(-1, 1) + a(1, -1) + a(-1, -1);
-    const float sides_u = a(1, 0) + a(-1, 0), sides_v = a(0, 1) + a(0, -1);
-    const float middle = 4.0F * a(0, 0);
+    const float corners = lower_right + lower_left + upper_right + upper_left;
+    const float sides_u = right + left, sides_v = lower + upper;
+    const float middle = 4.0F * center;
     return {corners + 2.0F * (sides_u - sides_v) - middle,
             corners + 2.0F * (sides_v - sides_u) - middle, cross};
   }
@@ -77,27 +104,27 @@ Hessian hessian(const std::array<const float*, kAreaRows>& rows, std::int64_t u)
 
 // Omega(u); what cannot be known counts as flat.
 template <Cs3Importance importance>
-float importance_of(const Hessian& m) {
+MANIP3D_INLINE float importance_of(const Hessian& m) {
   float omega = m.uu + m.vv;
   if constexpr (importance == Cs3Importance::kMinCurvature) {
     const float mean = 0.5F * (m.uu + m.vv), half = 0.5F * (m.uu - m.vv);
     omega = std::abs(mean - std::sqrt(half * half + m.uv * m.uv));
   }
-  return std::abs(omega) < kInfinity ? omega + 0.0F : 0.0F;  // + 0: no negative zero
+  return choose(std::abs(omega) < kInfinity, omega + 0.0F, 0.0F);  // + 0: no negative zero
 }
 
 template <Stencil stencil, Cs3Importance importance>
-void importance_row(const std::array<const float*, kAreaRows>& areas, const float* z,
-                    std::int64_t width, ImportanceKey* keys) {
+void importance_row(const AreaRows& areas, const float* __restrict z, std::int64_t width,
+                    ImportanceKey* __restrict keys) {
+  const AreaRows a = areas;
   for (std::int64_t u = 0; u < width; ++u) {
-    const ImportanceKey key = to_key(importance_of<importance>(hessian<stencil>(areas, u)));
-    keys[u] = z[u] == z[u] ? key : kNoKey;
+    const ImportanceKey key = to_key(importance_of<importance>(hessian<stencil>(a, u)));
+    keys[u] = key | (0U - static_cast<std::uint32_t>(z[u] != z[u]));  // kNoKey: all bits set
   }
 }
 
 template <Stencil stencil>
-void hessian_row(const std::array<const float*, kAreaRows>& areas, std::int64_t width,
-                 std::int64_t slot, ImportanceMap& map) {
+void hessian_row(const AreaRows& areas, std::int64_t width, std::int64_t slot, ImportanceMap& map) {
   for (std::int64_t u = 0; u < width; ++u) {
     const Hessian m = hessian<stencil>(areas, u);
     const auto i = static_cast<std::size_t>(slot + u);
@@ -228,8 +255,7 @@ class RowPipeline {
 
   template <Stencil stencil>
   void make(std::int64_t v) {
-    const std::array<const float*, kAreaRows> rows = {area(v - 2), area(v - 1), area(v),
-                                                      area(v + 1), area(v + 2)};
+    const AreaRows rows{area(v - 2), area(v - 1), area(v), area(v + 1), area(v + 2)};
     const std::int64_t width = map_.box.width;
     ImportanceKey* keys = map_.keys.data() + v * map_.stride;
     const float* z = points(v).z;
