@@ -37,6 +37,7 @@ _BUILT_IN = (
     "figure_3_13",
     "figure_3_14",
     "boundary_noise",
+    "readings_3",
 )
 
 
