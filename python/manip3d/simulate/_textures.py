@@ -136,9 +136,15 @@ def leaves(random: np.random.Generator) -> Surface:
 
 
 def paint(color: tuple[float, float, float]) -> Surface:
-    """Of a car: what it mirrors, as faint spots."""
-    reflectance = 0.15 + 0.6 * sum(color) / 3.0
-    return Surface(color, reflectance, texture=rough(30, 0.08, 0.6), texture_size=2.0)
+    """Of a car: what it mirrors, as faint spots; dark paint mirrors pulses away."""
+    brightness = sum(color) / 3.0
+    return Surface(
+        color,
+        0.15 + 0.6 * brightness,
+        transmission=0.3 if brightness < 0.25 else 0.0,
+        texture=rough(30, 0.08, 0.6),
+        texture_size=2.0,
+    )
 
 
 def cloth(random: np.random.Generator, brightest: float) -> Surface:

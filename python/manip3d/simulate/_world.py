@@ -45,7 +45,8 @@ class Surface:
     reflectance : float
         Of the laser's wavelength, 0 to 1.
     transmission : float
-        Share of laser pulses that pass (glass) or are mirrored away: no return.
+        Share of laser pulses that pass (glass) or are mirrored away: no return. Neighbours share
+        their fate.
     texture : (256, 256) uint8, optional
         Brightness; 128 is the colour as it is. Repeated every ``texture_size`` metres.
     texture_size : float, metres

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
+from manip3d.simulate._glass import lost
 from manip3d.simulate.streets import Street
 
 __all__ = ["FIRING_PERIOD", "LidarScan", "hdl64e"]
@@ -188,9 +189,10 @@ def hdl64e(
     reflectance = stage.reflectance[surface]
     cosine = abs(np.einsum("ij,ij->i", aim, hits.normal))
     returned = np.isfinite(hits.distance)
-    returned &= random.random(len(ring), np.float32) >= np.maximum(
-        stage.transmission[surface], drop_out
-    )
+    returned &= random.random(len(ring), np.float32) >= drop_out
+    glassy = np.flatnonzero(returned & (stage.transmission[surface] > 0))
+    at = origin[glassy] + aim[glassy] * hits.distance[glassy, None]
+    returned[glassy] = ~lost(at, stage.transmission[surface[glassy]], random)
     echo = _echo(hits.distance, reflectance, cosine, random)
     returned &= echo >= 1.0
     k = np.flatnonzero(returned)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
+from manip3d.simulate._glass import lost
 from manip3d.simulate._raycast import CHUNK, Hits, Progress, RayCaster
 from manip3d.simulate.scenes import Scene
 
@@ -166,7 +167,9 @@ def terrestrial_scan(
     world = scene.world
     surface = world.face_surface[np.where(np.isinf(ranges), 0, face)]
     returned = (ranges >= min_range) & (ranges <= max_range)
-    returned &= random.random(len(ranges), np.float32) >= world.transmission[surface]
+    glassy = np.flatnonzero(returned & (world.transmission[surface] > 0))
+    at = origin + _directions(azimuth[glassy], elevation[glassy]) * ranges[glassy, None]
+    returned[glassy] = ~lost(at, world.transmission[surface[glassy]], random)
     mixed = _mix_ranges(
         ranges, returned, grid, azimuth, elevation, caster, origin, beam_divergence, random
     )
