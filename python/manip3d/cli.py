@@ -31,12 +31,16 @@ data_app = typer.Typer(
 )
 app.add_typer(data_app, name="data")
 
-Source = Annotated[str, typer.Argument(metavar="SOURCE", help="A mesh file, or - for stdin.")]
+Source = Annotated[str, typer.Argument(metavar="SOURCE", help="A mesh or scan, or - for stdin.")]
 Output = Annotated[
     Path, typer.Option("-o", "--output", help="Where to; the suffix tells the kind.")
 ]
 OptionalOutput = Annotated[
     Path | None, typer.Option("-o", "--output", help="Where to; the suffix tells the kind.")
+]
+Calibration = Annotated[
+    Path | None,
+    typer.Option(help="Of an HDL-64E, for recordings of its packets: db.xml or YAML."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="The result as JSON on stdout.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No messages, no progress.")]
@@ -257,11 +261,20 @@ def compare(
 
 
 @app.command()
-def info(source: Source, as_json: Json = False, quiet: Quiet = False) -> None:
-    """Count what a mesh is made of."""
-    from manip3d._cli import describing, terminal
+def info(
+    source: Source,
+    calibration: Calibration = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Count what a mesh, a scan or a recording of LiDAR packets is made of."""
+    from manip3d._cli import describing, scanning, terminal
 
     shell = terminal.Terminal(as_json=as_json, quiet=quiet)
+    if scanning.is_scan(source):
+        found = scanning.summary(source, shell, calibration)
+        shell.result(found, lambda console: scanning.show(console, found))
+        return
     record = describing.summary(source, shell)
     shell.result(record, lambda console: describing.show(console, record))
 
@@ -273,10 +286,13 @@ def view(
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Show a mesh in the browser, or write an interactive page (.html) or a picture (.png)."""
-    from manip3d._cli import terminal, viewing
+    """Show a mesh or scan in the browser, or write a page (.html) or a picture (.png)."""
+    from manip3d._cli import scanning, terminal, viewing
 
     terminal.refuse_existing(output, force=force)
+    if scanning.is_scan(source):
+        scanning.view(source, output, terminal.Terminal(quiet=quiet))
+        return
     viewing.view(source, output, terminal.Terminal(quiet=quiet))
 
 
@@ -290,13 +306,22 @@ def convert(
     up: Annotated[
         Up | None, typer.Option(help="Axis that is up in the input; the output has +y up.")
     ] = None,
+    calibration: Calibration = None,
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write a mesh in another format. Coordinates change only with --unit or --up."""
-    from manip3d._cli import converting, terminal
+    """Write a mesh or a scan in another format. Coordinates change only with --unit or --up.
+
+    Recordings of LiDAR packets (.pcap) become a folder of scans in KITTI's layout.
+    """
+    from manip3d._cli import converting, scanning, terminal
 
     terminal.refuse_existing(output, force=force)
+    if scanning.is_scan(source):
+        if unit is not None or up is not None:
+            raise typer.BadParameter("--unit and --up are for meshes: scans know their units")
+        scanning.convert(source, output, terminal.Terminal(quiet=quiet), calibration)
+        return
     converting.convert(
         source,
         output,

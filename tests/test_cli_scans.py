@@ -1,0 +1,114 @@
+"""``info``, ``convert`` and ``view`` on scans and recordings."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from manip3d import InputError, LidarFrame, read_scan, viewer
+from manip3d.datasets import open_kitti
+from velodyne_packets import block, ethernet, packet, pcap, udp_frame
+
+
+def run(*arguments: object, code: int = 0) -> str:
+    command = [sys.executable, "-m", "manip3d", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == code, done.stderr
+    return done.stdout if code == 0 else done.stderr
+
+
+def scan(num_points: int = 300) -> LidarFrame:
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(num_points, 3)) * 10
+    points[0] = 0
+    return LidarFrame(points, rng.random(num_points).astype(np.float32))
+
+
+def recording(path: Path) -> Path:
+    """Two and a half turns of a VLP-16, and a packet that is none."""
+    frames = []
+    for start in range(0, 90000, 480):
+        blocks = [block(start + 40 * b, [1000 + b] * 32) for b in range(12)]
+        frames.append(ethernet(udp_frame(packet(blocks, product=0x22))))
+    path.write_bytes(pcap([*frames, ethernet(udp_frame(b"noise"))], step=0.001))
+    return path
+
+
+def test_info_of_a_scan(tmp_path: Path) -> None:
+    scan().write(tmp_path / "a.pcd")
+    (told,) = json.loads(run("info", tmp_path / "a.pcd", "--json"))["scans"]
+    assert (told["format"], told["points"], told["no_return"], told["dropped"]) == (
+        "pcd",
+        300,
+        1,
+        0,
+    )
+    assert told["origin"] == [0.0, 0.0, 0.0]
+    assert np.allclose(told["bounds"][1], scan().points[1:].max(axis=0))
+    assert "300" in run("info", tmp_path / "a.pcd")
+
+
+def test_info_of_a_recording(tmp_path: Path) -> None:
+    path = recording(tmp_path / "a.pcap")
+    told = json.loads(run("info", path, "--json"))
+    assert [s["is_complete"] for s in told["scans"]] == [False, True, False]
+    assert {s["model"] for s in told["scans"]} == {"vlp16"}
+    assert told["counters"]["bad_length"] == 1
+    assert told["counters"]["points"] == sum(s["points"] for s in told["scans"])
+    assert "bad length 1" in run("info", f"pcap:{path}")
+
+
+def test_ply_with_faces_is_a_mesh(tmp_path: Path) -> None:
+    from manip3d.simulate import models
+
+    models.airplane(4000).write(tmp_path / "mesh.ply")
+    scan().write(tmp_path / "scan.ply.xz")
+    assert "faces" in run("info", tmp_path / "mesh.ply")
+    assert "scans" in json.loads(run("info", tmp_path / "scan.ply.xz", "--json"))
+    assert "No such file" in run("info", tmp_path / "none.ply", code=1)
+
+
+def test_convert(tmp_path: Path) -> None:
+    scan().write(tmp_path / "a.bin")
+    run("convert", tmp_path / "a.bin", "-o", tmp_path / "b.pcd")
+    assert np.array_equal(read_scan(tmp_path / "b.pcd").points, scan().points)
+    assert "exists already" in run("convert", tmp_path / "a.bin", "-o", tmp_path / "b.pcd", code=1)
+    run("convert", tmp_path / "a.bin", "-o", tmp_path / "c.pcd", "--up", "z", code=2)
+    assert "expected a point file" in run(
+        "convert", tmp_path / "a.bin", "-o", tmp_path / "c.obj", code=1
+    )
+
+
+def test_a_recording_becomes_a_drive(tmp_path: Path) -> None:
+    path = recording(tmp_path / "a.pcap")
+    run("convert", path, "-o", tmp_path / "drive")
+    drive = open_kitti(tmp_path / "drive")
+    assert [f.name for f in drive] == ["000000", "000001", "000002"]
+    assert drive[0].timestamp == 1000.0
+    assert drive[1].scan().num_points == 75 * 384
+    assert "3 scans: name a folder" in run("convert", path, "-o", tmp_path / "a.bin", code=1)
+
+
+def test_scans_are_drawn_as_solids() -> None:
+    frame = scan(1000)
+    mesh = viewer.scan_mesh(frame)
+    assert mesh.num_faces == 4 * 999
+    middle = mesh.vertices.reshape(-1, 4, 3).mean(axis=1)
+    np.testing.assert_allclose(middle, frame.points[1:], atol=1e-6)
+    assert mesh.colors is not None
+    assert viewer.scan_mesh(frame, max_points=100).num_faces == 4 * 100
+    assert viewer.scan_mesh(LidarFrame(np.zeros((5, 3)))).num_faces == 0
+    with pytest.raises(InputError, match="max_points: expected > 0"):
+        viewer.scan_mesh(frame, max_points=0)
+
+
+def test_view_writes_a_picture(tmp_path: Path) -> None:
+    pytest.importorskip("pyvista")
+    scan().write(tmp_path / "a.bin")
+    run("view", tmp_path / "a.bin", "-o", tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
