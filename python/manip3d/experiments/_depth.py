@@ -255,7 +255,7 @@ def _open_simulated(name: str, width: int, max_edge: float | None) -> RangeInput
     if name == "figure":  # as scanned by a laser: no noise, no colour
         exact = np.nan_to_num(scene.depth).astype(np.float32)
         return RangeInput(exact, scene.intrinsics, max_edge=max_edge)
-    capture = scene.capture(rng=0)
+    capture = scene.capture(flying=0.0, rng=0)  # "pre-processed to remove the sensor noise"
     return RangeInput(capture.depth, scene.intrinsics, colour=scene.colour, max_edge=max_edge)
 
 

@@ -121,11 +121,19 @@ class DepthScene:
             millimetres.astype(np.uint16), floats & seen, np.isfinite(self.depth) & lost
         )
 
-    def frames(self, count: int, *, rng: Rng = 0) -> Iterator[DepthCapture]:
-        """Images of the static scene, each with noise of its own."""
+    def frames(
+        self,
+        count: int,
+        *,
+        noise: float = NOISE_AT_ONE_METRE,
+        flying: float = 0.5,
+        dropouts: float = 0.002,
+        rng: Rng = 0,
+    ) -> Iterator[DepthCapture]:
+        """Images of the static scene, each with faults of its own; options as of `capture`."""
         random = np.random.default_rng(seed_of(rng))
         for _ in range(count):
-            yield self.capture(rng=random)
+            yield self.capture(noise=noise, flying=flying, dropouts=dropouts, rng=random)
 
 
 _GRAZING = 0.12  # cosine below which the sensor's pattern is not recognised
