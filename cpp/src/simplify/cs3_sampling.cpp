@@ -94,7 +94,7 @@ struct Cs3Sampler::Frame {
       radius = 1.0 - (omega - omega_min) / (double{omega_max} - omega_min);
     }
     if (options.distance_dependent) {
-      radius *= double{image.point(map.box.u0 + u(slot), map.box.v0 + v(slot))[2]} / map.max_depth;
+      radius *= double{image.depth(map.box.u0 + u(slot), map.box.v0 + v(slot))} / map.max_depth;
     }
     return radius;
   }

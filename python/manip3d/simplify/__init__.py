@@ -1,5 +1,6 @@
 """Fewer points and faces for the same shape."""
 
+from manip3d.simplify._cameras import CameraView, JointSimplification, cs3_cameras
 from manip3d.simplify._collapse import (
     METHODS,
     Boundary,
@@ -41,6 +42,7 @@ from manip3d.simplify._sampling import SamplingMethod, sample_depth, sample_dept
 __all__ = [
     "METHODS",
     "Boundary",
+    "CameraView",
     "CleanResult",
     "ComplexVertices",
     "Cs3Stream",
@@ -49,6 +51,7 @@ __all__ = [
     "DepthSimplification",
     "Duplicates",
     "Effort",
+    "JointSimplification",
     "LinkCondition",
     "Reached",
     "Relief",
@@ -59,6 +62,7 @@ __all__ = [
     "Variant",
     "clean",
     "cs3",
+    "cs3_cameras",
     "cs3_grid",
     "dense_mesh",
     "dense_mesh_grid",

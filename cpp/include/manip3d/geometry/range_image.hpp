@@ -38,6 +38,13 @@ class RangeImage {
   /// @throws InputError  a depth that is negative or infinite, a valid point that is not finite.
   void load_row(std::int64_t v, std::int64_t u0, std::int64_t count, float* x, float* y,
                 float* z) const;
+  /// The z of a valid pixel of a depth image, metres.
+  [[nodiscard]] float depth(std::int64_t u, std::int64_t v) const {
+    const std::int64_t pixel = v * grid_.cols + u;
+    // Division, not times 0.001: the float nearest to the measured value.
+    return depth_.millimetres != nullptr ? static_cast<float>(depth_.millimetres[pixel]) / 1000.0F
+                                         : depth_.metres[pixel];
+  }
   /// The point of a valid pixel.
   [[nodiscard]] std::array<float, 3> point(std::int64_t u, std::int64_t v) const;
 

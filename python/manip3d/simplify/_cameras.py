@@ -1,0 +1,468 @@
+"""Several calibrated cameras into one mesh: what two of them see is sampled once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._arrays import rows
+from manip3d._options import threads_of
+from manip3d.camera import Intrinsics, Registration
+from manip3d.errors import InputError
+from manip3d.mesh import Material, Mesh, Texture
+from manip3d.simplify._depth import (
+    DepthSimplification,
+    Variant,
+    _colour_image,
+    _count,
+    _depth_image,
+    _max_edge,
+    _png,
+    _point_grid,
+    cs3_grid,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["CameraView", "JointSimplification", "cs3_cameras"]
+
+
+@dataclass(frozen=True, eq=False)
+class CameraView:
+    """What one camera saw, and where it stood.
+
+    Attributes
+    ----------
+    depth : (H, W) uint16 in millimetres or float32 in metres, with ``intrinsics``
+    intrinsics : Intrinsics
+    points : (H, W, 3) float, instead of the two: a grid of points such as a range scan
+    valid : (H, W) bool, optional
+        With ``points``; default: where they are finite.
+    pose : (4, 4) float64
+        Rigid transform of the view's frame to the one that all views share.
+    colour : (H', W', 3 or 4) uint8, optional
+    registration : Registration, optional
+        As for `cs3`; with ``depth`` only.
+    rows_up : bool
+        As for `dense_mesh_grid`; with ``points`` only.
+    """
+
+    depth: ArrayLike | None = None
+    intrinsics: Intrinsics | None = None
+    points: ArrayLike | None = None
+    valid: ArrayLike | None = None
+    pose: ArrayLike = field(default_factory=lambda: np.eye(4))
+    colour: ArrayLike | None = None
+    registration: Registration | None = None
+    rows_up: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class JointSimplification:
+    """One mesh of several views.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float64
+        In the shared frame: measured points, moved by their view's pose only.
+    triangles : (m, 3) int32
+    vertex_view : (n,) int32
+        The view that measured each vertex.
+    pixels : (n, 2) int32
+        Its column and row there.
+    triangle_view : (m,) int32
+        The view that each triangle was made in, and whose picture it shows.
+    corner_uvs : (m, 3, 2) float32
+        Texture coordinates of its corners in that picture, v up; NaN: not seen.
+    covered : tuple of (H, W) bool
+        Of each view, the valid pixels that show what earlier views had already sampled.
+    views : tuple of DepthSimplification
+        What was chosen in each view, before the views were joined.
+    """
+
+    vertices: NDArray[np.float64] = field(repr=False)
+    triangles: NDArray[np.int32] = field(repr=False)
+    vertex_view: NDArray[np.int32] = field(repr=False)
+    pixels: NDArray[np.int32] = field(repr=False)
+    triangle_view: NDArray[np.int32] = field(repr=False)
+    corner_uvs: NDArray[np.float32] = field(repr=False)
+    covered: tuple[NDArray[np.bool_], ...] = field(repr=False)
+    views: tuple[DepthSimplification, ...] = field(repr=False)
+    colours: tuple[NDArray[np.uint8] | None, ...] = field(repr=False)
+
+    @property
+    def num_vertices(self) -> int:
+        """Number of vertices."""
+        return len(self.vertices)
+
+    @property
+    def num_faces(self) -> int:
+        """Number of triangles."""
+        return len(self.triangles)
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """The same as a `Mesh`; views with colour are materials with textures (PNG)."""
+        uvs = self.corner_uvs.reshape(-1, 2)
+        corners = np.arange(len(uvs), dtype=np.int32)
+        corners[np.isnan(uvs[:, 0])] = -1
+        mesh = Mesh(
+            self.vertices,
+            self.triangles,
+            texcoords=np.nan_to_num(uvs),
+            face_texcoords=corners.reshape(-1, 3),
+        )
+        if all(colour is None for colour in self.colours):
+            return mesh
+        materials = tuple(
+            Material(
+                f"view {i}",
+                textures={} if c is None else {"base_color": Texture(data=_png(c))},
+            )
+            for i, c in enumerate(self.colours)
+        )
+        return mesh.replace(face_material=self.triangle_view, materials=materials)
+
+
+@dataclass
+class _View:
+    """A view as a grid of points, and how its pixels lie in the shared frame."""
+
+    points: NDArray[np.float32]
+    valid: NDArray[np.bool_]
+    rows_up: bool
+    pose: NDArray[np.float64]
+    colour: NDArray[np.uint8] | None
+    registration: Registration | None
+
+    @property
+    def world(self) -> NDArray[np.float64]:
+        """(N, 3) points of the valid pixels, in row-major order."""
+        local = self.points[self.valid].astype(np.float64)
+        moved: NDArray[np.float64] = local @ self.pose[:3, :3].T + self.pose[:3, 3]
+        return moved
+
+
+def _take(view: CameraView, index: int, threads: int) -> _View:
+    name = f"views[{index}]"
+    if not isinstance(view, CameraView):
+        raise InputError(f"{name}: expected a CameraView, got {view!r}")
+    pose = rows(view.pose, 4, np.float64, f"{name}.pose")
+    rotation = pose[:3, :3]
+    rigid = (
+        pose.shape == (4, 4)
+        and np.isfinite(pose).all()
+        and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3)
+        and np.linalg.det(rotation) > 0
+        and (pose[3] == (0, 0, 0, 1)).all()
+    )
+    if not rigid:
+        raise InputError(f"{name}.pose: expected a rigid (4, 4) transform")
+    if (view.depth is None) == (view.points is None):
+        raise InputError(f"{name}: expected either depth with intrinsics, or points")
+    if view.points is not None:
+        points, valid = _point_grid(view.points, view.valid)
+        colour = _colour_image(view.colour, valid.shape)
+        return _View(points, valid, bool(view.rows_up), pose, colour, None)
+    if view.intrinsics is None:
+        raise InputError(f"{name}: expected intrinsics beside depth")
+    assert view.depth is not None
+    image = _depth_image(view.depth, view.intrinsics)
+    colour = _colour_image(view.colour, image.shape, view.registration)
+    flat, flags, rows_up = _core.unproject(image, view.intrinsics, threads)
+    points = flat.reshape(*image.shape, 3)
+    valid = flags.reshape(image.shape).view(np.bool_)
+    return _View(points, valid, rows_up, pose, colour, view.registration)
+
+
+def _normals(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
+    p, q, r = (points[faces[:, i]] for i in range(3))
+    normals: NDArray[np.float64] = np.cross(q - p, r - p)
+    return normals
+
+
+class _Surface:
+    """A mesh in the shared frame that points are compared with."""
+
+    def __init__(self, vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> None:
+        self.mesh = Mesh(vertices, faces)
+        self.normals = _normals(vertices, faces)
+        edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        keys = edges[:, 0].astype(np.int64) * len(vertices) + edges[:, 1]
+        _, inverse, counts = np.unique(keys, return_inverse=True, return_counts=True)
+        self.on_boundary = (counts[inverse] == 1).reshape(-1, 3)  # edge i: corners i, i + 1
+        self.boundary = np.unique(edges[self.on_boundary.ravel()])
+
+    def covers(
+        self,
+        points: NDArray[np.float64],
+        normals: NDArray[np.float64],
+        tolerance: float,
+        threads: int,
+    ) -> NDArray[np.bool_]:
+        """Which points lie on the surface: near it, on the same side, not beyond its border."""
+        if not len(points) or not self.mesh.num_faces:
+            return np.zeros(len(points), bool)
+        distance, face, foot = _core.closest_points(self.mesh, points, threads, None)
+        same_side = np.einsum("ij,ij->i", self.normals[face], normals) > 0
+        covered: NDArray[np.bool_] = (distance <= tolerance) & same_side
+        return covered & ~self._on_border(face, foot)
+
+    def _on_border(self, face: NDArray[np.int32], foot: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Does the foot of the perpendicular lie on an edge that has one face only?"""
+        corners = self.mesh.vertices[self.mesh.faces[face]]
+        double_area = np.linalg.norm(self.normals[face], axis=1)
+        on_border = np.zeros(len(face), bool)
+        for i in range(3):
+            p, q = corners[:, i], corners[:, (i + 1) % 3]
+            part = np.linalg.norm(np.cross(q - p, foot - p), axis=1)
+            on_border |= self.on_boundary[face, i] & (part <= 1e-6 * double_area)
+        return on_border
+
+
+def _pixel_normals(view: _View) -> NDArray[np.float64]:
+    """(H, W, 3) normals of the pixels in the shared frame, to the front; NaN: unknown."""
+    grid = np.full((*view.valid.shape, 3), np.nan)
+    grid[view.valid] = view.world
+    padded = np.pad(grid, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
+
+    def tangent(after: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
+        difference: NDArray[np.float64] = np.where(np.isnan(after), grid, after) - np.where(
+            np.isnan(before), grid, before
+        )
+        return difference
+
+    along_u = tangent(padded[1:-1, 2:], padded[1:-1, :-2])
+    along_v = tangent(padded[2:, 1:-1], padded[:-2, 1:-1])
+    normals: NDArray[np.float64] = np.cross(along_u, along_v)
+    return normals if view.rows_up else -normals
+
+
+def _spacing(view: _View) -> float:
+    """Median distance of a valid pixel from the next in its row."""
+    both = view.valid[:, 1:] & view.valid[:, :-1]
+    steps = (view.points[:, 1:] - view.points[:, :-1])[both]
+    return float(np.median(np.linalg.norm(steps, axis=1))) if len(steps) else 0.0
+
+
+class _Joint:
+    """The mesh so far."""
+
+    def __init__(self) -> None:
+        self.vertices = np.empty((0, 3))
+        self.triangles = np.empty((0, 3), np.int32)
+        self.vertex_view = np.empty(0, np.int32)
+        self.pixels = np.empty((0, 2), np.int32)
+        self.triangle_view = np.empty(0, np.int32)
+        self.corner_uvs = np.empty((0, 3, 2), np.float32)
+
+    def border_in(
+        self, view: _View, dense: Mesh, pixel_of: NDArray[np.int32], tolerance: float, threads: int
+    ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Vertices on the border that the view sees too, and the pixels nearest to them there."""
+        if not len(self.triangles) or not dense.num_faces:
+            return np.empty(0, np.int32), np.empty((0, 2), np.int32)
+        border = _Surface(self.vertices, self.triangles).boundary.astype(np.int32)
+        distance, face, foot = _core.closest_points(
+            dense, np.ascontiguousarray(self.vertices[border]), threads, None
+        )
+        corners = dense.faces[face]
+        gaps = np.linalg.norm(dense.vertices[corners] - foot[:, None], axis=2)
+        nearest = corners[np.arange(len(corners)), gaps.argmin(axis=1)]
+        near = distance <= tolerance
+        border, pixels = border[near], pixel_of[nearest[near]]
+        _, first = np.unique(_pixel_keys(pixels), return_index=True)
+        return border[first], pixels[first]
+
+    def add(
+        self,
+        index: int,
+        view: _View,
+        chosen: DepthSimplification,
+        open_pixels: NDArray[np.bool_],
+        border: tuple[NDArray[np.int32], NDArray[np.int32]],
+        normals: NDArray[np.float64],
+        max_edge: float,
+    ) -> None:
+        """Triangulate the chosen pixels of a view together with the border, and join them."""
+        own = ~np.isin(_pixel_keys(chosen.pixels), _pixel_keys(border[1]))
+        pixels = np.concatenate([border[1], chosen.pixels[own]])
+        new = np.arange(len(self.vertices), len(self.vertices) + own.sum(), dtype=np.int32)
+        vertex = np.concatenate([border[0], new])
+        local = chosen.vertices[own].astype(np.float64)
+        vertices = np.concatenate([self.vertices, local @ view.pose[:3, :3].T + view.pose[:3, 3]])
+        corners = _core.grid_delaunay(np.ascontiguousarray(pixels))
+        centroids = (2 * pixels[corners].sum(axis=1) + 3) // 6
+        corners = corners[open_pixels[centroids[:, 1], centroids[:, 0]]]
+        if not view.rows_up:
+            corners = corners[:, [0, 2, 1]]
+        triangles = vertex[corners]
+        keep = self._fits(triangles)
+        # A border vertex sits at the nearest pixel, not exactly where it is seen: a sliver of the
+        # seam may have turned over.
+        seam = (corners < len(border[0])).any(axis=1)
+        centroids = (2 * pixels[corners].sum(axis=1) + 3) // 6
+        facing = _normals(vertices, triangles) * normals[centroids[:, 1], centroids[:, 0]]
+        keep &= ~seam | (facing.sum(axis=1) > 0)
+        if max_edge < math.inf:
+            sides = vertices[triangles] - vertices[np.roll(triangles, 1, axis=1)]
+            keep &= np.linalg.norm(sides, axis=2).max(axis=1) <= max_edge
+        uvs = _uvs(view, vertices[vertex], pixels)
+        self.vertices = vertices
+        self.triangles = np.concatenate([self.triangles, triangles[keep]])
+        self.vertex_view = np.concatenate([self.vertex_view, np.full(len(new), index, np.int32)])
+        self.pixels = np.concatenate([self.pixels, chosen.pixels[own]])
+        self.triangle_view = np.concatenate(
+            [self.triangle_view, np.full(keep.sum(), index, np.int32)]
+        )
+        self.corner_uvs = np.concatenate([self.corner_uvs, uvs[corners[keep]]])
+
+    def _fits(self, triangles: NDArray[np.int32]) -> NDArray[np.bool_]:
+        """Triangles that leave no edge with more than two faces; of several the first ones."""
+        old, old_counts = np.unique(_edge_keys(self.triangles), return_counts=True)
+        new = _edge_keys(triangles)
+        order = np.argsort(new, kind="stable")
+        ordered = new[order]
+        place = np.searchsorted(old, ordered)
+        place[place == len(old)] = 0
+        before = np.zeros(len(new), np.int64)
+        if len(old):
+            before = np.where(old[place] == ordered, old_counts[place], 0)
+        nth = np.arange(len(new)) - np.searchsorted(ordered, ordered)
+        fits = np.empty(len(new), bool)
+        fits[order] = before + nth < 2
+        return fits[0::3] & fits[1::3] & fits[2::3]
+
+
+def _pixel_keys(pixels: NDArray[np.int32]) -> NDArray[np.int64]:
+    keys: NDArray[np.int64] = pixels[:, 1].astype(np.int64) << 32 | pixels[:, 0]
+    return keys
+
+
+def _edge_keys(triangles: NDArray[np.int32]) -> NDArray[np.int64]:
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
+    keys: NDArray[np.int64] = edges[:, 0] << 32 | edges[:, 1]
+    return keys
+
+
+def _uvs(view: _View, world: NDArray[np.float64], pixels: NDArray[np.int32]) -> NDArray[np.float32]:
+    if view.registration is not None:
+        local = (world - view.pose[:3, 3]) @ view.pose[:3, :3]
+        uvs: NDArray[np.float32] = _core.registered_uvs(
+            np.ascontiguousarray(local, dtype=np.float32), view.registration
+        )
+        return uvs
+    height, width = view.valid.shape
+    u, v = pixels.T
+    return np.column_stack([(u + 0.5) / width, 1 - (v + 0.5) / height]).astype(np.float32)
+
+
+def cs3_cameras(
+    views: Sequence[CameraView],
+    target_points: int,
+    *,
+    variant: Variant = "cios",
+    max_edge: float | None = None,
+    tolerance: float | None = None,
+    threads: int = 1,
+) -> JointSimplification:
+    """Simplify what several calibrated cameras saw into one mesh, the overlap sampled once.
+
+    Parameters
+    ----------
+    views : sequence of CameraView
+        The earlier ones are preferred where several see the same surface.
+    target_points : int
+        For all views together; never exceeded. Each view gets a share by its pixels that no
+        earlier view shows.
+    variant, max_edge, threads
+        As for `cs3`.
+    tolerance : float, optional
+        Surfaces of two views that face the same way are the same one up to this distance.
+        Default: five times the median distance of neighbouring pixels of the view.
+
+    Returns
+    -------
+    JointSimplification
+
+    Raises
+    ------
+    InputError
+        No view, or one of them is not as `CameraView` says.
+
+    Notes
+    -----
+    View by view: pixels that the mesh so far covers are left out; the rest is simplified as by
+    `cs3`; the border vertices of the mesh that this view sees too join its triangulation at the
+    pixels where it sees them, so that the seam is closed with shared vertices. A triangle is valid
+    where the pixel at its centroid is not covered. Dissertation section 8.3 names this as future
+    work.
+    """
+    if not views:
+        raise InputError("views: expected at least one")
+    remaining = _count(target_points, "target_points")
+    if tolerance is not None and not tolerance > 0:
+        raise InputError(f"tolerance: expected > 0, got {tolerance}")
+    threads = threads_of(threads)
+    taken = [_take(view, index, threads) for index, view in enumerate(views)]
+    near = [tolerance or 5.0 * _spacing(view) for view in taken]
+    dense = [_core.grid_mesh(v.points, v.valid, v.rows_up, math.inf, None, threads) for v in taken]
+    surfaces = [
+        _Surface(view.world, fields["triangles"]) for view, fields in zip(taken, dense, strict=True)
+    ]
+    normals = [_pixel_normals(view) for view in taken]
+    facing = [n[view.valid] for n, view in zip(normals, taken, strict=True)]
+    # How many pixels of each view are its own, as far as the full meshes tell.
+    owned = [
+        int(view.valid.sum())
+        - int(
+            np.any(
+                [s.covers(view.world, facing[i], near[i], threads) for s in surfaces[:i]]
+                or [np.zeros(int(view.valid.sum()), bool)],
+                axis=0,
+            ).sum()
+        )
+        for i, view in enumerate(taken)
+    ]
+    rate = target_points / max(1, sum(owned))
+    joint = _Joint()
+    all_covered, chosen_views = [], []
+    for i, view in enumerate(taken):
+        covered = np.zeros(view.valid.shape, bool)
+        if i > 0:
+            so_far = _Surface(joint.vertices, joint.triangles)
+            covered[view.valid] = so_far.covers(view.world, facing[i], near[i], threads)
+        open_pixels = view.valid & ~covered
+        share = min(remaining, math.floor(rate * int(open_pixels.sum())))
+        chosen = cs3_grid(
+            view.points,
+            open_pixels,
+            share,
+            rows_up=view.rows_up,
+            variant=variant,
+            threads=threads,
+        )
+        border = joint.border_in(view, surfaces[i].mesh, dense[i]["pixels"], near[i], threads)
+        before = len(joint.vertices)
+        joint.add(i, view, chosen, open_pixels, border, normals[i], _max_edge(max_edge))
+        remaining -= len(joint.vertices) - before
+        all_covered.append(covered)
+        chosen_views.append(chosen)
+    return JointSimplification(
+        joint.vertices,
+        joint.triangles,
+        joint.vertex_view,
+        joint.pixels,
+        joint.triangle_view,
+        joint.corner_uvs,
+        tuple(all_covered),
+        tuple(chosen_views),
+        tuple(view.colour for view in taken),
+    )
