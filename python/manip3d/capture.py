@@ -144,6 +144,8 @@ class LidarSource:
         while timeout is None or waited <= timeout:
             left = _POLL_MS if timeout is None else min(_POLL_MS, (timeout - waited) * 1000)
             fields = self._source.read(max(1, round(left)))
+            if isinstance(fields, LidarFrame):
+                return fields
             if isinstance(fields, Mapping):
                 return _to_frame(dict(fields), self.uri)
             if not fields:
@@ -188,16 +190,18 @@ def open(
     max_range: float = 1000.0,
     sender: str | None = None,
     ring_packets: int = 16384,
+    metadata: str | os.PathLike[str] | None = None,
     max_bytes: int | None = None,
 ) -> LidarSource:
-    """Open a recording or a live sensor (Velodyne HDL-64E, HDL-32E, VLP-16, VLP-32C).
+    """Open a recording or a live sensor: Velodyne HDL-64E, HDL-32E, VLP-16, VLP-32C; Ouster.
 
     Parameters
     ----------
     uri : str
         ``pcap:FILE`` (pcap or pcapng, also ``.gz`` and ``.xz``), or
         ``velodyne:[ADDRESS:]PORT``, which listens on an address of this machine (127.0.0.1;
-        0.0.0.0 for a sensor on the network; port 2368; 0: a free one).
+        0.0.0.0 for a sensor on the network; port 2368; 0: a free one), or ``ouster:FILE`` (a pcap
+        of an Ouster, through ouster-sdk; of the options below only ``metadata`` is for it).
     model : str, optional
         ``hdl64e``, ``hdl32e``, ``vlp16`` or ``vlp32c``; without it the first packet says.
     calibration : VelodyneCalibration or path, optional
@@ -213,6 +217,8 @@ def open(
         Take packets from this address only (live).
     ring_packets : int
         Packets that wait to be read before more are dropped, and counted (live).
+    metadata : path, optional
+        The Ouster's JSON file; without it the one beside the recording, of the same name.
     max_bytes : int, optional
         The most uncompressed bytes to read of a recording.
 
@@ -223,7 +229,8 @@ def open(
         0 the highest laser; ``fields``: ``laser`` (number in the packet), ``azimuth`` (degrees),
         ``range`` (metres, as sent), ``time`` (seconds after ``timestamp``), ``return_type`` (see
         `RETURN_TYPES`). ``timestamp`` is when the frame's first packet was received. ``format``
-        tells the model, the sensor's own time and whether the turn is complete.
+        tells the model, the sensor's own time and whether the turn is complete. An Ouster's
+        ``fields`` are ``column``, ``range``, ``time``, ``return`` (1, 2) and its own (``near_ir``).
 
     Raises
     ------
@@ -233,6 +240,8 @@ def open(
         The recording is damaged.
     DeviceError
         The port is taken.
+    MissingExtraError
+        ouster-sdk is not installed: ``pip install 'manip3d[ouster]'``.
     """
     if isinstance(calibration, str | os.PathLike):
         calibration = read_velodyne_calibration(calibration)
@@ -253,6 +262,10 @@ def open(
         return LidarSource(
             uri, _core.VelodynePcapSource(os.fsencode(rest), options, -1, limit), live=False
         )
+    if colon and scheme == "ouster":
+        from manip3d._capture_ouster import OusterRecording
+
+        return LidarSource(uri, OusterRecording(Path(rest), metadata), live=False)
     if colon and scheme == "velodyne":
         address, port = _address(rest)
         if not 0 < ring_packets <= 1 << 20:
@@ -260,7 +273,9 @@ def open(
         source = _core.VelodyneUdpSource(address, port, sender or "", ring_packets, options)
         source.start()
         return LidarSource(uri, source, live=True)
-    raise InputError(f"uri: expected pcap:FILE or velodyne:[ADDRESS:]PORT, got {uri!r}")
+    raise InputError(
+        f"uri: expected pcap:FILE, ouster:FILE or velodyne:[ADDRESS:]PORT, got {uri!r}"
+    )
 
 
 def _address(text: str) -> tuple[str, int]:
