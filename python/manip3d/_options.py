@@ -16,13 +16,17 @@ if TYPE_CHECKING:
     Progress: TypeAlias = "Callable[[float, str], object] | bool | None"
 
 
-def seed_of(rng: Rng) -> int:
-    """64 bits for a kernel of the core, drawn from ``numpy.random.default_rng(rng)``."""
+def generator_of(rng: Rng) -> np.random.Generator:
+    """``numpy.random.default_rng(rng)``."""
     try:
-        generator = np.random.default_rng(rng)
+        return np.random.default_rng(rng)
     except (TypeError, ValueError) as error:
         raise InputError(f"rng: expected a seed, a Generator or None, got {rng!r}") from error
-    return int(generator.integers(2**64, dtype=np.uint64))
+
+
+def seed_of(rng: Rng) -> int:
+    """64 bits for a kernel of the core, drawn from ``numpy.random.default_rng(rng)``."""
+    return int(generator_of(rng).integers(2**64, dtype=np.uint64))
 
 
 def threads_of(threads: int) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import lzma
 import os
 from pathlib import Path
+from typing import Any
 
 import lidar_statistics as statistics
 import numpy as np
@@ -156,13 +157,12 @@ def test_other_streets_differ(streets: list[Street]) -> None:
         ({"laser_bias": -0.1}, "laser_bias"),
         ({"drop_out": 1.0}, "drop_out"),
         ({"max_range": 0.0}, "max_range"),
+        ({"rng": "x"}, "rng: expected a seed, a Generator or None, got 'x'"),
         ({"time": 1e4}, "times: expected the car on the street"),
         ({"time": float("nan")}, "times: expected the car on the street"),
     ],
 )
-def test_bad_options_are_refused(
-    streets: list[Street], options: dict[str, float], text: str
-) -> None:
+def test_bad_options_are_refused(streets: list[Street], options: dict[str, Any], text: str) -> None:
     with pytest.raises(InputError, match=text):
         hdl64e(streets[0], **options)
 

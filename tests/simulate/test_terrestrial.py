@@ -192,7 +192,7 @@ def test_progress_and_interruption(office: scenes.Scene) -> None:
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"resolution_deg": 0.0}, "resolution_deg: expected 0 < degrees <= 10, got 0.0"),
+        ({"resolution_deg": 0.0}, "resolution_deg: expected 1e-4 to 10 degrees, got 0.0"),
         ({"resolution_deg": float("nan")}, "resolution_deg"),
         ({"resolution_deg": 0.001}, "more than 65 535"),
         ({"field_of_view": ((0, 361), (-40, 60))}, "field_of_view"),

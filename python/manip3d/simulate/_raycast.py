@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from manip3d.errors import Error, MissingExtraError
 
 Floats = NDArray[np.float32]
-Progress = Callable[[float, str], None]
 
 CHUNK = 1 << 20
 """Rays in one call: about 0.15 s on two cores, so that Ctrl-C is answered at once."""

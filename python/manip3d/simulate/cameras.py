@@ -5,12 +5,17 @@ from __future__ import annotations
 import functools
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._options import generator_of
 from manip3d.simulate._stage import Mover, Stage
 from manip3d.simulate.streets import Street
+
+if TYPE_CHECKING:
+    from manip3d._options import Rng
 
 __all__ = ["BASELINE", "FOCAL", "HEIGHT", "WIDTH", "StereoPair", "projections", "stereo_pair"]
 
@@ -81,7 +86,7 @@ def stereo_pair(
     street: Street,
     time: float = 0.0,
     *,
-    rng: int | np.random.Generator = 0,
+    rng: Rng = 0,
     num_threads: int = 0,
 ) -> StereoPair:
     """What the cameras of the car see at a time: one ray a pixel, in the middle of the pixel.
@@ -91,7 +96,7 @@ def stereo_pair(
     street : Street
     time : float, seconds
         When the LiDAR looks ahead, as in KITTI.
-    rng : int or numpy.random.Generator
+    rng : int, numpy.random.Generator or None
         Noise of the pictures.
     num_threads : int
         Of the ray casting; 0: all cores. The result does not depend on it.
@@ -103,7 +108,7 @@ def stereo_pair(
     MissingExtraError
         Open3D is not installed.
     """
-    random = np.random.default_rng(rng)
+    random = generator_of(rng)
     position, yaw = street.pose([time])
     cosine, sine = np.cos(yaw[0]), np.sin(yaw[0])
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])

@@ -15,16 +15,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._options import generator_of, reporting
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.lidar import Box
 from manip3d.simulate import cameras
-from manip3d.simulate._raycast import Progress
 from manip3d.simulate.cameras import StereoPair, stereo_pair
 from manip3d.simulate.lidar import TURN_PERIOD, LidarScan, hdl64e
 from manip3d.simulate.streets import Street
 
 if TYPE_CHECKING:
     import PIL.Image
+
+    from manip3d._options import Progress, Rng
 
 __all__ = ["DriveFrame", "drive", "write_drive"]
 
@@ -82,7 +84,7 @@ def drive(
     *,
     start: float = 0.0,
     pictures: bool = True,
-    rng: int | np.random.Generator = 0,
+    rng: Rng = 0,
     num_threads: int = 0,
 ) -> Iterator[DriveFrame]:
     """Drive along a street, one frame for each turn of the LiDAR.
@@ -95,7 +97,7 @@ def drive(
         Of the first frame.
     pictures : bool
         Whether the cameras see, too.
-    rng : int or numpy.random.Generator
+    rng : int, numpy.random.Generator or None
         Noise; frame n is the same however many frames follow it.
     num_threads : int
         0: all cores.
@@ -111,7 +113,7 @@ def drive(
         raise InputError(f"frames: expected at least 1, got {frames}")
     times = start + TURN_PERIOD * np.arange(frames)
     street.pose([times[0] - TURN_PERIOD, times[-1] + TURN_PERIOD])  # refuses before, not midway
-    seeds = np.random.default_rng(rng).spawn(frames)
+    seeds = generator_of(rng).spawn(frames)
     for time, random in zip(times.tolist(), seeds, strict=True):
         scan = hdl64e(street, time, rng=random, num_threads=num_threads)
         pair = stereo_pair(street, time, rng=random, num_threads=num_threads) if pictures else None
@@ -128,10 +130,10 @@ def write_drive(
     number: int = 0,
     start: float = 0.0,
     pictures: bool = True,
-    rng: int | np.random.Generator = 0,
+    rng: Rng = 0,
     num_threads: int = 0,
     overwrite: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = None,
 ) -> Path:
     """Write a drive in KITTI's raw layout; `manip3d.datasets.open_kitti` reads it.
 
@@ -151,8 +153,8 @@ def write_drive(
         As for `drive`.
     overwrite : bool
         Replace ``folder`` if it holds a simulated drive and nothing else.
-    progress : callable, optional
-        Called with the fraction done and a message.
+    progress : None, True or callable
+        True draws a bar; a callable gets the fraction done and a message.
 
     Returns
     -------
@@ -183,11 +185,12 @@ def write_drive(
         source = drive(
             street, frames, start=start, pictures=pictures, rng=rng, num_threads=num_threads
         )
-        for index, frame in enumerate(source):
-            if progress is not None:
-                progress(index / frames, f"frame {index + 1} of {frames}")
-            _write_frame(day / name, index, frame, street)
-            moments.append(frame.time)
+        with reporting(progress, "frames") as report:
+            for index, frame in enumerate(source):
+                _write_frame(day / name, index, frame, street)
+                moments.append(frame.time)
+                if report is not None:
+                    report((index + 1) / frames)
         _write_times(day / name, moments, pictures=pictures)
         if target.exists():
             target.rename(temporary / "old")

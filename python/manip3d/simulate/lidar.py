@@ -17,14 +17,19 @@ from __future__ import annotations
 import functools
 import importlib.resources
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._options import generator_of
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 from manip3d.simulate._glass import lost
 from manip3d.simulate.streets import Street
+
+if TYPE_CHECKING:
+    from manip3d._options import Rng
 
 __all__ = ["FIRING_PERIOD", "LidarScan", "hdl64e"]
 
@@ -41,7 +46,10 @@ TURN_PERIOD = 0.10313
 """Seconds of one turn."""
 WEAK_ECHO = 6.0
 """Times the weakest echo that is seen: below it KITTI's frames have intensity 0."""
-_GAIN = np.random.default_rng(65).normal(0.0, 0.04, 64)  # of the lasers: KITTI's differ like that
+
+# Belong to the sensor, not to the seed. KITTI's lasers differ in brightness like that.
+_LASER_ERROR = np.random.default_rng(64).standard_normal(64)
+_LASER_GAIN = np.random.default_rng(65).normal(0.0, 0.04, 64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +141,7 @@ def hdl64e(
     laser_bias: float = 0.017,
     drop_out: float = 0.003,
     max_range: float = 80.0,
-    rng: int | np.random.Generator = 0,
+    rng: Rng = 0,
     num_threads: int = 0,
 ) -> LidarScan:
     """One sweep of an HDL-64E on the car that drives along a street.
@@ -152,7 +160,7 @@ def hdl64e(
         dark and grazing surfaces return less.
     max_range : float, metres
         KITTI keeps no point beyond 80 m.
-    rng : int or numpy.random.Generator
+    rng : int, numpy.random.Generator or None
         Noise, drop-outs and the motor's wobble. The lasers' errors belong to the sensor and are
         the same for all seeds.
     num_threads : int
@@ -172,46 +180,34 @@ def hdl64e(
         raise InputError(f"drop_out: expected 0 <= share < 1, got {drop_out}")
     if not (2.0 < max_range <= 120.0):
         raise InputError(f"max_range: expected 2 < metres <= 120, got {max_range}")
-    random = np.random.default_rng(rng)
+    random = generator_of(rng)
     encoder, moment = _firings(time, random)
     firing, ring = _free_beams(encoder)
     start, direction = _beams(encoder[firing], ring)
 
-    position, yaw = street.pose(moment)
-    to_world = _turns(yaw)[firing]
-    origin = np.einsum("nij,nj->ni", to_world, start.astype(np.float32))
-    origin += position[firing].astype(np.float32)
-    aim = np.einsum("nij,nj->ni", to_world, direction.astype(np.float32))
+    origin, aim = _in_world(street, moment, firing, start, direction)
     stage = street.stage
     hits = stage.cast(origin, aim, moment[firing].astype(np.float32), num_threads=num_threads)
-
     surface = stage.face_surface[hits.face]
-    reflectance = stage.reflectance[surface]
     cosine = abs(np.einsum("ij,ij->i", aim, hits.normal))
-    returned = np.isfinite(hits.distance)
+    echo = _echo(hits.distance, stage.reflectance[surface], cosine, random)
+    returned = np.isfinite(hits.distance) & (echo >= 1.0)
     returned &= random.random(len(ring), np.float32) >= drop_out
     glassy = np.flatnonzero(returned & (stage.transmission[surface] > 0))
     at = origin[glassy] + aim[glassy] * hits.distance[glassy, None]
     returned[glassy] = ~lost(at, stage.transmission[surface[glassy]], random)
-    echo = _echo(hits.distance, reflectance, cosine, random)
-    returned &= echo >= 1.0
-    k = np.flatnonzero(returned)
 
-    bias = np.random.default_rng(64).standard_normal(64) * laser_bias
-    measured = hits.distance[k] + bias[ring[k]] + range_noise * random.standard_normal(len(k))
-    quantum = lasers().range_offset_mm[ring[k]]
-    measured = (2.0 * np.round((1000.0 * measured - quantum) / 2.0) + quantum) / 1000.0
+    k = np.flatnonzero(returned)
+    noise = _LASER_ERROR[ring[k]] * laser_bias + range_noise * random.standard_normal(len(k))
+    measured = _on_range_steps(hits.distance[k] + noise, ring[k])
     points = np.round((start[k] + direction[k] * measured[:, None]) * 1000.0) / 1000.0
-    seen = np.linalg.norm(points, axis=1) <= max_range
-    points, k = points[seen].astype(np.float32), k[seen]
+    near = np.linalg.norm(points, axis=1) <= max_range
+    points, k = points[near].astype(np.float32), k[near]
     order = _kitti_order(points, ring[k])
-    k = k[order]
-    glow = reflectance[k] * np.sqrt(np.sqrt(cosine[k])) + _GAIN[ring[k]]
-    glow += 0.03 * random.standard_normal(len(k), np.float32)
-    glow[echo[k] < WEAK_ECHO] = 0.0
+    points, k = points[order], k[order]
     return LidarScan(
-        points[order],
-        (np.clip(np.round(glow * 100.0), 0, 99) / 100.0).astype(np.float32),
+        points,
+        _intensity(stage.reflectance[surface[k]], cosine[k], echo[k], ring[k], random),
         ring[k].astype(np.uint8),
         stage.face_label[hits.face[k]],
         hits.object[k],
@@ -219,6 +215,21 @@ def hdl64e(
         encoder,
         moment,
     )
+
+
+def _in_world(
+    street: Street,
+    moment: Doubles,
+    firing: NDArray[np.int64],
+    start: Doubles,
+    direction: Doubles,
+) -> tuple[Floats, Floats]:
+    """Origins and directions of beams in the world: the car moves from firing to firing."""
+    position, yaw = street.pose(moment)
+    to_world = _turns(yaw)[firing]
+    origin = np.einsum("nij,nj->ni", to_world, start.astype(np.float32))
+    origin += position[firing].astype(np.float32)
+    return origin, np.einsum("nij,nj->ni", to_world, direction.astype(np.float32))
 
 
 def _firings(time: float, random: np.random.Generator) -> tuple[NDArray[np.int16], Doubles]:
@@ -319,6 +330,26 @@ def _echo(
         power = reflectance * cosine / np.maximum(distance, 5.0) ** 2
     speckle = 0.5 + random.random(len(distance), np.float32)
     return np.asarray(power * speckle * np.float32(4.0 * 50.0**2 / 0.1))
+
+
+def _on_range_steps(distance: Doubles, ring: NDArray[np.int64]) -> Doubles:
+    """Ranges as the sensor counts them: in steps of 2 mm from the laser's offset."""
+    offset = lasers().range_offset_mm[ring]
+    return (2.0 * np.round((1000.0 * distance - offset) / 2.0) + offset) / 1000.0
+
+
+def _intensity(
+    reflectance: Floats,
+    cosine: Floats,
+    echo: Floats,
+    ring: NDArray[np.int64],
+    random: np.random.Generator,
+) -> Floats:
+    """What the sensor makes of echoes: a hundredth at a time, nothing of weak ones."""
+    glow = reflectance * np.sqrt(np.sqrt(cosine)) + _LASER_GAIN[ring]
+    glow += 0.03 * random.standard_normal(len(glow), np.float32)
+    glow[echo < WEAK_ECHO] = 0.0
+    return (np.clip(np.round(glow * 100.0), 0, 99) / 100.0).astype(np.float32)
 
 
 def _kitti_order(points: Floats, ring: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -8,14 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._options import generator_of
 from manip3d.errors import InputError
 from manip3d.simulate import _things as things
 from manip3d.simulate._surfaces import Patch, Points, sheet, waves
 from manip3d.simulate._things import Random, Relief
 from manip3d.simulate._world import Label, Parts, Surface, World, WorldBuilder, placed
+
+if TYPE_CHECKING:
+    from manip3d._options import Rng
 
 __all__ = [
     "CALIBRATION",
@@ -76,14 +81,14 @@ def make(name: str) -> Scene:
     return build(kind, rng=seed, name=name)
 
 
-def indoor(kind: str, *, rng: int | Random = 0, name: str = "") -> Scene:
+def indoor(kind: str, *, rng: Rng = 0, name: str = "") -> Scene:
     """A furnished room with windows and a door into a corridor.
 
     Parameters
     ----------
     kind : str
         ``office``, ``living``, ``lecture``, ``storage``, ``hall`` or ``workshop``.
-    rng : int or numpy.random.Generator
+    rng : int, numpy.random.Generator or None
     name : str
         Of the scene; the kind, if empty.
 
@@ -92,7 +97,7 @@ def indoor(kind: str, *, rng: int | Random = 0, name: str = "") -> Scene:
     InputError
         The kind is unknown.
     """
-    random = np.random.default_rng(rng)
+    random = generator_of(rng)
     furnish = _known(kind, _ROOMS)
     builder = WorldBuilder()
     low, high = _ROOM_SIZES[kind]
@@ -108,14 +113,14 @@ def indoor(kind: str, *, rng: int | Random = 0, name: str = "") -> Scene:
     return Scene(name or kind, True, kind, builder.build(), scanner)
 
 
-def outdoor(kind: str, *, rng: int | Random = 0, name: str = "") -> Scene:
+def outdoor(kind: str, *, rng: Rng = 0, name: str = "") -> Scene:
     """A place in town or in the country, about 240 m across.
 
     Parameters
     ----------
     kind : str
         ``street``, ``square``, ``parking``, ``park``, ``courtyard`` or ``suburb``.
-    rng : int or numpy.random.Generator
+    rng : int, numpy.random.Generator or None
     name : str
         Of the scene; the kind, if empty.
 
@@ -124,7 +129,7 @@ def outdoor(kind: str, *, rng: int | Random = 0, name: str = "") -> Scene:
     InputError
         The kind is unknown.
     """
-    random = np.random.default_rng(rng)
+    random = generator_of(rng)
     lay_out = _known(kind, _PLACES)
     builder = WorldBuilder()
     relief = Relief(random, _RELIEF[kind])

@@ -5,10 +5,12 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from manip3d._options import generator_of
 from manip3d.errors import InputError
 from manip3d.lidar import Box
 from manip3d.simulate import _textures as textures
@@ -17,6 +19,9 @@ from manip3d.simulate._stage import Mover, Stage
 from manip3d.simulate._surfaces import Patch, sheet
 from manip3d.simulate._things import Random, Relief
 from manip3d.simulate._world import Label, Parts, Surface, World, WorldBuilder, placed
+
+if TYPE_CHECKING:
+    from manip3d._options import Rng
 
 __all__ = ["SENSOR_HEIGHT", "Mover", "Street", "street"]
 
@@ -105,15 +110,15 @@ class Street:
         return tuple(seen)
 
 
-def street(rng: int | Random = 0) -> Street:
+def street(rng: Rng = 0) -> Street:
     """A street of 420 m with houses, parked cars, trees, lamps, people and traffic.
 
     Parameters
     ----------
-    rng : int or numpy.random.Generator
+    rng : int, numpy.random.Generator or None
         Another seed, another street: width, houses, greenery, traffic, speed.
     """
-    random = np.random.default_rng(rng)
+    random = generator_of(rng)
     relief = Relief(random, float(random.uniform(0.01, 0.05)), 30.0)
     builder = WorldBuilder()
     half_road = float(random.uniform(5.2, 7.0))

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-import functools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._options import generator_of, reporting
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 from manip3d.simulate._glass import lost
-from manip3d.simulate._raycast import CHUNK, Hits, Progress, RayCaster
+from manip3d.simulate._raycast import CHUNK, Hits
 from manip3d.simulate.scenes import Scene
+
+if TYPE_CHECKING:
+    from manip3d._options import Progress, Rng
 
 __all__ = ["TerrestrialScan", "terrestrial_scan"]
 
@@ -93,9 +97,9 @@ def terrestrial_scan(
     beam_divergence: float = 0.3e-3,
     min_range: float = 0.5,
     max_range: float = 350.0,
-    rng: int | np.random.Generator = 0,
+    rng: Rng = 0,
     num_threads: int = 0,
-    progress: Progress | None = None,
+    progress: Progress = None,
 ) -> TerrestrialScan:
     """Scan a scene from its tripod; the defaults are those of a Riegl VZ-400.
 
@@ -117,11 +121,11 @@ def terrestrial_scan(
         Full angle of the beam.
     min_range, max_range : float, metres
         Nearer and farther surfaces give no point.
-    rng : int or numpy.random.Generator
+    rng : int, numpy.random.Generator or None
     num_threads : int
         0: all cores. The result does not depend on it.
-    progress : callable, optional
-        Called with the fraction done and a message.
+    progress : None, True or callable
+        True draws a bar; a callable gets the fraction done and a message.
 
     Returns
     -------
@@ -146,40 +150,29 @@ def terrestrial_scan(
             raise InputError(f"{name}: expected a finite number >= 0, got {value}")
     if not max_range > min_range:
         raise InputError(f"max_range: expected more than {min_range}, got {max_range}")
-    random = np.random.default_rng(rng)
-    report = progress or (lambda fraction, message: None)
-    azimuth, elevation = grid.angles(random, math.radians(angle_noise_deg))
-    caster = scene.world.caster()
-    origin = np.array(scene.scanner, np.float32)
-
-    ranges = np.empty(azimuth.size, np.float32)
-    face = np.empty(azimuth.size, np.uint32)
-    cosine = np.empty(azimuth.size, np.float32)
-    for start in range(0, azimuth.size, CHUNK):
-        report(0.8 * start / azimuth.size, "casting rays")
-        part = slice(start, start + CHUNK)
-        direction = _directions(azimuth[part], elevation[part])
-        hits = caster.cast(origin, direction, num_threads=num_threads)
-        ranges[part], face[part] = hits.distance, hits.face
-        cosine[part] = np.abs(np.einsum("ij,ij->i", direction, hits.normal))
-
-    report(0.8, "mixed ranges")
+    random = generator_of(rng)
+    with reporting(progress, "scan") as report:
+        scanner = _Scanner(scene, grid, math.radians(angle_noise_deg), random, num_threads)
+        ranges, face, cosine = scanner.first_hits(report or (lambda fraction: None))
     world = scene.world
     surface = world.face_surface[np.where(np.isinf(ranges), 0, face)]
     returned = (ranges >= min_range) & (ranges <= max_range)
     glassy = np.flatnonzero(returned & (world.transmission[surface] > 0))
-    at = origin + _directions(azimuth[glassy], elevation[glassy]) * ranges[glassy, None]
+    at = scanner.origin + scanner.aim(glassy) * ranges[glassy, None]
     returned[glassy] = ~lost(at, world.transmission[surface[glassy]], random)
-    mixed = _mix_ranges(
-        ranges, returned, grid, azimuth, elevation, caster, origin, beam_divergence, random
-    )
 
-    report(0.9, "points")
+    mixed = np.zeros(len(ranges), np.bool_)
+    if beam_divergence > 0.0:
+        at_edge = grid.edges(ranges, returned)
+        most = int(MIXED_SHARE * np.count_nonzero(returned))
+        chosen, mixture = scanner.mixed_ranges(at_edge, beam_divergence, most)
+        mixed[chosen] = True
+        ranges[chosen] = mixture
+
     kept = np.flatnonzero(returned)
     noise = random.standard_normal(len(kept), np.float32) * np.float32(range_noise)
-    measured = np.round((ranges[kept] + noise) * 1000.0) / 1000.0
-    points = _directions(azimuth[kept], elevation[kept]) * measured[:, None].astype(np.float32)
-    report(1.0, "done")
+    measured = np.round((ranges[kept] + noise) * np.float32(1000.0)) / np.float32(1000.0)
+    points = scanner.aim(kept) * measured[:, None]
     return TerrestrialScan(
         points,
         world.reflectance[surface[kept]] * cosine[kept],
@@ -199,8 +192,8 @@ class _Grid:
     """The angular grid: centres of its cells, column by column."""
 
     def __init__(self, resolution: float, field_of_view: Any) -> None:
-        if not (0.0 < resolution <= 10.0):
-            raise InputError(f"resolution_deg: expected 0 < degrees <= 10, got {resolution}")
+        if not (1e-4 <= resolution <= 10.0):
+            raise InputError(f"resolution_deg: expected 1e-4 to 10 degrees, got {resolution}")
         ((left, right), (low, high)) = field_of_view
         if not (-360.0 <= left < right <= left + 360.0 and -90.0 <= low < high <= 90.0):
             raise InputError(
@@ -216,94 +209,118 @@ class _Grid:
         self.resolution = resolution
         self.full_turn = right - left >= 360.0 - resolution / 2
 
-    def angles(self, random: np.random.Generator, noise: float) -> tuple[Floats, Floats]:
-        """Azimuth and elevation of all cells in radians, each with the scanner's noise."""
+    def angles(self) -> tuple[Floats, Floats]:
+        """Azimuth and elevation of the centres of all cells, radians."""
         step = math.radians(self.resolution)
         across = math.radians(self.first_azimuth) + step * np.arange(self.columns)
         up = math.radians(self.first_elevation) + step * np.arange(self.rows)
         azimuth = np.repeat(across.astype(np.float32), self.rows)
-        elevation = np.tile(up.astype(np.float32), self.columns)
-        for angle in (azimuth, elevation):
-            angle += np.float32(noise) * random.standard_normal(angle.size, np.float32)
-        return azimuth, elevation
+        return azimuth, np.tile(up.astype(np.float32), self.columns)
+
+    def edges(self, ranges: Floats, returned: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """Cells with a return of which one of the four neighbours is more than `EDGE` away."""
+        image = np.where(np.isinf(ranges), np.float32(1e4), ranges)
+        image = image.reshape(self.columns, self.rows)
+        edge = np.zeros(image.shape, np.bool_)
+        upwards = abs(np.diff(image, axis=1)) > EDGE
+        edge[:, 1:] |= upwards
+        edge[:, :-1] |= upwards
+        across = abs(np.diff(image, axis=0)) > EDGE
+        edge[1:] |= across
+        edge[:-1] |= across
+        if self.full_turn:
+            seam = abs(image[0] - image[-1]) > EDGE
+            edge[0] |= seam
+            edge[-1] |= seam
+        return np.flatnonzero(edge.ravel() & returned)
+
+
+class _Scanner:
+    """The beams of a scan: where each of them points, and what it meets."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        grid: _Grid,
+        angle_noise: float,
+        random: np.random.Generator,
+        num_threads: int,
+    ) -> None:
+        self.origin = np.array(scene.scanner, np.float32)
+        self._caster = scene.world.caster()
+        self._random = random
+        self._num_threads = num_threads
+        self._azimuth, self._elevation = grid.angles()
+        for angle in (self._azimuth, self._elevation):
+            angle += np.float32(angle_noise) * random.standard_normal(angle.size, np.float32)
+
+    def aim(self, cells: NDArray[np.int64] | slice) -> Floats:
+        """(N, 3) unit directions of the beams of some cells."""
+        return _directions(self._azimuth[cells], self._elevation[cells])
+
+    def first_hits(
+        self, report: Callable[[float], object]
+    ) -> tuple[Floats, NDArray[np.uint32], Floats]:
+        """Range, face and cosine of incidence of the middle of each beam."""
+        count = self._azimuth.size
+        ranges, cosine = np.empty(count, np.float32), np.empty(count, np.float32)
+        face = np.empty(count, np.uint32)
+        for start in range(0, count, CHUNK):
+            report(start / count)
+            part = slice(start, start + CHUNK)
+            direction = self.aim(part)
+            hits = self._caster.cast(self.origin, direction, num_threads=self._num_threads)
+            ranges[part], face[part] = hits.distance, hits.face
+            cosine[part] = abs(np.einsum("ij,ij->i", direction, hits.normal))
+        report(1.0)
+        return ranges, face, cosine
+
+    def mixed_ranges(
+        self, cells: NDArray[np.int64], divergence: float, most: int
+    ) -> tuple[NDArray[np.int64], Floats]:
+        """Of some cells those whose beam meets two surfaces, at most so many, and their ranges."""
+        direction = self.aim(cells)
+        center = self._cast(direction)
+        plane = center.distance * np.einsum("ij,ij->i", center.normal, direction)
+        spread = [center.distance]
+        straddling = np.zeros(cells.size, np.bool_)
+        for _ in range(SUB_RAYS):
+            direction = self._within_beams(cells, divergence)
+            distance = self._cast(direction).distance
+            # A slanted plane spreads ranges too, but is one surface.
+            cosine = np.einsum("ij,ij->i", center.normal, direction)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                off_plane = abs(distance - plane / cosine)
+            straddling |= np.isfinite(distance) & ~(off_plane <= EDGE)
+            spread.append(distance)
+        chosen = np.sort(self._random.permutation(np.flatnonzero(straddling))[:most])
+        values = np.stack(spread)[:, chosen]
+        sky = np.isinf(values)  # returns nothing, and adds nothing
+        weight = self._random.random(values.shape, np.float32)
+        weight[sky], values[sky] = 0.0, 0.0
+        return cells[chosen], (weight * values).sum(axis=0) / weight.sum(axis=0)
+
+    def _within_beams(self, cells: NDArray[np.int64], divergence: float) -> Floats:
+        """(N, 3) a direction within each beam, evenly over its disc."""
+        radius = 0.5 * divergence * np.sqrt(self._random.random(cells.size, np.float32))
+        angle = np.float32(2.0 * np.pi) * self._random.random(cells.size, np.float32)
+        up = self._elevation[cells] + radius * np.sin(angle)
+        across = radius * np.cos(angle) / np.maximum(np.cos(up), 1e-3)
+        return _directions(self._azimuth[cells] + across, up)
+
+    def _cast(self, directions: Floats) -> Hits:
+        """Hits of any number of rays, a chunk at a time."""
+        parts = [
+            self._caster.cast(
+                self.origin, directions[start : start + CHUNK], num_threads=self._num_threads
+            )
+            for start in range(0, max(1, len(directions)), CHUNK)
+        ]
+        names = [field.name for field in fields(Hits)]
+        return Hits(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 def _directions(azimuth: Floats, elevation: Floats) -> Floats:
     """(N, 3) unit vectors."""
     level = np.cos(elevation)
     return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
-
-
-def _mix_ranges(
-    ranges: Floats,
-    returned: NDArray[np.bool_],
-    grid: _Grid,
-    azimuth: Floats,
-    elevation: Floats,
-    caster: RayCaster,
-    origin: Floats,
-    divergence: float,
-    random: np.random.Generator,
-) -> NDArray[np.bool_]:
-    """Mixes, in place, the ranges whose footprint lies on two surfaces; tells which."""
-    mixed = np.zeros(len(ranges), np.bool_)
-    at_edge = _at_edges(ranges, returned, grid)
-    if divergence == 0.0 or at_edge.size == 0:
-        return mixed
-    cast = functools.partial(_cast_all, caster, origin)
-    direction = _directions(azimuth[at_edge], elevation[at_edge])
-    center = cast(direction)
-    plane = center.distance * np.einsum("ij,ij->i", center.normal, direction)
-    spread = [center.distance]
-    straddling = np.zeros(at_edge.size, np.bool_)
-    for _ in range(SUB_RAYS):
-        # Uniform over the disc of the beam.
-        radius = 0.5 * divergence * np.sqrt(random.random(at_edge.size, np.float32))
-        angle = np.float32(2.0 * np.pi) * random.random(at_edge.size, np.float32)
-        up = elevation[at_edge] + radius * np.sin(angle)
-        across = azimuth[at_edge] + radius * np.cos(angle) / np.maximum(np.cos(up), 1e-3)
-        direction = _directions(across, up)
-        distance = cast(direction).distance
-        # A slanted plane spreads ranges too, but is one surface.
-        cosine = np.einsum("ij,ij->i", center.normal, direction)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            off_plane = abs(distance - plane / cosine)
-        straddling |= np.isfinite(distance) & ~(off_plane <= EDGE)
-        spread.append(distance)
-    sample = np.stack(spread)
-    sample[np.isinf(sample)] = np.nan  # the sky returns nothing, and adds nothing
-    most = int(MIXED_SHARE * np.count_nonzero(returned))
-    chosen = np.sort(random.permutation(np.flatnonzero(straddling))[:most])
-    weight = random.random((SUB_RAYS + 1, chosen.size), np.float32)
-    values = sample[:, chosen]
-    weight[np.isnan(values)] = 0.0
-    mixed[at_edge[chosen]] = True
-    ranges[at_edge[chosen]] = np.nansum(weight * values, axis=0) / weight.sum(axis=0)
-    return mixed
-
-
-def _cast_all(caster: RayCaster, origin: Floats, directions: Floats) -> Hits:
-    """Hits of any number of rays, a chunk at a time."""
-    parts = [
-        caster.cast(origin, directions[start : start + CHUNK])
-        for start in range(0, len(directions), CHUNK)
-    ]
-    names = [field.name for field in fields(Hits)]
-    return Hits(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
-
-
-def _at_edges(ranges: Floats, returned: NDArray[np.bool_], grid: _Grid) -> NDArray[np.int64]:
-    """Cells with a return of which one of the four neighbours is more than `EDGE` away."""
-    image = np.where(np.isinf(ranges), np.float32(1e4), ranges).reshape(grid.columns, grid.rows)
-    edge = np.zeros(image.shape, np.bool_)
-    upwards = abs(np.diff(image, axis=1)) > EDGE
-    edge[:, 1:] |= upwards
-    edge[:, :-1] |= upwards
-    across = abs(np.diff(image, axis=0)) > EDGE
-    edge[1:] |= across
-    edge[:-1] |= across
-    if grid.full_turn:
-        seam = abs(image[0] - image[-1]) > EDGE
-        edge[0] |= seam
-        edge[-1] |= seam
-    return np.flatnonzero(edge.ravel() & returned)
