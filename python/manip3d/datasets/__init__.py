@@ -27,6 +27,7 @@ from manip3d.datasets._registry import (
     require,
 )
 from manip3d.datasets.kitti import KittiCalibration, KittiDrive, KittiFrame, open_kitti
+from manip3d.datasets.range_images import RangeImageFolder, open_range_images
 from manip3d.datasets.rgbd import (
     DepthFrame,
     frame_names,
@@ -57,6 +58,7 @@ __all__ = [
     "KittiCalibration",
     "KittiDrive",
     "KittiFrame",
+    "RangeImageFolder",
     "RangeScan",
     "StandIn",
     "cache_folder",
@@ -73,6 +75,7 @@ __all__ = [
     "load_scan",
     "locate",
     "open_kitti",
+    "open_range_images",
     "provenance",
     "read_poses",
     "registry",

@@ -1,0 +1,182 @@
+"""Folders of LiDAR range images: a 16-bit PNG per turn and one file with the angles.
+
+The layout of KIT's Velodyne tracking data (F. Moosmann): ``data/0000000000.png``, a row per laser
+and a column per azimuth step, ``velodyne_config.txt`` and ``timestamps.txt``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, overload
+
+import numpy as np
+
+from manip3d.datasets.kitti import parse_time
+from manip3d.errors import FormatError
+from manip3d.io import read_depth
+from manip3d.lidar import LidarFrame, ScanFormat
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["RangeImageFolder", "RangeImageLayout", "open_range_images"]
+
+
+@dataclass(frozen=True, eq=False)
+class RangeImageLayout:
+    """What the pixels of a range image mean.
+
+    Attributes
+    ----------
+    units_per_metre : float
+    azimuth : (W,) float64
+        Of each column's middle, radians, counter-clockwise from x (ahead) seen from above.
+    elevation : (H,) float64
+        Of each row, radians, up.
+    """
+
+    units_per_metre: float
+    azimuth: NDArray[np.float64]
+    elevation: NDArray[np.float64]
+
+    def points(self, ranges: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(H, W, 3) float64, metres: x ahead, y left, z up."""
+        flat = np.cos(self.elevation)[:, None]
+        directions = np.stack(
+            [
+                flat * np.cos(self.azimuth),
+                flat * np.sin(self.azimuth),
+                np.broadcast_to(np.sin(self.elevation)[:, None], ranges.shape),
+            ],
+            axis=-1,
+        )
+        placed: NDArray[np.float64] = ranges[..., None] * directions
+        return placed
+
+
+def read_layout(path: Path) -> RangeImageLayout:
+    """Read ``velodyne_config.txt``.
+
+    [multiplier] width height, azimuths of the left and right border, then one elevation per row,
+    positive downwards, or those of the upper and lower border; degrees.
+
+    Raises
+    ------
+    FormatError
+        No such line, or numbers that do not fit together.
+    """
+    for number, text in enumerate(path.read_text(errors="replace").splitlines(), 1):
+        words = text.replace(";", " ").split()
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            values = np.array(words, np.float64)
+        except ValueError:
+            values = np.empty(0)
+        found = _layout_of(values)
+        if found is None:
+            raise FormatError("expected sizes and angles", file=str(path), line=number)
+        return found
+    raise FormatError("expected a line with sizes and angles", file=str(path))
+
+
+def _layout_of(values: NDArray[np.float64]) -> RangeImageLayout | None:
+    if not np.isfinite(values).all():
+        return None
+    for head in (1, 0):  # with a multiplier, without
+        if len(values) < head + 6:
+            continue
+        width, height, left, right = values[head : head + 4]
+        angles = values[head + 4 :]
+        sizes_fit = 0 < width <= 1 << 16 and 0 < height <= 1 << 16 and width % 1 == height % 1 == 0
+        if not sizes_fit or len(angles) not in (2, height) or (head and not values[0] > 0):
+            continue
+        columns = left + (right - left) * (np.arange(width) + 0.5) / width
+        if len(angles) == 2 != height:
+            angles = angles[0] + np.ptp(angles) * (np.arange(height) + 0.5) / height
+        scale = float(values[0]) if head else 1.0
+        return RangeImageLayout(scale, np.radians(columns), -np.radians(angles))
+    return None
+
+
+class RangeImageFolder(Sequence[LidarFrame]):
+    """The turns of a folder; each is read when it is asked for."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.layout = read_layout(path / "velodyne_config.txt")
+        self.images = tuple(sorted((path / "data").glob("*.png")))
+        times = path / "timestamps.txt"
+        lines = times.read_text(errors="replace").splitlines() if times.is_file() else []
+        self._times = [line for line in lines if line.strip()]
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    @overload
+    def __getitem__(self, index: int) -> LidarFrame: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[LidarFrame]: ...
+    def __getitem__(self, index: int | slice) -> LidarFrame | Sequence[LidarFrame]:
+        if isinstance(index, slice):
+            return [self._read(i) for i in range(*index.indices(len(self)))]
+        return self._read(range(len(self))[index])
+
+    def __iter__(self) -> Iterator[LidarFrame]:
+        return (self._read(i) for i in range(len(self)))
+
+    def _read(self, index: int) -> LidarFrame:
+        path, layout = self.images[index], self.layout
+        ranges = read_depth(path, units_per_metre=layout.units_per_metre).astype(np.float64)
+        expected = (len(layout.elevation), len(layout.azimuth))
+        if ranges.shape != expected:
+            raise FormatError(f"expected {expected} pixels, got {ranges.shape}", file=str(path))
+        row, column = np.nonzero(ranges)
+        return LidarFrame(
+            points=layout.points(ranges)[row, column].astype(np.float32),
+            timestamp=self._time(index),
+            ring=row.astype(np.uint16),
+            origin=(0.0, 0.0, 0.0),
+            source=str(path),
+            fields={
+                "column": column.astype(np.uint16),
+                "range": ranges[row, column].astype(np.float32),
+            },
+            format=ScanFormat("range-image", header={"shape": expected}),
+        )
+
+    def _time(self, index: int) -> float | None:
+        if index >= len(self._times):
+            return None
+        try:
+            return parse_time(self._times[index])
+        except ValueError:
+            reason = f"expected a time, got {self._times[index][:40]!r}"
+            file = str(self.path / "timestamps.txt")
+            raise FormatError(reason, file=file, line=index + 1) from None
+
+    def __repr__(self) -> str:
+        return f"<manip3d.datasets.RangeImageFolder: {self.path}, {len(self)} turns>"
+
+
+def open_range_images(path: str | os.PathLike[str]) -> RangeImageFolder:
+    """Open a folder with ``velodyne_config.txt`` and ``data/*.png``.
+
+    Returns
+    -------
+    RangeImageFolder
+        A sequence of `manip3d.LidarFrame`: a point per pixel that is not 0, ``ring`` the row (0 the
+        highest laser), ``fields``: ``column``, ``range`` (metres). All lasers are taken to stand
+        at the origin, as the format does.
+
+    Raises
+    ------
+    FormatError
+        The file of angles, or when read an image or time, is damaged or does not fit.
+    OSError
+        The folder or the file of angles is missing.
+    """
+    return RangeImageFolder(Path(path))
