@@ -171,6 +171,27 @@ def test_colour_becomes_a_texture(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(data))), image)
 
 
+def test_buffers_for_a_gpu() -> None:
+    mesh = simplify.dense_mesh(np.ones((6, 8), np.float32), CAMERA)
+    positions, uvs, indices = mesh.gpu_buffers()
+    assert positions is mesh.vertices
+    assert uvs.dtype == np.float32
+    np.testing.assert_allclose(
+        uvs[0], [0.5 / 8, 0.5 / 6], rtol=1e-6
+    )  # the upper left pixel, v down
+    np.testing.assert_allclose(mesh.uvs[0], [0.5 / 8, 1 - 0.5 / 6])
+    assert indices.dtype == np.uint16
+    np.testing.assert_array_equal(indices.reshape(-1, 3), mesh.triangles)
+    camera = Intrinsics(256, 256, 200.0, 200.0, 127.5, 127.5)
+    for rows, dtype in ((255, np.uint16), (256, np.uint32)):
+        depth = np.ones((256, 256), np.float32)
+        depth[rows:] = 0
+        large = simplify.dense_mesh(depth, camera)
+        indices = large.gpu_buffers()[2]
+        assert indices.dtype == dtype
+        np.testing.assert_array_equal(indices.reshape(-1, 3), large.triangles)
+
+
 def test_cells_of_four_three_and_two() -> None:
     v, u = np.mgrid[0.0:3, 0:3]
     points = np.stack([u, v, np.zeros((3, 3))], axis=-1)

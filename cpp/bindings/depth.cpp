@@ -229,7 +229,6 @@ void bind_cs3(py::module_& m) {
       .def_readwrite("sampling", &Cs3Options::sampling)
       .def_readwrite("distance_dependent", &Cs3Options::distance_dependent)
       .def_readwrite("max_edge", &Cs3Options::max_edge)
-      .def_readwrite("first_factor", &Cs3Options::first_factor)
       .def_readwrite("num_threads", &Cs3Options::num_threads)
       .def_readwrite("reading", &Cs3Options::reading);
   py::class_<Cs3Runner>(m, "Cs3Runner")

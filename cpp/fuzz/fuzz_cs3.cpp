@@ -31,7 +31,6 @@ Cs3Options take_options(fuzzing::Bytes& bytes) {
   options.reading.rounding = static_cast<Cs3Reading::Rounding>(choices / 128 % 3);
   options.reading.outliers = bytes.take<std::uint8_t>() / 256.0;
   if (choices / 512 % 4 == 0) options.max_edge = bytes.take<float>();
-  if (choices / 2048 % 4 == 0) options.first_factor = bytes.take<float>();
   return options;
 }
 

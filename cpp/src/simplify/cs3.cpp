@@ -23,10 +23,6 @@ void check(const RangeImage& image, const Cs3Options& options, const DepthMeshBu
   if (options.num_threads < 0) {
     throw InputError("num_threads: expected >= 0, got " + std::to_string(options.num_threads));
   }
-  if (!(options.first_factor >= 0.0 && options.first_factor < 1e6)) {
-    throw InputError("first_factor: expected a finite number >= 0, got " +
-                     std::to_string(options.first_factor));
-  }
   if (!(options.reading.outliers >= 0.0 && options.reading.outliers < 1.0)) {
     throw InputError("outliers: expected a share in [0, 1), got " +
                      std::to_string(options.reading.outliers));

@@ -39,7 +39,8 @@ void ImportanceOrder::sort_items(const ImportanceMap& map, std::vector<Item>& it
   }
   sum_up(low_);
   sum_up(high_);
-  if (items.size() < count) items.resize(map.keys.capacity());  // never grows with the content
+  items.reserve(map.keys.capacity());
+  if (items.size() < count) items.resize(count);
   for (std::size_t slot = 0; slot < map.keys.size(); ++slot) {
     const ImportanceKey key = map.keys[slot];
     if (key == kNoKey) continue;
@@ -251,7 +252,6 @@ double Cs3Sampler::search(const Frame& frame, Cs3Report& report) {
     double next = measure != last_measure
                       ? factor + (aim - measure) * (factor - last_factor) / (measure - last_measure)
                       : 0.0;
-    if (report.passes == 1 && frame.options.first_factor > 0.0) next = frame.options.first_factor;
     const double low = many > 0.0 ? many : few / 8.0;
     const double high = few > 0.0 ? few : many * 8.0;
     if (!(next > low && next < high)) next = std::sqrt(low * high);

@@ -77,6 +77,26 @@ class DepthMesh:
         """Number of triangles."""
         return len(self.triangles)
 
+    def gpu_buffers(
+        self,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint16] | NDArray[np.uint32]]:
+        """Positions, texture coordinates and indices as OpenGL, WebGL and glTF take them.
+
+        Returns
+        -------
+        positions : (n, 3) float32
+            ``vertices`` itself.
+        uvs : (n, 2) float32
+            v down, as images are stored; 0 where the colour camera cannot see the point.
+        indices : (3 m,) uint16 where they fit, else uint32
+        """
+        uvs = self.uvs.copy()
+        uvs[:, 1] = 1 - uvs[:, 1]
+        uvs[np.isnan(uvs)] = 0
+        flat = self.triangles.reshape(-1)
+        small = self.num_vertices < 2**16  # index 65 535 restarts a primitive
+        return self.vertices, uvs, flat.astype(np.uint16) if small else flat.view(np.uint32)
+
     @cached_property
     def mesh(self) -> Mesh:
         """The same as a `Mesh` with UVs; with colour, also with a texture (PNG).
@@ -178,7 +198,6 @@ class Reached(enum.StrEnum):
     CUT = "cut"  #: no factor gives so few; the order was cut off at the target
     CONTINUED = "continued"  #: the count jumps over the target; the most important points left
     ALL_PIXELS = "all_pixels"  #: there are no more valid pixels than asked for
-    ERROR = "error"  #: an error bound was reached first (operators that have one)
 
 
 @dataclass(frozen=True, eq=False)

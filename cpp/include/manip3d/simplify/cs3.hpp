@@ -52,8 +52,6 @@ struct Cs3Options {
   bool distance_dependent = false;  ///< Rd times R(u) / R_max (eq. 3.9); depth images only.
   /// Triangles with a longer edge are dropped: the text's check for scenes.
   double max_edge = std::numeric_limits<double>::infinity();
-  /// Start of the search for the factor on Rd_max; 0: from the literal count.
-  double first_factor = 0.0;
   int num_threads = 1;
   Cs3Reading reading;
 };
