@@ -156,7 +156,7 @@ CASES: dict[str, Case] = {
     ),
     "lattice reading": lambda threads: scanner.read(forged_scan, threads=threads),
     "generic consistency": lambda threads: _core.generic_consistency(
-        forged_scan, scanner.table, 4000, 0.002, 0.001, 0.002, threads
+        forged_scan, scanner.table, 4000, 0.002, 0.001, 0.002, forged_scan[::-1].copy(), threads
     ),
     "write obj": lambda _: written(pipe, ".obj"),
     "write ply": lambda _: written(pipe, ".ply"),

@@ -25,7 +25,8 @@ RingLattice to_lattice(const CArray<double>& rings, int steps, double range_step
           table.col(5), table.col(6), steps,        range_step,   coordinate_step};
 }
 
-constexpr const char* kDroppedNames[] = {"", "unknown", "contradicted", "depends", "no ground"};
+constexpr const char* kDroppedNames[] = {"",        "unknown",   "contradicted",
+                                         "depends", "no ground", "no previous"};
 
 py::list to_list(const std::array<EvidenceReport, kNumEvidence>& evidence) {
   py::list list;
@@ -70,16 +71,17 @@ void bind_lattice(py::module_& m) {
   m.def(
       "generic_consistency",
       [](const CArray<float>& points, const CArray<double>& rings, int steps, double range_step,
-         double coordinate_step, double tolerance, int threads) {
+         double coordinate_step, double tolerance, const CArray<float>& previous, int threads) {
         const PointsView view(rows<Points>(points, "points"));
         const RingLattice lattice = to_lattice(rings, steps, range_step, coordinate_step);
+        const PointsView earlier(rows<Points>(previous, "previous"));
         GenericOptions options;
         options.tolerance = tolerance;
         options.num_threads = threads;
         GenericResult result;
         {
           const py::gil_scoped_release nogil;
-          result = generic_consistency(view, lattice, options);
+          result = generic_consistency(view, lattice, options, earlier);
         }
         Fields fields;
         fields["evidence"] = to_list(result.evidence);
@@ -90,7 +92,8 @@ void bind_lattice(py::module_& m) {
         return fields;
       },
       py::arg("points").noconvert(), py::arg("rings").noconvert(), py::arg("steps"),
-      py::arg("range_step"), py::arg("coordinate_step"), py::arg("tolerance"), py::arg("threads"));
+      py::arg("range_step"), py::arg("coordinate_step"), py::arg("tolerance"),
+      py::arg("previous").noconvert(), py::arg("threads"));
   m.attr("CELL_COLUMNS") = kCellColumns;
   m.attr("CELL_RINGS") = kCellRings;
 }

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <numbers>
+#include <optional>
 
 #include "authenticate/file_order.hpp"
 #include "authenticate/ground_plane.hpp"
@@ -19,8 +21,11 @@ namespace {
 // Float32 holds a coordinate of 100 m to 4 micrometres.
 constexpr double kFloatRounding = 1e-5;  // metres
 
-// 25 000 windows of clean ranges reach this exponent in 2 % of the frames at most.
-constexpr double kWindowThreshold = 14.0;
+// A million windows of clean ranges reach this exponent in 2 % of the frames at most.
+constexpr double kWindowThreshold = 18.0;
+
+// Where the turn before was answered, fewer answers beside a gap will do: 6 of 8.
+constexpr int kAnsweredBesideInTime = 6;
 
 constexpr std::size_t index_of(Evidence evidence) { return static_cast<std::size_t>(evidence); }
 
@@ -29,8 +34,10 @@ using Strength = std::array<double, kNumEvidence>;
 // One frame on its way through the stages; each stage fills in what the later ones need.
 class Examination {
  public:
-  Examination(const PointsView& points, const RingLattice& lattice, const GenericOptions& options)
+  Examination(const PointsView& points, const RingLattice& lattice, const GenericOptions& options,
+              const PointsView& previous)
       : points_(points),
+        previous_(previous),
         lattice_(lattice),
         options_(options),
         reading_(read_lattice(points, lattice, options.num_threads)),
@@ -168,11 +175,13 @@ class Examination {
     const auto incoherent = [&](std::int32_t i) {
       return std::abs(reading_.range_error(i)) > quarter;
     };
-    RingImage<RangeTally> tallies(cells_.rings(), cells_.columns(), {});
+    RangeVoxels<RangeTally> tallies(cells_.rings(), cells_.columns(), {});
     RangeTally all;
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
       if (reading_.ring(i) < 0) continue;
-      for (RangeTally* tally : {&all, &tallies(cell_row(i), cell_column(reading_.azimuth(i)))}) {
+      const int layer = range_layer(points_.points.row(i).norm());
+      const int column = cell_column(reading_.azimuth(i));
+      for (RangeTally* tally : {&all, &tallies(cell_row(i), column, layer)}) {
         ++tally->points;
         tally->incoherent += incoherent(i) ? 1 : 0;
       }
@@ -185,38 +194,76 @@ class Examination {
       return;
     }
     const auto windows = incoherent_windows(tallies, clean, kWindowThreshold);
-    for (int row = 0; row < cells_.rings(); ++row) {
-      for (int column = 0; column < cells_.columns(); ++column) {
-        cells_(row, column)[index_of(Evidence::kRange)] = windows(row, column);
-      }
-    }
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
       if (reading_.ring(i) < 0 || !incoherent(i)) continue;
-      if (windows(cell_row(i), cell_column(reading_.azimuth(i))) > 0.0) flag(i, Evidence::kRange);
+      const int column = cell_column(reading_.azimuth(i));
+      const float exponent =
+          windows(cell_row(i), column, range_layer(points_.points.row(i).norm()));
+      if (!(exponent > 0.0F)) continue;
+      flag(i, Evidence::kRange);
+      double& strength = cells_(cell_row(i), column)[index_of(Evidence::kRange)];
+      strength = std::max<double>(strength, exponent);
     }
   }
 
   void examine_voids() {
-    if (!usable(Evidence::kVoid, lattice_.steps > 0,
-                {Evidence::kLine, Evidence::kStep, Evidence::kFiring})) {
+    const bool known = lattice_.steps > 0;
+    const auto basis = {Evidence::kLine, Evidence::kStep, Evidence::kFiring};
+    if (!usable(Evidence::kTime, known, basis) || !usable(Evidence::kVoid, known, basis)) {
+      report(Evidence::kVoid).dropped = report(Evidence::kTime).dropped;
       return;
     }
     const auto ground = find_ground_plane(points_);
     if (!ground) {
       report(Evidence::kVoid).dropped = Dropped::kNoGround;
+      report(Evidence::kTime).dropped = Dropped::kNoGround;
       return;
     }
-    voids_ = find_voids(points_, reading_, lattice_, schedule_, *ground,
-                        {options_.min_ground_range, options_.max_ground_range});
+    const Answers answers = sort_answers(points_, reading_, lattice_, schedule_, *ground);
+    VoidOptions options{options_.min_ground_range, options_.max_ground_range};
+    add_voids(Evidence::kVoid, find_voids(points_, answers, lattice_, *ground, options));
+
+    const auto earlier = earlier_answers(*ground);
+    if (!earlier) {
+      report(Evidence::kTime).dropped = Dropped::kNoPrevious;
+      return;
+    }
+    options.earlier = &*earlier;
+    options.answered_beside = kAnsweredBesideInTime;
+    add_voids(Evidence::kTime, find_voids(points_, answers, lattice_, *ground, options));
+  }
+
+  // Of the previous frame, if it is on the same lattice.
+  [[nodiscard]] std::optional<Answers> earlier_answers(const GroundPlane& ground) const {
+    if (previous_.num_points() == 0) return std::nullopt;
+    LatticeReading reading = read_lattice(previous_, lattice_, options_.num_threads);
+    std::int64_t beside = 0;
+    for (std::int32_t i = 0; i < previous_.num_points(); ++i) {
+      if (reading.ring(i) < 0) continue;
+      const double error =
+          std::max(std::abs(reading.line_error(i)), std::abs(reading.step_error(i)));
+      if (error <= options_.tolerance) continue;
+      reading.count(i) = -1;
+      ++beside;
+    }
+    const auto total = static_cast<double>(previous_.num_points());
+    if (static_cast<double>(beside) > options_.dropped_share * total) return std::nullopt;
+    const FiringSchedule schedule = find_firings(reading, lattice_);
+    if (2 * schedule.firings < schedule_.firings) return std::nullopt;
+    return sort_answers(previous_, reading, lattice_, schedule, ground);
+  }
+
+  void add_voids(Evidence evidence, std::vector<Void> voids) {
     std::size_t firings = 0;
-    for (const Void& found : voids_) {
+    for (const Void& found : voids) {
       firings += found.cells.size();
       for (const Void::Cell& cell : found.cells) {
-        cells_(cell.ring / kCellRings, cell_column(cell.azimuth))[index_of(Evidence::kVoid)] += 1.0;
+        cells_(cell.ring / kCellRings, cell_column(cell.azimuth))[index_of(evidence)] += 1.0;
       }
     }
-    report(Evidence::kVoid).share =
+    report(evidence).share =
         static_cast<double>(firings) / static_cast<double>(std::max<std::int64_t>(num_read_, 1));
+    std::move(voids.begin(), voids.end(), std::back_inserter(voids_));
   }
 
   [[nodiscard]] int cell_row(std::int32_t i) const { return reading_.ring(i) / kCellRings; }
@@ -330,6 +377,7 @@ class Examination {
   }
 
   const PointsView& points_;
+  const PointsView& previous_;
   const RingLattice& lattice_;
   const GenericOptions& options_;
   LatticeReading reading_;
@@ -361,9 +409,9 @@ void check_options(const GenericOptions& options) {
 }  // namespace
 
 GenericResult generic_consistency(const PointsView& points, const RingLattice& lattice,
-                                  const GenericOptions& options) {
+                                  const GenericOptions& options, const PointsView& previous) {
   check_options(options);
-  return Examination(points, lattice, options).run();
+  return Examination(points, lattice, options, previous).run();
 }
 
 }  // namespace manip3d

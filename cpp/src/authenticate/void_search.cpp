@@ -1,6 +1,7 @@
 #include "authenticate/void_search.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -18,14 +19,43 @@ constexpr double kFiredShare = 0.6;
 constexpr int kNeighbours = 2;
 
 // Ground is taken for ground where it is this near to the plane: roads are crowned and climb.
-double ground_band(double range) { return 0.2 + 0.01 * range; }
+double ground_band(double range) { return 0.35 + 0.015 * range; }
 
-// A void is built of blocks of so many firings; single lost returns are everywhere.
+// A void is built of blocks of so many firings; single lost returns are everywhere. Lasers left
+// and right of the axis see the edges of near things a column apart, so runs are widened by one.
 constexpr int kBlockRings = 3;
-constexpr int kBlockColumns = 4;
+constexpr int kBlockColumns = 5;
+constexpr int kWidening = 1;
 
-// Column of each firing for one laser: they are counted from straight ahead, so that columns of
-// different lasers lie above each other although each laser looks another way when it fires.
+// A gap in a ring says something where lasers beside it answer, and where it is no longer than 42
+// degrees. Between two houses a street may well fade away below the sky: unless the column answers
+// again above, what is beside it must be the ground, or stand at about its distance.
+constexpr double kShareOfRange = 0.7;  // of the ground's range
+constexpr int kSide = 8;               // firings
+constexpr int kLongestGap = 250;
+
+// An earlier turn answered at a firing where at least so many of the nearest five did.
+constexpr int kEarlierSpan = 2;
+constexpr int kEarlierAnswers = 4;
+
+// Horizontal distance at which a laser that looks along a column meets the plane; 0: nowhere.
+double ground_range(const RingLattice& lattice, int ring, const GroundPlane& ground,
+                    const SinCos& azimuth) {
+  const double climb = ground.slope_x * azimuth.cos + ground.slope_y * azimuth.sin;
+  const double approach = climb - lattice.slope(ring);
+  const double height = lattice.offset(ring) - ground.height;
+  return approach > 0.0 && height > 0.0 ? height / approach : 0.0;
+}
+
+Answer answer_of(const Eigen::RowVector3d& p, int ring, const RingLattice& lattice,
+                 const GroundPlane& ground) {
+  const double rho = std::sqrt(p.x() * p.x() + p.y() * p.y());
+  if (std::abs(ground.above(p.x(), p.y(), p.z())) < ground_band(rho)) return Answer::kGround;
+  const double range = ground_range(lattice, ring, ground, {p.y() / rho, p.x() / rho});
+  return range > 0.0 && rho > kShareOfRange * range ? Answer::kBeyond : Answer::kNearer;
+}
+
+// Column of each firing for one laser.
 class Columns {
  public:
   Columns(const RingLattice& lattice, const FiringSchedule& schedule)
@@ -53,55 +83,114 @@ class Columns {
   std::vector<int> first_;
 };
 
-enum class Answer : std::uint8_t { kNone, kGround, kOther };
+enum class Support : std::uint8_t { kNone, kAnswers, kAsFar };
 
-struct Answers {
-  RingImage<Answer> kind;
-  RingImage<std::int32_t> point;
+// Firings in gaps of a ring with answers on both sides.
+class Gaps {
+ public:
+  Gaps(const RingImage<Answer>& kind, int answered_beside)
+      : kind_(kind),
+        needed_(answered_beside),
+        support_(kind.rings(), kind.columns(), Support::kNone) {
+    for (int ring = 0; ring < kind.rings(); ++ring) find_in(ring);
+  }
+
+  [[nodiscard]] Support support(int ring, int column) const { return support_(ring, column); }
+
+ private:
+  [[nodiscard]] bool lost(int ring, int column) const {
+    return kind_(ring, column % kind_.columns()) == Answer::kNone;
+  }
+
+  // Once around from the first answer, so that no gap is cut in two.
+  void find_in(int ring) {
+    const int columns = kind_.columns();
+    int start = 0;
+    while (start < columns && lost(ring, start)) ++start;
+    if (start == columns) return;
+    for (int column = start; column < start + columns;) {
+      int end = column;
+      while (end < start + columns && lost(ring, end)) ++end;
+      if (end > column && end - column <= kLongestGap) judge(ring, column, end);
+      column = std::max(end, column + 1);
+    }
+  }
+
+  void judge(int ring, int begin, int end) {
+    std::array<int, 2> answers{};
+    std::array<int, 2> as_far{};
+    for (int k = 0; k < kSide; ++k) {
+      for (const int side : {0, 1}) {
+        const int column = side == 0 ? begin - 1 - k + kind_.columns() : end + k;
+        const Answer answer = kind_(ring, column % kind_.columns());
+        answers[static_cast<std::size_t>(side)] += answer != Answer::kNone ? 1 : 0;
+        as_far[static_cast<std::size_t>(side)] +=
+            answer == Answer::kGround || answer == Answer::kBeyond ? 1 : 0;
+      }
+    }
+    const auto enough = [this](const std::array<int, 2>& both) {
+      return std::min(both[0], both[1]) >= needed_;
+    };
+    if (!enough(answers)) return;
+    const Support support = enough(as_far) ? Support::kAsFar : Support::kAnswers;
+    for (int k = begin; k < end; ++k) support_(ring, k % kind_.columns()) = support;
+  }
+
+  const RingImage<Answer>& kind_;
+  int needed_;
+  RingImage<Support> support_;
 };
 
-Answers sort_answers(const PointsView& points, const LatticeReading& reading,
-                     const Columns& column_of, const GroundPlane& ground, int rings, int columns) {
-  Answers answers{{rings, columns, Answer::kNone}, {rings, columns, -1}};
-  for (Eigen::Index i = 0; i < points.num_points(); ++i) {
-    if (reading.count(i) < 0) continue;
-    const int column = column_of(reading.ring(i), reading.count(i));
-    if (column < 0) continue;
-    const Eigen::RowVector3d p = points.points.row(i).cast<double>();
-    const double rho = std::sqrt(p.x() * p.x() + p.y() * p.y());
-    const bool low = std::abs(ground.above(p.x(), p.y(), p.z())) < ground_band(rho);
-    answers.kind(reading.ring(i), column) = low ? Answer::kGround : Answer::kOther;
-    answers.point(reading.ring(i), column) = static_cast<std::int32_t>(i);
+// Whether a firing and its neighbours were answered a turn earlier, in which the scanner may have
+// fired a little more or less often.
+bool was_answered(const Answers& earlier, int ring, int column, int columns) {
+  const int there = earlier.kind.columns();
+  const auto middle =
+      static_cast<int>((static_cast<std::int64_t>(column) * there + there / 2) / columns);
+  int answered = 0;
+  for (int d = -kEarlierSpan; d <= kEarlierSpan; ++d) {
+    const int beside = earlier.kind.wrapped(earlier.kind.wrapped(middle) + d);
+    answered += earlier.kind(ring, beside) == Answer::kNone ? 0 : 1;
   }
-  return answers;
-}
-
-// Horizontal distance at which a laser that looks along a column meets the plane; 0: nowhere.
-double ground_range(const RingLattice& lattice, int ring, const GroundPlane& ground,
-                    const SinCos& azimuth) {
-  const double climb = ground.slope_x * azimuth.cos + ground.slope_y * azimuth.sin;
-  const double approach = climb - lattice.slope(ring);
-  const double height = lattice.offset(ring) - ground.height;
-  return approach > 0.0 && height > 0.0 ? height / approach : 0.0;
+  return answered >= kEarlierAnswers;
 }
 
 // From the lowest laser upwards: runs without a return that begin directly above ground.
 RingImage<std::uint8_t> runs_above_ground(const Answers& answers, const RingLattice& lattice,
                                           const GroundPlane& ground, const VoidOptions& options) {
-  RingImage<std::uint8_t> runs(answers.kind.rings(), answers.kind.columns(), 0);
+  const RingImage<Answer>& kind = answers.kind;
+  const Gaps gaps(kind, options.answered_beside);
+  RingImage<std::uint8_t> runs(kind.rings(), kind.columns(), 0);
   for (int column = 0; column < runs.columns(); ++column) {
     const SinCos azimuth = sin_cos(kFullTurn * (column + 0.5) / runs.columns());
-    bool inside = false;
     for (int ring = runs.rings() - 2; ring >= 0; --ring) {
-      const bool lost = answers.kind(ring, column) == Answer::kNone;
-      inside = lost && (inside || answers.kind(ring + 1, column) == Answer::kGround);
-      if (!inside) continue;
-      const double range = ground_range(lattice, ring, ground, azimuth);
-      inside = range > options.min_ground_range && range < options.max_ground_range;
-      runs(ring, column) = inside ? 1 : 0;
+      if (kind(ring, column) != Answer::kNone || kind(ring + 1, column) != Answer::kGround)
+        continue;
+      const int below = ring;
+      while (ring >= 0 && kind(ring, column) == Answer::kNone) --ring;
+      const bool closed = ring >= 0;
+      for (int r = below; r > ring; --r) {
+        const double range = ground_range(lattice, r, ground, azimuth);
+        if (!(range > options.min_ground_range && range < options.max_ground_range)) continue;
+        const Support support = gaps.support(r, column);
+        if (support == Support::kNone || (support == Support::kAnswers && !closed)) continue;
+        runs(r, column) =
+            options.earlier == nullptr || was_answered(*options.earlier, r, column, runs.columns());
+      }
     }
   }
   return runs;
+}
+
+RingImage<std::uint8_t> widened(const RingImage<std::uint8_t>& image) {
+  RingImage<std::uint8_t> wide(image.rings(), image.columns(), 0);
+  for (int ring = 0; ring < image.rings(); ++ring) {
+    for (int column = 0; column < image.columns(); ++column) {
+      if (image(ring, column) == 0) continue;
+      for (int d = -kWidening; d <= kWidening; ++d) wide(ring, image.wrapped(column + d)) = 1;
+    }
+  }
+  return wide;
 }
 
 // Morphological opening by a block: what no full block covers is erased.
@@ -157,20 +246,37 @@ FiringSchedule find_firings(const LatticeReading& reading, const RingLattice& la
   return schedule;
 }
 
-std::vector<Void> find_voids(const PointsView& points, const LatticeReading& reading,
-                             const RingLattice& lattice, const FiringSchedule& schedule,
-                             const GroundPlane& ground, const VoidOptions& options) {
-  if (schedule.firings < kBlockColumns) return {};
+Answers sort_answers(const PointsView& points, const LatticeReading& reading,
+                     const RingLattice& lattice, const FiringSchedule& schedule,
+                     const GroundPlane& ground) {
   const Columns column_of(lattice, schedule);
-  const Answers answers =
-      sort_answers(points, reading, column_of, ground, lattice.num_rings(), schedule.firings);
-  const auto lost = opened(runs_above_ground(answers, lattice, ground, options));
+  const int rings = lattice.num_rings();
+  Answers answers{{rings, schedule.firings, Answer::kNone}, {rings, schedule.firings, -1}};
+  for (Eigen::Index i = 0; i < points.num_points(); ++i) {
+    if (reading.count(i) < 0) continue;
+    const int column = column_of(reading.ring(i), reading.count(i));
+    if (column < 0) continue;
+    const Eigen::RowVector3d p = points.points.row(i).cast<double>();
+    answers.kind(reading.ring(i), column) = answer_of(p, reading.ring(i), lattice, ground);
+    answers.point(reading.ring(i), column) = static_cast<std::int32_t>(i);
+  }
+  return answers;
+}
+
+std::vector<Void> find_voids(const PointsView& points, const Answers& answers,
+                             const RingLattice& lattice, const GroundPlane& ground,
+                             const VoidOptions& options) {
+  const int columns = answers.kind.columns();
+  if (columns < std::max(kBlockColumns, kSide)) return {};
+  const auto runs = runs_above_ground(answers, lattice, ground, options);
+  auto lost = opened(widened(runs));
   std::vector<Void> voids;
   for (const auto& component : connected_components(lost)) {
     Void found;
     std::vector<double> distances;
     for (const auto& [ring, column] : component) {
-      found.cells.push_back({ring, kFullTurn * (column + 0.5) / schedule.firings});
+      if (runs(ring, column) == 0) continue;
+      found.cells.push_back({ring, kFullTurn * (column + 0.5) / columns});
       distances.push_back(contact_distance(answers, points, ring, column));
     }
     found.distance = median(std::move(distances));

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "authenticate/ground_plane.hpp"
+#include "authenticate/ring_image.hpp"
 #include "manip3d/authenticate/lattice.hpp"
 
 namespace manip3d {
@@ -17,8 +18,28 @@ struct FiringSchedule {
 /// Steps at which most lasers that answered at the neighbouring steps have answered.
 FiringSchedule find_firings(const LatticeReading& reading, const RingLattice& lattice);
 
-/// A set of firings side by side, directly above ground that answered, which went to the ground
-/// themselves and got no return, although nothing nearer is seen there.
+enum class Answer : std::uint8_t {
+  kNone,
+  kGround,  ///< On the ground plane, about.
+  kBeyond,  ///< Not there, but hardly nearer than the ray meets it.
+  kNearer,
+};
+
+/// What the firings of one turn brought home: a row per laser, a column per firing. Columns are
+/// counted from straight ahead, so that those of different lasers lie above each other although
+/// each laser looks another way when it fires.
+struct Answers {
+  RingImage<Answer> kind;
+  RingImage<std::int32_t> point;  ///< -1: none.
+};
+
+Answers sort_answers(const PointsView& points, const LatticeReading& reading,
+                     const RingLattice& lattice, const FiringSchedule& schedule,
+                     const GroundPlane& ground);
+
+/// A set of firings side by side, above ground that answered, which went to the ground themselves
+/// and got no return, although those to both sides did that went as far, and nothing nearer is
+/// seen there.
 struct Void {
   struct Cell {
     int ring;
@@ -30,11 +51,14 @@ struct Void {
 
 struct VoidOptions {
   double min_ground_range = 8.0;
-  double max_ground_range = 40.0;
+  double max_ground_range = 80.0;
+  int answered_beside = 7;  ///< Of the eight firings to each side of the lost ones in their ring.
+  /// Where given: only firings that were answered, with their neighbours, in this earlier turn.
+  const Answers* earlier = nullptr;
 };
 
-std::vector<Void> find_voids(const PointsView& points, const LatticeReading& reading,
-                             const RingLattice& lattice, const FiringSchedule& schedule,
-                             const GroundPlane& ground, const VoidOptions& options);
+std::vector<Void> find_voids(const PointsView& points, const Answers& answers,
+                             const RingLattice& lattice, const GroundPlane& ground,
+                             const VoidOptions& options);
 
 }  // namespace manip3d

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Verdict = Literal["authentic", "tampered", "undecidable"]
 
-EVIDENCE = ("grid", "line", "step", "firing", "duplicate", "order", "range", "void")
+EVIDENCE = ("grid", "line", "step", "firing", "duplicate", "order", "range", "void", "time")
 """Kinds of evidence, in the order of the bits of ``flags``."""
 
 STRAY_RATE = 1e-5
@@ -31,20 +31,20 @@ million of KITTI's drive 0002 and two other drives does, so it is below 1.2e-6 (
 NEIGHBOURS = 100
 """Points among which a second stray point would be taken for a neighbour of a first."""
 
-WINDOWS = 25_000
-"""Windows of ranges that are tested in a frame of 64 lasers."""
+WINDOWS = 1_000_000
+"""Windows of ranges that might be tested in a frame of 64 lasers: three around each voxel."""
 
-VOID_SCALE = 12.0
-"""Firings by which the largest void of a clean frame must grow to become e times rarer."""
-
-VOID_FEWEST = 24.0
-"""Firings that the largest void of a clean frame has exceeded."""
+VOID_FEWEST, VOID_SCALE = 8.0, 4.0
+"""The largest void of a clean frame reaches ``s`` firings with probability exp((8 - s) / 4) at
+most. Of 21 real frames of three drives 20 have none and one has 12 (13 with the frame before it),
+of 90 simulated ones none has any; beyond, it is extrapolated."""
 
 REASONS = {
     "unknown": "the lattice does not know it",
     "contradicted": "the whole frame contradicts it: processed, or another scanner",
     "depends": "it stands on evidence that was dropped",
     "no ground": "no ground plane was found",
+    "no previous": "no earlier frame on the same lattice was given",
     "no lattice": "no lattice of a spinning scanner was found",
 }
 
@@ -136,6 +136,7 @@ def generic_consistency(
     frame: LidarFrame | ArrayLike,
     *,
     calibration: SensorLattice | None = None,
+    previous: LidarFrame | ArrayLike | None = None,
     false_alarm_rate: float = 0.01,
     tolerance: float = 0.002,
     threads: int = 0,
@@ -149,6 +150,8 @@ def generic_consistency(
     calibration : SensorLattice, optional
         Of the scanner, from :func:`estimate_lattice` on clean scans; else it is estimated from the
         frame itself, which takes some tenths of a second.
+    previous : LidarFrame or (N, 3) points, optional
+        The frame a turn earlier: what was answered then is missed now.
     false_alarm_rate : float
         Of clean frames that may be called tampered; in (0, 1).
     tolerance : float, metres
@@ -171,7 +174,8 @@ def generic_consistency(
     Every return of an HDL-64E lies on one of 64 lines, at a step of the encoder at which the whole
     head fired, at a range that is a whole number of 2 mm; each laser has at most one return per
     firing, and KITTI's files list them in a fixed order. What is pasted, moved, turned or dented
-    breaks one or several of these; what is removed leaves firings into the ground without a return.
+    breaks one or several of these; what is removed leaves firings into the ground without a return,
+    above ground that answered, with answers to both sides.
     Evidence that the whole frame contradicts (a motion-compensated cloud is on no lattice) is
     dropped, with all that stands on it. A frame for which none is left is undecidable.
 
@@ -181,8 +185,7 @@ def generic_consistency(
     """
     if not 0.0 < false_alarm_rate < 1.0:
         raise InputError(f"false_alarm_rate: expected a share in (0, 1), got {false_alarm_rate!r}")
-    points = frame.points if isinstance(frame, LidarFrame) else frame
-    cloud = as_rows(points, 3, np.float32, "points")
+    cloud = _points_of(frame, "points")
     lattice = calibration
     if lattice is None:
         try:
@@ -197,9 +200,17 @@ def generic_consistency(
         lattice.range_step,
         lattice.coordinate_step,
         tolerance,
+        _points_of(previous, "previous"),
         threads_of(threads),
     )
     return _judged(found, len(cloud), lattice, false_alarm_rate)
+
+
+def _points_of(frame: LidarFrame | ArrayLike | None, name: str) -> NDArray[np.float32]:
+    if frame is None:
+        return np.empty((0, 3), np.float32)
+    points = frame.points if isinstance(frame, LidarFrame) else frame
+    return as_rows(points, 3, np.float32, name)
 
 
 def _log10_p(kind: str, strength: float, points: int) -> float:
@@ -208,7 +219,7 @@ def _log10_p(kind: str, strength: float, points: int) -> float:
         return 0.0
     if kind == "range":
         log = math.log10(WINDOWS) - strength * math.log10(math.e)
-    elif kind == "void":
+    elif kind in ("void", "time"):
         log = (VOID_FEWEST - strength) / VOID_SCALE * math.log10(math.e)
     else:
         stray = max(points, 1) * STRAY_RATE

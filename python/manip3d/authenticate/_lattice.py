@@ -116,6 +116,42 @@ class SensorLattice:
             )
         )
 
+    def points_at(self, ring: ArrayLike, count: ArrayLike, distance: ArrayLike) -> Floats:
+        """Points that lasers see at counts of the encoder, at distances along their beams.
+
+        Parameters
+        ----------
+        ring, count : (N,) integers
+        distance : (N,) float, metres
+            As the scanner measures it: from the foot of the perpendicular from the axis.
+
+        Returns
+        -------
+        (N, 3) float64, metres
+        """
+        rows = np.asarray(ring, np.intp)
+        slope, offset, lateral = self.slope[rows], self.offset[rows], self.lateral[rows]
+        cosine = 1.0 / np.sqrt(1.0 + slope**2)
+        span = np.asarray(distance, np.float64)
+        reach = span * cosine
+        for _ in range(4):  # the height goes by rho, which is a hair longer than the reach
+            height = slope * (np.hypot(reach, lateral) - reach) + offset  # of a level beam
+            reach = (span - height * slope * cosine) * cosine
+        turn = 2.0 * math.pi / self.steps if self.steps else 0.0
+        angle = self.azimuth[rows] + np.asarray(count, np.float64) * turn
+        cos, sin = np.cos(angle), np.sin(angle)
+        height = slope * np.hypot(reach, lateral) + offset
+        return np.column_stack([reach * cos - lateral * sin, reach * sin + lateral * cos, height])
+
+    def distance(self, points: ArrayLike, ring: ArrayLike) -> Floats:
+        """Distance of points along the beams of their lasers, metres: what the scanner measures."""
+        xyz = as_rows(points, 3, np.float64, "points")
+        rows = np.asarray(ring, np.intp)
+        cosine = 1.0 / np.sqrt(1.0 + self.slope[rows] ** 2)
+        reach = np.sqrt(np.maximum(xyz[:, 0] ** 2 + xyz[:, 1] ** 2 - self.lateral[rows] ** 2, 0.0))
+        along: Floats = (reach + xyz[:, 2] * self.slope[rows]) * cosine
+        return along
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write it as JSON."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}

@@ -24,6 +24,7 @@ _BUILT_IN = (
     "figure_2_17",
     "ablation_boundary_weight",
     "ablation_seam_weight",
+    "detector_3",
     "table_3_1",
     "table_3_2",
     "table_3_3",

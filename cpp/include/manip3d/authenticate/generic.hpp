@@ -12,7 +12,7 @@
 /// Detector III: has this LiDAR scan been edited, told from the scan alone?
 namespace manip3d {
 
-/// What a scan of a known lattice can contradict. All but the last two are said of single points.
+/// What a scan of a known lattice can contradict. All but the last three are said of single points.
 enum class Evidence : std::uint8_t {
   kGrid,       ///< Coordinates that are no whole numbers of the coordinate step.
   kLine,       ///< Points beside the line of every laser.
@@ -22,8 +22,9 @@ enum class Evidence : std::uint8_t {
   kOrder,      ///< Points at the wrong place in the file.
   kRange,      ///< Windows whose ranges are not whole numbers of the range step.
   kVoid,       ///< Firings that got no return although they went to the ground.
+  kTime,       ///< Firings into the ground that were answered in the turn before.
 };
-inline constexpr int kNumEvidence = 8;
+inline constexpr int kNumEvidence = 9;
 
 struct GenericOptions {
   double tolerance = 0.002;    ///< Metres from line and step; rounding to 1 mm leaves 0.0008.
@@ -32,7 +33,7 @@ struct GenericOptions {
   /// 0.06, of points nearer than 5 m 0.09.
   double range_incoherence = 0.12;
   double min_ground_range = 8.0;   ///< Metres; nearer, the vehicle hides the ground.
-  double max_ground_range = 40.0;  ///< Metres; farther, grazing rays get lost.
+  double max_ground_range = 50.0;  ///< Metres; farther, grazing rays get lost in masses.
   int num_threads = 0;
 };
 
@@ -43,6 +44,7 @@ enum class Dropped : std::uint8_t {
   kContradicted,  ///< Too large a share of the whole frame contradicts it: it was processed.
   kDepends,       ///< It stands on evidence that was dropped.
   kNoGround,      ///< No ground plane was found.
+  kNoPrevious,    ///< No earlier frame on the same lattice was given.
 };
 
 struct EvidenceReport {
@@ -53,7 +55,8 @@ struct EvidenceReport {
 
 /// A connected set of cells with evidence.
 struct SuspectRegion {
-  std::array<double, kNumEvidence> strength{};      ///< Points; kRange: exponent; kVoid: firings.
+  std::array<double, kNumEvidence>
+      strength{};  ///< Points; kRange: exponent; kVoid, kTime: firings.
   Eigen::Vector3d lower = Eigen::Vector3d::Zero();  ///< Metres: axis-parallel box of the suspected
   Eigen::Vector3d upper = Eigen::Vector3d::Zero();  ///< points, or where removed ones stood.
 };
@@ -75,8 +78,10 @@ struct GenericResult {
 /// A kind of evidence that a large share of the whole frame contradicts is no evidence of an edit:
 /// somebody processed the frame as a whole (motion compensation, another unit), or it is of another
 /// scanner. It is dropped, with all that stands on it.
+/// @param previous  the frame a turn earlier, or no points.
 /// @throws InputError  what check_points and check_lattice refuse; an option out of range.
 GenericResult generic_consistency(const PointsView& points, const RingLattice& lattice,
-                                  const GenericOptions& options = {});
+                                  const GenericOptions& options = {},
+                                  const PointsView& previous = {});
 
 }  // namespace manip3d

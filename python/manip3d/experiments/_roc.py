@@ -1,0 +1,54 @@
+"""Receiver operating characteristics: areas, intervals over scenes, thresholds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+Scores = Mapping[str, Sequence[float]]
+"""By scene."""
+
+
+def auc(clean: ArrayLike, forged: ArrayLike) -> float:
+    """Probability that a forged frame scores higher than a clean one; ties count half."""
+    ranks = np.subtract.outer(np.asarray(forged, float), np.asarray(clean, float))
+    return float(np.mean((ranks > 0) + 0.5 * (ranks == 0)))
+
+
+def auc_interval(
+    clean: Scores, forged: Scores, *, resamples: int = 2000, seed: int = 0
+) -> tuple[float, float]:
+    """95 % interval of the area: scenes are drawn with replacement, with all their frames."""
+    scenes = sorted(set(clean) & set(forged))
+    random = np.random.default_rng(seed)
+    areas = []
+    for draw in random.integers(len(scenes), size=(resamples, len(scenes))):
+        some = [scenes[i] for i in draw]
+        areas.append(
+            auc(
+                np.concatenate([clean[scene] for scene in some]),
+                np.concatenate([forged[scene] for scene in some]),
+            )
+        )
+    low, high = np.percentile(areas, [2.5, 97.5])
+    return float(low), float(high)
+
+
+def curve(clean: Sequence[float], forged: Sequence[float]) -> tuple[list[float], list[float]]:
+    """False-alarm and detection rates over all thresholds, from (0, 0) to (1, 1)."""
+    thresholds = np.unique(np.concatenate([clean, forged]))[::-1]
+    false = [float(np.mean(np.asarray(clean) >= t)) for t in thresholds]
+    found = [float(np.mean(np.asarray(forged) >= t)) for t in thresholds]
+    return [0.0, *false], [0.0, *found]
+
+
+def upper_bound(events: int, trials: int, confidence: float = 0.95) -> float:
+    """Clopper and Pearson's upper bound of a rate."""
+    from scipy.stats import beta
+
+    return 1.0 if events >= trials else float(beta.ppf(confidence, events + 1, trials - events))
