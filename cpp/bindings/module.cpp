@@ -68,4 +68,5 @@ PYBIND11_MODULE(_core, m) {
   manip3d::bindings::bind_capture(m);
   manip3d::bindings::bind_scans(m);
   manip3d::bindings::bind_forge(m);
+  manip3d::bindings::bind_authenticate(m);
 }

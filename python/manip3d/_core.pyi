@@ -46,6 +46,8 @@ __all__: list[str] = [
     "closest_points",
     "copy_transform_paste",
     "deform",
+    "density_levels",
+    "estimate_scan_grid",
     "fmpd",
     "generic_consistency",
     "grid_delaunay",
@@ -55,8 +57,10 @@ __all__: list[str] = [
     "metro",
     "move_box",
     "nearest_distances",
+    "occlusion_consistency",
     "point_suffixes",
     "points_in_box",
+    "points_of_levels",
     "range_image_error",
     "read_lattice",
     "read_mesh",
@@ -820,6 +824,22 @@ def deform(
     seed: typing.SupportsInt | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> tuple[typing.Any, ...]: ...
+def density_levels(
+    points: numpy.typing.NDArray[numpy.float32],
+    distances: numpy.typing.NDArray[numpy.float64],
+    origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+    sector: typing.SupportsInt | typing.SupportsIndex,
+    level_width: typing.SupportsFloat | typing.SupportsIndex,
+    level_growth: typing.SupportsFloat | typing.SupportsIndex,
+    max_range: typing.SupportsFloat | typing.SupportsIndex,
+    level_out: bool,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[int, numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
+def estimate_scan_grid(
+    points: numpy.typing.NDArray[numpy.float32],
+    origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[float, float, float, float, float, float]: ...
 def fmpd(
     original: typing.Any,
     simplified: typing.Any,
@@ -899,6 +919,35 @@ def nearest_distances(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> numpy.ndarray: ...
+def occlusion_consistency(
+    points: numpy.typing.NDArray[numpy.float32],
+    origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+    grid: tuple[
+        typing.SupportsFloat | typing.SupportsIndex,
+        typing.SupportsFloat | typing.SupportsIndex,
+        typing.SupportsFloat | typing.SupportsIndex,
+        typing.SupportsFloat | typing.SupportsIndex,
+        typing.SupportsFloat | typing.SupportsIndex,
+        typing.SupportsFloat | typing.SupportsIndex,
+    ],
+    min_gap: typing.SupportsFloat | typing.SupportsIndex,
+    accumulate: bool,
+    min_cells: typing.SupportsInt | typing.SupportsIndex,
+    min_area: typing.SupportsFloat | typing.SupportsIndex,
+    max_range: typing.SupportsFloat | typing.SupportsIndex,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[
+    int,
+    int,
+    int,
+    numpy.ndarray,
+    numpy.ndarray,
+    int,
+    int,
+    list[typing.Any],
+    numpy.ndarray,
+    numpy.ndarray,
+]: ...
 def point_suffixes() -> list[typing.Any]: ...
 def points_in_box(
     points: numpy.typing.NDArray[numpy.float32],
@@ -907,6 +956,16 @@ def points_in_box(
         typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
         typing.SupportsFloat | typing.SupportsIndex,
     ],
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> numpy.ndarray: ...
+def points_of_levels(
+    points: numpy.typing.NDArray[numpy.float32],
+    marked: numpy.typing.NDArray[numpy.uint8],
+    origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
+    sector: typing.SupportsInt | typing.SupportsIndex,
+    level_width: typing.SupportsFloat | typing.SupportsIndex,
+    level_growth: typing.SupportsFloat | typing.SupportsIndex,
+    max_range: typing.SupportsFloat | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> numpy.ndarray: ...
 def range_image_error(

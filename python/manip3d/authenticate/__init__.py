@@ -2,6 +2,14 @@
 
 from __future__ import annotations
 
+from manip3d.authenticate._density import (
+    CALIBRATED_DENSITY,
+    PAPER_DENSITY,
+    SPARSE_DENSITY,
+    DensityParameters,
+    DensityResult,
+    density_consistency,
+)
 from manip3d.authenticate._generic import (
     EvidenceReport,
     GenericResult,
@@ -9,16 +17,42 @@ from manip3d.authenticate._generic import (
     generic_consistency,
 )
 from manip3d.authenticate._lattice import LatticeReading, SensorLattice, estimate_lattice
+from manip3d.authenticate._occlusion import (
+    CALIBRATED_OCCLUSION,
+    PAPER_OCCLUSION,
+    RINGS_OCCLUSION,
+    AngularGrid,
+    OcclusionParameters,
+    OcclusionRegion,
+    OcclusionResult,
+    estimate_grid,
+    occlusion_consistency,
+)
 from manip3d.authenticate._verdict import Calibration, Verdict
 
 __all__ = [
+    "CALIBRATED_DENSITY",
+    "CALIBRATED_OCCLUSION",
+    "PAPER_DENSITY",
+    "PAPER_OCCLUSION",
+    "RINGS_OCCLUSION",
+    "SPARSE_DENSITY",
+    "AngularGrid",
     "Calibration",
+    "DensityParameters",
+    "DensityResult",
     "EvidenceReport",
     "GenericResult",
     "LatticeReading",
+    "OcclusionParameters",
+    "OcclusionRegion",
+    "OcclusionResult",
     "SensorLattice",
     "SuspectRegion",
     "Verdict",
+    "density_consistency",
+    "estimate_grid",
     "estimate_lattice",
     "generic_consistency",
+    "occlusion_consistency",
 ]

@@ -10,20 +10,17 @@ import numpy as np
 from manip3d import _core
 from manip3d._arrays import index_rows
 from manip3d._options import seed_of, threads_of
+from manip3d._scans import Scan, origin_of, place, to_scan
 from manip3d.errors import InputError
 from manip3d.forge._truth import (
     NO_LATTICE,
     Forgery,
     Hoax,
     Lattice,
-    Scan,
     box_arguments,
-    origin_of,
-    place,
     rotation_matrix,
     to_forgery,
     to_hoax,
-    to_scan,
 )
 from manip3d.lidar import Box
 
@@ -31,7 +28,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from manip3d._options import Rng
-    from manip3d.forge._truth import ObjectLike, ScanLike
+    from manip3d._scans import ScanLike
+    from manip3d.forge._truth import ObjectLike
 
 NEIGHBOURHOOD = 1.0
 """Metres around the position whose points give the scene's spacing (MID)."""

@@ -1,0 +1,123 @@
+#include <pybind11/eigen.h>
+#include <pybind11/stl.h>
+
+#include <utility>
+#include <vector>
+
+#include "manip3d/authenticate/density.hpp"
+#include "manip3d/authenticate/occlusion.hpp"
+#include "manip3d/geometry/scan_grid.hpp"
+#include "modules.hpp"
+#include "points.hpp"
+
+namespace manip3d::bindings {
+namespace {
+
+// azimuth step, elevation step, azimuth phase, elevation phase, azimuth strength, elevation
+// strength
+using Grid = std::tuple<double, double, double, double, double, double>;
+
+Grid to_python(const ScanGrid& grid) {
+  return {grid.azimuth_step,    grid.elevation_step,   grid.azimuth_phase,
+          grid.elevation_phase, grid.azimuth_strength, grid.elevation_strength};
+}
+
+ScanGrid to_grid(const Grid& grid) {
+  return {std::get<0>(grid), std::get<1>(grid), std::get<2>(grid),
+          std::get<3>(grid), std::get<4>(grid), std::get<5>(grid)};
+}
+
+py::tuple to_python(const OrientedBox& box) {
+  return py::make_tuple(std::vector<double>{box.center.x(), box.center.y(), box.center.z()},
+                        std::vector<double>{box.size.x(), box.size.y(), box.size.z()}, box.yaw);
+}
+
+py::tuple to_python(const OcclusionComponent& c) {
+  return py::make_tuple(c.cells, c.solid_angle, c.range, c.area, c.first_row, c.last_row,
+                        c.first_column, c.last_column, to_python(c.box));
+}
+
+DensityOptions density_options(const Eigen::Vector3d& origin, std::int64_t sector,
+                               double level_width, double level_growth, double max_range,
+                               bool level_out, int threads) {
+  return {origin, sector, level_width, level_growth, max_range, level_out, threads};
+}
+
+}  // namespace
+
+void bind_authenticate(py::module_& m) {
+  m.def(
+      "estimate_scan_grid",
+      [](const CArray<float>& points, const Eigen::Vector3d& origin, int threads) {
+        const PointsView view = points_view(points, {});
+        const py::gil_scoped_release nogil;
+        return to_python(estimate_scan_grid(view, origin, threads));
+      },
+      py::arg("points").noconvert(), py::arg("origin"), py::arg("threads"));
+  m.def(
+      "occlusion_consistency",
+      [](const CArray<float>& points, const Eigen::Vector3d& origin, const Grid& grid,
+         double min_gap, bool accumulate, std::int64_t min_cells, double min_area, double max_range,
+         int threads) {
+        const PointsView view = points_view(points, {});
+        OcclusionResult r;
+        {
+          const py::gil_scoped_release nogil;
+          r = occlusion_consistency(view, {origin, to_grid(grid), min_gap, accumulate, min_cells,
+                                           min_area, max_range, threads});
+        }
+        py::list components;
+        for (const OcclusionComponent& c : r.components) components.append(to_python(c));
+        return py::make_tuple(r.rows, r.columns, r.first_row, to_numpy(std::move(r.mask)),
+                              to_numpy(std::move(r.raw_mask)), r.occupied_cells, r.multiple_cells,
+                              components, to_numpy(std::move(r.suspected)),
+                              to_numpy(std::move(r.suspected_component)));
+      },
+      py::arg("points").noconvert(), py::arg("origin"), py::arg("grid"), py::arg("min_gap"),
+      py::arg("accumulate"), py::arg("min_cells"), py::arg("min_area"), py::arg("max_range"),
+      py::arg("threads"));
+  m.def(
+      "density_levels",
+      [](const CArray<float>& points, const CArray<double>& distances,
+         const Eigen::Vector3d& origin, std::int64_t sector, double level_width,
+         double level_growth, double max_range, bool level_out, int threads) {
+        const PointsView view = points_view(points, {});
+        const auto values = rows<Eigen::VectorXd>(distances, "distances");
+        const DensityOptions options = density_options(origin, sector, level_width, level_growth,
+                                                       max_range, level_out, threads);
+        DensityLevels levels;
+        {
+          const py::gil_scoped_release nogil;
+          levels = density_levels(view, {values.data(), static_cast<std::size_t>(values.size())},
+                                  options);
+        }
+        return py::make_tuple(levels.sectors, to_numpy(std::move(levels.edges)),
+                              to_numpy(std::move(levels.counts)),
+                              to_numpy(std::move(levels.means)));
+      },
+      py::arg("points").noconvert(), py::arg("distances").noconvert(), py::arg("origin"),
+      py::arg("sector"), py::arg("level_width"), py::arg("level_growth"), py::arg("max_range"),
+      py::arg("level_out"), py::arg("threads"));
+  m.def(
+      "points_of_levels",
+      [](const CArray<float>& points, const CArray<std::uint8_t>& marked,
+         const Eigen::Vector3d& origin, std::int64_t sector, double level_width,
+         double level_growth, double max_range, int threads) {
+        const PointsView view = points_view(points, {});
+        const DensityOptions options =
+            density_options(origin, sector, level_width, level_growth, max_range, false, threads);
+        std::vector<std::int32_t> found;
+        {
+          const auto size = static_cast<std::size_t>(marked.size());
+          const std::uint8_t* marks = marked.data();
+          const py::gil_scoped_release nogil;
+          found = points_of_levels(view, {marks, size}, options);
+        }
+        return to_numpy(std::move(found));
+      },
+      py::arg("points").noconvert(), py::arg("marked").noconvert(), py::arg("origin"),
+      py::arg("sector"), py::arg("level_width"), py::arg("level_growth"), py::arg("max_range"),
+      py::arg("threads"));
+}
+
+}  // namespace manip3d::bindings

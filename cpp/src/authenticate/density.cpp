@@ -1,0 +1,154 @@
+#include "manip3d/authenticate/density.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <numbers>
+#include <string>
+
+#include "geometry/directions.hpp"
+#include "geometry/select_rows.hpp"
+#include "manip3d/error.hpp"
+#include "manip3d/geometry/parallel.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+constexpr double kUnit = 1e-6;        // metres: distances are summed as whole numbers of it
+constexpr double kFarthest = 1000.0;  // metres: a lone point's distance counts as no more
+constexpr double kLookup = 0.005;     // metres: steps of the table from ranges to levels
+constexpr float kSteepest = 0.2F;     // least cosine of an elevation that is divided by
+constexpr std::int64_t kMostCells = 1 << 26;
+
+// From a point to its sector and level.
+class LevelFinder {
+ public:
+  explicit LevelFinder(const DensityOptions& options) : options_(options) {
+    check(options);
+    for (double edge = 0.0; edge < options.max_range;) {
+      edges_.push_back(edge);
+      edge += std::max(options.level_width, options.level_growth * edge);
+    }
+    edges_.push_back(options.max_range);
+    columns_ = options.sector > 0 ? 360 / options.sector : 1;
+    rows_ = options.sector > 0 ? 180 / options.sector : 1;
+    if (!(columns_ * rows_ * levels() <= kMostCells)) {
+      throw InputError("level_width: expected at most 2^26 cells of sectors and levels");
+    }
+    const auto steps = static_cast<std::int64_t>(options.max_range / kLookup) + 1;
+    std::int64_t level = 0;
+    for (std::int64_t i = 0; i < steps; ++i) {
+      const double range = (static_cast<double>(i) + 0.5) * kLookup;
+      while (level + 1 < levels() && range >= edges_[level + 1]) ++level;
+      table_.push_back(static_cast<std::int32_t>(level));
+    }
+  }
+
+  [[nodiscard]] std::int64_t sectors() const { return columns_ * rows_; }
+  [[nodiscard]] std::int64_t levels() const { return static_cast<std::int64_t>(edges_.size()) - 1; }
+  [[nodiscard]] const std::vector<double>& edges() const { return edges_; }
+
+  // visit(row, cell, cosine of the elevation) for the points of [begin, end) within the range.
+  template <typename Visit>
+  void visit(const PointsView& view, std::int64_t begin, std::int64_t end,
+             const Visit& visit_point) const {
+    Directions directions;
+    for (std::int64_t i = begin; i < end; i += Directions::kBlock) {
+      const std::int64_t size = std::min(Directions::kBlock, end - i);
+      directions.compute(view.points.data() + 3 * i, 3, size, options_.origin);
+      for (std::int64_t k = 0; k < size; ++k) {
+        const float range = directions.range[k];
+        if (!(range > 0.0F && range < static_cast<float>(options_.max_range))) continue;
+        const std::int64_t level =
+            table_[static_cast<std::size_t>(range * static_cast<float>(1.0 / kLookup))];
+        visit_point(i + k, sector_of(directions, k) * levels() + level, directions.rho[k] / range);
+      }
+    }
+  }
+
+ private:
+  static void check(const DensityOptions& options) {
+    if (!options.origin.allFinite()) throw InputError("origin: expected finite numbers");
+    if (!(options.sector >= 0 && (options.sector == 0 || 180 % options.sector == 0))) {
+      throw InputError("sector: expected 0 or whole degrees that divide 180, got " +
+                       std::to_string(options.sector));
+    }
+    if (!(options.level_width >= kLookup && options.level_growth >= 0.0 &&
+          options.level_growth <= 1.0)) {
+      throw InputError("level_width: expected at least 0.005 m, and a growth of 0 to 1");
+    }
+    if (!(options.max_range > options.level_width && options.max_range <= 1e4)) {
+      throw InputError("max_range: expected more than a level, and at most 10000 m, got " +
+                       std::to_string(options.max_range));
+    }
+  }
+
+  [[nodiscard]] std::int64_t sector_of(const Directions& directions, std::int64_t k) const {
+    const auto cell = [](double angle, std::int64_t count, double whole) {
+      const auto i = static_cast<std::int64_t>(angle / whole * static_cast<double>(count));
+      return std::clamp(i, std::int64_t{0}, count - 1);
+    };
+    return cell(directions.elevation[k] + kPi / 2.0, rows_, kPi) * columns_ +
+           cell(directions.azimuth[k] + kPi, columns_, 2.0 * kPi);
+  }
+
+  DensityOptions options_;
+  std::vector<double> edges_;
+  std::vector<std::int32_t> table_;
+  std::int64_t columns_ = 1, rows_ = 1;
+};
+
+}  // namespace
+
+DensityLevels density_levels(const PointsView& view, std::span<const double> distances,
+                             const DensityOptions& options) {
+  check_points_everywhere(view, options.num_threads);
+  if (static_cast<std::int64_t>(distances.size()) != view.num_points()) {
+    throw InputError("distances: expected " + std::to_string(view.num_points()) + ", got " +
+                     std::to_string(distances.size()));
+  }
+  const LevelFinder finder(options);
+  DensityLevels result;
+  result.sectors = finder.sectors();
+  result.edges = finder.edges();
+  const auto size = static_cast<std::size_t>(finder.sectors() * finder.levels());
+  result.counts.assign(size, 0);
+  std::vector<std::int64_t> sums(size);
+  parallel_chunks(
+      view.num_points(), kPointChunk, options.num_threads,
+      [&](std::int64_t begin, std::int64_t end) {
+        finder.visit(view, begin, end, [&](std::int64_t i, std::int64_t cell, float cosine) {
+          double distance = std::min(distances[i], kFarthest);
+          if (options.level_out) distance /= std::max(cosine, kSteepest);
+          const auto units = static_cast<std::int64_t>(distance / kUnit + 0.5);
+          std::atomic_ref(sums[cell]).fetch_add(units, std::memory_order_relaxed);
+          std::atomic_ref(result.counts[cell]).fetch_add(1, std::memory_order_relaxed);
+        });
+      });
+  result.means.assign(size, 0.0);
+  for (std::size_t c = 0; c < size; ++c) {
+    if (result.counts[c] > 0) {
+      result.means[c] = kUnit * static_cast<double>(sums[c]) / result.counts[c];
+    }
+  }
+  return result;
+}
+
+std::vector<std::int32_t> points_of_levels(const PointsView& view,
+                                           std::span<const std::uint8_t> marked,
+                                           const DensityOptions& options) {
+  check_points_everywhere(view, options.num_threads);
+  const LevelFinder finder(options);
+  if (static_cast<std::int64_t>(marked.size()) != finder.sectors() * finder.levels()) {
+    throw InputError("marked: expected one mark per sector and level, got " +
+                     std::to_string(marked.size()));
+  }
+  std::vector<std::int32_t> rows;
+  finder.visit(view, 0, view.num_points(), [&](std::int64_t i, std::int64_t cell, float) {
+    if (marked[cell] != 0) rows.push_back(static_cast<std::int32_t>(i));
+  });
+  return rows;
+}
+
+}  // namespace manip3d

@@ -1,0 +1,325 @@
+#include "manip3d/authenticate/occlusion.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <bit>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <numbers>
+#include <string>
+
+#include "authenticate/cell_mask.hpp"
+#include "geometry/directions.hpp"
+#include "geometry/select_rows.hpp"
+#include "manip3d/error.hpp"
+#include "manip3d/geometry/large_array.hpp"
+#include "manip3d/geometry/parallel.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+constexpr std::int64_t kMostCells = 1 << 28;
+constexpr float kNothing = std::numeric_limits<float>::infinity();
+constexpr std::int32_t kNowhere = -1;  // the cell of a point in the origin, which has no direction
+
+void check_options(const OcclusionOptions& options) {
+  const ScanGrid& grid = options.grid;
+  const auto is_step = [](double step) { return step > 0.0 && step <= kPi / 4.0; };
+  if (!(is_step(grid.azimuth_step) && is_step(grid.elevation_step) &&
+        std::isfinite(grid.azimuth_phase) && std::isfinite(grid.elevation_phase))) {
+    throw InputError("grid: expected steps above 0 and up to 45 degrees");
+  }
+  if (!(2.0 * kPi / grid.azimuth_step * kPi / grid.elevation_step < kMostCells)) {
+    throw InputError("grid: expected at most 2^28 cells");
+  }
+  if (!options.origin.allFinite()) throw InputError("origin: expected finite numbers");
+  if (!(options.min_gap > 0.0)) {
+    throw InputError("min_gap: expected > 0, got " + std::to_string(options.min_gap));
+  }
+  if (!(options.min_cells >= 1 && options.min_area >= 0.0 && options.max_range > 0.0)) {
+    throw InputError("min_cells, min_area, max_range: expected at least 1, >= 0 and > 0");
+  }
+}
+
+// Where the points fall in the image.
+class CellFinder {
+ public:
+  explicit CellFinder(const OcclusionOptions& options)
+      : origin_(options.origin),
+        columns_(options.grid.columns()),
+        rows_(options.grid.rows()),
+        azimuth_scale_(static_cast<float>(1.0 / options.grid.azimuth_step)),
+        elevation_scale_(static_cast<float>(1.0 / options.grid.elevation_step)) {
+    // Cells are centred on the phases; the first begins below -180 and -90 degrees.
+    const auto offset = [](double phase, double step, double low) {
+      const double periods = (phase - low) / step;
+      return low + (periods - std::floor(periods) - 0.5) * step;
+    };
+    const double left = offset(options.grid.azimuth_phase, options.grid.azimuth_step, -kPi);
+    left_ = static_cast<float>(left > -kPi ? left - options.grid.azimuth_step : left);
+    const double low = offset(options.grid.elevation_phase, options.grid.elevation_step, -kPi / 2);
+    low_ = static_cast<float>(low > -kPi / 2.0 ? low - options.grid.elevation_step : low);
+  }
+
+  [[nodiscard]] std::int64_t columns() const { return columns_; }
+  [[nodiscard]] std::int64_t rows() const { return rows_; }
+  [[nodiscard]] double elevation_of(std::int64_t row) const {
+    return low_ + (static_cast<double>(row) + 0.5) / elevation_scale_;
+  }
+
+  // Calls visit(row of the points, cell, range) for [begin, end).
+  template <typename Visit>
+  void visit(const PointsView& view, std::int64_t begin, std::int64_t end,
+             const Visit& visit_point) const {
+    Directions directions;
+    for (std::int64_t i = begin; i < end; i += Directions::kBlock) {
+      const std::int64_t size = std::min(Directions::kBlock, end - i);
+      directions.compute(view.points.data() + 3 * i, 3, size, origin_);
+      for (std::int64_t k = 0; k < size; ++k) {
+        const float range = directions.range[k];
+        visit_point(i + k, range > 0.0F ? cell(directions, k) : kNowhere, range);
+      }
+    }
+  }
+
+ private:
+  [[nodiscard]] std::int32_t cell(const Directions& directions, std::int64_t k) const {
+    auto column = static_cast<std::int64_t>((directions.azimuth[k] - left_) * azimuth_scale_);
+    const auto row = static_cast<std::int64_t>((directions.elevation[k] - low_) * elevation_scale_);
+    if (column >= columns_) column -= columns_;
+    return static_cast<std::int32_t>(std::clamp(row, std::int64_t{0}, rows_ - 1) * columns_ +
+                                     std::clamp(column, std::int64_t{0}, columns_ - 1));
+  }
+
+  Eigen::Vector3d origin_;
+  std::int64_t columns_, rows_;
+  float azimuth_scale_, elevation_scale_;
+  float left_ = 0.0F, low_ = 0.0F;
+};
+
+// Nearest and farthest range of each cell. Ranges are positive, so their bits are in their order.
+struct RangeImage {
+  LargeArray<std::uint32_t> nearest, farthest;
+  LargeArray<std::int32_t> cells;  // of each point
+
+  [[nodiscard]] float near(std::int64_t cell) const { return std::bit_cast<float>(nearest[cell]); }
+  [[nodiscard]] float far(std::int64_t cell) const { return std::bit_cast<float>(farthest[cell]); }
+  [[nodiscard]] bool occupied(std::int64_t cell) const { return farthest[cell] > 0; }
+};
+
+template <typename Better>
+void improve(std::uint32_t& slot, std::uint32_t value, const Better& better) {
+  std::atomic_ref<std::uint32_t> shared(slot);
+  std::uint32_t old = shared.load(std::memory_order_relaxed);
+  while (better(value, old) &&
+         !shared.compare_exchange_weak(old, value, std::memory_order_relaxed)) {
+  }
+}
+
+RangeImage range_image(const PointsView& view, const CellFinder& finder, int num_threads) {
+  const std::int64_t size = finder.rows() * finder.columns();
+  RangeImage image{LargeArray<std::uint32_t>(size), LargeArray<std::uint32_t>(size),
+                   LargeArray<std::int32_t>(view.num_points())};
+  parallel_chunks(size, 1 << 20, num_threads, [&](std::int64_t begin, std::int64_t end) {
+    std::fill(image.nearest.data() + begin, image.nearest.data() + end,
+              std::bit_cast<std::uint32_t>(kNothing));
+    std::fill(image.farthest.data() + begin, image.farthest.data() + end, 0U);
+  });
+  parallel_chunks(
+      view.num_points(), kPointChunk, num_threads, [&](std::int64_t begin, std::int64_t end) {
+        finder.visit(view, begin, end, [&](std::int64_t i, std::int32_t cell, float range) {
+          image.cells[i] = cell;
+          if (cell == kNowhere) return;
+          const auto bits = std::bit_cast<std::uint32_t>(range);
+          improve(image.nearest[cell], bits, std::less<>());
+          improve(image.farthest[cell], bits, std::greater<>());
+        });
+      });
+  return image;
+}
+
+// As printed: |r_p - r_q| of each point and the one before it in the same cell, summed.
+std::vector<float> accumulated_gaps(const PointsView& view, const CellFinder& finder) {
+  const auto size = static_cast<std::size_t>(finder.rows() * finder.columns());
+  std::vector<float> gaps(size);
+  std::vector<float> last(size);
+  finder.visit(view, 0, view.num_points(), [&](std::int64_t, std::int32_t cell, float range) {
+    if (cell == kNowhere) return;
+    if (last[cell] > 0.0F) gaps[cell] += std::abs(range - last[cell]);
+    last[cell] = range;
+  });
+  return gaps;
+}
+
+CellMask gap_mask(const RangeImage& image, const std::vector<float>& gaps, const CellFinder& finder,
+                  float min_gap, OcclusionResult& result) {
+  CellMask mask{finder.rows(), finder.columns(), {}};
+  mask.cells.resize(static_cast<std::size_t>(mask.rows * mask.columns));
+  for (std::int64_t c = 0; c < mask.rows * mask.columns; ++c) {
+    if (!image.occupied(c)) continue;
+    ++result.occupied_cells;
+    const float gap = gaps.empty() ? image.far(c) - image.near(c) : gaps[c];
+    if (!(gap > min_gap)) continue;
+    mask.cells[c] = 1;
+    ++result.multiple_cells;
+  }
+  return mask;
+}
+
+// Smallest range of columns, going round, that holds them all.
+void span_columns(std::vector<std::int64_t> marked, std::int64_t columns,
+                  OcclusionComponent& component) {
+  std::sort(marked.begin(), marked.end());
+  marked.erase(std::unique(marked.begin(), marked.end()), marked.end());
+  std::int64_t widest = marked.front() + columns - marked.back();
+  component.first_column = marked.front();
+  component.last_column = marked.back();
+  for (std::size_t i = 1; i < marked.size(); ++i) {
+    if (marked[i] - marked[i - 1] <= widest) continue;
+    widest = marked[i] - marked[i - 1];
+    component.first_column = marked[i];
+    component.last_column = marked[i - 1];
+  }
+}
+
+OcclusionComponent measure(const std::vector<const MaskRun*>& runs, const RangeImage& image,
+                           const CellFinder& finder, const ScanGrid& grid, float min_gap) {
+  OcclusionComponent component;
+  component.first_row = runs.front()->row;
+  component.last_row = runs.back()->row;
+  std::vector<float> ranges;
+  std::vector<std::int64_t> columns;
+  for (const MaskRun* run : runs) {
+    const double level = sin_cos(finder.elevation_of(run->row)).cos;
+    const std::int64_t width = run->last - run->first + 1;
+    component.cells += width;
+    component.solid_angle +=
+        static_cast<double>(width) * grid.azimuth_step * grid.elevation_step * std::max(level, 0.0);
+    columns.push_back(run->first);
+    columns.push_back(run->last);
+    for (std::int64_t c = run->first; c <= run->last; ++c) {
+      const std::int64_t cell = run->row * finder.columns() + c;
+      if (image.occupied(cell) && image.far(cell) - image.near(cell) > min_gap) {
+        ranges.push_back(image.near(cell));
+      }
+    }
+  }
+  if (!ranges.empty()) {
+    const auto middle = ranges.begin() + static_cast<std::ptrdiff_t>(ranges.size() / 2);
+    std::nth_element(ranges.begin(), middle, ranges.end());
+    component.range = *middle;
+  }
+  component.area = component.solid_angle * component.range * component.range;
+  span_columns(std::move(columns), finder.columns(), component);
+  return component;
+}
+
+// Components above A_th, and for each cell of theirs its number; others are -1.
+std::vector<std::int32_t> select_components(const CellMask& mask, const RangeImage& image,
+                                            const CellFinder& finder,
+                                            const OcclusionOptions& options,
+                                            OcclusionResult& result) {
+  const std::vector<MaskRun> runs = find_components(mask);
+  std::int32_t count = 0;
+  for (const MaskRun& run : runs) count = std::max(count, run.component + 1);
+  std::vector<std::vector<const MaskRun*>> by_component(static_cast<std::size_t>(count));
+  for (const MaskRun& run : runs) by_component[run.component].push_back(&run);
+
+  struct Found {
+    OcclusionComponent component;
+    std::int32_t number;
+  };
+  std::vector<Found> found;
+  for (std::int32_t n = 0; n < count; ++n) {
+    const OcclusionComponent component =
+        measure(by_component[n], image, finder, options.grid, static_cast<float>(options.min_gap));
+    if (component.cells >= options.min_cells && component.area >= options.min_area &&
+        component.range <= options.max_range) {
+      found.push_back({component, n});
+    }
+  }
+  std::stable_sort(found.begin(), found.end(), [](const Found& a, const Found& b) {
+    return a.component.area > b.component.area;
+  });
+  std::vector<std::int32_t> cell_component;
+  if (found.empty()) return cell_component;
+  cell_component.assign(mask.cells.size(), -1);
+  for (const Found& entry : found) {
+    const auto index = static_cast<std::int32_t>(result.components.size());
+    for (const MaskRun* run : by_component[entry.number]) {
+      std::fill_n(cell_component.begin() + run->row * mask.columns + run->first,
+                  run->last - run->first + 1, index);
+    }
+    result.components.push_back(entry.component);
+  }
+  return cell_component;
+}
+
+// Points in front of what their cell's farthest point shows to be visible.
+void suspect_points(const PointsView& view, const RangeImage& image,
+                    const std::vector<std::int32_t>& cell_component,
+                    const OcclusionOptions& options, OcclusionResult& result) {
+  const auto min_gap = static_cast<float>(options.min_gap);
+  std::vector<std::vector<std::int32_t>> rows(result.components.size());
+  for (std::int64_t i = 0; i < view.num_points(); ++i) {
+    const std::int32_t cell = image.cells[i];
+    if (cell == kNowhere || cell_component[cell] < 0) continue;
+    if (image.far(cell) - image.near(cell) <= min_gap) continue;
+    const Eigen::Vector3d p = view.points.row(i).transpose().cast<double>() - options.origin;
+    if (!(image.far(cell) - p.norm() > min_gap)) continue;
+    rows[cell_component[cell]].push_back(static_cast<std::int32_t>(i));
+    result.suspected.push_back(static_cast<std::int32_t>(i));
+    result.suspected_component.push_back(cell_component[cell]);
+  }
+  for (std::size_t n = 0; n < rows.size(); ++n) {
+    result.components[n].box = box_around(view, rows[n]);
+  }
+}
+
+// Rows of the image that hold anything.
+std::pair<std::int64_t, std::int64_t> occupied_rows(const RangeImage& image,
+                                                    const CellFinder& finder) {
+  const std::uint32_t* begin = image.farthest.data();
+  const std::uint32_t* end = begin + image.farthest.size();
+  const auto is_set = [](std::uint32_t bits) { return bits > 0; };
+  const std::uint32_t* first = std::find_if(begin, end, is_set);
+  if (first == end) return {0, 0};
+  const std::uint32_t* last = end;
+  while (!is_set(*(last - 1))) --last;
+  return {(first - begin) / finder.columns(), (last - 1 - begin) / finder.columns() + 1};
+}
+
+std::vector<std::uint8_t> cropped(const CellMask& mask, std::int64_t first, std::int64_t last) {
+  return {mask.cells.begin() + first * mask.columns, mask.cells.begin() + last * mask.columns};
+}
+
+}  // namespace
+
+OcclusionResult occlusion_consistency(const PointsView& view, const OcclusionOptions& options) {
+  check_options(options);
+  check_points_everywhere(view, options.num_threads);
+  const CellFinder finder(options);
+  const RangeImage image = range_image(view, finder, options.num_threads);
+  std::vector<float> gaps;
+  if (options.accumulate) gaps = accumulated_gaps(view, finder);
+  OcclusionResult result;
+  const CellMask raw = gap_mask(image, gaps, finder, static_cast<float>(options.min_gap), result);
+  const CellMask closed = rank_filter(rank_filter(raw, 1), 9);
+  const CellMask mask = rank_filter(closed, 5);
+  const std::vector<std::int32_t> cell_component =
+      select_components(mask, image, finder, options, result);
+  if (!result.components.empty()) {
+    suspect_points(view, image, cell_component, options, result);
+  }
+  const auto [first, last] = occupied_rows(image, finder);
+  result.first_row = first;
+  result.rows = last - first;
+  result.columns = finder.columns();
+  result.mask = cropped(mask, first, last);
+  result.raw_mask = cropped(raw, first, last);
+  return result;
+}
+
+}  // namespace manip3d

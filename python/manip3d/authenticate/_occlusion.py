@@ -1,0 +1,392 @@
+"""Detector II: is anything seen behind something else? (IsOcclusionConsistent)"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._options import threads_of
+from manip3d._scans import Scan, origin_of, to_scan
+from manip3d.authenticate._verdict import Calibration, Verdict
+from manip3d.errors import InputError
+from manip3d.lidar import Box
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from manip3d._scans import ScanLike
+
+FEWEST_POINTS = 1000
+"""Below, a scan covers too little of the sphere."""
+
+
+@dataclass(frozen=True)
+class AngularGrid:
+    """Cells of azimuth and elevation; see :func:`estimate_grid`.
+
+    Attributes
+    ----------
+    azimuth_deg, elevation_deg : float
+        Size of a cell.
+    azimuth_phase_deg, elevation_phase_deg : float
+        Centre of some column and of some row.
+    azimuth_strength, elevation_strength : float
+        How sharply the scan's angles stand on the grid, 0 to 1; 0: no period was found, the size
+        comes from the density of points.
+    """
+
+    azimuth_deg: float
+    elevation_deg: float
+    azimuth_phase_deg: float = 0.0
+    elevation_phase_deg: float = 0.0
+    azimuth_strength: float = 0.0
+    elevation_strength: float = 0.0
+
+
+@dataclass(frozen=True)
+class OcclusionParameters:
+    """How `occlusion_consistency` looks.
+
+    Attributes
+    ----------
+    min_gap : float, metres
+        Between the nearest and the farthest point of a cell; ``max(0.1, 5 sigma)`` of the
+        scanner's range noise.
+    accumulate : bool
+        Sum the gaps over a cell's points in their order, as printed.
+    min_cells : int
+        A_th in cells: what closing and median can make of noise.
+    min_area : float, square metres
+        A_th as the silhouette of the smallest object looked for: solid angle times squared range.
+    max_range : float, metres
+        Components farther away are not judged.
+    fused : float
+        Share of the occupied cells with a gap beyond which no single position explains the scan.
+    """
+
+    min_gap: float = 0.1
+    accumulate: bool = False
+    min_cells: int = 40
+    min_area: float = 0.01
+    max_range: float = math.inf
+    fused: float = 0.2
+
+    def __post_init__(self) -> None:
+        if not self.max_range > 0.0:
+            raise InputError(f"max_range: expected > 0, got {self.max_range}")
+        if not 0.0 < self.fused <= 1.0:
+            raise InputError(f"fused: expected 0 < share <= 1, got {self.fused}")
+
+
+PAPER_CELL_DEG = 0.06
+"""The Riegl VZ-400's, for both angles."""
+
+PAPER_OCCLUSION = OcclusionParameters(accumulate=True, min_cells=200, min_area=0.0)
+"""As the dissertation says; its A_th is "empirical" and not printed."""
+
+CALIBRATED_OCCLUSION = OcclusionParameters()
+"""For scanners whose points stand on a grid of azimuth and elevation."""
+
+RINGS_OCCLUSION = OcclusionParameters(min_gap=1.0, min_cells=60, min_area=0.5, max_range=25.0)
+"""For scanners whose rows are no lines of equal elevation (HDL-64E): neighbouring rows share
+cells, so only larger gaps and objects count."""
+
+RING_ROW = 0.75
+"""Height of a cell over the mean spacing of rings; the HDL-64E's upper ones are closer."""
+
+GRID_CALIBRATION = Calibration(
+    scenes="calibration-indoor-00..05, calibration-outdoor-00..05 of manip3d.simulate.scenes",
+    num_scans=12,
+    false_alarms=0,
+    note="simulated terrestrial scans of 0.06 degrees",
+)
+RINGS_CALIBRATION = Calibration(
+    scenes="KITTI raw drive 2011_09_26_0002 (4 frames) and two unidentified drives (5 frames)",
+    num_scans=9,
+    false_alarms=0,
+    note="HDL-64E; objects within 25 m",
+)
+
+
+@dataclass(frozen=True)
+class OcclusionRegion:
+    """Cells in which something is seen behind something else, grown together.
+
+    Attributes
+    ----------
+    cells : int
+    solid_angle : float, steradians
+    range : float, metres
+        Median of what is in front.
+    area : float, square metres
+        Solid angle times squared range.
+    rows, columns : (int, int)
+        First and last, in the mask; ``columns[0] > columns[1]``: it goes round the back.
+    box : Box
+        Around its suspected points.
+    """
+
+    cells: int
+    solid_angle: float
+    range: float
+    area: float
+    rows: tuple[int, int]
+    columns: tuple[int, int]
+    box: Box
+
+
+@dataclass(frozen=True, eq=False)
+class OcclusionResult:
+    """What `occlusion_consistency` found.
+
+    Attributes
+    ----------
+    verdict : 'authentic', 'tampered' or 'undecidable'
+    reason : str
+        In words.
+    mask : (H, W) uint8
+        After closing and median; row 0 is the lowest elevation, column 0 azimuth -180 degrees.
+    raw_mask : (H, W) uint8
+        Before.
+    regions : tuple of OcclusionRegion
+        Above A_th, the largest first.
+    boxes : tuple of Box
+        Of the regions.
+    suspected : int32 array
+        Rows of the points in front, ascending.
+    multiple : float
+        Share of the occupied cells with a gap.
+    score : float
+        Area of the largest region that has cells enough and is near enough, square metres, over
+        ``min_area`` (over ``min_cells`` in cells where that is 0).
+    grid : AngularGrid
+    parameters : OcclusionParameters
+    calibration : Calibration or None
+        None: the thresholds are a publication's or a user's.
+    """
+
+    verdict: Verdict
+    reason: str
+    mask: NDArray[np.uint8]
+    raw_mask: NDArray[np.uint8]
+    regions: tuple[OcclusionRegion, ...]
+    suspected: NDArray[np.int32]
+    multiple: float
+    score: float
+    grid: AngularGrid
+    parameters: OcclusionParameters
+    calibration: Calibration | None
+
+    @property
+    def boxes(self) -> tuple[Box, ...]:
+        """Around the suspected points of each region."""
+        return tuple(region.box for region in self.regions)
+
+
+def estimate_grid(
+    scan: ScanLike, *, origin: ArrayLike | None = None, threads: int = 0
+) -> AngularGrid:
+    """Find the angular grid of a scan: the periods of its azimuths and of its elevations.
+
+    Parameters
+    ----------
+    scan : LidarFrame, (N, 3) or (N, 4) float32
+    origin : (3,), optional
+        Where the scanner stood; by default as the frame says, else (0, 0, 0).
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+
+    Raises
+    ------
+    InputError
+        A shape is wrong, a coordinate is not finite.
+    """
+    scene = to_scan(scan)
+    across, up, first, lowest, sharp_across, sharp_up = _core.estimate_scan_grid(
+        scene.points, origin_of(origin, scene), threads_of(threads)
+    )
+    return AngularGrid(
+        math.degrees(across),
+        math.degrees(up),
+        math.degrees(first),
+        math.degrees(lowest),
+        sharp_across,
+        sharp_up,
+    )
+
+
+def occlusion_consistency(
+    scan: ScanLike,
+    *,
+    parameters: OcclusionParameters | None = None,
+    grid: AngularGrid | None = None,
+    origin: ArrayLike | None = None,
+    threads: int = 0,
+) -> OcclusionResult:
+    """Detector II: a scanner sees nothing behind what stands in front.
+
+    Parameters
+    ----------
+    scan : LidarFrame, (N, 3) or (N, 4) float32
+        Of one position; of pulses with several echoes, only the first (see `first_echoes`).
+    parameters : OcclusionParameters, optional
+        `CALIBRATED_OCCLUSION`, or `RINGS_OCCLUSION` where elevations have no grid; or
+        `PAPER_OCCLUSION`.
+    grid : AngularGrid, optional
+        Cells of the image; the scan's own by default.
+    origin : (3,), optional
+        Where the scanner stood; by default as the frame says, else (0, 0, 0).
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+
+    Returns
+    -------
+    OcclusionResult
+        ``undecidable`` where no single position explains the scan: several were fused, or the
+        origin is not the scanner's.
+
+    Raises
+    ------
+    InputError
+        A shape is wrong, a coordinate is not finite, a grid has too many cells.
+
+    Notes
+    -----
+    Dissertation section 6.5.2 with farthest minus nearest range instead of a sum that depends on
+    the order of points. An object that hides what is behind it passes.
+    """
+    scene = first_echoes(to_scan(scan))
+    place = origin_of(origin, scene)
+    if len(scene.points) < FEWEST_POINTS:
+        return _undecidable(f"fewer than {FEWEST_POINTS} points", grid, parameters)
+    if grid is None:
+        grid = estimate_grid(scene.points, origin=place, threads=threads)
+        grid = grid if grid.elevation_strength > 0.0 else _ring_cells(grid)
+    calibration = None
+    if parameters is None:
+        on_grid = grid.elevation_strength > 0.0
+        parameters = CALIBRATED_OCCLUSION if on_grid else RINGS_OCCLUSION
+        calibration = GRID_CALIBRATION if on_grid else RINGS_CALIBRATION
+    rows, columns, _, mask, raw, occupied, multiple, found, suspected, component = (
+        _core.occlusion_consistency(
+            scene.points,
+            place,
+            _radians(grid),
+            parameters.min_gap,
+            parameters.accumulate,
+            parameters.min_cells,
+            0.0,
+            min(parameters.max_range, 1e9),
+            threads_of(threads),
+        )
+    )
+    every = tuple(_region(values) for values in found)
+    regions = tuple(region for region in every if region.area >= parameters.min_area)
+    suspected = suspected[component < len(regions)]  # the largest come first
+    share = multiple / max(occupied, 1)
+    verdict: Verdict = "tampered" if regions else "authentic"
+    reason = "nothing is seen behind anything"
+    if share > parameters.fused:
+        verdict = "undecidable"
+        reason = f"{share:.0%} of the directions hold several ranges: no single position"
+    elif regions:
+        reason = f"{len(regions)} region(s) in which something is seen behind something else"
+    return OcclusionResult(
+        verdict,
+        reason,
+        mask.reshape(rows, columns),
+        raw.reshape(rows, columns),
+        regions,
+        suspected if verdict == "tampered" else np.empty(0, np.int32),
+        share,
+        _score(every, parameters),
+        grid,
+        parameters,
+        calibration,
+    )
+
+
+def first_echoes(scan: Scan) -> Scan:
+    """The scan without second and further echoes of a pulse, where the file tells them apart.
+
+    Returns
+    -------
+    Scan
+        As it came where it does not; else rows that were left out are zeroed, which is no
+        direction, so that rows keep their numbers.
+    """
+    if scan.frame is None:
+        return scan
+    for name in ("target_index", "return_number"):
+        if name in scan.frame.fields:
+            number = np.asarray(scan.frame.fields[name])
+            later = number > max(int(number.min(initial=1)), 1)
+            if later.any():
+                points = scan.points.copy()
+                points[later] = (
+                    np.zeros(3, np.float32)
+                    if scan.frame.origin is None
+                    else (np.asarray(scan.frame.origin, np.float32))
+                )
+                return scan._replace(points=points)
+    return scan
+
+
+def _ring_cells(grid: AngularGrid) -> AngularGrid:
+    return replace(grid, elevation_deg=RING_ROW * grid.elevation_deg, elevation_phase_deg=0.0)
+
+
+def _radians(grid: AngularGrid) -> tuple[float, float, float, float, float, float]:
+    return (
+        math.radians(grid.azimuth_deg),
+        math.radians(grid.elevation_deg),
+        math.radians(grid.azimuth_phase_deg),
+        math.radians(grid.elevation_phase_deg),
+        grid.azimuth_strength,
+        grid.elevation_strength,
+    )
+
+
+def _region(values: tuple[Any, ...]) -> OcclusionRegion:
+    cells, solid_angle, distance, area, row0, row1, column0, column1, box = values
+    center, size, yaw = box
+    return OcclusionRegion(
+        cells,
+        solid_angle,
+        distance,
+        area,
+        (row0, row1),
+        (column0, column1),
+        Box(tuple(center), tuple(size), yaw),
+    )
+
+
+def _score(regions: tuple[OcclusionRegion, ...], parameters: OcclusionParameters) -> float:
+    if not regions:
+        return 0.0
+    if parameters.min_area > 0.0:
+        return regions[0].area / parameters.min_area
+    return max(region.cells for region in regions) / parameters.min_cells
+
+
+def _undecidable(
+    reason: str, grid: AngularGrid | None, parameters: OcclusionParameters | None
+) -> OcclusionResult:
+    nothing = np.empty((0, 0), np.uint8)
+    return OcclusionResult(
+        "undecidable",
+        reason,
+        nothing,
+        nothing,
+        (),
+        np.empty(0, np.int32),
+        0.0,
+        0.0,
+        grid or AngularGrid(0.0, 0.0),
+        parameters or CALIBRATED_OCCLUSION,
+        None,
+    )
