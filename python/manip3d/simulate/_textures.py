@@ -126,7 +126,7 @@ def roof(random: np.random.Generator) -> Surface:
 def pane(random: np.random.Generator) -> Surface:
     """Of windows: what the laser mostly passes."""
     texture = window(8 + int(random.integers(4)))
-    return Surface((0.42, 0.46, 0.52), 0.12, transmission=0.25, texture=texture, texture_size=1.6)
+    return Surface((0.42, 0.46, 0.52), 0.12, transmission=0.12, texture=texture, texture_size=1.6)
 
 
 def leaves(random: np.random.Generator) -> Surface:
@@ -141,7 +141,7 @@ def paint(color: tuple[float, float, float]) -> Surface:
     return Surface(
         color,
         0.15 + 0.6 * brightness,
-        transmission=0.3 if brightness < 0.25 else 0.0,
+        transmission=0.2 if brightness < 0.25 else 0.0,
         texture=rough(30, 0.08, 0.6),
         texture_size=2.0,
     )
