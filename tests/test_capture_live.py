@@ -138,3 +138,18 @@ def test_addresses() -> None:
         capture.open("velodyne:0", sender="x")
     with pytest.raises(InputError, match="ring_packets: expected 1 to"):
         capture.open("velodyne:0", ring_packets=0)
+
+
+def test_a_display_gets_the_newest_frame() -> None:
+    with capture.open("velodyne:0") as source:
+        assert source.read_latest(timeout=0.0) is None
+        send(source.port, *[vlp16(480 * i) for i in range(3 * 75)])  # three turns
+        deadline = time.monotonic() + 20.0
+        while source.counters["udp_packets"] < 225 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        source.stop()
+        newest = source.read_latest()
+        assert newest is not None
+        assert source.counters["skipped"] == source.counters["frames"] - 1 == 2
+        assert source.counters["points"] == 225 * 384
+        assert source.read_latest() is None

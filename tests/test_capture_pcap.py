@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from manip3d import FormatError, capture
+from manip3d import FormatError, InputError, capture
 from velodyne_packets import block, ethernet, packet, pcap, pcapng, udp6_frame, udp_frame
 
 PAYLOAD = packet([block(20 * b, [1000] * 32) for b in range(12)])
@@ -135,3 +135,9 @@ def test_every_truncation_is_an_error_or_a_prefix(tmp_path: Path, data: bytes) -
         except FormatError:
             continue
         assert counters["points"] in (0, 384)
+
+
+def test_a_recording_has_no_newest_frame(tmp_path: Path) -> None:
+    (tmp_path / "p.pcap").write_bytes(WHOLE)
+    with pytest.raises(InputError, match=r"read_latest: .* is a recording"):
+        capture.open(f"pcap:{tmp_path}/p.pcap").read_latest()

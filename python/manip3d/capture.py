@@ -113,12 +113,13 @@ class LidarSource:
         self.uri = uri
         self.is_live = live
         self._source = source
+        self._skipped = 0
 
     @property
     def counters(self) -> dict[str, int]:
         """What was seen and refused so far."""
         found: dict[str, int] = self._source.counters()
-        return found
+        return found | {"skipped": self._skipped}
 
     @property
     def port(self) -> int:
@@ -154,6 +155,29 @@ class LidarSource:
             if left <= 0:
                 break
         return None
+
+    def read_latest(self, timeout: float | None = None) -> LidarFrame | None:
+        """The newest frame of a live source; older ones that wait are skipped, and counted.
+
+        For displays: every packet is still decoded. ``counters["skipped"]`` has the frames.
+
+        Parameters
+        ----------
+        timeout : float, optional
+            As for `read`.
+
+        Raises
+        ------
+        InputError
+            The source is a recording.
+        """
+        if not self.is_live:
+            raise InputError(f"read_latest: {self.uri} is a recording")
+        frame = self.read(timeout)
+        while frame is not None and (newer := self.read(timeout=0.0)) is not None:
+            self._skipped += 1
+            frame = newer
+        return frame
 
     def stop(self) -> None:
         """End a live source's thread; what it has collected can still be read."""

@@ -183,6 +183,15 @@ void read_compressed(InputBuffer& input, PointTable& table) {
     throw FormatError::at_byte(
         offset, std::to_string(stored) + " bytes of LZF cannot hold " + std::to_string(expected));
   }
+  // A scan gets ten times smaller at best; a file of zeros would become 88 times as large, and its
+  // points as floats several times that.
+  constexpr std::int64_t kMostExpansion = 20;
+  const std::int64_t memory = std::max<std::int64_t>(expected, table.num_points * kPointMemory);
+  if (memory > static_cast<std::int64_t>(kFreeExpansion) && memory / kMostExpansion > stored) {
+    throw FormatError::at_byte(offset, std::to_string(stored) + " bytes of LZF make " +
+                                           std::to_string(table.num_points) +
+                                           " points: more than a scan can hold");
+  }
   std::vector<char> packed;
   input.checked_claim(stored, 1, "compressed bytes", {std::nullopt, offset});
   read_rows(input, stored, 1, packed);

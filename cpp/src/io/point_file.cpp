@@ -38,6 +38,17 @@ const Format& format_of(const fs::path& path) {
                    "then .gz or .xz if wanted), got '" + path.string() + "'");
 }
 
+// Rows of three bytes become points of sixteen.
+void check_memory(const PointTable& table, const ByteSource& source) {
+  constexpr std::uint64_t kMostExpansion = 100;
+  const auto memory = static_cast<std::uint64_t>(table.num_points * kPointMemory);
+  if (source.expansion_allowed() || memory <= kFreeExpansion) return;
+  if (memory / kMostExpansion <= source.stored_size()) return;
+  throw FormatError("compressed data make points more than " + std::to_string(kMostExpansion) +
+                        " times as large; set max_bytes to read them",
+                    {});
+}
+
 }  // namespace
 
 std::int64_t PointField::num_bytes() const {
@@ -63,7 +74,9 @@ PointTable read_points(const fs::path& path, const ReadPointsOptions& options,
   const Format& format = format_of(path);
   try {
     const auto source = decompressed(file_source(path), compression_of(path), options.max_bytes);
-    return format.read(*source, progress);
+    PointTable table = format.read(*source, progress);
+    check_memory(table, *source);
+    return table;
   } catch (const FormatError& error) {
     throw error.in_file(path.string());
   }

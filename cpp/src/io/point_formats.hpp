@@ -8,6 +8,9 @@
 /// One reader and one writer per format of point files; point_file.cpp dispatches to them.
 namespace manip3d {
 
+/// Bytes that a point takes at least once it is used: floats x, y, z, intensity.
+constexpr std::int64_t kPointMemory = 16;
+
 PointTable read_kitti(ByteSource& source, const Progress& progress);
 void write_kitti(Output& output, const PointTableView& table);
 

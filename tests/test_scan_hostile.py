@@ -1,0 +1,105 @@
+"""Hostile scans and recordings of a mebibyte: a typed error or a scan, little memory, at once."""
+
+from __future__ import annotations
+
+import lzma
+import struct
+import subprocess
+import sys
+import textwrap
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from velodyne_packets import block, ethernet, packet, pcap, udp_frame
+
+MIB = 1 << 20
+BYTES = "FIELDS x y z\nSIZE 1 1 1\nTYPE U U U\nWIDTH {n}\nHEIGHT 1\nDATA "
+PLY = (
+    "ply\nformat binary_little_endian 1.0\nelement vertex {n}\n"
+    "property uchar x\nproperty uchar y\nproperty uchar z\nend_header\n"
+)
+
+
+def lzf_of_zeros(size: int) -> bytes:
+    """As short as LZF can: one zero, then copies of 264 bytes from a byte back."""
+    copies, rest = divmod(size - 1, 264)
+    return b"\x00\x00" + b"\xe0\xff\x00" * copies + b"\x00\x00" * rest
+
+
+def pcd_bomb(points: int) -> bytes:
+    packed = lzf_of_zeros(3 * points)
+    head = BYTES.format(n=points).encode() + b"binary_compressed\n"
+    return head + struct.pack("<II", len(packed), 3 * points) + packed
+
+
+def jumping_packets() -> bytes:
+    """Azimuths that pass the cut every second block: six frames a packet."""
+    blocks = [block((17000 * b) % 36000, [1000] * 32) for b in range(12)]
+    frame = ethernet(udp_frame(packet(blocks, product=0x22)))
+    return pcap([frame] * (MIB // (len(frame) + 16)))
+
+
+FILES: dict[str, tuple[str, Callable[[], bytes]]] = {
+    "pcd, 30 million points of LZF": ("pcd", lambda: pcd_bomb(30_000_000)),
+    "pcd, 4 million points of LZF": ("pcd", lambda: pcd_bomb(4_000_000)),
+    "pcd, 2e9 points": (
+        "pcd",
+        lambda: BYTES.format(n=2_000_000_000).encode() + b"binary\n" + bytes(MIB),
+    ),
+    "pcd, a million header lines": ("pcd", lambda: b"#\n" * (MIB // 2)),
+    "pcd, a million fields": ("pcd", lambda: b"FIELDS" + b" a" * (MIB // 2 - 9)),
+    "pcd, one long word": ("pcd", lambda: BYTES.format(n=1).encode() + b"ascii\n" + b"1" * MIB),
+    "ply, bytes in xz": (
+        "ply.xz",
+        lambda: lzma.compress(PLY.format(n=20 * MIB).encode() + bytes(60 * MIB), preset=0),
+    ),
+    "bin, zeros in xz": ("bin.xz", lambda: lzma.compress(bytes(60 * MIB), preset=0)),
+    "3d, zeros in xz": ("3d.xz", lambda: lzma.compress(b"0 0 0\n" * (10 * MIB), preset=0)),
+    "3d, one long line": ("3d", lambda: b"1 " * (MIB // 2)),
+    "bin, a mebibyte of NaN": ("bin", lambda: b"\xff" * MIB),
+    "pcap, frames without end": ("pcap", jumping_packets),
+    "pcap, records of nothing": (
+        "pcap",
+        lambda: pcap([]) + struct.pack("<IIII", 0, 0, 0, 0) * (MIB // 16 - 2),
+    ),
+    "pcap in xz": ("pcap.xz", lambda: lzma.compress(pcap([bytes(60000)] * 1000), preset=0)),
+}
+
+# Reads a file in a process of its own and prints its peak memory (bytes) and CPU time (s).
+MEASURE = textwrap.dedent(
+    """
+    import resource, sys, time
+    import manip3d
+    from manip3d import capture
+    import manip3d.lidar
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    start = time.process_time()
+    try:
+        if ".pcap" in sys.argv[1]:
+            for frame in capture.open("pcap:" + sys.argv[1]):
+                pass
+        else:
+            manip3d.read_scan(sys.argv[1])
+    except manip3d.FormatError:
+        pass
+    seconds = time.process_time() - start
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    print(1024 * peak, seconds)
+    """
+)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_hostile_mebibyte_stays_small_and_quick(tmp_path: Path, name: str) -> None:
+    suffix, make = FILES[name]
+    data = make()
+    assert len(data) < 1.2 * MIB
+    path = tmp_path / f"a.{suffix}"
+    path.write_bytes(data)
+    command = [sys.executable, "-c", MEASURE, str(path)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    peak, seconds = map(float, done.stdout.split())
+    assert peak <= 256 * MIB
+    assert seconds <= 3.0  # a second on an idle machine; this one may be busy
