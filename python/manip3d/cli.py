@@ -30,6 +30,12 @@ data_app = typer.Typer(
     rich_markup_mode=None,
 )
 app.add_typer(data_app, name="data")
+forge_app = typer.Typer(
+    help="Forged scans with their truth, for testing detectors.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+app.add_typer(forge_app, name="forge")
 
 Source = Annotated[str, typer.Argument(metavar="SOURCE", help="A mesh or scan, or - for stdin.")]
 Output = Annotated[
@@ -80,6 +86,20 @@ class Variant(StrEnum):
     lios = "lios"
     cnms = "cnms"
     lnms = "lnms"
+
+
+class LidarAttack(StrEnum):
+    """What ``forge lidar`` does to a scan."""
+
+    ctp = "ctp"
+    crtp = "crtp"
+    insert = "insert"
+    subtract = "subtract"
+    deform = "deform"
+    dent = "dent"
+    translation = "translation"
+    rotation = "rotation"
+    replacement = "replacement"
 
 
 class Unit(StrEnum):
@@ -369,6 +389,87 @@ def simulate(
         threads=jobs,
         seed=seed,
     )
+    shell.result(record)
+
+
+@app.command()
+def inspect(
+    source: Annotated[str, typer.Argument(metavar="SCAN", help="A scan file.")],
+    output: OptionalOutput = None,
+    origin: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(metavar="X Y Z", help="Where the scanner stood; else as the file says."),
+    ] = None,
+    printed: Annotated[
+        bool, typer.Option("--printed", help="Thresholds as printed, not the calibrated ones.")
+    ] = False,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: Jobs = 0,
+) -> None:
+    """Say whether a scan was edited: exit code 0 authentic, 3 tampered, 4 undecidable.
+
+    With -o, the evidence: a page (.html) with pictures and boxes, or .json.
+    """
+    from manip3d._cli import inspecting, terminal
+
+    terminal.refuse_existing(output, force=force)
+    shell = terminal.Terminal(as_json=as_json, quiet=quiet)
+    record = inspecting.inspect(source, output, shell, origin=origin, printed=printed, threads=jobs)
+    shell.result(record, lambda console: inspecting.show(console, record))
+    raise typer.Exit(inspecting.EXIT_CODES[record["verdict"]])
+
+
+@forge_app.command("lidar")
+def forge_lidar(
+    attack: Annotated[LidarAttack, typer.Argument(help="What is done to the scan.")],
+    source: Annotated[str, typer.Argument(metavar="SCAN", help="A scan file.")],
+    output: Output,
+    hoax: Annotated[str | None, typer.Option(help="Mesh or scan file to paste.")] = None,
+    position: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(metavar="X Y Z", help="Where its centroid goes, metres."),
+    ] = None,
+    box: Annotated[
+        tuple[float, float, float, float, float, float, float] | None,
+        typer.Option(
+            metavar="X Y Z L W H YAW", help="Centre, size, turn; else the nearest object's."
+        ),
+    ] = None,
+    scale: Annotated[float, typer.Option(help="Of the hoax's units to metres.")] = 1.0,
+    yaw: Annotated[float, typer.Option(help="Turn about the vertical, radians.")] = 0.0,
+    amplitude: Annotated[float, typer.Option(help="Of a deformation, metres.")] = 0.1,
+    distance: Annotated[float, typer.Option(help="Of a translation, metres.")] = 3.0,
+    range_noise: Annotated[float, typer.Option(help="Of inserted points, metres.")] = 0.0,
+    printed: Annotated[
+        bool, typer.Option("--printed", help="CTP's translation as printed.")
+    ] = False,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: Jobs = 0,
+    seed: Seed = 0,
+) -> None:
+    """Forge a LiDAR scan; the truth goes beside it, as OUT.truth.json."""
+    from manip3d._cli import forging, terminal
+
+    terminal.refuse_existing(output, force=force)
+    shell = terminal.Terminal(as_json=as_json, quiet=quiet)
+    order = forging.Order(
+        hoax,
+        position,
+        box,
+        scale,
+        yaw,
+        amplitude,
+        distance,
+        range_noise,
+        printed,
+        seed,
+        jobs,
+    )
+    record = forging.forge_scan(attack.value, source, output, order, shell, force=force)
     shell.result(record)
 
 

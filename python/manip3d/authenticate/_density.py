@@ -158,6 +158,7 @@ def density_consistency(
     *,
     parameters: DensityParameters | None = None,
     origin: ArrayLike | None = None,
+    distances: ArrayLike | None = None,
     threads: int = 0,
     progress: Progress = None,
 ) -> DensityResult:
@@ -172,6 +173,8 @@ def density_consistency(
         `PAPER_DENSITY` for the dissertation's single signal.
     origin : (3,), optional
         Where the scanner stood; by default as the frame says, else (0, 0, 0).
+    distances : (N,) float64, optional
+        As from `manip3d.metrics.nearest_distances`, where they are known already.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
@@ -200,11 +203,16 @@ def density_consistency(
         parameters = SPARSE_DENSITY if few else CALIBRATED_DENSITY
     if len(scene.points) < FEWEST_POINTS:
         return _undecidable(f"fewer than {FEWEST_POINTS} points", parameters)
-    with reporting(progress, "density") as report:
-        distances = _core.nearest_distances(scene.points, place, 0.0, threads_of(threads), report)
+    if distances is None:
+        with reporting(progress, "density") as report:
+            spacing_of = _core.nearest_distances(
+                scene.points, place, 0.0, threads_of(threads), report
+            )
+    else:
+        spacing_of = np.ascontiguousarray(distances, np.float64)
     sectors, edges, counts, means = _core.density_levels(
         scene.points,
-        distances,
+        spacing_of,
         place,
         parameters.sector,
         parameters.level_width,

@@ -39,6 +39,13 @@ _BUILT_IN = (
     "figure_3_14",
     "boundary_noise",
     "readings_3",
+    "table_6_1",
+    "table_6_2",
+    "figure_6_3",
+    "figure_6_4",
+    "figure_6_5",
+    "figure_6_6",
+    "figure_6_7",
 )
 
 

@@ -1,0 +1,312 @@
+"""``manip3d inspect``: has this scan been edited?"""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from manip3d._cli.terminal import Terminal, count, finite, table
+from manip3d._files import atomic_write
+from manip3d.errors import InputError
+from manip3d.lidar import Box, LidarFrame
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import Console
+
+    from manip3d.authenticate import DensityResult, GenericResult, OcclusionResult
+
+EXIT_CODES = {"authentic": 0, "tampered": 3, "undecidable": 4}
+
+NAMES = {
+    "density": "I: spacing follows range",
+    "occlusion": "II: nothing behind anything",
+    "generic": "III: the sensor's lattice",
+}
+
+MOST_OF_A_TURN = 1_000_000
+"""Points: no spinning scanner brings more from one turn."""
+
+_NO_LATTICE: dict[str, Any] = {
+    "verdict": "undecidable",
+    "reason": "no scan of a spinning scanner",
+    "suspected_points": 0,
+    "boxes": [],
+}
+
+
+def inspect(
+    source: str,
+    output: Path | None,
+    terminal: Terminal,
+    *,
+    origin: Sequence[float] | None,
+    printed: bool,
+    threads: int,
+) -> dict[str, Any]:
+    """Judge a scan by all detectors; with ``output``, write the evidence.
+
+    Raises
+    ------
+    InputError
+        ``output`` is neither .html nor .json.
+    FormatError, OSError
+        As `manip3d.read_scan`.
+    """
+    import manip3d
+    from manip3d import authenticate
+
+    if output is not None and output.suffix.lower() not in (".html", ".json"):
+        raise InputError(f"{output}: expected a name that ends in .html or .json")
+    frame = manip3d.read_scan(source)
+    terminal.say(f"read {source}: {count(frame.num_points)} points")
+    density = authenticate.density_consistency(
+        frame,
+        parameters=authenticate.PAPER_DENSITY if printed else None,
+        origin=origin,
+        threads=threads,
+    )
+    occlusion = authenticate.occlusion_consistency(
+        frame,
+        parameters=authenticate.PAPER_OCCLUSION if printed else None,
+        origin=origin,
+        threads=threads,
+    )
+    spinning = occlusion.grid.elevation_strength == 0.0 and frame.num_points <= MOST_OF_A_TURN
+    generic = (
+        _generic(authenticate.generic_consistency(_at_origin(frame, origin), threads=threads))
+        if spinning
+        else _NO_LATTICE
+    )
+    record = {
+        "source": source,
+        "points": frame.num_points,
+        "verdict": combined(density.verdict, occlusion.verdict, str(generic["verdict"])),
+        "detectors": {
+            "density": _density(density),
+            "occlusion": _occlusion(occlusion),
+            "generic": generic,
+        },
+    }
+    if output is not None:
+        _write(record, output, density, occlusion)
+        terminal.say(f"wrote {output}")
+    return record
+
+
+def combined(density: str, occlusion: str, generic: str) -> str:
+    """One verdict: none where no single position explains the scan; tampered if one says so."""
+    verdicts = (density, occlusion, generic)
+    if occlusion == "undecidable":
+        return generic if generic == "tampered" else "undecidable"
+    return "tampered" if "tampered" in verdicts else "authentic"
+
+
+def show(console: Console, record: dict[str, Any]) -> None:
+    """Verdicts, reasons and boxes."""
+    rows = [
+        (NAMES[name], found["verdict"], found["reason"])
+        for name, found in record["detectors"].items()
+    ]
+    console.print(record["verdict"])
+    console.print()
+    table(console, rows)
+    boxes = [(name, box) for name, found in record["detectors"].items() for box in found["boxes"]]
+    if boxes:
+        console.print()
+        cells = [
+            (name, *(f"{value:.2f}" for value in (*box["center"], *box["size"])))
+            for name, box in boxes
+        ]
+        table(console, cells, ("box, metres", "x", "y", "z", "length", "width", "height"))
+
+
+def _at_origin(frame: LidarFrame, origin: Sequence[float] | None) -> LidarFrame:
+    """The frame with the scanner in (0, 0, 0), as detector III takes it."""
+    import numpy as np
+
+    place = np.asarray(frame.origin if origin is None else origin or (0.0, 0.0, 0.0), np.float64)
+    if frame.origin is None and origin is None:
+        return frame
+    if not place.any():
+        return frame
+    return LidarFrame((frame.points - place).astype(np.float32), frame.intensity)
+
+
+def _boxes(boxes: Sequence[Box]) -> list[dict[str, Any]]:
+    return [{"center": list(box.center), "size": list(box.size), "yaw": box.yaw} for box in boxes]
+
+
+def _density(found: DensityResult) -> dict[str, Any]:
+    return {
+        "verdict": found.verdict,
+        "reason": found.reason,
+        "score": found.score,
+        "offending_ranges": found.offending.tolist(),
+        "suspected_points": len(found.suspected),
+        "boxes": _boxes(found.boxes),
+        "calibration": _calibration(found.calibration),
+    }
+
+
+def _occlusion(found: OcclusionResult) -> dict[str, Any]:
+    return {
+        "verdict": found.verdict,
+        "reason": found.reason,
+        "score": found.score,
+        "cell_degrees": [found.grid.azimuth_deg, found.grid.elevation_deg],
+        "suspected_points": len(found.suspected),
+        "boxes": _boxes(found.boxes),
+        "calibration": _calibration(found.calibration),
+    }
+
+
+def _generic(found: GenericResult) -> dict[str, Any]:
+    reason = {
+        "authentic": "points lie where the sensor can measure",
+        "tampered": "points lie where the sensor cannot measure",
+        "undecidable": "no lattice of a spinning scanner in this scan",
+    }[found.verdict]
+    return {
+        "verdict": found.verdict,
+        "reason": reason,
+        "score": found.score,
+        "p_value": found.p_value,
+        "false_alarm_rate": found.false_alarm_rate,
+        "suspected_points": len(found.suspected),
+        "boxes": _boxes([_box(region.lower, region.upper) for region in found.regions]),
+    }
+
+
+def _box(lower: Sequence[float], upper: Sequence[float]) -> Box:
+    (a, b, c), (d, e, f) = lower, upper
+    return Box(((a + d) / 2, (b + e) / 2, (c + f) / 2), (d - a, e - b, f - c))
+
+
+def _calibration(calibration: Any) -> dict[str, Any] | None:
+    return None if calibration is None else vars(calibration)
+
+
+def _write(
+    record: dict[str, Any], output: Path, density: DensityResult, occlusion: OcclusionResult
+) -> None:
+    if output.suffix.lower() == ".json":
+        text = json.dumps(finite(record), indent=1) + "\n"
+    else:
+        text = _page(record, _pictures(density, occlusion))
+    atomic_write(output, text.encode())
+
+
+def _pictures(density: DensityResult, occlusion: OcclusionResult) -> dict[str, str]:
+    """Evidence as PNG data, by caption; none without matplotlib."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        return {}
+    pictures = {}
+    if len(density.ranges):
+        figure = Figure(figsize=(8, 3), layout="constrained")
+        axes = figure.add_subplot()
+        axes.plot(density.ranges, 1e3 * density.signal, label="spacing", color="#0072B2")
+        axes.plot(density.ranges, 1e3 * density.fit, label="usual at this range", color="#999999")
+        for low, high in density.offending:
+            axes.axvspan(low, high, color="#D55E00", alpha=0.3)
+        axes.set(xlabel="range, m", ylabel="nearest neighbour, mm")
+        axes.legend()
+        pictures["Spacing over range; marked: levels that are off"] = _png(figure)
+    if occlusion.mask.size:
+        figure = Figure(figsize=(8, 3), layout="constrained")
+        axes = figure.add_subplot()
+        axes.imshow(
+            _shrunk(occlusion.mask),
+            origin="lower",
+            aspect="auto",
+            cmap="gray_r",
+            extent=(-180.0, 180.0, 0.0, occlusion.mask.shape[0] * occlusion.grid.elevation_deg),
+        )
+        axes.set(xlabel="azimuth, degrees", ylabel="degrees above the lowest row")
+        pictures["Directions in which something is seen behind something else"] = _png(figure)
+    return pictures
+
+
+def _shrunk(mask: Any) -> Any:
+    """At most 1600 columns and 600 rows; a marked cell stays visible."""
+    import numpy as np
+
+    down, across = (
+        max(1, -(-size // most)) for size, most in zip(mask.shape, (600, 1600), strict=True)
+    )
+    rows, columns = (
+        size // step * step for size, step in zip(mask.shape, (down, across), strict=True)
+    )
+    blocks = mask[:rows, :columns].reshape(rows // down, down, columns // across, across)
+    return np.asarray(blocks.max(axis=(1, 3)))
+
+
+def _png(figure: Figure) -> str:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=110)
+    return base64.b64encode(stream.getvalue()).decode()
+
+
+_STYLE = (
+    "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}"
+    "table{border-collapse:collapse}td,th{padding:.2rem .8rem;text-align:left;"
+    "border-bottom:1px solid #ccc}img{max-width:100%}"
+    ".tampered{color:#b00020}.authentic{color:#1b5e20}.undecidable{color:#7a5c00}"
+)
+
+
+def _page(record: dict[str, Any], pictures: dict[str, str]) -> str:
+    """One page that loads nothing."""
+    escape = html.escape
+    rows = "".join(
+        f"<tr><td>{escape(NAMES[name])}</td><td class={found['verdict']}>{found['verdict']}</td>"
+        f"<td>{escape(found['reason'])}</td><td>{found['suspected_points']}</td></tr>"
+        for name, found in record["detectors"].items()
+    )
+    boxes = "".join(
+        f"<tr><td>{escape(NAMES[name])}</td>"
+        + "".join(f"<td>{value:.2f}</td>" for value in (*box["center"], *box["size"]))
+        + "</tr>"
+        for name, found in record["detectors"].items()
+        for box in found["boxes"]
+    )
+    images = "".join(
+        f'<h2>{escape(caption)}</h2><img alt="{escape(caption)}" '
+        f'src="data:image/png;base64,{data}">'
+        for caption, data in pictures.items()
+    )
+    calibrations = "".join(
+        f"<li>{escape(NAMES[name])}: {escape(found['calibration']['scenes'])}; "
+        f"{found['calibration']['false_alarms']} of {found['calibration']['num_scans']} "
+        f"clean scans alarmed. {escape(found['calibration']['note'])}</li>"
+        for name, found in record["detectors"].items()
+        if found.get("calibration")
+    )
+    verdict = record["verdict"]
+    return (
+        "<!doctype html><html lang=en><meta charset=utf-8>"
+        f"<title>{escape(record['source'])}: {verdict}</title><style>{_STYLE}</style>"
+        f"<h1 class={verdict}>{verdict}</h1>"
+        f"<p>{escape(record['source'])}, {record['points']} points</p>"
+        f"<table><tr><th>detector<th>verdict<th>why<th>suspected points</tr>{rows}</table>"
+        + (
+            "<h2>Boxes, metres</h2><table><tr><th>detector<th>x<th>y<th>z<th>length<th>width"
+            f"<th>height</tr>{boxes}</table>"
+            if boxes
+            else ""
+        )
+        + images
+        + (
+            f"<h2>Where the thresholds come from</h2><ul>{calibrations}</ul>"
+            if calibrations
+            else ""
+        )
+        + "</html>\n"
+    )
