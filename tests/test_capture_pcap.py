@@ -141,3 +141,14 @@ def test_a_recording_has_no_newest_frame(tmp_path: Path) -> None:
     (tmp_path / "p.pcap").write_bytes(WHOLE)
     with pytest.raises(InputError, match=r"read_latest: .* is a recording"):
         capture.open(f"pcap:{tmp_path}/p.pcap").read_latest()
+
+
+def test_one_of_two_sensors(tmp_path: Path) -> None:
+    other = udp_frame(packet([block(0, [2000] * 32) for _ in range(12)], product=0x22), port=2370)
+    (tmp_path / "p.pcap").write_bytes(pcap([ethernet(UDP), ethernet(other)] * 3))
+    (frame,) = capture.open(f"pcap:{tmp_path}/p.pcap", port=2370)
+    assert frame.num_points == 3 * 384
+    assert frame.format is not None
+    assert frame.format.header["model"] == "vlp16"
+    with pytest.raises(InputError, match="port: expected 0 to 65535, got 65536"):
+        capture.open(f"pcap:{tmp_path}/p.pcap", port=65536)

@@ -18,7 +18,8 @@ import pytest
 
 import exact_models as models
 import lattice_scans
-from manip3d import Intrinsics, Mesh, Registration, _core, metrics, simplify
+import velodyne_packets
+from manip3d import Intrinsics, Mesh, Registration, _core, capture, metrics, simplify
 
 pytestmark = pytest.mark.golden
 
@@ -62,6 +63,16 @@ def written(mesh: Mesh, suffix: str) -> list[bytes]:
     with tempfile.TemporaryDirectory() as folder:
         mesh.write(Path(folder) / f"mesh{suffix}")
         return [path.read_bytes() for path in sorted(Path(folder).iterdir())]
+
+
+def velodyne(model: str) -> list[object]:
+    """Every column of every frame of a recording."""
+    own = velodyne_packets.plain_calibration() if model == "hdl64e" else None
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "r.pcap"
+        path.write_bytes(velodyne_packets.whole_recording(model))
+        frames = list(capture.open(f"pcap:{path}", calibration=own))
+    return [[f.points, f.intensity, f.ring, dict(f.fields)] for f in frames]
 
 
 # Meshes are small: a case that is wrong in one bit is wrong at any size.
@@ -158,6 +169,10 @@ CASES: dict[str, Case] = {
     "generic consistency": lambda threads: _core.generic_consistency(
         forged_scan, scanner.table, 4000, 0.002, 0.001, 0.002, forged_scan[::-1].copy(), threads
     ),
+    **{
+        f"velodyne {model}": lambda _, model=model: velodyne(model)
+        for model in ("hdl64e", "hdl32e", "vlp16", "vlp32c")
+    },
     "write obj": lambda _: written(pipe, ".obj"),
     "write ply": lambda _: written(pipe, ".ply"),
     "write off": lambda _: written(floor, ".off"),

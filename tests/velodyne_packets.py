@@ -135,3 +135,35 @@ def ray_points(
             if axis == 1:
                 points[:, 2] = moved[:, 2]
     return np.stack([points[:, 1], -points[:, 0], points[:, 2]], axis=-1)
+
+
+def whole_recording(model: str) -> bytes:
+    """Packets of a little more than a turn, made of whole numbers only."""
+    packets = []
+    for index in range(90):
+        blocks: list[Block] = []
+        for b in range(12):
+            azimuth = 37000 * (12 * index + b) // 1080
+            if model == "hdl64e":
+                azimuth = 37000 * (6 * index + b // 2) // 540
+            ranges = [(index * 7919 + b * 104729 + i * 1299709) % 50000 for i in range(32)]
+            flag = LOWER if model == "hdl64e" and b % 2 else UPPER
+            blocks.append(block(azimuth, ranges, flag=flag))
+        product = PRODUCT.get(model, 0)
+        packets.append(packet(blocks, product=product, time_us=index * 1000))
+    return pcap(ethernet(udp_frame(data)) for data in packets)
+
+
+def plain_calibration() -> VelodyneCalibration:
+    """An HDL-64E of round numbers, offsets at two distances."""
+    laser = np.arange(64.0)
+    return VelodyneCalibration(
+        elevation=2.0 - 0.375 * laser,
+        azimuth_offset=0.25 * (laser % 16) - 2.0,
+        range_offset=1.0 + laser / 256,
+        two_points=np.ones(64, np.bool_),
+        range_offset_x=1.0 + laser / 128,
+        range_offset_y=1.0 - laser / 512,
+        vertical_offset=0.25 - laser / 1024,
+        horizontal_offset=np.where(laser % 2 == 1, 0.03125, -0.03125),
+    )

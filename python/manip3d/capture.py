@@ -212,6 +212,7 @@ def open(
     interpolate_azimuth: bool = True,
     min_range: float = 0.0,
     max_range: float = 1000.0,
+    port: int | None = None,
     sender: str | None = None,
     ring_packets: int = 16384,
     metadata: str | os.PathLike[str] | None = None,
@@ -237,6 +238,8 @@ def open(
         Turn the azimuth on with the time of each firing in a block.
     min_range, max_range : float, metres
         Other returns are left out, and counted.
+    port : int, optional
+        Of a recording, take packets sent to this port only: one of several sensors.
     sender : str, optional
         Take packets from this address only (live).
     ring_packets : int
@@ -283,18 +286,20 @@ def open(
         from manip3d._scan_files import byte_limit
 
         limit = byte_limit(max_bytes)
-        return LidarSource(
-            uri, _core.VelodynePcapSource(os.fsencode(rest), options, -1, limit), live=False
-        )
+        wanted = -1 if port is None else port
+        if not -1 <= wanted < 1 << 16:
+            raise InputError(f"port: expected 0 to 65535, got {port}")
+        recording = _core.VelodynePcapSource(os.fsencode(rest), options, wanted, limit)
+        return LidarSource(uri, recording, live=False)
     if colon and scheme == "ouster":
         from manip3d._capture_ouster import OusterRecording
 
         return LidarSource(uri, OusterRecording(Path(rest), metadata), live=False)
     if colon and scheme == "velodyne":
-        address, port = _address(rest)
+        address, bound = _address(rest)
         if not 0 < ring_packets <= 1 << 20:
             raise InputError(f"ring_packets: expected 1 to {1 << 20}, got {ring_packets}")
-        source = _core.VelodyneUdpSource(address, port, sender or "", ring_packets, options)
+        source = _core.VelodyneUdpSource(address, bound, sender or "", ring_packets, options)
         source.start()
         return LidarSource(uri, source, live=True)
     raise InputError(

@@ -22,9 +22,18 @@ _EXTRAS = {
     "simulate": ("open3d",),
     "experiments": ("pandas", "matplotlib", "jinja2", "scipy", "pooch"),
     "notebook": ("ipykernel", "nbclient"),
+    "velodyne": ("yaml",),
+    "las": ("laspy", "lazrs"),
+    "e57": ("pye57",),
+    "ouster": ("ouster",),
     "dask": ("distributed",),
 }
-_DISTRIBUTIONS = {"PIL": ("pillow",), "open3d": ("open3d-cpu", "open3d")}
+_DISTRIBUTIONS = {
+    "PIL": ("pillow",),
+    "open3d": ("open3d-cpu", "open3d"),
+    "ouster": ("ouster-sdk",),
+    "yaml": ("pyyaml",),
+}
 
 
 def examine() -> list[dict[str, Any]]:
