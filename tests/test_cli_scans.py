@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from manip3d import InputError, LidarFrame, read_scan, viewer
+from manip3d import InputError, LidarFrame, capture, read_scan, viewer
 from manip3d.datasets import open_kitti
 from velodyne_packets import block, ethernet, packet, pcap, udp_frame
 
@@ -91,6 +91,11 @@ def test_a_recording_becomes_a_drive(tmp_path: Path) -> None:
     assert [f.name for f in drive] == ["000000", "000001", "000002"]
     assert drive[0].timestamp == 1000.0
     assert drive[1].scan().num_points == 75 * 384
+    told = json.loads(run("info", tmp_path / "drive", "--json"))
+    assert [s["points"] for s in told["scans"]] == [f.scan().num_points for f in drive]
+    assert told["counters"] == {"frames": 3, "points": 188 * 384, "skipped": 0}
+    source = capture.open(f"kitti:{tmp_path / 'drive'}")
+    assert [frame.timestamp for frame in source] == [f.timestamp for f in drive]
     assert "3 scans: name a folder" in run("convert", path, "-o", tmp_path / "a.bin", code=1)
 
 

@@ -1,4 +1,4 @@
-"""Frames out of sensors and recordings: ``open("pcap:FILE")``, ``open("velodyne:2368")``.
+"""Frames out of sensors and recordings: ``open("pcap:FILE")``, ``open("velodyne:2368")``, ...
 
 A source is iterated; each item is a `manip3d.LidarFrame`. What was seen and what was refused is in
 its ``counters``.
@@ -226,7 +226,8 @@ def open(
         ``pcap:FILE`` (pcap or pcapng, also ``.gz`` and ``.xz``), or
         ``velodyne:[ADDRESS:]PORT``, which listens on an address of this machine (127.0.0.1;
         0.0.0.0 for a sensor on the network; port 2368; 0: a free one), or ``ouster:FILE`` (a pcap
-        of an Ouster, through ouster-sdk; of the options below only ``metadata`` is for it).
+        of an Ouster, through ouster-sdk; of the options below only ``metadata`` is for it), or
+        ``kitti:FOLDER`` (`manip3d.datasets.open_kitti`; takes none of them).
     model : str, optional
         ``hdl64e``, ``hdl32e``, ``vlp16`` or ``vlp32c``; without it the first packet says.
     calibration : VelodyneCalibration or path, optional
@@ -295,6 +296,8 @@ def open(
         from manip3d._capture_ouster import OusterRecording
 
         return LidarSource(uri, OusterRecording(Path(rest), metadata), live=False)
+    if colon and scheme == "kitti":
+        return LidarSource(uri, _Drive(Path(rest)), live=False)
     if colon and scheme == "velodyne":
         address, bound = _address(rest)
         if not 0 < ring_packets <= 1 << 20:
@@ -305,6 +308,30 @@ def open(
     raise InputError(
         f"uri: expected pcap:FILE, ouster:FILE or velodyne:[ADDRESS:]PORT, got {uri!r}"
     )
+
+
+class _Drive:
+    """The scans of a drive; the same face as the core's sources."""
+
+    def __init__(self, folder: Path) -> None:
+        from manip3d.datasets import open_kitti
+
+        self._frames = iter(open_kitti(folder))
+        self._counters = {"frames": 0, "points": 0}
+
+    def read(self, timeout_ms: int) -> LidarFrame | bool:
+        """The next scan, or False at the end."""
+        frame = next(self._frames, None)
+        if frame is None:
+            return False
+        scan = frame.scan()
+        self._counters["frames"] += 1
+        self._counters["points"] += scan.num_points
+        return scan
+
+    def counters(self) -> dict[str, int]:
+        """Frames and points."""
+        return dict(self._counters)
 
 
 def _address(text: str) -> tuple[str, int]:

@@ -20,15 +20,27 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 _RECORDINGS = (".pcap", ".pcapng")
+_SCHEMES = ("pcap:", "ouster:", "kitti:")
 _HEADER_BYTES = 1 << 16  # where a PLY file names its elements
 
 
 def is_scan(source: str) -> bool:
-    """Whether the source holds points: a recording, a scan's suffix, a PLY file without faces."""
-    if source.startswith("pcap:") or scan_suffix(source) in _RECORDINGS:
+    """Whether it holds points: a recording, a drive, a scan's suffix, a PLY file without faces."""
+    if _recording(source) is not None:
         return True
     suffix = scan_suffix(source)
     return suffix in SCAN_SUFFIXES and (suffix != ".ply" or not _has_faces(Path(source)))
+
+
+def _recording(source: str) -> str | None:
+    """The address of a recording or of a drive; None for anything else."""
+    if source.startswith(_SCHEMES):
+        return source
+    if scan_suffix(source) in _RECORDINGS:
+        return f"pcap:{source}"
+    path = Path(source)
+    is_drive = (path / "velodyne").is_dir() or (path / "velodyne_points").is_dir()
+    return f"kitti:{source}" if is_drive else None
 
 
 def _has_faces(path: Path) -> bool:
@@ -51,8 +63,8 @@ def frames(
     """The scans of a file or the frames of a recording, one after the other."""
     from manip3d import capture, io
 
-    if source.startswith("pcap:") or scan_suffix(source) in _RECORDINGS:
-        uri = source if source.startswith("pcap:") else f"pcap:{source}"
+    uri = _recording(source)
+    if uri is not None:
         with capture.open(uri, calibration=calibration) as recording:
             yield from recording
             refused = {k: v for k, v in recording.counters.items() if v and k in _REFUSED}
@@ -70,10 +82,10 @@ _REFUSED = ("bad_length", "unknown_product", "other_product", "unknown_return_mo
 
 def summary(source: str, terminal: Terminal, calibration: Path | None = None) -> dict[str, Any]:
     """What the scans of a source are made of."""
-    if source.startswith("pcap:") or scan_suffix(source) in _RECORDINGS:
+    uri = _recording(source)
+    if uri is not None:
         from manip3d import capture
 
-        uri = source if source.startswith("pcap:") else f"pcap:{source}"
         recording = capture.open(uri, calibration=calibration)
         scans = [_describe(frame) for frame in recording]
         return {"file": source, "scans": scans, "counters": recording.counters}

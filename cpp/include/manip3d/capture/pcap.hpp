@@ -9,7 +9,9 @@
 #include "manip3d/io/byte_source.hpp"
 
 /// @file
-/// UDP payloads out of recordings of network traffic.
+/// UDP payloads out of recordings of network traffic. Not by libpcap: it would put eight shared
+/// libraries, D-Bus and systemd among them, into every wheel, reads no compressed recordings and
+/// does not say at which byte a damaged one is damaged.
 namespace manip3d {
 
 /// One UDP payload, valid until the next call of PcapReader::next.
