@@ -179,12 +179,13 @@ class Examination {
     RangeTally all;
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
       if (reading_.ring(i) < 0) continue;
-      const int layer = range_layer(points_.points.row(i).norm());
-      const int column = cell_column(reading_.azimuth(i));
-      for (RangeTally* tally : {&all, &tallies(cell_row(i), column, layer)}) {
-        ++tally->points;
-        tally->incoherent += incoherent(i) ? 1 : 0;
-      }
+      const int layer = range_layer(points_.points.row(i).squaredNorm());
+      RangeTally& tally = tallies(cell_row(i), cell_column(reading_.azimuth(i)), layer);
+      const int off = incoherent(i) ? 1 : 0;
+      ++tally.points;
+      tally.incoherent += off;
+      ++all.points;
+      all.incoherent += off;
     }
     const double share = all.points > 0 ? static_cast<double>(all.incoherent) / all.points : 0.0;
     const double clean = options_.range_incoherence;
@@ -198,7 +199,7 @@ class Examination {
       if (reading_.ring(i) < 0 || !incoherent(i)) continue;
       const int column = cell_column(reading_.azimuth(i));
       const float exponent =
-          windows(cell_row(i), column, range_layer(points_.points.row(i).norm()));
+          windows(cell_row(i), column, range_layer(points_.points.row(i).squaredNorm()));
       if (!(exponent > 0.0F)) continue;
       flag(i, Evidence::kRange);
       double& strength = cells_(cell_row(i), column)[index_of(Evidence::kRange)];

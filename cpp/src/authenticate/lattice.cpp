@@ -56,6 +56,13 @@ int nearest_ring(const std::vector<Ring>& rings, double rho, double z, int guess
 // Distance to the nearest whole number, in (-0.5, 0.5].
 double off_whole(double value) { return value - std::floor(value + 0.5); }
 
+// The same to 1e-12 where beams pass the axis closely, as they do.
+double small_arc_tangent(double t) {
+  const double s = t * t;
+  if (s < 1e-3) return t * (1.0 - s * (1.0 / 3.0 - s * (0.2 - s / 7.0)));
+  return arc_tangent(t, 1.0);
+}
+
 class Reader {
  public:
   Reader(const PointsView& points, const RingLattice& lattice, LatticeReading& reading)
@@ -88,7 +95,7 @@ class Reader {
     reading_.ring(i) = k;
     reading_.line_error(i) = static_cast<float>(height_above(ring, rho, z) * ring.cos);
     const double reach = std::sqrt(rho * rho - ring.lateral * ring.lateral);
-    if (steps_ > 0) read_count(i, x, y, rho, reach, ring);
+    if (steps_ > 0) read_count(i, angle, rho, reach, ring);
     if (range_step_ > 0.0) {
       const double range = reach * ring.cos + z * ring.sin;
       const double off = off_whole((range - ring.range_phase) / range_step_) * range_step_;
@@ -96,10 +103,9 @@ class Reader {
     }
   }
 
-  void read_count(std::int64_t i, double x, double y, double rho, double reach,
-                  const Ring& ring) const {
-    // The beam passes the axis at `lateral`: turn the point back by asin(lateral / rho).
-    const double beam = arc_tangent(y * reach - x * ring.lateral, x * reach + y * ring.lateral);
+  void read_count(std::int64_t i, double angle, double rho, double reach, const Ring& ring) const {
+    // The beam passes the axis at `lateral`: the point lies asin(lateral / rho) beside it.
+    const double beam = angle - small_arc_tangent(ring.lateral / reach);
     const double count = (beam - ring.azimuth) / azimuth_step_;
     const double whole = std::floor(count + 0.5);
     reading_.step_error(i) = static_cast<float>((count - whole) * azimuth_step_ * rho);

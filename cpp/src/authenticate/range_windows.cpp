@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <numbers>
 
@@ -14,6 +15,9 @@ struct Extent {
   int rows, columns;
 };
 constexpr std::array<Extent, 3> kWindows = {{{1, 1}, {2, 4}, {4, 9}}};
+
+// Forged ranges are incoherent by half; a window that holds much fewer is not looked at further.
+constexpr double kLeastShare = 0.25;
 
 // Fewer incoherent ranges in a window reach no exponent that counts.
 constexpr std::int32_t kFewest = 6;
@@ -69,11 +73,11 @@ class Window {
 
 }  // namespace
 
-int range_layer(double range) {
-  int exponent = 0;
-  const double mantissa = std::frexp(range, &exponent);  // range = mantissa * 2^exponent
-  const int layer = 4 * exponent + static_cast<int>((mantissa - 0.5) * 8.0);
-  return std::clamp(layer, 0, RangeVoxels<float>::kLayers - 1);
+int range_layer(float squared_range) {
+  // Exponent and first bit of the mantissa: two layers per octave of the square.
+  constexpr int kNearest = 250;  // of 0.25
+  const auto octaves = static_cast<int>(std::bit_cast<std::uint32_t>(squared_range) >> 22U);
+  return std::clamp(octaves - kNearest, 0, RangeVoxels<float>::kLayers - 1);
 }
 
 RangeVoxels<float> incoherent_windows(const RangeVoxels<RangeTally>& voxels, double incoherence,
@@ -87,6 +91,7 @@ RangeVoxels<float> incoherent_windows(const RangeVoxels<RangeTally>& voxels, dou
         sum.points += voxels(r, c, l).points;
         sum.incoherent += voxels(r, c, l).incoherent;
       });
+      if (sum.incoherent < kLeastShare * sum.points) return;  // the larger ones hold fewer still
       if (sum.incoherent < kFewest) continue;
       const auto exponent = static_cast<float>(chernoff(sum, incoherence));
       if (exponent < threshold) continue;

@@ -45,8 +45,8 @@ class RangeVoxels {
   std::vector<Value> values_;
 };
 
-/// Layer of a distance in metres.
-int range_layer(double range);
+/// Layer of a distance, given its square in square metres.
+int range_layer(float squared_range);
 
 /// Voxels in windows that hold more incoherent ranges than chance explains.
 ///

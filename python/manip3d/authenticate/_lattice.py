@@ -250,6 +250,11 @@ def estimate_lattice(
     angle = np.concatenate([cloud.azimuth for cloud in clouds])
     frame = np.repeat(np.arange(len(clouds)), [len(cloud.rho) for cloud in clouds])
     ring = _on_lines(rho, z, slope, offset)
+    if 2 * np.count_nonzero(ring >= 0) < len(ring):
+        raise InputError(
+            f"frames: expected points on the lines of a scanner's lasers, found "
+            f"{np.mean(ring >= 0):.0%} of them within {1000 * LINE_TOLERANCE:.0f} mm of one"
+        )
     xyz = np.concatenate([cloud.points for cloud in clouds])
     members = [np.flatnonzero(ring == k) for k in range(len(slope))]
     steps = _find_steps(rho, angle, members)

@@ -1,0 +1,77 @@
+"""What the detectors cost on one frame of an HDL-64E, one thread.
+
+``python benchmarks/bench_forensics.py [--rounds N]`` writes the section `forensics` of RESULTS.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from measuring import measure, one_thread
+
+RAW = "lidar/kitti_raw"
+TUNING = f"{RAW}/2011_09_26/2011_09_26_drive_0002_sync/velodyne_points/data"
+FRAMES = (
+    f"{TUNING}/0000000009.bin.xz",
+    f"{RAW}/unidentified_drive_a/velodyne_points/data/0000000000.bin.xz",
+    f"{RAW}/2011_09_26/unidentified_drive_b/velodyne_points/data/0000000000.bin.xz",
+)
+
+Detector = Callable[[Any], object]
+
+
+def detectors(folder: Path) -> dict[str, Detector]:
+    """By name; each looks at one frame."""
+    from manip3d import authenticate, read_scan
+
+    before = read_scan(folder / TUNING / "0000000008.bin.xz")
+    lattice = authenticate.estimate_lattice([read_scan(folder / TUNING / "0000000000.bin.xz")])
+    return {
+        "I, density": lambda scan: authenticate.density_consistency(scan, threads=1),
+        "II, occlusion": lambda scan: authenticate.occlusion_consistency(scan, threads=1),
+        "III, lattice known": lambda scan: authenticate.generic_consistency(
+            scan, calibration=lattice, threads=1
+        ),
+        "III, with the frame before": lambda scan: authenticate.generic_consistency(
+            scan, calibration=lattice, previous=before, threads=1
+        ),
+        "III, lattice from the frame": lambda scan: authenticate.generic_consistency(
+            scan, threads=1
+        ),
+    }
+
+
+def main() -> None:
+    """Measure and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=7)
+    rounds = parser.parse_args().rounds
+    one_thread()  # before any library counts the cores
+    import tables
+    from manip3d import datasets, read_scan
+
+    folder = datasets.data_root()
+    if folder is None or not (folder / RAW).is_dir():
+        raise SystemExit("set MANIP3D_DATA to the folder that holds KITTI's frames")
+    frames = [read_scan(folder / name) for name in FRAMES]
+    body = []
+    for name, detect in detectors(folder).items():
+        seconds = []
+        for frame in frames:
+            costs = [measure(detect, frame)[1].cpu_s for _ in range(rounds)]
+            seconds.append(min(costs))
+        points = float(np.mean([len(frame.points) for frame in frames]))
+        median = statistics.median(seconds)
+        body.append([name, f"{1e3 * median:.1f}", f"{1e9 * median / points:.0f}"])
+    head = ["detector", "ms a frame", "ns a point"]
+    tables.write_section("forensics", tables.table(head, body))
+
+
+if __name__ == "__main__":
+    main()
