@@ -98,10 +98,10 @@ fuzz: ## Run each fuzz target over its corpus, then FUZZ_RUNS times
 # The instrumented module lies in build/asan/site and goes before the editable one: entries of
 # PYTHONPATH do not run .venv's .pth files, which install the editable package's import hook.
 ASAN_SITE := $(CURDIR)/build/asan/site
-# Left out: what is slow, and what mostly runs other people's C++ (VTK, Open3D).
+# Left out: what is slow, and what mostly runs other people's code (VTK, Open3D, libE57, Rust).
 # Tests of limits on memory and time (mebibyte) are not for instrumented code.
 PYTEST_ASAN ?= -q -m 'not slow and not realdata' -k 'not mebibyte' --ignore=tests/viewer \
-	$(addprefix --ignore=tests/test_,cli.py experiments_runner.py interop.py notebooks.py)
+	$(addprefix --ignore=tests/test_,cli.py cli_scans.py experiments_runner.py interop.py notebooks.py scan_extras.py)
 asan: setup ## Run both test suites under the address and undefined-behaviour sanitizers
 	cmake --preset asan -DMANIP3D_PYTHON=ON -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python >/dev/null
 	cmake --build --preset asan
