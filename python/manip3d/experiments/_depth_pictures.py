@@ -81,7 +81,7 @@ def draw_errors(folder: str, options: Mapping[str, Any]) -> list[dict[str, Any]]
         coloured.append(Mesh(dense.vertices, dense.faces, colors=_heat(distance / _LARGEST_ERROR)))
     everything = [_upright(mesh, image) for mesh in coloured]
     items = _pictures.draw_set(
-        Path(folder), [*identity, "errors"], labels, everything, ("shaded",), **_VIEW
+        Path(folder), [*identity, "errors"], labels, everything, ("textured",), **_VIEW
     )
     for item, mesh in zip(items, meshes, strict=True):
         item["faces"] = mesh.num_faces
@@ -113,10 +113,11 @@ def draw_points(folder: str, options: Mapping[str, Any]) -> list[dict[str, Any]]
         picture = np.repeat(shade[..., None], 3, axis=2)
         picture[v, u] = (150, 0, 0)
         identity = [options["source"], options["width"], hashlib.sha256(data).hexdigest()]
-        digest = hashlib.sha256(canonical_json([*identity, "points"])).hexdigest()[:24]
+        digest = hashlib.sha256(canonical_json([*identity, "points, upright"])).hexdigest()[:24]
         path = f"pictures/{digest}.webp"
         (root / "pictures").mkdir(exist_ok=True)
-        atomic_write(root / path, _pictures.webp(_enlarged(picture[cut])))
+        shown = picture[cut] if image.points is None else picture[cut][::-1]  # a scan's rows go up
+        atomic_write(root / path, _pictures.webp(_enlarged(shown)))
         items.append({"label": label, "faces": 0, "shaded": path})
     return items
 

@@ -103,6 +103,7 @@ def texture_figure(number: str, published: str, share: float) -> Experiment:
             TIME_NOTE,
             "The printed texture error names no unit and no mean; the mean squared deviation of "
             "texture coordinates (1 = a whole image) has its order of magnitude. Both QEM "
-            "variants here carry texture coordinates along: MeshLab's plain filter does not.",
+            "variants here keep points of the image with their texture coordinates, so plain QEM "
+            "has nothing to lose; the printed one was made by a filter that moves points.",
         ),
     )  # fmt: skip

@@ -135,6 +135,7 @@ EXPERIMENT = Experiment(
         "A flying pixel survives if the mesh shows a surface there that is more than 3 cm from "
         "each true surface that the pixel or one of the eight around it sees; bridges between two "
         "things count. 'Chosen' is the share of the flying pixels that became vertices, beside "
-        "the share of all measured pixels.",
+        "the share of all measured pixels. Without a limit on "
+        "edges, triangles bridge what is between two things, whatever pixels they end in.",
     ),
 )  # fmt: skip

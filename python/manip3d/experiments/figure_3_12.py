@@ -43,5 +43,10 @@ EXPERIMENT = Experiment(
         ),
     ),
     sheets=_depth_pictures.sheets,
-    notes=(NOTE, QEM_NOTE),
+    notes=(
+        NOTE,
+        QEM_NOTE,
+        "Poisson disks are spread over the surface, by distances in space; here they are better "
+        "than CS3.",
+    ),
 )
