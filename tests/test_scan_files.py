@@ -6,12 +6,13 @@ import gzip
 import itertools
 import lzma
 import struct
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from manip3d import FormatError, InputError, LidarFrame, read_scan
+from manip3d import FormatError, InputError, LidarFrame, MissingExtraError, capture, read_scan
 from manip3d.io import write_scan
 from manip3d.lidar import ScanFormat
 
@@ -391,3 +392,28 @@ def test_damaged_text(tmp_path: Path, suffix: str, text: str, reason: str) -> No
     with pytest.raises(FormatError, match=reason) as caught:
         read_scan(path)
     assert caught.value.file == str(path)
+
+
+@pytest.mark.parametrize(
+    ("package", "name", "extra"),
+    [("laspy", "a.las", "las"), ("laspy", "a.laz", "las"), ("pye57", "a.e57", "e57")],
+)
+def test_a_missing_package_names_its_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str, name: str, extra: str
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    (tmp_path / name).write_bytes(b"ASTM-E57")
+    with pytest.raises(MissingExtraError, match=rf"pip install 'manip3d\[{extra}\]'"):
+        read_scan(tmp_path / name)
+    with pytest.raises(MissingExtraError, match=package):
+        scan(3).write(tmp_path / name)
+
+
+def test_missing_packages_of_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "yaml", None)
+    (tmp_path / "c.yaml").write_text("lasers: []")
+    with pytest.raises(MissingExtraError, match=r"manip3d\[velodyne\]"):
+        capture.read_velodyne_calibration(tmp_path / "c.yaml")
+    monkeypatch.setitem(sys.modules, "ouster", None)
+    with pytest.raises(MissingExtraError, match=r"manip3d\[ouster\]"):
+        capture.open(f"ouster:{tmp_path / 'a.pcap'}")
