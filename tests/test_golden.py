@@ -19,7 +19,18 @@ import pytest
 import exact_models as models
 import lattice_scans
 import velodyne_packets
-from manip3d import Intrinsics, Mesh, Registration, _core, capture, metrics, simplify
+from manip3d import (
+    Box,
+    Intrinsics,
+    Mesh,
+    Registration,
+    _core,
+    authenticate,
+    capture,
+    forge,
+    metrics,
+    simplify,
+)
 
 pytestmark = pytest.mark.golden
 
@@ -108,6 +119,28 @@ def depth_mesh(mesh: simplify.DepthMesh) -> list[object]:
     return [mesh.vertices, mesh.triangles, mesh.pixels, mesh.uvs]
 
 
+# Whole numbers over 512: no sine of NumPy's, whose last bits differ between CPUs.
+cloud = (np.random.default_rng(1).integers(-8192, 8192, (12_000, 3)) / 512).astype(np.float32)
+hoax = (np.random.default_rng(2).integers(-512, 512, (2_000, 3)) / 512).astype(np.float32)
+box = Box((4.0, 1.0, 0.0), (6.0, 5.0, 4.0), 0.5)
+rings = forge.Lattice([[k / 64, 0.125] for k in range(-24, 8)], 2**-8)
+
+
+def truth(forged: forge.Forgery) -> tuple[object, ...]:
+    """All that an attack returns."""
+    place = (forged.box.center, forged.box.size, forged.transform)
+    return (forged.points, forged.added, forged.moved, forged.moved_from, forged.removed, place)
+
+
+def judged(threads: int) -> tuple[object, ...]:
+    """Both detectors on a cloud with a dense heap in it."""
+    points = np.concatenate([cloud, hoax * np.float32(0.25) + np.float32([4, 1, 0])])
+    first = authenticate.density_consistency(points, threads=threads)
+    grid = authenticate.AngularGrid(2.0, 2.0)
+    second = authenticate.occlusion_consistency(points, grid=grid, threads=threads)
+    return (first.signal, first.fit, first.suspected, first.verdict, second.mask, second.suspected)
+
+
 CASES: dict[str, Case] = {
     "dense mesh": lambda threads: depth_mesh(
         simplify.dense_mesh(DEPTH, CAMERA, registration=Registration(CAMERA), threads=threads)
@@ -165,6 +198,35 @@ CASES: dict[str, Case] = {
     "boundary gap soup": lambda threads: metrics.boundary_gap(
         soup, halved(soup), weld=False, threads=threads
     ),
+    "nearest distances": lambda threads: metrics.nearest_distances(cloud, threads=threads),
+    "nearest distances tree": lambda threads: metrics.nearest_distances(
+        cloud, origin=None, threads=threads
+    ),
+    "forge ctp": lambda threads: truth(
+        forge.ctp(cloud, hoax, position=(4, 1, 0), rotation=0.7, scale=0.5, threads=threads)
+    ),
+    "forge crtp": lambda threads: truth(
+        forge.crtp(cloud, hoax, position=(4, 1, 0), spacing=0.2, rng=3, threads=threads)
+    ),
+    "forge crtp finer": lambda threads: truth(
+        forge.crtp(cloud, hoax, position=(4, 1, 0), spacing=0.05, rng=3, threads=threads)
+    ),
+    "forge deform": lambda threads: truth(
+        forge.deform(cloud, box, amplitude=0.2, rng=3, threads=threads)
+    ),
+    "forge insert": lambda threads: truth(
+        forge.insert_occluding(
+            cloud, hoax, position=(6, 1, 0), lattice=rings, range_noise=0.01, threads=threads
+        )
+    ),
+    "forge snap": lambda threads: truth(
+        forge.snap_to_lattice(
+            forge.ctp(cloud, hoax, position=(4, 1, 0)), rings, along="ray", threads=threads
+        )
+    ),
+    "forge rotation": lambda threads: truth(forge.rotation(cloud, box, threads=threads)),
+    "forge segments": lambda _: forge.segment(cloud).label,
+    "detectors of chapter 6": judged,
     "lattice reading": lambda threads: scanner.read(forged_scan, threads=threads),
     "generic consistency": lambda threads: _core.generic_consistency(
         forged_scan, scanner.table, 4000, 0.002, 0.001, 0.002, forged_scan[::-1].copy(), threads

@@ -53,7 +53,7 @@ FORGED = forge.ctp(CAVE, ball(0.6, 20_000), position=(3, 1, 0))
 # --- grid ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("step", [0.12, 0.3, 0.5, 1.0])
+@pytest.mark.parametrize("step", [0.12, 0.3, 0.5, 0.97, 1.0])
 def test_grid_is_found(step: float) -> None:
     grid = estimate_grid(cave(step))
     assert grid.azimuth_deg == pytest.approx(step, rel=2e-3)

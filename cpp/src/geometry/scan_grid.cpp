@@ -74,21 +74,33 @@ Histograms sample_angles(const PointsView& view, const Eigen::Vector3d& origin) 
   return histograms;
 }
 
-// Without what varies slowly (the scene's share of the histogram) and without spikes.
-std::vector<float> high_passed(const std::vector<std::int64_t>& histogram, double bin) {
-  const auto size = static_cast<std::int64_t>(histogram.size());
-  const auto half = static_cast<std::int64_t>(kSmoothing / bin / 2.0);
-  std::vector<std::int64_t> sums(histogram.size() + 1);
-  for (std::int64_t i = 0; i < size; ++i) sums[i + 1] = sums[i] + histogram[i];
-  std::vector<float> rest(histogram.size());
+// Each value less the mean of those around it.
+std::vector<double> high_passed(const std::vector<double>& values, std::int64_t half,
+                                std::vector<double>& means) {
+  const auto size = static_cast<std::int64_t>(values.size());
+  std::vector<double> sums(values.size() + 1);
+  for (std::int64_t i = 0; i < size; ++i) sums[i + 1] = sums[i] + values[i];
+  std::vector<double> rest(values.size());
+  means.resize(values.size());
   for (std::int64_t i = 0; i < size; ++i) {
     const std::int64_t low = std::max<std::int64_t>(0, i - half);
     const std::int64_t high = std::min(size, i + half);
-    const double mean =
-        static_cast<double>(sums[high] - sums[low]) / static_cast<double>(high - low);
-    const double clipped = std::min(static_cast<double>(histogram[i]), kSpike * mean);
-    rest[i] = static_cast<float>(clipped - mean);
+    means[i] = (sums[high] - sums[low]) / static_cast<double>(high - low);
+    rest[i] = values[i] - means[i];
   }
+  return rest;
+}
+
+// The teeth of a histogram: without what varies slowly (the scene's share) and without spikes.
+std::vector<float> teeth_of(const std::vector<std::int64_t>& histogram, double bin) {
+  const auto half = static_cast<std::int64_t>(kSmoothing / bin / 2.0);
+  std::vector<double> values(histogram.begin(), histogram.end());
+  std::vector<double> means;
+  high_passed(values, half, means);
+  for (std::size_t i = 0; i < values.size(); ++i)
+    values[i] = std::min(values[i], kSpike * means[i]);
+  const std::vector<double> passed = high_passed(values, half, means);
+  const std::vector<float> rest(passed.begin(), passed.end());
   // Periods are no whole number of bins: wider teeth meet all the same.
   std::vector<float> smooth(rest);
   for (std::size_t i = 1; i + 1 < rest.size(); ++i) {
@@ -131,7 +143,7 @@ std::int64_t peak_near(const std::vector<float>& values, std::int64_t lag, std::
 }
 
 Comb find_comb(const std::vector<std::int64_t>& histogram, double bin, int num_threads) {
-  const std::vector<float> values = high_passed(histogram, bin);
+  const std::vector<float> values = teeth_of(histogram, bin);
   const double energy = autocorrelation(values, 0);
   if (!(energy > 0.0)) return {};
   const auto shortest = std::max<std::int64_t>(2, static_cast<std::int64_t>(kShortestPeriod / bin));

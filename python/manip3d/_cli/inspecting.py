@@ -222,14 +222,15 @@ def _pictures(density: DensityResult, occlusion: OcclusionResult) -> dict[str, s
     if occlusion.mask.size:
         figure = Figure(figsize=(8, 3), layout="constrained")
         axes = figure.add_subplot()
+        top = occlusion.lowest_deg + occlusion.mask.shape[0] * occlusion.grid.elevation_deg
         axes.imshow(
             _shrunk(occlusion.mask),
             origin="lower",
             aspect="auto",
             cmap="gray_r",
-            extent=(-180.0, 180.0, 0.0, occlusion.mask.shape[0] * occlusion.grid.elevation_deg),
+            extent=(-180.0, 180.0, occlusion.lowest_deg, top),
         )
-        axes.set(xlabel="azimuth, degrees", ylabel="degrees above the lowest row")
+        axes.set(xlabel="azimuth, degrees", ylabel="elevation, degrees")
         pictures["Directions in which something is seen behind something else"] = _png(figure)
     return pictures
 

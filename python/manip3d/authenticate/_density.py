@@ -228,7 +228,8 @@ def density_consistency(
     fit = _proportional_fit(signal, ranges) if sectors == 1 else _monotone_fit(signal, ranges)
     if not np.count_nonzero(np.isfinite(signal)) > parameters.run:
         return _undecidable("too few levels of range hold enough points", parameters)
-    ratio = spacing / fit
+    with np.errstate(divide="ignore", invalid="ignore"):  # duplicates everywhere: no spacing
+        ratio = spacing / fit
     off, score = _off(ratio, parameters)
     marked = np.ascontiguousarray(off.ravel(), np.uint8)
     suspected = np.empty(0, np.int32)

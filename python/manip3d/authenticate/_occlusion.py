@@ -164,6 +164,8 @@ class OcclusionResult:
         Area of the largest region that has cells enough and is near enough, square metres, over
         ``min_area`` (over ``min_cells`` in cells where that is 0).
     grid : AngularGrid
+    lowest_deg : float
+        Elevation of the lower border of the mask's row 0.
     parameters : OcclusionParameters
     calibration : Calibration or None
         None: the thresholds are a publication's or a user's.
@@ -178,6 +180,7 @@ class OcclusionResult:
     multiple: float
     score: float
     grid: AngularGrid
+    lowest_deg: float
     parameters: OcclusionParameters
     calibration: Calibration | None
 
@@ -271,7 +274,7 @@ def occlusion_consistency(
         on_grid = grid.elevation_strength > 0.0
         parameters = CALIBRATED_OCCLUSION if on_grid else RINGS_OCCLUSION
         calibration = GRID_CALIBRATION if on_grid else RINGS_CALIBRATION
-    rows, columns, _, mask, raw, occupied, multiple, found, suspected, component = (
+    rows, columns, first, mask, raw, occupied, multiple, found, suspected, component = (
         _core.occlusion_consistency(
             scene.points,
             place,
@@ -305,6 +308,7 @@ def occlusion_consistency(
         share,
         _score(every, parameters),
         grid,
+        _lowest(grid) + first * grid.elevation_deg,
         parameters,
         calibration,
     )
@@ -338,6 +342,13 @@ def first_echoes(scan: Scan) -> Scan:
 
 def _ring_cells(grid: AngularGrid) -> AngularGrid:
     return replace(grid, elevation_deg=RING_ROW * grid.elevation_deg, elevation_phase_deg=0.0)
+
+
+def _lowest(grid: AngularGrid) -> float:
+    """Lower border of the first row, at or below -90 degrees; rows are centred on the phase."""
+    periods = (grid.elevation_phase_deg + 90.0) / grid.elevation_deg
+    border = periods - math.floor(periods) - 0.5
+    return -90.0 + (border if border <= 0.0 else border - 1.0) * grid.elevation_deg
 
 
 def _radians(grid: AngularGrid) -> tuple[float, float, float, float, float, float]:
@@ -387,6 +398,7 @@ def _undecidable(
         0.0,
         0.0,
         grid or AngularGrid(0.0, 0.0),
+        -90.0,
         parameters or CALIBRATED_OCCLUSION,
         None,
     )

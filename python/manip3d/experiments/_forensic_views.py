@@ -75,7 +75,7 @@ def view_scene(case: Case) -> Row:
         size = max(box.size) if name in ("subtractive", "deforming") else extent
         views[name] = _views(scan, np.asarray(target, np.float64), float(size))
         if name in ("original", "CTP", "CRTP"):
-            views[name] |= _signal(scan)
+            views[name] |= _signal(scan, np.asarray(target, np.float64))
     views["original at the object"] = _views(points, np.asarray(box.center), max(box.size))
     ctp = forged["CTP"]
     assert ctp is not None
@@ -109,7 +109,7 @@ def _views(points: Points, target: NDArray[np.float64], size: float) -> dict[str
     }
 
 
-def _signal(points: Points) -> dict[str, Any]:
+def _signal(points: Points, target: NDArray[np.float64]) -> dict[str, Any]:
     """MIN_ipd over range as printed, and the masks of detector II."""
     raw = authenticate.density_consistency(
         points,
@@ -129,19 +129,23 @@ def _signal(points: Points) -> dict[str, Any]:
         "local_ranges": np.round(local.ranges[np.isfinite(lowest)], 3).tolist(),
         "local_ratio": np.round(lowest[np.isfinite(lowest)], 4).tolist(),
         "offending": local.offending.tolist(),
-        "raw_mask": _around(found, found.raw_mask),
-        "mask": _around(found, found.mask),
+        "raw_mask": _around(found, found.raw_mask, target),
+        "mask": _around(found, found.mask, target),
     }
 
 
-def _around(found: authenticate.OcclusionResult, mask: NDArray[np.uint8]) -> list[list[int]]:
-    """The part of a mask around its largest region."""
-    if not found.regions:
+def _around(
+    found: authenticate.OcclusionResult, mask: NDArray[np.uint8], target: NDArray[np.float64]
+) -> list[list[int]]:
+    """The part of a mask around a place."""
+    if not mask.size:
         return []
-    region = found.regions[0]
-    middle = (sum(region.rows) // 2, region.columns[0] + _CELLS // 4)
-    rows = np.arange(middle[0] - _CELLS // 2, middle[0] + _CELLS // 2).clip(0, len(mask) - 1)
-    columns = np.arange(middle[1] - _CELLS // 2, middle[1] + _CELLS // 2) % mask.shape[1]
+    elevation = math.degrees(math.atan2(target[2], math.hypot(target[0], target[1])))
+    azimuth = math.degrees(math.atan2(target[1], target[0])) + 180.0
+    row = int((elevation - found.lowest_deg) / found.grid.elevation_deg)
+    column = int(azimuth / found.grid.azimuth_deg)
+    rows = np.arange(row - _CELLS // 2, row + _CELLS // 2).clip(0, len(mask) - 1)
+    columns = np.arange(column - _CELLS // 2, column + _CELLS // 2) % mask.shape[1]
     cut: list[list[int]] = mask[np.ix_(rows, columns)].tolist()
     return cut
 

@@ -46,6 +46,7 @@ _BUILT_IN = (
     "figure_6_5",
     "figure_6_6",
     "figure_6_7",
+    "real_scans_6",
 )
 
 
