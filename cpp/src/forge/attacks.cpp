@@ -97,7 +97,8 @@ double dent_profile(const Vector3d& point, const OrientedBox& box, const Matrix3
 }
 
 std::vector<Vector3d> displacements(const PointsView& scene, const std::vector<std::int32_t>& rows,
-                                    const OrientedBox& box, const DeformOptions& options) {
+                                    const OrientedBox& box, const DeformOptions& options,
+                                    int num_threads) {
   std::vector<Vector3d> moves(rows.size());
   if (options.direction == Displacement::kRandom) {
     for (std::size_t i = 0; i < rows.size(); ++i) {
@@ -108,13 +109,16 @@ std::vector<Vector3d> displacements(const PointsView& scene, const std::vector<s
   const Points points = rows_of(scene, rows);
   const KdTree tree(PointsView({points.data(), points.rows(), 3}));
   const Matrix3d to_box = rotation_about_z(box.yaw).transpose();
-  KdTree::Neighbours near;
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    const auto row = static_cast<Eigen::Index>(i);
-    const Vector3d p = points.row(row).transpose().cast<double>();
-    moves[i] = -options.amplitude * dent_profile(p, box, to_box) *
-               surface_normal(points, tree, row, options.origin, near);
-  }
+  const auto count = static_cast<std::int64_t>(rows.size());
+  parallel_chunks(count, 256, num_threads, [&](std::int64_t begin, std::int64_t end) {
+    KdTree::Neighbours near;
+    for (std::int64_t i = begin; i < end; ++i) {
+      const Vector3d p = points.row(i).transpose().cast<double>();
+      const double depth = options.amplitude * dent_profile(p, box, to_box);
+      moves[i] = Vector3d::Zero();
+      if (depth != 0.0) moves[i] = -depth * surface_normal(points, tree, i, options.origin, near);
+    }
+  });
   return moves;
 }
 
@@ -223,7 +227,7 @@ Forgery deform(const PointsView& scene, const OrientedBox& box, const DeformOpti
   if (!options.origin.allFinite()) throw InputError("origin: expected finite numbers");
   Edit edit;
   edit.moved = points_in_box(scene, box, num_threads);
-  const std::vector<Vector3d> moves = displacements(scene, edit.moved, box, options);
+  const std::vector<Vector3d> moves = displacements(scene, edit.moved, box, options, num_threads);
   edit.moved_to = rows_of(scene, edit.moved);
   for (std::size_t i = 0; i < moves.size(); ++i) {
     const auto row = static_cast<Eigen::Index>(i);

@@ -200,14 +200,24 @@ std::vector<std::int32_t> rows_in_cone(const PointsView& scene, const Cone& cone
   });
 }
 
-Ray ray_to(const Vector3d& point, const InsertionOptions& options) {
+// The ring of each point that is seen; none without a lattice.
+std::vector<std::int32_t> rings_of(const PointsView& scene, const std::vector<std::int32_t>& seen,
+                                   const InsertionOptions& options, int num_threads) {
+  std::vector<std::int32_t> rings(options.lattice.rings.empty() ? 0 : seen.size());
+  parallel_chunks(static_cast<std::int64_t>(rings.size()), 1024, num_threads,
+                  [&](std::int64_t begin, std::int64_t end) {
+                    for (std::int64_t i = begin; i < end; ++i) {
+                      const Vector3d p =
+                          scene.points.row(seen[i]).transpose().cast<double>() - options.origin;
+                      rings[i] = nearest_ring(options.lattice, rho_of(p), p.z());
+                    }
+                  });
+  return rings;
+}
+
+Ray ray_to(const Vector3d& point, const Vector3d& origin, double offset) {
   Ray ray;
-  ray.start = options.origin;
-  if (!options.lattice.rings.empty()) {
-    const Vector3d p = point - options.origin;
-    const std::int32_t ring = nearest_ring(options.lattice, rho_of(p), p.z());
-    ray.start.z() += options.lattice.rings[ring].offset;
-  }
+  ray.start = origin + Vector3d(0.0, 0.0, offset);
   ray.direction = point - ray.start;
   return ray;
 }
@@ -254,18 +264,17 @@ std::int64_t half_width(const ScanLattice& lattice, const Cone& cone, const Poin
 
 // Rays of the lattice towards the object that brought no point home, as far as `reach`.
 std::vector<Ray> empty_rays(const PointsView& scene, const std::vector<std::int32_t>& seen,
-                            const Cone& cone, const Points& object, double reach,
-                            const InsertionOptions& options) {
+                            const std::vector<std::int32_t>& rings, const Cone& cone,
+                            const Points& object, double reach, const InsertionOptions& options) {
   std::vector<Ray> rays;
   const ScanLattice& lattice = options.lattice;
   if (lattice.rings.empty() || !(lattice.azimuth_step > 0.0)) return rays;
   const auto turn = static_cast<std::int64_t>(2.0 * std::numbers::pi / lattice.azimuth_step + 0.5);
   const auto wrapped = [&](std::int64_t i) { return ((i % turn) + turn) % turn; };
   std::vector<std::int64_t> taken;
-  for (const std::int32_t row : seen) {
-    const Vector3d p = scene.points.row(row).transpose().cast<double>() - options.origin;
-    const std::int64_t ring = nearest_ring(lattice, rho_of(p), p.z());
-    taken.push_back(ring * turn + wrapped(azimuth_index(lattice, p)));
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    const Vector3d p = scene.points.row(seen[i]).transpose().cast<double>() - options.origin;
+    taken.push_back(rings[i] * turn + wrapped(azimuth_index(lattice, p)));
   }
   std::sort(taken.begin(), taken.end());
   const std::int64_t middle = azimuth_index(lattice, cone.axis);
@@ -315,15 +324,18 @@ Forgery insert_occluding(const PointsView& scene, const PointsView& object,
   InsertionOptions options = requested;
   options.lattice = rings_towards(requested.lattice, placed, requested.origin);
   const std::vector<std::int32_t> seen = rows_in_cone(scene, cone, num_threads);
+  const std::vector<std::int32_t> rings = rings_of(scene, seen, options, num_threads);
   std::vector<Ray> rays;
-  for (const std::int32_t row : seen) {
-    rays.push_back(ray_to(scene.points.row(row).transpose().cast<double>(), options));
+  for (std::size_t i = 0; i < seen.size(); ++i) {
+    const double offset = rings.empty() ? 0.0 : options.lattice.rings[rings[i]].offset;
+    rays.push_back(
+        ray_to(scene.points.row(seen[i]).transpose().cast<double>(), options.origin, offset));
   }
   double reach = 0.0;
   for (Eigen::Index i = 0; i < placed.rows(); ++i) {
     reach = std::max(reach, (placed.row(i).transpose().cast<double>() - options.origin).norm());
   }
-  const std::vector<Ray> empty = empty_rays(scene, seen, cone, placed, 2.0 * reach, options);
+  const std::vector<Ray> empty = empty_rays(scene, seen, rings, cone, placed, 2.0 * reach, options);
   rays.insert(rays.end(), empty.begin(), empty.end());
 
   const RayGrid grid(cone, rays);
