@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -148,6 +150,20 @@ def test_arguments_are_checked(person: tuple) -> None:
         sample_depth(depth, camera, 0)
     with pytest.raises(InputError, match="max_edge: expected > 0"):
         sample_depth(depth, camera, 10, max_edge=-1.0)
+
+
+@pytest.mark.golden
+@pytest.mark.parametrize("method", METHODS)
+def test_golden(method: str, golden: Callable[..., None]) -> None:
+    """The same choice on every machine: whole numbers in, no libm on the way."""
+    random = np.random.default_rng(11)
+    v, u = np.mgrid[:90, :120]
+    relief = random.integers(0, 9, (90, 120)) + (u - 60) ** 2 // 40 + (v - 45) ** 2 // 30
+    points = np.stack([4 * u, 4 * v, relief], axis=-1).astype(np.float32)
+    valid = random.random((90, 120)) < 0.95
+    mesh = sample_depth_grid(points, valid, 700, method=method, rng=3)
+    bits = hashlib.sha256(mesh.pixels.tobytes() + mesh.triangles.tobytes()).hexdigest()
+    golden(f"sample_depth {method}", bits)
 
 
 @pytest.mark.realdata
