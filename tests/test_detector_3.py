@@ -108,6 +108,9 @@ def test_claims_are_read_off_the_rows() -> None:
             "scores": scores,
             "verdicts": ["tampered" if s >= 2.0 else "authentic" for s in scores],
             "dropped": [],
+            "found": float(np.mean([s >= 2.0 for s in scores])),
+            "density_found": 0.0,
+            "occlusion_found": 0.5,
         }
 
     rows = [
@@ -121,6 +124,7 @@ def test_claims_are_read_off_the_rows() -> None:
     verdicts = [claim.verdict(rows) for claim in detector_3.EXPERIMENT.claims]
     assert {f.subject: f.holds for f in verdicts[0].findings} == {"CTP": True, "rotation": False}
     assert "AUC 1.000 [1.000, 1.000], 2 scenes, 3 forgeries" in verdicts[0].findings[0].numbers
+    assert "100.0% at the stated 1 %; 0.0% by I; 50.0% by II" in verdicts[0].findings[0].numbers
     assert verdicts[2].holds is True
     assert verdicts[3].holds is True
     assert "1 of 100 frames" in verdicts[3].findings[0].numbers

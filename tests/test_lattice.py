@@ -122,6 +122,15 @@ def test_lattice_survives_a_forged_part(clean: np.ndarray) -> None:
     assert np.abs(found.slope - LATTICE.slope).max() < 5e-4
 
 
+def test_clouds_on_no_lines_have_no_lattice(clean: np.ndarray) -> None:
+    rng = np.random.default_rng(0)
+    blurred = clean + rng.normal(0.0, 0.01, clean.shape).astype(np.float32)
+    for cloud in (blurred, clean[rng.permutation(len(clean))], rng.normal(size=(9000, 3)) * 9.0):
+        with pytest.raises(manip3d.InputError, match="lines"):
+            estimate_lattice(cloud)
+        assert generic_consistency(cloud).verdict == "undecidable"
+
+
 def test_lattice_is_written_and_read(tmp_path: Path) -> None:
     LATTICE.save(tmp_path / "sensor.json")
     again = SensorLattice.load(tmp_path / "sensor.json")
@@ -315,6 +324,15 @@ def test_extreme_coordinates_do_no_harm() -> None:
     judged(np.zeros((1000, 3), np.float32))
 
 
+def test_previous_frames_of_any_kind_do_no_harm(clean: np.ndarray) -> None:
+    rng = np.random.default_rng(0)
+    for previous in (np.zeros((1000, 3)), rng.normal(size=(5000, 3)), clean[:1], clean[::50]):
+        result = judged(clean, previous=previous.astype(np.float32))
+        assert result.verdict == "authentic"
+    with pytest.raises(manip3d.InputError, match="finite"):
+        judged(clean, previous=np.full((3, 3), np.nan))
+
+
 def test_options_and_lattices_are_checked(clean: np.ndarray) -> None:
     with pytest.raises(manip3d.InputError, match="false_alarm_rate"):
         judged(clean, false_alarm_rate=math.nan)
@@ -326,6 +344,8 @@ def test_options_and_lattices_are_checked(clean: np.ndarray) -> None:
         SensorLattice(**{**vars(LATTICE), "offset": LATTICE.offset * math.nan}).read(clean)
     with pytest.raises(manip3d.InputError, match="steps"):
         SensorLattice(**{**vars(LATTICE), "steps": -1}).read(clean)
+    with pytest.raises(manip3d.InputError, match="1 to 1024 rings"):
+        scans.lattice(2000).read(clean)
     with pytest.raises(manip3d.InputError, match="range_step"):
         SensorLattice(**{**vars(LATTICE), "range_step": 1e-300}).read(clean)
     with pytest.raises(manip3d.InputError, match="expected at least one scan"):

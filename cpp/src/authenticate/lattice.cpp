@@ -14,7 +14,9 @@ namespace {
 
 constexpr double kFullTurn = 2.0 * std::numbers::pi;
 constexpr std::int64_t kChunk = 8192;
-constexpr int kMaxSteps = 1'000'000;
+// A byte for each laser and step is held.
+constexpr Eigen::Index kMaxRings = 1024;
+constexpr int kMaxSteps = 65'536;
 constexpr double kSmallestStep = 1e-6;  // metres
 constexpr double kLargestStep = 1.0;
 constexpr double kSmallestRho = 0.01;  // metres; nearer to the axis no line is told from another
@@ -147,7 +149,10 @@ double RingLattice::azimuth_step() const { return steps > 0 ? kFullTurn / steps 
 
 void check_lattice(const RingLattice& lattice) {
   const Eigen::Index rows = lattice.slope.size();
-  if (rows == 0) throw InputError("lattice: expected at least one ring, got none");
+  if (rows < 1 || rows > kMaxRings) {
+    throw InputError("lattice: expected 1 to " + std::to_string(kMaxRings) + " rings, got " +
+                     std::to_string(rows));
+  }
   check_column(lattice.slope, rows, "slope");
   check_column(lattice.offset, rows, "offset");
   check_column(lattice.lateral, rows, "lateral");

@@ -109,7 +109,8 @@ class GenericResult:
         Probability, at most, that a clean frame shows evidence as strong; the verdict is
         ``tampered`` where it does not exceed ``false_alarm_rate``.
     score : float
-        ``-log10`` of it, without the lower limit of floating point: for ranking.
+        For ranking: ``-log10`` of the smallest p-value of a region and a kind of evidence, before
+        their number is allowed for, and without the limits of floating point.
     false_alarm_rate : float
         As asked for.
     evidence : mapping of str to EvidenceReport
@@ -250,24 +251,21 @@ def _judged(
         evidence[kind] = EvidenceReport(
             not dropped, REASONS.get(dropped, ""), share, strength, p_value
         )
-    logs = [
-        min(
-            0.0,
-            tests + min(_log10_p(k, s, points) for k, s in zip(EVIDENCE, strengths, strict=True)),
-        )
+    best = [
+        min(_log10_p(k, s, points) for k, s in zip(EVIDENCE, strengths, strict=True))
         for strengths, _, _ in found["regions"]
     ]
+    logs = [min(0.0, tests + log) for log in best]
     alarming = [i for i, log in enumerate(logs) if 10.0**log <= false_alarm_rate]
     regions = tuple(
         _region(found["regions"][i], logs[i]) for i in sorted(alarming, key=lambda i: (logs[i], i))
     )
     suspected = np.flatnonzero(np.isin(found["region_of_point"], alarming))
-    log = min(logs, default=0.0)
     quiet: Verdict = "authentic" if evidence["line"].used else "undecidable"
     return GenericResult(
         "tampered" if alarming else quiet,
-        10.0**log,
-        -log,
+        10.0 ** min(logs, default=0.0),
+        abs(min(best, default=0.0)),
         false_alarm_rate,
         evidence,
         regions,

@@ -305,13 +305,14 @@ def _numbers(rows: Sequence[Row], attack: str) -> tuple[float, str]:
     if simulated:
         threshold = max(float(np.quantile(simulated, 1.0 - ALARM_RATE)), 1e-9)
         text += f"; {np.mean(every >= threshold):.1%} found at the simulated frames' 1 %"
-    text += f"; {np.mean(every >= -math.log10(ALARM_RATE)):.1%} at the stated rate"
     mine = [row for row in rows if row["attack"] == attack]
     weights = [row["frames"] for row in mine]
-    for name, title in (("density_found", "I"), ("occlusion_found", "II")):
-        if any(name not in row for row in mine):
-            continue
-        text += f"; {title} {np.average([row[name] for row in mine], weights=weights):.1%}"
+    for name, title in (
+        ("found", "at the stated 1 %"),
+        ("density_found", "by I"),
+        ("occlusion_found", "by II"),
+    ):
+        text += f"; {np.average([row[name] for row in mine], weights=weights):.1%} {title}"
     return area, text
 
 
@@ -349,15 +350,15 @@ def _no_alarm(rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def _rate_kept(rows: Sequence[Row]) -> Iterator[Finding]:
-    scores = np.array(_of_simulated(rows))
-    if len(scores):
-        alarms = int(np.sum(scores >= -math.log10(ALARM_RATE)))
-        bound = _roc.upper_bound(alarms, len(scores))
+    simulated = [row for row in rows if row["model"] == "clean, simulated"]
+    if simulated:
+        frames = sum(row["frames"] for row in simulated)
+        alarms = sum(row["verdicts"].count("tampered") for row in simulated)
         yield Finding(
             "simulated streets",
-            alarms <= ALARM_RATE * len(scores),
-            f"{alarms} of {len(scores)} frames, at most {bound:.2%} (95 %); largest score "
-            f"{scores.max():.2f}",
+            alarms <= ALARM_RATE * frames,
+            f"{alarms} of {frames} frames, at most {_roc.upper_bound(alarms, frames):.2%} (95 %); "
+            f"largest score {max(_of_simulated(rows)):.2f}",
         )
 
 
