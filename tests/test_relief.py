@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
 from collections import Counter
 from collections.abc import Callable
@@ -268,6 +269,73 @@ def test_golden(effort: simplify.Effort, golden: Callable[..., None]) -> None:
     for array in (result.vertices, result.pixels, result.uvs, result.triangles):
         digest.update(np.ascontiguousarray(array).tobytes())
     golden(f"relief {effort}", digest.hexdigest())
+
+
+STREAM_CAMERA = Intrinsics(120, 90, 110.0, 110.0, 59.5, 44.5)
+
+
+def noisy_frames(count: int) -> list[NDArray[np.uint16]]:
+    """A static scene with sensor noise, millimetres."""
+    noise = np.random.default_rng(0)
+    v, u = np.mgrid[0:90, 0:120]
+    scene = 1500 + 200 * np.sin(u / 30) * np.cos(v / 20)
+    return [(scene + 4 * noise.normal(size=u.shape)).astype(np.uint16) for _ in range(count)]
+
+
+def flicker(results: list[simplify.Relief]) -> tuple[float, float]:
+    """Share of pixels that change per frame; temporal deviation of the vertices' surface, mm."""
+    chosen = [set(map(tuple, r.pixels.tolist())) for r in results]
+    changed = [len(a - b) / len(a) for a, b in itertools.pairwise(chosen)]
+    v, u = np.mgrid[5:85:4, 5:115:4]
+    rays = np.stack([(u - 59.5) / 110.0, (v - 44.5) / 110.0, np.ones(u.shape)], -1).reshape(-1, 3)
+    depths = []
+    for result in results:  # by the nearest point of the mesh, near enough to the line of sight
+        nearest = manip3d.metrics.closest_points(result.mesh, rays * 1.5)
+        depths.append(nearest.point[:, 2])
+    return float(np.mean(changed)), float(1e3 * np.std(depths, axis=0).mean())
+
+
+@pytest.mark.parametrize("move_points", [False, True])
+def test_a_stream_flickers_at_most_half_as_much(move_points: bool) -> None:
+    frames = noisy_frames(20)
+    alone = [simplify.relief(f, STREAM_CAMERA, 250, move_points=move_points) for f in frames]
+    stream = simplify.ReliefStream(STREAM_CAMERA, 250, move_points=move_points)
+    together = [stream.simplify(f) for f in frames]
+    assert all(r.num_vertices == 250 for r in together)
+    changed_alone, deviation_alone = flicker(alone[5:])
+    changed, deviation = flicker(together[5:])
+    assert changed < 0.5 * changed_alone
+    assert deviation < 0.5 * deviation_alone
+
+
+def test_a_stream_starts_like_a_single_frame_and_again_after_reset() -> None:
+    first, second = noisy_frames(2)
+    stream = simplify.ReliefStream(STREAM_CAMERA, 250, newest_share=1.0)
+    alone = simplify.relief(first, STREAM_CAMERA, 250)
+    assert np.array_equal(stream.simplify(first).pixels, alone.pixels)
+    kept = stream.simplify(second)
+    u, v = kept.pixels.T
+    np.testing.assert_array_equal(kept.vertices[:, 2], second[v, u].astype(np.float32) / 1000)
+    stream.reset()
+    again = stream.simplify(second)
+    assert np.array_equal(again.pixels, simplify.relief(second, STREAM_CAMERA, 250).pixels)
+
+
+def test_a_stream_takes_what_moves_as_it_comes() -> None:
+    stream = simplify.ReliefStream(STREAM_CAMERA, 50)
+    near, far = np.full((90, 120), 1000, np.uint16), np.full((90, 120), 2000, np.uint16)
+    stream.simplify(far)
+    assert np.all(stream.simplify(near).vertices[:, 2] == 1.0)
+    gone = stream.simplify(np.zeros((90, 120), np.uint16))
+    assert gone.num_vertices == 0
+
+
+def test_bad_stream_options() -> None:
+    for option, value in (("stability", 0.5), ("newest_share", 0.0), ("gate", float("nan"))):
+        with pytest.raises(InputError, match=option):
+            simplify.ReliefStream(STREAM_CAMERA, 50, **{option: value}).simplify(noisy_frames(1)[0])
+    with pytest.raises(InputError, match=r"negative|finite numbers"):
+        simplify.ReliefStream(STREAM_CAMERA, 50).simplify(np.full((90, 120), -1, np.float32))
 
 
 # Errors of meshoptimizer 1.3 on the same dense mesh with as many vertices (chapter 3's page):

@@ -45,6 +45,8 @@ namespace {
 
 using Fields = py::typing::Dict<py::str, py::object>;
 
+}  // namespace
+
 DepthView depth_view(const py::array& depth) {
   DepthView view;
   if (py::isinstance<CArray<std::uint16_t>>(depth)) {
@@ -59,6 +61,8 @@ DepthView depth_view(const py::array& depth) {
   view.cols = depth.shape(1);
   return view;
 }
+
+namespace {
 
 Registration to_registration(const py::object& registration) {
   Registration result;

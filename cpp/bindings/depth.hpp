@@ -21,6 +21,9 @@ void check_image(const CArray<T>& array, py::ssize_t channels, const char* name)
   }
 }
 
+/// A borrowed depth image.
+DepthView depth_view(const py::array& depth);
+
 /// A `manip3d.Intrinsics`; `keep` holds its ray table.
 Intrinsics to_intrinsics(const py::object& camera, py::object& keep);
 

@@ -2,9 +2,12 @@
 
 #include <pybind11/typing.h>
 
+#include <algorithm>
 #include <utility>
+#include <vector>
 
 #include "depth.hpp"
+#include "manip3d/simplify/depth_smoother.hpp"
 #include "modules.hpp"
 #include "numpy.hpp"
 
@@ -46,21 +49,41 @@ void bind_relief(py::module_& m) {
       .def_readwrite("move_points", &ReliefOptions::move_points)
       .def_readwrite("from_origin", &ReliefOptions::from_origin)
       .def_readwrite("max_edge", &ReliefOptions::max_edge)
+      .def_readwrite("stability", &ReliefOptions::stability)
       .def_readwrite("num_threads", &ReliefOptions::num_threads);
-  m.def(
-      "relief",
-      [](const CArray<float>& points, const CArray<bool>& valid, bool rows_up,
-         const ReliefOptions& options) {
-        const BorrowedGrid grid(points, valid, rows_up);
-        ReliefResult result;
-        {
-          const py::gil_scoped_release nogil;
-          result = relief(grid.view, options);
-        }
-        return to_fields(std::move(result));
-      },
-      py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("rows_up"),
-      py::arg("options"));
+  py::class_<Relief>(m, "ReliefSolver")
+      .def(py::init<>())
+      .def("reset", &Relief::reset)
+      .def(
+          "run",
+          [](Relief& self, const CArray<float>& points, const CArray<bool>& valid, bool rows_up,
+             const ReliefOptions& options) {
+            const BorrowedGrid grid(points, valid, rows_up);
+            ReliefResult result;
+            {
+              const py::gil_scoped_release nogil;
+              self.run(grid.view, options, result);
+            }
+            return to_fields(std::move(result));
+          },
+          py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("rows_up"),
+          py::arg("options"));
+  py::class_<DepthSmoother>(m, "DepthSmoother")
+      .def(py::init([](double newest_share, double gate) {
+             return DepthSmoother({newest_share, gate});
+           }),
+           py::arg("newest_share"), py::arg("gate"))
+      .def("reset", &DepthSmoother::reset)
+      .def(
+          "add",
+          [](DepthSmoother& self, const py::array& depth) {
+            const DepthView view = depth_view(depth);
+            const std::vector<float>& smoothed = self.add(view);
+            py::array_t<float> out({view.rows, view.cols});
+            std::copy(smoothed.begin(), smoothed.end(), out.mutable_data());
+            return out;
+          },
+          py::arg("depth"));
 }
 
 }  // namespace manip3d::bindings

@@ -25,11 +25,13 @@ __all__: list[str] = [
     "Cs3Runner",
     "Cs3Sampling",
     "Cs3Stencil",
+    "DepthSmoother",
     "Duplicates",
     "LinkCondition",
     "QemOptions",
     "ReliefEffort",
     "ReliefOptions",
+    "ReliefSolver",
     "ReliefStop",
     "StopReason",
     "TextureTerm",
@@ -69,7 +71,6 @@ __all__: list[str] = [
     "read_range_grid",
     "readable_suffixes",
     "registered_uvs",
-    "relief",
     "render_depth",
     "replace_rows",
     "replay_collapses",
@@ -449,9 +450,33 @@ class ReliefOptions:
     @num_threads.setter
     def num_threads(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
     @property
+    def stability(self) -> float: ...
+    @stability.setter
+    def stability(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
     def target_points(self) -> int: ...
     @target_points.setter
     def target_points(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+
+class ReliefSolver:
+    def __init__(self) -> None: ...
+    def reset(self) -> None: ...
+    def run(
+        self,
+        points: numpy.typing.NDArray[numpy.float32],
+        valid: numpy.typing.NDArray[numpy.bool],
+        rows_up: bool,
+        options: ReliefOptions,
+    ) -> dict[str, typing.Any]: ...
+
+class DepthSmoother:
+    def __init__(
+        self,
+        newest_share: typing.SupportsFloat | typing.SupportsIndex,
+        gate: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def add(self, depth: numpy.ndarray) -> numpy.typing.NDArray[numpy.float32]: ...
+    def reset(self) -> None: ...
 
 class Duplicates:
     """
@@ -1003,12 +1028,6 @@ def readable_suffixes() -> list[typing.Any]: ...
 def registered_uvs(
     vertices: numpy.typing.NDArray[numpy.float32], registration: typing.Any
 ) -> numpy.ndarray: ...
-def relief(
-    points: numpy.typing.NDArray[numpy.float32],
-    valid: numpy.typing.NDArray[numpy.bool],
-    rows_up: bool,
-    options: ReliefOptions,
-) -> dict[str, typing.Any]: ...
 def render_depth(
     mesh: typing.Any,
     points: numpy.typing.NDArray[numpy.float32],

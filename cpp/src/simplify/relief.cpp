@@ -31,7 +31,7 @@ struct Budget {
 Budget budget_of(ReliefEffort effort) {
   switch (effort) {
     case ReliefEffort::kLive:
-      return {0.5, 0.3F, 1, 0, 0};
+      return {0.4, 0.4F, 1, 0, 0};
     case ReliefEffort::kFast:
       return {0.7, 0.3F, 3, 0, 0};
     case ReliefEffort::kBalanced:
@@ -49,6 +49,9 @@ void check_options(const ReliefOptions& options) {
     throw InputError("target_points: expected at least 3, got " +
                      std::to_string(options.target_points));
   }
+  if (!(options.stability >= 1.0)) {
+    throw InputError("stability: expected at least 1, got " + std::to_string(options.stability));
+  }
   if (!(options.max_edge > 0.0)) {
     throw InputError("max_edge: expected > 0, got " + std::to_string(options.max_edge));
   }
@@ -62,10 +65,13 @@ struct Relief::Memory {
   Triangulation mesh;
   relief_detail::Collapser collapser;
   relief_detail::Refiner refiner;
-  std::vector<Vec3> sight;           ///< By vertex: where it may slide.
-  std::vector<std::int32_t> order;   ///< Output vertex -> vertex.
-  std::vector<std::int32_t> number;  ///< Vertex -> output vertex.
+  std::vector<Vec3> sight;             ///< By vertex: where it may slide.
+  std::vector<std::int32_t> order;     ///< Output vertex -> vertex.
+  std::vector<std::int32_t> number;    ///< Vertex -> output vertex.
+  std::vector<std::int64_t> previous;  ///< Input pixels of the frame before.
+  std::vector<std::uint8_t> keep;      ///< By pixel of the surface: is one of them; or empty.
 
+  void recall(const PointGridView& grid, const ReliefOptions& options);
   void select(const ReliefOptions& options, ReliefResult& result);
   void refine(const Budget& budget);
   void find_sight(const ReliefOptions& options);
@@ -73,20 +79,34 @@ struct Relief::Memory {
   void move_points(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
 };
 
+void Relief::Memory::recall(const PointGridView& grid, const ReliefOptions& options) {
+  keep.clear();
+  if (!(options.stability > 1.0) || previous.empty()) return;
+  keep.assign(static_cast<std::size_t>(surface.cols()) * static_cast<std::size_t>(surface.rows()),
+              0);
+  for (const std::int64_t pixel : previous) {
+    const std::int64_t u = pixel % grid.cols - surface.input_u(0);
+    const std::int64_t v = pixel / grid.cols - surface.input_v(0);
+    if (u < 0 || v < 0 || u >= surface.cols() || v >= surface.rows()) continue;
+    const auto at = static_cast<std::int32_t>(v * surface.cols() + u);
+    keep[at] = surface.sample(at).area > 0.0F ? 1 : 0;
+  }
+}
+
 void Relief::Memory::select(const ReliefOptions& options, ReliefResult& result) {
   const Budget budget = budget_of(options.effort);
   const std::int64_t target = options.target_points;
   const double splits =
       std::min(budget.start * static_cast<double>(target), static_cast<double>(surface.num_used()));
-  mesh.assign(surface, start.build(surface, static_cast<std::int64_t>(splits)));
+  mesh.assign(surface, start.build(surface, static_cast<std::int64_t>(splits), keep));
   result.stop = ReliefStop::kTarget;
   result.dropped_pixels = 0;
   if (surface.num_used() <= target) {
-    mesh.assign(surface, start.build(surface, surface.num_used()));
+    mesh.assign(surface, start.build(surface, surface.num_used(), keep));
     result.stop = ReliefStop::kAllPoints;
   }
   if (mesh.num_vertices() <= target) return;
-  collapser.assign(mesh);
+  collapser.assign(mesh, keep, static_cast<float>(options.stability));
   collapser.run(surface, mesh, target, budget.round_share);
   if (mesh.num_vertices() > target) {
     result.stop = ReliefStop::kSmallPieces;
@@ -98,7 +118,7 @@ void Relief::Memory::refine(const Budget& budget) {
   refiner.assign(mesh);
   refiner.flip_edges(surface, mesh, budget.flip_sweeps);
   for (int round = 0; round < budget.move_rounds; ++round) {
-    const int moved = refiner.move_vertices(surface, mesh, budget.radius);
+    const int moved = refiner.move_vertices(surface, mesh, budget.radius, keep);
     if (moved + refiner.flip_edges(surface, mesh, budget.flip_sweeps) == 0) break;
   }
 }
@@ -123,6 +143,7 @@ void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& optio
   });
   number.resize(static_cast<std::size_t>(mesh.num_slots()));
   DepthMesh& out = result.mesh;
+  previous.clear();
   const auto width = static_cast<double>(grid.cols), height = static_cast<double>(grid.rows);
   const auto num_vertices = static_cast<Eigen::Index>(order.size());
   out.vertices.resize(num_vertices, 3);
@@ -133,7 +154,8 @@ void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& optio
     number[v] = static_cast<std::int32_t>(i);
     const std::int64_t u_in = surface.input_u(mesh.vertex(v).pixel);
     const std::int64_t v_in = surface.input_v(mesh.vertex(v).pixel);
-    const float* point = grid.points + 3 * (v_in * grid.cols + u_in);
+    previous.push_back(v_in * grid.cols + u_in);
+    const float* point = grid.points + 3 * previous.back();
     out.vertices.row(i) << point[0], point[1], point[2];
     out.pixels.row(i) << static_cast<std::int32_t>(u_in), static_cast<std::int32_t>(v_in);
     out.uvs.row(i) << static_cast<float>((static_cast<double>(u_in) + 0.5) / width),
@@ -189,11 +211,14 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
     result.stop = ReliefStop::kAllPoints;
     result.dropped_pixels = 0;
   } else {
+    m.recall(grid, options);
     m.select(options, result);
     m.refine(budget_of(options.effort));
   }
   m.write(grid, options, result);
 }
+
+void Relief::reset() { memory_->previous.clear(); }
 
 ReliefResult relief(const PointGridView& grid, const ReliefOptions& options) {
   ReliefResult result;

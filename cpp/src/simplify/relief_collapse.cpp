@@ -26,7 +26,14 @@ void LocalQuadric::add(const LocalQuadric& q, const Vec3& offset) {
   weight += q.weight;
 }
 
-void Collapser::assign(const Triangulation& mesh) {
+void Collapser::assign(const Triangulation& mesh, std::span<const std::uint8_t> keep,
+                       float keep_factor) {
+  factor_.assign(mesh.num_slots(), 1.0F);
+  if (!keep.empty()) {
+    for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+      if (keep[mesh.vertex(v).pixel] != 0) factor_[v] = keep_factor;
+    }
+  }
   surface_.assign(mesh.num_slots(), {});
   boundary_.assign(mesh.num_slots(), {});
   spent_.assign(mesh.num_slots(), 0.0F);
@@ -61,7 +68,7 @@ float Collapser::price(const Triangulation& mesh, std::int32_t v, std::int32_t t
   const float squares = std::max(0.0F, q(offset)) + r.c;
   float price = std::sqrt(squares * (q.weight + r.weight)) - spent_[v] - spent_[to];
   if (mesh.vertex(v).on_boundary) price += boundary_[v](offset) - boundary_[v].c;
-  return price;
+  return price * factor_[v];
 }
 
 int Collapser::cheapest(const Triangulation& mesh, std::int32_t v, const Fan& fan,
@@ -136,8 +143,9 @@ void Collapser::run(const Surface& surface, Triangulation& mesh, std::int64_t ta
         1 + static_cast<std::int64_t>(round_share * static_cast<float>(mesh.num_vertices()));
     const std::int64_t wanted = std::min(share, mesh.num_vertices() - target);
     find_moves(mesh);
-    // Half as many again, because some will not be legal or will have changed neighbours.
-    sort_moves(all ? moves_.size() : static_cast<std::size_t>(wanted + wanted / 2 + 1));
+    // Half as many again, because some will not be legal or will have changed neighbours; as for
+    // any lower target, so that lower targets continue where this one stops.
+    sort_moves(all ? moves_.size() : static_cast<std::size_t>(share + share / 2));
     std::int64_t done = 0;
     for (std::size_t i = 0; i < moves_.size() && done < wanted; ++i) {
       done += collapse(surface, mesh, moves_[i], round) ? 1 : 0;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <cstdlib>
 
 namespace manip3d::relief_detail {
 
@@ -18,9 +19,15 @@ enum class Edges : std::uint8_t {
 template <typename Visit>
 void visit_pixels(int cols, std::array<std::int32_t, 2> a, std::array<std::int32_t, 2> b,
                   std::array<std::int32_t, 2> c, Edges edges, Visit&& visit) {
-  // A pixel is inside of side k if rise * u <= value (value - rise_v * (v - v0)).
+  // A pixel of row v is inside of a side that rises by dv if dv * u <= value, where value is affine
+  // in v. Its quotient by |dv| and the remainder are carried from row to row.
   struct Side {
-    std::int32_t rise, step, value;
+    std::int32_t dv, size, quotient, remainder, quotient_step, remainder_step;
+    void next() {
+      quotient += quotient_step;
+      remainder += remainder_step;
+      if (remainder >= size) remainder -= size, ++quotient;
+    }
   };
   const std::int32_t v0 = std::min({a[1], b[1], c[1]}), v1 = std::max({a[1], b[1], c[1]});
   const auto side = [&](const std::array<std::int32_t, 2>& p,
@@ -29,20 +36,28 @@ void visit_pixels(int cols, std::array<std::int32_t, 2> a, std::array<std::int32
     // Of two triangles on either side the one that goes down or, if level, to the right has it.
     const bool inside =
         edges == Edges::kClosed || (edges == Edges::kShared && (dv < 0 || (dv == 0 && du > 0)));
-    return Side{dv, du, du * (v0 - p[1]) + dv * p[0] - (inside ? 0 : 1)};
+    const std::int32_t value = du * (v0 - p[1]) + dv * p[0] - (inside ? 0 : 1);
+    Side s{dv, dv != 0 ? std::abs(dv) : 1, 0, 0, 0, 0};
+    s.quotient = value / s.size;
+    s.remainder = value % s.size;
+    if (s.remainder < 0) s.remainder += s.size, --s.quotient;
+    s.quotient_step = du / s.size;
+    s.remainder_step = du % s.size;
+    if (s.remainder_step < 0) s.remainder_step += s.size, --s.quotient_step;
+    return s;
   };
   std::array<Side, 3> sides = {side(a, b), side(b, c), side(c, a)};
   for (std::int32_t v = v0; v <= v1; ++v) {
     std::int32_t from = 0, to = cols - 1;
     for (Side& s : sides) {
-      if (s.rise > 0) {  // floor: value may be negative only where the row is empty
-        to = std::min(to, s.value >= 0 ? s.value / s.rise : -1);
-      } else if (s.rise < 0) {
-        from = std::max(from, s.value < 0 ? (-s.value - s.rise - 1) / -s.rise : 0);
-      } else if (s.value < 0) {
+      if (s.dv > 0) {
+        to = std::min(to, s.quotient);
+      } else if (s.dv < 0) {
+        from = std::max(from, -s.quotient);
+      } else if (s.quotient < 0) {
         to = -1;
       }
-      s.value += s.step;
+      s.next();
     }
     for (std::int32_t u = from; u <= to; ++u) visit(v * cols + u);
   }

@@ -9,6 +9,8 @@
 namespace manip3d::relief_detail {
 namespace {
 
+// A vertex of the frame before moves only for less than this part of its error.
+constexpr float kKeptGain = 0.5F;
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 struct Corner {
@@ -56,8 +58,23 @@ float Refiner::error_of(const Surface& surface, const Triangulation& mesh, std::
   return errors_[t];
 }
 
+float Refiner::mean_error(const Surface& surface, const Triangulation& mesh) {
+  double sum = 0.0;
+  std::int64_t count = 0;
+  for (std::int32_t t = 0; t < mesh.num_triangle_slots(); ++t) {
+    if (!mesh.is_triangle(t)) continue;
+    const float error = error_of(surface, mesh, t);
+    if (!(error < kInfinity)) continue;
+    sum += error;
+    ++count;
+  }
+  return count > 0 ? static_cast<float>(sum / static_cast<double>(count)) : 0.0F;
+}
+
 int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps) {
   constexpr float kGain = 0.999F;  // so that rounding does not flip back and forth
+  // Pairs of triangles that are this good already are not worth the look.
+  const float negligible = 0.3F * mean_error(surface, mesh);
   int total = 0;
   for (int sweep = 0; sweep < sweeps; ++sweep) {
     int flips = 0;
@@ -72,6 +89,7 @@ int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps)
         std::array<std::int32_t, 4> q{};
         if (!mesh.quad(t, i, q)) continue;
         const float limit = kGain * (error_of(surface, mesh, t) + error_of(surface, mesh, o));
+        if (limit < negligible) continue;
         const float first = triangle_error(surface, mesh, q[0], q[1], q[3]);
         if (!(first < limit)) continue;
         const float second = triangle_error(surface, mesh, q[0], q[3], q[2]);
@@ -90,7 +108,8 @@ int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps)
   return total;
 }
 
-int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radius) {
+int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radius,
+                           std::span<const std::uint8_t> keep) {
   Triangulation::Fan fan;
   int moved = 0;
   std::array<float, Triangulation::kMaxFan> best_errors{}, errors{};
@@ -99,6 +118,7 @@ int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radi
     if (!vertex.alive() || vertex.on_boundary || !mesh.fan(v, fan)) continue;
     float now = 0.0F;
     for (int i = 0; i < fan.size; ++i) now += error_of(surface, mesh, fan.triangles[i]);
+    if (!keep.empty() && keep[vertex.pixel] != 0) now *= kKeptGain;
     const int u0 = vertex.u, v0 = vertex.v;
     std::int32_t best = -1;
     for (int dv = -radius; dv <= radius; ++dv) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "simplify/relief_triangulation.hpp"
@@ -15,7 +16,9 @@ class Refiner {
   /// Flips edges while that lowers the error, in at most `sweeps` passes.
   int flip_edges(const Surface& surface, Triangulation& mesh, int sweeps);
   /// Moves interior vertices to a pixel nearby where that lowers the error.
-  int move_vertices(const Surface& surface, Triangulation& mesh, int radius);
+  /// @param keep  by pixel, may be empty: vertices there need a far better pixel to move.
+  int move_vertices(const Surface& surface, Triangulation& mesh, int radius,
+                    std::span<const std::uint8_t> keep);
   /// How far each vertex has to slide in its direction for the least sum of squared distances
   /// (weighted by area) between the pixels and the triangles.
   void fit(const Surface& surface, const Triangulation& mesh, const std::vector<Vec3>& directions);
@@ -27,6 +30,7 @@ class Refiner {
   };
   static Block normal_equations(const Surface& surface, const Triangulation& mesh,
                                 const std::vector<Vec3>& directions, std::int32_t t);
+  float mean_error(const Surface& surface, const Triangulation& mesh);
   float error_of(const Surface& surface, const Triangulation& mesh, std::int32_t t);
 
   std::vector<float> errors_;  ///< By triangle; negative: not known.

@@ -22,6 +22,10 @@ float distance_from_line(const Vec3& p, const Vec3& a, const Vec3& b) {
 
 // Vertices by their coordinates in steps: one odd and one even, a "side" halves the side of a
 // square of two steps; both odd, a "diagonal" halves the diagonal of such a square.
+bool is_kept(std::span<const std::uint8_t> keep, std::int32_t pixel) {
+  return !keep.empty() && keep[pixel] != 0;
+}
+
 bool is_odd(int i) { return (i & 1) != 0; }
 
 /// The ends of the diagonal of the square of two steps around (u, v): the one corner that is even
@@ -33,7 +37,8 @@ int diagonal_direction(int u, int v, int step) {
 
 }  // namespace
 
-void StartMesh::measure_sides(const Surface& surface, int step) {
+void StartMesh::measure_sides(const Surface& surface, std::span<const std::uint8_t> keep,
+                              int step) {
   const int cols = surface.cols(), rows = surface.rows();
   const float weight = static_cast<float>(step * step);
   for (int v = 0; v < rows; v += step) {
@@ -69,12 +74,13 @@ void StartMesh::measure_sides(const Surface& surface, int step) {
                                surface.sample(p + away).point());
         error = std::max(error, own * weight);
       }
-      errors_[p] = error;
+      errors_[p] = is_kept(keep, p) && error >= 0.0F ? kMustSplit : error;
     }
   }
 }
 
-void StartMesh::measure_diagonals(const Surface& surface, int step) {
+void StartMesh::measure_diagonals(const Surface& surface, std::span<const std::uint8_t> keep,
+                                  int step) {
   const int cols = surface.cols(), rows = surface.rows();
   const float weight = static_cast<float>(step * step);
   for (int v = step; v < rows; v += 2 * step) {
@@ -89,16 +95,16 @@ void StartMesh::measure_diagonals(const Surface& surface, int step) {
                                surface.sample(p + away).point());
         error = std::max(error, own * weight);
       }
-      errors_[p] = error;
+      errors_[p] = is_kept(keep, p) && error >= 0.0F ? kMustSplit : error;
     }
   }
 }
 
-void StartMesh::measure(const Surface& surface) {
+void StartMesh::measure(const Surface& surface, std::span<const std::uint8_t> keep) {
   errors_.resize(static_cast<std::size_t>(surface.cols()) * surface.rows());
   for (int step = 1; step < kTile; step *= 2) {
-    measure_sides(surface, step);
-    measure_diagonals(surface, step);
+    measure_sides(surface, keep, step);
+    measure_diagonals(surface, keep, step);
   }
   for (int v = 0; v < surface.rows(); v += kTile) {
     for (int u = 0; u < surface.cols(); u += kTile) errors_[v * surface.cols() + u] = kNothing;
@@ -203,8 +209,9 @@ void StartMesh::emit(const Surface& surface, float threshold) {
   emit_cells(surface, threshold);
 }
 
-std::span<const Triangle> StartMesh::build(const Surface& surface, std::int64_t num_vertices) {
-  measure(surface);
+std::span<const Triangle> StartMesh::build(const Surface& surface, std::int64_t num_vertices,
+                                           std::span<const std::uint8_t> keep) {
+  measure(surface, keep);
   emit(surface, threshold_for(num_vertices));
   return triangles_;
 }

@@ -7,22 +7,31 @@
 namespace manip3d::relief_detail {
 
 void Triangulation::link_neighbors(std::span<const Triangle> triangles) {
-  // Half-edges 3 t + i (side opposite to corner i) by the pixel where they start.
-  const auto start = [&](std::int32_t e) { return triangles[e / 3][(e % 3 + 1) % 3]; };
-  const auto end = [&](std::int32_t e) { return triangles[e / 3][(e % 3 + 2) % 3]; };
-  const auto num_edges = static_cast<std::int32_t>(3 * triangles.size());
-  std::fill(first_edge_.begin(), first_edge_.end(), 0);
-  for (std::int32_t e = 0; e < num_edges; ++e) ++first_edge_[start(e) + 1];
-  for (std::size_t p = 1; p < first_edge_.size(); ++p) first_edge_[p] += first_edge_[p - 1];
-  edges_.resize(num_edges);
-  for (std::int32_t e = num_edges - 1; e >= 0; --e) edges_[--first_edge_[start(e) + 1]] = e;
-  // first_edge_[p + 1] is now where pixel p starts, first_edge_[p + 2] where it ends.
-  neighbors_.assign(triangles.size(), {kNone, kNone, kNone});
-  for (std::int32_t e = 0; e < num_edges; ++e) {
-    const std::int32_t p = end(e);
-    for (std::int32_t k = first_edge_[p + 1]; k < first_edge_[p + 2]; ++k) {
-      if (end(edges_[k]) == start(e)) neighbors_[e / 3][e % 3] = edges_[k] / 3;
+  // The sides of the triangles by the pixel where they start.
+  std::fill(first_side_.begin(), first_side_.end(), 0);
+  for (const auto& [a, b, c] : triangles) {
+    ++first_side_[a + 1], ++first_side_[b + 1], ++first_side_[c + 1];
+  }
+  for (std::size_t p = 1; p < first_side_.size(); ++p) first_side_[p] += first_side_[p - 1];
+  sides_.resize(3 * triangles.size());
+  const auto num_triangles = static_cast<std::int32_t>(triangles.size());
+  for (std::int32_t t = num_triangles - 1; t >= 0; --t) {
+    const auto [a, b, c] = triangles[t];
+    sides_[--first_side_[a + 1]] = {b, t};
+    sides_[--first_side_[b + 1]] = {c, t};
+    sides_[--first_side_[c + 1]] = {a, t};
+  }
+  // first_side_[p + 1] is now where pixel p starts, first_side_[p + 2] where it ends.
+  const auto triangle_of = [&](std::int32_t start, std::int32_t end) {
+    for (std::int32_t k = first_side_[start + 1]; k < first_side_[start + 2]; ++k) {
+      if (sides_[k].end == end) return sides_[k].triangle;
     }
+    return kNone;
+  };
+  neighbors_.resize(triangles.size());
+  for (std::int32_t t = 0; t < num_triangles; ++t) {
+    const auto [a, b, c] = triangles[t];
+    neighbors_[t] = {triangle_of(c, b), triangle_of(a, c), triangle_of(b, a)};
   }
 }
 
@@ -57,7 +66,7 @@ void Triangulation::split_fans(const Surface& surface, std::span<const Triangle>
 }
 
 void Triangulation::assign(const Surface& surface, std::span<const Triangle> triangles) {
-  first_edge_.resize(static_cast<std::size_t>(surface.cols()) * surface.rows() + 2);
+  first_side_.resize(static_cast<std::size_t>(surface.cols()) * surface.rows() + 2);
   link_neighbors(triangles);
   split_fans(surface, triangles);
 }

@@ -101,7 +101,11 @@ class Triangulation {
   std::vector<Triangle> triangles_, neighbors_;
   std::int64_t num_alive_ = 0;
   // Scratch of assign().
-  std::vector<std::int32_t> first_edge_, edges_;
+  struct Side {
+    std::int32_t end, triangle;
+  };
+  std::vector<std::int32_t> first_side_;
+  std::vector<Side> sides_;
 };
 
 }  // namespace manip3d::relief_detail

@@ -34,6 +34,7 @@ from manip3d.simplify._depth import (
 from manip3d.simplify._relief import (
     Effort,
     Relief,
+    ReliefStream,
     relief,
     relief_grid,
 )
@@ -55,6 +56,7 @@ __all__ = [
     "LinkCondition",
     "Reached",
     "Relief",
+    "ReliefStream",
     "SamplingMethod",
     "SeamMode",
     "SimplifyResult",

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from manip3d.camera import Intrinsics, Registration
 
-__all__ = ["Effort", "Relief", "relief", "relief_grid"]
+__all__ = ["Effort", "Relief", "ReliefStream", "relief", "relief_grid"]
 
 Effort = Literal["live", "fast", "balanced", "fine", "best"]
 
@@ -73,6 +73,7 @@ def _options(
 
 
 def _run(
+    solver: _core.ReliefSolver,
     points: NDArray[np.float32],
     valid: NDArray[np.bool_],
     rows_up: bool,
@@ -80,7 +81,7 @@ def _run(
     colour: NDArray[np.uint8] | None,
     registration: Registration | None,
 ) -> Relief:
-    fields = _core.relief(points, valid, rows_up, options)
+    fields = solver.run(points, valid, rows_up, options)
     fields["stop"] = fields["stop"].name
     if registration is not None:
         fields["uvs"] = _core.registered_uvs(fields["vertices"], registration)
@@ -154,6 +155,7 @@ def relief(
     options = _options(target_points, effort, move_points, max_edge, threads, from_origin=True)
     points, valid, rows_up = _core.unproject(image, intrinsics, options.num_threads)
     return _run(
+        _core.ReliefSolver(),
         points.reshape(*image.shape, 3),
         valid.reshape(image.shape).view(np.bool_),
         rows_up,
@@ -208,4 +210,103 @@ def relief_grid(
     grid, mask = _point_grid(points, valid)
     picture = _colour_image(colour, mask.shape)
     options = _options(target_points, effort, move_points, max_edge, threads, from_origin=False)
-    return _run(grid, mask, bool(rows_up), options, picture, None)
+    return _run(_core.ReliefSolver(), grid, mask, bool(rows_up), options, picture, None)
+
+
+class ReliefStream:
+    """Simplify the frames of a depth sequence so that what stands still stays still.
+
+    Each pixel is smoothed over time while its depth changes little, and a pixel that was a vertex
+    in the frame before is given up only for a far better one. Buffers are reused.
+
+    Parameters
+    ----------
+    intrinsics : Intrinsics
+    target_points : int
+        At most so many vertices; at least 3.
+    registration : Registration, optional
+    move_points : bool
+    effort : 'live', 'fast', 'balanced', 'fine' or 'best'
+    max_edge : float, metres, optional
+    stability : float
+        How many times as much it costs to give up a vertex of the frame before; 1: each frame
+        chooses for itself.
+    newest_share : float
+        Of the newest frame in a pixel's mean over time, (0, 1]; 1: no smoothing, so that vertices
+        are the points as measured.
+    gate : float
+        A pixel that changes by a larger part of its depth starts anew.
+    threads : int
+
+    Raises
+    ------
+    InputError
+        An option out of range.
+
+    Examples
+    --------
+    >>> import numpy as np, manip3d
+    >>> camera = manip3d.Intrinsics(64, 48, fx=60, fy=60, cx=31.5, cy=23.5)
+    >>> stream = manip3d.simplify.ReliefStream(camera, 100)
+    >>> noise = np.random.default_rng(0)
+    >>> frames = [2000 + noise.integers(0, 9, (48, 64)).astype(np.uint16) for _ in range(3)]
+    >>> [stream.simplify(frame).num_vertices for frame in frames]
+    [100, 100, 100]
+    """
+
+    def __init__(
+        self,
+        intrinsics: Intrinsics,
+        target_points: int,
+        *,
+        registration: Registration | None = None,
+        move_points: bool = False,
+        effort: Effort = "balanced",
+        max_edge: float | None = None,
+        stability: float = 30.0,
+        newest_share: float = 0.15,
+        gate: float = 0.03,
+        threads: int = 1,
+    ) -> None:
+        self._intrinsics = intrinsics
+        self._registration = registration
+        self._options = _options(
+            target_points, effort, move_points, max_edge, threads, from_origin=True
+        )
+        self._options.stability = float(stability)
+        self._solver = _core.ReliefSolver()
+        self._smoother = _core.DepthSmoother(float(newest_share), float(gate))
+
+    def simplify(self, depth: ArrayLike, *, colour: ArrayLike | None = None) -> Relief:
+        """Simplify the next frame.
+
+        Parameters
+        ----------
+        depth : (H, W) uint16 in millimetres or float32 in metres
+        colour : (H', W', 3 or 4) uint8, optional
+
+        Raises
+        ------
+        InputError
+            As `relief`.
+        """
+        image = _depth_image(depth, self._intrinsics)
+        picture = _colour_image(colour, image.shape, self._registration)
+        smooth = self._smoother.add(image)
+        points, valid, rows_up = _core.unproject(
+            smooth, self._intrinsics, self._options.num_threads
+        )
+        return _run(
+            self._solver,
+            points.reshape(*image.shape, 3),
+            valid.reshape(image.shape).view(np.bool_),
+            rows_up,
+            self._options,
+            picture,
+            self._registration,
+        )
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self._solver.reset()
+        self._smoother.reset()

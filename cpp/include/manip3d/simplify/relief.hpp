@@ -24,6 +24,9 @@ struct ReliefOptions {
   bool from_origin = false;
   /// Dense triangles with a longer edge are no surface; units of the points.
   double max_edge = std::numeric_limits<double>::infinity();
+  /// How many times as much it costs to give up a pixel that was a vertex in the frame before; 1:
+  /// each frame for itself. For frames of one size through one object.
+  double stability = 1.0;
   int num_threads = 1;
 };
 
@@ -67,8 +70,11 @@ class Relief {
 
   /// Overwrites `result`, reusing its memory.
   /// @throws InputError  as check_point_grid; target_points < 3; max_edge is not > 0;
-  ///                     num_threads < 0.
+  ///                     stability < 1; num_threads < 0.
   void run(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
+
+  /// Forgets the frame before.
+  void reset();
 
  private:
   struct Memory;

@@ -1,0 +1,173 @@
+"""Depth images to sparse meshes beside the dense mesh and an edge collapse: time, error, points.
+
+``python benchmarks/bench_relief.py [--cases ...] [--rounds N] [-o results.json]``
+
+One core, same run, equal number of vertices. The peers' time is that of the dense mesh and the
+library's own call. A round runs all once; times are the least of the rounds. Errors are mean
+distances (`area` samples, one-sided, over the bounding box's diagonal) from the dense mesh.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from manip3d import Mesh, datasets, metrics, simplify
+from measuring import environment, measure, one_thread
+from peers import PEERS, NotInstalledError
+
+EFFORTS = get_args(simplify.Effort)
+COLLAPSES = ("meshoptimizer subset", "meshoptimizer attributes", "meshoptimizer update")
+MOST_SAMPLES = 400_000
+PUBLISHED_SHARE = 0.05  # of the points, as in the published tables
+SCENE_EDGE = 0.1  # metres: longer triangles of scenes are no surface
+SCANS = {"bun000": 2012, "happyStandRight_0": 3902, "dragonStandRight_0": None}
+PEOPLE = ("person_turning", "person_ddrnet", "person_normalgan", "person_frontsurfaces",
+          "person_utd_mhad")  # fmt: skip
+SCENES = ("scene_kitchen", "scene_redwood", "scene_livingroom", "scene_tum_desk",
+          "scene_kinect2_desk", "wall_realsense")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Case:
+    """One input: how its dense mesh is made, and how it is simplified to n points."""
+
+    points: int
+    dense: Callable[[], simplify.DepthMesh]
+    ours: Callable[..., simplify.DepthMesh]
+
+
+def case_of(name: str) -> Case:
+    """A scan, a person (its pixels alone) or a scene."""
+    if name in SCANS:
+        scan = datasets.load_scan(name)
+        points = np.ascontiguousarray(scan.points, np.float32)
+        count = SCANS[name] or math.ceil(PUBLISHED_SHARE * int(scan.valid.sum()))
+        return Case(
+            count,
+            lambda: simplify.dense_mesh_grid(points, scan.valid),
+            lambda **options: simplify.relief_grid(points, scan.valid, count, **options),
+        )
+    frame = datasets.load_frame(name)
+    depth = np.ascontiguousarray(frame.person)
+    edge = None if name in PEOPLE else SCENE_EDGE
+    count = math.ceil(PUBLISHED_SHARE * np.count_nonzero(depth))
+    return Case(
+        count,
+        lambda: simplify.dense_mesh(depth, frame.intrinsics, max_edge=edge),
+        lambda **options: simplify.relief(depth, frame.intrinsics, count, max_edge=edge, **options),
+    )
+
+
+def faces_for(peer: Any, mesh: Mesh, points: int) -> int:
+    """The number of faces at which the peer leaves about so many vertices, never more."""
+    faces, best = 2 * points, 0
+    for _ in range(6):
+        left = peer(mesh, faces)
+        used = len(np.unique(left.faces))
+        if used <= points:
+            best = max(best, faces)
+        if 0 <= points - used <= 0.002 * points:
+            break
+        faces += 2 * (points - used)
+    return best or faces
+
+
+def error_of(dense: Mesh, mesh: Mesh) -> dict[str, float | None]:
+    """Mean distance and mean deviation of texture coordinates."""
+    samples = min(10 * dense.num_faces, MOST_SAMPLES)
+    row: dict[str, float | None] = {
+        "mean": metrics.metro(dense, mesh, sampling="area", samples=samples, threads=1).mean
+    }
+    if mesh.texcoords is not None:
+        row["texture"] = metrics.texture_error(dense, mesh, samples=samples, threads=1).mean
+    return row
+
+
+def run_case(case: Case, rounds: int) -> list[dict[str, Any]]:
+    """One row per peer and setting, ours with points that stay and that move."""
+    dense = case.dense().mesh
+    calls: dict[str, Callable[[], tuple[Mesh, float]]] = {}
+    for name in COLLAPSES:
+        peer = PEERS[name]
+        try:
+            faces = faces_for(peer, dense, case.points)
+        except NotInstalledError:
+            continue
+
+        def collapse(peer: Any = peer, faces: int = faces) -> tuple[Mesh, float]:
+            meshing = measure(case.dense)[1].cpu_s
+            mesh, cost = peer.measured(dense, faces)
+            return mesh, meshing + cost.cpu_s
+
+        calls[f"dense + {name}"] = collapse
+    for move in (False, True):
+        for effort in EFFORTS:
+
+            def ours(effort: str = effort, move: bool = move) -> tuple[Mesh, float]:
+                result, cost = measure(case.ours, effort=effort, move_points=move)
+                return result.mesh, cost.cpu_s
+
+            calls[f"relief {effort}{' moved' if move else ''}"] = ours
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    meshes: dict[str, Mesh] = {}
+    for _ in range(rounds):
+        for name, call in calls.items():
+            meshes[name], seconds = call()
+            times[name].append(seconds)
+    return [
+        {"method": name, "vertices": len(np.unique(mesh.faces)), "cpu_s": min(times[name])}
+        | error_of(dense, mesh)
+        for name, mesh in meshes.items()
+    ]
+
+
+def show(name: str, rows: list[dict[str, Any]]) -> None:
+    """A table with ratios to the edge collapse of the same kind."""
+    base = {row["method"]: row for row in rows}
+    table = Table(title=name)
+    for head in ("method", "vertices", "ms", "time ratio", "error 1e-3", "error ratio", "uv 1e-3"):
+        table.add_column(head, justify="left" if head == "method" else "right")
+    for row in rows:
+        moved = row["method"].endswith(("moved", "update"))
+        peer = base.get(f"dense + meshoptimizer {'update' if moved else 'subset'}")
+        ratios = [f"{row[key] / peer[key]:.2f}" if peer else "" for key in ("cpu_s", "mean")]
+        uv = row.get("texture")
+        table.add_row(row["method"], str(row["vertices"]), f"{1e3 * row['cpu_s']:.2f}", ratios[0],
+                      f"{1e3 * row['mean']:.3f}", ratios[1],
+                      "" if uv is None else f"{1e3 * uv:.3f}")  # fmt: skip
+    Console(width=110).print(table)
+
+
+def main() -> None:
+    """Run the cases that are here."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cases", nargs="*", default=[*SCANS, *PEOPLE, *SCENES])
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("-o", "--output", type=Path)
+    arguments = parser.parse_args()
+    one_thread()
+    results: dict[str, Any] = {"environment": environment(), "cases": {}}
+    for name in arguments.cases:
+        try:
+            case = case_of(name)
+        except datasets.DataMissingError:
+            print(f"{name}: not here")
+            continue
+        results["cases"][name] = run_case(case, arguments.rounds)
+        show(name, results["cases"][name])
+        if arguments.output:
+            arguments.output.write_text(json.dumps(results, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
