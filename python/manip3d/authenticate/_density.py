@@ -131,7 +131,7 @@ class DensityResult:
     suspected : int32 array
         Rows of the points there, ascending.
     boxes : tuple of Box
-        Around the suspected points of each sector that is off.
+        One, around all suspected points; none where there are none.
     score : float
         The largest deviation that persists, over its threshold: tampered from 1 on.
     parameters : DensityParameters
@@ -358,7 +358,7 @@ def _ranges(off: NDArray[np.bool_], edges: Floats) -> Floats:
 
 
 def _boxes(points: NDArray[np.float32], rows: NDArray[np.int32]) -> tuple[Box, ...]:
-    """Boxes around what hangs together."""
+    """One box around the points."""
     if not len(rows):
         return ()
     low = points[rows].min(axis=0).astype(np.float64)
