@@ -62,6 +62,10 @@ def check_promises(
         height, width = valid.shape
         assert np.array_equal(result.uvs[:, 0], ((u + 0.5) / width).astype(np.float32))
         assert np.array_equal(result.uvs[:, 1], (1 - (v + 0.5) / height).astype(np.float32))
+    check_surface(result, valid)
+
+
+def check_surface(result: simplify.DepthMesh, valid: NDArray[np.bool_]) -> None:
     triangles = corners(result)
     assert np.all(doubled_areas(triangles) > 0)
     # Each edge has one face on each side, or one face: a surface.
@@ -125,6 +129,29 @@ def test_each_effort_is_nearer_than_the_one_before() -> None:
         for effort in EFFORTS
     ]
     assert errors == sorted(errors, reverse=True)
+
+
+@pytest.mark.parametrize("effort", EFFORTS)
+def test_levels_are_prefixes_of_one_buffer(effort: simplify.Effort) -> None:
+    points = bumps(90, 120)
+    valid = np.ones((90, 120), bool)
+    valid[30:50, 40:70] = False
+    sizes = (800, 400, 200, 100, 50)
+    result = simplify.relief_grid(points, valid, sizes[0], effort=effort, levels=sizes[1:])
+    check_promises(result, points, valid, sizes[0])
+    dense = simplify.dense_mesh_grid(points, valid).mesh
+    errors = []
+    for size in sizes[1:]:
+        level = result.prefix(size)
+        assert level.num_vertices == size
+        assert np.array_equal(level.pixels, result.pixels[:size])
+        check_surface(level, valid)
+        errors.append(manip3d.metrics.metro(dense, level.mesh, sampling="area").mean)
+    assert errors == sorted(errors)
+    assert result.prefix(10**6).num_faces == result.num_faces
+    assert result.prefix(399).num_vertices == 200
+    with pytest.raises(InputError, match="num_vertices: expected at least 50, got 49"):
+        result.prefix(49)
 
 
 def test_a_plane_needs_its_corners_only() -> None:
@@ -239,6 +266,11 @@ def test_pieces_left_out() -> None:
         ({"max_edge": 0.0}, "max_edge: expected > 0"),
         ({"max_edge": float("nan")}, "max_edge: expected > 0"),
         ({"threads": -1}, "threads"),
+        ({"levels": [20]}, "levels: expected sizes of at least 3, strictly decreasing from 20"),
+        ({"levels": [9, 2]}, "levels: .* got 2"),
+        ({"levels": [9, 9]}, "levels: .* got 9"),
+        ({"levels": [9.5]}, r"levels: expected a whole number, got 9\.5"),
+        ({"levels": [9], "move_points": True}, "levels: expected none with move_points"),
     ],
 )
 def test_bad_options(options: dict[str, object], message: str) -> None:
@@ -362,6 +394,14 @@ def test_below_meshoptimizer(scan: str, points: int, subset: float, update: floa
         assert result.num_vertices == points
         return manip3d.metrics.metro(dense, result.mesh, sampling="area").mean
 
+    largest, *levels = (4 * points, 2 * points, points, points // 2, points // 4)
+    progressive = simplify.relief_grid(
+        grid.points, grid.valid, largest, effort="fast", levels=levels
+    )
+    for size in levels:  # as good as a run of its own
+        level = manip3d.metrics.metro(dense, progressive.prefix(size).mesh, sampling="area").mean
+        direct = simplify.relief_grid(grid.points, grid.valid, size, effort="fast")
+        assert level < 1.1 * manip3d.metrics.metro(dense, direct.mesh, sampling="area").mean
     assert error("live", False) < 0.5e-3
     assert error("balanced", False) < subset
     assert error("balanced", True) < update

@@ -1,5 +1,6 @@
 #include "manip3d/simplify/relief.hpp"
 
+#include <pybind11/stl.h>
 #include <pybind11/typing.h>
 
 #include <algorithm>
@@ -22,6 +23,11 @@ Fields to_fields(ReliefResult&& result) {
   fields["pixels"] = to_numpy(std::move(result.mesh.pixels));
   fields["uvs"] = to_numpy(std::move(result.mesh.uvs));
   fields["triangles"] = to_numpy(std::move(result.mesh.triangles));
+  py::list levels;
+  for (ReliefLevel& level : result.levels) {
+    levels.append(py::make_tuple(level.num_vertices, to_numpy(std::move(level.triangles))));
+  }
+  fields["levels"] = py::tuple(levels);
   fields["stop"] = result.stop;
   fields["dropped_pixels"] = result.dropped_pixels;
   fields["mean_move"] = result.mean_move;
@@ -49,6 +55,7 @@ void bind_relief(py::module_& m) {
       .def_readwrite("move_points", &ReliefOptions::move_points)
       .def_readwrite("from_origin", &ReliefOptions::from_origin)
       .def_readwrite("max_edge", &ReliefOptions::max_edge)
+      .def_readwrite("levels", &ReliefOptions::levels)
       .def_readwrite("stability", &ReliefOptions::stability)
       .def_readwrite("num_threads", &ReliefOptions::num_threads);
   py::class_<Relief>(m, "ReliefSolver")

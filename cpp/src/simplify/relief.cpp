@@ -55,6 +55,18 @@ void check_options(const ReliefOptions& options) {
   if (!(options.max_edge > 0.0)) {
     throw InputError("max_edge: expected > 0, got " + std::to_string(options.max_edge));
   }
+  std::int64_t larger = options.target_points;
+  for (const std::int64_t size : options.levels) {
+    if (size < 3 || size >= larger) {
+      throw InputError("levels: expected sizes of at least 3, strictly decreasing from " +
+                       std::to_string(options.target_points) + ", got " + std::to_string(size));
+    }
+    larger = size;
+  }
+  if (options.move_points && !options.levels.empty()) {
+    throw InputError("levels: expected none with move_points, got " +
+                     std::to_string(options.levels.size()));
+  }
 }
 
 }  // namespace
@@ -70,12 +82,16 @@ struct Relief::Memory {
   std::vector<std::int32_t> number;    ///< Vertex -> output vertex.
   std::vector<std::int64_t> previous;  ///< Input pixels of the frame before.
   std::vector<std::uint8_t> keep;      ///< By pixel of the surface: is one of them; or empty.
+  std::vector<Triangulation> levels;
+  std::vector<std::int32_t> rank;  ///< By vertex: in how many of the levels it is.
 
   void recall(const PointGridView& grid, const ReliefOptions& options);
   void select(const ReliefOptions& options, ReliefResult& result);
   void refine(const Budget& budget);
+  void find_levels(const ReliefOptions& options);
   void find_sight(const ReliefOptions& options);
   void write(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
+  void write_triangles(const Triangulation& from, bool rows_up, Rows<std::int32_t, 3>& to);
   void move_points(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
 };
 
@@ -105,7 +121,7 @@ void Relief::Memory::select(const ReliefOptions& options, ReliefResult& result) 
     mesh.assign(surface, start.build(surface, surface.num_used(), keep));
     result.stop = ReliefStop::kAllPoints;
   }
-  if (mesh.num_vertices() <= target) return;
+  if (mesh.num_vertices() <= target && options.levels.empty()) return;
   collapser.assign(mesh, keep, static_cast<float>(options.stability));
   collapser.run(surface, mesh, target, budget.round_share);
   if (mesh.num_vertices() > target) {
@@ -121,6 +137,24 @@ void Relief::Memory::refine(const Budget& budget) {
     const int moved = refiner.move_vertices(surface, mesh, budget.radius, keep);
     if (moved + refiner.flip_edges(surface, mesh, budget.flip_sweeps) == 0) break;
   }
+}
+
+void Relief::Memory::find_levels(const ReliefOptions& options) {
+  const Budget budget = budget_of(options.effort);
+  const auto flipped = [&](Triangulation copy) {
+    refiner.assign(copy);
+    refiner.flip_edges(surface, copy, budget.flip_sweeps);
+    return copy;
+  };
+  rank.assign(static_cast<std::size_t>(mesh.num_slots()), 0);
+  Triangulation largest = flipped(mesh);
+  for (const std::int64_t size : options.levels) {
+    collapser.run(surface, mesh, size, budget.round_share);
+    if (mesh.num_vertices() > size) relief_detail::drop_small_pieces(mesh, size);
+    for (std::int32_t v = 0; v < mesh.num_slots(); ++v) rank[v] += mesh.vertex(v).alive() ? 1 : 0;
+    levels.push_back(flipped(mesh));
+  }
+  mesh = std::move(largest);
 }
 
 void Relief::Memory::find_sight(const ReliefOptions& options) {
@@ -139,6 +173,7 @@ void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& optio
     if (mesh.vertex(v).alive()) order.push_back(v);
   }
   std::sort(order.begin(), order.end(), [&](std::int32_t a, std::int32_t b) {
+    if (!rank.empty() && rank[a] != rank[b]) return rank[a] > rank[b];
     return std::pair(mesh.vertex(a).pixel, a) < std::pair(mesh.vertex(b).pixel, b);
   });
   number.resize(static_cast<std::size_t>(mesh.num_slots()));
@@ -161,18 +196,28 @@ void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& optio
     out.uvs.row(i) << static_cast<float>((static_cast<double>(u_in) + 0.5) / width),
         static_cast<float>(1.0 - (static_cast<double>(v_in) + 0.5) / height);
   }
-  Eigen::Index num_triangles = 0;
-  for (std::int32_t t = 0; t < mesh.num_triangle_slots(); ++t) num_triangles += mesh.is_triangle(t);
-  out.triangles.resize(num_triangles, 3);
-  Eigen::Index row = 0;
-  for (std::int32_t t = 0; t < mesh.num_triangle_slots(); ++t) {
-    if (!mesh.is_triangle(t)) continue;
-    auto [a, b, c] = mesh.triangle(t);
-    if (!grid.rows_up) std::swap(b, c);
-    out.triangles.row(row++) << number[a], number[b], number[c];
+  write_triangles(mesh, grid.rows_up, out.triangles);
+  result.levels.resize(levels.size());
+  for (std::size_t i = 0; i < levels.size(); ++i) {
+    result.levels[i].num_vertices = levels[i].num_vertices();
+    write_triangles(levels[i], grid.rows_up, result.levels[i].triangles);
   }
   result.mean_move = result.max_move = 0.0;
   if (options.move_points) move_points(grid, options, result);
+}
+
+void Relief::Memory::write_triangles(const Triangulation& from, bool rows_up,
+                                     Rows<std::int32_t, 3>& to) {
+  Eigen::Index num_triangles = 0;
+  for (std::int32_t t = 0; t < from.num_triangle_slots(); ++t) num_triangles += from.is_triangle(t);
+  to.resize(num_triangles, 3);
+  Eigen::Index row = 0;
+  for (std::int32_t t = 0; t < from.num_triangle_slots(); ++t) {
+    if (!from.is_triangle(t)) continue;
+    auto [a, b, c] = from.triangle(t);
+    if (!rows_up) std::swap(b, c);
+    to.row(row++) << number[a], number[b], number[c];
+  }
 }
 
 void Relief::Memory::move_points(const PointGridView& grid, const ReliefOptions& options,
@@ -205,6 +250,8 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
   check_options(options);
   check_point_grid(grid);
   Memory& m = *memory_;
+  m.levels.clear();
+  m.rank.clear();
   m.surface.assign(grid, options.max_edge, options.num_threads);
   if (m.surface.empty()) {
     m.mesh.clear();
@@ -213,7 +260,11 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
   } else {
     m.recall(grid, options);
     m.select(options, result);
-    m.refine(budget_of(options.effort));
+    if (options.levels.empty()) {
+      m.refine(budget_of(options.effort));
+    } else {
+      m.find_levels(options);
+    }
   }
   m.write(grid, options, result);
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -19,6 +19,8 @@ from manip3d.simplify._depth import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import ArrayLike, NDArray
 
     from manip3d.camera import Intrinsics, Registration
@@ -41,12 +43,45 @@ class Relief(DepthMesh):
         Pixels of the pieces left out.
     mean_move, max_move : float
         How far vertices moved from their measured points (``move_points``), in the points' unit.
+    levels : tuple of (num_vertices, (m, 3) int32)
+        The smaller meshes asked for: each holds the first so many vertices; see `prefix`.
     """
 
     stop: Literal["target", "all_points", "small_pieces"]
     dropped_pixels: int
     mean_move: float
     max_move: float
+    levels: tuple[tuple[int, NDArray[np.int32]], ...] = field(repr=False)
+
+    def prefix(self, num_vertices: int) -> DepthMesh:
+        """The largest of `levels` with at most so many vertices, over the first of these.
+
+        Parameters
+        ----------
+        num_vertices : int
+
+        Raises
+        ------
+        InputError
+            All levels are larger.
+        """
+        for count, triangles in ((self.num_vertices, self.triangles), *self.levels):
+            if count <= num_vertices:
+                return DepthMesh(
+                    self.vertices[:count],
+                    triangles,
+                    self.pixels[:count],
+                    self.uvs[:count],
+                    self.colour,
+                )
+        smallest = self.levels[-1][0] if self.levels else self.num_vertices
+        raise InputError(f"num_vertices: expected at least {smallest}, got {num_vertices}")
+
+
+def _whole(name: str, value: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise InputError(f"{name}: expected a whole number, got {value!r}")
+    return int(value)
 
 
 def _options(
@@ -57,17 +92,17 @@ def _options(
     threads: int,
     *,
     from_origin: bool,
+    levels: Sequence[int] = (),
 ) -> _core.ReliefOptions:
     if effort not in get_args(Effort):
         raise InputError(f"effort: expected one of {', '.join(get_args(Effort))}, got {effort!r}")
-    if isinstance(target_points, bool) or not isinstance(target_points, int | np.integer):
-        raise InputError(f"target_points: expected a whole number, got {target_points!r}")
     options = _core.ReliefOptions()
-    options.target_points = int(target_points)
+    options.target_points = _whole("target_points", target_points)
     options.effort = getattr(_core.ReliefEffort, effort)
     options.move_points = bool(move_points)
     options.from_origin = from_origin
     options.max_edge = _max_edge(max_edge)
+    options.levels = [_whole("levels", size) for size in levels]
     options.num_threads = threads_of(threads)
     return options
 
@@ -98,6 +133,7 @@ def relief(
     move_points: bool = False,
     effort: Effort = "balanced",
     max_edge: float | None = None,
+    levels: Sequence[int] = (),
     threads: int = 1,
 ) -> Relief:
     """Simplify a depth image so that the mean distance of its surface from the mesh is small.
@@ -123,6 +159,11 @@ def relief(
         Each is slower and nearer to the surface than the one before.
     max_edge : float, metres, optional
         Triangles of the dense surface with a longer edge are left out of it; nothing bridges them.
+    levels : sequence of int
+        Sizes of smaller meshes over the first of the same vertices, from the same pass: strictly
+        decreasing, below ``target_points``; `Relief.prefix` returns them. Vertices then keep the
+        pixels at which the collapses left them, which costs some accuracy; not with
+        ``move_points``.
     threads : int
         0: all cores. The result is the same for any number.
 
@@ -152,7 +193,9 @@ def relief(
     """
     image = _depth_image(depth, intrinsics)
     picture = _colour_image(colour, image.shape, registration)
-    options = _options(target_points, effort, move_points, max_edge, threads, from_origin=True)
+    options = _options(
+        target_points, effort, move_points, max_edge, threads, from_origin=True, levels=levels
+    )
     points, valid, rows_up = _core.unproject(image, intrinsics, options.num_threads)
     return _run(
         _core.ReliefSolver(),
@@ -175,6 +218,7 @@ def relief_grid(
     move_points: bool = False,
     effort: Effort = "balanced",
     max_edge: float | None = None,
+    levels: Sequence[int] = (),
     threads: int = 1,
 ) -> Relief:
     """Simplify a range scan; see `relief`.
@@ -196,6 +240,8 @@ def relief_grid(
     effort : 'live', 'fast', 'balanced', 'fine' or 'best'
     max_edge : float, optional
         In the unit of the points.
+    levels : sequence of int
+        As of `relief`.
     threads : int
 
     Returns
@@ -209,7 +255,9 @@ def relief_grid(
     """
     grid, mask = _point_grid(points, valid)
     picture = _colour_image(colour, mask.shape)
-    options = _options(target_points, effort, move_points, max_edge, threads, from_origin=False)
+    options = _options(
+        target_points, effort, move_points, max_edge, threads, from_origin=False, levels=levels
+    )
     return _run(_core.ReliefSolver(), grid, mask, bool(rows_up), options, picture, None)
 
 

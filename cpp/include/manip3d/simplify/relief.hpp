@@ -27,6 +27,10 @@ struct ReliefOptions {
   /// How many times as much it costs to give up a pixel that was a vertex in the frame before; 1:
   /// each frame for itself. For frames of one size through one object.
   double stability = 1.0;
+  /// Sizes of smaller meshes that share the vertices: strictly decreasing, at least 3, below
+  /// target_points; not with move_points. So that each is a prefix of the vertices, none moves to
+  /// another pixel either.
+  std::vector<std::int64_t> levels;
   int num_threads = 1;
 };
 
@@ -37,8 +41,15 @@ enum class ReliefStop : std::uint8_t {
   kSmallPieces,  ///< So many separate pieces that small ones had to be left out.
 };
 
+/// A mesh over the first vertices of a larger one.
+struct ReliefLevel {
+  std::int64_t num_vertices = 0;
+  Rows<std::int32_t, 3> triangles;
+};
+
 struct ReliefResult {
   DepthMesh mesh;
+  std::vector<ReliefLevel> levels;  ///< As ReliefOptions::levels; at most so many vertices each.
   ReliefStop stop = ReliefStop::kTarget;
   std::int64_t dropped_pixels = 0;  ///< kSmallPieces: pixels of the pieces left out.
   double mean_move = 0.0;           ///< move_points: of the vertices, in units of the points.
@@ -59,6 +70,8 @@ struct ReliefResult {
 ///    Rippa 1990, data dependent triangulations].
 /// 4. `move_points`: vertices slide along their lines of sight to the least-squares fit of all
 ///    pixels.
+/// 5. `levels`: the collapses of step 2 go on to each smaller size, whose edges are flipped on a
+///    copy. The order of removal is a progressive order of the vertices [Hoppe 1996].
 ///
 /// Keeps its memory between frames of the same size. The result depends on the input alone.
 class Relief {
@@ -70,7 +83,7 @@ class Relief {
 
   /// Overwrites `result`, reusing its memory.
   /// @throws InputError  as check_point_grid; target_points < 3; max_edge is not > 0;
-  ///                     stability < 1; num_threads < 0.
+  ///                     stability < 1; levels as above; num_threads < 0.
   void run(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
 
   /// Forgets the frame before.
