@@ -215,6 +215,11 @@ void DirectionGrid::scan_columns(Query& query, std::int64_t row, std::int64_t fi
                                  std::int64_t last) const {
   const std::int32_t* starts = starts_.data() + row * columns_;
   if (last - first + 1 >= columns_) return scan(query, starts[0], starts[columns_]);
+  if (last < 0) {
+    first += columns_, last += columns_;
+  } else if (first >= columns_) {
+    first -= columns_, last -= columns_;
+  }
   if (first < 0) {
     scan(query, starts[first + columns_], starts[columns_]);
     first = 0;
