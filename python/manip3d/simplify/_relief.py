@@ -44,7 +44,8 @@ class Relief(DepthMesh):
     mean_move, max_move : float
         How far vertices moved from their measured points (``move_points``), in the points' unit.
     levels : tuple of (num_vertices, (m, 3) int32)
-        The smaller meshes asked for: each holds the first so many vertices; see `prefix`.
+        The smaller meshes asked for: each holds the first so many vertices; see `prefix`. Then
+        vertices of smaller levels come first, else they go by pixel, row by row.
     """
 
     stop: Literal["target", "all_points", "small_pieces"]

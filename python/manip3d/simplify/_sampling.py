@@ -92,10 +92,8 @@ def sample_depth(
         rng=rng,
     )
     uvs = mesh.uvs
-    if registration is not None:  # those of the same pixels of the dense mesh
-        dense = _core.grid_mesh(points, valid, rows_up, np.inf, registration, threads_of(threads))
-        row = np.cumsum(valid).reshape(valid.shape) - 1
-        uvs = dense["uvs"][row[mesh.pixels[:, 1], mesh.pixels[:, 0]]]
+    if registration is not None:
+        uvs = _core.registered_uvs(mesh.vertices, registration)
     return DepthMesh(mesh.vertices, mesh.triangles, mesh.pixels, uvs, picture)
 
 
