@@ -118,7 +118,8 @@ EXPERIMENT = Experiment(
         "Scanners of other kinds than the calibration's: a tilted one (3DTK), one that sees most "
         "directions twice (rooms), one without a grid of elevations (forest). A scan called "
         "tampered as it is, is a false alarm. "
-        "Detection thresholds were set on other scenes; the estimator of the angular grid was "
-        "mended after it had failed on these scans.",
+        "Thresholds come from other scenes, but these scans had been looked at before the area "
+        "threshold was fixed, and the estimator of the angular grid was mended after it had failed "
+        "on them.",
     ),
 )
