@@ -52,6 +52,11 @@ def public_names() -> Iterator[tuple[str, str, object]]:
                 yield info.name, name, getattr(module, name)
 
 
+def test_every_name_of_the_package_is_there() -> None:
+    for name in manip3d.__all__:
+        assert getattr(manip3d, name) is not None
+
+
 def test_every_public_name_is_documented() -> None:
     def undocumented(value: object) -> bool:
         return (inspect.isroutine(value) or inspect.isclass(value)) and not value.__doc__

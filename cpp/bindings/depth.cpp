@@ -62,8 +62,6 @@ DepthView depth_view(const py::array& depth) {
   return view;
 }
 
-namespace {
-
 Registration to_registration(const py::object& registration) {
   Registration result;
   py::object no_rays;
@@ -76,6 +74,8 @@ Registration to_registration(const py::object& registration) {
   }
   return result;
 }
+
+namespace {
 
 /// A `manip3d.Registration`, or none.
 class OptionalRegistration {

@@ -27,6 +27,9 @@ DepthView depth_view(const py::array& depth);
 /// A `manip3d.Intrinsics`; `keep` holds its ray table.
 Intrinsics to_intrinsics(const py::object& camera, py::object& keep);
 
+/// A `manip3d.Registration`.
+Registration to_registration(const py::object& registration);
+
 /// The arrays of a grid of points, held while the GIL is released.
 struct BorrowedGrid {
   CArray<float> points;

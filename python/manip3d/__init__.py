@@ -18,6 +18,7 @@ from manip3d.errors import (
 from manip3d.io import read_mesh, read_scan
 from manip3d.lidar import Box, LidarFrame
 from manip3d.mesh import Material, Mesh, Texture
+from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
 
 if TYPE_CHECKING:
     from manip3d import io
@@ -36,6 +37,9 @@ __all__ = [
     "MissingExtraError",
     "Registration",
     "RenderError",
+    "RgbdCalibration",
+    "RgbdFrame",
+    "Skeleton",
     "Texture",
     "__version__",
     "authenticate",
@@ -51,8 +55,9 @@ __all__ = [
     "viewer",
 ]
 
-_LAZY = frozenset({"authenticate", "forge", "io", "metrics", "simplify", "simulate", "viewer"})
-_LAZY = frozenset({"capture", "io", "metrics", "simplify", "simulate", "viewer"})
+_LAZY = frozenset(
+    {"authenticate", "capture", "forge", "io", "metrics", "simplify", "simulate", "viewer"}
+)
 
 
 def __getattr__(name: str) -> Any:

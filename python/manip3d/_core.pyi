@@ -55,8 +55,11 @@ __all__: list[str] = [
     "grid_delaunay",
     "grid_mesh",
     "insert_occluding",
+    "joint_names",
+    "joint_parents",
     "local_spacing",
     "metro",
+    "mirrored_joints",
     "move_box",
     "nearest_distances",
     "occlusion_consistency",
@@ -917,6 +920,8 @@ def insert_occluding(
     seed: typing.SupportsInt | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> tuple[typing.Any, ...]: ...
+def joint_names() -> list[str]: ...
+def joint_parents() -> list[int]: ...
 def local_spacing(
     points: numpy.typing.NDArray[numpy.float32],
     position: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
@@ -932,6 +937,7 @@ def metro(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> tuple[tuple[typing.Any, ...], tuple[typing.Any, ...], float]: ...
+def mirrored_joints() -> list[int]: ...
 def move_box(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],

@@ -1,0 +1,22 @@
+#pragma once
+
+#include <pybind11/pybind11.h>
+
+#include "manip3d/capture/rgbd_frame.hpp"
+#include "manip3d/geometry/skeleton.hpp"
+
+namespace manip3d::bindings {
+
+/// A `manip3d.Skeleton`.
+Skeleton to_skeleton(const pybind11::handle& skeleton);
+
+/// A `manip3d.RgbdCalibration`, with its own copy of the ray table.
+RgbdCalibration to_calibration(const pybind11::handle& calibration);
+
+/// Copies a `manip3d.RgbdFrame`; the calibration is the caller's to set.
+void to_frame(const pybind11::handle& from, RgbdFrame& frame);
+
+/// The fields of a `manip3d.Skeleton`.
+pybind11::dict from_skeleton(const Skeleton& skeleton);
+
+}  // namespace manip3d::bindings

@@ -1,0 +1,37 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "manip3d/geometry/camera.hpp"
+#include "manip3d/geometry/skeleton.hpp"
+
+namespace manip3d {
+
+/// What does not change from frame to frame. Cameras are not mirrored: a source whose sensor
+/// delivers mirrored images or y-up skeletons turns them round before anybody sees them.
+struct RgbdCalibration {
+  Intrinsics depth;
+  /// Of the colour camera; none: colour, if any, has the depth image's pixels.
+  std::optional<Registration> registration;
+  std::vector<float> ray_table;  ///< Memory of depth.ray_table.
+};
+
+inline constexpr std::uint8_t kNoBody = 0xff;  ///< Body index of pixels of nobody.
+
+/// What an RGB-D camera sees at one moment. Images are stored row by row.
+struct RgbdFrame {
+  std::int64_t number = 0;   ///< Counts what the sensor made, so gaps show frames that were lost.
+  std::int64_t time_ns = 0;  ///< Of the depth image, by the sensor's clock.
+  std::int64_t rows = 0, cols = 0;       ///< Of depth and body_index.
+  std::vector<std::uint16_t> depth;      ///< Millimetres along the axis; 0: no measurement.
+  std::vector<std::uint8_t> body_index;  ///< Number of the person, or kNoBody; may be empty.
+  std::int64_t colour_rows = 0, colour_cols = 0;
+  std::vector<std::uint8_t> colour;  ///< (colour_rows, colour_cols, 3) R, G, B; may be empty.
+  std::vector<Skeleton> skeletons;
+  std::shared_ptr<const RgbdCalibration> calibration;
+};
+
+}  // namespace manip3d

@@ -1,0 +1,77 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+namespace manip3d {
+
+inline constexpr std::size_t kNumJoints = 25;
+
+/// The joints of the Kinect V2, by its numbers. Left and right are the person's own.
+enum class Joint : std::uint8_t {
+  kSpineBase,
+  kSpineMid,
+  kNeck,
+  kHead,
+  kShoulderLeft,
+  kElbowLeft,
+  kWristLeft,
+  kHandLeft,
+  kShoulderRight,
+  kElbowRight,
+  kWristRight,
+  kHandRight,
+  kHipLeft,
+  kKneeLeft,
+  kAnkleLeft,
+  kFootLeft,
+  kHipRight,
+  kKneeRight,
+  kAnkleRight,
+  kFootRight,
+  kSpineShoulder,
+  kHandTipLeft,
+  kThumbLeft,
+  kHandTipRight,
+  kThumbRight
+};
+
+/// The joint that each one hangs from; the root hangs from itself. Bone j runs from the parent to
+/// joint j, so that bones are numbered by their far ends, and there is none of number 0.
+inline constexpr std::array<std::uint8_t, kNumJoints> kJointParents = {
+    0, 0, 20, 2, 20, 4, 5, 6, 20, 8, 9, 10, 0, 12, 13, 14, 0, 16, 17, 18, 1, 7, 6, 11, 10};
+
+/// The joint on the other side of the body; joints of the middle are their own.
+inline constexpr std::array<std::uint8_t, kNumJoints> kMirroredJoints = {
+    0, 1, 2, 3, 8, 9, 10, 11, 4, 5, 6, 7, 16, 17, 18, 19, 12, 13, 14, 15, 20, 23, 24, 21, 22};
+
+inline constexpr std::array<const char*, kNumJoints> kJointNames = {
+    "SpineBase",     "SpineMid",    "Neck",      "Head",          "ShoulderLeft",
+    "ElbowLeft",     "WristLeft",   "HandLeft",  "ShoulderRight", "ElbowRight",
+    "WristRight",    "HandRight",   "HipLeft",   "KneeLeft",      "AnkleLeft",
+    "FootLeft",      "HipRight",    "KneeRight", "AnkleRight",    "FootRight",
+    "SpineShoulder", "HandTipLeft", "ThumbLeft", "HandTipRight",  "ThumbRight"};
+
+enum class TrackingState : std::uint8_t { kNotTracked, kInferred, kTracked };
+
+/// One person's pose in the frame of the camera that sees it: metres, x right, y down, z ahead.
+struct Skeleton {
+  std::array<Eigen::Vector3f, kNumJoints> positions{};
+  /// Unit quaternions w, x, y, z: from the bone that ends at the joint to the camera frame; 0 where
+  /// there is none.
+  std::array<std::array<float, 4>, kNumJoints> orientations{};
+  std::array<TrackingState, kNumJoints> states{};
+  std::int64_t id = 0;       ///< The same as long as the sensor keeps track of the person.
+  std::uint8_t body = 0xff;  ///< Value of the person's pixels in the body index image.
+
+  [[nodiscard]] const Eigen::Vector3f& operator[](Joint joint) const {
+    return positions[static_cast<std::size_t>(joint)];
+  }
+  [[nodiscard]] TrackingState state(Joint joint) const {
+    return states[static_cast<std::size_t>(joint)];
+  }
+};
+
+}  // namespace manip3d

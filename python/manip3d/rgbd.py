@@ -1,0 +1,168 @@
+"""RGB-D frames: what a depth camera with colour and a body tracker sees at one moment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d import _core
+from manip3d.camera import Intrinsics, Registration
+from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = [
+    "INFERRED",
+    "JOINTS",
+    "MIRRORED_JOINTS",
+    "NOT_TRACKED",
+    "NO_BODY",
+    "PARENTS",
+    "TRACKED",
+    "RgbdCalibration",
+    "RgbdFrame",
+    "Skeleton",
+]
+
+JOINTS: tuple[str, ...] = tuple(_core.joint_names())
+"""Names of the Kinect V2's 25 joints by number; left and right are the person's own."""
+
+PARENTS: tuple[int, ...] = tuple(_core.joint_parents())
+"""The joint that each one hangs from. Bone j runs from ``PARENTS[j]`` to j; there is no bone 0."""
+
+MIRRORED_JOINTS: tuple[int, ...] = tuple(_core.mirrored_joints())
+"""The joint on the other side of the body; joints of the middle are their own."""
+
+NOT_TRACKED, INFERRED, TRACKED = 0, 1, 2
+"""Values of `Skeleton.states`."""
+
+NO_BODY = 255
+"""Value of `RgbdFrame.body_index` where nobody is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """One person's pose: the Kinect V2's 25 joints in the frame of the camera that sees it.
+
+    Attributes
+    ----------
+    positions : (25, 3) float32
+        Metres; x right, y down, z ahead. Read only where the state is not `NOT_TRACKED`.
+    orientations : (25, 4) float32
+        Unit quaternions w, x, y, z, from the bone that ends at the joint to the camera frame;
+        0 where there is none.
+    states : (25,) uint8
+        `NOT_TRACKED`, `INFERRED` or `TRACKED`.
+    id : int
+        The same as long as the sensor keeps track of the person.
+    body : int
+        Value of the person's pixels in `RgbdFrame.body_index`; `NO_BODY`: not known.
+
+    Raises
+    ------
+    InputError
+        An array of another shape, a state or body out of range.
+    """
+
+    positions: NDArray[np.float32]
+    orientations: NDArray[np.float32] = field(
+        default_factory=lambda: np.zeros((25, 4), np.float32), repr=False
+    )
+    states: NDArray[np.uint8] = field(
+        default_factory=lambda: np.full(25, TRACKED, np.uint8), repr=False
+    )
+    id: int = 0
+    body: int = NO_BODY
+
+    def __post_init__(self) -> None:
+        for name, shape, dtype in (
+            ("positions", (25, 3), np.float32),
+            ("orientations", (25, 4), np.float32),
+            ("states", (25,), np.uint8),
+        ):
+            array = np.ascontiguousarray(getattr(self, name), dtype)
+            if array.shape != shape:
+                raise InputError(f"skeleton.{name}: expected shape {shape}, got {array.shape}")
+            object.__setattr__(self, name, array)
+        if self.states.max() > TRACKED:
+            raise InputError(f"skeleton.states: expected 0, 1 or 2, got {self.states.max()}")
+        if not 0 <= self.body <= NO_BODY:
+            raise InputError(f"skeleton.body: expected 0 to 255, got {self.body}")
+
+
+@dataclass(frozen=True, eq=False)
+class RgbdCalibration:
+    """What does not change from frame to frame; cameras are not mirrored.
+
+    Attributes
+    ----------
+    depth : Intrinsics
+    registration : Registration, optional
+        Of the colour camera; without it colour has the depth image's pixels.
+    """
+
+    depth: Intrinsics
+    registration: Registration | None = None
+
+    def __post_init__(self) -> None:
+        for name, camera in (
+            ("depth", self.depth),
+            ("registration.colour", self.registration.colour if self.registration else None),
+        ):
+            if camera is not None and camera.mirrored:
+                raise InputError(f"calibration.{name}: expected a camera that is not mirrored")
+
+
+@dataclass(frozen=True, eq=False)
+class RgbdFrame:
+    """What an RGB-D camera sees at one moment.
+
+    Attributes
+    ----------
+    depth : (H, W) uint16
+        Millimetres along the optical axis; 0: no measurement.
+    calibration : RgbdCalibration
+    colour : (H', W', 3) uint8, optional
+        R, G, B.
+    body_index : (H, W) uint8, optional
+        Number of the person that the pixel belongs to, or `NO_BODY`.
+    skeletons : tuple of Skeleton
+        Of the people the sensor keeps track of.
+    time : int
+        Of the depth image, nanoseconds by the sensor's clock.
+    number : int
+        Counts what the sensor made, so that gaps show frames that were lost.
+
+    Raises
+    ------
+    InputError
+        Images whose sizes do not agree with each other or with the calibration.
+    """
+
+    depth: NDArray[np.uint16]
+    calibration: RgbdCalibration
+    colour: NDArray[np.uint8] | None = None
+    body_index: NDArray[np.uint8] | None = None
+    skeletons: tuple[Skeleton, ...] = ()
+    time: int = 0
+    number: int = 0
+
+    def __post_init__(self) -> None:
+        camera = self.calibration.depth
+        _check_image("depth", self.depth, np.uint16, (camera.height, camera.width))
+        if self.body_index is not None:
+            _check_image("body_index", self.body_index, np.uint8, self.depth.shape)
+        if self.colour is not None:
+            registration = self.calibration.registration
+            colour = registration.colour if registration else camera
+            _check_image("colour", self.colour, np.uint8, (colour.height, colour.width, 3))
+        object.__setattr__(self, "skeletons", tuple(self.skeletons))
+
+
+def _check_image(name: str, image: object, dtype: type, shape: tuple[int, ...]) -> None:
+    if not isinstance(image, np.ndarray) or image.dtype != dtype or image.shape != shape:
+        got = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else repr(image)
+        raise InputError(f"frame.{name}: expected {np.dtype(dtype)} {shape}, got {got}")
