@@ -1,0 +1,78 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "manip3d/capture/rgbd_frame.hpp"
+#include "manip3d/capture/rgbd_source.hpp"
+
+/// @file
+/// Recordings of RGB-D frames as they are made.
+namespace manip3d {
+
+/// Writes frames in the order of their times. What was written can be read back after the process
+/// is killed, but for the last frames (each format says how many); a frame is there whole or not
+/// at all. After an error the frames before are good, and `close` may still be called.
+class RgbdRecorder {
+ public:
+  RgbdRecorder() = default;
+  RgbdRecorder(const RgbdRecorder&) = delete;
+  RgbdRecorder& operator=(const RgbdRecorder&) = delete;
+  virtual ~RgbdRecorder() = default;  ///< Without `close`, what a killed process leaves.
+
+  /// @throws InputError  images that do not fit each other or the calibration, a time or number
+  /// that does not grow, an image that the first frame did not have; nothing is written.
+  /// @throws std::filesystem::filesystem_error  the disk is full, and the like.
+  virtual void write(const RgbdFrame& frame) = 0;
+  /// Finishes and syncs the recording; `write` is over. Calling it twice does no harm.
+  virtual void close() = 0;
+  [[nodiscard]] virtual Counters counters() const = 0;
+};
+
+struct RecorderOptions {
+  bool lossless_colour = false;  ///< Instead of JPEG.
+  int jpeg_quality = 90;         ///< 1 to 100.
+  bool overwrite = false;        ///< Replace a recording of the same kind that is there.
+};
+
+/// A kind of recording, known by the suffix of its path.
+struct RecordingFormat {
+  std::string name;    ///< The scheme that reads it.
+  std::string suffix;  ///< `.mkv`; empty: a folder.
+  /// Empty: it was not built in.
+  std::function<std::unique_ptr<RgbdRecorder>(const std::filesystem::path& path,
+                                              std::shared_ptr<const RgbdCalibration> calibration,
+                                              const RecorderOptions& options)>
+      open;
+  std::string reason, cure;  ///< Why it was not built in, and what to do about it.
+};
+
+std::vector<RecordingFormat> recording_formats();
+
+/// Starts a recording of the kind that the suffix names.
+/// @throws InputError  an unknown suffix, a kind that was not built in (with reason and cure), a
+/// path that exists, an option or calibration out of range.
+/// @throws std::filesystem::filesystem_error  the operating system refused.
+std::unique_ptr<RgbdRecorder> open_recorder(const std::filesystem::path& path,
+                                            std::shared_ptr<const RgbdCalibration> calibration,
+                                            const RecorderOptions& options = {});
+
+/// What every recorder asks of its frames before it writes them.
+class RecordingChecks {
+ public:
+  /// @throws InputError  a calibration out of range.
+  explicit RecordingChecks(const RgbdCalibration& calibration);
+  /// @throws InputError  as RgbdRecorder::write; the frame then counts as never seen.
+  void check(const RgbdFrame& frame);
+
+ private:
+  std::int64_t rows_ = 0, cols_ = 0, colour_rows_ = 0, colour_cols_ = 0;
+  std::int64_t number_ = 0, time_ns_ = 0;  // of the frame before
+  bool is_first_ = true, has_body_index_ = false, has_colour_ = false;
+};
+
+}  // namespace manip3d

@@ -1,0 +1,106 @@
+#include "manip3d/capture/recorder.hpp"
+
+#include <string>
+
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+std::string size_text(std::int64_t rows, std::int64_t cols) {
+  return std::to_string(cols) + " x " + std::to_string(rows);
+}
+
+void check_size(const char* name, std::int64_t rows, std::int64_t cols, std::int64_t expected_rows,
+                std::int64_t expected_cols) {
+  if (rows == expected_rows && cols == expected_cols) return;
+  throw InputError(std::string("frame.") + name + ": expected " +
+                   size_text(expected_rows, expected_cols) + " pixels, got " +
+                   size_text(rows, cols));
+}
+
+void check_length(const char* name, std::size_t length, std::int64_t expected) {
+  if (length == static_cast<std::size_t>(expected)) return;
+  throw InputError(std::string("frame.") + name + ": expected " + std::to_string(expected) +
+                   " values, got " + std::to_string(length));
+}
+
+void check_grows(const char* name, std::int64_t value, std::int64_t before) {
+  if (value > before) return;
+  throw InputError(std::string("frame.") + name + ": expected more than the frame before has (" +
+                   std::to_string(before) + "), got " + std::to_string(value));
+}
+
+}  // namespace
+
+std::vector<RecordingFormat> recording_formats() {
+  return {
+      {"mkv",
+       ".mkv",
+       {},
+       "not built: FFmpeg's development files were not found",
+       "apt-get install libavformat-dev libavcodec-dev libavutil-dev, then build again"},
+  };
+}
+
+std::unique_ptr<RgbdRecorder> open_recorder(const std::filesystem::path& path,
+                                            std::shared_ptr<const RgbdCalibration> calibration,
+                                            const RecorderOptions& options) {
+  if (options.jpeg_quality < 1 || options.jpeg_quality > 100) {
+    throw InputError("jpeg_quality: expected 1 to 100, got " +
+                     std::to_string(options.jpeg_quality));
+  }
+  std::string known;
+  for (const RecordingFormat& format : recording_formats()) {
+    known += (known.empty() ? "" : ", ") + (format.suffix.empty() ? "none" : format.suffix);
+    if (path.extension() != format.suffix) continue;
+    if (!format.open) {
+      throw InputError("path: " + format.suffix + ": " + format.reason + " (" + format.cure + ")");
+    }
+    return format.open(path, std::move(calibration), options);
+  }
+  throw InputError("path: expected one of the suffixes " + known + ", got '" + path.string() + "'");
+}
+
+RecordingChecks::RecordingChecks(const RgbdCalibration& calibration)
+    : rows_(calibration.depth.height), cols_(calibration.depth.width) {
+  check_intrinsics(calibration.depth, "calibration.depth");
+  const Intrinsics* colour = &calibration.depth;
+  if (calibration.registration) {
+    check_registration(*calibration.registration);
+    colour = &calibration.registration->colour;
+  }
+  if (calibration.depth.mirrored || colour->mirrored) {
+    throw InputError("calibration: expected cameras that are not mirrored");
+  }
+  colour_rows_ = colour->height;
+  colour_cols_ = colour->width;
+}
+
+void RecordingChecks::check(const RgbdFrame& frame) {
+  check_size("depth", frame.rows, frame.cols, rows_, cols_);
+  check_length("depth", frame.depth.size(), rows_ * cols_);
+  if (!frame.body_index.empty()) check_length("body_index", frame.body_index.size(), rows_ * cols_);
+  if (!frame.colour.empty()) {
+    check_size("colour", frame.colour_rows, frame.colour_cols, colour_rows_, colour_cols_);
+    check_length("colour", frame.colour.size(), 3 * colour_rows_ * colour_cols_);
+  }
+  if (!is_first_) {
+    check_grows("number", frame.number, number_);
+    check_grows("time", frame.time_ns, time_ns_);
+    if (!frame.body_index.empty() && !has_body_index_) {
+      throw InputError("frame.body_index: expected none, as in the first frame");
+    }
+    if (!frame.colour.empty() && !has_colour_) {
+      throw InputError("frame.colour: expected none, as in the first frame");
+    }
+  } else {
+    has_body_index_ = !frame.body_index.empty();
+    has_colour_ = !frame.colour.empty();
+  }
+  is_first_ = false;
+  number_ = frame.number;
+  time_ns_ = frame.time_ns;
+}
+
+}  // namespace manip3d
