@@ -47,6 +47,7 @@ __all__ = [
     "forge",
     "io",
     "metrics",
+    "modify",
     "read_mesh",
     "read_scan",
     "simplify",
@@ -56,7 +57,17 @@ __all__ = [
 ]
 
 _LAZY = frozenset(
-    {"authenticate", "capture", "forge", "io", "metrics", "simplify", "simulate", "viewer"}
+    {
+        "authenticate",
+        "capture",
+        "forge",
+        "io",
+        "metrics",
+        "modify",
+        "simplify",
+        "simulate",
+        "viewer",
+    }
 )
 
 

@@ -27,6 +27,7 @@ from manip3d.datasets._registry import (
     require,
 )
 from manip3d.datasets.kitti import KittiCalibration, KittiDrive, KittiFrame, open_kitti
+from manip3d.datasets.people import RgbdSequence, open_people, people_uris
 from manip3d.datasets.range_images import RangeImageFolder, open_range_images
 from manip3d.datasets.rgbd import (
     DepthFrame,
@@ -60,6 +61,7 @@ __all__ = [
     "KittiFrame",
     "RangeImageFolder",
     "RangeScan",
+    "RgbdSequence",
     "StandIn",
     "cache_folder",
     "clean",
@@ -75,7 +77,9 @@ __all__ = [
     "load_scan",
     "locate",
     "open_kitti",
+    "open_people",
     "open_range_images",
+    "people_uris",
     "provenance",
     "read_poses",
     "registry",

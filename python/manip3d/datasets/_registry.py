@@ -104,11 +104,11 @@ def registry() -> Mapping[str, DataSet]:
     InputError
         Two data sets have the same name.
     """
-    from manip3d.datasets import meshes, rgbd, scans
+    from manip3d.datasets import meshes, people, rgbd, scans
 
     found: dict[str, DataSet] = {}
     plugins = (entry.load() for entry in entry_points(group=ENTRY_POINTS))
-    for group in (meshes.DATA_SETS, scans.DATA_SETS, rgbd.DATA_SETS, *plugins):
+    for group in (meshes.DATA_SETS, scans.DATA_SETS, rgbd.DATA_SETS, people.DATA_SETS, *plugins):
         for data_set in _data_sets(group):
             if found.setdefault(data_set.name.casefold(), data_set) is not data_set:
                 raise InputError(f"data set {data_set.name!r} is registered twice")

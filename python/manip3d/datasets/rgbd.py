@@ -162,6 +162,19 @@ _RECORDINGS: Mapping[str, _Recording] = {
         page="https://github.com/neycyanshi/DDRNet",
         home="neycyanshi/DDRNet/28771990f22ad5b5a917f911058e1304b8d2697d/dataset/20170907/group1/",
     ),
+    "person_ddrnet_arms_up": _Recording(
+        title="A person from the hips up with both arms raised, 2 frames; DDRNet, group 2",
+        folder="person_ddrnet/group2",
+        depth="depth_map/frame_*.png",
+        colour="color_map/frame_*.png",
+        mask="mask/frame_*.png",
+        intrinsics=Intrinsics(640, 480, 536.628, 536.606, 310.591, 234.759),
+        licence="MIT",
+        origin="DDRNet, Yan et al., ECCV 2018; neycyanshi/DDRNet "
+        "@28771990f22ad5b5a917f911058e1304b8d2697d dataset/20170907",
+        page="https://github.com/neycyanshi/DDRNet",
+        home="neycyanshi/DDRNet/28771990f22ad5b5a917f911058e1304b8d2697d/dataset/20170907/group2/",
+    ),
     "person_normalgan": _Recording(
         title="Three whole people in Kinect V2 geometry, background removed; NormalGAN",
         folder="person_v2geometry/normalgan",

@@ -1,0 +1,157 @@
+"""Skeletons of other trackers as the Kinect V2's 25 joints.
+
+``joint_layouts.csv`` names the joints of each tracker in its order, ``joint_maps.csv`` says what
+each of the 25 joints is made from.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from manip3d._arrays import rows
+from manip3d.errors import InputError
+from manip3d.rgbd import INFERRED, JOINTS, NO_BODY, NOT_TRACKED, TRACKED, Skeleton
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+JointLayout = Literal["kinect-v2", "kinect-v1", "azure-kinect", "mediapipe", "coco"]
+
+_AT_BEST = {"tracked": TRACKED, "inferred": INFERRED}
+
+
+@dataclass(frozen=True)
+class _Rule:
+    """One of the 25 joints as a weighted sum of another tracker's."""
+
+    joint: int
+    at_best: int
+    sources: NDArray[np.intp]
+    weights: NDArray[np.float64]
+
+
+def _table(name: str) -> list[dict[str, str]]:
+    text = files("manip3d.modify").joinpath(name).read_text(encoding="utf-8")
+    return list(csv.DictReader(text.splitlines()))
+
+
+@cache
+def joint_layouts() -> dict[str, tuple[str, ...]]:
+    """Names of the joints of each tracker that `skeleton_from` knows, in its order.
+
+    Returns
+    -------
+    dict of str to tuple of str
+        ``kinect-v2`` (25), ``kinect-v1`` (20), ``azure-kinect`` (32), ``mediapipe`` (33) and
+        ``coco`` (17). Left and right are the person's own.
+    """
+    others = {row["layout"]: tuple(row["joints"].split()) for row in _table("joint_layouts.csv")}
+    return {"kinect-v2": JOINTS} | others
+
+
+@cache
+def _rules(layout: str) -> tuple[_Rule, ...]:
+    """The rules of a layout; of two for one joint the first is the better."""
+    names = joint_layouts()[layout]
+    if layout == "kinect-v2":
+        return tuple(_Rule(j, TRACKED, np.array([j]), np.ones(1)) for j in range(len(JOINTS)))
+    rules = []
+    for row in _table("joint_maps.csv"):
+        if row["layout"] != layout:
+            continue
+        terms = [term.split(":") for term in row["from"].split()]
+        rules.append(
+            _Rule(
+                joint=JOINTS.index(row["joint"]),
+                at_best=_AT_BEST[row["at_best"]],
+                sources=np.array([names.index(name) for name, _ in terms]),
+                weights=np.array([float(weight) for _, weight in terms]),
+            )
+        )
+    return tuple(rules)
+
+
+def skeleton_from(
+    joints: ArrayLike,
+    states: ArrayLike | None = None,
+    *,
+    layout: JointLayout,
+    axes: Literal["camera", "kinect"] = "camera",
+    id: int = 0,
+    body: int = NO_BODY,
+) -> Skeleton:
+    """The Kinect V2's 25 joints from those of another tracker.
+
+    Parameters
+    ----------
+    joints : (J, 3), metres
+        In the order of `joint_layouts`. Joints that are not finite count as not tracked.
+    states : (J,), optional
+        `NOT_TRACKED`, `INFERRED` or `TRACKED`; without it all are tracked.
+    layout : str
+        A key of `joint_layouts`.
+    axes : str
+        ``camera``: x right, y down, z ahead; ``kinect``: x left, y up, z ahead, as the Kinect's
+        SDKs deliver joints.
+    id, body : int
+        As in `Skeleton`.
+
+    Returns
+    -------
+    Skeleton
+        In camera axes, without orientations.
+
+    Raises
+    ------
+    InputError
+        Another layout, number of joints or state.
+
+    Notes
+    -----
+    A joint that the tracker has not is a weighted sum of its neighbours: a midpoint of two joints
+    is as good as the worse of them, a proportion of the body (the neck at 0.35 of the way from
+    shoulders to head, the middle of the spine, the tips of MediaPipe's fingers) is `INFERRED` at
+    best. Where a source is not tracked, the next rule for the joint is tried (the nose for the
+    head when an ear is hidden). What no rule gives is `NOT_TRACKED`: hand tips and thumbs of
+    Kinect V1, hands and feet of COCO. The spine joint of Kinect V1 stays where that sensor puts
+    it, lower than the Kinect V2's SpineMid.
+    """
+    known = joint_layouts()
+    if layout not in known:
+        raise InputError(f"layout: expected one of {', '.join(known)}, got {layout!r}")
+    num_joints = len(known[layout])
+    given = rows(joints, 3, np.float64, "joints")
+    if len(given) != num_joints:
+        raise InputError(f"joints: expected {num_joints} rows for {layout}, got {len(given)}")
+    trust = _checked_states(states, num_joints)
+    trust[~np.isfinite(given).all(axis=1)] = NOT_TRACKED
+    if axes == "kinect":
+        given = given * [-1.0, -1.0, 1.0]
+    elif axes != "camera":
+        raise InputError(f"axes: expected 'camera' or 'kinect', got {axes!r}")
+
+    positions = np.zeros((len(JOINTS), 3))
+    found = np.zeros(len(JOINTS), np.uint8)
+    for rule in _rules(layout):
+        state = min(rule.at_best, trust[rule.sources].min())
+        if found[rule.joint] == NOT_TRACKED and state != NOT_TRACKED:
+            positions[rule.joint] = rule.weights @ given[rule.sources]
+            found[rule.joint] = state
+    return Skeleton(positions.astype(np.float32), states=found, id=id, body=body)
+
+
+def _checked_states(states: ArrayLike | None, num_joints: int) -> NDArray[np.uint8]:
+    if states is None:
+        return np.full(num_joints, TRACKED, np.uint8)
+    given = np.asarray(states)
+    if given.shape != (num_joints,):
+        raise InputError(f"states: expected shape ({num_joints},), got {given.shape}")
+    if not np.isin(given, (NOT_TRACKED, INFERRED, TRACKED)).all():
+        raise InputError(f"states: expected 0, 1 or 2, got {given}")
+    return given.astype(np.uint8)
