@@ -19,6 +19,7 @@ IDS = [
     *(f"table-3.{n}" for n in (1, 2, 3, 4)),
     *(f"figure-3.{n}" for n in (5, 6, 7, 8, 10, 12, 13, 14)),
     "boundary-noise",
+    "sequences-3",
 ]
 
 

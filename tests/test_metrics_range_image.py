@@ -186,7 +186,22 @@ def test_flicker_is_the_standard_deviation_over_time() -> None:
     frames = [plane(0, 0, z) for z in depths]
     result = metrics.flicker(iter(frames), CAMERA)
     assert result.mean_std_mm == pytest.approx(1000 * np.std(depths), rel=1e-9)
+    steps = np.sqrt(np.mean(np.diff(depths) ** 2) / 2)
+    assert result.mean_step_mm == pytest.approx(1000 * steps, rel=1e-9)
     assert (result.unstable, result.changed, result.frames) == (0.0, None, 4)
+
+
+def test_flicker_looks_at_the_pixels_it_is_given() -> None:
+    still = np.full((48, 64), 2.0, np.float32)
+    moving = still.copy()
+    moving[:, 40:] = 2.2
+    frames = [dense_mesh(image, CAMERA) for image in (still, moving, still)]
+    left = np.zeros((48, 64), bool)
+    left[:, :38] = True
+    assert metrics.flicker(frames, CAMERA).mean_std_mm > 10
+    assert metrics.flicker(frames, CAMERA, within=left).mean_std_mm == pytest.approx(0, abs=1e-9)
+    with pytest.raises(InputError, match="within: expected bool"):
+        metrics.flicker(frames, CAMERA, within=left.T)
 
 
 def test_flicker_counts_what_comes_and_goes() -> None:

@@ -70,6 +70,10 @@ class Flicker:
     ----------
     mean_std_mm : float
         Mean over the pixels that every frame covers of the standard deviation of their depth.
+    mean_step_mm : float
+        The same from one frame to the next alone: the root of half the mean square of their
+        differences (Allan's deviation). Equal for what has no memory; slow motion, which is no
+        flicker, hardly counts.
     unstable : float
         Share of the pixels covered by some frame that another one does not cover.
     changed : float or None
@@ -79,6 +83,7 @@ class Flicker:
     """
 
     mean_std_mm: float
+    mean_step_mm: float
     unstable: float
     changed: float | None
     frames: int
@@ -219,7 +224,11 @@ def range_image_error_grid(
 
 
 def flicker(
-    frames: Iterable[Mesh | DepthMesh], intrinsics: Intrinsics, *, threads: int = 0
+    frames: Iterable[Mesh | DepthMesh],
+    intrinsics: Intrinsics,
+    *,
+    within: NDArray[np.bool_] | None = None,
+    threads: int = 0,
 ) -> Flicker:
     """Measure how much the meshes of a static scene change from frame to frame.
 
@@ -228,6 +237,9 @@ def flicker(
     frames : iterable of Mesh or DepthMesh
         At least two, of a scene and a camera that do not move, metres.
     intrinsics : Intrinsics
+    within : (H, W) bool, optional
+        Pixels to look at: those that stand still, where not everything does. Vertices that
+        changed are counted there too.
     threads : int
 
     Returns
@@ -237,10 +249,13 @@ def flicker(
     Raises
     ------
     InputError
-        Fewer than two frames; frames that have no pixel in common.
+        Fewer than two frames; frames that have no pixel in common; ``within`` of another shape.
     """
     shape = (intrinsics.height, intrinsics.width)
-    mean, squares = np.zeros(shape), np.zeros(shape)
+    if within is not None and (within.shape != shape or within.dtype != np.bool_):
+        raise InputError(f"within: expected bool {shape}, got {within.dtype} {within.shape}")
+    mean, squares, steps = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    last = np.zeros(shape)
     covered = np.zeros(shape, dtype=np.int64)
     changed: list[float] = []
     before: NDArray[np.bool_] | None = None
@@ -251,18 +266,27 @@ def flicker(
         covered += np.isfinite(depth)
         mean = mean + step / count
         squares = squares + step * (depth - mean)
+        if count > 1:
+            steps += (depth - last) ** 2
+        last = depth
         if isinstance(frame, DepthMesh):
             chosen = _chosen(frame, shape)
-            if before is not None and frame.num_vertices:
-                changed.append(float((chosen & ~before).sum() / frame.num_vertices))
+            if within is not None:
+                chosen &= within
+            if before is not None and chosen.any():
+                changed.append(float((chosen & ~before).sum() / chosen.sum()))
             before = chosen
     always, ever = covered == count, covered > 0
+    if within is not None:
+        always &= within
+        ever &= within
     if count < 2 or not always.any():
         raise InputError(f"frames: expected at least two with a common pixel, got {count}")
     std = np.sqrt(squares[always] / count)
     complete = len(changed) == count - 1
     return Flicker(
         mean_std_mm=1000.0 * float(std.mean()),
+        mean_step_mm=1000.0 * float(np.sqrt(steps[always] / (2 * (count - 1))).mean()),
         unstable=float((ever & ~always).sum() / ever.sum()),
         changed=float(np.mean(changed)) if complete else None,
         frames=count,

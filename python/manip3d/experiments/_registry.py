@@ -38,6 +38,7 @@ _BUILT_IN = (
     "figure_3_13",
     "figure_3_14",
     "boundary_noise",
+    "sequences_3",
     "readings_3",
     "table_6_1",
     "table_6_2",
