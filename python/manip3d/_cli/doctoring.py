@@ -26,6 +26,7 @@ _EXTRAS = {
     "las": ("laspy", "lazrs"),
     "e57": ("pye57",),
     "ouster": ("ouster",),
+    "pose": ("mediapipe",),
     "dask": ("distributed",),
 }
 _DISTRIBUTIONS = {

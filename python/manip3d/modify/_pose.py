@@ -1,0 +1,237 @@
+"""Skeletons from colour and depth where the sensor brings none: MediaPipe's landmarks, lifted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from manip3d.errors import InputError, MissingExtraError
+from manip3d.modify._joints import joint_layouts, skeleton_from
+from manip3d.rgbd import INFERRED, NO_BODY, NOT_TRACKED, TRACKED, RgbdFrame, Skeleton
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+_RADIUS = {  # metres from the skin that the camera sees to the joint, of an adult
+    "Nose": 0.10,
+    "Shoulder": 0.06,
+    "Elbow": 0.04,
+    "Wrist": 0.025,
+    "Pinky": 0.015,
+    "Index": 0.015,
+    "Thumb": 0.015,
+    "Hip": 0.10,
+    "Knee": 0.06,
+    "Ankle": 0.04,
+    "Heel": 0.03,
+    "FootIndex": 0.03,
+}
+
+
+def lift_landmarks(
+    pixels: ArrayLike,
+    visibility: ArrayLike,
+    relative_depth: ArrayLike,
+    frame: RgbdFrame,
+    *,
+    window: int = 5,
+    min_visibility: float = 0.5,
+) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """MediaPipe's landmarks in the picture as joints in space, by the depth that lies under them.
+
+    Parameters
+    ----------
+    pixels : (33, 2)
+        Column and row in the depth image.
+    visibility : (33,)
+        MediaPipe's own guess, 0 to 1, that nothing hides the landmark.
+    relative_depth : (33,), metres
+        Along the camera's axis, from any origin (MediaPipe's world landmarks: the hips).
+    frame : RgbdFrame
+        With ``body_index``, only pixels of people count.
+    window : int, pixels
+        Side of the square around a landmark whose median depth is taken; odd.
+    min_visibility : float
+        Landmarks below it are inferred.
+
+    Returns
+    -------
+    positions : (33, 3) float64, metres
+        Camera axes: x right, y down, z ahead.
+    states : (33,) uint8
+        `TRACKED`: visible and with depth. `INFERRED`: hidden or without depth; its distance is the
+        tracked landmarks' median offset from ``relative_depth``. `NOT_TRACKED`: outside the
+        picture, or nothing is tracked.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, an even window.
+
+    Notes
+    -----
+    Depth is that of the skin; joints lie inside. Each is pushed along its line of sight by the
+    usual distance there (6 cm at shoulder and knee, 10 cm at the hip, 2.5 cm at the wrist, ...).
+    """
+    at = np.asarray(pixels, np.float64)
+    visible = np.asarray(visibility, np.float64)
+    relative = np.asarray(relative_depth, np.float64)
+    names = joint_layouts()["mediapipe"]
+    if at.shape != (len(names), 2) or not visible.shape == relative.shape == (len(names),):
+        raise InputError(
+            f"landmarks: expected shapes (33, 2), (33,), (33,), got {at.shape}, {visible.shape}, "
+            f"{relative.shape}"
+        )
+    if window < 1 or window % 2 == 0:
+        raise InputError(f"window: expected an odd number of pixels, got {window}")
+    camera = frame.calibration.depth
+    radius = np.array([_RADIUS.get(n.removesuffix("Left").removesuffix("Right"), 0) for n in names])
+    size = np.array([camera.width, camera.height])
+    inside = np.all((at > -0.5) & (at < size - 0.5), axis=1)
+    depth = _median_depth(np.where(inside[:, None], at, 0.0), frame, window)
+    # The line of sight (x/z, y/z, 1); a joint of radius r lies r farther along it.
+    sight = np.column_stack([(at - (camera.cx, camera.cy)) / (camera.fx, camera.fy), np.ones(33)])
+    inner = depth + radius / np.linalg.norm(sight, axis=1)
+
+    tracked = inside & (depth > 0) & (visible >= min_visibility)
+    states = np.where(tracked, TRACKED, np.where(inside, INFERRED, NOT_TRACKED)).astype(np.uint8)
+    if not tracked.any():
+        return np.zeros((33, 3)), np.zeros(33, np.uint8)
+    guess = relative + np.median(inner[tracked] - relative[tracked])
+    return sight * np.where(tracked, inner, guess)[:, None], states
+
+
+def _median_depth(
+    pixels: NDArray[np.float64], frame: RgbdFrame, window: int
+) -> NDArray[np.float64]:
+    """Median of the measured depths of people around each pixel, metres; 0: there are none."""
+    reach = np.arange(window) - window // 2
+    column, row = np.rint(pixels).astype(np.intp).T
+    height, width = frame.depth.shape
+    rows = row[:, None, None] + reach[:, None]
+    columns = column[:, None, None] + reach
+    inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+    where = np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)
+    valid = inside & (frame.depth[where] > 0)
+    if frame.body_index is not None:
+        valid &= frame.body_index[where] != NO_BODY
+    values = np.where(valid, frame.depth[where], np.inf).reshape(len(pixels), -1)
+    values.sort(axis=1)
+    count = valid.reshape(len(pixels), -1).sum(axis=1)
+    middle = values[np.arange(len(pixels)), np.maximum(count - 1, 0) // 2]
+    return np.where(count > 0, middle / 1000.0, 0.0)
+
+
+class PoseTracker:
+    """Finds one person's skeleton in frames with colour: MediaPipe's 33 landmarks, lifted to 25.
+
+    For colour with the depth image's pixels. Close it, or use it in a ``with`` statement.
+
+    Parameters
+    ----------
+    static : bool
+        The frames are pictures that have nothing to do with each other.
+    min_confidence : float
+        Of MediaPipe's detector, 0 to 1.
+    min_visibility : float
+        As for `lift_landmarks`.
+
+    Raises
+    ------
+    MissingExtraError
+        MediaPipe is not installed: ``pip install 'manip3d[pose]'``.
+    InputError
+        An option out of range.
+
+    Notes
+    -----
+    The model (BlazePose, Bazarevsky et al. 2020) comes with MediaPipe 0.10.21, which wants
+    numpy < 2. MediaPipe writes a few lines about itself to the standard error output.
+    """
+
+    def __init__(
+        self, *, static: bool = False, min_confidence: float = 0.5, min_visibility: float = 0.5
+    ) -> None:
+        for name, value in (("confidence", min_confidence), ("visibility", min_visibility)):
+            if not 0 <= value <= 1:
+                raise InputError(f"min_{name}: expected 0 to 1, got {value}")
+        self._min_visibility = min_visibility
+        self._options = {
+            "static_image_mode": static,
+            "min_detection_confidence": min_confidence,
+            "min_tracking_confidence": min_confidence,
+        }
+        self._pose: Any = self._start()
+
+    def _start(self) -> Any:
+        try:
+            from mediapipe.python.solutions.pose import Pose
+        except ImportError:
+            raise MissingExtraError("mediapipe", "pose") from None
+        return Pose(**self._options)
+
+    def find(self, frame: RgbdFrame) -> Skeleton | None:
+        """The person's skeleton; None: nobody is found, or nobody with depth.
+
+        Raises
+        ------
+        InputError
+            The frame has no colour, or not in the depth image's pixels.
+        """
+        if frame.colour is None or frame.colour.shape[:2] != frame.depth.shape:
+            raise InputError("frame.colour: expected colour with the depth image's pixels")
+        landmarks = self._pose.process(frame.colour)
+        if landmarks.pose_landmarks is None:
+            return None
+        height, width = frame.depth.shape
+        in_picture = landmarks.pose_landmarks.landmark
+        positions, states = lift_landmarks(
+            [(mark.x * width - 0.5, mark.y * height - 0.5) for mark in in_picture],
+            [mark.visibility for mark in in_picture],
+            [mark.z for mark in landmarks.pose_world_landmarks.landmark],
+            frame,
+            min_visibility=self._min_visibility,
+        )
+        if not (states == TRACKED).any():
+            return None
+        return skeleton_from(
+            positions, states, layout="mediapipe", body=_body_under(positions, states, frame)
+        )
+
+    def annotate(self, frame: RgbdFrame) -> RgbdFrame:
+        """The frame with the found skeleton as its only one; without any if nobody is found."""
+        skeleton = self.find(frame)
+        return replace(frame, skeletons=() if skeleton is None else (skeleton,))
+
+    def reset(self) -> None:
+        """Forget the frames so far."""
+        self._pose.reset()
+
+    def close(self) -> None:
+        """Free the model."""
+        self._pose.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _body_under(positions: NDArray[np.float64], states: NDArray[np.uint8], frame: RgbdFrame) -> int:
+    """The number of the person whom most tracked joints lie on."""
+    if frame.body_index is None:
+        return NO_BODY
+    camera = frame.calibration.depth
+    x, y, z = positions[states == TRACKED].T
+    column = np.clip(np.rint(camera.fx * x / z + camera.cx), 0, camera.width - 1).astype(np.intp)
+    row = np.clip(np.rint(camera.fy * y / z + camera.cy), 0, camera.height - 1).astype(np.intp)
+    return int(np.bincount(frame.body_index[row, column]).argmax())
