@@ -10,6 +10,7 @@ distances (`area` samples, one-sided, over the bounding box's diagonal) from the
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
@@ -44,6 +46,44 @@ class Case:
     points: int
     dense: Callable[[], simplify.DepthMesh]
     ours: Callable[..., simplify.DepthMesh]
+    height: NDArray[np.float32]  # (H, W) depth; NaN = none
+
+
+def greedy_insertion(case: Case) -> Callable[[], tuple[Mesh, float]]:
+    """Garland and Heckbert's insertion into the depth image (pydelatin).
+
+    It knows no gaps: they are filled from the nearest measurement, and triangles over them are
+    dropped afterwards. Points are added until so many are left; only the last run is timed.
+    """
+    try:
+        from pydelatin import Delatin
+        from scipy.ndimage import distance_transform_edt
+    except ImportError as error:
+        raise NotInstalledError("pydelatin") from error
+    dense, height = case.dense(), case.height
+    hollow = np.isnan(height)
+    nearest = distance_transform_edt(hollow, return_distances=False, return_indices=True)
+    filled = np.ascontiguousarray(height[tuple(nearest)])
+    points = np.full((*height.shape, 3), np.nan)
+    points[dense.pixels[:, 1], dense.pixels[:, 0]] = dense.vertices
+
+    def run(wanted: int) -> tuple[Mesh, float]:
+        tin, cost = measure(Delatin, filled, max_error=0.0, max_points=wanted)
+        u = tin.vertices[:, 0].astype(int)
+        v = len(height) - 1 - tin.vertices[:, 1].astype(int)
+        faces = tin.triangles[(~hollow[v, u])[tin.triangles].all(axis=1)]
+        middle = np.rint([u[faces].mean(axis=1), v[faces].mean(axis=1)]).astype(int)
+        faces = faces[~hollow[middle[1], middle[0]]]
+        kept, faces = np.unique(faces, return_inverse=True)
+        return Mesh(points[v[kept], u[kept]], faces.reshape(-1, 3)), cost.cpu_s
+
+    wanted = case.points
+    for _ in range(10):
+        left = run(wanted)[0].num_vertices
+        if abs(left - case.points) <= 0.005 * case.points:
+            break
+        wanted = round(wanted * case.points / max(left, 1))
+    return lambda: run(wanted)
 
 
 def case_of(name: str) -> Case:
@@ -56,15 +96,17 @@ def case_of(name: str) -> Case:
             count,
             lambda: simplify.dense_mesh_grid(points, scan.valid),
             lambda **options: simplify.relief_grid(points, scan.valid, count, **options),
+            np.where(scan.valid, points[..., 2], np.float32(np.nan)),
         )
     frame = datasets.load_frame(name)
-    depth = np.ascontiguousarray(frame.person)
+    depth: NDArray[Any] = np.ascontiguousarray(frame.person)
     edge = None if name in PEOPLE else SCENE_EDGE
     count = math.ceil(PUBLISHED_SHARE * np.count_nonzero(depth))
     return Case(
         count,
         lambda: simplify.dense_mesh(depth, frame.intrinsics, max_edge=edge),
         lambda **options: simplify.relief(depth, frame.intrinsics, count, max_edge=edge, **options),
+        np.where(depth > 0, depth, np.nan).astype(np.float32),
     )
 
 
@@ -110,6 +152,8 @@ def run_case(case: Case, rounds: int) -> list[dict[str, Any]]:
             return mesh, meshing + cost.cpu_s
 
         calls[f"dense + {name}"] = collapse
+    with contextlib.suppress(NotInstalledError):
+        calls["greedy insertion"] = greedy_insertion(case)
     for move in (False, True):
         for effort in EFFORTS:
 

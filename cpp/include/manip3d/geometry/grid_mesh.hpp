@@ -10,7 +10,7 @@ namespace manip3d {
 /// A mesh whose vertices are pixels: 32-bit buffers as a GPU takes them.
 struct DepthMesh {
   Rows<float, 3> vertices;          ///< (n, 3), unchanged points of the grid.
-  Rows<std::int32_t, 2> pixels;     ///< (n, 2) column u and row v of each, in row-major order.
+  Rows<std::int32_t, 2> pixels;     ///< (n, 2) column u and row v of each.
   Rows<float, 2> uvs;               ///< (n, 2) texture coordinates, v up.
   Rows<std::int32_t, 3> triangles;  ///< (m, 3); front faces look at the sensor.
 };
