@@ -2,6 +2,7 @@
 
 #include <string>
 
+#include "manip3d/capture/folder.hpp"
 #include "manip3d/error.hpp"
 
 namespace manip3d {
@@ -35,6 +36,7 @@ void check_grows(const char* name, std::int64_t value, std::int64_t before) {
 
 std::vector<RecordingFormat> recording_formats() {
   return {
+      {"folder", "", record_folder, "", ""},
       {"mkv",
        ".mkv",
        {},

@@ -3,12 +3,17 @@
 #include <cmath>
 #include <string>
 
+#include "manip3d/capture/folder.hpp"
 #include "manip3d/error.hpp"
 
 namespace manip3d {
 
 std::vector<RgbdScheme> rgbd_schemes() {
   return {
+      {"folder", "FOLDER", "recordings as folders of images; any folder with depth/ and color/",
+       open_folder, "", ""},
+      {"tum", "FOLDER", "sequences of the TUM RGB-D benchmark (depth.txt, rgb.txt)", open_tum, "",
+       ""},
       {"mkv",
        "FILE",
        "recordings of this library and of Azure Kinect (Matroska)",

@@ -66,15 +66,16 @@ void AtomicFile::write(const char* data, std::size_t size) {
   }
 }
 
-void AtomicFile::commit() {
+void AtomicFile::commit(bool sync) {
   const bool in_place = temporary_.empty();
-  if (!in_place && ::fsync(descriptor_) != 0) refuse("cannot sync");
+  if (sync && !in_place && ::fsync(descriptor_) != 0) refuse("cannot sync");
   const int descriptor = descriptor_;
   descriptor_ = -1;
   if (::close(descriptor) != 0) refuse("cannot close");
   if (in_place) return;
   if (::rename(temporary_.c_str(), target_.c_str()) != 0) refuse("cannot rename");
   temporary_.clear();
+  if (!sync) return;
   const fs::path folder = target_.parent_path().empty() ? fs::path(".") : target_.parent_path();
   const int folder_descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (folder_descriptor < 0) return;  // no permission to list it: the rename itself is done

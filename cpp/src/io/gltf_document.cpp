@@ -9,13 +9,15 @@
 #include <type_traits>
 #include <utility>
 
+#include "io/base64.hpp"
+#include "io/json_text.hpp"
+
 namespace manip3d {
 namespace {
 
 constexpr std::int64_t kMaxCount = std::numeric_limits<std::int32_t>::max();
 constexpr std::int64_t kMaxLength = std::int64_t{1} << 53;  // what a JSON number holds exactly
 constexpr std::int64_t kBytesPerValue = 64;                 // of JSON, as objects
-constexpr int kMaxDepth = 64;                               // real files stay below 20
 constexpr std::int64_t kHeaderBytes = 12;
 constexpr std::int64_t kChunkHeaderBytes = 8;
 constexpr std::uint32_t kJsonChunk = 0x4E4F534A;    // "JSON"
@@ -30,32 +32,6 @@ T load(const std::byte* data) {  // little endian, like every machine this is bu
 
 std::string_view as_text(ByteSpan bytes) {
   return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
-}
-
-/// nlohmann's parser takes any depth, but whoever walks the result would not.
-/// @return an upper bound on the number of values, up to one.
-std::int64_t check_depth(std::string_view text, std::int64_t offset) {
-  std::int64_t num_values = 0;
-  int depth = 0;
-  bool in_string = false;
-  for (std::size_t i = 0; i < text.size(); ++i) {
-    const char c = text[i];
-    if (in_string) {
-      if (c == '\\') ++i;
-      if (c == '"') in_string = false;
-    } else if (c == '"') {
-      in_string = true;
-    } else if (c == '[' || c == '{') {
-      if (++depth > kMaxDepth) {
-        throw FormatError::at_byte(offset + static_cast<std::int64_t>(i),
-                                   "JSON: nested deeper than " + std::to_string(kMaxDepth));
-      }
-    } else if (c == ']' || c == '}') {
-      --depth;
-    }
-    if (!in_string && (c == ',' || c == '[' || c == '{')) ++num_values;
-  }
-  return num_values;
 }
 
 int component_bytes(GltfType type) {
@@ -138,34 +114,6 @@ void check_index_type(const JsonPlace& place, GltfType type) {
   }
   place.fail("expected unsigned integers (5121, 5123 or 5125) as indices, got component type " +
              std::to_string(static_cast<int>(type)));
-}
-
-int base64_value(char c) {
-  if (c >= 'A' && c <= 'Z') return c - 'A';
-  if (c >= 'a' && c <= 'z') return c - 'a' + 26;
-  if (c >= '0' && c <= '9') return c - '0' + 52;
-  if (c == '+' || c == '-') return 62;
-  if (c == '/' || c == '_') return 63;
-  return -1;
-}
-
-Bytes decode_base64(const JsonPlace& place, std::string_view text) {
-  while (!text.empty() && text.back() == '=') text.remove_suffix(1);
-  if (text.size() % 4 == 1) place.fail("expected base64, got a length that base64 cannot have");
-  Bytes bytes;
-  bytes.reserve(text.size() * 3 / 4);
-  std::uint32_t bits = 0;
-  int num_bits = 0;
-  for (const char c : text) {
-    const int value = base64_value(c);
-    if (value < 0) place.fail("expected base64, got another character");
-    bits = (bits << 6) | static_cast<std::uint32_t>(value);
-    num_bits += 6;
-    if (num_bits < 8) continue;
-    num_bits -= 8;
-    bytes.push_back(static_cast<std::byte>((bits >> num_bits) & 0xFF));
-  }
-  return bytes;
 }
 
 std::string decode_percent(const JsonPlace& place, std::string_view text) {
@@ -312,15 +260,8 @@ void GltfDocument::split_chunks(ByteSpan file) {
 
 void GltfDocument::parse_json(ByteSpan bytes) {
   const std::string_view text = as_text(bytes);
-  budget_.charge(check_depth(text, json_offset_) * kBytesPerValue, "JSON");
-  try {
-    json_ = JsonPlace::Json::parse(text.begin(), text.end());
-  } catch (const JsonPlace::Json::parse_error& error) {
-    const std::int64_t at = std::max<std::int64_t>(static_cast<std::int64_t>(error.byte) - 1, 0);
-    throw FormatError::at_byte(json_offset_ + at, "not JSON: the syntax breaks here");
-  } catch (const JsonPlace::Json::exception&) {  // a number that no double holds
-    throw FormatError::at_byte(json_offset_, "JSON: a number is out of range");
-  }
+  budget_.charge(count_json_values(text, json_offset_) * kBytesPerValue, "JSON");
+  json_ = manip3d::parse_json(text, json_offset_);
 }
 
 JsonPlace GltfDocument::object(const char* array, const JsonPlace& user) const {

@@ -22,7 +22,8 @@ class AtomicFile {
   ~AtomicFile();
 
   void write(const char* data, std::size_t size);
-  void commit();
+  /// @param sync  false: whole for whoever survives this process, but not a power failure.
+  void commit(bool sync = true);
 
  private:
   void refuse(const char* action) const;

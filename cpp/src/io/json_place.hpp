@@ -39,6 +39,7 @@ class JsonPlace {
   }
 
   [[nodiscard]] bool is_object() const { return value_->is_object(); }
+  [[nodiscard]] bool is_text() const { return value_->is_string(); }
   [[nodiscard]] bool has(const char* key) const { return find(key).has_value(); }
 
   /// Elements of an array.

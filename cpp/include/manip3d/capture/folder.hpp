@@ -1,0 +1,49 @@
+#pragma once
+
+#include <filesystem>
+#include <memory>
+
+#include "manip3d/capture/recorder.hpp"
+#include "manip3d/capture/rgbd_source.hpp"
+
+/// @file
+/// Frames in folders of images, which need no library to be read.
+///
+/// A recording is a folder with
+///   calibration.json   {"format": "manip3d-rgbd", "version": 1, "calibration": {...}}
+///   frames.jsonl       one line for each frame, in the order of their times
+///   depth/             grey PNG of 16 bits, millimetres
+///   body_index/        grey PNG of 8 bits, 255: nobody (if the frames have it)
+///   colour/            JPEG or PNG (if the frames have it)
+/// A line is {"number": N, "time_ns": T, "depth": IMAGE, "body_index": IMAGE, "colour": IMAGE,
+/// "skeletons": [...]} with IMAGE {"file": NAME, "crc32": C}; NAME is within the image's folder, C
+/// is zlib's sum of the file. A frame's line is written after its images, so a frame without a
+/// whole line is not there. src/capture/rgbd_json.hpp tells the rest.
+namespace manip3d {
+
+/// `folder:` A recording, or any folder with `depth/*.png` and, if there is colour, `color/`,
+/// `colour/` or `rgb/` with as many images, in the order of their names. The latter needs
+/// `options.calibration` and has kFolderRate frames a second.
+/// @throws FormatError, InputError, std::filesystem::filesystem_error
+std::unique_ptr<RgbdSource> open_folder(const std::filesystem::path& folder,
+                                        const RgbdOptions& options);
+
+inline constexpr int kFolderRate = 30;  ///< Of folders that know no times.
+
+/// `tum:` A sequence of the TUM RGB-D benchmark [Sturm et al., IROS 2012]: depth.txt and rgb.txt
+/// list times and files, 5000 units are a metre. Each depth image gets the colour image that is
+/// nearest in time, within 0.02 s as the benchmark's own tools do it. Without
+/// `options.calibration`: the camera that the benchmark names for all sequences (525, 319.5,
+/// 239.5).
+/// @throws FormatError, InputError, std::filesystem::filesystem_error
+std::unique_ptr<RgbdSource> open_tum(const std::filesystem::path& folder,
+                                     const RgbdOptions& options);
+
+/// A recording as described above. Killed at any moment, it has all frames whose `write` returned;
+/// a power failure may take the frames since the last `close`, and the reader then names them.
+/// @throws as open_recorder
+std::unique_ptr<RgbdRecorder> record_folder(const std::filesystem::path& folder,
+                                            std::shared_ptr<const RgbdCalibration> calibration,
+                                            const RecorderOptions& options);
+
+}  // namespace manip3d

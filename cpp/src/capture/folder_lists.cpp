@@ -1,0 +1,119 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "capture/image_frames.hpp"
+#include "capture/rgbd_json.hpp"
+#include "io/json_text.hpp"
+#include "io/line_cursor.hpp"
+#include "manip3d/error.hpp"
+
+// What folders say about their frames in words.
+namespace manip3d {
+namespace {
+
+constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
+constexpr std::int64_t kMaxLineValues = 100'000;  // 64 skeletons have 13 000
+
+/// The value of a text that is one line of a file, or all of it (line 0).
+JsonPlace::Json parse_bounded(std::string_view text) {
+  if (count_json_values(text, 0) > kMaxLineValues) {
+    throw FormatError("expected at most " + std::to_string(kMaxLineValues) + " values", {});
+  }
+  return parse_json(text, 0);
+}
+
+/// A name that stays in its folder.
+std::string file_name(const JsonPlace& place) {
+  const std::string& name = place.text();
+  const auto is_plain = [](char c) {
+    return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_' ||
+           c == '-' || c == '.';
+  };
+  if (name.empty() || name.front() == '.' || !std::ranges::all_of(name, is_plain)) {
+    place.fail("expected the name of a file in this folder");
+  }
+  return name;
+}
+
+ImageFile image_file(const JsonPlace& place, const std::filesystem::path& folder) {
+  constexpr std::int64_t kMaxCrc = 0xffffffff;
+  return {folder / file_name(place.member("file")),
+          static_cast<std::uint32_t>(place.member("crc32").integer(0, kMaxCrc))};
+}
+
+bool is_inside(std::string_view path) {
+  const std::filesystem::path parts{path};
+  return !path.empty() && !parts.is_absolute() && path.find('\0') == std::string_view::npos &&
+         std::ranges::none_of(parts, [](const auto& part) { return part == ".."; });
+}
+
+}  // namespace
+
+void parse_frame_line(std::string_view text, std::int64_t line, const std::filesystem::path& folder,
+                      FrameFiles& files) {
+  try {
+    const JsonPlace::Json json = parse_bounded(text);
+    const JsonPlace root(json, "", 0);
+    files.number = root.member("number").integer(0, kMost);
+    files.time_ns = root.member("time_ns").integer(-kMost, kMost);
+    files.depth = image_file(root.member("depth"), folder / "depth");
+    files.body_index = files.colour = {};
+    if (const auto image = root.find("body_index")) {
+      files.body_index = image_file(*image, folder / "body_index");
+    }
+    if (const auto image = root.find("colour")) {
+      files.colour = image_file(*image, folder / "colour");
+    }
+    skeletons_from_json(root.member("skeletons"), files.skeletons);
+  } catch (const FormatError& error) {
+    throw FormatError::at_line(line, error.reason());
+  }
+}
+
+std::shared_ptr<const RgbdCalibration> parse_calibration(std::string_view text) {
+  const JsonPlace::Json json = parse_bounded(text);
+  const JsonPlace root(json, "", 0);
+  if (root.member("format").text() != "manip3d-rgbd") root.fail("expected format manip3d-rgbd");
+  if (root.member("version").integer(1, kMost) != 1) root.fail("expected version 1");
+  return calibration_from_json(root.member("calibration"));
+}
+
+std::vector<TimedFile> parse_tum_list(std::string_view text) {
+  std::vector<TimedFile> files;
+  std::int64_t line = 0;
+  while (!text.empty()) {
+    const std::size_t end = text.find('\n');
+    LineCursor words(text.substr(0, end), ++line);
+    text.remove_prefix(end == std::string_view::npos ? text.size() : end + 1);
+    if (words.at_end()) continue;
+    constexpr double kMaxSeconds = 9e9;  // nanoseconds fit 64 bits
+    const double seconds = words.number("time");
+    if (!(std::abs(seconds) <= kMaxSeconds)) {
+      throw FormatError::at_line(line, "time: expected seconds up to 9e9");
+    }
+    const std::string_view name = words.word();
+    if (!is_inside(name)) {
+      throw FormatError::at_line(line, "file: expected a name inside the sequence's folder");
+    }
+    files.push_back({std::llround(seconds * 1e9), std::string(name)});
+  }
+  std::ranges::stable_sort(files, {}, &TimedFile::time_ns);
+  return files;
+}
+
+std::vector<std::int64_t> associate(const std::vector<TimedFile>& files,
+                                    const std::vector<TimedFile>& others, std::int64_t most_ns) {
+  std::vector<std::int64_t> nearest(files.size(), -1);
+  std::size_t at = 0;
+  for (std::size_t i = 0; i < files.size() && !others.empty(); ++i) {
+    const auto distance = [&](std::size_t k) {
+      return std::abs(others[k].time_ns - files[i].time_ns);
+    };
+    while (at + 1 < others.size() && distance(at + 1) <= distance(at)) ++at;
+    if (distance(at) <= most_ns) nearest[i] = static_cast<std::int64_t>(at);
+  }
+  return nearest;
+}
+
+}  // namespace manip3d

@@ -1,0 +1,201 @@
+#include <algorithm>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "capture/image_frames.hpp"
+#include "capture/small_file.hpp"
+#include "io/input_buffer.hpp"
+#include "manip3d/capture/folder.hpp"
+#include "manip3d/capture/grab_thread.hpp"
+#include "manip3d/error.hpp"
+#include "manip3d/io/byte_source.hpp"
+
+namespace manip3d {
+namespace {
+
+namespace fs = std::filesystem;
+using Calibration = std::shared_ptr<const RgbdCalibration>;
+
+constexpr std::uint64_t kMaxTextBytes = std::uint64_t{64} << 20;
+constexpr double kMillimetres = 1000.0;
+constexpr double kTumUnits = 5000.0;
+
+/// Runs `parse` on the text of a file; its complaints get the file's name.
+template <typename Parse>
+auto parse_file(const fs::path& path, const Parse& parse) {
+  const std::vector<std::byte> bytes = read_small_file(path, kMaxTextBytes);
+  try {
+    return parse(as_text(bytes));
+  } catch (const FormatError& error) {
+    throw error.in_file(path.string());
+  }
+}
+
+std::unique_ptr<RgbdSource> make_source(ImageFrames::Listing listing, Calibration stored,
+                                        double units_per_metre, const RgbdOptions& options) {
+  if (options.units_per_metre > 0.0) units_per_metre = options.units_per_metre;
+  auto source =
+      std::make_unique<ImageFrames>(std::move(listing), std::move(stored), units_per_metre);
+  if (options.speed == 0.0) return source;
+  return in_real_time(std::move(source), options.speed);
+}
+
+// --- recordings ---------------------------------------------------------------------------------
+
+/// Counts the whole lines, and whether a line without its end follows.
+std::pair<std::int64_t, bool> count_lines(const fs::path& path) {
+  const auto source = file_source(path);
+  std::vector<char> block(std::size_t{1} << 16);
+  std::int64_t lines = 0;
+  char last = '\n';
+  while (const std::size_t got = source->read(block.data(), block.size())) {
+    lines += std::count(block.begin(), block.begin() + static_cast<std::ptrdiff_t>(got), '\n');
+    last = block[got - 1];
+  }
+  return {lines, last != '\n'};
+}
+
+/// The lines of frames.jsonl. What comes after the last whole line is of a recorder that was
+/// stopped there.
+class RecordedFrames {
+ public:
+  RecordedFrames(fs::path folder, std::int64_t num_lines)
+      : folder_(std::move(folder)),
+        path_(folder_ / "frames.jsonl"),
+        source_(file_source(path_)),
+        buffer_(*source_),
+        lines_left_(num_lines) {}
+
+  bool next(FrameFiles& files) {
+    if (lines_left_ == 0) return false;
+    --lines_left_;
+    try {
+      std::string_view text;
+      if (!buffer_.next_line(text)) return false;
+      parse_frame_line(text, buffer_.line(), folder_, files);
+    } catch (const FormatError& error) {
+      throw error.in_file(path_.string());
+    }
+    return true;
+  }
+
+ private:
+  fs::path folder_, path_;
+  std::unique_ptr<ByteSource> source_;
+  InputBuffer buffer_;
+  std::int64_t lines_left_;
+};
+
+ImageFrames::Listing recorded_frames(const fs::path& folder) {
+  const auto [num_lines, is_cut] = count_lines(folder / "frames.jsonl");
+  const auto frames = std::make_shared<RecordedFrames>(folder, num_lines);
+  return {[frames](FrameFiles& files) { return frames->next(files); },
+          num_lines,
+          {{"incomplete", is_cut ? 1 : 0}}};
+}
+
+// --- plain folders ------------------------------------------------------------------------------
+
+std::vector<fs::path> images_in(const fs::path& folder) {
+  std::vector<fs::path> images;
+  if (!fs::is_directory(folder)) return images;
+  for (const fs::directory_entry& entry : fs::directory_iterator(folder)) {
+    const fs::path suffix = entry.path().extension();
+    const bool is_hidden = entry.path().filename().string().starts_with('.');
+    if (!is_hidden && (suffix == ".png" || suffix == ".jpg" || suffix == ".jpeg")) {
+      images.push_back(entry.path());
+    }
+  }
+  std::ranges::sort(images);
+  return images;
+}
+
+std::vector<fs::path> colour_images_in(const fs::path& folder) {
+  for (const char* name : {"color", "colour", "rgb"}) {
+    if (auto images = images_in(folder / name); !images.empty()) return images;
+  }
+  return {};
+}
+
+ImageFrames::Listing plain_frames(const fs::path& folder) {
+  const std::vector<fs::path> depth = images_in(folder / "depth");
+  const std::vector<fs::path> colour = colour_images_in(folder);
+  if (depth.empty()) {
+    throw FormatError("expected frames.jsonl, or images in " + (folder / "depth").string(), {})
+        .in_file(folder.string());
+  }
+  if (!colour.empty() && colour.size() != depth.size()) {
+    throw FormatError("expected as many colour as depth images, got " +
+                          std::to_string(colour.size()) + " and " + std::to_string(depth.size()),
+                      {})
+        .in_file(folder.string());
+  }
+  const auto next = [depth, colour, i = std::size_t{0}](FrameFiles& files) mutable {
+    if (i == depth.size()) return false;
+    files = {};
+    files.number = static_cast<std::int64_t>(i);
+    files.time_ns = files.number * 1'000'000'000 / kFolderRate;
+    files.depth.path = depth[i];
+    if (!colour.empty()) files.colour.path = colour[i];
+    ++i;
+    return true;
+  };
+  return {next, std::ssize(depth), {}};
+}
+
+// --- TUM ----------------------------------------------------------------------------------------
+
+/// "ROS default" of the benchmark's page on intrinsics: good for all its pre-registered images.
+Calibration tum_calibration() {
+  auto calibration = std::make_shared<RgbdCalibration>();
+  calibration->depth.width = 640;
+  calibration->depth.height = 480;
+  calibration->depth.fx = calibration->depth.fy = 525.0;
+  calibration->depth.cx = 319.5;
+  calibration->depth.cy = 239.5;
+  return calibration;
+}
+
+ImageFrames::Listing tum_frames(const fs::path& folder) {
+  constexpr std::int64_t kMostApart = 20'000'000;  // associate.py of the benchmark: 0.02 s
+  const std::vector<TimedFile> depth = parse_file(folder / "depth.txt", parse_tum_list);
+  const std::vector<TimedFile> colour = parse_file(folder / "rgb.txt", parse_tum_list);
+  const std::vector<std::int64_t> nearest = associate(depth, colour, kMostApart);
+  const auto next = [folder, depth, colour, nearest, i = std::size_t{0}](FrameFiles& f) mutable {
+    if (i == depth.size()) return false;
+    f = {};
+    f.number = static_cast<std::int64_t>(i);
+    f.time_ns = depth[i].time_ns;
+    f.depth.path = folder / depth[i].name;
+    if (nearest[i] >= 0) f.colour.path = folder / colour[static_cast<std::size_t>(nearest[i])].name;
+    ++i;
+    return true;
+  };
+  return {next, std::ssize(depth), {{"without_colour", std::ranges::count(nearest, -1)}}};
+}
+
+}  // namespace
+
+std::unique_ptr<RgbdSource> open_folder(const fs::path& folder, const RgbdOptions& options) {
+  const fs::path described = folder / "calibration.json";
+  Calibration calibration = options.calibration;
+  if (!calibration && fs::exists(described)) {
+    calibration = parse_file(described, parse_calibration);
+  }
+  ImageFrames::Listing frames =
+      fs::exists(folder / "frames.jsonl") ? recorded_frames(folder) : plain_frames(folder);
+  if (!calibration) {
+    throw InputError("calibration: " + folder.string() +
+                     " has no calibration.json: expected the camera of its images");
+  }
+  return make_source(std::move(frames), std::move(calibration), kMillimetres, options);
+}
+
+std::unique_ptr<RgbdSource> open_tum(const fs::path& folder, const RgbdOptions& options) {
+  return make_source(tum_frames(folder),
+                     options.calibration ? options.calibration : tum_calibration(), kTumUnits,
+                     options);
+}
+
+}  // namespace manip3d

@@ -1,0 +1,173 @@
+#include "manip3d/capture/grab_thread.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+#include <utility>
+
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using std::chrono::milliseconds;
+
+constexpr milliseconds kPoll(50);  // how long `stop` may wait for a camera that gives nothing
+
+/// Holds each frame back until its time has come.
+class Paced final : public RgbdSource {
+ public:
+  Paced(std::unique_ptr<RgbdSource> recording, double speed)
+      : recording_(std::move(recording)), speed_(speed) {}
+
+  [[nodiscard]] SourceCapabilities capabilities() const override {
+    return recording_->capabilities();
+  }
+  [[nodiscard]] std::shared_ptr<const RgbdCalibration> calibration() const override {
+    return recording_->calibration();
+  }
+  [[nodiscard]] Counters counters() const override { return recording_->counters(); }
+  [[nodiscard]] std::optional<std::int64_t> num_frames() const override {
+    return recording_->num_frames();
+  }
+  void start() override { recording_->start(); }
+  void stop() override { recording_->stop(); }
+
+  ReadStatus read(RgbdFrame& frame, milliseconds timeout) override {
+    if (!is_held_) {
+      const ReadStatus status = recording_->read(held_, timeout);
+      if (status != ReadStatus::kFrame) return status;
+      is_held_ = true;
+      hold();
+    }
+    const auto now = Clock::now();
+    if (due_ - now > timeout) {
+      std::this_thread::sleep_for(timeout);
+      return ReadStatus::kTimeout;
+    }
+    std::this_thread::sleep_until(due_);
+    std::swap(frame, held_);
+    is_held_ = false;
+    return ReadStatus::kFrame;
+  }
+
+ private:
+  void hold() {
+    if (!began_) {
+      began_ = true;
+      begin_ = Clock::now();
+      first_ns_ = held_.time_ns;
+    }
+    constexpr double kYear = 3e16;  // nanoseconds; what a clock can add without overflow
+    const double after =
+        (static_cast<double>(held_.time_ns) - static_cast<double>(first_ns_)) / speed_;
+    due_ =
+        begin_ + std::chrono::nanoseconds(static_cast<std::int64_t>(std::clamp(after, 0.0, kYear)));
+  }
+
+  std::unique_ptr<RgbdSource> recording_;
+  double speed_;
+  RgbdFrame held_;
+  bool is_held_ = false, began_ = false;
+  std::int64_t first_ns_ = 0;
+  Clock::time_point begin_, due_;
+};
+
+}  // namespace
+
+GrabThread::GrabThread(std::unique_ptr<RgbdSource> camera)
+    : camera_(std::move(camera)),
+      num_frames_(camera_->num_frames()),
+      camera_counters_(camera_->counters()),
+      calibration_(camera_->calibration()) {}
+
+std::shared_ptr<const RgbdCalibration> GrabThread::calibration() const {
+  const std::lock_guard lock(mutex_);
+  return calibration_;
+}
+
+Counters GrabThread::counters() const {
+  const std::lock_guard lock(mutex_);
+  Counters counters = camera_counters_;
+  counters.emplace_back("dropped", dropped_);
+  return counters;
+}
+
+void GrabThread::start() {
+  {
+    const std::lock_guard lock(mutex_);
+    if (is_running_) return;
+  }
+  if (thread_.joinable()) thread_.join();  // it ended by an error
+  camera_->start();
+  const std::lock_guard lock(mutex_);
+  calibration_ = camera_->calibration();
+  error_ = nullptr;
+  is_stopping_ = false;
+  is_running_ = true;
+  thread_ = std::thread(&GrabThread::grab, this);
+}
+
+void GrabThread::stop() {
+  {
+    const std::lock_guard lock(mutex_);
+    is_stopping_ = true;
+  }
+  if (thread_.joinable()) {
+    thread_.join();
+    camera_->stop();
+  }
+}
+
+void GrabThread::grab() {
+  std::exception_ptr error;
+  try {
+    ReadStatus status = ReadStatus::kTimeout;
+    while (status != ReadStatus::kEnd) {
+      {
+        const std::lock_guard lock(mutex_);
+        if (is_stopping_) break;
+      }
+      status = camera_->read(filling_, kPoll);
+      if (status == ReadStatus::kFrame) publish();
+    }
+  } catch (...) {
+    error = std::current_exception();
+  }
+  const std::lock_guard lock(mutex_);
+  error_ = error;
+  is_running_ = false;
+  camera_counters_ = camera_->counters();
+  changed_.notify_all();
+}
+
+void GrabThread::publish() {
+  const std::lock_guard lock(mutex_);
+  std::swap(waiting_, filling_);
+  dropped_ += is_waiting_ ? 1 : 0;
+  is_waiting_ = true;
+  camera_counters_ = camera_->counters();
+  changed_.notify_one();
+}
+
+ReadStatus GrabThread::read(RgbdFrame& frame, milliseconds timeout) {
+  std::unique_lock lock(mutex_);
+  changed_.wait_for(lock, timeout, [this] { return is_waiting_ || !is_running_; });
+  if (is_waiting_) {
+    std::swap(frame, waiting_);
+    is_waiting_ = false;
+    return ReadStatus::kFrame;
+  }
+  if (error_) std::rethrow_exception(error_);
+  return is_running_ ? ReadStatus::kTimeout : ReadStatus::kEnd;
+}
+
+std::unique_ptr<RgbdSource> in_real_time(std::unique_ptr<RgbdSource> recording, double speed) {
+  if (!(speed > 0.0 && std::isfinite(speed))) {
+    throw InputError("speed: expected a finite number > 0, got " + std::to_string(speed));
+  }
+  return std::make_unique<GrabThread>(std::make_unique<Paced>(std::move(recording), speed));
+}
+
+}  // namespace manip3d

@@ -1,0 +1,123 @@
+#include "capture/image_frames.hpp"
+
+#include <zlib.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "capture/image_codec.hpp"
+#include "capture/small_file.hpp"
+#include "manip3d/capture/unmirror.hpp"
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+using Bytes = std::vector<std::byte>;
+
+std::string pixels_of(std::int64_t rows, std::int64_t cols) {
+  return std::to_string(cols) + " x " + std::to_string(rows) + " pixels";
+}
+
+void check_crc(const Bytes& data, std::uint32_t expected) {
+  const auto* bytes = reinterpret_cast<const Bytef*>(data.data());
+  if (crc32_z(0, bytes, data.size()) == expected) return;
+  throw FormatError("damaged: it is not what was recorded (CRC-32)", {});
+}
+
+/// The image of a file as `decode` reads it; `camera` says how large it must be.
+template <typename Decode>
+auto load_image(const ImageFile& file, const Intrinsics& camera, const Decode& decode) {
+  constexpr std::uint64_t kBytesPerPixel = 8, kHeaderBytes = 1 << 20;  // no encoder gets there
+  const std::int64_t pixels = camera.width * camera.height;
+  const Bytes data = read_small_file(
+      file.path, kBytesPerPixel * static_cast<std::uint64_t>(pixels) + kHeaderBytes);
+  try {
+    if (file.crc32) check_crc(data, *file.crc32);
+    auto image = decode(data, std::max(pixels, std::int64_t{1} << 24));
+    if (image.rows != camera.height || image.cols != camera.width) {
+      throw FormatError("expected " + pixels_of(camera.height, camera.width) +
+                            " as the calibration says, got " + pixels_of(image.rows, image.cols),
+                        {});
+    }
+    return image;
+  } catch (const FormatError& error) {
+    throw error.in_file(file.path.string());
+  }
+}
+
+void to_millimetres(std::vector<std::uint16_t>& depth, double units_per_metre,
+                    const std::filesystem::path& path) {
+  if (units_per_metre == 1000.0) return;
+  const double scale = 1000.0 / units_per_metre;
+  for (std::uint16_t& value : depth) {
+    const double millimetres = std::floor(value * scale + 0.5);
+    if (!(millimetres <= 65535.0)) {
+      throw FormatError("expected depths up to 65.535 m, got " + std::to_string(value) +
+                            " units of which " + std::to_string(units_per_metre) + " are a metre",
+                        {})
+          .in_file(path.string());
+    }
+    value = static_cast<std::uint16_t>(millimetres);
+  }
+}
+
+}  // namespace
+
+ImageFrames::ImageFrames(Listing listing, std::shared_ptr<const RgbdCalibration> stored,
+                         double units_per_metre)
+    : listing_(std::move(listing)),
+      stored_(std::move(stored)),
+      calibration_(unmirrored(stored_)),
+      units_per_metre_(units_per_metre) {}
+
+Counters ImageFrames::counters() const {
+  Counters counters = {{"frames", frames_}, {"out_of_order", out_of_order_}, {"damaged", damaged_}};
+  counters.insert(counters.end(), listing_.counters.begin(), listing_.counters.end());
+  return counters;
+}
+
+ReadStatus ImageFrames::read(RgbdFrame& frame, std::chrono::milliseconds) {
+  while (listing_.next(files_)) {
+    if (last_ && (files_.number <= last_->first || files_.time_ns <= last_->second)) {
+      ++out_of_order_;
+      continue;
+    }
+    last_ = {files_.number, files_.time_ns};
+    load(frame);
+    ++frames_;
+    return ReadStatus::kFrame;
+  }
+  return ReadStatus::kEnd;
+}
+
+void ImageFrames::load(RgbdFrame& frame) try {
+  const Intrinsics& depth_camera = stored_->depth;
+  frame.number = files_.number;
+  frame.time_ns = files_.time_ns;
+  frame.rows = depth_camera.height;
+  frame.cols = depth_camera.width;
+  frame.depth = load_image(files_.depth, depth_camera, decode_depth).pixels;
+  to_millimetres(frame.depth, units_per_metre_, files_.depth.path);
+  frame.body_index.clear();
+  if (!files_.body_index.path.empty()) {
+    frame.body_index = load_image(files_.body_index, depth_camera, decode_grey).pixels;
+  }
+  frame.colour.clear();
+  frame.colour_rows = frame.colour_cols = 0;
+  if (!files_.colour.path.empty()) {
+    const auto& registration = stored_->registration;
+    const Intrinsics& camera = registration ? registration->colour : depth_camera;
+    frame.colour = load_image(files_.colour, camera, decode_rgb).pixels;
+    frame.colour_rows = camera.height;
+    frame.colour_cols = camera.width;
+  }
+  frame.skeletons = files_.skeletons;
+  frame.calibration = calibration_;
+  unmirror_images(*stored_, frame);
+} catch (...) {
+  ++damaged_;
+  throw;
+}
+
+}  // namespace manip3d

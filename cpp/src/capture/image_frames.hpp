@@ -1,0 +1,92 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "manip3d/capture/rgbd_source.hpp"
+
+namespace manip3d {
+
+/// An image of a frame before it is read.
+struct ImageFile {
+  std::filesystem::path path;  ///< Empty: there is none.
+  std::optional<std::uint32_t> crc32;
+};
+
+struct FrameFiles {
+  std::int64_t number = 0, time_ns = 0;
+  ImageFile depth, body_index, colour;
+  std::vector<Skeleton> skeletons;
+};
+
+/// Lists the frames of a folder, one after the other; false at the end.
+using NextFrameFiles = std::function<bool(FrameFiles&)>;
+
+/// Frames out of lists of image files.
+class ImageFrames final : public RgbdSource {
+ public:
+  struct Listing {
+    NextFrameFiles next;
+    std::int64_t num_frames = 0;
+    Counters counters;  ///< What the listing itself has counted.
+  };
+
+  /// @param stored  the cameras of the images as they are in the files.
+  ImageFrames(Listing listing, std::shared_ptr<const RgbdCalibration> stored,
+              double units_per_metre);
+
+  [[nodiscard]] SourceCapabilities capabilities() const override { return {}; }
+  [[nodiscard]] std::shared_ptr<const RgbdCalibration> calibration() const override {
+    return calibration_;
+  }
+  [[nodiscard]] Counters counters() const override;
+  [[nodiscard]] std::optional<std::int64_t> num_frames() const override {
+    return listing_.num_frames;
+  }
+  void start() override {}
+  /// Frames that are not later than the one before are passed over and counted. After a FormatError
+  /// the next call goes on behind the damaged frame.
+  ReadStatus read(RgbdFrame& frame, std::chrono::milliseconds timeout) override;
+  void stop() override {}
+
+ private:
+  void load(RgbdFrame& frame);
+
+  Listing listing_;
+  std::shared_ptr<const RgbdCalibration> stored_, calibration_;
+  double units_per_metre_;
+  FrameFiles files_;
+  std::optional<std::pair<std::int64_t, std::int64_t>> last_;  // number and time
+  std::int64_t frames_ = 0, out_of_order_ = 0, damaged_ = 0;
+};
+
+/// A line of frames.jsonl; the images are in the folder of that name.
+/// @throws FormatError  at that line.
+void parse_frame_line(std::string_view text, std::int64_t line, const std::filesystem::path& folder,
+                      FrameFiles& files);
+
+/// The text of a calibration.json, as stored (see unmirrored()).
+/// @throws FormatError
+std::shared_ptr<const RgbdCalibration> parse_calibration(std::string_view text);
+
+/// A file of a TUM sequence: times and names, sorted by time.
+struct TimedFile {
+  std::int64_t time_ns = 0;
+  std::string name;
+};
+/// @throws FormatError  at the line.
+std::vector<TimedFile> parse_tum_list(std::string_view text);
+
+/// For each time the index of the nearest of `others`, or -1 if none is within `most_ns`.
+/// Both sorted. Ties go to the later.
+std::vector<std::int64_t> associate(const std::vector<TimedFile>& files,
+                                    const std::vector<TimedFile>& others, std::int64_t most_ns);
+
+}  // namespace manip3d

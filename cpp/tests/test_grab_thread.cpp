@@ -1,0 +1,166 @@
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <chrono>
+#include <string>
+#include <thread>
+
+#include "manip3d/capture/grab_thread.hpp"
+#include "manip3d/error.hpp"
+
+// Also run under the thread sanitizer.
+namespace manip3d {
+namespace {
+
+using std::chrono::milliseconds;
+using Clock = std::chrono::steady_clock;
+
+constexpr milliseconds kLong(20'000);
+
+/// Makes `count` frames as fast as they are taken (-1: no end), and is pulled out after `plug` of
+/// them until it is opened again.
+class FakeCamera final : public RgbdSource {
+ public:
+  explicit FakeCamera(std::int64_t count, std::int64_t plug = -1) : count_(count), plug_(plug) {}
+
+  [[nodiscard]] SourceCapabilities capabilities() const override { return {true}; }
+  [[nodiscard]] std::shared_ptr<const RgbdCalibration> calibration() const override {
+    return calibration_;
+  }
+  [[nodiscard]] Counters counters() const override { return {{"frames", made_}}; }
+  void start() override {
+    ++starts;
+    plug_ = starts > 1 ? -1 : plug_;
+    calibration_ = std::make_shared<RgbdCalibration>();
+  }
+  void stop() override { ++stops; }
+  ReadStatus read(RgbdFrame& frame, milliseconds timeout) override {
+    if (count_ == 0) std::this_thread::sleep_for(timeout);  // a camera that gives nothing
+    if (count_ == 0) return ReadStatus::kTimeout;
+    if (made_ == plug_) throw DeviceError("fake camera: unplugged");
+    if (made_ == count_) return ReadStatus::kEnd;
+    std::this_thread::sleep_for(std::chrono::microseconds(200));
+    frame.number = made_;
+    frame.time_ns = made_ * step_ns;
+    frame.depth.assign(100, static_cast<std::uint16_t>(made_));
+    ++made_;
+    return ReadStatus::kFrame;
+  }
+
+  int starts = 0, stops = 0;
+  std::int64_t step_ns = 1'000'000;
+
+ private:
+  std::int64_t count_, plug_, made_ = 0;
+  std::shared_ptr<const RgbdCalibration> calibration_;
+};
+
+std::int64_t count_of(const RgbdSource& source, const std::string& name) {
+  for (const auto& [key, value] : source.counters()) {
+    if (key == name) return value;
+  }
+  return -1;
+}
+
+bool is_whole(const RgbdFrame& frame) {
+  for (const std::uint16_t value : frame.depth) {
+    if (value != static_cast<std::uint16_t>(frame.number)) return false;
+  }
+  return frame.depth.size() == 100;
+}
+
+TEST(GrabThread, FramesComeWholeAndInOrderAndTheLostAreCounted) {
+  constexpr std::int64_t kCount = 2000;
+  GrabThread source(std::make_unique<FakeCamera>(kCount));
+  source.start();
+  RgbdFrame frame;
+  std::int64_t last = -1, got = 0;
+  while (source.read(frame, kLong) == ReadStatus::kFrame) {
+    ASSERT_TRUE(is_whole(frame));
+    ASSERT_GT(frame.number, last);
+    last = frame.number;
+    ++got;
+    if (got % 10 == 0) std::this_thread::sleep_for(milliseconds(2));  // a slow reader
+  }
+  EXPECT_EQ(last, kCount - 1);  // the latest wins, so it is never the last that is lost
+  EXPECT_GT(count_of(source, "dropped"), 0);
+  EXPECT_EQ(got + count_of(source, "dropped"), kCount);
+  EXPECT_EQ(count_of(source, "frames"), kCount);
+}
+
+TEST(GrabThread, AFrameThatWasReadDoesNotChange) {
+  GrabThread source(std::make_unique<FakeCamera>(-1));
+  source.start();
+  RgbdFrame kept, other;
+  ASSERT_EQ(source.read(kept, kLong), ReadStatus::kFrame);
+  const std::int64_t number = kept.number;
+  for (int i = 0; i < 50; ++i) ASSERT_EQ(source.read(other, kLong), ReadStatus::kFrame);
+  EXPECT_EQ(kept.number, number);
+  EXPECT_TRUE(is_whole(kept));
+}
+
+TEST(GrabThread, StopWakesAReader) {
+  GrabThread source(std::make_unique<FakeCamera>(0));
+  source.start();
+  std::atomic<bool> is_reading = false;
+  ReadStatus status = ReadStatus::kFrame;
+  Clock::duration took{};
+  std::thread reader([&] {
+    RgbdFrame frame;
+    is_reading = true;
+    const auto begin = Clock::now();
+    status = source.read(frame, kLong);
+    took = Clock::now() - begin;
+  });
+  while (!is_reading) std::this_thread::yield();
+  source.stop();
+  reader.join();
+  EXPECT_EQ(status, ReadStatus::kEnd);
+  EXPECT_LT(took, kLong / 2);
+}
+
+TEST(GrabThread, NothingInTimeIsATimeout) {
+  GrabThread source(std::make_unique<FakeCamera>(0));
+  RgbdFrame frame;
+  EXPECT_EQ(source.read(frame, milliseconds(1)), ReadStatus::kEnd);  // not started
+  source.start();
+  EXPECT_EQ(source.read(frame, milliseconds(1)), ReadStatus::kTimeout);
+}
+
+TEST(GrabThread, UnpluggedIsADeviceErrorAndItCanBeOpenedAgain) {
+  auto camera = std::make_unique<FakeCamera>(20, 5);
+  const FakeCamera& seen = *camera;
+  GrabThread source(std::move(camera));
+  source.start();
+  RgbdFrame frame;
+  std::int64_t last = -1;
+  EXPECT_THROW(while (source.read(frame, kLong) == ReadStatus::kFrame) last = frame.number,
+               DeviceError);
+  EXPECT_EQ(last, 4);  // what came before is not lost with it
+  EXPECT_THROW(source.read(frame, kLong), DeviceError);
+  source.start();
+  while (source.read(frame, kLong) == ReadStatus::kFrame) last = frame.number;
+  EXPECT_EQ(last, 19);
+  source.stop();
+  EXPECT_EQ(seen.starts, 2);
+  EXPECT_EQ(seen.stops, 1);
+  EXPECT_EQ(source.read(frame, kLong), ReadStatus::kEnd);
+}
+
+TEST(InRealTime, FramesComeAtTheirTimes) {
+  auto camera = std::make_unique<FakeCamera>(11);
+  camera->step_ns = 20'000'000;
+  const auto source = in_real_time(std::move(camera), 2.0);
+  const auto begin = Clock::now();
+  source->start();
+  RgbdFrame frame;
+  while (source->read(frame, kLong) == ReadStatus::kFrame) {
+    // Never before its time; how late is the machine's business.
+    EXPECT_GE(Clock::now() - begin, std::chrono::nanoseconds(frame.time_ns / 2));
+  }
+  EXPECT_EQ(frame.number, 10);
+  EXPECT_THROW(in_real_time(std::make_unique<FakeCamera>(1), 0.0), InputError);
+}
+
+}  // namespace
+}  // namespace manip3d
