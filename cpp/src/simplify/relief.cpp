@@ -24,24 +24,25 @@ struct Budget {
   double start;       ///< Bisections of the first triangulation per target point.
   float round_share;  ///< Of the vertices that a round of collapses may remove.
   int flip_sweeps;
-  int move_rounds;  ///< Of moves and flips.
-  int radius;       ///< Of a move, pixels.
+  float flip_floor;  ///< Pairs of triangles below this many mean errors are not looked at.
+  int move_rounds;   ///< Of moves and flips.
+  int radius;        ///< Of a move, pixels.
 };
 
 Budget budget_of(ReliefEffort effort) {
   switch (effort) {
     case ReliefEffort::kLive:
-      return {0.4, 0.4F, 1, 0, 0};
+      return {0.4, 0.4F, 1, 1.0F, 0, 0};
     case ReliefEffort::kFast:
-      return {0.7, 0.3F, 3, 0, 0};
+      return {0.7, 0.3F, 3, 0.3F, 0, 0};
     case ReliefEffort::kBalanced:
-      return {1.0, 0.2F, 3, 1, 1};
+      return {1.0, 0.2F, 3, 0.3F, 1, 1};
     case ReliefEffort::kFine:
-      return {3.0, 0.2F, 4, 2, 1};
+      return {3.0, 0.2F, 4, 0.3F, 2, 1};
     case ReliefEffort::kBest:
       break;
   }
-  return {1e9, 0.1F, 8, 4, 2};
+  return {1e9, 0.1F, 8, 0.3F, 4, 2};
 }
 
 void check_options(const ReliefOptions& options) {
@@ -132,10 +133,11 @@ void Relief::Memory::select(const ReliefOptions& options, ReliefResult& result) 
 
 void Relief::Memory::refine(const Budget& budget) {
   refiner.assign(mesh);
-  refiner.flip_edges(surface, mesh, budget.flip_sweeps);
+  refiner.flip_edges(surface, mesh, budget.flip_sweeps, budget.flip_floor);
   for (int round = 0; round < budget.move_rounds; ++round) {
     const int moved = refiner.move_vertices(surface, mesh, budget.radius, keep);
-    if (moved + refiner.flip_edges(surface, mesh, budget.flip_sweeps) == 0) break;
+    if (moved + refiner.flip_edges(surface, mesh, budget.flip_sweeps, budget.flip_floor) == 0)
+      break;
   }
 }
 
@@ -143,7 +145,7 @@ void Relief::Memory::find_levels(const ReliefOptions& options) {
   const Budget budget = budget_of(options.effort);
   const auto flipped = [&](Triangulation copy) {
     refiner.assign(copy);
-    refiner.flip_edges(surface, copy, budget.flip_sweeps);
+    refiner.flip_edges(surface, copy, budget.flip_sweeps, budget.flip_floor);
     return copy;
   };
   rank.assign(static_cast<std::size_t>(mesh.num_slots()), 0);

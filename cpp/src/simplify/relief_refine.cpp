@@ -71,10 +71,9 @@ float Refiner::mean_error(const Surface& surface, const Triangulation& mesh) {
   return count > 0 ? static_cast<float>(sum / static_cast<double>(count)) : 0.0F;
 }
 
-int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps) {
+int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps, float floor) {
   constexpr float kGain = 0.999F;  // so that rounding does not flip back and forth
-  // Pairs of triangles that are this good already are not worth the look.
-  const float negligible = 0.3F * mean_error(surface, mesh);
+  const float negligible = floor * mean_error(surface, mesh);
   int total = 0;
   for (int sweep = 0; sweep < sweeps; ++sweep) {
     int flips = 0;

@@ -14,7 +14,8 @@ class Refiner {
  public:
   void assign(const Triangulation& mesh);
   /// Flips edges while that lowers the error, in at most `sweeps` passes.
-  int flip_edges(const Surface& surface, Triangulation& mesh, int sweeps);
+  /// @param floor  pairs of triangles whose error is below so many means are not looked at.
+  int flip_edges(const Surface& surface, Triangulation& mesh, int sweeps, float floor);
   /// Moves interior vertices to a pixel nearby where that lowers the error.
   /// @param keep  by pixel, may be empty: vertices there need a far better pixel to move.
   int move_vertices(const Surface& surface, Triangulation& mesh, int radius,
