@@ -1,15 +1,17 @@
-"""``sim:`` addresses: simulated scans wherever a scan's file or folder can be named."""
+"""``sim:`` addresses: simulated scans and people wherever a source can be named."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterator, Mapping
-from typing import TypeVar
+from typing import Any, TypeVar
 from urllib.parse import parse_qsl, urlsplit
 
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 from manip3d.simulate import scenes
 from manip3d.simulate.drives import EPOCH, drive
+from manip3d.simulate.people import BodySimulator
 from manip3d.simulate.streets import street
 from manip3d.simulate.terrestrial import terrestrial_scan
 
@@ -18,22 +20,26 @@ __all__ = ["open_source"]
 _Number = TypeVar("_Number", int, float)
 
 
-def open_source(address: str, *, num_threads: int = 0) -> Iterator[LidarFrame]:
-    """Simulated scans by their address, one after the other.
+def open_source(address: str, *, num_threads: int = 0) -> Iterator[LidarFrame] | BodySimulator:
+    """Simulated scans or RGB-D frames of a person by their address, one after the other.
 
     Parameters
     ----------
     address : str
         ``sim:street?seed=0&frames=10&start=0`` (HDL-64E on a car; ``seed`` names the street) or
         ``sim:indoor-00?seed=0&resolution=0.06`` (a terrestrial scan of a scene of
-        `manip3d.simulate.scenes`; ``seed`` is that of the noise). What is left out is as here.
+        `manip3d.simulate.scenes`; ``seed`` is that of the noise), or
+        ``sim:body?motion=arm-raise&amputated=right-arm&lost=2:3`` with the options of
+        `BodySimulator` (``yes`` and ``no``; ``from:until`` for seconds). What is left out is as
+        here.
     num_threads : int
         0: all cores. The scans do not depend on it.
 
-    Yields
-    ------
-    LidarFrame
-        With the truth in its fields ``label`` and ``object``.
+    Returns
+    -------
+    iterator of LidarFrame, or BodySimulator
+        Scans with the truth in their fields ``label`` and ``object``; or, for ``sim:body``, the
+        simulator, whose iteration gives `RgbdFrame`.
 
     Raises
     ------
@@ -51,6 +57,8 @@ def open_source(address: str, *, num_threads: int = 0) -> Iterator[LidarFrame]:
     name, options = parts.path, dict(parse_qsl(parts.query, keep_blank_values=True))
     if parts.scheme != "sim":
         raise InputError(f"address: expected sim:..., got {address!r}")
+    if name == "body":
+        return _body(options, address, num_threads)
     seed = _taken(options, "seed", int, 0)
     if seed < 0:
         raise InputError(f"seed: expected >= 0, got {seed}")
@@ -71,8 +79,37 @@ def open_source(address: str, *, num_threads: int = 0) -> Iterator[LidarFrame]:
         )
         return iter([scan.frame.replace(source=address)])
     raise InputError(
-        f"address: expected sim:street or a scene such as sim:indoor-00, got {address!r}"
+        "address: expected sim:street or a scene such as sim:indoor-00 or sim:body, "
+        f"got {address!r}"
     )
+
+
+def _body(options: Mapping[str, str], address: str, num_threads: int) -> BodySimulator:
+    fields = {field.name: field for field in dataclasses.fields(BodySimulator)}
+    _refuse_others({name: text for name, text in options.items() if name not in fields}, address)
+    values = {
+        name: _parsed(name, text, str(fields[name].type), fields[name].default)
+        for name, text in options.items()
+    }
+    return BodySimulator(**{"num_threads": num_threads} | values)
+
+
+def _parsed(name: str, text: str, kind: str, default: Any) -> Any:
+    """The value of an option of `BodySimulator` by the type of its field."""
+    if kind.startswith("bool"):
+        if text not in ("yes", "no"):
+            raise InputError(f"{name}: expected yes or no, got {text!r}")
+        return text == "yes"
+    if kind.startswith("str"):
+        return text or default
+    try:
+        if kind.startswith("Interval"):
+            first, last = (float(part) for part in text.split(":"))
+            return first, last
+        return int(text) if kind == "int" else float(text)
+    except ValueError:
+        expected = "FROM:UNTIL" if kind.startswith("Interval") else "a number"
+        raise InputError(f"{name}: expected {expected}, got {text!r}") from None
 
 
 def _taken(

@@ -1,0 +1,309 @@
+"""A person's bones: lengths, the frames that bend at the joints, poses.
+
+The person's own frame has x to the person's left, y up and z ahead, metres, and its origin at the
+base of the spine. Posed bones are in the frame of the camera: x right, y down, z ahead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from manip3d.rgbd import MIRRORED_JOINTS, PARENTS
+
+Array = NDArray[np.float64]
+
+MIRROR = np.diag([-1.0, 1.0, 1.0])
+"""The person's left and right exchanged, in the person's own frame."""
+
+PERSON_TO_CAMERA = np.diag([1.0, -1.0, -1.0])
+"""Of a person who looks straight at the camera."""
+
+SOLE = 0.075
+"""Height of the ankle above the floor, metres."""
+
+SITTING_HEIGHT = 0.54
+"""Height of the base of the spine above the floor on a chair, metres."""
+
+_MIDDLE_AND_LEFT = {
+    0: (0.0, 0.0, 0.0),
+    1: (0.0, 0.31, 0.0),
+    20: (0.0, 0.535, 0.0),
+    2: (0.0, 0.61, 0.0),
+    3: (0.0, 0.745, 0.005),
+    4: (0.175, 0.495, 0.0),
+    5: (0.175, 0.23, 0.0),
+    6: (0.175, -0.015, 0.0),
+    7: (0.175, -0.09, 0.0),
+    21: (0.175, -0.165, 0.0),
+    22: (0.175, -0.085, 0.05),
+    12: (0.087, -0.005, 0.0),
+    13: (0.087, -0.405, 0.0),
+    14: (0.087, -0.80, 0.0),
+    15: (0.087, -0.855, 0.125),
+}
+"""Joints of a person of 1.75 m who stands; the proportions are those of the public recordings."""
+
+
+def _rest_joints() -> Array:
+    joints = np.zeros((25, 3))
+    for joint, position in _MIDDLE_AND_LEFT.items():
+        joints[joint] = position
+        joints[MIRRORED_JOINTS[joint]] = MIRROR @ position
+    return joints
+
+
+REST_JOINTS: Array = _rest_joints()
+
+# A frame turns what lies beyond one joint. Left ones stand before their mirror images.
+FRAMES = (
+    "pelvis", "chest", "girdle", "head",
+    "left-upper-arm", "left-forearm", "left-hand", "left-thigh", "left-shin", "left-foot",
+    "right-upper-arm", "right-forearm", "right-hand", "right-thigh", "right-shin", "right-foot",
+)  # fmt: skip
+_FRAME_PARENT = (0, 0, 1, 1, 2, 4, 5, 0, 7, 8, 2, 10, 11, 0, 13, 14)
+_FRAME_JOINT = (0, 1, 20, 2, 4, 5, 6, 12, 13, 14, 8, 9, 10, 16, 17, 18)
+FRAME_ORIGIN: Array = REST_JOINTS[list(_FRAME_JOINT)]
+
+_FRAME_OF_LEFT = {0: 0, 1: 0, 20: 1, 2: 1, 3: 3, 4: 2, 5: 4, 6: 5, 7: 6, 21: 6, 22: 6} | {
+    12: 0, 13: 7, 14: 8, 15: 9
+}  # fmt: skip
+
+
+def mirrored_frame(frame: int) -> int:
+    """The frame on the other side of the body."""
+    if frame < 4:
+        return frame
+    return frame + 6 if frame < 10 else frame - 6
+
+
+BONE_FRAME: NDArray[np.intp] = np.array(
+    [
+        _FRAME_OF_LEFT[joint]
+        if joint in _FRAME_OF_LEFT
+        else mirrored_frame(_FRAME_OF_LEFT[MIRRORED_JOINTS[joint]])
+        for joint in range(25)
+    ],
+    np.intp,
+)
+"""The frame that moves each joint: that of the bone which ends there."""
+
+_WITHOUT_ORIENTATION = [3, 15, 19, 21, 22, 23, 24]
+"""Ends of the skeleton, for which a Kinect tells none."""
+
+
+@dataclass(frozen=True)
+class Arm:
+    """Angles of an arm in degrees; 0: it hangs, the thumb ahead.
+
+    ``flexion`` raises it ahead, ``abduction`` sideways, ``twist`` turns it inwards about itself.
+    """
+
+    flexion: float = 0.0
+    abduction: float = 8.0
+    twist: float = 0.0
+    elbow: float = 8.0
+    wrist: float = 0.0
+
+
+@dataclass(frozen=True)
+class Leg:
+    """Angles of a leg in degrees; 0: it stands. ``ankle`` raises the tip of the foot."""
+
+    flexion: float = 0.0
+    abduction: float = 2.0
+    knee: float = 0.0
+    ankle: float = 0.0
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Angles of a body in degrees.
+
+    Attributes
+    ----------
+    turn : float
+        Of the whole body to the person's left; 0: towards the camera.
+    lean : float
+        Of the chest ahead.
+    shoulder_tilt : float
+        Of the shoulders alone; the person's left one goes up.
+    head_turn : float
+        To the person's left.
+    left_arm, right_arm : Arm
+    left_leg, right_leg : Leg
+    sitting : bool
+        The base of the spine is at the height of a chair, and not where the feet put it.
+    """
+
+    turn: float = 0.0
+    lean: float = 0.0
+    shoulder_tilt: float = 0.0
+    head_turn: float = 0.0
+    left_arm: Arm = field(default_factory=Arm)
+    right_arm: Arm = field(default_factory=Arm)
+    left_leg: Leg = field(default_factory=Leg)
+    right_leg: Leg = field(default_factory=Leg)
+    sitting: bool = False
+
+    def mirrored(self) -> Pose:
+        """Left and right exchanged."""
+        return replace(
+            self,
+            turn=-self.turn,
+            shoulder_tilt=-self.shoulder_tilt,
+            head_turn=-self.head_turn,
+            left_arm=self.right_arm,
+            right_arm=self.left_arm,
+            left_leg=self.right_leg,
+            right_leg=self.left_leg,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PosedFigure:
+    """Frames and joints of a pose, in the frame of the camera.
+
+    Attributes
+    ----------
+    rotations : (16, 3, 3) float64
+        From the person's frame at rest to the camera's.
+    origins : (16, 3) float64, metres
+    joints : (25, 3) float64, metres
+    orientations : (25, 4) float64
+        Quaternions w, x, y, z: y along the bone that ends at the joint; 0: none.
+    """
+
+    rotations: Array
+    origins: Array
+    joints: Array
+    orientations: Array
+
+    @property
+    def lateral(self) -> Array:
+        """(2, 3): the unit vectors to the person's left of pelvis and chest."""
+        return self.rotations[:2, :, 0].copy()
+
+
+def pose_figure(pose: Pose, ground: tuple[float, float, float]) -> PosedFigure:
+    """The bones of a pose.
+
+    Parameters
+    ----------
+    pose : Pose
+    ground : (x, y, z), metres
+        The point of the floor below the base of the spine, in the camera's frame.
+    """
+    local = _local_rotations(pose)
+    rotations = np.empty((len(FRAMES), 3, 3))
+    origins = np.empty((len(FRAMES), 3))
+    rotations[0], origins[0] = PERSON_TO_CAMERA @ local[0], 0.0
+    for frame in range(1, len(FRAMES)):
+        parent = _FRAME_PARENT[frame]
+        reach = FRAME_ORIGIN[frame] - FRAME_ORIGIN[parent]
+        origins[frame] = origins[parent] + rotations[parent] @ reach
+        rotations[frame] = rotations[parent] @ local[frame]
+    lowest = max(origins[9, 1], origins[15, 1])  # of the ankles: y points down
+    height = SITTING_HEIGHT if pose.sitting else lowest + SOLE
+    origins += np.subtract(ground, (0.0, height, 0.0))
+    from_frame = REST_JOINTS - FRAME_ORIGIN[BONE_FRAME]
+    joints = origins[BONE_FRAME] + np.einsum("jab,jb->ja", rotations[BONE_FRAME], from_frame)
+    joints[0] = origins[0]
+    orientations = quaternions(rotations[BONE_FRAME] @ _BONE_AXES)
+    orientations[_WITHOUT_ORIENTATION] = 0.0
+    return PosedFigure(rotations, origins, joints, orientations)
+
+
+def _local_rotations(pose: Pose) -> Array:
+    """(16, 3, 3): of each frame within its parent."""
+    left = _arm(pose.left_arm) + _leg(pose.left_leg)
+    right = [MIRROR @ r @ MIRROR for r in _arm(pose.right_arm) + _leg(pose.right_leg)]
+    middle = [
+        about("y", pose.turn),
+        about("x", pose.lean),
+        about("z", pose.shoulder_tilt),
+        about("y", pose.head_turn),
+    ]
+    return np.array(middle + left + right)
+
+
+def _arm(arm: Arm) -> list[Array]:
+    shoulder = about("z", arm.abduction) @ about("x", -arm.flexion) @ about("y", -arm.twist)
+    return [shoulder, about("x", -arm.elbow), about("x", -arm.wrist)]
+
+
+def _leg(leg: Leg) -> list[Array]:
+    hip = about("z", leg.abduction) @ about("x", -leg.flexion)
+    return [hip, about("x", leg.knee), about("x", -leg.ankle)]
+
+
+def about(axis: str, degrees: float) -> Array:
+    """Right-handed rotation about a coordinate axis."""
+    angle = np.deg2rad(degrees)
+    c, s = np.cos(angle), np.sin(angle)
+    i = "xyz".index(axis)
+    j, k = (i + 1) % 3, (i + 2) % 3
+    rotation = np.eye(3)
+    rotation[j, j] = rotation[k, k] = c
+    rotation[k, j], rotation[j, k] = s, -s
+    return rotation
+
+
+def quaternions(rotations: Array) -> Array:
+    """(N, 4) unit quaternions w, x, y, z of (N, 3, 3) rotations, the largest part positive."""
+    r = rotations
+    trace = np.trace(r, axis1=1, axis2=2)
+    # Four times each part squared; dividing by the largest one loses no digits [Shepperd 1978].
+    squares = np.column_stack([trace] + [2.0 * r[:, i, i] - trace for i in range(3)]) + 1.0
+    products = np.empty((len(r), 4, 4))
+    products[:, range(4), range(4)] = squares
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        products[:, 0, i + 1] = products[:, i + 1, 0] = r[:, k, j] - r[:, j, k]
+        products[:, j + 1, k + 1] = products[:, k + 1, j + 1] = r[:, k, j] + r[:, j, k]
+    largest = np.argmax(squares, axis=1)
+    row: Array = products[np.arange(len(r)), largest]
+    return np.asarray(row / np.linalg.norm(row, axis=1, keepdims=True))
+
+
+def rotations_of(quaternion: Array) -> Array:
+    """(N, 3, 3) of (N, 4) unit quaternions w, x, y, z."""
+    w, x, y, z = quaternion.T
+    return np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], 1),
+            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], 1),
+            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], 1),
+        ],
+        1,
+    )
+
+
+def _bone_axes() -> Array:
+    """(25, 3, 3): at rest, y along the bone and z as far ahead as that allows."""
+    along = REST_JOINTS - REST_JOINTS[list(PARENTS)]
+    along[0] = (0.0, 1.0, 0.0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    aside = np.cross(along, (0.0, 0.0, 1.0))
+    aside /= np.linalg.norm(aside, axis=1, keepdims=True)
+    return np.stack([aside, along, np.cross(aside, along)], axis=2)
+
+
+_BONE_AXES: Array = _bone_axes()
+
+LIMBS: Mapping[str, tuple[int, ...]] = {
+    "left-arm": (4, 5, 6, 7, 21, 22),
+    "right-arm": (8, 9, 10, 11, 23, 24),
+    "left-leg": (12, 13, 14, 15),
+    "right-leg": (16, 17, 18, 19),
+}
+"""Joints of each limb, the root first; the limb's bones are those that end at the others."""
+
+
+def opposite(limb: str) -> str:
+    """The limb on the other side."""
+    side, _, kind = limb.partition("-")
+    return f"{'right' if side == 'left' else 'left'}-{kind}"

@@ -1,0 +1,146 @@
+"""Exercises as functions of time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from manip3d.simulate._figure import Arm, Leg, Pose
+
+PERIOD = 4.0
+"""Seconds that an exercise takes before it begins again."""
+
+_STANDING = Leg()
+_SEATED = Leg(flexion=80.0, abduction=6.0, knee=80.0)
+_SEATED_ARM = Arm(flexion=12.0, abduction=10.0, elbow=50.0, twist=20.0)
+
+
+@dataclass(frozen=True)
+class Exercise:
+    """What an arm and a leg do; without one, the limb rests.
+
+    Attributes
+    ----------
+    arm : callable, optional
+        From the time in seconds and the arm at rest to the arm.
+    leg : callable, optional
+        From the time, the leg at rest and whether it is the left one to the leg.
+    """
+
+    arm: Callable[[float, Arm], Arm] | None = None
+    leg: Callable[[float, Leg, bool], Leg] | None = None
+
+
+def pose_at(
+    exercise: str,
+    time: float,
+    *,
+    moving: tuple[bool, bool] = (True, True),
+    sitting: bool = False,
+    turn: float = 0.0,
+    shoulder_tilt: float = 0.0,
+) -> Pose:
+    """The pose of an exercise at a time.
+
+    Parameters
+    ----------
+    exercise : str
+        Of `MOTIONS`.
+    time : float, seconds
+    moving : (bool, bool)
+        Whether the left and the right limb take part; the other one rests.
+    sitting : bool
+    turn, shoulder_tilt : float, degrees
+    """
+    motion = MOTIONS[exercise]
+    arm, leg = (_SEATED_ARM, _SEATED) if sitting else (Arm(), _STANDING)
+    arms, legs = [arm, arm], [leg, leg]
+    for side in range(2):
+        if not moving[side]:
+            continue
+        if motion.arm is not None:
+            arms[side] = motion.arm(time, arm)
+        if motion.leg is not None:
+            legs[side] = motion.leg(time, leg, side == 0)
+    return Pose(
+        turn=turn,
+        shoulder_tilt=shoulder_tilt,
+        left_arm=arms[0],
+        right_arm=arms[1],
+        left_leg=legs[0],
+        right_leg=legs[1],
+        sitting=sitting,
+    )
+
+
+def _swell(time: float, period: float = PERIOD) -> float:
+    """From 0 to 1 and back within a period, at rest at both ends."""
+    return float(0.5 - 0.5 * np.cos(2.0 * np.pi * time / period))
+
+
+def _arm_raise(time: float, arm: Arm) -> Arm:
+    return replace(arm, abduction=8.0 + 92.0 * _swell(time), elbow=8.0)
+
+
+def _arm_curl(time: float, arm: Arm) -> Arm:
+    return replace(arm, abduction=10.0, flexion=5.0, elbow=10.0 + 120.0 * _swell(time), twist=15.0)
+
+
+def _reach(time: float, arm: Arm) -> Arm:
+    way = _swell(time)
+    return replace(arm, flexion=80.0 * way, abduction=10.0, elbow=40.0 * (1.0 - way) + 8.0)
+
+
+def _wave(time: float, arm: Arm) -> Arm:
+    up = min(1.0, max(0.0, time))
+    swing = 25.0 * np.sin(2.0 * np.pi * time / 1.5) * up
+    return Arm(
+        abduction=8.0 + 72.0 * up, flexion=0.0, twist=-90.0 * up, elbow=8 + (72 + swing) * up
+    )
+
+
+def _elbow_bent(time: float, arm: Arm) -> Arm:
+    return replace(arm, flexion=0.0, abduction=15.0, elbow=90.0, twist=0.0)
+
+
+def _knee_extension(time: float, leg: Leg, left: bool) -> Leg:
+    return replace(leg, knee=80.0 - 65.0 * _swell(time))
+
+
+def _dorsiflexion(time: float, leg: Leg, left: bool) -> Leg:
+    return replace(leg, ankle=-10.0 + 30.0 * _swell(time, PERIOD / 2.0))
+
+
+def _stepping(time: float, leg: Leg, left: bool) -> Leg:
+    lift = _swell(time if left else time + PERIOD / 4.0, PERIOD / 2.0)
+    if leg.flexion > 45.0:
+        return replace(leg, flexion=leg.flexion + 18.0 * lift)
+    return replace(leg, flexion=45.0 * lift, knee=75.0 * lift, ankle=10.0 * lift)
+
+
+MOTIONS: Mapping[str, Exercise] = {
+    "still": Exercise(),
+    "arm-raise": Exercise(arm=_arm_raise),
+    "arm-curl": Exercise(arm=_arm_curl),
+    "reach": Exercise(arm=_reach),
+    "wave": Exercise(arm=_wave),
+    "elbow-bent": Exercise(arm=_elbow_bent),
+    "knee-extension": Exercise(leg=_knee_extension),
+    "dorsiflexion": Exercise(leg=_dorsiflexion),
+    "stepping": Exercise(leg=_stepping),
+}
+"""Exercises by name."""
+
+
+def walk(time: float, *, turn: float) -> Pose:
+    """A person who walks the way they face."""
+    swing = 28.0 * float(np.sin(2.0 * np.pi * time / 1.1))
+    return Pose(
+        turn=turn,
+        left_arm=Arm(flexion=-0.7 * swing, elbow=20.0),
+        right_arm=Arm(flexion=0.7 * swing, elbow=20.0),
+        left_leg=Leg(flexion=swing, knee=12.0 + max(0.0, -swing)),
+        right_leg=Leg(flexion=-swing, knee=12.0 + max(0.0, swing)),
+    )

@@ -1,0 +1,171 @@
+"""What stands still around a person: floor, walls, a chair; each camera's view is kept."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from manip3d.camera import Intrinsics
+from manip3d.simulate._figure import SITTING_HEIGHT, about
+from manip3d.simulate._raycast import CHUNK, RayCaster
+
+Floats = NDArray[np.float32]
+Point = tuple[float, float, float]
+
+_WOOD, _METAL = (150, 112, 74), (92, 96, 102)
+_FLOOR_FACES = 12  # a room's first box
+_WALL, _FLOOR = (206, 202, 192), (152, 146, 138)
+
+
+@dataclass(frozen=True)
+class Box:
+    """An upright box between two corners, and its colour."""
+
+    low: Point
+    high: Point
+    colour: tuple[int, int, int]
+
+
+def box_mesh(box: Box) -> tuple[Floats, NDArray[np.int32]]:
+    """Vertices (8, 3) and faces (12, 3)."""
+    corner = np.array([[i & 1, i >> 1 & 1, i >> 2] for i in range(8)], bool)
+    vertices = np.where(corner, box.high, box.low).astype(np.float32)
+    quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
+    return vertices, np.array(faces, np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """What a camera sees of the scenery: exact images of (H, W) pixels.
+
+    Attributes
+    ----------
+    depth : (H, W) float32, metres
+        0: nothing.
+    slant : (H, W) float32
+        Cosine between the line of sight and the normal.
+    colour : (H, W, 3) uint8
+    rays : (H, W, 3) float32
+        Of the pixels, 1 m ahead.
+    """
+
+    depth: Floats
+    slant: Floats
+    colour: NDArray[np.uint8]
+    rays: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Scenery:
+    """Things that stand still.
+
+    Attributes
+    ----------
+    vertices : (V, 3) float32, metres
+        In the frame of the depth camera.
+    faces : (F, 3) int32
+    face_colour : (F, 3) float32
+    """
+
+    vertices: Floats
+    faces: NDArray[np.int32]
+    face_colour: Floats
+    _views: dict[tuple[int, int, bytes], Background] = field(default_factory=dict, repr=False)
+
+    def seen_by(self, camera: Intrinsics, eye: Floats) -> Background:
+        """The view of a camera at ``eye`` that looks ahead."""
+        key = (camera.width, camera.height, eye.tobytes())
+        if key not in self._views:
+            self._views[key] = self._look(camera, eye)
+        return self._views[key]
+
+    def _look(self, camera: Intrinsics, eye: Floats) -> Background:
+        v, u = np.mgrid[: camera.height, : camera.width].astype(np.float32)
+        x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
+        rays = np.stack([x, y, np.ones_like(x)], 2).astype(np.float32)
+        depth, slant = np.zeros(u.shape, np.float32), np.ones(u.shape, np.float32)
+        colour = np.zeros((*u.shape, 3), np.uint8)
+        if not len(self.faces):
+            return Background(depth, slant, colour, rays)
+        caster = RayCaster(self.vertices, self.faces)
+        flat = rays.reshape(-1, 3)
+        for start in range(0, len(flat), CHUNK):
+            part = flat[start : start + CHUNK]
+            hits = caster.cast(eye, part)
+            hit = np.flatnonzero(np.isfinite(hits.distance))
+            way = part[hit]
+            cosine = np.abs((hits.normal[hit] * way).sum(1)) / np.linalg.norm(way, axis=1)
+            points = eye + way * hits.distance[hit, None]
+            is_floor = hits.face[hit] < _FLOOR_FACES
+            shade = _pattern(points, is_floor) * (0.7 + 0.3 * cosine)
+            to = start + hit
+            depth.reshape(-1)[to], slant.reshape(-1)[to] = hits.distance[hit], cosine
+            painted = self.face_colour[hits.face[hit]] * shade[:, None]
+            colour.reshape(-1, 3)[to] = painted.astype(np.uint8)
+        return Background(depth, slant, colour, rays)
+
+
+def furnish(
+    room: bool, seat: float | None, turn: float, distance: float, camera_height: float
+) -> Scenery:
+    """A room around a person, and a chair under one who sits.
+
+    Parameters
+    ----------
+    room : bool
+        Without it there is nothing at all.
+    seat : float, optional
+        Distance of the chair, metres.
+    turn : float, degrees
+        Of the chair.
+    distance : float, metres
+        Of the person; the wall stands 1.4 m behind.
+    camera_height : float, metres
+    """
+    vertices: list[Floats] = []
+    faces: list[NDArray[np.int32]] = []
+    colours: list[Floats] = []
+
+    def add(box: Box, place: NDArray[np.float64] | None = None) -> None:
+        corners, sides = box_mesh(box)
+        if place is not None:
+            corners = (corners @ about("y", -turn).T + place).astype(np.float32)
+        faces.append(sides + 8 * len(vertices))
+        vertices.append(corners)
+        colours.append(np.repeat(np.array([box.colour], np.float32), len(sides), axis=0))
+
+    if not room:
+        nothing = np.zeros((0, 3), np.float32)
+        return Scenery(nothing, nothing.astype(np.int32), nothing)
+    floor, wall = camera_height, distance + 1.4
+    add(Box((-2.6, floor, -1.0), (2.6, floor + 0.1, wall), _FLOOR))
+    add(Box((-2.6, -1.7, wall), (2.6, floor, wall + 0.1), _WALL))
+    for x in (-2.7, 2.6):
+        add(Box((x, -1.7, -1.0), (x + 0.1, floor, wall), (186, 184, 178)))
+    if seat is not None:
+        for box in _chair():
+            add(box, np.array([0.0, floor, seat]))
+    return Scenery(np.concatenate(vertices), np.concatenate(faces), np.concatenate(colours))
+
+
+def _chair() -> list[Box]:
+    """A chair of its own frame: origin on the floor, the sitter looks along -z, y down."""
+    top = -(SITTING_HEIGHT - 0.11)
+    legs = [
+        Box((x, top, z), (x + 0.03, 0.0, z + 0.03), _METAL)
+        for x in (-0.21, 0.18)
+        for z in (-0.17, 0.17)
+    ]
+    seat = Box((-0.22, top, -0.18), (0.22, top + 0.035, 0.22), _WOOD)
+    back = Box((-0.20, top - 0.42, 0.20), (0.20, top - 0.10, 0.23), _WOOD)
+    return [*legs, seat, back]
+
+
+def _pattern(points: Floats, is_floor: NDArray[np.bool_]) -> Floats:
+    """Brightness of a floor with tiles and walls with faint bands."""
+    tiles = (np.floor(points[:, 0] / 0.4) + np.floor(points[:, 2] / 0.4)) % 2.0
+    bands = 0.97 + 0.03 * np.sin(6.0 * points[:, 0]) * np.sin(4.0 * points[:, 1])
+    return np.asarray(np.where(is_floor, 0.88 + 0.12 * tiles, bands), np.float32)

@@ -1,0 +1,586 @@
+"""A simulated person before a simulated Kinect V2, with the truth.
+
+The person is a textured surface on 25 joints that does an exercise in a room. `BodySimulator`
+gives what a sensor and its body tracker deliver, and, beside it, what is really there: exact
+depth, the bone of each pixel, the joints, and the whole body of a person whose limb is missing.
+Ray casting picks its code by the CPU, so frames of different machines differ by a millimetre at a
+few pixels; on one machine they depend on the options and the time only.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from manip3d.camera import Intrinsics, Registration
+from manip3d.errors import InputError
+from manip3d.mesh import Mesh
+from manip3d.rgbd import (
+    INFERRED,
+    NO_BODY,
+    TRACKED,
+    RgbdCalibration,
+    RgbdFrame,
+    Skeleton,
+)
+from manip3d.simulate._clothes import SIDE, Clothes, paint
+from manip3d.simulate._figure import LIMBS, PosedFigure, opposite, pose_figure
+from manip3d.simulate._motions import MOTIONS, pose_at, walk
+from manip3d.simulate._raycast import CHUNK, RayCaster
+from manip3d.simulate._scenery import Box, Scenery, box_mesh, furnish
+from manip3d.simulate._skin import TILES, Skin, build_skin
+from manip3d.simulate._time_of_flight import MAX_DEPTH, measure
+
+__all__ = ["DEPTH_CAMERA", "FEET", "BodyCapture", "BodySimulator", "BodyTruth"]
+
+Floats = NDArray[np.float32]
+Limb = Literal["left-arm", "right-arm", "left-leg", "right-leg"]
+Interval = tuple[float, float]
+
+DEPTH_CAMERA = Intrinsics(512, 424, 365.0, 365.0, 255.5, 211.5)
+"""A Kinect V2's depth camera; the principal point in the middle, so that symmetry shows."""
+
+COLOUR_CAMERA = Registration(
+    Intrinsics(1920, 1080, 1060.0, 1060.0, 959.5, 539.5), np.eye(3), np.array([0.052, 0.0, 0.0])
+)
+"""A Kinect V2's colour camera, 52 mm beside the depth camera."""
+
+FEET = 0.3048
+"""Metres."""
+
+NO_BONE = 255
+"""Label of pixels that show nobody."""
+
+CAMERA_HEIGHT = 0.95
+"""Of the camera above the floor, metres."""
+
+_VISITOR = Clothes(shirt=(150, 62, 58), trousers=(96, 88, 70), hair=(120, 96, 60))
+_HIDDEN = 0.18  # metres of body in front of a joint that is still seen
+_EYES = np.zeros(3, np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class BodyTruth:
+    """What is really there.
+
+    Attributes
+    ----------
+    depth : (H, W) float32, metres
+        Without noise; 0: farther than the sensor sees.
+    bones : (H, W) uint8
+        Number of the bone of each pixel that shows the person; `NO_BONE` elsewhere. Limbs are
+        divided at their joints, the trunk by the nearest bone at rest.
+    people : (H, W) uint8
+        0 the person, 1 the visitor, `NO_BODY` elsewhere.
+    flying : (H, W) bool
+        Pixels of the frame whose depth lies between two surfaces.
+    joints : (25, 3) float64, metres
+        All of them, a missing limb's included.
+    lateral : (2, 3) float64
+        Unit vectors to the person's left, of pelvis and chest.
+    """
+
+    depth: Floats
+    bones: NDArray[np.uint8]
+    people: NDArray[np.uint8]
+    flying: NDArray[np.bool_]
+    joints: NDArray[np.float64]
+    lateral: NDArray[np.float64]
+    _figure: PosedFigure = field(repr=False)
+
+    def body(self) -> Mesh:
+        """The whole person, with all limbs."""
+        skin = _whole()
+        return Mesh(skin.vertices(self._figure).astype(np.float64), skin.faces)
+
+    def limb(self, name: Limb) -> Mesh:
+        """One limb of the whole person, from inside the trunk to its end."""
+        skin = _whole()
+        faces = skin.faces[skin.face_limb == list(LIMBS).index(name)]
+        used, index = np.unique(faces, return_inverse=True)
+        vertices = skin.vertices(self._figure)[used].astype(np.float64)
+        return Mesh(vertices, index.reshape(-1, 3).astype(np.int32))
+
+    def mirror_plane(self, limb: Limb) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """A point and the unit normal, to the person's left, of the plane of symmetry.
+
+        Of the chest, through the middle of the spine, for arms; of the pelvis, through the base
+        of the spine, for legs.
+        """
+        is_arm = limb.endswith("arm")
+        return self.joints[1 if is_arm else 0], self.lateral[1 if is_arm else 0]
+
+    def phantom(self, limb: Limb) -> Mesh:
+        """What a phantom ``limb`` ought to be: the limb of the other side, reflected."""
+        mesh = self.limb(opposite(limb))  # type: ignore[arg-type]
+        origin, normal = self.mirror_plane(limb)
+        off = (mesh.vertices - origin) @ normal
+        return Mesh(mesh.vertices - 2.0 * off[:, None] * normal, mesh.faces[:, ::-1].copy())
+
+
+@dataclass(frozen=True, eq=False)
+class BodyCapture:
+    """A frame and the truth behind it."""
+
+    frame: RgbdFrame
+    truth: BodyTruth
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodySimulator:
+    """A person who exercises before a Kinect V2; iterating gives the frames one after the other.
+
+    Attributes
+    ----------
+    motion : str
+        ``still``, ``arm-raise``, ``arm-curl``, ``reach``, ``wave``, ``elbow-bent``,
+        ``knee-extension``, ``dorsiflexion`` or ``stepping``.
+    side : str
+        Whose limbs take part: ``left``, ``right`` or ``both``; by default those of the intact
+        side where a limb is missing, else both.
+    amputated : str, optional
+        ``left-arm``, ``right-arm``, ``left-leg`` or ``right-leg``.
+    stump : float, metres
+        What is left of the limb, from the shoulder or the hip on.
+    sitting : bool, optional
+        On a chair; by default where the exercise is one for legs and not ``stepping``.
+    distance : float, metres
+        From the camera to the base of the spine, along the optical axis.
+    turn, turning : float, degrees; degrees per second
+        Of the whole body to the person's left; ``turning`` goes on with the time.
+    shoulder_tilt : float, degrees
+        Of the shoulders within the chest; the left one goes up.
+    stripes : bool
+        On the shirt.
+    cover : str
+        Feet with a blue shoe cover: ``none``, ``left``, ``right`` or ``both``.
+    visitor : float, optional
+        Second at which somebody else comes in from the left of the picture, behind the person.
+    occluder : (float, float), optional
+        Seconds from and until which a board stands before the intact (else the left) limb.
+    lost : (float, float), optional
+        Seconds from and until which the sensor sees the person and does not know it.
+    jitter : float, metres
+        Standard deviation of each coordinate of a tracked joint; of an inferred one, five times.
+    noise : float
+        Scale of the depth sensor's faults; 0: exact depth in whole millimetres.
+    colour : str
+        ``depth``: at the depth image's pixels; ``full``: 1920 x 1080, of a camera of its own;
+        ``none``.
+    room : bool
+        Floor, walls and furniture; without them, nothing is behind the person.
+    rate : float
+        Frames per second.
+    frames : int
+        How many an iteration gives.
+    seed : int
+        Of noise and jitter.
+    num_threads : int
+        Of ray casting; 0: all cores. The frames do not depend on it.
+
+    Raises
+    ------
+    InputError
+        An option is unknown or out of range.
+    MissingExtraError
+        Open3D is not installed (at the first frame).
+
+    Examples
+    --------
+    >>> from manip3d.simulate import BodySimulator
+    >>> simulator = BodySimulator(motion="arm-raise", amputated="right-arm", frames=2)
+    >>> for frame in simulator:  # doctest: +SKIP
+    ...     print(frame.depth.shape, len(frame.skeletons))
+    (424, 512) 1
+    (424, 512) 1
+    """
+
+    motion: str = "arm-raise"
+    side: str = ""
+    amputated: str | None = None
+    stump: float = 0.15
+    sitting: bool | None = None
+    distance: float = 8.0 * FEET
+    turn: float = 0.0
+    turning: float = 0.0
+    shoulder_tilt: float = 0.0
+    stripes: bool = False
+    cover: str = "none"
+    visitor: float | None = None
+    occluder: Interval | None = None
+    lost: Interval | None = None
+    jitter: float = 0.0
+    noise: float = 1.0
+    colour: str = "depth"
+    room: bool = True
+    rate: float = 30.0
+    frames: int = 300
+    seed: int = 0
+    num_threads: int = 0
+
+    def __post_init__(self) -> None:
+        for name, value, choices in (
+            ("motion", self.motion, list(MOTIONS)),
+            ("side", self.side, ["", "left", "right", "both"]),
+            ("amputated", self.amputated, [None, *LIMBS]),
+            ("cover", self.cover, ["none", "left", "right", "both"]),
+            ("colour", self.colour, ["depth", "full", "none"]),
+        ):
+            if value not in choices:
+                names = ", ".join(str(choice) for choice in choices if choice)
+                raise InputError(f"{name}: expected one of {names}, got {value!r}")
+        for name, low, high in (
+            ("stump", 0.02, 0.6),
+            ("distance", 0.8, 4.5),
+            ("jitter", 0.0, 1.0),
+            ("noise", 0.0, 100.0),
+            ("rate", 1.0, 1000.0),
+            ("frames", 0, 1 << 31),
+            ("turn", -360.0, 360.0),
+            ("turning", -360.0, 360.0),
+            ("shoulder_tilt", -30.0, 30.0),
+            ("seed", 0, 1 << 63),
+        ):
+            number = getattr(self, name)
+            if not low <= number <= high:
+                raise InputError(f"{name}: expected {low:g} to {high:g}, got {number!r}")
+
+    @functools.cached_property
+    def calibration(self) -> RgbdCalibration:
+        """The cameras."""
+        return RgbdCalibration(DEPTH_CAMERA, COLOUR_CAMERA if self.colour == "full" else None)
+
+    def __len__(self) -> int:
+        return self.frames
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        for number in range(self.frames):
+            yield self.frame(number / self.rate)
+
+    def frame(self, time: float) -> RgbdFrame:
+        """What the sensor delivers at a time, in seconds."""
+        return self.capture(time).frame
+
+    def capture(self, time: float) -> BodyCapture:
+        """What the sensor delivers at a time, in seconds, and the truth.
+
+        Raises
+        ------
+        InputError
+            The time is negative or not finite.
+        """
+        if not 0.0 <= time < 1e9:
+            raise InputError(f"time: expected seconds >= 0, got {time!r}")
+        nanoseconds = round(time * 1e9)
+        random = np.random.default_rng([self.seed, nanoseconds])
+        cast = self._cast(time)
+        view = cast.see(DEPTH_CAMERA, None, self._scenery, self.num_threads)
+        measured = measure(view.depth, view.slant, self.noise, random)
+        people = view.people
+        lost = _within(self.lost, time)
+        # Light from far behind does not pass for the person.
+        away = measured.flying & (np.abs(measured.depth - view.depth) > 0.15)
+        index = np.where(away, np.uint8(NO_BODY), people)
+        if lost:
+            index[people == 0] = NO_BODY
+        frame = RgbdFrame(
+            np.rint(measured.depth * 1000.0).astype(np.uint16),
+            self.calibration,
+            self._colour(cast, view),
+            index,
+            self._skeletons(cast, view, lost, random),
+            time=nanoseconds,
+            number=round(time * self.rate),
+        )
+        figure = cast.figures[0]
+        truth = BodyTruth(
+            np.where(view.depth <= MAX_DEPTH, view.depth, np.float32(0.0)),
+            view.bones,
+            people,
+            measured.flying,
+            figure.joints,
+            figure.lateral,
+            figure,
+        )
+        return BodyCapture(frame, truth)
+
+    # --- The scene ----------------------------------------------------------------------------
+
+    @functools.cached_property
+    def _is_sitting(self) -> bool:
+        if self.sitting is not None:
+            return self.sitting
+        return self.motion in ("knee-extension", "dorsiflexion")
+
+    @functools.cached_property
+    def _moving(self) -> tuple[bool, bool]:
+        side = self.side
+        if not side:
+            side = opposite(self.amputated).split("-")[0] if self.amputated else "both"
+        return side in ("left", "both"), side in ("right", "both")
+
+    @functools.cached_property
+    def _skin(self) -> Skin:
+        return build_skin(self.amputated, self.stump) if self.amputated else _whole()
+
+    @functools.cached_property
+    def _scenery(self) -> Scenery:
+        seat = self.distance if self._is_sitting else None
+        return furnish(self.room, seat, self.turn, self.distance, CAMERA_HEIGHT)
+
+    @functools.cached_property
+    def _wardrobe(self) -> tuple[_Look, ...]:
+        covered = {"none": (), "both": ("left-leg", "right-leg")}.get(
+            self.cover, (f"{self.cover}-leg",)
+        )
+        person = _Look.of(self._skin, Clothes(stripes=self.stripes), covered)
+        return (person, _Look.of(_whole(), _VISITOR, ()))
+
+    def _cast(self, time: float) -> _Cast:
+        """The person, the visitor and the board at a time."""
+        pose = pose_at(
+            self.motion,
+            time,
+            moving=self._moving,
+            sitting=self._is_sitting,
+            turn=self.turn + self.turning * time,
+            shoulder_tilt=self.shoulder_tilt,
+        )
+        figures = [pose_figure(pose, (0.0, CAMERA_HEIGHT, self.distance))]
+        if self.visitor is not None and time >= self.visitor:
+            figures.append(self._visiting(time - self.visitor))
+        board = None
+        if _within(self.occluder, time):
+            board = self._board(figures[0])
+        return _Cast(figures, self._wardrobe, board)
+
+    def _visiting(self, seconds: float) -> PosedFigure:
+        """Somebody who walks in at 1 m/s, then stands half a metre beside and behind."""
+        x = min(-2.2 + seconds, -0.62)
+        z = self.distance + 0.45
+        is_there = x == -0.62
+        pose = pose_at("still", 0.0) if is_there else walk(seconds, turn=90.0)
+        return pose_figure(pose, (x, CAMERA_HEIGHT, z))
+
+    def _board(self, figure: PosedFigure) -> Box:
+        """A board 0.45 m before the middle of the intact limb."""
+        limb = opposite(self.amputated) if self.amputated else "left-arm"
+        middle = figure.joints[list(LIMBS[limb][:4])].mean(axis=0) - (0.0, 0.0, 0.45)
+        half = np.array([0.16, 0.36, 0.02])
+        return Box(tuple(middle - half), tuple(middle + half), (168, 132, 84))
+
+    def _colour(self, cast: _Cast, view: _View) -> NDArray[np.uint8] | None:
+        if self.colour == "none":
+            return None
+        if self.colour == "depth":
+            return view.colour
+        colour = COLOUR_CAMERA.colour
+        return cast.see(colour, COLOUR_CAMERA, self._scenery, self.num_threads).colour
+
+    # --- The tracker --------------------------------------------------------------------------
+
+    def _skeletons(
+        self, cast: _Cast, view: _View, lost: bool, random: np.random.Generator
+    ) -> tuple[Skeleton, ...]:
+        found = []
+        for number, figure in enumerate(cast.figures):
+            joints = figure.joints.copy()
+            is_seen = _seen(joints, view, number)
+            if number == 0 and self.amputated:
+                missing = self._missing
+                is_seen[missing] = False
+                joints[missing] = self._guess(figure, random)
+            orientations = figure.orientations.astype(np.float32)
+            sigma = np.where(is_seen, self.jitter, 5.0 * self.jitter)[:, None]
+            joints += sigma * random.standard_normal((25, 3))
+            if (number == 0 and lost) or not (view.people == number).any():
+                continue
+            found.append(
+                Skeleton(
+                    joints.astype(np.float32),
+                    orientations,
+                    np.where(is_seen, TRACKED, INFERRED).astype(np.uint8),
+                    id=number + 1,
+                    body=number,
+                )
+            )
+        return tuple(found)
+
+    @functools.cached_property
+    def _missing(self) -> list[int]:
+        """Joints beyond the stump's end, or all but the root's."""
+        return list(LIMBS[self.amputated][1:]) if self.amputated else []
+
+    def _guess(self, figure: PosedFigure, random: np.random.Generator) -> NDArray[np.float64]:
+        """Where a tracker puts the joints of a limb that is not there: about the stump's end."""
+        assert self.amputated is not None
+        root, first = LIMBS[self.amputated][:2]
+        way = figure.joints[first] - figure.joints[root]
+        end = figure.joints[root] + way * (self.stump / np.linalg.norm(way))
+        return np.asarray(end + 0.03 * random.standard_normal((len(self._missing), 3)))
+
+
+@functools.cache
+def _whole() -> Skin:
+    return build_skin()
+
+
+def _within(interval: Interval | None, time: float) -> bool:
+    return interval is not None and interval[0] <= time < interval[1]
+
+
+def _seen(joints: NDArray[np.float64], view: _View, number: int) -> NDArray[np.bool_]:
+    """Joints inside the image with nothing before them but the person's own flesh."""
+    camera = DEPTH_CAMERA
+    z = np.maximum(joints[:, 2], 0.1)
+    column = np.rint(camera.cx + camera.fx * joints[:, 0] / z).astype(int)
+    row = np.rint(camera.cy + camera.fy * joints[:, 1] / z).astype(int)
+    inside = (row >= 0) & (row < camera.height) & (column >= 0) & (column < camera.width)
+    row, column = row.clip(0, camera.height - 1), column.clip(0, camera.width - 1)
+    surface = view.depth[row, column]
+    before = (surface > 0.0) & (surface < joints[:, 2] - 0.01)
+    own = view.people[row, column] == number
+    hidden = before & (~own | (surface < joints[:, 2] - _HIDDEN))
+    return np.asarray(inside & ~hidden)
+
+
+# --- Looking at it ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """A surface with its pictures."""
+
+    skin: Skin
+    texels: tuple[NDArray[np.uint8], ...]  # levels, (N, 3)
+    face_tile: NDArray[np.int64]
+    corners: Floats  # (F, 3, 2)
+
+    @classmethod
+    def of(cls, skin: Skin, clothes: Clothes, covered: tuple[str, ...]) -> _Look:
+        tiles = paint(clothes)
+        levels = [tiles]
+        for _ in range(3):
+            image = levels[-1].astype(np.float32)
+            side = image.shape[1] // 2
+            small = image.reshape(len(image), side, 2, side, 2, 3).mean(axis=(2, 4))
+            levels.append(np.rint(small).astype(np.uint8))
+        face_tile = skin.face_tile.astype(np.int64)
+        for limb in covered:
+            feet = (face_tile == TILES.index("foot")) & (skin.face_limb == list(LIMBS).index(limb))
+            face_tile[feet] = len(TILES)
+        texels = tuple(level.reshape(-1, 3) for level in levels)
+        return cls(skin, texels, face_tile, skin.texcoords[skin.faces])
+
+    def colours(
+        self, face: NDArray[np.int64], uv: Floats, light: Floats, footprint: float
+    ) -> NDArray[np.uint8]:
+        """(N, 3) of hits; ``footprint`` metres to a pixel."""
+        level = int(np.clip(np.rint(np.log2(max(footprint, 1e-6) / 0.0025)), 0, 3))
+        side = SIDE >> level
+        corners = self.corners[face]
+        at = corners[:, 0] + uv[:, :1] * (corners[:, 1] - corners[:, 0])
+        at += uv[:, 1:] * (corners[:, 2] - corners[:, 0])
+        texel = np.minimum((at * side).astype(np.int64), side - 1)
+        flat = (self.face_tile[face] * side + texel[:, 1]) * side + texel[:, 0]
+        return np.asarray(np.minimum(self.texels[level][flat] * light[:, None], 255.0), np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """What an ideal camera sees: exact images of (H, W) pixels."""
+
+    depth: Floats
+    slant: Floats
+    people: NDArray[np.uint8]
+    bones: NDArray[np.uint8]
+    colour: NDArray[np.uint8]
+
+
+class _Cast:
+    """What moves in the scene, at one moment."""
+
+    def __init__(
+        self, figures: list[PosedFigure], looks: tuple[_Look, ...], board: Box | None
+    ) -> None:
+        self.figures = figures
+        self._looks = looks[: len(figures)]
+        self._board = board
+        vertices = [
+            look.skin.vertices(figure) for look, figure in zip(self._looks, figures, strict=True)
+        ]
+        faces = [look.skin.faces for look in self._looks]
+        if board is not None:
+            corners, sides = box_mesh(board)
+            vertices.append(corners)
+            faces.append(sides)
+        starts = np.cumsum([0] + [len(v) for v in vertices])
+        self._first_face = np.cumsum([0] + [len(f) for f in faces])
+        self._vertices = np.concatenate(vertices)
+        self._caster = RayCaster(
+            self._vertices,
+            np.concatenate([f + start for f, start in zip(faces, starts, strict=False)]),
+        )
+
+    def see(
+        self,
+        camera: Intrinsics,
+        registration: Registration | None,
+        scenery: Scenery,
+        num_threads: int,
+    ) -> _View:
+        """The scene with what moves, by a camera that looks ahead."""
+        eye = _EYES if registration is None else -registration.translation.astype(np.float32)
+        back = scenery.seen_by(camera, eye)
+        depth, slant, colour = back.depth.copy(), back.slant.copy(), back.colour.copy()
+        people = np.full(depth.shape, NO_BODY, np.uint8)
+        bones = np.full(depth.shape, NO_BONE, np.uint8)
+        top, bottom, left, right = self._window(camera, eye)
+        rays = back.rays[top:bottom, left:right].reshape(-1, 3)
+        for start in range(0, len(rays), CHUNK):
+            part = rays[start : start + CHUNK]
+            hits = self._caster.cast(eye, part, num_threads=num_threads)
+            row, column = np.divmod(np.arange(start, start + len(part)), max(1, right - left))
+            row, column = row + top, column + left
+            behind = back.depth[row, column]
+            hit = np.flatnonzero(
+                (hits.distance < behind) | (np.isfinite(hits.distance) & (behind == 0.0))
+            )
+            row, column = row[hit], column[hit]
+            face, distance = hits.face[hit].astype(np.int64), hits.distance[hit]
+            cosine = np.abs((hits.normal[hit] * part[hit]).sum(1))
+            cosine /= np.linalg.norm(part[hit], axis=1)
+            depth[row, column], slant[row, column] = distance, cosine
+            light = (0.42 + 0.68 * cosine).astype(np.float32)
+            whose = np.searchsorted(self._first_face, face, side="right") - 1
+            for number, look in enumerate(self._looks):
+                mine = np.flatnonzero(whose == number)
+                own = face[mine] - self._first_face[number]
+                at = row[mine], column[mine]
+                people[at] = number
+                if number == 0:
+                    bones[at] = look.skin.face_bone[own]
+                size = float(distance[mine].mean()) / camera.fx if len(mine) else 1.0
+                colour[at] = look.colours(own, hits.uv[hit[mine]], light[mine], size)
+            if self._board is not None:
+                mine = np.flatnonzero(whose == len(self._looks))
+                tone = np.array(self._board.colour) * light[mine][:, None]
+                colour[row[mine], column[mine]] = np.minimum(tone, 255).astype(np.uint8)
+        return _View(depth, slant, people, bones, colour)
+
+    def _window(self, camera: Intrinsics, eye: Floats) -> tuple[int, int, int, int]:
+        """Rows and columns in which something that moves can be seen."""
+        points = self._vertices - eye
+        points = points[points[:, 2] > 0.05]
+        if not len(points):
+            return 0, 0, 0, 0
+        u = camera.cx + camera.fx * points[:, 0] / points[:, 2]
+        v = camera.cy + camera.fy * points[:, 1] / points[:, 2]
+        left, right = np.clip([u.min(), u.max() + 2.0], 0, camera.width).astype(int).tolist()
+        top, bottom = np.clip([v.min(), v.max() + 2.0], 0, camera.height).astype(int).tolist()
+        return top, bottom, left, right

@@ -1,0 +1,358 @@
+"""The simulated person: geometry, truth, noise, tracker."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from manip3d import InputError
+from manip3d.rgbd import INFERRED, JOINTS, NO_BODY, PARENTS, TRACKED
+from manip3d.simulate import BodySimulator, open_source
+from manip3d.simulate._figure import (
+    LIMBS,
+    MIRROR,
+    REST_JOINTS,
+    opposite,
+    pose_figure,
+    quaternions,
+    rotations_of,
+)
+from manip3d.simulate._motions import MOTIONS, pose_at, walk
+from manip3d.simulate._skin import build_skin, nearest_bone
+from manip3d.simulate._time_of_flight import measure
+from manip3d.simulate.people import DEPTH_CAMERA, NO_BONE
+
+pytest.importorskip("open3d")
+
+GROUND = (0.0, 0.95, 2.44)
+
+
+def pixels(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    camera = DEPTH_CAMERA
+    column = np.rint(camera.cx + camera.fx * points[:, 0] / points[:, 2]).astype(int)
+    row = np.rint(camera.cy + camera.fy * points[:, 1] / points[:, 2]).astype(int)
+    return row, column
+
+
+@pytest.mark.parametrize("motion", sorted(MOTIONS))
+@pytest.mark.parametrize("sitting", [False, True])
+def test_bones_keep_their_lengths(motion: str, sitting: bool) -> None:
+    rest = np.linalg.norm(REST_JOINTS - REST_JOINTS[list(PARENTS)], axis=1)
+    for time in (0.0, 0.7, 2.0, 3.1):
+        pose = pose_at(motion, time, sitting=sitting, turn=25.0, shoulder_tilt=8.0)
+        joints = pose_figure(pose, GROUND).joints
+        lengths = np.linalg.norm(joints - joints[list(PARENTS)], axis=1)
+        np.testing.assert_allclose(lengths, rest, atol=1e-12)
+
+
+def test_exercises_move_what_they_say() -> None:
+    def joints(motion: str, time: float) -> np.ndarray:
+        return pose_figure(pose_at(motion, time, sitting="knee" in motion), GROUND).joints
+
+    name = JOINTS.index
+    up = joints("arm-raise", 0.0)[:, 1] - joints("arm-raise", 2.0)[:, 1]
+    assert up[name("WristLeft")] > 0.4 < up[name("WristRight")]
+    assert up[name("AnkleLeft")] == 0.0
+    waving = joints("wave", 2.0)
+    assert waving[name("WristLeft"), 1] < waving[name("ElbowLeft"), 1] - 0.15  # y points down
+    assert waving[name("ElbowLeft"), 0] > 0.3  # the person's left is the picture's right
+    ahead = joints("reach", 0.0)[:, 2] - joints("reach", 2.0)[:, 2]
+    assert ahead[name("HandLeft")] > 0.25
+    knee = joints("knee-extension", 0.0) - joints("knee-extension", 2.0)
+    assert knee[name("AnkleRight"), 2] > 0.25
+    toe = joints("dorsiflexion", 0.0) - joints("dorsiflexion", 1.0)
+    assert toe[name("FootLeft"), 1] > 0.04
+    assert toe[name("AnkleLeft"), 1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_orientations_point_along_their_bones() -> None:
+    figure = pose_figure(pose_at("wave", 1.3, turn=30.0), GROUND)
+    has = np.flatnonzero(figure.orientations.any(axis=1))
+    assert set(range(25)) - set(has.tolist()) == {3, 15, 19, 21, 22, 23, 24}
+    axes = rotations_of(figure.orientations[has])[:, :, 1]
+    bones = figure.joints - figure.joints[list(PARENTS)]
+    for joint, axis in zip(has.tolist(), axes, strict=True):
+        if joint:
+            np.testing.assert_allclose(axis, bones[joint] / np.linalg.norm(bones[joint]), atol=1e-9)
+
+
+def test_orientations_mirror_as_quaternions_do() -> None:
+    """Reflected across x, (w, x, y, z) is (w, x, -y, -z)."""
+    figure = pose_figure(pose_at("arm-raise", 1.1), GROUND)
+    sign = np.array([1.0, 1.0, -1.0, -1.0])
+    for left, right in ((5, 9), (6, 10), (7, 11), (13, 17), (14, 18), (4, 8), (12, 16)):
+        first, second = figure.orientations[left] * sign, figure.orientations[right]
+        assert abs(first @ second) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_quaternions_and_rotations_are_inverse() -> None:
+    random = np.random.default_rng(0).standard_normal((500, 4))
+    random /= np.linalg.norm(random, axis=1, keepdims=True)
+    found = quaternions(rotations_of(random))
+    np.testing.assert_allclose(np.abs((found * random).sum(axis=1)), 1.0, atol=1e-12)
+    half_turns = np.stack([np.diag(d) for d in ((1.0, -1, -1), (-1, 1, -1), (-1, -1, 1))])
+    np.testing.assert_allclose(rotations_of(quaternions(half_turns)), half_turns, atol=1e-12)
+
+
+def test_a_surface_is_closed_small_and_faces_outwards() -> None:
+    skin = build_skin()
+    assert len(skin.faces) <= 32_000
+    vertices = skin.vertices(pose_figure(pose_at("still", 0.0), GROUND)).astype(float)
+    corners = vertices[skin.faces]
+    for limb in range(-1, 4):
+        volume = np.linalg.det(corners[skin.face_limb == limb] - corners.mean((0, 1))).sum() / 6
+        assert 0.002 < volume < 0.1  # cubic metres
+    height = np.ptp(vertices[:, 1])
+    assert 1.7 < height < 1.8
+
+
+def test_a_symmetric_pose_has_a_symmetric_surface() -> None:
+    skin = build_skin()
+    vertices = skin.vertices(pose_figure(pose_at("arm-raise", 1.4), GROUND))
+    reflected = vertices @ MIRROR.astype(np.float32)
+    order = [np.lexsort(np.rint(v * 1e5).T) for v in (vertices, reflected)]
+    np.testing.assert_allclose(vertices[order[0]], reflected[order[1]], atol=5e-5)
+
+
+def test_a_symmetric_body_gives_a_symmetric_picture() -> None:
+    truth = BodySimulator(noise=0.0, room=False).capture(1.0).truth
+    there = truth.people == 0
+    assert 12_000 < there.sum() < 16_000
+    assert (there ^ there[:, ::-1]).sum() <= 4  # rays that graze
+    both = there & there[:, ::-1]
+    difference = np.abs(truth.depth - truth.depth[:, ::-1])[both]
+    assert np.quantile(difference, 0.999) < 1e-4
+
+
+@pytest.mark.parametrize("motion", ["arm-raise", "elbow-bent", "knee-extension"])
+def test_depth_is_that_of_the_surface(motion: str) -> None:
+    from manip3d.metrics import closest_points
+
+    truth = BodySimulator(motion=motion, noise=0.0, room=False, turn=20.0).capture(1.3).truth
+    row, column = np.nonzero(truth.people == 0)
+    z = truth.depth[row, column].astype(float)
+    camera = DEPTH_CAMERA
+    x, y = (column - camera.cx) * z / camera.fx, (row - camera.cy) * z / camera.fy
+    found = closest_points(truth.body(), np.column_stack([x, y, z]))
+    assert found.distance.max() < 1e-4
+    assert (truth.depth[truth.people == NO_BODY] == 0.0).all()
+
+
+def test_labels_are_mostly_those_of_the_nearest_bone() -> None:
+    truth = BodySimulator(motion="arm-raise", noise=0.0).capture(2.0).truth
+    row, column = np.nonzero(truth.bones != NO_BONE)
+    z = truth.depth[row, column].astype(float)
+    camera = DEPTH_CAMERA
+    points = np.column_stack(
+        [(column - camera.cx) * z / camera.fx, (row - camera.cy) * z / camera.fy, z]
+    )
+    found = nearest_bone(points, range(1, 25), truth.joints)
+    assert (found == truth.bones[row, column]).mean() > 0.8
+    assert set(np.unique(truth.bones)) >= {3, 5, 6, 9, 10, 13, 14, 15, 17, 18, 19}
+
+
+@pytest.mark.parametrize("distance", [2.0, 4.0])
+def test_noise_grows_with_the_square_of_the_distance(distance: float) -> None:
+    depth = np.full((424, 512), distance, np.float32)
+    measured = measure(depth, np.ones_like(depth), 1.0, np.random.default_rng(0))
+    seen = measured.depth > 0.0
+    expected = 1.5e-3 * (distance / 2.0) ** 2
+    assert measured.depth[seen].std() == pytest.approx(expected, rel=0.01)
+    assert (~seen).mean() == pytest.approx(0.001, rel=0.2)
+    assert not measured.flying.any()
+
+
+def test_flying_pixels_lie_between_the_surfaces_of_an_edge() -> None:
+    depth = np.full((40, 60), 2.0, np.float32)
+    depth[:, 30:] = 3.0
+    measured = measure(depth, np.ones_like(depth), 1.0, np.random.default_rng(3))
+    rows, columns = np.nonzero(measured.flying)
+    assert set(columns.tolist()) == {29, 30}
+    assert 0.3 < len(rows) / 80 < 0.7
+    between = measured.depth[rows, columns]
+    assert ((between > 2.05) & (between < 2.95)).all()
+    away = ~measured.flying & (measured.depth > 0)
+    assert np.abs(measured.depth - depth)[away].max() < 0.02
+
+
+def test_without_noise_depth_is_exact_in_millimetres() -> None:
+    capture = BodySimulator(noise=0.0).capture(0.5)
+    np.testing.assert_array_equal(
+        capture.frame.depth, np.rint(capture.truth.depth * 1000.0).astype(np.uint16)
+    )
+    assert not capture.truth.flying.any()
+
+
+def test_frames_depend_on_the_seed_and_the_time_only() -> None:
+    first, second = BodySimulator(frames=3, jitter=0.01), BodySimulator(frames=3, jitter=0.01)
+    frames = list(first)
+    again = second.frame(2 / 30)  # out of order
+    np.testing.assert_array_equal(frames[2].depth, again.depth)
+    np.testing.assert_array_equal(frames[2].colour, again.colour)
+    np.testing.assert_array_equal(frames[2].skeletons[0].positions, again.skeletons[0].positions)
+    other = BodySimulator(frames=3, jitter=0.01, seed=1).frame(2 / 30)
+    assert (other.depth != again.depth).mean() > 0.3
+    assert [frame.number for frame in frames] == [0, 1, 2]
+    assert [frame.time for frame in frames] == [0, 33_333_333, 66_666_667]
+
+
+@pytest.mark.parametrize("limb", sorted(LIMBS))
+def test_a_missing_limb_has_no_pixels_beyond_its_stump(limb: Any) -> None:
+    sitting = limb.endswith("leg")
+    simulator = BodySimulator(motion="still", amputated=limb, stump=0.12, sitting=sitting)
+    capture = simulator.capture(0.0)
+    whole = BodySimulator(motion="still", sitting=sitting).capture(0.0)
+    bones = LIMBS[limb]
+    for bone in bones[2:]:
+        assert not (capture.truth.bones == bone).any()
+        assert (whole.truth.bones == bone).any() or bone in (21, 22, 23, 24)
+    assert (capture.truth.bones == bones[1]).any()  # the stump
+    states = capture.frame.skeletons[0].states
+    assert (states[list(bones[1:])] == INFERRED).all()
+    np.testing.assert_array_equal(capture.truth.joints, whole.truth.joints)
+    assert capture.truth.body().num_faces == whole.truth.body().num_faces
+    for side in (limb, opposite(limb)):
+        np.testing.assert_array_equal(
+            capture.truth.limb(side).vertices, whole.truth.limb(side).vertices
+        )
+
+
+def test_the_phantom_is_the_other_limb_where_the_pose_is_symmetric() -> None:
+    truth = BodySimulator(motion="arm-raise", amputated="right-arm", side="both").capture(1.0).truth
+    from manip3d.metrics import closest_points
+
+    wanted, there = truth.phantom("right-arm"), truth.limb("right-arm")
+    assert closest_points(there, wanted.vertices).distance.max() < 1e-5
+
+
+def test_the_plane_of_symmetry_stays_when_shoulders_tilt_and_turns_with_the_body() -> None:
+    tilted = BodySimulator(shoulder_tilt=10.0).capture(0.0).truth
+    np.testing.assert_allclose(tilted.mirror_plane("left-arm")[1], (1.0, 0.0, 0.0), atol=1e-12)
+    shoulders = tilted.joints[4] - tilted.joints[8]
+    assert np.rad2deg(np.arctan2(-shoulders[1], shoulders[0])) == pytest.approx(10.0)
+    turned = BodySimulator(turning=30.0).capture(1.5).truth  # 45 degrees to the left
+    np.testing.assert_allclose(
+        turned.mirror_plane("left-leg")[1], (np.sqrt(0.5), 0.0, np.sqrt(0.5)), atol=1e-12
+    )
+
+
+def test_somebody_else_comes_in_with_an_index_of_their_own() -> None:
+    simulator = BodySimulator(visitor=1.0, motion="still")
+    assert len(simulator.frame(0.5).skeletons) == 1
+    frame = simulator.frame(3.0)
+    assert [(s.id, s.body) for s in frame.skeletons] == [(1, 0), (2, 1)]
+    assert frame.body_index is not None
+    for skeleton in frame.skeletons:
+        row, column = pixels(skeleton.positions[[0, 1, 20]])
+        assert (frame.body_index[row, column] == skeleton.body).all()
+    ankles = [pose_figure(walk(t, turn=90.0), GROUND).joints[[14, 18], 1] for t in (0.1, 0.4)]
+    assert max(ankles[0]) == pytest.approx(max(ankles[1]))  # one foot on the floor
+
+
+def test_a_board_hides_the_intact_arm() -> None:
+    simulator = BodySimulator(motion="still", amputated="right-arm", occluder=(1.0, 2.0))
+    before, during = simulator.capture(0.5), simulator.capture(1.5)
+    for bone in (6, 7):
+        assert (before.truth.bones == bone).any()
+        assert not (during.truth.bones == bone).any()
+    assert before.frame.skeletons[0].states[5] == TRACKED
+    assert during.frame.skeletons[0].states[5] == INFERRED
+    row, column = pixels(before.truth.joints[[5]])
+    assert during.truth.depth[row, column] < before.truth.depth[row, column] - 0.3
+    assert during.truth.people[row, column] == NO_BODY
+
+
+def test_a_lost_person_has_no_skeleton_and_no_index() -> None:
+    simulator = BodySimulator(lost=(1.0, 2.0))
+    frame = simulator.frame(1.0)
+    assert frame.skeletons == ()
+    assert frame.body_index is not None
+    assert (frame.body_index == NO_BODY).all()
+    assert len(simulator.frame(2.0).skeletons) == 1
+
+
+def test_jitter_has_the_size_asked_for() -> None:
+    simulator = BodySimulator(motion="still", jitter=0.01, colour="none")
+    truth = simulator.capture(0.0).truth.joints
+    found = np.array([simulator.frame(i / 30).skeletons[0].positions for i in range(60)])
+    assert (found - truth)[:, [0, 1, 4, 8, 13]].std() == pytest.approx(0.01, rel=0.1)
+
+
+def test_colour_has_its_own_camera_or_the_pixels_of_depth() -> None:
+    full = BodySimulator(colour="full", noise=0.0)
+    frame = full.frame(1.0)
+    registration = full.calibration.registration
+    assert registration is not None
+    assert frame.colour is not None
+    assert frame.colour.shape == (1080, 1920, 3)
+    small = BodySimulator(noise=0.0).frame(1.0)
+    assert small.colour is not None
+    joints = frame.skeletons[0].positions[[1, 13]].astype(float)  # shirt, trousers
+    seen = joints + registration.translation
+    camera = registration.colour
+    column = np.rint(camera.cx + camera.fx * seen[:, 0] / seen[:, 2]).astype(int)
+    row = np.rint(camera.cy + camera.fy * seen[:, 1] / seen[:, 2]).astype(int)
+    expected = small.colour[pixels(joints)].astype(float)
+    np.testing.assert_allclose(frame.colour[row, column], expected, atol=12.0)
+    assert BodySimulator(colour="none").frame(0.0).colour is None
+
+
+def test_shirts_and_shoes() -> None:
+    def shirt(stripes: bool) -> np.ndarray:
+        capture = BodySimulator(stripes=stripes, motion="still").capture(0.0)
+        assert capture.frame.colour is not None
+        return capture.frame.colour[capture.truth.bones == 20].astype(int)
+
+    assert 0.3 < (shirt(True).min(axis=1) > 120).mean() < 0.6
+    assert (shirt(False).min(axis=1) > 120).mean() < 0.05
+    capture = BodySimulator(cover="left", motion="dorsiflexion").capture(0.0)
+    assert capture.frame.colour is not None
+    r, g, b = capture.frame.colour[capture.truth.bones == 15].astype(int).T
+    assert (b - np.maximum(r, g) > 40).mean() > 0.8
+    r, g, b = capture.frame.colour[capture.truth.bones == 19].astype(int).T
+    assert not (b - np.maximum(r, g) > 40).any()
+
+
+def test_an_address_opens_the_simulator() -> None:
+    source = open_source(
+        "sim:body?motion=wave&amputated=left-arm&distance=3.05&lost=1:2.5&stripes=yes&frames=7"
+        "&sitting=no&seed=4",
+        num_threads=1,
+    )
+    assert source == BodySimulator(
+        motion="wave",
+        amputated="left-arm",
+        distance=3.05,
+        lost=(1.0, 2.5),
+        stripes=True,
+        frames=7,
+        sitting=False,
+        seed=4,
+        num_threads=1,
+    )
+    assert source.calibration.depth is DEPTH_CAMERA
+    assert len(source) == 7
+
+
+@pytest.mark.parametrize(
+    ("address", "text"),
+    [
+        ("sim:body?motion=fly", "motion: expected one of still, arm-raise"),
+        ("sim:body?distance=20", "distance: expected 0.8 to 4.5, got 20.0"),
+        ("sim:body?distance=nan", "distance: expected 0.8 to 4.5, got nan"),
+        ("sim:body?lost=3", "lost: expected FROM:UNTIL, got '3'"),
+        ("sim:body?stripes=1", "stripes: expected yes or no, got '1'"),
+        ("sim:body?frames=1.5", "frames: expected a number, got '1.5'"),
+        ("sim:body?resolution=1", "unknown option resolution"),
+    ],
+)
+def test_bad_options_are_named(address: str, text: str) -> None:
+    with pytest.raises(InputError, match="^.*" + text.replace("(", r"\(")):
+        open_source(address)
+
+
+def test_a_time_before_the_beginning_is_refused() -> None:
+    with pytest.raises(InputError, match="time: expected seconds >= 0"):
+        BodySimulator().capture(-1.0)
