@@ -220,21 +220,21 @@ def test_a_missing_limb_has_no_pixels_beyond_its_stump(limb: Any) -> None:
 
 
 def test_the_phantom_is_the_other_limb_where_the_pose_is_symmetric() -> None:
-    truth = BodySimulator(motion="arm-raise", amputated="right-arm", side="both").capture(1.0).truth
+    truth = BodySimulator(motion="arm-raise", amputated="right_arm", side="both").capture(1.0).truth
     from manip3d.metrics import closest_points
 
-    wanted, there = truth.phantom("right-arm"), truth.limb("right-arm")
+    wanted, there = truth.phantom("right_arm"), truth.limb("right_arm")
     assert closest_points(there, wanted.vertices).distance.max() < 1e-5
 
 
 def test_the_plane_of_symmetry_stays_when_shoulders_tilt_and_turns_with_the_body() -> None:
     tilted = BodySimulator(shoulder_tilt=10.0).capture(0.0).truth
-    np.testing.assert_allclose(tilted.mirror_plane("left-arm")[1], (1.0, 0.0, 0.0), atol=1e-12)
+    np.testing.assert_allclose(tilted.mirror_plane("left_arm")[1], (1.0, 0.0, 0.0), atol=1e-12)
     shoulders = tilted.joints[4] - tilted.joints[8]
     assert np.rad2deg(np.arctan2(-shoulders[1], shoulders[0])) == pytest.approx(10.0)
     turned = BodySimulator(turning=30.0).capture(1.5).truth  # 45 degrees to the left
     np.testing.assert_allclose(
-        turned.mirror_plane("left-leg")[1], (np.sqrt(0.5), 0.0, np.sqrt(0.5)), atol=1e-12
+        turned.mirror_plane("left_leg")[1], (np.sqrt(0.5), 0.0, np.sqrt(0.5)), atol=1e-12
     )
 
 
@@ -252,7 +252,7 @@ def test_somebody_else_comes_in_with_an_index_of_their_own() -> None:
 
 
 def test_a_board_hides_the_intact_arm() -> None:
-    simulator = BodySimulator(motion="still", amputated="right-arm", occluder=(1.0, 2.0))
+    simulator = BodySimulator(motion="still", amputated="right_arm", occluder=(1.0, 2.0))
     before, during = simulator.capture(0.5), simulator.capture(1.5)
     for bone in (6, 7):
         assert (before.truth.bones == bone).any()
@@ -262,6 +262,14 @@ def test_a_board_hides_the_intact_arm() -> None:
     row, column = pixels(before.truth.joints[[5]])
     assert during.truth.depth[row, column] < before.truth.depth[row, column] - 0.3
     assert during.truth.people[row, column] == NO_BODY
+
+
+def test_a_tracker_sees_through_the_flesh_around_a_joint_and_no_more() -> None:
+    seated = BodySimulator(motion="knee-extension").frame(1.2).skeletons[0].states
+    assert (seated[[0, 12, 13, 14, 16, 17, 18]] == TRACKED).all()
+    aside = BodySimulator(motion="still", turn=90.0).frame(0.0).skeletons[0].states
+    assert (aside[[4, 5, 6, 7]] == INFERRED).all()  # beyond the trunk
+    assert (aside[[3, 8, 9, 10, 11]] == TRACKED).all()
 
 
 def test_a_lost_person_has_no_skeleton_and_no_index() -> None:
@@ -323,7 +331,7 @@ def test_an_address_opens_the_simulator() -> None:
     )
     assert source == BodySimulator(
         motion="wave",
-        amputated="left-arm",
+        amputated="left_arm",
         distance=3.05,
         lost=(1.0, 2.5),
         stripes=True,

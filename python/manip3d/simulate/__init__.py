@@ -4,12 +4,20 @@ from manip3d.simulate import depth, models, scenes, streets
 from manip3d.simulate.cameras import StereoPair, stereo_pair
 from manip3d.simulate.drives import DriveFrame, drive, write_drive
 from manip3d.simulate.lidar import LidarScan, hdl64e
-from manip3d.simulate.people import BodyCapture, BodySimulator, BodyTruth
+from manip3d.simulate.people import (
+    LIMBS,
+    BodyCapture,
+    BodySimulator,
+    BodyTruth,
+    cast_mesh,
+    opposite,
+)
 from manip3d.simulate.sources import open_source
 from manip3d.simulate.streets import Street, street
 from manip3d.simulate.terrestrial import TerrestrialScan, terrestrial_scan
 
 __all__ = [
+    "LIMBS",
     "BodyCapture",
     "BodySimulator",
     "BodyTruth",
@@ -18,11 +26,13 @@ __all__ = [
     "StereoPair",
     "Street",
     "TerrestrialScan",
+    "cast_mesh",
     "depth",
     "drive",
     "hdl64e",
     "models",
     "open_source",
+    "opposite",
     "scenes",
     "stereo_pair",
     "street",

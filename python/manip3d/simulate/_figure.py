@@ -295,15 +295,15 @@ def _bone_axes() -> Array:
 _BONE_AXES: Array = _bone_axes()
 
 LIMBS: Mapping[str, tuple[int, ...]] = {
-    "left-arm": (4, 5, 6, 7, 21, 22),
-    "right-arm": (8, 9, 10, 11, 23, 24),
-    "left-leg": (12, 13, 14, 15),
-    "right-leg": (16, 17, 18, 19),
+    "left_arm": (4, 5, 6, 7, 21, 22),
+    "right_arm": (8, 9, 10, 11, 23, 24),
+    "left_leg": (12, 13, 14, 15),
+    "right_leg": (16, 17, 18, 19),
 }
 """Joints of each limb, the root first; the limb's bones are those that end at the others."""
 
 
 def opposite(limb: str) -> str:
     """The limb on the other side."""
-    side, _, kind = limb.partition("-")
-    return f"{'right' if side == 'left' else 'left'}-{kind}"
+    side, _, kind = limb.partition("_")
+    return f"{'right' if side == 'left' else 'left'}_{kind}"

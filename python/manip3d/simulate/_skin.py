@@ -123,12 +123,12 @@ def build_skin(amputated: str | None = None, stump: float = 0.15) -> Skin:
     for side in ("left", "right"):
         for kind, whole, root in (("arm", _arm(), 4), ("leg", _leg(), 12)):
             limb = whole
-            if amputated == f"{side}-{kind}":
+            if amputated == f"{side}_{kind}":
                 limb = [_cut(whole[0], REST_JOINTS[root, 1] - stump)]
             tubes += (
-                [_named(tube, f"{side}-{kind}") for tube in limb]
+                [_named(tube, f"{side}_{kind}") for tube in limb]
                 if side == "left"
-                else [_mirrored(_named(tube, f"{side}-{kind}")) for tube in limb]
+                else [_mirrored(_named(tube, f"{side}_{kind}")) for tube in limb]
             )
     return _joined(tubes)
 
@@ -436,7 +436,7 @@ def _arm() -> list[_Tube]:
         [place > joints[0], place > joints[1], place > joints[2]], [4, 5, 6], default=7
     )
     palm = _Tube(
-        "left-arm",
+        "left_arm",
         "arm",
         28,
         _upright(place, x),
@@ -468,7 +468,7 @@ def _finger(
     size = girth * np.array([0.8, 1.0, 1.0, 0.95, 0.8, 0.55, 0.1])
     centers = np.asarray(start) + place[:, None] * way
     return _Tube(
-        "left-arm",
+        "left_arm",
         "skin",
         10,
         centers,
@@ -512,7 +512,7 @@ def _leg() -> list[_Tube]:
         [place > joints[0], place > joints[1], place > joints[2]], [12, 13, 14], default=15
     )
     trouser = _Tube(
-        "left-leg",
+        "left_leg",
         "leg",
         32,
         _upright(place, x),
@@ -545,7 +545,7 @@ def _shoe(x: float) -> _Tube:
     middle, half = (rows[:, 2] + rows[:, 3]) / 2.0, (rows[:, 2] - rows[:, 3]) / 2.0
     centers = np.column_stack([np.full(len(rows), x), ankle + middle, rows[:, 0]])
     return _Tube(
-        "left-leg",
+        "left_leg",
         "foot",
         24,
         centers,

@@ -23,6 +23,7 @@ from manip3d.mesh import Mesh
 from manip3d.rgbd import (
     INFERRED,
     NO_BODY,
+    PARENTS,
     TRACKED,
     RgbdCalibration,
     RgbdFrame,
@@ -36,10 +37,19 @@ from manip3d.simulate._scenery import Box, Scenery, box_mesh, furnish
 from manip3d.simulate._skin import TILES, Skin, build_skin
 from manip3d.simulate._time_of_flight import MAX_DEPTH, measure
 
-__all__ = ["DEPTH_CAMERA", "FEET", "BodyCapture", "BodySimulator", "BodyTruth"]
+__all__ = [
+    "DEPTH_CAMERA",
+    "FEET",
+    "LIMBS",
+    "BodyCapture",
+    "BodySimulator",
+    "BodyTruth",
+    "cast_mesh",
+    "opposite",
+]
 
 Floats = NDArray[np.float32]
-Limb = Literal["left-arm", "right-arm", "left-leg", "right-leg"]
+Limb = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
 Interval = tuple[float, float]
 
 DEPTH_CAMERA = Intrinsics(512, 424, 365.0, 365.0, 255.5, 211.5)
@@ -144,7 +154,7 @@ class BodySimulator:
         Whose limbs take part: ``left``, ``right`` or ``both``; by default those of the intact
         side where a limb is missing, else both.
     amputated : str, optional
-        ``left-arm``, ``right-arm``, ``left-leg`` or ``right-leg``.
+        ``left_arm``, ``right_arm``, ``left_leg`` or ``right_leg``.
     stump : float, metres
         What is left of the limb, from the shoulder or the hip on.
     sitting : bool, optional
@@ -193,7 +203,7 @@ class BodySimulator:
     Examples
     --------
     >>> from manip3d.simulate import BodySimulator
-    >>> simulator = BodySimulator(motion="arm-raise", amputated="right-arm", frames=2)
+    >>> simulator = BodySimulator(motion="arm-raise", amputated="right_arm", frames=2)
     >>> for frame in simulator:  # doctest: +SKIP
     ...     print(frame.depth.shape, len(frame.skeletons))
     (424, 512) 1
@@ -224,6 +234,8 @@ class BodySimulator:
     num_threads: int = 0
 
     def __post_init__(self) -> None:
+        if self.amputated is not None:  # addresses are spelt with hyphens
+            object.__setattr__(self, "amputated", self.amputated.replace("-", "_"))
         for name, value, choices in (
             ("motion", self.motion, list(MOTIONS)),
             ("side", self.side, ["", "left", "right", "both"]),
@@ -300,7 +312,7 @@ class BodySimulator:
         figure = cast.figures[0]
         truth = BodyTruth(
             np.where(view.depth <= MAX_DEPTH, view.depth, np.float32(0.0)),
-            view.bones,
+            np.where(people == 0, view.bones, np.uint8(NO_BONE)),
             people,
             measured.flying,
             figure.joints,
@@ -321,7 +333,7 @@ class BodySimulator:
     def _moving(self) -> tuple[bool, bool]:
         side = self.side
         if not side:
-            side = opposite(self.amputated).split("-")[0] if self.amputated else "both"
+            side = opposite(self.amputated).split("_")[0] if self.amputated else "both"
         return side in ("left", "both"), side in ("right", "both")
 
     @functools.cached_property
@@ -335,8 +347,8 @@ class BodySimulator:
 
     @functools.cached_property
     def _wardrobe(self) -> tuple[_Look, ...]:
-        covered = {"none": (), "both": ("left-leg", "right-leg")}.get(
-            self.cover, (f"{self.cover}-leg",)
+        covered = {"none": (), "both": ("left_leg", "right_leg")}.get(
+            self.cover, (f"{self.cover}_leg",)
         )
         person = _Look.of(self._skin, Clothes(stripes=self.stripes), covered)
         return (person, _Look.of(_whole(), _VISITOR, ()))
@@ -369,7 +381,7 @@ class BodySimulator:
 
     def _board(self, figure: PosedFigure) -> Box:
         """A board 0.45 m before the middle of the intact limb."""
-        limb = opposite(self.amputated) if self.amputated else "left-arm"
+        limb = opposite(self.amputated) if self.amputated else "left_arm"
         middle = figure.joints[list(LIMBS[limb][:4])].mean(axis=0) - (0.0, 0.0, 0.45)
         half = np.array([0.16, 0.36, 0.02])
         return Box(tuple(middle - half), tuple(middle + half), (168, 132, 84))
@@ -435,7 +447,10 @@ def _within(interval: Interval | None, time: float) -> bool:
 
 
 def _seen(joints: NDArray[np.float64], view: _View, number: int) -> NDArray[np.bool_]:
-    """Joints inside the image with nothing before them but the person's own flesh."""
+    """Joints inside the image with nothing before them but the bones that meet there.
+
+    Other parts of the person hide a joint too if they are well before it: an arm behind the back.
+    """
     camera = DEPTH_CAMERA
     z = np.maximum(joints[:, 2], 0.1)
     column = np.rint(camera.cx + camera.fx * joints[:, 0] / z).astype(int)
@@ -445,8 +460,27 @@ def _seen(joints: NDArray[np.float64], view: _View, number: int) -> NDArray[np.b
     surface = view.depth[row, column]
     before = (surface > 0.0) & (surface < joints[:, 2] - 0.01)
     own = view.people[row, column] == number
-    hidden = before & (~own | (surface < joints[:, 2] - _HIDDEN))
+    bone = np.where(own, view.bones[row, column], 0)
+    meets = (bone == np.arange(25)) | (np.asarray(PARENTS)[bone] == np.arange(25))
+    hidden = before & (~own | (~meets & (surface < joints[:, 2] - _HIDDEN)))
     return np.asarray(inside & ~hidden)
+
+
+def cast_mesh(mesh: Mesh, camera: Intrinsics, *, num_threads: int = 0) -> Floats:
+    """Depth of a mesh, (H, W) float32 in metres, by an ideal camera at the origin; 0: nothing."""
+    row, column = np.mgrid[: camera.height, : camera.width]
+    rays = np.stack(
+        [(column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy, np.ones(row.shape)], 2
+    )
+    rays = rays.reshape(-1, 3).astype(np.float32)
+    caster = RayCaster(mesh.vertices, mesh.faces)
+    depth = np.concatenate(
+        [
+            caster.cast(_EYES, rays[start : start + CHUNK], num_threads=num_threads).distance
+            for start in range(0, len(rays), CHUNK)
+        ]
+    )
+    return np.where(np.isfinite(depth), depth, np.float32(0.0)).reshape(row.shape)
 
 
 # --- Looking at it ----------------------------------------------------------------------------
@@ -563,8 +597,7 @@ class _Cast:
                 own = face[mine] - self._first_face[number]
                 at = row[mine], column[mine]
                 people[at] = number
-                if number == 0:
-                    bones[at] = look.skin.face_bone[own]
+                bones[at] = look.skin.face_bone[own]
                 size = float(distance[mine].mean()) / camera.fx if len(mine) else 1.0
                 colour[at] = look.colours(own, hits.uv[hit[mine]], light[mine], size)
             if self._board is not None:
