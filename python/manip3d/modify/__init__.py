@@ -3,12 +3,41 @@
 from __future__ import annotations
 
 from manip3d.modify._joints import JointLayout, joint_layouts, skeleton_from
+from manip3d.modify._phantom import (
+    BodyMirror,
+    BodySegmentation,
+    Limb,
+    MirrorMode,
+    PhantomFrame,
+    PhantomPipeline,
+    PhantomReason,
+    PhantomState,
+    PixelKind,
+    Texturing,
+    body_mirror,
+    segment_body,
+)
 from manip3d.modify._pose import PoseTracker, lift_landmarks
+from manip3d.modify._smoothing import JointSmoother, KeyPerson
 
 __all__ = [
+    "BodyMirror",
+    "BodySegmentation",
     "JointLayout",
+    "JointSmoother",
+    "KeyPerson",
+    "Limb",
+    "MirrorMode",
+    "PhantomFrame",
+    "PhantomPipeline",
+    "PhantomReason",
+    "PhantomState",
+    "PixelKind",
     "PoseTracker",
+    "Texturing",
+    "body_mirror",
     "joint_layouts",
     "lift_landmarks",
+    "segment_body",
     "skeleton_from",
 ]

@@ -1,0 +1,296 @@
+#include <pybind11/stl.h>
+#include <pybind11/typing.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "depth.hpp"
+#include "manip3d/modify/joint_smoother.hpp"
+#include "manip3d/modify/key_person.hpp"
+#include "manip3d/modify/mirror.hpp"
+#include "manip3d/modify/phantom_image.hpp"
+#include "manip3d/modify/phantom_pipeline.hpp"
+#include "manip3d/modify/segmentation.hpp"
+#include "modules.hpp"
+#include "numpy.hpp"
+#include "rgbd.hpp"
+
+namespace manip3d::bindings {
+namespace {
+
+using Fields = py::typing::Dict<py::str, py::object>;
+
+using People = py::typing::Iterable<py::object>;
+
+std::vector<Skeleton> to_skeletons(const People& people) {
+  std::vector<Skeleton> skeletons;
+  for (const py::handle person : people) skeletons.push_back(to_skeleton(person));
+  return skeletons;
+}
+
+/// The caller's image, which is written to.
+template <typename T>
+T* output(const py::object& out, const char* name, const std::vector<py::ssize_t>& shape) {
+  const py::object array = out.attr(name);
+  if (!py::isinstance<CArray<T>>(array)) {
+    throw InputError(std::string("out.") + name + ": expected a C-contiguous array of the dtype");
+  }
+  auto typed = py::cast<CArray<T>>(array);
+  const bool fits = typed.ndim() == static_cast<py::ssize_t>(shape.size()) &&
+                    std::equal(shape.begin(), shape.end(), typed.shape());
+  if (!fits || !typed.writeable()) {
+    throw InputError(std::string("out.") + name + ": expected a writeable array of the shape");
+  }
+  return typed.mutable_data();
+}
+
+PhantomBuffers to_buffers(const py::object& out, py::ssize_t rows, py::ssize_t cols) {
+  const auto capacity = out.attr("vertices").attr("shape")[py::int_(0)].cast<py::ssize_t>();
+  PhantomBuffers buffers;
+  buffers.depth = output<float>(out, "depth", {rows, cols});
+  buffers.label = output<std::uint8_t>(out, "labels", {rows, cols});
+  buffers.kind = reinterpret_cast<PixelKind*>(output<std::uint8_t>(out, "kinds", {rows, cols}));
+  buffers.source = output<std::int32_t>(out, "source", {rows, cols, 2});
+  buffers.mesh = {capacity, output<float>(out, "vertices", {capacity, 3}),
+                  output<std::int32_t>(out, "pixels", {capacity, 2}),
+                  output<float>(out, "uvs", {capacity, 2}),
+                  output<std::int32_t>(out, "triangles", {2 * capacity, 3})};
+  return buffers;
+}
+
+Fields to_fields(const PhantomReport& report) {
+  py::typing::Dict<py::str, double> seconds;
+  for (std::size_t i = 0; i < kNumPhantomStages; ++i) {
+    seconds[kPhantomStageNames[i]] = report.seconds[i];
+  }
+  Fields fields;
+  fields["state"] = py::cast(report.state);
+  fields["reason"] = py::cast(report.reason);
+  fields["opacity"] = py::float_(report.opacity);
+  fields["visible"] = py::float_(report.visible);
+  fields["texture_number"] = py::int_(report.texture_number);
+  fields["num_person"] = py::int_(report.num_person);
+  fields["num_removed"] = py::int_(report.num_removed);
+  fields["num_mirrored"] = py::int_(report.num_mirrored);
+  fields["num_filled"] = py::int_(report.num_filled);
+  fields["num_points"] = py::int_(report.num_points);
+  fields["num_vertices"] = py::int_(report.mesh.num_vertices);
+  fields["num_triangles"] = py::int_(report.mesh.num_triangles);
+  fields["late_frames"] = py::int_(report.late_frames);
+  fields["skeleton"] = from_skeleton(report.skeleton);
+  fields["seconds"] = seconds;
+  return fields;
+}
+
+/// A PhantomPipeline for arrays; one frame at a time.
+class PipelineRunner {
+ public:
+  explicit PipelineRunner(const PhantomOptions& options) : pipeline_(options) {}
+
+  Fields process(const py::array& depth, const std::optional<CArray<std::uint8_t>>& body_index,
+                 const py::object& camera, const py::object& registration, const People& people,
+                 std::int64_t time_ns, std::int64_t number, const py::object& out) {
+    const std::unique_lock lock(mutex_, std::try_to_lock);
+    if (!lock) throw Error("a pipeline cannot take frames from two threads at a time");
+    PhantomInput input;
+    input.depth = depth_view(depth);
+    if (body_index) {
+      check_image(*body_index, 0, "body_index");
+      if (body_index->shape(0) != input.depth.rows || body_index->shape(1) != input.depth.cols) {
+        throw InputError("body_index: expected the shape of depth");
+      }
+      input.body_index = body_index->data();
+    }
+    input.camera = to_intrinsics(camera, rays_);
+    std::optional<Registration> colour;
+    if (!registration.is_none()) colour = to_registration(registration);
+    input.registration = colour ? &*colour : nullptr;
+    const std::vector<Skeleton> skeletons = to_skeletons(people);
+    input.people = skeletons;
+    input.time_ns = time_ns;
+    input.number = number;
+    const PhantomBuffers buffers = to_buffers(out, input.depth.rows, input.depth.cols);
+    PhantomReport report;
+    {
+      const py::gil_scoped_release nogil;
+      report = pipeline_.process(input, buffers);
+    }
+    return to_fields(report);
+  }
+
+  void reset() { pipeline_.reset(); }
+
+ private:
+  PhantomPipeline pipeline_;
+  py::object rays_ = py::none();  ///< Table of the camera that the pipeline knows.
+  std::mutex mutex_;
+};
+
+void bind_enums(py::module_& m) {
+  py::enum_<Limb>(m, "Limb")
+      .value("LEFT_ARM", Limb::kLeftArm)
+      .value("RIGHT_ARM", Limb::kRightArm)
+      .value("LEFT_LEG", Limb::kLeftLeg)
+      .value("RIGHT_LEG", Limb::kRightLeg);
+  py::enum_<MirrorMode>(m, "MirrorMode")
+      .value("REFLECTION", MirrorMode::kReflection)
+      .value("PAPER", MirrorMode::kPaper)
+      .value("IMAGE", MirrorMode::kImage);
+  py::enum_<Texturing>(m, "Texturing")
+      .value("SOURCE", Texturing::kSource)
+      .value("CALIBRATION", Texturing::kCalibration);
+  py::enum_<PhantomState>(m, "PhantomState")
+      .value("TRACKING", PhantomState::kTracking)
+      .value("HOLDING", PhantomState::kHolding)
+      .value("FADING", PhantomState::kFading)
+      .value("LOST", PhantomState::kLost)
+      .value("LATE", PhantomState::kLate);
+  py::enum_<PhantomReason>(m, "PhantomReason")
+      .value("NONE", PhantomReason::kNone)
+      .value("NO_PERSON", PhantomReason::kNoPerson)
+      .value("NO_PLANE", PhantomReason::kNoPlane)
+      .value("OCCLUDED", PhantomReason::kOccluded)
+      .value("INFERRED", PhantomReason::kInferred);
+}
+
+void bind_joints(py::module_& m) {
+  py::class_<JointSmootherOptions>(m, "JointSmootherOptions")
+      .def(py::init<>())
+      .def_static("seated", &JointSmootherOptions::seated)
+      .def_readwrite("smoothing", &JointSmootherOptions::smoothing)
+      .def_readwrite("correction", &JointSmootherOptions::correction)
+      .def_readwrite("prediction", &JointSmootherOptions::prediction)
+      .def_readwrite("jitter_radius", &JointSmootherOptions::jitter_radius)
+      .def_readwrite("max_deviation", &JointSmootherOptions::max_deviation);
+  py::class_<JointSmoother>(m, "JointSmoother")
+      .def(py::init<const JointSmootherOptions&>(), py::arg("options"))
+      .def(
+          "add",
+          [](JointSmoother& smoother, const py::object& raw) -> Fields {
+            return from_skeleton(smoother.add(to_skeleton(raw)));
+          },
+          py::arg("raw"))
+      .def("reset", &JointSmoother::reset);
+  py::class_<KeyPersonOptions>(m, "KeyPersonOptions")
+      .def(py::init<>())
+      .def_readwrite("patience", &KeyPersonOptions::patience)
+      .def_readwrite("reach", &KeyPersonOptions::reach)
+      .def_readwrite("forget", &KeyPersonOptions::forget);
+  py::class_<KeyPerson>(m, "KeyPerson")
+      .def(py::init<const KeyPersonOptions&>(), py::arg("options"))
+      .def(
+          "find",
+          [](KeyPerson& key, const People& people, const py::object& camera,
+             double time) -> std::optional<std::size_t> {
+            py::object rays;
+            const std::vector<Skeleton> skeletons = to_skeletons(people);
+            return key.find(skeletons, to_intrinsics(camera, rays), time);
+          },
+          py::arg("people"), py::arg("camera"), py::arg("time"))
+      .def("reset", &KeyPerson::reset);
+}
+
+void bind_pipeline(py::module_& m) {
+  py::class_<PhantomMeshOptions>(m, "PhantomMeshOptions")
+      .def(py::init<>())
+      .def_readwrite("max_depth_step", &PhantomMeshOptions::max_depth_step)
+      .def_readwrite("texturing", &PhantomMeshOptions::texturing);
+  py::class_<PhantomOptions>(m, "PhantomOptions")
+      .def(py::init<>())
+      .def_readwrite("affected", &PhantomOptions::affected)
+      .def_readwrite("mode", &PhantomOptions::mode)
+      .def_readwrite("smooths", &PhantomOptions::smooths)
+      .def_readwrite("smoothing", &PhantomOptions::smoothing)
+      .def_readwrite("key_person", &PhantomOptions::key_person)
+      .def_readwrite("mask", &PhantomOptions::mask)
+      .def_readwrite("arm_radius", &PhantomOptions::arm_radius)
+      .def_readwrite("leg_radius", &PhantomOptions::leg_radius)
+      .def_readwrite("root_radius", &PhantomOptions::root_radius)
+      .def_readwrite("keep_residual", &PhantomOptions::keep_residual)
+      .def_readwrite("least_visible", &PhantomOptions::least_visible)
+      .def_readwrite("inferred_seconds", &PhantomOptions::inferred_seconds)
+      .def_readwrite("hold_seconds", &PhantomOptions::hold_seconds)
+      .def_readwrite("fade_seconds", &PhantomOptions::fade_seconds)
+      .def_readwrite("mesh", &PhantomOptions::mesh);
+  py::class_<PipelineRunner>(m, "PhantomPipeline")
+      .def(py::init<const PhantomOptions&>(), py::arg("options"))
+      .def("process", &PipelineRunner::process, py::arg("depth"), py::arg("body_index").noconvert(),
+           py::arg("camera"), py::arg("registration"), py::arg("people"), py::arg("time_ns"),
+           py::arg("number"), py::arg("out"))
+      .def("reset", &PipelineRunner::reset);
+}
+
+void bind_kernels(py::module_& m) {
+  py::class_<PersonMaskOptions>(m, "PersonMaskOptions")
+      .def(py::init<>())
+      .def_readwrite("near", &PersonMaskOptions::near)
+      .def_readwrite("far", &PersonMaskOptions::far)
+      .def_readwrite("margin", &PersonMaskOptions::margin);
+  m.def(
+      "segment_person",
+      [](const py::array& depth, const std::optional<CArray<std::uint8_t>>& body_index,
+         const py::object& camera, const py::object& skeleton, const PersonMaskOptions& options) {
+        const DepthView view = depth_view(depth);
+        if (body_index) check_image(*body_index, 0, "body_index");
+        py::object keep;
+        const PixelRays rays(to_intrinsics(camera, keep));
+        const Skeleton person = to_skeleton(skeleton);
+        PersonPoints points;
+        const auto size = static_cast<std::size_t>(view.rows * view.cols);
+        std::vector<std::uint8_t> labels(size);
+        std::vector<float> distances(size, std::numeric_limits<float>::infinity());
+        {
+          const py::gil_scoped_release nogil;
+          find_person(view, body_index ? body_index->data() : nullptr, person, rays, options,
+                      points);
+          segment_bones(body_bones(person), points);
+          for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+            const auto pixel = static_cast<std::size_t>(points.pixel[i]);
+            labels[pixel] = points.label[i];
+            distances[pixel] = std::sqrt(points.squared_distance[i]);
+          }
+        }
+        return py::make_tuple(to_numpy(std::move(labels)), to_numpy(std::move(distances)));
+      },
+      py::arg("depth"), py::arg("body_index").noconvert(), py::arg("camera"), py::arg("skeleton"),
+      py::arg("options"));
+  m.def(
+      "body_mirror",
+      [](const py::object& skeleton, Limb affected, MirrorMode mode) -> py::object {
+        const Skeleton person = to_skeleton(skeleton);
+        const auto frame = body_frame(person, affected);
+        if (!frame) return py::none();
+        const Mirror mirror = make_mirror(*frame, mode);
+        const auto vector = [](const Eigen::Vector3d& v) {
+          CArray<double> array(3);
+          std::copy_n(v.data(), 3, array.mutable_data());
+          return array;
+        };
+        CArray<double> linear({3, 3});
+        for (int i = 0; i < 9; ++i) linear.mutable_at(i / 3, i % 3) = mirror.linear(i / 3, i % 3);
+        Fields fields;
+        fields["linear"] = linear;
+        fields["offset"] = vector(mirror.offset);
+        fields["normal"] = vector(frame->n);
+        fields["origin"] = vector(frame->origin);
+        fields["skeleton"] = from_skeleton(with_mirrored_limb(person, affected, *frame, mirror));
+        return fields;
+      },
+      py::arg("skeleton"), py::arg("affected"), py::arg("mode"));
+}
+
+}  // namespace
+
+void bind_modify(py::module_& m) {
+  bind_enums(m);
+  bind_joints(m);
+  bind_kernels(m);
+  bind_pipeline(m);
+}
+
+}  // namespace manip3d::bindings

@@ -1,0 +1,101 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "manip3d/geometry/camera.hpp"
+#include "manip3d/geometry/range_image.hpp"
+#include "manip3d/modify/limb.hpp"
+#include "manip3d/modify/mirror.hpp"
+#include "manip3d/modify/segmentation.hpp"
+
+/// @file
+/// The person with one limb taken away and the mirrored other one drawn in: dissertation section
+/// 4.3.1, and 4.7.1 for legs.
+namespace manip3d {
+
+enum class PixelKind : std::uint8_t {
+  kNone,       ///< Nothing here.
+  kBody,       ///< As measured.
+  kPhantom,    ///< A mirrored point whose surface faces the camera.
+  kAway,       ///< A mirrored point that shows the back of its surface.
+  kFilled,     ///< A hole of the phantom, from its neighbours.
+  kRootFilled  ///< The gap at the root of the limb, from the intact side.
+};
+
+/// Borrowed images of one size, row by row.
+struct PhantomImage {
+  std::int64_t rows = 0, cols = 0;
+  float* depth = nullptr;         ///< Metres; 0: nothing.
+  std::uint8_t* label = nullptr;  ///< Bone; 0: none. Phantom pixels have the affected limb's.
+  PixelKind* kind = nullptr;
+  std::int32_t* source = nullptr;  ///< (rows, cols, 2) row i, column j of the texture; or -1, -1.
+  float* source_depth = nullptr;   ///< Of the point that is seen there, metres.
+};
+
+/// The inverse of PixelRays, to the nearest pixel.
+class PixelProjector {
+ public:
+  /// `rays` are those of the camera, and borrowed.
+  PixelProjector(const Intrinsics& camera, const PixelRays& rays);
+  /// v * width + u, or -1 where the image does not reach.
+  [[nodiscard]] std::int32_t pixel(float x, float y, float z) const;
+
+ private:
+  const PixelRays* rays_;
+  float fx_, fy_, cx_, cy_;
+  std::int32_t width_, height_;
+};
+
+/// Empties the images and draws the person.
+void draw_person(const PersonPoints& points, const PhantomImage& image);
+
+/// Takes out the points of a limb: those of its label within `radius` of its bone. How many.
+std::int64_t remove_limb(const PersonPoints& points, Limb limb, double radius,
+                         const PhantomImage& image);
+
+struct MirroredPoint {
+  float x, y, z;        ///< Mirrored.
+  float source_depth;   ///< Of the point itself,
+  std::int32_t source;  ///< and its pixel.
+  std::uint8_t label;   ///< Bone on the mirrored side.
+  bool faces_camera;    ///< False if mirroring turned its surface away.
+};
+
+/// Mirrors the points of the intact limb that are within `radius` of its bones. Their normals are
+/// those of the depth around them in `image`.
+void mirror_limb(const PersonPoints& points, Limb intact, double radius, const PixelRays& rays,
+                 const Mirror& mirror, const PhantomImage& image,
+                 std::vector<MirroredPoint>& mirrored);
+
+/// Mirrors what is left of the body on the root's side of the plane n, within `radius` of it.
+void mirror_around_root(const PersonPoints& points, const Eigen::Vector3f& root, double radius,
+                        const BodyFrame& frame, const Mirror& mirror, const PhantomImage& image,
+                        std::vector<MirroredPoint>& mirrored);
+
+/// Draws mirrored points into the pixels nearest to their projections: those that face the camera
+/// where nothing is nearer, then the others where there is nothing. What is left of the limb itself
+/// (a stump) counts as nearer up to 5 cm behind. Returns the box of what was drawn.
+PixelBox write_phantom(const std::vector<MirroredPoint>& mirrored, Limb affected,
+                       const PixelProjector& projector, const PhantomImage& image);
+
+/// Draws mirrored points where there is nothing. Returns the box of what was drawn.
+PixelBox write_root(const std::vector<MirroredPoint>& mirrored, const PixelProjector& projector,
+                    const PhantomImage& image);
+
+struct HoleFill {
+  std::int32_t pixel;
+  float depth, source_depth;
+  std::int32_t row, col;  ///< Source.
+  std::uint8_t label;
+};
+
+/// Fills empty pixels of the box that have something to the left and right or above and below, and
+/// the phantom in one such pair: depth is the mean of the neighbours there are, all as they were
+/// before; the source is the mean of the pair's, the phantom's if only one is of it. How many.
+/// Pixels without a ray stay empty. `fills` is scratch memory.
+std::int64_t fill_holes(const PixelBox& box, const PixelRays& rays, const PhantomImage& image,
+                        std::vector<HoleFill>& fills);
+
+}  // namespace manip3d

@@ -1,0 +1,129 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "manip3d/geometry/camera.hpp"
+#include "manip3d/geometry/depth_image.hpp"
+#include "manip3d/geometry/skeleton.hpp"
+#include "manip3d/modify/joint_smoother.hpp"
+#include "manip3d/modify/key_person.hpp"
+#include "manip3d/modify/limb.hpp"
+#include "manip3d/modify/mirror.hpp"
+#include "manip3d/modify/phantom_image.hpp"
+#include "manip3d/modify/phantom_mesh.hpp"
+#include "manip3d/modify/segmentation.hpp"
+
+namespace manip3d {
+
+struct PhantomOptions {
+  Limb affected = Limb::kRightArm;
+  MirrorMode mode = MirrorMode::kReflection;
+  bool smooths = true;  ///< Else joints are taken as they come.
+  JointSmootherOptions smoothing;
+  KeyPersonOptions key_person;
+  PersonMaskOptions mask;
+  double arm_radius = 0.13, leg_radius = 0.18;  ///< Metres around the limb's bones.
+  double root_radius = 0.15;      ///< Metres around the hip: second filling, legs only; 0: none.
+  bool keep_residual = false;     ///< Leaves what there is of the affected limb.
+  double least_visible = 0.5;     ///< Share of the intact limb that must be seen.
+  double inferred_seconds = 0.2;  ///< A joint of the intact limb may be guessed for so long.
+  double hold_seconds = 0.5, fade_seconds = 0.5;
+  PhantomMeshOptions mesh;
+};
+
+/// What is known about one frame. Images are borrowed for the length of a call.
+struct PhantomInput {
+  DepthView depth;
+  const std::uint8_t* body_index = nullptr;  ///< (rows, cols) or null.
+  Intrinsics camera;                         ///< A ray table stays the same as long as it lives.
+  const Registration* registration = nullptr;
+  std::span<const Skeleton> people;
+  std::int64_t time_ns = 0, number = 0;
+};
+
+/// Caller-owned memory, written whole.
+struct PhantomBuffers {
+  float* depth = nullptr;          ///< (rows, cols) metres: person and phantom; 0: nothing.
+  std::uint8_t* label = nullptr;   ///< (rows, cols) bone, 1 to 24; 0: none.
+  PixelKind* kind = nullptr;       ///< (rows, cols)
+  std::int32_t* source = nullptr;  ///< (rows, cols, 2) row and column of the texture; -1: none.
+  PhantomMeshBuffers mesh;
+};
+
+enum class PhantomState : std::uint8_t {
+  kTracking,  ///< The intact limb is seen, and mirrored.
+  kHolding,   ///< It is not; the last phantom moves with the body.
+  kFading,    ///< The same, with less and less opacity.
+  kLost,      ///< There is no phantom.
+  kLate       ///< The frame is not newer than the last one; nothing was done.
+};
+enum class PhantomReason : std::uint8_t {
+  kNone,
+  kNoPerson,  ///< The key person's skeleton is not there.
+  kNoPlane,   ///< The axes of the body never were there.
+  kOccluded,  ///< Too little of the intact limb is seen.
+  kInferred,  ///< A joint of the intact limb was guessed for too long.
+};
+
+/// The rows of table 4.1.
+enum class PhantomStage : std::uint8_t {
+  kSegmentation,  ///< With smoothing, key person and mask.
+  kRemoval,
+  kMirroring,  ///< With writing.
+  kHoleFilling,
+  kSkeleton,
+  kPointCloud,
+  kMesh
+};
+inline constexpr std::size_t kNumPhantomStages = 7;
+inline constexpr std::array<const char*, kNumPhantomStages> kPhantomStageNames = {
+    "segmentation",     "removal",     "mirroring",    "hole filling",
+    "phantom skeleton", "point cloud", "textured mesh"};
+
+struct PhantomReport {
+  PhantomState state = PhantomState::kLost;
+  PhantomReason reason = PhantomReason::kNone;
+  double opacity = 0.0;             ///< To draw the phantom with: 1, or less while it fades.
+  double visible = 0.0;             ///< Share of the intact limb that is seen, by length.
+  std::int64_t texture_number = 0;  ///< Frame whose colours the phantom's sources refer to.
+  std::int64_t num_person = 0, num_removed = 0, num_mirrored = 0, num_filled = 0;  ///< Pixels.
+  std::int64_t num_points = 0;  ///< Vertices before those of seams.
+  PhantomMeshSize mesh;
+  Skeleton skeleton;             ///< Key person, smoothed, with the phantom's joints.
+  std::int64_t late_frames = 0;  ///< So far.
+  std::array<double, kNumPhantomStages> seconds{};
+};
+
+/// A person with a phantom in place of one limb, frame by frame (dissertation sections 4.3.1 and
+/// 4.7): mask, smoothed joints, segmentation, removal, mirroring, hole filling, skeleton, points
+/// and textured mesh.
+///
+/// While the intact limb cannot be mirrored (less than `least_visible` of it is seen, a joint of it
+/// is inferred for more than `inferred_seconds`, or the skeleton is gone) the last phantom is held
+/// in the body's frame, then fades. Degenerate body axes keep those of the last frame. A frame that
+/// is no newer than the last one is counted and passed over, unless it is more than a second older:
+/// then a new recording begins. An object keeps its memory and allocates nothing after the first
+/// frame of a camera.
+class PhantomPipeline {
+ public:
+  /// @throws InputError  an option out of range.
+  explicit PhantomPipeline(const PhantomOptions& options = {});
+  PhantomPipeline(PhantomPipeline&&) noexcept;
+  PhantomPipeline& operator=(PhantomPipeline&&) noexcept;
+  ~PhantomPipeline();
+
+  /// @throws InputError  an empty image, sizes that differ from the camera's, a camera or
+  ///                     registration out of range, a mesh capacity too small. The next frame is
+  ///                     not affected.
+  PhantomReport process(const PhantomInput& input, const PhantomBuffers& out);
+  void reset();
+
+ private:
+  class Workspace;
+  std::unique_ptr<Workspace> workspace_;
+};
+
+}  // namespace manip3d

@@ -1,0 +1,312 @@
+#include "manip3d/modify/phantom_image.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+
+#include "modify/pixel_bounds.hpp"
+
+namespace manip3d {
+namespace {
+
+// Two pixels whose depths differ by less show one surface; also the reach of a limb's own skin.
+constexpr float kSameSurface = 0.05F;
+
+std::array<bool, kNumJoints> limb_bones(Limb limb) {
+  std::array<bool, kNumJoints> bones{};
+  for (std::size_t bone = 0; bone < kNumJoints; ++bone) bones[bone] = is_limb_bone(limb, bone);
+  return bones;
+}
+
+bool is_phantom(PixelKind kind) { return kind >= PixelKind::kPhantom; }
+
+/// Points of a depth image around a pixel.
+class Surface {
+ public:
+  Surface(const PixelRays& rays, const PhantomImage& image) : rays_(rays), image_(image) {}
+
+  [[nodiscard]] Eigen::Vector3f point(std::int64_t u, std::int64_t v) const {
+    const float z = image_.depth[v * image_.cols + u];
+    const float ray_y = rays_.is_separable() ? *rays_.y(v) : rays_.y(v)[u];
+    return {rays_.x(v)[u] * z, ray_y * z, z};
+  }
+
+  /// Across the surface at a pixel, to either side of it; 0 where nothing is beside it.
+  [[nodiscard]] Eigen::Vector3f normal(std::int64_t u, std::int64_t v) const {
+    constexpr std::int64_t kStep = 2;  // pixels: less noise than next neighbours, and still narrow
+    return difference(u, v, kStep, 0).cross(difference(u, v, 0, kStep));
+  }
+
+ private:
+  [[nodiscard]] Eigen::Vector3f difference(std::int64_t u, std::int64_t v, std::int64_t du,
+                                           std::int64_t dv) const {
+    const Eigen::Vector3f ahead = beside(u, v, u + du, v + dv);
+    const Eigen::Vector3f behind = beside(u, v, u - du, v - dv);
+    return ahead - behind;
+  }
+  /// The point of a pixel nearby, or of (u, v) itself where that is of another surface.
+  [[nodiscard]] Eigen::Vector3f beside(std::int64_t u, std::int64_t v, std::int64_t to_u,
+                                       std::int64_t to_v) const {
+    if (to_u < 0 || to_v < 0 || to_u >= image_.cols || to_v >= image_.rows) return point(u, v);
+    const float z = image_.depth[v * image_.cols + u];
+    const float other = image_.depth[to_v * image_.cols + to_u];
+    return std::abs(z - other) < kSameSurface ? point(to_u, to_v) : point(u, v);
+  }
+
+  const PixelRays& rays_;
+  const PhantomImage& image_;
+};
+
+void draw(const MirroredPoint& point, std::int32_t pixel, PixelKind kind,
+          const PhantomImage& image) {
+  const auto cols = static_cast<std::int32_t>(image.cols);
+  image.depth[pixel] = point.z;
+  image.label[pixel] = point.label;
+  image.kind[pixel] = kind;
+  image.source[2 * pixel] = point.source / cols;
+  image.source[2 * pixel + 1] = point.source % cols;
+  image.source_depth[pixel] = point.source_depth;
+}
+
+/// What stands between the camera and a point at a pixel.
+float barrier(std::int32_t pixel, Limb affected, const PhantomImage& image) {
+  const bool stump =
+      image.kind[pixel] == PixelKind::kBody && image.label[pixel] == limb_label(affected);
+  return stump ? image.depth[pixel] - kSameSurface : image.depth[pixel];
+}
+
+class LimbMirror {
+ public:
+  explicit LimbMirror(const Mirror& mirror)
+      : linear_(mirror.linear.cast<float>()), offset_(mirror.offset.cast<float>()) {}
+
+  [[nodiscard]] MirroredPoint operator()(const PersonPoints& points, std::size_t i) const {
+    const Eigen::Vector3f p =
+        linear_ * Eigen::Vector3f(points.x[i], points.y[i], points.z[i]) + offset_;
+    return {p.x(), p.y(), p.z(), points.z[i], points.pixel[i], kMirroredJoints[points.label[i]],
+            true};
+  }
+
+ private:
+  Eigen::Matrix3f linear_;
+  Eigen::Vector3f offset_;
+};
+
+}  // namespace
+
+PixelProjector::PixelProjector(const Intrinsics& camera, const PixelRays& rays)
+    : rays_(&rays),
+      fx_(static_cast<float>(camera.mirrored ? -camera.fx : camera.fx)),
+      fy_(static_cast<float>(camera.fy)),
+      cx_(static_cast<float>(camera.cx)),
+      cy_(static_cast<float>(camera.cy)),
+      width_(static_cast<std::int32_t>(camera.width)),
+      height_(static_cast<std::int32_t>(camera.height)) {}
+
+std::int32_t PixelProjector::pixel(float x, float y, float z) const {
+  if (!(z > 0.0F)) return -1;
+  const float ray_x = x / z, ray_y = y / z;
+  float u = fx_ * ray_x + cx_, v = fy_ * ray_y + cy_;
+  if (!rays_->is_separable()) {
+    // Newton's steps on the table of rays, with the pinhole's derivative.
+    constexpr int kSteps = 4;
+    for (int i = 0; i < kSteps; ++i) {
+      const auto col =
+          static_cast<std::int32_t>(std::clamp(u + 0.5F, 0.0F, static_cast<float>(width_ - 1)));
+      const auto row =
+          static_cast<std::int32_t>(std::clamp(v + 0.5F, 0.0F, static_cast<float>(height_ - 1)));
+      u = static_cast<float>(col) + fx_ * (ray_x - rays_->x(row)[col]);
+      v = static_cast<float>(row) + fy_ * (ray_y - rays_->y(row)[col]);
+      if (!(std::abs(u) < 1e6F && std::abs(v) < 1e6F)) return -1;
+    }
+  }
+  u += 0.5F;
+  v += 0.5F;
+  if (!(u >= 0.0F && v >= 0.0F && u < static_cast<float>(width_) &&
+        v < static_cast<float>(height_))) {
+    return -1;
+  }
+  return static_cast<std::int32_t>(v) * width_ + static_cast<std::int32_t>(u);
+}
+
+void draw_person(const PersonPoints& points, const PhantomImage& image) {
+  const std::int64_t size = image.rows * image.cols;
+  std::fill_n(image.depth, size, 0.0F);
+  std::fill_n(image.label, size, std::uint8_t{0});
+  std::fill_n(image.kind, size, PixelKind::kNone);
+  std::fill_n(image.source, 2 * size, -1);
+  const auto cols = static_cast<std::int32_t>(image.cols);
+  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+    const std::int32_t pixel = points.pixel[i];
+    image.depth[pixel] = points.z[i];
+    image.label[pixel] = points.label[i];
+    image.kind[pixel] = PixelKind::kBody;
+    image.source[2 * pixel] = pixel / cols;
+    image.source[2 * pixel + 1] = pixel % cols;
+    image.source_depth[pixel] = points.z[i];
+  }
+}
+
+std::int64_t remove_limb(const PersonPoints& points, Limb limb, double radius,
+                         const PhantomImage& image) {
+  const auto most = static_cast<float>(radius * radius);
+  std::int64_t removed = 0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+    if (points.label[i] != limb_label(limb) || !(points.squared_distance[i] <= most)) continue;
+    const std::int32_t pixel = points.pixel[i];
+    image.depth[pixel] = 0.0F;
+    image.label[pixel] = 0;
+    image.kind[pixel] = PixelKind::kNone;
+    image.source[2 * pixel] = image.source[2 * pixel + 1] = -1;
+    ++removed;
+  }
+  return removed;
+}
+
+void mirror_limb(const PersonPoints& points, Limb intact, double radius, const PixelRays& rays,
+                 const Mirror& mirror, const PhantomImage& image,
+                 std::vector<MirroredPoint>& mirrored) {
+  mirrored.clear();
+  const std::array<bool, kNumJoints> is_intact = limb_bones(intact);
+  const auto most = static_cast<float>(radius * radius);
+  const Surface surface(rays, image);
+  const LimbMirror to_other_side(mirror);
+  // A mirrored surface faces the camera if the surface faces the mirrored camera.
+  const Eigen::Vector3f mirrored_camera = mirror.offset.cast<float>();
+  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+    if (!is_intact[points.label[i]] || !(points.squared_distance[i] <= most)) continue;
+    MirroredPoint& point = mirrored.emplace_back(to_other_side(points, i));
+    const std::int64_t u = points.pixel[i] % image.cols, v = points.pixel[i] / image.cols;
+    const Eigen::Vector3f normal = surface.normal(u, v);
+    const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
+    point.faces_camera = !(normal.dot(p) * normal.dot(p - mirrored_camera) < 0.0F);
+  }
+}
+
+void mirror_around_root(const PersonPoints& points, const Eigen::Vector3f& root, double radius,
+                        const BodyFrame& frame, const Mirror& mirror, const PhantomImage& image,
+                        std::vector<MirroredPoint>& mirrored) {
+  mirrored.clear();
+  const auto most = static_cast<float>(radius * radius);
+  const Eigen::Vector3f n = frame.n.cast<float>(), origin = frame.origin.cast<float>();
+  const bool positive = n.dot(root - origin) > 0.0F;
+  const LimbMirror to_other_side(mirror);
+  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+    const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
+    if (!((p - root).squaredNorm() <= most) || (n.dot(p - origin) > 0.0F) != positive) continue;
+    if (image.kind[points.pixel[i]] != PixelKind::kBody) continue;
+    mirrored.push_back(to_other_side(points, i));
+  }
+}
+
+PixelBox write_phantom(const std::vector<MirroredPoint>& mirrored, Limb affected,
+                       const PixelProjector& projector, const PhantomImage& image) {
+  PixelBounds bounds;
+  const auto write = [&](const MirroredPoint& point, PixelKind kind) {
+    const std::int32_t pixel = projector.pixel(point.x, point.y, point.z);
+    if (pixel < 0) return;
+    const PixelKind there = image.kind[pixel];
+    const bool is_free = there == PixelKind::kNone;
+    const bool may_cover = kind == PixelKind::kPhantom || there == PixelKind::kAway;
+    if (!is_free && !(may_cover && point.z < barrier(pixel, affected, image))) return;
+    draw(point, pixel, kind, image);
+    bounds.add(pixel % image.cols, pixel / image.cols);
+  };
+  for (const MirroredPoint& point : mirrored) {
+    if (point.faces_camera) write(point, PixelKind::kPhantom);
+  }
+  for (const MirroredPoint& point : mirrored) {
+    if (!point.faces_camera) write(point, PixelKind::kAway);
+  }
+  return bounds.box();
+}
+
+PixelBox write_root(const std::vector<MirroredPoint>& mirrored, const PixelProjector& projector,
+                    const PhantomImage& image) {
+  PixelBounds bounds;
+  for (const MirroredPoint& point : mirrored) {
+    const std::int32_t pixel = projector.pixel(point.x, point.y, point.z);
+    if (pixel < 0) continue;
+    const PixelKind there = image.kind[pixel];
+    const bool nearer = there == PixelKind::kRootFilled && point.z < image.depth[pixel];
+    if (there != PixelKind::kNone && !nearer) continue;
+    draw(point, pixel, PixelKind::kRootFilled, image);
+    bounds.add(pixel % image.cols, pixel / image.cols);
+  }
+  return bounds.box();
+}
+
+namespace {
+
+/// Two opposite neighbours of an empty pixel.
+struct Pair {
+  std::int64_t a, b;
+  bool present;  ///< Both are there.
+};
+
+HoleFill filled_from(const Pair& pair, const PhantomImage& image) {
+  // Where only one of the two is of the phantom, the other's source says nothing about it.
+  const bool a_is = is_phantom(image.kind[pair.a]), b_is = is_phantom(image.kind[pair.b]);
+  const std::int64_t a = a_is ? pair.a : pair.b, b = b_is ? pair.b : pair.a;
+  const auto middle = [](std::int32_t x, std::int32_t y) { return (x + y + 1) / 2; };
+  HoleFill fill{};
+  fill.row = middle(image.source[2 * a], image.source[2 * b]);
+  fill.col = middle(image.source[2 * a + 1], image.source[2 * b + 1]);
+  fill.source_depth = 0.5F * (image.source_depth[a] + image.source_depth[b]);
+  fill.label = image.label[a];
+  return fill;
+}
+
+float mean_depth(const std::array<std::int64_t, 4>& pixels, const PhantomImage& image) {
+  float sum = 0.0F, count = 0.0F;
+  for (const std::int64_t pixel : pixels) {
+    if (image.kind[pixel] == PixelKind::kNone) continue;
+    sum += image.depth[pixel];
+    count += 1.0F;
+  }
+  return sum / count;
+}
+
+}  // namespace
+
+std::int64_t fill_holes(const PixelBox& box, const PixelRays& rays, const PhantomImage& image,
+                        std::vector<HoleFill>& fills) {
+  fills.clear();
+  const std::int64_t u0 = std::max<std::int64_t>(box.u0, 1);
+  const std::int64_t v0 = std::max<std::int64_t>(box.v0, 1);
+  const std::int64_t u1 = std::min(box.u0 + box.width, image.cols - 1);
+  const std::int64_t v1 = std::min(box.v0 + box.height, image.rows - 1);
+  const auto is_there = [&](std::int64_t p) { return image.kind[p] != PixelKind::kNone; };
+  const auto has_ray = [&](std::int64_t u, std::int64_t v) {
+    return rays.is_separable() || !std::isnan(rays.x(v)[u] + rays.y(v)[u]);
+  };
+  const auto has_phantom = [&](const Pair& pair) {
+    return pair.present && (is_phantom(image.kind[pair.a]) || is_phantom(image.kind[pair.b]));
+  };
+  for (std::int64_t v = v0; v < v1; ++v) {
+    for (std::int64_t u = u0; u < u1; ++u) {
+      const std::int64_t p = v * image.cols + u, up = p - image.cols, down = p + image.cols;
+      if (is_there(p) || !has_ray(u, v)) continue;
+      const Pair beside{p - 1, p + 1, is_there(p - 1) && is_there(p + 1)};
+      const Pair above{up, down, is_there(up) && is_there(down)};
+      if (!has_phantom(beside) && !has_phantom(above)) continue;
+      HoleFill fill = filled_from(has_phantom(beside) ? beside : above, image);
+      fill.pixel = static_cast<std::int32_t>(p);
+      fill.depth = mean_depth({p - 1, p + 1, up, down}, image);
+      fills.push_back(fill);
+    }
+  }
+  for (const HoleFill& fill : fills) {
+    image.depth[fill.pixel] = fill.depth;
+    image.label[fill.pixel] = fill.label;
+    image.kind[fill.pixel] = PixelKind::kFilled;
+    image.source[2 * fill.pixel] = fill.row;
+    image.source[2 * fill.pixel + 1] = fill.col;
+    image.source_depth[fill.pixel] = fill.source_depth;
+  }
+  return static_cast<std::int64_t>(fills.size());
+}
+
+}  // namespace manip3d

@@ -1,0 +1,213 @@
+#include "manip3d/modify/phantom_mesh.hpp"
+
+#include <algorithm>
+#include <array>
+#include <limits>
+#include <string>
+
+#include "manip3d/error.hpp"
+#include "manip3d/geometry/grid_mesh.hpp"
+
+namespace manip3d {
+namespace {
+
+/// registered_uv() with the matrices of an undistorted camera multiplied beforehand.
+class ColourCamera {
+ public:
+  explicit ColourCamera(const Registration& registration)
+      : registration_(registration),
+        width_(static_cast<double>(registration.colour.width)),
+        height_(static_cast<double>(registration.colour.height)) {
+    const Intrinsics& k = registration.colour;
+    for (const double coefficient : k.distortion) distorted_ |= coefficient != 0.0;
+    const double fx = k.mirrored ? -k.fx : k.fx;
+    Eigen::Matrix3d camera;
+    camera << fx, 0.0, k.cx, 0.0, k.fy, k.cy, 0.0, 0.0, 1.0;
+    rotation_ = camera * registration.rotation;
+    translation_ = camera * registration.translation;
+  }
+
+  [[nodiscard]] std::array<float, 2> uv(float x, float y, float z) const {
+    if (distorted_) return registered_uv({x, y, z}, registration_);
+    const double a = x, b = y, c = z;
+    const auto row = [&](int i) {
+      return rotation_(i, 0) * a + rotation_(i, 1) * b + rotation_(i, 2) * c + translation_(i);
+    };
+    const double w = row(2);
+    constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+    if (!(w > 0.0)) return {kNan, kNan};
+    return grid_uv(row(0) / w, row(1) / w, width_, height_);
+  }
+
+ private:
+  const Registration& registration_;
+  double width_, height_;
+  bool distorted_ = false;
+  Eigen::Matrix3d rotation_;
+  Eigen::Vector3d translation_;
+};
+
+class MeshWriter {
+ public:
+  MeshWriter(const PhantomImage& image, const std::vector<std::int32_t>& vertex_of,
+             std::int64_t num_points, const PhantomMeshOptions& options,
+             const PhantomMeshBuffers& out, bool flips)
+      : image_(image),
+        vertex_of_(vertex_of),
+        out_(out),
+        max_step_(static_cast<float>(options.max_depth_step)),
+        keeps_seams_(options.texturing == Texturing::kSource),
+        flips_(flips),
+        size_{num_points, 0} {}
+
+  /// The triangles of the cell below and right of a pixel.
+  void cut(std::int64_t pixel) {
+    // Counter-clockwise seen from the camera where rows go down; the other way round if flipped.
+    std::array<std::int64_t, 4> around = {pixel, pixel + image_.cols, pixel + image_.cols + 1,
+                                          pixel + 1};
+    if (flips_) std::swap(around[1], around[3]);
+    std::array<std::int64_t, 4> corner{};
+    std::size_t count = 0;
+    for (const std::int64_t p : around) {
+      if (image_.kind[p] != PixelKind::kNone) corner[count++] = p;
+    }
+    if (count < 3) return;
+    if (count == 3) return keep({corner[0], corner[1], corner[2]});
+    const std::size_t a =
+        squared_distance(corner[0], corner[2]) <= squared_distance(corner[1], corner[3]) ? 0 : 1;
+    keep({corner[a], corner[a + 1], corner[a + 2]});
+    keep({corner[a], corner[a + 2], corner[(a + 3) % 4]});
+  }
+
+  [[nodiscard]] PhantomMeshSize size() const { return size_; }
+
+ private:
+  [[nodiscard]] const float* point(std::int64_t pixel) const {
+    return out_.vertices + 3 * std::int64_t{vertex_of_[static_cast<std::size_t>(pixel)]};
+  }
+  [[nodiscard]] float squared_distance(std::int64_t a, std::int64_t b) const {
+    const float* p = point(a);
+    const float* q = point(b);
+    const float x = p[0] - q[0], y = p[1] - q[1], z = p[2] - q[2];
+    return x * x + y * y + z * z;
+  }
+
+  void keep(const std::array<std::int64_t, 3>& corner) {
+    const auto [least, most] =
+        std::minmax({image_.depth[corner[0]], image_.depth[corner[1]], image_.depth[corner[2]]});
+    if (!(most - least <= max_step_)) return;
+    std::array<std::int32_t, 3> vertex{};
+    std::int64_t phantom = -1;
+    bool body = false;
+    for (std::size_t i = 0; i < 3; ++i) {
+      vertex[i] = vertex_of_[static_cast<std::size_t>(corner[i])];
+      if (image_.kind[corner[i]] == PixelKind::kBody) {
+        body = true;
+      } else if (phantom < 0) {
+        phantom = corner[i];
+      }
+    }
+    if (keeps_seams_ && body && phantom >= 0 && !split_seam(corner, phantom, vertex)) return;
+    std::copy_n(vertex.begin(), 3, out_.triangles + 3 * size_.num_triangles++);
+  }
+
+  /// Gives the body's corners vertices with the phantom's texture; false if there is no room.
+  bool split_seam(const std::array<std::int64_t, 3>& corner, std::int64_t phantom,
+                  std::array<std::int32_t, 3>& vertex) {
+    const std::int64_t texture = vertex_of_[static_cast<std::size_t>(phantom)];
+    for (std::size_t i = 0; i < 3; ++i) {
+      if (image_.kind[corner[i]] != PixelKind::kBody) continue;
+      if (size_.num_vertices == out_.capacity) return false;
+      const std::int64_t from = vertex[i], to = size_.num_vertices++;
+      std::copy_n(out_.vertices + 3 * from, 3, out_.vertices + 3 * to);
+      std::copy_n(out_.pixels + 2 * from, 2, out_.pixels + 2 * to);
+      std::copy_n(out_.uvs + 2 * texture, 2, out_.uvs + 2 * to);
+      vertex[i] = static_cast<std::int32_t>(to);
+    }
+    return true;
+  }
+
+  const PhantomImage& image_;
+  const std::vector<std::int32_t>& vertex_of_;
+  const PhantomMeshBuffers& out_;
+  float max_step_;
+  bool keeps_seams_, flips_;
+  PhantomMeshSize size_;
+};
+
+/// Texture coordinates of the first `num_points` vertices.
+void write_uvs(const PhantomImage& image, const PixelRays& rays, std::int64_t num_points,
+               const Registration* registration, Texturing texturing,
+               const PhantomMeshBuffers& out) {
+  const auto width = static_cast<double>(image.cols), height = static_cast<double>(image.rows);
+  const bool by_source = texturing == Texturing::kSource;
+  for (std::int64_t i = 0; i < num_points && registration == nullptr; ++i) {
+    std::int64_t u = out.pixels[2 * i], v = out.pixels[2 * i + 1];
+    if (by_source) {
+      const std::int32_t* source = image.source + 2 * (v * image.cols + u);
+      v = source[0];
+      u = source[1];
+    }
+    const auto uv = grid_uv(static_cast<double>(u), static_cast<double>(v), width, height);
+    std::copy_n(uv.begin(), 2, out.uvs + 2 * i);
+  }
+  if (registration == nullptr) return;
+  const ColourCamera camera(*registration);
+  for (std::int64_t i = 0; i < num_points; ++i) {
+    const float* p = out.vertices + 3 * i;
+    std::array<float, 3> point = {p[0], p[1], p[2]};
+    const std::int64_t pixel = out.pixels[2 * i + 1] * image.cols + out.pixels[2 * i];
+    if (by_source && image.kind[pixel] != PixelKind::kBody) {
+      const std::int64_t v = image.source[2 * pixel], u = image.source[2 * pixel + 1];
+      const float z = image.source_depth[pixel];
+      const float ray_y = rays.is_separable() ? *rays.y(v) : rays.y(v)[u];
+      point = {rays.x(v)[u] * z, ray_y * z, z};
+    }
+    const auto uv = camera.uv(point[0], point[1], point[2]);
+    std::copy_n(uv.begin(), 2, out.uvs + 2 * i);
+  }
+}
+
+}  // namespace
+
+std::int64_t write_points(const PhantomImage& image, const PixelBox& box, const PixelRays& rays,
+                          const PhantomMeshBuffers& out, std::vector<std::int32_t>& vertex_of) {
+  std::int64_t count = 0;
+  for (std::int64_t v = box.v0; v < box.v0 + box.height; ++v) {
+    const float* ray_x = rays.x(v);
+    const float* ray_y = rays.y(v);
+    for (std::int64_t u = box.u0; u < box.u0 + box.width; ++u) {
+      const std::int64_t pixel = v * image.cols + u;
+      if (image.kind[pixel] == PixelKind::kNone) continue;
+      if (count == out.capacity) {
+        throw InputError("buffers: expected room for every pixel of person and phantom, got " +
+                         std::to_string(out.capacity) + " vertices");
+      }
+      const float z = image.depth[pixel];
+      float* point = out.vertices + 3 * count;
+      point[0] = ray_x[u] * z;
+      point[1] = (rays.is_separable() ? *ray_y : ray_y[u]) * z;
+      point[2] = z;
+      out.pixels[2 * count] = static_cast<std::int32_t>(u);
+      out.pixels[2 * count + 1] = static_cast<std::int32_t>(v);
+      vertex_of[static_cast<std::size_t>(pixel)] = static_cast<std::int32_t>(count++);
+    }
+  }
+  return count;
+}
+
+PhantomMeshSize write_mesh(const PhantomImage& image, const PixelBox& box, const PixelRays& rays,
+                           std::int64_t num_points, const std::vector<std::int32_t>& vertex_of,
+                           const Registration* registration, const PhantomMeshOptions& options,
+                           const PhantomMeshBuffers& out) {
+  write_uvs(image, rays, num_points, registration, options.texturing, out);
+  MeshWriter writer(image, vertex_of, num_points, options, out, rays.flips());
+  for (std::int64_t v = box.v0; v + 1 < box.v0 + box.height; ++v) {
+    for (std::int64_t u = box.u0; u + 1 < box.u0 + box.width; ++u) {
+      writer.cut(v * image.cols + u);
+    }
+  }
+  return writer.size();
+}
+
+}  // namespace manip3d

@@ -1,0 +1,449 @@
+#include "manip3d/modify/phantom_pipeline.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <limits>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "manip3d/error.hpp"
+#include "modify/pixel_bounds.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr double kNever = -std::numeric_limits<double>::infinity();
+
+double seconds_of(std::int64_t time_ns) { return 1e-9 * static_cast<double>(time_ns); }
+
+void check_options(const PhantomOptions& o) {
+  const auto check = [](const char* name, double value, double most) {
+    if (value >= 0.0 && value <= most) return;
+    throw InputError(std::string(name) + ": expected 0 to " + std::to_string(most) + ", got " +
+                     std::to_string(value));
+  };
+  check("arm_radius", o.arm_radius, 1.0);
+  check("leg_radius", o.leg_radius, 1.0);
+  check("root_radius", o.root_radius, 1.0);
+  check("least_visible", o.least_visible, 1.0);
+  check("inferred_seconds", o.inferred_seconds, 3600.0);
+  check("hold_seconds", o.hold_seconds, 3600.0);
+  check("fade_seconds", o.fade_seconds, 3600.0);
+  check("max_depth_step", o.mesh.max_depth_step, 100.0);
+}
+
+bool same_camera(const Intrinsics& a, const Intrinsics& b) {
+  return a.width == b.width && a.height == b.height && a.fx == b.fx && a.fy == b.fy &&
+         a.cx == b.cx && a.cy == b.cy && a.distortion == b.distortion &&
+         a.ray_table == b.ray_table && a.mirrored == b.mirrored;
+}
+
+/// Adds the time since it was last asked to one stage after the other.
+class StageClock {
+ public:
+  explicit StageClock(std::array<double, kNumPhantomStages>& seconds) : seconds_(seconds) {}
+  void end(PhantomStage stage) {
+    const auto now = Clock::now();
+    seconds_[static_cast<std::size_t>(stage)] += std::chrono::duration<double>(now - last_).count();
+    last_ = now;
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  std::array<double, kNumPhantomStages>& seconds_;
+  Clock::time_point last_ = Clock::now();
+};
+
+/// For how long joints of a limb have been guessed.
+class InferredClock {
+ public:
+  double add(const Skeleton& skeleton, Limb limb, double time_s) {
+    double longest = 0.0;
+    for (std::size_t i = 0; i < kNumMainJoints; ++i) {
+      if (skeleton.state(limb_chain(limb)[i]) == TrackingState::kTracked) {
+        last_tracked_[i] = time_s;
+      } else if (last_tracked_[i] == kNever) {
+        last_tracked_[i] = time_s;  // the first frame of all
+      }
+      longest = std::max(longest, time_s - last_tracked_[i]);
+    }
+    return longest;
+  }
+  void reset() { last_tracked_.fill(kNever); }
+
+ private:
+  std::array<double, kNumMainJoints> last_tracked_{kNever, kNever, kNever, kNever};
+};
+
+/// Share of the limb, by length, in front of which the camera sees the limb.
+double visible_share(const Skeleton& skeleton, Limb limb, const PixelProjector& projector,
+                     const std::uint8_t* label) {
+  constexpr int kSamples = 16;  // per bone: every two centimetres
+  double seen = 0.0, all = 0.0;
+  for (std::size_t i = 1; i < kNumMainJoints; ++i) {
+    const Joint from = limb_chain(limb)[i - 1], to = limb_chain(limb)[i];
+    if (!is_usable(skeleton, from) || !is_usable(skeleton, to)) continue;
+    const Eigen::Vector3f step = (skeleton[to] - skeleton[from]) / kSamples;
+    const auto length = static_cast<double>(step.norm());
+    for (int k = 0; k < kSamples; ++k) {
+      const Eigen::Vector3f p = skeleton[from] + (static_cast<float>(k) + 0.5F) * step;
+      const std::int32_t pixel = projector.pixel(p.x(), p.y(), p.z());
+      all += length;
+      if (pixel >= 0 && is_limb_bone(limb, label[pixel])) seen += length;
+    }
+  }
+  return all > 0.0 ? seen / all : 0.0;
+}
+
+/// Takes the body from where it was to where it is.
+class BodyMotion {
+ public:
+  BodyMotion(const BodyFrame& from, const BodyFrame& to) {
+    Eigen::Matrix3d a, b;
+    a << from.n, from.y, from.z;
+    b << to.n, to.y, to.z;
+    const Eigen::Matrix3d rotation = b * a.transpose();
+    rotation_ = rotation.cast<float>();
+    translation_ = (to.origin - rotation * from.origin).cast<float>();
+  }
+  [[nodiscard]] Eigen::Vector3f operator()(const Eigen::Vector3f& p) const {
+    return rotation_ * p + translation_;
+  }
+  void move(const std::vector<MirroredPoint>& from, std::vector<MirroredPoint>& to) const {
+    to.assign(from.begin(), from.end());
+    for (MirroredPoint& point : to) {
+      const Eigen::Vector3f p = (*this)(Eigen::Vector3f(point.x, point.y, point.z));
+      point.x = p.x(), point.y = p.y(), point.z = p.z();
+    }
+  }
+
+ private:
+  Eigen::Matrix3f rotation_;
+  Eigen::Vector3f translation_;
+};
+
+}  // namespace
+
+class PhantomPipeline::Workspace {
+ public:
+  explicit Workspace(const PhantomOptions& options)
+      : options_(options), smoother_(options.smoothing), key_person_(options.key_person) {
+    check_options(options);
+  }
+
+  PhantomReport process(const PhantomInput& input, const PhantomBuffers& out) {
+    check_input(input);
+    PhantomReport report;
+    if (is_late(input)) {
+      report.state = PhantomState::kLate;
+      report.late_frames = late_frames_;
+      return report;
+    }
+    report.late_frames = late_frames_;
+    StageClock clock(report.seconds);
+    follow_camera(input.camera);
+    const double time_s = seconds_of(input.time_ns);
+    const PhantomImage image = image_of(input, out);
+    const std::optional<Skeleton> person = find_key_person(input, time_s);
+    if (!person) {
+      points_.count = 0;
+      draw_person(points_, image);
+      report.reason = PhantomReason::kNoPerson;
+      forget_phantom();
+      return report;
+    }
+    segment(*person, input, image, report);
+    clock.end(PhantomStage::kSegmentation);
+    if (!options_.keep_residual) {
+      report.num_removed = remove_limb(points_, options_.affected, radius(), image);
+    }
+    clock.end(PhantomStage::kRemoval);
+    judge(*person, time_s, image, report);
+    const PixelBox phantom = mirror(*person, input, image, report);
+    clock.end(PhantomStage::kMirroring);
+    const PixelBox all = fill(phantom, image, report);
+    clock.end(PhantomStage::kHoleFilling);
+    report.skeleton = phantom_skeleton(*person, report.state);
+    clock.end(PhantomStage::kSkeleton);
+    report.num_points = write_points(image, all, rays_, out.mesh, vertex_of_);
+    clock.end(PhantomStage::kPointCloud);
+    report.mesh = write_mesh(image, all, rays_, report.num_points, vertex_of_, input.registration,
+                             options_.mesh, out.mesh);
+    clock.end(PhantomStage::kMesh);
+    return report;
+  }
+
+  void reset() {
+    late_frames_ = 0;
+    start_anew();
+  }
+
+ private:
+  static void check_input(const PhantomInput& input) {
+    check_intrinsics(input.camera, "camera");
+    const DepthView& depth = input.depth;
+    if (depth.rows != input.camera.height || depth.cols != input.camera.width ||
+        (depth.millimetres == nullptr) == (depth.metres == nullptr)) {
+      throw InputError("depth: expected shape (" + std::to_string(input.camera.height) + ", " +
+                       std::to_string(input.camera.width) + ") as the camera says, got (" +
+                       std::to_string(depth.rows) + ", " + std::to_string(depth.cols) + ")");
+    }
+    if (input.registration != nullptr) check_registration(*input.registration);
+  }
+
+  bool is_late(const PhantomInput& input) {
+    constexpr std::int64_t kNewRecording = 1'000'000'000;
+    if (!has_time_ || input.time_ns > last_time_ns_) {
+      has_time_ = true;
+      last_time_ns_ = input.time_ns;
+      return false;
+    }
+    ++late_frames_;
+    if (last_time_ns_ - input.time_ns <= kNewRecording) return true;
+    start_anew();
+    has_time_ = true;
+    last_time_ns_ = input.time_ns;
+    return false;
+  }
+
+  void start_anew() {
+    has_time_ = false;
+    key_person_.reset();
+    start_person(std::nullopt);
+  }
+
+  void start_person(std::optional<std::int64_t> id) {
+    person_id_ = id;
+    person_.reset();
+    smoother_.reset();
+    inferred_.reset();
+    frame_.reset();
+    forget_phantom();
+  }
+
+  void forget_phantom() {
+    held_.reset();
+    last_tracking_ = kNever;
+  }
+
+  void follow_camera(const Intrinsics& camera) {
+    if (camera_ && same_camera(*camera_, camera)) return;
+    camera_.reset();
+    rays_ = PixelRays(camera);
+    points_.resize(camera.height, camera.width);
+    const auto size = static_cast<std::size_t>(camera.width * camera.height);
+    vertex_of_.resize(size);
+    source_depth_.resize(size);
+    for (auto* list : {&mirrored_, &moved_}) list->reserve(size);
+    for (auto* list : {&root_, &moved_root_}) list->reserve(size);
+    fills_.reserve(size);
+    camera_ = camera;
+    forget_phantom();
+  }
+
+  [[nodiscard]] PhantomImage image_of(const PhantomInput& input, const PhantomBuffers& out) {
+    return {input.depth.rows, input.depth.cols, out.depth,           out.label,
+            out.kind,         out.source,       source_depth_.data()};
+  }
+
+  /// The smoothed skeleton; for a while the last one, when there is none.
+  std::optional<Skeleton> find_key_person(const PhantomInput& input, double time_s) {
+    const auto index = key_person_.find(input.people, input.camera, time_s);
+    is_here_ = index.has_value();
+    if (!index) {
+      const double most = options_.hold_seconds + options_.fade_seconds;
+      if (key_person_.lost_for(time_s) >= most) start_person(std::nullopt);
+      return person_;
+    }
+    const Skeleton& raw = input.people[*index];
+    if (person_id_ != raw.id) start_person(raw.id);
+    person_ = smoother_.add(raw);
+    if (!options_.smooths) restore_positions(raw);
+    return person_;
+  }
+
+  void restore_positions(const Skeleton& raw) {
+    for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
+      if (person_->states[joint] != TrackingState::kNotTracked) {
+        person_->positions[joint] = raw.positions[joint];
+      }
+    }
+  }
+
+  [[nodiscard]] double radius() const {
+    return is_arm(options_.affected) ? options_.arm_radius : options_.leg_radius;
+  }
+
+  void segment(const Skeleton& person, const PhantomInput& input, const PhantomImage& image,
+               PhantomReport& report) {
+    update_frame(person);
+    find_person(input.depth, input.body_index, person, rays_, options_.mask, points_);
+    segment_bones(frame_ ? body_bones(person, options_.affected, mirror_) : body_bones(person),
+                  points_);
+    draw_person(points_, image);
+    report.num_person = points_.count;
+  }
+
+  /// The axes of the body; those of the last frame where they cannot be told.
+  void update_frame(const Skeleton& person) {
+    if (auto frame = body_frame(person, options_.affected)) {
+      frame_ = frame;
+    } else if (frame_) {
+      const Joint origin = is_arm(options_.affected) ? Joint::kSpineMid : Joint::kSpineBase;
+      const bool seen = is_usable(person, origin) && person[origin].z() > 0.1F;
+      if (seen) frame_->origin = person[origin].cast<double>();
+    }
+    if (frame_) mirror_ = make_mirror(*frame_, options_.mode);
+  }
+
+  /// Can the intact limb be mirrored, and if not, what becomes of the last phantom?
+  void judge(const Skeleton& person, double time_s, const PhantomImage& image,
+             PhantomReport& report) {
+    const Limb intact = opposite(options_.affected);
+    const PixelProjector projector(*camera_, rays_);
+    report.visible = visible_share(person, intact, projector, image.label);
+    const double guessed = inferred_.add(person, intact, time_s);
+    if (!is_here_) {
+      report.reason = PhantomReason::kNoPerson;
+    } else if (!frame_) {
+      report.reason = PhantomReason::kNoPlane;
+    } else if (guessed > options_.inferred_seconds) {
+      report.reason = PhantomReason::kInferred;
+    } else if (report.visible < options_.least_visible) {
+      report.reason = PhantomReason::kOccluded;
+    }
+    if (report.reason == PhantomReason::kNone) {
+      report.state = PhantomState::kTracking;
+      report.opacity = 1.0;
+      last_tracking_ = time_s;
+      return;
+    }
+    const double age = time_s - last_tracking_;
+    if (!held_ || !frame_ || !(age <= options_.hold_seconds + options_.fade_seconds)) {
+      forget_phantom();
+      return;  // kLost
+    }
+    const double faded = std::max(0.0, age - options_.hold_seconds);
+    report.state = faded > 0.0 ? PhantomState::kFading : PhantomState::kHolding;
+    report.opacity = faded > 0.0 ? 1.0 - faded / options_.fade_seconds : 1.0;
+  }
+
+  PixelBox mirror(const Skeleton& person, const PhantomInput& input, const PhantomImage& image,
+                  PhantomReport& report) {
+    moved_.clear();
+    moved_root_.clear();
+    if (report.state == PhantomState::kLost) return {};
+    if (report.state == PhantomState::kTracking) {
+      const Limb intact = opposite(options_.affected);
+      mirror_limb(points_, intact, radius(), rays_, mirror_, image, mirrored_);
+      root_.clear();
+      if (!is_arm(intact) && options_.root_radius > 0.0 && is_usable(person, limb_root(intact))) {
+        mirror_around_root(points_, person[limb_root(intact)], options_.root_radius, *frame_,
+                           mirror_, image, root_);
+      }
+      held_ = Held{*frame_, with_mirrored_limb(person, options_.affected, *frame_, mirror_),
+                   input.number};
+    }
+    const BodyMotion motion(held_->frame, *frame_);
+    const bool is_held = report.state != PhantomState::kTracking;
+    if (is_held) {
+      motion.move(mirrored_, moved_);
+      motion.move(root_, moved_root_);
+    }
+    report.texture_number = held_->number;
+    report.num_mirrored = static_cast<std::int64_t>(mirrored_.size());
+    return write_phantom(is_held ? moved_ : mirrored_, options_.affected,
+                         PixelProjector(*camera_, rays_), image);
+  }
+
+  /// Both fillings. Returns the box of everything there is.
+  PixelBox fill(const PixelBox& phantom, const PhantomImage& image, PhantomReport& report) {
+    PixelBounds bounds;
+    bounds.add(points_.box);
+    bounds.add(phantom);
+    report.num_filled = fill_holes(phantom, rays_, image, fills_);
+    if (report.state != PhantomState::kLost) {
+      const bool is_held = report.state != PhantomState::kTracking;
+      bounds.add(write_root(is_held ? moved_root_ : root_, PixelProjector(*camera_, rays_), image));
+    }
+    return bounds.box();
+  }
+
+  /// Calls use(joint) for the joints that the phantom replaces.
+  template <typename Use>
+  void for_each_phantom_joint(const Use& use) const {
+    for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
+      if (is_limb_bone(options_.affected, joint)) use(joint);
+    }
+  }
+
+  [[nodiscard]] Skeleton phantom_skeleton(const Skeleton& person, PhantomState state) const {
+    Skeleton result = person;
+    if (state == PhantomState::kLost) {
+      for_each_phantom_joint([&](std::size_t joint) {
+        result.states[joint] = TrackingState::kNotTracked;
+        result.positions[joint].setZero();
+        result.orientations[joint] = {};
+      });
+      return result;
+    }
+    const BodyMotion motion(held_->frame, *frame_);
+    const auto take = [&](std::size_t joint) {
+      const Skeleton& held = held_->skeleton;
+      result.states[joint] = held.states[joint];
+      result.positions[joint] = held.positions[joint];
+      result.orientations[joint] = held.orientations[joint];
+      if (state == PhantomState::kTracking || held.states[joint] == TrackingState::kNotTracked) {
+        return;
+      }
+      result.states[joint] = TrackingState::kInferred;
+      result.positions[joint] = motion(held.positions[joint]);
+    };
+    take(static_cast<std::size_t>(limb_root(options_.affected)));
+    for_each_phantom_joint(take);
+    return result;
+  }
+
+  struct Held {
+    BodyFrame frame;    ///< Of the body when the intact limb was last seen.
+    Skeleton skeleton;  ///< With the phantom's joints.
+    std::int64_t number = 0;
+  };
+
+  PhantomOptions options_;
+  JointSmoother smoother_;
+  KeyPerson key_person_;
+  InferredClock inferred_;
+  std::optional<Intrinsics> camera_;
+  PixelRays rays_;
+
+  bool has_time_ = false, is_here_ = false;
+  std::int64_t last_time_ns_ = 0, late_frames_ = 0;
+  std::optional<std::int64_t> person_id_;
+  std::optional<Skeleton> person_;  ///< As last seen, smoothed.
+  std::optional<BodyFrame> frame_;
+  Mirror mirror_;
+  std::optional<Held> held_;
+  double last_tracking_ = kNever;
+
+  PersonPoints points_;
+  std::vector<MirroredPoint> mirrored_, root_, moved_, moved_root_;
+  std::vector<HoleFill> fills_;
+  std::vector<std::int32_t> vertex_of_;
+  std::vector<float> source_depth_;
+};
+
+PhantomPipeline::PhantomPipeline(const PhantomOptions& options)
+    : workspace_(std::make_unique<Workspace>(options)) {}
+PhantomPipeline::PhantomPipeline(PhantomPipeline&&) noexcept = default;
+PhantomPipeline& PhantomPipeline::operator=(PhantomPipeline&&) noexcept = default;
+PhantomPipeline::~PhantomPipeline() = default;
+
+PhantomReport PhantomPipeline::process(const PhantomInput& input, const PhantomBuffers& out) {
+  return workspace_->process(input, out);
+}
+
+void PhantomPipeline::reset() { workspace_->reset(); }
+
+}  // namespace manip3d

@@ -1,0 +1,372 @@
+#include "manip3d/modify/segmentation.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <string>
+
+#include "manip3d/error.hpp"
+#include "manip3d/modify/joint_smoother.hpp"
+#include "modify/pixel_bounds.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr std::int64_t kTile = 8;  // a row of its mask is one 64-bit word
+constexpr std::size_t kTilePoints = 64;
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+constexpr std::uint8_t kNobody = 0xff;
+
+struct DepthBounds {
+  float near = 0.0F, far = 0.0F;
+};
+
+DepthBounds depth_bounds(const Skeleton& skeleton, bool by_index, const PersonMaskOptions& o) {
+  if (!(o.near >= 0.0 && o.near < o.far && o.far <= 65.0 && o.margin >= 0.0)) {
+    throw InputError("mask: expected 0 <= near < far <= 65 and margin >= 0");
+  }
+  DepthBounds bounds{static_cast<float>(o.near), static_cast<float>(o.far)};
+  if (by_index) return bounds;
+  float nearest = kInfinity, farthest = -kInfinity;
+  for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
+    if (!is_usable(skeleton, static_cast<Joint>(joint))) continue;
+    nearest = std::min(nearest, skeleton.positions[joint].z());
+    farthest = std::max(farthest, skeleton.positions[joint].z());
+  }
+  const auto margin = static_cast<float>(o.margin);
+  return {std::max(bounds.near, nearest - margin), std::min(bounds.far, farthest + margin)};
+}
+
+/// One image row of the person's mask, 0 or 1.
+class MaskRow {
+ public:
+  MaskRow(const DepthView& depth, const std::uint8_t* body_index, std::uint8_t body,
+          const DepthBounds& bounds)
+      : depth_(depth), body_index_(body_index), body_(body), bounds_(bounds) {
+    // No measurement is 0, which is below any bound.
+    near_mm_ = static_cast<std::uint16_t>(std::max(1.0F, std::ceil(1000.0F * bounds.near)));
+    far_mm_ = static_cast<std::uint16_t>(std::max(0.0F, std::floor(1000.0F * bounds.far)));
+  }
+
+  void fill(std::int64_t v, std::uint8_t* mask) const {
+    const std::int64_t first = v * depth_.cols;
+    if (depth_.millimetres != nullptr) {
+      const std::uint16_t* z = depth_.millimetres + first;
+      const std::uint16_t near = near_mm_, far = far_mm_;
+      for (std::int64_t u = 0; u < depth_.cols; ++u) {
+        mask[u] = static_cast<std::uint8_t>((z[u] >= near) & (z[u] <= far));
+      }
+    } else {
+      const float* z = depth_.metres + first;
+      const DepthBounds b = bounds_;
+      for (std::int64_t u = 0; u < depth_.cols; ++u) {
+        mask[u] = static_cast<std::uint8_t>((z[u] >= b.near) & (z[u] <= b.far) & (z[u] > 0.0F));
+      }
+    }
+    if (body_index_ == nullptr) return;
+    const std::uint8_t* index = body_index_ + first;
+    const std::uint8_t body = body_;
+    if (body == kNobody) {
+      for (std::int64_t u = 0; u < depth_.cols; ++u) {
+        mask[u] &= static_cast<std::uint8_t>(index[u] != kNobody);
+      }
+    } else {
+      for (std::int64_t u = 0; u < depth_.cols; ++u) {
+        mask[u] &= static_cast<std::uint8_t>(index[u] == body);
+      }
+    }
+  }
+
+ private:
+  DepthView depth_;
+  const std::uint8_t* body_index_;
+  std::uint8_t body_;
+  DepthBounds bounds_;
+  std::uint16_t near_mm_ = 0, far_mm_ = 0;
+};
+
+std::uint64_t load_word(const std::uint8_t* bytes) {
+  std::uint64_t word;
+  std::memcpy(&word, bytes, sizeof word);
+  return word;
+}
+
+/// Appends pixels to the points and keeps track of their box.
+class Collector {
+ public:
+  Collector(const DepthView& depth, const PixelRays& rays, PersonPoints& points)
+      : depth_(depth), rays_(rays), points_(points) {
+    points_.count = 0;
+    points_.tile_start.clear();
+  }
+
+  void start_tile() { points_.tile_start.push_back(static_cast<std::int32_t>(points_.count)); }
+  void end_tile() {
+    if (points_.tile_start.back() == points_.count) points_.tile_start.pop_back();
+  }
+
+  void add(std::int64_t u, std::int64_t v) {
+    const std::int64_t pixel = v * depth_.cols + u;
+    const float z = depth_.millimetres != nullptr
+                        ? static_cast<float>(depth_.millimetres[pixel]) / 1000.0F
+                        : depth_.metres[pixel];
+    const float x = rays_.x(v)[u] * z, y = (rays_.is_separable() ? *rays_.y(v) : rays_.y(v)[u]) * z;
+    const float sum = x + y;
+    if (sum != sum) return;  // a pixel that has no ray
+    const auto i = static_cast<std::size_t>(points_.count++);
+    points_.x[i] = x;
+    points_.y[i] = y;
+    points_.z[i] = z;
+    points_.pixel[i] = static_cast<std::int32_t>(pixel);
+    bounds_.add(u, v);
+  }
+
+  void finish() {
+    points_.tile_start.push_back(static_cast<std::int32_t>(points_.count));
+    points_.box = bounds_.box();
+  }
+
+ private:
+  const DepthView& depth_;
+  const PixelRays& rays_;
+  PersonPoints& points_;
+  PixelBounds bounds_;
+};
+
+/// Bones as arrays of coordinates, for loops over bones and over points.
+struct BoneTable {
+  using Column = std::array<float, BoneSegments::kCapacity>;
+  Column cx{}, cy{}, cz{};  ///< P_c.
+  Column bx{}, by{}, bz{};  ///< P_r - P_c.
+  Column tx{}, ty{}, tz{};  ///< (P_r - P_c) / |P_r - P_c|^2, or 0.
+  std::array<std::int32_t, BoneSegments::kCapacity> label{};
+  std::size_t count = 0;
+
+  explicit BoneTable(const BoneSegments& bones) : count(bones.count) {
+    for (std::size_t i = 0; i < count; ++i) {
+      const Eigen::Vector3f b = bones.end[i] - bones.start[i];
+      constexpr float kPoint = 1e-12F;  // squared metres
+      const float length2 = b.squaredNorm();
+      const Eigen::Vector3f t = length2 > kPoint ? Eigen::Vector3f(b / length2)
+                                                 : Eigen::Vector3f(Eigen::Vector3f::Zero());
+      cx[i] = bones.start[i].x(), cy[i] = bones.start[i].y(), cz[i] = bones.start[i].z();
+      bx[i] = b.x(), by[i] = b.y(), bz[i] = b.z();
+      tx[i] = t.x(), ty[i] = t.y(), tz[i] = t.z();
+      label[i] = bones.label[i];
+    }
+  }
+
+  [[nodiscard]] float squared_distance(std::size_t i, float x, float y, float z) const {
+    const float dx = x - cx[i], dy = y - cy[i], dz = z - cz[i];
+    float t = dx * tx[i] + dy * ty[i] + dz * tz[i];
+    t = t > 0.0F ? t : 0.0F;
+    t = t < 1.0F ? t : 1.0F;
+    const float ex = dx - t * bx[i], ey = dy - t * by[i], ez = dz - t * bz[i];
+    return ex * ex + ey * ey + ez * ez;
+  }
+};
+
+/// The points of one tile, with what is nearest to each so far; full words for any count.
+struct Tile {
+  std::size_t count = 0;  ///< Padded to a multiple of 8.
+  alignas(32) std::array<float, kTilePoints> x, y, z, best;
+  alignas(32) std::array<std::int32_t, kTilePoints> label;
+
+  void load(const PersonPoints& points, std::size_t begin, std::size_t end) {
+    const std::size_t used = end - begin;
+    count = (used + 7) / 8 * 8;
+    std::copy_n(&points.x[begin], used, x.begin());
+    std::copy_n(&points.y[begin], used, y.begin());
+    std::copy_n(&points.z[begin], used, z.begin());
+    for (std::size_t i = used; i < count; ++i) {
+      x[i] = x[used - 1], y[i] = y[used - 1], z[i] = z[used - 1];
+    }
+    for (std::size_t i = 0; i < count; ++i) best[i] = kInfinity, label[i] = 0;
+  }
+
+  void measure(const BoneTable& bones, std::size_t bone) {
+    const std::int32_t number = bones.label[bone];
+    for (std::size_t i = 0; i < count; ++i) {
+      const float d = bones.squared_distance(bone, x[i], y[i], z[i]);
+      const bool nearer = d < best[i];
+      best[i] = nearer ? d : best[i];
+      label[i] = nearer ? number : label[i];
+    }
+  }
+
+  void store(PersonPoints& points, std::size_t begin, std::size_t end) const {
+    for (std::size_t i = begin; i < end; ++i) {
+      points.squared_distance[i] = best[i - begin];
+      points.label[i] = static_cast<std::uint8_t>(label[i - begin]);
+    }
+  }
+};
+
+/// Bones that may be nearest to some point of a tile: with the points within r of c, those whose
+/// distance from c exceeds the least one by no more than 2 r.
+class Candidates {
+ public:
+  explicit Candidates(const BoneTable& bones) : bones_(bones) {}
+
+  template <typename Use>
+  void for_each(const Tile& tile, const Use& use) {
+    const auto [x0, x1] = std::minmax_element(tile.x.begin(), tile.x.begin() + tile.count);
+    const auto [y0, y1] = std::minmax_element(tile.y.begin(), tile.y.begin() + tile.count);
+    const auto [z0, z1] = std::minmax_element(tile.z.begin(), tile.z.begin() + tile.count);
+    const float wx = *x1 - *x0, wy = *y1 - *y0, wz = *z1 - *z0;
+    const float cx = 0.5F * (*x0 + *x1), cy = 0.5F * (*y0 + *y1), cz = 0.5F * (*z0 + *z1);
+    for (std::size_t i = 0; i < bones_.count; ++i) {
+      distance_[i] = std::sqrt(bones_.squared_distance(i, cx, cy, cz));
+    }
+    const float least = *std::min_element(distance_.begin(), distance_.begin() + bones_.count);
+    constexpr float kRounding = 1e-4F;  // metres: far above that of these floats
+    const float most = least + std::sqrt(wx * wx + wy * wy + wz * wz) + kRounding;
+    for (std::size_t i = 0; i < bones_.count; ++i) {
+      if (!(distance_[i] > most)) use(i);
+    }
+  }
+
+ private:
+  const BoneTable& bones_;
+  BoneTable::Column distance_{};
+};
+
+bool is_tracked(const Skeleton& skeleton, Joint joint) {
+  return skeleton.state(joint) == TrackingState::kTracked && is_usable(skeleton, joint);
+}
+
+Joint farthest_tracked(const Skeleton& skeleton, Limb limb) {
+  Joint farthest = limb_root(limb);
+  for (const Joint joint : limb_chain(limb)) {
+    if (is_tracked(skeleton, joint)) farthest = joint;
+  }
+  return farthest;
+}
+
+/// The line through the tracked joints of a limb, as pieces of one label.
+void add_limb(const Skeleton& skeleton, Limb limb, const Mirror& mirror, BoneSegments& bones) {
+  const Joint root = limb_root(limb), intact_root = limb_root(opposite(limb));
+  const auto mirrored = [&](Joint joint) -> Eigen::Vector3f {
+    return mirror(skeleton[joint].cast<double>()).cast<float>();
+  };
+  const bool intact_usable = is_usable(skeleton, intact_root);
+  if (!is_usable(skeleton, root) && !intact_usable) return;
+  Eigen::Vector3f from = is_usable(skeleton, root) ? skeleton[root] : mirrored(intact_root);
+  if (farthest_tracked(skeleton, limb) == root) {
+    if (!intact_usable) return;
+    const Joint intact_end = farthest_tracked(skeleton, opposite(limb));
+    bones.add(from, from + mirrored(intact_end) - mirrored(intact_root), limb_label(limb));
+    return;
+  }
+  for (const Joint joint : limb_chain(limb).subspan(1)) {
+    if (!is_tracked(skeleton, joint)) continue;
+    bones.add(from, skeleton[joint], limb_label(limb));
+    from = skeleton[joint];
+  }
+  for (std::size_t thumb = 1; is_arm(limb) && thumb < kNumJoints; ++thumb) {
+    const auto parent = static_cast<Joint>(kJointParents[thumb]);
+    const auto joint = static_cast<Joint>(thumb);
+    const bool branches = is_limb_bone(limb, thumb) &&
+                          std::ranges::find(limb_chain(limb), joint) == limb_chain(limb).end();
+    if (branches && is_tracked(skeleton, parent) && is_tracked(skeleton, joint)) {
+      bones.add(skeleton[parent], skeleton[joint], limb_label(limb));
+    }
+  }
+}
+
+}  // namespace
+
+void PersonPoints::resize(std::int64_t num_rows, std::int64_t num_cols) {
+  rows = num_rows;
+  cols = num_cols;
+  const auto size = static_cast<std::size_t>(rows * cols);
+  for (std::vector<float>* column : {&x, &y, &z, &squared_distance}) column->resize(size);
+  pixel.resize(size);
+  label.resize(size);
+  mask.assign(static_cast<std::size_t>(kTile * ((cols + kTile - 1) / kTile * kTile)), 0);
+  tile_start.reserve(static_cast<std::size_t>((rows / kTile + 1) * (cols / kTile + 1) + 1));
+  count = 0;
+  box = {};
+}
+
+void find_person(const DepthView& depth, const std::uint8_t* body_index, const Skeleton& skeleton,
+                 const PixelRays& rays, const PersonMaskOptions& options, PersonPoints& points) {
+  if (depth.rows != rays.height() || depth.cols != rays.width()) {
+    throw InputError("depth: expected shape (" + std::to_string(rays.height()) + ", " +
+                     std::to_string(rays.width()) + ") as the intrinsics say, got (" +
+                     std::to_string(depth.rows) + ", " + std::to_string(depth.cols) + ")");
+  }
+  if (points.rows != depth.rows || points.cols != depth.cols) {
+    points.resize(depth.rows, depth.cols);
+  }
+  const bool by_index = body_index != nullptr && skeleton.body != kNobody;
+  const MaskRow row(depth, body_index, skeleton.body, depth_bounds(skeleton, by_index, options));
+  Collector collector(depth, rays, points);
+  const std::int64_t stride = (depth.cols + kTile - 1) / kTile * kTile;
+  for (std::int64_t v0 = 0; v0 < depth.rows; v0 += kTile) {
+    const std::int64_t height = std::min(kTile, depth.rows - v0);
+    for (std::int64_t v = 0; v < height; ++v) row.fill(v0 + v, points.mask.data() + v * stride);
+    for (std::int64_t u0 = 0; u0 < depth.cols; u0 += kTile) {
+      collector.start_tile();
+      for (std::int64_t v = 0; v < height; ++v) {
+        const std::uint8_t* mask = points.mask.data() + v * stride + u0;
+        if (load_word(mask) == 0) continue;
+        for (std::int64_t u = 0; u < kTile; ++u) {
+          if (mask[u] != 0) collector.add(u0 + u, v0 + v);
+        }
+      }
+      collector.end_tile();
+    }
+  }
+  collector.finish();
+}
+
+void BoneSegments::add(const Eigen::Vector3f& from, const Eigen::Vector3f& to, std::size_t number) {
+  start[count] = from;
+  end[count] = to;
+  label[count++] = static_cast<std::uint8_t>(number);
+}
+
+BoneSegments body_bones(const Skeleton& skeleton) {
+  BoneSegments bones;
+  for (std::size_t bone = 1; bone < kNumJoints; ++bone) {
+    const auto parent = static_cast<Joint>(kJointParents[bone]), joint = static_cast<Joint>(bone);
+    if (is_usable(skeleton, parent) && is_usable(skeleton, joint)) {
+      bones.add(skeleton[parent], skeleton[joint], bone);
+    }
+  }
+  return bones;
+}
+
+BoneSegments body_bones(const Skeleton& skeleton, Limb collapsed, const Mirror& mirror) {
+  const BoneSegments all = body_bones(skeleton);
+  BoneSegments bones;
+  bool added = false;
+  for (std::size_t i = 0; i < all.count; ++i) {
+    if (!added && all.label[i] >= limb_label(collapsed)) {
+      add_limb(skeleton, collapsed, mirror, bones);
+      added = true;
+    }
+    if (!is_limb_bone(collapsed, all.label[i])) bones.add(all.start[i], all.end[i], all.label[i]);
+  }
+  if (!added) add_limb(skeleton, collapsed, mirror, bones);
+  return bones;
+}
+
+void segment_bones(const BoneSegments& bones, PersonPoints& points) {
+  const BoneTable table(bones);
+  Candidates candidates(table);
+  Tile tile;
+  for (std::size_t i = 0; i + 1 < points.tile_start.size(); ++i) {
+    const auto begin = static_cast<std::size_t>(points.tile_start[i]);
+    const auto end = static_cast<std::size_t>(points.tile_start[i + 1]);
+    tile.load(points, begin, end);
+    if (table.count > 0) {
+      candidates.for_each(tile, [&](std::size_t bone) { tile.measure(table, bone); });
+    }
+    tile.store(points, begin, end);
+  }
+}
+
+}  // namespace manip3d

@@ -1,0 +1,433 @@
+"""A limb that is missing, made of the one that is there."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import numpy as np
+
+from manip3d import _core
+from manip3d.camera import Intrinsics
+from manip3d.errors import InputError
+from manip3d.modify._smoothing import Preset, smoother_options
+from manip3d.rgbd import RgbdFrame, Skeleton
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d.simplify import DepthMesh
+
+Limb = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
+MirrorMode = Literal["reflection", "paper", "2d"]
+Texturing = Literal["source", "calibration"]
+_MODES = {
+    "reflection": _core.MirrorMode.REFLECTION,
+    "paper": _core.MirrorMode.PAPER,
+    "2d": _core.MirrorMode.IMAGE,
+}
+
+
+class PixelKind(enum.IntEnum):
+    """What a pixel of a `PhantomFrame` shows."""
+
+    NONE = 0  #: nothing
+    BODY = 1  #: the person, as measured
+    PHANTOM = 2  #: a mirrored point whose surface faces the camera
+    AWAY = 3  #: a mirrored point that shows the back of its surface
+    FILLED = 4  #: a hole of the phantom, from its neighbours
+    ROOT_FILLED = 5  #: the gap at the root of the limb, from the intact side
+
+
+class PhantomState(enum.StrEnum):
+    """What became of the phantom in one frame."""
+
+    TRACKING = "tracking"  #: the intact limb is seen, and mirrored
+    HOLDING = "holding"  #: it is not; the last phantom moves with the body
+    FADING = "fading"  #: the same, with less and less opacity
+    LOST = "lost"  #: there is no phantom
+    LATE = "late"  #: the frame is not newer than the last one, whose images these are
+
+
+class PhantomReason(enum.StrEnum):
+    """Why the intact limb is not mirrored."""
+
+    NONE = "none"  #: it is
+    NO_PERSON = "no_person"  #: the key person's skeleton is not there
+    NO_PLANE = "no_plane"  #: the axes of the body never were there
+    OCCLUDED = "occluded"  #: too little of the limb is seen
+    INFERRED = "inferred"  #: a joint of it was guessed for too long
+
+
+@dataclass(frozen=True, eq=False)
+class PhantomFrame:
+    """The key person with a phantom limb.
+
+    Attributes
+    ----------
+    depth : (H, W) float32
+        Metres; person and phantom, 0 elsewhere.
+    labels : (H, W) uint8
+        Bone, 1 to 24 by its far joint; 0: none. What was left of the affected limb has the number
+        of that limb's first bone, the phantom those of all its bones.
+    kinds : (H, W) uint8
+        `PixelKind` of each pixel.
+    source : (H, W, 2) int32
+        Row and column of the depth pixel whose texture is shown; -1: none.
+    vertices : (n, 3) float32
+        Metres. Those of the pixels that show something, row by row, then ``n - num_points`` that
+        repeat some with the phantom's texture, where body and phantom meet.
+    pixels : (n, 2) int32
+        Column and row of each vertex.
+    uvs : (n, 2) float32
+        Into the colour image, v up; NaN where the colour camera sees nothing.
+    triangles : (m, 3) int32
+        Front faces look at the camera.
+    num_points : int
+    skeleton : Skeleton
+        The key person's, smoothed, with the phantom's joints.
+    state : PhantomState
+    reason : PhantomReason
+    opacity : float
+        To draw the phantom with: less than 1 while it fades.
+    visible : float
+        Share of the intact limb, by length, that the camera sees.
+    texture_number : int
+        `RgbdFrame.number` of the frame whose colours belong to the phantom: an older one while
+        the phantom is held.
+    num_person, num_removed, num_mirrored, num_filled : int
+        Pixels of the person, taken out, mirrored, and filled as holes.
+    late_frames : int
+        Frames passed over so far because they were not newer than the one before.
+    seconds : dict of str to float
+        By stage, in the order of table 4.1; wall time.
+    """
+
+    depth: NDArray[np.float32] = field(repr=False)
+    labels: NDArray[np.uint8] = field(repr=False)
+    kinds: NDArray[np.uint8] = field(repr=False)
+    source: NDArray[np.int32] = field(repr=False)
+    vertices: NDArray[np.float32] = field(repr=False)
+    pixels: NDArray[np.int32] = field(repr=False)
+    uvs: NDArray[np.float32] = field(repr=False)
+    triangles: NDArray[np.int32] = field(repr=False)
+    num_points: int
+    skeleton: Skeleton = field(repr=False)
+    state: PhantomState
+    reason: PhantomReason
+    opacity: float
+    visible: float
+    texture_number: int
+    num_person: int
+    num_removed: int
+    num_mirrored: int
+    num_filled: int
+    late_frames: int
+    seconds: dict[str, float] = field(repr=False)
+
+    @property
+    def phantom(self) -> NDArray[np.bool_]:
+        """(H, W) bool: pixels that show the phantom."""
+        return self.kinds >= PixelKind.PHANTOM
+
+    def mesh(self, colour: NDArray[np.uint8] | None = None) -> DepthMesh:
+        """The textured mesh as a `manip3d.simplify.DepthMesh`; ``colour`` is the frame's."""
+        from manip3d.simplify import DepthMesh
+
+        return DepthMesh(self.vertices, self.triangles, self.pixels, self.uvs, colour)
+
+
+@dataclass(frozen=True, eq=False)
+class _Buffers:
+    """Memory that the core writes a frame into."""
+
+    depth: NDArray[np.float32]
+    labels: NDArray[np.uint8]
+    kinds: NDArray[np.uint8]
+    source: NDArray[np.int32]
+    vertices: NDArray[np.float32]
+    pixels: NDArray[np.int32]
+    uvs: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+
+    @staticmethod
+    def of_size(rows: int, cols: int) -> _Buffers:
+        capacity = rows * cols  # no page of it is touched before it is written
+        return _Buffers(
+            np.empty((rows, cols), np.float32),
+            np.empty((rows, cols), np.uint8),
+            np.empty((rows, cols), np.uint8),
+            np.empty((rows, cols, 2), np.int32),
+            np.empty((capacity, 3), np.float32),
+            np.empty((capacity, 2), np.int32),
+            np.empty((capacity, 2), np.float32),
+            np.empty((2 * capacity, 3), np.int32),
+        )
+
+
+def _limb(limb: Limb) -> _core.Limb:
+    members = _core.Limb.__members__
+    if str(limb).upper() not in members:
+        raise InputError(f"affected: expected one of {', '.join(members).lower()}, got {limb!r}")
+    return members[str(limb).upper()]
+
+
+def _mode(mode: MirrorMode) -> _core.MirrorMode:
+    if mode not in _MODES:
+        raise InputError(f"mode: expected one of {', '.join(_MODES)}, got {mode!r}")
+    return _MODES[mode]
+
+
+def _mask(near: float, far: float, margin: float) -> _core.PersonMaskOptions:
+    mask = _core.PersonMaskOptions()
+    mask.near, mask.far, mask.margin = near, far, margin
+    return mask
+
+
+class PhantomPipeline:
+    """Frames of a person in, the same person with a phantom limb out.
+
+    The steps are those of the dissertation's sections 4.3.1 and 4.7: mask of the key person,
+    smoothed joints, segmentation, removal of the affected limb, mirroring of the intact one, hole
+    filling, phantom skeleton, points and textured mesh.
+
+    While the intact limb cannot be mirrored - less than ``least_visible`` of it is seen, one of its
+    joints is inferred for more than ``inferred_seconds``, or the skeleton is gone - the last
+    phantom moves with the body for ``hold_seconds``, then fades in ``fade_seconds``. A frame that
+    is not newer than the last one is counted and passed over, unless it is more than a second
+    older: then a new recording begins.
+
+    Parameters
+    ----------
+    affected : {"left_arm", "right_arm", "left_leg", "right_leg"}
+        The limb to replace; left is the person's own left.
+    mode : {"reflection", "paper", "2d"}
+        At the person's plane of symmetry; as printed (oblique where shoulders or hips tilt
+        against the spine); or left to right in the image, for comparison.
+    smoothing : {"default", "seated"} or None
+        Preset of `JointSmoother`; None: joints are taken as they come.
+    arm_radius, leg_radius : float, metres
+        What counts as the limb lies so near its bones.
+    root_radius : float, metres
+        Around the hip, for the second filling of legs; 0: none.
+    keep_residual : bool
+        Leave what there is of the affected limb.
+    near, far, margin : float, metres
+        Bounds of depth; without a body index the person is what lies within ``margin`` of the
+        depths of its joints.
+    least_visible : float
+        Share of the intact limb.
+    inferred_seconds, hold_seconds, fade_seconds : float
+    max_depth_step : float, metres
+        No triangle spans more.
+    texturing : {"source", "calibration"}
+        Texture from the source pixel, or from where the colour camera sees the phantom's own
+        points, which is wrong (figure 4.4).
+
+    Raises
+    ------
+    InputError
+        An option is out of range.
+    """
+
+    def __init__(
+        self,
+        affected: Limb = "right_arm",
+        *,
+        mode: MirrorMode = "reflection",
+        smoothing: Preset | None = "default",
+        arm_radius: float = 0.13,
+        leg_radius: float = 0.18,
+        root_radius: float = 0.15,
+        keep_residual: bool = False,
+        near: float = 0.3,
+        far: float = 8.0,
+        margin: float = 0.35,
+        least_visible: float = 0.5,
+        inferred_seconds: float = 0.2,
+        hold_seconds: float = 0.5,
+        fade_seconds: float = 0.5,
+        max_depth_step: float = 0.05,
+        texturing: Texturing = "source",
+    ) -> None:
+        options = _core.PhantomOptions()
+        options.affected = _limb(affected)
+        options.mode = _mode(mode)
+        options.smooths = smoothing is not None
+        if smoothing is not None:
+            options.smoothing = smoother_options(smoothing)
+        options.mask = _mask(near, far, margin)
+        options.arm_radius, options.leg_radius = arm_radius, leg_radius
+        options.root_radius = root_radius
+        options.keep_residual = bool(keep_residual)
+        options.least_visible = least_visible
+        options.inferred_seconds = inferred_seconds
+        options.hold_seconds, options.fade_seconds = hold_seconds, fade_seconds
+        options.mesh = _core.PhantomMeshOptions()
+        options.mesh.max_depth_step = max_depth_step
+        if str(texturing).upper() not in _core.Texturing.__members__:
+            raise InputError(f"texturing: expected source or calibration, got {texturing!r}")
+        options.mesh.texturing = _core.Texturing.__members__[texturing.upper()]
+        self._core = _core.PhantomPipeline(options)
+        self._last: PhantomFrame | None = None
+
+    def process(self, frame: RgbdFrame) -> PhantomFrame:
+        """The next frame, with arrays of its own.
+
+        Raises
+        ------
+        InputError
+            A calibration is out of range. The next frame is not affected.
+        """
+        buffers = _Buffers.of_size(*frame.depth.shape)
+        calibration = frame.calibration
+        report = self._core.process(
+            np.ascontiguousarray(frame.depth),
+            None if frame.body_index is None else np.ascontiguousarray(frame.body_index),
+            calibration.depth,
+            calibration.registration,
+            frame.skeletons,
+            frame.time,
+            frame.number,
+            buffers,
+        )
+        if report["state"] == _core.PhantomState.LATE and self._last is not None:
+            late = report["late_frames"]
+            return replace(self._last, state=PhantomState.LATE, late_frames=late)
+        self._last = _frame(report, buffers)
+        return self._last
+
+    def reset(self) -> Self:
+        """Forget all frames: for another person, or another recording."""
+        self._core.reset()
+        self._last = None
+        return self
+
+
+def _frame(report: dict[str, Any], buffers: _Buffers) -> PhantomFrame:
+    vertices, triangles = report.pop("num_vertices"), report.pop("num_triangles")
+    return PhantomFrame(
+        depth=buffers.depth,
+        labels=buffers.labels,
+        kinds=buffers.kinds,
+        source=buffers.source,
+        vertices=buffers.vertices[:vertices],
+        pixels=buffers.pixels[:vertices],
+        uvs=buffers.uvs[:vertices],
+        triangles=buffers.triangles[:triangles],
+        skeleton=Skeleton(**report.pop("skeleton")),
+        state=PhantomState(report.pop("state").name.lower()),
+        reason=PhantomReason(report.pop("reason").name.lower()),
+        **report,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class BodyMirror:
+    """The map that takes a person's one side to the other, p -> ``linear`` p + ``offset``.
+
+    Attributes
+    ----------
+    linear : (3, 3) float64
+        Its own inverse.
+    offset : (3,) float64, metres
+    normal : (3,) float64
+        n = y_s x z_s, towards the person's left.
+    origin : (3,) float64, metres
+        A point of the plane: SpineMid for arms, SpineBase for legs.
+    skeleton : Skeleton
+        The person's, with the mirrored joints of the intact limb in place of the affected one.
+    """
+
+    linear: NDArray[np.float64]
+    offset: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    origin: NDArray[np.float64]
+    skeleton: Skeleton
+
+    def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Mirror points (..., 3)."""
+        return points @ self.linear.T + self.offset
+
+
+def body_mirror(
+    skeleton: Skeleton, affected: Limb, *, mode: MirrorMode = "reflection"
+) -> BodyMirror | None:
+    """The mirror of `PhantomPipeline` for one skeleton, unfiltered.
+
+    Returns
+    -------
+    BodyMirror or None
+        None where the axes of the body (eq. 4.2 for arms, 4.8 for legs) cannot be told: a joint is
+        missing, or they are nearly parallel.
+
+    Raises
+    ------
+    InputError
+        No such limb or mode.
+
+    Notes
+    -----
+    ``reflection``: I - 2 n n^T. ``paper``: eq. 4.3 to 4.7, M^-1 diag(-1, 1, 1) M with M's rows x_s,
+    y_s, z_s, which is the same where x_s is square to y_s. ``2d``: u' = 2 u_s - u at one depth.
+    """
+    fields = _core.body_mirror(skeleton, _limb(affected), _mode(mode))
+    if fields is None:
+        return None
+    return BodyMirror(**fields | {"skeleton": Skeleton(**fields["skeleton"])})
+
+
+@dataclass(frozen=True, eq=False)
+class BodySegmentation:
+    """Which bone each pixel of a person belongs to.
+
+    Attributes
+    ----------
+    labels : (H, W) uint8
+        Bone, 1 to 24, by its far joint (`manip3d.rgbd.PARENTS`); 0 where the person is not.
+    distances : (H, W) float32, metres
+        To that bone; infinite where there is none.
+    """
+
+    labels: NDArray[np.uint8]
+    distances: NDArray[np.float32]
+
+
+def segment_body(
+    depth: NDArray[np.uint16 | np.float32],
+    intrinsics: Intrinsics,
+    skeleton: Skeleton,
+    *,
+    body_index: NDArray[np.uint8] | None = None,
+    near: float = 0.3,
+    far: float = 8.0,
+    margin: float = 0.35,
+) -> BodySegmentation:
+    """Voronoi segmentation of a person: each pixel to its nearest bone (eq. 4.1).
+
+    Parameters
+    ----------
+    depth : (H, W) uint16 in millimetres or float32 in metres
+    intrinsics : Intrinsics
+    skeleton : Skeleton
+        Bones between joints that are tracked or inferred count. Of two as near the lower one wins;
+        a bone without length is a point.
+    body_index : (H, W) uint8, optional
+        As of `RgbdFrame`.
+    near, far, margin : float, metres
+        As of `PhantomPipeline`.
+
+    Raises
+    ------
+    InputError
+        Another shape or dtype, or an option out of range.
+    """
+    image = np.ascontiguousarray(depth)
+    index = None if body_index is None else np.ascontiguousarray(body_index, np.uint8)
+    if index is not None and index.shape != image.shape:
+        raise InputError(f"body_index: expected shape {image.shape}, got {index.shape}")
+    labels, distances = _core.segment_person(
+        image, index, intrinsics, skeleton, _mask(near, far, margin)
+    )
+    return BodySegmentation(labels.reshape(image.shape), distances.reshape(image.shape))

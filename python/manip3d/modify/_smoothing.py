@@ -1,0 +1,157 @@
+"""Whose skeleton it is, and joints without their jitter."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, Self
+
+from manip3d import _core
+from manip3d.camera import Intrinsics
+from manip3d.errors import InputError
+from manip3d.rgbd import Skeleton
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+Preset = Literal["default", "seated"]
+
+
+def smoother_options(
+    preset: Preset = "default",
+    *,
+    smoothing: float | None = None,
+    correction: float | None = None,
+    prediction: float | None = None,
+    jitter_radius: float | None = None,
+    max_deviation: float | None = None,
+) -> _core.JointSmootherOptions:
+    """A preset with some of its numbers changed."""
+    presets = {
+        "default": _core.JointSmootherOptions,
+        "seated": _core.JointSmootherOptions.seated,
+    }
+    if preset not in presets:
+        raise InputError(f"preset: expected one of {', '.join(presets)}, got {preset!r}")
+    options = presets[preset]()
+    for name, value in (
+        ("smoothing", smoothing),
+        ("correction", correction),
+        ("prediction", prediction),
+        ("jitter_radius", jitter_radius),
+        ("max_deviation", max_deviation),
+    ):
+        if value is not None:
+            setattr(options, name, float(value))
+    return options
+
+
+class JointSmoother:
+    """Double exponential smoothing of one person's joints, frame by frame.
+
+    With raw X, filtered F, trend B, output Y and primes for the frame before: F = X, B = 0 at
+    first and F = (X + X') / 2 in the second frame; then, d being the distance of X from F',
+    X* = X if d > J else F' + (d / J) (X - F'); F = (1 - s) X* + s (F' + B');
+    B = c (F - F') + (1 - c) B'; Y = F + p B, pulled to within D of X. J and D are doubled for
+    inferred joints. A joint that is not tracked, not finite or at the origin comes out as not
+    tracked, and starts anew when it is back.
+
+    Parameters
+    ----------
+    preset : {"default", "seated"}
+        s, c, p, J, D = .25, .25, .25, .03, .05 or, for people who sit, .5, .1, .5, .1, .1.
+    smoothing : float, optional
+        s in [0, 1).
+    correction : float, optional
+        c in [0, 1].
+    prediction : float, optional
+        p >= 0, frames.
+    jitter_radius : float, optional
+        J >= 0, metres.
+    max_deviation : float, optional
+        D >= 0, metres.
+
+    Raises
+    ------
+    InputError
+        A number is out of range.
+
+    Notes
+    -----
+    M. Azimi, "Skeletal joint smoothing", Microsoft, 2012.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Skeleton
+    >>> smoother = JointSmoother()
+    >>> still = Skeleton(np.full((25, 3), 2.0))
+    >>> shaken = Skeleton(np.full((25, 3), 2.005))
+    >>> for frame in (still, still, shaken):
+    ...     smoothed = smoother.add(frame)
+    >>> bool(np.all(smoothed.positions < 2.003))
+    True
+    """
+
+    def __init__(
+        self,
+        preset: Preset = "default",
+        *,
+        smoothing: float | None = None,
+        correction: float | None = None,
+        prediction: float | None = None,
+        jitter_radius: float | None = None,
+        max_deviation: float | None = None,
+    ) -> None:
+        self._core = _core.JointSmoother(
+            smoother_options(
+                preset,
+                smoothing=smoothing,
+                correction=correction,
+                prediction=prediction,
+                jitter_radius=jitter_radius,
+                max_deviation=max_deviation,
+            )
+        )
+
+    def add(self, skeleton: Skeleton) -> Skeleton:
+        """The next frame's skeleton, smoothed; orientations stay as they are."""
+        return Skeleton(**self._core.add(skeleton))
+
+    def reset(self) -> Self:
+        """Forget all frames: for another person, or another recording."""
+        self._core.reset()
+        return self
+
+
+class KeyPerson:
+    """Holds on to one of the people in view, whoever else walks through the picture.
+
+    At first the one whose SpineBase projects nearest to the image centre, then whoever has its id.
+    Once lost for ``patience``, the body nearest to where it was last seen, within ``reach``.
+
+    Parameters
+    ----------
+    patience : float, seconds
+    reach : float, metres
+    forget : float, seconds
+        After so long the choice is made as if for the first time.
+
+    Raises
+    ------
+    InputError
+        A number is not >= 0.
+    """
+
+    def __init__(self, *, patience: float = 1.0, reach: float = 0.5, forget: float = 10.0) -> None:
+        options = _core.KeyPersonOptions()
+        options.patience, options.reach, options.forget = patience, reach, forget
+        self._core = _core.KeyPerson(options)
+
+    def find(self, people: Sequence[Skeleton], camera: Intrinsics, time: float) -> Skeleton | None:
+        """The key person among ``people``, or none while it is lost; ``time`` (s) grows."""
+        index = self._core.find(people, camera, float(time))
+        return None if index is None else people[index]
+
+    def reset(self) -> Self:
+        """Choose anew at the next frame."""
+        self._core.reset()
+        return self
