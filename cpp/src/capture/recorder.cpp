@@ -3,6 +3,7 @@
 #include <string>
 
 #include "manip3d/capture/folder.hpp"
+#include "manip3d/capture/mkv.hpp"
 #include "manip3d/error.hpp"
 
 namespace manip3d {
@@ -37,11 +38,15 @@ void check_grows(const char* name, std::int64_t value, std::int64_t before) {
 std::vector<RecordingFormat> recording_formats() {
   return {
       {"folder", "", record_folder, "", ""},
+#ifdef MANIP3D_FFMPEG
+      {"mkv", ".mkv", record_mkv, "", ""},
+#else
       {"mkv",
        ".mkv",
        {},
        "not built: FFmpeg's development files were not found",
        "apt-get install libavformat-dev libavcodec-dev libavutil-dev, then build again"},
+#endif
   };
 }
 

@@ -4,9 +4,27 @@
 #include <string>
 
 #include "manip3d/capture/folder.hpp"
+#include "manip3d/capture/mkv.hpp"
 #include "manip3d/error.hpp"
 
 namespace manip3d {
+namespace {
+
+RgbdScheme mkv_scheme() {
+  RgbdScheme scheme{"mkv", "FILE", "recordings of this library and of Azure Kinect (Matroska)",
+                    {},    "",     ""};
+#ifdef MANIP3D_FFMPEG
+  scheme.open = open_mkv;
+  scheme.reason = mkv_absence();
+  if (!scheme.reason.empty()) scheme.cure = "apt-get install libavformat59";
+#else
+  scheme.reason = "not built: FFmpeg's development files were not found";
+  scheme.cure = "apt-get install libavformat-dev libavcodec-dev libavutil-dev, then build again";
+#endif
+  return scheme;
+}
+
+}  // namespace
 
 std::vector<RgbdScheme> rgbd_schemes() {
   return {
@@ -14,12 +32,7 @@ std::vector<RgbdScheme> rgbd_schemes() {
        open_folder, "", ""},
       {"tum", "FOLDER", "sequences of the TUM RGB-D benchmark (depth.txt, rgb.txt)", open_tum, "",
        ""},
-      {"mkv",
-       "FILE",
-       "recordings of this library and of Azure Kinect (Matroska)",
-       {},
-       "not built: FFmpeg's development files were not found",
-       "apt-get install libavformat-dev libavcodec-dev libavutil-dev, then build again"},
+      mkv_scheme(),
   };
 }
 

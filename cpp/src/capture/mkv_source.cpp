@@ -1,0 +1,245 @@
+#include <algorithm>
+#include <array>
+#include <optional>
+#include <string_view>
+#include <utility>
+
+#include "capture/matroska.hpp"
+#include "capture/mkv_layout.hpp"
+#include "capture/rgbd_json.hpp"
+#include "io/json_text.hpp"
+#include "manip3d/capture/grab_thread.hpp"
+#include "manip3d/capture/mkv.hpp"
+#include "manip3d/capture/unmirror.hpp"
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kMaxRecordBytes = 1 << 20;  // 64 skeletons take 300 kB
+
+/// The complaint about one track, by name.
+[[noreturn]] void refuse_track(const char* name, const FormatError& error) {
+  throw FormatError(std::string(name) + " track: " + error.reason(), {});
+}
+
+std::string_view text_of(std::span<const std::byte> bytes) {
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+
+/// A track of images: its decoder, and the packet that came last.
+class ImageTrack {
+ public:
+  ImageTrack(const char* name, const AVStream& stream, PixelKind kind, ImageSize size)
+      : name_(name), stream_(stream.index), size_(size), packet_(new_packet()) {
+    const AVCodecParameters& parameters = *stream.codecpar;
+    if (kind == PixelKind::kRgb && parameters.codec_id == AV_CODEC_ID_MJPEG) {
+      jpeg_ = std::make_unique<JpegDecoder>();  // each packet says its size
+      return;
+    }
+    try {
+      ffv1_.emplace(parameters, kind, size);
+    } catch (const FormatError& error) {
+      refuse_track(name, error);
+    }
+  }
+
+  [[nodiscard]] int stream() const { return stream_; }
+  [[nodiscard]] const char* name() const { return name_; }
+  [[nodiscard]] ImageSize size() const { return size_; }
+  [[nodiscard]] bool has_packet() const { return packet_->size > 0; }
+
+  /// Takes over the packet; the one before is gone.
+  void take(PacketPtr& packet) { std::swap(packet_, packet); }
+  void drop() { ffmpeg().av_packet_unref(packet_.get()); }
+
+  /// The pixels of the packet that came last, if it is the one of this time and hash.
+  /// @throws FormatError
+  template <typename T>
+  void decode(std::int64_t time_ms, const std::string& hash, std::size_t channels,
+              std::vector<T>& pixels) {
+    if (!has_packet() || packet_->pts != time_ms) throw FormatError("packet missing", {});
+    if (sha256(bytes_of(*packet_)) != hash) throw FormatError("packet damaged", {});
+    pixels.resize(static_cast<std::size_t>(size_.rows * size_.cols) * channels);
+    if (jpeg_) {
+      jpeg_->decode(bytes_of(*packet_), size_, reinterpret_cast<std::uint8_t*>(pixels.data()));
+    } else {
+      ffv1_->decode(*packet_, pixels.data());
+    }
+  }
+
+ private:
+  const char* name_;
+  int stream_;
+  ImageSize size_;
+  PacketPtr packet_;
+  std::optional<Ffv1Decoder> ffv1_;
+  std::unique_ptr<JpegDecoder> jpeg_;
+};
+
+/// The attached calibration, if it is the one that was written.
+std::shared_ptr<const RgbdCalibration> read_calibration(const MatroskaReader& file) {
+  const AVStream* attached = file.attachment(mkv::kCalibration);
+  if (attached == nullptr) throw FormatError("expected an attached calibration.json", {});
+  const AVCodecParameters& data = *attached->codecpar;
+  const auto bytes =
+      std::as_bytes(std::span(data.extradata, static_cast<std::size_t>(data.extradata_size)));
+  if (sha256(bytes) != tag(attached->metadata, "title")) {
+    throw FormatError("calibration.json: damaged: its hash is another", {});
+  }
+  const JsonPlace::Json json = parse_json(text_of(bytes), 0);
+  const JsonPlace place(json, mkv::kCalibration, 0);
+  return calibration_from_json(place);
+}
+
+class MkvSource final : public RgbdSource {
+ public:
+  MkvSource(const fs::path& path, const RgbdOptions& options) try : path_(path), file_(path) {
+    stored_ = options.calibration ? options.calibration : read_calibration(file_);
+    calibration_ = unmirrored(stored_);
+    const Intrinsics& depth = calibration_->depth;
+    const Intrinsics& colour =
+        calibration_->registration ? calibration_->registration->colour : depth;
+    add_track(mkv::kDepth, PixelKind::kGray16, {depth.height, depth.width}, depth_);
+    add_track(mkv::kBodyIndex, PixelKind::kGray8, {depth.height, depth.width}, body_index_);
+    add_track(mkv::kColour, PixelKind::kRgb, {colour.height, colour.width}, colour_);
+    const auto frames = file_.find(mkv::kFrames, AVMEDIA_TYPE_SUBTITLE);
+    if (!depth_ || !frames) throw FormatError("expected the tracks 'depth' and 'frames'", {});
+    frames_track_ = *frames;
+  } catch (const FormatError& error) {
+    throw error.in_file(path.string());
+  }
+
+  [[nodiscard]] SourceCapabilities capabilities() const override { return {}; }
+  void start() override {}
+  void stop() override {}
+  [[nodiscard]] std::shared_ptr<const RgbdCalibration> calibration() const override {
+    return calibration_;
+  }
+  [[nodiscard]] Counters counters() const override {
+    return {{"frames", frames_},
+            {"damaged", damaged_},
+            {"lost", lost_},
+            {"cut_short", cut_short_ ? 1 : 0},
+            {"unfinished", file_.duration_ms() > 0 ? 0 : 1}};
+  }
+
+  ReadStatus read(RgbdFrame& frame, std::chrono::milliseconds) override {
+    while (file_.next(*packet_)) {
+      if (packet_->stream_index != frames_track_) {
+        keep_image();
+      } else if (read_frame(frame)) {
+        ++frames_;
+        return ReadStatus::kFrame;
+      }
+    }
+    // Images without their record are the frame in progress when the recorder was killed.
+    for (const auto* track : {&depth_, &body_index_, &colour_}) {
+      cut_short_ = cut_short_ || (*track && (*track)->has_packet());
+    }
+    cut_short_ = cut_short_ || last_time_ms_ + 1 < file_.duration_ms();
+    return ReadStatus::kEnd;
+  }
+
+ private:
+  void add_track(const char* name, PixelKind kind, ImageSize size,
+                 std::optional<ImageTrack>& track) {
+    if (const auto index = file_.find(name, AVMEDIA_TYPE_VIDEO)) {
+      track.emplace(name, *file_.streams()[static_cast<std::size_t>(*index)], kind, size);
+    }
+  }
+
+  void keep_image() {
+    for (auto* track : {&depth_, &body_index_, &colour_}) {
+      if (*track && (*track)->stream() == packet_->stream_index) (*track)->take(packet_);
+    }
+  }
+
+  /// The frame whose record has just come; false if it is not whole. A record that is damaged
+  /// itself shows as a gap before the next one.
+  bool read_frame(RgbdFrame& frame) {
+    bool is_known = false;  // the record can be believed, and the frame counted
+    try {
+      const JsonPlace::Json json = checked_record();
+      const JsonPlace record(json, "frames", 0);
+      constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
+      const std::int64_t index = record.member("index").integer(next_index_, kMost - 1);
+      lost_ += index - std::exchange(next_index_, index + 1);
+      last_time_ms_ = packet_->pts;
+      is_known = true;
+      fill(record, frame);
+      drop_images();
+      return true;
+    } catch (const FormatError&) {
+      damaged_ += is_known ? 1 : 0;
+    }
+    drop_images();
+    return false;
+  }
+
+  void drop_images() {
+    for (auto* track : {&depth_, &body_index_, &colour_}) {
+      if (*track) (*track)->drop();
+    }
+  }
+
+  [[nodiscard]] JsonPlace::Json checked_record() const {
+    if (packet_->size > kMaxRecordBytes) throw FormatError("record too long", {});
+    const std::string_view text = text_of(bytes_of(*packet_));
+    const std::string_view hash = text.substr(0, mkv::kHashDigits);
+    const std::string_view json = text.substr(std::min(text.size(), mkv::kHashDigits + 1));
+    if (sha256(std::as_bytes(std::span(json))) != hash) throw FormatError("record damaged", {});
+    return parse_json(json, 0);
+  }
+
+  void fill(const JsonPlace& record, RgbdFrame& frame) {
+    constexpr std::int64_t kLeast = std::numeric_limits<std::int64_t>::min();
+    constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
+    frame.number = record.member("number").integer(kLeast, kMost);
+    frame.time_ns = record.member("time").integer(kLeast, kMost);
+    const JsonPlace packets = record.member("packets");
+    if (!packets.has(mkv::kDepth)) packets.fail("expected a packet of depth");
+    fill_image(packets, depth_, mkv::kDepth, 1, frame.depth);
+    fill_image(packets, body_index_, mkv::kBodyIndex, 1, frame.body_index);
+    fill_image(packets, colour_, mkv::kColour, 3, frame.colour);
+    frame.rows = depth_->size().rows;
+    frame.cols = depth_->size().cols;
+    frame.colour_rows = frame.colour.empty() ? 0 : colour_->size().rows;
+    frame.colour_cols = frame.colour.empty() ? 0 : colour_->size().cols;
+    skeletons_from_json(record.member("skeletons"), frame.skeletons);
+    frame.calibration = calibration_;
+    unmirror_images(*stored_, frame);
+  }
+
+  template <typename T>
+  void fill_image(const JsonPlace& packets, std::optional<ImageTrack>& track, const char* name,
+                  std::size_t channels, std::vector<T>& pixels) {
+    pixels.clear();
+    const auto hash = packets.find(name);
+    if (!hash) return;
+    if (!track) hash->fail("expected no packet: there is no such track");
+    track->decode(packet_->pts, hash->text(), channels, pixels);
+  }
+
+  fs::path path_;
+  MatroskaReader file_;
+  std::shared_ptr<const RgbdCalibration> stored_, calibration_;
+  std::optional<ImageTrack> depth_, body_index_, colour_;
+  int frames_track_ = -1;
+  PacketPtr packet_ = new_packet();
+  std::int64_t next_index_ = 0, last_time_ms_ = -1;
+  std::int64_t frames_ = 0, damaged_ = 0, lost_ = 0;
+  bool cut_short_ = false;
+};
+
+}  // namespace
+
+std::unique_ptr<RgbdSource> open_mkv(const fs::path& path, const RgbdOptions& options) {
+  auto source = std::make_unique<MkvSource>(path, options);
+  if (options.speed == 0.0) return source;
+  return in_real_time(std::move(source), options.speed);
+}
+
+}  // namespace manip3d
