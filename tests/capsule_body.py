@@ -84,7 +84,7 @@ def bones(skeleton: Skeleton) -> list[tuple[int, NDArray[np.float64], NDArray[np
     return found
 
 
-def _hit(
+def hit_depth(
     rays: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64], radius: float
 ) -> NDArray[np.float64]:
     """Depth at which each ray (x, y, 1) first meets a capsule; infinite where it does not."""
@@ -119,6 +119,17 @@ def pixel_rays(camera: Intrinsics) -> NDArray[np.float64]:
     )
 
 
+def _box(camera: Intrinsics, ends: NDArray[np.float64], radius: float) -> tuple[slice, slice]:
+    """Pixels that a capsule can be seen in."""
+    if (ends[:, 2] <= 2 * radius).any():
+        return np.s_[:, :]
+    centre = ends[:, :2] / ends[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    reach = 1.3 * camera.fx * radius / (ends[:, 2].min() - radius) + 2
+    low = np.maximum(centre.min(0) - reach, 0).astype(int)
+    high = np.maximum(centre.max(0) + reach, 0).astype(int)
+    return np.s_[low[1] : high[1], low[0] : high[0]]
+
+
 def render(
     skeleton: Skeleton, camera: Intrinsics, *, without: tuple[int, ...] = ()
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
@@ -129,9 +140,10 @@ def render(
     for bone, a, b, radius in bones(skeleton):
         if bone in without:
             continue
-        hit = _hit(rays, a, b, radius)
-        label[hit < depth] = bone
-        depth = np.minimum(depth, hit)
+        box = _box(camera, np.stack([a, b]), radius)
+        hit = hit_depth(rays[box], a, b, radius)
+        label[box][hit < depth[box]] = bone
+        depth[box] = np.minimum(depth[box], hit)
     depth[~np.isfinite(depth)] = 0
     return depth, label
 

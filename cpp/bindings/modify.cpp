@@ -77,6 +77,7 @@ Fields to_fields(const PhantomReport& report) {
   fields["num_person"] = py::int_(report.num_person);
   fields["num_removed"] = py::int_(report.num_removed);
   fields["num_mirrored"] = py::int_(report.num_mirrored);
+  fields["num_away"] = py::int_(report.num_away);
   fields["num_filled"] = py::int_(report.num_filled);
   fields["num_points"] = py::int_(report.num_points);
   fields["num_vertices"] = py::int_(report.mesh.num_vertices);

@@ -353,6 +353,7 @@ class PhantomPipeline::Workspace {
     }
     report.texture_number = held_->number;
     report.num_mirrored = static_cast<std::int64_t>(mirrored_.size());
+    report.num_away = std::ranges::count(mirrored_, false, &MirroredPoint::faces_camera);
     return write_phantom(is_held ? moved_ : mirrored_, options_.affected,
                          PixelProjector(*camera_, rays_), image);
   }

@@ -138,6 +138,7 @@ class Collector {
 struct BoneTable {
   using Column = std::array<float, BoneSegments::kCapacity>;
   Column cx{}, cy{}, cz{};  ///< P_c.
+  Column rx{}, ry{}, rz{};  ///< P_r.
   Column bx{}, by{}, bz{};  ///< P_r - P_c.
   Column tx{}, ty{}, tz{};  ///< (P_r - P_c) / |P_r - P_c|^2, or 0.
   std::array<std::int32_t, BoneSegments::kCapacity> label{};
@@ -151,6 +152,7 @@ struct BoneTable {
       const Eigen::Vector3f t = length2 > kPoint ? Eigen::Vector3f(b / length2)
                                                  : Eigen::Vector3f(Eigen::Vector3f::Zero());
       cx[i] = bones.start[i].x(), cy[i] = bones.start[i].y(), cz[i] = bones.start[i].z();
+      rx[i] = bones.end[i].x(), ry[i] = bones.end[i].y(), rz[i] = bones.end[i].z();
       bx[i] = b.x(), by[i] = b.y(), bz[i] = b.z();
       tx[i] = t.x(), ty[i] = t.y(), tz[i] = t.z();
       label[i] = bones.label[i];
@@ -161,8 +163,10 @@ struct BoneTable {
     const float dx = x - cx[i], dy = y - cy[i], dz = z - cz[i];
     float t = dx * tx[i] + dy * ty[i] + dz * tz[i];
     t = t > 0.0F ? t : 0.0F;
-    t = t < 1.0F ? t : 1.0F;
-    const float ex = dx - t * bx[i], ey = dy - t * by[i], ez = dz - t * bz[i];
+    const bool past = t >= 1.0F;  // from P_r itself, so that bones that meet there are as near
+    const float ex = past ? x - rx[i] : dx - t * bx[i];
+    const float ey = past ? y - ry[i] : dy - t * by[i];
+    const float ez = past ? z - rz[i] : dz - t * bz[i];
     return ex * ex + ey * ey + ez * ez;
   }
 };

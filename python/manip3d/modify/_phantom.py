@@ -96,8 +96,9 @@ class PhantomFrame:
     texture_number : int
         `RgbdFrame.number` of the frame whose colours belong to the phantom: an older one while
         the phantom is held.
-    num_person, num_removed, num_mirrored, num_filled : int
-        Pixels of the person, taken out, mirrored, and filled as holes.
+    num_person, num_removed, num_mirrored, num_away, num_filled : int
+        Pixels of the person, taken out, mirrored, of these with a surface that mirroring turned
+        away from the camera, and filled as holes.
     late_frames : int
         Frames passed over so far because they were not newer than the one before.
     seconds : dict of str to float
@@ -122,6 +123,7 @@ class PhantomFrame:
     num_person: int
     num_removed: int
     num_mirrored: int
+    num_away: int
     num_filled: int
     late_frames: int
     seconds: dict[str, float] = field(repr=False)

@@ -90,6 +90,7 @@ struct PhantomReport {
   double visible = 0.0;             ///< Share of the intact limb that is seen, by length.
   std::int64_t texture_number = 0;  ///< Frame whose colours the phantom's sources refer to.
   std::int64_t num_person = 0, num_removed = 0, num_mirrored = 0, num_filled = 0;  ///< Pixels.
+  std::int64_t num_away = 0;    ///< Of the mirrored ones: those whose surface faces away.
   std::int64_t num_points = 0;  ///< Vertices before those of seams.
   PhantomMeshSize mesh;
   Skeleton skeleton;             ///< Key person, smoothed, with the phantom's joints.
