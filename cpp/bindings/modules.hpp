@@ -15,6 +15,7 @@ void bind_metrics(pybind11::module_& m);
 void bind_range_image(pybind11::module_& m);
 void bind_depth_sampling(pybind11::module_& m);
 void bind_rgbd(pybind11::module_& m);
+void bind_avatar(pybind11::module_& m);
 void bind_capture(pybind11::module_& m);
 void bind_scans(pybind11::module_& m);
 void bind_forge(pybind11::module_& m);

@@ -15,6 +15,7 @@ __all__: list[str] = [
     "CELL_RINGS",
     "BoundaryCurvature",
     "BoundaryTerm",
+    "ColliderTracker",
     "ComplexVertices",
     "Cs3BesideInvalid",
     "Cs3Importance",
@@ -40,11 +41,13 @@ __all__: list[str] = [
     "PhantomPipeline",
     "PhantomReason",
     "PhantomState",
+    "PlacementEstimator",
     "QemOptions",
     "ReliefEffort",
     "ReliefOptions",
     "ReliefSolver",
     "ReliefStop",
+    "ShoeCoverTracker",
     "StopReason",
     "TextureTerm",
     "Texturing",
@@ -787,6 +790,61 @@ class QemOptions:
     def target_faces(self) -> int: ...
     @target_faces.setter
     def target_faces(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+
+class ColliderTracker:
+    def __init__(
+        self,
+        *,
+        percentile: typing.SupportsFloat | typing.SupportsIndex,
+        frames: typing.SupportsInt | typing.SupportsIndex,
+        min_points: typing.SupportsInt | typing.SupportsIndex,
+        min_radius: typing.SupportsFloat | typing.SupportsIndex,
+        max_radius: typing.SupportsFloat | typing.SupportsIndex,
+        first_radius: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def before(self) -> tuple[typing.Any, ...]: ...
+    def first_hits(
+        self,
+        start: numpy.typing.NDArray[numpy.float32],
+        end: numpy.typing.NDArray[numpy.float32],
+        radius: numpy.typing.NDArray[numpy.float32],
+    ) -> tuple[typing.Any, ...]: ...
+    def now(self) -> tuple[typing.Any, ...]: ...
+    def reset(self) -> None: ...
+    def update(
+        self,
+        skeleton: typing.Any,
+        label: numpy.typing.NDArray[numpy.uint8],
+        squared_distance: numpy.typing.NDArray[numpy.float32],
+    ) -> None: ...
+
+class ShoeCoverTracker:
+    def __init__(
+        self,
+        *,
+        hue: tuple[
+            typing.SupportsInt | typing.SupportsIndex, typing.SupportsInt | typing.SupportsIndex
+        ],
+        min_saturation: typing.SupportsInt | typing.SupportsIndex,
+        min_value: typing.SupportsInt | typing.SupportsIndex,
+        reach: typing.SupportsFloat | typing.SupportsIndex,
+        min_pixels: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+    def update(self, frame: typing.Any, skeleton: typing.Any, left: bool) -> typing.Any: ...
+    @property
+    def num_pixels(self) -> int: ...
+
+class PlacementEstimator:
+    def __init__(
+        self,
+        *,
+        share: typing.SupportsFloat | typing.SupportsIndex,
+        spread: typing.SupportsFloat | typing.SupportsIndex,
+        stable_frames: typing.SupportsInt | typing.SupportsIndex,
+        tolerance: typing.SupportsFloat | typing.SupportsIndex,
+    ) -> None: ...
+    def reset(self) -> None: ...
+    def update(self, skeleton: typing.Any, left_is_intact: bool) -> typing.Any: ...
 
 class VelodyneOptions:
     def __init__(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from manip3d.modify._colliders import TORSO, BodyColliders, ColliderTracker, Hits
 from manip3d.modify._joints import JointLayout, joint_layouts, skeleton_from
+from manip3d.modify._lower_limb import Placement, PlacementEstimator, ShoeCoverTracker, Side
 from manip3d.modify._phantom import (
     BodyMirror,
     BodySegmentation,
@@ -21,8 +23,12 @@ from manip3d.modify._pose import PoseTracker, lift_landmarks
 from manip3d.modify._smoothing import JointSmoother, KeyPerson
 
 __all__ = [
+    "TORSO",
+    "BodyColliders",
     "BodyMirror",
     "BodySegmentation",
+    "ColliderTracker",
+    "Hits",
     "JointLayout",
     "JointSmoother",
     "KeyPerson",
@@ -33,7 +39,11 @@ __all__ = [
     "PhantomReason",
     "PhantomState",
     "PixelKind",
+    "Placement",
+    "PlacementEstimator",
     "PoseTracker",
+    "ShoeCoverTracker",
+    "Side",
     "Texturing",
     "body_mirror",
     "joint_layouts",

@@ -1,0 +1,168 @@
+#include <pybind11/numpy.h>
+#include <pybind11/stl.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "manip3d/geometry/mesh.hpp"
+#include "manip3d/modify/colliders.hpp"
+#include "manip3d/modify/placement.hpp"
+#include "manip3d/modify/shoe_cover.hpp"
+#include "modules.hpp"
+#include "numpy.hpp"
+#include "rgbd.hpp"
+
+namespace manip3d::bindings {
+namespace {
+
+py::array_t<float> to_array(const Eigen::Vector3f& vector) {
+  return py::array_t<float>(3, vector.data());
+}
+
+/// Of all bones: start, end, radius, 0 where there is none; and the torso's box.
+py::tuple to_tables(const BodyColliders& body) {
+  CArray<float> capsules({kNumJoints, std::size_t{7}});
+  for (std::size_t bone = 0; bone < kNumJoints; ++bone) {
+    const Capsule& capsule = body.capsules[bone];
+    float* row = capsules.mutable_data(static_cast<py::ssize_t>(bone));
+    std::copy_n(capsule.start.data(), 3, row);
+    std::copy_n(capsule.end.data(), 3, row + 3);
+    row[6] = capsule.radius;
+  }
+  const Eigen::Matrix<float, 3, 3, Eigen::RowMajor> axes = body.torso.rotation.toRotationMatrix();
+  CArray<float> rotation({3, 3}, axes.data());
+  return py::make_tuple(capsules, to_array(body.torso.centre), rotation,
+                        to_array(body.torso.half_size));
+}
+
+py::tuple first_hits(const ColliderTracker& self, const CArray<float>& from,
+                     const CArray<float>& to, const CArray<float>& radius) {
+  const auto starts = rows<Rows<float, 3>>(from, "start");
+  const auto ends = rows<Rows<float, 3>>(to, "end");
+  if (starts.rows() != ends.rows() || radius.ndim() != 1 || radius.shape(0) != starts.rows()) {
+    throw InputError("targets: expected as many ends and radii as starts (" +
+                     std::to_string(starts.rows()) + ")");
+  }
+  const auto count = starts.rows();
+  Eigen::VectorXd time = Eigen::VectorXd::Constant(count, std::nan(""));
+  Eigen::Matrix<std::int8_t, Eigen::Dynamic, 1> bone =
+      Eigen::Matrix<std::int8_t, Eigen::Dynamic, 1>::Constant(count, -1);
+  Rows<float, 3> point = Rows<float, 3>::Constant(count, 3, std::nanf(""));
+  {
+    const py::gil_scoped_release nogil;
+    for (Eigen::Index i = 0; i < count; ++i) {
+      const auto hit =
+          first_hit(self.before(), self.now(), {starts.row(i), ends.row(i), radius.data()[i]});
+      if (!hit) continue;
+      time[i] = hit->time;
+      bone[i] = static_cast<std::int8_t>(hit->bone);
+      point.row(i) = hit->point;
+    }
+  }
+  return py::make_tuple(to_numpy(std::move(time)), to_numpy(std::move(bone)),
+                        to_numpy(std::move(point)));
+}
+
+/// The parts of a `manip3d.RgbdFrame` that do not change, kept as long as its calibration.
+class Shoe {
+ public:
+  explicit Shoe(const ShoeCoverOptions& options) : tracker_(options) {}
+
+  py::object update(const py::object& frame, const py::object& skeleton, bool left) {
+    const py::object calibration = frame.attr("calibration");
+    if (!calibration.is(seen_)) {
+      frame_.calibration = std::make_shared<RgbdCalibration>(to_calibration(calibration));
+      rays_ = PixelRays(frame_.calibration->depth);
+      seen_ = calibration;
+    }
+    to_frame(frame, frame_);
+    Skeleton moved = to_skeleton(skeleton);
+    bool found = false;
+    {
+      const py::gil_scoped_release nogil;
+      found = tracker_.update(frame_, rays_, left, moved);
+    }
+    return found ? py::object(from_skeleton(moved)) : py::object(py::none());
+  }
+
+  [[nodiscard]] std::int64_t num_pixels() const { return tracker_.num_pixels(); }
+
+ private:
+  ShoeCoverTracker tracker_;
+  RgbdFrame frame_;
+  PixelRays rays_;
+  py::object seen_ = py::none();
+};
+
+py::object to_dict(const std::optional<Placement>& placement) {
+  if (!placement) return py::none();
+  py::dict fields;
+  fields["knee_height"] = placement->knee_height;
+  fields["reach"] = placement->reach;
+  fields["left"] = to_array(placement->left);
+  fields["right"] = to_array(placement->right);
+  fields["stable_frames"] = placement->stable_frames;
+  fields["frozen"] = placement->frozen;
+  return fields;
+}
+
+}  // namespace
+
+void bind_avatar(py::module_& m) {
+  py::class_<ColliderTracker>(m, "ColliderTracker")
+      .def(py::init([](double percentile, int frames, int min_points, double min_radius,
+                       double max_radius, double first_radius) {
+             return ColliderTracker(
+                 {percentile, frames, min_points, min_radius, max_radius, first_radius});
+           }),
+           py::kw_only(), py::arg("percentile"), py::arg("frames"), py::arg("min_points"),
+           py::arg("min_radius"), py::arg("max_radius"), py::arg("first_radius"))
+      .def(
+          "update",
+          [](ColliderTracker& self, const py::object& skeleton, const CArray<std::uint8_t>& label,
+             const CArray<float>& squared_distance) {
+            const Skeleton pose = to_skeleton(skeleton);
+            const py::gil_scoped_release nogil;
+            self.update(
+                pose, {label.data(), static_cast<std::size_t>(label.size())},
+                {squared_distance.data(), static_cast<std::size_t>(squared_distance.size())});
+          },
+          py::arg("skeleton"), py::arg("label").noconvert(),
+          py::arg("squared_distance").noconvert())
+      .def("reset", &ColliderTracker::reset)
+      .def("now", [](const ColliderTracker& self) { return to_tables(self.now()); })
+      .def("before", [](const ColliderTracker& self) { return to_tables(self.before()); })
+      .def("first_hits", &first_hits, py::arg("start").noconvert(), py::arg("end").noconvert(),
+           py::arg("radius").noconvert());
+
+  py::class_<Shoe>(m, "ShoeCoverTracker")
+      .def(py::init([](std::pair<int, int> hue, int min_saturation, int min_value, double reach,
+                       int min_pixels) {
+             return std::make_unique<Shoe>(ShoeCoverOptions{hue.first, hue.second, min_saturation,
+                                                            min_value, reach, min_pixels});
+           }),
+           py::kw_only(), py::arg("hue"), py::arg("min_saturation"), py::arg("min_value"),
+           py::arg("reach"), py::arg("min_pixels"))
+      .def("update", &Shoe::update, py::arg("frame"), py::arg("skeleton"), py::arg("left"))
+      .def_property_readonly("num_pixels", &Shoe::num_pixels);
+
+  py::class_<PlacementEstimator>(m, "PlacementEstimator")
+      .def(py::init([](double share, double spread, int stable_frames, double tolerance) {
+             return PlacementEstimator({share, spread, stable_frames, tolerance});
+           }),
+           py::kw_only(), py::arg("share"), py::arg("spread"), py::arg("stable_frames"),
+           py::arg("tolerance"))
+      .def(
+          "update",
+          [](PlacementEstimator& self, const py::object& skeleton, bool left_is_intact) {
+            return to_dict(self.update(to_skeleton(skeleton), left_is_intact));
+          },
+          py::arg("skeleton"), py::arg("left_is_intact"))
+      .def("reset", &PlacementEstimator::reset);
+}
+
+}  // namespace manip3d::bindings

@@ -1,0 +1,180 @@
+"""Bodies as simple solids that games can touch: `ColliderTracker`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._arrays import rows
+from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from manip3d.rgbd import Skeleton
+
+TORSO = 0
+"""Value of `Hits.bone` for the torso's box."""
+
+
+@dataclass(frozen=True, eq=False)
+class BodyColliders:
+    """The solids of one person in one frame; metres, camera frame.
+
+    Attributes
+    ----------
+    start, end : (25, 3) float32
+        Axes of the capsules by bone; bone 3's is a point, the centre of the head's sphere.
+    radius : (25,) float32
+        0 where there is none: bone 0, bones of the torso, bones that are not tracked.
+    torso_centre : (3,) float32
+    torso_axes : (3, 3) float32
+        Columns: to the person's left, up, ahead.
+    torso_half_size : (3,) float32
+        Along these axes; 0 where there is no torso.
+    """
+
+    start: NDArray[np.float32]
+    end: NDArray[np.float32]
+    radius: NDArray[np.float32]
+    torso_centre: NDArray[np.float32]
+    torso_axes: NDArray[np.float32]
+    torso_half_size: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """What each of N targets touched first.
+
+    Attributes
+    ----------
+    time : (N,) float64
+        0 at the frame before, 1 now; NaN: nothing was touched.
+    bone : (N,) int8
+        Whose capsule, or `TORSO`; -1: nothing.
+    point : (N, 3) float32
+        Where the target's centre was; NaN: nothing.
+    """
+
+    time: NDArray[np.float64]
+    bone: NDArray[np.int8]
+    point: NDArray[np.float32]
+
+
+class ColliderTracker:
+    """Follows a person's colliders: a capsule per bone, a box for the torso, a sphere for the head.
+
+    Parameters
+    ----------
+    percentile : float
+        Share of a bone's points that lie within its radius, in one frame; (0, 1].
+    frames : int
+        Over which radii are averaged; 1 to 1000.
+    min_points : int
+        A frame with fewer points of a bone says nothing about its radius.
+    min_radius, max_radius : float, metres
+        Radii are clamped to these.
+    first_radius : float, metres
+        Of a bone of which, and of whose mirrored bone, no points were seen.
+
+    Raises
+    ------
+    InputError
+        An option out of range.
+    """
+
+    def __init__(
+        self,
+        *,
+        percentile: float = 0.9,
+        frames: int = 30,
+        min_points: int = 20,
+        min_radius: float = 0.03,
+        max_radius: float = 0.20,
+        first_radius: float = 0.05,
+    ) -> None:
+        self._core = _core.ColliderTracker(
+            percentile=percentile,
+            frames=frames,
+            min_points=min_points,
+            min_radius=min_radius,
+            max_radius=max_radius,
+            first_radius=first_radius,
+        )
+
+    def update(
+        self,
+        skeleton: Skeleton,
+        labels: ArrayLike | None = None,
+        squared_distances: ArrayLike | None = None,
+    ) -> BodyColliders:
+        """The colliders of the next frame.
+
+        Parameters
+        ----------
+        skeleton : Skeleton
+        labels : (N,) uint8, optional
+            Nearest bone of each of the person's points.
+        squared_distances : (N,) float32, optional
+            Of each point to it, square metres.
+
+        Raises
+        ------
+        InputError
+            One of the two arrays is missing, or their lengths differ.
+        """
+        if (labels is None) != (squared_distances is None):
+            raise InputError("labels, squared_distances: expected both or neither")
+        none: list[int] = []
+        self._core.update(
+            skeleton,
+            np.ascontiguousarray(none if labels is None else labels, np.uint8),
+            np.ascontiguousarray(
+                none if squared_distances is None else squared_distances, np.float32
+            ),
+        )
+        return self.colliders
+
+    @property
+    def colliders(self) -> BodyColliders:
+        """Those of the last frame."""
+        capsules, centre, axes, half_size = self._core.now()
+        return BodyColliders(
+            start=capsules[:, :3],
+            end=capsules[:, 3:6],
+            radius=capsules[:, 6],
+            torso_centre=centre,
+            torso_axes=axes,
+            torso_half_size=half_size,
+        )
+
+    def hits(self, start: ArrayLike, end: ArrayLike, *, radius: ArrayLike = 0.0) -> Hits:
+        """What moving spheres touch first between the last frame but one and the last.
+
+        Everything is in motion, and nothing is too fast to be noticed.
+
+        Parameters
+        ----------
+        start, end : (N, 3), metres
+            Centres of the spheres at the two frames.
+        radius : float or (N,), metres
+            0: points.
+
+        Raises
+        ------
+        InputError
+            Wrong shapes.
+        """
+        first = rows(start, 3, np.float32, "start")
+        last = rows(end, 3, np.float32, "end")
+        radii = np.asarray(radius, np.float32)
+        if radii.ndim == 0:
+            radii = np.full(len(first), radii)
+        return Hits(*self._core.first_hits(first, last, np.ascontiguousarray(radii)))
+
+    def reset(self) -> None:
+        """Forget the person."""
+        self._core.reset()
