@@ -1,0 +1,202 @@
+"""What the experiments of chapter 4 share: simulated patients, the pipeline, truth, pictures."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from manip3d.camera import Intrinsics
+    from manip3d.experiments._model import Row
+    from manip3d.modify import PhantomFrame
+    from manip3d.rgbd import RgbdFrame
+    from manip3d.simulate import BodyCapture, BodyTruth
+
+    Floats = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
+    Picture = NDArray[np.uint8]
+
+FEET = 0.3048
+"""Metres."""
+
+NOTE = (
+    "A simulated patient (`manip3d.simulate.BodySimulator`) before a simulated Kinect V2 stands in "
+    "for the published recordings, of which none is public."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A simulated frame with its truth, and what the pipeline made of it."""
+
+    capture: BodyCapture
+    phantom: PhantomFrame
+
+    @property
+    def frame(self) -> RgbdFrame:
+        """What the sensor delivered."""
+        return self.capture.frame
+
+    @property
+    def truth(self) -> BodyTruth:
+        """What is there."""
+        return self.capture.truth
+
+
+def outcomes(
+    scene: Mapping[str, Any], pipeline: Mapping[str, Any], times: Sequence[float]
+) -> Iterator[Outcome]:
+    """A simulated scene through a pipeline of its own.
+
+    Parameters
+    ----------
+    scene : mapping
+        Options of `BodySimulator`.
+    pipeline : mapping
+        Options of `PhantomPipeline`.
+    times : sequence of float, seconds
+        Growing.
+    """
+    from manip3d.modify import PhantomPipeline
+    from manip3d.simulate import BodySimulator
+
+    simulator = BodySimulator(**scene)
+    stage = PhantomPipeline(**pipeline)
+    for time in times:
+        capture = simulator.capture(time)
+        yield Outcome(capture, stage.process(capture.frame))
+
+
+# --- Measures ---------------------------------------------------------------------------------
+
+
+def lift(depth: NDArray[Any], camera: Intrinsics) -> Floats:
+    """(H, W, 3) points of a depth image in metres."""
+    row, column = np.mgrid[: depth.shape[0], : depth.shape[1]]
+    z = depth.astype(np.float64)
+    return np.stack(
+        [(column - camera.cx) * z / camera.fx, (row - camera.cy) * z / camera.fy, z], axis=2
+    )
+
+
+def segmented(frame: RgbdFrame) -> NDArray[np.uint8]:
+    """The nearest bone of each pixel of the first person."""
+    from manip3d.modify import segment_body
+
+    person, camera = frame.skeletons[0], frame.calibration.depth
+    return segment_body(frame.depth, camera, person, body_index=frame.body_index).labels
+
+
+def drawn(phantom: PhantomFrame, *kinds: str) -> Mask:
+    """Pixels of some of the kinds."""
+    from manip3d.modify import PixelKind
+
+    return np.isin(phantom.kinds, [int(PixelKind[kind]) for kind in kinds])
+
+
+def covered(phantom: PhantomFrame) -> Mask:
+    """Pixels that show the phantom."""
+    return phantom.phantom
+
+
+def distances(points: Floats, surface: Any) -> Floats:
+    """Metres from each point to a mesh."""
+    from manip3d.metrics import closest_points
+
+    return np.asarray(closest_points(surface, points).distance)
+
+
+def errors(outcome: Outcome, limb: Any) -> Floats:
+    """Distance of each unfilled phantom point to the intact limb, reflected in the true plane."""
+    camera = outcome.frame.calibration.depth
+    points = lift(outcome.phantom.depth, camera)[drawn(outcome.phantom, "PHANTOM", "AWAY")]
+    return distances(points, outcome.truth.phantom(limb))
+
+
+def sensor_errors(outcome: Outcome, limb: str) -> Floats:
+    """Distance of the intact limb's own measured points to its true surface."""
+    from manip3d.simulate import LIMBS, opposite
+
+    intact: Any = opposite(limb)
+    mine = np.isin(outcome.truth.bones, LIMBS[intact][1:]) & (outcome.frame.depth > 0)
+    mine &= outcome.frame.body_index == 0
+    points = lift(outcome.frame.depth / 1000.0, outcome.frame.calibration.depth)[mine]
+    return distances(points, outcome.truth.limb(intact))
+
+
+def true_cover(outcome: Outcome, limb: Any) -> Mask:
+    """Pixels at which the reflected limb would be seen, before what else there is of the person."""
+    from manip3d.simulate import cast_mesh
+
+    camera = outcome.frame.calibration.depth
+    depth = cast_mesh(outcome.truth.phantom(limb), camera)
+    body = np.where(outcome.truth.people == 0, outcome.truth.depth, np.inf)
+    return (depth > 0.0) & (depth < body)
+
+
+def hole_sizes(shown: Mask, wanted: Mask) -> list[int]:
+    """Pixels of each hole: enclosed by what is shown, where something ought to be."""
+    from scipy import ndimage
+
+    holes = ndimage.binary_fill_holes(shown) & ~shown & wanted
+    labels, count = ndimage.label(holes)
+    return [int(n) for n in np.bincount(labels.ravel(), minlength=count + 1)[1:]]
+
+
+# --- Pictures ---------------------------------------------------------------------------------
+
+
+def box_of(mask: Mask, margin: int = 12) -> tuple[slice, slice]:
+    """Rows and columns around a mask."""
+    rows, columns = np.nonzero(mask.any(1))[0], np.nonzero(mask.any(0))[0]
+    if not len(rows):
+        return slice(None), slice(None)
+    return (
+        slice(max(0, int(rows[0]) - margin), int(rows[-1]) + margin),
+        slice(max(0, int(columns[0]) - margin), int(columns[-1]) + margin),
+    )
+
+
+def packed(picture: Picture) -> str:
+    """A picture as a word of JSON: base64 of its PNG."""
+    import io
+
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.fromarray(picture).save(stream, "PNG", optimize=True)
+    return base64.b64encode(stream.getvalue()).decode()
+
+
+def unpacked(word: str) -> Picture:
+    """The picture of a word."""
+    import io
+
+    from PIL import Image
+
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(word))))
+
+
+def panels(rows: Sequence[Row], width: float = 2.3) -> dict[str, Figure]:
+    """The pictures of each row's ``views`` side by side."""
+    from matplotlib.figure import Figure
+
+    figures = {}
+    for row in rows:
+        views = {name: unpacked(word) for name, word in row["views"].items()}
+        tallest = max(image.shape[0] / image.shape[1] for image in views.values())
+        figure = Figure(figsize=(width * len(views), width * tallest + 0.4), layout="constrained")
+        for number, (name, image) in enumerate(views.items()):
+            axes = figure.add_subplot(1, len(views), number + 1)
+            axes.imshow(image, interpolation="nearest")
+            axes.set(xticks=[], yticks=[])
+            axes.set_title(name, fontsize=9)
+        figures[row["model"]] = figure
+    return figures

@@ -1,0 +1,209 @@
+"""Pictures of people in RGB-D frames: depth, bones, and the person with a phantom limb."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d.camera import Intrinsics
+    from manip3d.modify import PhantomFrame
+    from manip3d.rgbd import RgbdFrame
+    from manip3d.viewer.scene import Image
+
+__all__ = ["depth_picture", "label_picture", "mesh_picture", "phantom_sheet", "textured_picture"]
+
+_GREY = 200
+"""Of points without a colour."""
+
+
+def depth_picture(
+    depth: NDArray[Any], *, near: float | None = None, far: float | None = None
+) -> Image:
+    """A depth image in grey: near is light, nothing is black.
+
+    Parameters
+    ----------
+    depth : (H, W)
+        0: nothing; any unit.
+    near, far : float, optional
+        In that unit; by default what 98 of 100 pixels lie between.
+    """
+    there = depth > 0
+    if near is None or far is None:
+        ends = np.quantile(depth[there], [0.01, 0.99]) if there.any() else (0.0, 1.0)
+        near = float(ends[0]) if near is None else near
+        far = float(ends[1]) if far is None else far
+    way = np.clip((depth.astype(np.float64) - near) / max(far - near, 1e-9), 0.0, 1.0)
+    grey = np.where(there, 245.0 - 190.0 * way, 0.0).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=2)
+
+
+def label_picture(labels: NDArray[np.uint8]) -> Image:
+    """A colour for each bone; black for none."""
+    hue = (np.arange(256) * 0.381966) % 1.0  # the golden ratio: neighbours differ
+    turn = (hue[:, None] + np.array([0.0, 2.0, 1.0]) / 3.0) % 1.0
+    palette = 255.0 * np.clip(np.abs(6.0 * turn - 3.0) - 1.0, 0.15, 0.95)
+    palette[0] = 0.0
+    return np.asarray(palette[labels], np.uint8)
+
+
+def textured_picture(
+    phantom: PhantomFrame,
+    colour: Image | None,
+    *,
+    with_phantom: bool = True,
+    phantom_colour: Image | None = None,
+) -> Image:
+    """The person from the camera's own place, on white.
+
+    Parameters
+    ----------
+    phantom : PhantomFrame
+    colour : (H', W', 3) uint8, optional
+        Of the frame; without it all is grey.
+    with_phantom : bool
+        Without it, the person as measured, less the affected limb.
+    phantom_colour : (H', W', 3) uint8, optional
+        Of frame ``phantom.texture_number`` while the phantom is held.
+    """
+    count = phantom.num_points
+    column, row = phantom.pixels[:count].T
+    colours = _looked_up(phantom.uvs[:count], colour)
+    is_phantom = phantom.phantom[row, column]
+    if phantom_colour is not None:
+        colours[is_phantom] = _looked_up(phantom.uvs[:count][is_phantom], phantom_colour)
+    shown = slice(None) if with_phantom else ~is_phantom
+    picture = np.full((*phantom.depth.shape, 3), 255, np.uint8)
+    picture[row[shown], column[shown]] = colours[shown]
+    return picture
+
+
+def _looked_up(uvs: NDArray[np.float32], colour: Image | None) -> Image:
+    """Colours at texture coordinates (N, 2), v up."""
+    if colour is None:
+        return np.full((len(uvs), 3), _GREY, np.uint8)
+    height, width = colour.shape[:2]
+    known = ~np.isnan(uvs[:, 0])
+    at = np.where(known[:, None], uvs, 0.0)
+    column = (at[:, 0] * width).astype(np.int64).clip(0, width - 1)
+    row = ((1.0 - at[:, 1]) * height).astype(np.int64).clip(0, height - 1)
+    return np.where(known[:, None], colour[row, column], np.uint8(_GREY))
+
+
+def mesh_picture(
+    phantom: PhantomFrame,
+    colour: Image | None,
+    camera: Intrinsics,
+    *,
+    azimuth: float = 35.0,
+    num_threads: int = 0,
+) -> Image:
+    """The textured mesh, turned about the vertical through its middle, on white.
+
+    Parameters
+    ----------
+    phantom : PhantomFrame
+    colour : (H', W', 3) uint8, optional
+        Without it the mesh is grey.
+    camera : Intrinsics
+        The depth camera: the picture has its size.
+    azimuth : float, degrees
+        Positive: seen from the camera's right.
+    num_threads : int
+        0: all cores.
+
+    Raises
+    ------
+    MissingExtraError
+        Open3D is not installed: ``pip install 'manip3d[simulate]'``.
+    """
+    from manip3d.simulate._raycast import CHUNK, RayCaster
+
+    size = (camera.height, camera.width)
+    picture = np.full((*size, 3), 255, np.uint8)
+    if not len(phantom.triangles):
+        return picture
+    vertices = phantom.vertices.astype(np.float64)
+    middle = np.median(vertices, axis=0)
+    angle = np.deg2rad(azimuth)
+    turn = np.array(
+        [[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]]
+    )
+    caster = RayCaster((vertices - middle) @ turn.T + middle, phantom.triangles)
+    row, column = np.mgrid[: size[0], : size[1]]
+    rays = np.stack(
+        [(column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy, np.ones(size)], 2
+    )
+    rays = rays.reshape(-1, 3).astype(np.float32)
+    flat = picture.reshape(-1, 3)
+    for start in range(0, len(rays), CHUNK):
+        part = rays[start : start + CHUNK]
+        hits = caster.cast(np.zeros(3, np.float32), part, num_threads=num_threads)
+        hit = np.flatnonzero(np.isfinite(hits.distance))
+        corners = phantom.uvs[phantom.triangles[hits.face[hit].astype(np.int64)]]
+        uvs = corners[:, 0] + hits.uv[hit, :1] * (corners[:, 1] - corners[:, 0])
+        uvs += hits.uv[hit, 1:] * (corners[:, 2] - corners[:, 0])
+        slant = np.abs((hits.normal[hit] * part[hit]).sum(axis=1))
+        slant /= np.linalg.norm(part[hit], axis=1)
+        shade = 0.6 + 0.4 * slant if colour is None else np.ones(len(hit))
+        flat[start + hit] = _looked_up(uvs, colour) * shade[:, None]
+    return picture
+
+
+def phantom_sheet(
+    frame: RgbdFrame,
+    phantom: PhantomFrame,
+    *,
+    phantom_colour: Image | None = None,
+    azimuth: float = 35.0,
+    num_threads: int = 0,
+) -> Image:
+    """What the camera saw, the person with the phantom, and the mesh from the side.
+
+    Parameters
+    ----------
+    frame : RgbdFrame
+    phantom : PhantomFrame
+        What `manip3d.modify.PhantomPipeline` made of it.
+    phantom_colour : (H', W', 3) uint8, optional
+        As of `textured_picture`.
+    azimuth : float, degrees
+        As of `mesh_picture`.
+    num_threads : int
+        0: all cores.
+
+    Returns
+    -------
+    (H, 3 W, 3) uint8
+        Of H x W depth pixels. Where there is no colour at the pixels of the depth, the first
+        picture is the depth.
+
+    Raises
+    ------
+    InputError
+        The frames are of different sizes.
+    MissingExtraError
+        As `mesh_picture`.
+    """
+    if frame.depth.shape != phantom.depth.shape:
+        raise InputError(
+            f"phantom: expected images of {frame.depth.shape}, got {phantom.depth.shape}"
+        )
+    colour = frame.colour
+    if colour is not None and colour.shape[:2] == frame.depth.shape:
+        seen: Image = colour
+    else:
+        seen = depth_picture(frame.depth)
+    if colour is None:
+        person = depth_picture(phantom.depth)
+    else:
+        person = textured_picture(phantom, colour, phantom_colour=phantom_colour)
+    camera = frame.calibration.depth
+    mesh = mesh_picture(phantom, colour, camera, azimuth=azimuth, num_threads=num_threads)
+    return np.concatenate([seen, person, mesh], axis=1)
