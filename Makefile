@@ -97,7 +97,8 @@ fuzz: ## Run each fuzz target over its corpus, then FUZZ_RUNS times
 	cpp/fuzz/run.sh $(FUZZ_RUNS)
 
 # The instrumented module lies in build/asan/site and goes before the editable one: entries of
-# PYTHONPATH do not run .venv's .pth files, which install the editable package's import hook.
+# PYTHONPATH do not run .venv's .pth files, which install the editable package's import hook. -S:
+# packages of the Python that .venv was made of stay out.
 ASAN_SITE := $(CURDIR)/build/asan/site
 # Left out: what is slow, and what mostly runs other people's code (VTK, Open3D, libE57, Rust).
 # Tests of limits on memory and time (mebibyte) are not for instrumented code.
@@ -113,7 +114,7 @@ asan: setup ## Run both test suites under the address and undefined-behaviour sa
 	@env PYTHONPATH=$(ASAN_SITE):$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
 		LD_PRELOAD="$$(g++ -print-file-name=libasan.so) $$(g++ -print-file-name=libstdc++.so)" \
 		PYTHONMALLOC=malloc ASAN_OPTIONS=detect_leaks=0:symbolize=0 \
-		$$($(BIN)/python -c 'import sys; print(sys._base_executable)') -m pytest $(PYTEST_ASAN)
+		$$($(BIN)/python -c 'import sys; print(sys._base_executable)') -S -m pytest $(PYTEST_ASAN)
 
 tsan: ## Run the C++ tests under the thread sanitizer
 	.ci/install_packages.sh $(PACKAGES)
