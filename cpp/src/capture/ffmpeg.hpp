@@ -32,7 +32,8 @@ namespace manip3d {
 #define MANIP3D_AVUTIL_FUNCTIONS(X)                                                          \
   X(av_dict_free) X(av_dict_get) X(av_dict_set) X(av_frame_alloc) X(av_frame_free)           \
   X(av_free) X(av_log_set_level) X(av_malloc) X(av_mallocz) X(av_opt_set_int)                \
-  X(av_sha_alloc) X(av_sha_final) X(av_sha_init) X(av_sha_update) X(av_strerror)
+  X(av_rescale_q) X(av_sha_alloc) X(av_sha_final) X(av_sha_init) X(av_sha_update)          \
+  X(av_strerror)
 // clang-format on
 
 /// FFmpeg's functions under their own names. They are looked up when the first is needed: linked,

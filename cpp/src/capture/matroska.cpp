@@ -80,12 +80,12 @@ void free_io(AVIOContext*& io) {
   ffmpeg().avio_context_free(&io);
 }
 
-}  // namespace
-
-std::string tag(const AVDictionary* tags, const char* name) {
+std::string value_of(const AVDictionary* tags, const char* name) {
   const AVDictionaryEntry* entry = ffmpeg().av_dict_get(tags, name, nullptr, 0);
   return entry == nullptr ? "" : entry->value;
 }
+
+}  // namespace
 
 // --- writing ------------------------------------------------------------------------------------
 
@@ -227,27 +227,38 @@ void MatroskaReader::close() {
   if (file_.descriptor >= 0) ::close(std::exchange(file_.descriptor, -1));
 }
 
-std::span<AVStream* const> MatroskaReader::streams() const {
-  return {format_->streams, format_->nb_streams};
-}
-
 std::optional<int> MatroskaReader::find(const char* title, AVMediaType type) const {
   for (const AVStream* stream : streams()) {
-    if (stream->codecpar->codec_type == type && tag(stream->metadata, "title") == title) {
+    if (stream->codecpar->codec_type == type && value_of(stream->metadata, "title") == title) {
       return stream->index;
     }
   }
   return std::nullopt;
 }
 
-const AVStream* MatroskaReader::attachment(const char* name) const {
+MatroskaReader::Attachment MatroskaReader::attachment(const char* name) const {
   for (const AVStream* stream : streams()) {
-    if (stream->codecpar->codec_type == AVMEDIA_TYPE_ATTACHMENT &&
-        tag(stream->metadata, "filename") == name) {
-      return stream;
+    const AVCodecParameters& data = *stream->codecpar;
+    if (data.codec_type != AVMEDIA_TYPE_ATTACHMENT ||
+        value_of(stream->metadata, "filename") != name) {
+      continue;
     }
+    const auto* text = reinterpret_cast<const char*>(data.extradata);
+    return {{text, static_cast<std::size_t>(data.extradata_size)},
+            value_of(stream->metadata, "title")};
   }
-  return nullptr;
+  throw FormatError(std::string("expected an attached ") + name, {});
+}
+
+std::string MatroskaReader::tag(const char* name) const {
+  return value_of(format_->metadata, name);
+}
+
+std::int64_t MatroskaReader::time_ns(const AVPacket& packet) const {
+  constexpr std::int64_t kMost = std::int64_t{1} << 61;  // differences fit
+  const std::int64_t time =
+      ffmpeg().av_rescale_q(packet.pts, stream(packet.stream_index).time_base, {1, 1'000'000'000});
+  return std::clamp(time, -kMost, kMost);
 }
 
 std::int64_t MatroskaReader::duration_ms() const {

@@ -6,6 +6,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "capture/ffmpeg.hpp"
@@ -67,11 +68,21 @@ class MatroskaReader {
   MatroskaReader& operator=(const MatroskaReader&) = delete;
   ~MatroskaReader();
 
-  [[nodiscard]] std::span<AVStream* const> streams() const;
+  [[nodiscard]] const AVStream& stream(int track) const {
+    return *format_->streams[static_cast<std::size_t>(track)];
+  }
   /// The number of a track by its title and kind; none: there is no such track.
   [[nodiscard]] std::optional<int> find(const char* title, AVMediaType type) const;
-  /// The attached file of this name.
-  [[nodiscard]] const AVStream* attachment(const char* name) const;
+  /// The attached file of this name, as long as this reader lives. @throws FormatError  none.
+  struct Attachment {
+    std::string_view text;
+    std::string description;
+  };
+  [[nodiscard]] Attachment attachment(const char* name) const;
+  /// The value of a tag of the whole file, or empty.
+  [[nodiscard]] std::string tag(const char* name) const;
+  /// When a packet's image was taken.
+  [[nodiscard]] std::int64_t time_ns(const AVPacket& packet) const;
   /// When the last packet ends, milliseconds; 0: the writer was stopped before it could say so.
   [[nodiscard]] std::int64_t duration_ms() const;
 
@@ -82,14 +93,14 @@ class MatroskaReader {
  private:
   void open();
   void close();
+  [[nodiscard]] std::span<AVStream* const> streams() const {
+    return {format_->streams, format_->nb_streams};
+  }
 
   std::filesystem::path path_;
   MatroskaFile file_;
   AVIOContext* io_ = nullptr;
   AVFormatContext* format_ = nullptr;
 };
-
-/// The value of a tag, or empty.
-std::string tag(const AVDictionary* tags, const char* name);
 
 }  // namespace manip3d

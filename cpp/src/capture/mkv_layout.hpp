@@ -1,9 +1,14 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
+#include <string>
+
+#include "capture/jpeg.hpp"
+#include "manip3d/error.hpp"
 
 /// @file
-/// Names in the files of manip3d/capture/mkv.hpp.
+/// Names and limits of the files of manip3d/capture/mkv.hpp.
 namespace manip3d::mkv {
 
 inline constexpr const char* kDepth = "depth";
@@ -12,5 +17,17 @@ inline constexpr const char* kColour = "colour";
 inline constexpr const char* kFrames = "frames";
 inline constexpr const char* kCalibration = "calibration.json";
 inline constexpr std::size_t kHashDigits = 64;
+
+/// Of an image: 4096 x 4096. Blank images take next to nothing in a file, so that its length says
+/// nothing about the memory they need.
+inline constexpr std::int64_t kMaxPixels = std::int64_t{1} << 24;
+
+/// What is wrong with an image of this size; empty: nothing.
+inline std::string complaint(ImageSize size) {
+  // Within FFmpeg's 32 bits the product of two sides fits.
+  if (size.rows > 0 && size.cols > 0 && size.rows * size.cols <= kMaxPixels) return "";
+  return "expected images of 1 to " + std::to_string(kMaxPixels) + " pixels, got " +
+         std::to_string(size.cols) + " x " + std::to_string(size.rows);
+}
 
 }  // namespace manip3d::mkv

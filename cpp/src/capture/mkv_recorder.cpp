@@ -34,6 +34,15 @@ void check_target(const fs::path& path, bool overwrite) {
   }
 }
 
+void check_sizes(const RgbdCalibration& calibration) {
+  const Intrinsics& depth = calibration.depth;
+  const Intrinsics& colour = calibration.registration ? calibration.registration->colour : depth;
+  for (const Intrinsics& camera : {depth, colour}) {
+    const std::string reason = mkv::complaint({camera.height, camera.width});
+    if (!reason.empty()) throw InputError("calibration: " + reason);
+  }
+}
+
 std::string described(const RgbdCalibration& calibration) {
   std::string text = calibration_to_json(calibration).dump();
   if (text.size() > kMaxAttachment) {
@@ -51,6 +60,7 @@ class MkvRecorder final : public RgbdRecorder {
         checks_(*calibration_),
         calibration_text_(described(*calibration_)),
         jpeg_(options.jpeg_quality) {
+    check_sizes(*calibration_);
     check_target(path, options.overwrite);
     file_ = std::make_unique<MatroskaWriter>(path, options.overwrite);
   }

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "capture/matroska.hpp"
+#include "capture/mkv_azure.hpp"
 #include "capture/mkv_layout.hpp"
 #include "capture/rgbd_json.hpp"
 #include "io/json_text.hpp"
@@ -20,9 +21,8 @@ namespace fs = std::filesystem;
 
 constexpr int kMaxRecordBytes = 1 << 20;  // 64 skeletons take 300 kB
 
-/// The complaint about one track, by name.
-[[noreturn]] void refuse_track(const char* name, const FormatError& error) {
-  throw FormatError(std::string(name) + " track: " + error.reason(), {});
+[[noreturn]] void refuse_track(const char* name, const std::string& reason) {
+  throw FormatError(std::string(name) + " track: " + reason, {});
 }
 
 std::string_view text_of(std::span<const std::byte> bytes) {
@@ -34,6 +34,9 @@ class ImageTrack {
  public:
   ImageTrack(const char* name, const AVStream& stream, PixelKind kind, ImageSize size)
       : name_(name), stream_(stream.index), size_(size), packet_(new_packet()) {
+    if (const std::string reason = mkv::complaint(size); !reason.empty()) {
+      refuse_track(name, reason);
+    }
     const AVCodecParameters& parameters = *stream.codecpar;
     if (kind == PixelKind::kRgb && parameters.codec_id == AV_CODEC_ID_MJPEG) {
       jpeg_ = std::make_unique<JpegDecoder>();  // each packet says its size
@@ -42,7 +45,7 @@ class ImageTrack {
     try {
       ffv1_.emplace(parameters, kind, size);
     } catch (const FormatError& error) {
-      refuse_track(name, error);
+      refuse_track(name, error.reason());
     }
   }
 
@@ -81,23 +84,20 @@ class ImageTrack {
 
 /// The attached calibration, if it is the one that was written.
 std::shared_ptr<const RgbdCalibration> read_calibration(const MatroskaReader& file) {
-  const AVStream* attached = file.attachment(mkv::kCalibration);
-  if (attached == nullptr) throw FormatError("expected an attached calibration.json", {});
-  const AVCodecParameters& data = *attached->codecpar;
-  const auto bytes =
-      std::as_bytes(std::span(data.extradata, static_cast<std::size_t>(data.extradata_size)));
-  if (sha256(bytes) != tag(attached->metadata, "title")) {
+  const MatroskaReader::Attachment attached = file.attachment(mkv::kCalibration);
+  if (sha256(std::as_bytes(std::span(attached.text))) != attached.description) {
     throw FormatError("calibration.json: damaged: its hash is another", {});
   }
-  const JsonPlace::Json json = parse_json(text_of(bytes), 0);
+  const JsonPlace::Json json = parse_json(attached.text, 0);
   const JsonPlace place(json, mkv::kCalibration, 0);
   return calibration_from_json(place);
 }
 
 class MkvSource final : public RgbdSource {
  public:
-  MkvSource(const fs::path& path, const RgbdOptions& options) try : path_(path), file_(path) {
-    stored_ = options.calibration ? options.calibration : read_calibration(file_);
+  MkvSource(std::unique_ptr<MatroskaReader> file, const RgbdOptions& options)
+      : file_(std::move(file)) {
+    stored_ = options.calibration ? options.calibration : read_calibration(*file_);
     calibration_ = unmirrored(stored_);
     const Intrinsics& depth = calibration_->depth;
     const Intrinsics& colour =
@@ -105,11 +105,9 @@ class MkvSource final : public RgbdSource {
     add_track(mkv::kDepth, PixelKind::kGray16, {depth.height, depth.width}, depth_);
     add_track(mkv::kBodyIndex, PixelKind::kGray8, {depth.height, depth.width}, body_index_);
     add_track(mkv::kColour, PixelKind::kRgb, {colour.height, colour.width}, colour_);
-    const auto frames = file_.find(mkv::kFrames, AVMEDIA_TYPE_SUBTITLE);
+    const auto frames = file_->find(mkv::kFrames, AVMEDIA_TYPE_SUBTITLE);
     if (!depth_ || !frames) throw FormatError("expected the tracks 'depth' and 'frames'", {});
     frames_track_ = *frames;
-  } catch (const FormatError& error) {
-    throw error.in_file(path.string());
   }
 
   [[nodiscard]] SourceCapabilities capabilities() const override { return {}; }
@@ -123,11 +121,11 @@ class MkvSource final : public RgbdSource {
             {"damaged", damaged_},
             {"lost", lost_},
             {"cut_short", cut_short_ ? 1 : 0},
-            {"unfinished", file_.duration_ms() > 0 ? 0 : 1}};
+            {"unfinished", file_->duration_ms() > 0 ? 0 : 1}};
   }
 
   ReadStatus read(RgbdFrame& frame, std::chrono::milliseconds) override {
-    while (file_.next(*packet_)) {
+    while (file_->next(*packet_)) {
       if (packet_->stream_index != frames_track_) {
         keep_image();
       } else if (read_frame(frame)) {
@@ -139,15 +137,15 @@ class MkvSource final : public RgbdSource {
     for (const auto* track : {&depth_, &body_index_, &colour_}) {
       cut_short_ = cut_short_ || (*track && (*track)->has_packet());
     }
-    cut_short_ = cut_short_ || last_time_ms_ + 1 < file_.duration_ms();
+    cut_short_ = cut_short_ || last_time_ms_ + 1 < file_->duration_ms();
     return ReadStatus::kEnd;
   }
 
  private:
   void add_track(const char* name, PixelKind kind, ImageSize size,
                  std::optional<ImageTrack>& track) {
-    if (const auto index = file_.find(name, AVMEDIA_TYPE_VIDEO)) {
-      track.emplace(name, *file_.streams()[static_cast<std::size_t>(*index)], kind, size);
+    if (const auto index = file_->find(name, AVMEDIA_TYPE_VIDEO)) {
+      track.emplace(name, file_->stream(*index), kind, size);
     }
   }
 
@@ -223,8 +221,7 @@ class MkvSource final : public RgbdSource {
     track->decode(packet_->pts, hash->text(), channels, pixels);
   }
 
-  fs::path path_;
-  MatroskaReader file_;
+  std::unique_ptr<MatroskaReader> file_;
   std::shared_ptr<const RgbdCalibration> stored_, calibration_;
   std::optional<ImageTrack> depth_, body_index_, colour_;
   int frames_track_ = -1;
@@ -236,10 +233,18 @@ class MkvSource final : public RgbdSource {
 
 }  // namespace
 
-std::unique_ptr<RgbdSource> open_mkv(const fs::path& path, const RgbdOptions& options) {
-  auto source = std::make_unique<MkvSource>(path, options);
+std::unique_ptr<RgbdSource> open_mkv(const fs::path& path, const RgbdOptions& options) try {
+  auto file = std::make_unique<MatroskaReader>(path);
+  std::unique_ptr<RgbdSource> source;
+  if (is_azure_recording(*file)) {
+    source = open_azure(std::move(file), options);
+  } else {
+    source = std::make_unique<MkvSource>(std::move(file), options);
+  }
   if (options.speed == 0.0) return source;
   return in_real_time(std::move(source), options.speed);
+} catch (const FormatError& error) {
+  throw error.in_file(path.string());
 }
 
 }  // namespace manip3d

@@ -1,0 +1,192 @@
+#include "capture/mkv_azure.hpp"
+
+#include <algorithm>
+#include <cstdlib>
+#include <deque>
+#include <limits>
+#include <string_view>
+#include <utility>
+
+#include "capture/azure_calibration.hpp"
+#include "capture/mkv_layout.hpp"
+#include "io/json_text.hpp"
+#include "manip3d/capture/unmirror.hpp"
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr const char* kDepthTitle = "DEPTH";
+constexpr const char* kColourTitle = "COLOR";
+constexpr std::size_t kMaxWaiting = 8;                     // images of one kind
+constexpr std::int64_t kUsualPeriod = 1'000'000'000 / 30;  // of files that do not say
+
+/// The size of a track's images.
+ImageSize size_of(const AVStream& stream) {
+  const ImageSize size{stream.codecpar->height, stream.codecpar->width};
+  if (const std::string reason = mkv::complaint(size); !reason.empty()) {
+    throw FormatError(reason, {});
+  }
+  return size;
+}
+
+class AzureSource final : public RgbdSource {
+ public:
+  AzureSource(std::unique_ptr<MatroskaReader> file, const RgbdOptions& options)
+      : file_(std::move(file)) {
+    open_depth();
+    open_colour();
+    stored_ = options.calibration ? options.calibration : read_calibration();
+    calibration_ = unmirrored(stored_);
+    if (stored_->depth.height != depth_size_.rows || stored_->depth.width != depth_size_.cols) {
+      throw InputError("calibration.depth: expected the size of the recording's depth images, " +
+                       std::to_string(depth_size_.cols) + " x " + std::to_string(depth_size_.rows));
+    }
+    // Device time of the file's time 0.
+    offset_ns_ = std::strtoll(file_->tag("K4A_START_OFFSET_NS").c_str(), nullptr, 10);
+  }
+
+  [[nodiscard]] SourceCapabilities capabilities() const override { return {}; }
+  void start() override {}
+  void stop() override {}
+  [[nodiscard]] std::shared_ptr<const RgbdCalibration> calibration() const override {
+    return calibration_;
+  }
+  [[nodiscard]] Counters counters() const override {
+    return {{"frames", frames_}, {"without_colour", without_colour_}, {"damaged", damaged_}};
+  }
+
+  ReadStatus read(RgbdFrame& frame, std::chrono::milliseconds) override {
+    while (fetch()) {
+      const Timed depth = std::move(depths_.front());
+      depths_.pop_front();
+      const Timed* colour = nearest_colour(depth.time_ns);
+      frame.number = number_++;
+      frame.time_ns = depth.time_ns + offset_ns_;
+      try {
+        fill(frame, *depth.packet, colour);
+      } catch (const FormatError&) {
+        ++damaged_;
+        continue;
+      }
+      without_colour_ += colour == nullptr ? 1 : 0;
+      ++frames_;
+      return ReadStatus::kFrame;
+    }
+    return ReadStatus::kEnd;
+  }
+
+ private:
+  struct Timed {
+    std::int64_t time_ns;
+    PacketPtr packet;
+  };
+
+  void open_depth() {
+    const AVStream& stream = file_->stream(*file_->find(kDepthTitle, AVMEDIA_TYPE_VIDEO));
+    depth_track_ = stream.index;
+    depth_size_ = size_of(stream);
+    if (stream.codecpar->codec_tag != MKTAG('b', '1', '6', 'g')) {
+      throw FormatError("DEPTH track: expected images of the kind b16g", {});
+    }
+    const AVRational rate = stream.avg_frame_rate;
+    period_ns_ =
+        rate.num > 0 && rate.den > 0 ? 1'000'000'000LL * rate.den / rate.num : kUsualPeriod;
+  }
+
+  void open_colour() {
+    const auto track = file_->find(kColourTitle, AVMEDIA_TYPE_VIDEO);
+    if (!track) return;
+    const AVStream& stream = file_->stream(*track);
+    if (stream.codecpar->codec_id != AV_CODEC_ID_MJPEG) {
+      throw FormatError(std::string("COLOR track: expected MJPEG, got ") +
+                            ffmpeg().avcodec_get_name(stream.codecpar->codec_id),
+                        {});
+    }
+    colour_track_ = *track;
+    colour_size_ = size_of(stream);
+  }
+
+  [[nodiscard]] std::shared_ptr<const RgbdCalibration> read_calibration() const {
+    const JsonPlace::Json json = parse_json(file_->attachment(mkv::kCalibration).text, 0);
+    return azure_calibration(JsonPlace(json, mkv::kCalibration, 0), depth_size_, colour_size_);
+  }
+
+  /// Reads on until the oldest depth image has all colour images that could be its own.
+  bool fetch() {
+    const auto is_complete = [&] {
+      return !depths_.empty() && (latest_ns_ > depths_.front().time_ns + period_ns_ / 2 ||
+                                  depths_.size() > kMaxWaiting);
+    };
+    while (!is_complete() && file_->next(*packet_)) {
+      const bool is_depth = packet_->stream_index == depth_track_;
+      if (!is_depth && packet_->stream_index != colour_track_) continue;
+      const std::int64_t time_ns = file_->time_ns(*packet_);
+      latest_ns_ = std::max(latest_ns_, time_ns);
+      std::deque<Timed>& waiting = is_depth ? depths_ : colours_;
+      waiting.push_back({time_ns, std::exchange(packet_, new_packet())});
+      if (colours_.size() > kMaxWaiting) colours_.pop_front();
+    }
+    return !depths_.empty();
+  }
+
+  [[nodiscard]] const Timed* nearest_colour(std::int64_t time_ns) const {
+    const Timed* nearest = nullptr;
+    std::int64_t least = period_ns_ / 2 + 1;
+    for (const Timed& colour : colours_) {
+      const std::int64_t apart = std::abs(colour.time_ns - time_ns);
+      if (apart >= least) continue;
+      least = apart;
+      nearest = &colour;
+    }
+    return nearest;
+  }
+
+  void fill(RgbdFrame& frame, const AVPacket& depth, const Timed* colour) {
+    const auto pixels = static_cast<std::size_t>(depth_size_.rows * depth_size_.cols);
+    if (static_cast<std::size_t>(depth.size) != 2 * pixels) throw FormatError("damaged", {});
+    frame.rows = depth_size_.rows;
+    frame.cols = depth_size_.cols;
+    frame.depth.resize(pixels);
+    for (std::size_t i = 0; i < pixels; ++i) {
+      frame.depth[i] = static_cast<std::uint16_t>(depth.data[2 * i] << 8 | depth.data[2 * i + 1]);
+    }
+    frame.body_index.clear();
+    frame.skeletons.clear();
+    frame.colour.clear();
+    frame.colour_rows = frame.colour_cols = 0;
+    if (colour != nullptr) {
+      frame.colour.resize(static_cast<std::size_t>(3 * colour_size_->rows * colour_size_->cols));
+      jpeg_.decode(bytes_of(*colour->packet), *colour_size_, frame.colour.data());
+      frame.colour_rows = colour_size_->rows;
+      frame.colour_cols = colour_size_->cols;
+    }
+    frame.calibration = calibration_;
+    unmirror_images(*stored_, frame);
+  }
+
+  std::unique_ptr<MatroskaReader> file_;
+  std::shared_ptr<const RgbdCalibration> stored_, calibration_;
+  int depth_track_ = -1, colour_track_ = -1;
+  ImageSize depth_size_;
+  std::optional<ImageSize> colour_size_;
+  std::int64_t period_ns_ = kUsualPeriod, offset_ns_ = 0;
+  JpegDecoder jpeg_;
+  PacketPtr packet_ = new_packet();
+  std::deque<Timed> depths_, colours_;
+  std::int64_t latest_ns_ = std::numeric_limits<std::int64_t>::min();
+  std::int64_t number_ = 0, frames_ = 0, without_colour_ = 0, damaged_ = 0;
+};
+
+}  // namespace
+
+bool is_azure_recording(const MatroskaReader& file) {
+  return file.find(kDepthTitle, AVMEDIA_TYPE_VIDEO).has_value();
+}
+
+std::unique_ptr<RgbdSource> open_azure(std::unique_ptr<MatroskaReader> file,
+                                       const RgbdOptions& options) {
+  return std::make_unique<AzureSource>(std::move(file), options);
+}
+
+}  // namespace manip3d

@@ -1,0 +1,282 @@
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "capture/azure_calibration.hpp"
+#include "capture/jpeg.hpp"
+#include "io/json_text.hpp"
+#include "manip3d/capture/mkv.hpp"
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+namespace fs = std::filesystem;
+using namespace std::chrono_literals;
+
+// Numbers of a real sensor, rounded.
+constexpr double kDepthLens[] = {0.50127, 0.50320, 0.49252, 0.49259, 6.08415, 4.37549,  0.23619,
+                                 6.40873, 6.41830, 1.22029, 0.0,     0.0,     6.503e-5, -5.530e-5};
+constexpr double kColourLens[] = {0.49866,  0.50207, 0.47819,    0.63736,  0.58438,
+                                  -2.49425, 1.36028, 0.46476,    -2.33625, 1.30116,
+                                  0.0,      0.0,     -1.7651e-4, 6.5308e-4};
+
+JsonPlace::Json camera_json(const char* location, const double (&lens)[14],
+                            const std::vector<double>& rotation,
+                            const std::vector<double>& translation) {
+  return {{"Location", location},
+          {"Intrinsics",
+           {{"ModelType", "CALIBRATION_LensDistortionModelBrownConrady"},
+            {"ModelParameterCount", 14},
+            {"ModelParameters", lens}}},
+          {"MetricRadius", 1.74},
+          {"Rt", {{"Rotation", rotation}, {"Translation", translation}}}};
+}
+
+JsonPlace::Json calibration_json() {
+  const JsonPlace::Json cameras = {camera_json("CALIBRATION_CameraLocationD0", kDepthLens,
+                                               {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}),
+                                   camera_json("CALIBRATION_CameraLocationPV0", kColourLens,
+                                               {1, 0, 0, 0, 0.99518, -0.09806, 0, 0.09806, 0.99518},
+                                               {-0.0320, -0.0021, 0.0039})};
+  return {{"CalibrationInformation", {{"Cameras", cameras}}}};
+}
+
+/// OpenCV's rational model, as its manual prints it, with the lens' order of parameters.
+Eigen::Vector2d pixel_of(const double (&l)[14], double width, double height, double left,
+                         double top, const Eigen::Vector2d& ray) {
+  const double x = ray.x(), y = ray.y(), r2 = x * x + y * y, r4 = r2 * r2, r6 = r4 * r2;
+  const double radial =
+      (1 + l[4] * r2 + l[5] * r4 + l[6] * r6) / (1 + l[7] * r2 + l[8] * r4 + l[9] * r6);
+  const double p2 = l[12], p1 = l[13];
+  const double xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x);
+  const double yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y;
+  return {(l[2] * xd + l[0]) * width - left - 0.5, (l[3] * yd + l[1]) * height - top - 0.5};
+}
+
+std::shared_ptr<RgbdCalibration> calibration_of(ImageSize depth, std::optional<ImageSize> colour,
+                                                const JsonPlace::Json& json = calibration_json()) {
+  return azure_calibration(JsonPlace(json, "calibration.json", 0), depth, colour);
+}
+
+TEST(AzureCalibration, RaysOfTheDepthCameraSeeTheirPixels) {
+  struct Mode {
+    ImageSize size;
+    double side, left, top;
+  };
+  for (const Mode& mode : {Mode{{576, 640}, 1024, 192, 180}, Mode{{288, 320}, 512, 96, 90},
+                           Mode{{512, 512}, 512, 0, 0}}) {
+    const auto calibration = calibration_of(mode.size, std::nullopt);
+    ASSERT_EQ(std::ssize(calibration->ray_table), 2 * mode.size.rows * mode.size.cols);
+    std::int64_t known = 0;
+    for (std::int64_t i = 0; i < mode.size.rows * mode.size.cols; i += 7) {
+      const float x = calibration->ray_table[static_cast<std::size_t>(2 * i)];
+      const float y = calibration->ray_table[static_cast<std::size_t>(2 * i + 1)];
+      if (std::isnan(x)) continue;
+      ++known;
+      const Eigen::Vector2d pixel =
+          pixel_of(kDepthLens, mode.side, mode.side, mode.left, mode.top, {x, y});
+      EXPECT_NEAR(pixel.x(), static_cast<double>(i % mode.size.cols), 1e-3);
+      EXPECT_NEAR(pixel.y(), static_cast<double>(i / mode.size.cols), 1e-3);
+    }
+    // The wide view ends in a circle that leaves the corners blank.
+    EXPECT_GT(known, mode.size.rows * mode.size.cols / 7 * (mode.left > 0 ? 99 : 75) / 100);
+  }
+}
+
+TEST(AzureCalibration, BrownsModelIsNearTheColourLens) {
+  const ImageSize size{720, 1280};
+  const auto calibration = calibration_of({576, 640}, size);
+  const Registration& registration = *calibration->registration;
+  double most = 0.0;
+  for (double x = -0.7; x <= 0.7; x += 0.02) {
+    for (double y = -0.4; y <= 0.4; y += 0.02) {
+      const Eigen::Vector2d expected = pixel_of(kColourLens, 1280, 960, 0, 120, {x, y});
+      if (expected.x() < 0 || expected.y() < 0 || expected.x() > 1279 || expected.y() > 719) {
+        continue;
+      }
+      const Eigen::Vector2d pixel = project(registration.colour, {x, y, 1.0});
+      most = std::max(most, (pixel - expected).norm());
+    }
+  }
+  RecordProperty("pixels", std::to_string(most));
+  EXPECT_LT(most, 1.0);  // 0.62, in a corner
+  EXPECT_NEAR(registration.translation.x(), -0.0320, 1e-12);
+  EXPECT_NEAR(registration.rotation(1, 2), -0.09806, 1e-12);  // row by row
+}
+
+TEST(AzureCalibration, RefusesWhatItDoesNotKnow) {
+  EXPECT_THROW(calibration_of({480, 640}, std::nullopt), FormatError);
+  EXPECT_THROW(calibration_of({576, 640}, std::nullopt, JsonPlace::Json::object()), FormatError);
+  auto json = calibration_json();
+  json["CalibrationInformation"]["Cameras"][0]["Intrinsics"]["ModelParameters"][2] = 0.0;
+  EXPECT_THROW(calibration_of({576, 640}, std::nullopt, json), FormatError);
+  json = calibration_json();
+  json["CalibrationInformation"]["Cameras"][0]["Intrinsics"]["ModelType"] = "Theta";
+  EXPECT_THROW(calibration_of({576, 640}, std::nullopt, json), FormatError);
+  json = calibration_json();
+  json["CalibrationInformation"]["Cameras"][1]["Rt"]["Rotation"][0] = 7.0;
+  EXPECT_THROW(calibration_of({576, 640}, ImageSize{720, 1280}, json), FormatError);
+}
+
+// --- a recording, written without FFmpeg --------------------------------------------------------
+
+using Bytes = std::string;
+
+Bytes number(std::uint64_t value, int bytes) {
+  Bytes result;
+  for (int i = bytes - 1; i >= 0; --i) result += static_cast<char>(value >> (8 * i));
+  return result;
+}
+
+/// RFC 8794: identifier, length in eight bytes, content.
+Bytes element(std::uint32_t id, const Bytes& content) {
+  const int id_bytes = id > 0xffffff ? 4 : id > 0xffff ? 3 : id > 0xff ? 2 : 1;
+  return number(id, id_bytes) + number(content.size() | (std::uint64_t{1} << 56), 8) + content;
+}
+
+Bytes element(std::uint32_t id, std::uint64_t value) { return element(id, number(value, 8)); }
+
+Bytes video_track(std::uint64_t track, const char* name, const char* fourcc, ImageSize size) {
+  const auto cols = static_cast<std::uint64_t>(size.cols);
+  const auto rows = static_cast<std::uint64_t>(size.rows);
+  const auto little = [](std::uint64_t value) {
+    const Bytes big = number(value, 4);
+    return Bytes(big.rbegin(), big.rend());
+  };
+  const Bytes bitmap_header =
+      little(40) + little(cols) + little(rows) + Bytes("\1\0\20\0", 4) + fourcc + Bytes(20, '\0');
+  return element(0xAE, element(0xD7, track) + element(0x73C5, track) + element(0x83, 1) +
+                           element(0x536E, name) + element(0x86, "V_MS/VFW/FOURCC") +
+                           element(0x63A2, bitmap_header) + element(0x23E383, 33'333'333) +
+                           element(0xE0, element(0xB0, cols) + element(0xBA, rows)));
+}
+
+struct Block {
+  std::uint64_t track;
+  std::uint64_t time_us;
+  Bytes data;
+};
+
+Bytes recording(const std::vector<Block>& blocks, ImageSize depth, ImageSize colour,
+                const char* colour_kind = "MJPG") {
+  const Bytes tracks = element(0x1654AE6B, video_track(1, "COLOR", colour_kind, colour) +
+                                               video_track(2, "DEPTH", "b16g", depth) +
+                                               video_track(3, "IR", "b16g", depth));
+  const Bytes attached =
+      element(0x1941A469,
+              element(0x61A7, element(0x466E, "calibration.json") +
+                                  element(0x4660, "application/octet-stream") +
+                                  element(0x465C, calibration_json().dump()) + element(0x46AE, 1)));
+  const Bytes tags = element(
+      0x1254C367, element(0x7373, element(0x63C0, Bytes()) +
+                                      element(0x67C8, element(0x45A3, "K4A_START_OFFSET_NS") +
+                                                          element(0x4487, "1000000500"))));
+  Bytes clusters;
+  for (const Block& block : blocks) {
+    clusters += element(0x1F43B675, element(0xE7, block.time_us) +
+                                        element(0xA3, number(0x80 | block.track, 1) + number(0, 2) +
+                                                          number(0x80, 1) + block.data));
+  }
+  return element(0x1A45DFA3,
+                 element(0x4282, "matroska") + element(0x4287, 4) + element(0x4285, 2)) +
+         element(0x18538067, element(0x1549A966, element(0x2AD7B1, 1000)) + tracks + attached +
+                                 tags + clusters);
+}
+
+Bytes depth_block(ImageSize size, int seed) {
+  Bytes data;
+  for (std::int64_t i = 0; i < size.rows * size.cols; ++i) {
+    data += number(static_cast<std::uint64_t>(i * 7 + seed) & 0xffff, 2);
+  }
+  return data;
+}
+
+class AzureMkv : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (!mkv_absence().empty()) GTEST_SKIP() << mkv_absence();
+    path_ = fs::temp_directory_path() / ("manip3d-azure-" + std::to_string(::getpid()) + ".mkv");
+    JpegEncoder encoder(90);
+    const std::vector<std::uint8_t> grey(3 * 64 * 48, 90);
+    const auto packet = encoder.encode(grey.data(), kColour);
+    jpeg_.assign(reinterpret_cast<const char*>(packet.data()), packet.size());
+  }
+  void TearDown() override {
+    if (!path_.empty()) fs::remove(path_);
+  }
+  void write(const Bytes& bytes) { std::ofstream(path_, std::ios::binary) << bytes; }
+
+  static constexpr ImageSize kDepth{288, 320};
+  static constexpr ImageSize kColour{48, 64};
+  fs::path path_;
+  Bytes jpeg_;
+};
+
+TEST_F(AzureMkv, PairsImagesByTheirTimes) {
+  const Bytes noise(jpeg_.size(), '\x55');
+  write(recording(
+      {
+          {2, 0, depth_block(kDepth, 0)},           // before any colour
+          {1, 31'000, jpeg_},                       // 2 ms before its depth
+          {2, 33'000, depth_block(kDepth, 1)},      //
+          {3, 33'000, depth_block(kDepth, 99)},     // infrared
+          {2, 66'000, depth_block(kDepth, 2)},      // colour comes after
+          {1, 69'000, jpeg_},                       //
+          {2, 100'000, depth_block(kDepth, 3)},     //
+          {1, 100'000, noise},                      // no JPEG
+          {2, 133'000, Bytes(100, '\0')},           // too short
+          {2, 166'000, depth_block(kDepth, 5)},     //
+          {1, 166'000, jpeg_.substr(0, 300)},       // cut short
+          {2, 200'123, depth_block(kDepth, 65535)}  //
+      },
+      kDepth, kColour));
+  const auto source = open_mkv(path_);
+  RgbdFrame frame;
+  struct Expected {
+    std::int64_t number, time_us;
+    bool has_colour;
+    int seed;
+  };
+  for (const Expected& expected :
+       {Expected{0, 0, false, 0}, Expected{1, 33'000, true, 1}, Expected{2, 66'000, true, 2},
+        Expected{6, 200'123, false, 65535}}) {
+    ASSERT_EQ(source->read(frame, 0ms), ReadStatus::kFrame);
+    EXPECT_EQ(frame.number, expected.number);
+    EXPECT_EQ(frame.time_ns, expected.time_us * 1000 + 1'000'000'500);
+    EXPECT_EQ(!frame.colour.empty(), expected.has_colour);
+    ASSERT_EQ(std::ssize(frame.depth), kDepth.rows * kDepth.cols);
+    for (std::size_t i = 0; i < frame.depth.size(); ++i) {
+      ASSERT_EQ(frame.depth[i],
+                static_cast<std::uint16_t>(i * 7 + static_cast<unsigned>(expected.seed)));
+    }
+    EXPECT_EQ(expected.has_colour ? frame.colour.at(0) : 90, 90);
+  }
+  EXPECT_EQ(source->read(frame, 0ms), ReadStatus::kEnd);
+  const Counters counters = source->counters();
+  const std::map<std::string, std::int64_t> counted(counters.begin(), counters.end());
+  EXPECT_EQ(counted.at("frames"), 4);
+  EXPECT_EQ(counted.at("without_colour"), 2);
+  EXPECT_EQ(counted.at("damaged"), 3);
+  EXPECT_EQ(source->calibration()->depth.width, 320);
+  EXPECT_EQ(source->calibration()->registration->colour.width, 64);
+}
+
+TEST_F(AzureMkv, RefusesOtherKindsOfImages) {
+  write(recording({{2, 0, depth_block(kDepth, 0)}}, kDepth, kColour, "NV12"));
+  EXPECT_THROW(open_mkv(path_), FormatError);
+  write(recording({{2, 0, depth_block(kDepth, 0)}}, {100, 100}, kColour));
+  EXPECT_THROW(open_mkv(path_), FormatError);
+  write(recording({{2, 0, depth_block(kDepth, 0)}}, {100'000, 100'000}, kColour));
+  EXPECT_THROW(open_mkv(path_), FormatError);
+}
+
+}  // namespace
+}  // namespace manip3d
