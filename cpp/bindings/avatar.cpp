@@ -11,6 +11,7 @@
 #include "manip3d/geometry/mesh.hpp"
 #include "manip3d/modify/colliders.hpp"
 #include "manip3d/modify/placement.hpp"
+#include "manip3d/modify/repose.hpp"
 #include "manip3d/modify/shoe_cover.hpp"
 #include "modules.hpp"
 #include "numpy.hpp"
@@ -110,6 +111,27 @@ py::object to_dict(const std::optional<Placement>& placement) {
   return fields;
 }
 
+/// Moved vertices and the fields of the moved skeleton, or None where a torso is missing.
+template <typename Scalar>
+py::object repose(const CArray<Scalar>& vertices, const py::object& skeleton,
+                  const py::object& rest, const ReposeOptions& options) {
+  const auto from = rows<Rows<Scalar, 3>>(vertices, "vertices");
+  const Skeleton now = to_skeleton(skeleton);
+  const Skeleton at_rest = rest.is_none() ? Skeleton() : to_skeleton(rest);
+  const bool given = !rest.is_none();
+  Rows<Scalar, 3> to(from.rows(), 3);
+  std::optional<BoneMotions> motions;
+  {
+    const py::gil_scoped_release nogil;
+    motions = amplify(now, given ? &at_rest : nullptr, options);
+    if (motions) {
+      repose_vertices(from.data(), from.rows(), now, *motions, options, to.data());
+    }
+  }
+  if (!motions) return py::none();
+  return py::make_tuple(to_numpy(std::move(to)), from_skeleton(move_skeleton(now, *motions)));
+}
+
 }  // namespace
 
 void bind_avatar(py::module_& m) {
@@ -163,6 +185,19 @@ void bind_avatar(py::module_& m) {
           },
           py::arg("skeleton"), py::arg("left_is_intact"))
       .def("reset", &PlacementEstimator::reset);
+
+  py::class_<ReposeOptions>(m, "ReposeOptions")
+      .def(py::init<>())
+      .def_readwrite("gain", &ReposeOptions::gain)
+      .def_readwrite("limit", &ReposeOptions::limit)
+      .def_readwrite("blended", &ReposeOptions::blended)
+      .def_readwrite("band", &ReposeOptions::band)
+      .def_readwrite("num_threads", &ReposeOptions::num_threads);
+  m.def("repose", &repose<float>, py::arg("vertices").noconvert(), py::arg("skeleton"),
+        py::arg("rest"), py::arg("options"));
+  m.def("repose", &repose<double>, py::arg("vertices").noconvert(), py::arg("skeleton"),
+        py::arg("rest"), py::arg("options"));
+  m.def("is_posable", &is_posable, py::arg("joint"));
 }
 
 }  // namespace manip3d::bindings

@@ -47,6 +47,7 @@ __all__: list[str] = [
     "ReliefOptions",
     "ReliefSolver",
     "ReliefStop",
+    "ReposeOptions",
     "ShoeCoverTracker",
     "StopReason",
     "TextureTerm",
@@ -72,6 +73,7 @@ __all__: list[str] = [
     "grid_delaunay",
     "grid_mesh",
     "insert_occluding",
+    "is_posable",
     "joint_names",
     "joint_parents",
     "local_spacing",
@@ -94,6 +96,7 @@ __all__: list[str] = [
     "render_depth",
     "replace_rows",
     "replay_collapses",
+    "repose",
     "resample",
     "resolve_inside",
     "rotation_about_z",
@@ -846,6 +849,36 @@ class PlacementEstimator:
     def reset(self) -> None: ...
     def update(self, skeleton: typing.Any, left_is_intact: bool) -> typing.Any: ...
 
+class ReposeOptions:
+    blended: bool
+    def __init__(self) -> None: ...
+    @property
+    def band(self) -> float: ...
+    @band.setter
+    def band(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def gain(self) -> typing.Annotated[list[float], "FixedSize(25)"]: ...
+    @gain.setter
+    def gain(
+        self,
+        arg0: typing.Annotated[
+            collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(25)"
+        ],
+    ) -> None: ...
+    @property
+    def limit(self) -> typing.Annotated[list[float], "FixedSize(25)"]: ...
+    @limit.setter
+    def limit(
+        self,
+        arg0: typing.Annotated[
+            collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], "FixedSize(25)"
+        ],
+    ) -> None: ...
+    @property
+    def num_threads(self) -> int: ...
+    @num_threads.setter
+    def num_threads(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+
 class VelodyneOptions:
     def __init__(
         self,
@@ -1318,6 +1351,7 @@ def insert_occluding(
     seed: typing.SupportsInt | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> tuple[typing.Any, ...]: ...
+def is_posable(joint: typing.SupportsInt | typing.SupportsIndex) -> bool: ...
 def joint_names() -> list[str]: ...
 def joint_parents() -> list[int]: ...
 def local_spacing(
@@ -1462,6 +1496,20 @@ def replay_collapses(
     collapse_errors: numpy.typing.NDArray[numpy.float64],
     target_faces: typing.SupportsInt | typing.SupportsIndex,
 ) -> dict[str, typing.Any]: ...
+@typing.overload
+def repose(
+    vertices: numpy.typing.NDArray[numpy.float32],
+    skeleton: typing.Any,
+    rest: typing.Any,
+    options: ReposeOptions,
+) -> typing.Any: ...
+@typing.overload
+def repose(
+    vertices: numpy.typing.NDArray[numpy.float64],
+    skeleton: typing.Any,
+    rest: typing.Any,
+    options: ReposeOptions,
+) -> typing.Any: ...
 def resample(
     object: numpy.typing.NDArray[numpy.float32],
     faces: numpy.typing.NDArray[numpy.int32],

@@ -20,9 +20,11 @@ from manip3d.modify._phantom import (
     segment_body,
 )
 from manip3d.modify._pose import PoseTracker, lift_landmarks
+from manip3d.modify._repose import POSABLE_JOINTS, Reposed, repose
 from manip3d.modify._smoothing import JointSmoother, KeyPerson
 
 __all__ = [
+    "POSABLE_JOINTS",
     "TORSO",
     "BodyColliders",
     "BodyMirror",
@@ -42,12 +44,14 @@ __all__ = [
     "Placement",
     "PlacementEstimator",
     "PoseTracker",
+    "Reposed",
     "ShoeCoverTracker",
     "Side",
     "Texturing",
     "body_mirror",
     "joint_layouts",
     "lift_landmarks",
+    "repose",
     "segment_body",
     "skeleton_from",
 ]

@@ -1,0 +1,114 @@
+"""Virtual enhancement: the user's own avatar moves further than the user does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._arrays import rows
+from manip3d.errors import InputError
+from manip3d.rgbd import JOINTS, Skeleton
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+POSABLE_JOINTS: tuple[str, ...] = tuple(
+    name for joint, name in enumerate(JOINTS) if _core.is_posable(joint)
+)
+"""Joints that `repose` takes gains and limits for: neck, shoulders, elbows, wrists, hips, knees,
+ankles."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reposed:
+    """A person in another pose.
+
+    Attributes
+    ----------
+    vertices : (V, 3) float32 or float64, metres
+        Of the dtype that they came in.
+    skeleton : Skeleton
+        Bones have their lengths; orientations are turned along.
+    """
+
+    vertices: NDArray[Any]
+    skeleton: Skeleton
+
+
+def repose(
+    vertices: ArrayLike,
+    skeleton: Skeleton,
+    *,
+    gains: Mapping[str, float] | None = None,
+    limits: Mapping[str, float] | None = None,
+    rest: Skeleton | None = None,
+    blended: bool = True,
+    band: float = 0.08,
+    num_threads: int = 0,
+) -> Reposed | None:
+    """Turn joints of a person further, or less far, from rest than they are.
+
+    Parameters
+    ----------
+    vertices : (V, 3), metres
+        Of the person's mesh, in the frame of the skeleton. Other dtypes than float32 become
+        float64. Not changed.
+    skeleton : Skeleton
+        The pose that the vertices are in.
+    gains : mapping of str to float, optional
+        By one of `POSABLE_JOINTS`: what the angle from rest is multiplied by; 0 to 100. 1, for all
+        others, changes no bit.
+    limits : mapping of str to float, degrees, optional
+        By joint: the largest angle from rest afterwards.
+    rest : Skeleton, optional
+        Without it a person who stands: arms and legs hang along the spine, feet point ahead, the
+        head is up.
+    blended : bool
+        Vertices near a joint move with all bones that meet there, by dual quaternions; else each
+        with its nearest bone, and the skin opens at joints.
+    band : float, metres
+        Width over which bones are blended.
+    num_threads : int
+        0: all.
+
+    Returns
+    -------
+    Reposed or None
+        None: the torso of ``skeleton`` or ``rest`` is not tracked.
+
+    Raises
+    ------
+    InputError
+        Another joint, a number out of range, another shape.
+
+    Notes
+    -----
+    The torso at rest is turned onto the torso of now; outwards from it a joint's angle is the
+    shortest turn from where its bone would be had the joint stayed at rest. Twist about a bone
+    stays. Blending: Kavan et al., "Geometric skinning with approximate dual quaternion blending",
+    ACM Transactions on Graphics 2008; weights come from distances to the bones.
+    """
+    points = np.asarray(vertices)
+    dtype: type[Any] = np.float32 if points.dtype == np.float32 else np.float64
+    options = _core.ReposeOptions()
+    options.gain = _by_joint(gains, options.gain, "gains")
+    options.limit = _by_joint(
+        {name: np.deg2rad(limit) for name, limit in (limits or {}).items()}, options.limit, "limits"
+    )
+    options.blended, options.band, options.num_threads = bool(blended), band, num_threads
+    moved = _core.repose(rows(points, 3, dtype, "vertices"), skeleton, rest, options)
+    return None if moved is None else Reposed(moved[0], Skeleton(**moved[1]))
+
+
+def _by_joint(given: Mapping[str, float] | None, defaults: Any, name: str) -> list[float]:
+    values = list(defaults)
+    for joint, value in (given or {}).items():
+        if joint not in POSABLE_JOINTS:
+            known = ", ".join(POSABLE_JOINTS)
+            raise InputError(f"{name}: expected one of {known}, got {joint!r}")
+        values[JOINTS.index(joint)] = float(value)
+    return values
