@@ -93,6 +93,16 @@ def _cases(plan: Plan) -> list[Case]:
                 "right_leg",
                 {"motion": "still", "sitting": True},
             ),
+            (
+                "a stump that rests while the other arm rises",
+                "right_arm",
+                {"motion": "arm-raise", "amputated": "right_arm"},
+            ),
+            (
+                "a stump that rises with the other arm",
+                "right_arm",
+                {"motion": "arm-raise", "amputated": "right_arm", "side": "both"},
+            ),
         )
     ]
     cases += [
@@ -438,7 +448,7 @@ EXPERIMENT = Experiment(
         Claim("No hole over 2 pixels up to 10 degrees of turn", "aim", _no_holes),
         Claim("Labels by bone, reported", "aim", _labels),
         Claim("With tilted shoulders the reflection is nearer than as printed", "aim", _tilt),
-        Claim("No pixel of a bent affected limb is left", "aim", _nothing_left),
+        Claim("No pixel of the affected limb is left, bent or a stump", "aim", _nothing_left),
         Claim("Smoothing makes a phantom steadier", "section 4.7.1", _steadier),
     ),
     figures=_plots,
@@ -447,6 +457,10 @@ EXPERIMENT = Experiment(
         "phantom point to the intact limb of the whole body, reflected in the true plane of "
         "symmetry. Labels: limbs are divided at their joints, the trunk by the nearest bone at "
         f"rest. Jitter: {_JITTER * 1e3:.0f} mm for each coordinate of a joint. At the root: within "
-        "0.12 m of shoulder or hip, where removal leaves the trunk alone.",
+        "0.12 m of shoulder or hip, where removal leaves the trunk alone. Pixels that are left: a "
+        "leg's under a hand that lies on it are the hand's by the nearest bone; some fly between "
+        "the legs; a missing arm is looked for where the other one's mirror image is, so a stump "
+        "that rests is left. Holes open where the mirrored surface is turned towards the camera: "
+        "its points lie farther apart than pixels.",
     ),
 )
