@@ -1,12 +1,15 @@
 #include <pybind11/eigen.h>
 #include <pybind11/stl.h>
 
+#include <optional>
+#include <tuple>
 #include <utility>
 #include <vector>
 
 #include "manip3d/authenticate/density.hpp"
 #include "manip3d/authenticate/occlusion.hpp"
 #include "manip3d/geometry/scan_grid.hpp"
+#include "manip3d/geometry/scan_origin.hpp"
 #include "modules.hpp"
 #include "points.hpp"
 
@@ -54,6 +57,20 @@ void bind_authenticate(py::module_& m) {
         return to_python(estimate_scan_grid(view, origin, threads));
       },
       py::arg("points").noconvert(), py::arg("origin"), py::arg("threads"));
+  m.def(
+      "estimate_scan_origin",
+      [](const CArray<float>& points, const std::optional<Eigen::Vector3d>& known, int threads) {
+        const PointsView view = points_view(points, {});
+        ScanOrigin r;
+        {
+          const py::gil_scoped_release nogil;
+          r = estimate_scan_origin(view, known, threads);
+        }
+        return std::make_tuple(r.found, std::tuple(r.position.x(), r.position.y(), r.position.z()),
+                               r.axis, r.azimuth_step, r.elevation_step, r.azimuth_coherence,
+                               r.elevation_coherence, r.explained);
+      },
+      py::arg("points").noconvert(), py::arg("known"), py::arg("threads"));
   m.def(
       "occlusion_consistency",
       [](const CArray<float>& points, const Eigen::Vector3d& origin, const Grid& grid,

@@ -29,7 +29,7 @@ for name in "$@"; do
   mkdir -p "$corpus"
   count=$(find "$corpus" -type f | wc -l)
   # Kernels are no parsers: each execution runs them several times over.
-  case $name in metrics | simplify | grid_delaunay | cs3) runs=$((executions / 10)) ;; *) runs=$executions ;; esac
+  case $name in metrics | simplify | grid_delaunay | cs3 | detectors | attacks) runs=$((executions / 10)) ;; *) runs=$executions ;; esac
   dictionary=()
   [ -e "$here/$name.dict" ] && dictionary=("-dict=$here/$name.dict")
   # First the corpus as it stands, which holds every past finding; then new inputs.

@@ -68,6 +68,7 @@ __all__: list[str] = [
     "deform",
     "density_levels",
     "estimate_scan_grid",
+    "estimate_scan_origin",
     "fmpd",
     "generic_consistency",
     "grid_delaunay",
@@ -1305,6 +1306,11 @@ def estimate_scan_grid(
     origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> tuple[float, float, float, float, float, float]: ...
+def estimate_scan_origin(
+    points: numpy.typing.NDArray[numpy.float32],
+    known: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"] | None,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> tuple[bool, tuple[float, float, float], int, float, float, float, float, float]: ...
 def fmpd(
     original: typing.Any,
     simplified: typing.Any,

@@ -398,7 +398,9 @@ def inspect(
     output: OptionalOutput = None,
     origin: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(metavar="X Y Z", help="Where the scanner stood; else as the file says."),
+        typer.Option(
+            metavar="X Y Z", help="Where the scanner stood; else as the file says, or its grid."
+        ),
     ] = None,
     printed: Annotated[
         bool, typer.Option("--printed", help="Thresholds as printed, not the calibrated ones.")

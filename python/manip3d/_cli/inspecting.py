@@ -29,16 +29,6 @@ NAMES = {
     "generic": "III: the sensor's lattice",
 }
 
-MOST_OF_A_TURN = 1_000_000
-"""Points: no spinning scanner brings more from one turn."""
-
-_NO_LATTICE: dict[str, Any] = {
-    "verdict": "undecidable",
-    "reason": "no scan of a spinning scanner",
-    "suspected_points": 0,
-    "boxes": [],
-}
-
 
 def inspect(
     source: str,
@@ -65,38 +55,72 @@ def inspect(
         raise InputError(f"{output}: expected a name that ends in .html or .json")
     frame = manip3d.read_scan(source)
     terminal.say(f"read {source}: {count(frame.num_points)} points")
-    density = authenticate.density_consistency(
-        frame,
-        parameters=authenticate.PAPER_DENSITY if printed else None,
-        origin=origin,
-        threads=threads,
-    )
-    occlusion = authenticate.occlusion_consistency(
-        frame,
-        parameters=authenticate.PAPER_OCCLUSION if printed else None,
-        origin=origin,
-        threads=threads,
-    )
-    spinning = occlusion.grid.elevation_strength == 0.0 and frame.num_points <= MOST_OF_A_TURN
-    generic = (
-        _generic(authenticate.generic_consistency(_at_origin(frame, origin), threads=threads))
-        if spinning
-        else _NO_LATTICE
-    )
-    record = {
-        "source": source,
-        "points": frame.num_points,
-        "verdict": combined(density.verdict, occlusion.verdict, str(generic["verdict"])),
-        "detectors": {
+    place, why = _scanner(frame, origin, threads)
+    record: dict[str, Any] = {"source": source, "points": frame.num_points, "origin": place}
+    pictures: dict[str, str] = {}
+    if place is None:
+        record |= {"verdict": "undecidable", "detectors": {name: _silent(why) for name in NAMES}}
+    else:
+        record["origin_from"] = why
+        density = authenticate.density_consistency(
+            frame,
+            parameters=authenticate.PAPER_DENSITY if printed else None,
+            origin=place,
+            threads=threads,
+        )
+        occlusion = authenticate.occlusion_consistency(
+            frame,
+            parameters=authenticate.PAPER_OCCLUSION if printed else None,
+            origin=place,
+            threads=threads,
+        )
+        generic = (
+            _generic(authenticate.generic_consistency(_at_origin(frame, place), threads=threads))
+            if occlusion.grid.elevation_strength == 0.0
+            else _silent("no scan of a spinning scanner")
+        )
+        record["verdict"] = combined(density.verdict, occlusion.verdict, str(generic["verdict"]))
+        record["detectors"] = {
             "density": _density(density),
             "occlusion": _occlusion(occlusion),
             "generic": generic,
-        },
-    }
+        }
+        if output is not None:
+            pictures = _pictures(density, occlusion)
     if output is not None:
-        _write(record, output, density, occlusion)
+        _write(record, output, pictures)
         terminal.say(f"wrote {output}")
     return record
+
+
+def _scanner(
+    frame: LidarFrame, origin: Sequence[float] | None, threads: int
+) -> tuple[list[float] | None, str]:
+    """Where the scanner stood and who says so; or None and why nobody can judge the scan."""
+    from manip3d import authenticate
+
+    stated = origin if origin is not None else frame.origin
+    if stated is None:
+        found = authenticate.estimate_origin(frame, threads=threads)
+        return (None if found.position is None else list(found.position)), found.reason
+    grid = authenticate.estimate_grid(frame, origin=stated, threads=threads)
+    if grid.elevation_strength > 0.0:  # there is a grid: does it hold for the whole scan?
+        known = authenticate.estimate_origin(frame, known=stated, threads=threads)
+        if known.position is None:
+            return None, "several positions fused, or the scanner stood elsewhere"
+    return list(stated), "the command line" if origin is not None else "the file"
+
+
+def _place(record: dict[str, Any]) -> str:
+    if record["origin"] is None:
+        return "the scanner's position is not known"
+    x, y, z = record["origin"]
+    return f"scanner at ({x:.3f}, {y:.3f}, {z:.3f}) m, as {record['origin_from']} says"
+
+
+def _silent(reason: str) -> dict[str, Any]:
+    """Of a detector that cannot say anything."""
+    return {"verdict": "undecidable", "reason": reason, "suspected_points": 0, "boxes": []}
 
 
 def combined(density: str, occlusion: str, generic: str) -> str:
@@ -114,6 +138,7 @@ def show(console: Console, record: dict[str, Any]) -> None:
         for name, found in record["detectors"].items()
     ]
     console.print(record["verdict"])
+    console.print(_place(record))
     console.print()
     table(console, rows)
     boxes = [(name, box) for name, found in record["detectors"].items() for box in found["boxes"]]
@@ -126,16 +151,13 @@ def show(console: Console, record: dict[str, Any]) -> None:
         table(console, cells, ("box, metres", "x", "y", "z", "length", "width", "height"))
 
 
-def _at_origin(frame: LidarFrame, origin: Sequence[float] | None) -> LidarFrame:
+def _at_origin(frame: LidarFrame, place: Sequence[float]) -> LidarFrame:
     """The frame with the scanner in (0, 0, 0), as detector III takes it."""
     import numpy as np
 
-    place = np.asarray(frame.origin if origin is None else origin or (0.0, 0.0, 0.0), np.float64)
-    if frame.origin is None and origin is None:
+    if not any(place):
         return frame
-    if not place.any():
-        return frame
-    return LidarFrame((frame.points - place).astype(np.float32), frame.intensity)
+    return LidarFrame((frame.points - np.asarray(place)).astype(np.float32), frame.intensity)
 
 
 def _boxes(boxes: Sequence[Box]) -> list[dict[str, Any]]:
@@ -192,13 +214,11 @@ def _calibration(calibration: Any) -> dict[str, Any] | None:
     return None if calibration is None else vars(calibration)
 
 
-def _write(
-    record: dict[str, Any], output: Path, density: DensityResult, occlusion: OcclusionResult
-) -> None:
+def _write(record: dict[str, Any], output: Path, pictures: dict[str, str]) -> None:
     if output.suffix.lower() == ".json":
         text = json.dumps(finite(record), indent=1) + "\n"
     else:
-        text = _page(record, _pictures(density, occlusion))
+        text = _page(record, pictures)
     atomic_write(output, text.encode())
 
 
@@ -295,7 +315,7 @@ def _page(record: dict[str, Any], pictures: dict[str, str]) -> str:
         "<!doctype html><html lang=en><meta charset=utf-8>"
         f"<title>{escape(record['source'])}: {verdict}</title><style>{_STYLE}</style>"
         f"<h1 class={verdict}>{verdict}</h1>"
-        f"<p>{escape(record['source'])}, {record['points']} points</p>"
+        f"<p>{escape(record['source'])}, {record['points']} points; {_place(record)}</p>"
         f"<table><tr><th>detector<th>verdict<th>why<th>suspected points</tr>{rows}</table>"
         + (
             "<h2>Boxes, metres</h2><table><tr><th>detector<th>x<th>y<th>z<th>length<th>width"

@@ -28,6 +28,7 @@ from manip3d.authenticate._occlusion import (
     estimate_grid,
     occlusion_consistency,
 )
+from manip3d.authenticate._origin import OriginEstimate, estimate_origin
 from manip3d.authenticate._verdict import Calibration, Verdict
 
 __all__ = [
@@ -47,12 +48,14 @@ __all__ = [
     "OcclusionParameters",
     "OcclusionRegion",
     "OcclusionResult",
+    "OriginEstimate",
     "SensorLattice",
     "SuspectRegion",
     "Verdict",
     "density_consistency",
     "estimate_grid",
     "estimate_lattice",
+    "estimate_origin",
     "generic_consistency",
     "occlusion_consistency",
 ]

@@ -9,7 +9,8 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._options import reporting, threads_of
-from manip3d._scans import origin_of, to_scan
+from manip3d._scans import to_scan
+from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
 from manip3d.authenticate._verdict import Calibration, Verdict
 from manip3d.errors import InputError
 from manip3d.lidar import Box
@@ -176,7 +177,8 @@ def density_consistency(
         `CALIBRATED_DENSITY`, `SPARSE_DENSITY` for fewer than half a million points; or
         `PAPER_DENSITY` for the dissertation's single signal.
     origin : (3,), optional
-        Where the scanner stood; by default as the frame says, else (0, 0, 0).
+        Where the scanner stood; by default as the frame says, else as `estimate_origin` finds;
+        (0, 0, 0) for an array.
     distances : (N,) float64, optional
         As from `manip3d.metrics.nearest_distances`, where they are known already.
     threads : int
@@ -201,12 +203,14 @@ def density_consistency(
     whole level.
     """
     scene = to_scan(scan)
-    place = origin_of(origin, scene)
     if parameters is None:
         few = len(scene.points) < FEW_POINTS
         parameters = SPARSE_DENSITY if few else CALIBRATED_DENSITY
     if len(scene.points) < FEWEST_POINTS:
         return _undecidable(f"fewer than {FEWEST_POINTS} points", parameters)
+    place = scanner_position(origin, scene, threads)
+    if place is None:
+        return _undecidable(NO_ORIGIN, parameters)
     if distances is None:
         with reporting(progress, "density") as report:
             spacing_of = _core.nearest_distances(

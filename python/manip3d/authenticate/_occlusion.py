@@ -11,6 +11,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._options import threads_of
 from manip3d._scans import Scan, origin_of, to_scan
+from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
 from manip3d.authenticate._verdict import Calibration, Verdict
 from manip3d.errors import InputError
 from manip3d.lidar import Box
@@ -235,14 +236,16 @@ def occlusion_consistency(
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        Of one position; of pulses with several echoes, only the first (see `first_echoes`).
+        Of one position; of pulses with several echoes, only the first is
+        looked at where the fields ``target_index`` or ``return_number`` tell.
     parameters : OcclusionParameters, optional
         `CALIBRATED_OCCLUSION`, or `RINGS_OCCLUSION` where elevations have no grid; or
         `PAPER_OCCLUSION`.
     grid : AngularGrid, optional
         Cells of the image; the scan's own by default.
     origin : (3,), optional
-        Where the scanner stood; by default as the frame says, else (0, 0, 0).
+        Where the scanner stood; by default as the frame says, else as `estimate_origin` finds;
+        (0, 0, 0) for an array.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -262,12 +265,16 @@ def occlusion_consistency(
     Dissertation section 6.5.2 with farthest minus nearest range instead of a sum that depends on
     the order of points. An object that hides what is behind it passes.
     """
-    scene = first_echoes(to_scan(scan))
-    place = origin_of(origin, scene)
+    scene = to_scan(scan)
     if len(scene.points) < FEWEST_POINTS:
         return _undecidable(f"fewer than {FEWEST_POINTS} points", grid, parameters)
+    place = scanner_position(origin, scene, threads)
+    if place is None:
+        return _undecidable(NO_ORIGIN, grid, parameters)
+    first_echoes = _first_echoes(scene)
+    points = scene.points if first_echoes is None else scene.points[first_echoes]
     if grid is None:
-        grid = estimate_grid(scene.points, origin=place, threads=threads)
+        grid = estimate_grid(points, origin=place, threads=threads)
         grid = grid if grid.elevation_strength > 0.0 else _ring_cells(grid)
     calibration = None
     if parameters is None:
@@ -276,7 +283,7 @@ def occlusion_consistency(
         calibration = GRID_CALIBRATION if on_grid else RINGS_CALIBRATION
     rows, columns, first, mask, raw, occupied, multiple, found, suspected, component = (
         _core.occlusion_consistency(
-            scene.points,
+            points,
             place,
             _radians(grid),
             parameters.min_gap,
@@ -290,6 +297,8 @@ def occlusion_consistency(
     every = tuple(_region(values) for values in found)
     regions = tuple(region for region in every if region.area >= parameters.min_area)
     suspected = suspected[component < len(regions)]  # the largest come first
+    if first_echoes is not None:
+        suspected = first_echoes[suspected].astype(np.int32)
     share = multiple / max(occupied, 1)
     verdict: Verdict = "tampered" if regions else "authentic"
     reason = "nothing is seen behind anything"
@@ -314,30 +323,15 @@ def occlusion_consistency(
     )
 
 
-def first_echoes(scan: Scan) -> Scan:
-    """The scan without second and further echoes of a pulse, where the file tells them apart.
-
-    Returns
-    -------
-    Scan
-        As it came where it does not; else rows that were left out are zeroed, which is no
-        direction, so that rows keep their numbers.
-    """
+def _first_echoes(scan: Scan) -> NDArray[np.int64] | None:
+    """Rows without second and further echoes of a pulse; None: the file does not tell them."""
     if scan.frame is None:
-        return scan
+        return None
     for name in ("target_index", "return_number"):
         if name in scan.frame.fields:
             number = np.asarray(scan.frame.fields[name])
-            later = number > max(int(number.min(initial=1)), 1)
-            if later.any():
-                points = scan.points.copy()
-                points[later] = (
-                    np.zeros(3, np.float32)
-                    if scan.frame.origin is None
-                    else (np.asarray(scan.frame.origin, np.float32))
-                )
-                return scan._replace(points=points)
-    return scan
+            return np.flatnonzero(number <= max(int(number.min(initial=1)), 1))
+    return None
 
 
 def _ring_cells(grid: AngularGrid) -> AngularGrid:

@@ -1,0 +1,168 @@
+// Detectors on any scan: an InputError, or what they say fits together and is the same for one
+// thread and two; nearest neighbours are those of all pairs.
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <limits>
+#include <numeric>
+#include <optional>
+#include <vector>
+
+#include "manip3d/authenticate/density.hpp"
+#include "manip3d/authenticate/generic.hpp"
+#include "manip3d/authenticate/occlusion.hpp"
+#include "manip3d/error.hpp"
+#include "manip3d/geometry/nearest_neighbours.hpp"
+#include "manip3d/geometry/scan_grid.hpp"
+#include "manip3d/geometry/scan_origin.hpp"
+#include "scan_from_bytes.hpp"
+
+namespace {
+
+using namespace manip3d;
+
+void require(bool condition) {
+  if (!condition) std::abort();
+}
+
+template <typename Call>
+void run(const Call& call) {
+  try {
+    call();
+  } catch (const InputError&) {
+  }
+}
+
+bool ascending_rows(const std::vector<std::int32_t>& rows, std::int64_t end) {
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    if (!(rows[i] >= 0 && rows[i] < end) || (i > 0 && rows[i] <= rows[i - 1])) return false;
+  }
+  return true;
+}
+
+std::vector<double> check_nearest(const PointCloud& scan, const Eigen::Vector3d& origin,
+                                  double resolution) {
+  const LargeArray<double> found = nearest_distances(scan, {origin, resolution, 1});
+  std::vector<double> distances;
+  for (Eigen::Index i = 0; i < scan.points.rows(); ++i) {
+    double best = std::numeric_limits<double>::infinity();
+    for (Eigen::Index k = 0; k < scan.points.rows(); ++k) {
+      if (k == i) continue;
+      const Eigen::RowVector3d offset =
+          scan.points.row(i).cast<double>() - scan.points.row(k).cast<double>();
+      const double squared = offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2];
+      best = std::min(best, squared);
+    }
+    require(found[i] == std::sqrt(best));
+    distances.push_back(found[i]);
+  }
+  return distances;
+}
+
+void check_density(const PointCloud& scan, const std::vector<double>& distances,
+                   const DensityOptions& options) {
+  const DensityLevels levels = density_levels(scan, distances, options);
+  const std::int64_t total =
+      std::accumulate(levels.counts.begin(), levels.counts.end(), std::int64_t{0});
+  require(total <= scan.points.rows());
+  for (const double mean : levels.means) require(mean >= 0.0 && std::isfinite(mean));
+  const std::vector<std::uint8_t> all(levels.counts.size(), 1);
+  const auto rows = points_of_levels(scan, all, options);
+  require(static_cast<std::int64_t>(rows.size()) == total);
+  require(ascending_rows(rows, scan.points.rows()));
+}
+
+void check_occlusion(const PointCloud& scan, OcclusionOptions options) {
+  options.grid = estimate_scan_grid(scan, options.origin, 1);
+  require(options.grid.azimuth_step > 0.0 && options.grid.elevation_step > 0.0);
+  const OcclusionResult one = occlusion_consistency(scan, options);
+  require(ascending_rows(one.suspected, scan.points.rows()));
+  require(one.suspected.size() == one.suspected_component.size());
+  for (const std::int32_t component : one.suspected_component) {
+    require(component >= 0 && component < static_cast<int>(one.components.size()));
+  }
+  require(static_cast<std::int64_t>(one.mask.size()) == one.rows * one.columns);
+  options.num_threads = 2;
+  const OcclusionResult two = occlusion_consistency(scan, options);
+  require(two.mask == one.mask && two.suspected == one.suspected);
+}
+
+RingLattice take_lattice(fuzzing::Bytes& bytes) {
+  const int rings = bytes.take<std::uint8_t>() % 9;
+  RingLattice lattice;
+  for (Eigen::VectorXd* column :
+       {&lattice.slope, &lattice.offset, &lattice.lateral, &lattice.azimuth, &lattice.range_phase,
+        &lattice.center, &lattice.slope_error}) {
+    column->resize(rings);
+    for (double& value : *column) value = fuzzing::take_number(bytes);
+  }
+  std::sort(lattice.slope.begin(), lattice.slope.end(), std::greater<>());
+  lattice.steps = bytes.take<std::int16_t>();
+  lattice.range_step = fuzzing::take_number(bytes);
+  lattice.coordinate_step = fuzzing::take_number(bytes);
+  return lattice;
+}
+
+void check_generic(const PointCloud& scan, const PointCloud& previous, const RingLattice& lattice) {
+  const GenericResult one = generic_consistency(scan, lattice, {.num_threads = 1}, previous);
+  const auto count = static_cast<std::size_t>(scan.points.rows());
+  require(one.flags.size() == count && one.region_of_point.size() == count);
+  for (const std::int32_t region : one.region_of_point) {
+    require(region >= -1 && region < static_cast<int>(one.regions.size()));
+  }
+  const GenericResult two = generic_consistency(scan, lattice, {.num_threads = 2}, previous);
+  require(two.flags == one.flags && two.cells == one.cells);
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  fuzzing::Bytes bytes(data, std::min<std::size_t>(size, 16384));
+  const Eigen::Vector3d origin = fuzzing::take_place(bytes);
+  const PointCloud scan = fuzzing::take_scan(bytes);
+  const double resolution = fuzzing::take_number(bytes);
+  run([&] {
+    const std::vector<double> distances = check_nearest(scan, origin, resolution);
+    DensityOptions options;
+    options.origin = origin;
+    options.sector = bytes.take<std::uint8_t>();
+    options.level_width = 0.1 + std::abs(fuzzing::take_number(bytes));
+    options.level_growth = fuzzing::take_number(bytes);
+    options.max_range = 100.0;
+    options.level_out = bytes.take<std::uint8_t>() % 2 == 1;
+    options.num_threads = 1;
+    check_density(scan, distances, options);
+  });
+  run([&] {
+    OcclusionOptions options;
+    options.origin = origin;
+    options.min_gap = fuzzing::take_number(bytes);
+    options.min_cells = bytes.take<std::int8_t>();
+    options.min_area = fuzzing::take_number(bytes);
+    options.num_threads = 1;
+    check_occlusion(scan, options);
+  });
+  run([&] {
+    const RingLattice lattice = take_lattice(bytes);
+    const PointCloud previous = fuzzing::take_scan(bytes);
+    check_generic(scan, previous, lattice);
+  });
+  run([&] {
+    // Enough points for an estimate: the scan over and over, each time a little larger.
+    PointCloud many;
+    const Eigen::Index rows = scan.points.rows();
+    const Eigen::Index copies = rows > 0 ? std::min<Eigen::Index>(1 + 1200 / rows, 40) : 0;
+    many.points.resize(copies * rows, 3);
+    for (Eigen::Index k = 0; k < copies; ++k) {
+      many.points.middleRows(k * rows, rows) = scan.points * (1.0F + 0.03F * static_cast<float>(k));
+    }
+    const bool known = bytes.take<std::uint8_t>() % 2 == 1;
+    const ScanOrigin found =
+        estimate_scan_origin(many, known ? std::optional(origin) : std::nullopt, 1);
+    require(found.position.allFinite());
+    require(found.explained >= 0.0 && found.explained <= 1.0 + 1e-9);
+    require(!found.found || found.azimuth_step > 0.0 || found.elevation_step > 0.0);
+  });
+  return 0;
+}

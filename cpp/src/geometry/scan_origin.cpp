@@ -1,0 +1,616 @@
+#include "manip3d/geometry/scan_origin.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <numbers>
+#include <numeric>
+#include <vector>
+
+#include "geometry/kd_tree.hpp"
+#include "geometry/select_rows.hpp"
+#include "manip3d/error.hpp"
+#include "manip3d/geometry/angles.hpp"
+#include "manip3d/geometry/random.hpp"
+
+namespace manip3d {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr double kPi = std::numbers::pi;
+constexpr double kDegree = kPi / 180.0;
+constexpr std::int64_t kSampled = 400'000;    // points for the density of surfaces
+constexpr std::int64_t kTilePoints = 40'000;  // of those, points in whole tiles for the grid
+constexpr std::int64_t kFewestPoints = 1000;
+constexpr double kTile = 4.0 * kDegree;
+
+// --- Points --------------------------------------------------------------------------------------
+
+// Different points with a direction; all of a small scan.
+Points sample_points(const PointsView& view) {
+  const std::int64_t count = view.num_points();
+  const double share =
+      static_cast<double>(kSampled) / static_cast<double>(std::max(count, kSampled));
+  std::vector<std::array<float, 3>> rows;
+  for (std::int64_t i = 0; i < count; ++i) {
+    if (share < 1.0 && !(uniform(0, i) < share)) continue;
+    const auto p = view.points.row(i);
+    if (p.isZero(0.0F)) continue;  // how files say that nothing came back
+    rows.push_back({p[0], p[1], p[2]});
+  }
+  // Some scanners see each direction twice; twins agree on any grid.
+  std::sort(rows.begin(), rows.end());
+  rows.erase(std::unique(rows.begin(), rows.end()), rows.end());
+  Points points(static_cast<Eigen::Index>(rows.size()), 3);
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    points.row(static_cast<Eigen::Index>(i)) << rows[i][0], rows[i][1], rows[i][2];
+  }
+  return points;
+}
+
+double median_of(std::vector<double>& values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// --- A first position, from the density of surfaces ----------------------------------------------
+
+// log2, to 1e-7, without libm.
+double binary_log(double x) {
+  int exponent = 0;
+  const double m = std::frexp(x, &exponent);  // in [0.5, 1)
+  const double t = (m - std::numbers::sqrt2 / 2.0) / (m + std::numbers::sqrt2 / 2.0);
+  const double s = t * t;
+  const double atanh = t * (1.0 + s * (1.0 / 3.0 + s * (1.0 / 5.0 + s * (1.0 / 7.0 + s / 9.0))));
+  return exponent - 0.5 + 2.0 * atanh / std::numbers::ln2;
+}
+
+struct Patch {
+  Vector3d place;
+  Vector3d normal;
+  double density = 0.0;  // points a square metre
+};
+
+std::vector<Patch> sample_patches(const Points& points) {
+  constexpr std::int64_t kPatches = 1500;
+  constexpr std::size_t kNeighbours = 24;
+  constexpr double kFlat = 0.15;  // second extent over first, squared: less is a line
+  const PointsView view{{points.data(), points.rows(), 3}};
+  const KdTree tree(view);
+  KdTree::Neighbours near;
+  std::vector<Patch> patches;
+  for (std::int64_t k = 0; k < kPatches; ++k) {
+    const auto row = static_cast<std::int64_t>(uniform(1, k) * static_cast<double>(points.rows()));
+    tree.nearest(row, kNeighbours, near);
+    Eigen::Matrix<double, Eigen::Dynamic, 3> around(near.rows.size(), 3);
+    for (std::size_t i = 0; i < near.rows.size(); ++i) {
+      around.row(static_cast<Eigen::Index>(i)) = points.row(near.rows[i]).cast<double>();
+    }
+    around.rowwise() -= around.colwise().mean().eval();
+    const Eigen::Matrix3d spread = around.transpose() * around;
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(spread);
+    const Vector3d extent = solver.eigenvalues();
+    const double area = kPi * near.squared_distances.back();
+    if (!(area > 0.0 && extent[1] > kFlat * extent[2])) continue;
+    patches.push_back({points.row(row).cast<double>().transpose(), solver.eigenvectors().col(0),
+                       static_cast<double>(near.rows.size()) / area});
+  }
+  return patches;
+}
+
+// How unequal the patches are in what they have over what their solid angle calls for, mean of the
+// binary logarithms. A patch of area A at range r whose normal is turned by t covers A cos t / r^2,
+// and a cell of the grid step^2 rho / r.
+double unevenness(const std::vector<Patch>& patches, const Vector3d& origin, int axis,
+                  std::vector<double>& logs, std::vector<double>& scratch) {
+  constexpr double kMost = 2.2;      // beyond, the patch tells nothing
+  constexpr double kGrazing = 0.03;  // least cosine
+  logs.clear();
+  for (const Patch& patch : patches) {
+    const Vector3d ray = patch.place - origin;
+    const double range = ray.norm() + 1e-6;
+    const double rho = std::sqrt(std::max(0.0, ray.squaredNorm() - ray[axis] * ray[axis])) + 1e-6;
+    const double cosine = std::max(std::abs(patch.normal.dot(ray)) / range, kGrazing);
+    logs.push_back(binary_log(patch.density * range * rho / cosine));
+  }
+  scratch = logs;
+  const double middle = median_of(scratch);
+  double sum = 0.0;
+  for (const double value : logs) sum += std::min(std::abs(value - middle), kMost);
+  return sum / static_cast<double>(logs.size());
+}
+
+// The position that makes the patches most even: the best of a coarse block around the densest
+// surfaces, which are the nearest, then by halving steps.
+Vector3d even_position(const std::vector<Patch>& patches, int axis) {
+  constexpr int kSide = 9;
+  constexpr int kStarts = 6;
+  constexpr double kSmallest = 0.002;  // metres
+  std::vector<double> densities;
+  for (const Patch& patch : patches) densities.push_back(patch.density);
+  std::vector<double> sorted(densities);
+  std::sort(sorted.begin(), sorted.end());
+  const double dense = sorted[sorted.size() * 4 / 5];
+  Vector3d middle;
+  Vector3d extent;
+  for (int a = 0; a < 3; ++a) {
+    std::vector<double> values;
+    for (const Patch& patch : patches) {
+      if (patch.density >= dense) values.push_back(patch.place[a]);
+    }
+    std::sort(values.begin(), values.end());
+    const double low = values[values.size() / 50];
+    const double high = values[values.size() - 1 - values.size() / 50];
+    middle[a] = 0.5 * (low + high);
+    extent[a] = high - low;
+  }
+  extent = extent.cwiseMax(std::max(0.2 * extent.maxCoeff(), kSmallest));
+
+  std::vector<double> logs;
+  std::vector<double> scratch;
+  const auto cost = [&](const Vector3d& p) { return unevenness(patches, p, axis, logs, scratch); };
+  std::vector<std::pair<double, int>> costs;
+  const auto place = [&](int index) {
+    const Vector3d cell(index / (kSide * kSide), index / kSide % kSide, index % kSide);
+    const Vector3d share = 1.5 * (cell / (kSide - 1.0) - Vector3d::Constant(0.5));
+    return Vector3d(middle + share.cwiseProduct(extent));
+  };
+  for (int i = 0; i < kSide * kSide * kSide; ++i) costs.emplace_back(cost(place(i)), i);
+  std::partial_sort(costs.begin(), costs.begin() + kStarts, costs.end());
+  Vector3d best = place(costs[0].second);
+  double lowest = costs[0].first;
+  for (int s = 0; s < kStarts; ++s) {
+    Vector3d p = place(costs[s].second);
+    double height = costs[s].first;
+    for (Vector3d step = extent / 8.0; step.maxCoeff() > kSmallest;) {
+      bool better = false;
+      for (int move = 0; move < 6; ++move) {
+        Vector3d next = p;
+        next[move / 2] += move % 2 == 0 ? step[move / 2] : -step[move / 2];
+        const double other = cost(next);
+        if (other < height) p = next, height = other, better = true;
+      }
+      if (!better) step /= 2.0;
+    }
+    if (height < lowest) best = p, lowest = height;
+  }
+  return best;
+}
+
+// --- The grid ------------------------------------------------------------------------------------
+
+// Points as a position sees them; the polar axis is the third coordinate.
+struct Sight {
+  std::vector<Vector3d> rays;
+  std::vector<double> azimuth, elevation, range, rho;
+
+  void look(const std::vector<Vector3d>& points, const Vector3d& origin) {
+    const std::size_t count = points.size();
+    rays.resize(count), azimuth.resize(count), elevation.resize(count);
+    range.resize(count), rho.resize(count);
+    for (std::size_t i = 0; i < count; ++i) {
+      const Vector3d ray = points[i] - origin;
+      rays[i] = ray;
+      rho[i] = std::max(1e-6, std::sqrt(ray.x() * ray.x() + ray.y() * ray.y()));
+      range[i] = std::sqrt(rho[i] * rho[i] + ray.z() * ray.z());
+      azimuth[i] = arc_tangent(ray.y(), ray.x());
+      elevation[i] = arc_tangent(ray.z(), rho[i]);
+    }
+  }
+};
+
+// Cosine and sine of a number of turns, to 1e-6.
+SinCos wave_of(double turns) {
+  const double quarters = std::nearbyint(4.0 * turns);
+  const double x = (turns - 0.25 * quarters) * (2.0 * kPi);
+  const double s = x * x;
+  const double sine = x * (1.0 - s / 6.0 * (1.0 - s / 20.0 * (1.0 - s / 42.0)));
+  const double cosine = 1.0 - s / 2.0 * (1.0 - s / 12.0 * (1.0 - s / 30.0));
+  const auto quadrant = static_cast<std::int64_t>(quarters) & 3;
+  if (quadrant == 0) return {sine, cosine};
+  if (quadrant == 1) return {cosine, -sine};
+  if (quadrant == 2) return {-sine, -cosine};
+  return {-cosine, sine};
+}
+
+// Within a window the phases of the grid agree although the position is somewhat off: so many
+// columns, two degrees of the other angle, ranges of one part in 2^parts of an octave.
+struct Window {
+  std::int64_t columns = 8;
+  int parts = 3;
+};
+constexpr Window kWindows[] = {{8, 3}, {16, 2}, {32, 1}, {64, 0}, {128, -1}, {256, -2}};
+constexpr Window kJudged = {16, 0};
+constexpr double kOtherAngle = 2.0 * kDegree;
+
+// Numbers the windows that hold points; windows keep their numbers until the next call.
+class Windows {
+ public:
+  // @returns how many there are; `ids` says which one each point is in.
+  std::int64_t number(const std::vector<double>& angle, const std::vector<double>& other,
+                      const std::vector<double>& range, double width, int parts,
+                      std::vector<std::int32_t>& ids) {
+    const std::size_t count = angle.size();
+    const std::size_t size = std::bit_ceil(2 * count + 1);
+    keys_.assign(size, kEmpty);
+    numbers_.resize(size);
+    ids.resize(count);
+    std::int32_t found = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto across = static_cast<std::uint64_t>((angle[i] + kPi) / width);
+      const auto up = static_cast<std::uint64_t>((other[i] + kPi) / kOtherAngle);
+      // The exponent of a float and its first bits: nearly a logarithm.
+      const auto far = std::bit_cast<std::uint32_t>(static_cast<float>(range[i])) >> (23 - parts);
+      const std::uint64_t key = (across * 1024 + up) * (std::uint64_t{1} << 32) + far;
+      std::size_t slot = mix(key) & (size - 1);
+      while (keys_[slot] != kEmpty && keys_[slot] != key) slot = (slot + 1) & (size - 1);
+      if (keys_[slot] == kEmpty) keys_[slot] = key, numbers_[slot] = found++;
+      ids[i] = numbers_[slot];
+    }
+    return found;
+  }
+
+ private:
+  static constexpr std::uint64_t kEmpty = ~std::uint64_t{0};
+  std::vector<std::uint64_t> keys_;
+  std::vector<std::int32_t> numbers_;
+};
+
+// Sum of the phases of a window's points.
+struct Phases {
+  double cosine = 0.0, sine = 0.0, count = 0.0;
+
+  // Over all pairs: sum of the cosines of their differences, and number, a point's share of each.
+  [[nodiscard]] double agreement() const {
+    return count > 1.0 ? (cosine * cosine + sine * sine - count) / count : 0.0;
+  }
+  [[nodiscard]] double pairs() const { return count > 1.0 ? count - 1.0 : 0.0; }
+};
+
+// One of the two angles with its grid.
+struct Comb {
+  double step = 0.0;  // radians; 0: none
+  double coherence = 0.0;
+};
+
+class Grid {
+ public:
+  explicit Grid(std::vector<Vector3d> points) : points_(std::move(points)) {}
+
+  Vector3d position = Vector3d::Zero();
+  Comb azimuth, elevation;
+
+  static constexpr double kFinest = 0.02 * kDegree;
+  static constexpr double kCoarsest = 2.0 * kDegree;
+
+  void look() { sight_.look(points_, position); }
+
+  // The points in some of the tiles around the position, whole.
+  void keep_tiles() {
+    look();
+    const double share = static_cast<double>(kTilePoints) / static_cast<double>(points_.size());
+    if (share >= 1.0) return;
+    std::vector<Vector3d> kept;
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      if (uniform(2, tile_of(i)) < share) kept.push_back(points_[i]);
+    }
+    points_ = std::move(kept);
+    look();
+  }
+
+  [[nodiscard]] std::int64_t num_points() const {
+    return static_cast<std::int64_t>(points_.size());
+  }
+
+  [[nodiscard]] double median_range() const {
+    std::vector<double> ranges(sight_.range);
+    return median_of(ranges);
+  }
+
+  // The largest step of [shortest, longest] at which phases agree nearly as well as at any.
+  Comb find_comb(bool azimuth_angle, double shortest, double longest) {
+    constexpr double kRatio = 1.04;  // eight columns drift by a third of one
+    constexpr double kNearly = 0.8;
+    std::vector<Comb> tried;
+    double best = 0.0;
+    for (double step = shortest; step <= longest; step *= kRatio) {
+      tried.push_back({step, coherence(azimuth_angle, step, kWindows[0])});
+      best = std::max(best, tried.back().coherence);
+    }
+    std::size_t last = tried.size() - 1;
+    while (last > 0 && !(tried[last].coherence >= kNearly * best)) --last;
+    const std::size_t peak = last;
+    for (std::size_t i = peak - std::min<std::size_t>(peak, 3); i < peak; ++i) {
+      if (tried[i].coherence > tried[last].coherence) last = i;
+    }
+    return tried[last];
+  }
+
+  // Finds faint rows where columns are plain: their distance from that of the columns, if one point
+  // is to be a cell, and the height at which they are plainest.
+  void find_rows(double cell_area, double range) {
+    constexpr int kHeights = 4;        // on either side
+    constexpr double kHeight = 0.025;  // of the range
+    constexpr double kUnsure = 1.6;    // factor of the distance: some rays have no return
+    const Vector3d start = position;
+    const double expected = std::clamp(cell_area / azimuth.step, kFinest, kCoarsest);
+    Comb best;
+    double height = start.z();
+    for (int k = -kHeights; k <= kHeights; ++k) {
+      position.z() = start.z() + k * kHeight * range;
+      look();
+      const Comb comb = find_comb(false, expected / kUnsure, expected * kUnsure);
+      if (comb.coherence > best.coherence) best = comb, height = position.z();
+    }
+    position.z() = height;
+    elevation = best;
+    look();
+  }
+
+  // Solid angle for each point, from the cells of one degree that hold some.
+  [[nodiscard]] double cell_area() const {
+    std::vector<std::uint8_t> seen(360 * 181);
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      const auto row = static_cast<std::size_t>((sight_.elevation[i] + kPi / 2.0) / kDegree);
+      const auto column = static_cast<std::size_t>((sight_.azimuth[i] + kPi) / kDegree);
+      seen[std::min<std::size_t>(row, 180) * 360 + std::min<std::size_t>(column, 359)] = 1;
+    }
+    const auto cells = static_cast<double>(std::count(seen.begin(), seen.end(), 1));
+    return cells * kDegree * kDegree / static_cast<double>(points_.size());
+  }
+
+  // Mean cosine of the differences in phase between points of one window.
+  double coherence(bool azimuth_angle, double step, const Window& window) {
+    gather(azimuth_angle, step, window);
+    double agreement = 0.0;
+    double pairs = 0.0;
+    for (const Phases& phases : phases_) agreement += phases.agreement(), pairs += phases.pairs();
+    return pairs > 0.0 ? agreement / pairs : 0.0;
+  }
+
+  // The same for the comb that was found; 0 where none was.
+  double judged(bool azimuth_angle, const Window& window) {
+    const double step = azimuth_angle ? azimuth.step : elevation.step;
+    return step > 0.0 ? coherence(azimuth_angle, step, window) : 0.0;
+  }
+
+  // One step of Gauss and Newton on the differences of phases from their windows' means, in the
+  // position (unless it is fixed) and in the logarithms of both steps. Returns metres moved.
+  double improve(const Window& window, bool fixed) {
+    using Matrix5 = Eigen::Matrix<double, 5, 5>;
+    using Vector5 = Eigen::Matrix<double, 5, 1>;
+    Matrix5 normal = Matrix5::Zero();
+    Vector5 gradient = Vector5::Zero();
+    for (const bool across : {true, false}) {
+      Comb& comb = across ? azimuth : elevation;
+      if (comb.step == 0.0) continue;
+      comb.coherence = coherence(across, comb.step, window);
+      const double weight = std::max(comb.coherence, 0.0) * std::max(comb.coherence, 0.0);
+      if (weight == 0.0) continue;
+      const double turn = 2.0 * kPi / comb.step;
+      slopes_.assign(phases_.size(), Vector5::Zero());
+      const auto slope_of = [&](std::size_t i) {
+        Vector5 slope = Vector5::Zero();
+        const Vector3d& ray = sight_.rays[i];
+        const double rho = sight_.rho[i];
+        const double squared = sight_.range[i] * sight_.range[i];
+        if (across) {
+          slope << ray.y() / (rho * rho), -ray.x() / (rho * rho), 0.0, -sight_.azimuth[i], 0.0;
+        } else {
+          slope << ray.z() * ray.x() / (rho * squared), ray.z() * ray.y() / (rho * squared),
+              -rho / squared, 0.0, -sight_.elevation[i];
+        }
+        return Vector5(turn * slope);
+      };
+      for (std::size_t i = 0; i < points_.size(); ++i) slopes_[ids_[i]] += slope_of(i);
+      for (std::size_t i = 0; i < points_.size(); ++i) {
+        const Phases& phases = phases_[ids_[i]];
+        if (!(phases.count > 1.0)) continue;
+        // Sine and cosine of the difference from the window's mean.
+        const double size =
+            std::sqrt(phases.cosine * phases.cosine + phases.sine * phases.sine) + 1e-12;
+        const SinCos own = waves_[i];
+        const double cosine = (own.cos * phases.cosine + own.sin * phases.sine) / size;
+        const double sine = (own.sin * phases.cosine - own.cos * phases.sine) / size;
+        if (!(cosine > 0.0)) continue;
+        const Vector5 slope = slope_of(i) - slopes_[ids_[i]] / phases.count;
+        if (!(slope.cwiseAbs().maxCoeff() < kSteepest)) continue;
+        normal += (weight * cosine) * slope * slope.transpose();
+        gradient -= (weight * cosine * sine) * slope;
+      }
+    }
+    if (fixed) {
+      normal.topRows<3>().setZero();
+      normal.leftCols<3>().setZero();
+      gradient.head<3>().setZero();
+    }
+    // What nothing determines stays.
+    normal.diagonal().array() += 1e-9 * normal.trace() + 1e-12;
+    const Vector5 change = normal.ldlt().solve(gradient);
+    position += change.head<3>();
+    azimuth.step *= 1.0 + std::clamp(change[3], -kLargestChange, kLargestChange);
+    elevation.step *= 1.0 + std::clamp(change[4], -kLargestChange, kLargestChange);
+    look();
+    return change.head<3>().norm();
+  }
+
+  // Mean over the tiles of the share of points that agree with each other as those of most tiles
+  // do: within a window that a second scanner shares, only the pairs of one scanner agree.
+  double explained(bool azimuth_angle) {
+    constexpr double kFewestPairs = 20.0;
+    constexpr std::size_t kFewestTiles = 10;
+    const double step = azimuth_angle ? azimuth.step : elevation.step;
+    gather(azimuth_angle, step, kJudged);
+    std::vector<std::int64_t> tile(phases_.size());
+    for (std::size_t i = 0; i < points_.size(); ++i) tile[ids_[i]] = tile_of(i);
+    std::vector<double> agreement(kTilesAround * kTilesAround);
+    std::vector<double> pairs(agreement.size());
+    for (std::size_t w = 0; w < phases_.size(); ++w) {
+      agreement[tile[w]] += phases_[w].agreement();
+      pairs[tile[w]] += phases_[w].pairs();
+    }
+    std::vector<double> shares;
+    for (std::size_t t = 0; t < pairs.size(); ++t) {
+      if (pairs[t] < kFewestPairs) continue;
+      shares.push_back(std::sqrt(std::max(0.0, agreement[t] / pairs[t])));
+    }
+    if (shares.size() < kFewestTiles) return 0.0;  // too little of a view to tell anything
+    std::sort(shares.begin(), shares.end());
+    const double usual = shares[shares.size() * 4 / 5];
+    double sum = 0.0;
+    for (const double share : shares) sum += std::min(1.0, share / std::max(usual, 1e-9));
+    return sum / static_cast<double>(shares.size());
+  }
+
+ private:
+  static constexpr double kLargestChange = 0.02;  // of a step, in one go
+  static constexpr double kSteepest = 1e3;        // radians of phase a metre: beside the axis
+  static constexpr std::int64_t kTilesAround = 90;
+
+  [[nodiscard]] std::int64_t tile_of(std::size_t i) const {
+    const auto part = [](double angle) {
+      return std::min(kTilesAround - 1, static_cast<std::int64_t>((angle + kPi) / kTile));
+    };
+    return part(sight_.elevation[i]) * kTilesAround + part(sight_.azimuth[i]);
+  }
+
+  // Phases of all points, and their sums by window.
+  void gather(bool azimuth_angle, double step, const Window& window) {
+    const std::vector<double>& angle = azimuth_angle ? sight_.azimuth : sight_.elevation;
+    const std::vector<double>& other = azimuth_angle ? sight_.elevation : sight_.azimuth;
+    const std::int64_t count = windows_.number(
+        angle, other, sight_.range, static_cast<double>(window.columns) * step, window.parts, ids_);
+    phases_.assign(count, {});
+    waves_.resize(points_.size());
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      waves_[i] = wave_of(angle[i] / step);
+      Phases& phases = phases_[ids_[i]];
+      phases.cosine += waves_[i].cos;
+      phases.sine += waves_[i].sin;
+      phases.count += 1.0;
+    }
+  }
+
+  std::vector<Vector3d> points_;
+  Sight sight_;
+  Windows windows_;
+  std::vector<std::int32_t> ids_;
+  std::vector<Phases> phases_;
+  std::vector<SinCos> waves_;
+  std::vector<Eigen::Matrix<double, 5, 1>> slopes_;
+};
+
+// --- Putting it together -------------------------------------------------------------------------
+
+constexpr double kCoherent = 0.6;    // of one angle: half of the points of two scanners make 0.25
+constexpr double kNoticeable = 0.1;  // of the elevations, which alone tell the height
+constexpr double kPlain = 0.3;       // of either, in the narrowest windows
+constexpr double kFaint = 0.03;      // enough to try: it grows as the position gets better
+
+// Coordinates in the order that makes `axis` the third.
+Vector3d turned(const Vector3d& p, int axis) {
+  return {p[(axis + 1) % 3], p[(axis + 2) % 3], p[axis]};
+}
+Vector3d turned_back(const Vector3d& p, int axis) {
+  Vector3d back;
+  back[(axis + 1) % 3] = p[0], back[(axis + 2) % 3] = p[1], back[axis] = p[2];
+  return back;
+}
+
+// The grid around a first position, and the position that fits it best.
+ScanOrigin fit_grid(const Points& sample, const Vector3d& start, int axis, bool fixed,
+                    double thinned) {
+  constexpr int kRounds = 30;
+  constexpr double kConverged = 1e-5;  // of the median range
+  constexpr int kFixedRounds = 3;      // of the steps alone
+  constexpr double kFarthest = 0.2;    // of the median range: the first position is better
+  constexpr double kSame = 0.005;      // of the median range: the first position is as good
+  constexpr double kKept = 0.8;        // of the coherence, from one window to the next
+  std::vector<Vector3d> points(static_cast<std::size_t>(sample.rows()));
+  for (Eigen::Index i = 0; i < sample.rows(); ++i) {
+    points[i] = turned(sample.row(i).cast<double>().transpose(), axis);
+  }
+  Grid grid(std::move(points));
+  grid.position = turned(start, axis);
+  ScanOrigin result;
+  result.axis = axis;
+  grid.look();
+  const double cell_area = grid.cell_area() * thinned;
+  grid.keep_tiles();
+  if (grid.num_points() < kFewestPoints / 2) return result;
+  const double range = grid.median_range();
+  for (const bool across : {true, false}) {
+    Comb& comb = across ? grid.azimuth : grid.elevation;
+    comb = grid.find_comb(across, Grid::kFinest, Grid::kCoarsest);
+    if (!(comb.coherence >= kFaint)) comb = {};
+  }
+  const double plainer = std::max(grid.azimuth.coherence, grid.elevation.coherence);
+  for (Comb* comb : {&grid.azimuth, &grid.elevation}) {
+    if (plainer >= kPlain && comb->coherence < kPlain) *comb = {};  // would lead astray
+  }
+  double before = 0.0;
+  for (const Window& window : kWindows) {
+    const Vector3d position = grid.position;
+    const Comb azimuth = grid.azimuth;
+    const Comb elevation = grid.elevation;
+    for (int round = 0; round < kRounds; ++round) {
+      if (grid.improve(window, fixed) <= kConverged * range && !fixed) break;
+      if (!((grid.position - turned(start, axis)).norm() <= kFarthest * range)) return result;
+      if (fixed && round == kFixedRounds) break;
+    }
+    const double coherence = std::max(grid.judged(true, window), grid.judged(false, window));
+    if (!(coherence >= kKept * before)) {  // encoders are not even over so many columns
+      grid.position = position, grid.azimuth = azimuth, grid.elevation = elevation;
+      grid.look();
+      break;
+    }
+    if (before == 0.0 && coherence < kPlain) return result;
+    if (before == 0.0 && grid.elevation.step == 0.0) grid.find_rows(cell_area, range);
+    before = coherence;
+  }
+  result.azimuth_coherence = grid.judged(true, kJudged);
+  result.elevation_coherence = grid.judged(false, kJudged);
+  result.azimuth_step = grid.azimuth.step;
+  result.elevation_step = grid.elevation.step;
+  result.position = turned_back(grid.position, axis);
+  const bool across = result.azimuth_coherence >= result.elevation_coherence;
+  result.found = std::max(result.azimuth_coherence, result.elevation_coherence) >= kCoherent &&
+                 (fixed || result.elevation_coherence >= kNoticeable);
+  if (result.found) result.explained = grid.explained(across);
+  result.found = result.explained > 0.0;
+  if (result.found && (result.position - start).norm() <= kSame * range) result.position = start;
+  return result;
+}
+
+}  // namespace
+
+ScanOrigin estimate_scan_origin(const PointsView& view, const std::optional<Vector3d>& known,
+                                int num_threads) {
+  check_points_everywhere(view, num_threads);
+  if (known && !known->allFinite()) throw InputError("origin: expected finite numbers");
+  const Points sample = sample_points(view);
+  if (sample.rows() < kFewestPoints) return {};
+  const double thinned =
+      std::min(1.0, static_cast<double>(kSampled) / static_cast<double>(view.num_points()));
+  constexpr int kAxes[] = {2, 1, 0};
+  const Vector3d zero = known.value_or(Vector3d::Zero());
+  for (const int axis : kAxes) {
+    const ScanOrigin result = fit_grid(sample, zero, axis, known.has_value(), thinned);
+    if (result.found) return result;
+  }
+  if (known) return {};
+  const std::vector<Patch> patches = sample_patches(sample);
+  if (patches.size() < 100) return {};
+  for (const int axis : kAxes) {
+    const ScanOrigin result = fit_grid(sample, even_position(patches, axis), axis, false, thinned);
+    if (result.found) return result;
+  }
+  return {};
+}
+
+}  // namespace manip3d
