@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
 
 import numpy as np
 import pytest
 
 import manip3d
-from manip3d import datasets, rgbd
+from manip3d import datasets, modify, rgbd
 from manip3d.datasets.people import unmirrored
+from manip3d.experiments import Plan, registry
 
 realdata = [
     pytest.mark.realdata,
@@ -123,3 +125,56 @@ class TestRealData:
         assert frame.calibration.depth.cx == 511 - 256.512
         straight = datasets.open_people("people:person_normalgan")[1]
         assert straight.calibration.depth.cx == 256.512
+
+
+def phantom_states(uri: str) -> dict[str, int]:
+    """How often each state came, over all limbs; every mesh is sound."""
+    frames = list(datasets.open_people(uri))
+    states: dict[str, int] = {}
+    for limb in ("left_arm", "right_arm", "left_leg", "right_leg"):
+        pipeline = modify.PhantomPipeline(limb)
+        for frame in frames:
+            phantom = pipeline.process(frame)
+            states[phantom.state] = states.get(phantom.state, 0) + 1
+            assert np.isfinite(phantom.vertices).all()
+            assert phantom.triangles.max() < len(phantom.vertices)
+            assert (phantom.depth > 0).sum() >= phantom.num_person - phantom.num_removed
+    assert sum(states.values()) == 4 * len(frames)
+    return states
+
+
+class TestPhantoms:
+    pytestmark = realdata
+
+    @pytest.mark.parametrize("uri", [f"utd-mhad:{name}" for name in ("a3_s1", "a24_s1", "a27_s5")])
+    def test_recorded_people_get_a_phantom_in_place_of_each_limb(self, uri: str) -> None:
+        states = phantom_states(uri)
+        assert states["tracking"] > 0.9 * sum(states.values())
+
+    @pytest.mark.slow
+    def test_all_62_sequences_pass_with_both_arms_and_both_legs(self) -> None:
+        tracking = total = 0
+        for uri in UTD:
+            states = phantom_states(uri)
+            assert set(states) <= {"tracking", "holding", "fading", "lost"}
+            tracking += states["tracking"]
+            total += sum(states.values())
+        assert total == 4 * 4127
+        assert tracking > 0.9 * total
+
+    def test_the_experiment_runs_and_its_claims_are_judged(self) -> None:
+        experiment = registry()["real-people-4"]
+        rows = []
+        for case in experiment.cases(Plan(data="real", scale="quick")):
+            if case.run.__name__ != "texture_image":
+                row = experiment.complete({**case.options, **case.run(case)})
+                json.dumps(row)
+                rows.append(row)
+        assert [row["kind"] for row in rows] == ["sequence", "sequence", "skeletons"]
+        verdicts = [claim.verdict(rows).holds for claim in experiment.claims]
+        assert verdicts[0] is True
+        assert verdicts[2:] == [None, None]
+        assert rows[2]["jitter_smooth"] < rows[2]["jitter_raw"]
+        assert experiment.figures is not None
+        assert len(experiment.figures(rows)) == 2
+        assert experiment.cases(Plan(data="simulated")) == []

@@ -47,6 +47,7 @@ _BUILT_IN = (
     "figure_4_11",
     "figure_4_13",
     "accuracy_4",
+    "real_people_4",
     "table_6_1",
     "table_6_2",
     "figure_6_3",
