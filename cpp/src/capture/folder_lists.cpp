@@ -98,7 +98,9 @@ std::vector<TimedFile> parse_tum_list(std::string_view text) {
     }
     files.push_back({std::llround(seconds * 1e9), std::string(name)});
   }
-  std::ranges::stable_sort(files, {}, &TimedFile::time_ns);
+  std::ranges::sort(files, {}, [](const TimedFile& file) {
+    return std::pair<std::int64_t, std::string_view>(file.time_ns, file.name);
+  });
   return files;
 }
 
