@@ -8,5 +8,15 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 
-for topic in ("startup", "io", "packets", "metrics", "forensics", "simplify", "depth", "cs3"):
+for topic in (
+    "startup",
+    "io",
+    "packets",
+    "metrics",
+    "forensics",
+    "simplify",
+    "depth",
+    "cs3",
+    "phantom",
+):
     subprocess.run([sys.executable, str(HERE / f"bench_{topic}.py")], check=True)

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import capsule_body
 import exact_models as models
 import lattice_scans
 import velodyne_packets
@@ -29,6 +30,7 @@ from manip3d import (
     capture,
     forge,
     metrics,
+    modify,
     simplify,
 )
 
@@ -74,6 +76,17 @@ def written(mesh: Mesh, suffix: str) -> list[bytes]:
     with tempfile.TemporaryDirectory() as folder:
         mesh.write(Path(folder) / f"mesh{suffix}")
         return [path.read_bytes() for path in sorted(Path(folder).iterdir())]
+
+
+def phantom(limb: modify.Limb, mode: modify.MirrorMode) -> list[object]:
+    """All but the times of three frames; in the third the intact limb is hidden."""
+    pipeline = modify.PhantomPipeline(limb, mode=mode)
+    kept: list[object] = []
+    for number in range(3):
+        result = pipeline.process(capsule_body.painted(number, hidden=number == 2))
+        fields = {f.name: getattr(result, f.name) for f in dataclasses.fields(result)}
+        kept.append({name: value for name, value in fields.items() if name != "seconds"})
+    return kept
 
 
 def velodyne(model: str) -> list[object]:
@@ -235,6 +248,8 @@ CASES: dict[str, Case] = {
         f"velodyne {model}": lambda _, model=model: velodyne(model)
         for model in ("hdl64e", "hdl32e", "vlp16", "vlp32c")
     },
+    "phantom arm": lambda _: phantom("right_arm", "reflection"),
+    "phantom leg": lambda _: phantom("left_leg", "paper"),
     "write obj": lambda _: written(pipe, ".obj"),
     "write ply": lambda _: written(pipe, ".ply"),
     "write off": lambda _: written(floor, ".off"),

@@ -1,7 +1,7 @@
 #!/bin/bash
 # Runs each fuzz target over its corpus, then EXECUTIONS times from a fixed seed.
 # usage: cpp/fuzz/run.sh EXECUTIONS [TARGET...]      TARGET: obj, mtl, ply, ...; default: all
-# Kernels (metrics, simplify, cs3, ...) run a tenth of that.
+# Kernels (metrics, simplify, cs3, phantom, ...) run a tenth of that.
 # Build first: cmake --preset fuzz && cmake --build --preset fuzz. FUZZ_BUILD names another folder.
 # Ends with 1 when a target found something; the input is left in the folder `findings`.
 set -u
@@ -29,7 +29,9 @@ for name in "$@"; do
   mkdir -p "$corpus"
   count=$(find "$corpus" -type f | wc -l)
   # Kernels are no parsers: each execution runs them several times over.
-  case $name in metrics | simplify | grid_delaunay | cs3 | detectors | attacks) runs=$((executions / 10)) ;; *) runs=$executions ;; esac
+  case $name in metrics | simplify | grid_delaunay | cs3 | detectors | attacks | phantom)
+    runs=$((executions / 10)) ;; *) runs=$executions ;;
+  esac
   dictionary=()
   [ -e "$here/$name.dict" ] && dictionary=("-dict=$here/$name.dict")
   # First the corpus as it stands, which holds every past finding; then new inputs.

@@ -1,41 +1,17 @@
 #include <gtest/gtest.h>
 
-#include <atomic>
 #include <cstdint>
-#include <cstdlib>
-#include <new>
 #include <vector>
 
+#include "allocations.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/simplify/cs3.hpp"
 
-namespace {
-
-std::atomic<std::int64_t> num_allocations = 0;
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-constexpr bool kCountsAllocations = false;  // sanitizers have operators of their own
-#else
-constexpr bool kCountsAllocations = true;
-#endif
-
-}  // namespace
-
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-// The hook: every allocation of the program is counted.
-void* operator new(std::size_t size) {
-  ++num_allocations;
-  if (void* memory = std::malloc(size == 0 ? 1 : size)) return memory;
-  throw std::bad_alloc();
-}
-void* operator new[](std::size_t size) { return ::operator new(size); }
-void operator delete(void* memory) noexcept { std::free(memory); }
-void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
-void operator delete[](void* memory) noexcept { std::free(memory); }
-void operator delete[](void* memory, std::size_t) noexcept { std::free(memory); }
-#endif
-
 namespace manip3d {
 namespace {
+
+using testing::kCountsAllocations;
+using testing::num_allocations;
 
 struct Arrays {
   std::vector<float> vertices, uvs;
@@ -83,12 +59,12 @@ TEST(Cs3, AllocatesNothingAfterTheTenthFrame) {
     options.max_edge = 0.1;
     options.distance_dependent = true;
     for (std::size_t frame = 0; frame < frames.size(); ++frame) {
-      const std::int64_t before = num_allocations;
+      const std::int64_t before = num_allocations();
       const DepthView depth{kHeight, kWidth, frames[frame].data(), nullptr};
       const Cs3Report report =
           cs3.run(RangeImage(depth, rays), options, &registration, out.buffers());
       if (frame >= 10) {
-        EXPECT_EQ(num_allocations, before) << "frame " << frame;
+        EXPECT_EQ(num_allocations(), before) << "frame " << frame;
       }
       EXPECT_LE(report.num_vertices, 1000);
       EXPECT_GE(report.num_vertices, 990);

@@ -7,6 +7,7 @@
 #include <cstddef>
 
 #include "modify/pixel_bounds.hpp"
+#include "modify/ray_at.hpp"
 
 namespace manip3d {
 namespace {
@@ -28,9 +29,7 @@ class Surface {
   Surface(const PixelRays& rays, const PhantomImage& image) : rays_(rays), image_(image) {}
 
   [[nodiscard]] Eigen::Vector3f point(std::int64_t u, std::int64_t v) const {
-    const float z = image_.depth[v * image_.cols + u];
-    const float ray_y = rays_.is_separable() ? *rays_.y(v) : rays_.y(v)[u];
-    return {rays_.x(v)[u] * z, ray_y * z, z};
+    return lift(rays_, u, v, image_.depth[v * image_.cols + u]);
   }
 
   /// Across the surface at a pixel, to either side of it; 0 where nothing is beside it.
@@ -279,16 +278,13 @@ std::int64_t fill_holes(const PixelBox& box, const PixelRays& rays, const Phanto
   const std::int64_t u1 = std::min(box.u0 + box.width, image.cols - 1);
   const std::int64_t v1 = std::min(box.v0 + box.height, image.rows - 1);
   const auto is_there = [&](std::int64_t p) { return image.kind[p] != PixelKind::kNone; };
-  const auto has_ray = [&](std::int64_t u, std::int64_t v) {
-    return rays.is_separable() || !std::isnan(rays.x(v)[u] + rays.y(v)[u]);
-  };
   const auto has_phantom = [&](const Pair& pair) {
     return pair.present && (is_phantom(image.kind[pair.a]) || is_phantom(image.kind[pair.b]));
   };
   for (std::int64_t v = v0; v < v1; ++v) {
     for (std::int64_t u = u0; u < u1; ++u) {
       const std::int64_t p = v * image.cols + u, up = p - image.cols, down = p + image.cols;
-      if (is_there(p) || !has_ray(u, v)) continue;
+      if (is_there(p) || !has_ray(rays, u, v)) continue;
       const Pair beside{p - 1, p + 1, is_there(p - 1) && is_there(p + 1)};
       const Pair above{up, down, is_there(up) && is_there(down)};
       if (!has_phantom(beside) && !has_phantom(above)) continue;

@@ -7,6 +7,7 @@
 
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/grid_mesh.hpp"
+#include "modify/ray_at.hpp"
 
 namespace manip3d {
 namespace {
@@ -159,9 +160,8 @@ void write_uvs(const PhantomImage& image, const PixelRays& rays, std::int64_t nu
     const std::int64_t pixel = out.pixels[2 * i + 1] * image.cols + out.pixels[2 * i];
     if (by_source && image.kind[pixel] != PixelKind::kBody) {
       const std::int64_t v = image.source[2 * pixel], u = image.source[2 * pixel + 1];
-      const float z = image.source_depth[pixel];
-      const float ray_y = rays.is_separable() ? *rays.y(v) : rays.y(v)[u];
-      point = {rays.x(v)[u] * z, ray_y * z, z};
+      const Eigen::Vector3f seen = lift(rays, u, v, image.source_depth[pixel]);
+      point = {seen.x(), seen.y(), seen.z()};
     }
     const auto uv = camera.uv(point[0], point[1], point[2]);
     std::copy_n(uv.begin(), 2, out.uvs + 2 * i);
@@ -174,8 +174,6 @@ std::int64_t write_points(const PhantomImage& image, const PixelBox& box, const 
                           const PhantomMeshBuffers& out, std::vector<std::int32_t>& vertex_of) {
   std::int64_t count = 0;
   for (std::int64_t v = box.v0; v < box.v0 + box.height; ++v) {
-    const float* ray_x = rays.x(v);
-    const float* ray_y = rays.y(v);
     for (std::int64_t u = box.u0; u < box.u0 + box.width; ++u) {
       const std::int64_t pixel = v * image.cols + u;
       if (image.kind[pixel] == PixelKind::kNone) continue;
@@ -183,11 +181,8 @@ std::int64_t write_points(const PhantomImage& image, const PixelBox& box, const 
         throw InputError("buffers: expected room for every pixel of person and phantom, got " +
                          std::to_string(out.capacity) + " vertices");
       }
-      const float z = image.depth[pixel];
-      float* point = out.vertices + 3 * count;
-      point[0] = ray_x[u] * z;
-      point[1] = (rays.is_separable() ? *ray_y : ray_y[u]) * z;
-      point[2] = z;
+      const Eigen::Vector3f point = lift(rays, u, v, image.depth[pixel]);
+      std::copy_n(point.data(), 3, out.vertices + 3 * count);
       out.pixels[2 * count] = static_cast<std::int32_t>(u);
       out.pixels[2 * count + 1] = static_cast<std::int32_t>(v);
       vertex_of[static_cast<std::size_t>(pixel)] = static_cast<std::int32_t>(count++);

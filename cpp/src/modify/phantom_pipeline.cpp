@@ -146,14 +146,11 @@ class PhantomPipeline::Workspace {
     const double time_s = seconds_of(input.time_ns);
     const PhantomImage image = image_of(input, out);
     const std::optional<Skeleton> person = find_key_person(input, time_s);
-    if (!person) {
-      points_.count = 0;
-      draw_person(points_, image);
+    segment(person, input, image, report);
+    if (points_.count == 0) {  // a phantom without a person would float in the air
       report.reason = PhantomReason::kNoPerson;
-      forget_phantom();
       return report;
     }
-    segment(*person, input, image, report);
     clock.end(PhantomStage::kSegmentation);
     if (!options_.keep_residual) {
       report.num_removed = remove_limb(points_, options_.affected, radius(), image);
@@ -275,12 +272,15 @@ class PhantomPipeline::Workspace {
     return is_arm(options_.affected) ? options_.arm_radius : options_.leg_radius;
   }
 
-  void segment(const Skeleton& person, const PhantomInput& input, const PhantomImage& image,
-               PhantomReport& report) {
-    update_frame(person);
-    find_person(input.depth, input.body_index, person, rays_, options_.mask, points_);
-    segment_bones(frame_ ? body_bones(person, options_.affected, mirror_) : body_bones(person),
-                  points_);
+  void segment(const std::optional<Skeleton>& person, const PhantomInput& input,
+               const PhantomImage& image, PhantomReport& report) {
+    points_.count = 0;
+    if (person) {
+      update_frame(*person);
+      find_person(input.depth, input.body_index, *person, rays_, options_.mask, points_);
+      segment_bones(frame_ ? body_bones(*person, options_.affected, mirror_) : body_bones(*person),
+                    points_);
+    }
     draw_person(points_, image);
     report.num_person = points_.count;
   }

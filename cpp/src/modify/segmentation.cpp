@@ -9,6 +9,7 @@
 #include "manip3d/error.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
 #include "modify/pixel_bounds.hpp"
+#include "modify/ray_at.hpp"
 
 namespace manip3d {
 namespace {
@@ -111,12 +112,11 @@ class Collector {
     const float z = depth_.millimetres != nullptr
                         ? static_cast<float>(depth_.millimetres[pixel]) / 1000.0F
                         : depth_.metres[pixel];
-    const float x = rays_.x(v)[u] * z, y = (rays_.is_separable() ? *rays_.y(v) : rays_.y(v)[u]) * z;
-    const float sum = x + y;
-    if (sum != sum) return;  // a pixel that has no ray
+    if (!has_ray(rays_, u, v)) return;
+    const Eigen::Vector3f p = lift(rays_, u, v, z);
     const auto i = static_cast<std::size_t>(points_.count++);
-    points_.x[i] = x;
-    points_.y[i] = y;
+    points_.x[i] = p.x();
+    points_.y[i] = p.y();
     points_.z[i] = z;
     points_.pixel[i] = static_cast<std::int32_t>(pixel);
     bounds_.add(u, v);

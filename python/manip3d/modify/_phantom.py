@@ -54,7 +54,7 @@ class PhantomReason(enum.StrEnum):
     """Why the intact limb is not mirrored."""
 
     NONE = "none"  #: it is
-    NO_PERSON = "no_person"  #: the key person's skeleton is not there
+    NO_PERSON = "no_person"  #: the key person's skeleton, or its pixels, are not there
     NO_PLANE = "no_plane"  #: the axes of the body never were there
     OCCLUDED = "occluded"  #: too little of the limb is seen
     INFERRED = "inferred"  #: a joint of it was guessed for too long

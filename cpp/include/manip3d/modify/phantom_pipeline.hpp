@@ -104,10 +104,10 @@ struct PhantomReport {
 ///
 /// While the intact limb cannot be mirrored (less than `least_visible` of it is seen, a joint of it
 /// is inferred for more than `inferred_seconds`, or the skeleton is gone) the last phantom is held
-/// in the body's frame, then fades. Degenerate body axes keep those of the last frame. A frame that
-/// is no newer than the last one is counted and passed over, unless it is more than a second older:
-/// then a new recording begins. An object keeps its memory and allocates nothing after the first
-/// frame of a camera.
+/// in the body's frame, then fades; where no pixel of the person is left, it is not drawn.
+/// Degenerate body axes keep those of the last frame. A frame that is no newer than the last one is
+/// counted and passed over, unless it is more than a second older: then a new recording begins. An
+/// object keeps its memory and allocates nothing after the first frame of a camera.
 class PhantomPipeline {
  public:
   /// @throws InputError  an option out of range.

@@ -1,0 +1,144 @@
+"""The phantom limb, stage by stage, beside table 4.1: simulated people at 8, 10 and 12 feet.
+
+``python benchmarks/bench_phantom.py [--rounds N] [--frames N]`` writes the section `phantom` of
+RESULTS.md. One thread pinned to one core. Stages: of many rounds the least wall time of each frame,
+averaged over the frames, as other work on the machine only ever adds time. Whole call: processor
+time of `PhantomPipeline.process` from Python, into arrays that are there, mean and 99th percentile
+over all calls.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from measuring import one_thread
+
+if TYPE_CHECKING:
+    from manip3d import RgbdFrame
+
+ROWS = {  # of the published table: its names and ours
+    "point cloud segmentation": "segmentation",
+    "removal of points": "removal",
+    "mirroring the intact limb": "mirroring",
+    "hole filling": "hole filling",
+    "phantom skeleton generation": "phantom skeleton",
+    "point cloud generation": "point cloud",
+    "textured mesh generation": "textured mesh",
+}
+DISTANCES = (8, 10, 12)
+LIMBS = ("right_arm", "right_leg")
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Milliseconds of one recording."""
+
+    points: float
+    triangles: float
+    stages: dict[str, float]
+    mean: float
+    p99: float
+
+
+def recording(limb: str, feet: int, frames: int) -> list[RgbdFrame]:
+    """A person without the limb, who exercises the other one, as a Kinect V2 sees it."""
+    from manip3d.simulate import BodySimulator
+
+    motion = "arm-raise" if limb.endswith("arm") else "stepping"
+    simulator = BodySimulator(
+        motion=motion, amputated=limb, distance=0.3048 * feet, colour="full", frames=frames
+    )
+    return list(simulator)
+
+
+def profile(limb: str, frames: list[RgbdFrame], rounds: int) -> Profile:
+    """Runs the recording many times."""
+    import numpy as np
+
+    from manip3d.modify import PhantomPipeline
+    from manip3d.modify._phantom import _Buffers
+
+    pipeline = PhantomPipeline(limb)  # type: ignore[arg-type]
+    buffers = _Buffers.of_size(*frames[0].depth.shape)
+    stages = {name: np.full(len(frames), np.inf) for name in ROWS.values()}
+    calls, points, triangles = [], 0, 0
+    for _ in range(rounds):
+        pipeline.reset()
+        for k, frame in enumerate(frames):
+            start = time.thread_time()
+            report: dict[str, Any] = pipeline._core.process(
+                frame.depth,
+                frame.body_index,
+                frame.calibration.depth,
+                frame.calibration.registration,
+                frame.skeletons,
+                frame.time,
+                frame.number,
+                buffers,
+            )
+            calls.append(time.thread_time() - start)
+            for name, seconds in report["seconds"].items():
+                stages[name][k] = min(stages[name][k], seconds)
+            points += report["num_points"]
+            triangles += report["num_triangles"]
+    least = {name: 1e3 * float(seconds.mean()) for name, seconds in stages.items()}
+    mean, p99 = 1e3 * float(np.mean(calls)), 1e3 * float(np.quantile(calls, 0.99))
+    return Profile(points / len(calls), triangles / len(calls), least, mean, p99)
+
+
+def published() -> dict[str, list[float]]:
+    """Table 4.1, milliseconds by row."""
+    from importlib.resources import files
+
+    name = "table_4_1_phantom_limb_ms.csv"
+    text = files("manip3d.experiments.published").joinpath(name).read_text(encoding="utf-8")
+    rows = list(csv.reader(text.splitlines()))[1:]
+    return {row[0]: [float(value) for value in row[1:]] for row in rows}
+
+
+def main() -> None:
+    """Measure and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=170)
+    parser.add_argument("--frames", type=int, default=60)
+    options = parser.parse_args()
+    one_thread()
+    import tables
+
+    printed = published()
+    columns = [(limb, feet) for feet in DISTANCES for limb in LIMBS]
+    found = {
+        key: profile(key[0], recording(*key, options.frames), options.rounds) for key in columns
+    }
+    head = ["Milliseconds"]
+    for feet in DISTANCES:
+        head += [f"published, {feet} ft", *(limb.replace("_", " ") for limb in LIMBS)]
+    body = []
+    for row, stage in [*ROWS.items(), ("total", "")]:
+        line = [row]
+        for k, feet in enumerate(DISTANCES):
+            line.append(f"{printed[row][k]:g}")
+            for limb in LIMBS:
+                stages = found[limb, feet].stages
+                value = stages[stage] if stage else sum(stages.values())
+                line.append(f"{value:.4f}")
+        body.append(line)
+    for name, text in (
+        ("whole call, mean", lambda p: f"{p.mean:.2f}"),
+        ("whole call, p99", lambda p: f"{p.p99:.2f}"),
+        ("points", lambda p: f"{p.points:,.0f}"),
+        ("triangles", lambda p: f"{p.triangles:,.0f}"),
+    ):
+        line = [name]
+        for feet in DISTANCES:
+            line += ["", *(text(found[limb, feet]) for limb in LIMBS)]
+        body.append(line)
+    tables.write_section("phantom", tables.table(head, body))
+
+
+if __name__ == "__main__":
+    main()

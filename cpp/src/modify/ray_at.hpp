@@ -1,0 +1,24 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cmath>
+#include <cstdint>
+
+#include "manip3d/geometry/camera.hpp"
+
+namespace manip3d {
+
+/// The point of a pixel at depth z.
+inline Eigen::Vector3f lift(const PixelRays& rays, std::int64_t u, std::int64_t v, float z) {
+  const float y = rays.is_separable() ? *rays.y(v) : rays.y(v)[u];
+  return {rays.x(v)[u] * z, y * z, z};
+}
+
+/// Does a pixel look anywhere? Not where its ray is NaN or nearly square to the camera's axis.
+inline bool has_ray(const PixelRays& rays, std::int64_t u, std::int64_t v) {
+  constexpr float kSteepest = 1e3F;
+  const Eigen::Vector3f ray = lift(rays, u, v, 1.0F);
+  return std::abs(ray.x()) + std::abs(ray.y()) < kSteepest;
+}
+
+}  // namespace manip3d

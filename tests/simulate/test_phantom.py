@@ -1,0 +1,131 @@
+"""The phantom limb against the simulator's truth: its whole body, the intact limb reflected."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from manip3d.metrics import closest_points
+from manip3d.modify import PhantomFrame, PhantomPipeline, PhantomReason, PhantomState, PixelKind
+from manip3d.rgbd import MIRRORED_JOINTS
+from manip3d.simulate import BodySimulator
+from manip3d.simulate._figure import LIMBS
+from manip3d.simulate.people import BodyCapture
+
+pytest.importorskip("open3d")
+
+CASES = [
+    ("right_arm", "arm-raise"),
+    ("left_arm", "arm-curl"),
+    ("right_leg", "stepping"),
+    ("left_leg", "knee-extension"),
+]
+
+
+def simulated(**options: Any) -> BodySimulator:
+    return BodySimulator(colour="none", room=False, **options)
+
+
+def with_true_joints(capture: BodyCapture) -> BodyCapture:
+    seen = capture.frame.skeletons[0]
+    true = replace(seen, positions=capture.truth.joints)
+    return replace(capture, frame=replace(capture.frame, skeletons=(true,)))
+
+
+def points_of(result: PhantomFrame, kinds: tuple[PixelKind, ...]) -> NDArray[np.float64]:
+    u, v = result.pixels[: result.num_points].T
+    chosen = np.isin(result.kinds[v, u], kinds)
+    return result.vertices[: result.num_points][chosen].astype(np.float64)
+
+
+def errors_of(result: PhantomFrame, capture: BodyCapture, limb: str) -> NDArray[np.float64]:
+    """Distances of the mirrored points to the limb that ought to be there."""
+    points = points_of(result, (PixelKind.PHANTOM, PixelKind.AWAY))
+    return closest_points(capture.truth.phantom(limb), points).distance  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("turn", [0.0, 10.0, 30.0, 45.0])
+@pytest.mark.parametrize(("limb", "motion"), CASES)
+def test_true_joints_and_depth_give_the_limb(limb: Any, motion: str, turn: float) -> None:
+    capture = with_true_joints(
+        simulated(motion=motion, amputated=limb, turn=turn, noise=0.0).capture(1.0)
+    )
+    result = PhantomPipeline(limb, smoothing=None).process(capture.frame)
+    assert result.state is PhantomState.TRACKING
+    errors = errors_of(result, capture, limb)
+    assert len(errors) > 200
+    assert np.median(errors) <= 0.005  # (a)
+    flat = PhantomPipeline(limb, smoothing=None, mode="2d").process(capture.frame)
+    if turn >= 30:
+        assert np.median(errors_of(flat, capture, limb)) > 4 * np.median(errors)
+    joints = list(LIMBS[limb][:4])
+    lengths = np.linalg.norm(np.diff(result.skeleton.positions[joints], axis=0), axis=1).sum()
+    true = np.linalg.norm(np.diff(capture.truth.joints[joints], axis=0), axis=1).sum()
+    assert lengths == pytest.approx(true, rel=0.01)
+
+
+@pytest.mark.parametrize(("limb", "motion"), CASES)
+def test_noise_of_the_sensor_is_all_that_is_added(limb: Any, motion: str) -> None:
+    capture = with_true_joints(simulated(motion=motion, amputated=limb).capture(1.0))
+    result = PhantomPipeline(limb, smoothing=None).process(capture.frame)
+    errors = errors_of(result, capture, limb)
+    i, j = result.source[np.isin(result.kinds, (PixelKind.PHANTOM, PixelKind.AWAY))].T
+    camera = capture.frame.calibration.depth
+    z = capture.frame.depth[i, j] / 1000.0
+    own = np.stack([(j - camera.cx) / camera.fx * z, (i - camera.cy) / camera.fy * z, z], axis=1)
+    side, part = limb.split("_")
+    intact = f"{'left' if side == 'right' else 'right'}_{part}"
+    noise = closest_points(capture.truth.limb(intact), own).distance  # type: ignore[arg-type]
+    assert np.median(errors) <= 0.005 + np.median(noise)  # (b)
+
+
+@pytest.mark.parametrize("limb", ["left_arm", "right_arm", "left_leg", "right_leg"])
+def test_sources_are_exact_where_nothing_is_filled(limb: Any) -> None:
+    capture = simulated(motion="still", noise=0.0).capture(0.0)
+    result = PhantomPipeline(limb, smoothing=None).process(capture.frame)
+    drawn = result.kinds == PixelKind.PHANTOM
+    i, j = result.source[drawn].T
+    intact = [MIRRORED_JOINTS[bone] for bone in np.unique(result.labels[drawn])]
+    labels = result.labels[i, j]
+    # What another body part covers was mirrored before it was covered.
+    assert np.isin(labels, intact).mean() > 0.99
+    assert (capture.frame.body_index[i, j] == 0).all()  # type: ignore[index]
+
+
+def test_occlusion_is_said_and_bridged() -> None:
+    simulator = simulated(motion="arm-raise", amputated="right_arm", occluder=(0.5, 2.0), frames=75)
+    pipeline = PhantomPipeline("right_arm")
+    results = [pipeline.process(frame) for frame in simulator]
+    states = [result.state for result in results]
+    assert set(states[:15]) == {PhantomState.TRACKING}
+    assert states[20] is PhantomState.HOLDING
+    assert results[20].reason in (PhantomReason.OCCLUDED, PhantomReason.INFERRED)
+    assert PhantomState.FADING in states
+    assert states[50] is PhantomState.LOST
+    assert states[-1] is PhantomState.TRACKING
+
+
+def test_a_second_without_a_skeleton() -> None:
+    simulator = simulated(motion="still", amputated="right_arm", lost=(0.5, 1.5), frames=60)
+    pipeline = PhantomPipeline("right_arm")
+    results = [pipeline.process(frame) for frame in simulator]
+    assert all(r.state is PhantomState.TRACKING for r in (*results[:15], *results[46:]))
+    lost = results[16:44]
+    assert all(r.reason is PhantomReason.NO_PERSON for r in lost)
+    assert all(r.state is not PhantomState.TRACKING for r in lost)
+
+
+def test_smoothing_steadies_the_hand() -> None:
+    """(c) of the page: joints that jitter by 1 cm move the hand by more; filters make it less."""
+    simulator = simulated(motion="still", jitter=0.01, frames=40)
+    spread = []
+    for smoothing in (None, "default", "seated"):
+        pipeline = PhantomPipeline("right_arm", smoothing=smoothing)  # type: ignore[arg-type]
+        hands = [pipeline.process(frame).skeleton.positions[11] for frame in simulator]
+        spread.append(np.std(hands[10:], axis=0).max())
+    assert spread[0] > 0.03
+    assert spread[2] < 0.7 * spread[1] < 0.7 * spread[0]
