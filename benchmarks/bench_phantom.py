@@ -43,6 +43,15 @@ class Profile:
     mean: float
     p99: float
 
+    def summary(self) -> dict[str, str]:
+        """What stands below the stages."""
+        return {
+            "whole call, mean": f"{self.mean:.2f}",
+            "whole call, p99": f"{self.p99:.2f}",
+            "points": f"{self.points:,.0f}",
+            "triangles": f"{self.triangles:,.0f}",
+        }
+
 
 def recording(limb: str, feet: int, frames: int) -> list[RgbdFrame]:
     """A person without the limb, who exercises the other one, as a Kinect V2 sees it."""
@@ -127,15 +136,11 @@ def main() -> None:
                 value = stages[stage] if stage else sum(stages.values())
                 line.append(f"{value:.4f}")
         body.append(line)
-    for name, text in (
-        ("whole call, mean", lambda p: f"{p.mean:.2f}"),
-        ("whole call, p99", lambda p: f"{p.p99:.2f}"),
-        ("points", lambda p: f"{p.points:,.0f}"),
-        ("triangles", lambda p: f"{p.triangles:,.0f}"),
-    ):
+    summaries = {key: p.summary() for key, p in found.items()}
+    for name in summaries[columns[0]]:
         line = [name]
         for feet in DISTANCES:
-            line += ["", *(text(found[limb, feet]) for limb in LIMBS)]
+            line += ["", *(summaries[limb, feet][name] for limb in LIMBS)]
         body.append(line)
     tables.write_section("phantom", tables.table(head, body))
 
