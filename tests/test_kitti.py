@@ -12,6 +12,7 @@ import pytest
 from manip3d import FormatError, InputError, LidarFrame
 from manip3d.datasets import KittiDrive, open_kitti
 from manip3d.datasets.kitti import parse_time
+from manip3d.lidar import Box
 
 DATA = os.environ.get("MANIP3D_DATA")
 LIDAR = Path(DATA or "") / "lidar"
@@ -235,3 +236,55 @@ def test_real_drive_in_time() -> None:
     steps = np.diff(np.array(times, dtype=np.float64))
     assert len(times) == 20
     assert np.all((steps > 0.09) & (steps < 0.12))
+
+
+TRACKLETS = """<?xml version="1.0" encoding="UTF-8" standalone="yes" ?>
+<!DOCTYPE boost_serialization>
+<boost_serialization signature="serialization::archive" version="9">
+<tracklets class_id="0" tracking_level="0" version="0">
+<count>2</count><item_version>1</item_version>
+<item class_id="1" tracking_level="0" version="1">
+<objectType>Car</objectType><h>1.5</h><w>1.75</w><l>4</l><first_frame>0</first_frame>
+<poses class_id="2" tracking_level="0" version="0"><count>2</count><item_version>2</item_version>
+<item><tx>10</tx><ty>2</ty><tz>-1.75</tz><rx>0</rx><ry>0</ry><rz>0.5</rz><state>2</state></item>
+<item><tx>11</tx><ty>2</ty><tz>-1.75</tz><rx>0</rx><ry>0</ry><rz>0.25</rz><state>2</state></item>
+</poses><finished>1</finished></item>
+<item><objectType>Pedestrian</objectType><h>1.8</h><w>0.6</w><l>0.5</l><first_frame>1</first_frame>
+<poses><count>1</count><item_version>2</item_version>
+<item><tx>5</tx><ty>-1</ty><tz>-1.8</tz><rx>0</rx><ry>0</ry><rz>-1</rz></item>
+</poses><finished>1</finished></item>
+</tracklets></boost_serialization>
+"""
+
+
+def test_tracklets_of_a_raw_drive(tmp_path: Path) -> None:
+    drive_path = write_raw(tmp_path)
+    assert open_kitti(drive_path)[0].boxes() == ()
+    (drive_path / "tracklet_labels.xml").write_text(TRACKLETS)
+    drive = open_kitti(drive_path)
+    # The place of a tracklet is the middle of the bottom.
+    assert drive.tracklets[0] == (Box((10.0, 2.0, -1.0), (4.0, 1.75, 1.5), 0.5, "Car", 0),)
+    second = drive.tracklets[1]
+    assert [(box.label, box.track) for box in second] == [("Car", 0), ("Pedestrian", 1)]
+    assert second[1].center == pytest.approx((5.0, -1.0, -0.9))
+    assert set(drive.tracklets) == {0, 1}
+    frame = drive[0]
+    assert frame.boxes() == drive.tracklets.get(int(frame.name), ())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("<h>1.5</h>", "<h>tall</h>", "h, w, l: expected finite numbers"),
+        ("<h>1.5</h>", "", "h, w, l: expected finite numbers"),
+        ("<tx>10</tx>", "<tx>inf</tx>", "tx, ty, tz, rz"),
+        ("tracklets", "tricklets", "expected an element tracklets"),
+        ("</item>", "", "not well-formed"),
+        ("<!DOCTYPE boost_serialization>", '<!DOCTYPE a [<!ENTITY b "c">]>', "entities"),
+    ],
+)
+def test_damaged_tracklets(tmp_path: Path, old: str, new: str, message: str) -> None:
+    drive = write_raw(tmp_path)
+    (drive / "tracklet_labels.xml").write_text(TRACKLETS.replace(old, new))
+    with pytest.raises(FormatError, match=message):
+        open_kitti(drive)[0].boxes()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from manip3d import read_scan
 
@@ -57,3 +58,36 @@ def test_fields_of_the_real_scans() -> None:
     pump = read_scan(LIDAR / "tls/pump_room_e57.ply.xz")
     assert (pump.fields["row"].max(), pump.fields["column"].max()) == (1073, 344)
     assert pump.intensity is not None
+
+
+def test_poses_of_3dtk_bring_its_scans_together() -> None:
+    """Positions and angles (R = Rx Ry Rz, as 3DTK's own EulerToMatrix4 has it) lead from a scan's
+    coordinates to the common ones: walls meet, and with angles the other way round they do not."""
+    frames = [read_scan(LIDAR / "tls" / "3dtk_dat" / f"scan00{i}.3d.xz") for i in (1, 2)]
+    poses = [frame.format.header["pose"] for frame in frames if frame.format is not None]
+    clouds = [frame.points[np.linalg.norm(frame.points, axis=1) > 0.5] for frame in frames]
+
+    def gap(inverted: bool) -> float:
+        """Median distance from the planes of the other scan, metres."""
+        turns = [pose[:3, :3].T if inverted else pose[:3, :3] for pose in poses]
+        placed = [
+            cloud.astype(np.float64) @ turn.T + pose[:3, 3]
+            for cloud, turn, pose in zip(clouds, turns, poses, strict=True)
+        ]
+        tree = cKDTree(placed[0])
+        patch = placed[0][tree.query(placed[0][::5], 12)[1]]
+        middle = patch.mean(axis=1)
+        spread, axes = np.linalg.eigh(
+            np.einsum("mki,mkj->mij", patch - middle[:, None], patch - middle[:, None])
+        )
+        flat = spread[:, 0] < 0.02 * spread[:, 1]
+        distance, nearest = cKDTree(middle[flat]).query(placed[1])
+        near = distance < 0.2
+        offset = placed[1][near] - middle[flat][nearest[near]]
+        return float(
+            np.median(np.abs(np.einsum("ij,ij->i", offset, axes[flat][nearest[near]][:, :, 0])))
+        )
+
+    right, wrong = gap(False), gap(True)
+    assert right < 0.02
+    assert wrong > 2.5 * right

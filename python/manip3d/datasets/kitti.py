@@ -6,6 +6,8 @@ compressed (``.bin.xz``). Nothing is read before it is asked for.
 
 from __future__ import annotations
 
+import functools
+import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -15,11 +17,14 @@ from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
+from manip3d._safe_xml import parse_xml
 from manip3d._scan_files import read_scan, scan_paths
 from manip3d.errors import FormatError, InputError
 from manip3d.lidar import Box, LidarFrame
 
 if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
     from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["KittiCalibration", "KittiDrive", "KittiFrame", "open_kitti"]
@@ -145,9 +150,17 @@ class KittiFrame:
         return read_calibration(folder / f"{self.name}.txt" if self.drive.per_frame else folder)
 
     def boxes(self) -> tuple[Box, ...]:
-        """Labelled objects, in the LiDAR frame; none where there are no labels."""
+        """Labelled objects, in the LiDAR frame; none where there are no labels.
+
+        From ``label_2``, else from a raw drive's ``tracklet_labels.xml``.
+
+        Raises
+        ------
+        FormatError
+            The labels are damaged; names the file.
+        """
         if self.label_path is None:
-            return ()
+            return self.drive.tracklets.get(int(self.name) if self.name.isdecimal() else -1, ())
         return read_labels(self.label_path, self.calibration())
 
 
@@ -163,6 +176,8 @@ class KittiDrive:
         File or folder for `read_calibration`.
     per_frame : bool
         Whether ``calibration_path`` holds a file per frame.
+    tracklet_path : Path or None
+        ``tracklet_labels.xml`` of a raw drive.
     """
 
     def __init__(self, path: Path, *, calibration: Path | None = None) -> None:
@@ -175,8 +190,14 @@ class KittiDrive:
                 f"{path}: expected a folder with velodyne_points/data or velodyne, found neither"
             )
         self.calibration_path, self.per_frame = _find_calibration(path, calibration)
+        self.tracklet_path = _first([path / "tracklet_labels.xml"])
         self._scans = tuple(scan_paths(self.scan_folder))
         self._times = _times(path, raw)
+
+    @functools.cached_property
+    def tracklets(self) -> Mapping[int, tuple[Box, ...]]:
+        """Boxes by frame number, of ``tracklet_labels.xml``; empty where there is none."""
+        return {} if self.tracklet_path is None else read_tracklets(self.tracklet_path)
 
     def __len__(self) -> int:
         return len(self._scans)
@@ -313,6 +334,43 @@ def read_labels(path: Path, calibration: KittiCalibration) -> tuple[Box, ...]:
             )
         )
     return tuple(boxes)
+
+
+def read_tracklets(path: Path) -> dict[int, tuple[Box, ...]]:
+    """Read ``tracklet_labels.xml`` of a raw drive: boxes in the LiDAR frame, by frame number.
+
+    Raises
+    ------
+    FormatError
+        No well-formed XML of KITTI's tracklets, or a number that is none.
+    """
+    tracklets = parse_xml(path).find("tracklets")
+    if tracklets is None:
+        raise FormatError("expected an element tracklets, found none", file=str(path))
+    found: dict[int, list[Box]] = {}
+    for track, item in enumerate(tracklets.findall("item")):
+        height, width, length = _numbers(item, ("h", "w", "l"), path)
+        (first,) = _numbers(item, ("first_frame",), path)
+        label = (item.findtext("objectType") or "").strip()
+        for frame, pose in enumerate(item.findall("poses/item"), round(first)):
+            # The place is the middle of the bottom face; people turned boxes about z only.
+            x, y, z, yaw = _numbers(pose, ("tx", "ty", "tz", "rz"), path)
+            box = Box((x, y, z + height / 2.0), (length, width, height), yaw, label, track)
+            found.setdefault(frame, []).append(box)
+    return {frame: tuple(boxes) for frame, boxes in found.items()}
+
+
+def _numbers(element: Element, names: tuple[str, ...], path: Path) -> list[float]:
+    texts = [element.findtext(name) for name in names]
+    try:
+        values = [float(text) if text is not None else math.nan for text in texts]
+    except ValueError:
+        values = [math.nan]
+    if not all(map(math.isfinite, values)):
+        raise FormatError(
+            f"{', '.join(names)}: expected finite numbers, got {texts}", file=str(path)
+        )
+    return values
 
 
 def _matrices(path: Path) -> dict[str, NDArray[np.float64]]:
