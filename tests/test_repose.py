@@ -92,8 +92,8 @@ def test_wrong_arguments_are_named() -> None:
     assert modify.repose([], lost) is None
     core = _core.ReposeOptions()
     parameters = inspect.signature(modify.repose).parameters
-    for name in ("blended", "band", "num_threads"):
-        assert parameters[name].default == getattr(core, name)
+    for name, option in (("blended", "blended"), ("band", "band"), ("threads", "num_threads")):
+        assert parameters[name].default == getattr(core, option)
 
 
 @pytest.mark.realdata

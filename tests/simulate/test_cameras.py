@@ -53,7 +53,7 @@ def in_picture(scan: LidarScan, border: int) -> tuple[NDArray[np.int64], Doubles
 
 
 def test_same_seed_same_pictures_whatever_the_threads(place: Street, pair: StereoPair) -> None:
-    again = stereo_pair(street(3), TIME, num_threads=1)
+    again = stereo_pair(street(3), TIME, threads=1)
     for field in ("left", "right", "depth", "object"):
         np.testing.assert_array_equal(getattr(pair, field), getattr(again, field))
     assert (stereo_pair(place, TIME, rng=1).left != pair.left).any()

@@ -33,8 +33,8 @@ def scans(streets: list[Street]) -> list[LidarScan]:
 
 
 def test_same_seed_same_sweep_whatever_the_threads(streets: list[Street]) -> None:
-    first = hdl64e(street(SEEDS[0]), 2.0, rng=7, num_threads=1)
-    again = hdl64e(streets[0], 2.0, rng=7, num_threads=2)
+    first = hdl64e(street(SEEDS[0]), 2.0, rng=7, threads=1)
+    again = hdl64e(streets[0], 2.0, rng=7, threads=2)
     for field in FIELDS:
         np.testing.assert_array_equal(getattr(first, field), getattr(again, field))
     other = hdl64e(streets[0], 2.0, rng=8)

@@ -327,7 +327,7 @@ def test_an_address_opens_the_simulator() -> None:
     source = open_source(
         "sim:body?motion=wave&amputated=left-arm&distance=3.05&lost=1:2.5&stripes=yes&frames=7"
         "&sitting=no&seed=4",
-        num_threads=1,
+        threads=1,
     )
     assert source == BodySimulator(
         motion="wave",
@@ -338,7 +338,7 @@ def test_an_address_opens_the_simulator() -> None:
         frames=7,
         sitting=False,
         seed=4,
-        num_threads=1,
+        threads=1,
     )
     assert source.calibration.depth is DEPTH_CAMERA
     assert len(source) == 7

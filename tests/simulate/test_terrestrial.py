@@ -65,7 +65,7 @@ def test_each_kind_of_scene_shows_many_things(name: str) -> None:
 
 def test_same_seed_same_scan_whatever_the_threads(street: scenes.Scene) -> None:
     first, again, other = (
-        terrestrial_scan(street, resolution_deg=2.0, rng=seed, num_threads=threads)
+        terrestrial_scan(street, resolution_deg=2.0, rng=seed, threads=threads)
         for seed, threads in ((3, 1), (3, 2), (4, 2))
     )
     for field in FIELDS:

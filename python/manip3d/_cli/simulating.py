@@ -60,7 +60,7 @@ def _street(
             number=seed % 10_000,
             pictures=pictures,
             rng=seed,
-            num_threads=threads,
+            threads=threads,
             overwrite=force,
             progress=progress,
         )
@@ -81,7 +81,7 @@ def _scan(
             scenes.make(name),
             resolution_deg=resolution,
             rng=seed,
-            num_threads=threads,
+            threads=threads,
             progress=progress,
         )
         scan.frame.write(output)

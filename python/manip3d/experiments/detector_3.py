@@ -114,8 +114,7 @@ def _street_frames(seed: int) -> tuple[Points, ...]:
     end = min(place.duration, 20.0)
     times = [end * (i + 0.5) / FRAMES_PER_STREET for i in range(FRAMES_PER_STREET)]
     return tuple(
-        hdl64e(place, time, rng=1000 * seed + i, num_threads=1).points
-        for i, time in enumerate(times)
+        hdl64e(place, time, rng=1000 * seed + i, threads=1).points for i, time in enumerate(times)
     )
 
 

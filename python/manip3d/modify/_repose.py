@@ -10,6 +10,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._arrays import rows
+from manip3d._options import threads_of
 from manip3d.errors import InputError
 from manip3d.rgbd import JOINTS, Skeleton
 
@@ -48,7 +49,7 @@ def repose(
     rest: Skeleton | None = None,
     blended: bool = True,
     band: float = 0.08,
-    num_threads: int = 0,
+    threads: int = 0,
 ) -> Reposed | None:
     """Turn joints of a person further, or less far, from rest than they are.
 
@@ -72,8 +73,8 @@ def repose(
         with its nearest bone, and the skin opens at joints.
     band : float, metres
         Width over which bones are blended.
-    num_threads : int
-        0: all.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores.
 
     Returns
     -------
@@ -99,7 +100,7 @@ def repose(
     options.limit = _by_joint(
         {name: np.deg2rad(limit) for name, limit in (limits or {}).items()}, options.limit, "limits"
     )
-    options.blended, options.band, options.num_threads = bool(blended), band, num_threads
+    options.blended, options.band, options.num_threads = bool(blended), band, threads_of(threads)
     moved = _core.repose(rows(points, 3, dtype, "vertices"), skeleton, rest, options)
     return None if moved is None else Reposed(moved[0], Skeleton(**moved[1]))
 

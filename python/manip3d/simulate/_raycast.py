@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from manip3d._options import threads_of
 from manip3d.errors import Error, MissingExtraError
 
 Floats = NDArray[np.float32]
@@ -61,19 +62,19 @@ class RayCaster:
         )
         self._scene.cast_rays(self._tensor(np.zeros((1, 6), np.float32)))  # builds it now
 
-    def cast(self, origins: Floats, directions: Floats, *, num_threads: int = 0) -> Hits:
+    def cast(self, origins: Floats, directions: Floats, *, threads: int = 0) -> Hits:
         """First hits of N rays, at most `CHUNK` for a prompt Ctrl-C.
 
         Parameters
         ----------
         origins : (N, 3) or (3,) float32
         directions : (N, 3) float32
-        num_threads : int
-            0: all cores. The result does not depend on it.
+        threads : int
+            0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
         """
         rays = np.empty((len(directions), 6), np.float32)
         rays[:, :3], rays[:, 3:] = origins, directions
-        found = self._scene.cast_rays(self._tensor(rays), nthreads=num_threads)
+        found = self._scene.cast_rays(self._tensor(rays), nthreads=threads_of(threads))
         return Hits(
             found["t_hit"].numpy(),
             found["primitive_ids"].numpy(),

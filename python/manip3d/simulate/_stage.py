@@ -123,7 +123,7 @@ class Stage:
         times: Floats | float,
         *,
         subsets: Sequence[NDArray[np.int64]] | None = None,
-        num_threads: int = 0,
+        threads: int = 0,
     ) -> StageHits:
         """First hits of N rays, each at its own time.
 
@@ -135,9 +135,9 @@ class Stage:
         times : (N,) float32 or float, seconds
         subsets : sequence of (K,) int64, optional
             For each mover the rays that may meet it; else found from its bounding sphere.
-        num_threads : int
+        threads : int
         """
-        static = self._caster.cast(origins, directions, num_threads=num_threads)
+        static = self._caster.cast(origins, directions, threads=threads)
         face = static.face.astype(np.int64)
         missed = static.face == NO_FACE
         face[missed] = 0
@@ -151,7 +151,7 @@ class Stage:
                 else subsets[index]
             )
             if rays.size:
-                self._merge(hits, index, rays, origins, directions, times, num_threads)
+                self._merge(hits, index, rays, origins, directions, times, threads)
         return hits
 
     @staticmethod
@@ -176,7 +176,7 @@ class Stage:
         origins: Floats,
         directions: Floats,
         times: Floats | float,
-        num_threads: int,
+        threads: int,
     ) -> None:
         """Hits of one mover that lie before what was hit so far."""
         mover = self.movers[index]
@@ -187,7 +187,7 @@ class Stage:
         shift = np.array(mover.start, np.float32) + _moved(mover, moment)
         key = id(mover.model)
         found = self._casters[key].cast(
-            (origin - shift) @ to_mover, directions[rays] @ to_mover, num_threads=num_threads
+            (origin - shift) @ to_mover, directions[rays] @ to_mover, threads=threads
         )
         nearer = found.distance < hits.distance[rays]
         mine = rays[nearer]

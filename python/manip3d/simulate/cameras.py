@@ -87,7 +87,7 @@ def stereo_pair(
     time: float = 0.0,
     *,
     rng: Rng = 0,
-    num_threads: int = 0,
+    threads: int = 0,
 ) -> StereoPair:
     """What the cameras of the car see at a time: one ray a pixel, in the middle of the pixel.
 
@@ -98,8 +98,9 @@ def stereo_pair(
         When the LiDAR looks ahead, as in KITTI.
     rng : int, numpy.random.Generator or None
         Noise of the pictures.
-    num_threads : int
-        Of the ray casting; 0: all cores. The result does not depend on it.
+    threads : int
+        Of the ray casting; 0: ``MANIP3D_THREADS``, else all cores. The result does not depend on
+        it.
 
     Raises
     ------
@@ -122,7 +123,7 @@ def stereo_pair(
     ]
 
     def draw(eye: int) -> tuple[NDArray[np.uint8], Floats, NDArray[np.int32]]:
-        return _picture(stage, eyes[eye], turn, aim, float(time), noise[eye], num_threads)
+        return _picture(stage, eyes[eye], turn, aim, float(time), noise[eye], threads)
 
     stage.shader  # noqa: B018  built before two threads ask for it
     with ThreadPoolExecutor(2) as pool:
@@ -147,11 +148,11 @@ def _picture(
     aim: Floats,
     time: float,
     noise: NDArray[np.int64],
-    num_threads: int,
+    threads: int,
 ) -> tuple[NDArray[np.uint8], Floats, NDArray[np.int32]]:
     """Picture, depth and object numbers of one camera."""
     subsets = [_pixels_of(mover, eye, turn, time) for mover in stage.movers]
-    hits = stage.cast(eye.astype(np.float32), aim, time, subsets=subsets, num_threads=num_threads)
+    hits = stage.cast(eye.astype(np.float32), aim, time, subsets=subsets, threads=threads)
     picture = np.empty((HEIGHT * WIDTH, 3), np.uint8)
     _, per_metre = _rays()
     grain = _grain()

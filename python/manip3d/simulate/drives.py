@@ -85,7 +85,7 @@ def drive(
     start: float = 0.0,
     pictures: bool = True,
     rng: Rng = 0,
-    num_threads: int = 0,
+    threads: int = 0,
 ) -> Iterator[DriveFrame]:
     """Drive along a street, one frame for each turn of the LiDAR.
 
@@ -99,8 +99,8 @@ def drive(
         Whether the cameras see, too.
     rng : int, numpy.random.Generator or None
         Noise; frame n is the same however many frames follow it.
-    num_threads : int
-        0: all cores.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores.
 
     Raises
     ------
@@ -115,8 +115,8 @@ def drive(
     street.pose([times[0] - TURN_PERIOD, times[-1] + TURN_PERIOD])  # refuses before, not midway
     seeds = generator_of(rng).spawn(frames)
     for time, random in zip(times.tolist(), seeds, strict=True):
-        scan = hdl64e(street, time, rng=random, num_threads=num_threads)
-        pair = stereo_pair(street, time, rng=random, num_threads=num_threads) if pictures else None
+        scan = hdl64e(street, time, rng=random, threads=threads)
+        pair = stereo_pair(street, time, rng=random, threads=threads) if pictures else None
         seen = set(np.unique(scan.object).tolist())
         boxes = tuple(box for box in street.boxes(time) if box.track in seen)
         yield DriveFrame(time, scan, pair, boxes)
@@ -131,7 +131,7 @@ def write_drive(
     start: float = 0.0,
     pictures: bool = True,
     rng: Rng = 0,
-    num_threads: int = 0,
+    threads: int = 0,
     overwrite: bool = False,
     progress: Progress = None,
 ) -> Path:
@@ -149,7 +149,7 @@ def write_drive(
     frames : int
     number : int
         NNNN.
-    start, pictures, rng, num_threads
+    start, pictures, rng, threads
         As for `drive`.
     overwrite : bool
         Replace ``folder`` if it holds a simulated drive and nothing else.
@@ -182,9 +182,7 @@ def write_drive(
         day = temporary / "new" / DATE
         _write_calibration(day)
         moments = []
-        source = drive(
-            street, frames, start=start, pictures=pictures, rng=rng, num_threads=num_threads
-        )
+        source = drive(street, frames, start=start, pictures=pictures, rng=rng, threads=threads)
         with reporting(progress, "frames") as report:
             for index, frame in enumerate(source):
                 _write_frame(day / name, index, frame, street)

@@ -142,7 +142,7 @@ def hdl64e(
     drop_out: float = 0.003,
     max_range: float = 80.0,
     rng: Rng = 0,
-    num_threads: int = 0,
+    threads: int = 0,
 ) -> LidarScan:
     """One sweep of an HDL-64E on the car that drives along a street.
 
@@ -163,8 +163,8 @@ def hdl64e(
     rng : int, numpy.random.Generator or None
         Noise, drop-outs and the motor's wobble. The lasers' errors belong to the sensor and are
         the same for all seeds.
-    num_threads : int
-        0: all cores. The result does not depend on it.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
     Raises
     ------
@@ -187,7 +187,7 @@ def hdl64e(
 
     origin, aim = _in_world(street, moment, firing, start, direction)
     stage = street.stage
-    hits = stage.cast(origin, aim, moment[firing].astype(np.float32), num_threads=num_threads)
+    hits = stage.cast(origin, aim, moment[firing].astype(np.float32), threads=threads)
     surface = stage.face_surface[hits.face]
     cosine = abs(np.einsum("ij,ij->i", aim, hits.normal))
     echo = _echo(hits.distance, stage.reflectance[surface], cosine, random)

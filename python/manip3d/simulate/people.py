@@ -190,8 +190,8 @@ class BodySimulator:
         How many an iteration gives.
     seed : int
         Of noise and jitter.
-    num_threads : int
-        Of ray casting; 0: all cores. The frames do not depend on it.
+    threads : int
+        Of ray casting; 0: ``MANIP3D_THREADS``, else all cores. The frames do not depend on it.
 
     Raises
     ------
@@ -231,7 +231,7 @@ class BodySimulator:
     rate: float = 30.0
     frames: int = 300
     seed: int = 0
-    num_threads: int = 0
+    threads: int = 0
 
     def __post_init__(self) -> None:
         if self.amputated is not None:  # addresses are spelt with hyphens
@@ -291,7 +291,7 @@ class BodySimulator:
         nanoseconds = round(time * 1e9)
         random = np.random.default_rng([self.seed, nanoseconds])
         cast = self._cast(time)
-        view = cast.see(DEPTH_CAMERA, None, self._scenery, self.num_threads)
+        view = cast.see(DEPTH_CAMERA, None, self._scenery, self.threads)
         measured = measure(view.depth, view.slant, self.noise, random)
         people = view.people
         lost = _within(self.lost, time)
@@ -392,7 +392,7 @@ class BodySimulator:
         if self.colour == "depth":
             return view.colour
         colour = COLOUR_CAMERA.colour
-        return cast.see(colour, COLOUR_CAMERA, self._scenery, self.num_threads).colour
+        return cast.see(colour, COLOUR_CAMERA, self._scenery, self.threads).colour
 
     # --- The tracker --------------------------------------------------------------------------
 
@@ -466,7 +466,7 @@ def _seen(joints: NDArray[np.float64], view: _View, number: int) -> NDArray[np.b
     return np.asarray(inside & ~hidden)
 
 
-def cast_mesh(mesh: Mesh, camera: Intrinsics, *, num_threads: int = 0) -> Floats:
+def cast_mesh(mesh: Mesh, camera: Intrinsics, *, threads: int = 0) -> Floats:
     """Depth of a mesh, (H, W) float32 in metres, by an ideal camera at the origin; 0: nothing."""
     row, column = np.mgrid[: camera.height, : camera.width]
     rays = np.stack(
@@ -476,7 +476,7 @@ def cast_mesh(mesh: Mesh, camera: Intrinsics, *, num_threads: int = 0) -> Floats
     caster = RayCaster(mesh.vertices, mesh.faces)
     depth = np.concatenate(
         [
-            caster.cast(_EYES, rays[start : start + CHUNK], num_threads=num_threads).distance
+            caster.cast(_EYES, rays[start : start + CHUNK], threads=threads).distance
             for start in range(0, len(rays), CHUNK)
         ]
     )
@@ -566,7 +566,7 @@ class _Cast:
         camera: Intrinsics,
         registration: Registration | None,
         scenery: Scenery,
-        num_threads: int,
+        threads: int,
     ) -> _View:
         """The scene with what moves, by a camera that looks ahead."""
         eye = _EYES if registration is None else -registration.translation.astype(np.float32)
@@ -578,7 +578,7 @@ class _Cast:
         rays = back.rays[top:bottom, left:right].reshape(-1, 3)
         for start in range(0, len(rays), CHUNK):
             part = rays[start : start + CHUNK]
-            hits = self._caster.cast(eye, part, num_threads=num_threads)
+            hits = self._caster.cast(eye, part, threads=threads)
             row, column = np.divmod(np.arange(start, start + len(part)), max(1, right - left))
             row, column = row + top, column + left
             behind = back.depth[row, column]

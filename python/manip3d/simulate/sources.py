@@ -20,7 +20,7 @@ __all__ = ["open_source"]
 _Number = TypeVar("_Number", int, float)
 
 
-def open_source(address: str, *, num_threads: int = 0) -> Iterator[LidarFrame] | BodySimulator:
+def open_source(address: str, *, threads: int = 0) -> Iterator[LidarFrame] | BodySimulator:
     """Simulated scans or RGB-D frames of a person by their address, one after the other.
 
     Parameters
@@ -32,8 +32,8 @@ def open_source(address: str, *, num_threads: int = 0) -> Iterator[LidarFrame] |
         ``sim:body?motion=arm-raise&amputated=right-arm&lost=2:3`` with the options of
         `BodySimulator` (``yes`` and ``no``; ``from:until`` for seconds). What is left out is as
         here.
-    num_threads : int
-        0: all cores. The scans do not depend on it.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The scans do not depend on it.
 
     Returns
     -------
@@ -58,7 +58,7 @@ def open_source(address: str, *, num_threads: int = 0) -> Iterator[LidarFrame] |
     if parts.scheme != "sim":
         raise InputError(f"address: expected sim:..., got {address!r}")
     if name == "body":
-        return _body(options, address, num_threads)
+        return _body(options, address, threads)
     seed = _taken(options, "seed", int, 0)
     if seed < 0:
         raise InputError(f"seed: expected >= 0, got {seed}")
@@ -68,14 +68,14 @@ def open_source(address: str, *, num_threads: int = 0) -> Iterator[LidarFrame] |
         return (
             frame.scan.frame.replace(source=address, timestamp=EPOCH + frame.time)
             for frame in drive(
-                street(seed), frames, start=start, pictures=False, rng=seed, num_threads=num_threads
+                street(seed), frames, start=start, pictures=False, rng=seed, threads=threads
             )
         )
     if name in {**scenes.SCENES, **scenes.CALIBRATION}:
         resolution = _taken(options, "resolution", float, 0.06)
         _refuse_others(options, address)
         scan = terrestrial_scan(
-            scenes.make(name), resolution_deg=resolution, rng=seed, num_threads=num_threads
+            scenes.make(name), resolution_deg=resolution, rng=seed, threads=threads
         )
         return iter([scan.frame.replace(source=address)])
     raise InputError(
@@ -84,14 +84,14 @@ def open_source(address: str, *, num_threads: int = 0) -> Iterator[LidarFrame] |
     )
 
 
-def _body(options: Mapping[str, str], address: str, num_threads: int) -> BodySimulator:
+def _body(options: Mapping[str, str], address: str, threads: int) -> BodySimulator:
     fields = {field.name: field for field in dataclasses.fields(BodySimulator)}
     _refuse_others({name: text for name, text in options.items() if name not in fields}, address)
     values = {
         name: _parsed(name, text, str(fields[name].type), fields[name].default)
         for name, text in options.items()
     }
-    return BodySimulator(**{"num_threads": num_threads} | values)
+    return BodySimulator(**{"threads": threads} | values)
 
 
 def _parsed(name: str, text: str, kind: str, default: Any) -> Any:

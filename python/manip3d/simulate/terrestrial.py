@@ -98,7 +98,7 @@ def terrestrial_scan(
     min_range: float = 0.5,
     max_range: float = 350.0,
     rng: Rng = 0,
-    num_threads: int = 0,
+    threads: int = 0,
     progress: Progress = None,
 ) -> TerrestrialScan:
     """Scan a scene from its tripod; the defaults are those of a Riegl VZ-400.
@@ -122,8 +122,8 @@ def terrestrial_scan(
     min_range, max_range : float, metres
         Nearer and farther surfaces give no point.
     rng : int, numpy.random.Generator or None
-    num_threads : int
-        0: all cores. The result does not depend on it.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable
         True draws a bar; a callable gets the fraction done and a message.
 
@@ -152,7 +152,7 @@ def terrestrial_scan(
         raise InputError(f"max_range: expected more than {min_range}, got {max_range}")
     random = generator_of(rng)
     with reporting(progress, "scan") as report:
-        scanner = _Scanner(scene, grid, math.radians(angle_noise_deg), random, num_threads)
+        scanner = _Scanner(scene, grid, math.radians(angle_noise_deg), random, threads)
         ranges, face, cosine = scanner.first_hits(report or (lambda fraction: None))
     world = scene.world
     surface = world.face_surface[np.where(np.isinf(ranges), 0, face)]
@@ -244,12 +244,12 @@ class _Scanner:
         grid: _Grid,
         angle_noise: float,
         random: np.random.Generator,
-        num_threads: int,
+        threads: int,
     ) -> None:
         self.origin = np.array(scene.scanner, np.float32)
         self._caster = scene.world.caster()
         self._random = random
-        self._num_threads = num_threads
+        self._threads = threads
         self._azimuth, self._elevation = grid.angles()
         for angle in (self._azimuth, self._elevation):
             angle += np.float32(angle_noise) * random.standard_normal(angle.size, np.float32)
@@ -269,7 +269,7 @@ class _Scanner:
             report(start / count)
             part = slice(start, start + CHUNK)
             direction = self.aim(part)
-            hits = self._caster.cast(self.origin, direction, num_threads=self._num_threads)
+            hits = self._caster.cast(self.origin, direction, threads=self._threads)
             ranges[part], face[part] = hits.distance, hits.face
             cosine[part] = abs(np.einsum("ij,ij->i", direction, hits.normal))
         report(1.0)
@@ -311,9 +311,7 @@ class _Scanner:
     def _cast(self, directions: Floats) -> Hits:
         """Hits of any number of rays, a chunk at a time."""
         parts = [
-            self._caster.cast(
-                self.origin, directions[start : start + CHUNK], num_threads=self._num_threads
-            )
+            self._caster.cast(self.origin, directions[start : start + CHUNK], threads=self._threads)
             for start in range(0, max(1, len(directions)), CHUNK)
         ]
         names = [field.name for field in fields(Hits)]

@@ -102,7 +102,7 @@ def mesh_picture(
     camera: Intrinsics,
     *,
     azimuth: float = 35.0,
-    num_threads: int = 0,
+    threads: int = 0,
 ) -> Image:
     """The textured mesh, turned about the vertical through its middle, on white.
 
@@ -115,8 +115,8 @@ def mesh_picture(
         The depth camera: the picture has its size.
     azimuth : float, degrees
         Positive: seen from the camera's right.
-    num_threads : int
-        0: all cores.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def mesh_picture(
     flat = picture.reshape(-1, 3)
     for start in range(0, len(rays), CHUNK):
         part = rays[start : start + CHUNK]
-        hits = caster.cast(np.zeros(3, np.float32), part, num_threads=num_threads)
+        hits = caster.cast(np.zeros(3, np.float32), part, threads=threads)
         hit = np.flatnonzero(np.isfinite(hits.distance))
         corners = phantom.uvs[phantom.triangles[hits.face[hit].astype(np.int64)]]
         uvs = corners[:, 0] + hits.uv[hit, :1] * (corners[:, 1] - corners[:, 0])
@@ -162,7 +162,7 @@ def phantom_sheet(
     *,
     phantom_colour: Image | None = None,
     azimuth: float = 35.0,
-    num_threads: int = 0,
+    threads: int = 0,
 ) -> Image:
     """What the camera saw, the person with the phantom, and the mesh from the side.
 
@@ -175,8 +175,8 @@ def phantom_sheet(
         As of `textured_picture`.
     azimuth : float, degrees
         As of `mesh_picture`.
-    num_threads : int
-        0: all cores.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores.
 
     Returns
     -------
@@ -205,5 +205,5 @@ def phantom_sheet(
     else:
         person = textured_picture(phantom, colour, phantom_colour=phantom_colour)
     camera = frame.calibration.depth
-    mesh = mesh_picture(phantom, colour, camera, azimuth=azimuth, num_threads=num_threads)
+    mesh = mesh_picture(phantom, colour, camera, azimuth=azimuth, threads=threads)
     return np.concatenate([seen, person, mesh], axis=1)
