@@ -14,7 +14,7 @@
 #include <map>
 #include <thread>
 
-#include "capture/jpeg.hpp"
+#include "capture/ffmpeg.hpp"
 #include "manip3d/capture/mkv.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/random.hpp"
@@ -493,6 +493,39 @@ TEST_F(Mkv, AFullDiskIsAnErrorAndLeavesWholeFrames) {
     }
   }
   std::signal(SIGXFSZ, ignored);
+}
+
+TEST_F(Mkv, ImagesOfManySlicesAreRefusedBeforeTheyTakeMemory) {
+  const ImageSize size{48, 64};
+  Ffv1Encoder encoder(PixelKind::kGray16, size);
+  AVCodecParameters stream{};
+  stream.codec_type = AVMEDIA_TYPE_VIDEO;
+  stream.codec_id = AV_CODEC_ID_FFV1;
+  stream.width = static_cast<int>(size.cols);
+  stream.height = static_cast<int>(size.rows);
+  stream.extradata = encoder.codec().extradata;
+  stream.extradata_size = encoder.codec().extradata_size;
+  EXPECT_EQ(ffv1_version(std::as_bytes(std::span(stream.extradata, 20))), 3);
+  EXPECT_EQ(ffv1_version({}), 0);
+  Ffv1Decoder decoder(stream, PixelKind::kGray16, size);
+  std::vector<std::uint16_t> pixels(48 * 64);
+  for (std::size_t i = 0; i < pixels.size(); ++i) pixels[i] = static_cast<std::uint16_t>(i * 31);
+  const std::vector<std::uint16_t> expected = pixels;
+  const AVPacket& packet = encoder.encode(pixels.data());
+  std::fill(pixels.begin(), pixels.end(), std::uint16_t{0});
+  decoder.decode(packet, pixels.data());
+  EXPECT_EQ(pixels, expected);
+
+  std::vector<std::uint8_t> empty_slices(8 * 66, 0);
+  const PacketPtr many = new_packet();
+  many->data = empty_slices.data();
+  many->size = static_cast<int>(empty_slices.size());
+  try {
+    decoder.decode(*many, pixels.data());
+    FAIL();
+  } catch (const FormatError& error) {
+    EXPECT_NE(error.reason().find("at most 64 slices"), std::string::npos);
+  }
 }
 
 TEST_F(Mkv, RefusesWhatIsNoRecording) {

@@ -13,6 +13,9 @@ namespace {
 
 constexpr std::int64_t kMaxRowPadding = 64;  // of FFmpeg's frames
 
+constexpr int kMaxSlices =
+    64;  // FFmpeg's encoder makes 4 of images up to 1080p, 24 at most unasked
+
 struct Loaded {
   Ffmpeg functions;
   std::string absence;
@@ -89,6 +92,22 @@ void bgr0_to_rgb(const std::uint8_t* bgr0, std::uint8_t* rgb, std::int64_t count
   }
 }
 
+/// How many slices a packet has if each ends with so many bytes, of which the first three are its
+/// length (RFC 9043, section 4.9).
+int count_slices(std::span<const std::byte> packet, std::size_t footer) {
+  int count = 0;
+  while (packet.size() > footer && count <= kMaxSlices) {
+    const std::byte* end = packet.data() + packet.size() - footer;
+    const std::size_t length = std::to_integer<std::size_t>(end[0]) << 16 |
+                               std::to_integer<std::size_t>(end[1]) << 8 |
+                               std::to_integer<std::size_t>(end[2]);
+    if (length + footer > packet.size()) break;
+    packet = packet.first(packet.size() - length - footer);
+    ++count;
+  }
+  return count;
+}
+
 std::int64_t row_bytes(PixelKind kind, std::int64_t cols) {
   if (kind == PixelKind::kGray8) return cols;
   return kind == PixelKind::kGray16 ? 2 * cols : 3 * cols;
@@ -129,6 +148,39 @@ std::string sha256(std::span<const std::byte> bytes) {
     text += "0123456789abcdef"[byte & 15];
   }
   return text;
+}
+
+int ffv1_version(std::span<const std::byte> header) {
+  if (header.size() < 2) return 0;
+  std::size_t next = 0;
+  const auto byte = [&] {
+    return next < header.size() ? std::to_integer<unsigned>(header[next++]) : 0U;
+  };
+  // RFC 9043, section 3.8.1. Each bit of the first number has a state of its own, which is still
+  // at its first value: one half.
+  unsigned low = byte() << 8;
+  low |= byte();
+  unsigned range = 0xff00;
+  const auto bit = [&] {
+    const unsigned one = range * 128 >> 8;
+    range -= one;
+    const bool is_set = low >= range;
+    if (is_set) {
+      low -= range;
+      range = one;
+    }
+    if (range < 0x100) {
+      range <<= 8;
+      low = (low << 8) + byte();
+    }
+    return is_set;
+  };
+  if (bit()) return 0;
+  int digits = 0;
+  while (digits < 8 && bit()) ++digits;
+  int version = 1;
+  while (digits-- > 0) version = 2 * version + (bit() ? 1 : 0);
+  return version;
 }
 
 Ffv1Encoder::Ffv1Encoder(PixelKind kind, ImageSize size)
@@ -185,6 +237,11 @@ Ffv1Decoder::Ffv1Decoder(const AVCodecParameters& stream, PixelKind kind, ImageS
                           " x " + std::to_string(stream.height),
                       {});
   }
+  // In version 2, an experiment, nothing bounds the slices but the header.
+  const auto header_size = static_cast<std::size_t>(std::max(stream.extradata_size, 0));
+  if (ffv1_version(std::as_bytes(std::span(stream.extradata, header_size))) == 2) {
+    throw FormatError("expected FFV1 of another version than 2", {});
+  }
   const AVCodec* decoder = ffv1(ff.avcodec_find_decoder(AV_CODEC_ID_FFV1));
   codec_ = new_codec(decoder, kind, size);
   int code = ff.avcodec_parameters_to_context(codec_.get(), &stream);
@@ -196,6 +253,10 @@ Ffv1Decoder::Ffv1Decoder(const AVCodecParameters& stream, PixelKind kind, ImageS
 
 void Ffv1Decoder::decode(const AVPacket& packet, void* pixels) {
   const Ffmpeg& ff = ffmpeg();
+  // With and without CRCs: only the header, which is not read here, says which.
+  if (std::max(count_slices(bytes_of(packet), 8), count_slices(bytes_of(packet), 3)) > kMaxSlices) {
+    throw FormatError("FFV1: expected at most " + std::to_string(kMaxSlices) + " slices", {});
+  }
   int code = ff.avcodec_send_packet(codec_.get(), &packet);
   if (code >= 0) code = ff.avcodec_receive_frame(codec_.get(), frame_.get());
   if (code < 0) throw FormatError("FFV1: " + ffmpeg_error(code), {});

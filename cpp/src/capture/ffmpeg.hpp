@@ -85,6 +85,9 @@ std::string sha256(std::span<const std::byte> bytes);
 /// The pixels that are stored losslessly, as they lie in memory.
 enum class PixelKind : std::uint8_t { kGray8, kGray16, kRgb };
 
+/// The version at the start of an FFV1 stream's header; 0: there is no header (versions 0 and 1).
+int ffv1_version(std::span<const std::byte> header);
+
 /// Lossless images by FFV1 version 3 (RFC 9043): each frame by itself, each slice with its CRC.
 class Ffv1Encoder {
  public:
@@ -104,13 +107,14 @@ class Ffv1Encoder {
   PacketPtr packet_;
 };
 
+/// Memory is bounded: FFmpeg takes up to 1.5 MB for each slice of an image, however few its bytes.
 class Ffv1Decoder {
  public:
-  /// @throws FormatError  the stream's header is damaged, or of other pixels.
+  /// @throws FormatError  the stream's header is damaged, of version 2, or of other pixels.
   Ffv1Decoder(const AVCodecParameters& stream, PixelKind kind, ImageSize size);
 
   /// @param pixels  (rows, cols), or (rows, cols, 3) R, G, B.
-  /// @throws FormatError  damaged, or of other pixels.
+  /// @throws FormatError  damaged, of more slices than writers make, or of other pixels.
   void decode(const AVPacket& packet, void* pixels);
 
  private:
