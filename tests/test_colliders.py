@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import inspect
 import os
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -127,6 +129,20 @@ def test_defaults_are_the_core_s() -> None:
     assert defaults["PlacementEstimator"] == {
         "share": 0.9, "spread": 0.35, "stable_frames": 60, "tolerance": 0.02,
     }  # fmt: skip
+
+
+@pytest.mark.golden
+def test_hits_are_the_same_bits_everywhere(golden: Callable[..., None]) -> None:
+    rng = np.random.default_rng(4)
+    tracker = modify.ColliderTracker()
+    tracker.update(standing())
+    moved = standing().positions + rng.uniform(-0.1, 0.1, (25, 3)).astype(np.float32)
+    tracker.update(manip3d.Skeleton(moved, states=standing().states))
+    start, end = rng.uniform([-1, -1, 1], [1, 1, 3], (2, 500, 3))
+    hits = tracker.hits(start, end, radius=rng.uniform(0, 0.1, 500))
+    assert 100 < (hits.bone >= 0).sum() < 400
+    digest = hashlib.sha256(hits.time.tobytes() + hits.bone.tobytes() + hits.point.tobytes())
+    golden("colliders: hits of 500 moving spheres", digest.hexdigest())
 
 
 @pytest.mark.realdata
