@@ -63,7 +63,7 @@ def decoders(model: str) -> dict[str, Callable[[Path], int]]:
     own = made.hdl64e_calibration(two_points=True) if model == "hdl64e" else None
 
     def ours(path: Path) -> int:
-        return sum(f.num_points for f in capture.open(f"pcap:{path}", calibration=own))
+        return sum(f.num_points for f in capture.open_lidar(f"pcap:{path}", calibration=own))
 
     found: dict[str, Callable[[Path], int]] = {"manip3d": ours}
     if importlib.util.find_spec("velodyne_decoder") and model != "hdl64e":

@@ -67,6 +67,7 @@ PYBIND11_MODULE(_core, m) {
   manip3d::bindings::bind_depth_sampling(m);
   manip3d::bindings::bind_rgbd(m);
   manip3d::bindings::bind_avatar(m);
+  manip3d::bindings::bind_rgbd_capture(m);
   manip3d::bindings::bind_capture(m);
   manip3d::bindings::bind_scans(m);
   manip3d::bindings::bind_forge(m);

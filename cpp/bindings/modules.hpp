@@ -16,6 +16,7 @@ void bind_range_image(pybind11::module_& m);
 void bind_depth_sampling(pybind11::module_& m);
 void bind_rgbd(pybind11::module_& m);
 void bind_avatar(pybind11::module_& m);
+void bind_rgbd_capture(pybind11::module_& m);
 void bind_capture(pybind11::module_& m);
 void bind_scans(pybind11::module_& m);
 void bind_forge(pybind11::module_& m);

@@ -48,6 +48,8 @@ __all__: list[str] = [
     "ReliefSolver",
     "ReliefStop",
     "ReposeOptions",
+    "RgbdRecorder",
+    "RgbdSource",
     "ShoeCoverTracker",
     "StopReason",
     "TextureTerm",
@@ -83,6 +85,8 @@ __all__: list[str] = [
     "move_box",
     "nearest_distances",
     "occlusion_consistency",
+    "open_recorder",
+    "open_rgbd",
     "point_suffixes",
     "points_in_box",
     "points_of_levels",
@@ -100,6 +104,7 @@ __all__: list[str] = [
     "repose",
     "resample",
     "resolve_inside",
+    "rgbd_schemes",
     "rotation_about_z",
     "sample_poisson_disk",
     "sample_scale_space",
@@ -880,6 +885,20 @@ class ReposeOptions:
     @num_threads.setter
     def num_threads(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
 
+class RgbdSource:
+    def calibration(self) -> typing.Any: ...
+    def counters(self) -> dict[str, typing.Any]: ...
+    def is_live(self) -> bool: ...
+    def num_frames(self) -> int | None: ...
+    def read(self, timeout_ms: typing.SupportsInt | typing.SupportsIndex) -> typing.Any: ...
+    def start(self) -> None: ...
+    def stop(self) -> None: ...
+
+class RgbdRecorder:
+    def close(self) -> None: ...
+    def counters(self) -> dict[str, typing.Any]: ...
+    def write(self, frame: typing.Any) -> None: ...
+
 class VelodyneOptions:
     def __init__(
         self,
@@ -1423,6 +1442,19 @@ def occlusion_consistency(
     numpy.ndarray,
     numpy.ndarray,
 ]: ...
+def open_recorder(
+    path: bytes,
+    calibration: typing.Any,
+    lossless_colour: bool,
+    jpeg_quality: typing.SupportsInt | typing.SupportsIndex,
+    overwrite: bool,
+) -> RgbdRecorder: ...
+def open_rgbd(
+    uri: bytes,
+    speed: typing.SupportsFloat | typing.SupportsIndex,
+    units_per_metre: typing.SupportsFloat | typing.SupportsIndex,
+    camera: typing.Any,
+) -> RgbdSource: ...
 def point_suffixes() -> list[typing.Any]: ...
 def points_in_box(
     points: numpy.typing.NDArray[numpy.float32],
@@ -1524,6 +1556,7 @@ def resample(
     seed: typing.SupportsInt | typing.SupportsIndex,
 ) -> numpy.ndarray: ...
 def resolve_inside(folder: bytes, reference: bytes) -> bytes: ...
+def rgbd_schemes() -> list[dict[str, typing.Any]]: ...
 def rotation_about_z(
     yaw: typing.SupportsFloat | typing.SupportsIndex,
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 3]"]: ...

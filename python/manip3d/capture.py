@@ -1,7 +1,8 @@
-"""Frames out of sensors and recordings: ``open("pcap:FILE")``, ``open("velodyne:2368")``, ...
+"""Frames out of sensors and recordings: ``open("pcap:FILE")``, ``open("folder:walk")``, ...
 
-A source is iterated; each item is a `manip3d.LidarFrame`. What was seen and what was refused is in
-its ``counters``.
+A source is iterated; each item is a `manip3d.LidarFrame` or a `manip3d.RgbdFrame`. What was seen
+and what was refused is in its ``counters``. `sources` lists what can be opened; `record` writes
+recordings of RGB-D frames.
 """
 
 from __future__ import annotations
@@ -17,6 +18,15 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from manip3d import _core
+from manip3d._capture_rgbd import (
+    Recording,
+    RgbdSource,
+    Scheme,
+    core_schemes,
+    from_frames,
+    open_rgbd,
+    record,
+)
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame, ScanFormat
 
@@ -26,9 +36,17 @@ if TYPE_CHECKING:
 __all__ = [
     "RETURN_TYPES",
     "LidarSource",
+    "Recording",
+    "RgbdSource",
+    "Scheme",
     "VelodyneCalibration",
+    "from_frames",
     "open",
+    "open_lidar",
+    "open_rgbd",
     "read_velodyne_calibration",
+    "record",
+    "sources",
 ]
 
 RETURN_TYPES: tuple[str, ...] = ("unknown", "strongest", "last", "both")
@@ -99,7 +117,7 @@ def read_velodyne_calibration(path: str | os.PathLike[str]) -> VelodyneCalibrati
 
 
 class LidarSource:
-    """Frames one after the other; made by `open`.
+    """Scans one after the other; made by `open`.
 
     Attributes
     ----------
@@ -203,7 +221,80 @@ class LidarSource:
         return f"<manip3d.capture.LidarSource: {self.uri}>"
 
 
-def open(
+_LIDAR = ("pcap", "velodyne", "ouster", "kitti")
+
+
+def open(uri: str, **options: Any) -> LidarSource | RgbdSource:
+    """Open a sensor or a recording by its address; `sources` lists the kinds.
+
+    Parameters
+    ----------
+    uri : str
+        ``SCHEME:PLACE``.
+    **options
+        Those of `open_lidar` (``pcap:``, ``velodyne:``, ``ouster:``, ``kitti:``) or of `open_rgbd`
+        (all others).
+
+    Returns
+    -------
+    LidarSource or RgbdSource
+        As the functions of those names, which also have the exact types.
+
+    Raises
+    ------
+    InputError, FormatError, DeviceError, OSError, MissingExtraError
+        As those functions.
+
+    Examples
+    --------
+    >>> with manip3d.capture.open("folder:walk") as source:  # doctest: +SKIP
+    ...     for frame in source:
+    ...         print(frame.time, frame.depth.shape)
+    """
+    return open_lidar(uri, **options) if _scheme(uri) in _LIDAR else open_rgbd(uri, **options)
+
+
+def _scheme(uri: str) -> str:
+    return uri.partition(":")[0]
+
+
+def sources() -> tuple[Scheme, ...]:
+    """All kinds of sources, also those that cannot be opened here, with the reason and the cure.
+
+    Looks for devices, which may take a second.
+    """
+    from importlib.util import find_spec
+
+    ouster, open3d = (find_spec(module) is None for module in ("ouster", "open3d"))
+    return (
+        *core_schemes(),
+        Scheme(
+            "sim",
+            "body...",
+            "a simulated person before a depth camera",
+            "rgbd",
+            "Open3D is not installed" if open3d else "",
+            "pip install 'manip3d[simulate]'" if open3d else "",
+        ),
+        *(
+            Scheme(name, "NAME", "people of the data sets (manip3d data list)", "rgbd")
+            for name in ("utd-mhad", "labanotation", "people")
+        ),
+        Scheme("pcap", "FILE", "recorded packets of Velodyne LiDARs", "lidar"),
+        Scheme("velodyne", "[ADDRESS:]PORT", "a Velodyne LiDAR on the network", "lidar"),
+        Scheme(
+            "ouster",
+            "FILE",
+            "recorded packets of Ouster LiDARs",
+            "lidar",
+            "ouster-sdk is not installed" if ouster else "",
+            "pip install 'manip3d[ouster]'" if ouster else "",
+        ),
+        Scheme("kitti", "FOLDER", "drives in KITTI's layout", "lidar"),
+    )
+
+
+def open_lidar(
     uri: str,
     *,
     model: str | None = None,
@@ -218,7 +309,7 @@ def open(
     metadata: str | os.PathLike[str] | None = None,
     max_bytes: int | None = None,
 ) -> LidarSource:
-    """Open a recording or a live sensor: Velodyne HDL-64E, HDL-32E, VLP-16, VLP-32C; Ouster.
+    """Open a LiDAR or its recording: Velodyne HDL-64E, HDL-32E, VLP-16, VLP-32C; Ouster.
 
     Parameters
     ----------

@@ -37,6 +37,13 @@ forge_app = typer.Typer(
 )
 app.add_typer(forge_app, name="forge")
 
+capture_app = typer.Typer(
+    help="RGB-D cameras and recordings: list, record, play, info.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+app.add_typer(capture_app, name="capture")
+
 Source = Annotated[str, typer.Argument(metavar="SOURCE", help="A mesh or scan, or - for stdin.")]
 Output = Annotated[
     Path, typer.Option("-o", "--output", help="Where to; the suffix tells the kind.")
@@ -48,6 +55,24 @@ Calibration = Annotated[
     Path | None,
     typer.Option(help="Of an HDL-64E, for recordings of its packets: db.xml or YAML."),
 ]
+RgbdPlace = Annotated[
+    str,
+    typer.Argument(
+        metavar="SOURCE", help="A recording, a folder of images, or as 'capture list' says."
+    ),
+]
+RgbdIntrinsics = Annotated[
+    str,
+    typer.Option(
+        "--intrinsics",
+        help="Of a folder of images: fx,fy,cx,cy, FILE.json, kinect-v1, kinect-v2, primesense.",
+    ),
+]
+RgbdUnits = Annotated[
+    float,
+    typer.Option("--units-per-metre", min=0, help="Of a folder of images; 0: as its kind has it."),
+]
+MostFrames = Annotated[int | None, typer.Option("--frames", min=1, help="Stop after so many.")]
 Json = Annotated[bool, typer.Option("--json", help="The result as JSON on stdout.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No messages, no progress.")]
 Jobs = Annotated[
@@ -287,10 +312,15 @@ def info(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Count what a mesh, a scan or a recording of LiDAR packets is made of."""
-    from manip3d._cli import describing, scanning, terminal
+    """Count what a mesh, a scan or a recording (LiDAR packets, RGB-D) is made of."""
+    from manip3d._cli import capturing, describing, scanning, terminal
 
     shell = terminal.Terminal(as_json=as_json, quiet=quiet)
+    if capturing.is_recording(source):
+        opened = capturing.open_source(source, shell)
+        told = capturing.info(opened, shell)
+        shell.result(told, lambda console: capturing.show_info(console, told))
+        return
     if scanning.is_scan(source):
         found = scanning.summary(source, shell, calibration)
         shell.result(found, lambda console: scanning.show(console, found))
@@ -555,6 +585,105 @@ def report(
 
     terminal.refuse_existing(output, force=force)
     reproducing.write_report(folder, output, terminal.Terminal(quiet=quiet))
+
+
+@capture_app.command("list")
+def capture_list(as_json: Json = False) -> None:
+    """List what can be opened here, and why the rest cannot."""
+    from manip3d._cli import capturing, terminal
+
+    records = capturing.listing()
+    shell = terminal.Terminal(as_json=as_json)
+    shell.result(records, lambda console: capturing.show_listing(console, records))
+
+
+@capture_app.command("record")
+def capture_record(
+    source: RgbdPlace,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="A new folder, or a file that ends in .mkv.")
+    ],
+    frames: MostFrames = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="Stop so long after the first frame.")
+    ] = None,
+    lossless_colour: Annotated[
+        bool, typer.Option("--lossless-colour", help="Colour exactly, not as JPEG.")
+    ] = False,
+    quality: Annotated[int, typer.Option(min=1, max=100, help="Of JPEG.")] = 90,
+    intrinsics: RgbdIntrinsics = "",
+    units_per_metre: RgbdUnits = 0.0,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write frames to a recording. Ctrl-C ends it; what was written is whole."""
+    from manip3d._cli import capturing, terminal
+
+    terminal.refuse_existing(output, force=force)
+    shell = terminal.Terminal(as_json=as_json, quiet=quiet)
+    opened = capturing.open_source(
+        source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre
+    )
+    record = capturing.record(
+        opened,
+        output,
+        shell,
+        frames=frames,
+        seconds=seconds,
+        lossless_colour=lossless_colour,
+        jpeg_quality=quality,
+        force=force,
+    )
+    shell.result(record)
+
+
+@capture_app.command("play")
+def capture_play(
+    source: RgbdPlace,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="A sheet of pictures (.png), or a folder of them."),
+    ] = None,
+    speed: Annotated[
+        float, typer.Option(min=0, help="1: by the frames' times; 0: as fast as they are read.")
+    ] = 1.0,
+    frames: MostFrames = None,
+    intrinsics: RgbdIntrinsics = "",
+    units_per_metre: RgbdUnits = 0.0,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Read frame after frame and say how fast they come; pictures with -o."""
+    from manip3d._cli import capturing, terminal
+
+    terminal.refuse_existing(output, force=force)
+    shell = terminal.Terminal(as_json=as_json, quiet=quiet)
+    opened = capturing.open_source(
+        source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre, speed=speed
+    )
+    record = capturing.play(opened, output, shell, frames=frames, force=force)
+    shell.result(record, lambda console: capturing.show_play(console, record))
+
+
+@capture_app.command("info")
+def capture_info(
+    source: RgbdPlace,
+    intrinsics: RgbdIntrinsics = "",
+    units_per_metre: RgbdUnits = 0.0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Say what a recording holds: cameras, frames, times, gaps; reads it to the end."""
+    from manip3d._cli import capturing, terminal
+
+    shell = terminal.Terminal(as_json=as_json, quiet=quiet)
+    opened = capturing.open_source(
+        source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre
+    )
+    record = capturing.info(opened, shell)
+    shell.result(record, lambda console: capturing.show_info(console, record))
 
 
 @data_app.command("list")

@@ -65,7 +65,7 @@ def frames(
 
     uri = _recording(source)
     if uri is not None:
-        with capture.open(uri, calibration=calibration) as recording:
+        with capture.open_lidar(uri, calibration=calibration) as recording:
             yield from recording
             refused = {k: v for k, v in recording.counters.items() if v and k in _REFUSED}
         terminal.say(f"refused: {refused}" if refused else "nothing was refused")
@@ -86,7 +86,7 @@ def summary(source: str, terminal: Terminal, calibration: Path | None = None) ->
     if uri is not None:
         from manip3d import capture
 
-        recording = capture.open(uri, calibration=calibration)
+        recording = capture.open_lidar(uri, calibration=calibration)
         scans = [_describe(frame) for frame in recording]
         return {"file": source, "scans": scans, "counters": recording.counters}
     return {"file": source, "scans": [_describe(frame) for frame in frames(source, terminal)]}

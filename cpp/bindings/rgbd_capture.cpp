@@ -1,0 +1,167 @@
+#include <pybind11/stl.h>
+#include <pybind11/typing.h>
+
+#include <chrono>
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "manip3d/capture/recorder.hpp"
+#include "manip3d/capture/rgbd_source.hpp"
+#include "modules.hpp"
+#include "numpy.hpp"
+#include "rgbd.hpp"
+
+namespace manip3d::bindings {
+namespace {
+
+using Fields = py::typing::Dict<py::str, py::object>;
+using SharedCalibration = std::shared_ptr<const RgbdCalibration>;
+
+SharedCalibration shared_calibration(const py::object& calibration) {
+  if (calibration.is_none()) return nullptr;
+  return std::make_shared<const RgbdCalibration>(to_calibration(calibration));
+}
+
+Fields camera_fields(const Intrinsics& camera) {
+  Fields fields;
+  fields["width"] = camera.width;
+  fields["height"] = camera.height;
+  fields["fx"] = camera.fx;
+  fields["fy"] = camera.fy;
+  fields["cx"] = camera.cx;
+  fields["cy"] = camera.cy;
+  fields["distortion"] = camera.distortion;
+  fields["mirrored"] = camera.mirrored;
+  if (camera.ray_table != nullptr) {
+    fields["rays"] =
+        py::array_t<float>({camera.height, camera.width, std::int64_t{2}}, camera.ray_table);
+  }
+  return fields;
+}
+
+// The fields of a manip3d.RgbdCalibration; None: not known yet.
+py::object calibration_fields(const SharedCalibration& calibration) {
+  if (!calibration) return py::none();
+  Fields fields;
+  fields["depth"] = camera_fields(calibration->depth);
+  if (const auto& registration = calibration->registration) {
+    const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rotation = registration->rotation;
+    fields["colour"] = camera_fields(registration->colour);
+    fields["rotation"] = py::array_t<double>({3, 3}, rotation.data());
+    fields["translation"] = py::array_t<double>(3, registration->translation.data());
+  }
+  return fields;
+}
+
+// An image with the vector's own memory.
+template <typename T>
+py::object image(std::vector<T>&& pixels, std::vector<py::ssize_t> shape) {
+  if (pixels.empty()) return py::none();
+  return to_numpy(std::move(pixels)).reshape(shape);
+}
+
+Fields frame_fields(RgbdFrame&& frame) {
+  Fields fields;
+  fields["depth"] = image(std::move(frame.depth), {frame.rows, frame.cols});
+  fields["body_index"] = image(std::move(frame.body_index), {frame.rows, frame.cols});
+  fields["colour"] = image(std::move(frame.colour), {frame.colour_rows, frame.colour_cols, 3});
+  py::list skeletons;
+  for (const Skeleton& skeleton : frame.skeletons) skeletons.append(from_skeleton(skeleton));
+  fields["skeletons"] = std::move(skeletons);
+  fields["time"] = frame.time_ns;
+  fields["number"] = frame.number;
+  return fields;
+}
+
+Fields counter_fields(const Counters& counters) {
+  Fields fields;
+  for (const auto& [name, count] : counters) fields[py::str(name)] = count;
+  return fields;
+}
+
+// The next frame's fields; True: none in time; False: none any more.
+py::object read(RgbdSource& source, int timeout_ms) {
+  RgbdFrame frame;
+  ReadStatus status = ReadStatus::kEnd;
+  {
+    const py::gil_scoped_release nogil;
+    status = source.read(frame, std::chrono::milliseconds(timeout_ms));
+  }
+  if (status != ReadStatus::kFrame) return py::bool_(status == ReadStatus::kTimeout);
+  return frame_fields(std::move(frame));
+}
+
+void bind_source(py::module_& m) {
+  py::class_<RgbdSource>(m, "RgbdSource")
+      .def("start", &RgbdSource::start, py::call_guard<py::gil_scoped_release>())
+      .def("stop", &RgbdSource::stop, py::call_guard<py::gil_scoped_release>())
+      .def("read", &read, py::arg("timeout_ms"))
+      .def("is_live", [](const RgbdSource& source) { return source.capabilities().is_live; })
+      .def("num_frames", &RgbdSource::num_frames)
+      .def("calibration",
+           [](const RgbdSource& source) { return calibration_fields(source.calibration()); })
+      .def("counters", [](const RgbdSource& source) { return counter_fields(source.counters()); });
+  m.def(
+      "open_rgbd",
+      [](const py::bytes& uri, double speed, double units_per_metre, const py::object& camera) {
+        const RgbdOptions options{speed, shared_calibration(camera), units_per_metre};
+        const std::string place = uri;
+        const py::gil_scoped_release nogil;
+        return open_rgbd(place, options);
+      },
+      py::arg("uri"), py::arg("speed"), py::arg("units_per_metre"), py::arg("camera"));
+  m.def("rgbd_schemes", [] {
+    std::vector<RgbdScheme> schemes;
+    {
+      const py::gil_scoped_release nogil;
+      schemes = rgbd_schemes();
+    }
+    py::typing::List<Fields> list;
+    for (const RgbdScheme& scheme : schemes) {
+      Fields fields;
+      fields["name"] = scheme.name;
+      fields["location"] = scheme.location;
+      fields["description"] = scheme.description;
+      fields["is_built"] = static_cast<bool>(scheme.open);
+      fields["reason"] = scheme.reason;
+      fields["cure"] = scheme.cure;
+      list.append(fields);
+    }
+    return list;
+  });
+}
+
+void bind_recorder(py::module_& m) {
+  py::class_<RgbdRecorder>(m, "RgbdRecorder")
+      .def(
+          "write",
+          [](RgbdRecorder& recorder, const py::object& from) {
+            RgbdFrame frame;
+            to_frame(from, frame);
+            const py::gil_scoped_release nogil;
+            recorder.write(frame);
+          },
+          py::arg("frame"))
+      .def("close", &RgbdRecorder::close, py::call_guard<py::gil_scoped_release>())
+      .def("counters",
+           [](const RgbdRecorder& recorder) { return counter_fields(recorder.counters()); });
+  m.def(
+      "open_recorder",
+      [](const py::bytes& path, const py::object& calibration, bool lossless_colour,
+         int jpeg_quality, bool overwrite) {
+        const RecorderOptions options{lossless_colour, jpeg_quality, overwrite};
+        return open_recorder(std::string(path), shared_calibration(calibration), options);
+      },
+      py::arg("path"), py::arg("calibration"), py::arg("lossless_colour"), py::arg("jpeg_quality"),
+      py::arg("overwrite"));
+}
+
+}  // namespace
+
+void bind_rgbd_capture(py::module_& m) {
+  bind_source(m);
+  bind_recorder(m);
+}
+
+}  // namespace manip3d::bindings

@@ -1,0 +1,103 @@
+"""``manip3d capture``: list, record, play, info."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import rgbd_frames
+from manip3d import capture
+
+
+def manip3d(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "manip3d", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "COLUMNS": "200"},
+        timeout=120,
+    )
+
+
+@pytest.fixture
+def walk(tmp_path: Path) -> Path:
+    folder = tmp_path / "walk"
+    capture.record(rgbd_frames.frames(9), folder, lossless_colour=True)
+    return folder
+
+
+def test_list_names_the_absent_with_reason_and_cure() -> None:
+    done = manip3d("capture", "list", "--json")
+    assert done.returncode == 0, done.stderr
+    records = {record["name"]: record for record in json.loads(done.stdout)}
+    assert records["folder"]["reason"] == ""
+    assert records["freenect2"]["reason"]
+    assert records["freenect2"]["cure"]
+    shown = manip3d("capture", "list").stdout
+    assert "folder:FOLDER" in shown
+    assert records["freenect2"]["cure"] in shown
+
+
+def test_record_refuses_what_exists_and_guesses_the_source(walk: Path, tmp_path: Path) -> None:
+    again = tmp_path / "again"
+    done = manip3d("capture", "record", walk, "-o", again, "--frames", 4, "--json")
+    assert done.returncode == 0, done.stderr
+    record = json.loads(done.stdout)
+    assert (record["frames"], record["stop"]) == (4, "frames")
+    assert f"opened folder:{walk}: 16 x 12 pixels, 9 frames" in done.stderr
+    assert capture.open_rgbd(f"folder:{again}").num_frames == 4
+    refused = manip3d("capture", "record", walk, "-o", again)
+    assert (refused.returncode, refused.stdout) == (1, "")
+    assert "exists already; --force replaces it" in refused.stderr
+    assert manip3d("capture", "record", walk, "-o", again, "--force", "-q").stderr == ""
+    assert capture.open_rgbd(f"folder:{again}").num_frames == 9
+    assert manip3d("capture", "record", walk).returncode == 2
+
+
+def test_info_counts_gaps(walk: Path) -> None:
+    done = manip3d("capture", "info", walk, "--json")
+    record = json.loads(done.stdout)
+    assert record["frames"] == 9
+    assert record["with"] == {"colour": 9, "body_index": 9, "skeletons": 9}
+    assert record["missing_numbers"] == 4
+    assert record["frames_per_second"] == pytest.approx(30.0, abs=0.01)
+    assert record["depth"]["fx"] == 15.0
+    assert record["counters"]["frames"] == 9
+    assert json.loads(manip3d("info", walk, "--json").stdout) == record
+    shown = manip3d("capture", "info", walk).stdout
+    assert "depth   16 x 12" in shown
+    assert "4 numbers missing" in shown
+
+
+def test_play_draws_a_sheet_and_pictures(walk: Path, tmp_path: Path) -> None:
+    sheet = tmp_path / "sheet.png"
+    done = manip3d("capture", "play", walk, "--speed", 0, "-o", sheet, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["frames"] == 9
+    with Image.open(sheet) as image:
+        assert image.size == (3 * 32, 3 * 12)
+        assert np.asarray(image).std() > 10
+    folder = tmp_path / "pictures"
+    done = manip3d("capture", "play", walk, "--frames", 3, "-o", folder)
+    assert sorted(path.name for path in folder.iterdir()) == [f"00000{i}.png" for i in range(3)]
+    assert "3 frames in" in done.stdout
+
+
+def test_plain_folders_need_intrinsics(walk: Path, tmp_path: Path) -> None:
+    (walk / "frames.jsonl").unlink()
+    (walk / "calibration.json").unlink()
+    done = manip3d("capture", "info", walk)
+    assert done.returncode == 1
+    assert "has no calibration.json" in done.stderr
+    done = manip3d("capture", "info", walk, "--intrinsics", "15,15,7.5,5.5", "--json")
+    assert json.loads(done.stdout)["depth"]["cx"] == 7.5
+    done = manip3d("capture", "info", "nothing:there")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert len(done.stderr.splitlines()) == 1
