@@ -6,6 +6,7 @@
 #include <random>
 #include <vector>
 
+#include "allocations.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/modify/colliders.hpp"
 
@@ -268,6 +269,24 @@ TEST(ColliderTracker, EveryBoneIsCoveredAndLostJointsAreNot) {
   EXPECT_GT(tracker.now().capsules[7].radius, 0.0F);
   EXPECT_EQ(tracker.now().torso.half_size.x(), 0.0F);
   EXPECT_GT(tracker.before().capsules[5].radius, 0.0F);
+}
+
+TEST(ColliderTracker, FramesAndHitsAllocateNothing) {
+  if (!testing::kCountsAllocations) GTEST_SKIP() << "the sanitizer has operators of its own";
+  ColliderTracker tracker;
+  const Skeleton skeleton = standing();
+  const std::vector<std::uint8_t> label(15000, kForearm);
+  const std::vector<float> squared(15000, 0.002F);
+  tracker.update(skeleton, label, squared);
+  int hits = 0;
+  const std::int64_t before = testing::num_allocations();
+  for (int frame = 0; frame < 100; ++frame) {
+    tracker.update(skeleton, label, squared);
+    const float x = 0.01F * static_cast<float>(frame);
+    hits += first_hit(tracker.before(), tracker.now(), {{x, 0, 0}, {0, -0.2F, 4}, 0.02F}) ? 1 : 0;
+  }
+  EXPECT_EQ(testing::num_allocations(), before);
+  EXPECT_GT(hits, 50);
 }
 
 TEST(ColliderTracker, WrongOptionsAreRefused) {

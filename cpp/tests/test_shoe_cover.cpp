@@ -5,6 +5,7 @@
 #include <limits>
 #include <memory>
 
+#include "allocations.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/modify/shoe_cover.hpp"
 
@@ -80,7 +81,7 @@ void paint(RgbdFrame& frame, int v0, int u0, int height, int width, bool blue = 
 
 const Eigen::Vector3f kAnkle(0, 0, 2.0F);
 
-class ShoeCover : public testing::Test {
+class ShoeCover : public ::testing::Test {
  protected:
   RgbdFrame frame_ = wall();
   PixelRays rays_{frame_.calibration->depth};
@@ -150,6 +151,16 @@ TEST_F(ShoeCover, TheSkeletonsFootIsMoved) {
   ASSERT_TRUE(tracker_.update(frame_, rays_, true, skeleton));
   EXPECT_EQ(skeleton.states[kFoot], TrackingState::kTracked);
   EXPECT_FLOAT_EQ(skeleton.positions[kFoot].z(), 2.0F);
+}
+
+TEST_F(ShoeCover, FramesAllocateNothing) {
+  if (!testing::kCountsAllocations) GTEST_SKIP() << "the sanitizer has operators of its own";
+  paint(frame_, 30, 40, 7, 9);
+  // Patches and seeds trade their memory: it has grown to what they need after a few frames.
+  for (int i = 0; i < 10; ++i) (void)tracker_.find(frame_, rays_, kAnkle);
+  const std::int64_t before = testing::num_allocations();
+  for (int i = 0; i < 100; ++i) EXPECT_TRUE(tracker_.find(frame_, rays_, kAnkle));
+  EXPECT_EQ(testing::num_allocations(), before);
 }
 
 TEST_F(ShoeCover, WrongFramesAndOptionsAreRefused) {
