@@ -36,6 +36,12 @@ forge_app = typer.Typer(
     rich_markup_mode=None,
 )
 app.add_typer(forge_app, name="forge")
+phantom_app = typer.Typer(
+    help="A limb that is missing, made of the one that is there.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+app.add_typer(phantom_app, name="phantom")
 
 capture_app = typer.Typer(
     help="RGB-D cameras and recordings: list, record, play, info.",
@@ -125,6 +131,31 @@ class LidarAttack(StrEnum):
     translation = "translation"
     rotation = "rotation"
     replacement = "replacement"
+
+
+class LimbName(StrEnum):
+    """The person's own left and right."""
+
+    left_arm = "left-arm"
+    right_arm = "right-arm"
+    left_leg = "left-leg"
+    right_leg = "right-leg"
+
+
+class Mirroring(StrEnum):
+    """At the person's plane of symmetry, as printed, or in the image."""
+
+    reflection = "reflection"
+    paper = "paper"
+    image = "2d"
+
+
+class Smoothing(StrEnum):
+    """Presets of the filter of joints."""
+
+    default = "default"
+    seated = "seated"
+    none = "none"
 
 
 class Unit(StrEnum):
@@ -684,6 +715,49 @@ def capture_info(
     )
     record = capturing.info(opened, shell)
     shell.result(record, lambda console: capturing.show_info(console, record))
+
+
+@phantom_app.command("render")
+def phantom_render(
+    source: Annotated[
+        str,
+        typer.Argument(metavar="SOURCE", help="sim:body?amputated=right-arm, mkv:FILE, ..."),
+    ],
+    output: Output,
+    limb: Annotated[
+        LimbName | None,
+        typer.Option(help="To replace; else the simulated person's, or the right arm."),
+    ] = None,
+    mode: Annotated[Mirroring, typer.Option(help="How to mirror.")] = Mirroring.reflection,
+    smoothing: Annotated[Smoothing, typer.Option(help="Of the joints.")] = Smoothing.default,
+    azimuth: Annotated[float, typer.Option(help="Of the mesh's view, degrees.")] = 35.0,
+    frames: Annotated[int, typer.Option(min=0, help="At most so many; 0: all.")] = 0,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: Jobs = 0,
+) -> None:
+    """Draw people with a phantom limb: what was seen, the phantom, the mesh from the side.
+
+    OUT.mp4 is a film; a name without a suffix is a folder of PNG pictures.
+    """
+    from manip3d._cli import rendering, terminal
+
+    terminal.refuse_existing(output, force=force)
+    shell = terminal.Terminal(as_json=as_json, quiet=quiet)
+    record = rendering.render(
+        source,
+        output,
+        shell,
+        limb=limb.value if limb else None,
+        mode=mode.value,
+        smoothing=smoothing.value,
+        azimuth=azimuth,
+        frames=frames,
+        force=force,
+        threads=jobs,
+    )
+    shell.result(record)
 
 
 @data_app.command("list")

@@ -27,6 +27,7 @@ _EXTRAS = {
     "e57": ("pye57",),
     "ouster": ("ouster",),
     "pose": ("mediapipe",),
+    "video": ("av",),
     "dask": ("distributed",),
 }
 _DISTRIBUTIONS = {

@@ -1,0 +1,73 @@
+"""``manip3d phantom render``: films, folders, what is refused."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from manip3d.cli import app
+
+pytest.importorskip("open3d")
+Image = pytest.importorskip("PIL.Image")
+
+SOURCE = "sim:body?amputated=left-arm&motion=wave&frames=3&side=both"
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def test_a_folder_of_pictures(tmp_path: Path) -> None:
+    output = tmp_path / "frames"
+    done = run("phantom", "render", SOURCE, "-o", output, "--json", "--quiet")
+    assert done.exit_code == 0, done.output
+    record = json.loads(done.stdout)
+    assert record["limb"] == "left_arm"
+    assert record["frames"] == 3
+    assert record["states"] == {"tracking": 3}
+    assert set(record["stage_ms"]) >= {"mirroring", "textured mesh"}
+    names = sorted(path.name for path in output.iterdir())
+    assert names == ["000000.png", "000001.png", "000002.png"]
+    picture = np.asarray(Image.open(output / names[0]))
+    assert picture.shape == (424, 3 * 512, 3)
+    assert [path.name for path in tmp_path.iterdir()] == ["frames"]  # nothing is left behind
+    assert "exists already" in str(run("phantom", "render", SOURCE, "-o", output).exception)
+    again = run("phantom", "render", SOURCE, "-o", output, "--force", "--frames", 1, "--quiet")
+    assert again.exit_code == 0, again.output
+    assert len(list(output.iterdir())) == 1
+
+
+def test_other_folders_are_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters" / "dear.txt").write_text("keep me")
+    refused = run("phantom", "render", SOURCE, "-o", tmp_path / "letters", "--force")
+    assert "expected a new folder" in str(refused.exception)
+    assert os.listdir(tmp_path / "letters") == ["dear.txt"]
+
+
+def test_a_film(tmp_path: Path) -> None:
+    av = pytest.importorskip("av")
+    output = tmp_path / "phantom.mp4"
+    done = run("phantom", "render", SOURCE, "-o", output, "--quiet", "--limb", "left-arm")
+    assert done.exit_code == 0, done.output
+    with av.open(str(output)) as film:
+        frames = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+    assert len(frames) == 3
+    assert frames[0].shape == (424, 1536, 3)
+    assert (frames[0][:, 600:900] > 250).mean() > 0.5  # the person on white
+
+
+def test_what_is_refused(tmp_path: Path) -> None:
+    def message(*arguments: object) -> str:
+        return str(run("phantom", "render", *arguments).exception)
+
+    assert "expected .mp4" in message(SOURCE, "-o", tmp_path / "x.gif")
+    empty = message("sim:body?frames=0", "-o", tmp_path / "none")
+    assert "expected frames, found none" in empty
+    assert "unknown option" in message("sim:body?speed=3", "-o", tmp_path / "x")
+    assert list(tmp_path.iterdir()) == []
