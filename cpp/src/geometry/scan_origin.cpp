@@ -130,7 +130,8 @@ double unevenness(const std::vector<Patch>& patches, const Vector3d& origin, int
 Vector3d even_position(const std::vector<Patch>& patches, int axis) {
   constexpr int kSide = 9;
   constexpr int kStarts = 6;
-  constexpr double kSmallest = 0.002;  // metres
+  constexpr double kSmallest = 0.002;     // metres
+  constexpr double kSmallestPart = 1e-5;  // or of the extent
   std::vector<double> densities;
   for (const Patch& patch : patches) densities.push_back(patch.density);
   std::vector<double> sorted(densities);
@@ -151,6 +152,7 @@ Vector3d even_position(const std::vector<Patch>& patches, int axis) {
   }
   extent = extent.cwiseMax(std::max(0.2 * extent.maxCoeff(), kSmallest));
 
+  const double smallest = std::max(kSmallest, kSmallestPart * extent.maxCoeff());
   std::vector<double> logs;
   std::vector<double> scratch;
   const auto cost = [&](const Vector3d& p) { return unevenness(patches, p, axis, logs, scratch); };
@@ -167,7 +169,7 @@ Vector3d even_position(const std::vector<Patch>& patches, int axis) {
   for (int s = 0; s < kStarts; ++s) {
     Vector3d p = place(costs[s].second);
     double height = costs[s].first;
-    for (Vector3d step = extent / 8.0; step.maxCoeff() > kSmallest;) {
+    for (Vector3d step = extent / 8.0; step.maxCoeff() > smallest;) {
       bool better = false;
       for (int move = 0; move < 6; ++move) {
         Vector3d next = p;
