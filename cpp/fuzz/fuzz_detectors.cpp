@@ -74,10 +74,6 @@ void check_density(const PointCloud& scan, const std::vector<double>& distances,
 }
 
 void check_occlusion(const PointCloud& scan, OcclusionOptions options) {
-  options.grid = estimate_scan_grid(scan, options.origin, 1);
-  require(options.grid.azimuth_step > 0.0 && options.grid.elevation_step > 0.0);
-  options.grid.azimuth_step = std::max(options.grid.azimuth_step, 0.02);  // few cells: quick
-  options.grid.elevation_step = std::max(options.grid.elevation_step, 0.02);
   const OcclusionResult one = occlusion_consistency(scan, options);
   require(ascending_rows(one.suspected, scan.points.rows()));
   require(one.suspected.size() == one.suspected_component.size());
@@ -129,9 +125,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     DensityOptions options;
     options.origin = origin;
     options.sector = bytes.take<std::uint8_t>();
-    options.level_width = 0.1 + std::abs(fuzzing::take_number(bytes));
+    options.level_width = 1.0 + std::abs(fuzzing::take_number(bytes));
     options.level_growth = fuzzing::take_number(bytes);
-    options.max_range = 100.0;
+    options.max_range = 20.0;
     options.level_out = bytes.take<std::uint8_t>() % 2 == 1;
     options.num_threads = 1;
     check_density(scan, distances, options);
@@ -142,6 +138,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     options.min_gap = fuzzing::take_number(bytes);
     options.min_cells = bytes.take<std::int8_t>();
     options.min_area = fuzzing::take_number(bytes);
+    options.grid = {0.02 + 0.001 * bytes.take<std::uint8_t>(),
+                    0.02 + 0.001 * bytes.take<std::uint8_t>(), fuzzing::take_number(bytes),
+                    fuzzing::take_number(bytes)};
     options.num_threads = 1;
     check_occlusion(scan, options);
   });
@@ -150,7 +149,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const PointCloud previous = fuzzing::take_scan(bytes);
     check_generic(scan, previous, lattice);
   });
-  if (bytes.take<std::uint8_t>() % 32 != 7) return 0;  // what follows takes a tenth of a second
+  if (bytes.take<std::uint8_t>() % 64 != 7) return 0;  // what follows takes a tenth of a second
+  run([&] {
+    const ScanGrid grid = estimate_scan_grid(scan, origin, 1);
+    require(grid.azimuth_step > 0.0 && grid.elevation_step > 0.0);
+  });
   run([&] {
     // Enough points for an estimate: the scan over and over, each time a little larger.
     PointCloud many;
