@@ -32,13 +32,15 @@ def cave(points: float) -> Points:
     r += np.float32(0.003) * random.standard_normal(r.shape, np.float32)
     level = r * np.cos(elevation)
     xyz = [level * np.cos(azimuth), level * np.sin(azimuth), r * np.sin(elevation)]
-    return np.stack(xyz, axis=-1).reshape(-1, 3).astype(np.float32)
+    scan: Points = np.stack(xyz, axis=-1).reshape(-1, 3).astype(np.float32)
+    return scan
 
 
 def ball(radius: float, count: int) -> Points:
     """Points evenly spread over a sphere."""
     v = np.random.default_rng(1).normal(size=(count, 3))
-    return (radius * v / np.linalg.norm(v, axis=1, keepdims=True)).astype(np.float32)
+    points: Points = (radius * v / np.linalg.norm(v, axis=1, keepdims=True)).astype(np.float32)
+    return points
 
 
 Kernels = dict[str, Callable[[], Any]]
@@ -55,6 +57,7 @@ def kernels(scan: Points) -> Kernels:
     place = (3.0, 1.0, 0.0)
     box = Box((6.0, 4.0, 0.0), (1.5, 1.5, 1.5))
     shuffled = np.random.default_rng(2).permutation(scan)
+    away = scan + np.array([10.0, 5.0, 2.0], np.float32)
     near = 4e-3
     distances = nearest_distances(scan, threads=1)
     return {
@@ -84,9 +87,7 @@ def kernels(scan: Points) -> Kernels:
         "detector II": lambda: authenticate.occlusion_consistency(frame, threads=1),
         "angular grid": lambda: authenticate.estimate_grid(frame, threads=1),
         "origin, in (0, 0, 0)": lambda: authenticate.estimate_origin(frame, threads=1),
-        "origin, elsewhere": lambda: authenticate.estimate_origin(
-            scan + np.float32([10, 5, 2]), threads=1
-        ),
+        "origin, elsewhere": lambda: authenticate.estimate_origin(away, threads=1),
     }
 
 
