@@ -52,6 +52,11 @@ def public_names() -> Iterator[tuple[str, str, object]]:
                 yield info.name, name, getattr(module, name)
 
 
+def test_test_files_have_names_of_their_own() -> None:
+    names = [path.name for path in (ROOT / "tests").rglob("test_*.py")]
+    assert sorted(names) == sorted(set(names))  # else pytest collects only one of two
+
+
 def test_every_name_of_the_package_is_there() -> None:
     for name in manip3d.__all__:
         assert getattr(manip3d, name) is not None
