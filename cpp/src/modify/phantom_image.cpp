@@ -239,6 +239,60 @@ PixelBox write_root(const std::vector<MirroredPoint>& mirrored, const PixelProje
 
 namespace {
 
+/// Draws the line between two mirrored points, ends excluded, where there is nothing.
+void draw_between(const MirroredPoint& a, const MirroredPoint& b, const PixelProjector& projector,
+                  const PhantomImage& image, PixelBounds& bounds) {
+  constexpr std::int64_t kReach = 6;  // pixels; wider gaps are left as what was not seen
+  const std::int32_t from = projector.pixel(a.x, a.y, a.z), to = projector.pixel(b.x, b.y, b.z);
+  if (from < 0 || to < 0) return;
+  const std::int64_t steps = std::max(std::abs(from % image.cols - to % image.cols),
+                                      std::abs(from / image.cols - to / image.cols));
+  if (steps > kReach) return;
+  for (std::int64_t k = 1; k < steps; ++k) {
+    const float t = static_cast<float>(k) / static_cast<float>(steps);
+    const auto mix = [t](float x, float y) { return x + t * (y - x); };
+    MirroredPoint point = 2 * k <= steps ? a : b;
+    point.x = mix(a.x, b.x), point.y = mix(a.y, b.y), point.z = mix(a.z, b.z);
+    const std::int32_t pixel = projector.pixel(point.x, point.y, point.z);
+    if (pixel < 0) continue;
+    const PixelKind there = image.kind[pixel];
+    const bool nearer = there == PixelKind::kBridged && point.z < image.depth[pixel];
+    if (there != PixelKind::kNone && !nearer) continue;
+    draw(point, pixel, PixelKind::kBridged, image);
+    bounds.add(pixel % image.cols, pixel / image.cols);
+  }
+}
+
+}  // namespace
+
+PixelBox bridge_gaps(const std::vector<MirroredPoint>& mirrored, const PixelProjector& projector,
+                     const PhantomImage& image, std::vector<std::int32_t>& scratch) {
+  // What the scratch held before is told apart by the source that an entry must lead back to.
+  for (std::size_t i = 0; i < mirrored.size(); ++i) {
+    scratch[static_cast<std::size_t>(mirrored[i].source)] = static_cast<std::int32_t>(i);
+  }
+  const auto of_source = [&](std::int64_t pixel) -> const MirroredPoint* {
+    if (pixel >= image.rows * image.cols) return nullptr;
+    const auto i = static_cast<std::size_t>(scratch[static_cast<std::size_t>(pixel)]);
+    return i < mirrored.size() && mirrored[i].source == pixel ? &mirrored[i] : nullptr;
+  };
+  PixelBounds bounds;
+  for (const MirroredPoint& point : mirrored) {
+    if (!point.faces_camera) continue;
+    const bool last_column = (point.source + 1) % image.cols == 0;
+    for (const std::int64_t step : {std::int64_t{1}, image.cols}) {
+      const MirroredPoint* next =
+          step == 1 && last_column ? nullptr : of_source(point.source + step);
+      if (next == nullptr || !next->faces_camera) continue;
+      if (!(std::abs(next->source_depth - point.source_depth) < kSameSurface)) continue;
+      draw_between(point, *next, projector, image, bounds);
+    }
+  }
+  return bounds.box();
+}
+
+namespace {
+
 /// Two opposite neighbours of an empty pixel.
 struct Pair {
   std::int64_t a, b;

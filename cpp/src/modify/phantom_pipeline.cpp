@@ -338,7 +338,7 @@ class PhantomPipeline::Workspace {
       const Limb intact = opposite(options_.affected);
       mirror_limb(points_, intact, radius(), rays_, mirror_, image, mirrored_);
       root_.clear();
-      if (!is_arm(intact) && options_.root_radius > 0.0 && is_usable(person, limb_root(intact))) {
+      if (options_.root_radius > 0.0 && is_usable(person, limb_root(intact))) {
         mirror_around_root(points_, person[limb_root(intact)], options_.root_radius, *frame_,
                            mirror_, image, root_);
       }
@@ -358,17 +358,22 @@ class PhantomPipeline::Workspace {
                          PixelProjector(*camera_, rays_), image);
   }
 
-  /// Both fillings. Returns the box of everything there is.
-  PixelBox fill(const PixelBox& phantom, const PhantomImage& image, PhantomReport& report) {
-    PixelBounds bounds;
-    bounds.add(points_.box);
-    bounds.add(phantom);
-    report.num_filled = fill_holes(phantom, rays_, image, fills_);
+  /// Bridges and both fillings. Returns the box of everything there is.
+  PixelBox fill(const PixelBox& written, const PhantomImage& image, PhantomReport& report) {
+    const bool is_held = report.state != PhantomState::kTracking;
+    const PixelProjector projector(*camera_, rays_);
+    PixelBounds phantom;
+    phantom.add(written);
     if (report.state != PhantomState::kLost) {
-      const bool is_held = report.state != PhantomState::kTracking;
-      bounds.add(write_root(is_held ? moved_root_ : root_, PixelProjector(*camera_, rays_), image));
+      phantom.add(bridge_gaps(is_held ? moved_ : mirrored_, projector, image, vertex_of_));
     }
-    return bounds.box();
+    report.num_filled = fill_holes(phantom.box(), rays_, image, fills_);
+    PixelBounds all = phantom;
+    all.add(points_.box);
+    if (report.state != PhantomState::kLost) {
+      all.add(write_root(is_held ? moved_root_ : root_, projector, image));
+    }
+    return all.box();
   }
 
   /// Calls use(joint) for the joints that the phantom replaces.

@@ -38,6 +38,7 @@ class PixelKind(enum.IntEnum):
     AWAY = 3  #: a mirrored point that shows the back of its surface
     FILLED = 4  #: a hole of the phantom, from its neighbours
     ROOT_FILLED = 5  #: the gap at the root of the limb, from the intact side
+    BRIDGED = 6  #: between two mirrored points that were neighbours
 
 
 class PhantomState(enum.StrEnum):
@@ -212,7 +213,7 @@ class PhantomPipeline:
     arm_radius, leg_radius : float, metres
         What counts as the limb lies so near its bones.
     root_radius : float, metres
-        Around the hip, for the second filling of legs; 0: none.
+        Around shoulder or hip, for the second filling (in the source, of legs only); 0: none.
     keep_residual : bool
         Leave what there is of the affected limb.
     near, far, margin : float, metres

@@ -16,12 +16,13 @@
 namespace manip3d {
 
 enum class PixelKind : std::uint8_t {
-  kNone,       ///< Nothing here.
-  kBody,       ///< As measured.
-  kPhantom,    ///< A mirrored point whose surface faces the camera.
-  kAway,       ///< A mirrored point that shows the back of its surface.
-  kFilled,     ///< A hole of the phantom, from its neighbours.
-  kRootFilled  ///< The gap at the root of the limb, from the intact side.
+  kNone,        ///< Nothing here.
+  kBody,        ///< As measured.
+  kPhantom,     ///< A mirrored point whose surface faces the camera.
+  kAway,        ///< A mirrored point that shows the back of its surface.
+  kFilled,      ///< A hole of the phantom, from its neighbours.
+  kRootFilled,  ///< The gap at the root of the limb, from the intact side.
+  kBridged      ///< Between two mirrored points that were neighbours.
 };
 
 /// Borrowed images of one size, row by row.
@@ -83,6 +84,14 @@ PixelBox write_phantom(const std::vector<MirroredPoint>& mirrored, Limb affected
 /// Draws mirrored points where there is nothing. Returns the box of what was drawn.
 PixelBox write_root(const std::vector<MirroredPoint>& mirrored, const PixelProjector& projector,
                     const PhantomImage& image);
+
+/// Where mirroring pulls neighbours of one surface apart, by up to 6 pixels, draws the straight
+/// line between them in the pixels that show nothing: their source is the nearer one's. Mirroring a
+/// grazing surface into a frontal one leaves gaps that the filling of holes, which looks one pixel
+/// to either side, cannot close. `mirrored` as written before; `scratch` has rows * cols numbers.
+/// Returns the box of what was drawn.
+PixelBox bridge_gaps(const std::vector<MirroredPoint>& mirrored, const PixelProjector& projector,
+                     const PhantomImage& image, std::vector<std::int32_t>& scratch);
 
 struct HoleFill {
   std::int32_t pixel;
