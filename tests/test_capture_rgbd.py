@@ -16,6 +16,7 @@ import textwrap
 import threading
 import time
 import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -142,6 +143,12 @@ def test_recorders_refuse_what_does_not_fit(tmp_path: Path) -> None:
     bare = RgbdFrame(frames[0].depth, CALIBRATION)
     with pytest.raises(InputError, match=r"body_index: expected none, as in the first frame"):
         capture.record([bare, frames[1]], tmp_path / "more")
+    far = [replace(frames[0], number=-(2**63), time=-(2**63)), replace(frames[1], time=2**63 - 1)]
+    capture.record(far, tmp_path / "far")
+    assert [frame.time for frame in opened(tmp_path / "far")] == [-(2**63), 2**63 - 1]
+    crowd = replace(frames[0], skeletons=frames[0].skeletons * 65)
+    with pytest.raises(InputError, match=r"frame\.skeletons: expected at most 64, got 65"):
+        capture.record([crowd], tmp_path / "crowd")
     with pytest.raises(InputError, match="source: expected frames of an RGB-D camera, got None"):
         capture.record([], tmp_path / "none")
     with pytest.raises(InputError, match="jpeg_quality: expected 1 to 100, got 0"):
@@ -434,7 +441,7 @@ def test_hostile_lines_are_refused_with_their_number(tmp_path: Path) -> None:
         ("[" + "0," * 200_000 + "0]", "expected at most 100000 values"),
         ("null", "expected an object, got null"),
         ('{"number": 1e400}', "a number is out of range"),
-        (hostile(line, number=-1), "/number: expected a whole number"),
+        (hostile(line, number=2**63), "/number: expected a whole number"),
         (hostile(line, time_ns=0.5), "/time_ns: expected a whole number"),
         (hostile(line, depth=image), "/depth/file: expected the name of a file in this folder"),
         (hostile(line, depth={"file": "a.png"}), '/depth: expected a member "crc32"'),

@@ -12,6 +12,7 @@
 namespace manip3d {
 namespace {
 
+constexpr std::int64_t kLeast = std::numeric_limits<std::int64_t>::min();
 constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
 constexpr std::int64_t kMaxLineValues = 100'000;  // 64 skeletons have 13 000
 
@@ -55,8 +56,8 @@ void parse_frame_line(std::string_view text, std::int64_t line, const std::files
   try {
     const JsonPlace::Json json = parse_bounded(text);
     const JsonPlace root(json, "", 0);
-    files.number = root.member("number").integer(0, kMost);
-    files.time_ns = root.member("time_ns").integer(-kMost, kMost);
+    files.number = root.member("number").integer(kLeast, kMost);
+    files.time_ns = root.member("time_ns").integer(kLeast, kMost);
     files.depth = image_file(root.member("depth"), folder / "depth");
     files.body_index = files.colour = {};
     if (const auto image = root.find("body_index")) {

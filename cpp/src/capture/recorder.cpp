@@ -85,6 +85,10 @@ RecordingChecks::RecordingChecks(const RgbdCalibration& calibration)
 }
 
 void RecordingChecks::check(const RgbdFrame& frame) {
+  if (frame.skeletons.size() > kMaxSkeletons) {
+    throw InputError("frame.skeletons: expected at most " + std::to_string(kMaxSkeletons) +
+                     ", got " + std::to_string(frame.skeletons.size()));
+  }
   check_size("depth", frame.rows, frame.cols, rows_, cols_);
   check_length("depth", frame.depth.size(), rows_ * cols_);
   if (!frame.body_index.empty()) check_length("body_index", frame.body_index.size(), rows_ * cols_);

@@ -6,13 +6,12 @@
 #include <span>
 
 #include "io/base64.hpp"
+#include "manip3d/capture/recorder.hpp"
 
 namespace manip3d {
 namespace {
 
 using Json = JsonPlace::Json;
-
-constexpr std::int64_t kMaxSkeletons = 64;  // sensors track six
 
 // --- numbers ------------------------------------------------------------------------------------
 
@@ -171,7 +170,9 @@ Json skeletons_to_json(const std::vector<Skeleton>& skeletons) {
 }
 
 void skeletons_from_json(const JsonPlace& place, std::vector<Skeleton>& skeletons) {
-  if (place.size() > kMaxSkeletons) place.fail("expected at most 64 skeletons");
+  if (place.size() > static_cast<std::int64_t>(kMaxSkeletons)) {
+    place.fail("expected at most 64 skeletons");
+  }
   skeletons.clear();
   for (std::int64_t i = 0; i < place.size(); ++i) {
     skeletons.push_back(skeleton_from_json(place.item(i)));

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -60,6 +61,8 @@ std::vector<RecordingFormat> recording_formats();
 std::unique_ptr<RgbdRecorder> open_recorder(const std::filesystem::path& path,
                                             std::shared_ptr<const RgbdCalibration> calibration,
                                             const RecorderOptions& options = {});
+
+inline constexpr std::size_t kMaxSkeletons = 64;  ///< Of a recorded frame; sensors track six.
 
 /// What every recorder asks of its frames before it writes them.
 class RecordingChecks {
