@@ -242,7 +242,7 @@ class PhantomPipeline:
         smoothing: Preset | None = "default",
         arm_radius: float = 0.13,
         leg_radius: float = 0.18,
-        root_radius: float = 0.15,
+        root_radius: float = 0.20,
         keep_residual: bool = False,
         near: float = 0.3,
         far: float = 8.0,

@@ -26,7 +26,7 @@ struct PhantomOptions {
   KeyPersonOptions key_person;
   PersonMaskOptions mask;
   double arm_radius = 0.13, leg_radius = 0.18;  ///< Metres around the limb's bones.
-  double root_radius = 0.15;      ///< Metres around shoulder or hip: second filling; 0: none.
+  double root_radius = 0.20;      ///< Metres around shoulder or hip: second filling; 0: none.
   bool keep_residual = false;     ///< Leaves what there is of the affected limb.
   double least_visible = 0.5;     ///< Share of the intact limb that must be seen.
   double inferred_seconds = 0.2;  ///< A joint of the intact limb may be guessed for so long.
