@@ -1,5 +1,5 @@
 #!/bin/bash
-# Runs each fuzz target over its corpus, then EXECUTIONS times from a fixed seed.
+# Runs each fuzz target over its corpus, then EXECUTIONS times from a fixed seed; one per core.
 # usage: cpp/fuzz/run.sh EXECUTIONS [TARGET...]      TARGET: obj, mtl, ply, ...; default: all
 # Kernels (metrics, simplify, cs3, phantom, ...) run a tenth of that.
 # Build first: cmake --preset fuzz && cmake --build --preset fuzz. FUZZ_BUILD names another folder.
@@ -18,10 +18,10 @@ if [ $# -eq 0 ]; then
 fi
 findings=$build/findings
 mkdir -p "$findings"
-options=(-max_len=65536 -malloc_limit_mb=256 -timeout=5 -seed=1 "-artifact_prefix=$findings/")
-failed=0
-printf '%-14s %8s %12s %10s %s\n' target corpus executions exec/s result
-for name in "$@"; do
+
+fuzz() {
+  local name=$1 options program corpus log work count runs dictionary result done_runs rate failed=0
+  options=(-max_len=65536 -malloc_limit_mb=256 -timeout=10 -seed=1 "-artifact_prefix=$findings/")
   program=$build/fuzz_$name
   corpus=$here/corpus/$name
   log=$findings/$name.log
@@ -47,5 +47,10 @@ for name in "$@"; do
   done_runs=$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")
   rate=$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log")
   printf '%-14s %8s %12s %10s %s\n' "$name" "$count" "${done_runs:--}" "${rate:--}" "$result"
-done
-exit $failed
+  return $failed
+}
+export -f fuzz
+export here build findings executions
+
+printf '%-14s %8s %12s %10s %s\n' target corpus executions exec/s result
+printf '%s\0' "$@" | xargs -0 -n 1 -P "$(nproc)" bash -c 'fuzz "$1" || exit 1' fuzz || exit 1
