@@ -388,6 +388,10 @@ def test_scans_that_are_not_finite(name: str, value: float) -> None:
         (lambda s: forge.deform(s, BOX, amplitude=np.nan), "amplitude"),
         (lambda s: forge.insert_occluding(s, grid_plate(), position=(0, 0, 0)), "one side"),
         (
+            lambda s: forge.insert_occluding(s, plate(), position=(4, 0, 0), range_noise=1e160),
+            "beyond the finite floats",
+        ),
+        (
             lambda s: forge.insert_occluding(s, plate(), position=(4, 0, 0), range_noise=-1),
             "range_noise",
         ),

@@ -363,6 +363,10 @@ Forgery insert_occluding(const PointsView& scene, const PointsView& object,
   };
   edit.moved_to = to_rows(moved_to);
   edit.added = to_rows(added);
+  if (!edit.moved_to.allFinite() || !edit.added.allFinite()) {
+    throw InputError("range_noise: takes points beyond the finite floats, got " +
+                     std::to_string(options.range_noise));
+  }
   Forgery forged = apply_edit(scene, edit, num_threads);
   forged.transform = transform;
   return forged;
