@@ -57,9 +57,16 @@ void check_lattice(const ScanLattice& lattice) {
       throw InputError("lattice: expected finite slopes and offsets");
     }
   }
-  const bool finite = std::isfinite(lattice.azimuth_step) && std::isfinite(lattice.azimuth_phase);
-  if (!(finite && lattice.azimuth_step >= 0.0 && std::abs(lattice.azimuth_phase) <= 1e3)) {
-    throw InputError("lattice: expected an azimuth step >= 0 and a phase in radians");
+  // Finer than any rotor's encoder, and a turn would have columns without end; coarser, and it
+  // would have none.
+  const double step = lattice.azimuth_step;
+  if (!(step == 0.0 || (step >= 1e-4 && step <= 1.0))) {
+    throw InputError("lattice: expected an azimuth step of 0 or 1e-4 to 1 radian, got " +
+                     std::to_string(step));
+  }
+  if (!(std::abs(lattice.azimuth_phase) <= 1e3)) {
+    throw InputError("lattice: expected a phase in radians, got " +
+                     std::to_string(lattice.azimuth_phase));
   }
 }
 

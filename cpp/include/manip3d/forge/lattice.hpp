@@ -16,7 +16,7 @@ struct ScanLattice {
     double offset = 0.0;  ///< Metres: the height of the laser above the origin.
   };
   std::vector<Ring> rings;
-  double azimuth_step = 0.0;   ///< Radians; 0: unknown.
+  double azimuth_step = 0.0;   ///< Radians, 1e-4 to 1; 0: unknown.
   double azimuth_phase = 0.0;  ///< Radians: some azimuth that is measured.
 };
 
