@@ -141,11 +141,19 @@ def _grey(frame: RgbdFrame) -> Any:
 
 
 def _kinds(phantom: PhantomFrame) -> Any:
-    """The phantom green over the grey body; blue shows its back, orange and pink were filled."""
+    """The phantom green over the grey body; blue shows its back, orange, pink and yellow were filled."""
     from manip3d.viewer import people
 
     tint = np.array(
-        [[0, 0, 0], [1, 1, 1], [0.5, 1, 0.5], [0.5, 0.7, 1], [1, 0.7, 0.3], [1, 0.5, 1]]
+        [
+            [0, 0, 0],
+            [1, 1, 1],
+            [0.5, 1, 0.5],
+            [0.5, 0.7, 1],
+            [1, 0.7, 0.3],
+            [1, 0.5, 1],
+            [1, 0.9, 0.3],
+        ]
     )
     return (people.depth_picture(phantom.depth) * tint[phantom.kinds]).astype(np.uint8)
 
