@@ -141,7 +141,7 @@ def _grey(frame: RgbdFrame) -> Any:
 
 
 def _kinds(phantom: PhantomFrame) -> Any:
-    """The phantom green over the grey body; blue shows its back, orange, pink and yellow were filled."""
+    """The phantom green over the grey body; blue: its back; orange, pink, yellow: filled."""
     from manip3d.viewer import people
 
     tint = np.array(
