@@ -103,7 +103,7 @@ ASAN_SITE := $(CURDIR)/build/asan/site
 # Left out: what is slow, and what mostly runs other people's code (VTK, Open3D, libE57, Rust).
 # Tests of limits on memory and time (mebibyte) are not for instrumented code.
 PYTEST_ASAN ?= -q -m 'not slow and not realdata' -k 'not mebibyte' --ignore=tests/viewer \
-	$(addprefix --ignore=tests/test_,capture_openni2.py cli.py cli_cs3.py cli_scans.py experiments_chapter3.py experiments_runner.py interop.py notebooks.py scan_extras.py)
+	$(addprefix --ignore=tests/test_,capture_openni2.py cli.py cli_cs3.py cli_scans.py experiments_chapter3.py experiments_chapter4.py experiments_runner.py interop.py notebooks.py scan_extras.py)
 asan: setup ## Run both test suites under the address and undefined-behaviour sanitizers
 	cmake --preset asan -DMANIP3D_PYTHON=ON -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python >/dev/null
 	cmake --build --preset asan
