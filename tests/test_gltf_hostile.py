@@ -307,7 +307,7 @@ EMPTY_OBJECTS = b'{"asset":{"version":"2.0"},"nodes":[' + b",".join([b"{}"] * 20
 
 
 @pytest.mark.parametrize("content", [EMPTY_OBJECTS, b" " * len(EMPTY_OBJECTS), None])
-def test_what_a_small_compressed_file_may_become_is_bounded(content: bytes | None) -> None:
+def test_what_a_compressed_mebibyte_may_become_is_bounded(content: bytes | None) -> None:
     if content is None:
         content = zeros(10_000_000, b"\0" * 50_000_000)
     small = gzip.compress(content, 1)
