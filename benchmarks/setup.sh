@@ -11,7 +11,7 @@ scratch=$build/crate
 meshopt_version=0.7.0  # carries meshoptimizer 1.3
 
 "$python" -m pip install --quiet 'pymeshlab>=2023.12' 'meshlib>=3.0' 'fast-simplification>=0.1.9' \
-  'open3d-cpu>=0.19' 'vtk>=9.5' 'trimesh>=4.4'
+  'open3d-cpu>=0.19' 'vtk>=9.5' 'trimesh>=4.4' 'pydelatin>=0.4' 'scipy>=1.12'
 "$root/.ci/install_packages.sh" libcgal-dev cmake ninja-build g++ libeigen3-dev libtbb-dev \
   liblzma-dev zlib1g-dev nlohmann-json3-dev
 

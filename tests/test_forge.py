@@ -395,6 +395,15 @@ def test_scans_that_are_not_finite(name: str, value: float) -> None:
             lambda s: forge.insert_occluding(s, plate(), position=(4, 0, 0), range_noise=-1),
             "range_noise",
         ),
+        *(
+            (
+                lambda s, step=step: forge.snap_to_lattice(
+                    forge.subtract(s, rows=[0]), forge.Lattice([[0, 0]], step)
+                ),
+                "azimuth step of 0 or 1e-4 to 1 radian",
+            )
+            for step in (-0.1, 1e-5, 13.0, np.nan, np.inf)
+        ),
         (lambda s: forge.segment(s, tolerance=0.0), "tolerance"),
         (lambda s: forge.nearest_object(s[:10]), "found none"),
         (lambda s: forge.translation(s, Box((0, 0, 0), (1, 1, 1))), "beside the scanner"),

@@ -118,7 +118,7 @@ class Lattice:
     rings : (K, 2) float64
         Ring k meets the points ``z = rings[k, 0] * hypot(x, y) + rings[k, 1]``, metres.
     azimuth_step, azimuth_phase : float, radians
-        Azimuths are ``phase + i * step``; step 0: not known.
+        Azimuths are ``phase + i * step``; a step of 1e-4 to 1, or 0: not known.
     """
 
     rings: NDArray[np.float64]
