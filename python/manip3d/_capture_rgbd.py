@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sized
+from collections.abc import Iterable, Mapping, Sized
 from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace, TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 from manip3d import _core
+from manip3d._frame_source import FrameSource
 from manip3d._options import reporting
 from manip3d.camera import Intrinsics, Registration
 from manip3d.errors import InputError
@@ -18,7 +19,6 @@ from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
 if TYPE_CHECKING:
     from manip3d._options import Progress
 
-_POLL_MS = 100  # how long a wait goes on before Python looks for Ctrl-C
 _PEOPLE = ("utd-mhad", "labanotation", "people")
 
 
@@ -61,7 +61,7 @@ def core_schemes() -> list[Scheme]:
     ]
 
 
-class RgbdSource:
+class RgbdSource(FrameSource[RgbdFrame]):
     """Frames of an RGB-D camera or recording one after the other; made by `open`.
 
     The images of a frame are its own: nothing changes in them when the next one comes, and they
@@ -130,20 +130,7 @@ class RgbdSource:
         DeviceError
             The camera is gone; `start` tries to open it again.
         """
-        waited = 0.0
-        while timeout is None or waited <= timeout:
-            left = _POLL_MS if timeout is None else min(_POLL_MS, (timeout - waited) * 1000)
-            fields = self._source.read(max(1, round(left)))
-            if isinstance(fields, RgbdFrame):
-                return fields
-            if isinstance(fields, Mapping):
-                return self._to_frame(fields)
-            if not fields:
-                return None
-            waited += left / 1000
-            if left <= 0:
-                break
-        return None
+        return self._wait(timeout)
 
     def _to_frame(self, fields: Mapping[str, Any]) -> RgbdFrame:
         skeletons = tuple(Skeleton(**skeleton) for skeleton in fields["skeletons"])
@@ -152,24 +139,6 @@ class RgbdSource:
     def stop(self) -> None:
         """End a live source's thread; the frame that it has can still be read."""
         self._source.stop()
-
-    def __iter__(self) -> Iterator[RgbdFrame]:
-        while (frame := self.read()) is not None:
-            yield frame
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.stop()
-
-    def __repr__(self) -> str:
-        return f"<manip3d.capture.RgbdSource: {self.uri}>"
 
 
 class _Iterated:

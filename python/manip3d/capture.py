@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,6 +26,7 @@ from manip3d._capture_rgbd import (
     open_rgbd,
     record,
 )
+from manip3d._frame_source import FrameSource
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame, ScanFormat
 
@@ -53,7 +53,6 @@ RETURN_TYPES: tuple[str, ...] = ("unknown", "strongest", "last", "both")
 """What the values of ``fields["return_type"]`` mean; both: the last return is the strongest."""
 
 DEFAULT_PORT = 2368
-_POLL_MS = 100  # how long a wait goes on before Python looks for Ctrl-C
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +115,7 @@ def read_velodyne_calibration(path: str | os.PathLike[str]) -> VelodyneCalibrati
     return VelodyneCalibration(**read(Path(path)))
 
 
-class LidarSource:
+class LidarSource(FrameSource[LidarFrame]):
     """Scans one after the other; made by `open`.
 
     Attributes
@@ -159,20 +158,10 @@ class LidarSource:
         LidarFrame or None
             None: the recording ends, the source was stopped, or the time is over.
         """
-        waited = 0.0
-        while timeout is None or waited <= timeout:
-            left = _POLL_MS if timeout is None else min(_POLL_MS, (timeout - waited) * 1000)
-            fields = self._source.read(max(1, round(left)))
-            if isinstance(fields, LidarFrame):
-                return fields
-            if isinstance(fields, Mapping):
-                return _to_frame(dict(fields), self.uri)
-            if not fields:
-                return None
-            waited += left / 1000
-            if left <= 0:
-                break
-        return None
+        return self._wait(timeout)
+
+    def _to_frame(self, fields: Mapping[str, Any]) -> LidarFrame:
+        return _to_frame(dict(fields), self.uri)
 
     def read_latest(self, timeout: float | None = None) -> LidarFrame | None:
         """The newest frame of a live source; older ones that wait are skipped, and counted.
@@ -201,24 +190,6 @@ class LidarSource:
         """End a live source's thread; what it has collected can still be read."""
         if self.is_live:
             self._source.stop()
-
-    def __iter__(self) -> Iterator[LidarFrame]:
-        while (frame := self.read()) is not None:
-            yield frame
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.stop()
-
-    def __repr__(self) -> str:
-        return f"<manip3d.capture.LidarSource: {self.uri}>"
 
 
 _LIDAR = ("pcap", "velodyne", "ouster", "kitti")
