@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <vector>
 
+#include "checks.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/forge/attacks.hpp"
 #include "manip3d/forge/insertion.hpp"
@@ -15,18 +16,8 @@
 namespace {
 
 using namespace manip3d;
-
-void require(bool condition) {
-  if (!condition) std::abort();
-}
-
-template <typename Call>
-void run(const Call& call) {
-  try {
-    call();
-  } catch (const InputError&) {
-  }
-}
+using fuzzing::require;
+using fuzzing::run;
 
 bool rows_of(const std::vector<std::int32_t>& rows, std::int64_t end) {
   return std::is_sorted(rows.begin(), rows.end()) &&

@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <vector>
 
+#include "checks.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/simplify/cs3.hpp"
 #include "mesh_from_bytes.hpp"
@@ -14,10 +15,7 @@
 namespace {
 
 using namespace manip3d;
-
-void require(bool condition) {
-  if (!condition) std::abort();
-}
+using fuzzing::require;
 
 Cs3Options take_options(fuzzing::Bytes& bytes) {
   Cs3Options options;

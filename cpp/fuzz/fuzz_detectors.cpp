@@ -9,6 +9,7 @@
 #include <optional>
 #include <vector>
 
+#include "checks.hpp"
 #include "manip3d/authenticate/density.hpp"
 #include "manip3d/authenticate/generic.hpp"
 #include "manip3d/authenticate/occlusion.hpp"
@@ -21,18 +22,8 @@
 namespace {
 
 using namespace manip3d;
-
-void require(bool condition) {
-  if (!condition) std::abort();
-}
-
-template <typename Call>
-void run(const Call& call) {
-  try {
-    call();
-  } catch (const InputError&) {
-  }
-}
+using fuzzing::require;
+using fuzzing::run;
 
 bool ascending_rows(const std::vector<std::int32_t>& rows, std::int64_t end) {
   for (std::size_t i = 0; i < rows.size(); ++i) {

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <cstdlib>
 
+#include "checks.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/bvh.hpp"
 #include "manip3d/metrics/boundary_gap.hpp"
@@ -14,10 +15,7 @@
 namespace {
 
 using namespace manip3d;
-
-void require(bool condition) {
-  if (!condition) std::abort();
-}
+using fuzzing::require;
 
 // The mean of equal numbers may exceed them by rounding. Squares of distances beyond 1e150 sizes
 // of the original are infinite.

@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <vector>
 
+#include "checks.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/modify/phantom_pipeline.hpp"
 #include "mesh_from_bytes.hpp"
@@ -14,10 +15,7 @@
 namespace {
 
 using namespace manip3d;
-
-void require(bool condition) {
-  if (!condition) std::abort();
-}
+using fuzzing::require;
 
 constexpr std::int64_t kCols = 40, kRows = 36;
 constexpr std::size_t kSize = kCols * kRows;

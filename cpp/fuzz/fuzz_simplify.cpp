@@ -2,6 +2,7 @@
 #include <cstdint>
 #include <cstdlib>
 
+#include "checks.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/simplify/clean.hpp"
 #include "manip3d/simplify/qem.hpp"
@@ -10,10 +11,7 @@
 namespace {
 
 using namespace manip3d;
-
-void require(bool condition) {
-  if (!condition) std::abort();
-}
+using fuzzing::require;
 
 template <typename Enum>
 Enum pick(fuzzing::Bytes& bytes, int count) {
