@@ -18,6 +18,7 @@ from manip3d.experiments.table_3_4 import EXPERIMENT as ERRORS
 IDS = [
     *(f"table-3.{n}" for n in (1, 2, 3, 4)),
     *(f"figure-3.{n}" for n in (5, 6, 7, 8, 10, 12, 13, 14)),
+    "texture-3",
     "boundary-noise",
     "sequences-3",
 ]

@@ -37,6 +37,7 @@ _BUILT_IN = (
     "figure_3_12",
     "figure_3_13",
     "figure_3_14",
+    "texture_3",
     "boundary_noise",
     "sequences_3",
     "readings_3",
