@@ -233,47 +233,6 @@ def test_ctrl_c_leaves_a_whole_recording(tmp_path: Path) -> None:
     assert len(list(opened(tmp_path / "a"))) >= 19
 
 
-FULL_DISK = textwrap.dedent(
-    """
-    import errno, os, sys
-    import rgbd_frames
-    from manip3d import capture
-    folder = os.path.join(sys.argv[1], "walk")
-    try:
-        capture.record(rgbd_frames.frames(10_000), folder, lossless_colour=True)
-    except OSError as error:
-        assert error.errno == errno.ENOSPC and error.filename.startswith(folder), error
-    else:
-        raise AssertionError("the disk should be full")
-    source = capture.open_rgbd("folder:" + folder)
-    frames = list(source)
-    assert len(frames) > 3 and source.counters["damaged"] == source.counters["incomplete"] == 0
-    for frame, other in zip(rgbd_frames.frames(len(frames)), frames):
-        rgbd_frames.assert_same(frame, other)
-    for name in ("depth", "body_index", "colour"):
-        assert len(os.listdir(os.path.join(folder, name))) == len(frames)  # no litter
-    print("done")
-    """
-)
-
-
-@pytest.mark.parametrize("size", ["96k", "100k", "104k", "140k"])
-def test_a_full_disk_leaves_the_frames_before(tmp_path: Path, size: str) -> None:
-    mount = f"mount -t tmpfs -o size={size} none {tmp_path} && exec "
-    namespace = ["unshare", "-rm", "sh", "-c"]
-    if subprocess.run([*namespace, mount + "true"], capture_output=True).returncode:
-        pytest.skip("no mount namespaces here")
-    path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
-    script = mount + f'{sys.executable} -c "$0" {tmp_path}'
-    done = subprocess.run(
-        [*namespace, script, FULL_DISK],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"},
-    )
-    assert (done.stdout, done.returncode) == ("done\n", 0), done.stderr
-
-
 def test_a_recorder_goes_on_when_there_is_room_again(tmp_path: Path) -> None:
     """A refused line is cut off, so that the next one starts where it did."""
     code = textwrap.dedent(

@@ -19,7 +19,8 @@ namespace manip3d {
 
 // clang-format off
 #define MANIP3D_AVFORMAT_FUNCTIONS(X)                                                        \
-  X(av_find_input_format) X(av_read_frame) X(av_write_frame) X(av_write_trailer)             \
+  X(av_find_input_format) X(av_read_frame) X(av_seek_frame) X(av_write_frame)                \
+  X(av_write_trailer)                                                                        \
   X(avformat_alloc_context) X(avformat_alloc_output_context2) X(avformat_close_input)        \
   X(avformat_free_context) X(avformat_new_stream) X(avformat_open_input)                     \
   X(avformat_write_header) X(avio_alloc_context) X(avio_context_free) X(avio_flush)

@@ -274,4 +274,11 @@ bool MatroskaReader::next(AVPacket& packet) {
   return code >= 0;
 }
 
+bool MatroskaReader::seek_last(int track) {
+  constexpr std::int64_t kEnd = std::numeric_limits<std::int64_t>::max();
+  const int code = ffmpeg().av_seek_frame(format_, track, kEnd, AVSEEK_FLAG_BACKWARD);
+  if (file_.error != 0) refuse_file("cannot read", path_, file_.error);
+  return code >= 0;
+}
+
 }  // namespace manip3d

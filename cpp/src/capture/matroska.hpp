@@ -89,6 +89,9 @@ class MatroskaReader {
   /// The next packet of any track; false at the end, or where the rest cannot be made sense of.
   /// @throws std::filesystem::filesystem_error
   bool next(AVPacket& packet);
+  /// Goes on at the last packet of a track that the index of a finished file knows; false: there is
+  /// no index. @throws std::filesystem::filesystem_error
+  bool seek_last(int track);
 
  private:
   void open();

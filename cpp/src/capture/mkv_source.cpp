@@ -93,10 +93,43 @@ std::shared_ptr<const RgbdCalibration> read_calibration(const MatroskaReader& fi
   return calibration_from_json(place);
 }
 
+/// @throws FormatError  a record that is not the one that was written.
+JsonPlace::Json checked_record(const AVPacket& packet) {
+  if (packet.size > kMaxRecordBytes) throw FormatError("record too long", {});
+  const std::string_view text = text_of(bytes_of(packet));
+  const std::string_view hash = text.substr(0, mkv::kHashDigits);
+  const std::string_view json = text.substr(std::min(text.size(), mkv::kHashDigits + 1));
+  if (sha256(std::as_bytes(std::span(json))) != hash) throw FormatError("record damaged", {});
+  return parse_json(json, 0);
+}
+
+std::int64_t index_of(const JsonPlace& record, std::int64_t least) {
+  return record.member("index").integer(least, std::numeric_limits<std::int64_t>::max() - 1);
+}
+
+/// One more than the index of the last record; none where the file was not finished, or its end is
+/// cut off or damaged.
+std::optional<std::int64_t> count_frames(const fs::path& path) try {
+  MatroskaReader file(path);
+  const auto depth = file.find(mkv::kDepth, AVMEDIA_TYPE_VIDEO);
+  const auto frames = file.find(mkv::kFrames, AVMEDIA_TYPE_SUBTITLE);
+  if (file.duration_ms() == 0 || !depth || !frames || !file.seek_last(*depth)) return std::nullopt;
+  std::optional<std::int64_t> count;
+  for (PacketPtr packet = new_packet(); file.next(*packet);) {
+    if (packet->stream_index != *frames || packet->pts + 1 < file.duration_ms()) continue;
+    const JsonPlace::Json json = checked_record(*packet);
+    count = index_of(JsonPlace(json, mkv::kFrames, 0), 0) + 1;
+  }
+  return count;
+} catch (const FormatError&) {
+  return std::nullopt;
+}
+
 class MkvSource final : public RgbdSource {
  public:
-  MkvSource(std::unique_ptr<MatroskaReader> file, const RgbdOptions& options)
-      : file_(std::move(file)) {
+  MkvSource(std::unique_ptr<MatroskaReader> file, const RgbdOptions& options,
+            std::optional<std::int64_t> num_frames)
+      : file_(std::move(file)), num_frames_(num_frames) {
     stored_ = options.calibration ? options.calibration : read_calibration(*file_);
     calibration_ = unmirrored(stored_);
     const Intrinsics& depth = calibration_->depth;
@@ -116,6 +149,7 @@ class MkvSource final : public RgbdSource {
   [[nodiscard]] std::shared_ptr<const RgbdCalibration> calibration() const override {
     return calibration_;
   }
+  [[nodiscard]] std::optional<std::int64_t> num_frames() const override { return num_frames_; }
   [[nodiscard]] Counters counters() const override {
     return {{"frames", frames_},
             {"damaged", damaged_},
@@ -160,10 +194,9 @@ class MkvSource final : public RgbdSource {
   bool read_frame(RgbdFrame& frame) {
     bool is_known = false;  // the record can be believed, and the frame counted
     try {
-      const JsonPlace::Json json = checked_record();
-      const JsonPlace record(json, "frames", 0);
-      constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
-      const std::int64_t index = record.member("index").integer(next_index_, kMost - 1);
+      const JsonPlace::Json json = checked_record(*packet_);
+      const JsonPlace record(json, mkv::kFrames, 0);
+      const std::int64_t index = index_of(record, next_index_);
       lost_ += index - std::exchange(next_index_, index + 1);
       last_time_ms_ = packet_->pts;
       is_known = true;
@@ -181,15 +214,6 @@ class MkvSource final : public RgbdSource {
     for (auto* track : {&depth_, &body_index_, &colour_}) {
       if (*track) (*track)->drop();
     }
-  }
-
-  [[nodiscard]] JsonPlace::Json checked_record() const {
-    if (packet_->size > kMaxRecordBytes) throw FormatError("record too long", {});
-    const std::string_view text = text_of(bytes_of(*packet_));
-    const std::string_view hash = text.substr(0, mkv::kHashDigits);
-    const std::string_view json = text.substr(std::min(text.size(), mkv::kHashDigits + 1));
-    if (sha256(std::as_bytes(std::span(json))) != hash) throw FormatError("record damaged", {});
-    return parse_json(json, 0);
   }
 
   void fill(const JsonPlace& record, RgbdFrame& frame) {
@@ -222,6 +246,7 @@ class MkvSource final : public RgbdSource {
   }
 
   std::unique_ptr<MatroskaReader> file_;
+  std::optional<std::int64_t> num_frames_;
   std::shared_ptr<const RgbdCalibration> stored_, calibration_;
   std::optional<ImageTrack> depth_, body_index_, colour_;
   int frames_track_ = -1;
@@ -239,7 +264,7 @@ std::unique_ptr<RgbdSource> open_mkv(const fs::path& path, const RgbdOptions& op
   if (is_azure_recording(*file)) {
     source = open_azure(std::move(file), options);
   } else {
-    source = std::make_unique<MkvSource>(std::move(file), options);
+    source = std::make_unique<MkvSource>(std::move(file), options, count_frames(path));
   }
   if (options.speed == 0.0) return source;
   return in_real_time(std::move(source), options.speed);
