@@ -154,6 +154,38 @@ def test_levels_are_prefixes_of_one_buffer(effort: simplify.Effort) -> None:
         result.prefix(49)
 
 
+@settings(max_examples=60)
+@given(
+    height=st.integers(2, 32),
+    width=st.integers(2, 32),
+    holes=st.floats(0, 0.6),
+    sizes=st.lists(st.integers(3, 120), min_size=2, max_size=5, unique=True),
+    effort=st.sampled_from(EFFORTS),
+    seed=st.integers(0, 2**31),
+)
+def test_levels_of_any_sizes_share_their_vertices(
+    height: int,
+    width: int,
+    holes: float,
+    sizes: list[int],
+    effort: simplify.Effort,
+    seed: int,
+) -> None:
+    sizes.sort(reverse=True)
+    points = bumps(height, width, seed)
+    valid = np.random.default_rng(seed).random((height, width)) >= holes
+    result = simplify.relief_grid(points, valid, sizes[0], effort=effort, levels=sizes[1:])
+    check_promises(result, points, valid, sizes[0])
+    assert len(result.levels) == len(sizes) - 1
+    for size, (count, _) in zip(sizes[1:], result.levels, strict=True):
+        assert count <= size
+        check_surface(result.prefix(count), valid)
+    alone = simplify.relief_grid(points, valid, sizes[-1], effort=effort)
+    count, triangles = result.levels[-1]
+    assert np.array_equal(result.pixels[:count], alone.pixels)
+    assert np.array_equal(triangles, alone.triangles)
+
+
 def test_a_plane_needs_its_corners_only() -> None:
     camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
     v, u = np.mgrid[0:48, 0:64]
@@ -215,6 +247,15 @@ def test_uvs_of_a_moved_scan_follow_along_the_surface() -> None:
     assert before is not None
     assert after is not None
     assert after < before
+
+
+@pytest.mark.parametrize("effort", EFFORTS)
+@pytest.mark.parametrize("share", [0.05, 0.2, 0.5, 0.9])
+def test_no_effort_begins_with_too_few_points(effort: simplify.Effort, share: float) -> None:
+    points = bumps(60, 80)
+    target = round(share * 60 * 80)
+    result = simplify.relief_grid(points, None, target, effort=effort)
+    assert result.num_vertices == target
 
 
 @pytest.mark.parametrize("effort", EFFORTS)
@@ -394,14 +435,36 @@ def test_below_meshoptimizer(scan: str, points: int, subset: float, update: floa
         assert result.num_vertices == points
         return manip3d.metrics.metro(dense, result.mesh, sampling="area").mean
 
-    largest, *levels = (4 * points, 2 * points, points, points // 2, points // 4)
-    progressive = simplify.relief_grid(
-        grid.points, grid.valid, largest, effort="fast", levels=levels
-    )
-    for size in levels:  # as good as a run of its own
-        level = manip3d.metrics.metro(dense, progressive.prefix(size).mesh, sampling="area").mean
-        direct = simplify.relief_grid(grid.points, grid.valid, size, effort="fast")
-        assert level < 1.1 * manip3d.metrics.metro(dense, direct.mesh, sampling="area").mean
     assert error("live", False) < 0.5e-3
     assert error("balanced", False) < subset
     assert error("balanced", True) < update
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize("effort", ["balanced", "fine"])
+@pytest.mark.parametrize(
+    ("scan", "points"),
+    [("bunny/bun000.ply.xz", 2012), ("happy_stand/happyStandRight_0.ply.xz", 3902)],
+)
+def test_five_prefixes_are_as_good_as_runs_of_their_own(
+    scan: str, points: int, effort: simplify.Effort
+) -> None:
+    folder = os.environ.get("MANIP3D_DATA")
+    if not folder:
+        pytest.skip("MANIP3D_DATA is not set")
+    grid = read_range_grid(Path(folder) / "range_scans" / scan)
+    dense = simplify.dense_mesh_grid(grid.points, grid.valid).mesh
+
+    def error(mesh: simplify.DepthMesh, size: int) -> float:
+        assert mesh.num_vertices == size
+        return manip3d.metrics.metro(dense, mesh.mesh, sampling="area", samples=50_000).mean
+
+    sizes = [4 * points, 2 * points, points, points // 2, points // 4]
+    together = simplify.relief_grid(
+        grid.points, grid.valid, sizes[0], effort=effort, levels=sizes[1:]
+    )
+    errors = [error(together.prefix(size), size) for size in sizes]
+    assert errors == sorted(errors)
+    for size, level in zip(sizes, errors, strict=True):
+        alone = simplify.relief_grid(grid.points, grid.valid, size, effort=effort)
+        assert level < 1.1 * error(alone, size)

@@ -2,6 +2,7 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <compare>
 #include <string>
 #include <utility>
 
@@ -15,6 +16,7 @@
 namespace manip3d {
 namespace {
 
+using relief_detail::Keep;
 using relief_detail::Surface;
 using relief_detail::Triangulation;
 using relief_detail::Vec3;
@@ -78,19 +80,26 @@ struct Relief::Memory {
   Triangulation mesh;
   relief_detail::Collapser collapser;
   relief_detail::Refiner refiner;
-  std::vector<Vec3> sight;             ///< By vertex: where it may slide.
-  std::vector<std::int32_t> order;     ///< Output vertex -> vertex.
-  std::vector<std::int32_t> number;    ///< Vertex -> output vertex.
+  std::vector<Vec3> sight;           ///< By vertex: where it may slide.
+  std::vector<std::int32_t> order;   ///< Vertices by pixel.
+  std::vector<std::int32_t> number;  ///< Vertex -> output vertex.
+  struct Placed {
+    std::int32_t pixel, number;
+    auto operator<=>(const Placed&) const = default;
+  };
+  std::vector<Placed> placed;          ///< Output vertices by pixel.
   std::vector<std::int64_t> previous;  ///< Input pixels of the frame before.
-  std::vector<std::uint8_t> keep;      ///< By pixel of the surface: is one of them; or empty.
-  std::vector<Triangulation> levels;
-  std::vector<std::int32_t> rank;  ///< By vertex: in how many of the levels it is.
+  std::vector<Keep> keep;              ///< By pixel of the surface; or empty.
+  std::vector<Triangulation> levels;   ///< The smaller meshes, smallest first.
 
   void recall(const PointGridView& grid, const ReliefOptions& options);
-  void select(const ReliefOptions& options, ReliefResult& result);
+  void select(const ReliefOptions& options, std::int64_t target, ReliefResult& result);
   void refine(const Budget& budget);
-  void find_levels(const ReliefOptions& options);
+  void build_meshes(const ReliefOptions& options, ReliefResult& result);
+  void fix_vertices();
+  [[nodiscard]] bool holds(const Triangulation& smaller);
   void find_sight(const ReliefOptions& options);
+  std::int32_t number_vertices(const Triangulation& of);
   void write(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
   void write_triangles(const Triangulation& from, bool rows_up, Rows<std::int32_t, 3>& to);
   void move_points(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
@@ -99,35 +108,36 @@ struct Relief::Memory {
 void Relief::Memory::recall(const PointGridView& grid, const ReliefOptions& options) {
   keep.clear();
   if (!(options.stability > 1.0) || previous.empty()) return;
-  keep.assign(static_cast<std::size_t>(surface.cols()) * static_cast<std::size_t>(surface.rows()),
-              0);
+  keep.assign(surface.num_pixels(), Keep::kFree);
   for (const std::int64_t pixel : previous) {
     const std::int64_t u = pixel % grid.cols - surface.input_u(0);
     const std::int64_t v = pixel / grid.cols - surface.input_v(0);
     if (u < 0 || v < 0 || u >= surface.cols() || v >= surface.rows()) continue;
     const auto at = static_cast<std::int32_t>(v * surface.cols() + u);
-    keep[at] = surface.sample(at).area > 0.0F ? 1 : 0;
+    if (surface.sample(at).area > 0.0F) keep[at] = Keep::kPrefer;
   }
 }
 
-void Relief::Memory::select(const ReliefOptions& options, ReliefResult& result) {
+void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
+                            ReliefResult& result) {
   const Budget budget = budget_of(options.effort);
-  const std::int64_t target = options.target_points;
-  const double splits =
-      std::min(budget.start * static_cast<double>(target), static_cast<double>(surface.num_used()));
-  mesh.assign(surface, start.build(surface, static_cast<std::int64_t>(splits), keep));
-  result.stop = ReliefStop::kTarget;
-  result.dropped_pixels = 0;
-  if (surface.num_used() <= target) {
-    mesh.assign(surface, start.build(surface, surface.num_used(), keep));
-    result.stop = ReliefStop::kAllPoints;
+  const std::int64_t used = surface.num_used();
+  const double wanted = budget.start * static_cast<double>(target);
+  auto splits = static_cast<std::int64_t>(std::min(wanted, static_cast<double>(used)));
+  if (used <= target) splits = used;
+  mesh.assign(surface, start.build(surface, splits, keep));
+  while (mesh.num_vertices() < target && splits < used) {
+    splits = std::min(2 * splits, used);
+    mesh.assign(surface, start.build(surface, splits, keep));
   }
-  if (mesh.num_vertices() <= target && options.levels.empty()) return;
+  result.stop = used <= target ? ReliefStop::kAllPoints : ReliefStop::kTarget;
+  result.dropped_pixels = 0;
+  if (mesh.num_vertices() <= target) return;
   collapser.assign(mesh, keep, static_cast<float>(options.stability));
   collapser.run(surface, mesh, target, budget.round_share);
   if (mesh.num_vertices() > target) {
     result.stop = ReliefStop::kSmallPieces;
-    result.dropped_pixels = relief_detail::drop_small_pieces(mesh, target);
+    result.dropped_pixels = relief_detail::drop_small_pieces(mesh, target, keep);
   }
 }
 
@@ -141,22 +151,37 @@ void Relief::Memory::refine(const Budget& budget) {
   }
 }
 
-void Relief::Memory::find_levels(const ReliefOptions& options) {
-  const Budget budget = budget_of(options.effort);
-  const auto flipped = [&](Triangulation copy) {
-    refiner.assign(copy);
-    refiner.flip_edges(surface, copy, budget.flip_sweeps, budget.flip_floor);
-    return copy;
-  };
-  rank.assign(static_cast<std::size_t>(mesh.num_slots()), 0);
-  Triangulation largest = flipped(mesh);
-  for (const std::int64_t size : options.levels) {
-    collapser.run(surface, mesh, size, budget.round_share);
-    if (mesh.num_vertices() > size) relief_detail::drop_small_pieces(mesh, size);
-    for (std::int32_t v = 0; v < mesh.num_slots(); ++v) rank[v] += mesh.vertex(v).alive() ? 1 : 0;
-    levels.push_back(flipped(mesh));
+void Relief::Memory::fix_vertices() {
+  if (keep.empty()) keep.assign(surface.num_pixels(), Keep::kFree);
+  for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+    if (mesh.vertex(v).alive()) keep[mesh.vertex(v).pixel] = Keep::kFixed;
   }
-  mesh = std::move(largest);
+}
+
+bool Relief::Memory::holds(const Triangulation& smaller) {
+  smaller.sorted_vertices(order);
+  mesh.sorted_vertices(number);
+  const auto pixel_in = [](const Triangulation& of) {
+    return [&of](std::int32_t v) { return of.vertex(v).pixel; };
+  };
+  return std::ranges::includes(number, order, {}, pixel_in(mesh), pixel_in(smaller));
+}
+
+void Relief::Memory::build_meshes(const ReliefOptions& options, ReliefResult& result) {
+  const Budget budget = budget_of(options.effort);
+  for (auto size = options.levels.rbegin();; ++size) {
+    const bool last = size == options.levels.rend();
+    const std::int64_t target = last ? options.target_points : *size;
+    select(options, target, result);
+    refine(budget);
+    // So close to the size before that its vertices were in the way of what is legal.
+    if (!levels.empty() && (mesh.num_vertices() > target || !holds(levels.back()))) {
+      mesh = levels.back();
+    }
+    if (last) return;
+    fix_vertices();
+    levels.push_back(mesh);
+  }
 }
 
 void Relief::Memory::find_sight(const ReliefOptions& options) {
@@ -168,29 +193,42 @@ void Relief::Memory::find_sight(const ReliefOptions& options) {
   }
 }
 
+std::int32_t Relief::Memory::number_vertices(const Triangulation& of) {
+  of.sorted_vertices(order);
+  number.resize(static_cast<std::size_t>(of.num_slots()));
+  const auto num_before = static_cast<std::int32_t>(placed.size());
+  std::int32_t i = 0;
+  for (const std::int32_t v : order) {
+    const std::int32_t pixel = of.vertex(v).pixel;
+    if (i < num_before && placed[i].pixel == pixel) {
+      number[v] = placed[i++].number;
+    } else {
+      number[v] = static_cast<std::int32_t>(placed.size());
+      placed.push_back({pixel, number[v]});
+    }
+  }
+  std::inplace_merge(placed.begin(), placed.begin() + num_before, placed.end());
+  return static_cast<std::int32_t>(placed.size());
+}
+
 void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& options,
                            ReliefResult& result) {
-  order.clear();
-  for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
-    if (mesh.vertex(v).alive()) order.push_back(v);
+  placed.clear();
+  result.levels.resize(levels.size());
+  for (std::size_t i = 0; i < levels.size(); ++i) {
+    ReliefLevel& level = result.levels[levels.size() - 1 - i];
+    level.num_vertices = number_vertices(levels[i]);
+    write_triangles(levels[i], grid.rows_up, level.triangles);
   }
-  std::sort(order.begin(), order.end(), [&](std::int32_t a, std::int32_t b) {
-    if (!rank.empty() && rank[a] != rank[b]) return rank[a] > rank[b];
-    return std::pair(mesh.vertex(a).pixel, a) < std::pair(mesh.vertex(b).pixel, b);
-  });
-  number.resize(static_cast<std::size_t>(mesh.num_slots()));
+  const Eigen::Index num_vertices = number_vertices(mesh);
   DepthMesh& out = result.mesh;
   previous.clear();
   const auto width = static_cast<double>(grid.cols), height = static_cast<double>(grid.rows);
-  const auto num_vertices = static_cast<Eigen::Index>(order.size());
   out.vertices.resize(num_vertices, 3);
   out.pixels.resize(num_vertices, 2);
   out.uvs.resize(num_vertices, 2);
-  for (Eigen::Index i = 0; i < num_vertices; ++i) {
-    const std::int32_t v = order[static_cast<std::size_t>(i)];
-    number[v] = static_cast<std::int32_t>(i);
-    const std::int64_t u_in = surface.input_u(mesh.vertex(v).pixel);
-    const std::int64_t v_in = surface.input_v(mesh.vertex(v).pixel);
+  for (const auto& [pixel, i] : placed) {
+    const std::int64_t u_in = surface.input_u(pixel), v_in = surface.input_v(pixel);
     previous.push_back(v_in * grid.cols + u_in);
     const float* point = grid.points + 3 * previous.back();
     out.vertices.row(i) << point[0], point[1], point[2];
@@ -199,11 +237,6 @@ void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& optio
         static_cast<float>(1.0 - (static_cast<double>(v_in) + 0.5) / height);
   }
   write_triangles(mesh, grid.rows_up, out.triangles);
-  result.levels.resize(levels.size());
-  for (std::size_t i = 0; i < levels.size(); ++i) {
-    result.levels[i].num_vertices = levels[i].num_vertices();
-    write_triangles(levels[i], grid.rows_up, result.levels[i].triangles);
-  }
   result.mean_move = result.max_move = 0.0;
   if (options.move_points) move_points(grid, options, result);
 }
@@ -229,7 +262,7 @@ void Relief::Memory::move_points(const PointGridView& grid, const ReliefOptions&
   DepthMesh& out = result.mesh;
   double sum = 0.0;
   for (Eigen::Index i = 0; i < out.vertices.rows(); ++i) {
-    const std::int32_t v = order[static_cast<std::size_t>(i)];
+    const std::int32_t v = order[static_cast<std::size_t>(i)];  // no levels: numbered in this order
     const Vec3 move = static_cast<float>(surface.unit()) * refiner.offset(v) * sight[v];
     out.vertices.row(i) += move.transpose();
     const double length = move.norm();
@@ -253,20 +286,15 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
   check_point_grid(grid);
   Memory& m = *memory_;
   m.levels.clear();
-  m.rank.clear();
   m.surface.assign(grid, options.max_edge, options.num_threads);
   if (m.surface.empty()) {
     m.mesh.clear();
+    m.levels.assign(options.levels.size(), m.mesh);
     result.stop = ReliefStop::kAllPoints;
     result.dropped_pixels = 0;
   } else {
     m.recall(grid, options);
-    m.select(options, result);
-    if (options.levels.empty()) {
-      m.refine(budget_of(options.effort));
-    } else {
-      m.find_levels(options);
-    }
+    m.build_meshes(options, result);
   }
   m.write(grid, options, result);
 }

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <tuple>
 
 namespace manip3d::relief_detail {
 namespace {
@@ -9,6 +11,7 @@ namespace {
 // Per length and squared distance, on a surface of diagonal 1; chosen on the bunny's scans.
 constexpr float kBoundaryWeight = 0.05F;
 constexpr std::int32_t kNever = -1, kNoRound = -2;
+constexpr float kStays = std::numeric_limits<float>::infinity();
 
 using Fan = Triangulation::Fan;
 
@@ -26,12 +29,12 @@ void LocalQuadric::add(const LocalQuadric& q, const Vec3& offset) {
   weight += q.weight;
 }
 
-void Collapser::assign(const Triangulation& mesh, std::span<const std::uint8_t> keep,
-                       float keep_factor) {
+void Collapser::assign(const Triangulation& mesh, std::span<const Keep> keep, float keep_factor) {
   factor_.assign(mesh.num_slots(), 1.0F);
   if (!keep.empty()) {
     for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
-      if (keep[mesh.vertex(v).pixel] != 0) factor_[v] = keep_factor;
+      const Keep kept = keep[mesh.vertex(v).pixel];
+      if (kept != Keep::kFree) factor_[v] = kept == Keep::kFixed ? kStays : keep_factor;
     }
   }
   surface_.assign(mesh.num_slots(), {});
@@ -92,7 +95,7 @@ void Collapser::find_moves(const Triangulation& mesh) {
   Fan fan;
   moves_.clear();
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
-    if (!mesh.vertex(v).alive() || !mesh.fan(v, fan)) continue;
+    if (!mesh.vertex(v).alive() || factor_[v] == kStays || !mesh.fan(v, fan)) continue;
     Move move{0.0F, v, 0};
     const int i = cheapest(mesh, v, fan, nullptr, kNoRound, move.price);
     move.to = fan.neighbors[i];
@@ -155,10 +158,15 @@ void Collapser::run(const Surface& surface, Triangulation& mesh, std::int64_t ta
   }
 }
 
-std::int64_t drop_small_pieces(Triangulation& mesh, std::int64_t target) {
+std::int64_t drop_small_pieces(Triangulation& mesh, std::int64_t target,
+                               std::span<const Keep> keep) {
   struct Piece {
+    bool fixed = false;
     std::int64_t pixels = 0;  // twice the area
     std::vector<std::int32_t> triangles;
+  };
+  const auto is_fixed = [&](std::int32_t v) {
+    return !keep.empty() && keep[mesh.vertex(v).pixel] == Keep::kFixed;
   };
   std::vector<Piece> pieces;
   std::vector<bool> seen(static_cast<std::size_t>(mesh.num_triangle_slots()));
@@ -170,6 +178,7 @@ std::int64_t drop_small_pieces(Triangulation& mesh, std::int64_t target) {
     for (std::size_t i = 0; i < piece.triangles.size(); ++i) {
       const Triangle& f = mesh.triangle(piece.triangles[i]);
       piece.pixels += mesh.orient(f[0], f[1], f[2]);
+      piece.fixed = piece.fixed || std::any_of(f.begin(), f.end(), is_fixed);
       for (const std::int32_t n : mesh.neighbors(piece.triangles[i])) {
         if (n == Triangulation::kNone || seen[n]) continue;
         seen[n] = true;
@@ -178,8 +187,9 @@ std::int64_t drop_small_pieces(Triangulation& mesh, std::int64_t target) {
     }
     pieces.push_back(std::move(piece));
   }
-  std::stable_sort(pieces.begin(), pieces.end(),
-                   [](const Piece& a, const Piece& b) { return a.pixels < b.pixels; });
+  std::stable_sort(pieces.begin(), pieces.end(), [](const Piece& a, const Piece& b) {
+    return std::tie(a.fixed, a.pixels) < std::tie(b.fixed, b.pixels);
+  });
   std::int64_t dropped = 0;
   for (auto piece = pieces.begin(); piece != pieces.end() && mesh.num_vertices() > target;
        ++piece) {

@@ -40,8 +40,8 @@ struct LocalQuadric {
 /// edges add the area that is lost beside them.
 class Collapser {
  public:
-  /// @param keep  by pixel, may be empty: vertices there cost `keep_factor` times as much.
-  void assign(const Triangulation& mesh, std::span<const std::uint8_t> keep, float keep_factor);
+  /// @param keep  by pixel, may be empty: vertices there cost `keep_factor` times as much, or stay.
+  void assign(const Triangulation& mesh, std::span<const Keep> keep, float keep_factor);
   /// Stops at `target` vertices or when no edge can collapse. Best first in rounds, each of which
   /// removes at most the share `round_share` of the vertices.
   void run(const Surface& surface, Triangulation& mesh, std::int64_t target, float round_share);
@@ -63,13 +63,14 @@ class Collapser {
   std::vector<LocalQuadric> surface_;   ///< By vertex.
   std::vector<LocalQuadric> boundary_;  ///< By vertex.
   std::vector<float> spent_;            ///< By vertex: sqrt(w Q) at the vertex itself.
-  std::vector<float> factor_;           ///< By vertex: on its price.
+  std::vector<float> factor_;           ///< By vertex: on its price; infinite: it stays.
   std::vector<Move> moves_;
   std::vector<std::int32_t> touched_;  ///< The round in which a vertex last changed.
 };
 
-/// Removes the pieces with the fewest pixels until at most `target` vertices are left; returns the
-/// pixels that they held.
-std::int64_t drop_small_pieces(Triangulation& mesh, std::int64_t target);
+/// Removes the pieces with the fewest pixels, those without fixed vertices first, until at most
+/// `target` vertices are left; returns the pixels that they held.
+std::int64_t drop_small_pieces(Triangulation& mesh, std::int64_t target,
+                               std::span<const Keep> keep);
 
 }  // namespace manip3d::relief_detail

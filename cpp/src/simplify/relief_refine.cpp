@@ -108,16 +108,18 @@ int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps,
 }
 
 int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radius,
-                           std::span<const std::uint8_t> keep) {
+                           std::span<const Keep> keep) {
   Triangulation::Fan fan;
   int moved = 0;
   std::array<float, Triangulation::kMaxFan> best_errors{}, errors{};
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
     const Triangulation::Vertex& vertex = mesh.vertex(v);
-    if (!vertex.alive() || vertex.on_boundary || !mesh.fan(v, fan)) continue;
+    const Keep kept = keep.empty() ? Keep::kFree : keep[vertex.pixel];
+    if (!vertex.alive() || vertex.on_boundary || kept == Keep::kFixed || !mesh.fan(v, fan))
+      continue;
     float now = 0.0F;
     for (int i = 0; i < fan.size; ++i) now += error_of(surface, mesh, fan.triangles[i]);
-    if (!keep.empty() && keep[vertex.pixel] != 0) now *= kKeptGain;
+    if (kept == Keep::kPrefer) now *= kKeptGain;
     const int u0 = vertex.u, v0 = vertex.v;
     std::int32_t best = -1;
     for (int dv = -radius; dv <= radius; ++dv) {

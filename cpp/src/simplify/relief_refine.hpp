@@ -17,9 +17,9 @@ class Refiner {
   /// @param floor  pairs of triangles whose error is below so many means are not looked at.
   int flip_edges(const Surface& surface, Triangulation& mesh, int sweeps, float floor);
   /// Moves interior vertices to a pixel nearby where that lowers the error.
-  /// @param keep  by pixel, may be empty: vertices there need a far better pixel to move.
+  /// @param keep  by pixel, may be empty: vertices there stay, or need a far better pixel to move.
   int move_vertices(const Surface& surface, Triangulation& mesh, int radius,
-                    std::span<const std::uint8_t> keep);
+                    std::span<const Keep> keep);
   /// How far each vertex has to slide in its direction for the least sum of squared distances
   /// (weighted by area) between the pixels and the triangles.
   void fit(const Surface& surface, const Triangulation& mesh, const std::vector<Vec3>& directions);

@@ -22,8 +22,8 @@ float distance_from_line(const Vec3& p, const Vec3& a, const Vec3& b) {
 
 // Vertices by their coordinates in steps: one odd and one even, a "side" halves the side of a
 // square of two steps; both odd, a "diagonal" halves the diagonal of such a square.
-bool is_kept(std::span<const std::uint8_t> keep, std::int32_t pixel) {
-  return !keep.empty() && keep[pixel] != 0;
+bool is_kept(std::span<const Keep> keep, std::int32_t pixel) {
+  return !keep.empty() && keep[pixel] != Keep::kFree;
 }
 
 bool is_odd(int i) { return (i & 1) != 0; }
@@ -37,8 +37,7 @@ int diagonal_direction(int u, int v, int step) {
 
 }  // namespace
 
-void StartMesh::measure_sides(const Surface& surface, std::span<const std::uint8_t> keep,
-                              int step) {
+void StartMesh::measure_sides(const Surface& surface, std::span<const Keep> keep, int step) {
   const int cols = surface.cols(), rows = surface.rows();
   const float weight = static_cast<float>(step * step);
   for (int v = 0; v < rows; v += step) {
@@ -79,8 +78,7 @@ void StartMesh::measure_sides(const Surface& surface, std::span<const std::uint8
   }
 }
 
-void StartMesh::measure_diagonals(const Surface& surface, std::span<const std::uint8_t> keep,
-                                  int step) {
+void StartMesh::measure_diagonals(const Surface& surface, std::span<const Keep> keep, int step) {
   const int cols = surface.cols(), rows = surface.rows();
   const float weight = static_cast<float>(step * step);
   for (int v = step; v < rows; v += 2 * step) {
@@ -100,7 +98,7 @@ void StartMesh::measure_diagonals(const Surface& surface, std::span<const std::u
   }
 }
 
-void StartMesh::measure(const Surface& surface, std::span<const std::uint8_t> keep) {
+void StartMesh::measure(const Surface& surface, std::span<const Keep> keep) {
   errors_.resize(static_cast<std::size_t>(surface.cols()) * surface.rows());
   for (int step = 1; step < kTile; step *= 2) {
     measure_sides(surface, keep, step);
@@ -210,7 +208,7 @@ void StartMesh::emit(const Surface& surface, float threshold) {
 }
 
 std::span<const Triangle> StartMesh::build(const Surface& surface, std::int64_t num_vertices,
-                                           std::span<const std::uint8_t> keep) {
+                                           std::span<const Keep> keep) {
   measure(surface, keep);
   emit(surface, threshold_for(num_vertices));
   return triangles_;

@@ -18,12 +18,12 @@ class StartMesh {
   /// of the surface need.
   /// @param keep  by pixel, may be empty: pixels that become vertices in any case.
   std::span<const Triangle> build(const Surface& surface, std::int64_t num_vertices,
-                                  std::span<const std::uint8_t> keep);
+                                  std::span<const Keep> keep);
 
  private:
-  void measure(const Surface& surface, std::span<const std::uint8_t> keep);
-  void measure_sides(const Surface& surface, std::span<const std::uint8_t> keep, int step);
-  void measure_diagonals(const Surface& surface, std::span<const std::uint8_t> keep, int step);
+  void measure(const Surface& surface, std::span<const Keep> keep);
+  void measure_sides(const Surface& surface, std::span<const Keep> keep, int step);
+  void measure_diagonals(const Surface& surface, std::span<const Keep> keep, int step);
   [[nodiscard]] float threshold_for(std::int64_t num_vertices);
   void emit(const Surface& surface, float threshold);
   void emit_cells(const Surface& surface, float threshold);

@@ -18,6 +18,13 @@ struct Sample {
   [[nodiscard]] Vec3 point() const { return {x, y, z}; }
 };
 
+/// What a pixel is to a mesh that follows another one.
+enum class Keep : std::uint8_t {
+  kFree,
+  kPrefer,  ///< It was a vertex of the frame before.
+  kFixed,   ///< It is a vertex of a smaller mesh that shares vertices with this one.
+};
+
 /// Which dense triangles a 2x2 cell of pixels holds. Its corners are a (least u and v), b (next u),
 /// c (next v) and d (both); the triangles go counter-clockwise with v up.
 enum Cell : std::uint8_t {
@@ -39,6 +46,7 @@ class Surface {
   [[nodiscard]] bool empty() const { return num_triangles_ == 0; }
   [[nodiscard]] int cols() const { return cols_; }
   [[nodiscard]] int rows() const { return rows_; }
+  [[nodiscard]] std::size_t num_pixels() const { return samples_.size(); }
   [[nodiscard]] int u(std::int32_t pixel) const { return pixel % cols_; }
   [[nodiscard]] int v(std::int32_t pixel) const { return pixel / cols_; }
   [[nodiscard]] const Sample& sample(std::int32_t pixel) const { return samples_[pixel]; }

@@ -1,6 +1,7 @@
 #include "simplify/relief_triangulation.hpp"
 
 #include <algorithm>
+#include <utility>
 
 #include "simplify/relief_raster.hpp"
 
@@ -76,6 +77,16 @@ void Triangulation::clear() {
   triangles_.clear();
   neighbors_.clear();
   num_alive_ = 0;
+}
+
+void Triangulation::sorted_vertices(std::vector<std::int32_t>& out) const {
+  out.clear();
+  for (std::int32_t v = 0; v < num_slots(); ++v) {
+    if (vertices_[v].alive()) out.push_back(v);
+  }
+  std::sort(out.begin(), out.end(), [&](std::int32_t a, std::int32_t b) {
+    return std::pair(vertices_[a].pixel, a) < std::pair(vertices_[b].pixel, b);
+  });
 }
 
 void Triangulation::remove_piece(std::span<const std::int32_t> triangles) {

@@ -54,6 +54,8 @@ class Triangulation {
     return static_cast<std::int32_t>(vertices_.size());
   }
   [[nodiscard]] std::int64_t num_vertices() const { return num_alive_; }
+  /// Vertices by pixel.
+  void sorted_vertices(std::vector<std::int32_t>& out) const;
   [[nodiscard]] const Vertex& vertex(std::int32_t v) const { return vertices_[v]; }
   [[nodiscard]] std::int32_t num_triangle_slots() const {
     return static_cast<std::int32_t>(triangles_.size());

@@ -161,10 +161,10 @@ def relief(
     max_edge : float, metres, optional
         Triangles of the dense surface with a longer edge are left out of it; nothing bridges them.
     levels : sequence of int
-        Sizes of smaller meshes over the first of the same vertices, from the same pass: strictly
-        decreasing, below ``target_points``; `Relief.prefix` returns them. Vertices then keep the
-        pixels at which the collapses left them, which costs some accuracy; not with
-        ``move_points``.
+        Sizes of smaller meshes over the first of the same vertices: strictly decreasing, below
+        ``target_points``; `Relief.prefix` returns them. The smallest is what a call of its own
+        returns; each larger one keeps the vertices of the one before, which costs some accuracy,
+        and all together take the time of a call for each. Not with ``move_points``.
     threads : int
         0: all cores. The result is the same for any number.
 

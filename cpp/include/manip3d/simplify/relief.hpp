@@ -28,8 +28,7 @@ struct ReliefOptions {
   /// each frame for itself. For frames of one size through one object.
   double stability = 1.0;
   /// Sizes of smaller meshes that share the vertices: strictly decreasing, at least 3, below
-  /// target_points; not with move_points. So that each is a prefix of the vertices, none moves to
-  /// another pixel either.
+  /// target_points; not with move_points. Each is a prefix of the vertices.
   std::vector<std::int64_t> levels;
   int num_threads = 1;
 };
@@ -70,8 +69,9 @@ struct ReliefResult {
 ///    Rippa 1990, data dependent triangulations].
 /// 4. `move_points`: vertices slide along their lines of sight to the least-squares fit of all
 ///    pixels.
-/// 5. `levels`: the collapses of step 2 go on to each smaller size, whose edges are flipped on a
-///    copy. The order of removal is a progressive order of the vertices [Hoppe 1996].
+/// 5. `levels`: each size is made by steps 1 to 3, the smallest first, and the vertices of the size
+///    before stay: a progressive order of the vertices. Where they leave no legal way to a size,
+///    its mesh is that of the size before.
 ///
 /// Keeps its memory between frames of the same size. The result depends on the input alone.
 class Relief {
