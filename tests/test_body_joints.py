@@ -337,7 +337,7 @@ def test_segmentation_is_equation_4_1(seed: int) -> None:
     if seed == 2:
         s = replace(s, states=np.where(rng.random(25) < 0.3, 0, 2).astype(np.uint8))
     depth, _ = render(pose(), SMALL)
-    result = segment_body(depth.astype(np.float32), SMALL, s, margin=5)
+    result = segment_body(depth.astype(np.float32), SMALL, s, segmentation="paper", margin=5)
     points = (pixel_rays(SMALL) * depth[..., None])[depth > 0]
     numbers, distances = all_distances(points, s)
     labels = result.labels[depth > 0]
@@ -351,6 +351,98 @@ def test_segmentation_is_equation_4_1(seed: int) -> None:
     assert (result.labels[depth == 0] == 0).all()
     # An infinite line in place of a segment would give other labels.
     assert (np.isfinite(result.distances) == (depth > 0)).all()
+
+
+def girth(metres: float) -> float:
+    return metres / (2 * np.pi)
+
+
+# Of the mean adult, 1.69 m tall: radii at the start and at the end of each bone.
+ARM, ELBOW, WRIST, HAND = girth(0.33), girth(0.29), girth(0.17), girth(0.2)
+THIGH, KNEE, ANKLE = girth(0.62), girth(0.41), girth(0.22)
+SKIN = {"Neck": (girth(0.36), girth(0.36)), "Head": (girth(0.36), girth(0.57)),
+        "Shoulder": (ARM, ARM), "Elbow": (ARM, ELBOW), "Wrist": (ELBOW, WRIST),
+        "Hand": (WRIST, HAND), "HandTip": (HAND, HAND), "Thumb": (0, 0.011),
+        "Hip": (THIGH, THIGH), "Knee": (THIGH, KNEE), "Ankle": (KNEE, ANKLE),
+        "Foot": (ANKLE, girth(0.24)),
+        "SpineMid": (0.135, 0.135), "SpineShoulder": (0.135, 0.1325)}  # fmt: skip
+LENGTHS = {"Elbow": 0.186, "Wrist": 0.146, "Knee": 0.245, "Ankle": 0.246}  # of the stature
+
+Rod = tuple[int, NDArray[np.float64], NDArray[np.float64], float, float]
+
+
+def unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    return vector / np.linalg.norm(vector)
+
+
+def fleshed(skeleton: Skeleton) -> list[Rod]:
+    """Number, ends and radii of each bone with its flesh; of a whole trunk two rods a bone."""
+    joints = {n: p for n, p in zip(JOINTS, skeleton.positions.astype(float), strict=True)}
+    usable = [JOINTS[j] for j in range(25) if skeleton.states[j]]
+    names = {number: JOINTS[number] for number, *_ in bones(skeleton)}
+    plain = {
+        number: name.removesuffix("Left").removesuffix("Right") for number, name in names.items()
+    }
+    ratios = sorted(
+        np.linalg.norm(b - a) / (1.69 * LENGTHS[plain[number]])
+        for number, a, b, _ in bones(skeleton)
+        if plain[number] in LENGTHS
+    )
+    size = ratios[len(ratios) // 2] if ratios else 0.0
+    found: list[Rod] = []
+    trunk = {"SpineMid", "SpineShoulder", "ShoulderLeft", "ShoulderRight", "HipLeft", "HipRight"}
+    for number, a, b, _ in bones(skeleton):
+        if not (size > 0 and trunk <= set(usable) and plain[number].startswith("Spine")):
+            start, end = SKIN[plain[number]]
+            found.append((number, a, b, size * start, size * end))
+            continue
+        chest = unit(joints["ShoulderLeft"] - joints["ShoulderRight"])
+        across = unit(chest + unit(joints["HipLeft"] - joints["HipRight"]))
+        up = unit(joints["SpineShoulder"] - joints["SpineMid"])
+        for sign, hip in ((1, "HipLeft"), (-1, "HipRight")):
+            waist = joints["SpineMid"] + sign * size * 0.04 * across
+            top = joints["SpineShoulder"] - size * 0.095 * up + sign * size * 0.015 * chest
+            if number == 1:
+                found.append((number, joints[hip], waist, size * THIGH, size * 0.115))
+            else:
+                found.append((number, waist, top, size * 0.115, size * 0.125))
+    return found
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_segmentation_is_by_the_nearest_skin(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    s = jittered(pose(turn_deg=rng.uniform(-80, 80)), rng, 0.02)
+    if seed == 1:
+        s = replace(s, positions=np.where(np.arange(25)[:, None] == 7, s.positions[6], s.positions))
+    if seed in (2, 3):
+        s = replace(s, states=np.where(rng.random(25) < 0.15, 0, 2).astype(np.uint8))
+    if seed == 4:  # no bone tells how large the person is
+        s = replace(
+            s, states=np.where(np.isin(np.arange(25), (5, 9, 13, 17)), 0, 2).astype(np.uint8)
+        )
+        s = replace(s, states=np.where(np.isin(np.arange(25), (6, 10, 14, 18)), 0, s.states))
+    depth, _ = render(pose(), SMALL)
+    result = segment_body(depth.astype(np.float32), SMALL, s, margin=5)
+    points = (pixel_rays(SMALL) * depth[..., None])[depth > 0]
+    rods = fleshed(s)
+    bare, skin = np.empty((2, len(rods), len(points)))
+    for k, (_, a, b, start, end) in enumerate(rods):
+        bare[k] = distance_4_1(points, a, b)
+        length2 = max((b - a) @ (b - a), 1e-12)
+        taper = np.clip(end - start, -np.sqrt(length2), np.sqrt(length2))
+        skin[k] = bare[k] - (start + np.clip((points - a) @ (b - a) / length2, 0, 1) * taper)
+    numbers = np.array([number for number, *_ in rods])
+    order = np.sort(skin, axis=0)
+    clear = order[1] - order[0] > 1e-5
+    assert clear.mean() > 0.5
+    nearest = skin.argmin(0)
+    np.testing.assert_array_equal(result.labels[depth > 0][clear], numbers[nearest][clear])
+    np.testing.assert_allclose(
+        result.distances[depth > 0][clear],
+        bare[nearest, np.arange(len(points))][clear],
+        atol=2e-6,
+    )
 
 
 def test_ties_go_to_the_lower_bone() -> None:
@@ -404,14 +496,59 @@ def test_segmentation_refuses() -> None:
         segment_body(depth, SMALL, pose(), body_index=np.zeros((2, 2), np.uint8))
     with pytest.raises(InputError, match="near"):
         segment_body(depth, SMALL, pose(), near=float("nan"))
+    with pytest.raises(InputError, match="segmentation: expected one of skin, paper"):
+        segment_body(depth, SMALL, pose(), segmentation="bone")  # type: ignore[arg-type]
+
+
+PARTS = {1: (5, 6, 7, 21, 22), 2: (9, 10, 11, 23, 24), 3: (13, 14, 15), 4: (17, 18, 19)}
+
+
+def part_of(labels: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """0 for trunk and head, else the number of the limb."""
+    return sum(number * np.isin(labels, limb) for number, limb in PARTS.items())
 
 
 def test_bone_labels_of_capsules() -> None:
     """Most pixels of a body get their bone; joints' surroundings may go either way."""
     s = pose()
     depth, truth = render(s, SMALL)
-    labels = segment_body(depth.astype(np.float32), SMALL, s).labels
-    assert (labels == truth)[depth > 0].mean() > 0.75
-    limb = lambda image: np.isin(image, [5, 6, 7, 21, 22])  # noqa: E731
-    assert (limb(labels) == limb(truth))[depth > 0].mean() > 0.97
+    for segmentation in ("skin", "paper"):
+        labels = segment_body(depth.astype(np.float32), SMALL, s, segmentation=segmentation).labels
+        assert (labels == truth)[depth > 0].mean() > 0.75
+        limb = lambda image: np.isin(image, PARTS[1])  # noqa: E731
+        assert (limb(labels) == limb(truth))[depth > 0].mean() > 0.97
     assert PARENTS[5] == 4
+
+
+@pytest.mark.parametrize("turn", [-45.0, -20.0, 0.0, 20.0, 45.0])
+def test_an_arm_that_hangs_takes_no_flank_along(turn: float) -> None:
+    """The trunk's middle is farther from its flank than the arm that hangs beside it."""
+    hanging = {"Elbow": (0.22, 0.19), "Wrist": (0.23, -0.06), "Hand": (0.23, -0.13),
+               "HandTip": (0.23, -0.21)}  # fmt: skip
+    moved = {n + "Left": (x, y, 0.0) for n, (x, y) in hanging.items()}
+    moved |= {n + "Right": (-x, y, 0.0) for n, (x, y) in hanging.items()}
+    s = pose(moved | {"ThumbLeft": (0.23, -0.1, -0.05), "ThumbRight": (-0.23, -0.1, -0.05)},
+             turn_deg=turn)  # fmt: skip
+    depth, truth = render(s, SMALL)
+    taken, wrong = {}, {}
+    for segmentation in ("skin", "paper"):
+        labels = segment_body(depth.astype(np.float32), SMALL, s, segmentation=segmentation).labels
+        arms = np.isin(labels, (*PARTS[1], *PARTS[2]))
+        taken[segmentation] = (arms & np.isin(truth, (1, 20))).sum()
+        wrong[segmentation] = (part_of(labels) != part_of(truth))[depth > 0].sum()
+    assert taken["skin"] < 0.1 * taken["paper"]
+    assert wrong["skin"] < 0.55 * wrong["paper"]
+
+
+def test_a_palm_is_no_thumb() -> None:
+    """A palm is broad; the bone of the thumb, which begins at the wrist, lies beside it."""
+    s = pose({"HandLeft": (0.42, -0.08, -0.05), "ThumbLeft": (0.40, -0.09, -0.09)})
+    depth, truth = render(s, SMALL)
+    palm = truth == 7
+    named = {
+        segmentation: segment_body(
+            depth.astype(np.float32), SMALL, s, segmentation=segmentation
+        ).labels[palm]
+        for segmentation in ("skin", "paper")
+    }
+    assert (named["skin"] == 22).sum() < 0.5 * (named["paper"] == 22).sum()

@@ -37,7 +37,8 @@ def test_a_folder_of_pictures(tmp_path: Path) -> None:
     assert picture.shape == (424, 3 * 512, 3)
     assert [path.name for path in tmp_path.iterdir()] == ["frames"]  # nothing is left behind
     assert "exists already" in str(run("phantom", "render", SOURCE, "-o", output).exception)
-    again = run("phantom", "render", SOURCE, "-o", output, "--force", "--frames", 1, "--quiet")
+    again = run("phantom", "render", SOURCE, "-o", output, "--force", "--frames", 1, "--quiet",
+                "--segmentation", "paper")  # fmt: skip
     assert again.exit_code == 0, again.output
     assert len(list(output.iterdir())) == 1
 

@@ -78,9 +78,11 @@ def written(mesh: Mesh, suffix: str) -> list[bytes]:
         return [path.read_bytes() for path in sorted(Path(folder).iterdir())]
 
 
-def phantom(limb: modify.Limb, mode: modify.MirrorMode) -> list[object]:
+def phantom(
+    limb: modify.Limb, mode: modify.MirrorMode, segmentation: modify.Segmentation = "skin"
+) -> list[object]:
     """All but the times of three frames; in the third the intact limb is hidden."""
-    pipeline = modify.PhantomPipeline(limb, mode=mode)
+    pipeline = modify.PhantomPipeline(limb, mode=mode, segmentation=segmentation)
     kept: list[object] = []
     for number in range(3):
         result = pipeline.process(capsule_body.painted(number, hidden=number == 2))
@@ -250,6 +252,7 @@ CASES: dict[str, Case] = {
     },
     "phantom arm": lambda _: phantom("right_arm", "reflection"),
     "phantom leg": lambda _: phantom("left_leg", "paper"),
+    "phantom arm by eq. 4.1": lambda _: phantom("left_arm", "reflection", "paper"),
     "write obj": lambda _: written(pipe, ".obj"),
     "write ply": lambda _: written(pipe, ".ply"),
     "write off": lambda _: written(floor, ".off"),

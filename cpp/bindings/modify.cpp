@@ -142,6 +142,9 @@ void bind_enums(py::module_& m) {
       .value("REFLECTION", MirrorMode::kReflection)
       .value("PAPER", MirrorMode::kPaper)
       .value("IMAGE", MirrorMode::kImage);
+  py::enum_<BoneRule>(m, "BoneRule")
+      .value("SKIN", BoneRule::kSkin)
+      .value("PAPER", BoneRule::kPaper);
   py::enum_<Texturing>(m, "Texturing")
       .value("SOURCE", Texturing::kSource)
       .value("CALIBRATION", Texturing::kCalibration);
@@ -209,6 +212,7 @@ void bind_pipeline(py::module_& m) {
       .def_readwrite("smoothing", &PhantomOptions::smoothing)
       .def_readwrite("key_person", &PhantomOptions::key_person)
       .def_readwrite("mask", &PhantomOptions::mask)
+      .def_readwrite("segmentation", &PhantomOptions::segmentation)
       .def_readwrite("arm_radius", &PhantomOptions::arm_radius)
       .def_readwrite("leg_radius", &PhantomOptions::leg_radius)
       .def_readwrite("root_radius", &PhantomOptions::root_radius)
@@ -235,7 +239,8 @@ void bind_kernels(py::module_& m) {
   m.def(
       "segment_person",
       [](const py::array& depth, const std::optional<CArray<std::uint8_t>>& body_index,
-         const py::object& camera, const py::object& skeleton, const PersonMaskOptions& options) {
+         const py::object& camera, const py::object& skeleton, const PersonMaskOptions& options,
+         BoneRule rule) {
         const DepthView view = depth_view(depth);
         if (body_index) check_image(*body_index, 0, "body_index");
         py::object keep;
@@ -249,7 +254,7 @@ void bind_kernels(py::module_& m) {
           const py::gil_scoped_release nogil;
           find_person(view, body_index ? body_index->data() : nullptr, person, rays, options,
                       points);
-          segment_bones(body_bones(person), points);
+          segment_bones(body_bones(person, rule), points);
           for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
             const auto pixel = static_cast<std::size_t>(points.pixel[i]);
             labels[pixel] = points.label[i];
@@ -259,7 +264,7 @@ void bind_kernels(py::module_& m) {
         return py::make_tuple(to_numpy(std::move(labels)), to_numpy(std::move(distances)));
       },
       py::arg("depth"), py::arg("body_index").noconvert(), py::arg("camera"), py::arg("skeleton"),
-      py::arg("options"));
+      py::arg("options"), py::arg("rule"));
   m.def(
       "body_mirror",
       [](const py::object& skeleton, Limb affected, MirrorMode mode) -> py::object {

@@ -85,6 +85,7 @@ TEST(PhantomPipeline, AllocatesNothingAfterTheTenthFrame) {
   for (const Limb limb : {Limb::kLeftArm, Limb::kRightArm, Limb::kLeftLeg, Limb::kRightLeg}) {
     PhantomOptions options;
     options.affected = limb;
+    options.segmentation = is_arm(limb) ? BoneRule::kSkin : BoneRule::kPaper;
     PhantomPipeline pipeline(options);
     std::array<int, 5> states{};
     for (std::size_t i = 0; i < recording.size(); ++i) {

@@ -13,6 +13,7 @@ import numpy.typing
 __all__: list[str] = [
     "CELL_COLUMNS",
     "CELL_RINGS",
+    "BoneRule",
     "BoundaryCurvature",
     "BoundaryTerm",
     "ColliderTracker",
@@ -1012,6 +1013,39 @@ class MirrorMode:
     @property
     def value(self) -> int: ...
 
+class BoneRule:
+    """
+    Members:
+
+      SKIN
+
+      PAPER
+    """
+
+    PAPER: typing.ClassVar[BoneRule]
+    SKIN: typing.ClassVar[BoneRule]
+    __members__: typing.ClassVar[dict[str, BoneRule]]
+    @typing.overload
+    def __eq__(self, other: BoneRule) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: BoneRule) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
 class Texturing:
     """
     Members:
@@ -1214,6 +1248,7 @@ class PhantomOptions:
     mask: PersonMaskOptions
     mesh: PhantomMeshOptions
     mode: MirrorMode
+    segmentation: BoneRule
     smoothing: JointSmootherOptions
     smooths: bool
     def __init__(self) -> None: ...
@@ -1592,6 +1627,7 @@ def segment_person(
     camera: typing.Any,
     skeleton: typing.Any,
     options: PersonMaskOptions,
+    rule: BoneRule,
 ) -> tuple[numpy.ndarray, numpy.ndarray]: ...
 def shading_normals(
     mesh: typing.Any,

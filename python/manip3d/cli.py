@@ -150,6 +150,13 @@ class Mirroring(StrEnum):
     image = "2d"
 
 
+class Segmenting(StrEnum):
+    """By the nearest skin, or by the nearest bone as printed."""
+
+    skin = "skin"
+    paper = "paper"
+
+
 class Smoothing(StrEnum):
     """Presets of the filter of joints."""
 
@@ -729,6 +736,9 @@ def phantom_render(
         typer.Option(help="To replace; else the simulated person's, or the right arm."),
     ] = None,
     mode: Annotated[Mirroring, typer.Option(help="How to mirror.")] = Mirroring.reflection,
+    segmentation: Annotated[
+        Segmenting, typer.Option(help="Of the person among its bones.")
+    ] = Segmenting.skin,
     smoothing: Annotated[Smoothing, typer.Option(help="Of the joints.")] = Smoothing.default,
     azimuth: Annotated[float, typer.Option(help="Of the mesh's view, degrees.")] = 35.0,
     frames: Annotated[int, typer.Option(min=0, help="At most so many; 0: all.")] = 0,
@@ -751,6 +761,7 @@ def phantom_render(
         shell,
         limb=limb.value if limb else None,
         mode=mode.value,
+        segmentation=segmentation.value,
         smoothing=smoothing.value,
         azimuth=azimuth,
         frames=frames,

@@ -278,7 +278,9 @@ class PhantomPipeline::Workspace {
     if (person) {
       update_frame(*person);
       find_person(input.depth, input.body_index, *person, rays_, options_.mask, points_);
-      segment_bones(frame_ ? body_bones(*person, options_.affected, mirror_) : body_bones(*person),
+      const BoneRule rule = options_.segmentation;
+      segment_bones(frame_ ? body_bones(*person, rule, options_.affected, mirror_)
+                           : body_bones(*person, rule),
                     points_);
     }
     draw_person(points_, image);

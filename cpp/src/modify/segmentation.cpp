@@ -137,29 +137,40 @@ class Collector {
 /// Bones as arrays of coordinates, for loops over bones and over points.
 struct BoneTable {
   using Column = std::array<float, BoneSegments::kCapacity>;
-  Column cx{}, cy{}, cz{};  ///< P_c.
-  Column rx{}, ry{}, rz{};  ///< P_r.
-  Column bx{}, by{}, bz{};  ///< P_r - P_c.
-  Column tx{}, ty{}, tz{};  ///< (P_r - P_c) / |P_r - P_c|^2, or 0.
+  Column cx{}, cy{}, cz{};   ///< P_c.
+  Column rx{}, ry{}, rz{};   ///< P_r.
+  Column bx{}, by{}, bz{};   ///< P_r - P_c.
+  Column tx{}, ty{}, tz{};   ///< (P_r - P_c) / |P_r - P_c|^2, or 0.
+  Column radius{}, taper{};  ///< At P_c, and what is added up to P_r.
+  Column change{};  ///< Of the distance to the skin by a step of length 1: at most so much.
   std::array<std::int32_t, BoneSegments::kCapacity> label{};
   std::size_t count = 0;
+  bool has_radii = false;
 
   explicit BoneTable(const BoneSegments& bones) : count(bones.count) {
     for (std::size_t i = 0; i < count; ++i) {
       const Eigen::Vector3f b = bones.end[i] - bones.start[i];
       constexpr float kPoint = 1e-12F;  // squared metres
       const float length2 = b.squaredNorm();
-      const Eigen::Vector3f t = length2 > kPoint ? Eigen::Vector3f(b / length2)
-                                                 : Eigen::Vector3f(Eigen::Vector3f::Zero());
+      const bool is_point = !(length2 > kPoint);
+      const Eigen::Vector3f t =
+          is_point ? Eigen::Vector3f(Eigen::Vector3f::Zero()) : Eigen::Vector3f(b / length2);
       cx[i] = bones.start[i].x(), cy[i] = bones.start[i].y(), cz[i] = bones.start[i].z();
       rx[i] = bones.end[i].x(), ry[i] = bones.end[i].y(), rz[i] = bones.end[i].z();
       bx[i] = b.x(), by[i] = b.y(), bz[i] = b.z();
       tx[i] = t.x(), ty[i] = t.y(), tz[i] = t.z();
       label[i] = bones.label[i];
+      const float length = is_point ? 0.0F : std::sqrt(length2);
+      radius[i] = bones.radii[i].start;
+      taper[i] = std::clamp(bones.radii[i].end - radius[i], -length, length);
+      change[i] = is_point ? 1.0F : 1.0F + std::abs(taper[i]) / length;
+      has_radii = has_radii || bones.radii[i].start != 0.0F || bones.radii[i].end != 0.0F;
     }
   }
 
-  [[nodiscard]] float squared_distance(std::size_t i, float x, float y, float z) const {
+  /// Squared, from the bone itself; `radius_there` is the bone's at its nearest point.
+  [[nodiscard]] float squared_distance(std::size_t i, float x, float y, float z,
+                                       float& radius_there) const {
     const float dx = x - cx[i], dy = y - cy[i], dz = z - cz[i];
     float t = dx * tx[i] + dy * ty[i] + dz * tz[i];
     t = t > 0.0F ? t : 0.0F;
@@ -167,6 +178,7 @@ struct BoneTable {
     const float ex = past ? x - rx[i] : dx - t * bx[i];
     const float ey = past ? y - ry[i] : dy - t * by[i];
     const float ez = past ? z - rz[i] : dz - t * bz[i];
+    radius_there = radius[i] + (past ? 1.0F : t) * taper[i];
     return ex * ex + ey * ey + ez * ez;
   }
 };
@@ -174,7 +186,9 @@ struct BoneTable {
 /// The points of one tile, with what is nearest to each so far; full words for any count.
 struct Tile {
   std::size_t count = 0;  ///< Padded to a multiple of 8.
-  alignas(32) std::array<float, kTilePoints> x, y, z, best;
+  alignas(32) std::array<float, kTilePoints> x, y, z;
+  alignas(32) std::array<float, kTilePoints> nearest;  ///< To bone or skin: by it they are judged.
+  alignas(32) std::array<float, kTilePoints> squared;  ///< To the bone itself.
   alignas(32) std::array<std::int32_t, kTilePoints> label;
 
   void load(const PersonPoints& points, std::size_t begin, std::size_t end) {
@@ -186,29 +200,37 @@ struct Tile {
     for (std::size_t i = used; i < count; ++i) {
       x[i] = x[used - 1], y[i] = y[used - 1], z[i] = z[used - 1];
     }
-    for (std::size_t i = 0; i < count; ++i) best[i] = kInfinity, label[i] = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+      nearest[i] = squared[i] = kInfinity;
+      label[i] = 0;
+    }
   }
 
+  /// Without radii squares are compared: their roots could be the same where they are not.
+  template <bool kHasRadii>
   void measure(const BoneTable& bones, std::size_t bone) {
     const std::int32_t number = bones.label[bone];
     for (std::size_t i = 0; i < count; ++i) {
-      const float d = bones.squared_distance(bone, x[i], y[i], z[i]);
-      const bool nearer = d < best[i];
-      best[i] = nearer ? d : best[i];
+      float radius;
+      const float d = bones.squared_distance(bone, x[i], y[i], z[i], radius);
+      const float judged = kHasRadii ? std::sqrt(d) - radius : d;
+      const bool nearer = judged < nearest[i];
+      nearest[i] = nearer ? judged : nearest[i];
+      squared[i] = nearer ? d : squared[i];
       label[i] = nearer ? number : label[i];
     }
   }
 
   void store(PersonPoints& points, std::size_t begin, std::size_t end) const {
     for (std::size_t i = begin; i < end; ++i) {
-      points.squared_distance[i] = best[i - begin];
+      points.squared_distance[i] = squared[i - begin];
       points.label[i] = static_cast<std::uint8_t>(label[i - begin]);
     }
   }
 };
 
 /// Bones that may be nearest to some point of a tile: with the points within r of c, those whose
-/// distance from c exceeds the least one by no more than 2 r.
+/// skin may be as near to some point as another's must be to all.
 class Candidates {
  public:
   explicit Candidates(const BoneTable& bones) : bones_(bones) {}
@@ -220,64 +242,25 @@ class Candidates {
     const auto [z0, z1] = std::minmax_element(tile.z.begin(), tile.z.begin() + tile.count);
     const float wx = *x1 - *x0, wy = *y1 - *y0, wz = *z1 - *z0;
     const float cx = 0.5F * (*x0 + *x1), cy = 0.5F * (*y0 + *y1), cz = 0.5F * (*z0 + *z1);
+    const float r = 0.5F * std::sqrt(wx * wx + wy * wy + wz * wz);
+    float most = kInfinity;
     for (std::size_t i = 0; i < bones_.count; ++i) {
-      distance_[i] = std::sqrt(bones_.squared_distance(i, cx, cy, cz));
+      float radius;
+      const float squared = bones_.squared_distance(i, cx, cy, cz, radius);
+      const float distance = std::sqrt(squared) - radius;
+      least_[i] = distance - bones_.change[i] * r;
+      most = std::min(most, distance + bones_.change[i] * r);
     }
-    const float least = *std::min_element(distance_.begin(), distance_.begin() + bones_.count);
     constexpr float kRounding = 1e-4F;  // metres: far above that of these floats
-    const float most = least + std::sqrt(wx * wx + wy * wy + wz * wz) + kRounding;
     for (std::size_t i = 0; i < bones_.count; ++i) {
-      if (!(distance_[i] > most)) use(i);
+      if (!(least_[i] > most + kRounding)) use(i);
     }
   }
 
  private:
   const BoneTable& bones_;
-  BoneTable::Column distance_{};
+  BoneTable::Column least_{};
 };
-
-bool is_tracked(const Skeleton& skeleton, Joint joint) {
-  return skeleton.state(joint) == TrackingState::kTracked && is_usable(skeleton, joint);
-}
-
-Joint farthest_tracked(const Skeleton& skeleton, Limb limb) {
-  Joint farthest = limb_root(limb);
-  for (const Joint joint : limb_chain(limb)) {
-    if (is_tracked(skeleton, joint)) farthest = joint;
-  }
-  return farthest;
-}
-
-/// The line through the tracked joints of a limb, as pieces of one label.
-void add_limb(const Skeleton& skeleton, Limb limb, const Mirror& mirror, BoneSegments& bones) {
-  const Joint root = limb_root(limb), intact_root = limb_root(opposite(limb));
-  const auto mirrored = [&](Joint joint) -> Eigen::Vector3f {
-    return mirror(skeleton[joint].cast<double>()).cast<float>();
-  };
-  const bool intact_usable = is_usable(skeleton, intact_root);
-  if (!is_usable(skeleton, root) && !intact_usable) return;
-  Eigen::Vector3f from = is_usable(skeleton, root) ? skeleton[root] : mirrored(intact_root);
-  if (farthest_tracked(skeleton, limb) == root) {
-    if (!intact_usable) return;
-    const Joint intact_end = farthest_tracked(skeleton, opposite(limb));
-    bones.add(from, from + mirrored(intact_end) - mirrored(intact_root), limb_label(limb));
-    return;
-  }
-  for (const Joint joint : limb_chain(limb).subspan(1)) {
-    if (!is_tracked(skeleton, joint)) continue;
-    bones.add(from, skeleton[joint], limb_label(limb));
-    from = skeleton[joint];
-  }
-  for (std::size_t thumb = 1; is_arm(limb) && thumb < kNumJoints; ++thumb) {
-    const auto parent = static_cast<Joint>(kJointParents[thumb]);
-    const auto joint = static_cast<Joint>(thumb);
-    const bool branches = is_limb_bone(limb, thumb) &&
-                          std::ranges::find(limb_chain(limb), joint) == limb_chain(limb).end();
-    if (branches && is_tracked(skeleton, parent) && is_tracked(skeleton, joint)) {
-      bones.add(skeleton[parent], skeleton[joint], limb_label(limb));
-    }
-  }
-}
 
 }  // namespace
 
@@ -326,38 +309,6 @@ void find_person(const DepthView& depth, const std::uint8_t* body_index, const S
   collector.finish();
 }
 
-void BoneSegments::add(const Eigen::Vector3f& from, const Eigen::Vector3f& to, std::size_t number) {
-  start[count] = from;
-  end[count] = to;
-  label[count++] = static_cast<std::uint8_t>(number);
-}
-
-BoneSegments body_bones(const Skeleton& skeleton) {
-  BoneSegments bones;
-  for (std::size_t bone = 1; bone < kNumJoints; ++bone) {
-    const auto parent = static_cast<Joint>(kJointParents[bone]), joint = static_cast<Joint>(bone);
-    if (is_usable(skeleton, parent) && is_usable(skeleton, joint)) {
-      bones.add(skeleton[parent], skeleton[joint], bone);
-    }
-  }
-  return bones;
-}
-
-BoneSegments body_bones(const Skeleton& skeleton, Limb collapsed, const Mirror& mirror) {
-  const BoneSegments all = body_bones(skeleton);
-  BoneSegments bones;
-  bool added = false;
-  for (std::size_t i = 0; i < all.count; ++i) {
-    if (!added && all.label[i] >= limb_label(collapsed)) {
-      add_limb(skeleton, collapsed, mirror, bones);
-      added = true;
-    }
-    if (!is_limb_bone(collapsed, all.label[i])) bones.add(all.start[i], all.end[i], all.label[i]);
-  }
-  if (!added) add_limb(skeleton, collapsed, mirror, bones);
-  return bones;
-}
-
 void segment_bones(const BoneSegments& bones, PersonPoints& points) {
   const BoneTable table(bones);
   Candidates candidates(table);
@@ -366,9 +317,9 @@ void segment_bones(const BoneSegments& bones, PersonPoints& points) {
     const auto begin = static_cast<std::size_t>(points.tile_start[i]);
     const auto end = static_cast<std::size_t>(points.tile_start[i + 1]);
     tile.load(points, begin, end);
-    if (table.count > 0) {
-      candidates.for_each(tile, [&](std::size_t bone) { tile.measure(table, bone); });
-    }
+    candidates.for_each(tile, [&](std::size_t bone) {
+      table.has_radii ? tile.measure<true>(table, bone) : tile.measure<false>(table, bone);
+    });
     tile.store(points, begin, end);
   }
 }

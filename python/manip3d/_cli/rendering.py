@@ -48,6 +48,7 @@ def render(
     *,
     limb: str | None,
     mode: str,
+    segmentation: str,
     smoothing: str,
     azimuth: float,
     frames: int,
@@ -68,7 +69,7 @@ def render(
     from manip3d.modify import PhantomPipeline
 
     affected = (limb or _limb_of(source)).replace("-", "_")
-    options: dict[str, Any] = {"affected": affected, "mode": mode}
+    options: dict[str, Any] = {"affected": affected, "mode": mode, "segmentation": segmentation}
     pipeline = PhantomPipeline(smoothing=None if smoothing == "none" else smoothing, **options)  # type: ignore[arg-type]
     states: Counter[str] = Counter()
     seconds: Counter[str] = Counter()

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from manip3d.camera import Intrinsics
     from manip3d.experiments._model import Row
-    from manip3d.modify import PhantomFrame
+    from manip3d.modify import PhantomFrame, Segmentation
     from manip3d.rgbd import RgbdFrame
     from manip3d.simulate import BodyCapture, BodyTruth
 
@@ -86,12 +86,14 @@ def lift(depth: NDArray[Any], camera: Intrinsics) -> Floats:
     )
 
 
-def segmented(frame: RgbdFrame) -> NDArray[np.uint8]:
+def segmented(frame: RgbdFrame, segmentation: Segmentation = "skin") -> NDArray[np.uint8]:
     """The nearest bone of each pixel of the first person."""
     from manip3d.modify import segment_body
 
     person, camera = frame.skeletons[0], frame.calibration.depth
-    return segment_body(frame.depth, camera, person, body_index=frame.body_index).labels
+    return segment_body(
+        frame.depth, camera, person, segmentation=segmentation, body_index=frame.body_index
+    ).labels
 
 
 def drawn(phantom: PhantomFrame, *kinds: str) -> Mask:

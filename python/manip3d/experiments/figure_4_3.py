@@ -10,6 +10,7 @@ from manip3d.experiments import _phantom
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
 
 _LIMB = "right_arm"
+_TRUNK = (1, 20, 4, 8, 12, 16)
 
 
 def _cases(plan: Plan) -> list[Case]:
@@ -25,8 +26,10 @@ def view_steps(case: Case) -> Row:
     scene, time = case.options["scene"], case.options["time"]
     (outcome,) = _phantom.outcomes(scene, {"affected": _LIMB}, [time])
     frame, phantom = outcome.frame, outcome.phantom
-    labels = _phantom.segmented(frame)
+    labels, printed = (_phantom.segmented(frame, rule) for rule in ("skin", "paper"))
     mine = (frame.body_index == 0) & (frame.depth > 0)
+    of_trunk = mine & np.isin(outcome.truth.bones, _TRUNK)
+    limbs = np.concatenate([chain[1:] for chain in LIMBS.values()])
     removed = _phantom.drawn(phantom, "BODY")
     added = removed | _phantom.drawn(phantom, "PHANTOM", "AWAY")
     box = _phantom.box_of(mine | (phantom.kinds > 0))
@@ -42,6 +45,7 @@ def view_steps(case: Case) -> Row:
         "views": {
             "a) depth": grey(np.where(mine, metres, 0.0)),
             "b) segmented": _phantom.packed(people.label_picture(labels)[box]),
+            "b) by eq. 4.1": _phantom.packed(people.label_picture(printed)[box]),
             "c) arm removed": grey(np.where(removed, phantom.depth, 0.0)),
             "d) mirrored": grey(np.where(added, phantom.depth, 0.0)),
             "e) holes filled": grey(phantom.depth),
@@ -49,6 +53,9 @@ def view_steps(case: Case) -> Row:
         "person": int(mine.sum()),
         "limb": int(limb.sum()),
         "left": int((limb & removed).sum()),
+        "trunk": int(of_trunk.sum()),
+        "taken": int((of_trunk & np.isin(labels, limbs)).sum()),
+        "taken_paper": int((of_trunk & np.isin(printed, limbs)).sum()),
         "mirrored": int((added & ~removed).sum()),
         "filled": int(_phantom.drawn(phantom, "FILLED").sum()),
         "holes_before": sum(_phantom.hole_sizes(added, wanted)),
@@ -60,6 +67,15 @@ def _removed(rows: Sequence[Row]) -> Iterator[Finding]:
     for row in rows:
         share = row["left"] / row["limb"]
         yield Finding(row["model"], share < 0.05, f"{row['left']} of {row['limb']} pixels are left")
+
+
+def _trunk(rows: Sequence[Row]) -> Iterator[Finding]:
+    for row in rows:
+        numbers = (
+            f"{row['taken']} of {row['trunk']} pixels told to be a limb's, by eq. 4.1 "
+            f"{row['taken_paper']}"
+        )
+        yield Finding(row["model"], row["taken"] < row["taken_paper"], numbers)
 
 
 def _filled(rows: Sequence[Row]) -> Iterator[Finding]:
@@ -78,11 +94,15 @@ EXPERIMENT = Experiment(
         Column("person", "pixels of the person"),
         Column("limb", "of the arm, in truth"),
         Column("left", "of these, left"),
+        Column("trunk", "of the trunk"),
+        Column("taken", "of these, told to be limbs"),
+        Column("taken_paper", "by eq. 4.1"),
         Column("mirrored", "mirrored"),
         Column("filled", "filled"),
     ),
     claims=(
         Claim("The affected arm is removed", "section 4.3.1", _removed),
+        Claim("A trunk keeps its flanks where bones have thickness", "aim", _trunk),
         Claim("Rounding leaves holes, and filling closes them", "section 4.3.1", _filled),
     ),
     figures=_phantom.panels,

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 Limb = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
 MirrorMode = Literal["reflection", "paper", "2d"]
 Texturing = Literal["source", "calibration"]
+Segmentation = Literal["skin", "paper"]
 _MODES = {
     "reflection": _core.MirrorMode.REFLECTION,
     "paper": _core.MirrorMode.PAPER,
@@ -182,6 +183,14 @@ def _mode(mode: MirrorMode) -> _core.MirrorMode:
     return _MODES[mode]
 
 
+def _bone_rule(segmentation: Segmentation) -> _core.BoneRule:
+    members = _core.BoneRule.__members__
+    if str(segmentation).upper() not in members:
+        names = ", ".join(members).lower()
+        raise InputError(f"segmentation: expected one of {names}, got {segmentation!r}")
+    return members[str(segmentation).upper()]
+
+
 def _mask(near: float, far: float, margin: float) -> _core.PersonMaskOptions:
     mask = _core.PersonMaskOptions()
     mask.near, mask.far, mask.margin = near, far, margin
@@ -210,6 +219,8 @@ class PhantomPipeline:
         against the spine); or left to right in the image, for comparison.
     smoothing : {"default", "seated"} or None
         Preset of `JointSmoother`; None: joints are taken as they come.
+    segmentation : {"skin", "paper"}
+        As of `segment_body`.
     arm_radius, leg_radius : float, metres
         What counts as the limb lies so near its bones.
     root_radius : float, metres
@@ -240,6 +251,7 @@ class PhantomPipeline:
         *,
         mode: MirrorMode = "reflection",
         smoothing: Preset | None = "default",
+        segmentation: Segmentation = "skin",
         arm_radius: float = 0.13,
         leg_radius: float = 0.18,
         root_radius: float = 0.20,
@@ -261,6 +273,7 @@ class PhantomPipeline:
         if smoothing is not None:
             options.smoothing = smoother_options(smoothing)
         options.mask = _mask(near, far, margin)
+        options.segmentation = _bone_rule(segmentation)
         options.arm_radius, options.leg_radius = arm_radius, leg_radius
         options.root_radius = root_radius
         options.keep_residual = bool(keep_residual)
@@ -390,7 +403,7 @@ class BodySegmentation:
     labels : (H, W) uint8
         Bone, 1 to 24, by its far joint (`manip3d.rgbd.PARENTS`); 0 where the person is not.
     distances : (H, W) float32, metres
-        To that bone; infinite where there is none.
+        To that bone itself (of the trunk, to the nearer rod); infinite where there is none.
     """
 
     labels: NDArray[np.uint8]
@@ -402,12 +415,13 @@ def segment_body(
     intrinsics: Intrinsics,
     skeleton: Skeleton,
     *,
+    segmentation: Segmentation = "skin",
     body_index: NDArray[np.uint8] | None = None,
     near: float = 0.3,
     far: float = 8.0,
     margin: float = 0.35,
 ) -> BodySegmentation:
-    """Voronoi segmentation of a person: each pixel to its nearest bone (eq. 4.1).
+    """Segmentation of a person: each pixel to its nearest bone.
 
     Parameters
     ----------
@@ -416,6 +430,10 @@ def segment_body(
     skeleton : Skeleton
         Bones between joints that are tracked or inferred count. Of two as near the lower one wins;
         a bone without length is a point.
+    segmentation : {"skin", "paper"}
+        ``skin``: the bone whose skin is nearest, at the distance to the bone less the thickness of
+        the flesh around it; ``paper``: the bone itself, as printed (eq. 4.1), to which a trunk is
+        no thicker than an arm.
     body_index : (H, W) uint8, optional
         As of `RgbdFrame`.
     near, far, margin : float, metres
@@ -425,12 +443,18 @@ def segment_body(
     ------
     InputError
         Another shape or dtype, or an option out of range.
+
+    Notes
+    -----
+    ``skin``: thicknesses are girths, breadths and depths of the mean adult [Gordon et al., "2012
+    Anthropometric Survey of U.S. Army Personnel", Natick/TR-15/007], scaled by the lengths of the
+    person's own arms and legs. A trunk, broader than deep, is a pair of rods from hips to chest.
     """
     image = np.ascontiguousarray(depth)
     index = None if body_index is None else np.ascontiguousarray(body_index, np.uint8)
     if index is not None and index.shape != image.shape:
         raise InputError(f"body_index: expected shape {image.shape}, got {index.shape}")
     labels, distances = _core.segment_person(
-        image, index, intrinsics, skeleton, _mask(near, far, margin)
+        image, index, intrinsics, skeleton, _mask(near, far, margin), _bone_rule(segmentation)
     )
     return BodySegmentation(labels.reshape(image.shape), distances.reshape(image.shape))

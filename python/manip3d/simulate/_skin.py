@@ -117,11 +117,14 @@ class Skin:
         return rotations_of(blend / np.linalg.norm(blend, axis=1, keepdims=True))
 
 
-def build_skin(amputated: str | None = None, stump: float = 0.15) -> Skin:
-    """The surface of a whole person, or of one whose limb ends ``stump`` metres from its root."""
-    tubes = [_torso(), _neck_and_head(), *_nose_and_ears()]
+def build_skin(amputated: str | None = None, stump: float = 0.15, girth: float = 1.0) -> Skin:
+    """The surface of a whole person, or of one whose limb ends ``stump`` metres from its root.
+
+    ``girth`` scales the thickness of trunk, arms and legs.
+    """
+    tubes = [_torso(girth), _neck_and_head(), *_nose_and_ears()]
     for side in ("left", "right"):
-        for kind, whole, root in (("arm", _arm(), 4), ("leg", _leg(), 12)):
+        for kind, whole, root in (("arm", _arm(girth), 4), ("leg", _leg(girth), 12)):
             limb = whole
             if amputated == f"{side}_{kind}":
                 limb = [_cut(whole[0], REST_JOINTS[root, 1] - stump)]
@@ -285,7 +288,7 @@ def _chain(
     return pairs, weights
 
 
-def _torso() -> _Tube:
+def _torso(girth: float) -> _Tube:
     rows = _rings(
         [
             (-0.118, 0.012, 0.012, 0.012),
@@ -311,7 +314,7 @@ def _torso() -> _Tube:
         ],
         0.0115,
     )
-    rows[:, 1:] *= _CLOTHED
+    rows[:, 1:] *= _CLOTHED * girth
     place = rows[:, 0]
     frames, weights = _chain(
         place, [0.31, 0.49, 0.60], ["pelvis", "chest", "chest", "head"], sign=1.0
@@ -403,7 +406,7 @@ def _nose_and_ears() -> list[_Tube]:
     return [_ball((0.0, 0.722, 0.093), (0.013, 0.024, 0.019)), ear, _mirrored(ear)]
 
 
-def _arm() -> list[_Tube]:
+def _arm(girth: float) -> list[_Tube]:
     x, top = REST_JOINTS[4, 0], REST_JOINTS[4, 1]
     rows = _rings(
         [
@@ -426,7 +429,7 @@ def _arm() -> list[_Tube]:
         ],
         0.0105,
     )
-    rows[:, 1:] *= _CLOTHED
+    rows[:, 1:] *= _CLOTHED * girth
     place = top + rows[:, 0]
     joints = REST_JOINTS[[4, 5, 6], 1].tolist()
     frames, weights = _chain(
@@ -480,7 +483,7 @@ def _finger(
     )
 
 
-def _leg() -> list[_Tube]:
+def _leg(girth: float) -> list[_Tube]:
     x, top = REST_JOINTS[12, 0], REST_JOINTS[12, 1]
     rows = _rings(
         [
@@ -504,7 +507,7 @@ def _leg() -> list[_Tube]:
         ],
         0.0145,
     )
-    rows[:, 1:] *= _CLOTHED
+    rows[:, 1:] *= _CLOTHED * girth
     place = top + rows[:, 0]
     joints = REST_JOINTS[[12, 13, 14], 1].tolist()
     frames, weights = _chain(place, joints, ["pelvis", "left-thigh", "left-shin", "left-foot"])

@@ -102,15 +102,16 @@ class BodyTruth:
     joints: NDArray[np.float64]
     lateral: NDArray[np.float64]
     _figure: PosedFigure = field(repr=False)
+    _skin: Skin = field(repr=False)
 
     def body(self) -> Mesh:
         """The whole person, with all limbs."""
-        skin = _whole()
+        skin = self._skin
         return Mesh(skin.vertices(self._figure).astype(np.float64), skin.faces)
 
     def limb(self, name: Limb) -> Mesh:
         """One limb of the whole person, from inside the trunk to its end."""
-        skin = _whole()
+        skin = self._skin
         faces = skin.faces[skin.face_limb == list(LIMBS).index(name)]
         used, index = np.unique(faces, return_inverse=True)
         vertices = skin.vertices(self._figure)[used].astype(np.float64)
@@ -157,6 +158,8 @@ class BodySimulator:
         ``left_arm``, ``right_arm``, ``left_leg`` or ``right_leg``.
     stump : float, metres
         What is left of the limb, from the shoulder or the hip on.
+    girth : float
+        Thickness of trunk, arms and legs against that of the default one.
     sitting : bool, optional
         On a chair; by default where the exercise is one for legs and not ``stepping``.
     distance : float, metres
@@ -214,6 +217,7 @@ class BodySimulator:
     side: str = ""
     amputated: str | None = None
     stump: float = 0.15
+    girth: float = 1.0
     sitting: bool | None = None
     distance: float = 8.0 * FEET
     turn: float = 0.0
@@ -248,6 +252,7 @@ class BodySimulator:
                 raise InputError(f"{name}: expected one of {names}, got {value!r}")
         for name, low, high in (
             ("stump", 0.02, 0.6),
+            ("girth", 0.6, 1.8),
             ("distance", 0.8, 4.5),
             ("jitter", 0.0, 1.0),
             ("noise", 0.0, 100.0),
@@ -318,6 +323,7 @@ class BodySimulator:
             figure.joints,
             figure.lateral,
             figure,
+            _whole(self.girth),
         )
         return BodyCapture(frame, truth)
 
@@ -338,7 +344,9 @@ class BodySimulator:
 
     @functools.cached_property
     def _skin(self) -> Skin:
-        return build_skin(self.amputated, self.stump) if self.amputated else _whole()
+        if self.amputated:
+            return build_skin(self.amputated, self.stump, self.girth)
+        return _whole(self.girth)
 
     @functools.cached_property
     def _scenery(self) -> Scenery:
@@ -351,7 +359,7 @@ class BodySimulator:
             self.cover, (f"{self.cover}_leg",)
         )
         person = _Look.of(self._skin, Clothes(stripes=self.stripes), covered)
-        return (person, _Look.of(_whole(), _VISITOR, ()))
+        return (person, _Look.of(_whole(1.0), _VISITOR, ()))
 
     def _cast(self, time: float) -> _Cast:
         """The person, the visitor and the board at a time."""
@@ -438,8 +446,8 @@ class BodySimulator:
 
 
 @functools.cache
-def _whole() -> Skin:
-    return build_skin()
+def _whole(girth: float) -> Skin:
+    return build_skin(girth=girth)
 
 
 def _within(interval: Interval | None, time: float) -> bool:

@@ -25,6 +25,7 @@ struct PhantomOptions {
   JointSmootherOptions smoothing;
   KeyPersonOptions key_person;
   PersonMaskOptions mask;
+  BoneRule segmentation = BoneRule::kSkin;
   double arm_radius = 0.13, leg_radius = 0.18;  ///< Metres around the limb's bones.
   double root_radius = 0.20;      ///< Metres around shoulder or hip: second filling; 0: none.
   bool keep_residual = false;     ///< Leaves what there is of the affected limb.

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <Eigen/Core>
-#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -9,8 +7,7 @@
 #include "manip3d/geometry/depth_image.hpp"
 #include "manip3d/geometry/range_image.hpp"
 #include "manip3d/geometry/skeleton.hpp"
-#include "manip3d/modify/limb.hpp"
-#include "manip3d/modify/mirror.hpp"
+#include "manip3d/modify/body_bones.hpp"
 
 namespace manip3d {
 
@@ -27,7 +24,7 @@ struct PersonPoints {
   std::vector<float> x, y, z;            ///< Camera frame, metres.
   std::vector<std::int32_t> pixel;       ///< v * cols + u.
   std::vector<std::uint8_t> label;       ///< Nearest bone, 1 to 24; 0: there is no bone.
-  std::vector<float> squared_distance;   ///< To that bone; infinite if there is none.
+  std::vector<float> squared_distance;   ///< To that bone itself; infinite if there is none.
   std::vector<std::int32_t> tile_start;  ///< First point of each tile, then `count`.
   PixelBox box;                          ///< Around all pixels.
   std::vector<std::uint8_t> mask;        ///< Of one row of tiles, while they are collected.
@@ -42,28 +39,14 @@ struct PersonPoints {
 void find_person(const DepthView& depth, const std::uint8_t* body_index, const Skeleton& skeleton,
                  const PixelRays& rays, const PersonMaskOptions& options, PersonPoints& points);
 
-/// Straight pieces of bone, each with a label. Several may have the same.
-struct BoneSegments {
-  static constexpr std::size_t kCapacity = 32;
-  std::size_t count = 0;
-  std::array<Eigen::Vector3f, kCapacity> start, end;
-  std::array<std::uint8_t, kCapacity> label{};
-  void add(const Eigen::Vector3f& from, const Eigen::Vector3f& to, std::size_t number);
-};
-
-/// The bones whose two joints are usable, in order of their numbers.
-BoneSegments body_bones(const Skeleton& skeleton);
-
-/// The same with all of a limb as one bone of number limb_label(): the line through those of its
-/// joints that are tracked, straight where inner ones are not. Where none beyond the root is
-/// tracked: straight from the root along the other limb's vector, mirrored.
-BoneSegments body_bones(const Skeleton& skeleton, Limb collapsed, const Mirror& mirror);
-
-/// Voronoi segmentation: each point gets the label of the nearest bone (dissertation eq. 4.1), the
-/// lower one if two are as near. A bone without length is a point. The same bits on every CPU.
+/// Each point gets the label of the bone whose skin is nearest, that is, |P - Q| - r(Q) is least
+/// with Q the point of the bone nearest to P and r the bone's radius there: the lower one if two
+/// are as near. The same bits on every CPU. A bone without length is a point; none tapers by more
+/// than its length.
 ///
-/// With the projection t clamped to [0, 1], eq. 4.1's three cases are one: |P - (P_c + t (P_r -
-/// P_c))|. Bones that cannot be nearest to any point of a tile are passed over.
+/// Without radii this is Voronoi segmentation (dissertation eq. 4.1). With the projection t clamped
+/// to [0, 1], eq. 4.1's three cases are one: |P - (P_c + t (P_r - P_c))|. Bones that cannot be
+/// nearest to any point of a tile are passed over.
 void segment_bones(const BoneSegments& bones, PersonPoints& points);
 
 }  // namespace manip3d

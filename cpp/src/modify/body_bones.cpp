@@ -1,0 +1,265 @@
+#include "manip3d/modify/body_bones.hpp"
+
+#include <algorithm>
+#include <numbers>
+#include <span>
+
+#include "manip3d/modify/joint_smoother.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr float of_girth(float metres) { return metres / (2.0F * std::numbers::pi_v<float>); }
+
+// The mean adult: half way between men's and women's means, metres, to the nearest centimetre
+// [Gordon et al., Natick/TR-15/007, 2012]; the thumb's breadth is that of the survey of 1988.
+constexpr float kStature = 1.69F;
+constexpr float kBiceps = of_girth(0.33F), kForearm = of_girth(0.29F), kWrist = of_girth(0.17F);
+constexpr float kHand = of_girth(0.20F), kThumb = 0.5F * 0.022F;
+constexpr float kThigh = of_girth(0.62F), kKnee = of_girth(0.41F), kAnkle = of_girth(0.22F);
+constexpr float kFoot = of_girth(0.24F), kNeck = of_girth(0.36F), kHead = of_girth(0.57F);
+constexpr float kChestBreadth = 0.28F, kChestDepth = 0.25F;
+constexpr float kWaistBreadth = 0.31F, kWaistDepth = 0.23F;
+/// From SpineShoulder, at the height of the shoulder joints, up to the top of the breastbone.
+constexpr float kBreastbone = 0.03F;
+
+/// A limb to be taken out is looked for in so much more beyond its root: a standard deviation of
+/// the thigh's girth. A sliver of it that is left shows more than a sliver of the trunk that is
+/// gone.
+constexpr float kAllowance = of_girth(0.06F);
+
+constexpr float mean_radius(float breadth, float depth) { return 0.25F * (breadth + depth); }
+constexpr float kWaist = mean_radius(kWaistBreadth, kWaistDepth);
+constexpr float kChest = mean_radius(kChestBreadth, kChestDepth);
+
+/// By bone; right ones are as thick as left ones. Bones that meet at a joint of a limb have the
+/// same radius there, so that the plane which halves the angle between them parts their points.
+constexpr std::array<BoneRadii, kNumJoints> kMeanRadii = [] {
+  std::array<BoneRadii, kNumJoints> radii{};
+  const auto both_sides = [&](Joint left, const BoneRadii& r) {
+    radii[static_cast<std::size_t>(left)] = r;
+    radii[kMirroredJoints[static_cast<std::size_t>(left)]] = r;
+  };
+  both_sides(Joint::kSpineMid, {kWaist, kWaist});
+  both_sides(Joint::kSpineShoulder, {kWaist, kChest});
+  both_sides(Joint::kNeck, {kNeck, kNeck});
+  both_sides(Joint::kHead, {kNeck, kHead});
+  both_sides(Joint::kShoulderLeft, {kBiceps, kBiceps});
+  both_sides(Joint::kElbowLeft, {kBiceps, kForearm});
+  both_sides(Joint::kWristLeft, {kForearm, kWrist});
+  both_sides(Joint::kHandLeft, {kWrist, kHand});
+  both_sides(Joint::kHandTipLeft, {kHand, kHand});
+  both_sides(Joint::kThumbLeft, {0.0F, kThumb});  // its first bone lies within the palm
+  both_sides(Joint::kHipLeft, {kThigh, kThigh});
+  both_sides(Joint::kKneeLeft, {kThigh, kKnee});
+  both_sides(Joint::kAnkleLeft, {kKnee, kAnkle});
+  both_sides(Joint::kFootLeft, {kAnkle, kFoot});
+  return radii;
+}();
+
+struct BoneLength {
+  Joint joint;
+  float share;  ///< Of the stature.
+};
+/// Drillis & Contini, "Body segment parameters", 1966.
+constexpr std::array kMeanLengths = {
+    BoneLength{Joint::kElbowLeft, 0.186F}, BoneLength{Joint::kElbowRight, 0.186F},
+    BoneLength{Joint::kWristLeft, 0.146F}, BoneLength{Joint::kWristRight, 0.146F},
+    BoneLength{Joint::kKneeLeft, 0.245F},  BoneLength{Joint::kKneeRight, 0.245F},
+    BoneLength{Joint::kAnkleLeft, 0.246F}, BoneLength{Joint::kAnkleRight, 0.246F}};
+
+bool is_tracked(const Skeleton& skeleton, Joint joint) {
+  return skeleton.state(joint) == TrackingState::kTracked && is_usable(skeleton, joint);
+}
+
+bool is_usable_bone(const Skeleton& skeleton, std::size_t bone) {
+  return is_usable(skeleton, static_cast<Joint>(kJointParents[bone])) &&
+         is_usable(skeleton, static_cast<Joint>(bone));
+}
+
+Joint farthest_tracked(const Skeleton& skeleton, Limb limb) {
+  Joint farthest = limb_root(limb);
+  for (const Joint joint : limb_chain(limb)) {
+    if (is_tracked(skeleton, joint)) farthest = joint;
+  }
+  return farthest;
+}
+
+/// How much larger than the mean adult a person is; 0 if no bone tells. The median forgives what a
+/// tracker makes of one missing limb.
+float size_of(const Skeleton& skeleton) {
+  std::array<float, kMeanLengths.size()> ratios{};
+  std::size_t count = 0;
+  for (const auto& [joint, share] : kMeanLengths) {
+    const auto bone = static_cast<std::size_t>(joint);
+    if (!is_usable_bone(skeleton, bone)) continue;
+    const Eigen::Vector3f from = skeleton.positions[kJointParents[bone]];
+    ratios[count++] = (skeleton[joint] - from).norm() / (share * kStature);
+  }
+  if (count == 0) return 0.0F;
+  std::nth_element(ratios.begin(), ratios.begin() + count / 2, ratios.begin() + count);
+  return ratios[count / 2];
+}
+
+class BoneBuilder {
+ public:
+  BoneBuilder(const Skeleton& skeleton, BoneRule rule)
+      : skeleton_(skeleton), rule_(rule), size_(rule == BoneRule::kSkin ? size_of(skeleton) : 0) {
+    using enum Joint;
+    has_rods_ = size_ > 0.0F;
+    for (const Joint joint :
+         {kSpineMid, kSpineShoulder, kShoulderLeft, kShoulderRight, kHipLeft, kHipRight}) {
+      has_rods_ = has_rods_ && is_usable(skeleton, joint);
+    }
+  }
+
+  void add_bone(std::size_t bone) {
+    if (!is_usable_bone(skeleton_, bone)) return;
+    const bool is_trunk = bone == 1 || bone == static_cast<std::size_t>(Joint::kSpineShoulder);
+    if (is_trunk && has_rods_) {
+      add_rod(bone, 1.0F, Joint::kHipLeft);
+      add_rod(bone, -1.0F, Joint::kHipRight);
+    } else {
+      bones_.add(skeleton_.positions[kJointParents[bone]], skeleton_.positions[bone], bone,
+                 scaled(kMeanRadii[bone]));
+    }
+  }
+
+  /// The line through the tracked joints of a limb, as pieces of one label.
+  void add_limb(Limb limb, const Mirror& mirror) {
+    const Joint root = limb_root(limb), intact_root = limb_root(opposite(limb));
+    const auto mirrored = [&](Joint joint) -> Eigen::Vector3f {
+      return mirror(skeleton_[joint].cast<double>()).cast<float>();
+    };
+    const bool intact_usable = is_usable(skeleton_, intact_root);
+    if (!is_usable(skeleton_, root) && !intact_usable) return;
+    const Eigen::Vector3f from =
+        is_usable(skeleton_, root) ? skeleton_[root] : mirrored(intact_root);
+    if (farthest_tracked(skeleton_, limb) != root) {
+      add_chain(limb, limb, from, [&](Joint joint) { return skeleton_[joint]; });
+      add_thumb(limb);
+    } else if (intact_usable) {
+      const Eigen::Vector3f shift = from - mirrored(intact_root);
+      add_missing(limb, from,
+                  [&](Joint joint) -> Eigen::Vector3f { return mirrored(joint) + shift; });
+    }
+  }
+
+  [[nodiscard]] const BoneSegments& bones() const { return bones_; }
+
+ private:
+  [[nodiscard]] BoneRadii scaled(const BoneRadii& mean) const {
+    return {size_ * mean.start, size_ * mean.end};
+  }
+
+  /// One side of the trunk, from hip to waist or from waist to chest: with half the breadth less
+  /// half the depth from the middle to each side, both together are as broad and as deep as it.
+  void add_rod(std::size_t bone, float side, Joint hip) {
+    using enum Joint;
+    const Eigen::Vector3f across_chest =
+        (skeleton_[kShoulderLeft] - skeleton_[kShoulderRight]).normalized();
+    const Eigen::Vector3f across_hips = (skeleton_[kHipLeft] - skeleton_[kHipRight]).normalized();
+    const float aside = 0.5F * side * size_;
+    const Eigen::Vector3f waist =
+        skeleton_[kSpineMid] +
+        aside * (kWaistBreadth - kWaistDepth) * (across_chest + across_hips).normalized();
+    if (bone == 1) {
+      bones_.add(skeleton_[hip], waist, bone, scaled({kThigh, 0.5F * kWaistDepth}));
+      return;
+    }
+    const Eigen::Vector3f up = (skeleton_[kSpineShoulder] - skeleton_[kSpineMid]).normalized();
+    const Eigen::Vector3f chest = skeleton_[kSpineShoulder] -
+                                  size_ * (0.5F * kChestDepth - kBreastbone) * up +
+                                  aside * (kChestBreadth - kChestDepth) * across_chest;
+    bones_.add(waist, chest, bone, scaled({0.5F * kWaistDepth, 0.5F * kChestDepth}));
+  }
+
+  /// A piece of a limb to be taken out; the allowance grows over the one from the root.
+  void add_piece(Limb limb, const Eigen::Vector3f& from, const Eigen::Vector3f& to,
+                 const BoneRadii& mean) {
+    const bool is_root = mean.start == kMeanRadii[limb_label(limb)].start;
+    bones_.add(from, to, limb_label(limb),
+               scaled({is_root ? mean.start : mean.start + kAllowance, mean.end + kAllowance}));
+  }
+
+  /// The tracked joints of one limb, at their places, as pieces of another.
+  template <typename Place>
+  void add_chain(Limb limb, Limb of, Eigen::Vector3f from, const Place& place) {
+    float radius = kMeanRadii[limb_label(of)].start;
+    for (const Joint joint : limb_chain(of).subspan(1)) {
+      if (!is_tracked(skeleton_, joint)) continue;
+      const float end = kMeanRadii[static_cast<std::size_t>(joint)].end;
+      const Eigen::Vector3f to = place(joint);
+      add_piece(limb, from, to, {radius, end});
+      from = to;
+      radius = end;
+    }
+  }
+
+  void add_thumb(Limb limb) {
+    for (std::size_t thumb = 1; is_arm(limb) && thumb < kNumJoints; ++thumb) {
+      const auto parent = static_cast<Joint>(kJointParents[thumb]);
+      const auto joint = static_cast<Joint>(thumb);
+      const bool branches = is_limb_bone(limb, thumb) &&
+                            std::ranges::find(limb_chain(limb), joint) == limb_chain(limb).end();
+      if (branches && is_tracked(skeleton_, parent) && is_tracked(skeleton_, joint)) {
+        add_piece(limb, skeleton_[parent], skeleton_[joint], kMeanRadii[thumb]);
+      }
+    }
+  }
+
+  /// A limb of which the tracker sees no joint but the root.
+  template <typename Place>
+  void add_missing(Limb limb, const Eigen::Vector3f& from, const Place& place) {
+    const Limb intact = opposite(limb);
+    const std::uint8_t label = limb_label(limb);
+    const Joint end = farthest_tracked(skeleton_, intact);
+    if (rule_ == BoneRule::kPaper || end == limb_root(intact)) {
+      add_piece(limb, from, place(end), kMeanRadii[label]);
+      return;
+    }
+    add_chain(limb, intact, from, place);
+    const auto first = static_cast<Joint>(limb_label(intact));
+    if (!is_tracked(skeleton_, first) || !is_usable_bone(skeleton_, 1)) return;
+    const Eigen::Vector3f moving = place(first) - from;
+    const Eigen::Vector3f down =
+        (skeleton_[Joint::kSpineBase] - skeleton_[Joint::kSpineMid]).normalized();
+    const Eigen::Vector3f hanging = moving.norm() * down;
+    add_piece(limb, from, from + hanging, kMeanRadii[label]);
+    add_piece(limb, from, from + 0.5F * (moving + hanging), kMeanRadii[label]);
+  }
+
+  const Skeleton& skeleton_;
+  BoneRule rule_;
+  float size_;
+  bool has_rods_ = false;
+  BoneSegments bones_;
+};
+
+}  // namespace
+
+void BoneSegments::add(const Eigen::Vector3f& from, const Eigen::Vector3f& to, std::size_t number,
+                       const BoneRadii& thickness) {
+  start[count] = from;
+  end[count] = to;
+  radii[count] = thickness;
+  label[count++] = static_cast<std::uint8_t>(number);
+}
+
+BoneSegments body_bones(const Skeleton& skeleton, BoneRule rule) {
+  BoneBuilder builder(skeleton, rule);
+  for (std::size_t bone = 1; bone < kNumJoints; ++bone) builder.add_bone(bone);
+  return builder.bones();
+}
+
+BoneSegments body_bones(const Skeleton& skeleton, BoneRule rule, Limb collapsed,
+                        const Mirror& mirror) {
+  BoneBuilder builder(skeleton, rule);
+  for (std::size_t bone = 1; bone < kNumJoints; ++bone) {
+    if (bone == limb_label(collapsed)) builder.add_limb(collapsed, mirror);
+    if (!is_limb_bone(collapsed, bone)) builder.add_bone(bone);
+  }
+  return builder.bones();
+}
+
+}  // namespace manip3d
