@@ -171,7 +171,7 @@ def test_images_of_size_zero_are_refused(kind: str, tmp_path: Path) -> None:
     pixel = list(rgbd_frames.frames(1, tiny))
     path = path_of(kind, tmp_path)
     if kind == "mkv":
-        with pytest.raises(InputError, match="expected at least 3 x 3 pixels for FFV1, got 1 x 1"):
+        with pytest.raises(InputError, match="expected at least 4 x 4 pixels for FFV1, got 1 x 1"):
             capture.record(pixel, path, lossless_colour=True)
     else:
         capture.record(pixel, path, lossless_colour=True)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import signal
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -129,3 +131,59 @@ def test_other_programs_read_it(tmp_path: Path) -> None:
             np.testing.assert_array_equal(
                 image.to_ndarray(format="gray16le"), frame_of(number).depth
             )
+
+
+def run_with_ffmpeg_of(folder: Path, code: str, *arguments: Path) -> str:
+    environment = {**os.environ, "MANIP3D_FFMPEG": str(folder)}
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+ABSENCE = """
+import sys
+from manip3d import DeviceError, capture
+print(next(scheme.reason for scheme in capture.sources() if scheme.name == "mkv"))
+try:
+    capture.open("mkv:" + sys.argv[1])
+except DeviceError as error:
+    print(error)
+"""
+
+
+def test_without_ffmpeg_it_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mkv"
+    capture.record([frame_of(0)], path)
+    reason, error = run_with_ffmpeg_of(tmp_path, ABSENCE, path).splitlines()
+    assert reason == (
+        f"FFmpeg 5 to 8 (libavformat.so.59 to 62) cannot be loaded, not in {tmp_path}"
+    )
+    assert error == f"mkv: {reason} (apt-get install ffmpeg, or pip install 'manip3d[record]')"
+
+
+COPY = """
+import sys
+from manip3d import capture
+done = capture.record("mkv:" + sys.argv[1], sys.argv[2], lossless_colour=True)
+print(done.frames, done.source_counters["damaged"])
+"""
+
+
+def test_pyav_brings_the_libraries(tmp_path: Path) -> None:
+    """Read and recorded by PyAV's FFmpeg, read again by the one that this machine has."""
+    spec = find_spec("av")
+    if spec is None or spec.origin is None:
+        pytest.skip("PyAV is not installed")
+    libraries = Path(spec.origin).parents[1] / "av.libs"
+    first, second = tmp_path / "first.mkv", tmp_path / "second.mkv"
+    capture.record((frame_of(n) for n in range(20)), first, lossless_colour=True)
+    if "cannot be loaded" in run_with_ffmpeg_of(libraries, ABSENCE, first):
+        pytest.skip(f"no FFmpeg 5 to 8 that stands alone in {libraries}")
+    assert run_with_ffmpeg_of(libraries, COPY, first, second) == "20 0\n"
+    source = capture.open(f"mkv:{second}")
+    assert source.num_frames == 20
+    for number, frame in enumerate(source):
+        assert_same(frame, frame_of(number))
+        np.testing.assert_array_equal(frame.colour, frame_of(number).colour)
+    assert source.counters["frames"] == 20

@@ -6,6 +6,7 @@
 #include <string>
 #include <utility>
 
+#include "manip3d/capture/mkv.hpp"
 #include "manip3d/capture/recorder.hpp"
 #include "manip3d/capture/rgbd_source.hpp"
 #include "modules.hpp"
@@ -111,6 +112,9 @@ void bind_source(py::module_& m) {
         return open_rgbd(place, options);
       },
       py::arg("uri"), py::arg("speed"), py::arg("units_per_metre"), py::arg("camera"));
+  m.def(
+      "set_ffmpeg_folder", [](const py::bytes& folder) { ffmpeg_folder() = std::string(folder); },
+      py::arg("folder"));
   m.def("rgbd_schemes", [] {
     std::vector<RgbdScheme> schemes;
     {

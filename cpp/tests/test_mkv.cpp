@@ -15,6 +15,7 @@
 #include <thread>
 
 #include "capture/ffmpeg.hpp"
+#include "capture/matroska.hpp"
 #include "manip3d/capture/mkv.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/random.hpp"
@@ -175,8 +176,8 @@ TEST_F(Mkv, ReplaysWhatWasRecordedBitForBit) {
       {},
       {.colour_rows = 24, .colour_cols = 32},
       {.colour_rows = 54, .colour_cols = 96, .skeletons = 6},
-      {.rows = 7, .cols = 13, .colour_rows = 5, .colour_cols = 3, .body_index = false},
-      {.rows = 3, .cols = 3, .colour_rows = 3, .colour_cols = 3, .skeletons = 0},
+      {.rows = 7, .cols = 13, .colour_rows = 5, .colour_cols = 4, .body_index = false},
+      {.rows = 4, .cols = 4, .colour_rows = 4, .colour_cols = 4, .skeletons = 0},
       {.rows = 424, .cols = 512, .colour_rows = 424, .colour_cols = 512},
   };
   int file = 0;
@@ -287,7 +288,7 @@ TEST_F(Mkv, RefusesFramesOutOfOrderAndPathsInUse) {
   EXPECT_THROW(recorder->write(frame_of(shape, 4, calibration)), InputError);
   EXPECT_THROW(recorder->write(frame_of({.rows = 12}, 6, calibration)), InputError);
   EXPECT_THROW(recorder->write({}), InputError);
-  const Shape flat{.rows = 2};  // FFmpeg's FFV1 would store zeros
+  const Shape flat{.rows = 3};  // FFmpeg's FFV1 would store zeros
   const auto flat_recorder = record_mkv(folder_ / "flat.mkv", calibration_of(flat));
   EXPECT_THROW(flat_recorder->write(frame_of(flat, 0, {})), InputError);
   recorder->write(frame_of(shape, 6, calibration));
@@ -502,13 +503,16 @@ TEST_F(Mkv, AFullDiskIsAnErrorAndLeavesWholeFrames) {
 TEST_F(Mkv, ImagesOfManySlicesAreRefusedBeforeTheyTakeMemory) {
   const ImageSize size{48, 64};
   Ffv1Encoder encoder(PixelKind::kGray16, size);
-  AVCodecParameters stream{};
-  stream.codec_type = AVMEDIA_TYPE_VIDEO;
-  stream.codec_id = AV_CODEC_ID_FFV1;
-  stream.width = static_cast<int>(size.cols);
-  stream.height = static_cast<int>(size.rows);
-  stream.extradata = encoder.codec().extradata;
-  stream.extradata_size = encoder.codec().extradata_size;
+  const fs::path path = folder_ / "slices.mkv";
+  {
+    MatroskaWriter writer(path, false);
+    writer.add_video(encoder.codec(), "depth");
+    writer.start();
+    writer.write(0, std::as_bytes(std::span("x")), 0);
+    writer.finish();
+  }
+  const MatroskaReader reader(path);
+  const AVCodecParameters& stream = reader.parameters(0);
   EXPECT_EQ(ffv1_version(std::as_bytes(std::span(stream.extradata, 20))), 3);
   EXPECT_EQ(ffv1_version({}), 0);
   Ffv1Decoder decoder(stream, PixelKind::kGray16, size);

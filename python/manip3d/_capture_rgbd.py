@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sized
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,10 @@ if TYPE_CHECKING:
     from manip3d._options import Progress
 
 _PEOPLE = ("utd-mhad", "labanotation", "people")
+
+# The libraries in PyAV's wheel, if it is installed; the core loads them where the system has none.
+if (_pyav := find_spec("av")) is not None and _pyav.origin is not None:
+    _core.set_ffmpeg_folder(os.fsencode(Path(_pyav.origin).parents[1] / "av.libs"))
 
 
 @dataclass(frozen=True)

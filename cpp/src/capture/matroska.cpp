@@ -80,6 +80,20 @@ void free_io(AVIOContext*& io) {
   ffmpeg().avio_context_free(&io);
 }
 
+AVCodecParameters& parameters_of(const AVStream& stream) {
+  return *field<AVCodecParameters*>(stream, ffmpeg().layout.stream_codecpar);
+}
+
+AVRational& time_base_of(AVStream& stream) {
+  return field<AVRational>(stream, ffmpeg().layout.stream_time_base);
+}
+
+AVDictionary*& tags_of(AVStream& stream) {
+  return field<AVDictionary*>(stream, ffmpeg().layout.stream_metadata);
+}
+
+int index_of(const AVStream& stream) { return field<int>(stream, ffmpeg().layout.stream_index); }
+
 std::string value_of(const AVDictionary* tags, const char* name) {
   const AVDictionaryEntry* entry = ffmpeg().av_dict_get(tags, name, nullptr, 0);
   return entry == nullptr ? "" : entry->value;
@@ -98,7 +112,8 @@ MatroskaWriter::MatroskaWriter(const fs::path& path, bool overwrite)
   io_ = new_io(file_, true);
   check(ff.avformat_alloc_output_context2(&format_, nullptr, "matroska", nullptr), "cannot write");
   format_->pb = io_;
-  format_->flags |= AVFMT_FLAG_CUSTOM_IO | AVFMT_FLAG_BITEXACT;  // no random numbers, no date
+  // No random numbers, no date.
+  check(ff.av_opt_set(format_, "fflags", "+bitexact", 0), "cannot write");
 }
 
 MatroskaWriter::~MatroskaWriter() {
@@ -109,37 +124,36 @@ MatroskaWriter::~MatroskaWriter() {
 
 AVStream& MatroskaWriter::add_stream(AVMediaType type, AVCodecID codec, const char* title) {
   AVStream* stream = allocated(ffmpeg().avformat_new_stream(format_, nullptr));
-  stream->codecpar->codec_type = type;
-  stream->codecpar->codec_id = codec;
-  stream->time_base = {1, 1000};
-  check(ffmpeg().av_dict_set(&stream->metadata, "title", title, 0), "cannot write");
+  parameters_of(*stream).codec_type = type;
+  parameters_of(*stream).codec_id = codec;
+  time_base_of(*stream) = {1, 1000};
+  check(ffmpeg().av_dict_set(&tags_of(*stream), "title", title, 0), "cannot write");
   return *stream;
 }
 
 int MatroskaWriter::add_video(const AVCodecContext& codec, const char* title) {
   AVStream& stream = add_stream(AVMEDIA_TYPE_VIDEO, codec.codec_id, title);
-  check(ffmpeg().avcodec_parameters_from_context(stream.codecpar, &codec), "cannot write");
-  return stream.index;
+  check(ffmpeg().avcodec_parameters_from_context(&parameters_of(stream), &codec), "cannot write");
+  return index_of(stream);
 }
 
 int MatroskaWriter::add_jpeg(ImageSize size, const char* title) {
   AVStream& stream = add_stream(AVMEDIA_TYPE_VIDEO, AV_CODEC_ID_MJPEG, title);
-  stream.codecpar->width = static_cast<int>(size.cols);
-  stream.codecpar->height = static_cast<int>(size.rows);
-  return stream.index;
+  set_size(parameters_of(stream), size);
+  return index_of(stream);
 }
 
 int MatroskaWriter::add_text(const char* title) {
-  return add_stream(AVMEDIA_TYPE_SUBTITLE, AV_CODEC_ID_SUBRIP, title).index;
+  return index_of(add_stream(AVMEDIA_TYPE_SUBTITLE, AV_CODEC_ID_SUBRIP, title));
 }
 
 void MatroskaWriter::add_attachment(const char* name, const std::string& description,
                                     const std::string& text) {
   const Ffmpeg& ff = ffmpeg();
   AVStream& stream = add_stream(AVMEDIA_TYPE_ATTACHMENT, AV_CODEC_ID_NONE, description.c_str());
-  check(ff.av_dict_set(&stream.metadata, "filename", name, 0), "cannot write");
-  check(ff.av_dict_set(&stream.metadata, "mimetype", "application/json", 0), "cannot write");
-  AVCodecParameters& parameters = *stream.codecpar;
+  check(ff.av_dict_set(&tags_of(stream), "filename", name, 0), "cannot write");
+  check(ff.av_dict_set(&tags_of(stream), "mimetype", "application/json", 0), "cannot write");
+  AVCodecParameters& parameters = parameters_of(stream);
   parameters.extradata = static_cast<std::uint8_t*>(
       allocated(ff.av_mallocz(text.size() + AV_INPUT_BUFFER_PADDING_SIZE)));
   parameters.extradata_size = static_cast<int>(text.size());
@@ -211,10 +225,10 @@ void MatroskaReader::open() {
   io_ = new_io(file_, false);
   format_ = allocated(ff.avformat_alloc_context());
   format_->pb = io_;
-  format_->flags |= AVFMT_FLAG_CUSTOM_IO | AVFMT_FLAG_NOFILLIN | AVFMT_FLAG_NOPARSE;
-  format_->max_streams = kMaxStreams;
-  const int code =
-      ff.avformat_open_input(&format_, "", ff.av_find_input_format("matroska"), nullptr);
+  int code = ff.av_opt_set(format_, "fflags", "+nofillin+noparse", 0);
+  if (code >= 0) code = ff.av_opt_set_int(format_, "max_streams", kMaxStreams, 0);
+  if (code < 0) throw DeviceError(ffmpeg_error(code));
+  code = ff.avformat_open_input(&format_, "", ff.av_find_input_format("matroska"), nullptr);
   if (file_.error != 0) refuse_file("cannot read", path_, file_.error);
   if (code < 0) {
     throw FormatError::at_byte(0, "expected a Matroska file: " + ffmpeg_error(code));
@@ -228,41 +242,50 @@ void MatroskaReader::close() {
 }
 
 std::optional<int> MatroskaReader::find(const char* title, AVMediaType type) const {
-  for (const AVStream* stream : streams()) {
-    if (stream->codecpar->codec_type == type && value_of(stream->metadata, "title") == title) {
-      return stream->index;
+  for (AVStream* stream : streams()) {
+    if (parameters_of(*stream).codec_type == type && value_of(tags_of(*stream), "title") == title) {
+      return index_of(*stream);
     }
   }
   return std::nullopt;
 }
 
 MatroskaReader::Attachment MatroskaReader::attachment(const char* name) const {
-  for (const AVStream* stream : streams()) {
-    const AVCodecParameters& data = *stream->codecpar;
+  for (AVStream* stream : streams()) {
+    const AVCodecParameters& data = parameters_of(*stream);
     if (data.codec_type != AVMEDIA_TYPE_ATTACHMENT ||
-        value_of(stream->metadata, "filename") != name) {
+        value_of(tags_of(*stream), "filename") != name) {
       continue;
     }
     const auto* text = reinterpret_cast<const char*>(data.extradata);
     return {{text, static_cast<std::size_t>(data.extradata_size)},
-            value_of(stream->metadata, "title")};
+            value_of(tags_of(*stream), "title")};
   }
   throw FormatError(std::string("expected an attached ") + name, {});
 }
 
+const AVCodecParameters& MatroskaReader::parameters(int track) const {
+  return parameters_of(stream(track));
+}
+
+AVRational MatroskaReader::frame_rate(int track) const {
+  return field<AVRational>(stream(track), ffmpeg().layout.stream_rate);
+}
+
 std::string MatroskaReader::tag(const char* name) const {
-  return value_of(format_->metadata, name);
+  return value_of(field<AVDictionary*>(*format_, ffmpeg().layout.format_metadata), name);
 }
 
 std::int64_t MatroskaReader::time_ns(const AVPacket& packet) const {
   constexpr std::int64_t kMost = std::int64_t{1} << 61;  // differences fit
-  const std::int64_t time =
-      ffmpeg().av_rescale_q(packet.pts, stream(packet.stream_index).time_base, {1, 1'000'000'000});
+  const std::int64_t time = ffmpeg().av_rescale_q(
+      packet.pts, time_base_of(stream(packet.stream_index)), {1, 1'000'000'000});
   return std::clamp(time, -kMost, kMost);
 }
 
 std::int64_t MatroskaReader::duration_ms() const {
-  return std::max<std::int64_t>(format_->duration, 0) / (AV_TIME_BASE / 1000);
+  const auto duration = field<std::int64_t>(*format_, ffmpeg().layout.format_duration);
+  return std::max<std::int64_t>(duration, 0) / (AV_TIME_BASE / 1000);
 }
 
 bool MatroskaReader::next(AVPacket& packet) {

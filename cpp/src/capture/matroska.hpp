@@ -68,9 +68,8 @@ class MatroskaReader {
   MatroskaReader& operator=(const MatroskaReader&) = delete;
   ~MatroskaReader();
 
-  [[nodiscard]] const AVStream& stream(int track) const {
-    return *format_->streams[static_cast<std::size_t>(track)];
-  }
+  [[nodiscard]] const AVCodecParameters& parameters(int track) const;
+  [[nodiscard]] AVRational frame_rate(int track) const;  ///< 0 / 1: the file does not say.
   /// The number of a track by its title and kind; none: there is no such track.
   [[nodiscard]] std::optional<int> find(const char* title, AVMediaType type) const;
   /// The attached file of this name, as long as this reader lives. @throws FormatError  none.
@@ -98,6 +97,9 @@ class MatroskaReader {
   void close();
   [[nodiscard]] std::span<AVStream* const> streams() const {
     return {format_->streams, format_->nb_streams};
+  }
+  [[nodiscard]] AVStream& stream(int track) const {
+    return *streams()[static_cast<std::size_t>(track)];
   }
 
   std::filesystem::path path_;

@@ -22,8 +22,8 @@ constexpr std::size_t kMaxWaiting = 8;                     // images of one kind
 constexpr std::int64_t kUsualPeriod = 1'000'000'000 / 30;  // of files that do not say
 
 /// The size of a track's images.
-ImageSize size_of(const AVStream& stream) {
-  const ImageSize size{stream.codecpar->height, stream.codecpar->width};
+ImageSize checked_size(const AVCodecParameters& images) {
+  const ImageSize size = size_of(images);
   if (const std::string reason = mkv::complaint(size); !reason.empty()) {
     throw FormatError(reason, {});
   }
@@ -83,13 +83,13 @@ class AzureSource final : public RgbdSource {
   };
 
   void open_depth() {
-    const AVStream& stream = file_->stream(*file_->find(kDepthTitle, AVMEDIA_TYPE_VIDEO));
-    depth_track_ = stream.index;
-    depth_size_ = size_of(stream);
-    if (stream.codecpar->codec_tag != MKTAG('b', '1', '6', 'g')) {
+    depth_track_ = *file_->find(kDepthTitle, AVMEDIA_TYPE_VIDEO);
+    const AVCodecParameters& images = file_->parameters(depth_track_);
+    depth_size_ = checked_size(images);
+    if (images.codec_tag != MKTAG('b', '1', '6', 'g')) {
       throw FormatError("DEPTH track: expected images of the kind b16g", {});
     }
-    const AVRational rate = stream.avg_frame_rate;
+    const AVRational rate = file_->frame_rate(depth_track_);
     period_ns_ =
         rate.num > 0 && rate.den > 0 ? 1'000'000'000LL * rate.den / rate.num : kUsualPeriod;
   }
@@ -97,14 +97,14 @@ class AzureSource final : public RgbdSource {
   void open_colour() {
     const auto track = file_->find(kColourTitle, AVMEDIA_TYPE_VIDEO);
     if (!track) return;
-    const AVStream& stream = file_->stream(*track);
-    if (stream.codecpar->codec_id != AV_CODEC_ID_MJPEG) {
+    const AVCodecParameters& images = file_->parameters(*track);
+    if (images.codec_id != AV_CODEC_ID_MJPEG) {
       throw FormatError(std::string("COLOR track: expected MJPEG, got ") +
-                            ffmpeg().avcodec_get_name(stream.codecpar->codec_id),
+                            ffmpeg().avcodec_get_name(images.codec_id),
                         {});
     }
     colour_track_ = *track;
-    colour_size_ = size_of(stream);
+    colour_size_ = checked_size(images);
   }
 
   [[nodiscard]] std::shared_ptr<const RgbdCalibration> read_calibration() const {

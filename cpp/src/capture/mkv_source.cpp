@@ -32,12 +32,12 @@ std::string_view text_of(std::span<const std::byte> bytes) {
 /// A track of images: its decoder, and the packet that came last.
 class ImageTrack {
  public:
-  ImageTrack(const char* name, const AVStream& stream, PixelKind kind, ImageSize size)
-      : name_(name), stream_(stream.index), size_(size), packet_(new_packet()) {
+  ImageTrack(const char* name, int stream, const AVCodecParameters& parameters, PixelKind kind,
+             ImageSize size)
+      : name_(name), stream_(stream), size_(size), packet_(new_packet()) {
     if (const std::string reason = mkv::complaint(size); !reason.empty()) {
       refuse_track(name, reason);
     }
-    const AVCodecParameters& parameters = *stream.codecpar;
     if (kind == PixelKind::kRgb && parameters.codec_id == AV_CODEC_ID_MJPEG) {
       jpeg_ = std::make_unique<JpegDecoder>();  // each packet says its size
       return;
@@ -179,7 +179,7 @@ class MkvSource final : public RgbdSource {
   void add_track(const char* name, PixelKind kind, ImageSize size,
                  std::optional<ImageTrack>& track) {
     if (const auto index = file_->find(name, AVMEDIA_TYPE_VIDEO)) {
-      track.emplace(name, file_->stream(*index), kind, size);
+      track.emplace(name, *index, file_->parameters(*index), kind, size);
     }
   }
 

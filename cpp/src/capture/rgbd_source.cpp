@@ -17,7 +17,7 @@ RgbdScheme mkv_scheme(bool probe) {
 #ifdef MANIP3D_FFMPEG
   scheme.open = open_mkv;
   if (probe) scheme.reason = mkv_absence();
-  if (!scheme.reason.empty()) scheme.cure = "apt-get install libavformat59";
+  if (!scheme.reason.empty()) scheme.cure = kMkvCure;
 #else
   static_cast<void>(probe);
   scheme.reason = "not built: FFmpeg's development files were not found";
