@@ -151,6 +151,17 @@ def test_thinning_reaches_the_spacing(resampling: str, factor: float) -> None:
     assert len({*map(tuple, thinned.tolist())} - {*map(tuple, hoax.tolist())}) == 0
 
 
+@pytest.mark.parametrize("lone", [0, 3], ids=["one piece", "lone points"])
+@pytest.mark.parametrize("goal", [0.02, 0.1, 0.6])
+def test_poisson_disks_are_apart_and_full(goal: float, lone: int) -> None:
+    """Some radius is at most the distance of all that stay and more than that of all that go."""
+    random = np.random.default_rng(4)
+    hoax = np.vstack([random.random((4000, 3)), 50.0 + 20.0 * random.random((lone, 3))])
+    hoax = np.ascontiguousarray(hoax, np.float32)
+    stays = cKDTree(forge.resample(hoax, spacing=goal, rng=2))
+    assert stays.query(hoax)[0].max() < stays.query(stays.data, k=2)[0][:, 1].min()
+
+
 @pytest.mark.parametrize("hoax", [plate(), grid_plate(21)], ids=["faces", "points"])
 def test_interpolation_stays_on_the_surface(hoax: object) -> None:
     finer = forge.resample(hoax, spacing=0.02, rng=1)

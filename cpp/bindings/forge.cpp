@@ -97,20 +97,20 @@ void bind_forge(py::module_& m) {
   m.def(
       "resample",
       [](const CArray<float>& object, const CArray<std::int32_t>& faces, double spacing,
-         bool uniform, std::uint64_t seed) {
+         bool uniform, std::uint64_t seed, int threads) {
         const PointsView view = points_view(object, {});
         const auto triangles = rows<Faces>(faces, "faces");
         Points points;
         {
           const py::gil_scoped_release nogil;
-          points =
-              resample(view, triangles,
-                       {spacing, uniform ? Resampling::kUniform : Resampling::kPoissonDisk, seed});
+          points = resample(
+              view, triangles,
+              {spacing, uniform ? Resampling::kUniform : Resampling::kPoissonDisk, seed, threads});
         }
         return to_numpy(std::move(points));
       },
       py::arg("object").noconvert(), py::arg("faces").noconvert(), py::arg("spacing"),
-      py::arg("uniform"), py::arg("seed"));
+      py::arg("uniform"), py::arg("seed"), py::arg("threads"));
   m.def(
       "local_spacing",
       [](const CArray<float>& points, const Eigen::Vector3d& position, double radius, int threads) {

@@ -1,14 +1,18 @@
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <bit>
 #include <cmath>
-#include <numeric>
+#include <limits>
+#include <optional>
 #include <string>
 #include <vector>
 
-#include "forge/spatial_hash.hpp"
+#include "forge/cell_list.hpp"
+#include "geometry/buckets.hpp"
 #include "geometry/kd_tree.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/forge/attacks.hpp"
+#include "manip3d/geometry/parallel.hpp"
 #include "manip3d/geometry/random.hpp"
 
 namespace manip3d {
@@ -26,78 +30,148 @@ constexpr std::size_t kSurfaceNeighbours = 6;
 
 PointsView view_of(const Points& points) { return PointsView({points.data(), points.rows(), 3}); }
 
+// Calls visit(i) for a few thousand of `count` items.
+template <typename Visit>
+std::int64_t for_probes(std::int64_t count, const Visit& visit) {
+  const std::int64_t step = std::max<std::int64_t>(1, count / kProbes);
+  for (std::int64_t i = 0; i < count; i += step) visit(i);
+  return (count + step - 1) / step;
+}
+
 // Mean nearest-neighbour distance, of a few thousand of the points.
-double mean_spacing(const Points& points) {
-  const KdTree tree(view_of(points));
-  const std::int64_t step = std::max<std::int64_t>(1, points.rows() / kProbes);
+double mean_spacing(const PointsView& points) {
+  const KdTree tree(points);
   double sum = 0.0;
-  std::int64_t count = 0;
-  for (std::int64_t i = 0; i < points.rows(); i += step, ++count) sum += tree.nearest_distance(i);
+  const std::int64_t count =
+      for_probes(points.num_points(), [&](std::int64_t i) { sum += tree.nearest_distance(i); });
   return sum / static_cast<double>(count);
 }
 
+// By random keys, a tie by the index: into buckets of their leading bits, then within each.
 Order random_order(std::int64_t count, std::uint64_t seed) {
-  std::vector<std::uint64_t> keys(static_cast<std::size_t>(count));
-  for (std::size_t i = 0; i < keys.size(); ++i) keys[i] = random_bits(seed, i);
-  Order order(keys.size());
-  std::iota(order.begin(), order.end(), 0);
-  std::sort(order.begin(), order.end(), [&](std::int32_t a, std::int32_t b) {
-    return std::pair(keys[a], a) < std::pair(keys[b], b);
+  const int bits =
+      std::clamp(static_cast<int>(std::bit_width(static_cast<std::uint64_t>(count))), 1, 24);
+  const auto key_of = [&](std::int32_t i) {
+    return random_bits(seed, static_cast<std::uint64_t>(i));
+  };
+  Buckets<std::int32_t> buckets(std::int64_t{1} << bits, [&](const auto& put) {
+    for (std::int32_t i = 0; i < count; ++i) {
+      put(static_cast<std::int32_t>(key_of(i) >> (64 - bits)), i);
+    }
   });
+  Order order;
+  order.reserve(static_cast<std::size_t>(count));
+  for (std::int32_t b = 0; b < buckets.num_keys(); ++b) {
+    const auto few = buckets[b];
+    std::sort(few.begin(), few.end(), [&](std::int32_t i, std::int32_t j) {
+      return std::pair(key_of(i), i) < std::pair(key_of(j), j);
+    });
+    order.insert(order.end(), few.begin(), few.end());
+  }
   return order;
 }
 
-Points take(const Points& points, Order rows) {
-  std::sort(rows.begin(), rows.end());
+Points take(const PointsView& view, const Order& rows) {
   Points taken(static_cast<Eigen::Index>(rows.size()), 3);
   for (std::size_t i = 0; i < rows.size(); ++i) {
-    taken.row(static_cast<Eigen::Index>(i)) = points.row(rows[i]);
+    taken.row(static_cast<Eigen::Index>(i)) = view.points.row(rows[i]);
   }
   return taken;
 }
 
-// Dart throwing [Cook, ACM TOG 1986] among given points, in the given order: a point stays unless
-// one that stayed is nearer than the radius.
-Points poisson_disk(const Points& points, const Order& order, double radius) {
-  SpatialHash hash(radius);
-  Order kept;
-  for (const std::int32_t row : order) {
-    const Vector3d p = points.row(row).transpose().cast<double>();
-    const SpatialHash::Cell cell = hash.cell_of(p);
-    const auto too_near = [&](std::int32_t item) {
-      return (points.row(kept[item]).transpose().cast<double>() - p).squaredNorm() <
-             radius * radius;
-    };
-    bool free = !hash.any(cell, too_near);  // mostly it is there
-    for (int i = 0; i < 27 && free; ++i) {
-      const SpatialHash::Cell offset(i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1);
-      free = i == 13 || !hash.any(cell + offset, too_near);
-    }
-    if (!free) continue;
-    hash.insert(cell);
-    kept.push_back(row);
-  }
-  return take(points, std::move(kept));
-}
+// Dart throwing [Cook, ACM TOG 1986] among given points, in a random order: a point stays unless
+// one that stayed is nearer than the radius. Those that stay tell their neighbours, which is the
+// same and quicker: most do not stay.
+class DartBoard {
+ public:
+  DartBoard(const PointsView& candidates, std::uint64_t seed)
+      : candidates_(candidates), order_(random_order(candidates.num_points(), seed)) {}
 
-Points first_of(const Points& points, const Order& order, double share) {
-  const auto count = static_cast<std::int64_t>(share * static_cast<double>(order.size()) + 0.5);
-  const std::int64_t kept = std::clamp<std::int64_t>(count, 2, points.rows());
-  return take(points, Order(order.begin(), order.begin() + kept));
+  /// The rows that stay, ascending.
+  Order sample(double radius) {
+    if (!cells_ || !(radius <= cells_->cell_size() && cells_->cell_size() <= 2.0 * radius)) {
+      cells_.emplace(candidates_, kRoom * radius);
+    }
+    state_.assign(order_.size(), State::kFree);
+    for (const std::int32_t row : order_) {
+      const std::int32_t place = cells_->place_of(row);
+      if (state_[place] != State::kFree) continue;
+      cells_->visit<1>(place, [&](std::int32_t other) {
+        if (cells_->squared_distance(place, other) < radius * radius) state_[other] = State::kNear;
+      });
+      state_[place] = State::kStays;
+    }
+    Order kept;
+    for (std::int32_t row = 0; row < candidates_.num_points(); ++row) {
+      if (state_[cells_->place_of(row)] == State::kStays) kept.push_back(row);
+    }
+    return kept;
+  }
+
+  /// Of the rows that the last sample kept; as `mean_spacing` of them.
+  [[nodiscard]] double mean_spacing_of(const Order& kept) const {
+    double sum = 0.0;
+    bool all_near = true;
+    const auto probes = for_probes(static_cast<std::int64_t>(kept.size()), [&](std::int64_t i) {
+      const double squared = nearest_that_stays(cells_->place_of(kept[i]));
+      all_near = all_near && squared <= kSure * kSure * square(cells_->cell_size());
+      sum += std::sqrt(squared);
+    });
+    if (all_near) return sum / static_cast<double>(probes);
+    return mean_spacing(view_of(take(candidates_, kept)));  // lone points: their cells are empty
+  }
+
+ private:
+  enum class State : std::uint8_t { kFree, kNear, kStays };
+
+  static constexpr double kRoom = 1.1;   // a cell over the radius, which corrections change
+  static constexpr double kSure = 1.99;  // cells that two on either side surely reach
+
+  static double square(double x) { return x * x; }
+
+  [[nodiscard]] double nearest_that_stays(std::int32_t place) const {
+    double least = std::numeric_limits<double>::infinity();
+    cells_->visit<2>(place, [&](std::int32_t other) {
+      if (state_[other] != State::kStays || other == place) return;
+      least = std::min(least, cells_->squared_distance(place, other));
+    });
+    return least;
+  }
+
+  PointsView candidates_;
+  Order order_;
+  std::optional<CellList> cells_;
+  std::vector<State> state_;  // by place in the list
+};
+
+Order first_of(const Order& order, double share) {
+  const auto size = static_cast<std::int64_t>(order.size());
+  const auto count = static_cast<std::int64_t>(share * static_cast<double>(size) + 0.5);
+  Order rows(order.begin(), order.begin() + std::clamp<std::int64_t>(count, 2, size));
+  std::sort(rows.begin(), rows.end());
+  return rows;
 }
 
 // Changes a sampling's `length` until the mean spacing is the wanted one. `sample(length)` gives
-// points whose spacing is about proportional to it.
-template <typename Sample>
-Points with_spacing(double spacing, double length, const Sample& sample) {
-  Points points = sample(length);
-  for (int i = 0; i < kCorrections && points.rows() > 2; ++i) {
-    const double reached = mean_spacing(points);
+// rows whose `spacing_of(rows)` is about proportional to it.
+template <typename Sample, typename Spacing>
+Order with_spacing(double spacing, double length, const Sample& sample, const Spacing& spacing_of) {
+  Order rows = sample(length);
+  for (int i = 0; i < kCorrections && rows.size() > 2; ++i) {
+    const double reached = spacing_of(rows);
     if (std::abs(reached / spacing - 1.0) <= kTolerance || !(reached > 0.0)) break;
     length *= spacing / reached;
-    points = sample(length);
+    rows = sample(length);
   }
-  return points;
+  return rows;
+}
+
+// What a Poisson disk sampling's mean spacing is of its radius, as measured on random points of
+// spheres and squares: the fewer candidates there are, the looser. A first guess, which
+// `with_spacing` corrects; a good one spares a second sampling.
+double spacing_over_radius(double gamma, bool on_faces) {
+  if (gamma < 1.0) return 1.04 + 0.42 * gamma;
+  return on_faces ? 1.13 : 1.25;  // points leave the gaps of a cloud that they are made from
 }
 
 void check_count(double count) {
@@ -109,10 +183,10 @@ void check_count(double count) {
   }
 }
 
-double doubled_area(const Points& points, const Eigen::Ref<const Faces>& faces, Eigen::Index f) {
-  const Vector3d a = points.row(faces(f, 0)).transpose().cast<double>();
-  const Vector3d b = points.row(faces(f, 1)).transpose().cast<double>();
-  const Vector3d c = points.row(faces(f, 2)).transpose().cast<double>();
+double doubled_area(const PointsView& view, const Eigen::Ref<const Faces>& faces, Eigen::Index f) {
+  const Vector3d a = view.points.row(faces(f, 0)).transpose().cast<double>();
+  const Vector3d b = view.points.row(faces(f, 1)).transpose().cast<double>();
+  const Vector3d c = view.points.row(faces(f, 2)).transpose().cast<double>();
   return (b - a).cross(c - a).norm();
 }
 
@@ -128,18 +202,18 @@ Vector3d on_triangle(const Vector3d& a, const Vector3d& b, const Vector3d& c, st
 }
 
 // Random points of the faces, `density` per unit of area.
-Points surface_candidates(const Points& points, const Eigen::Ref<const Faces>& faces,
+Points surface_candidates(const PointsView& view, const Eigen::Ref<const Faces>& faces,
                           double density, std::uint64_t seed) {
   double area = 0.0;
-  for (Eigen::Index f = 0; f < faces.rows(); ++f) area += 0.5 * doubled_area(points, faces, f);
+  for (Eigen::Index f = 0; f < faces.rows(); ++f) area += 0.5 * doubled_area(view, faces, f);
   check_count(area * density);
   Points samples(static_cast<Eigen::Index>(area * density) + 1, 3);
   Eigen::Index row = 0;
   double due = 0.0;
   for (Eigen::Index f = 0; f < faces.rows() && row < samples.rows(); ++f) {
-    due += 0.5 * doubled_area(points, faces, f) * density;
+    due += 0.5 * doubled_area(view, faces, f) * density;
     const auto corner = [&](int k) -> Vector3d {
-      return points.row(faces(f, k)).transpose().cast<double>();
+      return view.points.row(faces(f, k)).transpose().cast<double>();
     };
     for (; static_cast<double>(row) < due && row < samples.rows(); ++row) {
       samples.row(row) =
@@ -151,27 +225,31 @@ Points surface_candidates(const Points& points, const Eigen::Ref<const Faces>& f
 }
 
 // Random points of the triangles between each point and pairs of its neighbours.
-Points cloud_candidates(const Points& points, double per_point, std::uint64_t seed) {
+Points cloud_candidates(const PointsView& view, double per_point, const ResampleOptions& options) {
   const auto share = static_cast<Eigen::Index>(std::ceil(per_point));
-  check_count(static_cast<double>(points.rows()) * static_cast<double>(share + 1));
-  const KdTree tree(view_of(points));
-  Points samples(points.rows() * (share + 1), 3);
-  KdTree::Neighbours near;
-  Eigen::Index row = 0;
-  for (Eigen::Index i = 0; i < points.rows(); ++i) {
-    samples.row(row++) = points.row(i);
-    tree.nearest(i, kSurfaceNeighbours, near);
-    const std::uint64_t count = near.rows.size();
-    for (Eigen::Index k = 0; k < share; ++k, ++row) {
-      const auto counter = static_cast<std::uint64_t>(row);
-      const auto pick = [&](std::uint64_t n) -> Vector3d {
-        const std::uint64_t which = random_bits(seed + 1, 2 * counter + n) % count;
-        return points.row(near.rows[which]).transpose().cast<double>();
-      };
-      const Vector3d p = points.row(i).transpose().cast<double>();
-      samples.row(row) = on_triangle(p, pick(0), pick(1), seed, counter).cast<float>();
-    }
-  }
+  check_count(static_cast<double>(view.num_points()) * static_cast<double>(share + 1));
+  const KdTree tree(view);
+  Points samples(view.num_points() * (share + 1), 3);
+  parallel_chunks(
+      view.num_points(), 256, options.num_threads, [&](std::int64_t begin, std::int64_t end) {
+        KdTree::Neighbours near;
+        for (std::int64_t i = begin; i < end; ++i) {
+          tree.nearest(i, kSurfaceNeighbours, near);
+          const auto corner = [&](std::uint64_t counter) -> Vector3d {
+            const std::uint64_t which = random_bits(options.seed + 1, counter) % near.rows.size();
+            return view.points.row(near.rows[which]).transpose().cast<double>();
+          };
+          const Vector3d p = view.points.row(i).transpose().cast<double>();
+          Eigen::Index row = i * (share + 1);
+          samples.row(row++) = view.points.row(i);
+          for (Eigen::Index k = 0; k < share; ++k, ++row) {
+            const auto counter = static_cast<std::uint64_t>(row);
+            const Vector3d second = corner(2 * counter);
+            const Vector3d third = corner(2 * counter + 1);
+            samples.row(row) = on_triangle(p, second, third, options.seed, counter).cast<float>();
+          }
+        }
+      });
   return samples;
 }
 
@@ -196,35 +274,41 @@ Points resample(const PointsView& object, const Eigen::Ref<const Faces>& faces,
     throw InputError("hoax: expected at least 2 points, got " +
                      std::to_string(object.num_points()));
   }
-  const Points points = object.points;
-  if (!(points.cwiseAbs().maxCoeff() < spacing * 0x1p40)) {
+  if (!(object.points.cwiseAbs().maxCoeff() < spacing * 0x1p40)) {
     throw InputError("spacing: expected one within 2^40 of the largest coordinate, got " +
                      std::to_string(spacing));
   }
-  const double spacing_of_object = mean_spacing(points);
+  const double spacing_of_object = mean_spacing(object);
   if (!(spacing_of_object > 0.0)) {
     throw InputError("hoax: expected points at different places");
   }
   const double gamma = spacing_of_object / spacing;
   if (gamma < 1.0 && options.method == Resampling::kUniform) {
-    const Order order = random_order(points.rows(), options.seed);
-    return with_spacing(spacing, spacing, [&](double length) {
+    const Order order = random_order(object.num_points(), options.seed);
+    const auto sample = [&](double length) {
       const double share = spacing_of_object / length;
-      return first_of(points, order, std::min(1.0, share * share));
-    });
+      return first_of(order, std::min(1.0, share * share));
+    };
+    const auto spacing_of = [&](const Order& rows) {
+      return mean_spacing(view_of(take(object, rows)));
+    };
+    return take(object, with_spacing(spacing, spacing, sample, spacing_of));
   }
-  Points candidates = points;
+  Points made;
   if (gamma >= 1.0 && faces.rows() > 0) {
-    candidates =
-        surface_candidates(points, faces, kCandidatesPerDisk / (spacing * spacing), options.seed);
+    made =
+        surface_candidates(object, faces, kCandidatesPerDisk / (spacing * spacing), options.seed);
   } else if (gamma >= 1.0) {
-    candidates = cloud_candidates(points, kCandidatesPerDisk * gamma * gamma, options.seed);
+    made = cloud_candidates(object, kCandidatesPerDisk * gamma * gamma, options);
   }
-  if (candidates.rows() < 2) return candidates;
-  const Order order = random_order(candidates.rows(), options.seed + 2);
-  const double first_radius = 0.85 * spacing;  // disks do not touch: neighbours are farther apart
-  return with_spacing(spacing, first_radius,
-                      [&](double radius) { return poisson_disk(candidates, order, radius); });
+  if (gamma >= 1.0 && made.rows() < 2) return made;
+  const PointsView candidates = gamma < 1.0 ? object : view_of(made);
+  DartBoard board(candidates, options.seed + 2);
+  const double first_radius = spacing / spacing_over_radius(gamma, faces.rows() > 0);
+  return take(candidates,
+              with_spacing(
+                  spacing, first_radius, [&](double radius) { return board.sample(radius); },
+                  [&](const Order& rows) { return board.mean_spacing_of(rows); }));
 }
 
 }  // namespace manip3d

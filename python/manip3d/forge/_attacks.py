@@ -141,7 +141,9 @@ def crtp(
     _check_scale(scale)
     whole = to_hoax(hoax, 0.0, scene)
     uniform = _choice(resampling, ("poisson", "uniform"), "resampling") == "uniform"
-    points = _core.resample(whole.points, whole.faces, spacing / scale, uniform, seed_of(rng))
+    points = _core.resample(
+        whole.points, whole.faces, spacing / scale, uniform, seed_of(rng), workers
+    )
     sampled = to_hoax(points, intensity, scene)
     forgery = _paste("crtp", scene, sampled, where, rotation, scale, paper, threads)
     return replace(forgery, parameters={**forgery.parameters, "spacing": float(spacing)})
@@ -153,6 +155,7 @@ def resample(
     spacing: float,
     resampling: Literal["poisson", "uniform"] = "poisson",
     rng: Rng = 0,
+    threads: int = 0,
 ) -> NDArray[np.float32]:
     """Points of an object whose mean nearest-neighbour distance is ``spacing``; see `crtp`.
 
@@ -163,7 +166,9 @@ def resample(
     """
     whole = to_hoax(hoax, 0.0, to_scan(np.empty((0, 3), np.float32)))
     uniform = _choice(resampling, ("poisson", "uniform"), "resampling") == "uniform"
-    return _core.resample(whole.points, whole.faces, spacing, uniform, seed_of(rng))
+    return _core.resample(
+        whole.points, whole.faces, spacing, uniform, seed_of(rng), threads_of(threads)
+    )
 
 
 def range_scale(scan: ScanLike, hoax: ObjectLike) -> float:

@@ -48,6 +48,7 @@ struct ResampleOptions {
   double spacing = 0.0;  ///< Mean distance to the nearest neighbour aimed at, after scaling; > 0.
   Resampling method = Resampling::kPoissonDisk;  ///< Of downsampling.
   std::uint64_t seed = 0;
+  int num_threads = 0;  ///< The result does not depend on it.
 };
 
 /// Points of an object whose mean nearest-neighbour distance is `spacing`, to about 3 % where the
