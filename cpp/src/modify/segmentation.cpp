@@ -134,15 +134,24 @@ class Collector {
   PixelBounds bounds_;
 };
 
+/// By how much the flesh at a place of a bone is likely to be off, metres: standard deviation.
+float spread(float radius) {
+  constexpr float kGirths = 0.1F;   // of their mean: 0.09 to 0.12 in the survey of BoneRule::kSkin
+  constexpr float kJoints = 0.01F;  // metres: jitter of a Kinect V2's joints
+  const float girth = kGirths * radius;
+  return std::sqrt(girth * girth + kJoints * kJoints);
+}
+
 /// Bones as arrays of coordinates, for loops over bones and over points.
 struct BoneTable {
   using Column = std::array<float, BoneSegments::kCapacity>;
-  Column cx{}, cy{}, cz{};   ///< P_c.
-  Column rx{}, ry{}, rz{};   ///< P_r.
-  Column bx{}, by{}, bz{};   ///< P_r - P_c.
-  Column tx{}, ty{}, tz{};   ///< (P_r - P_c) / |P_r - P_c|^2, or 0.
-  Column radius{}, taper{};  ///< At P_c, and what is added up to P_r.
-  Column change{};  ///< Of the distance to the skin by a step of length 1: at most so much.
+  Column cx{}, cy{}, cz{};       ///< P_c.
+  Column rx{}, ry{}, rz{};       ///< P_r.
+  Column bx{}, by{}, bz{};       ///< P_r - P_c.
+  Column tx{}, ty{}, tz{};       ///< (P_r - P_c) / |P_r - P_c|^2, or 0.
+  Column radius{}, taper{};      ///< At P_c, and what is added up to P_r.
+  Column certainty{}, change{};  ///< One over the spread at P_c, and what is added up to P_r.
+  Column slope{};  ///< Of the distance to the skin by a step of length 1: at most so much.
   std::array<std::int32_t, BoneSegments::kCapacity> label{};
   std::size_t count = 0;
   bool has_radii = false;
@@ -163,14 +172,16 @@ struct BoneTable {
       const float length = is_point ? 0.0F : std::sqrt(length2);
       radius[i] = bones.radii[i].start;
       taper[i] = std::clamp(bones.radii[i].end - radius[i], -length, length);
-      change[i] = is_point ? 1.0F : 1.0F + std::abs(taper[i]) / length;
+      slope[i] = is_point ? 1.0F : 1.0F + std::abs(taper[i]) / length;
+      certainty[i] = 1.0F / spread(radius[i]);
+      change[i] = 1.0F / spread(radius[i] + taper[i]) - certainty[i];
       has_radii = has_radii || bones.radii[i].start != 0.0F || bones.radii[i].end != 0.0F;
     }
   }
 
-  /// Squared, from the bone itself; `radius_there` is the bone's at its nearest point.
+  /// Squared, from the bone itself; `along` is where its nearest point is: 0 at P_c, 1 at P_r.
   [[nodiscard]] float squared_distance(std::size_t i, float x, float y, float z,
-                                       float& radius_there) const {
+                                       float& along) const {
     const float dx = x - cx[i], dy = y - cy[i], dz = z - cz[i];
     float t = dx * tx[i] + dy * ty[i] + dz * tz[i];
     t = t > 0.0F ? t : 0.0F;
@@ -178,7 +189,7 @@ struct BoneTable {
     const float ex = past ? x - rx[i] : dx - t * bx[i];
     const float ey = past ? y - ry[i] : dy - t * by[i];
     const float ez = past ? z - rz[i] : dz - t * bz[i];
-    radius_there = radius[i] + (past ? 1.0F : t) * taper[i];
+    along = past ? 1.0F : t;
     return ex * ex + ey * ey + ez * ez;
   }
 };
@@ -187,8 +198,8 @@ struct BoneTable {
 struct Tile {
   std::size_t count = 0;  ///< Padded to a multiple of 8.
   alignas(32) std::array<float, kTilePoints> x, y, z;
-  alignas(32) std::array<float, kTilePoints> nearest;  ///< To bone or skin: by it they are judged.
-  alignas(32) std::array<float, kTilePoints> squared;  ///< To the bone itself.
+  alignas(32) std::array<float, kTilePoints> nearest;  ///< What the nearest bone is judged by.
+  alignas(32) std::array<float, kTilePoints> squared;  ///< Distance to it.
   alignas(32) std::array<std::int32_t, kTilePoints> label;
 
   void load(const PersonPoints& points, std::size_t begin, std::size_t end) {
@@ -211,9 +222,13 @@ struct Tile {
   void measure(const BoneTable& bones, std::size_t bone) {
     const std::int32_t number = bones.label[bone];
     for (std::size_t i = 0; i < count; ++i) {
-      float radius;
-      const float d = bones.squared_distance(bone, x[i], y[i], z[i], radius);
-      const float judged = kHasRadii ? std::sqrt(d) - radius : d;
+      float along;
+      const float d = bones.squared_distance(bone, x[i], y[i], z[i], along);
+      float judged = d;
+      if (kHasRadii) {
+        judged = std::sqrt(d) - (bones.radius[bone] + along * bones.taper[bone]);
+        judged *= bones.certainty[bone] + along * bones.change[bone];
+      }
       const bool nearer = judged < nearest[i];
       nearest[i] = nearer ? judged : nearest[i];
       squared[i] = nearer ? d : squared[i];
@@ -230,7 +245,8 @@ struct Tile {
 };
 
 /// Bones that may be nearest to some point of a tile: with the points within r of c, those whose
-/// skin may be as near to some point as another's must be to all.
+/// skin may be as near to some point as another's must be to all. Certainties change along a bone,
+/// so the one that favours the bone bounds what may be, the other what must be.
 class Candidates {
  public:
   explicit Candidates(const BoneTable& bones) : bones_(bones) {}
@@ -244,16 +260,19 @@ class Candidates {
     const float cx = 0.5F * (*x0 + *x1), cy = 0.5F * (*y0 + *y1), cz = 0.5F * (*z0 + *z1);
     const float r = 0.5F * std::sqrt(wx * wx + wy * wy + wz * wz);
     float most = kInfinity;
-    for (std::size_t i = 0; i < bones_.count; ++i) {
-      float radius;
-      const float squared = bones_.squared_distance(i, cx, cy, cz, radius);
-      const float distance = std::sqrt(squared) - radius;
-      least_[i] = distance - bones_.change[i] * r;
-      most = std::min(most, distance + bones_.change[i] * r);
-    }
     constexpr float kRounding = 1e-4F;  // metres: far above that of these floats
     for (std::size_t i = 0; i < bones_.count; ++i) {
-      if (!(least_[i] > most + kRounding)) use(i);
+      float along;
+      const float bone = std::sqrt(bones_.squared_distance(i, cx, cy, cz, along));
+      const float skin = bone - (bones_.radius[i] + along * bones_.taper[i]);
+      const float reach = bones_.slope[i] * r + kRounding;
+      const float low = std::min(bones_.certainty[i], bones_.certainty[i] + bones_.change[i]);
+      const float high = std::max(bones_.certainty[i], bones_.certainty[i] + bones_.change[i]);
+      least_[i] = (skin - reach) * (skin > reach ? low : high);
+      most = std::min(most, (skin + reach) * (skin > -reach ? high : low));
+    }
+    for (std::size_t i = 0; i < bones_.count; ++i) {
+      if (!(least_[i] > most)) use(i);
     }
   }
 

@@ -15,7 +15,8 @@ namespace manip3d {
 
 /// Which bone is the nearest one to a point.
 enum class BoneRule : std::uint8_t {
-  kSkin,  ///< The one whose skin is: the distance to the bone, less the bone's radius there.
+  kSkin,  ///< The one whose skin is: the distance to the bone, less the bone's radius there, in
+          ///< standard deviations of that (segment_bones).
   kPaper  ///< The one itself, dissertation eq. 4.1: a trunk is no thicker than an arm.
 };
 

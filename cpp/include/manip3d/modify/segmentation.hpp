@@ -39,10 +39,11 @@ struct PersonPoints {
 void find_person(const DepthView& depth, const std::uint8_t* body_index, const Skeleton& skeleton,
                  const PixelRays& rays, const PersonMaskOptions& options, PersonPoints& points);
 
-/// Each point gets the label of the bone whose skin is nearest, that is, |P - Q| - r(Q) is least
-/// with Q the point of the bone nearest to P and r the bone's radius there: the lower one if two
-/// are as near. The same bits on every CPU. A bone without length is a point; none tapers by more
-/// than its length.
+/// Each point gets the label of the bone whose skin is nearest, in standard deviations: the least
+/// (|P - Q| - r) / s, with Q the point of the bone nearest to P, r the bone's radius there, and s
+/// of what girths differ by among people (a tenth) and joints are off (1 cm), 1 / s linear between
+/// the bone's ends. The lower label if two are as near. The same bits on every CPU. A bone without
+/// length is a point; none tapers by more than its length.
 ///
 /// Without radii this is Voronoi segmentation (dissertation eq. 4.1). With the projection t clamped
 /// to [0, 1], eq. 4.1's three cases are one: |P - (P_c + t (P_r - P_c))|. Bones that cannot be
