@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+import os
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from manip3d import InputError, LidarFrame, _core, forge
+from manip3d import InputError, LidarFrame, _core, forge, read_scan
 from manip3d.authenticate import (
     PAPER_DENSITY,
     AngularGrid,
@@ -253,6 +255,36 @@ def test_a_dense_object_is_found_and_a_resampled_one_is_not() -> None:
     same = forge.crtp(CAVE, hoax, position=(3.5, 1, 0), spacing=3.6 * math.radians(STEP))
     assert density_consistency(same.points, parameters=finer).verdict == "authentic"
     assert occlusion_consistency(same.points).verdict == "tampered"
+
+
+def tilted(points: Points) -> Points:
+    """The same surfaces scanned about a lying axis: columns crowd at its two ends."""
+    return np.ascontiguousarray(points[:, [2, 0, 1]])
+
+
+def test_a_scan_on_which_spacing_is_no_law_is_not_judged() -> None:
+    finer = DensityParameters(sector=10, level_width=0.1, fall=0.6)
+    for scan in (tilted(cave(noise=0.0)), np.repeat(CAVE, 2, axis=0)):
+        found = density_consistency(scan, parameters=finer)
+        assert found.verdict == "undecidable"
+        assert len(found.suspected) == len(found.boxes) == 0
+    assert "no spacing is known" in found.reason
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize(
+    "name",
+    [
+        "riegl_vz400i_forest.ply.xz",
+        "room_scan1.ply.xz",
+        *(f"3dtk_dat/scan00{i}.3d.xz" for i in range(3)),
+    ],
+)
+def test_real_scans_of_other_laws_are_not_accused(name: str) -> None:
+    path = Path(os.environ.get("MANIP3D_DATA", "")) / "lidar" / "tls" / name
+    if not path.exists():
+        pytest.skip(f"{path.name} is not here")
+    assert density_consistency(read_scan(path)).verdict == "undecidable"
 
 
 def test_paper_signal_is_a_moving_average_over_range() -> None:
