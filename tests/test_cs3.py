@@ -249,7 +249,7 @@ def test_distance_dependent_radii() -> None:
     result = simplify.cs3(depth, CAMERA, n, distance_dependent=True)
     oracle = Oracle(lift(depth, CAMERA), depth > 0, n, "cios")
     oracle.depth_ratio = depth.astype(float) / float(depth.max())
-    assert result.literal_count == len(oracle.by_order(1.0))
+    assert result.literal_count is None
     assert result.reached is Reached.FACTOR
     assert pixels_of(result) == oracle.by_order(result.factor)
     plain = simplify.cs3(depth, CAMERA, n)

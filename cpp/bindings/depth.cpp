@@ -1,5 +1,6 @@
 #include "depth.hpp"
 
+#include <pybind11/stl.h>
 #include <pybind11/typing.h>
 
 #include <algorithm>
@@ -142,7 +143,7 @@ Fields to_fields(const Cs3Report& report) {
   fields["num_triangles"] = report.num_triangles;
   fields["reached"] = report.reached;
   fields["factor"] = report.factor;
-  fields["literal_count"] = report.literal_count;
+  fields["literal_count"] = py::cast(report.literal_count);
   fields["passes"] = report.passes;
   fields["timings"] = timings;
   return fields;

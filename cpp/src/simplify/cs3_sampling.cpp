@@ -87,6 +87,26 @@ struct Cs3Sampler::Frame {
   [[nodiscard]] std::int64_t u(Slot slot) const { return slot % static_cast<Slot>(map.stride); }
   [[nodiscard]] std::int64_t v(Slot slot) const { return slot / static_cast<Slot>(map.stride); }
 
+  /// Where the search for the factor starts: as printed; or, because eq. 3.9 makes all radii
+  /// smaller, where squares of them would be as dense as those of eq. 3.8. Each sixteenth pixel
+  /// tells: in order of importance they are well mixed.
+  [[nodiscard]] double first_factor() const {
+    if (!options.distance_dependent) return 1.0;
+    constexpr std::size_t kStep = 16;
+    constexpr double kUsual = 0.9;  // of the factor of eq. 3.8 on scenes and people
+    double sum = 0.0;
+    for (std::size_t i = 0; i < order.size(); i += kStep) {
+      const double ratio = relative_distance(order[i]);
+      sum += 1.0 / (ratio * ratio);
+    }
+    return kUsual * std::sqrt(sum / static_cast<double>((order.size() + kStep - 1) / kStep));
+  }
+
+  /// R(u) / R_max.
+  [[nodiscard]] double relative_distance(Slot slot) const {
+    return double{image.depth(map.box.u0 + u(slot), map.box.v0 + v(slot))} / map.max_depth;
+  }
+
   /// Rd(u) / Rd_max (eq. 3.8, 3.9).
   [[nodiscard]] double relative_radius(Slot slot) const {
     double radius = 1.0;
@@ -94,9 +114,7 @@ struct Cs3Sampler::Frame {
       const double omega = std::min(omega_max, to_importance(map.keys[slot]));
       radius = 1.0 - (omega - omega_min) / (double{omega_max} - omega_min);
     }
-    if (options.distance_dependent) {
-      radius *= double{image.depth(map.box.u0 + u(slot), map.box.v0 + v(slot))} / map.max_depth;
-    }
+    if (options.distance_dependent) radius *= relative_distance(slot);
     return radius;
   }
 };
@@ -240,9 +258,9 @@ double Cs3Sampler::search(const Frame& frame, Cs3Report& report) {
   const double largest =
       static_cast<double>(frame.map.stride + frame.map.box.height) / frame.interval;
   double few = 0.0, many = 0.0;  // factors known to give too few and too many; 0: none yet
-  double factor = 1.0, last_factor = 0.0, last_measure = 0.0;
+  double factor = std::min(frame.first_factor(), largest), last_factor = 0.0, last_measure = 0.0;
   std::int64_t count = sample(frame, factor);
-  report.literal_count = count;
+  if (!frame.options.distance_dependent) report.literal_count = count;
   for (report.passes = 1; report.passes < kMaxPasses; ++report.passes) {
     if (count >= enough && count <= n) return factor;
     (count > n ? many : few) = factor;
@@ -302,6 +320,8 @@ void Cs3Sampler::choose(const RangeImage& image, const ImportanceMap& map,
   for (auto* slots : {&chosen_, &slots_}) slots->reserve(map.keys.capacity());
   for (auto* bits : {&blocked_, &selected_}) bits->reserve(map.keys.capacity() / 64);
   report.reached = Cs3Reached::kFactor;
+  report.literal_count.reset();
+  if (!options.distance_dependent) report.literal_count = 0;
   if (valid == 0 || options.target_points == 0) {
     if (valid == 0) report.reached = Cs3Reached::kAllPixels;
     return;
@@ -309,7 +329,7 @@ void Cs3Sampler::choose(const RangeImage& image, const ImportanceMap& map,
   const Frame frame(image, map, order.slots(), options);
   if (options.sampling == Cs3Sampling::kNonMaximum) find_directions(frame);
   if (valid <= options.target_points) {
-    report.literal_count = sample(frame, 1.0);
+    if (!options.distance_dependent) report.literal_count = sample(frame, 1.0);
     report.passes = 1;
     chosen_ = order.slots();
     report.reached = Cs3Reached::kAllPixels;

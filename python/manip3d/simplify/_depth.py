@@ -210,15 +210,16 @@ class DepthSimplification(DepthMesh):
         How the number of points came about; it never exceeds the target.
     factor : float
         On the radius Rd_max (on the window s for non-maximum suppression) that was kept.
-    literal_count : int
-        Points that the formulas give as printed, without a factor.
+    literal_count : int or None
+        Points that the formulas give as printed, without a factor. ``distance_dependent``: None,
+        because counting those would take longer than the search for the factor.
     timings : dict of str to float, seconds
         By stage, of the core; wall time.
     """
 
     reached: Reached
     factor: float
-    literal_count: int
+    literal_count: int | None
     timings: dict[str, float] = field(repr=False)
 
 
