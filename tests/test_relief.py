@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import manip3d
-from manip3d import InputError, Intrinsics, simplify
+from manip3d import InputError, Intrinsics, datasets, simplify
 from manip3d.io import read_range_grid
 
 EFFORTS: tuple[simplify.Effort, ...] = ("live", "fast", "balanced", "fine", "best")
@@ -232,6 +232,26 @@ def test_moved_points_stay_on_their_line_of_sight_and_lower_the_error() -> None:
         manip3d.metrics.metro(dense, r.mesh, sampling="area").mean for r in (still, moved)
     )
     assert after < 0.9 * before
+
+
+def test_moves_beside_depth_steps_do_not_raise_the_error() -> None:
+    """Squares of distances listen to the few pixels at the steps; the mean hardly counts them."""
+    camera = Intrinsics(160, 120, 150.0, 150.0, 79.5, 59.5)
+    v, u = np.mgrid[0:120, 0:160]
+    noise = np.random.default_rng(0).normal(size=u.shape)
+    depth = 1500 + 150 * ((u // 23 + v // 17) % 3) + 2 * noise
+    image = depth.astype(np.uint16)
+    dense = simplify.dense_mesh(image, camera).mesh
+    for effort in EFFORTS:
+        before, after = (
+            manip3d.metrics.metro(
+                dense,
+                simplify.relief(image, camera, 700, effort=effort, move_points=move).mesh,
+                sampling="area",
+            ).mean
+            for move in (False, True)
+        )
+        assert after < before
 
 
 def test_uvs_of_a_moved_scan_follow_along_the_surface() -> None:
@@ -468,3 +488,24 @@ def test_five_prefixes_are_as_good_as_runs_of_their_own(
     for size, level in zip(sizes, errors, strict=True):
         alone = simplify.relief_grid(grid.points, grid.valid, size, effort=effort)
         assert level < 1.1 * error(alone, size)
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize("scene", ["scene_kitchen", "scene_redwood"])
+def test_moves_lower_the_error_on_scenes_with_many_depth_steps(scene: str) -> None:
+    if not datasets.is_here(datasets.get(scene)):
+        pytest.skip(f"{scene} is not here")
+    frame = datasets.load_frame(scene)
+    dense = simplify.dense_mesh(frame.depth, frame.intrinsics, max_edge=0.1).mesh
+    before, after = (
+        manip3d.metrics.metro(
+            dense,
+            simplify.relief(
+                frame.depth, frame.intrinsics, 14_000, max_edge=0.1, move_points=move
+            ).mesh,
+            sampling="area",
+            samples=100_000,
+        ).mean
+        for move in (False, True)
+    )
+    assert after < before

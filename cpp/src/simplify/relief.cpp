@@ -207,7 +207,7 @@ std::int32_t Relief::Memory::number_vertices(const Triangulation& of) {
       placed.push_back({pixel, number[v]});
     }
   }
-  std::inplace_merge(placed.begin(), placed.begin() + num_before, placed.end());
+  if (num_before > 0) std::sort(placed.begin(), placed.end());
   return static_cast<std::int32_t>(placed.size());
 }
 

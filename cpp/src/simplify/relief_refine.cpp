@@ -190,8 +190,14 @@ Refiner::Block Refiner::normal_equations(const Surface& surface, const Triangula
   return block;
 }
 
-void Refiner::fit(const Surface& surface, const Triangulation& mesh,
+void Refiner::fit(const Surface& surface, Triangulation& mesh,
                   const std::vector<Vec3>& directions) {
+  solve(surface, mesh, directions);
+  accept(surface, mesh, directions);
+}
+
+void Refiner::solve(const Surface& surface, const Triangulation& mesh,
+                    const std::vector<Vec3>& directions) {
   constexpr int kSweeps = 4;  // Gauss-Seidel: the system is nearly diagonal
   offsets_.assign(static_cast<std::size_t>(mesh.num_slots()), 0.0F);
   blocks_.resize(static_cast<std::size_t>(mesh.num_triangle_slots()));
@@ -218,6 +224,43 @@ void Refiner::fit(const Surface& surface, const Triangulation& mesh,
       }
       offsets_[v] = right / own;
     }
+  }
+}
+
+// Squares listen to the few pixels beside depth steps, which the mean distance hardly counts.
+void Refiner::accept(const Surface& surface, Triangulation& mesh,
+                     const std::vector<Vec3>& directions) {
+  for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+    if (mesh.vertex(v).alive()) mesh.slide(v, surface, offsets_[v] * directions[v]);
+  }
+  assign(mesh);
+  Triangulation::Fan fan;
+  std::array<float, Triangulation::kMaxFan> best_errors{}, errors{};
+  for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
+    if (!mesh.vertex(v).alive() || offsets_[v] == 0.0F || !mesh.fan(v, fan)) continue;
+    float now = 0.0F;
+    for (int i = 0; i < fan.size; ++i) now += error_of(surface, mesh, fan.triangles[i]);
+    float best = 1.0F;
+    for (const float share : {0.5F, 0.0F}) {
+      Corner center = corner_of(mesh, v);
+      center.point =
+          surface.sample(mesh.vertex(v).pixel).point() + share * offsets_[v] * directions[v];
+      float sum = 0.0F;
+      int i = 0;
+      for (; i < fan.size && sum < now; ++i) {
+        errors[i] = triangle_error(surface, center, corner_of(mesh, fan.neighbors[i]),
+                                   corner_of(mesh, fan.next(i)));
+        sum += errors[i];
+      }
+      if (i < fan.size || !(sum < now)) continue;
+      now = sum;
+      best = share;
+      best_errors = errors;
+    }
+    if (best == 1.0F) continue;
+    offsets_[v] *= best;
+    mesh.slide(v, surface, offsets_[v] * directions[v]);
+    for (int i = 0; i < fan.size; ++i) errors_[fan.triangles[i]] = best_errors[i];
   }
 }
 

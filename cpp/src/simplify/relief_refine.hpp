@@ -20,15 +20,19 @@ class Refiner {
   /// @param keep  by pixel, may be empty: vertices there stay, or need a far better pixel to move.
   int move_vertices(const Surface& surface, Triangulation& mesh, int radius,
                     std::span<const Keep> keep);
-  /// How far each vertex has to slide in its direction for the least sum of squared distances
-  /// (weighted by area) between the pixels and the triangles.
-  void fit(const Surface& surface, const Triangulation& mesh, const std::vector<Vec3>& directions);
+  /// Slides each vertex in its direction: by what gives the least sum of squared distances
+  /// (weighted by area) between the pixels and the triangles, by half of it or not at all,
+  /// whichever of these leaves the least error around the vertex.
+  void fit(const Surface& surface, Triangulation& mesh, const std::vector<Vec3>& directions);
   [[nodiscard]] float offset(std::int32_t v) const { return offsets_[v]; }
 
  private:
   struct Block {
     float aa, bb, cc, ab, bc, ca, ra, rb, rc;
   };
+  void solve(const Surface& surface, const Triangulation& mesh,
+             const std::vector<Vec3>& directions);
+  void accept(const Surface& surface, Triangulation& mesh, const std::vector<Vec3>& directions);
   static Block normal_equations(const Surface& surface, const Triangulation& mesh,
                                 const std::vector<Vec3>& directions, std::int32_t t);
   float mean_error(const Surface& surface, const Triangulation& mesh);

@@ -88,7 +88,10 @@ class Triangulation {
 
   /// Moves an interior vertex to another pixel.
   void move(std::int32_t v, const Surface& surface, std::int32_t pixel);
-  void set_point(std::int32_t v, const Vec3& point) { vertices_[v].point = point; }
+  /// Puts a vertex beside its pixel's point.
+  void slide(std::int32_t v, const Surface& surface, const Vec3& offset) {
+    vertices_[v].point = surface.sample(vertices_[v].pixel).point() + offset;
+  }
 
  private:
   static int corner(const Triangle& t, std::int32_t v) { return t[0] == v ? 0 : t[1] == v ? 1 : 2; }

@@ -154,8 +154,9 @@ def relief(
         Where the colour camera stands; without it both images share their pixels.
     move_points : bool
         Let vertices leave the measured points along their lines of sight, where the least-squares
-        fit of all pixels wants it; ``mean_move`` and ``max_move`` say how far. Texture coordinates
-        stay those of the line of sight (re-projected if there is a registration).
+        fit of all pixels wants it and the error around them falls; ``mean_move`` and ``max_move``
+        say how far. Texture coordinates stay those of the line of sight (re-projected if there is
+        a registration).
     effort : 'live', 'fast', 'balanced', 'fine' or 'best'
         Each is slower and nearer to the surface than the one before.
     max_edge : float, metres, optional

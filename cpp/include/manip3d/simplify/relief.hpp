@@ -67,8 +67,8 @@ struct ReliefResult {
 /// 3. Edges are flipped and vertices moved to other measured points nearby while that lowers the
 ///    sum of distances between the pixels and the planes of their triangles [cf. Dyn, Levin &
 ///    Rippa 1990, data dependent triangulations].
-/// 4. `move_points`: vertices slide along their lines of sight to the least-squares fit of all
-///    pixels.
+/// 4. `move_points`: vertices slide along their lines of sight towards the least-squares fit of all
+///    pixels, all the way, half of it or not at all: what leaves the least error around them.
 /// 5. `levels`: each size is made by steps 1 to 3, the smallest first, and the vertices of the size
 ///    before stay: a progressive order of the vertices. Where they leave no legal way to a size,
 ///    its mesh is that of the size before.
