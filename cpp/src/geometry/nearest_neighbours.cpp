@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -27,6 +28,7 @@ constexpr std::int64_t kMostCells = 1 << 28;
 constexpr double kCrowded = 32.0;           // mean number of points in a point's own cell
 constexpr std::int64_t kWidestWindow = 16;  // cells to each side; beyond, blocks are searched
 constexpr std::int64_t kBlockSide = 16;     // cells
+constexpr std::int64_t kAhead = 1 << 20;    // cells; windows begin at most so far before the first
 constexpr std::int64_t kSampleSize = 1 << 16;
 
 // sin(a) <= this is never true of a smaller angle: a lower bound of sin on [0, pi/2].
@@ -58,6 +60,8 @@ class DirectionGrid {
     rows_ = std::max<std::int64_t>(4, columns_ / 2);
     azimuth_step_ = 2.0 * kPi / static_cast<double>(columns_);
     elevation_step_ = kPi / static_cast<double>(rows_);
+    columns_per_radian_ = 1.0 / azimuth_step_;
+    rows_per_radian_ = 1.0 / elevation_step_;
     count_cells();
   }
 
@@ -86,6 +90,9 @@ class DirectionGrid {
     double best = kInfinity;                                // squared
     float cutoff = std::numeric_limits<float>::infinity();  // a little above it
   };
+  struct Window {
+    std::int64_t low, high, left, right;  // first and last row, first and last column
+  };
   struct Block {
     float nearest = std::numeric_limits<float>::infinity();
     float farthest = 0.0F;
@@ -101,6 +108,9 @@ class DirectionGrid {
 
   void scan(Query& query, std::int64_t begin, std::int64_t end) const;
   void scan_columns(Query& query, std::int64_t row, std::int64_t first, std::int64_t last) const;
+  void scan_rows(Query& query, std::int64_t low, std::int64_t high, std::int64_t left,
+                 std::int64_t right) const;
+  [[nodiscard]] std::optional<Window> window_of(const Query& query) const;
   bool search_nearby(Query& query) const;
   void build_blocks();
   void search_blocks(Query& query) const;
@@ -112,6 +122,7 @@ class DirectionGrid {
   int threads_;
   std::int64_t rows_ = 0, columns_ = 0;
   double azimuth_step_ = 0.0, elevation_step_ = 0.0;
+  double columns_per_radian_ = 0.0, rows_per_radian_ = 0.0;
   double crowding_ = 0.0;
   LargeArray<std::int32_t> cells_;   // of each point of the view
   LargeArray<std::int32_t> starts_;  // of each cell among the items; one more at the end
@@ -231,34 +242,56 @@ void DirectionGrid::scan_columns(Query& query, std::int64_t row, std::int64_t fi
   scan(query, starts[first], starts[last + 1]);
 }
 
-// The eight cells around the query's, then the window that its best distance leaves open. False
-// where that is too wide.
-bool DirectionGrid::search_nearby(Query& query) const {
-  for (std::int64_t row = std::max<std::int64_t>(0, query.row - 1);
-       row <= std::min(rows_ - 1, query.row + 1); ++row) {
-    scan_columns(query, row, query.column - 1, query.column + 1);
-  }
+// The cells that hold all points nearer than the query's best; none where the best is too far.
+std::optional<DirectionGrid::Window> DirectionGrid::window_of(const Query& query) const {
   const double best = std::sqrt(query.best) * (1.0 + 1e-6);
-  if (!(best <= kNearSine * query.rho)) return best == 0.0;
+  if (!(best <= kNearSine * query.rho)) return std::nullopt;
   const double up = arc_sine_bound(best / query.range) + kMargin;
   const double across = arc_sine_bound(best / query.rho) + kMargin;
-  const auto to_cell = [](double angle, double step) {
-    return static_cast<std::int64_t>(std::floor(angle / step));
+  const auto to_cell = [](double angle, double per_radian) {
+    return static_cast<std::int64_t>(angle * per_radian + kAhead) - kAhead;  // floor
   };
-  const std::int64_t low = to_cell(query.elevation + kPi / 2.0 - up, elevation_step_);
-  const std::int64_t high = to_cell(query.elevation + kPi / 2.0 + up, elevation_step_);
-  const std::int64_t left = to_cell(query.azimuth + kPi - across, azimuth_step_);
-  const std::int64_t right = to_cell(query.azimuth + kPi + across, azimuth_step_);
-  if (high - low > 2 * kWidestWindow || right - left > 2 * kWidestWindow) return false;
-  for (std::int64_t row = std::max<std::int64_t>(0, low); row <= std::min(rows_ - 1, high); ++row) {
-    if (std::abs(row - query.row) > 1) {
-      scan_columns(query, row, left, right);
-      continue;
-    }
-    if (left < query.column - 1) scan_columns(query, row, left, query.column - 2);
-    if (right > query.column + 1) scan_columns(query, row, query.column + 2, right);
+  return Window{to_cell(query.elevation + kPi / 2.0 - up, rows_per_radian_),
+                to_cell(query.elevation + kPi / 2.0 + up, rows_per_radian_),
+                to_cell(query.azimuth + kPi - across, columns_per_radian_),
+                to_cell(query.azimuth + kPi + across, columns_per_radian_)};
+}
+
+// The cells left and right of the query's, then the window that the best of them leaves open; where
+// that is wide, the cells above and below first. False where it stays too wide.
+bool DirectionGrid::search_nearby(Query& query) const {
+  const std::int64_t row = query.row;
+  const std::int64_t column = query.column;
+  scan_columns(query, row, column - 1, column + 1);
+  std::optional<Window> window = window_of(query);
+  const auto within_one = [&](const Window& w) {
+    return w.low >= row - 1 && w.high <= row + 1 && w.left >= column - 1 && w.right <= column + 1;
+  };
+  if (window && within_one(*window)) {
+    scan_rows(query, window->low, row - 1, window->left, window->right);
+    scan_rows(query, row + 1, window->high, window->left, window->right);
+    return true;
   }
+  scan_rows(query, row - 1, row - 1, column - 1, column + 1);
+  scan_rows(query, row + 1, row + 1, column - 1, column + 1);
+  window = window_of(query);
+  if (!window) return query.best == 0.0;
+  if (within_one(*window)) return true;
+  const auto [low, high, left, right] = *window;
+  if (high - low > 2 * kWidestWindow || right - left > 2 * kWidestWindow) return false;
+  scan_rows(query, low, row - 2, left, right);
+  scan_rows(query, std::max(low, row - 1), std::min(high, row + 1), left, column - 2);
+  scan_rows(query, std::max(low, row - 1), std::min(high, row + 1), column + 2, right);
+  scan_rows(query, row + 2, high, left, right);
   return true;
+}
+
+void DirectionGrid::scan_rows(Query& query, std::int64_t low, std::int64_t high, std::int64_t left,
+                              std::int64_t right) const {
+  if (left > right) return;
+  for (std::int64_t row = std::max<std::int64_t>(0, low); row <= std::min(rows_ - 1, high); ++row) {
+    scan_columns(query, row, left, right);
+  }
 }
 
 void DirectionGrid::build_blocks() {
