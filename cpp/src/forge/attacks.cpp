@@ -122,6 +122,31 @@ std::vector<Vector3d> displacements(const PointsView& scene, const std::vector<s
   return moves;
 }
 
+// Of the points within a radius: distances from their nearest neighbours.
+struct NearSpacing {
+  double sum = 0.0;
+  std::int64_t count = 0;
+  bool is_sure = true;  // no neighbour can lie beyond the reach
+};
+
+// `near` are the points of the scene within `reach` of the position.
+NearSpacing spacing_near(const Points& near, const Vector3d& position, double radius,
+                         double reach) {
+  NearSpacing spacing;
+  const KdTree tree(PointsView({near.data(), near.rows(), 3}));
+  for (Eigen::Index i = 0; i < near.rows(); ++i) {
+    const Vector3d p = near.row(i).transpose().cast<double>();
+    const double squared = (p - position).squaredNorm();
+    if (!(squared <= radius * radius)) continue;
+    const double distance = tree.nearest_distance(i);
+    spacing.is_sure = spacing.is_sure && distance + std::sqrt(squared) <= (1.0 - 1e-9) * reach;
+    if (!std::isfinite(distance)) continue;
+    spacing.sum += distance;
+    ++spacing.count;
+  }
+  return spacing;
+}
+
 }  // namespace
 
 Matrix4d placement_transform(const PointsView& scene, const PointsView& object,
@@ -179,29 +204,21 @@ double local_spacing(const PointsView& scene, const Vector3d& position, double r
     throw InputError("radius: expected > 0, got " + std::to_string(radius));
   }
   // Neighbours of points near the border lie outside: twice the radius holds those of all points
-  // that have one within it.
-  const auto within = [&](double r) {
-    return [=](float x, float y, float z) {
-      return (Vector3d(x, y, z) - position).squaredNorm() <= r * r;
+  // that have one within it, an eighth more mostly too.
+  NearSpacing spacing;
+  for (const double reach : {1.125 * radius, 2.0 * radius}) {
+    const auto within = [&](float x, float y, float z) {
+      return (Vector3d(x, y, z) - position).squaredNorm() <= reach * reach;
     };
-  };
-  const Points near = rows_of(scene, select_rows(scene, num_threads, within(2.0 * radius)));
-  const KdTree tree(PointsView({near.data(), near.rows(), 3}));
-  double sum = 0.0;
-  std::int64_t count = 0;
-  for (Eigen::Index i = 0; i < near.rows(); ++i) {
-    const Vector3d p = near.row(i).transpose().cast<double>();
-    if (!((p - position).squaredNorm() <= radius * radius)) continue;
-    const double distance = tree.nearest_distance(i);
-    if (!std::isfinite(distance)) continue;
-    sum += distance;
-    ++count;
+    spacing = spacing_near(rows_of(scene, select_rows(scene, num_threads, within)), position,
+                           radius, reach);
+    if (spacing.is_sure) break;
   }
-  if (count < 2) {
+  if (spacing.count < 2) {
     throw InputError("position: expected scene points within " + std::to_string(radius) +
-                     " m, whose spacing the object takes; got " + std::to_string(count));
+                     " m, whose spacing the object takes; got " + std::to_string(spacing.count));
   }
-  return sum / static_cast<double>(count);
+  return spacing.sum / static_cast<double>(spacing.count);
 }
 
 Forgery subtract(const PointsView& scene, const OrientedBox& box, int num_threads) {

@@ -9,10 +9,10 @@
 #include <utility>
 #include <vector>
 
-#include "geometry/kd_tree.hpp"
 #include "geometry/select_rows.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/angles.hpp"
+#include "manip3d/geometry/nearest_neighbours.hpp"
 #include "manip3d/geometry/random.hpp"
 
 namespace manip3d {
@@ -30,7 +30,11 @@ double rho_of(const Vector3d& p) { return std::sqrt(p.x() * p.x() + p.y() * p.y(
 
 struct Ray {
   Vector3d start, direction;  // the scene's point is at start + direction
+  double squared_length;      // of the direction
   double hit = kInfinity;     // in units of the direction
+
+  Ray(const Vector3d& from, const Vector3d& along)
+      : start(from), direction(along), squared_length(along.squaredNorm()) {}
 };
 
 // Everything an object can hide lies in a cone around it, seen from the scanner.
@@ -62,7 +66,7 @@ struct Cone {
 // Rays in square cells of the plane across the cone's axis, where straight edges stay straight.
 class RayGrid {
  public:
-  RayGrid(const Cone& cone, std::vector<Ray>& rays) : rays_(rays), origin_(cone.origin) {
+  RayGrid(const Cone& cone, const std::vector<Ray>& rays) : origin_(cone.origin) {
     e_ = cone.axis.unitOrthogonal();
     f_ = cone.axis.cross(e_);
     axis_ = cone.axis;
@@ -78,12 +82,15 @@ class RayGrid {
       ++start_[cell_of[i] + 1];
     }
     for (std::size_t c = 1; c < start_.size(); ++c) start_[c] += start_[c - 1];
-    items_.resize(rays.size());
+    place_.resize(rays.size());
     std::vector<std::int64_t> next(start_.begin(), start_.end() - 1);
-    for (std::size_t i = 0; i < rays.size(); ++i) {
-      items_[next[cell_of[i]]++] = static_cast<std::int32_t>(i);
-    }
+    for (std::size_t i = 0; i < rays.size(); ++i) place_[i] = next[cell_of[i]]++;
+    rays_.assign(rays.size(), Ray(origin_, axis_));
+    for (std::size_t i = 0; i < rays.size(); ++i) rays_[place_[i]] = rays[i];
   }
+
+  /// The i-th of the rays that it was made from.
+  [[nodiscard]] const Ray& ray(std::size_t i) const { return rays_[place_[i]]; }
 
   [[nodiscard]] Vector2d project(const Vector3d& p) const {
     const Vector3d v = p - origin_;
@@ -93,12 +100,12 @@ class RayGrid {
 
   /// Calls visit(ray) for the rays whose cells a rectangle of the plane touches.
   template <typename Visit>
-  void visit(const Vector2d& low, const Vector2d& high, const Visit& visit_ray) const {
+  void visit(const Vector2d& low, const Vector2d& high, const Visit& visit_ray) {
+    const std::int64_t first = index(low.y());
+    const std::int64_t last = index(high.y());
     for (std::int64_t i = index(low.x()); i <= index(high.x()); ++i) {
-      for (std::int64_t j = index(low.y()); j <= index(high.y()); ++j) {
-        const std::int64_t c = i * cells_ + j;
-        for (std::int64_t k = start_[c]; k < start_[c + 1]; ++k) visit_ray(rays_[items_[k]]);
-      }
+      const std::int64_t end = start_[i * cells_ + last + 1];
+      for (std::int64_t k = start_[i * cells_ + first]; k < end; ++k) visit_ray(rays_[k]);
     }
   }
 
@@ -111,12 +118,12 @@ class RayGrid {
     return index(p.x()) * cells_ + index(p.y());
   }
 
-  std::vector<Ray>& rays_;
   Vector3d origin_, axis_, e_, f_;
   std::int64_t cells_ = 1;
   double low_ = 0.0, cell_ = 1.0;
-  std::vector<std::int64_t> start_;
-  std::vector<std::int32_t> items_;
+  std::vector<std::int64_t> start_;  // of each cell among the rays
+  std::vector<Ray> rays_;
+  std::vector<std::int64_t> place_;  // of each ray, in the order of the caller
 };
 
 // Moller & Trumbore, Journal of Graphics Tools 2(1), 1997; both sides of the triangle count.
@@ -138,7 +145,7 @@ double hit_triangle(const Ray& ray, const Vector3d& a, const Vector3d& b, const 
 
 // A disc across the ray: what a point of a cloud stands for.
 double hit_disc(const Ray& ray, const Vector3d& center, double radius) {
-  const double t = (center - ray.start).dot(ray.direction) / ray.direction.squaredNorm();
+  const double t = (center - ray.start).dot(ray.direction) / ray.squared_length;
   const double miss = (ray.start + t * ray.direction - center).squaredNorm();
   return t > 0.0 && miss <= radius * radius ? t : kInfinity;
 }
@@ -157,7 +164,7 @@ double parallax(const ScanLattice& lattice, const Points& object, const Vector3d
 }
 
 void hit_faces(const Points& object, const Eigen::Ref<const Faces>& faces, double margin,
-               const RayGrid& grid) {
+               RayGrid& grid) {
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     const Vector3d a = object.row(faces(f, 0)).transpose().cast<double>();
     const Vector3d b = object.row(faces(f, 1)).transpose().cast<double>();
@@ -172,12 +179,16 @@ void hit_faces(const Points& object, const Eigen::Ref<const Faces>& faces, doubl
   }
 }
 
-void hit_discs(const Points& object, double margin, const Cone& cone, const RayGrid& grid) {
+void hit_discs(const Points& object, double margin, const Cone& cone, int num_threads,
+               RayGrid& grid) {
   if (object.rows() < 2) return;
-  const KdTree tree(PointsView({object.data(), object.rows(), 3}));
+  const Vector3d middle = object.cast<double>().colwise().mean().transpose();
+  const LargeArray<double> spacing =
+      nearest_distances(PointsView({object.data(), object.rows(), 3}),
+                        {.origin = middle, .num_threads = num_threads});  // all around it
   for (Eigen::Index i = 0; i < object.rows(); ++i) {
     const Vector3d p = object.row(i).transpose().cast<double>();
-    const double radius = tree.nearest_distance(i);
+    const double radius = spacing[i];
     const double reach = margin + radius / std::max((p - cone.origin).dot(cone.axis), 1e-6);
     const Vector2d u = grid.project(p);
     grid.visit(u.array() - reach, u.array() + reach,
@@ -216,10 +227,8 @@ std::vector<std::int32_t> rings_of(const PointsView& scene, const std::vector<st
 }
 
 Ray ray_to(const Vector3d& point, const Vector3d& origin, double offset) {
-  Ray ray;
-  ray.start = origin + Vector3d(0.0, 0.0, offset);
-  ray.direction = point - ray.start;
-  return ray;
+  const Vector3d start = origin + Vector3d(0.0, 0.0, offset);
+  return {start, point - start};
 }
 
 std::int64_t azimuth_index(const ScanLattice& lattice, const Vector3d& p) {
@@ -284,9 +293,8 @@ std::vector<Ray> empty_rays(const PointsView& scene, const std::vector<std::int3
       const double azimuth =
           lattice.azimuth_phase + static_cast<double>(middle + j) * lattice.azimuth_step;
       const auto [sin, cos] = sin_cos(azimuth);
-      Ray ray;
-      ray.start = options.origin + Vector3d(0.0, 0.0, lattice.rings[k].offset);
-      ray.direction = Vector3d(cos, sin, lattice.rings[k].slope).normalized() * reach;
+      const Ray ray(options.origin + Vector3d(0.0, 0.0, lattice.rings[k].offset),
+                    Vector3d(cos, sin, lattice.rings[k].slope).normalized() * reach);
       if (!cone.holds(ray.start + ray.direction)) continue;
       const std::int64_t key = static_cast<std::int64_t>(k) * turn + wrapped(middle + j);
       if (!std::binary_search(taken.begin(), taken.end(), key)) rays.push_back(ray);
@@ -326,6 +334,7 @@ Forgery insert_occluding(const PointsView& scene, const PointsView& object,
   const std::vector<std::int32_t> seen = rows_in_cone(scene, cone, num_threads);
   const std::vector<std::int32_t> rings = rings_of(scene, seen, options, num_threads);
   std::vector<Ray> rays;
+  rays.reserve(seen.size());
   for (std::size_t i = 0; i < seen.size(); ++i) {
     const double offset = rings.empty() ? 0.0 : options.lattice.rings[rings[i]].offset;
     rays.push_back(
@@ -338,21 +347,22 @@ Forgery insert_occluding(const PointsView& scene, const PointsView& object,
   const std::vector<Ray> empty = empty_rays(scene, seen, rings, cone, placed, 2.0 * reach, options);
   rays.insert(rays.end(), empty.begin(), empty.end());
 
-  const RayGrid grid(cone, rays);
+  RayGrid grid(cone, rays);
   const double margin = parallax(options.lattice, placed, options.origin);
   if (faces.rows() > 0) {
     hit_faces(placed, faces, margin, grid);
   } else {
-    hit_discs(placed, margin, cone, grid);
+    hit_discs(placed, margin, cone, num_threads, grid);
   }
 
   Edit edit;
   std::vector<Vector3d> moved_to, added;
   for (std::size_t i = 0; i < rays.size(); ++i) {
-    if (!(rays[i].hit < 1.0)) continue;
+    const Ray& ray = grid.ray(i);
+    if (!(ray.hit < 1.0)) continue;
     const bool had_return = i < seen.size();
     if (had_return) edit.moved.push_back(seen[i]);
-    (had_return ? moved_to : added).push_back(hit_point(rays[i], i, options));
+    (had_return ? moved_to : added).push_back(hit_point(ray, i, options));
   }
   const auto to_rows = [](const std::vector<Vector3d>& from) {
     Points to(static_cast<Eigen::Index>(from.size()), 3);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -27,20 +28,19 @@ class KdTree {
   void nearest(std::int64_t row, std::size_t k, Neighbours& found) const {
     found.rows.resize(k);
     found.squared_distances.resize(k);
-    const double query[3] = {cloud_.kdtree_get_pt(row, 0), cloud_.kdtree_get_pt(row, 1),
-                             cloud_.kdtree_get_pt(row, 2)};
     const std::size_t count =
-        tree_.knnSearch(query, k, found.rows.data(), found.squared_distances.data());
+        tree_.knnSearch(query_of(row).data(), k, found.rows.data(), found.squared_distances.data());
     found.rows.resize(count);
     found.squared_distances.resize(count);
   }
 
   /// Distance of a row from its nearest other row; infinite where there is no other.
   [[nodiscard]] double nearest_distance(std::int64_t row) const {
-    Neighbours two;
-    nearest(row, 2, two);
-    return two.rows.size() == 2 ? std::sqrt(two.squared_distances[1])
-                                : std::numeric_limits<double>::infinity();
+    std::array<std::uint32_t, 2> rows;
+    std::array<double, 2> squared_distances;
+    const std::size_t count =
+        tree_.knnSearch(query_of(row).data(), 2, rows.data(), squared_distances.data());
+    return count == 2 ? std::sqrt(squared_distances[1]) : std::numeric_limits<double>::infinity();
   }
 
  private:
@@ -58,6 +58,11 @@ class KdTree {
   };
   using Tree =
       nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Cloud>, Cloud, 3>;
+
+  [[nodiscard]] std::array<double, 3> query_of(std::int64_t row) const {
+    return {cloud_.kdtree_get_pt(row, 0), cloud_.kdtree_get_pt(row, 1),
+            cloud_.kdtree_get_pt(row, 2)};
+  }
 
   Cloud cloud_;
   Tree tree_;
