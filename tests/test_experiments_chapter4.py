@@ -79,7 +79,9 @@ def test_jitter_is_seen_in_the_error() -> None:
 
 def test_turning_uncovers_the_limb() -> None:
     facing = accuracy("turn", 0)
+    a_little = accuracy("turn", 0, angle=10)
     turned = accuracy("turn", 0, angle=45)
+    assert a_little["largest_hole"] <= 2  # nor stripes at the shoulder, where a stump was
     assert facing["angle"] == 0
     assert facing["coverage"] > 0.97
     assert 0.55 < turned["coverage"] < 0.85  # half of a cylinder, and what lies between neighbours

@@ -58,6 +58,7 @@ PhantomOptions take_options(fuzzing::Bytes& bytes) {
   options.smooths = choice / 12 % 2 == 0;
   options.keep_residual = choice / 24 % 2 == 0;
   options.mesh.texturing = static_cast<Texturing>(choice / 48 % 2);
+  options.segmentation = choice % 5 == 0 ? BoneRule::kPaper : BoneRule::kSkin;
   options.least_visible = 0.01 * (choice / 96 % 100);
   if (choice % 31 == 0) options.arm_radius = bytes.take<float>();
   if (choice % 29 == 0) options.mask.margin = bytes.take<float>();

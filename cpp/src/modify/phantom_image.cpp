@@ -325,7 +325,7 @@ float mean_depth(const std::array<std::int64_t, 4>& pixels, const PhantomImage& 
 }  // namespace
 
 std::int64_t fill_holes(const PixelBox& box, const PixelRays& rays, const PhantomImage& image,
-                        std::vector<HoleFill>& fills) {
+                        std::vector<HoleFill>& fills, PixelKind kind) {
   fills.clear();
   const std::int64_t u0 = std::max<std::int64_t>(box.u0, 1);
   const std::int64_t v0 = std::max<std::int64_t>(box.v0, 1);
@@ -351,7 +351,7 @@ std::int64_t fill_holes(const PixelBox& box, const PixelRays& rays, const Phanto
   for (const HoleFill& fill : fills) {
     image.depth[fill.pixel] = fill.depth;
     image.label[fill.pixel] = fill.label;
-    image.kind[fill.pixel] = PixelKind::kFilled;
+    image.kind[fill.pixel] = kind;
     image.source[2 * fill.pixel] = fill.row;
     image.source[2 * fill.pixel + 1] = fill.col;
     image.source_depth[fill.pixel] = fill.source_depth;

@@ -360,7 +360,8 @@ class PhantomPipeline::Workspace {
                          PixelProjector(*camera_, rays_), image);
   }
 
-  /// Bridges and both fillings. Returns the box of everything there is.
+  /// Bridges and both fillings, and what the second one leaves open between pixels, as mirrored
+  /// points lie farther apart. Returns the box of everything there is.
   PixelBox fill(const PixelBox& written, const PhantomImage& image, PhantomReport& report) {
     const bool is_held = report.state != PhantomState::kTracking;
     const PixelProjector projector(*camera_, rays_);
@@ -373,7 +374,9 @@ class PhantomPipeline::Workspace {
     PixelBounds all = phantom;
     all.add(points_.box);
     if (report.state != PhantomState::kLost) {
-      all.add(write_root(is_held ? moved_root_ : root_, projector, image));
+      const PixelBox root = write_root(is_held ? moved_root_ : root_, projector, image);
+      fill_holes(root, rays_, image, fills_, PixelKind::kRootFilled);
+      all.add(root);
     }
     return all.box();
   }
