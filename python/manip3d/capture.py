@@ -3,6 +3,15 @@
 A source is iterated; each item is a `manip3d.LidarFrame` or a `manip3d.RgbdFrame`. What was seen
 and what was refused is in its ``counters``. `sources` lists what can be opened; `record` writes
 recordings of RGB-D frames.
+
+Drivers of RGB-D cameras, each where its library was at build time, and what it was tried with:
+
+============== ============================ ==================================================
+``openni2:``   OpenNI2 2.2                  its Dummy device; no camera
+``freenect2:`` libfreenect2 0.2             the library without a camera
+``realsense:`` librealsense2 2.42 or later  2.59: a D435's recording (``FILE.bag``); no camera
+``orbbec:``    OrbbecSDK 2                  2.9: the library without a camera or a recording
+============== ============================ ==================================================
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@
 #include "manip3d/capture/folder.hpp"
 #include "manip3d/capture/mkv.hpp"
 #include "manip3d/capture/openni2.hpp"
+#include "manip3d/capture/sdk_cameras.hpp"
 #include "manip3d/error.hpp"
 
 namespace manip3d {
@@ -26,29 +27,44 @@ RgbdScheme mkv_scheme(bool probe) {
   return scheme;
 }
 
-RgbdScheme openni2_scheme(bool probe) {
-  RgbdScheme scheme{"openni2", "[URI]", "cameras that OpenNI2 drives: Kinect V1, Xtion, Astra",
-                    {},        "",      ""};
+/// The functions of a driver; none where it was not built in.
+struct Driver {
+  std::unique_ptr<RgbdSource> (*open)(const std::string&, const RgbdOptions&) = nullptr;
+  std::string (*absence)() = nullptr;
+};
 #ifdef MANIP3D_OPENNI2
-  scheme.open = open_openni2;
-  if (probe) scheme.reason = openni2_absence();
-  if (!scheme.reason.empty()) scheme.cure = "plug one in; openni2:Dummy needs none";
+constexpr Driver kOpenNi2{open_openni2, openni2_absence};
 #else
-  static_cast<void>(probe);
-  scheme.reason = "not built: OpenNI2's development files were not found";
-  scheme.cure = "apt-get install libopenni2-dev, then build again";
+constexpr Driver kOpenNi2;
 #endif
-  return scheme;
-}
+#ifdef MANIP3D_FREENECT2
+constexpr Driver kFreenect2{open_freenect2, freenect2_absence};
+#else
+constexpr Driver kFreenect2;
+#endif
+#ifdef MANIP3D_REALSENSE
+constexpr Driver kRealSense{open_realsense, realsense_absence};
+#else
+constexpr Driver kRealSense;
+#endif
+#ifdef MANIP3D_ORBBEC
+constexpr Driver kOrbbec{open_orbbec, orbbec_absence};
+#else
+constexpr Driver kOrbbec;
+#endif
 
-/// Cameras that nobody here could try a driver with.
-RgbdScheme unwritten_scheme(const char* name, const char* description) {
-  return {name,
-          "[SERIAL]",
-          description,
-          {},
-          "no driver for it is written yet",
-          "record with its own tools: mkv: and folder: read recordings"};
+/// @param scheme  with the cure for want of a device.
+/// @param library  what it takes to build the driver.
+RgbdScheme driven(RgbdScheme scheme, const Driver& driver, bool probe, const char* library) {
+  if (driver.open == nullptr) {
+    scheme.reason = std::string("not built: ") + library + " was not found";
+    scheme.cure = std::string("install ") + library + ", then build again";
+    return scheme;
+  }
+  scheme.open = driver.open;
+  if (probe) scheme.reason = driver.absence();
+  if (scheme.reason.empty()) scheme.cure.clear();
+  return scheme;
 }
 
 /// @param probe  look whether what was built in finds its libraries and devices.
@@ -59,10 +75,29 @@ std::vector<RgbdScheme> schemes(bool probe) {
       {"tum", "FOLDER", "sequences of the TUM RGB-D benchmark (depth.txt, rgb.txt)", open_tum, "",
        ""},
       mkv_scheme(probe),
-      openni2_scheme(probe),
-      unwritten_scheme("freenect2", "Kinect V2, by libfreenect2"),
-      unwritten_scheme("realsense", "Intel RealSense, by librealsense2"),
-      unwritten_scheme("orbbec", "Orbbec cameras, by their SDK"),
+      driven({"openni2",
+              "[URI]",
+              "cameras that OpenNI2 drives: Kinect V1, Xtion, Astra",
+              {},
+              "",
+              "plug one in; openni2:Dummy needs none"},
+             kOpenNi2, probe, "OpenNI2 (apt-get install libopenni2-dev)"),
+      driven({"freenect2", "[SERIAL]", "Kinect V2, by libfreenect2", {}, "", "plug one in"},
+             kFreenect2, probe, "libfreenect2 0.2"),
+      driven({"realsense",
+              "[SERIAL] or FILE.bag",
+              "Intel RealSense, by librealsense2",
+              {},
+              "",
+              "plug one in; realsense:FILE.bag needs none"},
+             kRealSense, probe, "librealsense2 2.42 or later"),
+      driven({"orbbec",
+              "[SERIAL] or FILE.bag",
+              "Orbbec cameras, by OrbbecSDK 2",
+              {},
+              "",
+              "plug one in; orbbec:FILE.bag needs none"},
+             kOrbbec, probe, "OrbbecSDK 2"),
   };
 }
 
