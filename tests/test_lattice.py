@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 from pathlib import Path
@@ -129,6 +130,44 @@ def test_clouds_on_no_lines_have_no_lattice(clean: np.ndarray) -> None:
         with pytest.raises(manip3d.InputError, match="lines"):
             estimate_lattice(cloud)
         assert generic_consistency(cloud).verdict == "undecidable"
+
+
+def named_rings(azimuth: np.ndarray, few: int) -> manip3d.LidarFrame:
+    """Sixteen lasers in the origin between walls: the lowest sees a roof, the highest the sky."""
+    rng = np.random.default_rng(1)
+    ring, angle = (a.ravel() for a in np.meshgrid(np.arange(16), azimuth, indexing="ij"))
+    elevation = np.radians(2.0 * ring - 15.0)
+    reach = 15.0 + 10.0 * np.sin(2.0 * angle) ** 2 + rng.normal(0.0, 0.01, len(ring))
+    reach = np.where(ring == 0, 0.67 + 0.02 * np.sin(angle), reach)
+    level = reach * np.cos(elevation)
+    xyz = [level * np.cos(angle), level * np.sin(angle), reach * np.sin(elevation)]
+    kept = (ring < 15) | (np.arange(len(ring)) >= len(ring) - few)
+    points = np.stack(xyz, axis=-1)[kept].astype(np.float32)
+    return manip3d.LidarFrame(points, ring=ring[kept])
+
+
+def interpolated(drift: float) -> np.ndarray:
+    """Azimuths on a grid of 2400 for two thirds of the turn, then ever farther off it."""
+    turn = np.arange(1800) / 1800
+    return 2.0 * math.pi * (turn + drift * np.maximum(turn - 0.66, 0.0) ** 2)
+
+
+def test_rings_that_say_little_are_learnt_too() -> None:
+    frame = named_rings(interpolated(0.013), 12)
+    found = generic_consistency(frame)
+    assert found.lattice is not None
+    np.testing.assert_allclose(
+        found.lattice.slope, np.tan(np.radians(np.arange(15, -16, -2))), atol=1e-3
+    )
+    assert found.verdict == "authentic"
+    shift = np.where(box_of(frame.points, 0.5, 0.15, 1.0)[:, None], np.float32([1, 1, 0.1]), 0.0)
+    moved = frame.replace(points=frame.points + shift.astype(np.float32))
+    assert generic_consistency(moved).verdict == "tampered"
+
+
+def test_a_period_of_part_of_the_turn_is_no_encoder() -> None:
+    assert estimate_lattice(named_rings(interpolated(0.0), 1800)).steps % 1800 == 0
+    assert estimate_lattice(named_rings(interpolated(0.013), 1800)).steps == 0
 
 
 def test_lattice_is_written_and_read(tmp_path: Path) -> None:
@@ -406,3 +445,25 @@ def test_moved_car_is_found(hdl64: SensorLattice, calibrated: bool) -> None:
     touched = np.flatnonzero(rows)
     assert np.isin(touched, result.suspected).mean() > 0.95
     assert np.isin(result.suspected, touched).mean() > 0.9
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize(
+    "name",
+    [
+        "reference/vlp32.pcap",
+        "reference/vlp16.pcap",
+        "sample_velodyne_hdl32.pcap",
+        "sample_velodyne_vlp16_gps.pcap",
+        "velodyne_vlp16_84packets.pcap",
+    ],
+)
+def test_clean_frames_of_other_scanners_are_not_accused(name: str) -> None:
+    path = Path(os.environ.get("MANIP3D_DATA", "")) / "lidar" / "packets" / name
+    if not path.exists():
+        pytest.skip(f"{path.name} is not here")
+    with manip3d.capture.open(f"pcap:{path}") as source:
+        frames = [frame for frame in itertools.islice(source, 4) if frame.num_points > 1000]
+    assert frames
+    for frame in frames:
+        assert generic_consistency(frame).verdict == "authentic"

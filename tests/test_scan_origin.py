@@ -218,3 +218,16 @@ def test_a_spinning_scanner_stands_on_its_lattice() -> None:
     assert found.position == (0.0, 0.0, 0.0)
     assert "lattice" in found.reason
     assert estimate_origin(moved(points, (0.5, 0.2, 0.0))).position is None
+
+
+@pytest.mark.realdata
+def test_a_scanner_with_lasers_off_the_grid_stands_on_its_lattice() -> None:
+    """Five of a VLP-32C's lasers are at no whole third of a degree."""
+    path = Path(os.environ.get("MANIP3D_DATA", "")) / "lidar" / "packets" / "reference/vlp32.pcap"
+    if not path.exists():
+        pytest.skip("the VLP-32C's packets are not here")
+    with manip3d.capture.open(f"pcap:{path}") as source:
+        frame = next(f for f in source if f.num_points > 20_000)
+    found = estimate_origin(frame.replace(origin=None))
+    assert found.position == (0.0, 0.0, 0.0)
+    assert "lattice" in found.reason

@@ -33,13 +33,23 @@ RANGE_STEPS = (1e-2, 5e-3, 4e-3, 2e-3)
 """Metres that are looked for, the coarsest first: every finer one fits a coarser one's data."""
 
 FEWEST_POINTS = 100
-"""A ring with fewer points is not taken for one."""
+"""A ring with fewer points is not taken for one, unless the frame says which points are its own."""
+
+FEWEST_LABELLED = 8
+"""Of a ring that the frame names: enough to tell a line from an object."""
+
+NARROW = 0.05
+"""Metres: a ring of less extent from the axis (the scanner's own car, a wall around it) says where
+its line passes there, not how it goes on."""
 
 FEWEST_PAIRS = 30
 """Of points a given number of firings apart, for the encoder's counts."""
 
 MOST_POINTS = 4000
 """Of a ring, for what a few points tell as well as all: a search over a grid."""
+
+SECTORS = 16
+"""Of a ring, judged one by one."""
 
 COLUMNS = ("slope", "offset", "lateral", "azimuth", "range_phase", "center", "slope_error")
 """Of the table of lasers."""
@@ -258,11 +268,14 @@ def estimate_lattice(
     xyz = np.concatenate([cloud.points for cloud in clouds])
     members = [np.flatnonzero(ring == k) for k in range(len(slope))]
     steps = _find_steps(rho, angle, members)
-    lateral = np.zeros(len(slope))
-    azimuth = np.zeros(len(slope))
+    lateral, azimuth = np.zeros((2, len(slope)))
     if steps:
         fits = [_fit_encoder(rho[rows], angle[rows], steps) for rows in members]
         lateral, azimuth = np.array(fits).T
+        if not _stands_on_steps(rho, angle, members, lateral, azimuth, steps):
+            steps = 0
+            lateral, azimuth = np.zeros((2, len(slope)))
+    if steps:
         shifts = _align_counts(rho, angle, frame, ring, lateral, azimuth, steps)
         azimuth += 2.0 * math.pi / steps * shifts
     range_step, phase, incoherence = _find_range_step(rho, z, members, slope, lateral)
@@ -304,7 +317,8 @@ class _Cloud:
         else:
             kept = labels[there]
             rings = [np.flatnonzero(kept == label) for label in np.unique(kept)]
-        return cls(xyz, rho, azimuth, tuple(ring for ring in rings if len(ring) >= FEWEST_POINTS))
+        fewest = FEWEST_POINTS if labels is None else FEWEST_LABELLED
+        return cls(xyz, rho, azimuth, tuple(ring for ring in rings if len(ring) >= fewest))
 
 
 def _listed(
@@ -334,7 +348,13 @@ def _find_lines(clouds: Sequence[_Cloud]) -> tuple[Floats, Floats]:
     z = np.concatenate([cloud.points[:, 2] for cloud in clouds])
     ring = _on_lines(rho, z, slope, offset)
     members = [np.flatnonzero(ring == k) for k in range(len(slope))]
-    fits = [np.polyfit(rho[k], z[k], 1) for k in members if len(k) >= FEWEST_POINTS]
+    fits = [
+        np.polyfit(rho[rows], z[rows], 1)
+        if len(rows) >= FEWEST_POINTS and np.ptp(rho[rows]) > NARROW
+        else (slope[k], offset[k])
+        for k, rows in enumerate(members)
+        if len(rows) >= FEWEST_LABELLED
+    ]
     return np.array(fits)[:, 0], np.array(fits)[:, 1]
 
 
@@ -346,9 +366,9 @@ def _fit_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int]
     half = len(order) // 2
     near, far = order[:half], order[-half:]
     run = rho[far] - rho[near]
-    wide = run > 0.05
+    wide = run > NARROW
     if not wide.any():
-        return None
+        return _fit_narrow_ring(cloud, ring)
     slope = (z[far] - z[near])[wide] / run[wide]
     offset = z[near][wide] - slope * rho[near][wide]
     support = (np.abs(z - np.outer(slope, rho) - offset[:, None]) < LINE_TOLERANCE).sum(axis=1)
@@ -361,6 +381,14 @@ def _fit_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int]
             return None
         slope[best], offset[best] = np.polyfit(cloud.rho[inside], cloud.points[inside, 2], 1)
     return float(slope[best]), float(offset[best]), len(inside)
+
+
+def _fit_narrow_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int] | None:
+    """The line through the origin, where it holds for nearly all points of a ring."""
+    rho, z = cloud.rho[ring], cloud.points[ring, 2]
+    slope = float(np.median(z / rho))
+    inside = int(np.count_nonzero(np.abs(z - slope * rho) < LINE_TOLERANCE))
+    return (slope, 0.0, inside) if inside >= 0.9 * len(ring) else None
 
 
 def _on_lines(rho: Floats, z: Floats, slope: Floats, offset: Floats) -> NDArray[np.int32]:
@@ -425,6 +453,28 @@ def _fit_encoder(rho: Floats, angle: Floats, steps: int) -> tuple[float, float]:
         turn, shift = np.polyfit(rho[near], error[near], 1)
         lateral, azimuth = lateral + shift, azimuth + turn
     return lateral, azimuth
+
+
+def _stands_on_steps(
+    rho: Floats,
+    angle: Floats,
+    members: Sequence[NDArray[np.intp]],
+    lateral: Floats,
+    azimuth: Floats,
+    steps: int,
+) -> bool:
+    """Whether three quarters of all places, a sector of a ring each, are as good as free of points
+    off the steps: of an HDL-64E all are, forgeries spoil a few. Where azimuths are interpolated
+    between packets (HDL-32E, VLP) there may be a period, but it holds for a part of the turn."""
+    shares = []
+    for k, rows in enumerate(members):
+        beam = angle[rows] - np.arcsin(lateral[k] / rho[rows]) - azimuth[k]
+        off = np.abs(_off_step(beam, steps) * rho[rows]) > LINE_TOLERANCE
+        sector = (angle[rows] * (SECTORS / (2.0 * math.pi))).astype(np.intp).clip(0, SECTORS - 1)
+        points = np.bincount(sector, minlength=SECTORS)
+        enough = points >= FEWEST_LABELLED
+        shares.append(np.bincount(sector, off, SECTORS)[enough] / points[enough])
+    return bool(np.quantile(np.concatenate(shares), 0.75) < 0.01)
 
 
 def _off_step(angle: Floats, steps: int) -> Floats:

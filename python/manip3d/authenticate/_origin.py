@@ -75,8 +75,9 @@ def estimate_origin(
     -------
     OriginEstimate
         Without a position for clouds fused from several, for scans without such a grid, and for
-        those turned out of their upright. Scanners like the HDL-64E have no grid of elevations:
-        (0, 0, 0) where detector III finds their lattice around it, else none.
+        those turned out of their upright. Scanners like the HDL-64E have no grid of elevations, or
+        (VLP-32C: five lasers of 32 are off it) none for all lasers: (0, 0, 0) where detector III
+        finds their lattice around it, else none.
 
     Raises
     ------
@@ -94,12 +95,13 @@ def estimate_origin(
         scene.points, around, threads_of(threads)
     )
     reason = "the angular grid"
-    if not found:
+    fused = found and explained < LEAST_EXPLAINED
+    if around is None and (fused or not found) and _stands_on_lattice(scene, threads):
+        found, position, explained = True, (0.0, 0.0, 0.0), 1.0
+        reason = "the lattice of a spinning scanner"
+    elif not found:
         reason = NO_ORIGIN
-        if around is None and _stands_on_lattice(scene, threads):
-            found, position, explained = True, (0.0, 0.0, 0.0), 1.0
-            reason = "the lattice of a spinning scanner"
-    elif around is None and explained < LEAST_EXPLAINED:
+    elif around is None and fused:
         found = False
         reason = f"the grid explains {explained:.0%} of the scan: several positions fused"
     return OriginEstimate(
