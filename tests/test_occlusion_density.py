@@ -363,3 +363,14 @@ def test_bad_parameters() -> None:
         occlusion_consistency(CAVE, grid=AngularGrid(1e-4, 1e-4))
     with pytest.raises(InputError, match="sector"):
         density_consistency(CAVE, parameters=DensityParameters(sector=7))
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize(
+    "name", ["object/velodyne/demo", "stereo2015/velodyne/000083", "odometry/00/velodyne/000001"]
+)
+def test_rings_that_share_no_cell_accuse_nobody(name: str) -> None:
+    path = Path(os.environ.get("MANIP3D_DATA", "")) / "lidar" / f"kitti_{name}.bin.xz"
+    if not path.exists():
+        pytest.skip(f"{path.name} is not here")
+    assert occlusion_consistency(read_scan(path)).verdict == "authentic"
