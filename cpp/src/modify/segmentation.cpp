@@ -5,6 +5,7 @@
 #include <cstring>
 #include <limits>
 #include <string>
+#include <utility>
 
 #include "manip3d/error.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
@@ -134,10 +135,12 @@ class Collector {
   PixelBounds bounds_;
 };
 
-/// By how much the flesh at a place of a bone is likely to be off, metres: standard deviation.
+constexpr float kGirths = 0.1F;   // of their mean: 0.09 to 0.12 in the survey of BoneRule::kSkin
+constexpr float kJoints = 0.01F;  // metres: jitter of a Kinect V2's joints
+constexpr float kOutlier = 3.0F;  // standard deviations that are not chance any more
+
+/// By how much the skin at a place of a bone is likely to be off, metres: standard deviation.
 float spread(float radius) {
-  constexpr float kGirths = 0.1F;   // of their mean: 0.09 to 0.12 in the survey of BoneRule::kSkin
-  constexpr float kJoints = 0.01F;  // metres: jitter of a Kinect V2's joints
   const float girth = kGirths * radius;
   return std::sqrt(girth * girth + kJoints * kJoints);
 }
@@ -145,12 +148,14 @@ float spread(float radius) {
 /// Bones as arrays of coordinates, for loops over bones and over points.
 struct BoneTable {
   using Column = std::array<float, BoneSegments::kCapacity>;
-  Column cx{}, cy{}, cz{};       ///< P_c.
-  Column rx{}, ry{}, rz{};       ///< P_r.
-  Column bx{}, by{}, bz{};       ///< P_r - P_c.
-  Column tx{}, ty{}, tz{};       ///< (P_r - P_c) / |P_r - P_c|^2, or 0.
-  Column radius{}, taper{};      ///< At P_c, and what is added up to P_r.
-  Column certainty{}, change{};  ///< One over the spread at P_c, and what is added up to P_r.
+  Column cx{}, cy{}, cz{};  ///< P_c.
+  Column rx{}, ry{}, rz{};  ///< P_r.
+  Column bx{}, by{}, bz{};  ///< P_r - P_c.
+  Column tx{}, ty{}, tz{};  ///< (P_r - P_c) / |P_r - P_c|^2, or 0.
+  // Of each pair, the first is at P_c, and the second what is added up to P_r.
+  Column radius{}, taper{};
+  Column certainty{}, firmer{};  ///< 1 where joints alone are off; less the more flesh there is.
+  Column outer{}, widens{};      ///< The radius and what it gains among outliers.
   Column slope{};  ///< Of the distance to the skin by a step of length 1: at most so much.
   std::array<std::int32_t, BoneSegments::kCapacity> label{};
   std::size_t count = 0;
@@ -173,8 +178,11 @@ struct BoneTable {
       radius[i] = bones.radii[i].start;
       taper[i] = std::clamp(bones.radii[i].end - radius[i], -length, length);
       slope[i] = is_point ? 1.0F : 1.0F + std::abs(taper[i]) / length;
-      certainty[i] = 1.0F / spread(radius[i]);
-      change[i] = 1.0F / spread(radius[i] + taper[i]) - certainty[i];
+      const float from = spread(radius[i]), to = spread(radius[i] + taper[i]);
+      certainty[i] = kJoints / from;
+      firmer[i] = kJoints / to - certainty[i];
+      outer[i] = radius[i] + kOutlier * (from - kJoints);
+      widens[i] = taper[i] + kOutlier * (to - from);
       has_radii = has_radii || bones.radii[i].start != 0.0F || bones.radii[i].end != 0.0F;
     }
   }
@@ -191,6 +199,15 @@ struct BoneTable {
     const float ez = past ? z - rz[i] : dz - t * bz[i];
     along = past ? 1.0F : t;
     return ex * ex + ey * ey + ez * ez;
+  }
+
+  /// What the nearness of a skin is judged by, from the distance to the bone: the distance to the
+  /// skin in standard deviations times kJoints; from kOutlier of them on it grows as metres do, so
+  /// that of bones that are all far off the nearest one wins.
+  [[nodiscard]] float judged(std::size_t i, float distance, float along) const {
+    const float skin = distance - (radius[i] + along * taper[i]);
+    const float far = distance - (outer[i] + along * widens[i]);
+    return std::max(skin * (certainty[i] + along * firmer[i]), far);
   }
 };
 
@@ -224,11 +241,7 @@ struct Tile {
     for (std::size_t i = 0; i < count; ++i) {
       float along;
       const float d = bones.squared_distance(bone, x[i], y[i], z[i], along);
-      float judged = d;
-      if (kHasRadii) {
-        judged = std::sqrt(d) - (bones.radius[bone] + along * bones.taper[bone]);
-        judged *= bones.certainty[bone] + along * bones.change[bone];
-      }
+      const float judged = kHasRadii ? bones.judged(bone, std::sqrt(d), along) : d;
       const bool nearer = judged < nearest[i];
       nearest[i] = nearer ? judged : nearest[i];
       squared[i] = nearer ? d : squared[i];
@@ -246,7 +259,7 @@ struct Tile {
 
 /// Bones that may be nearest to some point of a tile: with the points within r of c, those whose
 /// skin may be as near to some point as another's must be to all. Certainties change along a bone,
-/// so the one that favours the bone bounds what may be, the other what must be.
+/// so the end that favours the bone bounds what may be, the other what must be.
 class Candidates {
  public:
   explicit Candidates(const BoneTable& bones) : bones_(bones) {}
@@ -266,10 +279,12 @@ class Candidates {
       const float bone = std::sqrt(bones_.squared_distance(i, cx, cy, cz, along));
       const float skin = bone - (bones_.radius[i] + along * bones_.taper[i]);
       const float reach = bones_.slope[i] * r + kRounding;
-      const float low = std::min(bones_.certainty[i], bones_.certainty[i] + bones_.change[i]);
-      const float high = std::max(bones_.certainty[i], bones_.certainty[i] + bones_.change[i]);
-      least_[i] = (skin - reach) * (skin > reach ? low : high);
-      most = std::min(most, (skin + reach) * (skin > -reach ? high : low));
+      const auto [low, high] =
+          std::minmax({bones_.certainty[i], bones_.certainty[i] + bones_.firmer[i]});
+      const auto [gain_low, gain_high] = outlier_gains(i);
+      const float near = skin - reach, far = skin + reach;
+      least_[i] = std::max(near * (near > 0.0F ? low : high), near - gain_high);
+      most = std::min(most, std::max(far * (far > 0.0F ? high : low), far - gain_low));
     }
     for (std::size_t i = 0; i < bones_.count; ++i) {
       if (!(least_[i] > most)) use(i);
@@ -277,6 +292,12 @@ class Candidates {
   }
 
  private:
+  /// By how much the outer radius exceeds the radius, at least and at most.
+  [[nodiscard]] std::pair<float, float> outlier_gains(std::size_t i) const {
+    const float start = bones_.outer[i] - bones_.radius[i];
+    return std::minmax({start, start + bones_.widens[i] - bones_.taper[i]});
+  }
+
   const BoneTable& bones_;
   BoneTable::Column least_{};
 };

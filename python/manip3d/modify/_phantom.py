@@ -449,8 +449,8 @@ def segment_body(
     ``skin``: thicknesses are girths, breadths and depths of the mean adult [Gordon et al., "2012
     Anthropometric Survey of U.S. Army Personnel", Natick/TR-15/007], scaled by the lengths of the
     person's own arms and legs. A trunk, broader than deep, is a pair of rods from hips to chest.
-    Distances to skins are compared in standard deviations: of girths among people, a tenth, and of
-    joints, 1 cm.
+    Distances to skins are compared in standard deviations of what girths differ by among people, a
+    tenth, and joints are off, 1 cm; beyond three of them in metres.
     """
     image = np.ascontiguousarray(depth)
     index = None if body_index is None else np.ascontiguousarray(body_index, np.uint8)

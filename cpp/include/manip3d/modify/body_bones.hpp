@@ -15,8 +15,7 @@ namespace manip3d {
 
 /// Which bone is the nearest one to a point.
 enum class BoneRule : std::uint8_t {
-  kSkin,  ///< The one whose skin is: the distance to the bone, less the bone's radius there, in
-          ///< standard deviations of that (segment_bones).
+  kSkin,  ///< The one whose skin is (segment_bones): a trunk is thicker than an arm.
   kPaper  ///< The one itself, dissertation eq. 4.1: a trunk is no thicker than an arm.
 };
 

@@ -39,11 +39,14 @@ struct PersonPoints {
 void find_person(const DepthView& depth, const std::uint8_t* body_index, const Skeleton& skeleton,
                  const PixelRays& rays, const PersonMaskOptions& options, PersonPoints& points);
 
-/// Each point gets the label of the bone whose skin is nearest, in standard deviations: the least
-/// (|P - Q| - r) / s, with Q the point of the bone nearest to P, r the bone's radius there, and s
-/// of what girths differ by among people (a tenth) and joints are off (1 cm), 1 / s linear between
-/// the bone's ends. The lower label if two are as near. The same bits on every CPU. A bone without
-/// length is a point; none tapers by more than its length.
+/// Each point gets the label of the bone whose skin is nearest: the lower one if two are as near.
+///
+/// With Q the point of the bone nearest to P, r the bone's radius there, e = |P - Q| - r the
+/// distance to the skin, and s the standard deviation of what girths differ by among people (a
+/// tenth of r) and joints are off (s_0 = 1 cm), the least max(e s_0 / s, e - 3 (s - s_0)) counts:
+/// standard deviations, but from three of them on metres, as a joint is wrong then, and not a
+/// girth. 1 / s and s are taken to be linear between a bone's ends. A bone without length is a
+/// point; none tapers by more than its length. The same bits on every CPU.
 ///
 /// Without radii this is Voronoi segmentation (dissertation eq. 4.1). With the projection t clamped
 /// to [0, 1], eq. 4.1's three cases are one: |P - (P_c + t (P_r - P_c))|. Bones that cannot be
