@@ -207,6 +207,23 @@ def test_nothing_bridges_a_discontinuity() -> None:
     assert in_front.all(axis=1).any()
 
 
+@pytest.mark.parametrize("seed", [1640, 2040])
+def test_two_sides_of_a_cut_do_not_fill_the_same_bay(seed: int) -> None:
+    """Edges once ran through vertices of the other side, and bays beyond them were filled twice."""
+    rng = np.random.default_rng(seed)
+    v, u = np.mgrid[0:24, 0:30]
+    rng.integers(0, 4, (24, 30))
+    blocks = rng.integers(0, 3, (6, 6)).repeat(4, 0).repeat(5, 1) * 4.0
+    z = 50 + blocks + rng.integers(0, 2, (24, 30)) * rng.integers(0, 2)
+    points = np.stack([u, v, z], -1).astype(np.float32)
+    valid = rng.random((24, 30)) >= rng.choice([0, 0.1, 0.3])
+    result = simplify.relief_grid(points, valid, 61, effort="fine", max_edge=2.5)
+    check_promises(result, points, valid, 61)
+    u2, v2 = np.meshgrid(np.arange(0, 30, 0.5), np.arange(0, 24, 0.5))
+    halves = np.column_stack([u2.ravel(), v2.ravel()])
+    assert covering(corners(result), halves).max() == 1
+
+
 def test_front_faces_look_at_the_sensor() -> None:
     camera = Intrinsics(40, 30, 35.0, 35.0, 19.5, 14.5)
     depth = 2000 + np.arange(40 * 30).reshape(30, 40) % 7

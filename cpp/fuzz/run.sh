@@ -29,7 +29,7 @@ fuzz() {
   mkdir -p "$corpus"
   count=$(find "$corpus" -type f | wc -l)
   # Kernels are no parsers: each execution runs them several times over.
-  case $name in metrics | simplify | grid_delaunay | cs3 | detectors | attacks | phantom)
+  case $name in metrics | simplify | grid_delaunay | cs3 | relief | detectors | attacks | phantom)
     runs=$((executions / 10)) ;; *) runs=$executions ;;
   esac
   dictionary=()

@@ -185,6 +185,7 @@ void Relief::Memory::build_meshes(const ReliefOptions& options, ReliefResult& re
 }
 
 void Relief::Memory::find_sight(const ReliefOptions& options) {
+  relief_detail::make_room(sight, mesh.num_slots());
   sight.resize(static_cast<std::size_t>(mesh.num_slots()));
   const Vec3 center = (surface.center() / surface.unit()).cast<float>();
   const Vec3 parallel = surface.mean_normal();
@@ -195,6 +196,7 @@ void Relief::Memory::find_sight(const ReliefOptions& options) {
 
 std::int32_t Relief::Memory::number_vertices(const Triangulation& of) {
   of.sorted_vertices(order);
+  relief_detail::make_room(number, of.num_slots());
   number.resize(static_cast<std::size_t>(of.num_slots()));
   const auto num_before = static_cast<std::int32_t>(placed.size());
   std::int32_t i = 0;

@@ -30,6 +30,9 @@ void LocalQuadric::add(const LocalQuadric& q, const Vec3& offset) {
 }
 
 void Collapser::assign(const Triangulation& mesh, std::span<const Keep> keep, float keep_factor) {
+  for (auto* numbers : {&factor_, &spent_}) make_room(*numbers, mesh.num_slots());
+  for (auto* quadrics : {&surface_, &boundary_}) make_room(*quadrics, mesh.num_slots());
+  make_room(touched_, mesh.num_slots());
   factor_.assign(mesh.num_slots(), 1.0F);
   if (!keep.empty()) {
     for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {

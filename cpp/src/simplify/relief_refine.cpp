@@ -46,6 +46,8 @@ float triangle_error(const Surface& surface, const Triangulation& mesh, std::int
 }  // namespace
 
 void Refiner::assign(const Triangulation& mesh) {
+  make_room(errors_, mesh.num_triangle_slots());
+  for (auto* marks : {&dirty_, &next_dirty_}) make_room(*marks, mesh.num_triangle_slots());
   errors_.assign(mesh.num_triangle_slots(), -1.0F);
   dirty_.assign(mesh.num_triangle_slots(), 1);
 }
@@ -199,6 +201,8 @@ void Refiner::fit(const Surface& surface, Triangulation& mesh,
 void Refiner::solve(const Surface& surface, const Triangulation& mesh,
                     const std::vector<Vec3>& directions) {
   constexpr int kSweeps = 4;  // Gauss-Seidel: the system is nearly diagonal
+  make_room(offsets_, mesh.num_slots());
+  make_room(blocks_, mesh.num_triangle_slots());
   offsets_.assign(static_cast<std::size_t>(mesh.num_slots()), 0.0F);
   blocks_.resize(static_cast<std::size_t>(mesh.num_triangle_slots()));
   for (std::int32_t t = 0; t < mesh.num_triangle_slots(); ++t) {

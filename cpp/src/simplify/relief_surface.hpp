@@ -11,6 +11,14 @@ namespace manip3d::relief_detail {
 
 using Vec3 = Eigen::Vector3f;
 
+/// Room for so many items, and for a quarter more where there is too little: frames of a sequence
+/// differ in size, and soon none of them needs new memory.
+template <typename Item>
+void make_room(std::vector<Item>& items, std::int64_t size) {
+  const auto needed = static_cast<std::size_t>(size);
+  if (items.capacity() < needed) items.reserve(needed + needed / 4);
+}
+
 /// A measured point and the area of the dense mesh that belongs to it: a third of each triangle
 /// around it. A pixel that no dense triangle uses has none.
 struct Sample {

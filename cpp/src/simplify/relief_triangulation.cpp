@@ -14,8 +14,9 @@ void Triangulation::link_neighbors(std::span<const Triangle> triangles) {
     ++first_side_[a + 1], ++first_side_[b + 1], ++first_side_[c + 1];
   }
   for (std::size_t p = 1; p < first_side_.size(); ++p) first_side_[p] += first_side_[p - 1];
-  sides_.resize(3 * triangles.size());
   const auto num_triangles = static_cast<std::int32_t>(triangles.size());
+  make_room(sides_, std::int64_t{3} * num_triangles);
+  sides_.resize(3 * triangles.size());
   for (std::int32_t t = num_triangles - 1; t >= 0; --t) {
     const auto [a, b, c] = triangles[t];
     sides_[--first_side_[a + 1]] = {b, t};
@@ -29,6 +30,7 @@ void Triangulation::link_neighbors(std::span<const Triangle> triangles) {
     }
     return kNone;
   };
+  make_room(neighbors_, num_triangles);
   neighbors_.resize(triangles.size());
   for (std::int32_t t = 0; t < num_triangles; ++t) {
     const auto [a, b, c] = triangles[t];
@@ -37,6 +39,7 @@ void Triangulation::link_neighbors(std::span<const Triangle> triangles) {
 }
 
 void Triangulation::split_fans(const Surface& surface, std::span<const Triangle> triangles) {
+  make_room(triangles_, static_cast<std::int64_t>(triangles.size()));
   triangles_.assign(triangles.size(), {kNone, kNone, kNone});
   vertices_.clear();
   for (std::size_t i = 0; i < 3 * triangles.size(); ++i) {
@@ -64,6 +67,8 @@ void Triangulation::split_fans(const Surface& surface, std::span<const Triangle>
     }
   }
   num_alive_ = static_cast<std::int64_t>(vertices_.size());
+  num_at_.assign(surface.num_pixels(), 0);
+  for (const Vertex& vertex : vertices_) ++num_at_[vertex.pixel];
 }
 
 void Triangulation::assign(const Surface& surface, std::span<const Triangle> triangles) {
@@ -89,12 +94,17 @@ void Triangulation::sorted_vertices(std::vector<std::int32_t>& out) const {
   });
 }
 
+void Triangulation::remove_vertex(std::int32_t v) {
+  vertices_[v].triangle = kNone;
+  --num_alive_;
+  --num_at_[vertices_[v].pixel];
+}
+
 void Triangulation::remove_piece(std::span<const std::int32_t> triangles) {
   for (const std::int32_t t : triangles) {
     for (const std::int32_t v : triangles_[t]) {
       if (!vertices_[v].alive()) continue;
-      vertices_[v].triangle = kNone;
-      --num_alive_;
+      remove_vertex(v);
     }
     triangles_[t] = {kNone, kNone, kNone};
   }
@@ -122,18 +132,23 @@ bool Triangulation::fan(std::int32_t v, Fan& out) const {
   return true;
 }
 
-bool Triangulation::covers_pixels(const Surface& surface, std::int32_t a, std::int32_t b,
-                                  std::int32_t c) const {
+// A bay that is filled must hold no pixel: it would have no surface, or another one. On its sides
+// lies no vertex but its corners, and no other fan meets its middle one: so no vertex ever lies on
+// an edge of others, and whatever reached into the bay would have to cross its edges.
+bool Triangulation::can_fill(const Surface& surface, std::int32_t first, std::int32_t v,
+                             std::int32_t end) const {
+  const Vertex &a = vertices_[first], &b = vertices_[v], &c = vertices_[end];
   const auto visit = [&](Edges edges, auto&& see) {
-    visit_pixels(surface.cols(), {vertices_[a].u, vertices_[a].v}, {vertices_[b].u, vertices_[b].v},
-                 {vertices_[c].u, vertices_[c].v}, edges, see);
+    visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, edges, see);
   };
-  bool covers = false;
-  visit(Edges::kOpen, [&](std::int32_t) { covers = true; });
-  // Pixels of its own surface may lie on its sides.
-  visit(Edges::kClosed,
-        [&](std::int32_t p) { covers = covers || !(surface.sample(p).area > 0.0F); });
-  return covers;
+  bool free = true;
+  visit(Edges::kOpen, [&](std::int32_t) { free = false; });
+  visit(Edges::kClosed, [&](std::int32_t p) {
+    const int own = p == b.pixel ? 1 : 0;
+    const bool at_end = p == a.pixel || p == c.pixel;
+    free = free && surface.sample(p).area > 0.0F && (at_end || num_at_[p] == own);
+  });
+  return free;
 }
 
 bool Triangulation::can_collapse(const Surface& surface, std::int32_t v, const Fan& fan,
@@ -154,8 +169,9 @@ bool Triangulation::can_collapse(const Surface& surface, std::int32_t v, const F
   for (int k = 0; k < around.num_neighbors; ++k) {
     if (around.neighbors[k] == other) return false;
   }
-  // A bay that is filled must hold no pixel: it would have no surface, or another one.
-  return orient(v, first, end) >= 0 || !covers_pixels(surface, first, v, end);
+  const std::int64_t turn = orient(v, first, end);
+  if (turn == 0) return num_at_[vertices_[v].pixel] == 1;
+  return turn > 0 || can_fill(surface, first, v, end);
 }
 
 void Triangulation::relink(std::int32_t t, std::int32_t from, std::int32_t to) {
@@ -200,8 +216,7 @@ void Triangulation::collapse(std::int32_t v, const Fan& fan, int i) {
     at_side[sides++] = beyond != kNone ? beyond : within;
     triangles_[t] = {kNone, kNone, kNone};
   }
-  vertices_[v].triangle = kNone;
-  --num_alive_;
+  remove_vertex(v);
   find_first(target, stays);
   for (int k = 0; k < sides; ++k) find_first(side[k], at_side[k]);
 }
@@ -241,6 +256,8 @@ void Triangulation::flip(std::int32_t t, int i) {
 
 void Triangulation::move(std::int32_t v, const Surface& surface, std::int32_t pixel) {
   Vertex& vertex = vertices_[v];
+  --num_at_[vertex.pixel];
+  ++num_at_[pixel];
   vertex.pixel = pixel;
   vertex.u = surface.u(pixel);
   vertex.v = surface.v(pixel);

@@ -99,12 +99,14 @@ class Triangulation {
   void split_fans(const Surface& surface, std::span<const Triangle> triangles);
   void relink(std::int32_t t, std::int32_t from, std::int32_t to);
   void find_first(std::int32_t v, std::int32_t t);
-  [[nodiscard]] bool covers_pixels(const Surface& surface, std::int32_t a, std::int32_t b,
-                                   std::int32_t c) const;
+  [[nodiscard]] bool can_fill(const Surface& surface, std::int32_t first, std::int32_t v,
+                              std::int32_t end) const;
+  void remove_vertex(std::int32_t v);
 
   std::vector<Vertex> vertices_;
   std::vector<Triangle> triangles_, neighbors_;
   std::int64_t num_alive_ = 0;
+  std::vector<std::uint8_t> num_at_;  ///< By pixel: vertices.
   // Scratch of assign().
   struct Side {
     std::int32_t end, triangle;

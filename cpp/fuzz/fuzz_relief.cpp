@@ -1,0 +1,152 @@
+// The relief on any grid of points, frame after frame: an InputError, or meshes of no more than the
+// points asked for, planar over valid pixels; the same for one thread and for two.
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <set>
+#include <utility>
+#include <vector>
+
+#include "checks.hpp"
+#include "manip3d/error.hpp"
+#include "manip3d/simplify/relief.hpp"
+#include "mesh_from_bytes.hpp"
+
+namespace {
+
+using namespace manip3d;
+using fuzzing::require;
+
+struct Grid {
+  std::int64_t rows, cols;
+  bool rows_up;
+  std::vector<float> points;
+  std::vector<std::uint8_t> valid;
+  [[nodiscard]] PointGridView view() const {
+    return {rows, cols, points.data(), valid.data(), rows_up};
+  }
+};
+
+// Heights of any bits, or small whole numbers, of which planes and steps are made.
+void fill(fuzzing::Bytes& bytes, bool any_bits, Grid& grid) {
+  for (std::size_t i = 0; i < grid.valid.size(); ++i) {
+    const auto byte = bytes.take<std::uint8_t>();
+    grid.valid[i] = byte % 4 != 0 ? 1 : 0;
+    grid.points[3 * i] = static_cast<float>(i % static_cast<std::size_t>(grid.cols));
+    grid.points[3 * i + 1] = static_cast<float>(i / static_cast<std::size_t>(grid.cols));
+    grid.points[3 * i + 2] = any_bits ? bytes.take<float>() : 50.0F + static_cast<float>(byte / 16);
+  }
+}
+
+ReliefOptions take_options(fuzzing::Bytes& bytes) {
+  ReliefOptions options;
+  const auto choices = bytes.take<std::uint16_t>();
+  options.target_points = bytes.take<std::uint8_t>();
+  options.effort = static_cast<ReliefEffort>(choices % 5);
+  options.from_origin = choices / 8 % 2 == 1;
+  if (choices / 16 % 2 == 1) options.max_edge = bytes.take<float>();
+  if (choices / 32 % 2 == 1) options.stability = 1.0 + bytes.take<std::uint8_t>();
+  options.move_points = choices / 64 % 2 == 1;
+  for (int i = choices / 128 % 4; i > 0; --i) options.levels.push_back(bytes.take<std::uint8_t>());
+  return options;
+}
+
+using Triangles = Rows<std::int32_t, 3>;
+using Pixels = Rows<std::int32_t, 2>;
+
+// The checks are no code that new inputs are to be searched for in.
+#define MANIP3D_UNCOUNTED __attribute__((no_sanitize("coverage")))
+
+// Strictly inside, in half pixels.
+MANIP3D_UNCOUNTED bool is_inside(const Pixels& p, const Triangles& triangles, Eigen::Index t, int u,
+                                 int v) {
+  for (int i = 0; i < 3; ++i) {
+    const auto a = p.row(triangles(t, i)), b = p.row(triangles(t, (i + 1) % 3));
+    if ((b(0) - a(0)) * (v - 2 * a(1)) - (b(1) - a(1)) * (u - 2 * a(0)) <= 0) return false;
+  }
+  return true;
+}
+
+/// All vertices are used; triangles turn the right way, share edges as a surface does, lie over
+/// valid pixels and over no place twice.
+MANIP3D_UNCOUNTED void check_surface(const Grid& grid, const Pixels& pixels, Triangles triangles,
+                                     std::int64_t num_vertices) {
+  std::set<std::pair<std::int32_t, std::int32_t>> edges;
+  std::vector<bool> used(static_cast<std::size_t>(num_vertices));
+  const std::int64_t width = 2 * grid.cols;
+  std::vector<std::uint8_t> covered(static_cast<std::size_t>(2 * grid.rows * width));
+  for (Eigen::Index t = 0; t < triangles.rows(); ++t) {
+    if (!grid.rows_up) std::swap(triangles(t, 1), triangles(t, 2));
+    for (int i = 0; i < 3; ++i) {
+      require(triangles(t, i) >= 0 && triangles(t, i) < num_vertices);
+      used[static_cast<std::size_t>(triangles(t, i))] = true;
+      require(edges.emplace(triangles(t, i), triangles(t, (i + 1) % 3)).second);
+    }
+    const auto a = pixels.row(triangles(t, 0)), b = pixels.row(triangles(t, 1)),
+               c = pixels.row(triangles(t, 2));
+    require((b(0) - a(0)) * (c(1) - a(1)) - (b(1) - a(1)) * (c(0) - a(0)) > 0);
+    const int u0 = 2 * std::min({a(0), b(0), c(0)}), u1 = 2 * std::max({a(0), b(0), c(0)});
+    const int v0 = 2 * std::min({a(1), b(1), c(1)}), v1 = 2 * std::max({a(1), b(1), c(1)});
+    for (int v = v0; v <= v1; ++v) {
+      for (int u = u0; u <= u1; ++u) {
+        if (!is_inside(pixels, triangles, t, u, v)) continue;
+        require(++covered[static_cast<std::size_t>(v * width + u)] == 1);
+        const bool at_pixel = u % 2 == 0 && v % 2 == 0;
+        require(!at_pixel || grid.valid[static_cast<std::size_t>(v / 2 * grid.cols + u / 2)] != 0);
+      }
+    }
+  }
+  require(std::all_of(used.begin(), used.end(), [](bool is) { return is; }));
+}
+
+MANIP3D_UNCOUNTED void check(const Grid& grid, const ReliefOptions& options,
+                             const ReliefResult& result) {
+  const DepthMesh& mesh = result.mesh;
+  require(mesh.vertices.rows() <= options.target_points);
+  require(mesh.pixels.rows() == mesh.vertices.rows() && mesh.uvs.rows() == mesh.vertices.rows());
+  for (Eigen::Index i = 0; i < mesh.pixels.rows(); ++i) {
+    const auto at = static_cast<std::size_t>(mesh.pixels(i, 1) * grid.cols + mesh.pixels(i, 0));
+    require(grid.valid[at] != 0);
+    for (int k = 0; k < 3 && !options.move_points; ++k) {
+      require(mesh.vertices(i, k) == grid.points[3 * at + static_cast<std::size_t>(k)]);
+    }
+  }
+  check_surface(grid, mesh.pixels, mesh.triangles, mesh.vertices.rows());
+  require(result.levels.size() == options.levels.size());
+  for (std::size_t i = 0; i < result.levels.size(); ++i) {
+    require(result.levels[i].num_vertices <= options.levels[i]);
+    check_surface(grid, mesh.pixels, result.levels[i].triangles, result.levels[i].num_vertices);
+  }
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  fuzzing::Bytes bytes(data, std::min<std::size_t>(size, 4096));
+  const std::int64_t cols = 1 + bytes.take<std::uint8_t>() % 32;
+  const std::int64_t rows = 1 + bytes.take<std::uint8_t>() % 24;
+  const auto kind = bytes.take<std::uint8_t>();
+  const ReliefOptions options = take_options(bytes);
+  const auto count = static_cast<std::size_t>(rows * cols);
+  Grid grid{rows, cols, kind % 2 == 0, std::vector<float>(3 * count),
+            std::vector<std::uint8_t>(count)};
+  Relief one, two;
+  ReliefOptions threads = options;
+  threads.num_threads = 2;
+  ReliefResult result, same;
+  const int num_frames = kind / 2 % 4 == 0 ? 2 : 1;
+  try {
+    for (int frame = 0; frame < num_frames; ++frame) {
+      fill(bytes, kind / 8 % 4 == 0, grid);
+      one.run(grid.view(), options, result);
+      check(grid, options, result);
+      if (kind / 32 != 0) continue;
+      two.run(grid.view(), threads, same);
+      require(same.mesh.pixels == result.mesh.pixels);
+      require(same.mesh.triangles == result.mesh.triangles);
+    }
+  } catch (const InputError&) {
+  }
+  return 0;
+}
