@@ -9,7 +9,7 @@ Drivers of RGB-D cameras, each where its library was at build time, and what it 
 ============== ============================ ==================================================
 ``openni2:``   OpenNI2 2.2                  its Dummy device; no camera
 ``freenect2:`` libfreenect2 0.2             the library without a camera
-``realsense:`` librealsense2 2.42 or later  2.59: a D435's recording (``FILE.bag``); no camera
+``realsense:`` librealsense2 2.53 or later  2.59: a D435's recording (``FILE.bag``); no camera
 ``orbbec:``    OrbbecSDK 2                  2.9: the library without a camera or a recording
 ============== ============================ ==================================================
 """

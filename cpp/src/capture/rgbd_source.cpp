@@ -90,7 +90,7 @@ std::vector<RgbdScheme> schemes(bool probe) {
               {},
               "",
               "plug one in; realsense:FILE.bag needs none"},
-             kRealSense, probe, "librealsense2 2.42 or later"),
+             kRealSense, probe, "librealsense2 2.53 or later"),
       driven({"orbbec",
               "[SERIAL] or FILE.bag",
               "Orbbec cameras, by OrbbecSDK 2",

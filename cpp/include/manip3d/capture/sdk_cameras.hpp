@@ -18,7 +18,7 @@ std::unique_ptr<RgbdSource> open_freenect2(const std::string& location, const Rg
 std::string freenect2_absence();  ///< Why no camera can be opened now; empty: there is one.
 
 /// `realsense:[SERIAL][?width=848&height=480&rate=30]` or `realsense:FILE.bag`, by librealsense2
-/// 2.42 or later. Of a recording all that the library brings together come (speed 0), or those that
+/// 2.53 or later. Of a recording all that the library brings together come (speed 0), or those that
 /// a camera would give.
 /// @throws InputError  an unknown option; (start) a lens of another kind than Brown's.
 /// @throws DeviceError  as open_freenect2(); a file that the library does not read.
