@@ -418,6 +418,29 @@ def test_a_stream_flickers_at_most_half_as_much(move_points: bool) -> None:
     assert deviation < 0.5 * deviation_alone
 
 
+def test_a_stream_keeps_its_edges() -> None:
+    """Noise flips edges back and forth, which moves the surface between vertices that stay."""
+
+    def kept(results: list[simplify.Relief]) -> float:
+        shares = []
+        for one, two in itertools.pairwise(results):
+            both = set(map(tuple, one.pixels.tolist())) & set(map(tuple, two.pixels.tolist()))
+            first, second = (
+                {
+                    edge
+                    for face in r.pixels[r.triangles].tolist()
+                    for i in range(3)
+                    if set(edge := tuple(sorted((tuple(face[i]), tuple(face[i - 1]))))) <= both
+                }
+                for r in (one, two)
+            )
+            shares.append(len(first & second) / len(first))
+        return float(np.mean(shares))
+
+    stream = simplify.ReliefStream(STREAM_CAMERA, 250)
+    assert kept([stream.simplify(f) for f in noisy_frames(20)][5:]) > 0.9
+
+
 def test_a_stream_starts_like_a_single_frame_and_again_after_reset() -> None:
     first, second = noisy_frames(2)
     stream = simplify.ReliefStream(STREAM_CAMERA, 250, newest_share=1.0)

@@ -16,6 +16,7 @@
 namespace manip3d {
 namespace {
 
+using relief_detail::EdgeMemory;
 using relief_detail::Keep;
 using relief_detail::Surface;
 using relief_detail::Triangulation;
@@ -89,6 +90,7 @@ struct Relief::Memory {
   };
   std::vector<Placed> placed;          ///< Output vertices by pixel.
   std::vector<std::int64_t> previous;  ///< Input pixels of the frame before.
+  EdgeMemory before;                   ///< Edges of the frame before.
   std::vector<Keep> keep;              ///< By pixel of the surface; or empty.
   std::vector<Triangulation> levels;   ///< The smaller meshes, smallest first.
 
@@ -107,6 +109,7 @@ struct Relief::Memory {
 
 void Relief::Memory::recall(const PointGridView& grid, const ReliefOptions& options) {
   keep.clear();
+  if (!(options.stability > 1.0)) before.clear();
   if (!(options.stability > 1.0) || previous.empty()) return;
   keep.assign(surface.num_pixels(), Keep::kFree);
   for (const std::int64_t pixel : previous) {
@@ -143,10 +146,11 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
 
 void Relief::Memory::refine(const Budget& budget) {
   refiner.assign(mesh);
-  refiner.flip_edges(surface, mesh, budget.flip_sweeps, budget.flip_floor);
+  refiner.flip_edges(surface, mesh, budget.flip_sweeps, budget.flip_floor, before);
   for (int round = 0; round < budget.move_rounds; ++round) {
     const int moved = refiner.move_vertices(surface, mesh, budget.radius, keep);
-    if (moved + refiner.flip_edges(surface, mesh, budget.flip_sweeps, budget.flip_floor) == 0)
+    if (moved + refiner.flip_edges(surface, mesh, budget.flip_sweeps, budget.flip_floor, before) ==
+        0)
       break;
   }
 }
@@ -299,9 +303,13 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
     m.build_meshes(options, result);
   }
   m.write(grid, options, result);
+  if (options.stability > 1.0) m.before.assign(m.surface, m.mesh);
 }
 
-void Relief::reset() { memory_->previous.clear(); }
+void Relief::reset() {
+  memory_->previous.clear();
+  memory_->before.clear();
+}
 
 ReliefResult relief(const PointGridView& grid, const ReliefOptions& options) {
   ReliefResult result;

@@ -9,7 +9,7 @@
 namespace manip3d::relief_detail {
 namespace {
 
-// A vertex of the frame before moves only for less than this part of its error.
+// A vertex or an edge of the frame before gives way only for less than this part of its error.
 constexpr float kKeptGain = 0.5F;
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
@@ -45,6 +45,29 @@ float triangle_error(const Surface& surface, const Triangulation& mesh, std::int
 
 }  // namespace
 
+void EdgeMemory::assign(const Surface& surface, const Triangulation& mesh) {
+  edges_.clear();
+  const auto place = [&](std::int32_t v) {
+    return std::uint64_t{surface.place(mesh.vertex(v).u, mesh.vertex(v).v)};
+  };
+  for (std::int32_t t = 0; t < mesh.num_triangle_slots(); ++t) {
+    if (!mesh.is_triangle(t)) continue;
+    for (int i = 0; i < 3; ++i) {  // an inner edge is met from both sides
+      const std::uint64_t a = place(mesh.triangle(t)[i]), b = place(mesh.triangle(t)[(i + 1) % 3]);
+      if (a < b) edges_.push_back(a << 32 | b);
+    }
+  }
+  std::sort(edges_.begin(), edges_.end());
+}
+
+bool EdgeMemory::has(const Surface& surface, const Triangulation& mesh, std::int32_t a,
+                     std::int32_t b) const {
+  if (edges_.empty()) return false;
+  const Triangulation::Vertex &p = mesh.vertex(a), &q = mesh.vertex(b);
+  const std::uint64_t m = surface.place(p.u, p.v), n = surface.place(q.u, q.v);
+  return std::binary_search(edges_.begin(), edges_.end(), std::min(m, n) << 32 | std::max(m, n));
+}
+
 void Refiner::assign(const Triangulation& mesh) {
   make_room(errors_, mesh.num_triangle_slots());
   for (auto* marks : {&dirty_, &next_dirty_}) make_room(*marks, mesh.num_triangle_slots());
@@ -73,7 +96,8 @@ float Refiner::mean_error(const Surface& surface, const Triangulation& mesh) {
   return count > 0 ? static_cast<float>(sum / static_cast<double>(count)) : 0.0F;
 }
 
-int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps, float floor) {
+int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps, float floor,
+                        const EdgeMemory& before) {
   constexpr float kGain = 0.999F;  // so that rounding does not flip back and forth
   const float negligible = floor * mean_error(surface, mesh);
   int total = 0;
@@ -89,8 +113,11 @@ int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps,
           continue;  // asked from there
         std::array<std::int32_t, 4> q{};
         if (!mesh.quad(t, i, q)) continue;
-        const float limit = kGain * (error_of(surface, mesh, t) + error_of(surface, mesh, o));
-        if (limit < negligible) continue;
+        const bool was = before.has(surface, mesh, q[1], q[2]);
+        const bool returns = !was && before.has(surface, mesh, q[0], q[3]);
+        const float gain = was ? kGain * kKeptGain : returns ? kGain / kKeptGain : kGain;
+        const float limit = gain * (error_of(surface, mesh, t) + error_of(surface, mesh, o));
+        if (limit < negligible && !returns) continue;
         const float first = triangle_error(surface, mesh, q[0], q[1], q[3]);
         if (!(first < limit)) continue;
         const float second = triangle_error(surface, mesh, q[0], q[3], q[2]);

@@ -8,14 +8,28 @@
 
 namespace manip3d::relief_detail {
 
+/// The edges of the frame before.
+class EdgeMemory {
+ public:
+  void clear() { edges_.clear(); }
+  void assign(const Surface& surface, const Triangulation& mesh);
+  [[nodiscard]] bool has(const Surface& surface, const Triangulation& mesh, std::int32_t a,
+                         std::int32_t b) const;
+
+ private:
+  std::vector<std::uint64_t> edges_;  ///< Places of both ends, the lesser first; sorted.
+};
+
 /// Improves a triangulation by what the mean distance measures: the sum over the surface's pixels
 /// of their area times their distance from the plane of the triangle that they appear in.
 class Refiner {
  public:
   void assign(const Triangulation& mesh);
   /// Flips edges while that lowers the error, in at most `sweeps` passes.
-  /// @param floor  pairs of triangles whose error is below so many means are not looked at.
-  int flip_edges(const Surface& surface, Triangulation& mesh, int sweeps, float floor);
+  /// @param floor   pairs of triangles whose error is below so many means are not looked at.
+  /// @param before  edges that stay, or come back, unless another one is far better.
+  int flip_edges(const Surface& surface, Triangulation& mesh, int sweeps, float floor,
+                 const EdgeMemory& before);
   /// Moves interior vertices to a pixel nearby where that lowers the error.
   /// @param keep  by pixel, may be empty: vertices there stay, or need a far better pixel to move.
   int move_vertices(const Surface& surface, Triangulation& mesh, int radius,

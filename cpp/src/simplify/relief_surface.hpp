@@ -65,6 +65,10 @@ class Surface {
   /// Column and row of the input.
   [[nodiscard]] std::int32_t input_u(std::int32_t pixel) const { return u(pixel) + u0_; }
   [[nodiscard]] std::int32_t input_v(std::int32_t pixel) const { return v(pixel) + v0_; }
+  /// A pixel of the input as one number, for sizes up to 65 536.
+  [[nodiscard]] std::uint32_t place(int u, int v) const {
+    return static_cast<std::uint32_t>(v + v0_) << 16 | static_cast<std::uint32_t>(u + u0_);
+  }
   /// Unit sum of the dense triangles' normals times their areas; (0, 0, 1) if that is nothing.
   [[nodiscard]] Vec3 mean_normal() const;
   /// How many columns and rows a small move (in input units) from a pixel's point goes along the

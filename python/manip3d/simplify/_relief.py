@@ -267,7 +267,7 @@ class ReliefStream:
     """Simplify the frames of a depth sequence so that what stands still stays still.
 
     Each pixel is smoothed over time while its depth changes little, and a pixel that was a vertex
-    in the frame before is given up only for a far better one. Buffers are reused.
+    in the frame before, or an edge, is given up only for a far better one. Buffers are reused.
 
     Parameters
     ----------

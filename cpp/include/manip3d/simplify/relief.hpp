@@ -25,7 +25,8 @@ struct ReliefOptions {
   /// Dense triangles with a longer edge are no surface; units of the points.
   double max_edge = std::numeric_limits<double>::infinity();
   /// How many times as much it costs to give up a pixel that was a vertex in the frame before; 1:
-  /// each frame for itself. For frames of one size through one object.
+  /// each frame for itself. Above 1 edges of that frame stay too unless others halve the error. For
+  /// frames of one size through one object.
   double stability = 1.0;
   /// Sizes of smaller meshes that share the vertices: strictly decreasing, at least 3, below
   /// target_points; not with move_points. Each is a prefix of the vertices.
