@@ -176,23 +176,24 @@ class BoneBuilder {
 
   /// A piece of a limb to be taken out; the allowance grows over the one from the root.
   void add_piece(Limb limb, const Eigen::Vector3f& from, const Eigen::Vector3f& to,
-                 const BoneRadii& mean) {
-    const bool is_root = mean.start == kMeanRadii[limb_label(limb)].start;
-    bones_.add(from, to, limb_label(limb),
-               scaled({is_root ? mean.start : mean.start + kAllowance, mean.end + kAllowance}));
+                 const BoneRadii& mean, bool from_root) {
+    const float start = from_root ? mean.start : mean.start + kAllowance;
+    bones_.add(from, to, limb_label(limb), scaled({start, mean.end + kAllowance}));
   }
 
   /// The tracked joints of one limb, at their places, as pieces of another.
   template <typename Place>
   void add_chain(Limb limb, Limb of, Eigen::Vector3f from, const Place& place) {
     float radius = kMeanRadii[limb_label(of)].start;
+    bool from_root = true;
     for (const Joint joint : limb_chain(of).subspan(1)) {
       if (!is_tracked(skeleton_, joint)) continue;
       const float end = kMeanRadii[static_cast<std::size_t>(joint)].end;
       const Eigen::Vector3f to = place(joint);
-      add_piece(limb, from, to, {radius, end});
+      add_piece(limb, from, to, {radius, end}, from_root);
       from = to;
       radius = end;
+      from_root = false;
     }
   }
 
@@ -203,7 +204,7 @@ class BoneBuilder {
       const bool branches = is_limb_bone(limb, thumb) &&
                             std::ranges::find(limb_chain(limb), joint) == limb_chain(limb).end();
       if (branches && is_tracked(skeleton_, parent) && is_tracked(skeleton_, joint)) {
-        add_piece(limb, skeleton_[parent], skeleton_[joint], kMeanRadii[thumb]);
+        add_piece(limb, skeleton_[parent], skeleton_[joint], kMeanRadii[thumb], false);
       }
     }
   }
@@ -215,7 +216,7 @@ class BoneBuilder {
     const std::uint8_t label = limb_label(limb);
     const Joint end = farthest_tracked(skeleton_, intact);
     if (rule_ == BoneRule::kPaper || end == limb_root(intact)) {
-      add_piece(limb, from, place(end), kMeanRadii[label]);
+      add_piece(limb, from, place(end), kMeanRadii[label], true);
       return;
     }
     add_chain(limb, intact, from, place);
@@ -225,8 +226,8 @@ class BoneBuilder {
     const Eigen::Vector3f down =
         (skeleton_[Joint::kSpineBase] - skeleton_[Joint::kSpineMid]).normalized();
     const Eigen::Vector3f hanging = moving.norm() * down;
-    add_piece(limb, from, from + hanging, kMeanRadii[label]);
-    add_piece(limb, from, from + 0.5F * (moving + hanging), kMeanRadii[label]);
+    add_piece(limb, from, from + hanging, kMeanRadii[label], true);
+    add_piece(limb, from, from + 0.5F * (moving + hanging), kMeanRadii[label], true);
   }
 
   const Skeleton& skeleton_;

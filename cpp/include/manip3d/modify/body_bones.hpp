@@ -33,7 +33,7 @@ struct BoneSegments {
   std::array<BoneRadii, kCapacity> radii{};
   std::array<std::uint8_t, kCapacity> label{};
   void add(const Eigen::Vector3f& from, const Eigen::Vector3f& to, std::size_t number,
-           const BoneRadii& thickness = {});
+           const BoneRadii& thickness);
 };
 
 /// The bones whose two joints are usable, in order of their numbers.
@@ -47,7 +47,9 @@ struct BoneSegments {
 BoneSegments body_bones(const Skeleton& skeleton, BoneRule rule);
 
 /// The same with all of a limb as one bone of number limb_label(): the line through those of its
-/// joints that are tracked, straight where inner ones are not.
+/// joints that are tracked, straight where inner ones are not. With kSkin it grows, from its root
+/// to the next of these joints, by a standard deviation of a thigh's girth: rather is a sliver of
+/// the trunk taken for the limb than one of the limb for the trunk.
 ///
 /// Where none beyond the root is tracked, the limb is looked for where the other one is, mirrored,
 /// from the root on: kPaper along the straight line to its end, kSkin along its joints, and, for a
