@@ -71,7 +71,7 @@ ctest: setup
 	ctest --test-dir build/dev --output-on-failure -j "$$(nproc)"
 
 pytest: setup ctest
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 lint: setup ## Check format, ruff, mypy and that the type stubs of the core are up to date
 	$(BIN)/clang-format --dry-run -Werror $(CPP_FORMATTED)
@@ -111,10 +111,10 @@ asan: setup ## Run both test suites under the address and undefined-behaviour sa
 	@rm -rf $(ASAN_SITE) && mkdir -p $(ASAN_SITE)
 	@cp -rs $(CURDIR)/python/manip3d $(ASAN_SITE)/ && rm -f $(ASAN_SITE)/manip3d/_core*.so
 	@cmake --install build/asan --prefix $(ASAN_SITE) >/dev/null
-	@env PYTHONPATH=$(ASAN_SITE):$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
+	@python="$$($(BIN)/python -c 'import sys; print(sys._base_executable)') -S"; env PYTHONPATH=$(ASAN_SITE):$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
 		LD_PRELOAD="$$(g++ -print-file-name=libasan.so) $$(g++ -print-file-name=libstdc++.so)" \
 		PYTHONMALLOC=malloc ASAN_OPTIONS=detect_leaks=0:symbolize=0 \
-		$$($(BIN)/python -c 'import sys; print(sys._base_executable)') -S -m pytest $(PYTEST_ASAN)
+		$$python -m pytest --tx "$$(nproc)*popen//python=$$python" --dist worksteal $(PYTEST_ASAN)
 
 tsan: ## Run the C++ tests under the thread sanitizer
 	.ci/install_packages.sh $(PACKAGES)
