@@ -111,7 +111,8 @@ asan: setup ## Run both test suites under the address and undefined-behaviour sa
 	@rm -rf $(ASAN_SITE) && mkdir -p $(ASAN_SITE)
 	@cp -rs $(CURDIR)/python/manip3d $(ASAN_SITE)/ && rm -f $(ASAN_SITE)/manip3d/_core*.so
 	@cmake --install build/asan --prefix $(ASAN_SITE) >/dev/null
-	@python="$$($(BIN)/python -c 'import sys; print(sys._base_executable)') -S"; env PYTHONPATH=$(ASAN_SITE):$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
+	@python="$$($(BIN)/python -c 'import sys; print(sys._base_executable)') -S"; \
+		env PYTHONPATH=$(ASAN_SITE):$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
 		LD_PRELOAD="$$(g++ -print-file-name=libasan.so) $$(g++ -print-file-name=libstdc++.so)" \
 		PYTHONMALLOC=malloc ASAN_OPTIONS=detect_leaks=0:symbolize=0 \
 		$$python -m pytest --tx "$$(nproc)*popen//python=$$python" --dist worksteal $(PYTEST_ASAN)
