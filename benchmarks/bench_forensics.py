@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import statistics
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,13 @@ def detectors(folder: Path) -> dict[str, Detector]:
     }
 
 
+def _again(detect: Detector, frame: Any) -> float:
+    """Processor time where the memory of the call before is at hand: frame after frame."""
+    start = time.process_time()
+    detect(frame)
+    return time.process_time() - start
+
+
 def main() -> None:
     """Measure and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -62,14 +70,17 @@ def main() -> None:
     frames = [read_scan(folder / name) for name in FRAMES]
     body = []
     for name, detect in detectors(folder).items():
-        seconds = []
-        for frame in frames:
-            costs = [measure(detect, frame)[1].cpu_s for _ in range(rounds)]
-            seconds.append(min(costs))
+        first = statistics.median(
+            min(measure(detect, frame)[1].cpu_s for _ in range(rounds)) for frame in frames
+        )
+        next_one = statistics.median(
+            min(_again(detect, frame) for _ in range(rounds)) for frame in frames
+        )
         points = float(np.mean([len(frame.points) for frame in frames]))
-        median = statistics.median(seconds)
-        body.append([name, f"{1e3 * median:.1f}", f"{1e9 * median / points:.0f}"])
-    head = ["detector", "ms a frame", "ns a point"]
+        body.append(
+            [name, f"{1e3 * next_one:.1f}", f"{1e9 * next_one / points:.0f}", f"{1e3 * first:.1f}"]
+        )
+    head = ["detector", "ms a frame", "ns a point", "ms, the first frame"]
     tables.write_section("forensics", tables.table(head, body))
 
 
