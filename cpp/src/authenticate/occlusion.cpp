@@ -8,11 +8,13 @@
 #include <limits>
 #include <numbers>
 #include <string>
+#include <utility>
 
 #include "authenticate/cell_mask.hpp"
 #include "geometry/directions.hpp"
 #include "geometry/select_rows.hpp"
 #include "manip3d/error.hpp"
+#include "manip3d/geometry/angles.hpp"
 #include "manip3d/geometry/large_array.hpp"
 #include "manip3d/geometry/parallel.hpp"
 
@@ -22,7 +24,8 @@ namespace {
 constexpr double kPi = std::numbers::pi;
 constexpr std::int64_t kMostCells = 1 << 28;
 constexpr float kNothing = std::numeric_limits<float>::infinity();
-constexpr std::int32_t kNowhere = -1;  // the cell of a point in the origin, which has no direction
+constexpr std::int64_t kEmptyRows = 4;  // around what was seen: more than closing and median reach
+constexpr std::int32_t kNowhere = -1;   // the cell of a point in the origin, which has no direction
 
 void check_options(const OcclusionOptions& options) {
   const ScanGrid& grid = options.grid;
@@ -63,10 +66,21 @@ class CellFinder {
     low_ = static_cast<float>(low > -kPi / 2.0 ? low - options.grid.elevation_step : low);
   }
 
+  /// Leaves out the rows below and above all points, but for a few.
+  void crop(double lowest, double highest) {
+    const auto row_of = [&](double elevation) {
+      return static_cast<std::int64_t>((elevation - low_) * elevation_scale_);
+    };
+    const std::int64_t end = std::min(rows_, row_of(highest) + 1 + kEmptyRows);
+    first_row_ = std::clamp(row_of(lowest) - kEmptyRows, std::int64_t{0}, end - 1);
+    rows_ = end - first_row_;
+  }
+
   [[nodiscard]] std::int64_t columns() const { return columns_; }
   [[nodiscard]] std::int64_t rows() const { return rows_; }
+  [[nodiscard]] std::int64_t first_row() const { return first_row_; }
   [[nodiscard]] double elevation_of(std::int64_t row) const {
-    return low_ + (static_cast<double>(row) + 0.5) / elevation_scale_;
+    return low_ + (static_cast<double>(first_row_ + row) + 0.5) / elevation_scale_;
   }
 
   // Calls visit(row of the points, cell, range) for [begin, end).
@@ -87,7 +101,8 @@ class CellFinder {
  private:
   [[nodiscard]] std::int32_t cell(const Directions& directions, std::int64_t k) const {
     auto column = static_cast<std::int64_t>((directions.azimuth[k] - left_) * azimuth_scale_);
-    const auto row = static_cast<std::int64_t>((directions.elevation[k] - low_) * elevation_scale_);
+    const auto row =
+        static_cast<std::int64_t>((directions.elevation[k] - low_) * elevation_scale_) - first_row_;
     if (column >= columns_) column -= columns_;
     return static_cast<std::int32_t>(std::clamp(row, std::int64_t{0}, rows_ - 1) * columns_ +
                                      std::clamp(column, std::int64_t{0}, columns_ - 1));
@@ -95,9 +110,43 @@ class CellFinder {
 
   Eigen::Vector3d origin_;
   std::int64_t columns_, rows_;
+  std::int64_t first_row_ = 0;
   float azimuth_scale_, elevation_scale_;
   float left_ = 0.0F, low_ = 0.0F;
 };
+
+double angle_of_slope(double slope) {
+  return std::isinf(slope) ? std::copysign(kPi / 2.0, slope) : arc_tangent(slope, 1.0);
+}
+
+// Lowest and highest elevation of the points, nearly: the tangents' angles.
+std::pair<double, double> elevations(const PointsView& view, const Eigen::Vector3d& origin,
+                                     int num_threads) {
+  const std::int64_t chunks = (view.num_points() + kPointChunk - 1) / kPointChunk;
+  std::vector<float> least(static_cast<std::size_t>(chunks), kNothing);
+  std::vector<float> most(static_cast<std::size_t>(chunks), -kNothing);
+  parallel_chunks(view.num_points(), kPointChunk, num_threads,
+                  [&](std::int64_t begin, std::int64_t end) {
+                    float low = kNothing;
+                    float high = -kNothing;
+                    for (std::int64_t i = begin; i < end; ++i) {
+                      const Eigen::Vector3f p =
+                          (view.points.row(i).transpose().cast<double>() - origin).cast<float>();
+                      const float slope = p.z() / std::sqrt(p.x() * p.x() + p.y() * p.y());
+                      low = slope < low ? slope : low;  // a point in the origin has none: NaN
+                      high = slope > high ? slope : high;
+                    }
+                    least[begin / kPointChunk] = low;
+                    most[begin / kPointChunk] = high;
+                  });
+  double lowest = kPi / 2.0;
+  double highest = -kPi / 2.0;
+  for (std::int64_t c = 0; c < chunks; ++c) {
+    lowest = std::min(lowest, angle_of_slope(least[c]));
+    highest = std::max(highest, angle_of_slope(most[c]));
+  }
+  return {lowest, highest};
+}
 
 // Nearest and farthest range of each cell. Ranges are positive, so their bits are in their order.
 struct RangeImage {
@@ -187,8 +236,8 @@ void span_columns(std::vector<std::int64_t> marked, std::int64_t columns,
 OcclusionComponent measure(const std::vector<const MaskRun*>& runs, const RangeImage& image,
                            const CellFinder& finder, const ScanGrid& grid, float min_gap) {
   OcclusionComponent component;
-  component.first_row = runs.front()->row;
-  component.last_row = runs.back()->row;
+  component.first_row = finder.first_row() + runs.front()->row;
+  component.last_row = finder.first_row() + runs.back()->row;
   std::vector<float> ranges;
   std::vector<std::int64_t> columns;
   for (const MaskRun* run : runs) {
@@ -300,7 +349,9 @@ std::vector<std::uint8_t> cropped(const CellMask& mask, std::int64_t first, std:
 OcclusionResult occlusion_consistency(const PointsView& view, const OcclusionOptions& options) {
   check_options(options);
   check_points_everywhere(view, options.num_threads);
-  const CellFinder finder(options);
+  CellFinder finder(options);
+  const auto [lowest, highest] = elevations(view, options.origin, options.num_threads);
+  if (lowest <= highest) finder.crop(lowest, highest);
   const RangeImage image = range_image(view, finder, options.num_threads);
   std::vector<float> gaps;
   if (options.accumulate) gaps = accumulated_gaps(view, finder);
@@ -314,7 +365,7 @@ OcclusionResult occlusion_consistency(const PointsView& view, const OcclusionOpt
     suspect_points(view, image, cell_component, options, result);
   }
   const auto [first, last] = occupied_rows(image, finder);
-  result.first_row = first;
+  result.first_row = finder.first_row() + first;
   result.rows = last - first;
   result.columns = finder.columns();
   result.mask = cropped(mask, first, last);
