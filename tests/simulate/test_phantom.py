@@ -96,6 +96,21 @@ def test_sources_are_exact_where_nothing_is_filled(limb: Any) -> None:
     assert (capture.frame.body_index[i, j] == 0).all()  # type: ignore[index]
 
 
+@pytest.mark.parametrize("turn", [-10.0, -5.0, 0.0, 5.0, 10.0])
+def test_no_hole_over_two_pixels_up_to_ten_degrees(turn: float) -> None:
+    ndimage = pytest.importorskip("scipy.ndimage")
+    simulator = simulated(motion="arm-raise", amputated="right_arm", turn=turn, noise=0.0)
+    for time in (1.2, 2.0):
+        capture = with_true_joints(simulator.capture(time))
+        result = PhantomPipeline("right_arm", smoothing=None).process(capture.frame)
+        shown = result.kinds > 0
+        holes, _ = ndimage.label(ndimage.binary_fill_holes(shown) & ~shown)
+        enclosed = [hole for hole in ndimage.find_objects(holes) if result.phantom[hole].any()]
+        sizes = [(holes[hole] > 0).sum() for hole in enclosed]
+        # What an arm encloses with the trunk is no hole but background.
+        assert max((size for size in sizes if size < 100), default=0) <= 2
+
+
 def test_occlusion_is_said_and_bridged() -> None:
     simulator = simulated(motion="arm-raise", amputated="right_arm", occluder=(0.5, 2.0), frames=75)
     pipeline = PhantomPipeline("right_arm")

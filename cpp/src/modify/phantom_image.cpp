@@ -335,16 +335,30 @@ std::int64_t fill_holes(const PixelBox& box, const PixelRays& rays, const Phanto
   const auto has_phantom = [&](const Pair& pair) {
     return pair.present && (is_phantom(image.kind[pair.a]) || is_phantom(image.kind[pair.b]));
   };
+  const auto pair_around = [&](std::int64_t p, std::int64_t step) {
+    return Pair{p - step, p + step, is_there(p - step) && is_there(p + step)};
+  };
+  // One pixel further, where the nearer one is empty too.
+  const auto wider_pair = [&](std::int64_t p, std::int64_t step) {
+    const std::int64_t a = is_there(p - step) ? p - step : p - 2 * step;
+    const std::int64_t b = is_there(p + step) ? p + step : p + 2 * step;
+    return Pair{a, b, is_there(a) && is_there(b)};
+  };
   for (std::int64_t v = v0; v < v1; ++v) {
     for (std::int64_t u = u0; u < u1; ++u) {
-      const std::int64_t p = v * image.cols + u, up = p - image.cols, down = p + image.cols;
+      const std::int64_t p = v * image.cols + u;
       if (is_there(p) || !has_ray(rays, u, v)) continue;
-      const Pair beside{p - 1, p + 1, is_there(p - 1) && is_there(p + 1)};
-      const Pair above{up, down, is_there(up) && is_there(down)};
-      if (!has_phantom(beside) && !has_phantom(above)) continue;
+      Pair beside = pair_around(p, 1), above = pair_around(p, image.cols);
+      if (!has_phantom(beside) && !has_phantom(above)) {
+        if (u < 2 || v < 2 || u + 2 >= image.cols || v + 2 >= image.rows) continue;
+        beside = wider_pair(p, 1);
+        if (!beside.present) continue;
+        above = wider_pair(p, image.cols);
+        if (!above.present || !(has_phantom(beside) || has_phantom(above))) continue;
+      }
       HoleFill fill = filled_from(has_phantom(beside) ? beside : above, image);
       fill.pixel = static_cast<std::int32_t>(p);
-      fill.depth = mean_depth({p - 1, p + 1, up, down}, image);
+      fill.depth = mean_depth({beside.a, beside.b, above.a, above.b}, image);
       fills.push_back(fill);
     }
   }

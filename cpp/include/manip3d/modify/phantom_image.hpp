@@ -100,10 +100,12 @@ struct HoleFill {
   std::uint8_t label;
 };
 
-/// Fills empty pixels of the box that have something to the left and right or above and below, and
-/// the phantom in one such pair: depth is the mean of the neighbours there are, all as they were
-/// before; the source is the mean of the pair's, the phantom's if only one is of it. How many.
-/// Pixels without a ray stay empty. Filled ones become of the kind. `fills` is scratch memory.
+/// Fills empty pixels of the box that have something to the left and right or above and below, or,
+/// within two pixels, on all four sides (a hole of 2 x 2 pixels has no pixel with opposite
+/// neighbours), and the phantom in one such pair: depth is the mean of the neighbours there are,
+/// all as they were before; the source is the mean of the pair's, the phantom's if only one is of
+/// it. How many. Pixels without a ray stay empty. Filled ones become of the kind. `fills` is
+/// scratch memory.
 std::int64_t fill_holes(const PixelBox& box, const PixelRays& rays, const PhantomImage& image,
                         std::vector<HoleFill>& fills, PixelKind kind = PixelKind::kFilled);
 
