@@ -10,10 +10,14 @@ here=$(cd "$(dirname "$0")" && pwd)
 build=${FUZZ_BUILD:-$here/../../build/fuzz/cpp/fuzz}
 executions=${1:?usage: run.sh EXECUTIONS [TARGET...]}
 shift
+# Kernels are no parsers: each execution runs them several times over. The longest begin.
+export kernels=" detectors relief phantom cs3 attacks metrics grid_delaunay simplify "
 if [ $# -eq 0 ]; then
+  set -- $kernels
   for source in "$here"/fuzz_*.cpp; do
     name=$(basename "$source" .cpp)
-    set -- "$@" "${name#fuzz_}"
+    name=${name#fuzz_}
+    [[ $kernels == *" $name "* ]] || set -- "$@" "$name"
   done
 fi
 findings=$build/findings
@@ -28,10 +32,8 @@ fuzz() {
   work=$(mktemp -d)
   mkdir -p "$corpus"
   count=$(find "$corpus" -type f | wc -l)
-  # Kernels are no parsers: each execution runs them several times over.
-  case $name in metrics | simplify | grid_delaunay | cs3 | relief | detectors | attacks | phantom)
-    runs=$((executions / 10)) ;; *) runs=$executions ;;
-  esac
+  runs=$executions
+  [[ $kernels == *" $name "* ]] && runs=$((executions / 10))
   dictionary=()
   [ -e "$here/$name.dict" ] && dictionary=("-dict=$here/$name.dict")
   # First the corpus as it stands, which holds every past finding; then new inputs.

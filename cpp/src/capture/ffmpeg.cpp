@@ -18,8 +18,8 @@ namespace {
 
 constexpr std::int64_t kMaxRowPadding = 64;  // of FFmpeg's frames
 
-constexpr int kMaxSlices =
-    64;  // FFmpeg's encoder makes 4 of images up to 1080p, 24 at most unasked
+// FFmpeg's encoder makes 4 of images up to 1080p, 24 at most unasked.
+constexpr int kMaxSlices = 64;
 
 // The latest first. Each was read off its headers and tried with the libraries themselves.
 constexpr FfmpegLayout kLayouts[] = {
