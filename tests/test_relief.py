@@ -501,7 +501,7 @@ def test_below_meshoptimizer(scan: str, points: int, subset: float, update: floa
 
 
 @pytest.mark.realdata
-@pytest.mark.parametrize("effort", ["balanced", "fine"])
+@pytest.mark.parametrize("effort", ["fast", "balanced", "fine"])
 @pytest.mark.parametrize(
     ("scan", "points"),
     [("bunny/bun000.ply.xz", 2012), ("happy_stand/happyStandRight_0.ply.xz", 3902)],
