@@ -17,7 +17,7 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 
 from manip3d._cli.terminal import Terminal, count
-from manip3d._files import atomic_path
+from manip3d._files import atomic_folder, atomic_path
 from manip3d.errors import InputError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -134,16 +134,8 @@ def _sink(output: Path, *, force: bool) -> Iterator[Sink]:
         raise InputError(f"{output}: expected .mp4, or a folder's name without a suffix")
     if output.exists() and not (force and _holds_pictures_only(output)):
         raise InputError(f"{output}: expected a new folder, or one of pictures and --force")
-    temporary = Path(tempfile.mkdtemp(prefix=".manip3d-", dir=output.parent))
-    try:
-        new = temporary / "new"
-        new.mkdir()
+    with atomic_folder(output) as new:
         yield _Folder(new)
-        if output.exists():
-            output.rename(temporary / "old")
-        new.rename(output)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _holds_pictures_only(folder: Path) -> bool:
