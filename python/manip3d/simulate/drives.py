@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -15,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from manip3d._options import generator_of, reporting
+from manip3d._util.options import generator_of, reporting
+from manip3d._util.paths import path_of
 from manip3d.errors import InputError, MissingExtraError
+from manip3d.io._files import atomic_folder
 from manip3d.lidar import Box
 from manip3d.simulate import cameras
 from manip3d.simulate.cameras import StereoPair, stereo_pair
@@ -26,7 +26,7 @@ from manip3d.simulate.streets import Street
 if TYPE_CHECKING:
     import PIL.Image
 
-    from manip3d._options import Progress, Rng
+    from manip3d._util.options import Progress, Rng
 
 __all__ = ["DriveFrame", "drive", "write_drive"]
 
