@@ -81,6 +81,7 @@ __all__: list[str] = [
     "joint_names",
     "joint_parents",
     "local_spacing",
+    "make_temporary_folder",
     "metro",
     "mirrored_joints",
     "move_box",
@@ -100,6 +101,7 @@ __all__: list[str] = [
     "readable_suffixes",
     "registered_uvs",
     "render_depth",
+    "replace_folder",
     "replace_rows",
     "replay_collapses",
     "repose",
@@ -927,9 +929,9 @@ class VelodynePcapSource:
 class VelodyneUdpSource:
     def __init__(
         self,
-        address: str,
+        address: bytes,
         port: typing.SupportsInt | typing.SupportsIndex,
-        sender: str,
+        sender: bytes,
         ring_packets: typing.SupportsInt | typing.SupportsIndex,
         options: VelodyneOptions,
     ) -> None: ...
@@ -1421,6 +1423,7 @@ def local_spacing(
     radius: typing.SupportsFloat | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> float: ...
+def make_temporary_folder(folder: bytes) -> tuple[bytes, int]: ...
 def metro(
     original: typing.Any,
     simplified: typing.Any,
@@ -1555,6 +1558,7 @@ def render_depth(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> numpy.ndarray: ...
+def replace_folder(made: bytes, target: bytes) -> None: ...
 def replace_rows(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],

@@ -20,4 +20,8 @@ def path_of(path: str | os.PathLike[str], name: str = "path") -> Path:
         raise InputError(f"{name}: expected a path, got {type(path).__name__}")
     if "\0" in os.fspath(path):
         raise InputError(f"{name}: expected a path without NUL characters, got {path!r}")
+    try:
+        os.fsencode(path)
+    except UnicodeEncodeError as error:
+        raise InputError(f"{name}: expected characters of file names, got {path!r}") from error
     return Path(path)

@@ -39,6 +39,12 @@ def check_regular(path: str | os.PathLike[str]) -> None:
     open_regular(path).close()
 
 
+def regular_bytes(path: str | os.PathLike[str]) -> bytes:
+    """Return the content of what `open_regular` opens."""
+    with open_regular(path) as file:
+        return file.read()
+
+
 def _sync_folder(folder: Path) -> None:
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:

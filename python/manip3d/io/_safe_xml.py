@@ -8,6 +8,7 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 from manip3d.errors import FormatError
+from manip3d.io._files import open_regular
 
 MOST_BYTES = 16 << 20
 _MOST_DEPTH = 64
@@ -68,7 +69,7 @@ def bounded_bytes(path: Path, most: int) -> bytes:
     FormatError
         There are more.
     """
-    with path.open("rb") as stream:
+    with open_regular(path) as stream:
         data = stream.read(most + 1)
     if len(data) > most:
         raise FormatError(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d.errors import FormatError, InputError, MissingExtraError
-from manip3d.io._files import atomic_path
+from manip3d.io._files import atomic_path, open_regular
 from manip3d.io._scan_tables import (
     byte_limit,
     exact_coordinates,
@@ -73,7 +73,7 @@ def read(path: Path, max_bytes: int | None) -> LidarFrame:
 
 def _check_header(path: Path, limit: int) -> None:
     """Refuse counts that the file's bytes cannot hold, before anything is allocated."""
-    with path.open("rb") as stream:
+    with open_regular(path) as stream:
         head = stream.read(375)
     size = path.stat().st_size
 

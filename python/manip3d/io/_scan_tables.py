@@ -12,6 +12,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d.errors import FormatError, InputError
+from manip3d.io._files import regular_bytes
 from manip3d.lidar import LidarFrame, ScanFormat
 
 if TYPE_CHECKING:
@@ -277,7 +278,7 @@ def read_pose(path: Path) -> NDArray[np.float64] | None:
     if not pose.is_file():
         return None
     try:
-        numbers = np.array(pose.read_text(errors="replace").split(), np.float64)
+        numbers = np.array(regular_bytes(pose).decode(errors="replace").split(), np.float64)
     except ValueError:
         numbers = np.empty(0)
     if numbers.shape != (6,) or not np.isfinite(numbers).all():
