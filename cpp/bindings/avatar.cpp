@@ -165,7 +165,8 @@ void bind_avatar(py::module_& m) {
       .def("reset", exclusively(&ColliderTracker::reset))
       .def("now",
            [](Exclusive<ColliderTracker>& self) {
-             return to_tables(self.with([](const ColliderTracker& tracker) { return tracker.now(); }));
+             return to_tables(
+                 self.with([](const ColliderTracker& tracker) { return tracker.now(); }));
            })
       .def("first_hits", &first_hits, py::arg("start").noconvert(), py::arg("end").noconvert(),
            py::arg("radius").noconvert());

@@ -116,7 +116,8 @@ void bind_capture(py::module_& m) {
              const auto wanted =
                  port < 0 ? std::nullopt : std::optional(static_cast<std::uint16_t>(port));
              const py::gil_scoped_release nogil;
-             return std::make_unique<Exclusive<VelodynePcapSource>>(file, options, wanted, max_bytes);
+             return std::make_unique<Exclusive<VelodynePcapSource>>(file, options, wanted,
+                                                                    max_bytes);
            }),
            py::arg("path"), py::arg("options"), py::arg("port"), py::arg("max_bytes"))
       .def("read", &read<VelodynePcapSource>, py::arg("timeout_ms"))
@@ -137,7 +138,8 @@ void bind_capture(py::module_& m) {
                        std::size_t ring_packets, const VelodyneOptions& options) {
              return std::make_unique<Exclusive<VelodyneUdpSource>>(
                  UdpOptions{to_c_text(address, "address"), port, to_c_text(sender, "sender"),
-                            ring_packets}, options);
+                            ring_packets},
+                 options);
            }),
            py::arg("address"), py::arg("port"), py::arg("sender"), py::arg("ring_packets"),
            py::arg("options"))
@@ -154,8 +156,8 @@ void bind_capture(py::module_& m) {
       .def("port", [](Exclusive<VelodyneUdpSource>& self) { return self.shared().port(); })
       .def("read", &read<VelodyneUdpSource>, py::arg("timeout_ms"))
       .def("counters", [](Exclusive<VelodyneUdpSource>& self) {
-        Fields fields = to_fields(
-            self.with([](const VelodyneUdpSource& source) { return source.counters(); }));
+        Fields fields =
+            to_fields(self.with([](const VelodyneUdpSource& source) { return source.counters(); }));
         const UdpCounters c = self.shared().udp_counters();
         fields["udp_packets"] = c.packets;
         fields["udp_dropped"] = c.dropped;

@@ -55,9 +55,8 @@ class Turnstile {
   bool take_turn(std::uint64_t ticket, std::thread::id self) {
     const pybind11::gil_scoped_release nogil;
     std::unique_lock lock(mutex_);
-    const bool is_next = changed_.wait_for(lock, std::chrono::milliseconds(100), [&] {
-      return !owner_ && queue_.front() == ticket;
-    });
+    const bool is_next = changed_.wait_for(lock, std::chrono::milliseconds(100),
+                                           [&] { return !owner_ && queue_.front() == ticket; });
     if (!is_next) return false;
     queue_.pop_front();
     owner_ = self;

@@ -101,7 +101,9 @@ void bind_io(py::module_& m) {
   m.def(
       "resolve_inside",
       [](const py::bytes& folder, const py::bytes& reference) {
-        return py::bytes(resolve_inside(to_path(folder, "folder"), to_path(reference, "reference").string()).string());
+        return py::bytes(
+            resolve_inside(to_path(folder, "folder"), to_path(reference, "reference").string())
+                .string());
       },
       py::arg("folder"), py::arg("reference"));
   m.def(

@@ -139,7 +139,8 @@ void bind_source(py::module_& m) {
       },
       py::arg("uri"), py::arg("speed"), py::arg("units_per_metre"), py::arg("camera"));
   m.def(
-      "set_ffmpeg_folder", [](const py::bytes& folder) { ffmpeg_folder() = to_path(folder, "folder"); },
+      "set_ffmpeg_folder",
+      [](const py::bytes& folder) { ffmpeg_folder() = to_path(folder, "folder"); },
       py::arg("folder"));
   m.def("rgbd_schemes", [] {
     std::vector<RgbdScheme> schemes;

@@ -815,7 +815,6 @@ class ColliderTracker:
         max_radius: typing.SupportsFloat | typing.SupportsIndex,
         first_radius: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
-    def before(self) -> tuple[typing.Any, ...]: ...
     def first_hits(
         self,
         start: numpy.typing.NDArray[numpy.float32],
@@ -829,7 +828,7 @@ class ColliderTracker:
         skeleton: typing.Any,
         label: numpy.typing.NDArray[numpy.uint8],
         squared_distance: numpy.typing.NDArray[numpy.float32],
-    ) -> None: ...
+    ) -> tuple[typing.Any, ...]: ...
 
 class ShoeCoverTracker:
     def __init__(

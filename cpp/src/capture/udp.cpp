@@ -120,8 +120,7 @@ void UdpReceiver::end_of_thread() {
 void UdpReceiver::receive() {
   std::array<std::byte, kMaxUdpBytes> data;
   alignas(cmsghdr) std::array<char, 256> control;
-  std::array<pollfd, 2> waits{pollfd{socket_.get(), POLLIN, 0},
-                                 pollfd{wake_.get(), POLLIN, 0}};
+  std::array<pollfd, 2> waits{pollfd{socket_.get(), POLLIN, 0}, pollfd{wake_.get(), POLLIN, 0}};
   while (true) {
     if (poll(waits.data(), waits.size(), -1) < 0 && errno != EINTR) break;
     if ((waits[1].revents & POLLIN) != 0) break;

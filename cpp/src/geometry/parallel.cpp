@@ -80,7 +80,7 @@ class Arenas {
   }
 
   std::mutex mutex_;
-  std::vector<std::vector<Arena>> idle_;
+  std::vector<std::vector<Arena> > idle_;
 };
 
 /// Null before the first call, and in a child process: there are none of the parent's threads, and

@@ -84,8 +84,7 @@ void AtomicFile::commit(bool sync) {
   if (::rename(temporary_.c_str(), target_.c_str()) != 0) refuse("cannot rename");
   temporary_.clear();
   if (!sync) return;
-  const Descriptor folder(
-      ::open(folder_of(target_).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  const Descriptor folder(::open(folder_of(target_).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
   if (!folder.is_open()) return;  // no permission to list it: the rename itself is done
   // Some network file systems cannot sync a folder and say so with EINVAL.
   if (::fsync(folder.get()) != 0 && errno != EINVAL) refuse("cannot sync the folder of");

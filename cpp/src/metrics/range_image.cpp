@@ -264,13 +264,14 @@ std::vector<double> render_depth(const MeshView& mesh, const PointGridView& grid
   Ticker ticker(progress);
   const Places places = places_of(grid, camera, ticker);
   std::vector<SeenTriangle> triangles(static_cast<std::size_t>(mesh.num_faces()));
-  parallel_chunks(mesh.num_faces(), kSampleChunk, options.num_threads,
-                  [&](std::int64_t begin, std::int64_t end) {
-                    for (std::int64_t f = begin; f < end; ++f) {
-                      triangles[f] = see(mesh, f, camera, grid, places.farthest + 1e-6);
-                    }
-                  },
-                  part_of(progress, 0.0, 0.0));
+  parallel_chunks(
+      mesh.num_faces(), kSampleChunk, options.num_threads,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t f = begin; f < end; ++f) {
+          triangles[f] = see(mesh, f, camera, grid, places.farthest + 1e-6);
+        }
+      },
+      part_of(progress, 0.0, 0.0));
   std::vector<double> depth(places.pixel.size(), kNoHit);
   const auto render_band = [&](std::span<const SeenTriangle> some, std::int64_t first_row,
                                std::int64_t end_row) {

@@ -38,7 +38,7 @@ class GrabThread final : public RgbdSource {
 
   std::unique_ptr<RgbdSource> camera_;  // the thread's while it runs
   std::optional<std::int64_t> num_frames_;
-  RgbdFrame filling_;  // the thread's
+  RgbdFrame filling_;      // the thread's
   std::mutex start_stop_;  // one of them at a time; taken before mutex_
   std::thread thread_;
   mutable std::mutex mutex_;  // guards what follows
