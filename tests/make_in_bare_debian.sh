@@ -26,11 +26,11 @@ cp -a "$bare" "$root"
 cp -L /etc/resolv.conf /etc/hosts "$root/etc/"
 cp -L /etc/ssl/certs/ca-certificates.crt "$root/etc/ssl/certs/"
 [ ! -e /etc/pip.conf ] || cp /etc/pip.conf "$root/etc/"
-git clone --quiet --no-local "$here/.." "$root/root/manip3d"
+git clone --quiet --no-local "$here/.." "$root/srv/manip3d"
 
 # shellcheck disable=SC2016
 inside='mount -t proc proc "$0/proc"; mount -t tmpfs shm "$0/dev/shm" || true
   exec chroot "$0" env -i HOME=/root PATH=/usr/sbin:/usr/bin:/sbin:/bin LANG=C.UTF-8 TERM=xterm \
-    COLUMNS=110 LINES=40 NODE_EXTRA_CA_CERTS=/etc/ssl/certs/ca-certificates.crt make -C /root/manip3d "$1"'
+    COLUMNS=110 LINES=40 NODE_EXTRA_CA_CERTS=/etc/ssl/certs/ca-certificates.crt make -C /srv/manip3d "$1"'
 taskset -c "0-$((cores - 1))" python3 "$here/timed_transcript.py" \
   unshare --mount bash -c "$inside" "$root" "$target"
