@@ -30,7 +30,7 @@ class Transcript:
         now = time.monotonic()
         self.silence = max(self.silence, (now - self.heard, self.heard - self.start))
         self.heard = now
-        *ended, self.line = re.split(rb"(?<=[\r\n])", self.line + output)
+        *ended, self.line = re.split(rb"(?<=\n)|(?<=\r)(?=[^\n])", self.line + output)
         for line in ended:
             drawn_over = line.endswith(b"\r")
             if not drawn_over or now - self.drawn >= EVERY:
