@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from manip3d._util.paths import path_of
 from manip3d import datasets
 from manip3d._util.parallel import run_tasks
+from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.experiments._environment import code_fingerprint, environment
 from manip3d.experiments._model import Case, Experiment, Plan, Row, Sheet
