@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+import real_data
+from manip3d import Mesh, datasets
 
 # Seconds depend on what else runs; the same examples in every run.
 settings.register_profile("ci", max_examples=200, deadline=None, derandomize=True)
@@ -27,6 +30,42 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="store_true",
         help="rewrite tests/golden/golden.json from this run, for review with git diff",
     )
+
+
+@pytest.hookimpl(tryfirst=True)  # before -m chooses among the marks
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests that ask for real data are marked ``realdata``, and are skipped where there is none."""
+    for item in items:
+        if "realdata" in getattr(item, "fixturenames", ()):
+            item.add_marker("realdata")
+        if real_data.ROOT is None and item.get_closest_marker("realdata"):
+            item.add_marker(pytest.mark.skip(reason="MANIP3D_DATA is not set"))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Tests without the mark see no real data: they hold on a machine that has none."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not item.get_closest_marker("realdata"):
+            patch.delenv("MANIP3D_DATA", raising=False)
+        return (yield)
+
+
+@pytest.fixture(scope="session")
+def realdata() -> real_data.RealData:
+    """Give ``realdata("lidar/tls/x.ply.xz") -> Path``; the test is skipped if it is absent."""
+    return real_data.RealData()
+
+
+@pytest.fixture(scope="session")
+def real_mesh(realdata: real_data.RealData) -> Callable[[str], Mesh]:
+    """Give ``real_mesh("rockerArm") -> Mesh`` of the registry; the test is skipped if absent."""
+
+    def load(name: str) -> Mesh:
+        realdata.needs(name)
+        return datasets.load_mesh(name)
+
+    return load
 
 
 @pytest.fixture
