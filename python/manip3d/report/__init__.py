@@ -1,4 +1,4 @@
-"""Results folders turned into one page: measured beside published, claim by claim."""
+"""Results as one page: experiments beside what was published, and the evidence of a scan."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.experiments import RESULTS_FORMAT
 from manip3d.io._files import atomic_write
+from manip3d.report._evidence import EVIDENCE_KINDS, place_sentence, write_evidence
 
-__all__ = ["write_report"]
+__all__ = ["EVIDENCE_KINDS", "place_sentence", "write_evidence", "write_report"]
 
 _KINDS = (".html", ".md", ".csv")
 
