@@ -14,6 +14,7 @@ from manip3d.experiments._model import (
     Plan,
     Row,
     Verdict,
+    counted,
 )
 from manip3d.experiments._registry import ENTRY_POINTS, registry, select
 from manip3d.experiments._runner import RESULTS_FORMAT, RunSummary, run
@@ -32,6 +33,7 @@ __all__ = [
     "RunSummary",
     "Store",
     "Verdict",
+    "counted",
     "pack_mesh",
     "registry",
     "run",

@@ -58,6 +58,7 @@ EXPERIMENT = Experiment(
     ),
     complete=_forensics.complete,
     notes=(
+        _forensics.resolution_note,
         _forensics.NOTE,
         'A cell says how many verdicts are right: "authentic" on originals, "tampered" on '
         "forgeries. Hoaxes are whole, as published; those of which only the front was pasted stand "
