@@ -73,11 +73,12 @@ ctest: setup
 pytest: setup ctest
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
-lint: setup ## Check format, ruff, mypy and that the type stubs of the core are up to date
+lint: setup ## Check format, ruff, mypy, the layers of the package and the type stubs of the core
 	$(BIN)/clang-format --dry-run -Werror $(CPP_FORMATTED)
 	$(BIN)/ruff check --quiet .
 	$(BIN)/ruff format --quiet --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 	$(BIN)/python .ci/stubs.py --check
 
 stubs: setup ## Write python/manip3d/_core.pyi anew
@@ -103,7 +104,7 @@ ASAN_SITE := $(CURDIR)/build/asan/site
 # Left out: what is slow, and what mostly runs other people's code (VTK, Open3D, libE57, Rust).
 # Tests of limits on memory and time (mebibyte) are not for instrumented code.
 PYTEST_ASAN ?= -q -m 'not slow and not realdata' -k 'not mebibyte' --ignore=tests/viewer \
-	$(addprefix --ignore=tests/test_,capture_openni2.py cli.py cli_cs3.py cli_scans.py experiments_chapter3.py experiments_chapter4.py experiments_runner.py interop.py notebooks.py scan_extras.py)
+	$(addprefix --ignore=tests/,capture/test_capture_openni2.py cli/test_cli.py cli/test_cli_cs3.py cli/test_cli_scans.py experiments/test_experiments_chapter3.py experiments/test_experiments_chapter4.py experiments/test_experiments_runner.py io/test_interop.py experiments/test_notebooks.py io/test_scan_extras.py)
 asan: setup ## Run both test suites under the address and undefined-behaviour sanitizers
 	cmake --preset asan -DMANIP3D_PYTHON=ON -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python >/dev/null
 	cmake --build --preset asan

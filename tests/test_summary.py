@@ -15,8 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from manip3d import Material, Mesh, read_mesh
-from manip3d._summary import MeshSummary
 from manip3d.io import READABLE
+from manip3d.mesh import MeshSummary
 from soups import soups
 
 TETRAHEDRON = Mesh(

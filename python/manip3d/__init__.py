@@ -44,6 +44,7 @@ __all__ = [
     "__version__",
     "authenticate",
     "capture",
+    "datasets",
     "forge",
     "io",
     "metrics",
@@ -60,6 +61,7 @@ _LAZY = frozenset(
     {
         "authenticate",
         "capture",
+        "datasets",
         "forge",
         "io",
         "metrics",
@@ -79,3 +81,7 @@ def __getattr__(name: str) -> Any:
 
         return view
     raise AttributeError(f"module 'manip3d' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
-from manip3d._arrays import rows
+from manip3d._util.arrays import rows
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
-from manip3d._arrays import rows as as_rows
-from manip3d._files import atomic_write
-from manip3d._options import threads_of
+from manip3d._util.arrays import rows as as_rows
+from manip3d._util.options import threads_of
 from manip3d.errors import FormatError, InputError
+from manip3d.io._files import atomic_write
 from manip3d.lidar import LidarFrame
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from manip3d.errors import Error, InputError
 
 ENTRY_POINTS = "manip3d.datasets"
 """Group of entry points: each names a `DataSet` or an iterable of them."""
+_OWN = ("meshes", "scans", "rgbd", "people")
+"""Modules of this package that describe data sets: loaded by name, as plug-ins are."""
 
 
 class DataMissingError(Error, FileNotFoundError):
@@ -104,11 +107,10 @@ def registry() -> Mapping[str, DataSet]:
     InputError
         Two data sets have the same name.
     """
-    from manip3d.datasets import meshes, people, rgbd, scans
-
     found: dict[str, DataSet] = {}
+    own = (import_module(f"manip3d.datasets.{name}").DATA_SETS for name in _OWN)
     plugins = (entry.load() for entry in entry_points(group=ENTRY_POINTS))
-    for group in (meshes.DATA_SETS, scans.DATA_SETS, rgbd.DATA_SETS, people.DATA_SETS, *plugins):
+    for group in (*own, *plugins):
         for data_set in _data_sets(group):
             if found.setdefault(data_set.name.casefold(), data_set) is not data_set:
                 raise InputError(f"data set {data_set.name!r} is registered twice")

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
-from manip3d._safe_xml import parse_xml
-from manip3d._scan_files import read_scan, scan_paths
 from manip3d.errors import FormatError, InputError
+from manip3d.io._safe_xml import parse_xml
+from manip3d.io._scan_files import read_scan, scan_paths
 from manip3d.lidar import Box, LidarFrame
 
 if TYPE_CHECKING:

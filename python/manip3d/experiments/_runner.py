@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from manip3d import datasets
-from manip3d._parallel import run_tasks
+from manip3d._util.parallel import run_tasks
 from manip3d.errors import InputError
 from manip3d.experiments._environment import code_fingerprint, environment
 from manip3d.experiments._model import DATA_KINDS, Case, Experiment, Plan, Row, Sheet

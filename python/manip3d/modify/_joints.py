@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from manip3d._arrays import rows
+from manip3d._util.arrays import rows
 from manip3d.errors import InputError
 from manip3d.rgbd import INFERRED, JOINTS, NO_BODY, NOT_TRACKED, TRACKED, Skeleton
 

@@ -7,9 +7,9 @@ import os
 from pathlib import Path
 from typing import Any
 
-from manip3d._files import atomic_write
 from manip3d.errors import FormatError, InputError
 from manip3d.experiments import RESULTS_FORMAT
+from manip3d.io._files import atomic_write
 
 __all__ = ["write_report"]
 

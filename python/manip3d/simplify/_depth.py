@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from manip3d import _core
-from manip3d._arrays import index_rows
-from manip3d._options import threads_of
+from manip3d._util.arrays import index_rows
+from manip3d._util.options import threads_of
 from manip3d.camera import Intrinsics, Registration
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.mesh import Material, Mesh, Texture

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from manip3d import _core
-from manip3d._options import threads_of
+from manip3d._util.options import threads_of
 from manip3d.errors import InputError
 from manip3d.simplify._depth import (
     DepthMesh,

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from manip3d import Intrinsics
-from manip3d._options import seed_of
+from manip3d._util.options import seed_of
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
-    from manip3d._options import Rng
+    from manip3d._util.options import Rng
 
 __all__ = ["DepthCapture", "DepthScene", "person", "room"]
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from manip3d._options import generator_of, reporting
+from manip3d._util.options import generator_of, reporting
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.lidar import Box
 from manip3d.simulate import cameras
@@ -26,7 +26,7 @@ from manip3d.simulate.streets import Street
 if TYPE_CHECKING:
     import PIL.Image
 
-    from manip3d._options import Progress, Rng
+    from manip3d._util.options import Progress, Rng
 
 __all__ = ["DriveFrame", "drive", "write_drive"]
 

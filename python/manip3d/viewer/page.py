@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import simplify
-from manip3d._files import atomic_write
 from manip3d.errors import InputError, RenderError
 from manip3d.io import write_mesh
+from manip3d.io._files import atomic_write
 from manip3d.mesh import Material, Mesh, Texture
 from manip3d.viewer.pictures import comparison, picture, png_bytes
 from manip3d.viewer.scene import (
