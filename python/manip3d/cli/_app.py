@@ -422,7 +422,10 @@ def convert(
 @app.command()
 def simulate(
     source: Annotated[
-        str, typer.Argument(metavar="SOURCE", help="sim:street, sim:indoor-00, sim:outdoor-26 ...")
+        str,
+        typer.Argument(
+            metavar="SOURCE", help="sim:street, sim:indoor-00, sim:airplane, sim:room ..."
+        ),
     ],
     output: Output,
     frames: Annotated[int, typer.Option(min=1, help="Of a street: turns of the LiDAR.")] = 10,
@@ -438,9 +441,10 @@ def simulate(
     jobs: Jobs = 0,
     seed: Seed = 0,
 ) -> None:
-    """Make LiDAR data with truth: a drive in KITTI's layout, or a terrestrial scan.
+    """Make data with known truth: a drive in KITTI's layout, a terrestrial scan, a mesh, a depth
+    image with its camera.
 
-    Another seed is another street; of a scene it is other noise.
+    Another seed is another street; for the others it is other noise.
     """
     from manip3d.cli import simulating, terminal
 
@@ -507,6 +511,7 @@ def forge_lidar(
             metavar="X Y Z L W H YAW", help="Centre, size, turn; else the nearest object's."
         ),
     ] = None,
+    up: Annotated[Up, typer.Option(help="Axis of a hoax's mesh that is up.")] = Up.z,
     scale: Annotated[float, typer.Option(help="Of the hoax's units to metres.")] = 1.0,
     yaw: Annotated[float, typer.Option(help="Turn about the vertical, radians.")] = 0.0,
     amplitude: Annotated[float, typer.Option(help="Of a deformation, metres.")] = 0.1,
@@ -536,6 +541,7 @@ def forge_lidar(
         distance,
         range_noise,
         printed,
+        up.value,
         seed,
         jobs,
     )
@@ -605,7 +611,7 @@ def reproduce(
         ids or [], output, plan, shell, jobs=jobs, dask=dask, force=force
     )
     shell.result(reproducing.digest(summary), lambda console: reproducing.show(console, summary))
-    if summary.failed:
+    if summary.failed or summary.problems:
         raise typer.Exit(1)
     if strict and reproducing.some_claim_fails(summary):
         raise typer.Exit(MISSED)

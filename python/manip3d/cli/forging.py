@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from manip3d.cli.terminal import Terminal, count
 from manip3d.errors import InputError
 from manip3d.forge import Forgery
@@ -28,6 +30,7 @@ class Order:
     distance: float
     range_noise: float
     paper: bool
+    up: str
     seed: int
     threads: int
 
@@ -193,9 +196,13 @@ def _hoax(order: Order) -> Any:
     if order.hoax is None:
         raise InputError("--hoax: expected a mesh or scan file, got none")
     path = Path(order.hoax)
-    if mesh_suffix(path) in READABLE:
-        return manip3d.read_mesh(path)
-    return manip3d.read_scan(path)
+    if mesh_suffix(path) not in READABLE:
+        return manip3d.read_scan(path)
+    mesh = manip3d.read_mesh(path)
+    if order.up == "z":
+        return mesh
+    x, y, z = mesh.vertices.T
+    return mesh.replace(vertices=np.column_stack([x, -z, y]))
 
 
 def _points(hoax: Any) -> Any:

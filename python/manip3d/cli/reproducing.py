@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from manip3d import datasets
 from manip3d.cli.terminal import Terminal, table
 from manip3d.errors import InputError
-from manip3d.experiments import Plan, RunSummary, registry, run, select
+from manip3d.experiments import Plan, RunSummary, counted, registry, run, select
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -73,17 +73,19 @@ def reproduce(
         terminal.say(f"interrupted; what had finished is in {folder}, the same command goes on")
         raise
     terminal.say(
-        f"{summary.cases} cases ({summary.resumed} from an earlier run, {summary.failed} failed) "
-        f"in {summary.seconds:.1f} s; results in {folder}"
+        f"{counted(summary.cases, 'case')} ({summary.resumed} from an earlier run, "
+        f"{summary.failed} failed) in {summary.seconds:.1f} s; results in {folder}"
     )
+    for problem in summary.problems:
+        terminal.say(problem)
     return summary
 
 
 def _refuse_foreign_folder(folder: Path, *, force: bool) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder, got a file")
-    foreign = folder.is_dir() and any(folder.iterdir()) and not (folder / "cases").is_dir()
-    if foreign and not force:
+    ours = (folder / "cases").is_dir() or (folder / "results.json").is_file()
+    if folder.is_dir() and any(folder.iterdir()) and not ours and not force:
         raise InputError(f"{folder}: not empty and no results folder; --force uses it all the same")
 
 
@@ -94,6 +96,7 @@ def digest(summary: RunSummary) -> dict[str, Any]:
         "cases": summary.cases,
         "resumed": summary.resumed,
         "failed": summary.failed,
+        "problems": summary.problems,
         "seconds": round(summary.seconds, 3),
         "verdicts": {
             name: [{"claim": v["claim"], "verdict": v["word"]} for v in record["verdicts"]]
