@@ -247,7 +247,30 @@ def test_each_kind_of_data_is_judged_apart() -> None:
     assert [(f.data, f.holds) for f in together.findings] == [("published, simulated", True)]
     only = Claim("text", "source", judge, data=("published",)).verdict(rows[1:])
     assert only.word == "not applicable"
-    assert "only the published file can judge this" in only.findings[0].numbers
+    assert "only the published file can judge this" in only.findings[0].unjudged
+
+
+@pytest.mark.parametrize(
+    ("source", "data", "word"),
+    [
+        ("table 1", "published", "does not hold"),
+        ("table 1", "stand-in", "undecided"),
+        ("table 1", "simulated", "undecided"),
+        ("aim", "simulated", "does not hold"),
+        ("aim", "recorded", "does not hold"),
+    ],
+)
+def test_a_stand_in_cannot_refute_what_was_said_of_another_file(
+    source: str, data: str, word: str
+) -> None:
+    claim = dataclasses.replace(all_below(2), source=source)
+    rows = [
+        {"model": "a", "data": data, "square": 4, "error": ""},
+        {"model": "b", "data": "published", "square": 1, "error": ""},
+    ]
+    assert claim.verdict(rows).word == word
+    assert claim.verdict(rows).holds is False
+    assert claim.verdict(rows[1:]).word == "holds"
 
 
 def test_a_claim_is_not_judged_for_failures_of_others() -> None:

@@ -104,15 +104,18 @@ def test_what_a_badge_stands_on_is_said(results: Path) -> None:
     text = page(results)
     for kind in ("published", "stand-in", "simulated"):
         assert f'<span class="score yes">{kind}</span>' in text
-    assert '<span class="score soft">simulated</span>' in text  # 9 is not below 9
-    assert '<span class="badge soft">✗ does not hold</span>' in text
-    assert "about published files and was tried on other data here" in text
+    assert '<span class="score no">simulated</span>' in text  # 9 is not below 9
 
-    def fail_on_published(record: dict) -> None:
-        record["experiments"]["toy"]["verdicts"][1]["findings"][0]["holds"] = False
+    def leave_open(record: dict) -> None:
+        record["experiments"]["toy"]["verdicts"][1]["word"] = "undecided"
 
-    edit(results, fail_on_published)
-    assert '<span class="badge no">✗ does not hold</span>' in page(results)
+    edit(results, leave_open)
+    text = page(results)
+    assert '<span class="score soft">simulated</span>' in text
+    assert '<span class="badge soft">? undecided</span>' in text
+    assert "1 is undecided (a stand-in or a simulated model says no" in text
+    assert "fails here, but not on the published files" in text
+    assert '<span class="score yes">stand-in</span>' in text
 
 
 def test_no_name_keeps_its_underscores(results: Path) -> None:

@@ -423,9 +423,7 @@ def convert(
 def simulate(
     source: Annotated[
         str,
-        typer.Argument(
-            metavar="SOURCE", help="sim:street, sim:indoor-00, sim:airplane, sim:room ..."
-        ),
+        typer.Argument(metavar="SOURCE", help="sim:street, sim:indoor-00, sim:airplane ..."),
     ],
     output: Output,
     frames: Annotated[int, typer.Option(min=1, help="Of a street: turns of the LiDAR.")] = 10,
@@ -441,8 +439,7 @@ def simulate(
     jobs: Jobs = 0,
     seed: Seed = 0,
 ) -> None:
-    """Make data with known truth: a drive in KITTI's layout, a terrestrial scan, a mesh, a depth
-    image with its camera.
+    """Make data with known truth: a drive in KITTI's layout, a terrestrial scan, or a mesh.
 
     Another seed is another street; for the others it is other noise.
     """
@@ -552,21 +549,24 @@ def forge_lidar(
 @app.command()
 def demo(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder.")] = Path("demo"),
-    scale: Annotated[Scale, typer.Option(help="quick: a minute; full: some more.")] = Scale.quick,
-    data: Annotated[Tier, typer.Option(help="Which data.")] = Tier.auto,
+    data: Annotated[
+        Tier, typer.Option(help="auto: recorded data where MANIP3D_DATA has them.")
+    ] = Tier.auto,
     quiet: Quiet = False,
     jobs: Jobs = 0,
     seed: Seed = 0,
 ) -> None:
-    """Run experiments on meshes and depth images and open their report; needs no data."""
+    """Tell four stories with pictures and their commands, then the numbers; open the page.
+
+    Needs no data and no network. Run again, it goes on where it stopped.
+    """
     from manip3d.cli import reproducing, terminal
 
     shell = terminal.Terminal(quiet=quiet)
-    plan = {"data": data.value, "scale": scale.value, "seed": seed}
-    reproducing.reproduce(
-        reproducing.demo_ids(), output, plan, shell, jobs=jobs, dask="", force=False
-    )
-    reproducing.open_report(reproducing.write_report(output, None, shell), shell)
+    done = reproducing.demo(output, data=data.value, seed=seed, jobs=jobs, terminal=shell)
+    reproducing.open_report(done.page, shell)
+    if done.summary.failed or done.summary.problems:
+        raise typer.Exit(1)
 
 
 @app.command()

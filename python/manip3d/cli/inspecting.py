@@ -305,8 +305,9 @@ def _page(record: dict[str, Any], pictures: dict[str, str]) -> str:
     )
     calibrations = "".join(
         f"<li>{escape(NAMES[name])}: {escape(found['calibration']['scenes'])}; "
-        f"{found['calibration']['false_alarms']} of {found['calibration']['num_scans']} "
-        f"clean scans alarmed. {escape(found['calibration']['note'])}</li>"
+        f"the thresholds were chosen on these {found['calibration']['num_scans']} clean scans so "
+        f"that {found['calibration']['false_alarms']} of them alarm, which says nothing about how "
+        f"often other clean scans do. {escape(found['calibration']['note'])}</li>"
         for name, found in record["detectors"].items()
         if found.get("calibration")
     )

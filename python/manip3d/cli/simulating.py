@@ -21,14 +21,14 @@ def simulate(
     threads: int,
     seed: int,
 ) -> dict[str, Any]:
-    """Write what ``source`` names: a drive, a scan, a mesh, or a depth image with its camera.
+    """Write what ``source`` names: a drive as a folder, a scan or a mesh as a file.
 
     Raises
     ------
     InputError
         There is no such source, or an option is out of range.
     """
-    from manip3d.simulate import depth, models, scenes
+    from manip3d.simulate import models, scenes
 
     name = source.removeprefix("sim:")
     if name == "street":
@@ -37,13 +37,10 @@ def simulate(
         return _scan(name, output, terminal, resolution, threads, seed)
     if name in models.MODELS:
         return _model(name, output, terminal, seed)
-    if name in depth.SCENES:
-        return _depth_image(name, output, terminal, force, seed)
     raise InputError(
         f"{source}: expected sim:street or a scene: sim:indoor-00 to -16, sim:outdoor-00 to -26, "
-        "sim:calibration-indoor-00 to -11, sim:calibration-outdoor-00 to -11; a model: "
-        f"{', '.join(f'sim:{known}' for known in models.MODELS)}; or a depth image: "
-        f"{', '.join(f'sim:{known}' for known in depth.SCENES)}"
+        "sim:calibration-indoor-00 to -11, sim:calibration-outdoor-00 to -11; or a model: "
+        f"{', '.join(f'sim:{known}' for known in models.MODELS)}"
     )
 
 
@@ -60,18 +57,6 @@ def _model(name: str, output: Path, terminal: Terminal, seed: int) -> dict[str, 
     mesh.write(output)
     terminal.say(f"wrote {output}: {count(mesh.num_faces)} faces")
     return {"source": f"sim:{name}", "output": str(output), "faces": mesh.num_faces}
-
-
-def _depth_image(
-    name: str, output: Path, terminal: Terminal, force: bool, seed: int
-) -> dict[str, Any]:
-    from manip3d.simulate import depth
-
-    scene = depth.SCENES[name]()
-    capture = scene.write(output, rng=seed, overwrite=force)
-    measured = int((capture.depth > 0).sum())
-    terminal.say(f"wrote {output}: depth.png, colour.png, camera.json; {count(measured)} pixels")
-    return {"source": f"sim:{name}", "seed": seed, "output": str(output), "measured": measured}
 
 
 def _street(

@@ -59,6 +59,9 @@ NOTE = (
 )
 
 
+TOO_FEW = "a quick run has too few scans to judge this"
+
+
 def role(real: bool) -> str:
     """What the scans and the hoaxes are."""
     hoaxes = " and ".join(HOAXES) if real else "a ball and a knot in the place of Stanford models"

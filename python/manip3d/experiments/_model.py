@@ -98,12 +98,15 @@ class Finding:
     data : str
         What it was measured on: one of `DATA_KINDS`, or several of them, separated by commas;
         filled in by `Claim.verdict`.
+    unjudged : str
+        Why this run cannot judge it although it applies: another file, too small a scale.
     """
 
     subject: str
     holds: bool | None
     numbers: str
     data: str = ""
+    unjudged: str = ""
 
 
 @dataclass(frozen=True)
@@ -136,12 +139,25 @@ class Verdict:
 
     @property
     def word(self) -> str:
-        """``holds``, ``does not hold``, ``not judged``, ``reported`` or ``not applicable``."""
+        """``holds``, ``does not hold``, ``undecided``, or why there is no verdict.
+
+        Undecided: a published claim that fails on stand-ins or simulated data alone; only the
+        published files can refute it. Without a verdict: ``not judged`` (a case failed),
+        ``reported`` or ``not applicable``.
+        """
         if self.unjudged:
             return "not judged"
         if self.holds is None:
             return "reported" if self.reported and self.findings else "not applicable"
-        return "holds" if self.holds else "does not hold"
+        if self.holds:
+            return "holds"
+        refuted = any(self._refutes(finding) for finding in self.findings)
+        return "does not hold" if refuted else "undecided"
+
+    def _refutes(self, finding: Finding) -> bool:
+        """An aim of ours can fail on any data, what is published only on what it was said of."""
+        decisive = self.source.startswith("aim") or not finding.data or "published" in finding.data
+        return finding.holds is False and decisive
 
 
 def _every_row(_: Row) -> bool:
@@ -210,8 +226,8 @@ class Claim:
     def _found(self, kinds: str, rows: Sequence[Row]) -> Iterable[Finding]:
         for finding in self.judge(rows):
             if kinds and finding.holds is not None and not set(kinds.split(", ")) <= set(self.data):
-                numbers = f"{finding.numbers}; only {_listed(self.data)} can judge this"
-                yield replace(finding, holds=None, numbers=numbers, data=kinds)
+                why = f"only {_listed(self.data)} can judge this"
+                yield replace(finding, holds=None, data=kinds, unjudged=why)
             else:
                 yield replace(finding, data=kinds)
 

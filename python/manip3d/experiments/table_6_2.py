@@ -38,8 +38,13 @@ def _overall(rows: Sequence[Row]) -> Iterator[Finding]:
             mine = _forensics.accuracy(found, detector)
             printed = float(_printed()["overall"][detector])
             # In a quick run the classes have other shares of all scans.
-            holds = None if any(row["scale"] == "quick" for row in rows) else mine >= printed
-            yield Finding(detector, holds, f"{mine:.2f} %, published {printed:.2f} %")
+            quick = any(row["scale"] == "quick" for row in rows)
+            yield Finding(
+                detector,
+                None if quick else mine >= printed,
+                f"{mine:.2f} %, published {printed:.2f} %",
+                unjudged=_forensics.TOO_FEW if quick else "",
+            )
 
 
 def _misses_crtp(rows: Sequence[Row]) -> Iterator[Finding]:

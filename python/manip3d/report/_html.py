@@ -23,9 +23,15 @@ def html(results: Mapping[str, Any], folder: Path) -> str:
     page: str = (
         environment()
         .get_template("report.html")
-        .render(style=template("style.css"), **numbers(results, folder))
+        .render(style=template("style.css"), command=_command(results), **numbers(results, folder))
     )
     return page
+
+
+def _command(results: Mapping[str, Any]) -> str:
+    plan = results["plan"]
+    options = f"--data {plan['data']} --scale {plan['scale']} --seed {plan['seed']}"
+    return f"manip3d reproduce {' '.join(results['experiments'])} {options}"
 
 
 def environment() -> jinja2.Environment:
@@ -94,13 +100,27 @@ def _experiments(results: Mapping[str, Any], folder: Path) -> Iterator[dict[str,
             "notes": notes,
             "tables": tables(record),
             "verdicts": [
-                verdict | {"tone": _tone(verdict), "scores": _scores(verdict)}
+                verdict
+                | {
+                    "tone": _TONES.get(verdict["word"], "na"),
+                    "scores": _scores(verdict),
+                    "why": _why(verdict),
+                }
                 for verdict in record["verdicts"]
             ],
             "figures": {t: embedded(folder, file) for t, file in record["figures"].items()},
             "errors": [row for row in record["rows"] if row.get("error")],
             "problems": record["problems"],
         }
+
+
+def _why(verdict: Mapping[str, Any]) -> str:
+    """Why there is no verdict, in a few words; ``""`` where there is one, or nothing applies."""
+    if verdict["word"] == "undecided":
+        return "fails here, but not on the published files"
+    if verdict["word"] != "not applicable":
+        return str(verdict["unjudged"])
+    return next((f["unjudged"] for f in verdict["findings"] if f["unjudged"]), "")
 
 
 def _scores(verdict: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -114,24 +134,13 @@ def _scores(verdict: Mapping[str, Any]) -> list[dict[str, Any]]:
             "data": kind,
             "confirmed": sum(judged),
             "judged": len(judged),
-            "tone": "yes" if all(judged) else _tone_of_failure(verdict, kind),
+            "tone": "yes" if all(judged) else "soft" if verdict["word"] == "undecided" else "no",
         }
         for kind, judged in kinds.items()
     ]
 
 
-def _tone(verdict: Mapping[str, Any]) -> str:
-    """``yes``, ``no``, ``soft`` (fails, but not on what the claim is about) or ``na``."""
-    if verdict["word"] == "does not hold":
-        failing = {f["data"] for f in verdict["findings"] if f["holds"] is False}
-        tones = {_tone_of_failure(verdict, kind) for kind in failing}
-        return "no" if "no" in tones else "soft"
-    return "yes" if verdict["word"] == "holds" else "na"
-
-
-def _tone_of_failure(verdict: Mapping[str, Any], kind: str) -> str:
-    """A published claim can fail for good on published files only, an aim of ours on any data."""
-    return "no" if verdict["source"].startswith("aim") or "published" in kind else "soft"
+_TONES = {"holds": "yes", "does not hold": "no", "undecided": "soft"}
 
 
 def _headlines(results: Mapping[str, Any]) -> Iterator[dict[str, str]]:
@@ -173,9 +182,7 @@ def _sheets(results: Mapping[str, Any], folder: Path) -> Iterator[dict[str, Any]
 
 
 def _tally(results: Mapping[str, Any]) -> dict[str, int]:
-    """How many claims there are of each verdict and tone."""
-    verdicts = [v for e in results["experiments"].values() for v in e["verdicts"]]
-    words = [verdict["word"] for verdict in verdicts]
-    tones = [_tone(verdict) for verdict in verdicts]
-    known = ("holds", "does not hold", "not judged", "not applicable", "reported")
-    return {word: words.count(word) for word in known} | {"soft": tones.count("soft")}
+    """How many claims there are of each verdict."""
+    words = [v["word"] for e in results["experiments"].values() for v in e["verdicts"]]
+    known = (*_TONES, "not judged", "not applicable", "reported")
+    return {word: words.count(word) for word in known}

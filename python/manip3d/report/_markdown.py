@@ -63,5 +63,6 @@ def _verdicts(record: Mapping[str, Any]) -> Iterator[str]:
         for finding in verdict["findings"]:
             word = {True: "yes", False: "no", None: "not judged"}[finding["holds"]]
             subject, numbers = (readable(finding[name]) for name in ("subject", "numbers"))
+            numbers += f"; {finding['unjudged']}" if finding["unjudged"] else ""
             data = f" [{finding['data']}]" if finding["data"] else ""
             yield f"  - {_escaped(subject + data)}: {word}; {_escaped(numbers)}"

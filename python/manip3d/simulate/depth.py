@@ -8,12 +8,8 @@ Lengths are in metres, in the frame of the camera: x right, y down, z forward.
 
 from __future__ import annotations
 
-import json
-import os
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,21 +17,18 @@ from numpy.typing import NDArray
 
 from manip3d import Intrinsics
 from manip3d._util.options import seed_of
-from manip3d.errors import InputError, MissingExtraError
+from manip3d.errors import InputError
 
 if TYPE_CHECKING:
     from manip3d._util.options import Rng
 
-__all__ = ["SCENES", "DepthCapture", "DepthScene", "person", "room"]
+__all__ = ["DepthCapture", "DepthScene", "person", "room"]
 
 Array = NDArray[np.float64]
 
 NOISE_AT_ONE_METRE = 1.425e-3
 """Standard deviation of a Kinect's depth at 1 m, in metres; it grows with the square of the depth
 [Khoshelham & Elberink, Accuracy and resolution of Kinect depth data, Sensors 2012]."""
-
-
-_CAMERA_FIELDS = ("width", "height", "fx", "fy", "cx", "cy")
 
 
 @dataclass(frozen=True)
@@ -79,55 +72,6 @@ class DepthScene:
     colour: NDArray[np.uint8]
     slant: Array
     intrinsics: Intrinsics
-
-    def write(
-        self, folder: str | os.PathLike[str], *, rng: Rng = 0, overwrite: bool = False
-    ) -> DepthCapture:
-        """Write one image of the sensor: ``depth.png``, ``colour.png`` and ``camera.json``.
-
-        Parameters
-        ----------
-        folder : path
-            Made; it appears whole or not at all.
-        rng : int, numpy.random.Generator or None
-            Of the sensor's faults.
-        overwrite : bool
-            Replace the three files in a folder that is there.
-
-        Returns
-        -------
-        DepthCapture
-            What was written, and what is wrong with it.
-
-        Raises
-        ------
-        InputError
-            The folder exists and ``overwrite`` is false.
-        MissingExtraError
-            Pillow is not installed.
-        """
-        try:
-            from PIL import Image
-        except ImportError:
-            raise MissingExtraError("pillow", "simulate") from None
-        place = Path(folder)
-        if place.exists() and not overwrite:
-            raise InputError(f"{place}: expected a new folder, found one")
-        capture = self.capture(rng=rng)
-        camera = {name: getattr(self.intrinsics, name) for name in _CAMERA_FIELDS}
-        place.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".manip3d-", dir=place.parent) as temporary:
-            new = Path(temporary) / "new"
-            new.mkdir()
-            Image.fromarray(capture.depth).save(new / "depth.png")
-            Image.fromarray(self.colour).save(new / "colour.png")
-            (new / "camera.json").write_text(json.dumps(camera) + "\n", encoding="utf-8")
-            if place.exists():
-                for file in new.iterdir():
-                    file.replace(place / file.name)
-            else:
-                new.rename(place)
-        return capture
 
     def capture(
         self,
@@ -443,7 +387,3 @@ def room(*, width: int = 640, height: int = 480) -> DepthScene:
     camera = _camera(width, height)
     depth, colour, slant = _cast(things, camera, None)
     return DepthScene(depth, np.full(depth.shape, np.nan), colour, slant, camera)
-
-
-SCENES: dict[str, Callable[..., DepthScene]] = {"person": person, "room": room}
-"""Scenes by the name that ``manip3d simulate`` knows them by."""
