@@ -36,7 +36,7 @@ def row(method: str, **changes: Any) -> Row:
     values = {
         "model": "bun000",
         "stands_in_for": "Bunny",
-        "same_file": True,
+        "data": "published",
         "method": method,
         "points": 2012,
         "metro_area": 1e-3,
