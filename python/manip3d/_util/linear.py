@@ -7,11 +7,13 @@ decides something, or where the same input promises the same output, these stand
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
-def product(a: ArrayLike, b: ArrayLike) -> NDArray[np.floating]:
+def product(a: ArrayLike, b: ArrayLike) -> NDArray[Any]:
     """``a @ b``."""
     left, right = np.asarray(a), np.asarray(b)
     how = {1: "...i,i->...", 2: "...i,ij->...j"}.get(right.ndim, "...ij,...jk->...ik")
