@@ -728,7 +728,16 @@ def test_options_are_checked() -> None:
         {"arm_radius": -1},
         {"leg_radius": float("nan")},
         {"least_visible": 2},
+        {"root_radius": 1.1},
+        {"inferred_seconds": -0.1},
+        {"hold_seconds": float("inf")},
+        {"fade_seconds": float("nan")},
         {"max_depth_step": float("nan")},
+        {"near": float("nan")},
+        {"near": 9.0},
+        {"far": 65.1},
+        {"margin": -0.1},
+        {"mode": "mirror"},
     ):
         with pytest.raises(InputError, match=next(iter(options))):
             PhantomPipeline(**options)  # type: ignore[arg-type]
