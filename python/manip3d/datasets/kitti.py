@@ -17,7 +17,9 @@ from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
+from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
+from manip3d.io._files import regular_bytes
 from manip3d.io._scan_files import read_scan, scan_paths
 from manip3d.io._text_files import parse_xml, text_of
 from manip3d.lidar import Box, LidarFrame
@@ -127,7 +129,7 @@ class KittiFrame:
         frame = read_scan(self.scan_path).replace(timestamp=self.timestamp)
         if self.truth_path is None:
             return frame
-        raw = self.truth_path.read_bytes()
+        raw = regular_bytes(self.truth_path)
         if len(raw) != 4 * frame.num_points:
             raise FormatError(
                 f"expected {frame.num_points} labels of 4 bytes, got {len(raw)} bytes",
@@ -267,10 +269,12 @@ def open_kitti(
     >>> drive = open_kitti("2011_09_26/2011_09_26_drive_0005_sync")  # doctest: +SKIP
     >>> frame = drive[0].scan()  # doctest: +SKIP
     """
-    folder = Path(path)
+    folder = path_of(path)
     if not folder.is_dir():
         raise FileNotFoundError(2, os.strerror(2), str(path))
-    return KittiDrive(folder, calibration=None if calibration is None else Path(calibration))
+    return KittiDrive(
+        folder, calibration=None if calibration is None else path_of(calibration, "calibration")
+    )
 
 
 def read_calibration(path: Path) -> KittiCalibration:
