@@ -19,9 +19,9 @@ using fuzzing::require;
 
 using Corners = std::array<Pixel, 3>;
 
-std::set<Corners> triangles_of(const GridDelaunay& delaunay) {
-  std::set<Corners> triangles;
-  for (std::int32_t t = 0; t < delaunay.num_triangles(); ++t) {
+std::set<Corners> faces_of(const GridDelaunay& delaunay) {
+  std::set<Corners> faces;
+  for (std::int32_t t = 0; t < delaunay.num_faces(); ++t) {
     Corners c{};
     for (std::size_t i = 0; i < 3; ++i) {
       c[i] = delaunay.pixels()[static_cast<std::size_t>(delaunay.triangle(t)[i])];
@@ -29,9 +29,9 @@ std::set<Corners> triangles_of(const GridDelaunay& delaunay) {
     require((c[1].u - c[0].u) * std::int64_t{c[2].v - c[0].v} >
             (c[1].v - c[0].v) * std::int64_t{c[2].u - c[0].u});
     std::rotate(c.begin(), std::min_element(c.begin(), c.end()), c.end());
-    triangles.insert(c);
+    faces.insert(c);
   }
-  return triangles;
+  return faces;
 }
 
 }  // namespace
@@ -60,8 +60,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   std::sort(pixels.begin(), pixels.end());
   pixels.erase(std::unique(pixels.begin(), pixels.end()), pixels.end());
   swept.triangulate(pixels);
-  require(swept.num_triangles() <= 2 * static_cast<std::int32_t>(pixels.size()));
-  const std::set<Corners> triangles = triangles_of(swept);
-  if (corners > 0 && side > 1) require(triangles == triangles_of(inserted));
+  require(swept.num_faces() <= 2 * static_cast<std::int32_t>(pixels.size()));
+  const std::set<Corners> faces = faces_of(swept);
+  if (corners > 0 && side > 1) require(faces == faces_of(inserted));
   return 0;
 }

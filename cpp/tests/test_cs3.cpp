@@ -14,14 +14,17 @@ using testing::kCountsAllocations;
 using testing::num_allocations;
 
 struct Arrays {
-  std::vector<float> vertices, uvs;
-  std::vector<std::int32_t> pixels, triangles;
+  std::vector<float> vertices, texcoords;
+  std::vector<std::int32_t> pixels, faces;
 
   explicit Arrays(std::size_t capacity)
-      : vertices(3 * capacity), uvs(2 * capacity), pixels(2 * capacity), triangles(6 * capacity) {}
+      : vertices(3 * capacity),
+        texcoords(2 * capacity),
+        pixels(2 * capacity),
+        faces(6 * capacity) {}
   DepthMeshBuffers buffers() {
     return {static_cast<std::int64_t>(pixels.size() / 2), vertices.data(), pixels.data(),
-            uvs.data(), triangles.data()};
+            texcoords.data(), faces.data()};
   }
 };
 
@@ -68,7 +71,7 @@ TEST(Cs3, AllocatesNothingAfterTheTenthFrame) {
       }
       EXPECT_LE(report.num_vertices, 1000);
       EXPECT_GE(report.num_vertices, 990);
-      EXPECT_GT(report.num_triangles, 1000);
+      EXPECT_GT(report.num_faces, 1000);
     }
   }
 }

@@ -14,17 +14,17 @@ namespace {
 
 using Corners = std::array<Pixel, 3>;
 
-std::set<Corners> triangles_of(const GridDelaunay& delaunay) {
-  std::set<Corners> triangles;
-  for (std::int32_t t = 0; t < delaunay.num_triangles(); ++t) {
+std::set<Corners> faces_of(const GridDelaunay& delaunay) {
+  std::set<Corners> faces;
+  for (std::int32_t t = 0; t < delaunay.num_faces(); ++t) {
     Corners corners{};
     for (std::size_t i = 0; i < 3; ++i) {
       corners[i] = delaunay.pixels()[static_cast<std::size_t>(delaunay.triangle(t)[i])];
     }
     std::rotate(corners.begin(), std::min_element(corners.begin(), corners.end()), corners.end());
-    triangles.insert(corners);
+    faces.insert(corners);
   }
-  return triangles;
+  return faces;
 }
 
 std::vector<Pixel> choose(std::mt19937& random, std::int32_t width, std::int32_t height,
@@ -39,7 +39,7 @@ std::vector<Pixel> choose(std::mt19937& random, std::int32_t width, std::int32_t
 }
 
 void expect_consistent(const GridDelaunay& delaunay) {
-  for (std::int32_t t = 0; t < delaunay.num_triangles(); ++t) {
+  for (std::int32_t t = 0; t < delaunay.num_faces(); ++t) {
     for (int i = 0; i < 3; ++i) {
       const std::int32_t other = delaunay.neighbor(t, i);
       if (other < 0) continue;
@@ -64,14 +64,14 @@ TEST(GridDelaunay, InsertingGivesWhatTheSweepGives) {
     all.insert(all.end(), corners.begin(), corners.end());
     std::shuffle(all.begin(), all.end(), random);
     for (const Pixel& pixel : all) {
-      const std::set<Corners> before = triangles_of(inserted);
+      const std::set<Corners> before = faces_of(inserted);
       const auto known = static_cast<std::int32_t>(inserted.pixels().size());
       const std::int32_t vertex = inserted.insert(pixel);
       ASSERT_GE(vertex, 0);
       EXPECT_EQ(inserted.pixels()[static_cast<std::size_t>(vertex)], pixel);
       EXPECT_EQ(vertex == known, !inserted.changed().empty());
       std::set<std::int32_t> star;
-      for (std::int32_t t = 0; t < inserted.num_triangles(); ++t) {
+      for (std::int32_t t = 0; t < inserted.num_faces(); ++t) {
         const auto triangle = inserted.triangle(t);
         if (std::count(triangle.begin(), triangle.end(), vertex) > 0) star.insert(t);
       }
@@ -80,14 +80,14 @@ TEST(GridDelaunay, InsertingGivesWhatTheSweepGives) {
         EXPECT_EQ(std::set<std::int32_t>(changed.begin(), changed.end()), star);
         EXPECT_EQ(changed.size(), star.size());
       } else {
-        EXPECT_EQ(triangles_of(inserted), before);
+        EXPECT_EQ(faces_of(inserted), before);
       }
     }
     std::sort(all.begin(), all.end());
     all.erase(std::unique(all.begin(), all.end()), all.end());
     GridDelaunay swept;
     swept.triangulate(all);
-    EXPECT_EQ(triangles_of(inserted), triangles_of(swept));
+    EXPECT_EQ(faces_of(inserted), faces_of(swept));
     expect_consistent(inserted);
     expect_consistent(swept);
   }
@@ -99,10 +99,10 @@ TEST(GridDelaunay, InsertRefusesWhatLiesOutside) {
   delaunay.triangulate(std::vector<Pixel>{{2, 2}, {9, 2}, {2, 9}});
   EXPECT_EQ(delaunay.insert({9, 9}), -1);
   EXPECT_EQ(delaunay.insert({1, 5}), -1);
-  EXPECT_EQ(delaunay.num_triangles(), 1);
+  EXPECT_EQ(delaunay.num_faces(), 1);
   EXPECT_EQ(delaunay.insert({9, 2}), 1);
   EXPECT_EQ(delaunay.insert({2, 5}), 3);  // on the hull
-  EXPECT_EQ(delaunay.num_triangles(), 2);
+  EXPECT_EQ(delaunay.num_faces(), 2);
   EXPECT_EQ(delaunay.changed().size(), 2U);
   EXPECT_THROW(delaunay.insert({-1, 0}), InputError);
 }
@@ -111,7 +111,7 @@ TEST(GridDelaunay, LocatesPixels) {
   std::mt19937 random(6);
   GridDelaunay delaunay;
   delaunay.triangulate(choose(random, 30, 20, 6));
-  for (std::int32_t t = 0; t < delaunay.num_triangles(); ++t) {
+  for (std::int32_t t = 0; t < delaunay.num_faces(); ++t) {
     const auto corners = delaunay.triangle(t);
     Pixel sum{0, 0};
     for (const std::int32_t i : corners) {
@@ -119,7 +119,7 @@ TEST(GridDelaunay, LocatesPixels) {
       sum.v += delaunay.pixels()[static_cast<std::size_t>(i)].v;
     }
     if (sum.u % 3 != 0 || sum.v % 3 != 0) continue;  // the centroid is a pixel, and inside
-    for (std::int32_t start = 0; start < delaunay.num_triangles(); start += 7) {
+    for (std::int32_t start = 0; start < delaunay.num_faces(); start += 7) {
       EXPECT_EQ(delaunay.locate({sum.u / 3, sum.v / 3}, start), t);
     }
   }
@@ -134,7 +134,7 @@ TEST(GridDelaunay, ForgetsTheLastTriangulation) {
     GridDelaunay fresh;
     fresh.triangulate(pixels);
     reused.triangulate(pixels);
-    EXPECT_EQ(triangles_of(reused), triangles_of(fresh));
+    EXPECT_EQ(faces_of(reused), faces_of(fresh));
   }
 }
 

@@ -34,7 +34,7 @@ using Strength = std::array<double, kNumEvidence>;
 // One frame on its way through the stages; each stage fills in what the later ones need.
 class Examination {
  public:
-  Examination(const PointsView& points, const RingLattice& lattice, const GenericOptions& options,
+  Examination(const PointsView& points, const ScanLattice& lattice, const GenericOptions& options,
               const PointsView& previous)
       : points_(points),
         previous_(previous),
@@ -128,7 +128,7 @@ class Examination {
     if (off <= 0.0) return false;
     const Eigen::RowVector2d p = points_.points.row(i).head<2>().cast<double>();
     const double rho = std::sqrt(p.x() * p.x() + p.y() * p.y());
-    return !(off <= lattice_.uncertainty(reading_.ring(i), rho));
+    return !(off <= lattice_.rings[reading_.ring(i)].uncertainty(rho));
   }
 
   // A point between lines or steps is of no firing; it neither votes for one nor answers it.
@@ -365,7 +365,7 @@ class Examination {
   [[nodiscard]] Eigen::Vector3d stood_at(const Void::Cell& cell, double distance) const {
     const SinCos azimuth = sin_cos(cell.azimuth);
     return {distance * azimuth.cos, distance * azimuth.sin,
-            lattice_.slope(cell.ring) * distance + lattice_.offset(cell.ring)};
+            lattice_.rings[cell.ring].slope * distance + lattice_.rings[cell.ring].offset};
   }
 
   void name_regions_of_points(const RingImage<std::int32_t>& region_of) {
@@ -379,7 +379,7 @@ class Examination {
 
   const PointsView& points_;
   const PointsView& previous_;
-  const RingLattice& lattice_;
+  const ScanLattice& lattice_;
   const GenericOptions& options_;
   LatticeReading reading_;
   RingImage<Strength> cells_;
@@ -409,7 +409,7 @@ void check_options(const GenericOptions& options) {
 
 }  // namespace
 
-GenericResult generic_consistency(const PointsView& points, const RingLattice& lattice,
+GenericResult generic_consistency(const PointsView& points, const ScanLattice& lattice,
                                   const GenericOptions& options, const PointsView& previous) {
   check_options(options);
   return Examination(points, lattice, options, previous).run();

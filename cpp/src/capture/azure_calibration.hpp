@@ -5,7 +5,7 @@
 
 #include "capture/jpeg.hpp"
 #include "io/json_place.hpp"
-#include "manip3d/capture/rgbd_frame.hpp"
+#include "manip3d/geometry/rgbd_frame.hpp"
 
 namespace manip3d {
 

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "io/json_place.hpp"
-#include "manip3d/capture/rgbd_frame.hpp"
+#include "manip3d/geometry/rgbd_frame.hpp"
 
 /// @file
 /// What recordings keep beside the images, as JSON. Numbers are exact: floats are written with as

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "geometry/cell_cut.hpp"
 #include "io/formats.hpp"
 #include "io/input_buffer.hpp"
 #include "io/line_cursor.hpp"
@@ -392,7 +393,7 @@ class PlyReader {
       for (std::int64_t c = 0; c + 1 < cols; ++c) {
         const std::int64_t pixel = r * cols + c;
         corners_.clear();
-        for (const std::int64_t p : {pixel, pixel + 1, pixel + cols + 1, pixel + cols}) {
+        for (const std::int64_t p : cell_corners(pixel, cols, true)) {
           const std::int32_t vertex = *grid_.row(p);
           if (vertex >= 0) corners_.push_back(corner_of(vertex));
         }

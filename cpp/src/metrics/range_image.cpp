@@ -246,16 +246,16 @@ std::vector<double> render_depth(const MeshView& mesh, const PointGridView& grid
   check_mesh(mesh);
   check_point_grid(grid);
   const Places places = places_of(grid, camera);
-  std::vector<SeenTriangle> triangles(static_cast<std::size_t>(mesh.num_faces()));
+  std::vector<SeenTriangle> faces(static_cast<std::size_t>(mesh.num_faces()));
   parallel_chunks(mesh.num_faces(), kSampleChunk, options.num_threads,
                   [&](std::int64_t begin, std::int64_t end) {
                     for (std::int64_t f = begin; f < end; ++f) {
-                      triangles[f] = see(mesh, f, camera, grid, places.farthest + 1e-6);
+                      faces[f] = see(mesh, f, camera, grid, places.farthest + 1e-6);
                     }
                   });
   std::vector<double> depth(places.pixel.size(), kNoHit);
   const auto render_band = [&](std::int64_t first_row, std::int64_t end_row) {
-    for (const SeenTriangle& seen : triangles) {
+    for (const SeenTriangle& seen : faces) {
       const std::int64_t end = std::min(end_row, seen.last_row + 1);
       for (std::int64_t row = std::max(first_row, seen.first_row); row < end; ++row) {
         for (std::int64_t col = seen.first_col; col <= seen.last_col; ++col) {

@@ -1,4 +1,4 @@
-#include "manip3d/modify/phantom_image.hpp"
+#include "modify/phantom_image.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>

@@ -55,7 +55,7 @@ void CollapseMesh::make_wedges(const MeshView& mesh) {
   wedges_ = faces_;
   if (!mesh.has_texcoords() && !mesh.has_materials()) {  // one wedge per vertex
     surface_.assign(positions_.size(), 0);
-    uvs_.assign(positions_.size(), Eigen::Vector2d::Zero());
+    texcoords_.assign(positions_.size(), Eigen::Vector2d::Zero());
     texcoord_.assign(positions_.size(), -1);
     return;
   }
@@ -84,7 +84,7 @@ void CollapseMesh::make_wedges(const MeshView& mesh) {
     for (std::size_t i = 0; i < looks.size(); ++i) {
       if (i == 0 || !looks[i].same_wedge(looks[i - 1])) {
         surface_.push_back(looks[i].surface);
-        uvs_.emplace_back(looks[i].u, looks[i].v);
+        texcoords_.emplace_back(looks[i].u, looks[i].v);
         texcoord_.push_back(looks[i].texcoord);
       }
       const std::int32_t corner = looks[i].corner;
@@ -110,7 +110,7 @@ std::int32_t CollapseMesh::nearest_wedge(std::int32_t wedge, std::int32_t t) con
   for_each_face(t, [&](std::int32_t f, std::int32_t c) {
     const std::int32_t other = wedges_[index(f)][index(c)];
     if (surface_[index(other)] != surface_[index(wedge)]) return;
-    const double distance = (uvs_[index(other)] - uvs_[index(wedge)]).squaredNorm();
+    const double distance = (texcoords_[index(other)] - texcoords_[index(wedge)]).squaredNorm();
     if (distance < least || (distance == least && other < nearest)) {
       least = distance;
       nearest = other;

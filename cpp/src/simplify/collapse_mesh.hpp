@@ -112,7 +112,9 @@ class CollapseMesh {
   [[nodiscard]] bool has_texture(std::int32_t wedge) const {
     return (surface_[index(wedge)] & 1) != 0;
   }
-  [[nodiscard]] const Eigen::Vector2d& uv(std::int32_t wedge) const { return uvs_[index(wedge)]; }
+  [[nodiscard]] const Eigen::Vector2d& uv(std::int32_t wedge) const {
+    return texcoords_[index(wedge)];
+  }
 
   /// Calls body(face, corner) for each face of a vertex, `corner` in 0..2.
   template <typename Body>
@@ -156,7 +158,7 @@ class CollapseMesh {
   std::vector<std::int32_t> first_corner_;  // of a vertex; corner = 3 face + 0..2; -1: none
   std::vector<std::int32_t> next_corner_;   // of a corner, in the list of its vertex
   std::vector<std::int64_t> surface_;       // of a wedge: 2 material + (has texture coordinates)
-  std::vector<Eigen::Vector2d> uvs_;        // of a wedge
+  std::vector<Eigen::Vector2d> texcoords_;  // of a wedge
   std::vector<std::int32_t> texcoord_;      // of a wedge: row of the input's table, or -1
   std::int64_t num_faces_ = 0;
   std::int64_t num_dropped_ = 0;

@@ -308,7 +308,7 @@ std::int32_t GridDelaunay::locate(Pixel p, std::int32_t start) const {
     const Pixel &a = pixel(edge(e).origin), &b = pixel(edge(next(e)).origin);
     return std::int64_t{b.u - a.u} * (p.v - a.v) < std::int64_t{b.v - a.v} * (p.u - a.u);
   };
-  if (num_triangles() == 0) return -1;
+  if (num_faces() == 0) return -1;
   std::int32_t e = start * kStride;
   int tested = 0;
   while (tested < 3) {

@@ -350,11 +350,11 @@ class QemSimplifier {
 
   QemResult finish(QemResult result) {
     if (mesh_.num_faces() <= options_.target_faces) {
-      result.stop = StopReason::kTargetReached;
+      result.stop = CollapseStop::kTargetReached;
     } else if (result.rejected[static_cast<std::size_t>(Rejection::kErrorLimit)] > 0) {
-      result.stop = StopReason::kErrorLimit;
+      result.stop = CollapseStop::kErrorLimit;
     } else {
-      result.stop = StopReason::kNoLegalCollapse;
+      result.stop = CollapseStop::kNoLegalCollapse;
     }
     result.dropped_faces = mesh_.num_dropped();
     for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
@@ -413,7 +413,7 @@ QemResult refuse(const MeshView& mesh, std::string message) {
   QemOptions untouched;
   untouched.target_faces = mesh.num_faces();
   QemResult result = QemSimplifier(mesh, untouched).run({});
-  result.stop = StopReason::kRefused;
+  result.stop = CollapseStop::kRefused;
   result.message = std::move(message);
   return result;
 }

@@ -56,7 +56,7 @@ class GridDelaunay {
   [[nodiscard]] std::int32_t locate(Pixel pixel, std::int32_t start) const;
 
   [[nodiscard]] std::span<const Pixel> pixels() const { return pixels_; }
-  [[nodiscard]] std::int32_t num_triangles() const {
+  [[nodiscard]] std::int32_t num_faces() const {
     return static_cast<std::int32_t>(edges_.size() / kStride);
   }
   /// Vertices of triangle t, counter-clockwise for u to the right and v up.

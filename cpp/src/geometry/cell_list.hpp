@@ -18,8 +18,10 @@ namespace manip3d {
 /// share a bucket: what a visit gives holds all that is near, and a few points that are not.
 class CellList {
  public:
-  CellList(const PointsView& view, double cell_size)
-      : cell_size_(cell_size),
+  /// @param origin  cells are counted from there.
+  CellList(const PointsView& view, double cell_size, const Eigen::Vector3d& origin)
+      : origin_(origin),
+        cell_size_(cell_size),
         start_(std::bit_ceil(static_cast<std::size_t>(view.num_points()) / 2 + 1) + 1),
         place_(static_cast<std::size_t>(view.num_points())),
         points_(view.num_points(), 3) {
@@ -76,7 +78,7 @@ class CellList {
   using Cell = Eigen::Matrix<std::int64_t, 3, 1>;
 
   [[nodiscard]] Cell cell_of(const Eigen::Vector3d& p) const {
-    return (p / cell_size_).array().floor().cast<std::int64_t>();
+    return ((p - origin_) / cell_size_).array().floor().cast<std::int64_t>();
   }
 
   [[nodiscard]] std::size_t bucket(const Cell& cell) const {
@@ -86,6 +88,7 @@ class CellList {
     return (row + bits(cell.x())) & (start_.size() - 2);
   }
 
+  Eigen::Vector3d origin_;
   double cell_size_;
   std::vector<std::int32_t> start_;  // of each bucket; a power of two of them
   std::vector<std::int32_t> place_;
