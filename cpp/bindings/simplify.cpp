@@ -107,7 +107,7 @@ void bind_options(py::module_& m) {
   py::enum_<ComplexVertices>(m, "ComplexVertices")
       .value("KEEP", ComplexVertices::kKeep)
       .value("FREEZE", ComplexVertices::kFreeze);
-  py::enum_<CollapseStop>(m, "StopReason")
+  py::enum_<CollapseStop>(m, "CollapseStop")
       .value("TARGET_REACHED", CollapseStop::kTargetReached)
       .value("ERROR_LIMIT", CollapseStop::kErrorLimit)
       .value("NO_LEGAL_COLLAPSE", CollapseStop::kNoLegalCollapse)

@@ -24,7 +24,7 @@ std::set<Corners> faces_of(const GridDelaunay& delaunay) {
   for (std::int32_t t = 0; t < delaunay.num_faces(); ++t) {
     Corners c{};
     for (std::size_t i = 0; i < 3; ++i) {
-      c[i] = delaunay.pixels()[static_cast<std::size_t>(delaunay.triangle(t)[i])];
+      c[i] = delaunay.pixels()[delaunay.triangle(t)[i]];
     }
     require((c[1].u - c[0].u) * std::int64_t{c[2].v - c[0].v} >
             (c[1].v - c[0].v) * std::int64_t{c[2].u - c[0].u});

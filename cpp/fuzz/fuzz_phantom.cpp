@@ -72,7 +72,7 @@ void check(const PhantomReport& report, const Images& out) {
     require(std::isfinite(out.vertices[i]));
   }
   for (std::int64_t i = 0; i < 3 * report.mesh.num_faces; ++i) {
-    const std::int32_t vertex = out.faces[static_cast<std::size_t>(i)];
+    const std::int32_t vertex = out.faces[i];
     require(vertex >= 0 && vertex < vertices);
   }
   for (std::size_t i = 0; i < kSize; ++i) {

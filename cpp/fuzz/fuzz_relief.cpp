@@ -72,14 +72,14 @@ MANIP3D_UNCOUNTED bool is_inside(const Pixels& p, const Faces& faces, Eigen::Ind
 MANIP3D_UNCOUNTED void check_surface(const Grid& grid, const Pixels& pixels, Faces faces,
                                      std::int64_t num_vertices) {
   std::set<std::pair<std::int32_t, std::int32_t>> edges;
-  std::vector<bool> used(static_cast<std::size_t>(num_vertices));
+  std::vector<bool> used(num_vertices);
   const std::int64_t width = 2 * grid.cols;
-  std::vector<std::uint8_t> covered(static_cast<std::size_t>(2 * grid.rows * width));
+  std::vector<std::uint8_t> covered(2 * grid.rows * width);
   for (Eigen::Index t = 0; t < faces.rows(); ++t) {
     if (!grid.rows_up) std::swap(faces(t, 1), faces(t, 2));
     for (int i = 0; i < 3; ++i) {
       require(faces(t, i) >= 0 && faces(t, i) < num_vertices);
-      used[static_cast<std::size_t>(faces(t, i))] = true;
+      used[faces(t, i)] = true;
       require(edges.emplace(faces(t, i), faces(t, (i + 1) % 3)).second);
     }
     const auto a = pixels.row(faces(t, 0)), b = pixels.row(faces(t, 1)),
@@ -90,9 +90,9 @@ MANIP3D_UNCOUNTED void check_surface(const Grid& grid, const Pixels& pixels, Fac
     for (int v = v0; v <= v1; ++v) {
       for (int u = u0; u <= u1; ++u) {
         if (!is_inside(pixels, faces, t, u, v)) continue;
-        require(++covered[static_cast<std::size_t>(v * width + u)] == 1);
+        require(++covered[v * width + u] == 1);
         const bool at_pixel = u % 2 == 0 && v % 2 == 0;
-        require(!at_pixel || grid.valid[static_cast<std::size_t>(v / 2 * grid.cols + u / 2)] != 0);
+        require(!at_pixel || grid.valid[v / 2 * grid.cols + u / 2] != 0);
       }
     }
   }

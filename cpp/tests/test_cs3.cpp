@@ -30,7 +30,7 @@ struct Arrays {
 
 // A person-like blob that sways, with other noise in each frame.
 std::vector<std::uint16_t> sway(int frame, std::int64_t width, std::int64_t height) {
-  std::vector<std::uint16_t> depth(static_cast<std::size_t>(width * height));
+  std::vector<std::uint16_t> depth(width * height);
   std::uint32_t noise = 12345U + static_cast<std::uint32_t>(frame);
   for (std::int64_t v = 0; v < height; ++v) {
     for (std::int64_t u = 0; u < width; ++u) {
@@ -38,7 +38,7 @@ std::vector<std::uint16_t> sway(int frame, std::int64_t width, std::int64_t heig
       const double x = (static_cast<double>(u) - 160.0 - 4.0 * (frame % 7)) / 90.0;
       const double y = (static_cast<double>(v) - 120.0) / 110.0;
       if (x * x + y * y > 1.0) continue;
-      depth[static_cast<std::size_t>(v * width + u)] =
+      depth[v * width + u] =
           static_cast<std::uint16_t>(1500.0 + 300.0 * (x * x + y * y) + (noise >> 30));
     }
   }

@@ -19,7 +19,7 @@ std::set<Corners> faces_of(const GridDelaunay& delaunay) {
   for (std::int32_t t = 0; t < delaunay.num_faces(); ++t) {
     Corners corners{};
     for (std::size_t i = 0; i < 3; ++i) {
-      corners[i] = delaunay.pixels()[static_cast<std::size_t>(delaunay.triangle(t)[i])];
+      corners[i] = delaunay.pixels()[delaunay.triangle(t)[i]];
     }
     std::rotate(corners.begin(), std::min_element(corners.begin(), corners.end()), corners.end());
     faces.insert(corners);
@@ -68,7 +68,7 @@ TEST(GridDelaunay, InsertingGivesWhatTheSweepGives) {
       const auto known = static_cast<std::int32_t>(inserted.pixels().size());
       const std::int32_t vertex = inserted.insert(pixel);
       ASSERT_GE(vertex, 0);
-      EXPECT_EQ(inserted.pixels()[static_cast<std::size_t>(vertex)], pixel);
+      EXPECT_EQ(inserted.pixels()[vertex], pixel);
       EXPECT_EQ(vertex == known, !inserted.changed().empty());
       std::set<std::int32_t> star;
       for (std::int32_t t = 0; t < inserted.num_faces(); ++t) {
@@ -115,8 +115,8 @@ TEST(GridDelaunay, LocatesPixels) {
     const auto corners = delaunay.triangle(t);
     Pixel sum{0, 0};
     for (const std::int32_t i : corners) {
-      sum.u += delaunay.pixels()[static_cast<std::size_t>(i)].u;
-      sum.v += delaunay.pixels()[static_cast<std::size_t>(i)].v;
+      sum.u += delaunay.pixels()[i].u;
+      sum.v += delaunay.pixels()[i].v;
     }
     if (sum.u % 3 != 0 || sum.v % 3 != 0) continue;  // the centroid is a pixel, and inside
     for (std::int32_t start = 0; start < delaunay.num_faces(); start += 7) {

@@ -33,7 +33,7 @@ PointGrid sway(int frame) {
       const float z = 200.0F + wave * std::cos(y / 7.0F) + 1e-10F * static_cast<float>(noise);
       grid.points.row(v * kCols + u) << x, y, z;
       const float from_hole = std::hypot(x - 60.0F - static_cast<float>(frame), y - 50.0F);
-      if (from_hole < 14.0F) grid.valid[static_cast<std::size_t>(v * kCols + u)] = 0;
+      if (from_hole < 14.0F) grid.valid[v * kCols + u] = 0;
     }
   }
   return grid;

@@ -19,7 +19,7 @@ struct CellMask {
 /// Sums over 3x3 windows; rows without a marked cell around them cost nothing.
 inline CellMask window_sums(const CellMask& mask) {
   CellMask across{mask.rows, mask.columns, std::vector<std::uint8_t>(mask.cells.size())};
-  std::vector<std::uint8_t> any(static_cast<std::size_t>(mask.rows));
+  std::vector<std::uint8_t> any(mask.rows);
   const std::int64_t n = mask.columns;
   for (std::int64_t r = 0; r < mask.rows; ++r) {
     const std::uint8_t* from = mask.row(r);

@@ -126,8 +126,8 @@ double angle_of_slope(double slope) {
 std::pair<double, double> elevations(const PointsView& view, const Eigen::Vector3d& origin,
                                      int num_threads) {
   const std::int64_t chunks = (view.num_points() + kPointChunk - 1) / kPointChunk;
-  std::vector<float> least(static_cast<std::size_t>(chunks), kNothing);
-  std::vector<float> most(static_cast<std::size_t>(chunks), -kNothing);
+  std::vector<float> least(chunks, kNothing);
+  std::vector<float> most(chunks, -kNothing);
   parallel_chunks(view.num_points(), kPointChunk, num_threads,
                   [&](std::int64_t begin, std::int64_t end) {
                     float low = kNothing;
@@ -208,7 +208,7 @@ std::vector<float> accumulated_gaps(const PointsView& view, const CellFinder& fi
 CellMask gap_mask(const CellRanges& image, const std::vector<float>& gaps, const CellFinder& finder,
                   float min_gap, OcclusionResult& result) {
   CellMask mask{finder.rows(), finder.columns(), {}};
-  mask.cells.resize(static_cast<std::size_t>(mask.rows * mask.columns));
+  mask.cells.resize(mask.rows * mask.columns);
   for (std::int64_t c = 0; c < mask.rows * mask.columns; ++c) {
     if (!image.occupied(c)) continue;
     ++result.occupied_cells;

@@ -64,22 +64,22 @@ Answer answer_of(const Eigen::RowVector3d& p, int ring, const ScanLattice& latti
 class Columns {
  public:
   Columns(const ScanLattice& lattice, const FiringSchedule& schedule)
-      : schedule_(schedule), first_(static_cast<std::size_t>(lattice.num_rings())) {
+      : schedule_(schedule), first_(lattice.num_rings()) {
     for (std::size_t ring = 0; ring < first_.size(); ++ring) {
       const double ahead = -lattice.rings[ring].azimuth;
       const double count = std::ceil(ahead / lattice.azimuth_step);
       const double steps = lattice.steps;
       auto k = static_cast<int>(count - std::floor(count / steps) * steps);
-      while (schedule.order[static_cast<std::size_t>(k)] < 0) k = (k + 1) % lattice.steps;
-      first_[ring] = schedule.order[static_cast<std::size_t>(k)];
+      while (schedule.order[k] < 0) k = (k + 1) % lattice.steps;
+      first_[ring] = schedule.order[k];
     }
   }
 
   // -1: not a firing.
   [[nodiscard]] int operator()(int ring, int count) const {
-    const int firing = schedule_.order[static_cast<std::size_t>(count)];
+    const int firing = schedule_.order[count];
     if (firing < 0) return -1;
-    const int column = firing - first_[static_cast<std::size_t>(ring)];
+    const int column = firing - first_[ring];
     return column < 0 ? column + schedule_.firings : column;
   }
 
@@ -128,9 +128,8 @@ class Gaps {
       for (const int side : {0, 1}) {
         const int column = side == 0 ? begin - 1 - k + kind_.columns() : end + k;
         const Answer answer = kind_(ring, column % kind_.columns());
-        answers[static_cast<std::size_t>(side)] += answer != Answer::kNone ? 1 : 0;
-        as_far[static_cast<std::size_t>(side)] +=
-            answer == Answer::kGround || answer == Answer::kBeyond ? 1 : 0;
+        answers[side] += answer != Answer::kNone ? 1 : 0;
+        as_far[side] += answer == Answer::kGround || answer == Answer::kBeyond ? 1 : 0;
       }
     }
     const auto enough = [this](const std::array<int, 2>& both) {
@@ -229,18 +228,18 @@ double contact_distance(const Answers& answers, const PointsView& points, int ri
 
 FiringSchedule find_firings(const LatticeReading& reading, const ScanLattice& lattice) {
   const int steps = lattice.steps;
-  std::vector<int> votes(static_cast<std::size_t>(steps), 0);
+  std::vector<int> votes(steps, 0);
   for (const std::int32_t count : reading.count) {
-    if (count >= 0) ++votes[static_cast<std::size_t>(count)];
+    if (count >= 0) ++votes[count];
   }
-  FiringSchedule schedule{std::vector<std::int32_t>(static_cast<std::size_t>(steps), -1), 0};
+  FiringSchedule schedule{std::vector<std::int32_t>(steps, -1), 0};
   for (int k = 0; k < steps; ++k) {
     int busiest = 1;
     for (int d = -kNeighbours; d <= kNeighbours; ++d) {
-      busiest = std::max(busiest, votes[static_cast<std::size_t>((k + d + steps) % steps)]);
+      busiest = std::max(busiest, votes[(k + d + steps) % steps]);
     }
-    if (votes[static_cast<std::size_t>(k)] < kFiredShare * busiest) continue;
-    schedule.order[static_cast<std::size_t>(k)] = schedule.firings++;
+    if (votes[k] < kFiredShare * busiest) continue;
+    schedule.order[k] = schedule.firings++;
   }
   if (schedule.firings > kSparseShare * steps) {
     std::iota(schedule.order.begin(), schedule.order.end(), 0);

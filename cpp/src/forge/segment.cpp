@@ -47,7 +47,7 @@ class GroundGrid {
       : origin_(options.origin),
         half_(static_cast<std::int64_t>(options.max_range / kCell) + 1),
         side_(2 * half_ + 1),
-        height_(static_cast<std::size_t>(side_ * side_), kNothing) {
+        height_(side_ * side_, kNothing) {
     for (std::int64_t i = 0; i < scene.num_points(); ++i) {
       const std::int64_t cell = cell_of(scene.points.row(i).transpose().cast<double>());
       if (cell >= 0) height_[cell] = std::min(height_[cell], scene.points(i, 2));
@@ -194,7 +194,7 @@ Segmentation segment_objects(const PointsView& scene, const SegmentOptions& opti
   check_points(scene);
   check_options(options);
   Segmentation result;
-  result.labels.assign(static_cast<std::size_t>(scene.num_points()), Segmentation::kOther);
+  result.labels.assign(scene.num_points(), Segmentation::kOther);
   const GroundGrid ground(scene, options);
   std::vector<Voxel> voxels;
   for (std::int64_t i = 0; i < scene.num_points(); ++i) {

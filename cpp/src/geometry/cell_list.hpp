@@ -23,7 +23,7 @@ class CellList {
       : origin_(origin),
         cell_size_(cell_size),
         start_(std::bit_ceil(static_cast<std::size_t>(view.num_points()) / 2 + 1) + 1),
-        place_(static_cast<std::size_t>(view.num_points())),
+        place_(view.num_points()),
         points_(view.num_points(), 3) {
     const std::int64_t count = view.num_points();
     for (std::int64_t i = 0; i < count; ++i) {

@@ -50,7 +50,7 @@ std::vector<std::int32_t> random_order(std::int64_t count, std::uint64_t seed) {
     }
   });
   std::vector<std::int32_t> order;
-  order.reserve(static_cast<std::size_t>(count));
+  order.reserve(count);
   for (std::int32_t b = 0; b < buckets.num_keys(); ++b) {
     const auto few = buckets[b];
     std::sort(few.begin(), few.end(), [&](std::int32_t i, std::int32_t j) {

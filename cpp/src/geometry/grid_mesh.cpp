@@ -54,8 +54,8 @@ DepthMesh grid_mesh(const PointGridView& grid, const GridMeshOptions& options,
   }
   // First count, so that each row knows where its vertices and triangles go.
   constexpr std::int64_t kRowsPerChunk = 8;
-  std::vector<std::int64_t> vertices_before(static_cast<std::size_t>(grid.rows) + 1);
-  std::vector<std::int64_t> faces_before(static_cast<std::size_t>(grid.rows) + 1);
+  std::vector<std::int64_t> vertices_before(grid.rows + 1);
+  std::vector<std::int64_t> faces_before(grid.rows + 1);
   parallel_chunks(
       grid.rows, kRowsPerChunk, options.num_threads, [&](std::int64_t v0, std::int64_t v1) {
         for (std::int64_t v = v0; v < v1; ++v) {
@@ -73,25 +73,25 @@ DepthMesh grid_mesh(const PointGridView& grid, const GridMeshOptions& options,
   mesh.vertices.resize(vertices_before.back(), 3);
   mesh.pixels.resize(vertices_before.back(), 2);
   mesh.faces.resize(faces_before.back(), 3);
-  std::vector<std::int32_t> vertex_of(static_cast<std::size_t>(grid.rows * grid.cols));
+  std::vector<std::int32_t> vertex_of(grid.rows * grid.cols);
   parallel_chunks(
       grid.rows, kRowsPerChunk, options.num_threads, [&](std::int64_t v0, std::int64_t v1) {
         for (std::int64_t v = v0; v < v1; ++v) {
-          auto next = vertices_before[static_cast<std::size_t>(v)];
+          auto next = vertices_before[v];
           for (std::int64_t u = 0; u < grid.cols; ++u) {
             const std::int64_t pixel = v * grid.cols + u;
             if (grid.valid[pixel] == 0) continue;
             const float* point = grid.points + 3 * pixel;
             mesh.vertices.row(next) << point[0], point[1], point[2];
             mesh.pixels.row(next) << static_cast<std::int32_t>(u), static_cast<std::int32_t>(v);
-            vertex_of[static_cast<std::size_t>(pixel)] = static_cast<std::int32_t>(next++);
+            vertex_of[pixel] = static_cast<std::int32_t>(next++);
           }
         }
       });
   parallel_chunks(
       grid.rows, kRowsPerChunk, options.num_threads, [&](std::int64_t v0, std::int64_t v1) {
         for (std::int64_t v = v0; v < v1; ++v) {
-          auto next = faces_before[static_cast<std::size_t>(v)];
+          auto next = faces_before[v];
           for_faces_of_row(grid, v, options.max_edge,
                            [&](std::int64_t a, std::int64_t b, std::int64_t c) {
                              mesh.faces.row(next++) << vertex_of[a], vertex_of[b], vertex_of[c];

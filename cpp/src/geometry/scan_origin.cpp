@@ -529,7 +529,7 @@ ScanOrigin fit_grid(const Points& sample, const Vector3d& start, int axis, bool 
   constexpr double kFarthest = 0.2;    // of the median range: the first position is better
   constexpr double kSame = 0.005;      // of the median range: the first position is as good
   constexpr double kKept = 0.8;        // of the coherence, from one window to the next
-  std::vector<Vector3d> points(static_cast<std::size_t>(sample.rows()));
+  std::vector<Vector3d> points(sample.rows());
   for (Eigen::Index i = 0; i < sample.rows(); ++i) {
     points[i] = turned(sample.row(i).cast<double>().transpose(), axis);
   }

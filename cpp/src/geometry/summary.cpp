@@ -56,8 +56,8 @@ std::int64_t count_zero_area_faces(const MeshView& mesh) {
 }
 
 std::int64_t count_referenced(const Eigen::Ref<const Faces>& faces, std::int64_t num_vertices) {
-  std::vector<bool> referenced(static_cast<std::size_t>(num_vertices));
-  for (const std::int32_t v : faces.reshaped()) referenced[static_cast<std::size_t>(v)] = true;
+  std::vector<bool> referenced(num_vertices);
+  for (const std::int32_t v : faces.reshaped()) referenced[v] = true;
   return std::count(referenced.begin(), referenced.end(), true);
 }
 

@@ -38,7 +38,7 @@ Edges find_edges(const Eigen::Ref<const Faces>& faces, std::int64_t num_vertices
   Buckets<EdgeUse> uses = edge_uses_by_lower_vertex(faces, num_vertices);
   Edges edges;
   edges.vertices.resize(3 * faces.rows(), 2);
-  edges.faces.reserve(static_cast<std::size_t>(3 * faces.rows()));
+  edges.faces.reserve(3 * faces.rows());
   Eigen::Index size = 0;
   for (std::int32_t lower = 0; lower < uses.num_keys(); ++lower) {
     std::int32_t last_upper = -1;

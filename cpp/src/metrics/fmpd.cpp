@@ -41,7 +41,7 @@ double own_unit(const MeshView& mesh) {
 
 std::vector<FaceTerms> face_terms(const MeshView& mesh, int num_threads, const Progress& progress) {
   const double unit = own_unit(mesh);
-  std::vector<FaceTerms> terms(static_cast<std::size_t>(mesh.num_faces()));
+  std::vector<FaceTerms> terms(mesh.num_faces());
   const auto compute = [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t f = begin; f < end; ++f) {
       Vector3d p[3];
@@ -65,8 +65,7 @@ enum class VertexKind : std::uint8_t { kInterior, kBoundary, kNonManifold };
 // edge with more of them fans end, so its vertices have several.
 std::vector<VertexKind> classify_vertices(const MeshView& mesh) {
   const Edges edges = find_edges(mesh.faces, mesh.num_vertices());
-  std::vector<VertexKind> kinds(static_cast<std::size_t>(mesh.num_vertices()),
-                                VertexKind::kInterior);
+  std::vector<VertexKind> kinds(mesh.num_vertices(), VertexKind::kInterior);
   UnionFind fans(3 * mesh.num_faces());  // of corners
   const auto corner_at = [&](std::int32_t face, std::int32_t vertex) {
     int k = 0;

@@ -181,7 +181,7 @@ struct Places {
 
 Places places_of(const PointGridView& grid, const RangeCamera& camera) {
   Places places;
-  places.pixel.resize(static_cast<std::size_t>(grid.rows * grid.cols));
+  places.pixel.resize(grid.rows * grid.cols);
   for (std::int64_t i = 0; i < grid.rows * grid.cols; ++i) {
     if (grid.valid[i] == 0) continue;
     const Eigen::Vector2d place(static_cast<double>(i % grid.cols),
@@ -246,7 +246,7 @@ std::vector<double> render_depth(const MeshView& mesh, const PointGridView& grid
   check_mesh(mesh);
   check_point_grid(grid);
   const Places places = places_of(grid, camera);
-  std::vector<SeenTriangle> faces(static_cast<std::size_t>(mesh.num_faces()));
+  std::vector<SeenTriangle> faces(mesh.num_faces());
   parallel_chunks(mesh.num_faces(), kSampleChunk, options.num_threads,
                   [&](std::int64_t begin, std::int64_t end) {
                     for (std::int64_t f = begin; f < end; ++f) {

@@ -78,7 +78,7 @@ class MeshWriter {
 
  private:
   [[nodiscard]] const float* point(std::int64_t pixel) const {
-    return out_.vertices + 3 * std::int64_t{vertex_of_[static_cast<std::size_t>(pixel)]};
+    return out_.vertices + 3 * std::int64_t{vertex_of_[pixel]};
   }
   [[nodiscard]] float squared_distance(std::int64_t a, std::int64_t b) const {
     const float* p = point(a);
@@ -95,7 +95,7 @@ class MeshWriter {
     std::int64_t phantom = -1;
     bool body = false;
     for (std::size_t i = 0; i < 3; ++i) {
-      vertex[i] = vertex_of_[static_cast<std::size_t>(corner[i])];
+      vertex[i] = vertex_of_[corner[i]];
       if (image_.kind[corner[i]] == PixelKind::kBody) {
         body = true;
       } else if (phantom < 0) {
@@ -109,7 +109,7 @@ class MeshWriter {
   /// Gives the body's corners vertices with the phantom's texture; false if there is no room.
   bool split_seam(const std::array<std::int64_t, 3>& corner, std::int64_t phantom,
                   std::array<std::int32_t, 3>& vertex) {
-    const std::int64_t texture = vertex_of_[static_cast<std::size_t>(phantom)];
+    const std::int64_t texture = vertex_of_[phantom];
     for (std::size_t i = 0; i < 3; ++i) {
       if (image_.kind[corner[i]] != PixelKind::kBody) continue;
       if (size_.num_vertices == out_.capacity) return false;
@@ -179,7 +179,7 @@ std::int64_t write_points(const PhantomImage& image, const PixelBox& box, const 
       std::copy_n(point.data(), 3, out.vertices + 3 * count);
       out.pixels[2 * count] = static_cast<std::int32_t>(u);
       out.pixels[2 * count + 1] = static_cast<std::int32_t>(v);
-      vertex_of[static_cast<std::size_t>(pixel)] = static_cast<std::int32_t>(count++);
+      vertex_of[pixel] = static_cast<std::int32_t>(count++);
     }
   }
   return count;

@@ -21,8 +21,7 @@ int scaled(int a, int b, int c) {
 
 Eigen::Vector3f point_at(const RgbdFrame& frame, const PixelRays& rays, std::int64_t v,
                          std::int64_t u) {
-  const float z =
-      0.001F * static_cast<float>(frame.depth[static_cast<std::size_t>(v * frame.cols + u)]);
+  const float z = 0.001F * static_cast<float>(frame.depth[v * frame.cols + u]);
   const float y = rays.is_separable() ? *rays.y(v) : rays.y(v)[u];
   return {rays.x(v)[u] * z, y * z, z};
 }
@@ -101,7 +100,7 @@ void ShoeCoverTracker::mark(const RgbdFrame& frame, const PixelRays& rays,
   for (std::int64_t v = 0; v < frame.rows; ++v) {
     for (std::int64_t u = 0; u < frame.cols; ++u) {
       const std::int64_t pixel = v * frame.cols + u;
-      const float z = 0.001F * static_cast<float>(frame.depth[static_cast<std::size_t>(pixel)]);
+      const float z = 0.001F * static_cast<float>(frame.depth[pixel]);
       if (!(z > 0.0F && std::abs(z - ankle.z()) <= reach)) continue;
       const Eigen::Vector3f point = point_at(frame, rays, v, u);
       if (!((point - ankle).squaredNorm() <= reach * reach)) continue;
@@ -112,7 +111,7 @@ void ShoeCoverTracker::mark(const RgbdFrame& frame, const PixelRays& rays,
           hsv.saturation < options_.min_saturation || hsv.value < options_.min_value) {
         continue;
       }
-      blue_[static_cast<std::size_t>(pixel)] = 1;
+      blue_[pixel] = 1;
       if (last_blue_ < 0) first_blue_ = pixel;
       last_blue_ = pixel;
     }
@@ -145,7 +144,7 @@ std::optional<Eigen::Vector3f> ShoeCoverTracker::find(const RgbdFrame& frame, co
   for (const std::int64_t pixel : largest_) {
     const Eigen::Vector3f point = point_at(frame, rays, pixel / frame.cols, pixel % frame.cols);
     for (int axis = 0; axis < 3; ++axis) {
-      coordinates_[static_cast<std::size_t>(axis)].push_back(point[axis]);
+      coordinates_[axis].push_back(point[axis]);
     }
   }
   const auto middle = [&](std::size_t axis) {

@@ -85,8 +85,8 @@ class MeshWriter {
                           const std::array<std::int32_t, 3>& corners) const {
     std::int64_t u = 0, v = 0;
     for (const std::int32_t i : corners) {
-      u += pixels[static_cast<std::size_t>(i)].u;
-      v += pixels[static_cast<std::size_t>(i)].v;
+      u += pixels[i].u;
+      v += pixels[i].v;
     }
     return map_.is_valid(static_cast<Slot>((2 * v + 3) / 6 * map_.stride + (2 * u + 3) / 6));
   }
@@ -148,7 +148,7 @@ Cs3Report Cs3::run(const RangeImage& image, const Cs3Options& options,
   finish(Cs3Stage::kSampling);
   w.pixels.clear();
   const std::int64_t most = std::min(options.target_points, image.rows() * image.cols());
-  w.pixels.reserve(static_cast<std::size_t>(most));
+  w.pixels.reserve(most);
   for (const Slot slot : w.sampler.slots()) {
     const auto stride = static_cast<Slot>(w.map.stride);
     w.pixels.push_back(

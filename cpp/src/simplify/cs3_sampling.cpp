@@ -53,8 +53,7 @@ void ImportanceOrder::sort_items(const ImportanceMap& map, std::vector<Item>& it
   slots_.resize(count);
   for (std::size_t i = 0; i < count; ++i) {
     const Item item = items[i];
-    slots_[high_[static_cast<std::size_t>(item >> kSlotBits)]++] =
-        static_cast<Slot>(item & ((Item{1} << kSlotBits) - 1));
+    slots_[high_[item >> kSlotBits]++] = static_cast<Slot>(item & ((Item{1} << kSlotBits) - 1));
   }
 }
 
@@ -291,7 +290,7 @@ double Cs3Sampler::search(const Frame& frame, Cs3Report& report) {
   }
   if (factor != many) sample(frame, many);
   report.reached = Cs3Reached::kCut;
-  chosen_.resize(static_cast<std::size_t>(n));
+  chosen_.resize(n);
   return many;
 }
 

@@ -176,7 +176,7 @@ void GridDelaunay::start_fan(std::int32_t apex) {
 
 // The last vertex of the front at or left of column u.
 std::int32_t GridDelaunay::find_below(std::int32_t u) const {
-  const auto node = [&](std::int32_t vertex) { return ring_[static_cast<std::size_t>(vertex)]; };
+  const auto node = [&](std::int32_t vertex) { return ring_[vertex]; };
   std::int32_t a = last_;
   if (u < pixel(a).u && u - pixel(left_).u < pixel(a).u - u) a = left_;
   while (pixel(a).u > u) a = node(a).prev;

@@ -61,7 +61,7 @@ void importance_row(const AreaRows& areas, const float* __restrict z, std::int64
 // overflow nor vanish; the significant bits of all results stay as they are.
 float unit_scale(const RangeImage& image, const PixelBox& box, std::vector<float>& scratch) {
   if (image.has_depth() || box.empty()) return 1.0F;
-  scratch.resize(static_cast<std::size_t>(3 * box.width));
+  scratch.resize(3 * box.width);
   float *x = scratch.data(), *y = x + box.width, *z = y + box.width;
   std::array<float, 3> low, high;
   low.fill(kInfinity);
@@ -96,7 +96,7 @@ class RowPipeline {
         map_(map) {
     const std::int64_t length = map.box.width + 2 * kPad;
     const bool unknown = options.reading.beside_invalid == Cs3Reading::BesideInvalid::kUnknown;
-    scratch.resize(static_cast<std::size_t>((3 * kPointRows + kAreaRows) * length));
+    scratch.resize((3 * kPointRows + kAreaRows) * length);
     float* next = scratch.data() + kPad;
     std::fill_n(scratch.data(), 3 * kPointRows * length, kNan);
     std::fill_n(scratch.data() + 3 * kPointRows * length, kAreaRows * length,
@@ -124,12 +124,8 @@ class RowPipeline {
   }
 
  private:
-  PointRow& points(std::int64_t v) {
-    return points_[static_cast<std::size_t>((v + kPointRows) % kPointRows)];
-  }
-  float*& area(std::int64_t v) {
-    return areas_[static_cast<std::size_t>((v + kAreaRows) % kAreaRows)];
-  }
+  PointRow& points(std::int64_t v) { return points_[(v + kPointRows) % kPointRows]; }
+  float*& area(std::int64_t v) { return areas_[(v + kAreaRows) % kAreaRows]; }
   [[nodiscard]] bool is_inside(std::int64_t v) const { return v >= 0 && v < map_.box.height; }
 
   void load(std::int64_t v) {

@@ -190,7 +190,7 @@ void Relief::Memory::build_meshes(const ReliefOptions& options, ReliefResult& re
 
 void Relief::Memory::find_sight(const ReliefOptions& options) {
   relief_detail::make_room(sight, mesh.num_slots());
-  sight.resize(static_cast<std::size_t>(mesh.num_slots()));
+  sight.resize(mesh.num_slots());
   const Vec3 center = (surface.center() / surface.unit()).cast<float>();
   const Vec3 parallel = surface.mean_normal();
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
@@ -201,7 +201,7 @@ void Relief::Memory::find_sight(const ReliefOptions& options) {
 std::int32_t Relief::Memory::number_vertices(const Triangulation& of) {
   of.sorted_vertices(order);
   relief_detail::make_room(number, of.num_slots());
-  number.resize(static_cast<std::size_t>(of.num_slots()));
+  number.resize(of.num_slots());
   const auto num_before = static_cast<std::int32_t>(placed.size());
   std::int32_t i = 0;
   for (const std::int32_t v : order) {
@@ -268,7 +268,7 @@ void Relief::Memory::move_points(const PointGridView& grid, const ReliefOptions&
   DepthMesh& out = result.mesh;
   double sum = 0.0;
   for (Eigen::Index i = 0; i < out.vertices.rows(); ++i) {
-    const std::int32_t v = order[static_cast<std::size_t>(i)];  // no levels: numbered in this order
+    const std::int32_t v = order[i];  // no levels: numbered in this order
     const Vec3 move = static_cast<float>(surface.unit()) * refiner.offset(v) * sight[v];
     out.vertices.row(i) += move.transpose();
     const double length = move.norm();

@@ -172,7 +172,7 @@ std::int64_t drop_small_pieces(Triangulation& mesh, std::int64_t target,
     return !keep.empty() && keep[mesh.vertex(v).pixel] == Keep::kFixed;
   };
   std::vector<Piece> pieces;
-  std::vector<bool> seen(static_cast<std::size_t>(mesh.num_face_slots()));
+  std::vector<bool> seen(mesh.num_face_slots());
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     if (!mesh.is_face(t) || seen[t]) continue;
     Piece piece;

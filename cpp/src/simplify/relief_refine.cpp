@@ -230,8 +230,8 @@ void Refiner::solve(const Surface& surface, const Triangulation& mesh,
   constexpr int kSweeps = 4;  // Gauss-Seidel: the system is nearly diagonal
   make_room(offsets_, mesh.num_slots());
   make_room(blocks_, mesh.num_face_slots());
-  offsets_.assign(static_cast<std::size_t>(mesh.num_slots()), 0.0F);
-  blocks_.resize(static_cast<std::size_t>(mesh.num_face_slots()));
+  offsets_.assign(mesh.num_slots(), 0.0F);
+  blocks_.resize(mesh.num_face_slots());
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     if (mesh.is_face(t)) blocks_[t] = normal_equations(surface, mesh, directions, t);
   }

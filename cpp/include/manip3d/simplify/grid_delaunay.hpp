@@ -79,19 +79,15 @@ class GridDelaunay {
   static constexpr std::int32_t kStride = 4;
   static std::int32_t next(std::int32_t e) { return (e & 3) == 2 ? e - 2 : e + 1; }
   static std::int32_t prev(std::int32_t e) { return (e & 3) == 0 ? e + 2 : e - 1; }
-  HalfEdge& edge(std::int32_t e) { return edges_[static_cast<std::size_t>(e)]; }
-  [[nodiscard]] const HalfEdge& edge(std::int32_t e) const {
-    return edges_[static_cast<std::size_t>(e)];
-  }
-  [[nodiscard]] const Pixel& pixel(std::int32_t vertex) const {
-    return pixels_[static_cast<std::size_t>(vertex)];
-  }
+  HalfEdge& edge(std::int32_t e) { return edges_[e]; }
+  [[nodiscard]] const HalfEdge& edge(std::int32_t e) const { return edges_[e]; }
+  [[nodiscard]] const Pixel& pixel(std::int32_t vertex) const { return pixels_[vertex]; }
   // The boundary is a ring of vertices, clockwise: the front from left to right, then below.
   struct BoundaryVertex {
     std::int32_t next, prev;
     std::int32_t edge;  ///< The half-edge from `next` to this vertex.
   };
-  BoundaryVertex& ring(std::int32_t vertex) { return ring_[static_cast<std::size_t>(vertex)]; }
+  BoundaryVertex& ring(std::int32_t vertex) { return ring_[vertex]; }
 
   [[nodiscard]] std::int64_t orient(std::int32_t a, std::int32_t b, std::int32_t c) const;
   [[nodiscard]] bool is_illegal(std::int32_t e) const;
