@@ -5,6 +5,9 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from manip3d._util import main_interpreter  # noqa: F401
+
+# isort: split
 from manip3d._core import __version__
 from manip3d.camera import Intrinsics, Registration
 from manip3d.errors import (
@@ -44,6 +47,7 @@ __all__ = [
     "__version__",
     "authenticate",
     "capture",
+    "datasets",
     "forge",
     "io",
     "metrics",
@@ -60,6 +64,7 @@ _LAZY = frozenset(
     {
         "authenticate",
         "capture",
+        "datasets",
         "forge",
         "io",
         "metrics",
@@ -79,3 +84,7 @@ def __getattr__(name: str) -> Any:
 
         return view
     raise AttributeError(f"module 'manip3d' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

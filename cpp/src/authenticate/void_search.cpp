@@ -65,6 +65,7 @@ class Columns {
  public:
   Columns(const ScanLattice& lattice, const FiringSchedule& schedule)
       : schedule_(schedule), first_(lattice.num_rings()) {
+    if (schedule.firings == 0) return;
     for (std::size_t ring = 0; ring < first_.size(); ++ring) {
       const double ahead = -lattice.rings[ring].azimuth;
       const double count = std::ceil(ahead / lattice.azimuth_step);
@@ -149,6 +150,7 @@ class Gaps {
 // fired a little more or less often.
 bool was_answered(const Answers& earlier, int ring, int column, int columns) {
   const int there = earlier.kind.columns();
+  if (there == 0) return false;
   const auto middle =
       static_cast<int>((static_cast<std::int64_t>(column) * there + there / 2) / columns);
   int answered = 0;

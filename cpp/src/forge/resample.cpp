@@ -82,19 +82,25 @@ Vector3d on_triangle(const Vector3d& a, const Vector3d& b, const Vector3d& c, st
 
 // Random points of the faces, `density` per unit of area.
 Points surface_candidates(const PointsView& view, const Eigen::Ref<const Faces>& faces,
-                          double density, std::uint64_t seed) {
+                          double density, std::uint64_t seed, const Progress& progress) {
+  Ticker ticker(progress);
   double area = 0.0;
-  for (Eigen::Index f = 0; f < faces.rows(); ++f) area += 0.5 * doubled_area(view, faces, f);
+  for (Eigen::Index f = 0; f < faces.rows(); ++f) {
+    ticker.tick();
+    area += 0.5 * doubled_area(view, faces, f);
+  }
   check_count(area * density);
   Points samples(static_cast<Eigen::Index>(area * density) + 1, 3);
   Eigen::Index row = 0;
   double due = 0.0;
   for (Eigen::Index f = 0; f < faces.rows() && row < samples.rows(); ++f) {
+    ticker.tick();
     due += 0.5 * doubled_area(view, faces, f) * density;
     const auto corner = [&](int k) -> Vector3d {
       return view.points.row(faces(f, k)).transpose().cast<double>();
     };
     for (; static_cast<double>(row) < due && row < samples.rows(); ++row) {
+      ticker.tick();
       samples.row(row) =
           on_triangle(corner(0), corner(1), corner(2), seed, static_cast<std::uint64_t>(row))
               .cast<float>();
@@ -104,13 +110,15 @@ Points surface_candidates(const PointsView& view, const Eigen::Ref<const Faces>&
 }
 
 // Random points of the triangles between each point and pairs of its neighbours.
-Points cloud_candidates(const PointsView& view, double per_point, const ResampleOptions& options) {
+Points cloud_candidates(const PointsView& view, double per_point, const ResampleOptions& options,
+                        const Progress& progress) {
   const auto share = static_cast<Eigen::Index>(std::ceil(per_point));
   check_count(static_cast<double>(view.num_points()) * static_cast<double>(share + 1));
-  const KdTree tree(view);
+  const KdTree tree(view, progress);
   Points samples(view.num_points() * (share + 1), 3);
   parallel_chunks(
-      view.num_points(), 256, options.num_threads, [&](std::int64_t begin, std::int64_t end) {
+      view.num_points(), 256, options.num_threads,
+      [&](std::int64_t begin, std::int64_t end) {
         KdTree::Neighbours near;
         for (std::int64_t i = begin; i < end; ++i) {
           tree.nearest(i, kSurfaceNeighbours, near);
@@ -128,7 +136,8 @@ Points cloud_candidates(const PointsView& view, double per_point, const Resample
             samples.row(row) = on_triangle(p, second, third, options.seed, counter).cast<float>();
           }
         }
-      });
+      },
+      part_of(progress, 0.0, 0.0));
   return samples;
 }
 
@@ -142,7 +151,7 @@ void check_faces(const Eigen::Ref<const Faces>& faces, std::int64_t num_points) 
 }  // namespace
 
 Points resample(const PointsView& object, const Eigen::Ref<const Faces>& faces,
-                const ResampleOptions& options) {
+                const ResampleOptions& options, const Progress& progress) {
   check_points(object);
   check_faces(faces, object.num_points());
   const double spacing = options.spacing;
@@ -157,32 +166,33 @@ Points resample(const PointsView& object, const Eigen::Ref<const Faces>& faces,
     throw InputError("spacing: expected one within 2^40 of the largest coordinate, got " +
                      std::to_string(spacing));
   }
-  const double spacing_of_object = mean_spacing(object);
+  const double spacing_of_object = mean_spacing(object, progress);
   if (!(spacing_of_object > 0.0)) {
     throw InputError("hoax: expected points at different places");
   }
   const double gamma = spacing_of_object / spacing;
   if (gamma < 1.0 && options.method == Resampling::kUniform) {
-    const Order order = random_order(object.num_points(), options.seed);
+    Ticker ticker(progress);
+    const Order order = random_order(object.num_points(), options.seed, ticker);
     const auto sample = [&](double length) {
       const double share = spacing_of_object / length;
       return first_of(order, std::min(1.0, share * share));
     };
     const auto spacing_of = [&](const Order& rows) {
-      return mean_spacing(view_of(take(object, rows)));
+      return mean_spacing(view_of(take(object, rows)), progress);
     };
     return take(object, with_spacing(spacing, spacing, sample, spacing_of));
   }
   Points made;
   if (gamma >= 1.0 && faces.rows() > 0) {
-    made =
-        surface_candidates(object, faces, kCandidatesPerDisk / (spacing * spacing), options.seed);
+    made = surface_candidates(object, faces, kCandidatesPerDisk / (spacing * spacing), options.seed,
+                              progress);
   } else if (gamma >= 1.0) {
-    made = cloud_candidates(object, kCandidatesPerDisk * gamma * gamma, options);
+    made = cloud_candidates(object, kCandidatesPerDisk * gamma * gamma, options, progress);
   }
   if (gamma >= 1.0 && made.rows() < 2) return made;
   const PointsView candidates = gamma < 1.0 ? object : view_of(made);
-  DartBoard board(candidates, options.seed + 2);
+  DartBoard board(candidates, options.seed + 2, Vector3d::Zero(), progress);
   const double first_radius = spacing / spacing_over_radius(gamma, faces.rows() > 0);
   return take(candidates,
               with_spacing(

@@ -29,15 +29,15 @@ std::int64_t for_probes(std::int64_t count, const Visit& visit) {
 
 }  // namespace
 
-double mean_spacing(const PointsView& points) {
-  const KdTree tree(points);
+double mean_spacing(const PointsView& points, const Progress& progress) {
+  const KdTree tree(points, progress);
   double sum = 0.0;
   const std::int64_t count =
       for_probes(points.num_points(), [&](std::int64_t i) { sum += tree.nearest_distance(i); });
   return sum / static_cast<double>(count);
 }
 
-std::vector<std::int32_t> random_order(std::int64_t count, std::uint64_t seed) {
+std::vector<std::int32_t> random_order(std::int64_t count, std::uint64_t seed, Ticker& ticker) {
   const int bits =
       std::clamp(static_cast<int>(std::bit_width(static_cast<std::uint64_t>(count))), 1, 24);
   // Into buckets of the leading bits of the keys, then within each.
@@ -47,6 +47,7 @@ std::vector<std::int32_t> random_order(std::int64_t count, std::uint64_t seed) {
   Buckets<std::int32_t> buckets(std::int64_t{1} << bits, [&](const auto& put) {
     for (std::int32_t i = 0; i < count; ++i) {
       put(static_cast<std::int32_t>(key_of(i) >> (64 - bits)), i);
+      ticker.tick();
     }
   });
   std::vector<std::int32_t> order;
@@ -57,6 +58,7 @@ std::vector<std::int32_t> random_order(std::int64_t count, std::uint64_t seed) {
       return std::pair(key_of(i), i) < std::pair(key_of(j), j);
     });
     order.insert(order.end(), few.begin(), few.end());
+    ticker.tick();
   }
   return order;
 }
@@ -71,10 +73,11 @@ Points take(const PointsView& view, const std::vector<std::int32_t>& rows) {
 
 std::vector<std::int32_t> DartBoard::sample(double radius) {
   if (!cells_ || !(radius <= cells_->cell_size() && cells_->cell_size() <= 2.0 * radius)) {
-    cells_.emplace(candidates_, kRoom * radius, origin_);
+    cells_.emplace(candidates_, kRoom * radius, origin_, ticker_);
   }
   state_.assign(order_.size(), State::kFree);
   for (const std::int32_t row : order_) {
+    ticker_.tick();
     const std::int32_t place = cells_->place_of(row);
     if (state_[place] != State::kFree) continue;
     cells_->visit<1>(place, [&](std::int32_t other) {
@@ -98,7 +101,8 @@ double DartBoard::mean_spacing_of(const std::vector<std::int32_t>& kept) const {
     sum += std::sqrt(squared);
   });
   if (all_near) return sum / static_cast<double>(probes);
-  return mean_spacing(view_of(take(candidates_, kept)));  // lone points: their cells are empty
+  // Lone points: their cells are empty.
+  return mean_spacing(view_of(take(candidates_, kept)), progress_);
 }
 
 double DartBoard::nearest_that_stays(std::int32_t place) const {

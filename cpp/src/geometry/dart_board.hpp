@@ -6,14 +6,15 @@
 
 #include "geometry/cell_list.hpp"
 #include "manip3d/geometry/point_cloud.hpp"
+#include "manip3d/progress.hpp"
 
 namespace manip3d {
 
 /// The numbers below `count` in a random order: by random keys, a tie by the number.
-std::vector<std::int32_t> random_order(std::int64_t count, std::uint64_t seed);
+std::vector<std::int32_t> random_order(std::int64_t count, std::uint64_t seed, Ticker& ticker);
 
 /// Mean nearest-neighbour distance, of a few thousand of the points: good to about 1 %.
-double mean_spacing(const PointsView& points);
+double mean_spacing(const PointsView& points, const Progress& progress);
 
 inline PointsView view_of(const Points& points) {
   return PointsView({points.data(), points.rows(), 3});
@@ -26,11 +27,13 @@ Points take(const PointsView& view, const std::vector<std::int32_t>& rows);
 class DartBoard {
  public:
   /// @param origin  near the points: cells are counted from there.
-  DartBoard(const PointsView& candidates, std::uint64_t seed,
-            const Eigen::Vector3d& origin = Eigen::Vector3d::Zero())
+  DartBoard(const PointsView& candidates, std::uint64_t seed, const Eigen::Vector3d& origin,
+            const Progress& progress)
       : candidates_(candidates),
         origin_(origin),
-        order_(random_order(candidates.num_points(), seed)) {}
+        progress_(progress),
+        ticker_(progress),
+        order_(random_order(candidates.num_points(), seed, ticker_)) {}
 
   /// The rows that stay, ascending.
   std::vector<std::int32_t> sample(double radius);
@@ -43,6 +46,8 @@ class DartBoard {
 
   PointsView candidates_;
   Eigen::Vector3d origin_;
+  Progress progress_;
+  Ticker ticker_;
   std::vector<std::int32_t> order_;
   std::optional<CellList> cells_;
   std::vector<State> state_;  ///< By place in the list.

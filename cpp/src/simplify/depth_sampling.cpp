@@ -195,7 +195,7 @@ PoissonDiskSample sample_poisson_disk(const PointGridView& grid, std::int64_t ta
   }
   Eigen::AlignedBox3f box;
   for (const auto& point : points.rowwise()) box.extend(point.transpose());
-  DartBoard board(view_of(points), seed, box.min().cast<double>());
+  DartBoard board(view_of(points), seed, box.min().cast<double>(), {});
   std::vector<std::int32_t> best;
   double best_radius = 0.0;
   // With the diagonal as radius one or two points are kept; a millionth of it keeps nearly all.

@@ -8,18 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
-from manip3d._options import reporting, threads_of
-from manip3d._scans import to_scan
+from manip3d._util.options import reporting, threads_of
 from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
 from manip3d.authenticate._verdict import Calibration, Verdict
 from manip3d.errors import InputError
-from manip3d.lidar import Box
+from manip3d.lidar import Box, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from manip3d._options import Progress
-    from manip3d._scans import ScanLike
+    from manip3d._util.options import Progress
+    from manip3d.lidar import ScanLike
 
     Floats = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from manip3d import _core
-from manip3d._arrays import rows as as_rows
-from manip3d._options import threads_of
+from manip3d._util.arrays import rows as as_rows
+from manip3d._util.options import threads_of
 from manip3d.authenticate._lattice import SensorLattice, estimate_lattice
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame

@@ -9,17 +9,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import _core
-from manip3d._options import threads_of
-from manip3d._scans import Scan, origin_of, to_scan
+from manip3d._util.options import threads_of
 from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
 from manip3d.authenticate._verdict import Calibration, Verdict
 from manip3d.errors import InputError
-from manip3d.lidar import Box
+from manip3d.lidar import Box, Scan, origin_of, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from manip3d._scans import ScanLike
+    from manip3d.lidar import ScanLike
 
 FEWEST_POINTS = 1000
 """Below, a scan covers too little of the sphere."""

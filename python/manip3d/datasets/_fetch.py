@@ -6,9 +6,9 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from manip3d._files import atomic_write
 from manip3d.datasets._registry import DataFile, DataSet, cache_folder, locate, require
 from manip3d.errors import Error, MissingExtraError
+from manip3d.io._files import atomic_write
 
 if TYPE_CHECKING:
     from collections.abc import Callable

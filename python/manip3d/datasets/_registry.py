@@ -7,13 +7,17 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 
+from manip3d._util.paths import path_of
 from manip3d.errors import Error, InputError
 
 ENTRY_POINTS = "manip3d.datasets"
 """Group of entry points: each names a `DataSet` or an iterable of them."""
+_OWN = ("meshes", "scans", "rgbd", "people")
+"""Modules of this package that describe data sets: loaded by name, as plug-ins are."""
 
 
 class DataMissingError(Error, FileNotFoundError):
@@ -104,11 +108,10 @@ def registry() -> Mapping[str, DataSet]:
     InputError
         Two data sets have the same name.
     """
-    from manip3d.datasets import meshes, people, rgbd, scans
-
     found: dict[str, DataSet] = {}
+    own = (import_module(f"manip3d.datasets.{name}").DATA_SETS for name in _OWN)
     plugins = (entry.load() for entry in entry_points(group=ENTRY_POINTS))
-    for group in (meshes.DATA_SETS, scans.DATA_SETS, rgbd.DATA_SETS, people.DATA_SETS, *plugins):
+    for group in (*own, *plugins):
         for data_set in _data_sets(group):
             if found.setdefault(data_set.name.casefold(), data_set) is not data_set:
                 raise InputError(f"data set {data_set.name!r} is registered twice")
@@ -200,7 +203,7 @@ def require(file: DataFile, name: str) -> Path:
 
 def file_sha256(path: Path) -> str:
     """Hexadecimal SHA-256 of a file's bytes; computed once while its size and time stay."""
-    status = path.stat()
+    status = path_of(path).stat()
     return _sha256(path, status.st_size, status.st_mtime_ns)
 
 

@@ -14,8 +14,8 @@ from typing import Any
 from manip3d import __version__, _core
 
 # Modules that show results but do not make them: a change there keeps stored results valid.
-_PRESENTATION = {"cli.py", "_cli", "report", "viewer", "_environment.py"}
-_LIBRARIES = ("numpy", "scipy", "pandas", "matplotlib", "open3d", "vtk", "pyvista", "trimesh")
+_PRESENTATION = {"cli", "report", "viewer", "_environment.py"}
+_LIBRARIES = ("numpy", "scipy", "matplotlib", "open3d", "vtk", "pyvista", "trimesh")
 
 
 @cache

@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 
 from manip3d import datasets
-from manip3d._parallel import run_tasks
+from manip3d._util.parallel import run_tasks
+from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.experiments._environment import code_fingerprint, environment
 from manip3d.experiments._model import Case, Experiment, Plan, Row, Sheet
@@ -110,7 +111,7 @@ def run(
     plan = plan or Plan()
     jobs = jobs or len(os.sched_getaffinity(0))
     started = time.perf_counter()
-    store = Store(folder)
+    store = Store(path_of(folder, "folder"))
     folder.mkdir(parents=True, exist_ok=True)
 
     cases = {experiment.id: _keyed(experiment.cases(plan)) for experiment in experiments}

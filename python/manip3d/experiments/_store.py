@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from manip3d._files import atomic_write
 from manip3d.experiments._model import Row, canonical_json
+from manip3d.io._files import atomic_write
 from manip3d.mesh import Mesh
 
 _ARRAYS = (

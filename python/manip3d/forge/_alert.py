@@ -10,18 +10,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
-from manip3d._arrays import rows as as_rows
-from manip3d._options import threads_of
-from manip3d._scans import Scan, origin_of, to_scan
+from manip3d._util.arrays import rows as as_rows
+from manip3d._util.options import threads_of
 from manip3d.errors import InputError
 from manip3d.forge._objects import nearest_object
 from manip3d.forge._truth import Forgery, box_arguments, renamed, to_forgery
-from manip3d.lidar import Box, LidarFrame
+from manip3d.lidar import Box, LidarFrame, Scan, origin_of, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from manip3d._scans import ScanLike
+    from manip3d.lidar import ScanLike
 
 CLEARANCE = 0.3
 """Metres above an object's lowest point from where on scene points count as a collision."""

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from manip3d import _core
-from manip3d._arrays import index_rows
-from manip3d._options import seed_of, threads_of
-from manip3d._scans import Scan, origin_of, place, to_scan
+from manip3d._util.arrays import index_rows
+from manip3d._util.options import seed_of, threads_of
 from manip3d.errors import InputError
 from manip3d.forge._truth import (
     NO_LATTICE,
@@ -22,14 +21,14 @@ from manip3d.forge._truth import (
     to_forgery,
     to_hoax,
 )
-from manip3d.lidar import Box
+from manip3d.lidar import Box, Scan, origin_of, place, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from manip3d._options import Rng
-    from manip3d._scans import ScanLike
+    from manip3d._util.options import Rng
     from manip3d.forge._truth import ObjectLike
+    from manip3d.lidar import ScanLike
 
 NEIGHBOURHOOD = 1.0
 """Metres around the position whose points give the scene's spacing (MID)."""

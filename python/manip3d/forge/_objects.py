@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
-from manip3d._scans import origin_of, to_scan
 from manip3d.errors import InputError
-from manip3d.lidar import Box
+from manip3d.lidar import Box, origin_of, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from manip3d._scans import ScanLike
+    from manip3d.lidar import ScanLike
 
 GROUND = -1
 OTHER = -2

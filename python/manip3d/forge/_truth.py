@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 
 from manip3d import _core
-from manip3d._arrays import rows
-from manip3d._scans import Scan
+from manip3d._util.arrays import rows
 from manip3d.errors import InputError
-from manip3d.lidar import Box, LidarFrame
+from manip3d.lidar import Box, LidarFrame, Scan
 from manip3d.mesh import Mesh
 
 if TYPE_CHECKING:

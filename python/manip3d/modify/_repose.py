@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import _core
-from manip3d._arrays import rows
-from manip3d._options import threads_of
+from manip3d._util.arrays import rows
+from manip3d._util.options import threads_of
 from manip3d.errors import InputError
 from manip3d.rgbd import JOINTS, Skeleton
 

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from manip3d import _core
-from manip3d._options import seed_of, threads_of
+from manip3d._util.options import seed_of, threads_of
+from manip3d.camera import _depth_image
 from manip3d.errors import InputError
 from manip3d.simplify._depth import (
     DepthMesh,
     _colour_image,
-    _depth_image,
     _max_edge,
     _point_grid,
     grid_delaunay,
@@ -21,7 +21,7 @@ from manip3d.simplify._depth import (
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from manip3d._options import Rng
+    from manip3d._util.options import Rng
     from manip3d.camera import Intrinsics, Registration
 
 SamplingMethod = Literal["uniform", "poisson", "ssa"]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from manip3d._options import threads_of
+from manip3d._util.options import threads_of
 from manip3d.errors import Error, MissingExtraError
 
 Floats = NDArray[np.float32]

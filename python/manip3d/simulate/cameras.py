@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from manip3d._options import generator_of
+from manip3d._util.options import generator_of
 from manip3d.simulate._stage import Mover, Stage
 from manip3d.simulate.streets import Street
 
 if TYPE_CHECKING:
-    from manip3d._options import Rng
+    from manip3d._util.options import Rng
 
 __all__ = ["BASELINE", "FOCAL", "HEIGHT", "WIDTH", "StereoPair", "projections", "stereo_pair"]
 

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from manip3d import Intrinsics
-from manip3d._options import seed_of
+from manip3d._util.options import seed_of
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
-    from manip3d._options import Rng
+    from manip3d._util.options import Rng
 
 __all__ = ["DepthCapture", "DepthScene", "person", "room"]
 
@@ -256,7 +256,7 @@ def _cast(
     ``relief`` of the hit points is added to the depth: folds of cloth, a few millimetres.
     """
     v, u = np.mgrid[: camera.height, : camera.width]
-    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], 2)
+    rays = camera.unproject(1.0, pixels=np.stack([u, v], 2))
     depth = np.full(u.shape, np.inf)
     colour = np.zeros((*u.shape, 3))
     slant = np.ones(u.shape)

@@ -22,14 +22,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from manip3d._options import generator_of
+from manip3d._util.options import generator_of
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 from manip3d.simulate._glass import lost
 from manip3d.simulate.streets import Street
 
 if TYPE_CHECKING:
-    from manip3d._options import Rng
+    from manip3d._util.options import Rng
 
 __all__ = ["FIRING_PERIOD", "LidarScan", "hdl64e"]
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from manip3d._options import generator_of
+from manip3d._util.options import generator_of
 from manip3d.errors import InputError
 from manip3d.simulate import _things as things
 from manip3d.simulate._surfaces import Patch, Points, sheet, waves
@@ -20,7 +20,7 @@ from manip3d.simulate._things import Random, Relief
 from manip3d.simulate._world import Label, Parts, Surface, World, WorldBuilder, placed
 
 if TYPE_CHECKING:
-    from manip3d._options import Rng
+    from manip3d._util.options import Rng
 
 __all__ = [
     "CALIBRATION",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from manip3d._options import generator_of
+from manip3d._util.options import generator_of
 from manip3d.errors import InputError
 from manip3d.lidar import Box
 from manip3d.simulate import _textures as textures
@@ -21,7 +21,7 @@ from manip3d.simulate._things import Random, Relief
 from manip3d.simulate._world import Label, Parts, Surface, World, WorldBuilder, placed
 
 if TYPE_CHECKING:
-    from manip3d._options import Rng
+    from manip3d._util.options import Rng
 
 __all__ = ["SENSOR_HEIGHT", "Mover", "Street", "street"]
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from manip3d._options import generator_of, reporting
+from manip3d._util.options import generator_of, reporting
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 from manip3d.simulate._glass import lost
@@ -18,7 +18,7 @@ from manip3d.simulate._raycast import CHUNK, Hits
 from manip3d.simulate.scenes import Scene
 
 if TYPE_CHECKING:
-    from manip3d._options import Progress, Rng
+    from manip3d._util.options import Progress, Rng
 
 __all__ = ["TerrestrialScan", "terrestrial_scan"]
 

@@ -18,9 +18,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import simplify
-from manip3d._files import atomic_write
+from manip3d._util.paths import path_of
 from manip3d.errors import InputError, RenderError
 from manip3d.io import write_mesh
+from manip3d.io._files import atomic_write
 from manip3d.mesh import Material, Mesh, Texture
 from manip3d.viewer.pictures import comparison, picture, png_bytes
 from manip3d.viewer.scene import (
@@ -309,7 +310,7 @@ def view(
         path = view(mesh, name, **options)
         webbrowser.open(path.as_uri())
         return path
-    path = Path(output)
+    path = path_of(output, "output")
     suffix = path.suffix.lower()
     if suffix == ".html":
         atomic_write(path, html(mesh, **options))

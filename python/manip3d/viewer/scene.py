@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from manip3d import _core
-from manip3d._options import threads_of
+from manip3d._util.options import threads_of
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.io import texture_path
 from manip3d.mesh import Material, Mesh, Texture

@@ -1,1 +1,0 @@
-"""What the verbs of ``manip3d`` do; `manip3d.cli` is their grammar."""

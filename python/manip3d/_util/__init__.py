@@ -1,0 +1,1 @@
+"""Argument checks, options and processes: nothing of the domain."""

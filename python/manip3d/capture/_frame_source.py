@@ -1,0 +1,70 @@
+"""What all sources of frames have in common: waiting, iterating, ending."""
+
+from __future__ import annotations
+
+import math
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from types import TracebackType
+from typing import Any, Generic, Self, TypeVar
+
+Frame = TypeVar("Frame")
+_POLL_MS = 100  # how long a wait goes on before Python looks for Ctrl-C
+
+
+class FrameSource(ABC, Generic[Frame]):
+    """Frames one after the other out of ``_source``.
+
+    Its ``read(milliseconds)`` gives a frame, the fields of one, True for "not yet" or False for
+    "no more"; it may be called from any thread. Each frame goes to one reader. `stop` may be called
+    at any time from any thread, also twice, and ends a `read` that waits.
+    """
+
+    uri: str
+    _source: Any
+
+    @abstractmethod
+    def read(self, timeout: float | None = None) -> Frame | None:
+        """The next frame, or None."""
+
+    @abstractmethod
+    def stop(self) -> None:
+        """End a live source's thread."""
+
+    @abstractmethod
+    def _to_frame(self, fields: Mapping[str, Any]) -> Frame: ...
+
+    def _wait(self, timeout: float | None) -> Frame | None:
+        """The next frame within so many seconds; without a limit until there is one."""
+        end = math.inf if timeout is None else time.monotonic() + timeout
+        while True:
+            left_ms = 1000 * (end - time.monotonic())
+            found = self._source.read(round(min(max(1, left_ms), _POLL_MS)))
+            if isinstance(found, Mapping):
+                return self._to_frame(found)
+            if not isinstance(found, bool):
+                frame: Frame = found
+                return frame
+            if not found:
+                return None
+            if left_ms <= _POLL_MS:
+                return None
+
+    def __iter__(self) -> Iterator[Frame]:
+        while (frame := self.read()) is not None:
+            yield frame
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    def __repr__(self) -> str:
+        return f"<manip3d.capture.{type(self).__name__}: {self.uri}>"

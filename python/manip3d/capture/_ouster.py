@@ -1,0 +1,118 @@
+"""Ouster recordings through ouster-sdk."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d._util.paths import path_of
+from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d.io._files import check_regular
+from manip3d.lidar import LidarFrame, ScanFormat
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_NOT_COLUMNS = ("FLAGS", "RANGE")
+
+
+class OusterRecording:
+    """Frames of a pcap file; the same face as the core's sources."""
+
+    def __init__(self, path: Path, metadata: str | os.PathLike[str] | None) -> None:
+        meta = path.with_suffix(".json") if metadata is None else path_of(metadata, "metadata")
+        try:
+            from ouster.sdk import core, open_source
+        except ImportError:
+            raise MissingExtraError("ouster-sdk", "ouster") from None
+        check_regular(path)  # the operating system's word first
+        if not meta.is_file():
+            raise InputError(f"metadata: expected the sensor's JSON file, {meta} is not there")
+        self._path, self._core = path, core
+        self._uri = f"ouster:{path}"
+        self._counters = {"frames": 0, "points": 0, "no_return": 0}
+        self._lock = threading.RLock()
+        self._frames = self._guarded(open_source, str(path), meta=[str(meta)])
+        self._next = iter(self._frames)
+
+    def read(self, timeout_ms: int) -> LidarFrame | bool:
+        """The next frame, or False at the end."""
+        with self._lock:
+            scans = self._guarded(next, self._next, None)
+            if scans is None:
+                return False
+            # One sensor, one recording: each item is a set of one frame, in older versions a list.
+            scan = scans[0] if hasattr(scans, "__getitem__") else scans
+            frame: LidarFrame = self._guarded(self._to_frame, scan)
+            self._counters["frames"] += 1
+            self._counters["points"] += frame.num_points
+            return frame
+
+    def counters(self) -> dict[str, int]:
+        """Frames, points, and firings without a return."""
+        return dict(self._counters)
+
+    def _guarded(self, call: Any, *arguments: Any, **options: Any) -> Any:
+        try:
+            return call(*arguments, **options)
+        except (OSError, MemoryError):
+            raise
+        except Exception as error:  # whatever the library makes of a damaged file
+            reason = f"damaged Ouster recording: {str(error)[:200]}"
+            raise FormatError(reason, file=str(self._path)) from error
+
+    def _to_frame(self, scan: Any) -> LidarFrame:
+        info = scan.sensor_info
+        to_xyz = self._core.XYZLut(info, use_extrinsics=False)
+        returns = list(self._returns(scan, to_xyz))
+        names = [name for name in returns[0] if name not in ("points", "REFLECTIVITY", "row")]
+        merged = {key: np.concatenate([part[key] for part in returns]) for key in returns[0]}
+        received = np.asarray(scan.packet_timestamp)
+        received = received[received > 0]
+        header = {
+            "model": info.prod_line,
+            "sensor_time": float(np.asarray(scan.timestamp).min()) * 1e-9,
+            "is_complete": bool(scan.complete()),
+        }
+        return LidarFrame(
+            points=merged["points"],
+            intensity=merged["REFLECTIVITY"].astype(np.float32),
+            timestamp=float(received.min()) * 1e-9 if received.size else None,
+            ring=merged["row"],
+            origin=(0.0, 0.0, 0.0),
+            source=self._uri,
+            fields={name.lower(): merged[name] for name in names},
+            format=ScanFormat("ouster", header=header),
+        )
+
+    def _returns(self, scan: Any, to_xyz: Any) -> Iterator[dict[str, NDArray[Any]]]:
+        """The columns of each return, without the firings that saw nothing."""
+        stamps = np.asarray(scan.timestamp, np.int64)
+        started = stamps[stamps > 0].min(initial=np.iinfo(np.int64).max)
+        known = set(scan.fields)
+        bases = sorted(name for name in known if not (name[-1] == "2" and name[:-1] in known))
+        for number, suffix in enumerate(("", "2"), 1):
+            if f"RANGE{suffix}" not in known:
+                continue
+            reach = scan.field(f"RANGE{suffix}")
+            row, column = np.nonzero(reach)
+            self._counters["no_return"] += int(reach.size - row.size)
+            part = {
+                "points": to_xyz(reach)[row, column].astype(np.float32),
+                "row": row.astype(np.uint16),
+                "column": column.astype(np.uint16),
+                "range": (reach[row, column] * 1e-3).astype(np.float32),
+                "time": ((stamps[column] - started) * 1e-9).astype(np.float32),
+                "return": np.full(row.size, number, np.uint8),
+            }
+            for base in bases:
+                own = f"{base}{suffix}"
+                values = scan.field(own if own in known else base)
+                if base not in _NOT_COLUMNS and values.shape == reach.shape:
+                    part[base] = values[row, column]
+            yield part

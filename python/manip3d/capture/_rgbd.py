@@ -1,0 +1,396 @@
+"""RGB-D cameras and recordings: the RGB-D half of `manip3d.capture`."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterable, Mapping, Sized
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+from manip3d import _core
+from manip3d._util.options import reporting
+from manip3d._util.paths import path_of
+from manip3d.camera import Intrinsics, Registration
+from manip3d.capture._frame_source import FrameSource
+from manip3d.errors import InputError
+from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
+
+if TYPE_CHECKING:
+    from manip3d._util.options import Progress
+
+_PEOPLE = ("utd-mhad", "labanotation", "people")
+
+# The libraries in PyAV's wheel, if it is installed; the core loads them where the system has none.
+if (_pyav := find_spec("av")) is not None and _pyav.origin is not None:
+    _core.set_ffmpeg_folder(os.fsencode(Path(_pyav.origin).parents[1] / "av.libs"))
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """A kind of source, as `sources` lists it.
+
+    Attributes
+    ----------
+    name : str
+        What stands before the colon of a URI.
+    location : str
+        What stands after it; in brackets if it may be left out.
+    description : str
+    frames : str
+        ``rgbd`` or ``lidar``: what it gives.
+    reason, cure : str
+        Why it cannot be opened here and now, and what to do about it; empty if it can.
+    """
+
+    name: str
+    location: str
+    description: str
+    frames: str
+    reason: str = ""
+    cure: str = ""
+
+    @property
+    def is_available(self) -> bool:
+        """Whether it can be opened here and now."""
+        return not self.reason
+
+
+def core_schemes() -> list[Scheme]:
+    """The kinds of RGB-D sources that the core knows; looks for devices."""
+    names = ("name", "location", "description", "reason", "cure")
+    return [
+        Scheme(frames="rgbd", **{name: fields[name] for name in names})
+        for fields in _core.rgbd_schemes()
+    ]
+
+
+class RgbdSource(FrameSource[RgbdFrame]):
+    """Frames of an RGB-D camera or recording one after the other; made by `open`.
+
+    The images of a frame are its own: nothing changes in them when the next one comes, and they
+    come out of the core without a copy.
+
+    Attributes
+    ----------
+    uri : str
+    is_live : bool
+        Frames come when they come, and the latest one wins.
+    """
+
+    def __init__(self, uri: str, source: Any) -> None:
+        self.uri = uri
+        self.is_live = bool(source.is_live())
+        self._source = source
+        self._calibration: RgbdCalibration | None = None
+        self.start()
+
+    @property
+    def calibration(self) -> RgbdCalibration:
+        """Of all frames."""
+        assert self._calibration is not None
+        return self._calibration
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """What was given (``frames``), lost (``dropped``) or refused so far, and why."""
+        found: dict[str, int] = self._source.counters()
+        return found
+
+    @property
+    def num_frames(self) -> int | None:
+        """Of a recording, how many frames it has; None: nobody knows."""
+        found: int | None = self._source.num_frames()
+        return found
+
+    def start(self) -> None:
+        """Open the device again after a `DeviceError`; `open` does it the first time.
+
+        Raises
+        ------
+        DeviceError
+            It is not there.
+        """
+        self._source.start()
+        self._calibration = _to_calibration(self._source.calibration())
+
+    def read(self, timeout: float | None = None) -> RgbdFrame | None:
+        """The next frame; of live sources the latest.
+
+        Parameters
+        ----------
+        timeout : float, optional
+            Seconds to wait for a live source; without it until there is one.
+
+        Returns
+        -------
+        RgbdFrame or None
+            None: the recording ends, the source was stopped, or the time is over.
+
+        Raises
+        ------
+        FormatError
+            A file is damaged; the next call goes on behind the damaged frame.
+        DeviceError
+            The camera is gone; `start` tries to open it again.
+        """
+        return self._wait(timeout)
+
+    def _to_frame(self, fields: Mapping[str, Any]) -> RgbdFrame:
+        skeletons = tuple(Skeleton(**skeleton) for skeleton in fields["skeletons"])
+        return RgbdFrame(**{**fields, "skeletons": skeletons}, calibration=self.calibration)
+
+    def stop(self) -> None:
+        """End a live source's thread; the frame that it has can still be read."""
+        self._source.stop()
+
+
+class _Iterated:
+    """Any iterable of frames; the same face as the core's sources."""
+
+    def __init__(self, frames: Iterable[RgbdFrame], calibration: RgbdCalibration | None) -> None:
+        self._length = len(frames) if isinstance(frames, Sized) else None
+        self._frames = iter(frames)
+        self._first: RgbdFrame | None = None
+        if calibration is None:
+            self._first = next(self._frames, None)
+            if not isinstance(self._first, RgbdFrame):
+                raise InputError(f"source: expected frames of an RGB-D camera, got {self._first!r}")
+            calibration = self._first.calibration
+        self._calibration = calibration
+        self._given = 0
+        self._lock = threading.RLock()
+
+    def read(self, timeout_ms: int) -> RgbdFrame | bool:
+        """The next frame, or False at the end."""
+        with self._lock:
+            frame = self._first or next(self._frames, None)
+            self._first = None
+            self._given += frame is not None
+            return False if frame is None else frame
+
+    def calibration(self) -> RgbdCalibration:
+        """Of the source, else of its first frame."""
+        return self._calibration
+
+    def counters(self) -> dict[str, int]:
+        """Frames given."""
+        return {"frames": self._given}
+
+    def num_frames(self) -> int | None:
+        """The length of a sequence."""
+        return self._length
+
+    def is_live(self) -> bool:
+        """A simulator waits for its reader."""
+        return False
+
+    def start(self) -> None:
+        """There is nothing to open."""
+
+    def stop(self) -> None:
+        """There is no thread to end."""
+
+
+def _to_calibration(found: Any) -> RgbdCalibration:
+    if isinstance(found, RgbdCalibration):
+        return found
+    registration = None
+    if "colour" in found:
+        registration = Registration(
+            Intrinsics(**found["colour"]), found["rotation"], found["translation"]
+        )
+    return RgbdCalibration(Intrinsics(**found["depth"]), registration)
+
+
+def from_frames(frames: Iterable[RgbdFrame], *, uri: str = "frames") -> RgbdSource:
+    """A source of frames that are there already, or that a generator makes.
+
+    Raises
+    ------
+    InputError
+        There is no frame, and ``frames`` has no ``calibration``.
+    """
+    return RgbdSource(uri, _Iterated(frames, getattr(frames, "calibration", None)))
+
+
+def open_rgbd(
+    uri: str,
+    *,
+    speed: float = 0.0,
+    camera: Intrinsics | RgbdCalibration | None = None,
+    units_per_metre: float | None = None,
+) -> RgbdSource:
+    """Open an RGB-D camera, a recording, a folder of images or a simulated person.
+
+    Parameters
+    ----------
+    uri : str
+        ``folder:FOLDER``, ``mkv:FILE``, ``tum:FOLDER``, ``openni2:``, ...: `sources` lists them.
+        ``sim:body...`` is `manip3d.simulate.sources.open_source`; ``utd-mhad:``, ``labanotation:``
+        and ``people:`` are `manip3d.datasets.open_people`.
+    speed : float
+        Of recordings. 0: every frame, when it is read. 1: as a camera would give them, by their
+        times; frames that a slow reader misses are counted as ``dropped``. 2: twice as fast.
+    camera : Intrinsics or RgbdCalibration, optional
+        Of folders of images that have no ``calibration.json``; for other files, instead of their
+        own. A mirrored camera has its images turned round.
+    units_per_metre : float, optional
+        Of depth images in folders: 1000, of ``tum:`` 5000, unless it is said here.
+
+    Raises
+    ------
+    InputError
+        An unknown scheme, an option out of range, a folder without a camera.
+    FormatError
+        The recording is damaged.
+    DeviceError
+        The scheme is not built in, or there is no such device.
+    OSError
+        `FileNotFoundError` and the like.
+    """
+    scheme = uri.partition(":")[0]
+    if scheme == "sim" or scheme in _PEOPLE:
+        if speed != 0.0 or camera is not None or units_per_metre is not None:
+            raise InputError(f"speed, camera, units_per_metre: expected none of them for {scheme}:")
+        return from_frames(_frames_of(uri, scheme), uri=uri)
+    if units_per_metre is not None and not units_per_metre > 0:
+        raise InputError(f"units_per_metre: expected > 0, got {units_per_metre}")
+    # Not a RgbdCalibration, which takes no mirrored camera: the core turns the images round.
+    given = SimpleNamespace(depth=camera, registration=None)
+    calibration = given if isinstance(camera, Intrinsics) else camera
+    source = _core.open_rgbd(os.fsencode(uri), speed, units_per_metre or 0.0, calibration)
+    return RgbdSource(uri, source)
+
+
+def _frames_of(uri: str, scheme: str) -> Iterable[RgbdFrame]:
+    if scheme == "sim":
+        from manip3d.simulate.sources import open_source
+
+        if not uri.startswith("sim:body"):
+            raise InputError(f"uri: expected sim:body... of simulated people, got {uri!r}")
+
+        frames: Iterable[Any] = open_source(uri)
+        return frames
+    from manip3d.datasets import open_people
+
+    return open_people(uri)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What `record` has written.
+
+    Attributes
+    ----------
+    path : Path
+    frames : int
+    seconds : float
+        From the first frame's time to the last's.
+    stop : str
+        ``end`` (of the source), ``frames`` or ``seconds`` (as many as were asked for).
+    counters : dict of str to int
+        What the recorder counted.
+    source_counters : dict of str to int
+        What the source counted, lost frames among it.
+    """
+
+    path: Path
+    frames: int
+    seconds: float
+    stop: str
+    counters: dict[str, int]
+    source_counters: dict[str, int]
+
+
+def record(
+    source: str | Iterable[RgbdFrame],
+    path: str | os.PathLike[str],
+    *,
+    frames: int | None = None,
+    seconds: float | None = None,
+    lossless_colour: bool = False,
+    jpeg_quality: int = 90,
+    overwrite: bool = False,
+    progress: Progress = None,
+) -> Recording:
+    """Write frames to a recording: a folder, or Matroska for ``.mkv``.
+
+    What was written is whole if this is stopped by Ctrl-C, by an error or by a kill.
+
+    Parameters
+    ----------
+    source : str or iterable of RgbdFrame
+        A URI for `open`, or what gives frames: a source, a simulator, a list.
+    path : path-like
+        A new folder, or a file that ends in ``.mkv``.
+    frames : int, optional
+        Stop after so many.
+    seconds : float, optional
+        Stop at the first frame that is so much later than the first one.
+    lossless_colour : bool
+        Instead of JPEG.
+    jpeg_quality : int
+        1 to 100.
+    overwrite : bool
+        Replace a recording of the same kind.
+    progress : None, True or callable(fraction, message)
+
+    Raises
+    ------
+    InputError
+        A path that exists, or with an unknown suffix; frames that do not fit the calibration or
+        each other, or whose times and numbers do not grow.
+    OSError
+        The disk is full, and the like; the frames before are good.
+    FormatError, DeviceError
+        Of the source.
+    """
+    for name, value in (("frames", frames), ("seconds", seconds)):
+        if value is not None and not value > 0:
+            raise InputError(f"{name}: expected > 0, got {value}")
+    if isinstance(source, RgbdSource):
+        opened = source
+    elif isinstance(source, str):
+        opened = open_rgbd(source)
+    else:
+        opened = from_frames(source)
+    recorder = _core.open_recorder(
+        os.fsencode(path_of(path)), opened.calibration, lossless_colour, jpeg_quality, overwrite
+    )
+    try:
+        with reporting(progress, "record") as report:
+            count, first, last, stop = _copy(opened, recorder, frames, seconds, report)
+    finally:
+        recorder.close()
+        if isinstance(source, str):
+            opened.stop()
+    return Recording(
+        Path(path), count, (last - first) / 1e9, stop, recorder.counters(), opened.counters
+    )
+
+
+def _copy(
+    source: RgbdSource, recorder: Any, frames: int | None, seconds: float | None, report: Any
+) -> tuple[int, int, int, str]:
+    """Write frame after frame; their count, first and last time, and why it ended."""
+    count, first, last = 0, 0, 0
+    expected = min((n for n in (frames, source.num_frames) if n), default=None)
+    for frame in source:
+        if count == 0:
+            first = last = frame.time
+        if seconds is not None and frame.time - first >= seconds * 1e9:
+            return count, first, last, "seconds"
+        recorder.write(frame)
+        count, last = count + 1, frame.time
+        if report is not None:
+            done = count / expected if expected else 0.0
+            if seconds is not None:
+                done = max(done, (last - first) / 1e9 / seconds)
+            report(min(done, 1.0))
+        if count == frames:
+            return count, first, last, "frames"
+    return count, first, last, "end"

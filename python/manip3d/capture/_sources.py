@@ -1,0 +1,89 @@
+"""Open any sensor or recording by its address, and list what can be opened."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from manip3d.capture._lidar import LidarSource, open_lidar
+from manip3d.capture._rgbd import (
+    RgbdSource,
+    Scheme,
+    core_schemes,
+    open_rgbd,
+)
+
+if TYPE_CHECKING:
+    pass
+
+
+_LIDAR = ("pcap", "velodyne", "ouster", "kitti")
+
+
+def open(uri: str, **options: Any) -> LidarSource | RgbdSource:
+    """Open a sensor or a recording by its address; `sources` lists the kinds.
+
+    Parameters
+    ----------
+    uri : str
+        ``SCHEME:PLACE``.
+    **options
+        Those of `open_lidar` (``pcap:``, ``velodyne:``, ``ouster:``, ``kitti:``) or of `open_rgbd`
+        (all others).
+
+    Returns
+    -------
+    LidarSource or RgbdSource
+        As the functions of those names, which also have the exact types.
+
+    Raises
+    ------
+    InputError, FormatError, DeviceError, OSError, MissingExtraError
+        As those functions.
+
+    Examples
+    --------
+    >>> with manip3d.capture.open("folder:walk") as source:  # doctest: +SKIP
+    ...     for frame in source:
+    ...         print(frame.time, frame.depth.shape)
+    """
+    return open_lidar(uri, **options) if _scheme(uri) in _LIDAR else open_rgbd(uri, **options)
+
+
+def _scheme(uri: str) -> str:
+    return uri.partition(":")[0]
+
+
+def sources() -> tuple[Scheme, ...]:
+    """All kinds of sources, also those that cannot be opened here, with the reason and the cure.
+
+    Looks for devices, which may take a second.
+    """
+    from importlib.util import find_spec
+
+    ouster, open3d = (find_spec(module) is None for module in ("ouster", "open3d"))
+    return (
+        *core_schemes(),
+        Scheme(
+            "sim",
+            "body...",
+            "a simulated person before a depth camera",
+            "rgbd",
+            "Open3D is not installed" if open3d else "",
+            "pip install 'manip3d[simulate]'" if open3d else "",
+        ),
+        *(
+            Scheme(name, "NAME", "people of the data sets (manip3d data list)", "rgbd")
+            for name in ("utd-mhad", "labanotation", "people")
+        ),
+        Scheme("pcap", "FILE", "recorded packets of Velodyne LiDARs", "lidar"),
+        Scheme("velodyne", "[ADDRESS:]PORT", "a Velodyne LiDAR on the network", "lidar"),
+        Scheme(
+            "ouster",
+            "FILE",
+            "recorded packets of Ouster LiDARs",
+            "lidar",
+            "ouster-sdk is not installed" if ouster else "",
+            "pip install 'manip3d[ouster]'" if ouster else "",
+        ),
+        Scheme("kitti", "FOLDER", "drives in KITTI's layout", "lidar"),
+    )

@@ -1,0 +1,216 @@
+"""The calibration of an HDL-64E: ``db.xml`` as Velodyne ships it, or ROS's YAML of the same."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from manip3d._util.paths import path_of
+from manip3d.errors import FormatError, MissingExtraError
+from manip3d.io._text_files import bounded_bytes, parse_xml
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+# PyYAML takes about a second for this much; 64 lasers take 30 KiB.
+_MOST_YAML_BYTES = 128 << 10
+_MOST_LASERS = 128
+
+# Our names, db.xml's, YAML's. db.xml has degrees and centimetres, YAML radians and metres; the sign
+# of rotations is theirs: subtracted from the rotor's azimuth.
+_NAMES = (
+    ("elevation", "vertCorrection_", "vert_correction"),
+    ("azimuth_offset", "rotCorrection_", "rot_correction"),
+    ("range_offset", "distCorrection_", "dist_correction"),
+    ("range_offset_x", "distCorrectionX_", "dist_correction_x"),
+    ("range_offset_y", "distCorrectionY_", "dist_correction_y"),
+    ("vertical_offset", "vertOffsetCorrection_", "vert_offset_correction"),
+    ("horizontal_offset", "horizOffsetCorrection_", "horiz_offset_correction"),
+)
+_ANGLES = ("elevation", "azimuth_offset")
+_OPTIONAL = ("range_offset_x", "range_offset_y", "vertical_offset", "horizontal_offset")
+
+
+@dataclass(frozen=True, eq=False)
+class VelodyneCalibration:
+    """Where each laser looks and what its ranges need, in the terms of the HDL-64E's db.xml.
+
+    Attributes
+    ----------
+    elevation, azimuth_offset : (L,) float64
+        Degrees; the offset is added to the rotor's azimuth, clockwise from above.
+    range_offset : (L,) float64
+        Metres, added to every range; at 25.04 m for lasers with ``two_points``.
+    two_points : (L,) bool
+        Lasers with offsets measured at two distances.
+    range_offset_x, range_offset_y : (L,) float64
+        Metres, at 2.4 m along x and at 1.93 m along y.
+    vertical_offset, horizontal_offset : (L,) float64
+        Of the laser, metres, at right angles to its beam.
+    range_unit : float
+        Metres.
+    """
+
+    elevation: NDArray[np.float64]
+    azimuth_offset: NDArray[np.float64]
+    range_offset: NDArray[np.float64]
+    two_points: NDArray[np.bool_]
+    range_offset_x: NDArray[np.float64]
+    range_offset_y: NDArray[np.float64]
+    vertical_offset: NDArray[np.float64]
+    horizontal_offset: NDArray[np.float64]
+    range_unit: float = 0.002
+
+    def table(self) -> NDArray[np.float64]:
+        """(L, 8) float64: the attributes as columns, in their order."""
+        columns = [
+            self.elevation,
+            self.azimuth_offset,
+            self.range_offset,
+            self.two_points,
+            self.range_offset_x,
+            self.range_offset_y,
+            self.vertical_offset,
+            self.horizontal_offset,
+        ]
+        return np.ascontiguousarray(np.column_stack(columns), np.float64)
+
+
+def read_velodyne_calibration(path: str | os.PathLike[str]) -> VelodyneCalibration:
+    """Read an HDL-64E's calibration: Velodyne's ``db.xml``, or the YAML that ROS makes of it.
+
+    Raises
+    ------
+    FormatError
+        The file is damaged or hostile (entities are refused), or a laser is missing.
+    MissingExtraError
+        PyYAML is not installed and the file is YAML: ``pip install 'manip3d[velodyne]'``.
+    """
+    return VelodyneCalibration(**_read(path_of(path)))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """The attributes of `VelodyneCalibration`."""
+    if path.suffix.lower() == ".xml":
+        return _read_xml(path)
+    return _read_yaml(path)
+
+
+def _read_xml(path: Path) -> dict[str, Any]:
+    root = parse_xml(path)
+    lasers = [item for points in root.iter("points_") for item in points.iter("px")]
+    unit = root.find(".//distLSB_")
+    # Sensors of other models ship the same file with unused entries at its end.
+    count = sum(_number(c, path) != 0.0 for c in root.findall(".//enabled_/item"))
+    by_id = _by_id([(_child(item, "id_", path), item) for item in lasers], path)
+    table = _table(
+        [by_id[i] for i in range(min(len(by_id), count) if count else len(by_id))],
+        lambda item, key: _optional_child(item, key, path),
+        1,
+        path,
+    )
+    metres = 0.01
+    for name, values in table.items():
+        if name not in (*_ANGLES, "two_points"):
+            values *= metres
+    return table | {"range_unit": 0.002 if unit is None else metres * _number(unit, path)}
+
+
+def _child(item: Element, name: str, path: Path) -> float:
+    value = _optional_child(item, name, path)
+    if value is None:
+        raise FormatError(f"a laser without {name}", file=str(path))
+    return value
+
+
+def _optional_child(item: Element, name: str, path: Path) -> float | None:
+    child = item.find(name)
+    return None if child is None else _number(child, path)
+
+
+def _number(element: Element, path: Path) -> float:
+    return _finite(element.text, element.tag, path)
+
+
+def _finite(text: Any, name: str, path: Path) -> float:
+    try:
+        value = float(text)
+    except (TypeError, ValueError, OverflowError):
+        value = math.nan
+    if not math.isfinite(value):
+        raise FormatError(f"{name}: expected a finite number, got {text!r:.40}", file=str(path))
+    return value
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    data = _load_yaml(path)
+    lasers = data.get("lasers") if isinstance(data, Mapping) else None
+    if not isinstance(lasers, list) or not all(isinstance(item, Mapping) for item in lasers):
+        raise FormatError("expected a list of lasers", file=str(path))
+
+    def number(item: Mapping[str, Any], key: str) -> float | None:
+        return _finite(item[key], key, path) if key in item else None
+
+    by_id = _by_id(
+        [(_finite(item.get("laser_id"), "laser_id", path), item) for item in lasers], path
+    )
+    table = _table([by_id[i] for i in range(len(by_id))], number, 2, path)
+    for name in _ANGLES:
+        table[name] = np.degrees(table[name])
+    return table | {"range_unit": _finite(data.get("distance_resolution", 0.002), "unit", path)}
+
+
+def _load_yaml(path: Path) -> Any:
+    try:
+        import yaml
+    except ImportError:
+        raise MissingExtraError("PyYAML", "velodyne") from None
+
+    class Loader(yaml.SafeLoader):  # type: ignore[misc]
+        """Without aliases: nine of them can stand for a billion words."""
+
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            if self.check_event(yaml.AliasEvent):
+                raise yaml.YAMLError("aliases are refused")
+            return super().compose_node(parent, index)
+
+    try:
+        return yaml.load(bounded_bytes(path, _MOST_YAML_BYTES), Loader)
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else None
+        raise FormatError(f"not YAML: {error.problem}", file=str(path), line=line) from None
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        reason = "nested too deep" if isinstance(error, RecursionError) else str(error)
+        raise FormatError(f"not YAML: {reason:.200}", file=str(path)) from None
+
+
+def _by_id(items: list[tuple[float, Any]], path: Path) -> dict[int, Any]:
+    by_id = {int(number): item for number, item in items if 0 <= number < _MOST_LASERS}
+    if not items or len(items) > _MOST_LASERS or sorted(by_id) != list(range(len(items))):
+        raise FormatError(
+            f"expected lasers numbered 0, 1, 2, ... (at most {_MOST_LASERS}), got {len(items)}",
+            file=str(path),
+        )
+    return by_id
+
+
+def _table(
+    lasers: list[Any], number: Callable[[Any, str], float | None], column: int, path: Path
+) -> dict[str, Any]:
+    table: dict[str, Any] = {}
+    for names in _NAMES:
+        values = [number(laser, names[column]) for laser in lasers]
+        if names[0] not in _OPTIONAL and None in values:
+            raise FormatError(f"a laser without {names[column]}", file=str(path))
+        table[names[0]] = np.array([0.0 if v is None else v for v in values])
+        if names[0] == "range_offset_x":
+            table["two_points"] = np.array([v is not None for v in values])
+    table["azimuth_offset"] = -table["azimuth_offset"]
+    return table

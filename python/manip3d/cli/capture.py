@@ -1,0 +1,454 @@
+"""``manip3d capture``: what can be opened, recording, playing, looking into recordings."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import asdict
+from itertools import islice, pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+
+from manip3d.cli.options import (
+    FolderIntrinsics,
+    FolderUnits,
+    Force,
+    Json,
+    MostFrames,
+    Quiet,
+    RgbdPlace,
+)
+from manip3d.cli.terminal import Terminal, count, naming_options, refuse_existing, table
+from manip3d.errors import InputError, MissingExtraError
+from manip3d.rgbd import RgbdFrame
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+    from rich.console import Console
+
+    from manip3d.camera import Intrinsics
+    from manip3d.capture import RgbdSource
+
+app = typer.Typer(
+    name="capture",
+    help="RGB-D cameras and recordings: list, record, play, info.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+_SHEET_FRAMES = 24
+_LIVE_SECONDS = 2.0
+
+
+def listing() -> list[dict[str, Any]]:
+    """Every kind of source, with ``reason`` and ``cure`` where it cannot be opened."""
+    from manip3d import capture
+
+    return [asdict(scheme) for scheme in capture.sources()]
+
+
+def show_listing(console: Console, records: list[dict[str, Any]]) -> None:
+    """One line for each kind; what to do about the absent ones below."""
+    rows = [
+        ("absent" if r["reason"] else "ok", f"{r['name']}:{r['location']}", r["description"])
+        for r in records
+    ]
+    table(console, rows, ("state", "source", "frames of"))
+    absent = [r for r in records if r["reason"]]
+    if absent:
+        console.print("\nAbsent")
+        table(console, [(r["name"], r["reason"], r["cure"]) for r in absent])
+
+
+def is_recording(source: str) -> bool:
+    """Whether it is a recording of RGB-D frames, or the address of one."""
+    path = Path(source)
+    return (
+        source.startswith(("folder:", "mkv:", "tum:"))
+        or path.suffix == ".mkv"
+        or (path / "frames.jsonl").is_file()
+    )
+
+
+def open_source(
+    source: str,
+    terminal: Terminal,
+    *,
+    intrinsics: str = "",
+    units_per_metre: float = 0.0,
+    speed: float = 0.0,
+) -> RgbdSource:
+    """The RGB-D source that the user names by its address, file or folder; says what it is.
+
+    Raises
+    ------
+    InputError
+        Nothing that can be opened.
+    """
+    from manip3d import capture
+
+    uri = _address(source)
+    options: dict[str, Any] = {"speed": speed} if speed else {}
+    if intrinsics:
+        options["camera"] = _camera(intrinsics, uri)
+    if units_per_metre:
+        options["units_per_metre"] = units_per_metre
+    opened = capture.open_rgbd(uri, **options)
+    camera = opened.calibration.depth
+    length = "" if opened.num_frames is None else f", {count(opened.num_frames)} frames"
+    terminal.say(f"opened {uri}: {camera.width} x {camera.height} pixels{length}")
+    return opened
+
+
+def _address(source: str) -> str:
+    """What is no address already, by what is there."""
+    path = Path(source)
+    if path.is_file() and path.suffix == ".mkv":
+        return f"mkv:{source}"
+    if path.is_dir():
+        return f"tum:{source}" if (path / "depth.txt").is_file() else f"folder:{source}"
+    return source
+
+
+def _camera(text: str, uri: str) -> Intrinsics:
+    """``--intrinsics`` of a folder of images, whose first image says how large they are."""
+    from manip3d.camera import read_intrinsics
+    from manip3d.io import read_depth
+
+    scheme, _, folder = uri.partition(":")
+    images = sorted((Path(folder) / "depth").glob("*.png"))
+    if scheme not in ("folder", "tum") or not images:
+        raise InputError(f"--intrinsics: expected a folder with images in depth/, got {uri}")
+    height, width = read_depth(images[0]).shape
+    with naming_options("intrinsics"):
+        return read_intrinsics(text, width=width, height=height)
+
+
+def write_recording(
+    source: RgbdSource,
+    output: Path,
+    terminal: Terminal,
+    *,
+    frames: int | None,
+    seconds: float | None,
+    lossless_colour: bool,
+    jpeg_quality: int,
+    force: bool,
+) -> dict[str, Any]:
+    """Write a recording; Ctrl-C ends it whole."""
+    from manip3d import capture
+
+    with source, terminal.progress("record") as progress:
+        done = capture.record(
+            source,
+            output,
+            frames=frames,
+            seconds=seconds,
+            lossless_colour=lossless_colour,
+            jpeg_quality=jpeg_quality,
+            overwrite=force,
+            progress=progress,
+        )
+    terminal.say(f"wrote {output}: {count(done.frames)} frames, {done.seconds:.2f} s")
+    return {**asdict(done), "path": str(done.path), "source": source.uri}
+
+
+def play(
+    source: RgbdSource, output: Path | None, terminal: Terminal, *, frames: int | None, force: bool
+) -> dict[str, Any]:
+    """Read frame after frame, as fast as the source gives them; pictures of them to ``output``.
+
+    ``.png`` gets a sheet of up to 24 frames, a folder a picture of each.
+    """
+    pictures = _Pictures(output, force=force)
+    total = min((n for n in (frames, source.num_frames) if n), default=None)
+    keep = _spread(total)
+    shown = 0
+    begin = time.perf_counter()
+    with source, terminal.progress("play") as progress:
+        for frame in islice(source, frames):
+            shown += 1
+            rate = shown / max(time.perf_counter() - begin, 1e-9)
+            if progress is not None:
+                progress(shown / total if total else 0.0, f"{rate:.1f} frames/s")
+            pictures.add(frame, in_sheet=keep is None or shown - 1 in keep)
+    took = time.perf_counter() - begin
+    pictures.finish()
+    if output is not None:
+        terminal.say(f"wrote {output}")
+    return {
+        "source": source.uri,
+        "frames": shown,
+        "seconds": took,
+        "frames_per_second": shown / took if took > 0 else None,
+        "counters": source.counters,
+    }
+
+
+def show_play(console: Console, record: dict[str, Any]) -> None:
+    """One line."""
+    rate = record["frames_per_second"] or 0.0
+    console.print(f"{count(record['frames'])} frames in {record['seconds']:.2f} s, {rate:.1f} /s")
+    _show_counters(console, record["counters"])
+
+
+def info(source: RgbdSource, terminal: Terminal) -> dict[str, Any]:
+    """Cameras, counts, times and gaps: of the whole recording, of 2 seconds of a live source."""
+    times: list[int] = []
+    numbers: list[int] = []
+    found = dict.fromkeys(("colour", "body_index", "skeletons"), 0)
+    begin = time.monotonic()
+    with source, terminal.progress("read") as progress:
+        for frame in source:
+            times.append(frame.time)
+            numbers.append(frame.number)
+            found["colour"] += frame.colour is not None
+            found["body_index"] += frame.body_index is not None
+            found["skeletons"] += bool(frame.skeletons)
+            if progress is not None and source.num_frames:
+                progress(len(times) / source.num_frames, "")
+            if source.is_live and time.monotonic() - begin > _LIVE_SECONDS:
+                break
+    return {
+        "source": source.uri,
+        "depth": _describe(source.calibration.depth),
+        "colour": _describe(source.calibration.registration.colour)
+        if source.calibration.registration
+        else None,
+        "frames": len(times),
+        "with": found,
+        **_times(times, numbers),
+        "counters": source.counters,
+    }
+
+
+def _describe(camera: Intrinsics) -> dict[str, Any]:
+    return {
+        "width": camera.width,
+        "height": camera.height,
+        "fx": camera.fx,
+        "fy": camera.fy,
+        "cx": camera.cx,
+        "cy": camera.cy,
+        "distortion": list(camera.distortion),
+        "ray_table": camera.rays is not None,
+    }
+
+
+def _times(times: list[int], numbers: list[int]) -> dict[str, Any]:
+    steps = np.diff(np.asarray(times, np.int64)).astype(np.float64) / 1e9
+    return {
+        "first_time_ns": times[0] if times else None,
+        "last_time_ns": times[-1] if times else None,
+        "seconds": (times[-1] - times[0]) / 1e9 if times else None,
+        "frames_per_second": float(1 / np.median(steps)) if len(steps) else None,
+        "longest_gap": float(steps.max()) if len(steps) else None,
+        "missing_numbers": sum(b - a - 1 for a, b in pairwise(numbers)),
+    }
+
+
+def show_info(console: Console, record: dict[str, Any]) -> None:
+    """A line for each camera, then what the frames are like."""
+    for name in ("depth", "colour"):
+        camera = record[name]
+        if camera is None:
+            continue
+        lens = "ray table" if camera["ray_table"] else f"distortion {camera['distortion']}"
+        console.print(
+            f"{name:8}{camera['width']} x {camera['height']}  "
+            f"fx {camera['fx']:.6g}  fy {camera['fy']:.6g}  "
+            f"cx {camera['cx']:.6g}  cy {camera['cy']:.6g}  {lens}"
+        )
+    with_ = ", ".join(f"{count(n)} with {name}" for name, n in record["with"].items())
+    console.print(f"frames  {count(record['frames'])}: {with_}")
+    if record["frames_per_second"] is not None:
+        console.print(
+            f"times   {record['seconds']:.3f} s, {record['frames_per_second']:.2f} frames/s, "
+            f"longest gap {record['longest_gap']:.3f} s, "
+            f"{count(record['missing_numbers'])} numbers missing"
+        )
+    _show_counters(console, record["counters"])
+
+
+def _show_counters(console: Console, counters: dict[str, int]) -> None:
+    told = [f"{name.replace('_', ' ')} {count(value)}" for name, value in counters.items() if value]
+    if told:
+        console.print("counted " + ", ".join(told))
+
+
+# --- pictures -------------------------------------------------------------------------------------
+
+
+def _spread(total: int | None) -> set[int] | None:
+    """Which of ``total`` frames go into a sheet; None: the first ones."""
+    if total is None:
+        return None
+    wanted = min(total, _SHEET_FRAMES)
+    return {int(i) for i in np.linspace(0, total - 1, wanted).round()}
+
+
+def picture(frame: RgbdFrame) -> NDArray[np.uint8]:
+    """Depth in grey, near is bright, people's pixels tinted; colour beside it."""
+    depth = frame.depth.astype(np.float32)
+    seen = depth > 0
+    near, far = np.percentile(depth[seen], (1, 99)) if seen.any() else (0.0, 1.0)
+    bright = np.clip((far - depth) / max(far - near, 1.0), 0.0, 1.0)
+    grey = np.where(seen, 55 + 200 * bright, 0).astype(np.uint8)
+    image = np.repeat(grey[..., None], 3, axis=2)
+    if frame.body_index is not None:
+        image[..., 2] = np.where(frame.body_index != 255, image[..., 2] // 3, image[..., 2])
+    if frame.colour is None:
+        return image
+    rows = np.arange(image.shape[0]) * frame.colour.shape[0] // image.shape[0]
+    width = frame.colour.shape[1] * image.shape[0] // frame.colour.shape[0]
+    columns = np.arange(width) * frame.colour.shape[1] // max(width, 1)
+    return np.concatenate([image, frame.colour[np.ix_(rows, columns)]], axis=1)
+
+
+class _Pictures:
+    """A sheet or a folder of pictures, or nothing."""
+
+    def __init__(self, output: Path | None, *, force: bool) -> None:
+        self._output = output
+        self._sheet: list[NDArray[np.uint8]] = []
+        self._written = 0
+        if output is None or output.suffix == ".png":
+            return
+        if output.suffix:
+            raise InputError(f"output: expected a folder or a .png file, got {output}")
+        output.mkdir(parents=True, exist_ok=force)
+
+    def add(self, frame: RgbdFrame, *, in_sheet: bool) -> None:
+        """One more frame."""
+        if self._output is None:
+            return
+        if self._output.suffix:
+            if in_sheet and len(self._sheet) < _SHEET_FRAMES:
+                self._sheet.append(picture(frame))
+            return
+        _write_png(self._output / f"{self._written:06}.png", picture(frame))
+        self._written += 1
+
+    def finish(self) -> None:
+        """Write the sheet."""
+        if self._output is not None and self._output.suffix:
+            _write_png(self._output, _tiled(self._sheet))
+
+
+def _tiled(images: Iterable[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Pictures in rows, as many columns as rows or a few more."""
+    tiles = list(images)
+    if not tiles:
+        raise InputError("source: expected a frame, found none")
+    height, width = (max(image.shape[axis] for image in tiles) for axis in (0, 1))
+    step = max(1, round(width / 400))  # a sheet is looked at as a whole
+    columns = int(np.ceil(np.sqrt(len(tiles))))
+    rows = -(-len(tiles) // columns)
+    height, width = -(-height // step), -(-width // step)
+    sheet = np.zeros((rows * height, columns * width, 3), np.uint8)
+    for i, image in enumerate(tiles):
+        small = image[::step, ::step][:height, :width]
+        top, left = i // columns * height, i % columns * width
+        sheet[top : top + small.shape[0], left : left + small.shape[1]] = small
+    return sheet
+
+
+def _write_png(path: Path, image: NDArray[np.uint8]) -> None:
+    from manip3d.io._files import atomic_path
+
+    try:
+        from PIL import Image
+    except ImportError:
+        raise MissingExtraError("pillow", "io") from None
+    with atomic_path(path) as temporary:
+        Image.fromarray(image).save(temporary)
+
+
+@app.command("list")
+def capture_list(as_json: Json = False) -> None:
+    """List what can be opened here, and why the rest cannot."""
+    records = listing()
+    shell = Terminal(as_json=as_json)
+    shell.result(records, lambda console: show_listing(console, records))
+
+
+@app.command("record")
+def capture_record(
+    source: RgbdPlace,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="A new folder, or a file that ends in .mkv.")
+    ],
+    frames: MostFrames = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="Stop so long after the first frame.")
+    ] = None,
+    lossless_colour: Annotated[
+        bool, typer.Option("--lossless-colour", help="Colour exactly, not as JPEG.")
+    ] = False,
+    quality: Annotated[int, typer.Option(min=1, max=100, help="Of JPEG.")] = 90,
+    intrinsics: FolderIntrinsics = "",
+    units_per_metre: FolderUnits = 0.0,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write frames to a recording. Ctrl-C ends it; what was written is whole."""
+    refuse_existing(output, force=force)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    opened = open_source(source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre)
+    record = write_recording(
+        opened,
+        output,
+        shell,
+        frames=frames,
+        seconds=seconds,
+        lossless_colour=lossless_colour,
+        jpeg_quality=quality,
+        force=force,
+    )
+    shell.result(record)
+
+
+@app.command("play")
+def capture_play(
+    source: RgbdPlace,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="A sheet of pictures (.png), or a folder of them."),
+    ] = None,
+    speed: Annotated[
+        float, typer.Option(min=0, help="1: by the frames' times; 0: as fast as they are read.")
+    ] = 1.0,
+    frames: MostFrames = None,
+    intrinsics: FolderIntrinsics = "",
+    units_per_metre: FolderUnits = 0.0,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Read frame after frame and say how fast they come; pictures with -o."""
+    refuse_existing(output, force=force)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    opened = open_source(
+        source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre, speed=speed
+    )
+    record = play(opened, output, shell, frames=frames, force=force)
+    shell.result(record, lambda console: show_play(console, record))
+
+
+@app.command("info")
+def capture_info(
+    source: RgbdPlace,
+    intrinsics: FolderIntrinsics = "",
+    units_per_metre: FolderUnits = 0.0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Say what a recording holds: cameras, frames, times, gaps; reads it to the end."""
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    opened = open_source(source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre)
+    record = info(opened, shell)
+    shell.result(record, lambda console: show_info(console, record))

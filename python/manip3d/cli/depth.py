@@ -1,0 +1,247 @@
+"""``manip3d depth`` and ``manip3d cs3``: depth images and range scans to sparse textured meshes."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from manip3d.cli.kinds import expect_kind
+from manip3d.cli.options import (
+    MISSED,
+    FolderJobs,
+    Force,
+    Json,
+    Output,
+    Quiet,
+    Seed,
+    Strict,
+)
+from manip3d.cli.terminal import Terminal, check_output, count, counted, naming_options
+from manip3d.errors import Error
+
+if TYPE_CHECKING:
+    from manip3d.simplify import DepthFileResult, DepthOptions
+
+
+class DepthMethod(StrEnum):
+    """The methods of chapter 3, and manip3d's own."""
+
+    cs3 = "cs3"
+    relief = "relief"
+    uniform = "uniform"
+    poisson = "poisson"
+    ssa = "ssa"
+
+
+class Variant(StrEnum):
+    """The four variants of CS3: importance (L or C), then sampling."""
+
+    cios = "cios"
+    lios = "lios"
+    cnms = "cnms"
+    lnms = "lnms"
+
+
+_OPTIONS = ("intrinsics", "unit", "variant", "by-distance", "move-points", "max-edge", "depth-step",
+            "colour", "points", "method")  # fmt: skip
+
+
+def depth(
+    source: Annotated[
+        str,
+        typer.Argument(
+            help="A depth image (16-bit .png, .pgm, .tif, or .npy), a range scan (.ply with "
+            "range_grid), or a folder of depth images."
+        ),
+    ],
+    output: Output,
+    points: Annotated[int, typer.Option(min=1, help="Largest number of vertices.")],
+    intrinsics: Annotated[
+        str,
+        typer.Option(
+            help="Camera of the depth image: fx,fy,cx,cy in pixels, a .json file, or a preset: "
+            "tum, tum-fr1, tum-fr2, tum-fr3, kinect-v1, kinect-v2, azure, realsense, primesense. "
+            "Scans need none."
+        ),
+    ] = "",
+    unit: Annotated[
+        str,
+        typer.Option(
+            help="Unit of the depth image: mm, tum (1/5000 m), m, kinect-raw (11-bit disparity), "
+            "nyu, sun, or a number of units per metre. guess: as the preset has it, else from the "
+            "numbers; the unit is printed."
+        ),
+    ] = "guess",
+    method: Annotated[DepthMethod, typer.Option(help="Simplification method.")] = DepthMethod.cs3,
+    variant: Annotated[Variant, typer.Option(help="Variant of --method cs3.")] = Variant.cios,
+    depth_step: Annotated[
+        float,
+        typer.Option(
+            min=0,
+            help="Leave out faces across a larger step in depth, as a share of the depth; 0: "
+            "leave out none. For depth images.",
+        ),
+    ] = 0.05,
+    max_edge: Annotated[
+        float | None,
+        typer.Option(help="Leave out faces with a longer edge; metres, or the unit of the scan."),
+    ] = None,
+    by_distance: Annotated[
+        bool,
+        typer.Option("--by-distance", help="More points where it is near (--method cs3)."),
+    ] = False,
+    move_points: Annotated[
+        bool,
+        typer.Option(
+            "--move-points", help="Vertices may leave the measured points (--method relief)."
+        ),
+    ] = False,
+    colour: Annotated[
+        str,
+        typer.Option(
+            help="Colour image of the same size, which becomes the texture; for a folder, a "
+            "folder of them."
+        ),
+    ] = "",
+    frames: Annotated[
+        str,
+        typer.Option(
+            metavar="PATTERN", help="Names of the depth images in a folder, such as '*_depth.png'."
+        ),
+    ] = "*",
+    force: Force = False,
+    strict: Strict = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: FolderJobs = 0,
+    seed: Seed = 0,
+) -> None:
+    """Turn a depth image or a range scan into a sparse textured mesh.
+
+    A folder becomes a folder of .glb files, in parallel processes; run again, it goes on where it
+    stopped. The result is in metres, with +y up in glTF (.glb, .gltf) and in the camera's axes in
+    .ply, .obj, .stl and .off. The depth range and its unit are printed: check them.
+
+    Example: manip3d depth depth.png --intrinsics kinect-v2 --points 5000 -o person.glb
+    """
+    from manip3d import simplify
+    from manip3d.io import WRITABLE
+
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    with naming_options(*_OPTIONS):
+        options = simplify.DepthOptions(
+            points,
+            method.value,
+            variant.value,
+            intrinsics,
+            unit,
+            max_edge,
+            depth_step,
+            by_distance,
+            move_points,
+            seed,
+            jobs,
+        )
+        if Path(source).is_dir():
+            results = _folder(Path(source), output, options, frames, colour, shell, jobs, force)
+        else:
+            expect_kind(source, "depth", "range grid", verb="depth")
+            check_output(output, WRITABLE, force=force)
+            results = [simplify.simplify_depth_file(source, output, options, colour=colour or None)]
+            _tell(shell, results[0])
+    records = [_record(result) for result in results]
+    shell.result(records if Path(source).is_dir() else records[0])
+    failed = sum(bool(result.error) for result in results)
+    if failed:
+        raise Error(f"{failed} of {counted(len(results), 'frame')} failed")
+    if strict and any(result.target_missed for result in results):
+        raise typer.Exit(MISSED)
+
+
+def _folder(
+    source: Path,
+    output: Path,
+    options: DepthOptions,
+    pattern: str,
+    colours: str,
+    shell: Terminal,
+    jobs: int,
+    force: bool,
+) -> list[DepthFileResult]:
+    from manip3d import simplify
+
+    with shell.progress("depth") as progress:
+
+        def told(result: DepthFileResult, fraction: float) -> None:
+            _tell(shell, result)
+            if progress is not None:
+                progress(fraction, str(result.source))
+
+        results = simplify.simplify_depth_folder(
+            source,
+            output,
+            options,
+            pattern=pattern,
+            colours=colours or None,
+            jobs=jobs,
+            overwrite=force,
+            on_result=told,
+        )
+    kept = sum(result.was_kept for result in results)
+    if kept:
+        shell.say(
+            f"{kept} of {counted(len(results), 'frame')} {'is' if kept == 1 else 'are'} there "
+            "already; --force makes them again"
+        )
+    return results
+
+
+def _tell(shell: Terminal, result: DepthFileResult) -> None:
+    if result.error:
+        shell.say(f"{result.source}: {result.error}")
+        return
+    if result.depth:
+        override = "" if result.options.unit != "guess" else "; --unit overrides it"
+        shell.say(f"read {result.source}: {result.depth}{override}")
+    shell.say(_sentence(result))
+
+
+def _sentence(result: DepthFileResult) -> str:
+    options = result.options
+    variant = f" ({options.variant})" if options.method == "cs3" else ""
+    cut = f", {counted(result.faces_cut, 'face')} across depth steps left out"
+    missed = f"; target of {counted(options.points, 'point')} missed"
+    return (
+        f"{options.method}{variant}: {counted(result.points_before, 'point')} -> "
+        f"{count(result.points)}, {counted(result.faces, 'face')}{cut if result.faces_cut else ''} "
+        f"in {result.seconds * 1000:.1f} ms{missed if result.target_missed else ''}; "
+        f"wrote {result.output}"
+    )
+
+
+def _record(result: DepthFileResult) -> dict[str, Any]:
+    """The result for ``--json``."""
+    files = {"input": str(result.source), "output": str(result.output)}
+    if result.error:
+        return files | {"error": result.error}
+    if result.was_kept:
+        return files | {"kept": True, "target_missed": False}
+    is_cs3 = result.options.method == "cs3"
+    return files | {
+        "method": result.options.method,
+        "variant": result.options.variant if is_cs3 else None,
+        "depth": result.depth,
+        "unit": result.unit,
+        "points_before": result.points_before,
+        "target_points": result.options.points,
+        "points": result.points,
+        "faces": result.faces,
+        "faces_cut": result.faces_cut,
+        "reached": result.reached,
+        "literal_count": result.literal_count,
+        "seconds": round(result.seconds, 4),
+        "target_missed": result.target_missed,
+    }

@@ -1,0 +1,62 @@
+"""``manip3d info``: what a mesh is made of."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any
+
+from manip3d.cli.sources import open_mesh
+from manip3d.cli.terminal import Terminal, count, table
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+_LABELS = {
+    "non_manifold_edges": "non-manifold edges",
+    "zero_area_faces": "zero-area faces",
+    "texcoords": "texture coordinates",
+    "faces_without_uv": "faces without UV",
+    "multi_uv_vertices": "multi-UV vertices",
+}
+
+
+def summary(source: str, terminal: Terminal) -> dict[str, Any]:
+    """All counts of the mesh, its materials and their textures."""
+    mesh = open_mesh(source, terminal)
+    materials = [
+        {"name": m.name, "textures": {role: t.path for role, t in m.textures.items()}}
+        for m in mesh.materials
+    ]
+    return {"file": source} | asdict(mesh.summary()) | {"materials": materials}
+
+
+def show(console: Console, record: dict[str, Any]) -> None:
+    """The counts, as stored beside welded where both exist."""
+    rows = []
+    for name, value in record.items():
+        if name.endswith("_welded") or not isinstance(value, int):
+            continue
+        welded = record.get(f"{name}_welded")
+        rows.append(
+            (
+                _LABELS.get(name, name.replace("_", " ")),
+                _cell(value),
+                "" if welded is None else _cell(welded),
+            )
+        )
+    table(console, rows, (PurePath(record["file"]).name, "as stored", "welded"))
+    low, high = record["bounds"]
+    console.print(
+        "bounds  " + "  ".join(f"{a:.6g}..{b:.6g}" for a, b in zip(low, high, strict=True))
+    )
+    for material in record["materials"]:
+        textures = ", ".join(path for path in material["textures"].values() if path)
+        console.print(f"material  {material['name']}{'  ' + textures if textures else ''}")
+
+
+def _cell(value: int) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return count(value)

@@ -1,0 +1,148 @@
+"""``manip3d doctor``: what is here, what is missing, why, and the cure."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from manip3d.cli.options import Json
+from manip3d.cli.terminal import Terminal, table
+from manip3d.errors import Error
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_EXTRAS = {
+    "io": ("trimesh",),
+    "viz": ("pyvista", "vtk", "PIL"),
+    "simulate": ("open3d",),
+    "experiments": ("matplotlib", "jinja2", "scipy", "pooch"),
+    "notebook": ("ipykernel", "nbclient", "pandas"),
+    "velodyne": ("yaml",),
+    "las": ("laspy", "lazrs"),
+    "e57": ("pye57",),
+    "ouster": ("ouster",),
+    "pose": ("mediapipe",),
+    "video": ("av",),
+    "dask": ("distributed",),
+}
+_DISTRIBUTIONS = {
+    "PIL": ("pillow",),
+    "open3d": ("open3d-cpu", "open3d"),
+    "ouster": ("ouster-sdk",),
+    "yaml": ("pyyaml",),
+}
+
+
+def examine() -> list[dict[str, Any]]:
+    """Checks in the order of a reader's questions.
+
+    Each has ``what``, ``state`` ('ok', 'missing' or 'broken'), ``detail`` and ``cure``.
+    """
+    return [_core(), *_extras(), _pictures(), _viewer(), *_data(), *_settings()]
+
+
+def _check(what: str, state: str, detail: str, cure: str = "") -> dict[str, Any]:
+    return {"what": what, "state": state, "detail": detail, "cure": cure}
+
+
+def _core() -> dict[str, Any]:
+    from manip3d import Mesh, __version__
+
+    detail = f"manip3d {__version__}, Python {platform.python_version()}, {platform.machine()}"
+    try:
+        Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).validate()
+    except Exception as error:  # whatever it is, the doctor reports it
+        return _check("core", "broken", f"{detail}: {error}", "install manip3d again")
+    return _check("core", "ok", f"{detail}, {len(os.sched_getaffinity(0))} cores")
+
+
+def _extras() -> list[dict[str, Any]]:
+    checks = []
+    for extra, modules in _EXTRAS.items():
+        absent = [name for name in modules if importlib.util.find_spec(name) is None]
+        if absent:
+            cure = f"pip install 'manip3d[{extra}]'"
+            checks.append(_check(f"extra {extra}", "missing", f"no {', '.join(absent)}", cure))
+        else:
+            versions = ", ".join(f"{name} {_version(name)}" for name in modules)
+            checks.append(_check(f"extra {extra}", "ok", versions))
+    return checks
+
+
+def _version(module: str) -> str:
+    for name in _DISTRIBUTIONS.get(module, (module,)):
+        try:
+            return metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return "of unknown version"
+
+
+def _pictures() -> dict[str, Any]:
+    from manip3d.viewer import renderer
+
+    try:
+        return _check("off-screen pictures", "ok", f"drawn by {renderer()}")
+    except Error as error:  # its message names the cure
+        return _check("off-screen pictures", "missing", str(error))
+
+
+def _viewer() -> dict[str, Any]:
+    dist = Path(__file__).parents[1] / "viewer" / "dist"
+    if any(dist.glob("*.js")):
+        return _check("interactive viewer", "ok", "the bundle is here")
+    return _check("interactive viewer", "missing", f"no bundle in {dist}", "make setup")
+
+
+def _data() -> list[dict[str, Any]]:
+    from manip3d import datasets
+
+    chosen = os.environ.get("MANIP3D_DATA")
+    checks = []
+    if chosen and not Path(chosen).is_dir():
+        checks.append(
+            _check("MANIP3D_DATA", "broken", f"{chosen} is no folder", "set it to the data folder")
+        )
+    known = datasets.registry().values()
+    absent = [data_set.name for data_set in known if not datasets.is_here(data_set)]
+    if absent:
+        detail = f"{len(absent)} of {len(known)} data sets are not here; simulated models stand in"
+        cure = "set MANIP3D_DATA, or see 'manip3d data list'"
+        checks.append(_check("real data", "missing", detail, cure))
+    else:
+        checks.append(_check("real data", "ok", f"{len(known)} in {datasets.data_root()}"))
+    return checks
+
+
+def _settings() -> list[dict[str, Any]]:
+    names = sorted(name for name in os.environ if name.startswith("MANIP3D_"))
+    set_ = ", ".join(f"{name}={os.environ[name]}" for name in names) or "none set"
+    return [_check("settings", "ok", f"{set_}; {sys.executable}")]
+
+
+def show(console: Console, checks: list[dict[str, Any]]) -> None:
+    """One line per check; cures below what needs them."""
+    signs = {"ok": "ok", "missing": "missing", "broken": "BROKEN"}
+    rows = [(signs[c["state"]], c["what"], c["detail"]) for c in checks]
+    table(console, rows, ("state", "what", "detail"))
+    cures = [(check["what"], check["cure"]) for check in checks if check["cure"]]
+    if cures:
+        console.print("\nCures")
+        table(console, cures)
+
+
+def doctor(as_json: Json = False) -> None:
+    """Say what is here, what is missing, why, and the cure."""
+    checks = examine()
+    shell = Terminal(as_json=as_json)
+    shell.result(checks, lambda console: show(console, checks))
+    if any(check["state"] == "broken" for check in checks):
+        raise typer.Exit(1)

@@ -1,0 +1,290 @@
+"""``manip3d forge lidar``: a forged scan, and its truth beside it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Seed
+from manip3d.cli.terminal import Terminal, count, refuse_existing
+from manip3d.errors import InputError
+from manip3d.forge import Forgery
+from manip3d.io._files import atomic_write
+from manip3d.lidar import Box, LidarFrame
+
+app = typer.Typer(
+    name="forge",
+    help="Forged scans with their truth, for testing detectors.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+
+@dataclass(frozen=True)
+class Order:
+    """What the command line asks for; what an attack does not use stays None."""
+
+    hoax: str | None
+    position: Sequence[float] | None
+    box: Sequence[float] | None
+    scale: float
+    yaw: float
+    amplitude: float
+    distance: float
+    range_noise: float
+    paper: bool
+    seed: int
+    threads: int
+
+
+def forge_scan(
+    attack: str, source: str, output: Path, order: Order, terminal: Terminal, *, force: bool
+) -> dict[str, Any]:
+    """Forge a scan and write it, in its own format, with the truth as ``OUT.truth.json``.
+
+    Raises
+    ------
+    InputError
+        An option that the attack needs is missing; the truth file exists without ``force``.
+    FormatError, OSError
+        As `manip3d.read_scan`.
+    """
+    import manip3d
+
+    truth = output.with_name(output.name + ".truth.json")
+    if truth.exists() and not force:
+        raise InputError(f"{truth}: exists already; --force replaces it")
+    frame = manip3d.read_scan(source)
+    terminal.say(f"read {source}: {count(frame.num_points)} points")
+    forged = ATTACKS[attack](frame, order)
+    forged.write(output)
+    record = truth_of(forged) | {"source": source, "output": str(output)}
+    atomic_write(truth, (json.dumps(record) + "\n").encode())
+    terminal.say(f"wrote {output} and {truth.name}")
+    return {
+        key: len(value) if key in ("added", "moved", "moved_from", "removed") else value
+        for key, value in record.items()
+    }
+
+
+def truth_of(forged: Forgery) -> dict[str, Any]:
+    """The ground truth as JSON values."""
+    box = forged.box
+    return {
+        "attack": forged.attack,
+        "points": len(forged.points),
+        "added": forged.added.tolist(),
+        "moved": forged.moved.tolist(),
+        "moved_from": forged.moved_from.tolist(),
+        "removed": forged.removed.tolist(),
+        "box": {"center": list(box.center), "size": list(box.size), "yaw": box.yaw},
+        "transform": forged.transform.tolist(),
+    }
+
+
+def _ctp(frame: LidarFrame, order: Order) -> Forgery:
+    from manip3d import forge
+
+    return forge.ctp(
+        frame,
+        _hoax(order),
+        position=_position(order),
+        rotation=order.yaw,
+        scale=order.scale,
+        translation="paper" if order.paper else "centroid",
+        threads=order.threads,
+    )
+
+
+def _crtp(frame: LidarFrame, order: Order) -> Forgery:
+    from manip3d import forge
+
+    return forge.crtp(
+        frame,
+        _hoax(order),
+        position=_position(order),
+        rotation=order.yaw,
+        scale=order.scale,
+        translation="paper" if order.paper else "centroid",
+        rng=order.seed,
+        threads=order.threads,
+    )
+
+
+def _insert(frame: LidarFrame, order: Order) -> Forgery:
+    from manip3d import forge
+
+    return forge.insert_occluding(
+        frame,
+        _hoax(order),
+        position=_position(order),
+        rotation=order.yaw,
+        scale=order.scale,
+        range_noise=order.range_noise,
+        rng=order.seed,
+        threads=order.threads,
+    )
+
+
+def _subtract(frame: LidarFrame, order: Order) -> Forgery:
+    from manip3d import forge
+
+    return forge.subtractive(frame, _box(order), threads=order.threads)
+
+
+def _deform(frame: LidarFrame, order: Order) -> Forgery:
+    from manip3d import forge
+
+    return forge.deform(
+        frame,
+        _box(order) or forge.nearest_object(frame),
+        amplitude=order.amplitude,
+        rng=order.seed,
+        threads=order.threads,
+    )
+
+
+def _dent(frame: LidarFrame, order: Order) -> Forgery:
+    from manip3d import forge
+
+    return forge.deform(
+        frame,
+        _box(order) or forge.nearest_object(frame),
+        amplitude=order.amplitude,
+        direction="normal",
+        rng=order.seed,
+        threads=order.threads,
+    )
+
+
+def _translate(frame: LidarFrame, order: Order) -> Forgery:
+    from manip3d import forge
+
+    return forge.translation(frame, _box(order), distance=order.distance, threads=order.threads)
+
+
+def _rotate(frame: LidarFrame, order: Order) -> Forgery:
+    from manip3d import forge
+
+    return forge.rotation(frame, _box(order), angle=order.yaw, threads=order.threads)
+
+
+def _replace(frame: LidarFrame, order: Order) -> Forgery:
+    from manip3d import forge
+
+    points = _points(_hoax(order)) * order.scale
+    return forge.replacement(frame, points, _box(order), threads=order.threads)
+
+
+ATTACKS: dict[str, Callable[[LidarFrame, Order], Forgery]] = {
+    "ctp": _ctp,
+    "crtp": _crtp,
+    "insert": _insert,
+    "subtract": _subtract,
+    "deform": _deform,
+    "dent": _dent,
+    "translation": _translate,
+    "rotation": _rotate,
+    "replacement": _replace,
+}
+
+
+def _hoax(order: Order) -> Any:
+    """The hoax: a mesh, or points of a scan file."""
+    import manip3d
+    from manip3d.cli.sources import mesh_suffix
+    from manip3d.io import READABLE
+
+    if order.hoax is None:
+        raise InputError("--hoax: expected a mesh or scan file, got none")
+    path = Path(order.hoax)
+    if mesh_suffix(path) in READABLE:
+        return manip3d.read_mesh(path)
+    return manip3d.read_scan(path)
+
+
+def _points(hoax: Any) -> Any:
+    return hoax.points if isinstance(hoax, LidarFrame) else hoax.vertices
+
+
+def _position(order: Order) -> Sequence[float]:
+    if order.position is None:
+        raise InputError("--position: expected X Y Z in metres, got none")
+    return order.position
+
+
+def _box(order: Order) -> Box | None:
+    if order.box is None:
+        return None
+    x, y, z, length, width, height, yaw = order.box
+    return Box((x, y, z), (length, width, height), yaw)
+
+
+class LidarAttack(StrEnum):
+    """What ``forge lidar`` does to a scan."""
+
+    ctp = "ctp"
+    crtp = "crtp"
+    insert = "insert"
+    subtract = "subtract"
+    deform = "deform"
+    dent = "dent"
+    translation = "translation"
+    rotation = "rotation"
+    replacement = "replacement"
+
+
+@app.command("lidar")
+def forge_lidar(
+    attack: Annotated[LidarAttack, typer.Argument(help="What is done to the scan.")],
+    source: Annotated[str, typer.Argument(metavar="SCAN", help="A scan file.")],
+    output: Output,
+    hoax: Annotated[str | None, typer.Option(help="Mesh or scan file to paste.")] = None,
+    position: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(metavar="X Y Z", help="Where its centroid goes, metres."),
+    ] = None,
+    box: Annotated[
+        tuple[float, float, float, float, float, float, float] | None,
+        typer.Option(
+            metavar="X Y Z L W H YAW", help="Centre, size, turn; else the nearest object's."
+        ),
+    ] = None,
+    scale: Annotated[float, typer.Option(help="Of the hoax's units to metres.")] = 1.0,
+    yaw: Annotated[float, typer.Option(help="Turn about the vertical, radians.")] = 0.0,
+    amplitude: Annotated[float, typer.Option(help="Of a deformation, metres.")] = 0.1,
+    distance: Annotated[float, typer.Option(help="Of a translation, metres.")] = 3.0,
+    range_noise: Annotated[float, typer.Option(help="Of inserted points, metres.")] = 0.0,
+    printed: Annotated[
+        bool, typer.Option("--printed", help="CTP's translation as printed.")
+    ] = False,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: Jobs = 0,
+    seed: Seed = 0,
+) -> None:
+    """Forge a LiDAR scan; the truth goes beside it, as OUT.truth.json."""
+    refuse_existing(output, force=force)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    order = Order(
+        hoax,
+        position,
+        box,
+        scale,
+        yaw,
+        amplitude,
+        distance,
+        range_noise,
+        printed,
+        seed,
+        jobs,
+    )
+    record = forge_scan(attack.value, source, output, order, shell, force=force)
+    shell.result(record)

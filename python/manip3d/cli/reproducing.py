@@ -1,0 +1,138 @@
+"""``manip3d reproduce``, ``report`` and ``demo``."""
+
+from __future__ import annotations
+
+import os
+import webbrowser
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from manip3d import datasets
+from manip3d.cli.terminal import Terminal, table
+from manip3d.errors import InputError
+from manip3d.experiments import Plan, RunSummary, registry, run, select
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def listing(ids: list[str]) -> list[dict[str, Any]]:
+    """The experiments: id, title, the data they want, and what of it is missing."""
+    return [
+        {
+            "id": experiment.id,
+            "title": experiment.title,
+            "data": list(experiment.data),
+            "missing": [n for n in experiment.data if not datasets.is_here(datasets.get(n))],
+        }
+        for experiment in select(ids)
+    ]
+
+
+def show_listing(console: Console, records: list[dict[str, Any]]) -> None:
+    """One line per experiment."""
+    rows = [(r["id"], r["title"], _data_state(r)) for r in records]
+    table(console, rows, ("id", "title", "real data"))
+
+
+def _data_state(record: dict[str, Any]) -> str:
+    missing, wanted = len(record["missing"]), len(record["data"])
+    if missing == 0:
+        return "all here"
+    if missing == wanted:
+        return "not here: simulated models stand in"
+    return f"{missing} of {wanted} missing: {', '.join(record['missing'])}"
+
+
+def demo_ids() -> list[str]:
+    """What shows most in a minute: chapter 2, and the errors of chapter 3."""
+    chapter_2 = ("table-2.", "figure-2.", "ablation-")
+    return [name for name in registry() if name.startswith(chapter_2) or name == "table-3.4"]
+
+
+def reproduce(
+    ids: list[str],
+    folder: Path,
+    plan: Mapping[str, Any],
+    terminal: Terminal,
+    *,
+    jobs: int,
+    dask: str,
+    force: bool,
+) -> RunSummary:
+    """Run experiments into a results folder, new or of an earlier run."""
+    experiments = select(ids)
+    _refuse_foreign_folder(folder, force=force)
+    try:
+        with terminal.progress("experiments") as progress:
+            summary = run(
+                experiments, folder, plan=Plan(**plan), jobs=jobs, dask=dask, progress=progress
+            )
+    except KeyboardInterrupt:
+        terminal.say(f"interrupted; what had finished is in {folder}, the same command goes on")
+        raise
+    terminal.say(
+        f"{summary.cases} cases ({summary.resumed} from an earlier run, {summary.failed} failed) "
+        f"in {summary.seconds:.1f} s; results in {folder}"
+    )
+    return summary
+
+
+def _refuse_foreign_folder(folder: Path, *, force: bool) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: expected a folder, got a file")
+    foreign = folder.is_dir() and any(folder.iterdir()) and not (folder / "cases").is_dir()
+    if foreign and not force:
+        raise InputError(f"{folder}: not empty and no results folder; --force uses it all the same")
+
+
+def digest(summary: RunSummary) -> dict[str, Any]:
+    """What ``--json`` prints: counts and verdicts; the rows are in the folder."""
+    return {
+        "folder": str(summary.folder),
+        "cases": summary.cases,
+        "resumed": summary.resumed,
+        "failed": summary.failed,
+        "seconds": round(summary.seconds, 3),
+        "verdicts": {
+            name: [{"claim": v["claim"], "verdict": v["word"]} for v in record["verdicts"]]
+            for name, record in summary.results["experiments"].items()
+        },
+    }
+
+
+def show(console: Console, summary: RunSummary) -> None:
+    """Every claim with its verdict."""
+    rows = [
+        (name, verdict["word"], verdict["claim"])
+        for name, record in summary.results["experiments"].items()
+        for verdict in record["verdicts"]
+    ]
+    if rows:
+        table(console, rows, ("experiment", "verdict", "claim"))
+    console.print(f"\n'manip3d report {summary.folder}' makes one page of it.")
+
+
+def some_claim_fails(summary: RunSummary) -> bool:
+    """Whether a claim does not hold."""
+    records = summary.results["experiments"].values()
+    return any(v["word"] == "does not hold" for record in records for v in record["verdicts"])
+
+
+def write_report(folder: Path, output: Path | None, terminal: Terminal) -> Path:
+    """Write the report of a results folder; say where it is."""
+    from manip3d import report
+
+    path = output or folder / "report.html"
+    report.write_report(folder, path)
+    terminal.say(f"report: {path.resolve()}")
+    return path
+
+
+def open_report(path: Path, terminal: Terminal) -> None:
+    """Open the report where there is a screen and a browser."""
+    if terminal.quiet or not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return
+    if not webbrowser.open(path.resolve().as_uri()):
+        terminal.say("no browser found to open it with")

@@ -1,0 +1,200 @@
+"""``info``, ``view`` and ``convert`` on scans and on recordings of LiDAR packets."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d.cli.terminal import Terminal, count, table
+from manip3d.errors import InputError
+from manip3d.io._scan_files import SCAN_SUFFIXES
+from manip3d.io._scan_tables import scan_suffix
+from manip3d.lidar import LidarFrame
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rich.console import Console
+
+_RECORDINGS = (".pcap", ".pcapng")
+_SCHEMES = ("pcap:", "ouster:", "kitti:")
+_HEADER_BYTES = 1 << 16  # where a PLY file names its elements
+
+
+def is_scan(source: str) -> bool:
+    """Whether it holds points: a recording, a drive, a scan's suffix, a PLY file without faces."""
+    if _recording(source) is not None:
+        return True
+    suffix = scan_suffix(source)
+    return suffix in SCAN_SUFFIXES and (suffix != ".ply" or not _has_faces(Path(source)))
+
+
+def _recording(source: str) -> str | None:
+    """The address of a recording or of a drive; None for anything else."""
+    if source.startswith(_SCHEMES):
+        return source
+    if scan_suffix(source) in _RECORDINGS:
+        return f"pcap:{source}"
+    path = Path(source)
+    is_drive = (path / "velodyne").is_dir() or (path / "velodyne_points").is_dir()
+    return f"kitti:{source}" if is_drive else None
+
+
+def _has_faces(path: Path) -> bool:
+    import gzip
+    import lzma
+
+    openers: dict[str, Any] = {".gz": gzip.open, ".xz": lzma.open}
+    try:
+        with openers.get(path.suffix, open)(path, "rb") as stream:
+            header = stream.read(_HEADER_BYTES).partition(b"end_header")[0]
+    except (OSError, EOFError, lzma.LZMAError):
+        return True  # the reader of meshes says what is wrong
+    elements = {line.split()[1] for line in header.splitlines() if line.startswith(b"element ")}
+    return not elements <= {b"vertex", b"camera"}
+
+
+def frames(
+    source: str, terminal: Terminal, calibration: Path | None = None
+) -> Iterator[LidarFrame]:
+    """The scans of a file or the frames of a recording, one after the other."""
+    from manip3d import capture, io
+
+    uri = _recording(source)
+    if uri is not None:
+        with capture.open_lidar(uri, calibration=calibration) as recording:
+            yield from recording
+            refused = {k: v for k, v in recording.counters.items() if v and k in _REFUSED}
+        terminal.say(f"refused: {refused}" if refused else "nothing was refused")
+        return
+    scans = io.read_scans(source)
+    terminal.say(f"read {source}: {count(sum(scan.num_points for scan in scans))} points")
+    yield from scans
+
+
+_REFUSED = ("bad_length", "unknown_product", "other_product", "unknown_return_mode",
+            "bad_block_flag", "bad_azimuth", "overlong_frames", "file_fragments",
+            "file_cut_short")  # fmt: skip
+
+
+def summary(source: str, terminal: Terminal, calibration: Path | None = None) -> dict[str, Any]:
+    """What the scans of a source are made of."""
+    uri = _recording(source)
+    if uri is not None:
+        from manip3d import capture
+
+        recording = capture.open_lidar(uri, calibration=calibration)
+        scans = [_describe(frame) for frame in recording]
+        return {"file": source, "scans": scans, "counters": recording.counters}
+    return {"file": source, "scans": [_describe(frame) for frame in frames(source, terminal)]}
+
+
+def _describe(frame: LidarFrame) -> dict[str, Any]:
+    returned = frame.points[frame.points.any(axis=1)].astype(np.float64)
+    seen = returned - (frame.origin or (0.0, 0.0, 0.0))
+    reach = np.linalg.norm(seen, axis=1) if frame.origin is not None else np.empty(0)
+    header = {} if frame.format is None else dict(frame.format.header)
+    record: dict[str, Any] = {
+        "format": None if frame.format is None else frame.format.name,
+        "points": frame.num_points,
+        "no_return": frame.num_empty,
+        "dropped": frame.num_dropped,
+        "bounds": np.stack([returned.min(0), returned.max(0)]).tolist() if len(returned) else None,
+        "origin": frame.origin,
+        "range": [float(reach.min()), float(reach.max())] if reach.size else None,
+        "intensity": _extent(frame.intensity),
+        "ring": _extent(frame.ring),
+        "timestamp": frame.timestamp,
+        "fields": {name: str(values.dtype) for name, values in frame.fields.items()},
+    }
+    told = ("model", "sensor_time", "packets", "is_complete")
+    return record | {key: header[key] for key in told if key in header}
+
+
+def _extent(values: Any) -> list[float] | None:
+    return (
+        [values.min().item(), values.max().item()] if values is not None and len(values) else None
+    )
+
+
+def show(console: Console, record: dict[str, Any]) -> None:
+    """A row for each scan, then what was counted in a recording."""
+    rows = []
+    for number, scan in enumerate(record["scans"]):
+        about = scan.get("model") or scan["format"] or ""
+        reach = scan["range"]
+        rows.append(
+            (
+                str(number),
+                about,
+                count(scan["points"]),
+                count(scan["no_return"] + scan["dropped"]),
+                "" if reach is None else f"{reach[0]:.2f}..{reach[1]:.2f} m",
+                " ".join(scan["fields"]),
+            )
+        )
+    header = (PurePath(record["file"]).name, "", "points", "without return", "range", "fields")
+    table(console, rows, header)
+    for scan in itertools.islice(record["scans"], 1):
+        if scan["bounds"] is not None:
+            low, high = scan["bounds"]
+            pairs = zip(low, high, strict=True)
+            console.print("bounds  " + "  ".join(f"{a:.6g}..{b:.6g}" for a, b in pairs))
+    counters = record.get("counters", {})
+    told = [f"{name.replace('_', ' ')} {count(value)}" for name, value in counters.items() if value]
+    if told:
+        console.print("counted  " + ", ".join(told))
+
+
+def convert(source: str, output: Path, terminal: Terminal, calibration: Path | None = None) -> None:
+    """A scan to a file; several (recordings, E57) to a folder in KITTI's flat layout, or to E57.
+
+    Raises
+    ------
+    InputError
+        Several scans, and ``output`` is a file of a format that holds one.
+    """
+    from manip3d import io
+
+    scans = frames(source, terminal, calibration)
+    if not scan_suffix(output):
+        _write_folder(scans, output, terminal)
+        return
+    found = list(scans)
+    if len(found) > 1 and scan_suffix(output) != ".e57":
+        raise InputError(
+            f"output: {source} holds {len(found)} scans: name a folder, or a file that ends in .e57"
+        )
+    io.write_scans(found, output)
+    terminal.say(f"wrote {output}")
+
+
+def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal) -> None:
+    """``velodyne/000000.bin`` and so on, and ``times.txt`` where the scans have times."""
+    from manip3d.io._files import atomic_write
+
+    folder = output / "velodyne"
+    folder.mkdir(parents=True, exist_ok=True)
+    times = []
+    for number, scan in enumerate(scans):
+        scan.write(folder / f"{number:06d}.bin")
+        times.append(scan.timestamp)
+    if times and None not in times:
+        atomic_write(output / "times.txt", "".join(f"{time!r}\n" for time in times))
+    terminal.say(f"wrote {len(times)} scans to {output}{os.sep}")
+
+
+def view(source: str, output: Path | None, terminal: Terminal) -> None:
+    """Show the first scan with most points of a source."""
+    from manip3d import viewer
+
+    scan = max(frames(source, terminal), key=lambda frame: frame.num_points, default=None)
+    if scan is None:
+        raise InputError(f"{source}: expected a scan, found none")
+    viewer.view_scan(scan, output)
+    if output is not None:
+        terminal.say(f"wrote {output}")

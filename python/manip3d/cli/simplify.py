@@ -1,0 +1,210 @@
+"""``manip3d simplify``: one file, or every mesh of a folder in parallel processes."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from manip3d.cli.options import (
+    MISSED,
+    FolderJobs,
+    Force,
+    Json,
+    Output,
+    Quiet,
+    Seed,
+    Strict,
+)
+from manip3d.cli.sources import mesh_files, mesh_suffix, open_mesh
+from manip3d.cli.terminal import Progress, Terminal, count, refuse_existing
+from manip3d.errors import Error, InputError
+from manip3d.io import WRITABLE
+
+
+@dataclass(frozen=True)
+class Order:
+    """What one simplification is asked for."""
+
+    method: str
+    faces: int | None
+    ratio: float | None
+    max_error: float | None
+    clean: bool
+    options: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        if self.faces is None and self.ratio is None and self.max_error is None:
+            raise InputError("simplify: expected --faces, --ratio or --max-error, got none of them")
+
+
+def simplify_file(
+    source: str, output: Path, order: Order, terminal: Terminal, progress: Progress | None = None
+) -> dict[str, Any]:
+    """Clean and simplify one mesh, write it, and return what was done.
+
+    Targets refer to the mesh as read, before cleaning.
+    """
+    from manip3d import simplify
+
+    mesh = open_mesh(source, terminal)
+    record: dict[str, Any] = {"input": source, "output": str(output), "method": order.method}
+    record["faces_before"] = mesh.num_faces
+    started = time.perf_counter()
+    cleaned = simplify.clean(mesh).mesh if order.clean else mesh
+    record["faces_cleaned"] = cleaned.num_faces
+    target = order.faces
+    if order.ratio is not None:
+        if not 0 < order.ratio <= 1:
+            raise InputError(f"--ratio: expected a number in (0, 1], got {order.ratio}")
+        fraction = int(mesh.num_faces * order.ratio)
+        target = fraction if target is None else max(target, fraction)
+    result = simplify.METHODS[order.method](
+        cleaned,
+        target_faces=target,
+        max_error=order.max_error,
+        progress=progress,
+        **order.options,
+    )
+    seconds = time.perf_counter() - started
+    stop = str(result.stop)
+    record |= {
+        "faces_after": result.mesh.num_faces,
+        "target_faces": target,
+        "max_error": result.max_error,
+        "stop": stop,
+        "rejected": dict(result.rejected),
+        "message": result.message,
+        "seconds": round(seconds, 4),
+        "target_missed": stop not in ("target_reached", "error_limit"),
+    }
+    if stop != "refused":
+        result.mesh.write(output)
+    terminal.say(_sentence(record))
+    return record
+
+
+def _sentence(record: dict[str, Any]) -> str:
+    if record["stop"] == "refused":
+        return f"refused: {record['message']}"
+    removed = record["faces_before"] - record["faces_cleaned"]
+    cleaned = f" (cleaning removed {count(removed)})" if removed else ""
+    missed = f"; target {count(record['target_faces'] or 0)} missed"
+    return (
+        f"{record['method']}: {count(record['faces_before'])} faces{cleaned} -> "
+        f"{count(record['faces_after'])} in {record['seconds']:.2f} s, largest error "
+        f"{record['max_error']:.3g} (units of the file), {record['stop'].replace('_', ' ')}"
+        f"{missed if record['target_missed'] else ''}; wrote {record['output']}"
+    )
+
+
+def simplify_folder(
+    folder: Path, output: Path, order: Order, terminal: Terminal, *, jobs: int, force: bool
+) -> list[dict[str, Any]]:
+    """Simplify every mesh below a folder into the same places below another.
+
+    Formats that cannot be written become ``.glb``. A file that fails is reported and the others
+    go on.
+    """
+    work = [(path, _target(path, folder, output)) for path in mesh_files(folder)]
+    _refuse_collisions([target for _, target in work])
+    for _, target in work:
+        refuse_existing(target, force=force)
+    from manip3d._util.parallel import run_tasks
+
+    records: list[dict[str, Any]] = []
+    tasks = {str(source): (_one_of_many, (source, target, order)) for source, target in work}
+    with terminal.progress("simplify") as progress:
+        for source, outcome in run_tasks(tasks, jobs or len(os.sched_getaffinity(0))):
+            record = (
+                outcome.value if not outcome.error else {"input": source, "error": outcome.error}
+            )
+            records.append(record)
+            terminal.say(f"{source}: {outcome.error}" if outcome.error else _sentence(record))
+            if progress is not None:
+                progress(len(records) / len(work), source)
+    return sorted(records, key=lambda record: str(record["input"]))
+
+
+def _one_of_many(source: Path, target: Path, order: Order) -> dict[str, Any]:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    return simplify_file(str(source), target, order, Terminal(quiet=True))
+
+
+def _target(path: Path, folder: Path, output: Path) -> Path:
+    suffix = mesh_suffix(path)
+    stem = path.name[: path.name.lower().rindex(suffix)]
+    return output / path.relative_to(folder).with_name(
+        stem + (suffix if suffix in WRITABLE else ".glb")
+    )
+
+
+def _refuse_collisions(targets: Sequence[Path]) -> None:
+    seen: set[Path] = set()
+    for target in targets:
+        if target in seen:
+            raise InputError(f"{target}: two inputs would be written there")
+        seen.add(target)
+
+
+def fail_if_any(records: Sequence[dict[str, Any]]) -> None:
+    """Raise when a file of a folder failed, after all were tried."""
+    failed = [record for record in records if record.get("error")]
+    if failed:
+        raise Error(f"{len(failed)} of {len(records)} files failed")
+
+
+class Method(StrEnum):
+    """The five methods of chapter 2."""
+
+    qem4vr = "qem4vr"
+    qem_orig = "qem-orig"
+    qem_bp = "qem-bp"
+    qem_tp = "qem-tp"
+    qem_btp = "qem-btp"
+
+
+def simplify(
+    source: Annotated[str, typer.Argument(help="A mesh file, a folder of them, or - for stdin.")],
+    output: Output,
+    faces: Annotated[int | None, typer.Option(min=1, help="Stop at this many faces.")] = None,
+    ratio: Annotated[
+        float | None, typer.Option(help="Stop at this fraction of the faces as read.")
+    ] = None,
+    max_error: Annotated[
+        float | None, typer.Option(help="Largest error of a collapse, in the file's units.")
+    ] = None,
+    method: Annotated[Method, typer.Option(help="How.")] = Method.qem4vr,
+    no_clean: Annotated[bool, typer.Option("--no-clean", help="Do not clean first.")] = False,
+    force: Force = False,
+    strict: Strict = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: FolderJobs = 0,
+    seed: Seed = 0,
+) -> None:
+    """Reduce the faces of a mesh; cleans it first. The first target reached stops.
+
+    A folder is simplified mesh by mesh into another folder, in parallel processes.
+    """
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    order = Order(method.value, faces, ratio, max_error, not no_clean, {})
+    if Path(source).is_dir():
+        records = simplify_folder(Path(source), output, order, shell, jobs=jobs, force=force)
+        shell.result(records)
+        fail_if_any(records)
+    else:
+        refuse_existing(output, force=force)
+        with shell.progress("simplify") as progress:
+            records = [simplify_file(source, output, order, shell, progress)]
+        shell.result(records[0])
+        if records[0]["stop"] == "refused":
+            raise typer.Exit(MISSED if strict else 1)
+    if strict and any(record["target_missed"] for record in records):
+        raise typer.Exit(MISSED)

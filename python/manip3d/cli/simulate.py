@@ -1,0 +1,139 @@
+"""``manip3d simulate``: scans and drives made on the spot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Seed
+from manip3d.cli.terminal import Terminal, count, refuse_existing
+from manip3d.errors import InputError
+
+
+def write_simulated(
+    source: str,
+    output: Path,
+    terminal: Terminal,
+    *,
+    frames: int,
+    resolution: float,
+    pictures: bool,
+    force: bool,
+    threads: int,
+    seed: int,
+) -> dict[str, Any]:
+    """Write what ``source`` names: ``street`` as a folder, a scene as a scan.
+
+    Raises
+    ------
+    InputError
+        There is no such source, or an option is out of range.
+    """
+    from manip3d.simulate import scenes
+
+    name = source.removeprefix("sim:")
+    if name == "street":
+        return _street(output, terminal, frames, pictures, force, threads, seed)
+    if name in {**scenes.SCENES, **scenes.CALIBRATION}:
+        return _scan(name, output, terminal, resolution, threads, seed)
+    raise InputError(
+        f"{source}: expected sim:street or a scene: sim:indoor-00 to -16, sim:outdoor-00 to -26, "
+        "sim:calibration-indoor-00 to -11, sim:calibration-outdoor-00 to -11"
+    )
+
+
+def _street(
+    output: Path,
+    terminal: Terminal,
+    frames: int,
+    pictures: bool,
+    force: bool,
+    threads: int,
+    seed: int,
+) -> dict[str, Any]:
+    from manip3d.simulate import street, write_drive
+
+    with terminal.progress("simulate") as progress:
+        drive = write_drive(
+            street(seed),
+            output,
+            frames,
+            number=seed % 10_000,
+            pictures=pictures,
+            rng=seed,
+            threads=threads,
+            overwrite=force,
+            progress=progress,
+        )
+    terminal.say(f"wrote {drive}: {count(frames)} frames")
+    return {"source": "sim:street", "seed": seed, "drive": str(drive), "frames": frames}
+
+
+def _scan(
+    name: str, output: Path, terminal: Terminal, resolution: float, threads: int, seed: int
+) -> dict[str, Any]:
+    from manip3d.io._scan_files import SCAN_SUFFIXES
+    from manip3d.io._scan_tables import scan_suffix
+    from manip3d.simulate import scenes, terrestrial_scan
+
+    if scan_suffix(output) not in SCAN_SUFFIXES:  # before the work, not after it
+        raise InputError(f"{output}: expected one of {', '.join(SCAN_SUFFIXES)}")
+    with terminal.progress("simulate") as progress:
+        scan = terrestrial_scan(
+            scenes.make(name),
+            resolution_deg=resolution,
+            rng=seed,
+            threads=threads,
+            progress=progress,
+        )
+        scan.frame.write(output)
+    terminal.say(f"wrote {output}: {count(len(scan.points))} points")
+    return {
+        "source": f"sim:{name}",
+        "seed": seed,
+        "output": str(output),
+        "points": len(scan.points),
+        "rows": scan.shape[0],
+        "columns": scan.shape[1],
+        "mixed": int(scan.mixed.sum()),
+    }
+
+
+def simulate(
+    source: Annotated[
+        str, typer.Argument(metavar="SOURCE", help="sim:street, sim:indoor-00, sim:outdoor-26 ...")
+    ],
+    output: Output,
+    frames: Annotated[int, typer.Option(min=1, help="Of a street: turns of the LiDAR.")] = 10,
+    resolution: Annotated[
+        float, typer.Option(help="Of a scene: degrees between neighbouring rays.")
+    ] = 0.06,
+    no_pictures: Annotated[
+        bool, typer.Option("--no-pictures", help="Of a street: LiDAR only.")
+    ] = False,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: Jobs = 0,
+    seed: Seed = 0,
+) -> None:
+    """Make LiDAR data with truth: a drive in KITTI's layout, or a terrestrial scan.
+
+    Another seed is another street; of a scene it is other noise.
+    """
+    refuse_existing(output, force=force)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    record = write_simulated(
+        source,
+        output,
+        shell,
+        frames=frames,
+        resolution=resolution,
+        pictures=not no_pictures,
+        force=force,
+        threads=jobs,
+        seed=seed,
+    )
+    shell.result(record)

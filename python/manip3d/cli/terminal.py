@@ -1,0 +1,191 @@
+"""What the terminal sees: results on stdout, messages and progress on stderr."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from manip3d._util.json import finite
+from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+Progress = Callable[[float, str], None]
+
+
+class Terminal:
+    """Prints for one verb, as its ``--json`` and ``--quiet`` say.
+
+    Parameters
+    ----------
+    as_json : bool
+        Results are one JSON value on stdout; nothing else goes there.
+    quiet : bool
+        No messages and no progress.
+    """
+
+    def __init__(self, *, as_json: bool = False, quiet: bool = False) -> None:
+        self.as_json = as_json
+        self.quiet = quiet
+
+    @property
+    def out(self) -> Console:
+        """Where results for people go."""
+        from rich.console import Console
+
+        return Console(highlight=False, width=None if sys.stdout.isatty() else 1000)
+
+    def say(self, message: str) -> None:
+        """A message about what is being done."""
+        if not self.quiet:
+            print(message, file=sys.stderr)
+
+    def result(self, value: Any, show: Callable[[Console], None] | None = None) -> None:
+        """The verb's result: ``value`` under ``--json``, else what ``show`` prints."""
+        if self.as_json:
+            print(json.dumps(finite(value), indent=1))
+        elif show is not None:
+            show(self.out)
+
+    @contextmanager
+    def progress(self, title: str) -> Iterator[Progress | None]:
+        """A progress bar on stderr; None where nobody would see it."""
+        if self.quiet or not sys.stderr.isatty():
+            yield None
+            return
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.percentage:>3.0f} %"),
+            TimeRemainingColumn(),
+            TextColumn("[dim]{task.fields[message]}"),
+        )
+        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(title, total=1.0, message="")
+
+            def update(fraction: float, message: str = "") -> None:
+                bar.update(task, completed=fraction, message=message)
+
+            yield update
+
+
+def table(console: Console, rows: Sequence[Sequence[str]], header: Sequence[str] = ()) -> None:
+    """Rows in columns, numbers to the right; on a terminal the last column wraps."""
+    from rich.table import Table
+    from rich.text import Text
+
+    grid = Table(box=None, show_header=bool(header), pad_edge=False, header_style="bold")
+    names = list(header) or [""] * len(rows[0])
+    last = len(names) - 1
+    for column, name in enumerate(names):
+        cells = [row[column] for row in rows]
+        numeric = all(_is_number(cell) for cell in cells)
+        width = max(len(cell) for cell in [name, *cells])
+        grid.add_column(
+            name,
+            justify="right" if numeric and column else "left",
+            min_width=width if column < last else None,
+        )
+    for row in rows:
+        grid.add_row(*(Text(cell) for cell in row))
+    console.print(grid)
+
+
+def _is_number(cell: str) -> bool:
+    return cell[:1].isdigit() or cell in ("", "-")
+
+
+def refuse_existing(path: Path | None, *, force: bool) -> None:
+    """Refuse to replace a file that is there.
+
+    Raises
+    ------
+    InputError
+        It exists and ``--force`` was not given.
+    """
+    if path is not None and not force and path.exists() and not path.is_char_device():
+        raise InputError(f"{path}: exists already; --force replaces it")
+
+
+@contextmanager
+def naming_options(*options: str) -> Iterator[None]:
+    """Turn an `InputError` about an argument into one about the option of that name.
+
+    ``depth_step: expected >= 0`` becomes ``--depth-step: expected >= 0``.
+    """
+    try:
+        yield
+    except InputError as error:
+        names, colon, rest = str(error).partition(":")
+        found = [name.strip().replace("_", "-") for name in names.split(",")]
+        if not colon or not set(found) <= set(options):
+            raise
+        raise InputError(", ".join(f"--{name}" for name in found) + ":" + rest) from error
+
+
+def check_output(
+    path: Path | None, suffixes: Sequence[str], *, force: bool, folder: bool = False
+) -> None:
+    """Check ``-o`` before any work is done.
+
+    Parameters
+    ----------
+    path : Path or None
+        None: the command has no output.
+    suffixes : sequence of str
+        The kinds that the command writes.
+    force : bool
+        An existing output may be replaced.
+    folder : bool
+        A name without a suffix is a folder and is accepted too.
+
+    Raises
+    ------
+    InputError
+        The suffix is none of them, the folder of the output is absent, or the output exists.
+    """
+    if path is None:
+        return
+    name = path.name.lower().removesuffix(".xz").removesuffix(".gz")
+    is_folder = folder and not path.suffix
+    if not is_folder and not path.is_char_device() and not name.endswith(tuple(suffixes)):
+        kinds = ", ".join(suffixes) + (", or a folder's name without a suffix" if folder else "")
+        raise InputError(f"-o {path}: expected a name that ends in {kinds}")
+    if not path.parent.is_dir():
+        raise InputError(f"-o {path}: there is no folder {path.parent}")
+    refuse_existing(path, force=force)
+
+
+def configure_logging(*, quiet: bool = False) -> None:
+    """Send the package's log to stderr, from the level that ``MANIP3D_LOG`` names."""
+    level = os.environ.get("MANIP3D_LOG", "error" if quiet else "warning").upper()
+    names = logging.getLevelNamesMapping()
+    if level not in names:
+        known = ", ".join(name.lower() for name in names)
+        raise InputError(f"MANIP3D_LOG: expected one of {known}, got {level.lower()!r}")
+    logger = logging.getLogger("manip3d")
+    if not logger.handlers:
+        handler = logging.StreamHandler()
+        handler.setFormatter(logging.Formatter("%(levelname)s: %(message)s"))
+        logger.addHandler(handler)
+    logger.setLevel(names[level])
+
+
+def count(number: int) -> str:
+    """A number with thin groups of thousands: ``80 354``."""
+    return f"{number:,}".replace(",", " ")
+
+
+def counted(number: int, noun: str, plural: str = "") -> str:
+    """A number with its noun in the right form: ``1 face``, ``80 354 faces``."""
+    return f"{count(number)} {noun if number == 1 else plural or noun + 's'}"

@@ -1,0 +1,55 @@
+"""Reading and writing of mesh, scan and depth files.
+
+Readers are safe on hostile input: a damaged file, an index out of range, a header that claims more
+than the file can hold end in a `FormatError` that names the file and the line or byte.
+"""
+
+from __future__ import annotations
+
+from manip3d.io._depth_files import DEPTH_SUFFIXES, is_colour_png, read_depth
+from manip3d.io._depth_units import (
+    DEPTH_UNITS,
+    DepthReading,
+    describe_unit,
+    guess_depth_unit,
+    read_depth_guessing,
+)
+from manip3d.io._mesh_files import (
+    READABLE,
+    WRITABLE,
+    RangeGrid,
+    ReadReport,
+    read_mesh,
+    read_mesh_bytes,
+    read_range_grid,
+    read_report,
+    texture_path,
+    write_mesh,
+)
+from manip3d.io._scan_files import SCAN_SUFFIXES, read_scan, read_scans, write_scan, write_scans
+
+__all__ = [
+    "DEPTH_SUFFIXES",
+    "DEPTH_UNITS",
+    "READABLE",
+    "SCAN_SUFFIXES",
+    "WRITABLE",
+    "DepthReading",
+    "RangeGrid",
+    "ReadReport",
+    "describe_unit",
+    "guess_depth_unit",
+    "is_colour_png",
+    "read_depth",
+    "read_depth_guessing",
+    "read_mesh",
+    "read_mesh_bytes",
+    "read_range_grid",
+    "read_report",
+    "read_scan",
+    "read_scans",
+    "texture_path",
+    "write_mesh",
+    "write_scan",
+    "write_scans",
+]

@@ -1,0 +1,201 @@
+"""Reading of depth images: 16-bit PNG, PGM and TIFF, and NumPy arrays. `manip3d.io.read_depth`."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d._util.paths import path_of
+from manip3d.errors import Error, FormatError, InputError, MissingExtraError
+from manip3d.io._files import open_regular
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+DEPTH_SUFFIXES = (".png", ".pgm", ".tif", ".tiff", ".npy")
+"""Suffixes that `read_depth` knows."""
+
+MILLIMETRES = 1000.0
+MOST_PIXELS = 1 << 25
+_HEADER_BYTES = 1 << 20  # beside the pixels: headers, colour profiles, text
+
+
+def read_depth(
+    path: str | os.PathLike[str],
+    *,
+    units_per_metre: float = MILLIMETRES,
+    max_pixels: int = MOST_PIXELS,
+) -> NDArray[np.uint16] | NDArray[np.float32]:
+    """Read a depth image; 0 and NaN mean no measurement.
+
+    Parameters
+    ----------
+    path : path-like
+        16-bit grey PNG, PGM or TIFF, or ``.npy``; the content decides, not the suffix.
+    units_per_metre : float
+        Of whole-number images: 1000 for Kinect and most others, 5000 for TUM and ICL-NUIM.
+        Images of floating-point numbers (TIFF, ``.npy``) are metres.
+    max_pixels : int
+        Larger images are refused before anything is allocated for them.
+
+    Returns
+    -------
+    (H, W) uint16 in millimetres, or float32 in metres
+        The stored numbers as they are for 1000 units per metre, else metres.
+
+    Raises
+    ------
+    FormatError
+        The file is damaged, no depth image, or larger than ``max_pixels``.
+    InputError
+        ``units_per_metre`` or ``max_pixels`` is not positive.
+    OSError
+        `FileNotFoundError` and the like.
+    MissingExtraError
+        Pillow is not installed (PNG and TIFF).
+    """
+    if not 0 < units_per_metre < float("inf"):
+        raise InputError(f"units_per_metre: expected > 0, got {units_per_metre}")
+    return _in_our_units(read_stored_depth(path, max_pixels=max_pixels), units_per_metre)
+
+
+def read_stored_depth(
+    path: str | os.PathLike[str], *, max_pixels: int = MOST_PIXELS
+) -> NDArray[Any]:
+    """Read a depth image's numbers as they are stored, in whatever unit; as `read_depth`."""
+    if not max_pixels > 0:
+        raise InputError(f"max_pixels: expected > 0, got {max_pixels}")
+    name = os.fspath(path_of(path))
+    with open_regular(name) as file:
+        data = file.read(8 * max_pixels + _HEADER_BYTES + 1)
+    try:
+        if len(data) > 8 * max_pixels + _HEADER_BYTES:
+            raise FormatError(f"expected at most {max_pixels} pixels, got a larger file")
+        return _decode(data, max_pixels)
+    except FormatError as error:
+        offset = error.byte_offset
+        raise FormatError(error.reason, file=name, byte_offset=offset) from error.__cause__
+
+
+def is_colour_png(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file is a PNG of at most 8 bits: a picture or a mask, no depth image."""
+    with open(path, "rb") as file:
+        header = file.read(26)
+    return header.startswith(b"\x89PNG\r\n\x1a\n") and len(header) == 26 and header[24] <= 8
+
+
+def _decode(data: bytes, max_pixels: int) -> NDArray[Any]:
+    if data.startswith(b"\x93NUMPY"):
+        return _read_npy(data, max_pixels)
+    if re.match(rb"P5[\s#]", data):
+        return _read_pgm(data, max_pixels)
+    if data.startswith((b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*")):
+        return _read_with_pillow(data, max_pixels)
+    kinds = "a 16-bit PNG, PGM or TIFF, or a .npy file"
+    raise FormatError(f"expected {kinds}, got bytes that begin with {data[:8]!r}", byte_offset=0)
+
+
+def _checked_size(rows: int, columns: int, max_pixels: int) -> None:
+    if not (rows > 0 and columns > 0):
+        raise FormatError(f"expected at least one pixel, got {columns} x {rows}")
+    if rows * columns > max_pixels:
+        raise FormatError(f"expected at most {max_pixels} pixels, got {columns} x {rows}")
+
+
+# --- PGM: Pillow would stretch the numbers of a file whose largest value is not 65535 -----------
+
+_PGM_HEADER = re.compile(
+    rb"P5" + 3 * rb"(?:\s|#[^\n\r]{0,1000}[\n\r]){1,100}(\d{1,9})" + rb"\s", re.DOTALL
+)
+
+
+def _read_pgm(data: bytes, max_pixels: int) -> NDArray[np.uint16]:
+    header = _PGM_HEADER.match(data, 0, 8192)
+    if header is None:
+        raise FormatError("expected a PGM header 'P5 WIDTH HEIGHT MAXIMUM'", byte_offset=0)
+    columns, rows, largest = (int(field) for field in header.groups())
+    _checked_size(rows, columns, max_pixels)
+    if not 255 < largest < 65536:
+        raise FormatError(f"expected a PGM of 16 bits (maximum 256 to 65535), got {largest}")
+    size = 2 * rows * columns
+    if len(data) - header.end() < size:
+        raise FormatError(
+            f"expected {size} bytes of pixels, got {len(data) - header.end()}",
+            byte_offset=header.end(),
+        )
+    pixels = np.frombuffer(data, ">u2", rows * columns, header.end()).reshape(rows, columns)
+    if pixels.max() > largest:
+        raise FormatError(f"expected values up to {largest}, got {pixels.max()}")
+    return pixels.astype(np.uint16)
+
+
+# --- NumPy -------------------------------------------------------------------------------------
+
+
+def _read_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
+    stream = io.BytesIO(data)
+    try:
+        version = np.lib.format.read_magic(stream)
+        read_header = {
+            (1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0,
+        }[version]
+        shape, fortran, dtype = read_header(stream, max_header_size=10_000)
+    except Exception as error:  # the header is a Python literal: it fails in many ways
+        raise FormatError("expected a header of a .npy file", byte_offset=0) from error
+    if len(shape) != 2 or dtype not in (np.uint16, np.float32, np.float64):
+        raise FormatError(
+            f"expected a 2-D array of uint16, float32 or float64, got {dtype} {shape}"
+        )
+    _checked_size(*shape, max_pixels)
+    size = shape[0] * shape[1] * dtype.itemsize
+    start = stream.tell()
+    if len(data) - start < size:
+        raise FormatError(
+            f"expected {size} bytes of pixels, got {len(data) - start}", byte_offset=start
+        )
+    pixels = np.frombuffer(data, dtype, shape[0] * shape[1], start)
+    return pixels.reshape(shape, order="F" if fortran else "C")
+
+
+# --- PNG and TIFF ------------------------------------------------------------------------------
+
+
+def _read_with_pillow(data: bytes, max_pixels: int) -> NDArray[Any]:
+    try:
+        from PIL import Image
+    except ImportError:
+        raise MissingExtraError("pillow", "io") from None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # a warning about a file is a verdict on it
+            with Image.open(io.BytesIO(data), formats=("PNG", "TIFF")) as image:
+                _checked_size(image.height, image.width, max_pixels)
+                if not image.mode.startswith("I;16") and image.mode not in ("I", "F"):
+                    raise FormatError(f"expected 16 bits of grey, got mode {image.mode}")
+                stored = np.array(image)
+    except Error:
+        raise
+    except Exception as error:  # Pillow's parsers fail with a dozen types on damaged files
+        reason = str(error) or type(error).__name__
+        raise FormatError(f"damaged image: {reason}") from error
+    if stored.dtype.kind == "f":
+        return stored
+    if stored.min() < 0 or stored.max() > 65535:
+        raise FormatError(f"expected 16-bit values, got {stored.min()} to {stored.max()}")
+    return stored.astype(np.uint16)
+
+
+def _in_our_units(
+    stored: NDArray[Any], units_per_metre: float
+) -> NDArray[np.uint16] | NDArray[np.float32]:
+    if stored.dtype.kind == "f":
+        return np.array(stored, dtype=np.float32, order="C")
+    if units_per_metre == MILLIMETRES:
+        return np.array(stored, dtype=np.uint16, order="C")
+    return (stored / units_per_metre).astype(np.float32)

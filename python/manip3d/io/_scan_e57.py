@@ -1,0 +1,133 @@
+"""E57 through pye57: all scan positions, poses, rows and columns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d.io._files import atomic_path, open_regular
+from manip3d.io._scan_tables import (
+    byte_limit,
+    exact_coordinates,
+    measured_points,
+    refuse_expansion,
+)
+from manip3d.lidar import LidarFrame, ScanFormat
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+_CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
+_SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+_STATES = ("cartesianInvalidState", "sphericalInvalidState")
+_INTEGERS = {"rowIndex": np.uint16, "columnIndex": np.uint16, "colorRed": np.uint8,
+             "colorGreen": np.uint8, "colorBlue": np.uint8}  # fmt: skip
+
+
+def _pye57() -> Any:
+    try:
+        import pye57
+    except ImportError:
+        raise MissingExtraError("pye57", "e57") from None
+    return pye57
+
+
+def read_all(path: Path, max_bytes: int | None) -> list[LidarFrame]:
+    """Every scan position, in the file's order; see `manip3d.io.read_scans`."""
+    pye57 = _pye57()
+    with open_regular(path) as stream:  # the operating system's word first
+        if stream.read(8) != b"ASTM-E57":
+            raise FormatError("expected an E57 file", file=str(path), byte_offset=0)
+    limit = byte_limit(max_bytes)
+    try:
+        file = pye57.E57(str(path))
+        try:
+            return [_read_one(file, i, path, limit) for i in range(file.scan_count)]
+        finally:
+            file.close()
+    except (FormatError, OSError, MemoryError):
+        raise
+    except Exception as error:  # whatever the library makes of a damaged file
+        raise FormatError(f"damaged E57: {str(error)[:200]}", file=str(path)) from error
+
+
+def _read_one(file: Any, index: int, path: Path, limit: int) -> LidarFrame:
+    header = file.get_header(index)
+    claimed = 8 * header.point_count * max(1, len(header.point_fields))
+    refuse_expansion(claimed, path.stat().st_size, limit, str(path))
+    data: dict[str, NDArray[Any]] = file.read_scan_raw(index, ignore_unsupported_fields=True)
+    keep = np.ones(header.point_count, np.bool_)
+    for state in _STATES:
+        if state in data:
+            keep &= data.pop(state) == 0
+    if all(name in data for name in _CARTESIAN):
+        exact = np.column_stack([data.pop(name) for name in _CARTESIAN])
+    elif all(name in data for name in _SPHERICAL):
+        distance, azimuth, elevation = (data.pop(name) for name in _SPHERICAL)
+        flat = distance * np.cos(elevation)
+        exact = np.column_stack(
+            [flat * np.cos(azimuth), flat * np.sin(azimuth), distance * np.sin(elevation)]
+        )
+    else:
+        raise FormatError(f"scan {index}: expected x, y, z or range and angles", file=str(path))
+    keep &= ~np.isnan(exact).any(axis=1)
+    pose = np.eye(4)
+    pose[:3, :3] = header.rotation_matrix
+    pose[:3, 3] = header.translation
+    layout = ScanFormat("e57", header={"pose": pose, "rotation": header.rotation, "index": index})
+    exact = np.ascontiguousarray(exact[keep])
+    points = measured_points(exact, layout, str(path))
+    intensity = data.pop("intensity", None)
+    return LidarFrame(
+        points=points,
+        intensity=None if intensity is None else intensity[keep],
+        origin=(0.0, 0.0, 0.0),
+        source=str(path),
+        fields={name: values[keep] for name, values in data.items()},
+        exact=exact_coordinates(exact, points),
+        format=layout,
+        num_dropped=int(np.count_nonzero(~keep)),
+    )
+
+
+def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
+    """Positions one after the other; pye57 writes coordinates as 32-bit floats.
+
+    Raises
+    ------
+    InputError
+        A frame without points, which pye57 cannot write.
+    """
+    pye57 = _pye57()
+    for frame in frames:
+        if not frame.num_points:
+            raise InputError("points: E57 needs at least one in each scan")
+    with atomic_path(path) as temporary:
+        temporary.unlink()
+        file = pye57.E57(str(temporary), mode="w")
+        try:
+            for frame in frames:
+                _write_one(file, frame)
+        finally:
+            file.close()
+
+
+def _write_one(file: Any, frame: LidarFrame) -> None:
+    data: dict[str, NDArray[Any]] = {
+        name: frame.points[:, i].astype(np.float64) for i, name in enumerate(_CARTESIAN)
+    }
+    if frame.intensity is not None:
+        data["intensity"] = frame.intensity
+    for name, dtype in _INTEGERS.items():
+        if name in frame.fields:
+            data[name] = frame.fields[name].astype(dtype)
+    own = frame.format is not None and frame.format.name == "e57"
+    header = frame.format.header if own and frame.format is not None else {}
+    pose = header.get("pose", np.eye(4))
+    rotation = header.get("rotation", np.array([1.0, 0.0, 0.0, 0.0]))
+    file.write_scan_raw(data, rotation=rotation, translation=pose[:3, 3])

@@ -1,0 +1,141 @@
+"""Reading and writing of scans; `manip3d.io` shows the functions."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from manip3d._util.paths import path_of
+from manip3d.errors import InputError
+from manip3d.io import _scan_tables as tables
+from manip3d.io._scan_tables import byte_limit, scan_suffix
+from manip3d.lidar import LidarFrame
+
+if TYPE_CHECKING:
+    pass
+
+SCAN_SUFFIXES: tuple[str, ...] = (*tables.TABLE_SUFFIXES, ".las", ".laz", ".e57")
+"""Suffixes that `read_scan` and `write_scan` know; LAS, LAZ and E57 need an extra."""
+
+
+def read_scan(
+    path: str | os.PathLike[str],
+    *,
+    origin: Sequence[float] | None = None,
+    max_bytes: int | None = None,
+) -> LidarFrame:
+    """Read a scan: one of `SCAN_SUFFIXES`, alone or followed by ``.gz`` or ``.xz``.
+
+    Parameters
+    ----------
+    path : path-like
+    origin : (3,) float, optional
+        Where the scanner stood, if the file does not say.
+    max_bytes : int, optional
+        The most uncompressed bytes to read. Without it compressed files are refused past 64 MiB
+        where they expand more than 200 times.
+
+    Returns
+    -------
+    LidarFrame
+        KITTI's ``.bin``: metres, x forward, y left, z up, the scanner at the origin. nuScenes'
+        ``.pcd.bin``: coordinates as they are, the scanner at the origin. PCD: the
+        scanner at its viewpoint. PLY: coordinates as they are, the scanner's place not known.
+        3DTK's ``.3d``: turned to metres and our axes, the scanner at the origin; the pose of the
+        ``.pose`` file beside it is ``format.header["pose"]``. LAS and LAZ: coordinates as they
+        are, moved near 0 where they lie far from it. E57: the scanner's own frame, the scanner at
+        the origin; its pose is ``format.header["pose"]``. Points of PCD, PLY and E57 without
+        coordinates (NaN, marked invalid) were not measured: they are dropped and counted.
+
+    Raises
+    ------
+    FormatError
+        The file is damaged or hostile; names the file and the line or byte.
+    InputError
+        No format has that suffix, or the file holds several positions (see `read_scans`).
+    MissingExtraError
+        LAS, LAZ and E57: the package that reads them is not installed.
+    OSError
+        `FileNotFoundError` and the like.
+    """
+    frames = read_scans(path, max_bytes=max_bytes)
+    if len(frames) != 1:
+        raise InputError(f"{os.fspath(path)}: expected one scan, got {len(frames)}: use read_scans")
+    return frames[0] if origin is None else frames[0].replace(origin=tuple(origin))
+
+
+def read_scans(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> list[LidarFrame]:
+    """Read all scans of a file: E57 may hold many positions, other formats hold one.
+
+    Raises
+    ------
+    FormatError, InputError, MissingExtraError, OSError
+        As `read_scan`.
+    """
+    suffix = scan_suffix(path_of(path))
+    if suffix in (".las", ".laz"):
+        from manip3d.io import _scan_las
+
+        return [_scan_las.read(Path(path), max_bytes)]
+    if suffix == ".e57":
+        from manip3d.io import _scan_e57
+
+        return _scan_e57.read_all(Path(path), max_bytes)
+    return [tables.read_table(path, byte_limit(max_bytes))]
+
+
+def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
+    """Write a scan in the format that the suffix says, then ``.gz`` or ``.xz`` if wanted.
+
+    The file appears whole or not at all. A scan written to the format that it was read from keeps
+    the file's columns, their types and their order, and the coordinates of points that were not
+    moved. Another format gets x, y, z, the intensity (`.bin`: 0 where there is none), the ring and
+    what of ``fields`` it can hold; KITTI's ``.bin`` holds nothing else, 3DTK's ``.3d`` the
+    intensity, E57 rows, columns and colours (coordinates as 32-bit floats).
+
+    Raises
+    ------
+    InputError
+        Unknown suffix.
+    MissingExtraError
+        LAS, LAZ and E57: the package that writes them is not installed.
+    OSError
+        The operating system refused; the old file is whole.
+    """
+    name = os.fspath(path_of(path))
+    suffix = scan_suffix(name)
+    if suffix in (".las", ".laz"):
+        from manip3d.io import _scan_las
+
+        return _scan_las.write(frame, Path(name))
+    if suffix == ".e57":
+        return write_scans([frame], name)
+    return tables.write_table(frame, name)
+
+
+def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> None:
+    """Write several scan positions to one E57 file, each with the pose it was read with.
+
+    Raises
+    ------
+    InputError
+        Another suffix and not exactly one scan.
+    MissingExtraError, OSError
+        As `write_scan`.
+    """
+    if scan_suffix(path_of(path)) == ".e57":
+        from manip3d.io import _scan_e57
+
+        return _scan_e57.write_all(frames, Path(path))
+    if len(frames) != 1:
+        raise InputError(f"frames: only E57 holds several scans, got {len(frames)}")
+    return write_scan(frames[0], path)
+
+
+def scan_paths(folder: str | os.PathLike[str]) -> Iterator[Path]:
+    """The scans of a folder, in the order of their names."""
+    yield from sorted(
+        p for p in path_of(folder, "folder").iterdir() if scan_suffix(p) in SCAN_SUFFIXES
+    )

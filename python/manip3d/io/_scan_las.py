@@ -1,0 +1,125 @@
+"""LAS and LAZ through laspy (and lazrs): every dimension kept, coordinates to the last bit."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d.io._files import atomic_path
+from manip3d.io._las_checks import check_las
+from manip3d.io._scan_tables import (
+    byte_limit,
+    exact_coordinates,
+    general_fields,
+    measured_points,
+)
+from manip3d.lidar import LidarFrame, ScanFormat
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+# Farther from 0 than this, float32 has steps of more than a millimetre.
+_FAR = 8192.0
+
+
+def _laspy() -> Any:
+    try:
+        import laspy
+    except ImportError:
+        raise MissingExtraError("laspy", "las") from None
+    return laspy
+
+
+def read(path: Path, max_bytes: int | None) -> LidarFrame:
+    """As `manip3d.io.read_scan`; points are moved near 0 where they lie far from it."""
+    laspy = _laspy()
+    check_las(path, byte_limit(max_bytes))
+    try:
+        las = laspy.read(path)
+        exact = np.column_stack([np.asarray(las[axis], np.float64) for axis in "xyz"])
+        columns = {
+            name: np.array(las[name])
+            for name in las.point_format.dimension_names
+            if name not in ("X", "Y", "Z")
+        }
+    except (MemoryError, KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:  # whatever it makes of a damaged file, panics of Rust included
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        raise FormatError(f"damaged LAS: {str(error)[:200]}", file=str(path)) from error
+    to_file = np.eye(4)
+    if len(exact) and np.isfinite(exact).all() and np.abs(exact).max() > _FAR:
+        to_file[:3, 3] = np.round(exact.mean(axis=0))
+    layout = ScanFormat("las", header={"las": las.header}, to_file=to_file)
+    points = measured_points(exact, layout, str(path))
+    name = "reflectance" if "reflectance" in columns else "intensity"
+    return LidarFrame(
+        points=points,
+        intensity=columns.pop(name).astype(np.float32),
+        source=str(path),
+        fields=columns,
+        exact=exact_coordinates(exact, points),
+        format=layout,
+    )
+
+
+def write(frame: LidarFrame, path: Path) -> None:
+    """As `manip3d.io.write_scan`."""
+    laspy = _laspy()
+    own = frame.format is not None and frame.format.name == "las"
+    if own and frame.format is not None:
+        header = copy.deepcopy(frame.format.header["las"])
+        exact = frame.exact
+        if exact is None:
+            exact = frame.format.file_coordinates(frame.points)
+        columns = dict(frame.fields)
+    else:
+        exact = frame.points.astype(np.float64)
+        columns = general_fields(frame)
+        header = _new_header(laspy, exact, columns, frame)
+    if frame.intensity is not None:
+        known = set(header.point_format.dimension_names)
+        columns["reflectance" if "reflectance" in known else "intensity"] = frame.intensity
+    try:
+        las = laspy.LasData(header)
+        las.points = laspy.ScaleAwarePointRecord.zeros(len(exact), header=header)
+        las.x, las.y, las.z = exact.T
+        for name, values in columns.items():
+            las[name] = _fitting(values, las[name].dtype)
+    except OverflowError as error:
+        raise InputError(f"points: LAS cannot hold them: {error}") from error
+    with atomic_path(path) as temporary:
+        las.write(str(temporary), do_compress=path.suffix.lower() == ".laz")
+
+
+def _fitting(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+    if dtype.kind in "iu":
+        limits = np.iinfo(dtype)
+        values = np.clip(np.rint(values), limits.min, limits.max)
+    return values.astype(dtype)
+
+
+def _new_header(
+    laspy: Any, exact: NDArray[np.float64], columns: dict[str, NDArray[Any]], frame: LidarFrame
+) -> Any:
+    """Steps of 0.1 mm; what is no standard dimension becomes an extra one."""
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales = np.full(3, 1e-4)
+    header.offsets = np.floor(exact.min(axis=0)) if len(exact) else np.zeros(3)
+    extra = dict(columns)
+    if frame.intensity is not None and np.any(frame.intensity != np.rint(frame.intensity)):
+        extra["reflectance"] = frame.intensity
+    known = set(header.point_format.dimension_names)
+    header.add_extra_dims(
+        [
+            laspy.ExtraBytesParams(name=name[:32], type=values.dtype)
+            for name, values in extra.items()
+            if name not in known
+        ]
+    )
+    return header

@@ -1,0 +1,346 @@
+"""Scans that are tables of points: KITTI, PCD, PLY, 3DTK; and what all scan formats share."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d import _core
+from manip3d.errors import FormatError, InputError
+from manip3d.io._text_files import text_of
+from manip3d.lidar import LidarFrame, ScanFormat
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+Column = tuple[str, str, int]
+"""Name, NumPy type, values per point."""
+
+TABLE_SUFFIXES: tuple[str, ...] = tuple(_core.point_suffixes())
+_COMPRESSED = (".gz", ".xz")
+_INTENSITY = ("intensity", "reflectance", "reflectivity", "remission", "i")
+_RING = ("ring", "channel", "laser_id")
+
+# 3DTK: x to the right, y up, z ahead (left-handed), centimetres.
+_THREE_DTK = 100.0 * np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+
+
+def scan_suffix(path: str | os.PathLike[str]) -> str:
+    """Return the suffix that tells the format: lower case, without a compression's."""
+    name = PurePath(os.fspath(path))
+    plain = PurePath(name.stem if name.suffix in _COMPRESSED else name.name)
+    last_two = "".join(plain.suffixes[-2:]).lower()
+    return last_two if last_two in TABLE_SUFFIXES else plain.suffix.lower()
+
+
+def byte_limit(max_bytes: int | None) -> int:
+    """``max_bytes`` as the core takes it: 0 means the limit of the ratio."""
+    if max_bytes is None:
+        return 0
+    if not max_bytes > 0:
+        raise InputError(f"max_bytes: expected > 0, got {max_bytes}")
+    return int(max_bytes)
+
+
+def refuse_expansion(claimed: int, stored: int, limit: int, file: str) -> None:
+    """Refuse a compressed file that says that it holds far more than it can: `read_scan`'s limit.
+
+    Raises
+    ------
+    FormatError
+        More than ``limit`` bytes, or without one more than 64 MiB and 200 times the file.
+    """
+    if limit and claimed > limit:
+        raise FormatError(f"more than max_bytes = {limit}", file=file)
+    if not limit and claimed > 64 << 20 and claimed > 200 * stored:
+        raise FormatError(
+            f"{stored} bytes claim to hold {claimed}; set max_bytes to read them", file=file
+        )
+
+
+@dataclass(frozen=True)
+class _Table:
+    """What is special about one of the formats that are tables."""
+
+    name: str
+    layout: Callable[[LidarFrame], ScanFormat]
+
+
+def _dtype(columns: Sequence[Column]) -> np.dtype[Any]:
+    # Files repeat names; NumPy does not let them: the place keeps them apart.
+    return np.dtype(
+        [
+            (f"{i} {name}", kind, (count,)) if count != 1 else (f"{i} {name}", kind)
+            for i, (name, kind, count) in enumerate(columns)
+        ]
+    )
+
+
+def read_table(path: str | os.PathLike[str], limit: int) -> LidarFrame:
+    name = os.fspath(path)
+    kind, fields, pairs, num_points, raw = _core.read_points(os.fsencode(name), limit)
+    columns = tuple((str(a), str(b), int(c)) for a, b, c in fields)
+    dtype = _dtype(columns)
+    table = raw.view(dtype) if raw.size else np.empty(num_points, dtype)
+    by_name = _columns(table, columns)
+    missing = [axis for axis in "xyz" if axis not in by_name or by_name[axis].ndim != 1]
+    if missing:
+        raise FormatError(f"a scan has x, y and z; {', '.join(missing)} not found", file=name)
+    measured = ~np.any([np.isnan(by_name[axis]) for axis in "xyz"], axis=0)
+    num_dropped = int(num_points - np.count_nonzero(measured))
+    if num_dropped:
+        by_name = {key: values[measured] for key, values in by_name.items()}
+    stored = np.column_stack([by_name.pop(axis) for axis in "xyz"])
+    header: dict[str, Any] = {"pairs": tuple((str(a), str(b)) for a, b in pairs)}
+    layout = ScanFormat(kind, columns, header, _to_file(kind))
+    points = measured_points(stored, layout, name)
+    intensity = _take(by_name, _INTENSITY, "fiu")
+    ring = _take(by_name, _RING, "iu")
+    if ring is None and kind == "nuscenes":
+        ring = _whole(by_name, "ring", name)
+    frame = LidarFrame(
+        points=points,
+        intensity=None if intensity is None else _finite(intensity.astype(np.float32), name),
+        ring=ring,
+        origin=_origin(kind, dict(header["pairs"])),
+        source=name,
+        fields={key: np.ascontiguousarray(values) for key, values in by_name.items()},
+        exact=exact_coordinates(stored, points),
+        format=layout,
+        num_dropped=num_dropped,
+    )
+    if kind == "3dtk":
+        header["pose"] = read_pose(Path(name))
+    return frame
+
+
+def _columns(table: NDArray[Any], columns: Sequence[Column]) -> dict[str, NDArray[Any]]:
+    """By name; the first of a name counts, and padding (PCD's ``_``) does not."""
+    found: dict[str, NDArray[Any]] = {}
+    for i, (column, _, count) in enumerate(columns):
+        if column != "_" and count > 0:
+            found.setdefault(column, table[f"{i} {column}"])
+    return found
+
+
+def _take(
+    by_name: dict[str, NDArray[Any]], names: Sequence[str], kinds: str
+) -> NDArray[Any] | None:
+    for name in names:
+        values = by_name.get(name)
+        if values is not None and values.ndim == 1 and values.dtype.kind in kinds:
+            return np.ascontiguousarray(by_name.pop(name))
+    return None
+
+
+def _whole(by_name: dict[str, NDArray[Any]], column: str, file: str) -> NDArray[np.uint16]:
+    """Take a column of floats that are numbers of lasers."""
+    values = by_name.pop(column)
+    bad = np.flatnonzero((values != np.rint(values)) | (values < 0) | (values > 65535))
+    if bad.size:
+        raise FormatError(
+            f"{column} of point {bad[0]}: expected a whole number from 0 to 65535, "
+            f"got {values[bad[0]]}",
+            file=file,
+        )
+    return values.astype(np.uint16)
+
+
+def _finite(values: NDArray[np.float32], file: str) -> NDArray[np.float32]:
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise FormatError(f"intensity of point {bad[0]}: expected a finite number", file=file)
+    return values
+
+
+def _to_file(kind: str) -> NDArray[np.float64]:
+    matrix = np.eye(4)
+    if kind == "3dtk":
+        matrix[:3, :3] = _THREE_DTK
+    return matrix
+
+
+def measured_points(stored: NDArray[Any], layout: ScanFormat, file: str) -> NDArray[np.float32]:
+    """File coordinates as points of the frame: metres, our axes, near 0."""
+    back = np.linalg.inv(layout.to_file)
+    same = np.array_equal(back, np.eye(4))
+    metres = stored if same else stored.astype(np.float64) @ back[:3, :3].T + back[:3, 3]
+    with np.errstate(over="ignore"):
+        points: NDArray[np.float32] = np.ascontiguousarray(metres, np.float32)
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if bad.size:
+        raise FormatError(
+            f"point {bad[0]}: expected coordinates that fit a float, got {stored[bad[0]].tolist()}",
+            file=file,
+        )
+    return points
+
+
+def exact_coordinates(
+    stored: NDArray[Any], points: NDArray[np.float32]
+) -> NDArray[np.float64] | None:
+    """The file's coordinates where the points do not say them to the bit."""
+    if stored.dtype == np.float32 or np.array_equal(stored, points):
+        return None
+    return np.ascontiguousarray(stored, np.float64)
+
+
+def _origin(kind: str, header: Mapping[str, str]) -> tuple[float, float, float] | None:
+    if kind == "ply":
+        return None
+    if kind == "pcd":
+        x, y, z = map(float, header["viewpoint"].split()[:3])
+        return x, y, z
+    return 0.0, 0.0, 0.0
+
+
+def _packed(frame: LidarFrame, layout: ScanFormat) -> NDArray[Any]:
+    """The rows of the file."""
+    table = np.zeros(frame.num_points, _dtype(layout.columns))
+    own = frame.format is not None and frame.format.name == layout.name
+    if own and frame.exact is not None:
+        coordinates = frame.exact
+    else:
+        coordinates = layout.file_coordinates(frame.points)
+    values: dict[str, NDArray[Any]] = dict(zip("xyz", coordinates.T, strict=True))
+    values |= dict(frame.fields)
+    for names, column in ((_INTENSITY, frame.intensity), (_RING, frame.ring)):
+        if column is not None:
+            values |= {key: column for key in names if key not in values}
+    for i, (name, kind, count) in enumerate(layout.columns):
+        found = values.get(name)
+        if found is not None and count > 0:
+            table[f"{i} {name}"] = _cast(found, np.dtype(kind))
+    return table
+
+
+def _cast(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+    if dtype.kind in "iu" and values.dtype.kind == "f":
+        limits = np.iinfo(dtype)
+        values = np.clip(np.rint(values), limits.min, limits.max)
+    cast: NDArray[Any] = values.astype(dtype, copy=False)
+    return cast
+
+
+def _header(layout: ScanFormat, frame: LidarFrame) -> list[list[str]]:
+    """The file's own, with an organised cloud's size only while it still is one."""
+    pairs = [list(pair) for pair in layout.header.get("pairs", ())]
+    sizes = {key: int(value) for key, value in pairs if key in ("width", "height")}
+    if sizes and sizes["width"] * sizes["height"] != frame.num_points:
+        pairs = [pair for pair in pairs if pair[0] not in sizes]
+    return pairs
+
+
+def _kitti_layout(frame: LidarFrame) -> ScanFormat:
+    return ScanFormat("kitti", tuple((name, "<f4", 1) for name in ("x", "y", "z", "intensity")))
+
+
+def _nuscenes_layout(frame: LidarFrame) -> ScanFormat:
+    names = ("x", "y", "z", "intensity", "ring")
+    return ScanFormat("nuscenes", tuple((name, "<f4", 1) for name in names))
+
+
+def _general_columns(frame: LidarFrame) -> tuple[Column, ...]:
+    columns: list[Column] = [(axis, "<f4", 1) for axis in "xyz"]
+    if frame.intensity is not None:
+        columns.append(("intensity", "<f4", 1))
+    if frame.ring is not None:
+        columns.append(("ring", _kind(frame.ring), 1))
+    for name, values in frame.fields.items():
+        if values.ndim <= 2 and values.dtype.kind in "iuf" and values.dtype.itemsize <= 8:
+            columns.append((name, _kind(values), values.shape[1] if values.ndim == 2 else 1))
+    return tuple(columns)
+
+
+def general_fields(frame: LidarFrame) -> dict[str, NDArray[Any]]:
+    """What another format may hold of a frame: numbers, one per point."""
+    columns = {} if frame.ring is None else {"ring": frame.ring}
+    columns |= {
+        name: v for name, v in frame.fields.items() if v.ndim == 1 and v.dtype.kind in "iuf"
+    }
+    return columns
+
+
+def _kind(values: NDArray[Any]) -> str:
+    dtype = np.dtype(np.float32) if values.dtype == np.float16 else values.dtype
+    return f"<{dtype.kind}{dtype.itemsize}"
+
+
+def _pcd_layout(frame: LidarFrame) -> ScanFormat:
+    place = " ".join(repr(value) for value in frame.origin or (0.0, 0.0, 0.0))
+    header = {"pairs": (("viewpoint", f"{place} 1 0 0 0"), ("data", "binary"))}
+    return ScanFormat("pcd", _general_columns(frame), header)
+
+
+def _ply_layout(frame: LidarFrame) -> ScanFormat:
+    columns = [c for c in _general_columns(frame) if c[2] == 1 and c[1] not in ("<i8", "<u8")]
+    return ScanFormat("ply", tuple(columns))
+
+
+def _three_dtk_layout(frame: LidarFrame) -> ScanFormat:
+    columns: list[Column] = [(axis, "<f8", 1) for axis in "xyz"]
+    if frame.intensity is not None:
+        columns.append(("intensity", "<f8", 1))
+    return ScanFormat("3dtk", tuple(columns), to_file=_to_file("3dtk"))
+
+
+def read_pose(path: Path) -> NDArray[np.float64] | None:
+    """The (4, 4) pose in our axes, metres, of a ``.3d`` file's ``.pose`` file; None without one.
+
+    Position in centimetres, then angles in degrees: R = Rx Ry Rz (3DTK's convention).
+    """
+    name = path.name[: -len(path.suffix)] if path.suffix in _COMPRESSED else path.name
+    pose = path.with_name(name).with_suffix(".pose")
+    if not pose.is_file():
+        return None
+    try:
+        numbers = np.array(text_of(pose).split(), np.float64)
+    except ValueError:
+        numbers = np.empty(0)
+    if numbers.shape != (6,) or not np.isfinite(numbers).all():
+        raise FormatError("expected six finite numbers", file=str(pose))
+    matrix = np.eye(4)
+    matrix[:3, :3] = _euler(np.radians(numbers[3:]))
+    matrix[:3, 3] = numbers[:3]
+    axes = _to_file("3dtk")
+    turned: NDArray[np.float64] = np.linalg.inv(axes) @ matrix @ axes
+    return turned
+
+
+def _euler(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    (cx, cy, cz), (sx, sy, sz) = np.cos(angles), np.sin(angles)
+    rx = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    ry = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    rz = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    turned: NDArray[np.float64] = rx @ ry @ rz
+    return turned
+
+
+_TABLES = {
+    ".bin": _Table("kitti", _kitti_layout),
+    ".pcd.bin": _Table("nuscenes", _nuscenes_layout),
+    ".pcd": _Table("pcd", _pcd_layout),
+    ".ply": _Table("ply", _ply_layout),
+    ".3d": _Table("3dtk", _three_dtk_layout),
+}
+
+
+def write_table(frame: LidarFrame, name: str) -> None:
+    """Write a scan as the table that the suffix of ``name`` says; see `manip3d.io.write_scan`."""
+    table = _TABLES.get(scan_suffix(name))
+    if table is None:
+        _core.write_points(os.fsencode(name), [], [], 0, np.empty(0, np.int8))  # says what is known
+        return
+    own = frame.format is not None and frame.format.name == table.name
+    layout = frame.format if own and frame.format is not None else table.layout(frame)
+    rows = _packed(frame, layout)
+    header = _header(layout, frame)
+    columns = [list(column) for column in layout.columns]
+    _core.write_points(os.fsencode(name), columns, header, len(rows), rows.view(np.int8))
+    return

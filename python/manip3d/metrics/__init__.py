@@ -1,0 +1,48 @@
+"""How far a mesh is from its original: geometry, texture, roughness, boundaries, depth images."""
+
+from __future__ import annotations
+
+from manip3d.metrics._boundary_gap import BoundaryGap, boundary_gap
+from manip3d.metrics._distances import (
+    ClosestPoints,
+    Deviation,
+    MetroResult,
+    closest_points,
+    metro,
+    nearest_distances,
+)
+from manip3d.metrics._fmpd import FmpdResult, fmpd
+from manip3d.metrics._range_image import (
+    BoundaryNoise,
+    Flicker,
+    RangeImageError,
+    boundary_noise,
+    flicker,
+    range_image_error,
+    range_image_error_grid,
+    render_depth,
+)
+from manip3d.metrics._texture_error import TextureError, texture_error
+
+__all__ = [
+    "BoundaryGap",
+    "BoundaryNoise",
+    "ClosestPoints",
+    "Deviation",
+    "Flicker",
+    "FmpdResult",
+    "MetroResult",
+    "RangeImageError",
+    "TextureError",
+    "boundary_gap",
+    "boundary_noise",
+    "closest_points",
+    "flicker",
+    "fmpd",
+    "metro",
+    "nearest_distances",
+    "range_image_error",
+    "range_image_error_grid",
+    "render_depth",
+    "texture_error",
+]

@@ -1,0 +1,91 @@
+"""Boundary gap: cracks that simplification opened along boundaries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from manip3d import _core
+from manip3d._util.options import reporting, threads_of
+from manip3d.metrics._distances import Deviation
+
+if TYPE_CHECKING:
+    from manip3d._util.options import Progress
+    from manip3d.mesh import Mesh
+
+
+@dataclass(frozen=True)
+class BoundaryGap:
+    """Distances between boundary curves; see :func:`boundary_gap`.
+
+    Attributes
+    ----------
+    forward : Deviation or None
+        From the original's boundary to the simplified one, in the meshes' units. ``None`` where the
+        original has no boundary; infinite where only the simplified mesh has none.
+    backward : Deviation or None
+        From the simplified boundary to the original's, likewise.
+    cracks : int
+        Simplified boundary edges with a point beyond the tolerance of every original one.
+    crack_length : float
+        Summed length of those edges, in the meshes' units.
+    diagonal : float
+        Of the original's bounding box, in the meshes' units.
+    """
+
+    forward: Deviation | None
+    backward: Deviation | None
+    cracks: int
+    crack_length: float
+    diagonal: float
+
+
+def boundary_gap(
+    original: Mesh,
+    simplified: Mesh,
+    *,
+    tolerance: float = 1e-3,
+    weld: bool = True,
+    threads: int = 0,
+    progress: Progress = None,
+) -> BoundaryGap:
+    """Measure the distances between the boundary curves of two meshes, and find cracks.
+
+    A boundary edge is used by exactly one face (faces with a repeated index apart). Mean and RMS
+    are by length, sampled in the middles of equal pieces of each edge, none longer than 1e-3
+    diagonals; the maximum looks at the ends of the edges as well.
+
+    Parameters
+    ----------
+    original, simplified : Mesh
+        In the same units and place; at least one face each.
+    tolerance : float
+        Of a crack, in diagonals of the original's bounding box; 1e-6 to 1.
+    weld : bool
+        Count vertices with bit-identical positions as one, in both meshes. Without it each seam of
+        a file that stores one vertex per texture coordinate (glTF always) is a boundary, and a
+        crack along it is found only where it is wider than the tolerance.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+    progress : None, True or callable(fraction, message)
+
+    Returns
+    -------
+    BoundaryGap
+
+    Raises
+    ------
+    InputError
+        A mesh without faces; an original whose bounding box is a point; ``tolerance`` out of range.
+    """
+    with reporting(progress, "boundary gap") as report:
+        forward, backward, cracks, crack_length, diagonal = _core.boundary_gap(
+            original, simplified, tolerance, weld, threads_of(threads), report
+        )
+    return BoundaryGap(
+        None if forward is None else Deviation(*forward),
+        None if backward is None else Deviation(*backward),
+        cracks,
+        crack_length,
+        diagonal,
+    )

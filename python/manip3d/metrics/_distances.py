@@ -1,0 +1,243 @@
+"""Distances to and between surfaces: closest points, nearest neighbours, Metro."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._util.arrays import rows
+from manip3d._util.options import reporting, seed_of, threads_of
+from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from manip3d._util.options import Progress, Rng
+    from manip3d.mesh import Mesh
+
+
+@dataclass(frozen=True)
+class ClosestPoints:
+    """Nearest points of a surface; see :func:`closest_points`.
+
+    Attributes
+    ----------
+    distance : (N,) float64, in the mesh's units
+    face : (N,) int32
+        The face it lies on; the lowest index where several are equally near.
+    point : (N, 3) float64
+    """
+
+    distance: NDArray[np.float64]
+    face: NDArray[np.int32]
+    point: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Statistics of one-sided distances, in the meshes' units.
+
+    Attributes
+    ----------
+    mean, rms, max : float
+    samples : int
+    """
+
+    mean: float
+    rms: float
+    max: float
+    samples: int
+
+
+@dataclass(frozen=True)
+class MetroResult:
+    """Distances between two surfaces; see :func:`metro`.
+
+    Attributes
+    ----------
+    forward : Deviation
+        From the original's samples to the simplified surface, in the meshes' units.
+    backward : Deviation
+        From the simplified surface's samples to the original.
+    diagonal : float
+        Of the original's bounding box, in the meshes' units.
+    sampling : 'vertex' or 'area'
+    """
+
+    forward: Deviation
+    backward: Deviation
+    diagonal: float
+    sampling: Literal["vertex", "area"]
+
+    @property
+    def mean(self) -> float:
+        """The published Metro: mean of ``forward`` divided by ``diagonal``."""
+        return self.forward.mean / self.diagonal
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of ``forward`` divided by ``diagonal``."""
+        return self.forward.rms / self.diagonal
+
+    @property
+    def max(self) -> float:
+        """Largest distance of ``forward`` divided by ``diagonal``."""
+        return self.forward.max / self.diagonal
+
+
+def closest_points(
+    mesh: Mesh, points: ArrayLike, *, threads: int = 0, progress: Progress = None
+) -> ClosestPoints:
+    """Find the nearest point of a surface for each of many points.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        At least one face; faces without area count as the segments or points that they are.
+    points : (N, 3) float64, in the mesh's units
+        A C-contiguous float64 array is not copied. Neighbouring rows that are near each other in
+        space are answered faster.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The answer does not depend on it.
+    progress : None, True or callable(fraction, message)
+
+    Returns
+    -------
+    ClosestPoints
+
+    Raises
+    ------
+    InputError
+        ``mesh`` has no faces; ``points`` has another shape or is not finite.
+
+    Examples
+    --------
+    >>> import manip3d
+    >>> triangle = manip3d.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    >>> manip3d.metrics.closest_points(triangle, [[0.25, 0.25, 2.0]]).distance
+    array([2.])
+    """
+    queries = rows(points, 3, np.float64, "points")
+    with reporting(progress, "closest points") as report:
+        return ClosestPoints(*_core.closest_points(mesh, queries, threads_of(threads), report))
+
+
+def nearest_distances(
+    points: ArrayLike,
+    *,
+    origin: ArrayLike | None = (0.0, 0.0, 0.0),
+    resolution: float = 0.0,
+    threads: int = 0,
+    progress: Progress = None,
+) -> NDArray[np.float64]:
+    """Distance of each point from its nearest other point, exactly.
+
+    Parameters
+    ----------
+    points : (N, 3) float32
+        In any order. A C-contiguous float32 array is not copied.
+    origin : (3,), optional
+        Where the scanner stood: points are searched by the direction in which it saw them, which
+        takes O(N) time. ``None``: a k-d tree; slower, and the same answer.
+    resolution : float, radians
+        Of the search; 0: one point a cell on average. The answer does not depend on it.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The answer does not depend on it.
+    progress : None, True or callable(fraction, message)
+
+    Returns
+    -------
+    (N,) float64
+        0 for duplicates, infinite for a lone point.
+
+    Raises
+    ------
+    InputError
+        ``points`` has another shape or is not finite; ``origin`` is not three finite numbers.
+
+    Examples
+    --------
+    >>> import manip3d
+    >>> manip3d.metrics.nearest_distances([[1, 0, 0], [3, 0, 0], [4, 0, 0]])
+    array([2., 1., 1.])
+    """
+    cloud = rows(points, 3, np.float32, "points")
+    place = None
+    if origin is not None:
+        place = rows(np.asarray(origin)[None], 3, np.float64, "origin")[0]
+    with reporting(progress, "nearest distances") as report:
+        return _core.nearest_distances(cloud, place, resolution, threads_of(threads), report)
+
+
+def metro(
+    original: Mesh,
+    simplified: Mesh,
+    *,
+    sampling: Literal["vertex", "area"] = "vertex",
+    samples: int | None = None,
+    rng: Rng = 0,
+    threads: int = 0,
+    progress: Progress = None,
+) -> MetroResult:
+    """Measure the distances between a mesh and its simplification in both directions.
+
+    Parameters
+    ----------
+    original, simplified : Mesh
+        In the same units and place; at least one face each.
+    sampling : 'vertex' or 'area'
+        ``vertex``: every vertex that a face uses, exact and free of chance. ``area``: random
+        points, one in each of ``samples`` strata of equal area.
+    samples : int, optional
+        Number of points per direction for ``area``; 10 x the faces of ``original`` by default.
+    rng : int, numpy.random.Generator or None
+        Seed for ``area``; ``None``: another one each time.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result is the same, bit for bit, for any number.
+    progress : None, True or callable(fraction, message)
+
+    Returns
+    -------
+    MetroResult
+        ``mean``, ``rms`` and ``max`` are those from ``original`` to ``simplified``, divided by the
+        diagonal of the original's bounding box.
+
+    Raises
+    ------
+    InputError
+        A mesh without faces; an original whose bounding box is a point; ``area`` on a surface
+        without area; ``samples`` below 1 or given with ``vertex``.
+
+    Notes
+    -----
+    P. Cignoni, C. Rocchini, R. Scopigno: Metro: measuring error on simplified surfaces, Computer
+    Graphics Forum 17(2), 1998. The two samplings differ by design: ``vertex`` weighs a surface
+    by where its vertices are, ``area`` by area; their orders of two methods may be opposite.
+    """
+    if sampling not in ("vertex", "area"):
+        raise InputError(f"sampling: expected 'vertex' or 'area', got {sampling!r}")
+    if samples is not None and sampling == "vertex":
+        raise InputError("samples: expected none with sampling='vertex', which takes each vertex")
+    with reporting(progress, "metro") as report:
+        forward, backward, diagonal = _core.metro(
+            original,
+            simplified,
+            sampling == "area",
+            _checked_samples(samples),
+            seed_of(rng),
+            threads_of(threads),
+            report,
+        )
+    return MetroResult(Deviation(*forward), Deviation(*backward), diagonal, sampling)
+
+
+def _checked_samples(samples: int | None) -> int:
+    """The core's number of samples: 0 stands for its default."""
+    if samples is None:
+        return 0
+    if not 1 <= samples < 2**40:
+        raise InputError(f"samples: expected 1 to 2^40, got {samples}")
+    return samples

@@ -1,0 +1,414 @@
+"""How a mesh compares with the depth image it was made of, as the sensor sees it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._util.options import reporting, threads_of
+from manip3d.camera import Intrinsics, _depth_image
+from manip3d.errors import InputError
+from manip3d.mesh import Mesh
+from manip3d.simplify import DepthMesh
+from manip3d.simplify._depth import _point_grid
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from manip3d._util.options import Progress
+
+
+@dataclass(frozen=True)
+class RangeImageError:
+    """Differences of depth between a range image and a mesh; see :func:`range_image_error`.
+
+    Attributes
+    ----------
+    mean_square, mean_absolute, max : float
+        Of the differences, in (squared) units of the points: metres for depth images. NaN where
+        no pixel was compared.
+    diagonal : float
+        Of the bounding box of the range image's points.
+    compared : int
+        Pixels valid in both.
+    valid : int
+        Pixels valid in the range image.
+    """
+
+    mean_square: float
+    mean_absolute: float
+    max: float
+    diagonal: float
+    compared: int
+    valid: int
+
+    @property
+    def mse(self) -> float:
+        """``mean_square`` divided by the square of ``diagonal``."""
+        return self.mean_square / self.diagonal**2
+
+    @property
+    def mean_square_mm2(self) -> float:
+        """``mean_square`` in square millimetres, the points being in metres."""
+        return self.mean_square * 1e6
+
+    @property
+    def coverage(self) -> float:
+        """Share of the range image's pixels that the mesh covers."""
+        return self.compared / self.valid
+
+
+@dataclass(frozen=True)
+class Flicker:
+    """How restless the meshes of a static scene are; see :func:`flicker`.
+
+    Attributes
+    ----------
+    mean_std_mm : float
+        Mean over the pixels that every frame covers of the standard deviation of their depth.
+    mean_step_mm : float
+        The same from one frame to the next alone: the root of half the mean square of their
+        differences (Allan's deviation). Equal for what has no memory; slow motion, which is no
+        flicker, hardly counts.
+    unstable : float
+        Share of the pixels covered by some frame that another one does not cover.
+    changed : float or None
+        Mean share of a frame's vertices that were no vertices of the frame before. None where
+        vertices are no pixels.
+    frames : int
+    """
+
+    mean_std_mm: float
+    mean_step_mm: float
+    unstable: float
+    changed: float | None
+    frames: int
+
+
+@dataclass(frozen=True)
+class BoundaryNoise:
+    """What a method leaves of flying pixels; see :func:`boundary_noise`.
+
+    Attributes
+    ----------
+    survived : float
+        Share of the flying pixels at which the mesh still shows a surface between the true ones.
+    chosen : float or None
+        Share of the flying pixels that are vertices. None where vertices are no pixels.
+    density : float or None
+        Vertices per measured pixel: what ``chosen`` would be for a choice by chance.
+    flying : int
+    """
+
+    survived: float
+    chosen: float | None
+    density: float | None
+    flying: int
+
+
+def render_depth(
+    mesh: Mesh | DepthMesh, intrinsics: Intrinsics, *, threads: int = 0, progress: Progress = None
+) -> NDArray[np.float64]:
+    """The depth image that a camera takes of a mesh.
+
+    Parameters
+    ----------
+    mesh : Mesh or DepthMesh
+        In the frame of the camera, metres.
+    intrinsics : Intrinsics
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+    progress : None, True or callable(fraction, message)
+
+    Returns
+    -------
+    (H, W) float64, metres
+        Depth of the first surface on each pixel's line of sight; NaN where there is none.
+
+    Raises
+    ------
+    InputError
+        A mesh that is not valid.
+    """
+    shape = (intrinsics.height, intrinsics.width)
+    points, valid, rows_up = _lifted(np.ones(shape, dtype=np.float32), intrinsics, threads)
+    return _render(mesh, points, valid, rows_up, intrinsics, threads, progress)
+
+
+def range_image_error(
+    depth: ArrayLike,
+    intrinsics: Intrinsics,
+    mesh: Mesh | DepthMesh,
+    *,
+    threads: int = 0,
+    progress: Progress = None,
+) -> RangeImageError:
+    """Measure how far a mesh is from a depth image along the pixels' lines of sight.
+
+    The mesh is seen through the camera of the image, and its depth compared at the image's own
+    points, over the pixels that both have. A mesh with holes compares fewer pixels: read
+    ``coverage`` beside ``mse``.
+
+    Parameters
+    ----------
+    depth : (H, W) uint16 in millimetres or float32 in metres
+        0 and NaN mean no measurement.
+    intrinsics : Intrinsics
+    mesh : Mesh or DepthMesh
+        In the frame of the camera, metres.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+    progress : None, True or callable(fraction, message)
+
+    Returns
+    -------
+    RangeImageError
+
+    Raises
+    ------
+    InputError
+        An image of another shape or dtype, or without a measurement; a mesh that is not valid.
+
+    Examples
+    --------
+    >>> import numpy as np, manip3d
+    >>> depth = np.full((48, 64), 2000, np.uint16)
+    >>> camera = manip3d.Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+    >>> mesh = manip3d.simplify.dense_mesh(depth, camera)
+    >>> manip3d.metrics.range_image_error(depth, camera, mesh).coverage
+    1.0
+    """
+    image = _depth_image(depth, intrinsics)
+    points, valid, rows_up = _lifted(image, intrinsics, threads)
+    return _error(mesh, points, valid, rows_up, intrinsics, threads, progress)
+
+
+def range_image_error_grid(
+    points: ArrayLike,
+    valid: ArrayLike | None,
+    mesh: Mesh | DepthMesh,
+    *,
+    rows_up: bool = True,
+    threads: int = 0,
+    progress: Progress = None,
+) -> RangeImageError:
+    """Measure how far a mesh is from a range scan; see `range_image_error`.
+
+    The scan's lines of sight are fitted to its points: each of a pixel's coordinates as a ratio of
+    two affine functions of the point, which holds for cameras as well as for laser stripe scanners
+    on a linear stage. Depth is measured along their mean direction.
+
+    Parameters
+    ----------
+    points : (H, W, 3) float
+    valid : (H, W) bool, optional
+        Default: where all three coordinates are finite.
+    mesh : Mesh or DepthMesh
+        In the frame and unit of the points.
+    rows_up : bool
+        As for `manip3d.simplify.dense_mesh_grid`; matters only where the lines are parallel.
+    threads : int
+    progress : None, True or callable(fraction, message)
+
+    Raises
+    ------
+    InputError
+        As `range_image_error`; points that all lie in a plane, or that fit no such sensor.
+    """
+    grid, mask = _point_grid(points, valid)
+    return _error(mesh, grid, mask, rows_up, None, threads, progress)
+
+
+def flicker(
+    frames: Iterable[Mesh | DepthMesh],
+    intrinsics: Intrinsics,
+    *,
+    within: NDArray[np.bool_] | None = None,
+    threads: int = 0,
+) -> Flicker:
+    """Measure how much the meshes of a static scene change from frame to frame.
+
+    Parameters
+    ----------
+    frames : iterable of Mesh or DepthMesh
+        At least two, of a scene and a camera that do not move, metres.
+    intrinsics : Intrinsics
+    within : (H, W) bool, optional
+        Pixels to look at: those that stand still, where not everything does. Vertices that
+        changed are counted there too.
+    threads : int
+
+    Returns
+    -------
+    Flicker
+
+    Raises
+    ------
+    InputError
+        Fewer than two frames; frames that have no pixel in common; ``within`` of another shape.
+    """
+    shape = (intrinsics.height, intrinsics.width)
+    if within is not None and (within.shape != shape or within.dtype != np.bool_):
+        raise InputError(f"within: expected bool {shape}, got {within.dtype} {within.shape}")
+    mean, squares, steps = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    last = np.zeros(shape)
+    covered = np.zeros(shape, dtype=np.int64)
+    changed: list[float] = []
+    before: NDArray[np.bool_] | None = None
+    count = 0
+    for count, frame in enumerate(frames, start=1):
+        depth = render_depth(frame, intrinsics, threads=threads)
+        step = depth - mean  # Welford: no difference of large sums
+        covered += np.isfinite(depth)
+        mean = mean + step / count
+        squares = squares + step * (depth - mean)
+        if count > 1:
+            steps += (depth - last) ** 2
+        last = depth
+        if isinstance(frame, DepthMesh):
+            chosen = _chosen(frame, shape)
+            if within is not None:
+                chosen &= within
+            if before is not None and chosen.any():
+                changed.append(float((chosen & ~before).sum() / chosen.sum()))
+            before = chosen
+    always, ever = covered == count, covered > 0
+    if within is not None:
+        always &= within
+        ever &= within
+    if count < 2 or not always.any():
+        raise InputError(f"frames: expected at least two with a common pixel, got {count}")
+    std = np.sqrt(squares[always] / count)
+    complete = len(changed) == count - 1
+    return Flicker(
+        mean_std_mm=1000.0 * float(std.mean()),
+        mean_step_mm=1000.0 * float(np.sqrt(steps[always] / (2 * (count - 1))).mean()),
+        unstable=float((ever & ~always).sum() / ever.sum()),
+        changed=float(np.mean(changed)) if complete else None,
+        frames=count,
+    )
+
+
+def boundary_noise(
+    depth: ArrayLike,
+    intrinsics: Intrinsics,
+    mesh: Mesh | DepthMesh,
+    *,
+    flying: NDArray[np.bool_],
+    truth: NDArray[np.float64],
+    tolerance: float = 0.03,
+    threads: int = 0,
+) -> BoundaryNoise:
+    """Measure how many flying pixels of a depth image survive in a mesh made of it.
+
+    A flying pixel survives if the mesh shows a surface there that is farther than ``tolerance``
+    from each true surface that the pixel or one of the eight around it sees.
+
+    Parameters
+    ----------
+    depth : (H, W) uint16 in millimetres or float32 in metres
+        The image that the mesh was made of.
+    intrinsics : Intrinsics
+    mesh : Mesh or DepthMesh
+        In the frame of the camera, metres.
+    flying : (H, W) bool
+        Pixels measured between two surfaces, as `manip3d.simulate.depth.DepthCapture` has them.
+    truth : (H, W) float64, metres
+        Exact depth; NaN where no surface is.
+    tolerance : float, metres
+        Above the noise of the sensor.
+    threads : int
+
+    Returns
+    -------
+    BoundaryNoise
+
+    Raises
+    ------
+    InputError
+        No flying pixel; an array of another shape; a negative ``tolerance``.
+    """
+    image = _depth_image(depth, intrinsics)
+    for name, array in (("flying", flying), ("truth", truth)):
+        if np.shape(array) != image.shape:
+            raise InputError(f"{name}: expected shape {image.shape}, got {np.shape(array)}")
+    if not np.any(flying):
+        raise InputError("flying: expected at least one flying pixel, got none")
+    if not tolerance >= 0:
+        raise InputError(f"tolerance: expected >= 0, got {tolerance}")
+    shown = render_depth(mesh, intrinsics, threads=threads)
+    survived = np.isfinite(shown) & ~(_distance_to_surfaces(shown, truth) <= tolerance)
+    chosen = density = None
+    if isinstance(mesh, DepthMesh):
+        chosen = float(_chosen(mesh, image.shape)[flying].mean())
+        density = mesh.num_vertices / int((image > 0).sum())
+    return BoundaryNoise(float(survived[flying].mean()), chosen, density, int(flying.sum()))
+
+
+def _distance_to_surfaces(
+    shown: NDArray[np.float64], truth: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """To the nearest in depth of the surfaces in the 3x3 pixels around; NaN where there is none."""
+    rows, columns = truth.shape
+    padded = np.pad(np.asarray(truth, dtype=np.float64), 1, mode="edge")
+    distance = np.full(truth.shape, np.nan)
+    for row in range(3):
+        for column in range(3):
+            beside = padded[row : row + rows, column : column + columns]
+            distance = np.fmin(distance, np.abs(shown - beside))
+    return distance
+
+
+def _chosen(mesh: DepthMesh, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    chosen = np.zeros(shape, dtype=np.bool_)
+    chosen[mesh.pixels[:, 1], mesh.pixels[:, 0]] = True
+    return chosen
+
+
+def _lifted(
+    image: NDArray[np.uint16 | np.float32], intrinsics: Intrinsics, threads: int
+) -> tuple[NDArray[np.float32], NDArray[np.bool_], bool]:
+    points, valid, rows_up = _core.unproject(image, intrinsics, threads_of(threads))
+    return points.reshape(*image.shape, 3), valid.reshape(image.shape).view(np.bool_), rows_up
+
+
+def _plain(mesh: Mesh | DepthMesh) -> Mesh:
+    """Without texture: nobody looks at it here."""
+    return Mesh(mesh.vertices, mesh.triangles) if isinstance(mesh, DepthMesh) else mesh
+
+
+def _render(
+    mesh: Mesh | DepthMesh,
+    points: NDArray[np.float32],
+    valid: NDArray[np.bool_],
+    rows_up: bool,
+    intrinsics: Intrinsics | None,
+    threads: int,
+    progress: Progress,
+) -> NDArray[np.float64]:
+    with reporting(progress, "render depth") as report:
+        depth: NDArray[np.float64] = _core.render_depth(
+            _plain(mesh), points, valid, bool(rows_up), intrinsics, threads_of(threads), report
+        )
+    return depth.reshape(valid.shape)
+
+
+def _error(
+    mesh: Mesh | DepthMesh,
+    points: NDArray[np.float32],
+    valid: NDArray[np.bool_],
+    rows_up: bool,
+    intrinsics: Intrinsics | None,
+    threads: int,
+    progress: Progress,
+) -> RangeImageError:
+    with reporting(progress, "range image error") as report:
+        return RangeImageError(
+            *_core.range_image_error(
+                _plain(mesh), points, valid, bool(rows_up), intrinsics, threads_of(threads), report
+            )
+        )

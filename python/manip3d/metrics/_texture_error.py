@@ -1,0 +1,126 @@
+"""Texture error: colour differences between a mesh and its original."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._util.options import reporting, seed_of, threads_of
+from manip3d.metrics._distances import _checked_samples
+
+if TYPE_CHECKING:
+    from manip3d._util.options import Progress, Rng
+    from manip3d.mesh import Mesh
+
+
+@dataclass(frozen=True)
+class TextureError:
+    """Deviation of texture coordinates; see :func:`texture_error`.
+
+    Attributes
+    ----------
+    mean, rms, mse, max : float or None
+        Of the distances between texture coordinates (1 = a whole texture); ``mse`` is the square of
+        ``rms``. ``None`` when no sample could be compared.
+    samples : int
+        Samples compared.
+    skipped : int
+        Samples on a face without texture coordinates, or that met only such faces.
+    material_mismatch_rate : float
+        Share of all samples drawn that met no face of their own material; they are not compared.
+    """
+
+    mean: float | None
+    rms: float | None
+    mse: float | None
+    max: float | None
+    samples: int
+    skipped: int
+    material_mismatch_rate: float
+
+
+def texture_error(
+    original: Mesh,
+    simplified: Mesh,
+    *,
+    samples: int | None = None,
+    rng: Rng = 0,
+    epsilon: float = 1e-4,
+    threads: int = 0,
+    progress: Progress = None,
+) -> TextureError:
+    """Measure how far texture coordinates moved on the surface.
+
+    Area-uniform samples of the original are compared with the interpolated texture coordinates at
+    the closest point of the simplified surface. Where several faces are met within ``epsilon`` of
+    the closest distance, the one of the sample's material counts whose texture coordinates are
+    nearest, so a seam is not an error.
+
+    Parameters
+    ----------
+    original, simplified : Mesh
+        In the same units and place; at least one face each.
+    samples : int, optional
+        The larger of the two numbers of faces by default.
+    rng : int, numpy.random.Generator or None
+        Seed; ``None``: another one each time.
+    epsilon : float
+        In diagonals of the original's bounding box.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+    progress : None, True or callable(fraction, message)
+
+    Returns
+    -------
+    TextureError
+
+    Raises
+    ------
+    InputError
+        A mesh without faces; an original without area; ``samples`` below 1; ``epsilon`` negative.
+
+    Notes
+    -----
+    H. Hoppe: New quadric metric for simplifying meshes with appearance attributes, IEEE
+    Visualization 1999. Materials are the same when their names are (the n-th of a name with the
+    n-th of that name), or by index where a mesh has no table of materials.
+    """
+    with reporting(progress, "texture error") as report:
+        return TextureError(
+            *_core.texture_error(
+                original,
+                _with_materials_of(original, simplified),
+                _checked_samples(samples),
+                seed_of(rng),
+                epsilon,
+                threads_of(threads),
+                report,
+            )
+        )
+
+
+def _with_materials_of(original: Mesh, simplified: Mesh) -> Mesh:
+    """``simplified`` with its materials numbered as in ``original``; new ones come after those."""
+    face_material = simplified.face_material
+    if face_material is None or not original.materials or not simplified.materials:
+        return simplified
+    known = {key: index for index, key in enumerate(_keys(original))}
+    numbers = np.arange(-1, max(len(simplified.materials), face_material.max(initial=-1) + 1))
+    numbers[numbers >= 0] += len(known)  # a material that the original does not have
+    for index, key in enumerate(_keys(simplified)):
+        numbers[index + 1] = known.get(key, numbers[index + 1])
+    return simplified.replace(face_material=numbers[face_material + 1])
+
+
+def _keys(mesh: Mesh) -> list[tuple[str, int]]:
+    """Name of each material, and how many of that name came before it."""
+    seen: Counter[str] = Counter()
+    keys = []
+    for material in mesh.materials:
+        keys.append((material.name, seen[material.name]))
+        seen[material.name] += 1
+    return keys

@@ -1,0 +1,198 @@
+"""What goes wrong while people record and replay, through `capture.open` and `capture.record`."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import textwrap
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rgbd_frames
+from manip3d import DeviceError, FormatError, InputError, Intrinsics, RgbdCalibration, capture
+from rgbd_frames import COLS, ROWS, assert_same
+
+HAS_MKV = next(scheme for scheme in capture.sources() if scheme.name == "mkv").is_available
+KINDS = [
+    "folder",
+    pytest.param("mkv", marks=pytest.mark.skipif(not HAS_MKV, reason="there is no FFmpeg")),
+]
+each_kind = pytest.mark.parametrize("kind", KINDS)
+
+
+def path_of(kind: str, folder: Path, name: str = "walk") -> Path:
+    return folder / (name + ("" if kind == "folder" else f".{kind}"))
+
+
+def opened(kind: str, path: Path, **options: Any) -> capture.RgbdSource:
+    return capture.open_rgbd(f"{kind}:{path}", **options)
+
+
+def run(command: list[str]) -> subprocess.CompletedProcess[str]:
+    path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
+    return subprocess.run(command, capture_output=True, text=True, env=environment)
+
+
+KILLED = textwrap.dedent(
+    """
+    import os, random, signal, sys, time
+    import rgbd_frames
+    from manip3d import Error, capture
+    kind, folder, kills = sys.argv[1], sys.argv[2], int(sys.argv[3])
+    rng, expected = random.Random(1), list(rgbd_frames.frames(2000))
+    acknowledged = in_the_middle = 0
+    for trial in range(kills):
+        path = os.path.join(folder, str(trial) + ("" if kind == "folder" else "." + kind))
+        told, tell = os.pipe()
+        child = os.fork()
+        if child == 0:
+            def frames():
+                for frame in expected:
+                    yield frame
+                    os.write(tell, b".")  # asked for the next one, so this one is written
+                signal.pause()
+            capture.record(frames(), path, lossless_colour=True)
+        os.close(tell)
+        time.sleep(rng.uniform(0.0, 0.1))
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        written = 0
+        while got := os.read(told, 4096):
+            written += len(got)
+        os.close(told)
+        if written == 0:
+            continue  # killed before or in its first frame
+        found = list(source := capture.open_rgbd(kind + ":" + path))
+        assert written <= len(found) <= written + 1, (written, len(found))
+        assert source.counters["damaged"] == 0, source.counters
+        for frame, other in zip(expected, found):
+            rgbd_frames.assert_same(frame, other)
+        acknowledged += written
+        in_the_middle += written < len(expected)
+    print(acknowledged, in_the_middle)
+    """
+)
+
+
+@pytest.mark.slow
+@each_kind
+def test_a_hundred_kills_lose_no_frame_that_was_acknowledged(kind: str, tmp_path: Path) -> None:
+    done = run([sys.executable, "-c", KILLED, kind, str(tmp_path), "100"])
+    assert done.returncode == 0, done.stderr
+    acknowledged, in_the_middle = map(int, done.stdout.split())
+    assert in_the_middle >= 80
+    assert acknowledged >= 1000
+
+
+FULL_DISK = textwrap.dedent(
+    """
+    import errno, os, sys
+    import rgbd_frames
+    from manip3d import capture
+    kind, path = sys.argv[1:]
+    try:
+        capture.record(rgbd_frames.frames(10_000), path, lossless_colour=True)
+    except OSError as error:
+        assert error.errno == errno.ENOSPC and error.filename.startswith(path), error
+    else:
+        raise AssertionError("the disk should be full")
+    source = capture.open_rgbd(kind + ":" + path)
+    frames = list(source)
+    assert len(frames) > 3 and source.counters["damaged"] == 0, source.counters
+    if kind == "folder":
+        assert source.counters["incomplete"] == 0
+        for name in ("depth", "body_index", "colour"):
+            assert len(os.listdir(os.path.join(path, name))) == len(frames)  # no litter
+    for frame, other in zip(rgbd_frames.frames(len(frames)), frames):
+        rgbd_frames.assert_same(frame, other)
+    print("done")
+    """
+)
+
+
+@pytest.mark.parametrize("size", ["96k", "100k", "104k", "140k"])
+@each_kind
+def test_a_full_disk_leaves_the_frames_before(kind: str, tmp_path: Path, size: str) -> None:
+    mount = f"mount -t tmpfs -o size={size} none {tmp_path} && exec "
+    namespace = ["unshare", "-rm", "sh", "-c"]
+    if run([*namespace, mount + "true"]).returncode:
+        pytest.skip("no mount namespaces here")
+    script = mount + f'{sys.executable} -c "$0" {kind} {path_of(kind, tmp_path)}'
+    done = run([*namespace, script, FULL_DISK])
+    assert (done.stdout, done.returncode) == ("done\n", 0), done.stderr
+
+
+@each_kind
+def test_an_unplugged_source_leaves_the_frames_before(kind: str, tmp_path: Path) -> None:
+    frames = list(rgbd_frames.frames(5))
+
+    def unplugged() -> Iterator[Any]:
+        yield from frames
+        raise DeviceError("camera: unplugged")
+
+    with pytest.raises(DeviceError, match="camera: unplugged"):
+        capture.record(unplugged(), path_of(kind, tmp_path), lossless_colour=True)
+    source = opened(kind, path_of(kind, tmp_path))
+    assert source.num_frames == 5  # it was finished
+    for frame, other in zip(frames, source, strict=True):
+        assert_same(frame, other)
+
+
+@each_kind
+def test_frames_out_of_order_are_refused(kind: str, tmp_path: Path) -> None:
+    first, second = rgbd_frames.frames(2)
+    for name, wrong in (
+        ("number", replace(second, number=first.number)),
+        ("time", replace(second, time=first.time)),
+    ):
+        path = path_of(kind, tmp_path, name)
+        with pytest.raises(InputError, match=rf"frame\.{name}: expected more than the frame bef"):
+            capture.record([first, wrong], path, lossless_colour=True)
+        (found,) = opened(kind, path)
+        assert_same(first, found)
+
+
+@each_kind
+def test_images_of_size_zero_are_refused(kind: str, tmp_path: Path) -> None:
+    (frame,) = rgbd_frames.frames(1)
+    for empty in (np.zeros((0, 0), np.uint16), np.zeros((0, COLS), np.uint16)):
+        with pytest.raises(InputError, match="depth: expected"):
+            replace(frame, depth=empty)
+    with pytest.raises(InputError, match="width"):
+        Intrinsics(0, ROWS, 15.0, 15.5, 7.25, 6.5)
+    tiny = RgbdCalibration(Intrinsics(1, 1, 15.0, 15.5, 0.0, 0.0))
+    pixel = list(rgbd_frames.frames(1, tiny))
+    path = path_of(kind, tmp_path)
+    if kind == "mkv":
+        with pytest.raises(InputError, match="expected at least 4 x 4 pixels for FFV1, got 1 x 1"):
+            capture.record(pixel, path, lossless_colour=True)
+    else:
+        capture.record(pixel, path, lossless_colour=True)
+        (found,) = opened(kind, path)
+        assert_same(pixel[0], found)
+
+
+@each_kind
+def test_a_wrong_calibration_is_refused(kind: str, tmp_path: Path) -> None:
+    frames = list(rgbd_frames.frames(2))
+    path = path_of(kind, tmp_path)
+    capture.record(frames, path, lossless_colour=True)
+    wrong = Intrinsics(COLS, ROWS - 1, 15.0, 15.0, 7.0, 6.0)
+    with pytest.raises(FormatError, match=r"expected 16 x 11 pixels.* calibration") as error:
+        opened(kind, path, camera=wrong).read()
+    assert str(error.value.file).startswith(str(path))
+    other = RgbdCalibration(Intrinsics(COLS + 1, ROWS, 15.0, 15.5, 7.25, 6.5))
+    (alien,) = rgbd_frames.frames(1, other)
+    later = replace(alien, time=frames[0].time + 1, number=frames[0].number + 1)
+    path = path_of(kind, tmp_path, "changed")
+    with pytest.raises(InputError, match=r"frame\.depth: expected 16 x 12 pixels, got 17 x 12"):
+        capture.record([frames[0], later], path, lossless_colour=True)
+    (found,) = opened(kind, path)
+    assert_same(frames[0], found)

@@ -1,0 +1,696 @@
+"""RGB-D sources: recordings as folders, folders of images, TUM sequences, replay, no copies."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import io
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+import zlib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from PIL import Image
+
+import rgbd_frames
+from manip3d import DeviceError, FormatError, InputError, Intrinsics, RgbdFrame, capture
+from real_data import RealData
+from rgbd_frames import CALIBRATION, CAMERA, COLS, ROWS, STEP, assert_same
+
+
+def recorded(folder: Path, count: int = 5, **options: Any) -> list[RgbdFrame]:
+    frames = list(rgbd_frames.frames(count))
+    capture.record(frames, folder, **{"lossless_colour": True, **options})
+    return frames
+
+
+def opened(folder: Path, **options: Any) -> capture.RgbdSource:
+    return capture.open_rgbd(f"folder:{folder}", **options)
+
+
+# --- recordings -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("calibration", [CALIBRATION, rgbd_frames.full_calibration()])
+def test_a_folder_replays_bit_for_bit(tmp_path: Path, calibration: Any) -> None:
+    frames = list(rgbd_frames.frames(5, calibration))
+    done = capture.record(frames, tmp_path / "walk", lossless_colour=True)
+    assert (done.frames, done.stop, done.counters["frames"]) == (5, "end", 5)
+    assert done.seconds == pytest.approx(4 * STEP / 1e9)
+    with opened(tmp_path / "walk") as source:
+        assert (source.num_frames, source.is_live) == (5, False)
+        found = list(source)
+        assert source.read() is None
+        assert source.counters == {"frames": 5, "out_of_order": 0, "damaged": 0, "incomplete": 0}
+    for frame, other in zip(frames, found, strict=True):
+        assert_same(frame, other)
+        assert other.calibration is source.calibration
+    for name in ("fx", "fy", "cx", "cy", "distortion", "width", "height"):
+        assert getattr(source.calibration.depth, name) == getattr(calibration.depth, name)
+    if calibration.registration:
+        registration = source.calibration.registration
+        assert registration is not None
+        assert registration.colour.distortion == calibration.registration.colour.distortion
+        np.testing.assert_array_equal(registration.rotation, calibration.registration.rotation)
+        np.testing.assert_array_equal(source.calibration.depth.rays, calibration.depth.rays)
+
+
+def test_colour_is_jpeg_by_default(tmp_path: Path) -> None:
+    rows, cols = np.mgrid[:ROWS, :COLS]
+    smooth = np.stack([10 * rows, 10 * cols, 0 * rows + 90], -1).astype(np.uint8)
+    frame = RgbdFrame(np.ones((ROWS, COLS), np.uint16), CALIBRATION, colour=smooth)
+    capture.record([frame], tmp_path / "a")
+    (path,) = (tmp_path / "a" / "colour").iterdir()
+    assert path.suffix == ".jpg"
+    (found,) = opened(tmp_path / "a")
+    assert found.colour is not None
+    assert np.abs(found.colour.astype(int) - smooth).max() < 25
+    with Image.open(path) as image:
+        assert np.abs(found.colour.astype(int) - np.asarray(image)).max() <= 4  # other upsampling
+
+
+def test_images_are_not_copied(tmp_path: Path) -> None:
+    recorded(tmp_path / "walk", 2)
+    source = opened(tmp_path / "walk")
+    first, second = source.read(), source.read()
+    assert first is not None
+    assert second is not None
+    kept = first.depth.copy()
+    for name in ("depth", "body_index", "colour"):
+        image, other = getattr(first, name), getattr(second, name)
+        owner = image
+        while isinstance(owner, np.ndarray):
+            owner = owner.base
+        assert type(owner).__name__ == "PyCapsule"  # the core's own memory
+        assert image.flags.c_contiguous
+        assert image.flags.writeable
+        assert not np.shares_memory(image, other)
+    second.depth[:] = 0
+    del source, second
+    np.testing.assert_array_equal(first.depth, kept)
+
+
+def test_a_frame_without_colour_or_people(tmp_path: Path) -> None:
+    depth = np.arange(ROWS * COLS, dtype=np.uint16).reshape(ROWS, COLS)
+    capture.record([RgbdFrame(depth, CALIBRATION)], tmp_path / "a")
+    (found,) = opened(tmp_path / "a")
+    assert (found.colour, found.body_index, found.skeletons) == (None, None, ())
+    np.testing.assert_array_equal(found.depth, depth)
+
+
+def test_record_takes_sources_generators_and_addresses(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "a", 6)
+    assert capture.record(f"folder:{tmp_path / 'a'}", tmp_path / "b", frames=4).stop == "frames"
+    with opened(tmp_path / "a") as source:
+        done = capture.record(source, tmp_path / "c", seconds=2.5 * STEP / 1e9)
+        assert (done.stop, done.frames, done.source_counters["frames"]) == ("seconds", 3, 4)
+    said: list[float] = []
+    done = capture.record(
+        (frame for frame in frames), tmp_path / "d", progress=lambda part, _: said.append(part)
+    )
+    assert done.frames == len(said) == 6
+    for name, count in (("b", 4), ("c", 3), ("d", 6)):
+        for frame, other in zip(frames, opened(tmp_path / name), strict=False):
+            assert_same(frame, other, colour=False)
+        assert opened(tmp_path / name).num_frames == count
+
+
+def test_recorders_refuse_what_does_not_fit(tmp_path: Path) -> None:
+    frames = list(rgbd_frames.frames(3))
+    for order in ([1, 0], [1, 1]):
+        with pytest.raises(InputError, match=r"frame\.number: expected more than the frame before"):
+            capture.record([frames[i] for i in order], tmp_path / str(order))
+        assert opened(tmp_path / str(order)).num_frames == 1  # what came before is good
+    other = next(rgbd_frames.frames(1, rgbd_frames.full_calibration()))
+    with pytest.raises(InputError, match=r"frame\.colour: expected 16 x 12 pixels, got 20 x 10"):
+        capture.record([frames[0], other], tmp_path / "size")
+    bare = RgbdFrame(frames[0].depth, CALIBRATION)
+    with pytest.raises(InputError, match=r"body_index: expected none, as in the first frame"):
+        capture.record([bare, frames[1]], tmp_path / "more")
+    far = [replace(frames[0], number=-(2**63), time=-(2**63)), replace(frames[1], time=2**63 - 1)]
+    capture.record(far, tmp_path / "far")
+    assert [frame.time for frame in opened(tmp_path / "far")] == [-(2**63), 2**63 - 1]
+    crowd = replace(frames[0], skeletons=frames[0].skeletons * 65)
+    with pytest.raises(InputError, match=r"frame\.skeletons: expected at most 64, got 65"):
+        capture.record([crowd], tmp_path / "crowd")
+    with pytest.raises(InputError, match="source: expected frames of an RGB-D camera, got None"):
+        capture.record([], tmp_path / "none")
+    with pytest.raises(InputError, match="jpeg_quality: expected 1 to 100, got 0"):
+        capture.record(frames, tmp_path / "quality", jpeg_quality=0)
+    with pytest.raises(InputError, match=r"path: expected one of the suffixes"):
+        capture.record(frames, tmp_path / "walk.avi")
+    with pytest.raises(InputError, match="frames: expected > 0, got 0"):
+        capture.record(frames, tmp_path / "zero", frames=0)
+    with pytest.raises(FileNotFoundError):
+        capture.record(frames, tmp_path / "no" / "such" / "folder")
+
+
+def test_only_recordings_are_replaced(tmp_path: Path) -> None:
+    folder = tmp_path / "walk"
+    recorded(folder, 5)
+    with pytest.raises(InputError, match=r"got .*walk, which holds a recording"):
+        recorded(folder)
+    recorded(folder, 2, overwrite=True)
+    assert opened(folder).num_frames == 2
+    assert len(list((folder / "depth").iterdir())) == 2
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "thesis.txt").write_text("mine")
+    with pytest.raises(InputError, match="which holds files"):
+        recorded(other, overwrite=True)
+    assert (other / "thesis.txt").read_text() == "mine"
+
+
+WRITER = textwrap.dedent(
+    """
+    import itertools, sys
+    import rgbd_frames
+    from manip3d import capture
+    def endless():
+        for i, frame in enumerate(rgbd_frames.frames(10_000)):
+            print(i, flush=True)  # frames before this one are written
+            yield frame
+    capture.record(endless(), sys.argv[1], lossless_colour=True)
+    """
+)
+
+
+def started(code: str, *arguments: object) -> subprocess.Popen[str]:
+    path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        env={**os.environ, "PYTHONPATH": path},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_what_a_killed_recorder_wrote_is_whole(tmp_path: Path) -> None:
+    rng = random.Random(1)
+    expected = list(rgbd_frames.frames(2000))
+    for trial in range(5):
+        folder = tmp_path / str(trial)
+        with started(WRITER, folder) as process:
+            assert process.stdout is not None
+            for _ in range(2):  # the second line comes when the first frame is written
+                process.stdout.readline()
+            time.sleep(rng.uniform(0.0, 0.1))
+            process.send_signal(signal.SIGKILL)
+            lines = process.stdout.read().split()
+        written = int(lines[-1]) if lines else 0
+        with opened(folder) as source:
+            found = list(source)
+            assert source.counters["damaged"] == 0
+        assert len(found) >= written
+        for frame, other in zip(expected, found, strict=False):
+            assert_same(frame, other)
+
+
+def test_ctrl_c_leaves_a_whole_recording(tmp_path: Path) -> None:
+    with started(WRITER, tmp_path / "a") as process:
+        assert process.stdout is not None
+        for _ in range(20):
+            process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        assert "KeyboardInterrupt" in process.communicate(timeout=20)[1]
+    assert len(list(opened(tmp_path / "a"))) >= 19
+
+
+def test_a_recorder_goes_on_when_there_is_room_again(tmp_path: Path) -> None:
+    """A refused line is cut off, so that the next one starts where it did."""
+    code = textwrap.dedent(
+        """
+        import os, resource, signal, sys
+        import rgbd_frames
+        from manip3d import _core
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        frames = list(rgbd_frames.frames(3, colour=False))
+        recorder = _core.open_recorder(
+            os.fsencode(sys.argv[1]), frames[0].calibration, False, 90, False)
+        recorder.write(frames[0])
+        limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+        size = os.path.getsize(os.path.join(sys.argv[1], "frames.jsonl"))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size + 100, limits[1]))
+        try:
+            recorder.write(frames[1])
+        except OSError as error:
+            print(error.errno)
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        recorder.write(frames[2])
+        recorder.close()
+        """
+    )
+    with started(code, tmp_path / "a") as process:
+        out, errors = process.communicate(timeout=60)
+    assert out == f"{errno.EFBIG}\n", errors
+    frames = list(rgbd_frames.frames(3, colour=False))
+    first, last = opened(tmp_path / "a")
+    assert_same(frames[0], first)
+    assert_same(frames[2], last)
+
+
+FAILING = textwrap.dedent(
+    """
+    import sys
+    import rgbd_frames
+    from manip3d import capture
+    try:
+        capture.record(rgbd_frames.frames(4), sys.argv[1], lossless_colour=True)
+    except OSError as error:
+        sys.exit(error.errno)
+    """
+)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+def test_every_failing_system_call_leaves_the_frames_before(tmp_path: Path) -> None:
+    probe = ["strace", "-f", "-qq", "-e", "trace=none", "true"]
+    if subprocess.run(probe, capture_output=True).returncode:
+        pytest.skip("strace may not trace here")
+    path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
+    expected = list(rgbd_frames.frames(4))
+    for call, calls in (("write", 4), ("rename", 13), ("fsync", 3)):
+        for k in range(1, calls + 1):
+            folder = tmp_path / f"{call}{k}"
+            command = ["strace", "-f", "-qq", "-o", os.devnull, "-e", f"trace={call}"]
+            command += ["-P", str(folder / "frames.jsonl")] if call == "write" else []
+            command += ["-e", f"inject={call}:error=EIO:when={k}"]
+            command += [sys.executable, "-c", FAILING, str(folder)]
+            done = subprocess.run(command, capture_output=True, text=True, env=environment)
+            assert done.returncode == errno.EIO, (call, k, done.stderr)
+            if not (folder / "frames.jsonl").exists():
+                continue  # it failed with the calibration, before any frame
+            with opened(folder) as source:
+                found = list(source)
+                assert source.counters["damaged"] == source.counters["incomplete"] == 0
+            images = [
+                name for name in ("depth", "body_index", "colour") if (folder / name).exists()
+            ]
+            assert all(len(os.listdir(folder / name)) == len(found) for name in images)
+            for frame, other in zip(expected, found, strict=False):
+                assert_same(frame, other)
+            if call == "write":
+                assert len(found) == k - 1
+
+
+# --- damaged and hostile recordings ---------------------------------------------------------------
+
+
+def test_a_line_without_its_end_is_not_there(tmp_path: Path) -> None:
+    recorded(tmp_path / "a", 3)
+    path = tmp_path / "a" / "frames.jsonl"
+    lines = path.read_bytes().splitlines(keepends=True)
+    for cut in (1, 20, len(lines[2]) - 1):
+        path.write_bytes(b"".join(lines[:2]) + lines[2][:cut])
+        with opened(tmp_path / "a") as source:
+            assert source.num_frames == len(list(source)) == 2
+            assert source.counters["incomplete"] == 1
+
+
+def test_damage_is_named_and_the_next_frame_comes(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "a", 6)
+    folder = tmp_path / "a"
+    data = bytearray((folder / "depth" / "000000.png").read_bytes())
+    data[len(data) // 2] ^= 1
+    (folder / "depth" / "000000.png").write_bytes(data)
+    (folder / "depth" / "000001.png").write_bytes(b"")
+    (folder / "colour" / "000002.png").write_bytes(b"no image")
+    (folder / "body_index" / "000003.png").unlink()
+    source = opened(folder)
+    with pytest.raises(FormatError, match=r"depth/000000\.png: damaged: .* \(CRC-32\)"):
+        source.read()
+    with pytest.raises(FormatError, match=r"depth/000001\.png"):
+        source.read()
+    with pytest.raises(FormatError, match=r"colour/000002\.png"):
+        source.read()
+    with pytest.raises(FileNotFoundError):
+        source.read()
+    for frame, other in zip(frames[4:], source, strict=True):
+        assert_same(frame, other)
+    assert source.counters["damaged"] == 4
+    assert source.counters["frames"] == 2
+
+
+def test_frames_out_of_order_are_passed_over_and_counted(tmp_path: Path) -> None:
+    recorded(tmp_path / "a", 5)
+    path = tmp_path / "a" / "frames.jsonl"
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines[i] for i in (0, 2, 1, 2, 4, 3)))
+    source = opened(tmp_path / "a")
+    assert [frame.time for frame in source] == [10**15 + i * STEP for i in (0, 2, 4)]
+    assert source.counters["out_of_order"] == 3
+
+
+def test_a_wrong_calibration_is_named(tmp_path: Path) -> None:
+    recorded(tmp_path / "a", 1)
+    camera = Intrinsics(COLS, ROWS - 1, 15.0, 15.0, 7.0, 6.0)
+    pixels = "expected 16 x 11 pixels as the calibration says, got 16 x 12"
+    with pytest.raises(FormatError, match=rf"depth/000000\.png: {pixels}"):
+        opened(tmp_path / "a", camera=camera).read()
+    path = tmp_path / "a" / "calibration.json"
+    told = json.loads(path.read_text())
+    for change, message in (
+        ({"width": 0}, r"/depth/width: expected a whole number in \[1, 16384\], got 0"),
+        ({"fx": -1.0}, r"depth\.fx: expected a finite number > 0"),
+        ({"fx": "x"}, "/depth/fx: expected a number"),
+        ({"rays": "AAAA"}, "/depth/rays: expected two floats for each of 16 x 12 pixels"),
+        ({"distortion": [0.0] * 4}, "/depth/distortion: expected 5 numbers"),
+    ):
+        depth = {**told["calibration"]["depth"], **change}
+        changed = {**told["calibration"], "depth": depth}
+        path.write_text(json.dumps({**told, "calibration": changed}))
+        with pytest.raises(FormatError, match=message) as error:
+            opened(tmp_path / "a")
+        assert error.value.file == str(path)
+
+
+def hostile(line: dict[str, Any], **changes: Any) -> str:
+    return json.dumps({**line, **changes})
+
+
+def test_hostile_lines_are_refused_with_their_number(tmp_path: Path) -> None:
+    recorded(tmp_path / "a", 1)
+    path = tmp_path / "a" / "frames.jsonl"
+    line = json.loads(path.read_text())
+    image = {"file": "../../secret.png", "crc32": 0}
+    people = line["skeletons"]
+    for text, message in (
+        ("", "not JSON"),
+        ("{", "not JSON"),
+        ("[" * 100, "nested deeper than 64"),
+        ("[" + "0," * 200_000 + "0]", "expected at most 100000 values"),
+        ("null", "expected an object, got null"),
+        ('{"number": 1e400}', "a number is out of range"),
+        (hostile(line, number=2**63), "/number: expected a whole number"),
+        (hostile(line, time_ns=0.5), "/time_ns: expected a whole number"),
+        (hostile(line, depth=image), "/depth/file: expected the name of a file in this folder"),
+        (hostile(line, depth={"file": "a.png"}), '/depth: expected a member "crc32"'),
+        (hostile(line, skeletons=people * 65), "expected at most 64 skeletons"),
+        (hostile(line, skeletons=[{**people[0], "states": [3] * 25}]), "/states/0: expected a"),
+        (hostile(line, skeletons=[{**people[0], "positions": [0]}]), "expected 75 numbers"),
+        (hostile(line, skeletons=[{**people[0], "body": 256}]), "/body: expected a whole number"),
+    ):
+        path.write_text(text + "\n")
+        with pytest.raises(FormatError, match=message) as error:
+            opened(tmp_path / "a").read()
+        assert (error.value.file, error.value.line) == (str(path), 1)
+
+
+def png_header(width: int, height: int, depth: int = 16) -> bytes:
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4)
+
+    fields = width.to_bytes(4, "big") + height.to_bytes(4, "big") + bytes([depth, 0, 0, 0, 0])
+    pixels = zlib.compress(b"\0" * 100)
+    return (
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", fields) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
+    )
+
+
+@pytest.mark.parametrize("size", [(0, 12), (16, 0), (16384, 16384), (2**31 - 1, 12), (16, 12)])
+def test_an_image_that_promises_too_much(tmp_path: Path, size: tuple[int, int]) -> None:
+    (tmp_path / "depth").mkdir()
+    (tmp_path / "depth" / "0.png").write_bytes(png_header(*size))
+    with pytest.raises(FormatError, match=r"depth/0\.png"):
+        opened(tmp_path, camera=CAMERA).read()
+
+
+@given(data=st.data())
+def test_damaged_images_are_errors_or_images(data: st.DataObject, tmp_path_factory: Any) -> None:
+    folder = tmp_path_factory.mktemp("a", numbered=True)
+    (folder / "depth").mkdir()
+    (folder / "rgb").mkdir()
+    for name, image, kind in (
+        ("depth/0.png", np.arange(ROWS * COLS, dtype=np.uint16).reshape(ROWS, COLS), "PNG"),
+        ("rgb/0.jpg", np.full((ROWS, COLS, 3), 77, np.uint8), "JPEG"),
+    ):
+        buffer = io.BytesIO()
+        Image.fromarray(image).save(buffer, kind)
+        content = bytearray(buffer.getvalue())
+        position = data.draw(st.integers(0, len(content) - 1))
+        content[position] = data.draw(st.integers(0, 255))
+        (folder / name).write_bytes(content[: data.draw(st.integers(0, len(content)))])
+    with contextlib.suppress(FormatError):
+        frame = opened(folder, camera=CAMERA).read()
+        assert frame is not None
+        assert frame.depth.shape == (ROWS, COLS)
+
+
+# --- folders of images, TUM -----------------------------------------------------------------------
+
+
+def images(folder: Path, name: str, count: int, image: NDArray[Any], suffix: str = "png") -> None:
+    (folder / name).mkdir(parents=True, exist_ok=True)
+    for i in range(count):
+        Image.fromarray(image + image.dtype.type(i)).save(folder / name / f"{i:03}.{suffix}")
+
+
+DEPTH = (1000 + np.arange(ROWS * COLS, dtype=np.uint16)).reshape(ROWS, COLS)
+COLOUR = np.arange(ROWS * COLS * 3, dtype=np.uint16).reshape(ROWS, COLS, 3).astype(np.uint8)
+
+
+@pytest.mark.parametrize("name", ["color", "colour", "rgb"])
+def test_plain_folders_of_images(tmp_path: Path, name: str) -> None:
+    images(tmp_path, "depth", 4, DEPTH)
+    images(tmp_path, name, 4, COLOUR)
+    with pytest.raises(InputError, match=r"has no calibration\.json"):
+        opened(tmp_path)
+    found = list(opened(tmp_path, camera=CAMERA))
+    assert [frame.number for frame in found] == [0, 1, 2, 3]
+    assert found[3].time == 10**8  # 30 a second
+    for i, frame in enumerate(found):
+        np.testing.assert_array_equal(frame.depth, DEPTH + i)
+        np.testing.assert_array_equal(frame.colour, COLOUR + np.uint8(i))
+    (tmp_path / name / "003.png").unlink()
+    with pytest.raises(FormatError, match="as many colour as depth images, got 3 and 4"):
+        opened(tmp_path, camera=CAMERA)
+    with pytest.raises(FormatError, match=r"expected frames\.jsonl, or images in"):
+        opened(tmp_path / name, camera=CAMERA)
+
+
+def test_units_of_plain_folders(tmp_path: Path) -> None:
+    images(tmp_path, "depth", 1, DEPTH)
+    (frame,) = opened(tmp_path, camera=CAMERA, units_per_metre=5000.0)
+    np.testing.assert_array_equal(frame.depth, np.floor(DEPTH / 5 + 0.5))
+    with pytest.raises(FormatError, match=r"expected depths up to 65\.535 m"):
+        opened(tmp_path, camera=CAMERA, units_per_metre=10.0).read()
+    for units in (0.0, -1.0, np.nan):
+        with pytest.raises(InputError, match="units_per_metre: expected > 0"):
+            opened(tmp_path, camera=CAMERA, units_per_metre=units)
+
+
+def test_mirrored_images_are_turned_round(tmp_path: Path) -> None:
+    images(tmp_path, "depth", 1, DEPTH)
+    images(tmp_path, "color", 1, COLOUR)
+    mirrored = Intrinsics(COLS, ROWS, 15.0, 15.5, 7.25, 6.5, mirrored=True)
+    source = opened(tmp_path, camera=mirrored)
+    (frame,) = source
+    np.testing.assert_array_equal(frame.depth, DEPTH[:, ::-1])
+    np.testing.assert_array_equal(frame.colour, COLOUR[:, ::-1])
+    assert source.calibration.depth.cx == COLS - 1 - 7.25
+    assert not source.calibration.depth.mirrored
+
+
+def test_8_bit_and_colour_pngs_of_all_kinds(tmp_path: Path) -> None:
+    grey = (DEPTH % 256).astype(np.uint8)
+    images(tmp_path, "depth", 1, grey)
+    (tmp_path / "rgb").mkdir()
+    for kind in ("L", "P", "RGBA", "LA", "1"):
+        Image.fromarray(COLOUR).convert(kind).save(tmp_path / "rgb" / "0.png")
+        (frame,) = opened(tmp_path, camera=CAMERA)
+        np.testing.assert_array_equal(frame.depth, grey)
+        expected = Image.open(tmp_path / "rgb" / "0.png").convert("RGB")
+        np.testing.assert_array_equal(frame.colour, np.asarray(expected))
+
+
+def tum(folder: Path, depth_times: list[str], colour_times: list[str], comment: str = "#") -> None:
+    images(folder, "depth", len(depth_times), DEPTH)
+    images(folder, "rgb", len(colour_times), COLOUR)
+    for name, file, times in (("depth", "depth", depth_times), ("rgb", "rgb", colour_times)):
+        lines = [f"{time} {file}/{i:03}.png\n" for i, time in enumerate(times)]
+        text = f"{comment} {name} maps\n# file: 'x.bag'\n# timestamp filename\n" + "".join(lines)
+        (folder / f"{name}.txt").write_text(text)
+
+
+def test_tum_sequences(tmp_path: Path) -> None:
+    depth = ["1305031102.160407", "1305031102.194330", "1305031102.226738", "1305031102.300000"]
+    tum(tmp_path, depth, ["1305031102.175304", "1305031102.211214", "1305031102.243211"])
+    source = capture.open_rgbd(f"tum:{tmp_path}", camera=CAMERA)
+    found = list(source)
+    assert source.num_frames == len(found) == 4
+    assert source.counters["without_colour"] == 1
+    for frame, text in zip(found, depth, strict=True):
+        assert abs(frame.time - int(text.replace(".", "")) * 1000) < 1000
+    for i, frame in enumerate(found):
+        np.testing.assert_array_equal(frame.depth, np.floor((DEPTH + i) / 5 + 0.5))
+    chosen = [None if f.colour is None else int(f.colour[0, 0, 0]) for f in found]
+    assert chosen == [0, 1, 1, None]  # 15, 17, 16 ms apart; the last one 57
+    assert capture.open_rgbd(f"tum:{tmp_path}").calibration.depth.fx == 525.0
+    with pytest.raises(FormatError, match="expected 640 x 480 pixels as the calibration says"):
+        capture.open_rgbd(f"tum:{tmp_path}").read()
+
+
+def test_tum_lists_that_are_wrong(tmp_path: Path) -> None:
+    tum(tmp_path, ["1.0"], ["1.0"])
+    for line, message in (
+        ("x depth/000.png", "time: expected a finite number, got 'x'"),
+        ("1.0", "file: expected a name inside the sequence's folder"),
+        ("1.0 /etc/passwd", "file: expected a name inside"),
+        ("1.0 depth/../../secret.png", "file: expected a name inside"),
+        ("1e300 depth/000.png", "time: expected seconds up to 9e9"),
+    ):
+        (tmp_path / "depth.txt").write_text(f"# a\n\n{line}\n")
+        with pytest.raises(FormatError, match=message) as error:
+            capture.open_rgbd(f"tum:{tmp_path}")
+        assert (error.value.file, error.value.line) == (str(tmp_path / "depth.txt"), 3)
+    with pytest.raises(FileNotFoundError):
+        capture.open_rgbd(f"tum:{tmp_path / 'depth'}")
+
+
+def test_real_folders(realdata: RealData) -> None:
+    root = realdata("rgbd")
+    camera = Intrinsics(640, 480, 525.0, 525.0, 319.5, 239.5)
+    for name, units in (("scene_icl_nuim_livingroom", 5000.0), ("scene_redwood_synthetic", 1000.0)):
+        found = list(opened(root / name, camera=camera, units_per_metre=units))
+        assert len(found) == 5
+        depths = sorted((root / name / "depth").iterdir())
+        for path, frame in zip(depths, found, strict=True):
+            with Image.open(path) as image:
+                expected = np.asarray(image).astype(float) * 1000 / units
+            assert np.abs(frame.depth - expected).max() <= 0.5
+            assert frame.colour is not None
+            assert frame.colour.std() > 10
+
+
+# --- replay ---------------------------------------------------------------------------------------
+
+
+def test_real_time_is_the_frames_times(tmp_path: Path) -> None:
+    recorded(tmp_path / "a", 8)
+    begin = time.monotonic_ns()
+    with opened(tmp_path / "a", speed=1.0) as source:
+        assert source.is_live
+        for frame in source:
+            assert time.monotonic_ns() - begin >= frame.time - 10**15
+    last = (10**15 + 7 * STEP, 7 + 3)
+    assert (frame.time, frame.number) == last  # the last one is never lost
+    assert source.counters["dropped"] + source.counters["frames"] >= 8
+
+
+def test_a_slow_reader_gets_the_latest(tmp_path: Path) -> None:
+    recorded(tmp_path / "a", 12)
+    with opened(tmp_path / "a", speed=1.0) as source:
+        deadline = time.monotonic() + 30
+        while source.counters["dropped"] < 11 and time.monotonic() < deadline:
+            time.sleep(0.01)
+        (frame,) = source
+        assert frame.time == 10**15 + 11 * STEP
+        assert source.counters["dropped"] == 11
+
+
+def test_stop_wakes_a_reader(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "a", 1)
+    later = RgbdFrame(frames[0].depth, CALIBRATION, number=9, time=frames[0].time + 10**13)
+    capture.record([frames[0], later], tmp_path / "b")
+    source = opened(tmp_path / "b", speed=1.0)
+    assert source.read() is not None
+    assert source.read(timeout=0.05) is None
+    timer = threading.Timer(0.2, source.stop)
+    timer.start()
+    begin = time.monotonic()
+    assert source.read() is None
+    assert time.monotonic() - begin < 60
+    timer.join()
+
+
+def test_ctrl_c_ends_the_wait(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "a", 1)
+    later = RgbdFrame(frames[0].depth, CALIBRATION, number=9, time=frames[0].time + 10**13)
+    capture.record([frames[0], later], tmp_path / "b")
+    code = textwrap.dedent(
+        """
+        import sys
+        from manip3d import capture
+        source = capture.open_rgbd("folder:" + sys.argv[1], speed=1.0)
+        source.read()
+        print("waiting", flush=True)
+        source.read()
+        """
+    )
+    with started(code, tmp_path / "b") as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        assert "KeyboardInterrupt" in process.communicate(timeout=20)[1]
+
+
+def test_errors_of_the_thread_reach_the_reader(tmp_path: Path) -> None:
+    frames = recorded(tmp_path / "a", 3)
+    (tmp_path / "a" / "depth" / "000001.png").write_bytes(b"")
+    source = opened(tmp_path / "a", speed=100.0)
+    assert source.read() is not None
+    with pytest.raises(FormatError, match=r"000001\.png"):
+        list(source)
+    source.start()
+    last = source.read()
+    assert last is not None
+    assert_same(frames[2], last)
+
+
+# --- the list of schemes --------------------------------------------------------------------------
+
+
+def test_sources_say_what_is_here() -> None:
+    schemes = {scheme.name: scheme for scheme in capture.sources()}
+    assert {"folder", "tum", "mkv", "openni2", "sim", "pcap", "velodyne"} <= set(schemes)
+    assert schemes["folder"].is_available
+    for scheme in schemes.values():
+        assert scheme.is_available == (not scheme.reason) == (not scheme.cure)
+        assert scheme.frames in ("rgbd", "lidar")
+        assert "\n" not in scheme.description
+
+
+def test_addresses_that_lead_nowhere(tmp_path: Path) -> None:
+    for uri in ("nothing:here", "folder", "", ":"):
+        with pytest.raises(InputError, match="uri: expected one of folder:"):
+            capture.open(uri)
+    with pytest.raises(InputError, match="speed: expected a finite number >= 0"):
+        opened(tmp_path, speed=-1.0)
+    with pytest.raises(InputError, match="expected none of them for sim:"):
+        capture.open("sim:body", speed=1.0)
+    with pytest.raises((FileNotFoundError, FormatError)):
+        capture.open(f"folder:{tmp_path / 'missing'}", camera=CAMERA)
+    for scheme in capture.sources():
+        if scheme.name in ("openni2", "freenect2", "realsense", "orbbec") and scheme.reason:
+            with pytest.raises(DeviceError, match=f"{scheme.name}: "):
+                capture.open(f"{scheme.name}:")
+
+
+def test_people_of_the_data_sets_are_sources(realdata: RealData, tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    realdata.needs("people_utd_mhad")
+    with capture.open("utd-mhad:a3_s1") as source:
+        done = capture.record(source, tmp_path / "a", frames=5)
+    assert done.frames == 5
+    again = list(opened(tmp_path / "a"))
+    for frame, other in zip(capture.open("utd-mhad:a3_s1"), again, strict=False):
+        assert isinstance(frame, RgbdFrame)
+        assert_same(frame, other)

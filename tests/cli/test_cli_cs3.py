@@ -1,0 +1,280 @@
+"""``manip3d cs3`` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command_line import error_line, manip3d
+from manip3d import read_mesh
+from manip3d.simulate import depth as simulated
+
+Image = pytest.importorskip("PIL.Image")
+FOCAL = "131.25,131.25,79.5,59.5"
+
+
+@pytest.fixture(scope="module")
+def scene() -> simulated.DepthScene:
+    return simulated.person(width=160, height=120)
+
+
+@pytest.fixture
+def frame(scene: simulated.DepthScene, tmp_path: Path) -> Path:
+    path = tmp_path / "depth.png"
+    Image.fromarray(scene.capture(rng=1).depth).save(path)
+    return path
+
+
+@pytest.fixture
+def frames(scene: simulated.DepthScene, tmp_path: Path) -> Path:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for number, capture in enumerate(scene.frames(4, rng=2)):
+        Image.fromarray(capture.depth).save(folder / f"{number:03}.depth.png")
+    return folder
+
+
+def test_a_depth_image_becomes_an_upright_mesh(frame: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out.glb"
+    arguments = ("cs3", frame, "-o", output, "--points", "200", "--intrinsics", FOCAL)
+    done = manip3d(*arguments)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""
+    assert "points -> " in done.stderr
+    mesh = read_mesh(output)
+    assert 190 <= mesh.num_vertices <= 200
+    assert mesh.texcoords is not None
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    assert high[1] - low[1] > 1.5  # a person, metres
+    assert high[1] > 0.6  # the head is up
+    assert high[2] < -1.8  # in front of a camera that looks along -z, as glTF's do
+    assert "--force" in error_line(manip3d(*arguments, "-q"))
+
+
+def test_other_formats_keep_the_camera_s_axes(frame: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out.ply"
+    done = manip3d("cs3", frame, "-o", output, "--points", "200", "--intrinsics", FOCAL, "--json")
+    record = json.loads(done.stdout)
+    assert record["points"] <= record["target_points"] == 200
+    assert record["reached"] == "factor"
+    assert record["literal_count"] > 0
+    mesh = read_mesh(output)
+    assert mesh.vertices[:, 2].min() > 1.8
+    assert mesh.vertices[:, 1].min() < -0.6
+
+
+@pytest.mark.parametrize("method", ["cs3", "relief", "uniform", "poisson", "ssa"])
+def test_every_method_has_a_name(method: str, frame: Path, tmp_path: Path) -> None:
+    output = tmp_path / f"{method}.glb"
+    done = manip3d("cs3", frame, "-o", output, "--points", "300", "--intrinsics", FOCAL,
+                   "--method", method, "--json")  # fmt: skip
+    record = json.loads(done.stdout)
+    assert record["method"] == method
+    assert 250 <= record["points"] <= 300
+    assert read_mesh(output).num_faces == record["faces"] > 100
+
+
+def test_options_of_another_method_are_refused(frame: Path, tmp_path: Path) -> None:
+    base = ("cs3", frame, "-o", tmp_path / "x.glb", "--points", "99", "--intrinsics", FOCAL, "-q")
+    assert "--variant" in error_line(manip3d(*base, "--method", "ssa", "--variant", "lios"))
+    assert "--move-points" in error_line(manip3d(*base, "--move-points"))
+    assert manip3d(*base, "--variant", "fastest").returncode == 2
+    assert manip3d("cs3", frame, "-o", tmp_path / "x.glb").returncode == 2  # no --points
+
+
+def test_variants_and_distance_make_other_meshes(frame: Path, tmp_path: Path) -> None:
+    base = ("cs3", frame, "--points", "300", "--intrinsics", FOCAL, "-q")
+    meshes = {}
+    for name, options in {
+        "cios": (), "lios": ("--variant", "lios"), "near": ("--by-distance",),
+    }.items():  # fmt: skip
+        output = tmp_path / f"{name}.ply"
+        assert manip3d(*base, "-o", output, *options).returncode == 0
+        meshes[name] = output.read_bytes()
+    assert len(set(meshes.values())) == 3
+
+
+def test_cameras_come_from_files_and_presets(
+    frame: Path, scene: simulated.DepthScene, tmp_path: Path
+) -> None:
+    camera = tmp_path / "camera.json"
+    matrix = [131.25, 0, 0, 0, 131.25, 0, 79.5, 59.5, 1]
+    camera.write_text(json.dumps({"width": 160, "height": 120, "intrinsic_matrix": matrix}))
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps({"fx": 131.25, "fy": 131.25, "cx": 79.5, "cy": 59.5}))
+    outputs = []
+    for number, source in enumerate((FOCAL, camera, other, "primesense")):
+        outputs.append(tmp_path / f"{number}.ply")
+        done = manip3d("cs3", frame, "-o", outputs[-1], "--points", "150",
+                       "--intrinsics", source, "-q")  # fmt: skip
+        assert done.returncode == 0, done.stderr
+    contents = {path.read_bytes() for path in outputs}
+    assert len(contents) == 1
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{", "expected an object with fx"),
+        ("[1, 2]", "no object"),
+        ('{"fx": 1}', "expected an object with fx"),
+        ('{"intrinsic_matrix": [1, 2]}', "of shape"),
+        ('{"fx": 1, "fy": 1, "cx": 0, "cy": 0, "zoom": 2}', "zoom"),
+        ('{"fx": -1, "fy": 1, "cx": 0, "cy": 0}', "fx"),
+        ("[" * 100_000, "expected an object"),
+        (" " * (1 << 20) + "{}", "more than a mebibyte"),
+    ],
+)
+def test_bad_camera_files_are_one_line(
+    content: str, message: str, frame: Path, tmp_path: Path
+) -> None:
+    from manip3d import FormatError
+    from manip3d.cli.depth import camera
+
+    path = tmp_path / "camera.json"
+    path.write_text(content)
+    with pytest.raises(FormatError, match=message) as caught:
+        camera(str(path), 120, 160)
+    assert str(path) in str(caught.value)
+
+
+def test_wrong_cameras_are_refused(frame: Path, tmp_path: Path) -> None:
+    from manip3d import InputError
+    from manip3d.cli.depth import camera
+
+    base = ("cs3", frame, "-o", tmp_path / "x.glb", "--points", "99", "-q")
+    assert "--intrinsics: needed" in error_line(manip3d(*base))
+    for text in ("1,2,3", "a,b,c,d", "kinect-v9"):
+        with pytest.raises(InputError, match=f"got '{text}'"):
+            camera(text, 120, 160)
+    with pytest.raises(InputError, match="kinect-v2 is for 512 x 424 pixels, the image has 160"):
+        camera("kinect-v2", 120, 160)
+    with pytest.raises(InputError, match="fx"):
+        camera("nan,1,1,1", 120, 160)
+    assert camera("kinect-v1", 240, 320).fx == 292.5
+
+
+SCAN = """ply
+format ascii 1.0
+obj_info num_cols 12
+obj_info num_rows 10
+element vertex 120
+property float x
+property float y
+property float z
+element range_grid 120
+property list uchar int vertex_indices
+end_header
+"""
+
+
+def test_scans_need_no_camera(tmp_path: Path) -> None:
+    v, u = np.mgrid[:10, :12]
+    z = 0.2 * np.sin(u) * np.cos(v)
+    points = "".join(f"{x} {y} {h:.6f}\n" for x, y, h in zip(u.flat, v.flat, z.flat, strict=True))
+    source = tmp_path / "scan.ply"
+    source.write_text(SCAN + points + "".join(f"1 {i}\n" for i in range(120)))
+    output = tmp_path / "out.glb"
+    done = manip3d("cs3", source, "-o", output, "--points", "60", "--json")
+    record = json.loads(done.stdout)
+    assert record["points_before"] == 120
+    assert record["points"] <= 60
+    assert read_mesh(output).vertices[:, 1].min() >= 0  # a scan's axes are its own
+    again = manip3d("cs3", source, "-o", output, "--points", "60", "--by-distance", "-q", "--force")
+    assert "--by-distance" in error_line(again)
+
+
+def test_colour_becomes_the_texture(
+    frame: Path, scene: simulated.DepthScene, tmp_path: Path
+) -> None:
+    colour = tmp_path / "colour.png"
+    Image.fromarray(scene.colour).save(colour)
+    output = tmp_path / "out.glb"
+    base = ("cs3", frame, "-o", output, "--points", "200", "--intrinsics", FOCAL, "-q", "--force")
+    assert manip3d(*base, "--colour", colour).returncode == 0
+    (material,) = read_mesh(output).materials
+    assert material.textures["base_color"].data.startswith(b"\x89PNG")
+    colour.write_bytes(b"nothing")
+    assert "expected a colour image" in error_line(manip3d(*base, "--colour", colour))
+
+
+def test_a_missed_target_is_exit_4_under_strict(tmp_path: Path) -> None:
+    scene = simulated.person(width=160, height=120)
+    path = tmp_path / "depth.npy"
+    np.save(path, np.nan_to_num(scene.depth).astype(np.float32))
+    base = ("cs3", path, "--points", "3", "--intrinsics", FOCAL, "-q", "--force")
+    done = manip3d(*base, "-o", tmp_path / "x.ply", "--json", "--strict")
+    record = json.loads(done.stdout)
+    assert done.returncode == (4 if record["target_missed"] else 0)
+    everything = ("cs3", path, "--points", "999999", "--intrinsics", FOCAL, "-q", "--json")
+    done = manip3d(*everything, "-o", tmp_path / "y.ply", "--strict")
+    assert done.returncode == 0  # all points there are: nothing is missed
+    assert json.loads(done.stdout)["points"] == np.isfinite(scene.depth).sum()
+
+
+def test_a_folder_becomes_a_folder_and_goes_on_where_it_stopped(
+    frames: Path, tmp_path: Path
+) -> None:
+    (frames / "notes.txt").write_text("no frame")
+    (frames / "002.depth.png").write_bytes(b"torn")
+    output = tmp_path / "out"
+    arguments = ("cs3", frames, "-o", output, "--points", "150", "--intrinsics", FOCAL,
+                 "--frames", "*.depth.png", "--jobs", "2")  # fmt: skip
+    done = manip3d(*arguments, "--json")
+    assert done.returncode == 1  # one frame is torn, and the others are there
+    records = json.loads(done.stdout)
+    assert [bool(record.get("error")) for record in records] == [False, False, True, False]
+    assert "FormatError" in records[2]["error"]
+    meshes = {path.name: path.stat().st_mtime_ns for path in output.iterdir()}
+    assert sorted(meshes) == ["000.depth.glb", "001.depth.glb", "003.depth.glb"]
+    whole = (frames / "001.depth.png").read_bytes()
+    (frames / "002.depth.png").write_bytes(whole)
+    done = manip3d(*arguments)
+    assert done.returncode == 0
+    assert "3 of 4 frames are there already" in done.stderr
+    after = {path.name: path.stat().st_mtime_ns for path in output.iterdir()}
+    assert {name: after[name] for name in meshes} == meshes
+    assert (output / "002.depth.glb").read_bytes() == (output / "001.depth.glb").read_bytes()
+    assert manip3d(*arguments, "--force", "-q").returncode == 0
+    assert (output / "000.depth.glb").stat().st_mtime_ns > meshes["000.depth.glb"]
+
+
+def test_folders_without_frames_and_with_too_few_colours(frames: Path, tmp_path: Path) -> None:
+    base = ("-o", tmp_path / "out", "--points", "9", "--intrinsics", FOCAL, "-q")
+    assert "found none" in error_line(manip3d("cs3", frames, *base, "--frames", "*.tif"))
+    colours = tmp_path / "colours"
+    colours.mkdir()
+    done = manip3d("cs3", frames, *base, "--colour", colours)
+    assert "expected 4 images, found 0" in error_line(done)
+
+
+def test_ctrl_c_leaves_whole_files(scene: simulated.DepthScene, tmp_path: Path) -> None:
+    folder, output = tmp_path / "many", tmp_path / "out"
+    folder.mkdir()
+    depth = scene.capture(rng=1).depth
+    for number in range(300):
+        np.save(folder / f"{number:04}.npy", depth)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "manip3d", "cs3", str(folder), "-o", str(output), "--points", "400",
+         "--intrinsics", FOCAL, "--method", "poisson", "-q", "--jobs", "1"],
+        env=os.environ, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    while process.poll() is None and len(list(output.glob("*.glb"))) < 3:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert b"Traceback" not in errors
+    written = sorted(output.iterdir())
+    assert 3 <= len(written) < 300
+    assert all(path.suffix == ".glb" and path.name[0] != "." for path in written)
+    for path in written[-2:]:
+        read_mesh(path)

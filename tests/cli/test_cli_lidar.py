@@ -1,0 +1,123 @@
+"""``manip3d inspect`` and ``manip3d forge lidar``: verdicts, exit codes, files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+import manip3d
+from cave_scans import CAVE, ball
+from manip3d.cli import app
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+@pytest.fixture
+def scan(tmp_path: Path) -> Path:
+    path = tmp_path / "scan.bin"
+    manip3d.LidarFrame(CAVE, np.zeros(len(CAVE), np.float32)).write(path)
+    return path
+
+
+@pytest.fixture
+def hoax(tmp_path: Path) -> Path:
+    path = tmp_path / "hoax.bin"
+    manip3d.LidarFrame(ball(0.6, 20_000), np.zeros(20_000, np.float32)).write(path)
+    return path
+
+
+def test_clean_forged_and_undecidable(scan: Path, hoax: Path, tmp_path: Path) -> None:
+    clean = run("inspect", scan, "--json", "-q")
+    assert clean.exit_code == 0, clean.output
+    assert json.loads(clean.stdout)["verdict"] == "authentic"
+
+    forged = tmp_path / "forged.bin"
+    made = run(
+        "forge",
+        "lidar",
+        "ctp",
+        scan,
+        "-o",
+        forged,
+        "--hoax",
+        hoax,
+        "--position",
+        3,
+        1,
+        0,
+        "--json",
+        "-q",
+    )
+    assert made.exit_code == 0, made.output
+    assert json.loads(made.stdout)["added"] == 20_000
+    truth = json.loads((tmp_path / "forged.bin.truth.json").read_text())
+    assert truth["added"] == list(range(len(CAVE), len(CAVE) + 20_000))
+
+    page = tmp_path / "evidence.html"
+    found = run("inspect", forged, "-o", page, "--json", "-q")
+    assert found.exit_code == 3, found.output
+    record = json.loads(found.stdout)
+    assert record["verdict"] == "tampered"
+    np.testing.assert_allclose(
+        record["detectors"]["occlusion"]["boxes"][0]["center"], (3, 1, 0), atol=0.1
+    )
+    text = page.read_text()
+    assert "tampered" in text
+    assert text.count("data:image/png;base64,") == 2
+    assert "http" not in text
+    assert run("inspect", forged, "-o", page).exit_code == 1  # exists
+    assert run("inspect", forged, "-o", tmp_path / "x.pdf").exit_code == 1
+
+    fused = tmp_path / "fused.bin"
+    manip3d.LidarFrame(np.concatenate([CAVE, CAVE + np.float32([2, 1, 0.3])])).write(fused)
+    assert run("inspect", fused, "-q").exit_code == 4
+
+
+@pytest.mark.parametrize(
+    "attack",
+    ["crtp", "insert", "subtract", "deform", "dent", "translation", "rotation", "replacement"],
+)
+def test_every_attack_writes_a_scan_and_its_truth(
+    attack: str, scan: Path, hoax: Path, tmp_path: Path
+) -> None:
+    output = tmp_path / "forged.bin"
+    place = CAVE[len(CAVE) // 2] if attack == "crtp" else (3, 1, 0)
+    box = ("--box", 6, 0, 0, 4, 4, 4, 0.2)
+    done = run(
+        "forge",
+        "lidar",
+        attack,
+        scan,
+        "-o",
+        output,
+        "--hoax",
+        hoax,
+        "--position",
+        *place,
+        *box,
+        "--yaw",
+        0.1,
+        "-q",
+    )
+    assert done.exit_code == 0, done.output
+    truth = json.loads((tmp_path / "forged.bin.truth.json").read_text())
+    forged = manip3d.read_scan(output)
+    assert forged.num_points == truth["points"]
+    assert len(truth["added"]) + len(truth["moved"]) + len(truth["removed"]) > 0
+    kept = np.setdiff1d(np.arange(len(CAVE)), truth["removed"] + truth["moved_from"])
+    rest = np.setdiff1d(np.arange(forged.num_points), truth["added"] + truth["moved"])
+    np.testing.assert_array_equal(forged.points[rest], CAVE[kept])
+
+
+def test_missing_options_are_named(scan: Path, tmp_path: Path) -> None:
+    output = tmp_path / "forged.bin"
+    assert "--hoax" in str(run("forge", "lidar", "ctp", scan, "-o", output).exception)
+    done = run("forge", "lidar", "ctp", scan, "-o", output, "--hoax", scan)
+    assert "--position" in str(done.exception)
+    assert not output.exists()

@@ -1,0 +1,43 @@
+"""``manip3d simulate`` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from command_line import error_line, manip3d
+from manip3d.datasets import open_kitti
+from manip3d.io import read_scan
+
+pytest.importorskip("open3d")
+
+
+def test_a_street_becomes_a_drive_that_the_loader_reads(tmp_path: Path) -> None:
+    pytest.importorskip("PIL.Image")
+    output = tmp_path / "drives"
+    done = manip3d("simulate", "sim:street", "-o", output, "--frames", 1, "--seed", 3, "--json")
+    assert done.returncode == 0, done.stderr
+    record = json.loads(done.stdout)
+    (frame,) = open_kitti(record["drive"])
+    assert frame.scan().num_points > 90_000
+    assert set(frame.images) == {2, 3}
+    assert "exists already" in error_line(manip3d("simulate", "sim:street", "-o", output))
+
+
+def test_a_scene_becomes_a_scan(tmp_path: Path) -> None:
+    output = tmp_path / "office.bin"
+    done = manip3d("simulate", "indoor-00", "-o", output, "--resolution", 1, "--json")
+    assert done.returncode == 0, done.stderr
+    record = json.loads(done.stdout)
+    assert record["rows"] * record["columns"] == 36_000
+    assert read_scan(output).num_points == record["points"] > 30_000
+
+
+def test_unknown_sources_and_suffixes_are_one_line(tmp_path: Path) -> None:
+    line = error_line(manip3d("simulate", "sim:moon", "-o", tmp_path / "moon"))
+    assert "sim:moon: expected sim:street or a scene" in line
+    assert "expected one of .bin" in error_line(
+        manip3d("simulate", "indoor-00", "-o", tmp_path / "a.odt")
+    )

@@ -1,0 +1,229 @@
+"""Chapter 2's experiments: which meshes they look at, what is printed, and honest claims."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from manip3d import datasets
+from manip3d.experiments import Plan, Row, registry, run, select
+from manip3d.experiments import _progressive as progressive
+from manip3d.experiments import _published as published
+from manip3d.experiments._simplification import (
+    SIMULATED,
+    TEXTURED_METHODS,
+    at_most,
+    complete,
+    lowest_claims,
+    models,
+    reaches_target,
+    reaches_where_others_stop,
+    refuses_faces_without_uv,
+)
+from real_data import RealData
+
+TABLES = ("table-2.1", "table-2.2", "table-2.3", "table-2.4", "table-2.6", "table-2.7")
+
+
+def row(method: str, error: float | None, **changes: Any) -> Row:
+    """A measured row of a textured stand-in that reached its target."""
+    return {
+        "model": "BAe-125-uv",
+        "stands_in_for": "Jet",
+        "same_file": False,
+        "method": method,
+        "faces": 100,
+        "faces_target": 100,
+        "faces_without_uv": 0,
+        "stop": "target_reached",
+        "metro_vertex": error,
+        "error": "",
+    } | changes
+
+
+def five(**errors: float) -> list[Row]:
+    """Rows of all five methods; an error of 1 unless another is given."""
+    return [row(method, errors.get(method.replace("-", "_"), 1.0)) for method in TEXTURED_METHODS]
+
+
+def words(claims: Any, rows: list[Row]) -> list[str]:
+    return [claim.verdict(rows).word for claim in claims]
+
+
+@pytest.fixture
+def no_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MANIP3D_DATA", str(tmp_path))
+    monkeypatch.setenv("MANIP3D_CACHE", str(tmp_path / "cache"))
+
+
+def test_the_registry_has_the_issue_s_experiments() -> None:
+    assert set(TABLES) | {"figure-2.11", "figure-2.17"} <= set(registry())
+    for experiment in registry().values():
+        for name in experiment.data:
+            datasets.get(name)
+
+
+@pytest.mark.usefixtures("no_data")
+def test_without_data_simulated_models_stand_in_for_all_six() -> None:
+    chosen = models(Plan(data="auto"))
+    assert chosen == list(SIMULATED)
+    assert {model.published for model, _ in chosen} == {
+        "RockerArm", "Car", "Dragon", "Head", "Jet", "Airplane",
+    }  # fmt: skip
+    assert not any(model.same_file for model, _ in chosen)
+
+
+def test_real_plans_name_every_stand_in() -> None:
+    assert [model for model, _ in models(Plan(data="real"))] == [
+        *sorted(
+            datasets.STAND_INS,
+            key=lambda m: ["RockerArm", "Car", "Dragon", "Head", "Jet", "Airplane", ""].index(
+                m.published
+            ),
+        )
+    ]
+    assert all(faces == 0 for _, faces in models(Plan(data="real")))
+
+
+@pytest.mark.usefixtures("no_data")
+def test_cases_are_shared_among_tables() -> None:
+    plan = Plan(data="simulated")
+    cases = {name: registry()[name].cases(plan) for name in TABLES}
+    assert cases["table-2.2"] == cases["table-2.6"]
+    assert cases["table-2.3"] == cases["table-2.4"] == cases["table-2.7"]
+    assert registry()["figure-2.11"].cases(plan) == registry()["figure-2.17"].cases(plan)
+
+
+def test_published_targets_are_those_of_the_published_files() -> None:
+    cases = registry()["table-2.2"].cases(Plan(data="real"))
+    targets = {case.options["model"]: case.options["faces_target"] for case in cases}
+    assert targets.pop("rockerArm") == 8174
+    assert set(targets.values()) == {None}
+
+
+@pytest.mark.parametrize(
+    ("model", "method", "expected"),
+    [
+        ("RockerArm", "qem4vr", (0.180e-3, None, 0.413, 8174)),
+        ("Head", "qem4vr", (None, 0.34e-2, 0.523, 1844)),
+        ("Airplane", "qem-tp", ("fail", "fail", "fail", "fail")),
+        ("", "qem4vr", (None, None, None, None)),
+    ],
+)
+def test_printed_values_stand_in_the_row(model: str, method: str, expected: tuple) -> None:
+    done = complete(row(method, 1.0, stands_in_for=model))
+    names = ("metro_vertex", "texture_mean", "fmpd", "faces")
+    for name, value in zip(names, expected, strict=True):
+        got = done[f"published_{name}"]
+        assert got == (pytest.approx(value) if isinstance(value, float) else value)
+
+
+def test_published_tables_are_read_as_printed() -> None:
+    assert published.value("table_2_2_metro_non_textured", "Car", "qem-bp", "metro_1e-3") == 1.018
+    assert published.value("table_2_3_2_4_textured", "Jet", "qem4vr", "metro_1e-3") is None
+
+
+def claims(five_methods: bool = True):
+    return lowest_claims("metro_vertex", "Metro", "table", scale=1e3, five=five_methods)
+
+
+def test_the_lowest_error_holds_for_five_for_runners_and_at_the_target() -> None:
+    assert words(claims(), five(qem4vr=0.5)) == ["holds"] * 3
+
+
+def test_a_tie_counts_and_is_said() -> None:
+    verdict = claims()[0].verdict(five())
+    assert verdict.word == "holds"
+    assert "(a tie)" in verdict.findings[0].numbers
+
+
+def test_a_lower_error_of_another_method_is_reported() -> None:
+    verdict = claims()[0].verdict(five(qem4vr=0.5, qem_tp=0.4))
+    assert verdict.word == "does not hold"
+    assert "qem-tp 400.000" in verdict.findings[0].numbers
+
+
+def test_a_claim_about_five_methods_needs_five() -> None:
+    rows = [r for r in five(qem4vr=0.5) if r["method"] not in ("qem-tp", "qem-btp")]
+    rows += [row(m, None, stop="refused", faces=None) for m in ("qem-tp", "qem-btp")]
+    first, second, third = (claim.verdict(rows) for claim in claims())
+    assert first.word == "not applicable"
+    assert "qem-tp, qem-btp" in first.findings[0].numbers
+    assert second.word == third.word == "holds"
+
+
+def test_methods_that_stopped_early_are_left_out_of_one_claim_only() -> None:
+    rows = five(qem4vr=0.5)
+    rows[1] |= {"metro_vertex": 0.1, "faces": 900, "stop": "no_legal_collapse"}
+    assert words(claims(), rows) == ["does not hold", "does not hold", "holds"]
+    assert "(at 900 faces)" in claims()[1].verdict(rows).findings[0].numbers
+
+
+def test_missing_the_target_is_reported() -> None:
+    missed = row("qem4vr", 1.0, faces=120, stop="no_legal_collapse")
+    assert reaches_target().verdict([missed]).word == "does not hold"
+    assert reaches_target().verdict([row("qem4vr", 1.0)]).word == "holds"
+    early = row("qem-bp", 1.0, faces=300, stop="no_legal_collapse")
+    claim = reaches_where_others_stop(("qem-bp",), "table")
+    assert claim.verdict([early, row("qem4vr", 1.0)]).word == "holds"
+    assert claim.verdict([early, missed]).word == "does not hold"
+    assert claim.verdict([row("qem-bp", 1.0), row("qem4vr", 1.0)]).word == "not applicable"
+
+
+def test_faces_without_uv_must_be_refused() -> None:
+    claim = refuses_faces_without_uv()
+    refused = row("qem-tp", None, faces_without_uv=7, stop="refused")
+    assert claim.verdict([refused]).word == "holds"
+    assert claim.verdict([row("qem-tp", 1.0, faces_without_uv=7)]).word == "does not hold"
+    assert claim.verdict([row("qem-tp", 1.0)]).word == "not applicable"
+
+
+def test_an_aim_is_judged_on_the_published_file_only() -> None:
+    claim = at_most("metro_vertex", 0.5, "Jet", "aim", scale=1.0)
+    assert claim.verdict([row("qem4vr", 0.4)]).word == "not applicable"
+    assert claim.verdict([row("qem4vr", 0.4, same_file=True)]).word == "holds"
+    assert claim.verdict([row("qem4vr", 0.6, same_file=True)]).word == "does not hold"
+    nothing = row("qem4vr", math.nan, same_file=True)
+    assert claim.verdict([nothing]).word == "does not hold"
+
+
+def test_curves_end_where_their_method_stops() -> None:
+    levels = [(0.5, 500, "target_reached"), (0.2, 300, "no_legal_collapse"),
+              (0.1, 300, "no_legal_collapse")]  # fmt: skip
+    rows = [row("qem-bp", 1.0, level=l, faces=f, stop=s) for l, f, s in levels]  # noqa: E741
+    ((model, by_method),) = progressive.curves(rows)
+    assert model == "BAe-125-uv"
+    assert [r["faces"] for r in by_method["qem-bp"]] == [500, 300]
+    assert progressive.ends_early(by_method["qem-bp"])
+
+
+@pytest.mark.usefixtures("no_data")
+def test_a_small_run_measures_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MANIP3D_RENDERER", "none")
+    monkeypatch.setattr(
+        "manip3d.experiments._simplification.SIMULATED",
+        tuple((m, 8000) for m, _ in SIMULATED if m.mesh == "head"),
+    )
+    experiments = select(["table-2.3", "table-2.4", "table-2.7"])
+    summary = run(experiments, tmp_path / "out", plan=Plan(scale="quick"), jobs=1)
+    assert (summary.cases, summary.failed) == (5, 0)
+    for record in summary.results["experiments"].values():
+        for measured in record["rows"]:
+            assert measured["faces"] <= measured["faces_target"]
+            for name in ("metro_vertex", "metro_area", "texture_mean", "fmpd"):
+                assert 0 <= measured[name] < 2
+            assert measured["metro_area"] > 0
+            assert measured["cracks"] == 0
+            assert (tmp_path / "out" / measured["simplified"]).exists()
+    sheet = summary.results["pictures"]["head (simulated)"]
+    assert "MANIP3D_RENDERER" in sheet["error"]
+
+
+@pytest.mark.published("table 2.1")
+def test_counts_of_the_published_files(realdata: RealData, tmp_path: Path) -> None:
+    results = run(select(["table-2.1"]), tmp_path, plan=Plan(scale="quick"), jobs=1).results
+    verdicts = results["experiments"]["table-2.1"]["verdicts"]
+    assert [verdict["word"] for verdict in verdicts] == ["holds", "holds"]

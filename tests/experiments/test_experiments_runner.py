@@ -1,0 +1,228 @@
+"""The runner: every case stored once, resumed only while nothing it depends on has changed."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from manip3d import InputError
+from manip3d.experiments import Finding, Plan, Store, Verdict, run, unpack_mesh
+from manip3d.experiments import _environment as environment_module
+from toy_experiments import TRIANGLE, all_below, experiment
+
+TESTS = Path(__file__).parents[1]
+
+
+def runs(log: Path) -> list[int]:
+    return sorted(map(int, log.read_text().split())) if log.exists() else []
+
+
+def rows(folder: Path, name: str = "toy") -> list[dict]:
+    return json.loads((folder / "results.json").read_text())["experiments"][name]["rows"]
+
+
+def test_results_hold_rows_environment_and_plan(tmp_path: Path) -> None:
+    summary = run([experiment(2, 3)], tmp_path, plan=Plan(seed=7), jobs=1)
+
+    results = json.loads((tmp_path / "results.json").read_text())
+    assert [row["square"] for row in rows(tmp_path)] == [4, 9]
+    assert results["plan"] == {"data": "auto", "scale": "full", "seed": 7}
+    environment = results["environment"]
+    assert environment["jobs"] == 1
+    assert {"manip3d", "code", "date", "cpu", "cores", "os", "python", "libraries"} <= set(
+        environment
+    )
+    assert results["wall_time_s"] >= 0
+    assert (summary.cases, summary.resumed, summary.failed) == (2, 0, 0)
+    header, *lines = (tmp_path / "results.csv").read_text().splitlines()
+    assert "square" in header.split(",")
+    assert len(lines) == 2
+
+
+def test_meshes_are_stored_beside_the_row(tmp_path: Path) -> None:
+    run([experiment(2)], tmp_path, jobs=1)
+    stored = (tmp_path / rows(tmp_path)[0]["simplified"]).read_bytes()
+    mesh = unpack_mesh(stored, like=TRIANGLE)
+    assert np.array_equal(mesh.vertices, TRIANGLE.vertices)
+    assert np.array_equal(mesh.faces, TRIANGLE.faces)
+
+
+def test_parallel_equals_serial_bit_for_bit(tmp_path: Path) -> None:
+    toy = experiment(1, 2, 3, 4, 5)
+    run([toy], tmp_path / "serial", jobs=1)
+    run([toy], tmp_path / "parallel", jobs=2)
+    assert rows(tmp_path / "serial") == rows(tmp_path / "parallel")
+    for name in ("cases", "files"):
+        serial = {p.name: p.read_bytes() for p in (tmp_path / "serial" / name).iterdir()}
+        parallel = {p.name: p.read_bytes() for p in (tmp_path / "parallel" / name).iterdir()}
+        assert serial == parallel
+
+
+def test_resuming_runs_only_what_is_absent(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    run([experiment(1, 2, log=str(log))], tmp_path / "out", jobs=1)
+    summary = run([experiment(1, 2, 3, log=str(log))], tmp_path / "out", jobs=1)
+    assert runs(log) == [1, 2, 3]
+    assert summary.resumed == 2
+    assert rows(tmp_path / "out")[0]["pair"] == [1, 1]
+
+
+def test_changed_options_run_again(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    toy = experiment(1, 2, log=str(log))
+    run([toy], tmp_path / "out", plan=Plan(seed=0), jobs=1)
+    run([toy], tmp_path / "out", plan=Plan(seed=1), jobs=1)
+    assert runs(log) == [1, 1, 2, 2]
+
+
+def test_changed_code_runs_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = tmp_path / "log"
+    toy = experiment(1, log=str(log))
+    run([toy], tmp_path / "out", jobs=1)
+    monkeypatch.setattr("manip3d.experiments._runner.code_fingerprint", lambda: "another build")
+    run([toy], tmp_path / "out", jobs=1)
+    assert runs(log) == [1, 1]
+
+
+def test_code_fingerprint_covers_the_binary_and_the_sources() -> None:
+    first = environment_module.code_fingerprint()
+    assert first.startswith("0.")
+    assert first == environment_module.code_fingerprint()
+
+
+@pytest.mark.parametrize("victim", ["cases", "files"])
+@pytest.mark.parametrize("damage", ["truncate", "flip", "empty"])
+def test_damaged_results_are_not_resumed(tmp_path: Path, victim: str, damage: str) -> None:
+    log = tmp_path / "log"
+    toy = experiment(5, log=str(log))
+    run([toy], tmp_path / "out", jobs=1)
+    before = rows(tmp_path / "out")
+    path = next((tmp_path / "out" / victim).iterdir())
+    data = bytearray(path.read_bytes())
+    if damage == "truncate":
+        del data[len(data) // 2 :]
+    elif damage == "empty":
+        data.clear()
+    else:
+        at = data.index(b"25") if victim == "cases" else len(data) // 2
+        data[at] ^= 1
+    path.write_bytes(data)
+
+    assert run([toy], tmp_path / "out", jobs=1).resumed == 0
+    assert runs(log) == [5, 5]
+    assert rows(tmp_path / "out") == before
+
+
+def test_shared_cases_run_once(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    first = experiment(1, 2, name="first", log=str(log))
+    second = experiment(2, 3, name="second", log=str(log))
+    assert run([first, second], tmp_path / "out", jobs=1).cases == 3
+    assert runs(log) == [1, 2, 3]
+    assert [row["experiment"] for row in rows(tmp_path / "out", "second")] == ["second"] * 2
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_failing_case_is_recorded_and_tried_again(tmp_path: Path, jobs: int) -> None:
+    toy = experiment(1, 2, 3, fail=2, claims=[all_below(100)])
+    summary = run([toy], tmp_path, jobs=jobs)
+    assert summary.failed == 1
+    errors = [row["error"] for row in rows(tmp_path)]
+    assert errors == ["", "ValueError: no square for 2 today", ""]
+    assert run([toy], tmp_path, jobs=1).resumed == 2
+    findings = summary.results["experiments"]["toy"]["verdicts"][0]["findings"]
+    assert [finding["subject"] for finding in findings] == ["n1", "n3"]
+
+
+def test_a_case_that_kills_its_process_fails_alone(tmp_path: Path) -> None:
+    summary = run([experiment(1, 2, 3, die=2)], tmp_path, jobs=2)
+    assert summary.failed == 1
+    errors = [row["error"] for row in rows(tmp_path)]
+    assert errors[0] == errors[2] == ""
+    assert "process" in errors[1]
+
+
+def test_progress_ends_at_one(tmp_path: Path) -> None:
+    seen: list[tuple[float, str]] = []
+    run([experiment(1, 2)], tmp_path, jobs=1, progress=lambda f, m: seen.append((f, m)))
+    assert seen == [(0.5, "n1 square"), (1.0, "n2 square")]
+
+
+def test_interruption_keeps_finished_cases_and_is_quick(tmp_path: Path) -> None:
+    code = f"""
+import sys
+from pathlib import Path
+from manip3d.experiments import run
+from toy_experiments import experiment
+if __name__ == "__main__":
+    try:
+        slow = experiment(2, name="slow", seconds=60)
+        run([experiment(1), slow], Path({str(tmp_path)!r}), jobs=2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+"""
+    script = tmp_path / "interrupted.py"
+    script.write_text(code)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([*sys.path, str(TESTS)])}
+    process = subprocess.Popen([sys.executable, str(script)], env=environment)
+    deadline = time.monotonic() + 60
+    while not list((tmp_path / "cases").glob("[!.]*.json")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=30) == 130  # the slow case would take twice as long
+    assert len(list((tmp_path / "cases").glob("[!.]*.json"))) == 1
+    assert run([experiment(1)], tmp_path, jobs=1).resumed == 1
+
+
+def test_dask_gives_the_same_rows(tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+    toy = experiment(1, 2)
+    run([toy], tmp_path / "serial", jobs=1)
+    run([toy], tmp_path / "dask", jobs=2, dask="local")
+    assert rows(tmp_path / "serial") == rows(tmp_path / "dask")
+
+
+def test_negative_jobs_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="jobs: expected >= 0, got -1"):
+        run([experiment(1)], tmp_path, jobs=-1)
+
+
+def test_a_false_claim_is_reported_false(tmp_path: Path) -> None:
+    toy = experiment(1, 2, 3, claims=[all_below(10), all_below(9)])
+    first, second = run([toy], tmp_path, jobs=1).results["experiments"]["toy"]["verdicts"]
+    assert first["word"] == "holds"
+    assert second["word"] == "does not hold"
+    assert [f["holds"] for f in second["findings"]] == [True, True, False]
+    assert second["findings"][2]["numbers"] == "9"
+
+
+@pytest.mark.parametrize(
+    ("holds", "word"),
+    [
+        ([], "not applicable"),
+        ([None], "not applicable"),
+        ([None, True], "holds"),
+        ([True, False, None], "does not hold"),
+    ],
+)
+def test_verdict_is_the_worst_applicable_finding(holds: list[bool | None], word: str) -> None:
+    findings = tuple(Finding(str(i), value, "") for i, value in enumerate(holds))
+    assert Verdict("claim", "source", findings).word == word
+
+
+def test_store_ignores_foreign_files(tmp_path: Path) -> None:
+    (tmp_path / "cases").mkdir()
+    (tmp_path / "cases" / "abc.json").write_text('{"key": "abc", "row": {}, "files": {}}')
+    (tmp_path / "cases" / "list.json").write_text("[]")
+    store = Store(tmp_path)
+    assert store.load("abc") is None
+    assert store.load("list") is None
+    assert store.load("absent") is None

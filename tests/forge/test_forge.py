@@ -1,0 +1,440 @@
+"""Attacks on scans: what they touch is exactly what they say they touch."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+import manip3d
+from manip3d import Box, InputError, LidarFrame, Mesh, forge
+
+Points = NDArray[np.float32]
+
+
+def room(seed: int = 0, count: int = 4000) -> Points:
+    """Random points in a room of 20 x 20 x 3 m around the scanner."""
+    random = np.random.default_rng(seed)
+    return random.uniform((-10, -10, -1.5), (10, 10, 1.5), (count, 3)).astype(np.float32)
+
+
+def wall(distance: float = 8.0, step: float = math.radians(0.2)) -> Points:
+    """A wall across x, on a regular angular grid."""
+    azimuth, elevation = np.meshgrid(np.arange(-150, 151) * step, np.arange(-60, 61) * step)
+    return np.column_stack(
+        [
+            np.full(azimuth.size, distance),
+            distance * np.tan(azimuth.ravel()),
+            distance * np.tan(elevation.ravel()) / np.cos(azimuth.ravel()),
+        ]
+    ).astype(np.float32)
+
+
+def plate(size: float = 1.0) -> Mesh:
+    """A square across x."""
+    corners = np.array([[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]], np.float64)
+    return Mesh(size / 2 * corners, [[0, 1, 2], [0, 2, 3]])
+
+
+def grid_plate(count: int = 41, size: float = 1.0) -> Points:
+    """The same as points on a grid."""
+    side = np.linspace(-size / 2, size / 2, count)
+    y, z = np.meshgrid(side, side)
+    return np.column_stack([np.zeros(y.size), y.ravel(), z.ravel()]).astype(np.float32)
+
+
+def spacing(points: Points) -> float:
+    return float(cKDTree(points).query(points, k=2)[0][:, 1].mean())
+
+
+BOX = Box((3.0, 1.0, 0.0), (4.0, 2.0, 2.0), 0.5)
+
+ATTACKS: dict[str, Callable[..., forge.Forgery]] = {
+    "ctp": lambda s, **k: forge.ctp(s, grid_plate(), position=(4, 0, 0), rotation=0.3, **k),
+    "ctp paper": lambda s, **k: forge.ctp(
+        s, grid_plate(), position=(4, 0, 0), translation="paper", **k
+    ),
+    "crtp": lambda s, **k: forge.crtp(s, grid_plate(), position=(4, 0, 0), **k),
+    "crtp finer": lambda s, **k: forge.crtp(s, plate(), position=(4, 0, 0), spacing=0.02, **k),
+    "subtract": lambda s, **k: forge.subtract(s, BOX, **k),
+    "deform": lambda s, **k: forge.deform(s, BOX, amplitude=0.1, rng=3, **k),
+    "dent": lambda s, **k: forge.deform(s, BOX, amplitude=0.1, direction="normal", **k),
+    "insert": lambda s, **k: forge.insert_occluding(
+        s, plate(), position=(2, 0, 0), range_noise=0.01, rng=5, **k
+    ),
+    "insert cloud": lambda s, **k: forge.insert_occluding(s, grid_plate(), position=(2, 0, 0), **k),
+    "additive": lambda s, **k: forge.additive(
+        s, grid_plate(), offset=(4, 0, 0), allow_collision=True, **k
+    ),
+    "subtractive": lambda s, **k: forge.subtractive(s, BOX, **k),
+    "additive_subtractive": lambda s, **k: forge.additive_subtractive(
+        s, grid_plate(), BOX, offset=(-4, 0, 0), allow_collision=True, **k
+    ),
+    "replacement": lambda s, **k: forge.replacement(s, grid_plate(), BOX, **k),
+    "translation": lambda s, **k: forge.translation(s, BOX, **k),
+    "rotation": lambda s, **k: forge.rotation(s, BOX, sideways=2.0, **k),
+}
+
+
+# Points of the room that an attack moves: those in the box, or behind the plate.
+MOVED = dict.fromkeys(("deform", "dent", "translation", "rotation"), 56)
+MOVED |= {"insert": 239, "insert cloud": 251}
+
+
+@pytest.mark.parametrize("name", ATTACKS)
+def test_truth_is_exact(name: str) -> None:
+    scan = room()
+    intensity = np.linspace(0, 1, len(scan), dtype=np.float32)
+    forged = ATTACKS[name](LidarFrame(scan, intensity))
+    index = forged.source_index
+    assert forged.num_touched > 0
+    # Every point is an original one, bit for bit, or is marked.
+    untouched = forged.label == 0
+    np.testing.assert_array_equal(forged.points[untouched], scan[index[untouched]])
+    assert forged.intensity is not None
+    kept = index >= 0
+    np.testing.assert_array_equal(forged.intensity[kept], intensity[index[kept]])
+    # Moved points really moved; what is missing is what was removed.
+    np.testing.assert_array_equal(index[forged.moved], forged.moved_from)
+    moved = (forged.points[forged.moved] != scan[forged.moved_from]).any(axis=1)
+    assert len(moved) == MOVED.get(name, 0)
+    if len(moved):
+        assert moved.mean() > (0.5 if name == "dent" else 0.9)  # a dent ends softly at its border
+    missing = np.setdiff1d(np.arange(len(scan)), index)
+    np.testing.assert_array_equal(missing, forged.removed)
+    np.testing.assert_array_equal(np.flatnonzero(index < 0), forged.added)
+    assert (np.diff(index[kept]) > 0).all()
+    # The box holds what was added and moved.
+    touched = forged.points[forged.label > 0] if (forged.label > 0).any() else scan[forged.removed]
+    low = np.asarray(forged.box.center) - np.asarray(forged.box.size) / 2
+    np.testing.assert_allclose(touched.min(axis=0), low, atol=1e-6)
+    np.testing.assert_allclose(np.ptp(touched, axis=0), forged.box.size, atol=1e-5)
+    assert forged.frame.num_points == len(forged.points)
+
+
+@pytest.mark.parametrize("name", ATTACKS)
+def test_threads_and_layout_do_not_matter(name: str) -> None:
+    scan = room(1, 150_000)  # three chunks
+    first = ATTACKS[name](scan, threads=1)
+    for threads, given in ((2, scan), (4, np.asfortranarray(scan))):
+        again = ATTACKS[name](given, threads=threads)
+        for field in ("points", "added", "moved", "moved_from", "removed", "transform"):
+            np.testing.assert_array_equal(getattr(first, field), getattr(again, field))
+    assert first.intensity is None
+
+
+def test_centroid_lands_on_the_position() -> None:
+    hoax = grid_plate() + np.float32(7)
+    forged = forge.ctp(room(), hoax, position=(4, 2, 1), rotation=1.0, scale=2.0)
+    pasted = forged.points[forged.added].astype(np.float64)
+    np.testing.assert_allclose(pasted.mean(axis=0), (4, 2, 1), atol=1e-5)
+    turn = forge.ctp(room(), hoax, position=(4, 2, 1), rotation=0.0, scale=2.0)
+    before = turn.points[turn.added] - np.float32([4, 2, 1])
+    c, s = math.cos(1.0), math.sin(1.0)
+    rotated = before @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T
+    np.testing.assert_allclose(pasted - [4, 2, 1], rotated, atol=1e-5)
+
+
+def test_printed_translation_lands_elsewhere() -> None:
+    scene, hoax = room() + np.float32([1, 2, 0]), grid_plate() + np.float32(7)
+    forged = forge.ctp(scene, hoax, position=(4, 2, 1), translation="paper")
+    o_scene, o_object = scene.mean(axis=0, dtype=float), hoax.mean(axis=0, dtype=float)
+    t = np.array([4, 2, 1]) - (o_scene - o_object)
+    np.testing.assert_allclose(forged.transform[:3, 3], t, atol=1e-6)
+    np.testing.assert_allclose(forged.points[forged.added], hoax + t, atol=1e-5)
+
+
+@pytest.mark.parametrize("resampling", ["poisson", "uniform"])
+@pytest.mark.parametrize("factor", [1.5, 3.0])
+def test_thinning_reaches_the_spacing(resampling: str, factor: float) -> None:
+    hoax = grid_plate(81)
+    goal = factor * spacing(hoax)
+    thinned = forge.resample(hoax, spacing=goal, resampling=resampling, rng=1)
+    assert spacing(thinned) == pytest.approx(goal, rel=0.08)
+    assert len({*map(tuple, thinned.tolist())} - {*map(tuple, hoax.tolist())}) == 0
+
+
+@pytest.mark.parametrize("lone", [0, 3], ids=["one piece", "lone points"])
+@pytest.mark.parametrize("goal", [0.02, 0.1, 0.6])
+def test_poisson_disks_are_apart_and_full(goal: float, lone: int) -> None:
+    """Some radius is at most the distance of all that stay and more than that of all that go."""
+    random = np.random.default_rng(4)
+    hoax = np.vstack([random.random((4000, 3)), 50.0 + 20.0 * random.random((lone, 3))])
+    hoax = np.ascontiguousarray(hoax, np.float32)
+    stays = cKDTree(forge.resample(hoax, spacing=goal, rng=2))
+    assert stays.query(hoax)[0].max() < stays.query(stays.data, k=2)[0][:, 1].min()
+
+
+@pytest.mark.parametrize("hoax", [plate(), grid_plate(21)], ids=["faces", "points"])
+def test_interpolation_stays_on_the_surface(hoax: object) -> None:
+    finer = forge.resample(hoax, spacing=0.02, rng=1)
+    assert spacing(finer) == pytest.approx(0.02, rel=0.05)
+    assert np.abs(finer[:, 0]).max() == 0.0
+    assert np.abs(finer[:, 1:]).max() <= 0.5 + 1e-6
+
+
+def test_crtp_takes_the_spacing_around_the_position() -> None:
+    scene = wall(4.0)
+    near = np.linalg.norm(scene - np.float32([4, 0, 0]), axis=1) <= 1.0
+    mid = cKDTree(scene).query(scene[near], k=2)[0][:, 1].mean()
+    forged = forge.crtp(scene, grid_plate(301), position=(4, 0, 0))
+    assert forged.parameters["spacing"] == pytest.approx(mid, rel=1e-6)
+    assert spacing(forged.points[forged.added]) == pytest.approx(mid, rel=0.05)
+
+
+def test_subtract_is_the_box() -> None:
+    scan = room()
+    np.testing.assert_array_equal(
+        forge.subtract(scan, BOX).removed, np.flatnonzero(BOX.contains(scan))
+    )
+    rows = np.array([5, 3, 3, 17])
+    np.testing.assert_array_equal(forge.subtract(scan, rows=rows).removed, [3, 5, 17])
+
+
+def test_random_deformation_is_bounded_and_centred() -> None:
+    scan = room(2, 60_000)
+    forged = forge.deform(scan, BOX, amplitude=0.2, rng=1)
+    move = forged.points[forged.moved].astype(float) - scan[forged.moved_from]
+    length = np.linalg.norm(move, axis=1)
+    assert length.max() <= 0.2 + 1e-6
+    assert length.mean() == pytest.approx(0.15, rel=0.03)  # 3/4 of the radius of a ball
+    assert np.abs(move.mean(axis=0)).max() < 0.01
+
+
+def test_dent_points_away_from_the_scanner() -> None:
+    scan = wall()
+    box = Box((8.0, 0.0, 0.0), (1.0, 2.0, 2.0))
+    forged = forge.deform(scan, box, amplitude=0.3, direction="normal")
+    move = forged.points[forged.moved] - scan[forged.moved_from]
+    d = 2 * scan[forged.moved_from] / np.float32([np.inf, 2, 2])
+    profile = np.maximum(0, 1 - (d**2).sum(axis=1)) ** 2
+    np.testing.assert_allclose(move[:, 0], 0.3 * profile, atol=2e-3)
+    assert np.abs(move[:, 1:]).max() < 2e-3
+
+
+@pytest.mark.parametrize("hoax", [plate(), grid_plate(81)], ids=["faces", "points"])
+def test_inserted_object_hides_what_is_behind(hoax: object) -> None:
+    scan = wall()
+    forged = forge.insert_occluding(scan, hoax, position=(4, 0, 0))
+    # Every ray keeps its direction; those through the plate end on it.
+    after = forged.points / np.linalg.norm(forged.points, axis=1, keepdims=True)
+    before = scan / np.linalg.norm(scan, axis=1, keepdims=True)
+    np.testing.assert_allclose(after, before, atol=1e-6)
+    crossing = np.abs(scan[:, 1:] * 0.5).max(axis=1)
+    hit = forged.label == 2
+    assert hit[crossing < 0.499].all()
+    assert not hit[crossing > 0.52].any()
+    depth = 1e-5 if isinstance(hoax, Mesh) else 5e-3  # a point is a disc across the ray
+    np.testing.assert_allclose(forged.points[hit, 0], 4.0, atol=depth)
+
+
+def test_rays_into_the_sky_hit_the_object_too() -> None:
+    lattice = forge.Lattice.grid(np.radians(np.arange(-10, 10, 0.5)), math.radians(0.5))
+    forged = forge.insert_occluding(
+        np.zeros((0, 3), np.float32), plate(), position=(4, 0, 0), lattice=lattice
+    )
+    pasted = forged.points[forged.added].astype(float)
+    azimuth = np.degrees(np.arctan2(pasted[:, 1], pasted[:, 0]))
+    elevation = np.degrees(np.arctan2(pasted[:, 2], np.hypot(pasted[:, 0], pasted[:, 1])))
+    np.testing.assert_allclose(azimuth / 0.5, np.round(azimuth / 0.5), atol=1e-4)
+    np.testing.assert_allclose(elevation / 0.5, np.round(elevation / 0.5), atol=1e-4)
+    np.testing.assert_allclose(pasted[:, 0], 4.0, atol=1e-5)
+    expected = sum(
+        abs(4 * math.tan(a)) <= 0.5 and abs(4 * math.tan(e) / math.cos(a)) <= 0.5
+        for a in np.radians(np.arange(-20, 20.1, 0.5))
+        for e in np.radians(np.arange(-10, 10, 0.5))
+    )
+    assert len(pasted) == expected
+
+
+@pytest.mark.parametrize("along", ["height", "ray"])
+def test_snapped_points_lie_on_the_lattice(along: str) -> None:
+    rings = np.column_stack(
+        [np.tan(np.radians(np.linspace(-24, 2, 64))), np.linspace(0.1, 0.2, 64)]
+    )
+    lattice = forge.Lattice(rings, math.radians(0.18), 0.001)
+    forged = forge.ctp(room(), grid_plate(), position=(6, 1, -1))
+    snapped = forge.snap_to_lattice(forged, lattice, along=along)
+    p = snapped.points[snapped.added].astype(float)
+    rho = np.hypot(p[:, 0], p[:, 1])
+    height = np.abs(p[:, 2, None] - rho[:, None] * rings[:, 0] - rings[:, 1]).min(axis=1)
+    assert height.max() < 2e-6
+    steps = (np.arctan2(p[:, 1], p[:, 0]) - 0.001) / math.radians(0.18)
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-3)
+    np.testing.assert_array_equal(snapped.points[: len(room())], room())
+    np.testing.assert_array_equal(snapped.label, forged.label)
+
+
+def test_alert_transforms() -> None:
+    scan = room(4, 40_000)
+    away = forge.translation(scan, BOX, distance=3.0)
+    unit = np.array([3.0, 1.0, 0.0]) / math.hypot(3, 1)
+    np.testing.assert_allclose(
+        away.points[away.moved] - scan[away.moved_from],
+        np.tile(3 * unit, (len(away.moved), 1)),
+        atol=1e-5,
+    )
+    turned = forge.rotation(scan, BOX)
+    old = scan[turned.moved_from].astype(float)
+    new = turned.points[turned.moved].astype(float)
+    np.testing.assert_allclose(old.mean(axis=0), new.mean(axis=0), atol=1e-5)
+    a = np.radians(-10)
+    matrix = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
+    np.testing.assert_allclose(
+        (old - old.mean(axis=0)) @ matrix.T, new - new.mean(axis=0), atol=1e-5
+    )
+    swapped = forge.replacement(scan, grid_plate(), BOX)
+    np.testing.assert_allclose(
+        swapped.points[swapped.added].mean(axis=0, dtype=float),
+        scan[swapped.removed].mean(axis=0, dtype=float),
+        atol=1e-5,
+    )
+    with pytest.raises(InputError, match="expected a free place"):
+        forge.additive(
+            scan,
+            grid_plate()
+            + np.float32([4, 0, 0])
+            + np.random.default_rng(0).normal(0, 0.5, (1681, 3)),
+        )
+
+
+def street() -> tuple[Points, list[Box]]:
+    """Ground on a grid, three boxes of points on it, a wall."""
+    side = np.arange(-30, 30, 0.2)
+    x, y = np.meshgrid(side, side)
+    ground = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, -1.7) + 0.02 * x.ravel()])
+    boxes = [
+        Box((6, 3, -0.8), (4, 1.6, 1.4), 0.5),
+        Box((-9, -4, -1.1), (2, 1, 1.4), 0.0),
+        Box((15, -12, -0.6), (3, 2, 1.4), -0.7),
+    ]
+    random = np.random.default_rng(0)
+    things = [ground]
+    for box in boxes:
+        local = random.uniform(-0.5, 0.5, (2000, 3)) * box.size
+        c, s = math.cos(box.yaw), math.sin(box.yaw)
+        things.append(local @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + box.center)
+    wide = random.uniform((-25, 20, -1.5), (25, 20.2, 3), (20_000, 3))
+    return np.concatenate([*things, wide]).astype(np.float32), boxes
+
+
+def test_segmentation_finds_the_boxes() -> None:
+    scan, boxes = street()
+    found = forge.segment(scan)
+    assert len(found.boxes) == 3  # and not the wall
+    first = len(scan) - 26_000
+    for index, box in enumerate(boxes[i] for i in (0, 1, 2)):
+        part = found.label[first + 2000 * index : first + 2000 * (index + 1)]
+        nearest = int(np.bincount(part[part >= 0]).argmax())
+        assert (part == nearest).mean() > 0.8
+        np.testing.assert_allclose(found.boxes[nearest].center[:2], box.center[:2], atol=0.2)
+    assert (found.label[:first] == -1).mean() > 0.97
+    assert forge.nearest_object(scan) == found.boxes[0]
+    assert found.boxes[0].center[0] == pytest.approx(6, abs=0.2)
+    again = forge.segment(scan)
+    np.testing.assert_array_equal(found.label, again.label)
+
+
+@pytest.mark.parametrize("name", ATTACKS)
+@pytest.mark.parametrize(
+    "scan",
+    [
+        np.zeros((0, 3)),
+        np.ones((1, 3)),
+        np.ones((500, 3)),
+        np.full((10, 3), 1e9),
+        np.zeros((7, 3)),
+        np.repeat(room(0, 50), 3, axis=0),
+    ],
+    ids=["empty", "one", "same", "far", "origin", "duplicates"],
+)
+def test_hostile_scans(name: str, scan: Points) -> None:
+    try:
+        forged = ATTACKS[name](scan)
+    except InputError:
+        return
+    assert np.isfinite(forged.points).all()
+    assert len(forged.source_index) == len(forged.points) == len(forged.label)
+    assert len(forged.points) == len(scan) + len(forged.added) - len(forged.removed)
+
+
+@pytest.mark.parametrize("name", ATTACKS)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_scans_that_are_not_finite(name: str, value: float) -> None:
+    scan = room()
+    scan[1234, 1] = value
+    with pytest.raises(InputError, match="row 1234"):
+        ATTACKS[name](scan)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda s: forge.ctp(s, grid_plate(), position=(0, 0)), "position: expected three"),
+        (lambda s: forge.ctp(s, grid_plate(), position=(0, 0, np.nan)), "position"),
+        (lambda s: forge.ctp(s, np.zeros((0, 3)), position=(0, 0, 0)), "hoax: expected points"),
+        (lambda s: forge.ctp(s, grid_plate(), position=(0, 0, 0), scale=0), "scale: expected > 0"),
+        (lambda s: forge.ctp(s, grid_plate(), position=(0, 0, 0), scale=np.nan), "scale"),
+        (
+            lambda s: forge.ctp(s, grid_plate(), position=(0, 0, 0), rotation=np.ones((3, 3))),
+            "rotation: expected a rotation matrix",
+        ),
+        (
+            lambda s: forge.ctp(s, grid_plate(), position=(0, 0, 0), scale=1e39, threads=1),
+            "beyond the finite floats",
+        ),
+        (lambda s: forge.ctp(s, grid_plate(), position=(0, 0, 0), threads=-1), "threads"),
+        (
+            lambda s: forge.ctp(s, grid_plate(), position=(0, 0, 0), translation="odd"),
+            "translation: expected one of centroid, paper",
+        ),
+        (
+            lambda s: forge.crtp(s, grid_plate(), position=(0, 90, 0)),
+            "expected scene points within",
+        ),
+        (lambda s: forge.crtp(s, grid_plate(), position=(0, 0, 0), spacing=0), "spacing"),
+        (lambda s: forge.crtp(s, grid_plate(), position=(0, 0, 0), spacing=1e-7), "spacing"),
+        (lambda s: forge.crtp(s, np.ones((5, 3)), position=(0, 0, 0)), "different places"),
+        (lambda s: forge.subtract(s), "either a box or rows"),
+        (lambda s: forge.subtract(s, rows=[9999]), "rows: expected 0 to 3999, got 9999"),
+        (lambda s: forge.subtract(s, Box((0, 0, 0), (-1, 1, 1))), "sizes >= 0"),
+        (lambda s: forge.subtract(s, Box((0, 0, np.nan), (1, 1, 1))), "box"),
+        (lambda s: forge.deform(s, BOX, amplitude=np.nan), "amplitude"),
+        (lambda s: forge.insert_occluding(s, grid_plate(), position=(0, 0, 0)), "one side"),
+        (
+            lambda s: forge.insert_occluding(s, plate(), position=(4, 0, 0), range_noise=1e160),
+            "beyond the finite floats",
+        ),
+        (
+            lambda s: forge.insert_occluding(s, plate(), position=(4, 0, 0), range_noise=-1),
+            "range_noise",
+        ),
+        *(
+            (
+                lambda s, step=step: forge.snap_to_lattice(
+                    forge.subtract(s, rows=[0]), forge.Lattice([[0, 0]], step)
+                ),
+                "azimuth step of 0 or 1e-4 to 1 radian",
+            )
+            for step in (-0.1, 1e-5, 13.0, np.nan, np.inf)
+        ),
+        (lambda s: forge.segment(s, tolerance=0.0), "tolerance"),
+        (lambda s: forge.nearest_object(s[:10]), "found none"),
+        (lambda s: forge.translation(s, Box((0, 0, 0), (1, 1, 1))), "beside the scanner"),
+    ],
+)
+def test_bad_arguments(call: Callable[[Points], object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        call(room())
+
+
+def test_written_back_as_it_was_read(tmp_path: object) -> None:
+    frame = LidarFrame(room(), np.linspace(0, 1, 4000, dtype=np.float32))
+    path = f"{tmp_path}/forged.bin"
+    forge.subtract(frame, BOX).write(path)
+    again = manip3d.read_scan(path)
+    np.testing.assert_array_equal(again.points, forge.subtract(frame, BOX).points)

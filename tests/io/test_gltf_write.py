@@ -1,0 +1,322 @@
+"""Writing glTF and GLB: read back by our own reader, by trimesh and by Open3D."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import manip3d
+from gltf_files import PNG
+from manip3d import Material, Mesh, Texture
+from real_data import RealData
+
+JPEG = b"\xff\xd8\xff\xe0 not looked at any further"
+
+
+def corners(mesh: Mesh) -> NDArray[np.float64]:
+    """(F, 3, 3) positions of the corners: the same for any order of the vertices."""
+    return mesh.vertices[mesh.faces]
+
+
+def corner_uvs(mesh: Mesh) -> NDArray[np.float64]:
+    """(F, 3, 2), NaN where there are none."""
+    if mesh.texcoords is None or mesh.face_texcoords is None:
+        return np.full((mesh.num_faces, 3, 2), np.nan)
+    with_none: NDArray[np.float64] = np.vstack([mesh.texcoords, [[np.nan, np.nan]]])
+    return with_none[mesh.face_texcoords]
+
+
+def in_groups(mesh: Mesh) -> Mesh:
+    """The faces in the order of a glTF file: by material and having UVs, as they first appear."""
+    assert mesh.face_material is not None
+    assert mesh.face_texcoords is not None
+    keys = mesh.face_material * 2 + (mesh.face_texcoords >= 0).all(axis=1)
+    _, first, group = np.unique(keys, return_index=True, return_inverse=True)
+    order = np.argsort(first[group], kind="stable")
+    return mesh.replace(
+        faces=mesh.faces[order],
+        face_texcoords=mesh.face_texcoords[order],
+        face_material=mesh.face_material[order],
+        face_normals=None if mesh.face_normals is None else mesh.face_normals[order],
+    )
+
+
+def json_of(path: Path) -> dict[str, Any]:
+    content = path.read_bytes()
+    if content.startswith(b"glTF"):
+        size = struct.unpack_from("<I", content, 12)[0]
+        content = content[20 : 20 + size]
+    document: dict[str, Any] = json.loads(content)
+    return document
+
+
+@pytest.fixture
+def mesh() -> Mesh:
+    """3---2   faces 0 and 1 meet at a seam in UV space, face 2 has no UVs; vertex 4 is loose.
+    | / |
+    0---1
+    """
+    return Mesh(
+        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.5], [9, 9, 9]],
+        [[0, 1, 2], [0, 2, 3], [0, 3, 1]],
+        texcoords=[[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.25]],
+        face_texcoords=[[0, 1, 2], [4, 2, 3], [-1, -1, -1]],
+        colors=[[0, 0, 0], [255, 255, 255], [1, 2, 3], [128, 129, 130], [9, 9, 9]],
+        face_material=[0, 0, 0],
+        materials=[
+            Material("skin", textures={"base_color": Texture(data=PNG)}),
+            Material("glass", (1.0, 0.5, 0.25, 0.125), 0.25, 0.5, "mask", 0.75, double_sided=False),
+        ],
+    )
+
+
+@pytest.mark.parametrize("name", ["m.glb", "m.gltf", "m.glb.xz", "m.gltf.gz"])
+def test_round_trip(mesh: Mesh, tmp_path: Path, name: str) -> None:
+    mesh.write(tmp_path / name)
+    again = manip3d.read_mesh(tmp_path / name)
+    np.testing.assert_array_equal(corners(again), corners(mesh))
+    np.testing.assert_array_equal(corner_uvs(again), corner_uvs(mesh))
+    assert again.colors is not None
+    assert mesh.colors is not None
+    np.testing.assert_array_equal(again.colors[again.faces], mesh.colors[mesh.faces])
+    np.testing.assert_array_equal(again.face_material, [0, 0, 0])
+    assert again.num_vertices == 5 + 3  # vertex 0 twice on the seam; the part without UVs apart
+    if "glb" in name:
+        assert again.materials == mesh.materials
+    else:
+        assert again.materials[0].textures == {"base_color": Texture(path="m_0.png")}
+        assert (tmp_path / "m_0.png").read_bytes() == PNG
+
+
+def test_the_same_mesh_gives_the_same_bytes(mesh: Mesh, tmp_path: Path) -> None:
+    contents = []
+    for name in ("a.glb", "b.glb"):
+        mesh.write(tmp_path / name)
+        contents.append((tmp_path / name).read_bytes())
+    assert contents[0] == contents[1]
+    assert json_of(tmp_path / "a.glb")["asset"] == {
+        "version": "2.0",
+        "generator": f"manip3d {manip3d.__version__}",
+    }
+
+
+def test_what_the_specification_asks_of_the_json(mesh: Mesh, tmp_path: Path) -> None:
+    mesh.write(tmp_path / "m.glb")
+    document = json_of(tmp_path / "m.glb")
+    textured, plain = document["meshes"][0]["primitives"]
+    position = document["accessors"][textured["attributes"]["POSITION"]]
+    assert position["min"] == [0, 0, 0]
+    assert position["max"] == [1, 1, 0.5]
+    assert document["accessors"][textured["indices"]]["componentType"] == 5123
+    for view in document["bufferViews"]:
+        assert view["byteOffset"] % 4 == 0
+    # A material with textures must not meet a primitive without TEXCOORD_0.
+    assert "TEXCOORD_0" not in plain["attributes"]
+    assert (
+        "baseColorTexture" not in document["materials"][plain["material"]]["pbrMetallicRoughness"]
+    )
+    assert document["materials"][plain["material"]]["name"] == "skin"
+
+
+def test_every_srgb_value_comes_back(tmp_path: Path) -> None:
+    grey = np.arange(256).repeat(3).reshape(-1, 3)
+    vertices = np.column_stack([np.arange(256), np.arange(256) % 2, np.zeros(256)])
+    faces = np.column_stack([np.arange(254), np.arange(1, 255), np.arange(2, 256)])
+    Mesh(vertices, faces, colors=grey).write(tmp_path / "m.glb")
+    again = manip3d.read_mesh(tmp_path / "m.glb")
+    assert again.colors is not None
+    np.testing.assert_array_equal(again.colors[again.faces], grey[faces])
+
+
+def test_normals_split_and_zero_normals_are_none(tmp_path: Path) -> None:
+    mesh = Mesh(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]],
+        [[0, 1, 2], [2, 1, 3]],
+        normals=[[0, 0, 2], [0, 3, 0], [0, 0, 0]],
+        face_normals=[[0, 0, 0], [1, 1, 0]],
+    )
+    mesh.write(tmp_path / "m.glb")
+    again = manip3d.read_mesh(tmp_path / "m.glb")
+    assert again.normals is not None
+    expected = [[[0, 0, 1]] * 3, [[0, 1, 0], [0, 1, 0], [0, 0, 1]]]
+    np.testing.assert_array_equal(again.normals[again.face_normals], expected)
+    mesh.replace(face_normals=[[0, 0, 0], [1, 1, 2]]).write(tmp_path / "m.glb")
+    again = manip3d.read_mesh(tmp_path / "m.glb")
+    np.testing.assert_array_equal(again.face_normals, [[0, 1, 2], [-1, -1, -1]])
+
+
+@pytest.mark.parametrize(("num_vertices", "index_type"), [(65535, 5123), (65536, 5125)])
+def test_indices_are_as_narrow_as_they_may(
+    tmp_path: Path, num_vertices: int, index_type: int
+) -> None:
+    vertices = np.column_stack([np.arange(num_vertices)] * 3) % [257, 263, 269]
+    faces = np.arange(num_vertices - num_vertices % 3).reshape(-1, 3)
+    faces = np.vstack([faces, [[0, 1, num_vertices - 1]]])
+    Mesh(vertices, faces).write(tmp_path / "m.glb")
+    assert json_of(tmp_path / "m.glb")["accessors"][1]["componentType"] == index_type
+    again = manip3d.read_mesh(tmp_path / "m.glb")
+    np.testing.assert_array_equal(corners(again), vertices[faces])
+
+
+def test_far_from_the_origin_the_node_moves_the_mesh(mesh: Mesh, tmp_path: Path) -> None:
+    far = mesh.replace(vertices=mesh.vertices * 0.1 + [500_000.1, -3e6, 0])
+    far.write(tmp_path / "m.glb")
+    assert len(json_of(tmp_path / "m.glb")["nodes"][0]["translation"]) == 3
+    again = manip3d.read_mesh(tmp_path / "m.glb")
+    assert np.abs(corners(again) - corners(far)).max() < 1e-6 * far.diagonal
+    mesh.write(tmp_path / "m.glb")
+    assert "translation" not in json_of(tmp_path / "m.glb")["nodes"][0]
+
+
+@pytest.mark.parametrize("scale", [1e9, 1e-9, 1e37, 1e-37])
+def test_any_scale(mesh: Mesh, tmp_path: Path, scale: float) -> None:
+    scaled = mesh.replace(vertices=mesh.vertices * scale)
+    scaled.write(tmp_path / "m.glb")
+    error = corners(manip3d.read_mesh(tmp_path / "m.glb")) - corners(scaled)
+    assert np.abs(error).max() < 1e-6 * scaled.diagonal
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"vertices": np.eye(5, 3) * 1e39}, "vertices: glTF holds float32"),
+        ({"vertices": np.eye(5, 3) * 1e-40}, "vertices: glTF holds float32, too coarse"),
+        ({"texcoords": np.full((5, 2), 1e39)}, "texcoords: glTF holds float32"),
+        ({"face_material": [0, 2, 0]}, "face_material: expected indices below 2"),
+        (
+            {"faces": [], "face_texcoords": None, "face_material": None},
+            "a mesh without faces",
+        ),
+    ],
+)
+def test_what_cannot_be_written(
+    mesh: Mesh, tmp_path: Path, change: dict[str, Any], message: str
+) -> None:
+    path = tmp_path / "m.glb"
+    path.write_text("the old file")
+    with pytest.raises(manip3d.InputError, match=message):
+        mesh.replace(**change).write(path)
+    assert path.read_text() == "the old file"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+# --- Textures and other files -------------------------------------------------------------------
+
+
+def test_textures_are_found_beside_the_source_and_embedded_once(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "skin.jpg").write_bytes(JPEG)
+    (tmp_path / "in" / "map.tga").write_bytes(b"no png")
+    skin = Texture("skin.jpg")
+    textured = Mesh(
+        np.eye(3),
+        [[0, 1, 2]],
+        texcoords=np.eye(3, 2),
+        face_texcoords=[[0, 1, 2]],
+        face_material=[0],
+        materials=[
+            Material("a", textures={"base_color": skin, "emissive": Texture(data=JPEG)}),
+            Material("b", textures={"base_color": skin, "normal": Texture("map.tga")}),
+        ],
+        source=str(tmp_path / "in" / "mesh.obj"),
+    )
+    textured.write(tmp_path / "m.glb")
+    document = json_of(tmp_path / "m.glb")
+    assert document["images"] == [{"bufferView": 3, "mimeType": "image/jpeg"}]
+    embedded = Texture(data=JPEG)
+    first, second = manip3d.read_mesh(tmp_path / "m.glb").materials
+    assert first.textures == {"base_color": embedded, "emissive": embedded}
+    assert second.textures == {"base_color": embedded}
+
+
+def test_what_is_left_out_is_told(
+    mesh: Mesh, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "bad.png").write_bytes(b"no picture")
+    textures = {"base_color": Texture("missing.png"), "normal": Texture("bad.png")}
+    changed = mesh.replace(
+        materials=[Material("a", textures=textures)], source=str(tmp_path / "mesh.obj")
+    )
+    with caplog.at_level(logging.WARNING, "manip3d"):
+        changed.write(tmp_path / "m.glb")
+    assert "texture 'missing.png' not found and left out" in caplog.text
+    assert "texture 'bad.png' is no PNG or JPEG image and was left out" in caplog.text
+    assert "images" not in json_of(tmp_path / "m.glb")
+
+
+def test_gltf_puts_its_files_beside_it_and_keeps_older_ones(mesh: Mesh, tmp_path: Path) -> None:
+    path = tmp_path / "ä b.gltf"
+    mesh.write(path)
+    names = {p.name for p in tmp_path.iterdir()}
+    assert names == {"ä b.gltf", "ä b.bin", "ä b_0.png"}
+    assert json_of(path)["buffers"][0]["uri"] == "%C3%A4%20b.bin"
+    old = {p: p.read_bytes() for p in tmp_path.iterdir() if p != path}
+    moved = mesh.replace(vertices=mesh.vertices + 1)
+    moved.write(path)
+    for file, content in old.items():
+        assert file.read_bytes() == content  # whoever still holds the old .gltf
+    assert len(list(tmp_path.iterdir())) == 4
+    np.testing.assert_array_equal(corners(manip3d.read_mesh(path)), corners(moved))
+
+
+# --- Others read it the same ----------------------------------------------------------------------
+
+
+def test_trimesh_reads_the_same(mesh: Mesh, tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    textured = mesh.replace(face_material=[0, 1, 0], vertices=mesh.vertices + np.array([1e6, 0, 0]))
+    textured.write(tmp_path / "m.glb")
+    scene = trimesh.load_scene(tmp_path / "m.glb", process=False)
+    read = Mesh.from_trimesh(scene)
+    ours = manip3d.read_mesh(tmp_path / "m.glb")
+    np.testing.assert_array_equal(corners(read), corners(ours))
+    np.testing.assert_allclose(corner_uvs(read), corner_uvs(ours), atol=1e-7)
+    assert [m.name for m in read.materials] == ["skin", "glass", "skin"]
+
+
+def test_open3d_reads_the_same(mesh: Mesh, tmp_path: Path) -> None:
+    o3d = pytest.importorskip("open3d")
+    mesh.write(tmp_path / "m.glb")
+    read = o3d.io.read_triangle_mesh(str(tmp_path / "m.glb"))
+    positions = np.asarray(read.vertices)[np.asarray(read.triangles)]
+    np.testing.assert_allclose(positions, corners(mesh), atol=1e-7)
+
+
+# --- Real models ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "face_multitexture/face.obj",
+        "flightgear/BAe-125/BAe-125.obj.xz",
+        "littlest_tokyo/LittlestTokyo.obj.xz",
+    ],
+)
+def test_real_models_come_back(realdata: RealData, tmp_path: Path, name: str) -> None:
+    original = manip3d.read_mesh(realdata(f"meshes/{name}"))
+    original.write(tmp_path / "m.glb")
+    again = manip3d.read_mesh(tmp_path / "m.glb")
+    expected = in_groups(original)
+    np.testing.assert_array_equal(again.face_material, expected.face_material)
+    tolerance = 1e-6 * original.diagonal
+    np.testing.assert_allclose(corners(again), corners(expected), atol=tolerance, rtol=0)
+    np.testing.assert_allclose(corner_uvs(again), corner_uvs(expected), rtol=1e-6, atol=1e-6)
+    assert again.num_faces == original.num_faces
+    assert [m.name for m in again.materials] == [m.name for m in original.materials]
+    for ours, theirs in zip(again.materials, original.materials, strict=True):
+        assert ours.base_color == pytest.approx(theirs.base_color)
+        assert set(ours.textures) == set(theirs.textures)
+    again.write(tmp_path / "again.glb")
+    digest = [
+        hashlib.sha256((tmp_path / n).read_bytes()).hexdigest() for n in ("m.glb", "again.glb")
+    ]
+    assert digest[0] == digest[1]

@@ -1,0 +1,630 @@
+"""Every syntax rule of OBJ, MTL, PLY, OFF and STL, with its exact result."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import manip3d
+from manip3d import FormatError, io
+from manip3d.io import read_mesh_bytes
+
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+VT = "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+
+
+def obj(text: str) -> manip3d.Mesh:
+    return read_mesh_bytes(text.encode(), "obj")
+
+
+def error(text: str | bytes, kind: str) -> manip3d.FormatError:
+    data = text.encode() if isinstance(text, str) else text
+    with pytest.raises(manip3d.FormatError) as caught:
+        read_mesh_bytes(data, kind)
+    return caught.value
+
+
+# --- OBJ ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("face", "texcoords", "normals"),
+    [
+        ("f 1 2 3", None, None),
+        ("f 1/1 2/2 3/3", [0, 1, 2], None),
+        ("f 1//1 2//1 3//1", None, [0, 0, 0]),
+        ("f 1/3/1 2/2/1 3/1/1", [2, 1, 0], [0, 0, 0]),
+        ("f 1/1/ 2/2/ 3/3/", [0, 1, 2], None),
+        ("f 1/1 2 3//1", [0, -1, -1], [-1, -1, 0]),
+        ("f -4/-4/-1 -3/-3/-1 -2/-2/-1", [0, 1, 2], [0, 0, 0]),
+        ("f\t1 2  3 # comment", None, None),
+        ("f 1 \\\n 2 \\\n 3", None, None),
+        ("fo 1 2 3", None, None),
+    ],
+)
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_obj_corners(
+    face: str, texcoords: list[int] | None, normals: list[int] | None, newline: str
+) -> None:
+    mesh = obj((SQUARE + VT + "vn 0 0 1\n" + face).replace("\n", newline))
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+    expected = None if texcoords is None else [texcoords]
+    assert (None if mesh.face_texcoords is None else mesh.face_texcoords.tolist()) == expected
+    expected = None if normals is None else [normals]
+    assert (None if mesh.face_normals is None else mesh.face_normals.tolist()) == expected
+
+
+def test_obj_negative_index_counts_from_the_last_row_so_far() -> None:
+    mesh = obj("v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 5 0 0\nf -1 -2 -3\n")
+    assert mesh.faces.tolist() == [[0, 1, 2], [3, 2, 1]]
+
+
+def test_obj_positive_index_may_point_ahead() -> None:
+    assert obj("f 1 2 3 4\n" + SQUARE).faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+
+
+def test_obj_attributes_may_begin_and_end_at_any_face() -> None:
+    mesh = obj(SQUARE + VT + "f 1 2 3\nf 1/1 2/2 3/3 4/4\nf 1 3 4\n")
+    assert mesh.face_texcoords is not None
+    assert mesh.face_texcoords.tolist() == [[-1] * 3, [0, 1, 2], [0, 2, 3], [-1] * 3]
+
+
+def test_obj_vertex_colors() -> None:
+    mesh = obj("v 0 0 0 1 0.5 0\nv 1 0 0\nv 0 1 0 0 0 1 1\nf 1 2 3")
+    assert mesh.colors is not None
+    assert mesh.colors.tolist() == [[255, 128, 0], [255, 255, 255], [0, 0, 255]]
+    mesh = obj("v 0 0 0 255 127 0\nv 1 0 0 1 0 0\nv 0 1 0 0 0 1\nf 1 2 3")
+    assert mesh.colors is not None
+    assert mesh.colors.tolist() == [[255, 127, 0], [1, 0, 0], [0, 0, 1]]
+    assert obj("v 0 0 0 1\nv 1 0 0 1\nv 0 1 0 0.5\nf 1 2 3").colors is None  # w of curves
+
+
+def test_obj_numbers_are_exact() -> None:
+    texts = ["+1.5", "1e-3", "-.25", "5.", "0.1", "1e-400", "-0", "123456789.123456789"]
+    texts += ["2.2250738585072011e-308", "179769313486231570000e288", "1E5", "9007199254740993"]
+    mesh = obj("".join(f"v {t} 0 0\n" for t in texts) + "f 1 2 3")
+    assert mesh.vertices[:, 0].tolist() == [float(t) for t in texts]
+
+
+def test_obj_materials_in_order_of_use() -> None:
+    text = SQUARE + "f 1 2 3\nusemtl red paint\nf 1 3 4\nusemtl b\nf 1 2 4\nusemtl red paint\n"
+    mesh = obj(text + "f 2 3 4\nusemtl\nf 1 2 3")
+    assert [m.name for m in mesh.materials] == ["red paint", "b"]
+    assert mesh.face_material is not None
+    assert mesh.face_material.tolist() == [-1, 0, 1, 0, -1]
+
+
+def test_obj_skips_and_counts_what_it_does_not_know(tmp_path: Path) -> None:
+    (tmp_path / "m.obj").write_text("# c\n\no a\ng b\ns off\nl 1 2\nfoo bar\n" + SQUARE + "f 1 2 3")
+    assert io.read_report(tmp_path / "m.obj").num_skipped == 5
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("v 0 0", "v: expected a finite number, got the end of the line"),
+        ("v 0 0 x1", "v: expected a finite number, got 'x1'"),
+        ("v 0 0 nan", "v: expected a finite number, got 'nan'"),
+        ("v 0 inf 0", "v: expected a finite number, got 'inf'"),
+        ("v 0 0 1e999", "v: expected a number that fits a double, got '1e999'"),
+        ("v 0 0 0x1", "v: expected a finite number, got '0x1'"),
+        ("v 0 0 0 1 2", "v: expected 3, 4, 6 or 7 numbers, got the end of the line"),
+        ("v 0 0 0 1 2 3 4 5", "v: expected 3, 4, 6 or 7 numbers, got '5'"),
+        ("vn 0 0", "vn: expected a finite number, got the end of the line"),
+        ("vt", "vt: expected a finite number, got the end of the line"),
+        ("f 1 2", "face: expected at least 3 corners, got 2"),
+        ("f", "face: expected at least 3 corners, got 0"),
+        ("f 1 2 0", "face: expected v, v/vt, v//vn or v/vt/vn with indices that exist, got '0'"),
+        ("f 1 2 -5", "face: expected v, v/vt, v//vn or v/vt/vn with indices that exist, got '-5'"),
+        ("f 1 2 3x", "face: expected v, v/vt, v//vn or v/vt/vn with indices that exist, got '3x'"),
+        (
+            "f 1 2 99999999999999999999",
+            "face: expected v, v/vt, v//vn or v/vt/vn with indices that exist, "
+            "got '99999999999999999999'",
+        ),
+        ("f 1 2 5", "vertex index: expected 1 to 4, got 5"),
+        ("f 1/9 2/9 3/9", "texture coordinate index: expected 1 to 0, got 9"),
+        ("f 1//1 2//1 3//1", "normal index: expected 1 to 0, got 1"),
+        ("f 1 2 3 4 9", "vertex index: expected 1 to 4, got 9"),
+    ],
+)
+def test_obj_errors_name_the_line(line: str, message: str) -> None:
+    caught = error(SQUARE + line + "\nf 1 2 3\n", "obj")
+    assert (caught.line, caught.reason, caught.byte_offset) == (5, message, None)
+
+
+# --- MTL ------------------------------------------------------------------------------------
+
+
+def with_mtl(folder: Path, mtl: str, **options: bool) -> io.ReadReport:
+    (folder / "m.mtl").write_text(mtl)
+    (folder / "m.obj").write_text("mtllib m.mtl\n" + SQUARE + "usemtl a\nf 1 2 3\n")
+    return io.read_report(folder / "m.obj", **options)
+
+
+def test_mtl_factors(tmp_path: Path) -> None:
+    text = "newmtl other\nKd 0 0 0\nnewmtl a\nKd 0.25 0.5 0.75\nd 0.5\nPr 0.3\nPm 0.7\nNs 10\n"
+    (material,) = with_mtl(tmp_path, text).mesh.materials
+    assert material.base_color == (0.25, 0.5, 0.75, 0.5)
+    assert (material.metallic, material.roughness, material.alpha_mode) == (0.7, 0.3, "blend")
+    (material,) = with_mtl(tmp_path, "newmtl a\nTr 0.25\nKd 0.5\n").mesh.materials
+    assert material.base_color == (0.5, 0.5, 0.5, 0.75)
+    (material,) = with_mtl(tmp_path, "newmtl a\nd -halo 1\nKd spectral f.rfl\n").mesh.materials
+    assert (material.base_color, material.alpha_mode) == ((1, 1, 1, 1), "opaque")
+
+
+@pytest.mark.parametrize(
+    ("line", "role", "path"),
+    [
+        ("map_Kd a.png", "base_color", "a.png"),
+        ("map_Kd my picture.png", "base_color", "my picture.png"),
+        ("map_Kd sub\\a.png", "base_color", "sub/a.png"),
+        ("map_Kd -s 2 2 2 -o 0.5 -mm 0 1 -blendu on a b.png", "base_color", "a b.png"),
+        ("map_Kd -clamp on -bm 1 a.png", "base_color", "a.png"),
+        ("map_Ke e.png", "emissive", "e.png"),
+        ("norm n.png", "normal", "n.png"),
+        ("map_Pr r.png\nmap_Pm r.png", "metallic_roughness", "r.png"),
+    ],
+)
+def test_mtl_textures(tmp_path: Path, line: str, role: str, path: str) -> None:
+    (material,) = with_mtl(tmp_path, f"newmtl a\n{line}\n").mesh.materials
+    assert {r: t.path for r, t in material.textures.items()} == {role: path}
+
+
+def test_mtl_error_names_the_mtl(tmp_path: Path) -> None:
+    with pytest.raises(manip3d.FormatError) as caught:
+        with_mtl(tmp_path, "newmtl a\nKd 1 x 1\n")
+    assert (caught.value.file, caught.value.line) == (str(tmp_path / "m.mtl"), 2)
+
+
+def test_missing_library_is_a_warning(tmp_path: Path) -> None:
+    (tmp_path / "m.obj").write_text("mtllib none.mtl\nusemtl a\n" + SQUARE + "f 1 2 3")
+    report = io.read_report(tmp_path / "m.obj")
+    assert report.warnings == ("material library 'none.mtl' not found",)
+    assert report.mesh.materials == (manip3d.Material("a"),)
+
+
+@pytest.mark.parametrize("how", ["parent", "absolute", "link"])
+def test_reading_never_leaves_the_folder(tmp_path: Path, how: str) -> None:
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    (tmp_path / "out.mtl").write_text("newmtl a\nPr 0.5\n")
+    (tmp_path / "out.png").write_bytes(b"png")
+    (inner / "link.mtl").symlink_to("../out.mtl")
+    (inner / "link.png").symlink_to("../out.png")
+    prefix = {"parent": "../out", "absolute": f"{tmp_path}/out", "link": "link"}[how]
+    (inner / "m.obj").write_text(f"mtllib {prefix}.mtl\nusemtl a\n" + SQUARE + "f 1 2 3")
+    report = io.read_report(inner / "m.obj")
+    assert "outside" in report.warnings[0]
+    assert report.mesh.materials[0].roughness == 1.0
+    allowed = manip3d.read_mesh(inner / "m.obj", allow_outside=True)
+    assert allowed.materials[0].roughness == 0.5
+
+    report = with_mtl(inner, f"newmtl a\nmap_Kd {prefix}.png\n")
+    assert report.mesh.materials[0].textures == {}
+    assert "outside" in report.warnings[0]
+    mesh = with_mtl(inner, f"newmtl a\nmap_Kd {prefix}.png\n", allow_outside=True).mesh
+    texture = mesh.materials[0].textures["base_color"]
+    found = io.texture_path(mesh, texture)
+    assert found is not None
+    assert found.read_bytes() == b"png"
+
+
+def test_texture_path(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(b"png")
+    mesh = with_mtl(tmp_path, "newmtl a\nmap_Kd a.png\n").mesh
+    assert io.texture_path(mesh, mesh.materials[0].textures["base_color"]) == tmp_path / "a.png"
+    assert io.texture_path(mesh, manip3d.Texture("none.png")) is None
+    assert io.texture_path(mesh, manip3d.Texture(None, b"x")) is None
+    with pytest.raises(manip3d.InputError, match="outside"):
+        io.texture_path(mesh, manip3d.Texture("../a.png"))
+
+
+# --- PLY ------------------------------------------------------------------------------------
+
+PLY_TYPES = {
+    "char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "uint": "I",
+    "float": "f", "double": "d", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H",
+    "int32": "i", "uint32": "I", "float32": "f", "float64": "d",
+}  # fmt: skip
+PLY_FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+
+
+def ply(encoding: str, header: str, elements: list[list[tuple[str, float | list[float]]]]) -> bytes:
+    """Bytes of a PLY file; a value is (type, number) or ("count type", numbers)."""
+    body = b""
+    order = PLY_FORMATS[encoding]
+    for element in elements:
+        words = []
+        for types, value in element:
+            values = value if isinstance(value, list) else [value]
+            if isinstance(value, list):
+                values = [len(value), *value]
+            names = types.split()
+            codes = [names[0], *[names[-1]] * (len(values) - 1)]
+            words += [repr(v) for v in values]
+            if order:
+                for name, v in zip(codes, values, strict=True):
+                    body += struct.pack(order + PLY_TYPES[name], v)
+        if not order:
+            body += " ".join(words).encode() + b"\n"
+    return f"ply\nformat {encoding} 1.0\n{header}end_header\n".encode() + body
+
+
+XYZ = "property float x\nproperty float y\nproperty float z\n"
+POINTS = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+
+
+def vertex_elements(kind: str = "float") -> list[list[tuple[str, float | list[float]]]]:
+    return [[(kind, c) for c in p] for p in POINTS]
+
+
+@pytest.mark.parametrize("encoding", PLY_FORMATS)
+@pytest.mark.parametrize("kind", PLY_TYPES)
+def test_ply_any_property_type(encoding: str, kind: str) -> None:
+    header = f"element vertex 4\n{XYZ.replace('float', kind)}"
+    header += f"element face 1\nproperty list {'uchar' if 'f' in kind or 'd' in kind else kind} "
+    header += f"{kind} vertex_index\n"
+    count = "uchar" if "f" in kind or "d" in kind else kind
+    face: list[tuple[str, float | list[float]]] = [(f"{count} {kind}", [0, 1, 2, 3])]
+    mesh = read_mesh_bytes(ply(encoding, header, [*vertex_elements(kind), face]), "ply")
+    assert mesh.vertices.tolist() == [list(map(float, p)) for p in POINTS]
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+
+
+@pytest.mark.parametrize("encoding", PLY_FORMATS)
+def test_ply_skips_what_it_does_not_know_exactly(encoding: str) -> None:
+    header = (
+        "comment c\nobj_info num_cols 3\nbye\nbye\nelement junk 2\nproperty list int double a\n"
+        "property short b\nelement vertex 4\nproperty uchar flag\nproperty list uchar short l\n"
+        + XYZ
+        + "property double quality\nelement empty 7\nelement face 1\nproperty int n\n"
+        "property list uchar uint vertex_indices\nproperty list ushort char tail\n"
+        "element after 1\nproperty char c\n"
+    )
+    vertices: list[list[tuple[str, float | list[float]]]] = [
+        [("uchar", 7), ("uchar short", [1] * i), *v, ("double", 0.5)]
+        for i, v in enumerate(vertex_elements())
+    ]
+    junk: list[list[tuple[str, float | list[float]]]] = [
+        [("int double", [1.5, 2.5]), ("short", 1)],
+        [("int double", []), ("short", 1)],
+    ]
+    face: list[tuple[str, float | list[float]]]
+    face = [("int", -9), ("uchar uint", [0, 1, 2]), ("ushort char", [1, 2, 3])]
+    data = ply(encoding, header, [*junk, *vertices, face, [("char", 1)]])
+    mesh = read_mesh_bytes(data, "ply")
+    assert mesh.vertices.tolist() == [list(map(float, p)) for p in POINTS]
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+
+
+def test_ply_skipped_values_may_be_nan() -> None:
+    data = ply("ascii", "element vertex 1\n" + XYZ + "property float quality\n", [])
+    assert read_mesh_bytes(data + b"0 0 0 nan\n", "ply").num_vertices == 1
+
+
+@pytest.mark.parametrize("encoding", PLY_FORMATS)
+def test_ply_normals_colors_and_vertex_texcoords(encoding: str) -> None:
+    header = (
+        "element vertex 4\n" + XYZ + "property float nx\nproperty float ny\nproperty float nz\n"
+    )
+    header += (
+        "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty uchar alpha\n"
+    )
+    header += "property float {}\nproperty float {}\nelement face 1\n"
+    header += "property list uchar int vertex_indices\n"
+    rows: list[list[tuple[str, float | list[float]]]] = [
+        [
+            *v,
+            *(("float", n) for n in (0.0, 0.0, 1.0)),
+            *(("uchar", c) for c in (10 * i, 2, 255, 9)),
+            *(("float", t) for t in (0.5, 0.25 * i)),
+        ]
+        for i, v in enumerate(vertex_elements())
+    ]
+    rows.append([("uchar int", [3, 2, 1])])
+    for names in (("s", "t"), ("u", "v"), ("texture_u", "texture_v")):
+        mesh = read_mesh_bytes(ply(encoding, header.format(*names), rows), "ply")
+        assert mesh.colors is not None
+        assert mesh.colors.tolist() == [[10 * i, 2, 255] for i in range(4)]
+        assert mesh.normals is not None
+        assert mesh.normals.tolist() == [[0.0, 0.0, 1.0]] * 4
+        assert mesh.face_normals is not None
+        assert mesh.face_texcoords is not None
+        assert mesh.face_normals.tolist() == mesh.face_texcoords.tolist() == [[3, 2, 1]]
+        assert mesh.texcoords is not None
+        assert mesh.texcoords.tolist() == [[0.5, 0.25 * i] for i in range(4)]
+
+
+@pytest.mark.parametrize("encoding", PLY_FORMATS)
+def test_ply_corner_texcoords_and_textures_as_meshlab_writes_them(encoding: str) -> None:
+    header = "comment TextureFile a.png\ncomment TextureFile b c.png\nelement vertex 4\n" + XYZ
+    header += "element face 3\nproperty list uchar int vertex_indices\n"
+    header += "property list uchar float texcoord\nproperty int texnumber\n"
+    faces: list[list[tuple[str, float | list[float]]]] = [
+        [("uchar int", [0, 1, 2]), ("uchar float", [0.0, 0.0, 1.0, 0.0, 1.0, 1.0]), ("int", 1)],
+        [("uchar int", [0, 2, 3]), ("uchar float", [0.0, 0.0, 1.0, 1.0, 0.0, 1.0]), ("int", 0)],
+        [("uchar int", [0, 1, 3]), ("uchar float", []), ("int", -1)],
+    ]
+    mesh = read_mesh_bytes(ply(encoding, header, [*vertex_elements(), *faces]), "ply")
+    assert mesh.texcoords is not None
+    assert mesh.texcoords.tolist() == [[0, 0], [1, 0], [1, 1], [0, 1]]
+    assert mesh.face_texcoords is not None
+    assert mesh.face_texcoords.tolist() == [[0, 1, 2], [0, 2, 3], [-1, -1, -1]]
+    assert mesh.face_material is not None
+    assert mesh.face_material.tolist() == [1, 0, -1]
+    paths = [m.textures["base_color"].path for m in mesh.materials]
+    assert paths == ["a.png", "b c.png"]
+
+
+def test_ply_material_index_and_names() -> None:
+    header = "comment material 0 steel\ncomment material 2 glass pane\nelement vertex 4\n" + XYZ
+    header += (
+        "element face 2\nproperty list uchar int vertex_indices\nproperty int material_index\n"
+    )
+    data = ply("ascii", header, vertex_elements()) + b"3 0 1 2 2\n3 0 2 3 -1\n"
+    mesh = read_mesh_bytes(data, "ply")
+    assert [m.name for m in mesh.materials] == ["steel", "material_1", "glass pane"]
+    assert mesh.face_material is not None
+    assert mesh.face_material.tolist() == [2, -1]
+
+
+def test_ply_triangle_strips() -> None:
+    header = "element vertex 4\n" + XYZ + "element tristrips 1\n"
+    header += "property list int int vertex_indices\n"
+    data = ply("ascii", header, vertex_elements()) + b"8 0 1 3 2 -1 1 2 3\n"
+    assert read_mesh_bytes(data, "ply").faces.tolist() == [[0, 1, 3], [3, 1, 2], [1, 2, 3]]
+
+
+GRID = """ply
+format ascii 1.0
+obj_info num_cols 3
+obj_info num_rows 2
+bye
+element vertex 5
+property float x
+property float y
+property float z
+element range_grid 6
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+2 0 0
+0 1 0
+1 1 0
+1 0
+1 1
+1 2
+1 3
+1 4
+0
+"""
+
+
+def test_range_grid(tmp_path: Path) -> None:
+    #  3---4   .      one full cell: two triangles,
+    #  0---1---2      one cell with three pixels: one
+    path = tmp_path / "scan.ply"
+    path.write_text(GRID)
+    report = io.read_report(path)
+    assert report.mesh.faces.tolist() == [[0, 1, 4], [0, 4, 3], [1, 2, 4]]
+    assert report.num_polygons == 2
+    grid = io.read_range_grid(path)
+    assert grid.valid.tolist() == [[True] * 3, [True, True, False]]
+    assert grid.points[1, :2].tolist() == [[0, 1, 0], [1, 1, 0]]
+    assert np.isnan(grid.points[1, 2]).all()
+    path.write_text(GRID.replace("1 4\n", "1 5\n"))
+    with pytest.raises(manip3d.FormatError, match="pixel 4 is out of range"):
+        io.read_range_grid(path)
+    with pytest.raises(manip3d.FormatError, match="pixel 4 is out of range"):
+        manip3d.read_mesh(path)
+    path.write_text(GRID.replace("num_cols 3", "num_cols 4"))
+    with pytest.raises(manip3d.FormatError, match="num_cols x num_rows"):
+        manip3d.read_mesh(path)
+    path.write_text(GRID.replace("range_grid 6", "pixels 6"))
+    with pytest.raises(manip3d.FormatError, match="no range_grid"):
+        io.read_range_grid(path)
+
+
+PLY_HEAD = "ply\nformat ascii 1.0\nelement vertex 3\n" + XYZ
+PLY_FACE = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+PLY_BODY = "0 0 0\n1 0 0\n0 1 0\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "message"),
+    [
+        ("plx\n", 1, "expected 'ply'"),
+        ("ply\nformat ascii 2.0\n", 2, "format: expected version 1.0"),
+        ("ply\nformat text 1.0\n", 2, "format: expected ascii, binary_little"),
+        ("ply\nend_header\n", 2, "expected a format line"),
+        ("ply\nformat ascii 1.0\nelement vertex 3\n", 3, "file ends within the header"),
+        ("ply\nproperty float x\n", 2, "property before the first element"),
+        ("ply\nelement vertex 3\nproperty quad x\n", 3, "property: unknown type 'quad'"),
+        ("ply\nelement vertex -3\n", 2, "element: expected a count >= 0"),
+        ("ply\nelement vertex 3x\n", 2, "element: expected an integer, got '3x'"),
+        (PLY_HEAD + "end_header\n0 0 0\n1 0\n", 8, "3 vertex claimed"),
+        (PLY_HEAD + PLY_FACE + PLY_BODY[:-6] + "0 1\n3 0 1 2\n", 12, "z: expected a finite number"),
+        (PLY_HEAD + PLY_FACE + PLY_BODY + "3 0 1\n", 13, "vertex_indices: expected a finite"),
+        (PLY_HEAD + PLY_FACE + PLY_BODY + "3 0 1 3\n", 13, "vertex index: expected 0 to 2, got 3"),
+        (PLY_HEAD + PLY_FACE + PLY_BODY + "3 0 1 -1\n", 13, "vertex_indices: expected an index"),
+        (PLY_HEAD + PLY_FACE + PLY_BODY + "3 0 1 1.5\n", 13, "vertex_indices: expected an index"),
+        (
+            PLY_HEAD + PLY_FACE + PLY_BODY + "2 0 1\n",
+            13,
+            "face: expected at least 3 corners, got 2",
+        ),
+        (PLY_HEAD + PLY_FACE + PLY_BODY + "-3 0 1\n", 13, "vertex_indices: expected a count >= 0"),
+        (PLY_HEAD + PLY_FACE + PLY_BODY + "3 0 1 2 5\n", 13, "element face: more values"),
+        (PLY_HEAD + PLY_FACE + PLY_BODY + "\n\n\n\n", 17, "file ends within element face"),
+        (
+            PLY_HEAD + PLY_FACE + "0 0 nan\n" + PLY_BODY,
+            10,
+            "z: expected a finite number, got 'nan'",
+        ),
+        (
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n0\n",
+            3,
+            "element vertex: expected properties x, y and z",
+        ),
+        (
+            "ply\nformat ascii 1.0\nelement face 1\nproperty int a\nend_header\n0\n",
+            3,
+            "element face: expected a list vertex_indices",
+        ),
+    ],
+)
+def test_ply_errors_name_the_line(text: str, line: int, message: str) -> None:
+    caught = error(text, "ply")
+    assert caught.reason.startswith(message)
+    if "claimed" not in message:
+        assert caught.line == line
+
+
+def test_binary_ply_errors_name_the_byte() -> None:
+    header = "element vertex 4\n" + XYZ + "element face 1\nproperty list uchar int vertex_indices\n"
+    face: list[tuple[str, float | list[float]]] = [("uchar int", [0, 1, 4])]
+    data = ply("binary_little_endian", header, [*vertex_elements(), face])
+    body = data.index(b"end_header\n") + 11
+    caught = error(data, "ply")
+    assert (caught.byte_offset, caught.line) == (body + 48, None)
+    assert caught.reason == "vertex index: expected 0 to 3, got 4"
+    caught = error(data[:-2], "ply")
+    assert (caught.byte_offset, caught.reason) == (len(data) - 2, "file ends within face")
+    caught = error(data[: body + 4] + struct.pack("<f", np.inf) + data[body + 8 :], "ply")
+    assert caught.byte_offset == body
+
+
+# --- OFF ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "OFF\n4 1 0\n{}4 0 1 2 3\n",
+        "OFF 4 1 0\n{}4 0 1 2 3\n",
+        "4 1 0\n{}4 0 1 2 3",
+        "OFF # c\n\n# c\n4 1\n{}\n4 0 1 2 3 0.1 0.2 0.3\n",
+        "OFF\r\n4 1 0\r\n{}4 0 1 2 3 255 0 0 255\r\n",
+    ],
+)
+def test_off_syntax(text: str) -> None:
+    points = "".join(f"{x} {y} {z}\n" for x, y, z in POINTS)
+    mesh = read_mesh_bytes(text.format(points).encode(), "off")
+    assert mesh.vertices.tolist() == [list(map(float, p)) for p in POINTS]
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+
+
+@pytest.mark.parametrize(
+    ("keyword", "tail"),
+    [
+        ("COFF", "255 0 10"),
+        ("COFF", "255 0 10 128"),
+        ("COFF", "1.0 0.0 0.0392 1.0"),
+        ("OFF", "255 0 10"),
+        ("NOFF", "0 0 1"),
+        ("STOFF", "0.5 0.25"),
+        ("CNOFF", "0 0 1 255 0 10 128"),
+        ("STCNOFF", "0 0 1 255 0 10 128 0.5 0.25"),
+        ("STCNOFF", "0 0 1 255 0 10 0.5 0.25"),
+    ],
+)
+def test_off_variants(keyword: str, tail: str) -> None:
+    points = "".join(f"{x} {y} {z} {tail}\n" for x, y, z in POINTS[:3])
+    mesh = read_mesh_bytes(f"{keyword}\n3 1 0\n{points}3 0 1 2\n".encode(), "off")
+    if "C" in keyword or keyword == "OFF":
+        assert mesh.colors is not None
+        assert mesh.colors.tolist() == [[255, 0, 10]] * 3
+    if "N" in keyword:
+        assert mesh.normals is not None
+        assert mesh.normals.tolist() == [[0, 0, 1]] * 3
+    if "ST" in keyword:
+        assert mesh.texcoords is not None
+        assert mesh.texcoords.tolist() == [[0.5, 0.25]] * 3
+        assert mesh.face_texcoords is not None
+        assert mesh.face_texcoords.tolist() == [[0, 1, 2]]
+
+
+OFF_BODY = "0 0 0\n1 0 0\n0 1 0\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "message"),
+    [
+        ("FOO\n", 1, "expected OFF"),
+        ("4OFF\n", 1, "OFF of another dimension"),
+        ("OFF BINARY\n", 1, "binary OFF"),
+        ("OFF\n", 2, "file ends within the header"),
+        ("OFF\n3\n", 2, "number of faces: expected an integer"),
+        ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1\n3 0 1 2\n", 5, "vertex: expected a finite number"),
+        ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 inf 0\n3 0 1 2\n", 5, "vertex: expected a finite number"),
+        ("OFF\n3 1 0\n" + OFF_BODY + "3 0 1 3\n", 6, "vertex index: expected 0 to 2, got 3"),
+        ("OFF\n3 1 0\n" + OFF_BODY + "3 0 1 -1\n", 6, "vertex index: expected 0 to 2, got -1"),
+        ("OFF\n3 1 0\n" + OFF_BODY + "2 0 1\n", 6, "face: expected at least 3 corners, got 2"),
+        ("OFF\n3 1 0\n" + OFF_BODY + "9 0 1 2\n", 6, "vertex index: expected an integer, got the"),
+        ("OFF\n3 1 0\n" + OFF_BODY + "\n\n\n\n", 10, "file ends within the faces"),
+    ],
+)
+def test_off_errors_name_the_line(text: str, line: int, message: str) -> None:
+    caught = error(text, "off")
+    assert caught.reason.startswith(message)
+    assert caught.line == line
+
+
+# --- STL ------------------------------------------------------------------------------------
+
+FACET = "facet normal 0 0 1\nouter loop\nvertex {}\nvertex {}\nvertex {}\nendloop\nendfacet\n"
+
+
+def binary_stl(triangles: list[list[float]], header: bytes = b"binary") -> bytes:
+    body = b"".join(struct.pack("<12fH", 0, 0, 1, *t, 0) for t in triangles)
+    return header.ljust(80, b"\0") + struct.pack("<I", len(triangles)) + body
+
+
+TRIANGLES = [[0, 0, 0, 1, 0, 0, 1, 1, 0], [0, 0, 0, 1, 1, 0, -0.0, 1, 0]]
+
+
+@pytest.mark.parametrize("header", [b"binary", b"solid cube"])
+def test_binary_stl_is_told_by_its_size_and_welded(header: bytes) -> None:
+    mesh = read_mesh_bytes(binary_stl([list(map(float, t)) for t in TRIANGLES], header), "stl")
+    assert mesh.vertices.tolist() == [list(map(float, p)) for p in POINTS]
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_ascii_stl(newline: str) -> None:
+    text = "solid a\n" + FACET.format("0 0 0", "1 0 0", "1 1 0")
+    text += FACET.format("0 0 0", "1 1 0", "0 1e0 0") + "endsolid a\n"
+    mesh = read_mesh_bytes(text.replace("\n", newline).encode(), "stl")
+    assert mesh.vertices.tolist() == [list(map(float, p)) for p in POINTS]
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+
+
+def test_stl_errors() -> None:
+    data = binary_stl([list(map(float, t)) for t in TRIANGLES])
+    caught = error(data[:-1], "stl")
+    assert caught.byte_offset == 80
+    assert caught.reason == "2 triangles claimed, but at most 1 fit into the rest of the file"
+    caught = error(binary_stl([[0.0] * 9, [float("nan")] * 9]), "stl")
+    assert (caught.byte_offset, caught.reason) == (134, "vertex: expected finite numbers")
+    text = "solid\n" + FACET.format("0 0 0", "1 0 0", "1 1 0")
+    assert error(text, "stl").reason == "file ends before endsolid"
+    caught = error("solid\n" + FACET.format("0 0 0", "1 0 0", "1 1 x") + "endsolid", "stl")
+    assert (caught.line, caught.reason) == (6, "vertex: expected a finite number, got 'x'")
+    short = text.replace("vertex 1 1 0\n", "") + "endsolid"
+    assert error(short, "stl").reason == "facet: expected 3 vertices, got 2"
+    assert error(b"", "stl").reason == "file ends within the header"
+
+
+def test_bytes_that_are_no_obj_are_an_error(tmp_path: Path) -> None:
+    """They used to be a mesh without vertices and faces."""
+    path = tmp_path / "noise.obj"
+    path.write_bytes(np.random.default_rng(0).bytes(5000))
+    with pytest.raises(FormatError, match=r"line 1: expected OBJ statements .* found none"):
+        io.read_mesh(path)
+    path.write_text("# nothing but a name\no empty\n")
+    assert io.read_mesh(path).num_faces == 0

@@ -1,0 +1,375 @@
+"""Writers: attributes come back, and a stopped or refused write leaves the old file whole."""
+
+from __future__ import annotations
+
+import errno
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import manip3d
+from manip3d import io
+from manip3d.io._files import atomic_path, atomic_write
+
+SUFFIXES = ["obj", "ply", "off", "stl"]
+
+
+def grid(n: int, value: float = 0.0) -> manip3d.Mesh:
+    """A square of 2 (n - 1)^2 triangles, all at height ``value``."""
+    x, y = np.meshgrid(np.arange(n), np.arange(n))
+    vertices = np.column_stack([x.ravel(), y.ravel(), np.full(n * n, value)])
+    a = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    faces = np.concatenate(
+        [np.column_stack([a, a + 1, a + n + 1]), np.column_stack([a, a + n + 1, a + n])]
+    )
+    return manip3d.Mesh(vertices, faces)
+
+
+@st.composite
+def meshes(draw: st.DrawFn) -> manip3d.Mesh:
+    """Small meshes with any of the attributes."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32)))
+    num_vertices, num_faces = draw(st.integers(1, 8)), draw(st.integers(0, 6))
+    scale = draw(st.sampled_from([1.0, 1e-300, 1e9, 1e-9]))
+    single = draw(st.booleans())
+    vertices = rng.normal(size=(num_vertices, 3)) * scale
+    if single:
+        vertices = vertices.astype(np.float32).astype(float)
+    faces = rng.integers(0, num_vertices, (num_faces, 3))
+    more: dict[str, object] = {}
+    if draw(st.booleans()):
+        more["texcoords"] = rng.normal(size=(5, 2)).astype(np.float32)
+        more["face_texcoords"] = np.where(
+            rng.random((num_faces, 1)) < 0.3, -1, rng.integers(0, 5, (num_faces, 3))
+        )
+    if draw(st.booleans()):
+        more["colors"] = rng.integers(0, 256, (num_vertices, 3), dtype=np.uint8)
+    if draw(st.booleans()):
+        more["normals"] = rng.normal(size=(num_vertices, 3))
+        more["face_normals"] = faces
+    if draw(st.booleans()):
+        more["materials"] = [manip3d.Material(n, (0.1, 0.2, 0.3, 0.4)) for n in ("a", "b c", "a")]
+        more["face_material"] = rng.integers(-1, 3, num_faces)
+    return manip3d.Mesh(vertices, faces, **more)  # type: ignore[arg-type]
+
+
+def corners(table: np.ndarray | None, index: np.ndarray | None) -> list[object]:
+    """Attribute values of each corner; None where there is none."""
+    if table is None or index is None:
+        return []
+    return [[tuple(table[i]) if i >= 0 else None for i in row] for row in index]
+
+
+def same_corners(a: list[object], b: list[object]) -> bool:
+    """Equal, where no attribute at all is as good as none on every corner."""
+    empty = [None, None, None]
+    return a == b or all(row == empty for row in [*a, *b])
+
+
+@given(mesh=meshes(), suffix=st.sampled_from(["obj", "ply", "obj.gz", "ply.xz"]))
+def test_round_trip(
+    tmp_path_factory: pytest.TempPathFactory, mesh: manip3d.Mesh, suffix: str
+) -> None:
+    path = tmp_path_factory.mktemp("m") / f"m.{suffix}"
+    mesh.write(path)
+    back = manip3d.read_mesh(path)
+    np.testing.assert_array_equal(back.vertices, mesh.vertices)
+    np.testing.assert_array_equal(back.faces, mesh.faces)
+    assert same_corners(
+        corners(back.texcoords, back.face_texcoords), corners(mesh.texcoords, mesh.face_texcoords)
+    )
+    assert same_corners(
+        corners(back.normals, back.face_normals), corners(mesh.normals, mesh.face_normals)
+    )
+    assert (back.colors is None) == (mesh.colors is None)
+    if mesh.colors is not None:
+        np.testing.assert_array_equal(back.colors, mesh.colors)
+    names = ["a", "b c", "a_2" if "obj" in suffix else "a"]
+    if mesh.face_material is not None:
+        indices = [-1] * mesh.num_faces if back.face_material is None else back.face_material
+        got = [back.materials[i].name if i >= 0 else None for i in indices]
+        assert got == [names[i] if i >= 0 else None for i in mesh.face_material]
+        if "obj" in suffix:
+            assert {m.base_color for m in back.materials} <= {(0.1, 0.2, 0.3, 0.4)}
+
+
+@given(mesh=meshes(), suffix=st.sampled_from(["off", "stl", "stl.gz"]))
+def test_round_trip_of_positions(
+    tmp_path_factory: pytest.TempPathFactory, mesh: manip3d.Mesh, suffix: str
+) -> None:
+    path = tmp_path_factory.mktemp("m") / f"m.{suffix}"
+    mesh.write(path)
+    back = manip3d.read_mesh(path)
+    expected = mesh.vertices[mesh.faces]
+    if "stl" in suffix:
+        expected = expected.astype(np.float32).astype(float)
+        assert len(np.unique(back.vertices, axis=0)) == back.num_vertices
+    else:
+        np.testing.assert_array_equal(back.faces, mesh.faces)
+    np.testing.assert_array_equal(back.vertices[back.faces], expected)
+
+
+@pytest.mark.parametrize("suffix", [*SUFFIXES, "obj.gz", "ply.xz"])
+def test_writing_twice_gives_the_same_bytes(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"m.{suffix}"
+    grid(5, 0.1).write(path)
+    first = path.read_bytes()
+    time.sleep(0.01)
+    grid(5, 0.1).write(path)
+    assert path.read_bytes() == first
+    assert os.listdir(tmp_path) == [path.name]
+
+
+def textured(folder: Path, content: bytes) -> manip3d.Mesh:
+    folder.mkdir()
+    (folder / "t.png").write_bytes(content)
+    (folder / "m.mtl").write_text("newmtl a\nmap_Kd t.png\n")
+    (folder / "m.obj").write_text(
+        "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl a\nf 1/1 2/1 3/1\n"
+    )
+    return manip3d.read_mesh(folder / "m.obj")
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply"])
+def test_textures_are_copied_and_never_replace_another_file(tmp_path: Path, suffix: str) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    for name, content in (("a", b"one"), ("b", b"two"), ("c", b"one")):
+        mesh = textured(tmp_path / name, content)
+        mesh.write(out / f"{name}.{suffix}")
+    for name, content in (("a", b"one"), ("b", b"two"), ("c", b"one")):
+        mesh = manip3d.read_mesh(out / f"{name}.{suffix}")
+        found = io.texture_path(mesh, mesh.materials[0].textures["base_color"])
+        assert found is not None
+        assert found.read_bytes() == content
+    assert len(list(out.glob("*.png"))) == 2
+
+
+def test_old_obj_stays_valid_when_a_new_one_is_not_finished(tmp_path: Path) -> None:
+    mesh = textured(tmp_path / "a", b"one")
+    (tmp_path / "out").mkdir()
+    path = tmp_path / "out" / "m.obj"
+    mesh.write(path)
+    old = path.read_bytes()
+    textured(tmp_path / "b", b"two").replace(materials=[manip3d.Material("other")]).write(path)
+    path.write_bytes(old)  # as if the last rename had not happened
+    back = manip3d.read_mesh(path)
+    found = io.texture_path(back, back.materials[0].textures["base_color"])
+    assert found is not None
+    assert found.read_bytes() == b"one"
+
+
+def test_embedded_and_missing_textures(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    material = manip3d.Material("a/b", textures={"base_color": manip3d.Texture(None, b"\x89PNG")})
+    mesh = grid(2).replace(face_material=[0, 0], materials=[material])
+    mesh.write(tmp_path / "m.obj")
+    back = manip3d.read_mesh(tmp_path / "m.obj")
+    found = io.texture_path(back, back.materials[0].textures["base_color"])
+    assert found is not None
+    assert found.read_bytes() == b"\x89PNG"
+    gone = manip3d.Material("g", textures={"base_color": manip3d.Texture("gone.png")})
+    mesh.replace(materials=[gone], source=str(tmp_path / "m.obj")).write(tmp_path / "n.obj")
+    assert "texture 'gone.png' not found" in caplog.text
+
+
+def test_refusals_are_os_errors_with_the_name(tmp_path: Path) -> None:
+    path = tmp_path / "none" / "m.ply"
+    with pytest.raises(FileNotFoundError) as caught:
+        grid(2).write(path)
+    assert caught.value.filename == str(path)
+    with pytest.raises(FileNotFoundError) as caught:
+        atomic_write(path, b"")
+    assert caught.value.filename == str(path)
+    (tmp_path / "folder.ply").mkdir()
+    with pytest.raises(IsADirectoryError):
+        grid(2).write(tmp_path / "folder.ply")
+    assert os.listdir(tmp_path / "folder.ply") == []
+
+
+def test_links_modes_and_pipes(tmp_path: Path) -> None:
+    (tmp_path / "real.ply").write_bytes(b"old")
+    (tmp_path / "real.ply").chmod(0o640)
+    (tmp_path / "link.ply").symlink_to("real.ply")
+    grid(2).write(tmp_path / "link.ply")
+    assert (tmp_path / "link.ply").is_symlink()
+    assert manip3d.read_mesh(tmp_path / "real.ply").num_faces == 2
+    assert (tmp_path / "real.ply").stat().st_mode & 0o777 == 0o640
+    atomic_write(tmp_path / "link.ply", "text")
+    assert (tmp_path / "link.ply").is_symlink()
+    assert (tmp_path / "real.ply").read_text() == "text"
+    mask = os.umask(0o027)
+    try:
+        grid(2).write(tmp_path / "new.ply")
+        atomic_write(tmp_path / "new.txt", "x")
+    finally:
+        os.umask(mask)
+    assert (tmp_path / "new.ply").stat().st_mode & 0o777 == 0o640
+    assert (tmp_path / "new.txt").stat().st_mode & 0o777 == 0o640
+    os.mkfifo(tmp_path / "pipe.off")
+    with subprocess.Popen(["cat", tmp_path / "pipe.off"], stdout=subprocess.PIPE) as reader:
+        grid(2).write(tmp_path / "pipe.off")
+        data, _ = reader.communicate()
+    assert io.read_mesh_bytes(data).num_faces == 2
+
+
+def test_atomic_path_leaves_nothing_when_the_block_raises(tmp_path: Path) -> None:
+    target = tmp_path / "a.txt"
+    target.write_text("old")
+    with pytest.raises(UnicodeEncodeError), atomic_path(target) as temporary:
+        temporary.write_text("\udc80 cannot be encoded", encoding="utf-8")
+    assert target.read_text() == "old"
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+# Writes the two meshes in turn until it is killed; the last argument is the file.
+WRITER = textwrap.dedent(
+    """
+    import sys
+    import numpy as np
+    import manip3d
+    meshes = [manip3d.read_mesh(path) for path in sys.argv[1:3]]
+    print("ready", flush=True)
+    while True:
+        for mesh in meshes:
+            mesh.write(sys.argv[3])
+    """
+)
+
+
+@pytest.mark.slow
+def test_kill_leaves_the_old_or_the_new_file(tmp_path: Path) -> None:
+    meshes = [grid(60, 1.0), grid(90, 2.0)]
+    for i, mesh in enumerate(meshes):
+        mesh.write(tmp_path / f"{i}.ply")
+    out = tmp_path / "out"
+    out.mkdir()
+    rng = np.random.default_rng(0)
+    wanted = {mesh.num_faces for mesh in meshes}
+    for kill in range(100):
+        path = out / f"m.{[*SUFFIXES, 'obj.gz'][kill % 5]}"
+        meshes[0].write(path)
+        command = [sys.executable, "-c", WRITER, tmp_path / "0.ply", tmp_path / "1.ply", path]
+        with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
+            assert process.stdout is not None
+            process.stdout.readline()
+            time.sleep(rng.uniform(0.0, 0.05))
+            process.send_signal(signal.SIGKILL)
+        assert manip3d.read_mesh(path).num_faces in wanted
+
+
+def limited_write(path: Path, limit: int) -> OSError | None:
+    """Write a mesh in a child that may write files of at most ``limit`` bytes."""
+    child = os.fork()
+    if child == 0:
+        code = 0
+        try:
+            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+            grid(60, 2.0).write(path)
+        except OSError as error:
+            code = error.errno or 255
+        except BaseException:
+            code = 255
+        os._exit(code)
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    return OSError(code, os.strerror(code)) if code else None
+
+
+@pytest.mark.parametrize("suffix", [*SUFFIXES, "obj.gz", "ply.xz"])
+def test_a_refused_write_leaves_the_old_file_and_no_litter(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"m.{suffix}"
+    old = grid(3, 1.0)
+    old.write(path)
+    content = path.read_bytes()
+    for limit in (0, 1, 100, 1000):
+        error = limited_write(path, limit)
+        assert error is not None
+        assert error.errno == errno.EFBIG
+        assert path.read_bytes() == content
+        assert os.listdir(tmp_path) == [path.name]
+    assert limited_write(path, 1 << 24) is None
+    assert manip3d.read_mesh(path).num_faces == 2 * 59 * 59
+
+
+FULL_DISK = textwrap.dedent(
+    """
+    import errno, os, sys
+    import numpy as np
+    import manip3d
+    small = manip3d.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    large = manip3d.Mesh(np.random.default_rng(0).random((9000, 3)), [[0, 1, 2]] * 9000)
+    folder = sys.argv[1]
+    for suffix in ("obj", "ply", "off", "stl", "obj.gz", "ply.xz"):
+        path = os.path.join(folder, "m." + suffix)
+        small.write(path)
+        before = open(path, "rb").read()
+        try:
+            large.write(path)
+        except OSError as error:
+            assert (error.errno, error.filename) == (errno.ENOSPC, path), error
+        else:
+            raise AssertionError("the disk should be full")
+        assert open(path, "rb").read() == before
+        assert os.listdir(folder) == ["m." + suffix]
+        os.unlink(path)
+    print("done")
+    """
+)
+
+
+def test_full_disk(tmp_path: Path) -> None:
+    mount = f"mount -t tmpfs -o size=64k none {tmp_path} && exec "
+    namespace = ["unshare", "-rm", "sh", "-c"]
+    if subprocess.run([*namespace, mount + "true"], capture_output=True).returncode:
+        pytest.skip("no mount namespaces here")
+    script = mount + f'{sys.executable} -c "$0" {tmp_path}'
+    done = subprocess.run([*namespace, script, FULL_DISK], capture_output=True, text=True)
+    assert (done.stdout, done.returncode) == ("done\n", 0), done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not installed")
+def test_every_failing_system_call_leaves_old_or_new(tmp_path: Path) -> None:
+    grid(40, 2.0).write(tmp_path / "new.ply")
+    out = tmp_path / "out"
+    out.mkdir()
+    code = "import sys, manip3d\nmesh = manip3d.read_mesh(sys.argv[1])\n"
+    code += "try:\n    mesh.write(sys.argv[2])\nexcept OSError as error:\n"
+    code += "    sys.exit(error.errno)\n"
+    probe = ["strace", "-f", "-qq", "-e", "trace=none", "true"]
+    if subprocess.run(probe, capture_output=True).returncode:
+        pytest.skip("strace may not trace here")
+    failures = 0
+    for suffix in ("obj", "ply"):
+        path = out / f"m.{suffix}"
+        for call, calls in (("write", 3), ("fsync", 2), ("rename", 1)):
+            for k in range(1, calls + 1):
+                grid(3, 1.0).write(path)
+                old = path.read_bytes()
+                command = ["strace", "-f", "-qq", "-o", os.devnull, "-e", f"trace={call}"]
+                command += ["-P", str(out)] if call == "fsync" and k == 2 else []
+                command += ["-e", f"inject={call}:error=EIO:when={1 if '-P' in command else k}"]
+                command += [sys.executable, "-c", code, str(tmp_path / "new.ply"), str(path)]
+                done = subprocess.run(command, capture_output=True, text=True)
+                now = path.read_bytes()
+                failed_after_rename = call == "fsync" and k == 2
+                if done.returncode == errno.EIO and not failed_after_rename:
+                    assert now == old
+                else:
+                    assert manip3d.read_mesh(path).num_faces == 2 * 39 * 39
+                assert done.returncode in (0, errno.EIO), done.stderr
+                assert os.listdir(out) == [path.name]
+                failures += done.returncode == errno.EIO
+        path.unlink()
+    assert failures >= 6

@@ -1,0 +1,286 @@
+"""LAS, LAZ and E57: round trips, fields untouched, hostile files."""
+
+from __future__ import annotations
+
+import contextlib
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from manip3d import FormatError, InputError, LidarFrame, io, read_scan
+from manip3d.lidar import ScanFormat
+
+laspy = pytest.importorskip("laspy")
+pytest.importorskip("lazrs")
+
+
+def write_las(path: Path, *, far: bool = False, num_points: int = 500) -> Any:
+    """A file as a surveyor's: classes, returns, GPS time, a dimension of its own."""
+    rng = np.random.default_rng(0)
+    header = laspy.LasHeader(point_format=1, version="1.2")
+    header.scales = np.array([0.001, 0.001, 0.001])
+    header.offsets = np.array([5e5, 5e6, 100.0]) if far else np.zeros(3)
+    header.add_extra_dim(laspy.ExtraBytesParams("amplitude", np.int16))
+    las = laspy.LasData(header)
+    las.points = laspy.ScaleAwarePointRecord.zeros(num_points, header=header)
+    las.x, las.y, las.z = (rng.normal(size=(num_points, 3)) * 50 + header.offsets).T
+    las.intensity = rng.integers(0, 65536, num_points)
+    las.gps_time = rng.random(num_points)
+    las.return_number = rng.integers(1, 4, num_points)
+    las.number_of_returns = np.full(num_points, 3)
+    las.classification = rng.integers(0, 32, num_points)
+    las.amplitude = rng.integers(-999, 999, num_points)
+    las.write(str(path))
+    return las
+
+
+@pytest.mark.parametrize("suffix", ["las", "laz"])
+@pytest.mark.parametrize("far", [False, True])
+def test_las_is_written_back_as_read(tmp_path: Path, suffix: str, far: bool) -> None:
+    path = tmp_path / f"a.{suffix}"
+    stored = write_las(path, far=far)
+    frame = read_scan(path)
+    assert frame.num_points == 500
+    assert np.abs(frame.points).max() < 400
+    assert frame.origin is None
+    assert frame.format is not None
+    again = frame.format.file_coordinates(frame.points)
+    np.testing.assert_allclose(again, np.column_stack([stored.x, stored.y, stored.z]), atol=3e-5)
+    assert frame.intensity is not None
+    assert frame.intensity.tolist() == stored.intensity.tolist()
+    assert frame.fields["return_number"].tolist() == np.array(stored.return_number).tolist()
+    frame.write(tmp_path / f"b.{suffix}")
+    back = laspy.read(tmp_path / f"b.{suffix}")
+    assert np.array_equal(back.points.array, stored.points.array)
+    assert back.header.scales.tolist() == stored.header.scales.tolist()
+    # One point moved, one taken away, one added.
+    new = np.array([frame.points[0], frame.points[1], [1, 2, 3]])
+    new[1, 0] += 1.0
+    changed = frame.with_points(new, source_index=[0, 1, -1])
+    changed.write(tmp_path / f"c.{suffix}")
+    edited = laspy.read(tmp_path / f"c.{suffix}")
+    assert edited.points.array[0] == stored.points.array[0]
+    assert edited.x[1] == pytest.approx(stored.x[1] + 1.0, abs=0.0011)
+    assert edited.y[1] == pytest.approx(stored.y[1], abs=0.0011)
+    assert edited.gps_time.tolist() == [*stored.gps_time[:2], 0.0]
+    assert edited.amplitude[1] == stored.amplitude[1]
+
+
+@pytest.mark.parametrize("suffix", ["las", "laz"])
+@pytest.mark.parametrize("num_points", [0, 100])
+def test_other_scans_as_las(tmp_path: Path, suffix: str, num_points: int) -> None:
+    rng = np.random.default_rng(1)
+    frame = LidarFrame(
+        rng.normal(size=(num_points, 3)) * 20,
+        rng.random(num_points).astype(np.float32),
+        ring=rng.integers(0, 64, num_points).astype(np.uint8),
+        fields={"time": rng.random(num_points).astype(np.float32)},
+    )
+    frame.write(tmp_path / f"a.{suffix}")
+    again = read_scan(tmp_path / f"a.{suffix}")
+    np.testing.assert_allclose(again.points, frame.points, atol=6e-5)
+    assert again.fields["time"].tolist() == frame.fields["time"].tolist()
+    assert again.fields["ring"].tolist() == frame.ring.tolist()  # type: ignore[union-attr]
+    if num_points:
+        assert again.intensity is not None
+        assert again.intensity.tolist() == frame.intensity.tolist()  # type: ignore[union-attr]
+
+
+def damaged(data: bytes, at: int, code: str, value: int) -> bytes:
+    size = struct.calcsize("<" + code)
+    return data[:at] + struct.pack("<" + code, value) + data[at + size :]
+
+
+@pytest.mark.parametrize("suffix", ["las", "laz"])
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (lambda d: b"", "expected a LAS file"),
+        (lambda d: b"XXXX" + d[4:], "expected a LAS file"),
+        (lambda d: d[:100], "file ends within the header"),
+        (lambda d: damaged(d, 107, "I", 4_000_000_000), "claimed|claim to hold"),
+        (lambda d: damaged(d, 100, "I", 4_000_000_000), "4000000000 records claimed"),
+        (lambda d: damaged(d, 96, "I", 4_000_000_000), "expected points at bytes"),
+        (lambda d: damaged(d, 94, "H", 60000), "expected points at bytes"),
+        (lambda d: damaged(d, 131, "Q", 0x7FF8000000000000), "coordinates that fit|damaged LAS"),
+    ],
+)
+def test_hostile_las(tmp_path: Path, suffix: str, spoil: Any, reason: str) -> None:
+    path = tmp_path / f"a.{suffix}"
+    write_las(path)
+    path.write_bytes(spoil(path.read_bytes()))
+    with pytest.raises(FormatError, match=reason) as caught:
+        read_scan(path)
+    assert caught.value.file == str(path)
+
+
+@pytest.mark.parametrize("suffix", ["las", "laz"])
+def test_any_damaged_byte_of_las_is_an_error_or_a_scan(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a.{suffix}"
+    write_las(path, num_points=20)
+    whole = path.read_bytes()
+    rng = np.random.default_rng(2)
+    outcomes: list[int | None] = []
+    for trial in range(200):
+        data = bytearray(whole)
+        for at in rng.integers(0, len(whole), 3):
+            data[at] = rng.integers(0, 256)
+        size = rng.integers(1, len(whole)) if trial % 4 == 0 else len(whole)
+        path.write_bytes(bytes(data[:size]))
+        try:
+            frame = read_scan(path)
+        except FormatError:
+            outcomes.append(None)
+        else:
+            outcomes.append(frame.num_points + frame.num_dropped)
+    assert 20 in outcomes
+    assert max(n for n in outcomes if n is not None) == 20  # nothing is made up
+    assert None in outcomes
+    if suffix == "laz":  # a stream that is cut short cannot be decoded to the same count
+        assert set(outcomes[::4]) == {None}
+
+
+def pose(angle: float, place: tuple[float, float, float]) -> dict[str, Any]:
+    matrix = np.eye(4)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    matrix[:2, :2] = [[cosine, -sine], [sine, cosine]]
+    matrix[:3, 3] = place
+    rotation = np.array([np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2)])
+    return {"pose": matrix, "rotation": rotation}
+
+
+def positions() -> list[LidarFrame]:
+    rng = np.random.default_rng(3)
+    frames = []
+    for i in range(3):
+        n = 200 + i
+        frames.append(
+            LidarFrame(
+                rng.normal(size=(n, 3)) * 5,
+                rng.random(n).astype(np.float32),
+                fields={
+                    "rowIndex": np.arange(n, dtype=np.uint16),
+                    "columnIndex": rng.integers(0, 999, n).astype(np.uint16),
+                    "colorRed": rng.integers(0, 256, n).astype(np.uint8),
+                    "colorGreen": rng.integers(0, 256, n).astype(np.uint8),
+                    "colorBlue": rng.integers(0, 256, n).astype(np.uint8),
+                },
+                format=ScanFormat("e57", header=pose(0.3 * i, (10.0 * i, 1.0, 2.0))),
+            )
+        )
+    return frames
+
+
+def test_e57_keeps_positions_poses_rows_and_columns(tmp_path: Path) -> None:
+    pytest.importorskip("pye57")
+    written = positions()
+    io.write_scans(written, tmp_path / "a.e57")
+    again = io.read_scans(tmp_path / "a.e57")
+    assert len(again) == 3
+    for old, new in zip(written, again, strict=True):
+        assert np.array_equal(new.points, old.points)
+        assert np.array_equal(new.intensity, old.intensity)  # type: ignore[arg-type]
+        assert new.origin == (0.0, 0.0, 0.0)
+        for name, values in old.fields.items():
+            assert np.array_equal(new.fields[name], values), name
+        assert new.format is not None
+        assert old.format is not None
+        np.testing.assert_allclose(new.format.header["pose"], old.format.header["pose"], atol=1e-12)
+    with pytest.raises(InputError, match="expected one scan, got 3: use read_scans"):
+        read_scan(tmp_path / "a.e57")
+    io.write_scans([again[1]], tmp_path / "b.e57")
+    assert np.array_equal(read_scan(tmp_path / "b.e57").points, written[1].points)
+    with pytest.raises(InputError, match="only E57 holds several scans, got 2"):
+        io.write_scans(written[:2], tmp_path / "a.pcd")
+    with pytest.raises(InputError, match="E57 needs at least one"):
+        io.write_scans([LidarFrame(np.empty((0, 3)))], tmp_path / "c.e57")
+    assert not (tmp_path / "c.e57").exists()
+
+
+def test_points_of_e57_that_were_not_measured_are_dropped(tmp_path: Path) -> None:
+    pye57 = pytest.importorskip("pye57")
+    file = pye57.E57(str(tmp_path / "a.e57"), mode="w")
+    x = np.arange(5.0)
+    state = np.array([0, 1, 0, 2, 0], np.int8)
+    data = {"cartesianX": x, "cartesianY": x, "cartesianZ": x, "cartesianInvalidState": state}
+    file.write_scan_raw(data)
+    file.close()
+    frame = read_scan(tmp_path / "a.e57")
+    assert frame.points[:, 0].tolist() == [0, 2, 4]
+    assert frame.num_dropped == 2
+
+
+def test_damaged_e57(tmp_path: Path) -> None:
+    pytest.importorskip("pye57")
+    path = tmp_path / "a.e57"
+    io.write_scans(positions(), path)
+    whole = path.read_bytes()
+    rng = np.random.default_rng(4)
+    for size in (0, 7, 8, 40, 48, 1024, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:size])
+        with pytest.raises(FormatError):
+            read_scan(path)
+        assert path.stat().st_size == size
+    for _ in range(50):
+        data = bytearray(whole)
+        data[rng.integers(0, len(whole))] ^= 1 << rng.integers(0, 8)
+        path.write_bytes(bytes(data))
+        with contextlib.suppress(FormatError):
+            assert len(io.read_scans(path)) == 3
+    with pytest.raises(FileNotFoundError):
+        read_scan(tmp_path / "none.e57")
+
+
+def write_layered(path: Path) -> bytes:
+    """A LAZ 1.4 file whose one chunk consists of layers (point format 6, one extra byte pair)."""
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.add_extra_dim(laspy.ExtraBytesParams("amplitude", np.int16))
+    las = laspy.LasData(header)
+    las.points = laspy.ScaleAwarePointRecord.zeros(100, header=header)
+    las.x, las.y, las.z = np.random.default_rng(0).normal(size=(3, 100))
+    las.evlrs = laspy.vlrs.vlrlist.VLRList([laspy.VLR("us", 1, "a note", b"12345")])
+    las.write(str(path))
+    return path.read_bytes()
+
+
+def start_of_points(data: bytes) -> int:
+    return int(struct.unpack_from("<I", data, 96)[0])
+
+
+def chunk_table(data: bytes) -> int:
+    return int(struct.unpack_from("<q", data, start_of_points(data))[0])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        # Each of these made the decoder reserve gigabytes, and the first ended the process.
+        (lambda d: damaged(d, chunk_table(d) + 4, "I", 0xFFFFFFFF), "4294967295 chunks claimed"),
+        (lambda d: damaged(d, chunk_table(d) + 4, "I", 2), "2 chunks claimed for 100 points"),
+        # 30 bytes of the first point, 2 of amplitude, 4 of the number of points, then the layers.
+        (lambda d: damaged(d, start_of_points(d) + 8 + 36, "I", 0xFFFFFF00), "layers of 42949"),
+        (lambda d: damaged(d, start_of_points(d) + 8 + 32, "I", 101), "a chunk of 101 points"),
+        (lambda d: damaged(d, start_of_points(d), "q", 2**40), "expected the chunk table"),
+        (lambda d: damaged(d, start_of_points(d), "q", -1), "expected the chunk table"),
+        (lambda d: damaged(d, struct.unpack_from("<Q", d, 235)[0] + 20, "Q", 2**60), "a record of"),
+        (lambda d: damaged(d, 25, "B", 7), "expected LAS 1.0 to 1.4, got 1.7"),
+        (lambda d: d[: chunk_table(d) + 4], "expected the chunk table|file ends|records claimed"),
+    ],
+)
+def test_laz_that_claims_more_than_it_holds(tmp_path: Path, spoil: Any, reason: str) -> None:
+    path = tmp_path / "a.laz"
+    whole = write_layered(path)
+    assert read_scan(path).num_points == 100
+    path.write_bytes(spoil(whole))
+    with pytest.raises(FormatError, match=reason):
+        read_scan(path)
+
+
+def test_chunks_of_any_size(tmp_path: Path) -> None:
+    """LASzip's default is 50 000 points a chunk: several chunks, the last not full."""
+    frame = LidarFrame(np.random.default_rng(0).normal(size=(120_000, 3)))
+    frame.write(tmp_path / "a.laz")
+    np.testing.assert_allclose(read_scan(tmp_path / "a.laz").points, frame.points, atol=6e-5)

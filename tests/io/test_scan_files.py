@@ -1,0 +1,459 @@
+"""Scans to files and back; what damaged files say."""
+
+from __future__ import annotations
+
+import gzip
+import itertools
+import lzma
+import os
+import struct
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from manip3d import FormatError, InputError, LidarFrame, MissingExtraError, capture, read_scan
+from manip3d.io import write_scan
+from manip3d.lidar import ScanFormat
+
+
+def scan(num_points: int = 100) -> LidarFrame:
+    rng = np.random.default_rng(0)
+    return LidarFrame(
+        rng.normal(size=(num_points, 3)) * 10, rng.random(num_points).astype(np.float32)
+    )
+
+
+@pytest.mark.parametrize("suffix", ["bin", "bin.xz", "bin.gz"])
+@pytest.mark.parametrize("num_points", [0, 1, 100, 40_000])
+def test_kitti_round_trip(tmp_path: Path, suffix: str, num_points: int) -> None:
+    path = tmp_path / f"scan.{suffix}"
+    frame = scan(num_points)
+    frame.write(path)
+    again = read_scan(path)
+    assert np.array_equal(again.points, frame.points)
+    assert again.intensity is not None
+    assert np.array_equal(again.intensity, frame.intensity)
+    assert again.origin == (0.0, 0.0, 0.0)
+    assert again.source == str(path)
+    assert again.format is not None
+    assert again.format.name == "kitti"
+
+
+def test_kitti_rows_are_four_little_endian_floats(tmp_path: Path) -> None:
+    path = tmp_path / "scan.bin"
+    path.write_bytes(struct.pack("<8f", 1, 2, 3, 0.5, -4, -5, -6, 1.0))
+    frame = read_scan(path)
+    assert frame.points.tolist() == [[1, 2, 3], [-4, -5, -6]]
+    assert frame.intensity is not None
+    assert frame.intensity.tolist() == [0.5, 1.0]
+
+
+def test_no_intensity_is_written_as_zero(tmp_path: Path) -> None:
+    write_scan(LidarFrame([[1, 2, 3]]), tmp_path / "s.bin")
+    assert (tmp_path / "s.bin").read_bytes() == struct.pack("<4f", 1, 2, 3, 0)
+
+
+@pytest.mark.parametrize(
+    ("data", "byte", "reason"),
+    [
+        (bytes(17), 17, "file ends within a point"),
+        (bytes(15), 15, "file ends within a point"),
+        (bytes(20) + struct.pack("<f", np.nan) + bytes(8), 20, "expected a finite number"),
+        (bytes(16 * 20_000) + struct.pack("<f", np.inf) + bytes(12), 320_000, "finite number"),
+    ],
+)
+@pytest.mark.parametrize("compress", [bytes, lzma.compress, gzip.compress])
+def test_damaged_kitti(tmp_path: Path, data: bytes, byte: int, reason: str, compress) -> None:  # type: ignore[no-untyped-def]
+    suffix = {bytes: "", lzma.compress: ".xz", gzip.compress: ".gz"}[compress]
+    path = tmp_path / f"scan.bin{suffix}"
+    path.write_bytes(compress(data))
+    with pytest.raises(FormatError, match=reason) as caught:
+        read_scan(path)
+    assert caught.value.byte_offset == byte
+    assert caught.value.file == str(path)
+
+
+def test_names_that_are_no_scans(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"expected a point file \(.*\.bin"):
+        read_scan(tmp_path / "scan.xyz")
+    with pytest.raises(InputError, match="expected a point file"):
+        scan().write(tmp_path / "scan.obj")
+    with pytest.raises(FileNotFoundError):
+        read_scan(tmp_path / "none.bin")
+    with pytest.raises(InputError, match="max_bytes: expected > 0, got 0"):
+        read_scan(tmp_path / "none.bin", max_bytes=0)
+
+
+def test_a_compressed_scan_may_not_explode(tmp_path: Path) -> None:
+    path = tmp_path / "scan.bin.xz"
+    path.write_bytes(lzma.compress(bytes(80 << 20), preset=0))
+    with pytest.raises(FormatError, match="expand more than 200 times"):
+        read_scan(path)
+    with pytest.raises(FormatError, match="more than max_bytes = 1000"):
+        read_scan(path, max_bytes=1000)
+    assert read_scan(path, max_bytes=100 << 20).num_points == 5 << 20
+
+
+PCD = """\
+# .PCD v0.7 - Point Cloud Data file format
+VERSION 0.7
+FIELDS x y z _ ring rgb normal
+SIZE 4 8 4 1 2 4 4
+TYPE F F F U U U F
+COUNT 1 1 1 4 1 1 3
+WIDTH 2
+HEIGHT 2
+VIEWPOINT 1 2 3 1 0 0 0
+POINTS 4
+DATA {data}
+"""
+PCD_ROWS = [
+    [1.5, 2.1, 3, 0, 0, 0, 0, 7, 255, 0, 0, 1],
+    [-4, 5, 6, 0, 0, 0, 0, 8, 1, 1, 0, 0],
+    [np.nan, np.nan, np.nan, 0, 0, 0, 0, 9, 2, 0, 1, 0],
+    [7, 8, 9, 1, 2, 3, 4, 10, 3, 0, 0, 0.5],
+]
+PCD_TYPES = "<fdf4BHI3f"
+
+
+def lzf_literals(data: bytes) -> bytes:
+    """LZF without a copy: runs of at most 32 bytes."""
+    runs = (data[i : i + 32] for i in range(0, len(data), 32))
+    return b"".join(bytes([len(run) - 1]) + run for run in runs)
+
+
+def pcd_bytes(data: str) -> bytes:
+    head = PCD.format(data=data).encode()
+    if data == "ascii":
+        return head + "".join(" ".join(map(str, row)) + "\n" for row in PCD_ROWS).encode()
+    rows = [struct.pack(PCD_TYPES, *row) for row in PCD_ROWS]
+    if data == "binary":
+        return head + b"".join(rows)
+    edges = [0, 4, 12, 16, 20, 22, 26, 38]
+    columns = b"".join(row[a:b] for a, b in itertools.pairwise(edges) for row in rows)
+    packed = lzf_literals(columns)
+    return head + struct.pack("<II", len(packed), len(columns)) + packed
+
+
+@pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
+def test_pcd(tmp_path: Path, data: str) -> None:
+    path = tmp_path / "a.pcd"
+    path.write_bytes(pcd_bytes(data))
+    frame = read_scan(path)
+    assert frame.num_dropped == 1
+    np.testing.assert_allclose(frame.points, [[1.5, 2.1, 3], [-4, 5, 6], [7, 8, 9]], rtol=1e-7)
+    assert frame.exact is not None
+    assert frame.exact[0, 1] == 2.1
+    assert frame.ring is not None
+    assert frame.ring.tolist() == [7, 8, 10]
+    assert sorted(frame.fields) == ["normal", "rgb"]
+    assert frame.fields["normal"].tolist() == [[0, 0, 1], [1, 0, 0], [0, 0, 0.5]]
+    assert frame.origin == (1.0, 2.0, 3.0)
+    assert frame.intensity is None
+    # Written back: same encoding, types and order; the cloud is no longer organised.
+    frame.write(tmp_path / "b.pcd")
+    again = read_scan(tmp_path / "b.pcd")
+    assert f"DATA {data}\n".encode() in (tmp_path / "b.pcd").read_bytes()
+    assert b"WIDTH 3\nHEIGHT 1\n" in (tmp_path / "b.pcd").read_bytes()
+    assert again.exact is not None
+    assert np.array_equal(again.exact, frame.exact)
+    assert again.fields["rgb"].tolist() == [255, 1, 3]
+    assert again.format is not None
+    assert again.format.columns == frame.format.columns  # type: ignore[union-attr]
+
+
+def test_compressed_pcd_is_small_and_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "a.pcd"
+    rng = np.random.default_rng(0)
+    for case in range(30):
+        n = int(rng.integers(0, 400))
+        points = np.round(rng.normal(size=(n, 3)), int(rng.integers(0, 3)))
+        frame = LidarFrame(points, rng.integers(0, 3, n).astype(np.float32))
+        frame.write(path)
+        packed = read_scan(path)
+        header = {"pairs": (("data", "binary_compressed"),)}
+        packed = packed.replace(format=ScanFormat("pcd", packed.format.columns, header))  # type: ignore[union-attr]
+        packed.write(path)
+        again = read_scan(path)
+        assert np.array_equal(again.points, frame.points), case
+    zeros = packed.replace(
+        points=np.zeros((1000, 3)), intensity=np.zeros(1000, np.float32), fields={}, exact=None
+    )
+    zeros.write(path)
+    assert path.stat().st_size < 600
+    assert np.array_equal(read_scan(path).points, zeros.points)
+
+
+PLY = """\
+ply
+format {format} 1.0
+comment scanned on Monday
+element vertex 2
+property double x
+property float y
+property float z
+property uchar reflectance
+property ushort echo
+element camera 1
+property float view
+end_header
+"""
+
+
+@pytest.mark.parametrize(("form", "order"), [("ascii", ""), ("little", "<"), ("big", ">")])
+def test_ply(tmp_path: Path, form: str, order: str) -> None:
+    path = tmp_path / "a.ply"
+    head = PLY.format(format="ascii" if form == "ascii" else f"binary_{form}_endian").encode()
+    values = [(1.1, 2, 3, 200, 5), (4, 5, 6, 100, 6)]
+    if order:
+        body = b"".join(struct.pack(order + "dffBH", *row) for row in values) + bytes(4)
+    else:
+        body = "".join(" ".join(map(str, row)) + "\n" for row in values).encode() + b"0\n"
+    path.write_bytes(head + body)
+    frame = read_scan(path)
+    np.testing.assert_allclose(frame.points, [[1.1, 2, 3], [4, 5, 6]], rtol=1e-7)
+    assert frame.intensity is not None
+    assert frame.intensity.tolist() == [200, 100]
+    assert frame.fields["echo"].tolist() == [5, 6]
+    assert frame.origin is None
+    assert read_scan(path, origin=(0, 0, 1)).origin == (0.0, 0.0, 1.0)
+    changed = frame.with_points(
+        [[1.1, 2, 3], [9, 9, 9]], source_index=[0, -1], intensity=[200.4, 300]
+    )
+    changed.write(tmp_path / "b.ply")
+    again = read_scan(tmp_path / "b.ply")
+    assert b"comment scanned on Monday\n" in (tmp_path / "b.ply").read_bytes()
+    assert again.exact is not None
+    assert again.exact[0, 0] == 1.1
+    assert again.fields["echo"].tolist() == [5, 0]
+    assert again.intensity is not None
+    assert again.intensity.tolist() == [200, 255]
+    assert again.format.columns == frame.format.columns  # type: ignore[union-attr]
+
+
+def test_3dtk_is_left_handed_and_in_centimetres(tmp_path: Path) -> None:
+    path = tmp_path / "scan000.3d"
+    path.write_text("100 20 300 0.5\n-1.1 -2.2 -3.3 0.25\n\n# end\n")
+    (tmp_path / "scan000.pose").write_text("0 0 500\n0 90 0\n")
+    frame = read_scan(path)
+    # x to the right, y up, z ahead.
+    np.testing.assert_allclose(frame.points[0], [3.0, -1.0, 0.2], rtol=1e-6)
+    assert frame.fields["c3"].tolist() == [0.5, 0.25]
+    assert frame.format is not None
+    pose = frame.format.header["pose"]
+    # 5 m ahead, turned by 90 degrees from ahead (z) to the right (x).
+    np.testing.assert_allclose(pose[:3, 3], [5, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(pose[:3, :3] @ [1, 0, 0], [0, -1, 0], atol=1e-12)
+    assert np.linalg.det(pose[:3, :3]) == pytest.approx(1.0)
+    frame.write(tmp_path / "b.3d")
+    assert (tmp_path / "b.3d").read_text() == "100 20 300 0.5\n-1.1 -2.2 -3.3 0.25\n"
+    (tmp_path / "scan000.pose").write_text("0 0 x")
+    with pytest.raises(FormatError, match="expected six finite numbers"):
+        read_scan(path)
+
+
+@pytest.mark.parametrize("source", ["bin", "pcd", "ply", "3d"])
+@pytest.mark.parametrize("target", ["bin", "pcd", "ply", "3d"])
+def test_any_format_from_any_other(tmp_path: Path, source: str, target: str) -> None:
+    frame = scan(200)
+    frame.write(tmp_path / f"a.{source}")
+    read_scan(tmp_path / f"a.{source}").write(tmp_path / f"b.{target}")
+    again = read_scan(tmp_path / f"b.{target}")
+    assert np.array_equal(again.points, frame.points)
+    if "3d" not in (source, target):
+        assert again.intensity is not None
+        assert np.array_equal(again.intensity, frame.intensity)
+
+
+BAD_PCD = [
+    ("FIELDS x y z _ ring rgb normal", "FIELDS x y z", "expected as many SIZE, TYPE and COUNT"),
+    ("TYPE F F F", "TYPE F I F", "byte|line"),
+    ("SIZE 4 8", "SIZE 3 8", "expected a TYPE of I, U or F"),
+    ("COUNT 1 1 1 4", "COUNT 1 1 1 -1", "COUNT: expected 0 to 1048576"),
+    ("COUNT 1 1 1 4", "COUNT 1 1 1 9999999", "COUNT: expected 0 to 1048576"),
+    ("POINTS 4", "POINTS 5", r"POINTS: expected WIDTH x HEIGHT = 4, got 5"),
+    ("WIDTH 2", "WIDTH 2000000000", "more than 2147483647 points"),
+    ("POINTS 4", "POINTS many", "POINTS: expected an integer"),
+    ("VIEWPOINT 1 2 3", "VIEWPOINT 1 nan 3", "VIEWPOINT: expected a finite number"),
+    ("VERSION 0.7", "VERSIONS 0.7", "unknown entry 'VERSIONS'"),
+    ("WIDTH 2\nHEIGHT 2\nVIEWPOINT 1 2 3 1 0 0 0\nPOINTS 4",
+     "WIDTH 20000\nHEIGHT 20000\nPOINTS 400000000", "claimed|uncompressed"),
+    ("FIELDS x y z", "FIELDS a y z", "a scan has x, y and z; x not found"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("data", ["binary", "ascii", "binary_compressed"])
+@pytest.mark.parametrize(("old", "new", "reason"), BAD_PCD)
+def test_damaged_pcd(tmp_path: Path, data: str, old: str, new: str, reason: str) -> None:
+    path = tmp_path / "a.pcd"
+    content = pcd_bytes(data)
+    assert old.encode() in content
+    path.write_bytes(content.replace(old.encode(), new.encode(), 1))
+    if new == "TYPE F I F":  # a double read as an integer: another number, no damage
+        if data == "ascii":
+            with pytest.raises(FormatError, match="expected an integer of its type"):
+                read_scan(path)
+        return
+    with pytest.raises(FormatError, match=reason) as caught:
+        read_scan(path)
+    assert caught.value.file == str(path)
+
+
+@pytest.mark.parametrize(
+    ("packed", "size", "reason"),
+    [
+        (b"\x05abc", 6, "within a run"),
+        (b"\x20", 3, "within a copy"),
+        (b"\xe0\x01", 3, "within a copy"),
+        (b"\x00a\x20\x05", 3, "from before the beginning"),
+        (b"\x00a\x20\x00", 3, "more bytes than expected"),
+        (b"\x03abcd", 3, "more bytes than expected"),
+        (b"\x00a", 3, "expected 3 bytes, got 1"),
+        (b"\x00a", 9999, "2 bytes of LZF cannot hold 9999"),
+    ],
+)
+def test_damaged_lzf(tmp_path: Path, packed: bytes, size: int, reason: str) -> None:
+    path = tmp_path / "a.pcd"
+    head = f"FIELDS x y z\nSIZE 1 1 1\nTYPE U U U\nWIDTH {size // 3}\nHEIGHT 1\nDATA "
+    path.write_bytes(
+        head.encode() + b"binary_compressed\n" + struct.pack("<II", len(packed), size) + packed
+    )
+    with pytest.raises(FormatError, match=reason):
+        read_scan(path)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "data"),
+    [("pcd", "ascii"), ("pcd", "binary"), ("pcd", "binary_compressed"),
+     ("ply", ""), ("3d", ""), ("bin", "")],
+)  # fmt: skip
+def test_every_truncation_is_an_error_or_a_prefix(tmp_path: Path, suffix: str, data: str) -> None:
+    path = tmp_path / f"a.{suffix}"
+    frame = scan(6)
+    if suffix == "pcd":
+        frame = frame.replace(
+            format=ScanFormat(
+                "pcd",
+                tuple((name, "<f4", 1) for name in ("x", "y", "z", "intensity")),
+                {"pairs": (("data", data),)},
+            )
+        )
+    frame.write(path)
+    whole = path.read_bytes()
+    for size in range(len(whole)):
+        path.write_bytes(whole[:size])
+        try:
+            part = read_scan(path)
+        except FormatError:
+            continue
+        text = suffix == "3d" or (data == "ascii" and suffix == "pcd")
+        assert suffix == "bin" or text
+        assert np.array_equal(part.points[:-1], frame.points[: max(0, part.num_points - 1)])
+
+
+PLY_TEXT = PLY.format(format="ascii")
+
+
+@pytest.mark.parametrize(
+    ("suffix", "text", "reason"),
+    [
+        ("ply", "ply\nformat ascii 1.0\nelement face 0\nend_header\n", "vertex that comes first"),
+        ("ply", PLY_TEXT.replace("float z", "list uchar int z"), "no lists"),
+        ("ply", PLY_TEXT + "1 2 3 4\n4 5 6 7 800000\n", "echo: expected an integer"),
+        ("ply", PLY_TEXT + "1 2 3 4 5 6\n4 5 6 7 8\n", "more values on the line"),
+        (
+            "ply",
+            PLY_TEXT + "1 2 3 256 5\n4 5 6 7 8\n",
+            "reflectance: expected an integer",
+        ),
+        (
+            "ply",
+            PLY_TEXT + "1 2e99 3 4 5\n4 5 6 7 8\n",
+            "a number that fits a float",
+        ),
+        (
+            "ply",
+            PLY_TEXT + "1e999 2 3 4 5\n4 5 6 7 8\n",
+            "a number that fits a double",
+        ),
+        ("ply", PLY_TEXT + "1e99 2 3 4 5\n4 5 6 7 8\n", "that fit a float"),
+        ("ply", PLY_TEXT.replace("vertex 2", "vertex 2000000000"), "claimed"),
+        ("3d", "1 2\n", "expected 3 numbers, got 2"),
+        ("3d", "1 2 3\n1 2 3 4\n", "line 2: expected 3 numbers, got 4"),
+        ("3d", "1 nan 3\n", "a coordinate: expected a finite number"),
+        ("3d", "1 " * 100 + "\n", "more than 64 numbers"),
+        ("3d", "1e60 0 0\n", "coordinates that fit a float"),
+    ],
+)
+def test_damaged_text(tmp_path: Path, suffix: str, text: str, reason: str) -> None:
+    path = tmp_path / f"a.{suffix}"
+    path.write_text(text)
+    with pytest.raises(FormatError, match=reason) as caught:
+        read_scan(path)
+    assert caught.value.file == str(path)
+
+
+@pytest.mark.parametrize(
+    ("package", "name", "extra"),
+    [("laspy", "a.las", "las"), ("laspy", "a.laz", "las"), ("pye57", "a.e57", "e57")],
+)
+def test_a_missing_package_names_its_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str, name: str, extra: str
+) -> None:
+    monkeypatch.setitem(sys.modules, package, None)
+    (tmp_path / name).write_bytes(b"ASTM-E57")
+    with pytest.raises(MissingExtraError, match=rf"pip install 'manip3d\[{extra}\]'"):
+        read_scan(tmp_path / name)
+    with pytest.raises(MissingExtraError, match=package):
+        scan(3).write(tmp_path / name)
+
+
+def test_missing_packages_of_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "yaml", None)
+    (tmp_path / "c.yaml").write_text("lasers: []")
+    with pytest.raises(MissingExtraError, match=r"manip3d\[velodyne\]"):
+        capture.read_velodyne_calibration(tmp_path / "c.yaml")
+    monkeypatch.setitem(sys.modules, "ouster", None)
+    with pytest.raises(MissingExtraError, match=r"manip3d\[ouster\]"):
+        capture.open(f"ouster:{tmp_path / 'a.pcap'}")
+
+
+def test_nuscenes_has_five_columns(tmp_path: Path) -> None:
+    """Four columns would read every number at a wrong place, without an error."""
+    rows = np.random.default_rng(0).normal(size=(40, 5)).astype(np.float32)
+    rows[:, 4] = np.arange(40) % 32
+    path = tmp_path / "LIDAR_TOP.pcd.bin"
+    path.write_bytes(rows.tobytes())
+    frame = read_scan(path)
+    assert np.array_equal(frame.points, rows[:, :3])
+    assert frame.intensity is not None
+    assert np.array_equal(frame.intensity, rows[:, 3])
+    assert frame.ring is not None
+    assert frame.ring.tolist() == rows[:, 4].tolist()
+    frame.write(tmp_path / "again.pcd.bin.xz")
+    again = read_scan(tmp_path / "again.pcd.bin.xz")
+    assert np.array_equal(again.points, frame.points)
+    frame.write(tmp_path / "same.pcd.bin")
+    assert (tmp_path / "same.pcd.bin").read_bytes() == path.read_bytes()
+    path.write_bytes(rows.tobytes()[:-4])
+    with pytest.raises(FormatError, match=r"byte 796: .*multiple of 20 bytes"):
+        read_scan(path)
+    rows[7, 4] = 0.5
+    path.write_bytes(rows.tobytes())
+    with pytest.raises(FormatError, match=r"ring of point 7: expected a whole number .* got 0\.5"):
+        read_scan(path)
+
+
+def test_messages_show_the_bytes_of_files_as_escapes(tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"a\xff\x1b[31m.pcd")
+    path.write_bytes(b"VERSION 0.7\nFIELDS x \xff\x1b[2J\nSIZE 4 4\nTYPE F Q\n")
+    with pytest.raises(FormatError) as caught:
+        read_scan(path)
+    assert str(caught.value).isprintable()
+    assert r"a\xff\x1b[31m.pcd" in str(caught.value)
+    assert caught.value.file == str(path)
+    with pytest.raises(FileNotFoundError) as missing:
+        read_scan(tmp_path / os.fsdecode(b"b\xff.pcd"))
+    assert missing.value.filename == str(tmp_path / os.fsdecode(b"b\xff.pcd"))

@@ -1,0 +1,257 @@
+"""Several calibrated cameras into one mesh: no doubled layer, no gap, the density of one view."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from manip3d import InputError, Intrinsics, Mesh, Registration, datasets, metrics, simplify
+from manip3d.simplify import CameraView, JointSimplification, cs3_cameras
+from real_data import RealData
+
+CAMERA = Intrinsics(160, 120, 150.0, 150.0, 79.5, 59.5)
+
+
+def looking_at_origin(angle: float, distance: float = 3.0) -> NDArray[np.float64]:
+    """Camera-to-world pose of a camera on a circle around the origin, y down."""
+    pose = np.eye(4)
+    pose[:3, :3] = [
+        [np.cos(angle), 0, -np.sin(angle)],
+        [0, 1, 0],
+        [np.sin(angle), 0, np.cos(angle)],
+    ]
+    pose[:3, 3] = -distance * pose[:3, 2]
+    return pose
+
+
+def ball(pose: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Depth image of the unit ball at the origin; 0 beside it and where it is seen edge-on."""
+    v, u = np.mgrid[0:120, 0:160]
+    rays = np.stack(
+        [(u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, np.ones(u.shape)], -1
+    )
+    rays = rays @ pose[:3, :3].T
+    a = (rays**2).sum(-1)
+    b = rays @ pose[:3, 3]
+    root = b**2 - a * ((pose[:3, 3] ** 2).sum() - 1)
+    z = (-b - np.sqrt(np.maximum(root, 0))) / a
+    points = pose[:3, 3] + rays * z[..., None]
+    facing = -np.einsum("ijk,ijk->ij", points, rays) / np.sqrt(a)
+    return np.where((root > 0) & (facing > 0.25), z, 0).astype(np.float32)
+
+
+ANGLES = (0.0, 0.7, -0.8)
+VIEWS = [
+    CameraView(depth=ball(pose), intrinsics=CAMERA, pose=pose)
+    for pose in map(looking_at_origin, ANGLES)
+]
+
+
+def areas(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
+    p, q, r = (vertices[faces[:, i]] for i in range(3))
+    result: NDArray[np.float64] = np.linalg.norm(np.cross(q - p, r - p), axis=1) / 2
+    return result
+
+
+def test_one_view_is_cs3() -> None:
+    joint = cs3_cameras(VIEWS[:1], 400)
+    assert VIEWS[0].depth is not None
+    single = simplify.cs3(VIEWS[0].depth, CAMERA, 400)
+    np.testing.assert_array_equal(joint.triangles, single.triangles)
+    np.testing.assert_array_equal(joint.pixels, single.pixels)
+    np.testing.assert_allclose(joint.vertices, single.vertices + VIEWS[0].pose[:3, 3])  # type: ignore[index]
+
+
+def layers_of(joint: JointSimplification, views: list[CameraView]) -> tuple[float, float]:
+    """Of directions from the ball's centre: the share with two layers, and that with none.
+
+    The ball is round, so each direction meets each layer once. Of the latter only those count that
+    lie three pixels inside of an outline: a sparse mesh ends within it.
+    """
+    rng = np.random.default_rng(0)
+    directions = rng.normal(size=(4000, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    inverse = np.linalg.inv(np.swapaxes(joint.vertices[joint.triangles], 1, 2))
+    layers = (np.einsum("fij,dj->dfi", inverse, directions) >= 0).all(axis=2).sum(axis=1)
+    seen = np.zeros(len(directions), bool)
+    for view in views:
+        pose = np.asarray(view.pose)
+        sight = directions - pose[:3, 3]
+        local = sight @ pose[:3, :3]
+        u = np.rint(CAMERA.fx * local[:, 0] / local[:, 2] + CAMERA.cx).astype(int)
+        v = np.rint(CAMERA.fy * local[:, 1] / local[:, 2] + CAMERA.cy).astype(int)
+        facing = -np.einsum("ij,ij->i", directions, sight) / np.linalg.norm(sight, axis=1)
+        valid = np.asarray(view.depth) > 0
+        inside = np.all([valid[v + dv, u + du] for dv, du in ((0, 3), (0, -3), (3, 0), (-3, 0))], 0)
+        seen |= inside & (facing > 0.25)
+    return float((layers > 1).mean()), float((layers[seen] == 0).mean())
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_the_overlap_is_sampled_once(count: int) -> None:
+    joint = cs3_cameras(VIEWS[:count], 900)
+    assert 0.95 * 900 <= joint.num_vertices <= 900
+    assert sorted(set(joint.vertex_view.tolist())) == list(range(count))
+    np.testing.assert_allclose(np.linalg.norm(joint.vertices, axis=1), 1, atol=1e-6)
+    summary = joint.mesh.summary()
+    assert summary.non_manifold_edges == 0
+    used = np.unique(joint.triangles)
+    assert len(used) >= 0.99 * joint.num_vertices
+    normals = np.cross(
+        joint.vertices[joint.triangles[:, 1]] - joint.vertices[joint.triangles[:, 0]],
+        joint.vertices[joint.triangles[:, 2]] - joint.vertices[joint.triangles[:, 0]],
+    )
+    assert (np.einsum("ij,ij->i", normals, joint.vertices[joint.triangles[:, 0]]) > 0).all()
+    doubled, holes = layers_of(joint, VIEWS[:count])
+    assert doubled < 0.002
+    assert holes < 0.01
+    # The density where two views overlap is that of one view.
+    assert VIEWS[0].depth is not None
+    share = joint.views[0].num_vertices
+    alone = simplify.cs3(VIEWS[0].depth, CAMERA, share)
+    inside = np.hypot(alone.pixels[:, 0] - 79.5, alone.pixels[:, 1] - 59.5) < 40
+    there = (joint.vertex_view == 0) & (np.hypot(*(joint.pixels - [79.5, 59.5]).T) < 40)
+    other = (joint.vertex_view > 0) & (joint.vertices @ [0, 0, -1] > 0.8)
+    assert abs(there.sum() + other.sum() - inside.sum()) <= 0.1 * inside.sum()
+
+
+def test_views_without_overlap_stay_apart() -> None:
+    back = looking_at_origin(np.pi)
+    joint = cs3_cameras([VIEWS[0], CameraView(depth=ball(back), intrinsics=CAMERA, pose=back)], 500)
+    assert not any(covered.any() for covered in joint.covered)
+    assert joint.mesh.summary().components == 2
+
+
+def test_a_view_that_adds_nothing() -> None:
+    joint = cs3_cameras([VIEWS[0], VIEWS[0]], 500)
+    assert joint.covered[1].sum() > 0.9 * (np.asarray(VIEWS[0].depth) > 0).sum()
+    assert (joint.vertex_view == 0).mean() > 0.85
+    empty = CameraView(depth=np.zeros((120, 160), np.uint16), intrinsics=CAMERA)
+    nothing = cs3_cameras([empty, empty], 10)
+    assert nothing.num_vertices == nothing.num_faces == nothing.mesh.num_faces == 0
+    first = cs3_cameras([empty, VIEWS[0]], 300)
+    assert first.vertex_view.tolist() == [1] * first.num_vertices
+
+
+def test_textures_stay_with_their_views() -> None:
+    red, blue = (np.full((120, 160, 3), c, np.uint8) for c in ((255, 0, 0), (0, 0, 255)))
+    views = [
+        CameraView(
+            depth=v.depth,
+            intrinsics=CAMERA,
+            pose=v.pose,
+            colour=colour,
+            registration=registration,
+        )
+        for v, colour, registration in zip(
+            VIEWS[:2], (red, blue), (None, Registration(CAMERA)), strict=True
+        )
+    ]
+    joint = cs3_cameras(views, 600)
+    mesh = joint.mesh
+    assert mesh.face_material is not None
+    np.testing.assert_array_equal(mesh.face_material, joint.triangle_view)
+    assert len(mesh.materials) == 2
+    # Both views take their pictures through the same camera model, so a corner's coordinates are
+    # where its vertex projects to in the view that the triangle was made in.
+    for index, view in enumerate(views):
+        pose = np.asarray(view.pose)
+        triangles = joint.triangles[joint.triangle_view == index]
+        local = (joint.vertices[triangles] - pose[:3, 3]) @ pose[:3, :3]
+        u = CAMERA.fx * local[..., 0] / local[..., 2] + CAMERA.cx
+        v = CAMERA.fy * local[..., 1] / local[..., 2] + CAMERA.cy
+        expected = np.stack([(u + 0.5) / 160, 1 - (v + 0.5) / 120], axis=-1)
+        off = np.abs(joint.corner_uvs[joint.triangle_view == index] - expected).max()
+        assert off <= (1.0 / 120 if index == 0 else 1e-5)
+
+
+def test_same_bytes_for_any_number_of_threads() -> None:
+    one, two = (cs3_cameras(VIEWS, 700, threads=threads) for threads in (1, 2))
+    for name in ("vertices", "triangles", "pixels", "vertex_view", "triangle_view", "corner_uvs"):
+        assert getattr(one, name).tobytes() == getattr(two, name).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("view", "message"),
+    [
+        (CameraView(), r"views\[0\]: expected either depth with intrinsics, or points"),
+        (CameraView(depth=np.ones((2, 2), np.float32)), r"views\[0\]: expected intrinsics"),
+        (
+            CameraView(points=np.ones((2, 2, 3)), pose=np.diag([1, 1, -1, 1])),
+            r"views\[0\]\.pose: expected a rigid",
+        ),
+        (
+            CameraView(points=np.ones((2, 2, 3)), pose=np.eye(3)),
+            r"views\[0\]\.pose: expected shape",
+        ),
+        (None, r"views\[0\]: expected a CameraView"),
+    ],
+)
+def test_bad_views(view: CameraView, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        cs3_cameras([view], 10)
+
+
+def test_bad_options() -> None:
+    with pytest.raises(InputError, match="views: expected at least one"):
+        cs3_cameras([], 10)
+    with pytest.raises(InputError, match="target_points"):
+        cs3_cameras(VIEWS, -1)
+    with pytest.raises(InputError, match="tolerance: expected > 0"):
+        cs3_cameras(VIEWS, 10, tolerance=np.nan)
+
+
+@pytest.mark.parametrize("names", [("bun000", "bun045"), ("bun000", "bun045", "bun090", "bun315")])
+def test_bunny_scans(realdata: RealData, names: tuple[str, ...]) -> None:
+    """Poses of bun.conf: one mesh, no doubled layer, the overlap as dense as a single scan."""
+    realdata.needs(*names)
+    scans = [datasets.load_scan(name) for name in names]
+    views = [CameraView(points=s.points, valid=s.valid, pose=s.pose) for s in scans]
+    joint = cs3_cameras(views, 4000)
+    assert joint.num_vertices <= 4000
+    mesh = joint.mesh
+    summary = mesh.summary()
+    assert summary.non_manifold_edges == 0
+    # Everything that was measured is near the mesh: nothing is missing.
+    for scan in scans:
+        world = scan.points[scan.valid] @ scan.pose[:3, :3].T + scan.pose[:3, 3]
+        distances = metrics.closest_points(mesh, world).distance
+        assert np.quantile(distances, 0.99) < 1.5e-3  # metres
+    # No doubled layer: what a later view adds does not lie on what the earlier ones made.
+    doubled = total = 0.0
+    for index in range(1, len(scans)):
+        before = Mesh(joint.vertices, joint.triangles[joint.triangle_view < index])
+        added = joint.triangles[joint.triangle_view == index]
+        size = areas(joint.vertices, added)
+        closest = metrics.closest_points(before, joint.vertices[added].mean(axis=1))
+        foot = before.faces[closest.face]
+        sides = [normals_of(joint.vertices, f) for f in (foot, added)]
+        same_side = np.einsum("ij,ij->i", *sides) > 0
+        # Triangles of the seam touch the border; their centroids are further from it.
+        doubled += size[(closest.distance < 0.3e-3) & same_side].sum()
+        total += size.sum()
+    everything = areas(joint.vertices, joint.triangles).sum()
+    assert doubled < 0.01 * everything
+    assert total > 0.05 * everything
+    if len(scans) > 2:
+        return
+    # Density, in points near the surface of both scans.
+    single = joint.views[0].vertices.astype(float)
+    dense = [
+        Mesh(d.vertices.astype(float) @ s.pose[:3, :3].T + s.pose[:3, 3], d.triangles)
+        for s in scans
+        for d in [simplify.dense_mesh_grid(s.points, s.valid)]
+    ]
+
+    def shared(points: NDArray[np.float64]) -> int:
+        near = [metrics.closest_points(m, points).distance < 2e-3 for m in dense]
+        return int(np.all(near, axis=0).sum())
+
+    assert abs(shared(joint.vertices) - shared(single)) <= 0.1 * shared(single)
+
+
+def normals_of(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
+    p, q, r = (vertices[faces[:, i]] for i in range(3))
+    result: NDArray[np.float64] = np.cross(q - p, r - p)
+    return result

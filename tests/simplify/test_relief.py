@@ -1,0 +1,544 @@
+"""The relief operator: what its meshes promise, and how near they are to the surface."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+from collections import Counter
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+import manip3d
+from manip3d import InputError, Intrinsics, datasets, simplify
+from manip3d.io import read_range_grid
+from real_data import RealData
+
+EFFORTS: tuple[simplify.Effort, ...] = ("live", "fast", "balanced", "fine", "best")
+
+
+def bumps(height: int, width: int, seed: int = 0) -> NDArray[np.float32]:
+    """A smooth range scan with noise; rows go up."""
+    v, u = np.mgrid[0:height, 0:width].astype(float)
+    z = 4 * np.sin(u / 7) * np.cos(v / 5) + 0.02 * np.random.default_rng(seed).normal(size=u.shape)
+    return np.stack([u, v, z], axis=-1).astype(np.float32)
+
+
+def corners(result: simplify.DepthMesh) -> NDArray[np.int64]:
+    """(m, 3, 2): u and v of the corners of each triangle."""
+    return result.pixels[result.triangles].astype(np.int64)
+
+
+def doubled_areas(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Twice the signed areas in pixels; > 0: counter-clockwise with v up."""
+    p, q, r = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    a, b = q - p, r - p
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def covering(triangles: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """How many triangles hold each point (u, v) strictly inside."""
+    inside = np.ones((len(points), len(triangles)), bool)
+    for i in range(3):
+        p, q = triangles[:, i], triangles[:, (i + 1) % 3]
+        edge, to = (q - p)[None], points[:, None] - p[None]
+        inside &= edge[..., 0] * to[..., 1] - edge[..., 1] * to[..., 0] > 0
+    return inside.sum(axis=1)
+
+
+def check_promises(
+    result: simplify.Relief, points: NDArray[np.float32], valid: NDArray[np.bool_], target: int
+) -> None:
+    assert result.num_vertices <= target or result.stop == "all_points"
+    u, v = result.pixels.T
+    assert np.all(valid[v, u])
+    if result.max_move == 0:
+        assert np.array_equal(result.vertices, points[v, u])
+        height, width = valid.shape
+        assert np.array_equal(result.uvs[:, 0], ((u + 0.5) / width).astype(np.float32))
+        assert np.array_equal(result.uvs[:, 1], (1 - (v + 0.5) / height).astype(np.float32))
+    check_surface(result, valid)
+
+
+def check_surface(result: simplify.DepthMesh, valid: NDArray[np.bool_]) -> None:
+    triangles = corners(result)
+    assert np.all(doubled_areas(triangles) > 0)
+    # Each edge has one face on each side, or one face: a surface.
+    faces = result.triangles.tolist()
+    edges = Counter((f[i], f[(i + 1) % 3]) for f in faces for i in range(3))
+    assert not edges or max(edges.values()) == 1
+    assert set(range(result.num_vertices)) == set(result.triangles.ravel().tolist())
+    # It lies over valid pixels, and over each place once.
+    v, u = np.mgrid[0 : valid.shape[0], 0 : valid.shape[1]]
+    pixels = np.column_stack([u.ravel(), v.ravel()]).astype(float)
+    over = covering(triangles, pixels)
+    assert np.all(valid.ravel()[over > 0])
+    between = np.random.default_rng(1).uniform((0, 0), valid.shape[::-1], (500, 2))
+    assert covering(triangles, between).max(initial=0) <= 1
+
+
+@settings(max_examples=60)
+@given(
+    height=st.integers(1, 40),
+    width=st.integers(1, 40),
+    holes=st.floats(0, 0.6),
+    target=st.integers(3, 300),
+    effort=st.sampled_from(EFFORTS),
+    move=st.booleans(),
+    seed=st.integers(0, 2**31),
+)
+def test_promises(
+    height: int,
+    width: int,
+    holes: float,
+    target: int,
+    effort: simplify.Effort,
+    move: bool,
+    seed: int,
+) -> None:
+    points = bumps(height, width, seed)
+    valid = np.random.default_rng(seed).random((height, width)) >= holes
+    result = simplify.relief_grid(points, valid, target, effort=effort, move_points=move)
+    check_promises(result, points, valid, target)
+    assert np.isfinite(result.vertices).all()
+
+
+@pytest.mark.parametrize("effort", EFFORTS)
+def test_reaches_the_target(effort: simplify.Effort) -> None:
+    points = bumps(90, 120)
+    valid = np.ones((90, 120), bool)
+    valid[30:50, 40:70] = False
+    result = simplify.relief_grid(points, valid, 400, effort=effort)
+    assert result.num_vertices == 400
+    assert result.stop == "target"
+    check_promises(result, points, valid, 400)
+
+
+def test_each_effort_is_nearer_than_the_one_before() -> None:
+    points = bumps(120, 160)
+    dense = simplify.dense_mesh_grid(points).mesh
+    errors = [
+        manip3d.metrics.metro(
+            dense, simplify.relief_grid(points, None, 600, effort=effort).mesh, sampling="area"
+        ).mean
+        for effort in EFFORTS
+    ]
+    assert errors == sorted(errors, reverse=True)
+
+
+@pytest.mark.parametrize("effort", EFFORTS)
+def test_levels_are_prefixes_of_one_buffer(effort: simplify.Effort) -> None:
+    points = bumps(90, 120)
+    valid = np.ones((90, 120), bool)
+    valid[30:50, 40:70] = False
+    sizes = (800, 400, 200, 100, 50)
+    result = simplify.relief_grid(points, valid, sizes[0], effort=effort, levels=sizes[1:])
+    check_promises(result, points, valid, sizes[0])
+    dense = simplify.dense_mesh_grid(points, valid).mesh
+    errors = []
+    for size in sizes[1:]:
+        level = result.prefix(size)
+        assert level.num_vertices == size
+        assert np.array_equal(level.pixels, result.pixels[:size])
+        check_surface(level, valid)
+        errors.append(manip3d.metrics.metro(dense, level.mesh, sampling="area").mean)
+    assert errors == sorted(errors)
+    assert result.prefix(10**6).num_faces == result.num_faces
+    assert result.prefix(399).num_vertices == 200
+    with pytest.raises(InputError, match="num_vertices: expected at least 50, got 49"):
+        result.prefix(49)
+
+
+@settings(max_examples=60)
+@given(
+    height=st.integers(2, 32),
+    width=st.integers(2, 32),
+    holes=st.floats(0, 0.6),
+    sizes=st.lists(st.integers(3, 120), min_size=2, max_size=5, unique=True),
+    effort=st.sampled_from(EFFORTS),
+    seed=st.integers(0, 2**31),
+)
+def test_levels_of_any_sizes_share_their_vertices(
+    height: int,
+    width: int,
+    holes: float,
+    sizes: list[int],
+    effort: simplify.Effort,
+    seed: int,
+) -> None:
+    sizes.sort(reverse=True)
+    points = bumps(height, width, seed)
+    valid = np.random.default_rng(seed).random((height, width)) >= holes
+    result = simplify.relief_grid(points, valid, sizes[0], effort=effort, levels=sizes[1:])
+    check_promises(result, points, valid, sizes[0])
+    assert len(result.levels) == len(sizes) - 1
+    for size, (count, _) in zip(sizes[1:], result.levels, strict=True):
+        assert count <= size
+        check_surface(result.prefix(count), valid)
+    alone = simplify.relief_grid(points, valid, sizes[-1], effort=effort)
+    count, triangles = result.levels[-1]
+    assert np.array_equal(result.pixels[:count], alone.pixels)
+    assert np.array_equal(triangles, alone.triangles)
+
+
+def test_a_plane_needs_its_corners_only() -> None:
+    camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+    v, u = np.mgrid[0:48, 0:64]
+    slanted = (1 / (0.4 + 0.002 * u + 0.001 * v)).astype(np.float32)  # a plane in space
+    result = simplify.relief(slanted, camera, 4)
+    assert result.pixels.tolist() == [[0, 0], [63, 0], [0, 47], [63, 47]]
+
+
+def test_nothing_bridges_a_discontinuity() -> None:
+    camera = Intrinsics(80, 60, 70.0, 70.0, 39.5, 29.5)
+    depth = np.full((60, 80), 3000, np.uint16)
+    v, u = np.mgrid[0:60, 0:80]
+    front = (u - 40) ** 2 + (v - 30) ** 2 < 300
+    depth[front] = 1000
+    result = simplify.relief(depth, camera, 120, max_edge=0.5)
+    u, v = result.pixels.T
+    in_front = front[v, u][result.triangles]
+    assert np.all(in_front.all(axis=1) | ~in_front.any(axis=1))
+    assert in_front.all(axis=1).any()
+
+
+@pytest.mark.parametrize("seed", [1640, 2040])
+def test_two_sides_of_a_cut_do_not_fill_the_same_bay(seed: int) -> None:
+    """Edges once ran through vertices of the other side, and bays beyond them were filled twice."""
+    rng = np.random.default_rng(seed)
+    v, u = np.mgrid[0:24, 0:30]
+    rng.integers(0, 4, (24, 30))
+    blocks = rng.integers(0, 3, (6, 6)).repeat(4, 0).repeat(5, 1) * 4.0
+    z = 50 + blocks + rng.integers(0, 2, (24, 30)) * rng.integers(0, 2)
+    points = np.stack([u, v, z], -1).astype(np.float32)
+    valid = rng.random((24, 30)) >= rng.choice([0, 0.1, 0.3])
+    result = simplify.relief_grid(points, valid, 61, effort="fine", max_edge=2.5)
+    check_promises(result, points, valid, 61)
+    u2, v2 = np.meshgrid(np.arange(0, 30, 0.5), np.arange(0, 24, 0.5))
+    halves = np.column_stack([u2.ravel(), v2.ravel()])
+    assert covering(corners(result), halves).max() == 1
+
+
+def test_front_faces_look_at_the_sensor() -> None:
+    camera = Intrinsics(40, 30, 35.0, 35.0, 19.5, 14.5)
+    depth = 2000 + np.arange(40 * 30).reshape(30, 40) % 7
+    result = simplify.relief(depth.astype(np.uint16), camera, 60)
+    p, q, r = (result.vertices[result.triangles[:, i]].astype(float) for i in range(3))
+    assert np.all(np.einsum("ij,ij->i", np.cross(q - p, r - p), p) < 0)
+
+
+def test_moved_points_stay_on_their_line_of_sight_and_lower_the_error() -> None:
+    camera = Intrinsics(160, 120, 150.0, 150.0, 79.5, 59.5)
+    v, u = np.mgrid[0:120, 0:160]
+    noise = np.random.default_rng(0).normal(size=u.shape)
+    depth = (1500 + 200 * np.sin(u / 30) * np.cos(v / 20) + 3 * noise).astype(np.uint16)
+    still = simplify.relief(depth, camera, 300, effort="fast")
+    moved = simplify.relief(depth, camera, 300, effort="fast", move_points=True)
+    assert np.array_equal(still.pixels, moved.pixels)
+    assert np.array_equal(still.uvs, moved.uvs)
+    assert 0 < moved.mean_move < moved.max_move < 0.1
+    directions = np.cross(still.vertices, moved.vertices)
+    assert np.abs(directions).max() < 1e-5
+    dense = simplify.dense_mesh(depth, camera).mesh
+    before, after = (
+        manip3d.metrics.metro(dense, r.mesh, sampling="area").mean for r in (still, moved)
+    )
+    assert after < 0.9 * before
+
+
+def test_moves_beside_depth_steps_do_not_raise_the_error() -> None:
+    """Squares of distances listen to the few pixels at the steps; the mean hardly counts them."""
+    camera = Intrinsics(160, 120, 150.0, 150.0, 79.5, 59.5)
+    v, u = np.mgrid[0:120, 0:160]
+    noise = np.random.default_rng(0).normal(size=u.shape)
+    depth = 1500 + 150 * ((u // 23 + v // 17) % 3) + 2 * noise
+    image = depth.astype(np.uint16)
+    dense = simplify.dense_mesh(image, camera).mesh
+    for effort in EFFORTS:
+        before, after = (
+            manip3d.metrics.metro(
+                dense,
+                simplify.relief(image, camera, 700, effort=effort, move_points=move).mesh,
+                sampling="area",
+            ).mean
+            for move in (False, True)
+        )
+        assert after < before
+
+
+def test_uvs_of_a_moved_scan_follow_along_the_surface() -> None:
+    points = bumps(60, 80)
+    dense = simplify.dense_mesh_grid(points).mesh
+    still = simplify.relief_grid(points, None, 200, effort="fast")
+    moved = simplify.relief_grid(points, None, 200, effort="fast", move_points=True)
+    shift = (moved.uvs - still.uvs) * [80, 60]
+    assert 0 < np.abs(shift).max() < 2
+    before, after = (
+        manip3d.metrics.texture_error(dense, result.mesh).mean for result in (still, moved)
+    )
+    assert before is not None
+    assert after is not None
+    assert after < before
+
+
+@pytest.mark.parametrize("effort", EFFORTS)
+@pytest.mark.parametrize("share", [0.05, 0.2, 0.5, 0.9])
+def test_no_effort_begins_with_too_few_points(effort: simplify.Effort, share: float) -> None:
+    points = bumps(60, 80)
+    target = round(share * 60 * 80)
+    result = simplify.relief_grid(points, None, target, effort=effort)
+    assert result.num_vertices == target
+
+
+@pytest.mark.parametrize("effort", EFFORTS)
+@pytest.mark.parametrize("shape", [(0, 0), (0, 5), (5, 0), (1, 1), (1, 9), (9, 1), (2, 2)])
+def test_hostile_shapes(effort: simplify.Effort, shape: tuple[int, int]) -> None:
+    points = bumps(*shape)
+    result = simplify.relief_grid(points, None, 10, effort=effort, move_points=True)
+    assert result.num_faces == (2 if shape == (2, 2) else 0)
+    assert result.stop == "all_points"
+    nothing = simplify.relief_grid(points, np.zeros(shape, bool), 10, effort=effort)
+    assert nothing.num_vertices == nothing.num_faces == 0
+
+
+def test_hostile_depths() -> None:
+    camera = Intrinsics(20, 16, 20.0, 20.0, 9.5, 7.5)
+    far = np.full((16, 20), 65_535, np.uint16)
+    assert simplify.relief(far, camera, 8).num_vertices <= 8
+    far[::2, ::2] = 1
+    assert np.isfinite(simplify.relief(far, camera, 50, move_points=True).vertices).all()
+    missing = np.full((16, 20), np.nan, np.float32)
+    assert simplify.relief(missing, camera, 8).num_vertices == 0
+    missing[5:9, 5:9] = 1.0
+    assert simplify.relief(missing, camera, 4).num_vertices == 4
+    same = np.zeros((16, 20, 3), np.float32)  # all points equal
+    assert simplify.relief_grid(same, None, 8, move_points=True).num_vertices <= 8
+    for scale in (1e-9, 1e9):
+        result = simplify.relief_grid(bumps(30, 30) * np.float32(scale), None, 50)
+        assert result.num_vertices == 50
+
+
+def test_pieces_left_out() -> None:
+    valid = np.zeros((40, 40), bool)
+    for u in range(0, 40, 4):
+        valid[::4, u] = valid[1::4, u] = valid[::4, u + 1] = True  # a hundred corners
+    valid[20:32, 20:32] = True
+    result = simplify.relief_grid(bumps(40, 40), valid, 30)
+    assert result.stop == "small_pieces"
+    assert result.num_vertices <= 30
+    assert result.dropped_pixels > 0
+    assert np.any(np.all(result.pixels >= 20, axis=1))  # the large one stays
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"target_points": 2}, "target_points: expected at least 3, got 2"),
+        ({"target_points": 2.5}, r"target_points: expected a whole number, got 2\.5"),
+        ({"effort": "most"}, "effort: expected one of live, fast, balanced, fine, best"),
+        ({"max_edge": 0.0}, "max_edge: expected > 0"),
+        ({"max_edge": float("nan")}, "max_edge: expected > 0"),
+        ({"threads": -1}, "threads"),
+        ({"levels": [20]}, "levels: expected sizes of at least 3, strictly decreasing from 20"),
+        ({"levels": [9, 2]}, "levels: .* got 2"),
+        ({"levels": [9, 9]}, "levels: .* got 9"),
+        ({"levels": [9.5]}, r"levels: expected a whole number, got 9\.5"),
+        ({"levels": [9], "move_points": True}, "levels: expected none with move_points"),
+    ],
+)
+def test_bad_options(options: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        simplify.relief_grid(bumps(9, 9), None, **{"target_points": 20, **options})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("effort", EFFORTS)
+def test_same_bytes_for_any_number_of_threads(effort: simplify.Effort) -> None:
+    points = bumps(100, 130)
+    one, two, four = (
+        simplify.relief_grid(points, None, 500, effort=effort, move_points=True, threads=threads)
+        for threads in (1, 2, 4)
+    )
+    for other in (two, four):
+        assert np.array_equal(one.vertices, other.vertices)
+        assert np.array_equal(one.triangles, other.triangles)
+
+
+@pytest.mark.golden
+@pytest.mark.parametrize("effort", EFFORTS)
+def test_golden(effort: simplify.Effort, golden: Callable[..., None]) -> None:
+    points = bumps(100, 130)
+    valid = np.ones((100, 130), bool)
+    valid[20:50, 60:61] = valid[70:90, 10:40] = False
+    result = simplify.relief_grid(points, valid, 400, effort=effort, move_points=True)
+    digest = hashlib.sha256()
+    for array in (result.vertices, result.pixels, result.uvs, result.triangles):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    golden(f"relief {effort}", digest.hexdigest())
+
+
+STREAM_CAMERA = Intrinsics(120, 90, 110.0, 110.0, 59.5, 44.5)
+
+
+def noisy_frames(count: int) -> list[NDArray[np.uint16]]:
+    """A static scene with sensor noise, millimetres."""
+    noise = np.random.default_rng(0)
+    v, u = np.mgrid[0:90, 0:120]
+    scene = 1500 + 200 * np.sin(u / 30) * np.cos(v / 20)
+    return [(scene + 4 * noise.normal(size=u.shape)).astype(np.uint16) for _ in range(count)]
+
+
+def flicker(results: list[simplify.Relief]) -> tuple[float, float]:
+    """Share of pixels that change per frame; temporal deviation of the vertices' surface, mm."""
+    chosen = [set(map(tuple, r.pixels.tolist())) for r in results]
+    changed = [len(a - b) / len(a) for a, b in itertools.pairwise(chosen)]
+    v, u = np.mgrid[5:85:4, 5:115:4]
+    rays = np.stack([(u - 59.5) / 110.0, (v - 44.5) / 110.0, np.ones(u.shape)], -1).reshape(-1, 3)
+    depths = []
+    for result in results:  # by the nearest point of the mesh, near enough to the line of sight
+        nearest = manip3d.metrics.closest_points(result.mesh, rays * 1.5)
+        depths.append(nearest.point[:, 2])
+    return float(np.mean(changed)), float(1e3 * np.std(depths, axis=0).mean())
+
+
+@pytest.mark.parametrize("move_points", [False, True])
+def test_a_stream_flickers_at_most_half_as_much(move_points: bool) -> None:
+    frames = noisy_frames(20)
+    alone = [simplify.relief(f, STREAM_CAMERA, 250, move_points=move_points) for f in frames]
+    stream = simplify.ReliefStream(STREAM_CAMERA, 250, move_points=move_points)
+    together = [stream.simplify(f) for f in frames]
+    assert all(r.num_vertices == 250 for r in together)
+    changed_alone, deviation_alone = flicker(alone[5:])
+    changed, deviation = flicker(together[5:])
+    assert changed < 0.5 * changed_alone
+    assert deviation < 0.5 * deviation_alone
+
+
+def test_a_stream_keeps_its_edges() -> None:
+    """Noise flips edges back and forth, which moves the surface between vertices that stay."""
+
+    def kept(results: list[simplify.Relief]) -> float:
+        shares = []
+        for one, two in itertools.pairwise(results):
+            both = set(map(tuple, one.pixels.tolist())) & set(map(tuple, two.pixels.tolist()))
+            first, second = (
+                {
+                    edge
+                    for face in r.pixels[r.triangles].tolist()
+                    for i in range(3)
+                    if set(edge := tuple(sorted((tuple(face[i]), tuple(face[i - 1]))))) <= both
+                }
+                for r in (one, two)
+            )
+            shares.append(len(first & second) / len(first))
+        return float(np.mean(shares))
+
+    stream = simplify.ReliefStream(STREAM_CAMERA, 250)
+    assert kept([stream.simplify(f) for f in noisy_frames(20)][5:]) > 0.9
+
+
+def test_a_stream_starts_like_a_single_frame_and_again_after_reset() -> None:
+    first, second = noisy_frames(2)
+    stream = simplify.ReliefStream(STREAM_CAMERA, 250, newest_share=1.0)
+    alone = simplify.relief(first, STREAM_CAMERA, 250)
+    assert np.array_equal(stream.simplify(first).pixels, alone.pixels)
+    kept = stream.simplify(second)
+    u, v = kept.pixels.T
+    np.testing.assert_array_equal(kept.vertices[:, 2], second[v, u].astype(np.float32) / 1000)
+    stream.reset()
+    again = stream.simplify(second)
+    assert np.array_equal(again.pixels, simplify.relief(second, STREAM_CAMERA, 250).pixels)
+
+
+def test_a_stream_takes_what_moves_as_it_comes() -> None:
+    stream = simplify.ReliefStream(STREAM_CAMERA, 50)
+    near, far = np.full((90, 120), 1000, np.uint16), np.full((90, 120), 2000, np.uint16)
+    stream.simplify(far)
+    assert np.all(stream.simplify(near).vertices[:, 2] == 1.0)
+    gone = stream.simplify(np.zeros((90, 120), np.uint16))
+    assert gone.num_vertices == 0
+
+
+def test_bad_stream_options() -> None:
+    for option, value in (("stability", 0.5), ("newest_share", 0.0), ("gate", float("nan"))):
+        with pytest.raises(InputError, match=option):
+            simplify.ReliefStream(STREAM_CAMERA, 50, **{option: value}).simplify(noisy_frames(1)[0])
+    with pytest.raises(InputError, match=r"negative|finite numbers"):
+        simplify.ReliefStream(STREAM_CAMERA, 50).simplify(np.full((90, 120), -1, np.float32))
+
+
+# Errors of meshoptimizer 1.3 on the same dense mesh with as many vertices (chapter 3's page):
+# a subset of the points, and with update of their positions.
+@pytest.mark.parametrize(
+    ("scan", "points", "subset", "update"),
+    [
+        ("bunny/bun000.ply.xz", 2012, 0.404e-3, 0.326e-3),
+        ("happy_stand/happyStandRight_0.ply.xz", 3902, 0.311e-3, 0.242e-3),
+    ],
+)
+def test_below_meshoptimizer(
+    realdata: RealData, scan: str, points: int, subset: float, update: float
+) -> None:
+    grid = read_range_grid(realdata(f"range_scans/{scan}"))
+    dense = simplify.dense_mesh_grid(grid.points, grid.valid).mesh
+
+    def error(effort: simplify.Effort, move_points: bool) -> float:
+        result = simplify.relief_grid(
+            grid.points, grid.valid, points, effort=effort, move_points=move_points
+        )
+        assert result.num_vertices == points
+        return manip3d.metrics.metro(dense, result.mesh, sampling="area").mean
+
+    assert error("live", False) < 0.5e-3
+    assert error("balanced", False) < subset
+    assert error("balanced", True) < update
+
+
+@pytest.mark.parametrize("effort", ["fast", "balanced", "fine"])
+@pytest.mark.parametrize(
+    ("scan", "points"),
+    [("bunny/bun000.ply.xz", 2012), ("happy_stand/happyStandRight_0.ply.xz", 3902)],
+)
+def test_five_prefixes_are_as_good_as_runs_of_their_own(
+    realdata: RealData, scan: str, points: int, effort: simplify.Effort
+) -> None:
+    grid = read_range_grid(realdata(f"range_scans/{scan}"))
+    dense = simplify.dense_mesh_grid(grid.points, grid.valid).mesh
+
+    def error(mesh: simplify.DepthMesh, size: int) -> float:
+        assert mesh.num_vertices == size
+        return manip3d.metrics.metro(dense, mesh.mesh, sampling="area", samples=50_000).mean
+
+    sizes = [4 * points, 2 * points, points, points // 2, points // 4]
+    together = simplify.relief_grid(
+        grid.points, grid.valid, sizes[0], effort=effort, levels=sizes[1:]
+    )
+    errors = [error(together.prefix(size), size) for size in sizes]
+    assert errors == sorted(errors)
+    for size, level in zip(sizes, errors, strict=True):
+        alone = simplify.relief_grid(grid.points, grid.valid, size, effort=effort)
+        assert level < 1.1 * error(alone, size)
+
+
+@pytest.mark.parametrize("scene", ["scene_kitchen", "scene_redwood"])
+def test_moves_lower_the_error_on_scenes_with_many_depth_steps(
+    realdata: RealData, scene: str
+) -> None:
+    realdata.needs(scene)
+    frame = datasets.load_frame(scene)
+    dense = simplify.dense_mesh(frame.depth, frame.intrinsics, max_edge=0.1).mesh
+    before, after = (
+        manip3d.metrics.metro(
+            dense,
+            simplify.relief(
+                frame.depth, frame.intrinsics, 14_000, max_edge=0.1, move_points=move
+            ).mesh,
+            sampling="area",
+            samples=100_000,
+        ).mean
+        for move in (False, True)
+    )
+    assert after < before
