@@ -189,11 +189,25 @@ def test_view_writes_a_picture(quad: Mesh, tmp_path: Path, several: bool) -> Non
 def test_view_opens_a_browser(quad: Mesh, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     opened: list[str] = []
     monkeypatch.setattr(webbrowser, "open", opened.append)
+    monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     path = view(quad)
     assert opened == [path.as_uri()]
     assert path.parent == tmp_path
     assert content(path.read_text())["models"][0]["detail"] == "2 faces"
+
+
+def test_view_opens_nothing_where_nobody_would_see_it(
+    quad: Mesh, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):
+        monkeypatch.delenv(name, raising=False)
+    assert view(quad).exists()
+    assert opened == []
 
 
 def test_view_refuses_other_suffixes(quad: Mesh, tmp_path: Path) -> None:

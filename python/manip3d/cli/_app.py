@@ -50,7 +50,13 @@ capture_app = typer.Typer(
 )
 app.add_typer(capture_app, name="capture")
 
-Source = Annotated[str, typer.Argument(metavar="SOURCE", help="A mesh or scan, or - for stdin.")]
+Source = Annotated[
+    str,
+    typer.Argument(
+        metavar="SOURCE",
+        help="A mesh, a scan, a depth image or a recording; - reads a mesh from stdin.",
+    ),
+]
 Output = Annotated[
     Path, typer.Option("-o", "--output", help="Where to; the suffix tells the kind.")
 ]
@@ -77,6 +83,13 @@ RgbdIntrinsics = Annotated[
 RgbdUnits = Annotated[
     float,
     typer.Option("--units-per-metre", min=0, help="Of a folder of images; 0: as its kind has it."),
+]
+DepthUnits = Annotated[
+    float | None,
+    typer.Option(
+        "--units-per-metre",
+        help="Of whole-number depth images: 1000, or 5000 for TUM and ICL-NUIM.",
+    ),
 ]
 MostFrames = Annotated[int | None, typer.Option("--frames", min=1, help="Stop after so many.")]
 Json = Annotated[bool, typer.Option("--json", help="The result as JSON on stdout.")]
@@ -347,41 +360,75 @@ def compare(
 def info(
     source: Source,
     calibration: Calibration = None,
+    units_per_metre: DepthUnits = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Count what a mesh, a scan or a recording (LiDAR packets, RGB-D) is made of."""
+    """Count what a mesh, a scan, a depth image or a recording is made of.
+
+    Recordings are LiDAR packets (.pcap), drives in KITTI's layout, RGB-D frames (.mkv, folders) and
+    what 'capture list' names.
+    """
     from manip3d.cli import capturing, describing, scanning, terminal
+    from manip3d.viewer import kind_of
 
     shell = terminal.Terminal(as_json=as_json, quiet=quiet)
-    if capturing.is_recording(source):
+    kind = "mesh" if source == "-" else kind_of(source)
+    if kind == "rgbd":
         opened = capturing.open_source(source, shell)
         told = capturing.info(opened, shell)
         shell.result(told, lambda console: capturing.show_info(console, told))
-        return
-    if scanning.is_scan(source):
+    elif kind == "scan":
         found = scanning.summary(source, shell, calibration)
         shell.result(found, lambda console: scanning.show(console, found))
-        return
-    record = describing.summary(source, shell)
-    shell.result(record, lambda console: describing.show(console, record))
+    elif kind == "depth":
+        image = describing.depth_summary(source, units_per_metre)
+        shell.result(image, lambda console: describing.show_depth(console, image))
+    else:
+        record = describing.summary(source, shell)
+        shell.result(record, lambda console: describing.show(console, record))
 
 
 @app.command()
 def view(
     source: Source,
     output: OptionalOutput = None,
+    frame: Annotated[
+        int | None,
+        typer.Option(
+            min=0, help="Scan or frame of a recording, from 0 on; default: the first whole one."
+        ),
+    ] = None,
+    colour_by: Annotated[
+        str | None,
+        typer.Option(
+            "--colour-by", help="Column of points: height, intensity, ring, depth, colour, person."
+        ),
+    ] = None,
+    intrinsics: Annotated[
+        str,
+        typer.Option(
+            help="Camera of a depth image, as for 'manip3d cs3'; without it one is assumed."
+        ),
+    ] = "",
+    units_per_metre: DepthUnits = None,
+    colour: Annotated[
+        Path | None, typer.Option(help="Colour image of a depth image, of the same size.")
+    ] = None,
+    calibration: Calibration = None,
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Show a mesh or scan in the browser, or write a page (.html) or a picture (.png)."""
-    from manip3d.cli import scanning, terminal, viewing
+    """Show a mesh, a scan, a depth image or a frame of a recording.
+
+    Opens the browser, or writes a page (.html) or a picture (.png). Scans and depth images are
+    shown as points; a depth image is first seen as its camera saw it.
+    """
+    from manip3d.cli import terminal, viewing
 
     terminal.refuse_existing(output, force=force)
-    if scanning.is_scan(source):
-        scanning.view(source, output, terminal.Terminal(quiet=quiet))
-        return
-    viewing.view(source, output, terminal.Terminal(quiet=quiet))
+    choice = viewing.Choice(frame, intrinsics, units_per_metre, colour, calibration, colour_by)
+    viewing.view(source, output, choice, terminal.Terminal(quiet=quiet))
 
 
 @app.command()
@@ -403,9 +450,10 @@ def convert(
     Recordings of LiDAR packets (.pcap) become a folder of scans in KITTI's layout.
     """
     from manip3d.cli import converting, scanning, terminal
+    from manip3d.viewer import kind_of
 
     terminal.refuse_existing(output, force=force)
-    if scanning.is_scan(source):
+    if source != "-" and kind_of(source) == "scan":
         if unit is not None or up is not None:
             raise typer.BadParameter("--unit and --up are for meshes: scans know their units")
         scanning.convert(source, output, terminal.Terminal(quiet=quiet), calibration)

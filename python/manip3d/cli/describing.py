@@ -1,4 +1,4 @@
-"""``manip3d info``: what a mesh is made of."""
+"""``manip3d info``: what a mesh or a depth image is made of."""
 
 from __future__ import annotations
 
@@ -60,3 +60,37 @@ def _cell(value: int) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return count(value)
+
+
+def depth_summary(source: str, units_per_metre: float | None) -> dict[str, Any]:
+    """Size, unit, measured pixels and distances of a depth image."""
+    import numpy as np
+
+    from manip3d.io import read_depth
+
+    stored = read_depth(source)
+    unit = (units_per_metre or 1000.0) if stored.dtype == np.uint16 else 1.0
+    metres = stored / unit
+    measured = metres[np.isfinite(metres) & (metres > 0.0)]
+    distances = np.percentile(measured, [0.0, 50.0, 100.0]).tolist() if measured.size else None
+    return {
+        "file": source,
+        "width": stored.shape[1],
+        "height": stored.shape[0],
+        "units_per_metre": unit,
+        "measured": int(measured.size),
+        "pixels": int(stored.size),
+        "range": distances and [distances[0], distances[2]],
+        "median": distances and distances[1],
+    }
+
+
+def show_depth(console: Console, record: dict[str, Any]) -> None:
+    """The image, its unit, and how far away things are."""
+    console.print(f"depth   {record['width']} x {record['height']} pixels")
+    share = record["measured"] / record["pixels"]
+    console.print(f"measured  {count(record['measured'])} pixels, {share:.0%} of all")
+    if record["range"] is not None:
+        near, far = record["range"]
+        console.print(f"range   {near:.3f}..{far:.3f} m, median {record['median']:.3f} m")
+    console.print(f"unit    {record['units_per_metre']:g} per metre")

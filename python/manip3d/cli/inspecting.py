@@ -58,6 +58,7 @@ def inspect(
     place, why = _scanner(frame, origin, threads)
     record: dict[str, Any] = {"source": source, "points": frame.num_points, "origin": place}
     pictures: dict[str, str] = {}
+    suspected: dict[str, Any] = {}
     if place is None:
         record |= {"verdict": "undecidable", "detectors": {name: _silent(why) for name in NAMES}}
     else:
@@ -74,10 +75,15 @@ def inspect(
             origin=place,
             threads=threads,
         )
-        generic = (
-            _generic(authenticate.generic_consistency(_at_origin(frame, place), threads=threads))
+        lattice = (
+            authenticate.generic_consistency(_at_origin(frame, place), threads=threads)
             if occlusion.grid.elevation_strength == 0.0
-            else _silent("no scan of a spinning scanner")
+            else None
+        )
+        generic = (
+            _silent("no scan of a spinning scanner")
+            if lattice is None
+            else _generic(lattice, place)
         )
         record["verdict"] = combined(density.verdict, occlusion.verdict, str(generic["verdict"]))
         record["detectors"] = {
@@ -87,8 +93,11 @@ def inspect(
         }
         if output is not None:
             pictures = _pictures(density, occlusion)
+        suspected = {"density": density.suspected, "occlusion": occlusion.suspected}
+        suspected["generic"] = () if lattice is None else lattice.suspected
     if output is not None:
-        _write(record, output, pictures)
+        scene = _scene(frame, record, suspected) if output.suffix.lower() == ".html" else ""
+        _write(record, output, pictures, scene)
         terminal.say(f"wrote {output}")
     return record
 
@@ -188,7 +197,7 @@ def _occlusion(found: OcclusionResult) -> dict[str, Any]:
     }
 
 
-def _generic(found: GenericResult) -> dict[str, Any]:
+def _generic(found: GenericResult, place: Sequence[float]) -> dict[str, Any]:
     reason = {
         "authentic": "points lie where the sensor can measure",
         "tampered": "points lie where the sensor cannot measure",
@@ -201,25 +210,49 @@ def _generic(found: GenericResult) -> dict[str, Any]:
         "p_value": found.p_value,
         "false_alarm_rate": found.false_alarm_rate,
         "suspected_points": len(found.suspected),
-        "boxes": _boxes([_box(region.lower, region.upper) for region in found.regions]),
+        "boxes": _boxes([_box(region.lower, region.upper, place) for region in found.regions]),
     }
 
 
-def _box(lower: Sequence[float], upper: Sequence[float]) -> Box:
+def _box(lower: Sequence[float], upper: Sequence[float], place: Sequence[float]) -> Box:
+    """The box between two corners, which are seen from the scanner, in the scan's own frame."""
     (a, b, c), (d, e, f) = lower, upper
-    return Box(((a + d) / 2, (b + e) / 2, (c + f) / 2), (d - a, e - b, f - c))
+    x, y, z = place
+    return Box((x + (a + d) / 2, y + (b + e) / 2, z + (c + f) / 2), (d - a, e - b, f - c))
 
 
 def _calibration(calibration: Any) -> dict[str, Any] | None:
     return None if calibration is None else vars(calibration)
 
 
-def _write(record: dict[str, Any], output: Path, pictures: dict[str, str]) -> None:
+def _write(record: dict[str, Any], output: Path, pictures: dict[str, str], scene: str) -> None:
     if output.suffix.lower() == ".json":
         text = json.dumps(finite(record), indent=1) + "\n"
     else:
-        text = _page(record, pictures)
+        text = _page(record, pictures, scene)
     atomic_write(output, text.encode())
+
+
+_DETECTORS = {"density": "detector I", "occlusion": "detector II", "generic": "detector III"}
+
+
+def _scene(frame: LidarFrame, record: dict[str, Any], suspected: dict[str, Any]) -> str:
+    """The scan as points, suspected ones and boxes coloured by detector, as part of a page."""
+    from manip3d import viewer
+
+    seen = frame if record["origin"] is None else frame.replace(origin=tuple(record["origin"]))
+    cloud = viewer.evidence(
+        seen,
+        verdict=record["verdict"],
+        suspected={_DETECTORS[name]: rows for name, rows in suspected.items()},
+        boxes={
+            _DETECTORS[name]: [
+                Box(tuple(b["center"]), tuple(b["size"]), b["yaw"]) for b in found["boxes"]
+            ]
+            for name, found in record["detectors"].items()
+        },
+    )
+    return viewer.figure(cloud, "The scan, with suspected points and boxes by detector")
 
 
 def _pictures(density: DensityResult, occlusion: OcclusionResult) -> dict[str, str]:
@@ -278,12 +311,13 @@ def _png(figure: Figure) -> str:
 _STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}"
     "table{border-collapse:collapse}td,th{padding:.2rem .8rem;text-align:left;"
-    "border-bottom:1px solid #ccc}img{max-width:100%}"
+    "border-bottom:1px solid #ccc}img{max-width:100%}.wide{overflow-x:auto}"
+    "@media(max-width:40rem){body{margin:1rem auto}td,th{padding:.2rem .4rem}}"
     ".tampered{color:#b00020}.authentic{color:#1b5e20}.undecidable{color:#7a5c00}"
 )
 
 
-def _page(record: dict[str, Any], pictures: dict[str, str]) -> str:
+def _page(record: dict[str, Any], pictures: dict[str, str], scene: str) -> str:
     """One page that loads nothing."""
     escape = html.escape
     rows = "".join(
@@ -292,7 +326,7 @@ def _page(record: dict[str, Any], pictures: dict[str, str]) -> str:
         for name, found in record["detectors"].items()
     )
     boxes = "".join(
-        f"<tr><td>{escape(NAMES[name])}</td>"
+        f"<tr><td>{_DETECTORS[name]}</td>"
         + "".join(f"<td>{value:.2f}</td>" for value in (*box["center"], *box["size"]))
         + "</tr>"
         for name, found in record["detectors"].items()
@@ -313,13 +347,16 @@ def _page(record: dict[str, Any], pictures: dict[str, str]) -> str:
     verdict = record["verdict"]
     return (
         "<!doctype html><html lang=en><meta charset=utf-8>"
+        "<meta name=viewport content='width=device-width, initial-scale=1'>"
         f"<title>{escape(record['source'])}: {verdict}</title><style>{_STYLE}</style>"
         f"<h1 class={verdict}>{verdict}</h1>"
         f"<p>{escape(record['source'])}, {record['points']} points; {_place(record)}</p>"
-        f"<table><tr><th>detector<th>verdict<th>why<th>suspected points</tr>{rows}</table>"
+        "<div class=wide><table><tr><th>detector<th>verdict<th>why<th>suspected points</tr>"
+        f"{rows}</table></div>{scene}"
         + (
-            "<h2>Boxes, metres</h2><table><tr><th>detector<th>x<th>y<th>z<th>length<th>width"
-            f"<th>height</tr>{boxes}</table>"
+            "<h2>Boxes, metres</h2><div class=wide><table>"
+            "<tr><th>detector<th>x<th>y<th>z<th>length<th>width"
+            f"<th>height</tr>{boxes}</table></div>"
             if boxes
             else ""
         )
