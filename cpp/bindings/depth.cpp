@@ -15,6 +15,7 @@
 #include "manip3d/geometry/camera.hpp"
 #include "manip3d/geometry/depth_image.hpp"
 #include "manip3d/geometry/grid_mesh.hpp"
+#include "manip3d/geometry/line_of_sight.hpp"
 #include "manip3d/geometry/range_image.hpp"
 #include "manip3d/simplify/cs3.hpp"
 #include "manip3d/simplify/grid_delaunay.hpp"
@@ -296,6 +297,41 @@ void bind_depth(py::module_& m) {
                               rows_up);
       },
       py::arg("depth"), py::arg("camera"), py::arg("threads"));
+  m.def(
+      "unproject_pixels",
+      [](const CArray<double>& pixels, const CArray<double>& depth, const py::object& camera) {
+        const auto uv = rows<Rows<double, 2>>(pixels, "pixels");
+        const auto z = rows<Eigen::VectorXd>(depth, "depth");
+        if (z.size() != uv.rows()) throw InputError("depth: expected one number per pixel");
+        py::object rays;
+        const Intrinsics intrinsics = to_intrinsics(camera, rays);
+        Rows<double, 3> points(uv.rows(), 3);
+        {
+          const py::gil_scoped_release nogil;
+          for (Eigen::Index i = 0; i < points.rows(); ++i) {
+            const Eigen::Vector2d sight = line_of_sight(intrinsics, uv.row(i).transpose());
+            points.row(i) << z(i) * sight.x(), z(i) * sight.y(), z(i);
+          }
+        }
+        return to_numpy(std::move(points));
+      },
+      py::arg("pixels").noconvert(), py::arg("depth").noconvert(), py::arg("camera"));
+  m.def(
+      "project",
+      [](const CArray<double>& points, const py::object& camera) {
+        const auto xyz = rows<Rows<double, 3>>(points, "points");
+        py::object rays;
+        const Intrinsics intrinsics = to_intrinsics(camera, rays);
+        Rows<double, 2> pixels(xyz.rows(), 2);
+        {
+          const py::gil_scoped_release nogil;
+          for (Eigen::Index i = 0; i < pixels.rows(); ++i) {
+            pixels.row(i) = pixel_of(intrinsics, xyz.row(i).transpose()).transpose();
+          }
+        }
+        return to_numpy(std::move(pixels));
+      },
+      py::arg("points").noconvert(), py::arg("camera"));
   m.def(
       "grid_mesh",
       [](const CArray<float>& points, const CArray<bool>& valid, bool rows_up, double max_edge,

@@ -91,6 +91,7 @@ __all__: list[str] = [
     "point_suffixes",
     "points_in_box",
     "points_of_levels",
+    "project",
     "range_image_error",
     "read_lattice",
     "read_mesh",
@@ -120,6 +121,7 @@ __all__: list[str] = [
     "summarize",
     "texture_error",
     "unproject",
+    "unproject_pixels",
     "welded_boundary",
     "writable_suffixes",
     "write_mesh",
@@ -1511,6 +1513,7 @@ def points_of_levels(
     max_range: typing.SupportsFloat | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> numpy.ndarray: ...
+def project(points: numpy.typing.NDArray[numpy.float64], camera: typing.Any) -> numpy.ndarray: ...
 def range_image_error(
     mesh: typing.Any,
     points: numpy.typing.NDArray[numpy.float32],
@@ -1679,6 +1682,11 @@ def texture_error(
 def unproject(
     depth: numpy.ndarray, camera: typing.Any, threads: typing.SupportsInt | typing.SupportsIndex
 ) -> tuple[numpy.ndarray, numpy.ndarray, bool]: ...
+def unproject_pixels(
+    pixels: numpy.typing.NDArray[numpy.float64],
+    depth: numpy.typing.NDArray[numpy.float64],
+    camera: typing.Any,
+) -> numpy.ndarray: ...
 def welded_boundary(mesh: typing.Any) -> numpy.ndarray: ...
 def writable_suffixes() -> list[typing.Any]: ...
 def write_mesh(mesh: typing.Any, path: bytes, texture_folder: bytes) -> list[typing.Any]: ...

@@ -137,7 +137,7 @@ def test_bad_camera_files_are_one_line(
     content: str, message: str, frame: Path, tmp_path: Path
 ) -> None:
     from manip3d import FormatError
-    from manip3d.cli.reducing import camera
+    from manip3d.cli.depth import camera
 
     path = tmp_path / "camera.json"
     path.write_text(content)
@@ -148,7 +148,7 @@ def test_bad_camera_files_are_one_line(
 
 def test_wrong_cameras_are_refused(frame: Path, tmp_path: Path) -> None:
     from manip3d import InputError
-    from manip3d.cli.reducing import camera
+    from manip3d.cli.depth import camera
 
     base = ("cs3", frame, "-o", tmp_path / "x.glb", "--points", "99", "-q")
     assert "--intrinsics: needed" in error_line(manip3d(*base))

@@ -140,6 +140,12 @@ def test_odometry_and_stereo_2015(tmp_path: Path) -> None:
         (lambda d: (d.parent / "calib_velo_to_cam.txt").write_text(""), FormatError,
          "R: expected 9 finite numbers, got no such line"),
         (lambda d: (d.parent / "calib_cam_to_cam.txt").unlink(), InputError, "no calibration"),
+        (lambda d: (d.parent / "calib_velo_to_cam.txt").write_text("R: 1 0 0 0 1 0 0 0 0\nT: 0 0"),
+         FormatError, "R: expected a rotation, got a matrix 1 off an orthogonal one"),
+        (lambda d: (d / "velodyne_points/timestamps.txt").write_bytes(b"\xff\x1b[2J\n"),
+         FormatError, r"line 1: expected a time, got '\udcff\x1b[2J'"),
+        (lambda d: (d / "velodyne_points/timestamps.txt").write_text("2011-01-01 00:00:00.1e9\n"),
+         FormatError, "line 1: expected a time, got '2011-01-01 00:00:00.1e9'"),
     ],
 )  # fmt: skip
 def test_damage(tmp_path: Path, spoil, error: type[Exception], message: str) -> None:  # type: ignore[no-untyped-def]
@@ -153,6 +159,19 @@ def test_damage(tmp_path: Path, spoil, error: type[Exception], message: str) -> 
 
     with pytest.raises(error, match=re.escape(message)):
         read_all()
+
+
+@pytest.mark.parametrize("word", ["nan", "inf", "1e999", "wide"])
+def test_numbers_of_labels_and_times_are_finite(tmp_path: Path, word: str) -> None:
+    path = write_object(tmp_path)
+    label = path / "label_2" / "000007.txt"
+    label.write_text(label.read_text().replace("4.0", word, 1))
+    with pytest.raises(FormatError, match="line 1: expected a label of 15 words, the last"):
+        open_kitti(path)[0].boxes()
+    label.unlink()
+    (path / "times.txt").write_text(f"0.0\n{word}\n")
+    with pytest.raises(FormatError, match="line 2: expected a time"):
+        open_kitti(path)
 
 
 def test_no_such_layout(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from manip3d.errors import FormatError, MissingExtraError
-from manip3d.io._safe_xml import bounded_bytes, parse_xml
+from manip3d.io._text_files import bounded_bytes, parse_xml
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

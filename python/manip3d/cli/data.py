@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from manip3d import datasets
+import typer
+
+from manip3d.cli.options import Json, Quiet
 from manip3d.cli.terminal import Terminal, table
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+app = typer.Typer(
+    name="data",
+    help="Public data sets: what is here, and fetching more.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
 
 def listing() -> list[dict[str, Any]]:
     """Every data set: name, kind, size, licence, and where it lies or how to get it."""
+    from manip3d import datasets
+
     return [
         {
             "name": data_set.name,
@@ -31,6 +42,8 @@ def listing() -> list[dict[str, Any]]:
 
 def show(console: Console, records: list[dict[str, Any]]) -> None:
     """One line per data set, then where data is looked for."""
+    from manip3d import datasets
+
     rows = [
         (r["name"], _state(r), r["kind"], f"{r['bytes'] / 1e6:.1f} MB", r["title"]) for r in records
     ]
@@ -53,9 +66,28 @@ def _state(record: dict[str, Any]) -> str:
 
 def get(names: list[str], terminal: Terminal) -> None:
     """Fetch data sets, each licence shown before its bytes."""
+    from manip3d import datasets
+
     for data_set in [datasets.get(name) for name in names]:
         terminal.say(f"{data_set.name}: {data_set.title}\n  from     {data_set.origin}")
         terminal.say(f"  licence  {data_set.licence}\n  page     {data_set.page}")
         with terminal.progress(data_set.name) as progress:
             paths = datasets.fetch(data_set, progress=progress)
         terminal.say(f"  here     {paths[0]}")
+
+
+@app.command("list")
+def data_list(as_json: Json = False) -> None:
+    """List the data sets: which are here, which are missing."""
+    records = listing()
+    shell = Terminal(as_json=as_json)
+    shell.result(records, lambda console: show(console, records))
+
+
+@app.command("get")
+def data_get(
+    names: Annotated[list[str], typer.Argument(help="Data sets, as 'data list' names them.")],
+    quiet: Quiet = False,
+) -> None:
+    """Fetch data sets from their official homes; shows each licence first."""
+    get(names, Terminal(quiet=quiet))

@@ -13,7 +13,6 @@ from manip3d.cli.terminal import Terminal, count, table
 from manip3d.errors import InputError
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
-from manip3d.viewer.opening import scan_address
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,6 +25,7 @@ def frames(
 ) -> Iterator[LidarFrame]:
     """The scans of a file or the frames of a recording, one after the other."""
     from manip3d import capture, io
+    from manip3d.viewer import scan_address
 
     uri = scan_address(source)
     if uri is not None:
@@ -46,10 +46,11 @@ _REFUSED = ("bad_length", "unknown_product", "other_product", "unknown_return_mo
 
 def summary(source: str, terminal: Terminal, calibration: Path | None = None) -> dict[str, Any]:
     """What the scans of a source are made of."""
+    from manip3d import capture
+    from manip3d.viewer import scan_address
+
     uri = scan_address(source)
     if uri is not None:
-        from manip3d import capture
-
         recording = capture.open_lidar(uri, calibration=calibration)
         scans = [_describe(frame) for frame in recording]
         return _told(source, scans) | {"counters": recording.counters}

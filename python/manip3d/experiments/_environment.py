@@ -15,7 +15,7 @@ from manip3d import __version__, _core
 
 # Modules that show results but do not make them: a change there keeps stored results valid.
 _PRESENTATION = {"cli", "report", "viewer", "_environment.py"}
-_LIBRARIES = ("numpy", "scipy", "pandas", "matplotlib", "open3d", "vtk", "pyvista", "trimesh")
+_LIBRARIES = ("numpy", "scipy", "matplotlib", "open3d", "vtk", "pyvista", "trimesh")
 
 
 @cache

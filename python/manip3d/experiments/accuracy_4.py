@@ -201,11 +201,10 @@ def _source_misses(outcome: _phantom.Outcome, limb: Any) -> Any:
     camera = outcome.frame.calibration.depth
     row, column = np.nonzero(_phantom.drawn(outcome.phantom, "PHANTOM", "AWAY"))
     source = outcome.phantom.source[row, column]
-    points = _phantom.lift(outcome.frame.depth / 1000.0, camera)[source[:, 0], source[:, 1]]
+    points = camera.unproject(outcome.frame.depth)[source[:, 0], source[:, 1]].astype(float)
     assert mirror is not None
     reflected = mirror(points)
-    u = np.rint(camera.cx + camera.fx * reflected[:, 0] / reflected[:, 2]).astype(int)
-    v = np.rint(camera.cy + camera.fy * reflected[:, 1] / reflected[:, 2]).astype(int)
+    u, v = np.rint(camera.project(reflected)).astype(int).T
     return np.maximum(np.abs(u - column), np.abs(v - row))
 
 
@@ -335,7 +334,7 @@ def _left(case: Case, segmentation: Segmentation) -> dict[str, int]:
     body = left & ~flying
     truth = outcome.truth.bones
     measured = outcome.frame.depth / 1000.0
-    points = _phantom.lift(measured, outcome.frame.calibration.depth)
+    points = outcome.frame.calibration.depth.unproject(outcome.frame.depth)
     far = np.linalg.norm(points - outcome.truth.joints[chain[0]], axis=2) > 0.12
     upper, beyond = truth == chain[1], np.isin(truth, chain[2:])
     return {

@@ -76,7 +76,7 @@ def view_steps(case: Case) -> Row:
 
 def _near_root(frame: Any, truth: Any, mine: Any) -> Any:
     """Pixels of the person around the true root, where nothing should be missing."""
-    points = _phantom.lift(frame.depth / 1000.0, frame.calibration.depth)
+    points = frame.calibration.depth.unproject(frame.depth)
     return mine & (np.linalg.norm(points - truth.joints[16], axis=2) < _AROUND)
 
 

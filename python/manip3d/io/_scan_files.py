@@ -39,7 +39,8 @@ def read_scan(
     Returns
     -------
     LidarFrame
-        KITTI's ``.bin``: metres, x forward, y left, z up, the scanner at the origin. PCD: the
+        KITTI's ``.bin``: metres, x forward, y left, z up, the scanner at the origin. nuScenes'
+        ``.pcd.bin``: coordinates as they are, the scanner at the origin. PCD: the
         scanner at its viewpoint. PLY: coordinates as they are, the scanner's place not known.
         3DTK's ``.3d``: turned to metres and our axes, the scanner at the origin; the pose of the
         ``.pose`` file beside it is ``format.header["pose"]``. LAS and LAZ: coordinates as they

@@ -15,7 +15,7 @@ from manip3d import _core
 from manip3d._util.arrays import index_rows
 from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
-from manip3d.camera import Intrinsics, Registration
+from manip3d.camera import Intrinsics, Registration, _depth_image
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.mesh import Material, Mesh, Texture
 
@@ -132,23 +132,6 @@ def _png(colour: NDArray[np.uint8]) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(colour).save(buffer, "PNG")
     return buffer.getvalue()
-
-
-def _depth_image(depth: ArrayLike, intrinsics: Intrinsics) -> NDArray[np.uint16 | np.float32]:
-    """The image in one of the two dtypes of the core; the same object if it is in one."""
-    if not isinstance(intrinsics, Intrinsics):
-        raise InputError(f"intrinsics: expected Intrinsics, got {intrinsics!r}")
-    image = np.asarray(depth)
-    if image.dtype not in (np.uint16, np.float32):
-        raise InputError(
-            f"depth: expected dtype uint16 (millimetres) or float32 (metres), got {image.dtype}"
-        )
-    if image.shape != (intrinsics.height, intrinsics.width):
-        raise InputError(
-            f"depth: expected shape ({intrinsics.height}, {intrinsics.width}) as the intrinsics "
-            f"say, got {image.shape}"
-        )
-    return np.ascontiguousarray(image)
 
 
 def _point_grid(

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
+
+from manip3d.cli.options import Jobs, Json, Quiet, Seed
 from manip3d.cli.sources import open_mesh
 from manip3d.cli.terminal import Terminal, table
 
@@ -12,7 +15,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-def compare(
+def measure(
     original: str, simplified: str, terminal: Terminal, *, threads: int, seed: int
 ) -> dict[str, Any]:
     """Every measure of ``simplified`` against ``original``."""
@@ -62,3 +65,17 @@ _DIRECTIONS = (("forward", "->"), ("backward", "<-"))
 def _statistics(name: str, deviation: dict[str, float], diagonal: float) -> tuple[str, ...]:
     values = (deviation[key] / diagonal * 1e3 for key in ("mean", "rms", "max"))
     return (name, *(f"{value:.4f}" for value in values))
+
+
+def compare(
+    original: Annotated[str, typer.Argument(help="The original mesh.")],
+    simplified: Annotated[str, typer.Argument(help="The mesh that is compared with it.")],
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: Jobs = 0,
+    seed: Seed = 0,
+) -> None:
+    """Measure how far a mesh is from the original: Metro, texture error, FMPD, boundary gap."""
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    record = measure(original, simplified, shell, threads=jobs, seed=seed)
+    shell.result(record, lambda console: show(console, record))

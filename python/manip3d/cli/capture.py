@@ -7,14 +7,24 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from itertools import islice, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+import typer
 
-from manip3d.cli.terminal import Terminal, count, table
+from manip3d.cli import depth
+from manip3d.cli.options import (
+    FolderIntrinsics,
+    FolderUnits,
+    Force,
+    Json,
+    MostFrames,
+    Quiet,
+    RgbdPlace,
+)
+from manip3d.cli.terminal import Terminal, count, refuse_existing, table
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.rgbd import RgbdFrame
-from manip3d.viewer.opening import rgbd_address
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,6 +32,13 @@ if TYPE_CHECKING:
 
     from manip3d.camera import Intrinsics
     from manip3d.capture import RgbdSource
+
+app = typer.Typer(
+    name="capture",
+    help="RGB-D cameras and recordings: list, record, play, info.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
 
 _SHEET_FRAMES = 24
 _LIVE_SECONDS = 2.0
@@ -63,8 +80,10 @@ def open_source(
         Nothing that can be opened.
     """
     from manip3d import capture
+    from manip3d.viewer import rgbd_address
 
-    uri = rgbd_address(source) or source
+    folder = f"folder:{source}" if Path(source).is_dir() else source
+    uri = rgbd_address(source) or folder
     options: dict[str, Any] = {"speed": speed} if speed else {}
     if intrinsics:
         options["camera"] = camera_of_folder(intrinsics, uri)
@@ -79,17 +98,16 @@ def open_source(
 
 def camera_of_folder(text: str, uri: str) -> Intrinsics:
     """``--intrinsics`` of a folder of images, whose first image says how large they are."""
-    from manip3d.cli import reducing
     from manip3d.io import read_depth
 
     scheme, _, folder = uri.partition(":")
     images = sorted((Path(folder) / "depth").glob("*.png"))
     if scheme not in ("folder", "tum") or not images:
         raise InputError(f"--intrinsics: expected a folder with images in depth/, got {uri}")
-    return reducing.camera(text, *read_depth(images[0]).shape)
+    return depth.camera(text, *read_depth(images[0]).shape)
 
 
-def record(
+def write_recording(
     source: RgbdSource,
     output: Path,
     terminal: Terminal,
@@ -333,3 +351,90 @@ def _write_png(path: Path, image: NDArray[np.uint8]) -> None:
         raise MissingExtraError("pillow", "io") from None
     with atomic_path(path) as temporary:
         Image.fromarray(image).save(temporary)
+
+
+@app.command("list")
+def capture_list(as_json: Json = False) -> None:
+    """List what can be opened here, and why the rest cannot."""
+    records = listing()
+    shell = Terminal(as_json=as_json)
+    shell.result(records, lambda console: show_listing(console, records))
+
+
+@app.command("record")
+def capture_record(
+    source: RgbdPlace,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="A new folder, or a file that ends in .mkv.")
+    ],
+    frames: MostFrames = None,
+    seconds: Annotated[
+        float | None, typer.Option(help="Stop so long after the first frame.")
+    ] = None,
+    lossless_colour: Annotated[
+        bool, typer.Option("--lossless-colour", help="Colour exactly, not as JPEG.")
+    ] = False,
+    quality: Annotated[int, typer.Option(min=1, max=100, help="Of JPEG.")] = 90,
+    intrinsics: FolderIntrinsics = "",
+    units_per_metre: FolderUnits = 0.0,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write frames to a recording. Ctrl-C ends it; what was written is whole."""
+    refuse_existing(output, force=force)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    opened = open_source(source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre)
+    record = write_recording(
+        opened,
+        output,
+        shell,
+        frames=frames,
+        seconds=seconds,
+        lossless_colour=lossless_colour,
+        jpeg_quality=quality,
+        force=force,
+    )
+    shell.result(record)
+
+
+@app.command("play")
+def capture_play(
+    source: RgbdPlace,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="A sheet of pictures (.png), or a folder of them."),
+    ] = None,
+    speed: Annotated[
+        float, typer.Option(min=0, help="1: by the frames' times; 0: as fast as they are read.")
+    ] = 1.0,
+    frames: MostFrames = None,
+    intrinsics: FolderIntrinsics = "",
+    units_per_metre: FolderUnits = 0.0,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Read frame after frame and say how fast they come; pictures with -o."""
+    refuse_existing(output, force=force)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    opened = open_source(
+        source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre, speed=speed
+    )
+    record = play(opened, output, shell, frames=frames, force=force)
+    shell.result(record, lambda console: show_play(console, record))
+
+
+@app.command("info")
+def capture_info(
+    source: RgbdPlace,
+    intrinsics: FolderIntrinsics = "",
+    units_per_metre: FolderUnits = 0.0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Say what a recording holds: cameras, frames, times, gaps; reads it to the end."""
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    opened = open_source(source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre)
+    record = info(opened, shell)
+    shell.result(record, lambda console: show_info(console, record))

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from manip3d.cli.terminal import Terminal, count
+import typer
+
+from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Seed
+from manip3d.cli.terminal import Terminal, count, refuse_existing
 from manip3d.errors import InputError
 
 
-def simulate(
+def write_simulated(
     source: str,
     output: Path,
     terminal: Terminal,
@@ -96,3 +99,41 @@ def _scan(
         "columns": scan.shape[1],
         "mixed": int(scan.mixed.sum()),
     }
+
+
+def simulate(
+    source: Annotated[
+        str, typer.Argument(metavar="SOURCE", help="sim:street, sim:indoor-00, sim:outdoor-26 ...")
+    ],
+    output: Output,
+    frames: Annotated[int, typer.Option(min=1, help="Of a street: turns of the LiDAR.")] = 10,
+    resolution: Annotated[
+        float, typer.Option(help="Of a scene: degrees between neighbouring rays.")
+    ] = 0.06,
+    no_pictures: Annotated[
+        bool, typer.Option("--no-pictures", help="Of a street: LiDAR only.")
+    ] = False,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: Jobs = 0,
+    seed: Seed = 0,
+) -> None:
+    """Make LiDAR data with truth: a drive in KITTI's layout, or a terrestrial scan.
+
+    Another seed is another street; of a scene it is other noise.
+    """
+    refuse_existing(output, force=force)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    record = write_simulated(
+        source,
+        output,
+        shell,
+        frames=frames,
+        resolution=resolution,
+        pictures=not no_pictures,
+        force=force,
+        threads=jobs,
+        seed=seed,
+    )
+    shell.result(record)

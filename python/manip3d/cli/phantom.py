@@ -9,14 +9,17 @@ import tempfile
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
+from enum import StrEnum
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
+import typer
 
-from manip3d.cli.terminal import Terminal, count
+from manip3d.cli.options import Force, Jobs, Json, Output, Quiet
+from manip3d.cli.terminal import Terminal, count, refuse_existing
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.io._files import atomic_path
 
@@ -26,6 +29,13 @@ if TYPE_CHECKING:
     from manip3d.rgbd import RgbdFrame
 
     Image = NDArray[np.uint8]
+
+app = typer.Typer(
+    name="phantom",
+    help="Render a missing limb by mirroring the intact one.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
 
 RATE = 30
 """Frames a second of the film."""
@@ -192,3 +202,80 @@ class _Film:
         if self._stream is not None:
             self._container.mux(self._stream.encode(None))
         self._container.close()
+
+
+class LimbName(StrEnum):
+    """The person's own left and right."""
+
+    left_arm = "left-arm"
+    right_arm = "right-arm"
+    left_leg = "left-leg"
+    right_leg = "right-leg"
+
+
+class Mirroring(StrEnum):
+    """At the person's plane of symmetry, as printed, or in the image."""
+
+    reflection = "reflection"
+    paper = "paper"
+    image = "2d"
+
+
+class Segmenting(StrEnum):
+    """By the nearest skin, or by the nearest bone as printed."""
+
+    skin = "skin"
+    paper = "paper"
+
+
+class Smoothing(StrEnum):
+    """Presets of the filter of joints."""
+
+    default = "default"
+    seated = "seated"
+    none = "none"
+
+
+@app.command("render")
+def phantom_render(
+    source: Annotated[
+        str,
+        typer.Argument(metavar="SOURCE", help="sim:body?amputated=right-arm, mkv:FILE, ..."),
+    ],
+    output: Output,
+    limb: Annotated[
+        LimbName | None,
+        typer.Option(help="To replace; else the simulated person's, or the right arm."),
+    ] = None,
+    mode: Annotated[Mirroring, typer.Option(help="How to mirror.")] = Mirroring.reflection,
+    segmentation: Annotated[
+        Segmenting, typer.Option(help="Of the person among its bones.")
+    ] = Segmenting.skin,
+    smoothing: Annotated[Smoothing, typer.Option(help="Of the joints.")] = Smoothing.default,
+    azimuth: Annotated[float, typer.Option(help="Of the mesh's view, degrees.")] = 35.0,
+    frames: Annotated[int, typer.Option(min=0, help="At most so many; 0: all.")] = 0,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: Jobs = 0,
+) -> None:
+    """Draw people with a phantom limb: what was seen, the phantom, the mesh from the side.
+
+    OUT.mp4 is a film; a name without a suffix is a folder of PNG pictures.
+    """
+    refuse_existing(output, force=force)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    record = render(
+        source,
+        output,
+        shell,
+        limb=limb.value if limb else None,
+        mode=mode.value,
+        segmentation=segmentation.value,
+        smoothing=smoothing.value,
+        azimuth=azimuth,
+        frames=frames,
+        force=force,
+        threads=jobs,
+    )
+    shell.result(record)

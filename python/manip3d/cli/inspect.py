@@ -8,9 +8,12 @@ import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from manip3d.cli.terminal import Terminal, count, finite, table
+import typer
+
+from manip3d.cli.options import Force, Jobs, Json, OptionalOutput, Quiet
+from manip3d.cli.terminal import Terminal, count, finite, refuse_existing, table
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
 from manip3d.lidar import Box, LidarFrame
@@ -30,7 +33,7 @@ NAMES = {
 }
 
 
-def inspect(
+def judge(
     source: str,
     output: Path | None,
     terminal: Terminal,
@@ -368,3 +371,31 @@ def _page(record: dict[str, Any], pictures: dict[str, str], scene: str) -> str:
         )
         + "</html>\n"
     )
+
+
+def inspect(
+    source: Annotated[str, typer.Argument(metavar="SCAN", help="A scan file.")],
+    output: OptionalOutput = None,
+    origin: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            metavar="X Y Z", help="Where the scanner stood; else as the file says, or its grid."
+        ),
+    ] = None,
+    printed: Annotated[
+        bool, typer.Option("--printed", help="Thresholds as printed, not the calibrated ones.")
+    ] = False,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: Jobs = 0,
+) -> None:
+    """Say whether a scan was edited: exit code 0 authentic, 3 tampered, 4 undecidable.
+
+    With -o, the evidence: a page (.html) with pictures and boxes, or .json.
+    """
+    refuse_existing(output, force=force)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    record = judge(source, output, shell, origin=origin, printed=printed, threads=jobs)
+    shell.result(record, lambda console: show(console, record))
+    raise typer.Exit(EXIT_CODES[record["verdict"]])

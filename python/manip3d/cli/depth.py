@@ -7,14 +7,26 @@ import os
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+import typer
 
 from manip3d.camera import Intrinsics
+from manip3d.cli.options import (
+    MISSED,
+    FolderJobs,
+    Force,
+    Json,
+    Output,
+    Quiet,
+    Seed,
+    Strict,
+)
 from manip3d.cli.sources import mesh_suffix
-from manip3d.cli.terminal import Terminal, count
+from manip3d.cli.terminal import Terminal, count, refuse_existing
 from manip3d.errors import Error, FormatError, InputError, MissingExtraError
 from manip3d.io import DEPTH_SUFFIXES, read_depth, read_range_grid, write_mesh
 
@@ -327,3 +339,90 @@ def fail_if_any(records: list[dict[str, Any]]) -> None:
     failed = [record for record in records if record.get("error")]
     if failed:
         raise Error(f"{len(failed)} of {len(records)} frames failed")
+
+
+class DepthMethod(StrEnum):
+    """The methods of chapter 3, and manip3d's own."""
+
+    cs3 = "cs3"
+    relief = "relief"
+    uniform = "uniform"
+    poisson = "poisson"
+    ssa = "ssa"
+
+
+class Variant(StrEnum):
+    """The four variants of CS3: importance (L or C), then sampling."""
+
+    cios = "cios"
+    lios = "lios"
+    cnms = "cnms"
+    lnms = "lnms"
+
+
+def cs3(
+    source: Annotated[
+        str, typer.Argument(help="A depth image, a scan (PLY range_grid), or a folder of frames.")
+    ],
+    output: Output,
+    points: Annotated[int, typer.Option(min=1, help="At most so many vertices.")],
+    intrinsics: Annotated[
+        str,
+        typer.Option(help="fx,fy,cx,cy, FILE.json, kinect-v1, kinect-v2 or primesense."),
+    ] = "",
+    method: Annotated[DepthMethod, typer.Option(help="How.")] = DepthMethod.cs3,
+    variant: Annotated[Variant, typer.Option(help="Of --method cs3.")] = Variant.cios,
+    units_per_metre: Annotated[
+        float, typer.Option(help="Of whole-number images: 1000, or 5000 for TUM and ICL-NUIM.")
+    ] = 1000.0,
+    max_edge: Annotated[
+        float | None, typer.Option(help="Leave out triangles with a longer edge: for scenes.")
+    ] = None,
+    by_distance: Annotated[
+        bool, typer.Option("--by-distance", help="More points where it is near (--method cs3).")
+    ] = False,
+    move_points: Annotated[
+        bool, typer.Option("--move-points", help="Points may leave the input (--method relief).")
+    ] = False,
+    colour: Annotated[
+        str, typer.Option(help="Colour image of the same size; for a folder, a folder of them.")
+    ] = "",
+    frames: Annotated[
+        str, typer.Option(metavar="PATTERN", help="Which files of a folder are depth images.")
+    ] = "*",
+    force: Force = False,
+    strict: Strict = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: FolderJobs = 0,
+    seed: Seed = 0,
+) -> None:
+    """Turn a depth image or a range scan into a sparse textured mesh.
+
+    A folder becomes a folder of .glb files, in parallel processes; run again, it goes on where it
+    stopped. Depth images become metres, in glTF with +y up, else in the camera's axes.
+    """
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    order = Order(
+        points,
+        method.value,
+        variant.value,
+        intrinsics,
+        units_per_metre,
+        max_edge,
+        by_distance,
+        move_points,
+        colour,
+        seed,
+        threads=jobs,
+    )
+    if Path(source).is_dir():
+        records = reduce_folder(Path(source), output, order, frames, shell, jobs=jobs, force=force)
+        shell.result(records)
+        fail_if_any(records)
+    else:
+        refuse_existing(output, force=force)
+        records = [reduce_file(Path(source), output, order, shell)]
+        shell.result(records[0])
+    if strict and any(record["target_missed"] for record in records):
+        raise typer.Exit(MISSED)

@@ -6,9 +6,22 @@ import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import typer
+
+from manip3d.cli.options import (
+    MISSED,
+    FolderJobs,
+    Force,
+    Json,
+    Output,
+    Quiet,
+    Seed,
+    Strict,
+)
 from manip3d.cli.sources import mesh_files, mesh_suffix, open_mesh
 from manip3d.cli.terminal import Progress, Terminal, count, refuse_existing
 from manip3d.errors import Error, InputError
@@ -145,3 +158,53 @@ def fail_if_any(records: Sequence[dict[str, Any]]) -> None:
     failed = [record for record in records if record.get("error")]
     if failed:
         raise Error(f"{len(failed)} of {len(records)} files failed")
+
+
+class Method(StrEnum):
+    """The five methods of chapter 2."""
+
+    qem4vr = "qem4vr"
+    qem_orig = "qem-orig"
+    qem_bp = "qem-bp"
+    qem_tp = "qem-tp"
+    qem_btp = "qem-btp"
+
+
+def simplify(
+    source: Annotated[str, typer.Argument(help="A mesh file, a folder of them, or - for stdin.")],
+    output: Output,
+    faces: Annotated[int | None, typer.Option(min=1, help="Stop at this many faces.")] = None,
+    ratio: Annotated[
+        float | None, typer.Option(help="Stop at this fraction of the faces as read.")
+    ] = None,
+    max_error: Annotated[
+        float | None, typer.Option(help="Largest error of a collapse, in the file's units.")
+    ] = None,
+    method: Annotated[Method, typer.Option(help="How.")] = Method.qem4vr,
+    no_clean: Annotated[bool, typer.Option("--no-clean", help="Do not clean first.")] = False,
+    force: Force = False,
+    strict: Strict = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: FolderJobs = 0,
+    seed: Seed = 0,
+) -> None:
+    """Reduce the faces of a mesh; cleans it first. The first target reached stops.
+
+    A folder is simplified mesh by mesh into another folder, in parallel processes.
+    """
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    order = Order(method.value, faces, ratio, max_error, not no_clean, {})
+    if Path(source).is_dir():
+        records = simplify_folder(Path(source), output, order, shell, jobs=jobs, force=force)
+        shell.result(records)
+        fail_if_any(records)
+    else:
+        refuse_existing(output, force=force)
+        with shell.progress("simplify") as progress:
+            records = [simplify_file(source, output, order, shell, progress)]
+        shell.result(records[0])
+        if records[0]["stop"] == "refused":
+            raise typer.Exit(MISSED if strict else 1)
+    if strict and any(record["target_missed"] for record in records):
+        raise typer.Exit(MISSED)

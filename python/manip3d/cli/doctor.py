@@ -10,7 +10,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from manip3d.cli.terminal import table
+import typer
+
+from manip3d.cli.options import Json
+from manip3d.cli.terminal import Terminal, table
 from manip3d.errors import Error
 
 if TYPE_CHECKING:
@@ -20,8 +23,8 @@ _EXTRAS = {
     "io": ("trimesh",),
     "viz": ("pyvista", "vtk", "PIL"),
     "simulate": ("open3d",),
-    "experiments": ("pandas", "matplotlib", "jinja2", "scipy", "pooch"),
-    "notebook": ("ipykernel", "nbclient"),
+    "experiments": ("matplotlib", "jinja2", "scipy", "pooch"),
+    "notebook": ("ipykernel", "nbclient", "pandas"),
     "velodyne": ("yaml",),
     "las": ("laspy", "lazrs"),
     "e57": ("pye57",),
@@ -134,3 +137,12 @@ def show(console: Console, checks: list[dict[str, Any]]) -> None:
     if cures:
         console.print("\nCures")
         table(console, cures)
+
+
+def doctor(as_json: Json = False) -> None:
+    """Say what is here, what is missing, why, and the cure."""
+    checks = examine()
+    shell = Terminal(as_json=as_json)
+    shell.result(checks, lambda console: show(console, checks))
+    if any(check["state"] == "broken" for check in checks):
+        raise typer.Exit(1)

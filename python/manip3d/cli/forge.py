@@ -5,14 +5,25 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from manip3d.cli.terminal import Terminal, count
+import typer
+
+from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Seed
+from manip3d.cli.terminal import Terminal, count, refuse_existing
 from manip3d.errors import InputError
 from manip3d.forge import Forgery
 from manip3d.io._files import atomic_write
 from manip3d.lidar import Box, LidarFrame
+
+app = typer.Typer(
+    name="forge",
+    help="Forged scans with their truth, for testing detectors.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
 
 
 @dataclass(frozen=True)
@@ -213,3 +224,67 @@ def _box(order: Order) -> Box | None:
         return None
     x, y, z, length, width, height, yaw = order.box
     return Box((x, y, z), (length, width, height), yaw)
+
+
+class LidarAttack(StrEnum):
+    """What ``forge lidar`` does to a scan."""
+
+    ctp = "ctp"
+    crtp = "crtp"
+    insert = "insert"
+    subtract = "subtract"
+    deform = "deform"
+    dent = "dent"
+    translation = "translation"
+    rotation = "rotation"
+    replacement = "replacement"
+
+
+@app.command("lidar")
+def forge_lidar(
+    attack: Annotated[LidarAttack, typer.Argument(help="What is done to the scan.")],
+    source: Annotated[str, typer.Argument(metavar="SCAN", help="A scan file.")],
+    output: Output,
+    hoax: Annotated[str | None, typer.Option(help="Mesh or scan file to paste.")] = None,
+    position: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(metavar="X Y Z", help="Where its centroid goes, metres."),
+    ] = None,
+    box: Annotated[
+        tuple[float, float, float, float, float, float, float] | None,
+        typer.Option(
+            metavar="X Y Z L W H YAW", help="Centre, size, turn; else the nearest object's."
+        ),
+    ] = None,
+    scale: Annotated[float, typer.Option(help="Of the hoax's units to metres.")] = 1.0,
+    yaw: Annotated[float, typer.Option(help="Turn about the vertical, radians.")] = 0.0,
+    amplitude: Annotated[float, typer.Option(help="Of a deformation, metres.")] = 0.1,
+    distance: Annotated[float, typer.Option(help="Of a translation, metres.")] = 3.0,
+    range_noise: Annotated[float, typer.Option(help="Of inserted points, metres.")] = 0.0,
+    printed: Annotated[
+        bool, typer.Option("--printed", help="CTP's translation as printed.")
+    ] = False,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: Jobs = 0,
+    seed: Seed = 0,
+) -> None:
+    """Forge a LiDAR scan; the truth goes beside it, as OUT.truth.json."""
+    refuse_existing(output, force=force)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    order = Order(
+        hoax,
+        position,
+        box,
+        scale,
+        yaw,
+        amplitude,
+        distance,
+        range_noise,
+        printed,
+        seed,
+        jobs,
+    )
+    record = forge_scan(attack.value, source, output, order, shell, force=force)
+    shell.result(record)

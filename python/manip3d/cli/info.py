@@ -1,0 +1,38 @@
+"""``manip3d info``."""
+
+from __future__ import annotations
+
+from manip3d.cli import capture, describing, scanning
+from manip3d.cli.options import Calibration, DepthUnits, Json, Quiet, Source
+from manip3d.cli.terminal import Terminal
+
+
+def info(
+    source: Source,
+    calibration: Calibration = None,
+    units_per_metre: DepthUnits = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Count what a mesh, a scan, a depth image or a recording is made of.
+
+    Recordings are LiDAR packets (.pcap), drives in KITTI's layout, RGB-D frames (.mkv, folders) and
+    what 'capture list' names.
+    """
+    from manip3d.viewer import kind_of
+
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    kind = "mesh" if source == "-" else kind_of(source)
+    if kind == "rgbd":
+        opened = capture.open_source(source, shell)
+        told = capture.info(opened, shell)
+        shell.result(told, lambda console: capture.show_info(console, told))
+    elif kind == "scan":
+        found = scanning.summary(source, shell, calibration)
+        shell.result(found, lambda console: scanning.show(console, found))
+    elif kind == "depth":
+        image = describing.depth_summary(source, units_per_metre)
+        shell.result(image, lambda console: describing.show_depth(console, image))
+    else:
+        record = describing.summary(source, shell)
+        shell.result(record, lambda console: describing.show(console, record))

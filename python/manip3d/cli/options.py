@@ -1,0 +1,100 @@
+"""Options and arguments that several commands share."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+MISSED = 4
+"""Exit code: a target was missed under ``--strict``, or nothing can be decided."""
+
+Source = Annotated[
+    str,
+    typer.Argument(
+        metavar="SOURCE",
+        help="A mesh, a scan, a depth image or a recording; - reads a mesh from stdin.",
+    ),
+]
+Scan = Annotated[
+    str,
+    typer.Argument(metavar="SCAN", help="A scan: .bin, .pcd, .ply, .3d, .las, .laz or .e57 file."),
+]
+Output = Annotated[
+    Path, typer.Option("-o", "--output", help="Output; its suffix chooses the format.")
+]
+OptionalOutput = Annotated[
+    Path | None, typer.Option("-o", "--output", help="Output; its suffix chooses the format.")
+]
+Calibration = Annotated[
+    Path | None,
+    typer.Option(help="Calibration file of a Velodyne HDL-64E (db.xml or YAML), for .pcap files."),
+]
+RgbdPlace = Annotated[
+    str,
+    typer.Argument(
+        metavar="SOURCE",
+        help="A recording (.mkv), a folder of images, or an address that 'capture list' shows.",
+    ),
+]
+FolderIntrinsics = Annotated[
+    str,
+    typer.Option(
+        "--intrinsics",
+        help="Depth camera of a folder of images: fx,fy,cx,cy, a .json file or a preset "
+        "such as kinect-v2 ('manip3d depth --help' lists them).",
+    ),
+]
+FolderUnits = Annotated[
+    float,
+    typer.Option(
+        "--units-per-metre",
+        min=0,
+        help="Depth units per metre of a folder of images; 0: the usual ones of its kind.",
+    ),
+]
+DepthUnits = Annotated[
+    float | None,
+    typer.Option(
+        "--units-per-metre",
+        help="Units per metre of a depth image of whole numbers: 1000, or 5000 for TUM.",
+    ),
+]
+MostFrames = Annotated[
+    int | None, typer.Option("--frames", min=1, help="Stop after this many frames.")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no messages and no progress.")]
+Jobs = Annotated[
+    int,
+    typer.Option("--jobs", "-j", min=0, help="Number of threads; 0: all cores."),
+]
+FolderJobs = Annotated[
+    int,
+    typer.Option(
+        "--jobs", "-j", min=0, help="Number of threads, or of processes for a folder; 0: all cores."
+    ),
+]
+Processes = Annotated[
+    int, typer.Option("--jobs", "-j", min=0, help="Number of processes; 0: all cores.")
+]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of every random choice.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace existing outputs.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Exit with code 4 when a target is missed.")]
+
+
+class Tier(StrEnum):
+    """Which data experiments use."""
+
+    auto = "auto"
+    real = "real"
+    simulated = "simulated"
+
+
+class Scale(StrEnum):
+    """How much experiments do."""
+
+    quick = "quick"
+    full = "full"
