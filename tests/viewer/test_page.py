@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import base64
 import io
-import json
 import re
 import webbrowser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from page_content import content, reddish, screenshot
 
 import manip3d
 from manip3d import InputError, Material, Mesh, RenderError, Texture
@@ -21,12 +21,6 @@ pytestmark = pytest.mark.usefixtures("bundle")
 PAPER = np.array([245, 246, 248])
 
 
-def content(text: str) -> dict:
-    found = re.search(r'id="manip3d-page">(.*?)</script>', text, re.DOTALL)
-    assert found is not None
-    return json.loads(found[1])
-
-
 def png(color: tuple[int, int, int]) -> bytes:
     from PIL import Image
 
@@ -35,21 +29,9 @@ def png(color: tuple[int, int, int]) -> bytes:
     return stream.getvalue()
 
 
-def screenshot(tab: _chromium.Tab) -> np.ndarray:
-    from PIL import Image
-
-    tab.evaluate("new Promise(r => requestAnimationFrame(() => requestAnimationFrame(r)))")
-    data = base64.b64decode(tab.send("Page.captureScreenshot", format="png")["data"])
-    return np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(int)
-
-
 def press(tab: _chromium.Tab, *keys: str) -> None:
     for key in keys:
         tab.evaluate(f"document.dispatchEvent(new KeyboardEvent('keydown', {{key: '{key}'}}))")
-
-
-def reddish(image: np.ndarray) -> np.ndarray:
-    return (image[..., 0] > image[..., 1] + 80) & (image[..., 0] > image[..., 2] + 80)
 
 
 # ------------------------------------------------------------------------------- the text

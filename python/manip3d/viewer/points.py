@@ -253,8 +253,7 @@ class PointCloud:
             raise InputError(
                 f"points: expected (N, 3) floats, got {self.points.dtype} {self.points.shape}"
             )
-        if not np.isfinite(self.points).all():
-            raise InputError("points: expected finite coordinates")
+        _check_finite(self.points)
         for column in self.columns:
             if len(column.values) != len(self.points):
                 raise InputError(
@@ -393,6 +392,11 @@ class PointCloud:
         return f"<manip3d.viewer.PointCloud: {', '.join(parts)}>"
 
 
+def _check_finite(points: NDArray[Any]) -> None:
+    if not np.isfinite(points).all():
+        raise InputError("points: expected finite coordinates")
+
+
 def _check_classes(column: Classes) -> None:
     if len(column.labels) != len(column.palette):
         raise InputError(
@@ -453,6 +457,7 @@ def point_cloud(
     """
     array = np.asarray(points)
     place = rows(points, 3, np.float32 if array.dtype == np.float32 else np.float64, "points")
+    _check_finite(place)
     columns: list[Column] = []
     if colors is not None:
         columns.append(Colors("colour", _colors(colors, len(place))))
