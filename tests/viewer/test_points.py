@@ -119,7 +119,8 @@ def test_emphasised_points_are_wider_and_survive_thinning() -> None:
     classes = Classes("verdict", values, ("no", "yes"), (QUIET, WHITE), (1,))
     points = np.random.default_rng(1).random((1000, 3))
     cloud = PointCloud(points, (classes,), least=0.1)
-    np.testing.assert_allclose(cloud.widths()[[2, 3]], [0.1, 0.1 * EMPHASIS])
+    assert cloud.widths().tolist() == [0.1] * 1000
+    np.testing.assert_array_equal(cloud.emphasis()[[2, 3]], [1.0, EMPHASIS])
     few = cloud.thinned(10)
     assert few.num_points == 10
     assert isinstance(few.columns[0], Classes)

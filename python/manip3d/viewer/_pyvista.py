@@ -205,5 +205,5 @@ def _drawn_widths(cloud: PointCloud, camera: Camera, height: int) -> Points:
     ahead = ahead / np.linalg.norm(ahead)
     depth = np.maximum((cloud.points - camera.position) @ ahead, camera.near)
     pixel = depth * (2.0 * np.tan(np.radians(camera.view_angle / 2.0)) / height)
-    widths: Points = np.clip(cloud.widths(), SMALLEST * pixel, LARGEST * pixel)
+    widths: Points = cloud.emphasis() * np.clip(cloud.widths(), SMALLEST * pixel, LARGEST * pixel)
     return widths

@@ -350,10 +350,14 @@ class PointCloud:
         if self.origin is not None:
             away = np.linalg.norm(self.points - np.asarray(self.origin), axis=1)
             width = np.maximum(width, self.spread * away)
-        first = self.columns[0] if self.columns else None
-        if isinstance(first, Classes):
-            width[first.is_emphasized()] *= EMPHASIS
         return width
+
+    def emphasis(self) -> Points:
+        """(N,) float64: how many times as wide the points are drawn for what they are."""
+        first = self.columns[0] if self.columns else None
+        if not isinstance(first, Classes):
+            return np.ones(self.num_points)
+        return np.where(first.is_emphasized(), EMPHASIS, 1.0)
 
     def thinned(self, max_points: int) -> PointCloud:
         """At most so many of the points, taken evenly by chance; emphasised ones stay first.

@@ -53,8 +53,7 @@ void main() {
   gl_Position = projectionMatrix * seen;
   float size = max(least, spread * distance(place.xyz, origin));
   float larger = 1.0 + tint.w * ${(EMPHASIS - 1).toFixed(2)};
-  width = clamp(scale * size * pixels / max(-seen.z, 1e-9), smallest * min(scale, 1.0), largest);
-  width *= larger;
+  width = scale * larger * clamp(size * pixels / max(-seen.z, 1e-9), smallest, largest);
   gl_PointSize = width;
   shade = tint.rgb;
 }`;
