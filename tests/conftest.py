@@ -6,11 +6,14 @@ import json
 import os
 import re
 import signal
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+import real_data
+from manip3d import Mesh, datasets
 
 # Seconds depend on what else runs; the same examples in every run.
 settings.register_profile("ci", max_examples=200, deadline=None, derandomize=True)
@@ -25,7 +28,8 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # machine does not allow.
 MAY_BE_SKIPPED = re.compile(
     r"MANIP3D_DATA|\b(is|are) not here\b|the extra '(ouster|pose)' is not installed|"
-    r"\(peers\)|librealsense2 is absent|strace may not trace here"
+    r"\(peers\)|librealsense2 is absent|no maker's SDK is built in|strace may not trace here|"
+    r"no mount namespaces here|no FFmpeg .* that stands alone"
 )
 
 GOLDEN = Path(__file__).parent / "golden" / "golden.json"
@@ -39,14 +43,40 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+@pytest.hookimpl(tryfirst=True)  # before -m chooses among the marks
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that need the real data are skipped where they are not."""
-    if os.environ.get("MANIP3D_DATA"):
-        return
-    absent = pytest.mark.skip(reason="MANIP3D_DATA is not set")
+    """Tests that ask for real data are marked ``realdata``, and are skipped where there is none."""
     for item in items:
-        if item.get_closest_marker("realdata"):
-            item.add_marker(absent)
+        if "realdata" in getattr(item, "fixturenames", ()):
+            item.add_marker("realdata")
+        if real_data.ROOT is None and item.get_closest_marker("realdata"):
+            item.add_marker(pytest.mark.skip(reason="MANIP3D_DATA is not set"))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Tests without the mark see no real data: they hold on a machine that has none."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not item.get_closest_marker("realdata"):
+            patch.delenv("MANIP3D_DATA", raising=False)
+        return (yield)
+
+
+@pytest.fixture(scope="session")
+def realdata() -> real_data.RealData:
+    """Give ``realdata("lidar/tls/x.ply.xz") -> Path``; the test is skipped if it is absent."""
+    return real_data.RealData()
+
+
+@pytest.fixture(scope="session")
+def real_mesh(realdata: real_data.RealData) -> Callable[[str], Mesh]:
+    """Give ``real_mesh("rockerArm") -> Mesh`` of the registry; the test is skipped if absent."""
+
+    def load(name: str) -> Mesh:
+        realdata.needs(name)
+        return datasets.load_mesh(name)
+
+    return load
 
 
 @pytest.hookimpl(wrapper=True)

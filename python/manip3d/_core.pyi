@@ -81,6 +81,7 @@ __all__: list[str] = [
     "joint_names",
     "joint_parents",
     "local_spacing",
+    "make_temporary_folder",
     "metro",
     "mirrored_joints",
     "move_box",
@@ -101,6 +102,7 @@ __all__: list[str] = [
     "readable_suffixes",
     "registered_uvs",
     "render_depth",
+    "replace_folder",
     "replace_rows",
     "replay_collapses",
     "repose",
@@ -815,7 +817,6 @@ class ColliderTracker:
         max_radius: typing.SupportsFloat | typing.SupportsIndex,
         first_radius: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
-    def before(self) -> tuple[typing.Any, ...]: ...
     def first_hits(
         self,
         start: numpy.typing.NDArray[numpy.float32],
@@ -829,7 +830,7 @@ class ColliderTracker:
         skeleton: typing.Any,
         label: numpy.typing.NDArray[numpy.uint8],
         squared_distance: numpy.typing.NDArray[numpy.float32],
-    ) -> None: ...
+    ) -> tuple[typing.Any, ...]: ...
 
 class ShoeCoverTracker:
     def __init__(
@@ -929,9 +930,9 @@ class VelodynePcapSource:
 class VelodyneUdpSource:
     def __init__(
         self,
-        address: str,
+        address: bytes,
         port: typing.SupportsInt | typing.SupportsIndex,
-        sender: str,
+        sender: bytes,
         ring_packets: typing.SupportsInt | typing.SupportsIndex,
         options: VelodyneOptions,
     ) -> None: ...
@@ -1423,6 +1424,7 @@ def local_spacing(
     radius: typing.SupportsFloat | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> float: ...
+def make_temporary_folder(folder: bytes) -> tuple[bytes, int]: ...
 def metro(
     original: typing.Any,
     simplified: typing.Any,
@@ -1558,6 +1560,7 @@ def render_depth(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> numpy.ndarray: ...
+def replace_folder(made: bytes, target: bytes) -> None: ...
 def replace_rows(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],

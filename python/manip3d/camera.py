@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, overload
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import rows
 from manip3d._util.options import threads_of
-from manip3d.errors import InputError
+from manip3d.errors import FormatError, InputError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -261,3 +264,168 @@ def _number(value: float, name: str) -> float:
         return float(value)
     except (TypeError, ValueError) as error:
         raise InputError(f"{name}: expected a number, got {value!r}") from error
+
+
+@dataclass(frozen=True)
+class CameraPreset:
+    """The nominal depth camera of a sensor, for images whose own calibration is lost.
+
+    Attributes
+    ----------
+    title : str
+        The sensor.
+    cameras : tuple of Intrinsics
+        One for each size of its images.
+    is_resizable : bool
+        The sensor also delivers the same view at other sizes.
+    depth_unit : str
+        Unit of its depth images, as in `manip3d.io.DEPTH_UNITS`; ``guess``: it has several.
+    """
+
+    title: str
+    cameras: tuple[Intrinsics, ...]
+    is_resizable: bool
+    depth_unit: str
+
+    def fitting(self, width: int, height: int) -> Intrinsics | None:
+        """Return the camera for an image of that size; None if the sensor has no such image."""
+        for camera in self.cameras:
+            if (camera.width, camera.height) == (width, height):
+                return camera
+        for camera in self.cameras if self.is_resizable else ():
+            if width * camera.height == height * camera.width:
+                return camera.resized(width, height)
+        return None
+
+    @property
+    def sizes(self) -> str:
+        """The sizes of its images in words: ``640 x 480``."""
+        return " or ".join(f"{camera.width} x {camera.height}" for camera in self.cameras)
+
+
+def _vga(fx: float, fy: float, cx: float = 319.5, cy: float = 239.5) -> tuple[Intrinsics, ...]:
+    return (Intrinsics(640, 480, fx, fy, cx, cy),)
+
+
+def _centred(*sizes: tuple[int, int, float]) -> tuple[Intrinsics, ...]:
+    return tuple(Intrinsics(w, h, f, f, (w - 1) / 2, (h - 1) / 2) for w, h, f in sizes)
+
+
+CAMERA_PRESETS: Mapping[str, CameraPreset] = {
+    "tum": CameraPreset("TUM RGB-D, nominal", _vga(525.0, 525.0), True, "tum"),
+    "tum-fr1": CameraPreset(
+        "TUM RGB-D, freiburg1", _vga(517.3, 516.5, 318.6, 255.3), False, "tum"
+    ),
+    "tum-fr2": CameraPreset(
+        "TUM RGB-D, freiburg2", _vga(520.9, 521.0, 325.1, 249.7), False, "tum"
+    ),
+    "tum-fr3": CameraPreset(
+        "TUM RGB-D, freiburg3", _vga(535.4, 539.2, 320.1, 247.6), False, "tum"
+    ),
+    "kinect-v1": CameraPreset("Kinect V1, its infrared camera", _vga(585.0, 585.0), True, "guess"),
+    "kinect-v2": CameraPreset(
+        "Kinect V2", (Intrinsics(512, 424, 365.0, 365.0, 256.0, 212.0),), False, "mm"
+    ),
+    "azure": CameraPreset(
+        "Azure Kinect",
+        _centred((640, 576, 504.0), (320, 288, 252.0), (1024, 1024, 504.0), (512, 512, 252.0)),
+        False,
+        "mm",
+    ),
+    "realsense": CameraPreset(
+        "RealSense D435, depth",
+        _centred(
+            (640, 480, 386.0), (848, 480, 425.0), (1280, 720, 640.0), (640, 360, 320.0),
+            (424, 240, 212.0),
+        ),
+        False,
+        "mm",
+    ),
+    "primesense": CameraPreset("PrimeSense, Xtion", _vga(525.0, 525.0), True, "guess"),
+}  # fmt: skip
+"""Nominal depth cameras by name; cameras of one kind differ by some pixels."""
+
+_MOST_JSON_BYTES = 1 << 20
+
+
+def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) -> Intrinsics:
+    """Return the depth camera that a text names, for an image of a size.
+
+    Parameters
+    ----------
+    camera : str or path-like
+        ``fx,fy,cx,cy`` in pixels; a ``.json`` file, Open3D's or an object with the fields of
+        `Intrinsics`; or a name of `CAMERA_PRESETS`.
+    width, height : int, pixels
+        Size of the image.
+
+    Returns
+    -------
+    Intrinsics
+
+    Raises
+    ------
+    InputError
+        The text names no camera, or one of another image size.
+    FormatError, OSError
+        The file cannot be read.
+
+    Examples
+    --------
+    >>> from manip3d.camera import read_intrinsics
+    >>> read_intrinsics("525,525,319.5,239.5", width=640, height=480).fx
+    525.0
+    >>> read_intrinsics("kinect-v2", width=512, height=424).fx
+    365.0
+    """
+    text = os.fspath(camera)
+    if text.lower().endswith(".json"):
+        return _camera_of_file(Path(text), width, height)
+    preset = CAMERA_PRESETS.get(text)
+    if preset is not None:
+        found = preset.fitting(width, height)
+        if found is None:
+            raise InputError(
+                f"intrinsics: {text} is for {preset.sizes} pixels, the image has {width} x {height}"
+            )
+        return found
+    try:
+        fx, fy, cx, cy = (float(field) for field in text.split(","))
+    except ValueError:
+        raise InputError(
+            f"intrinsics: expected fx,fy,cx,cy, a .json file or one of "
+            f"{', '.join(CAMERA_PRESETS)}, got {text!r}"
+        ) from None
+    return Intrinsics(width, height, fx, fy, cx, cy)
+
+
+def _camera_of_file(path: Path, width: int, height: int) -> Intrinsics:
+    with path.open("rb") as file:
+        data = file.read(_MOST_JSON_BYTES + 1)
+    try:
+        if len(data) > _MOST_JSON_BYTES:
+            raise ValueError("more than a mebibyte")
+        fields: Any = json.loads(data)
+        if not isinstance(fields, dict):
+            raise TypeError("no object")
+        matrix = fields.get("intrinsic_matrix")
+        if matrix is not None:  # column by column
+            fields = {n: fields[n] for n in ("width", "height") if n in fields}
+            fields |= dict(zip(("fx", "fy", "cx", "cy"), _pinhole(matrix), strict=True))
+        known = Intrinsics(**({"width": width, "height": height} | fields))
+    except (ValueError, TypeError, RecursionError) as error:
+        text = "expected an object with fx, fy, cx and cy, or with Open3D's intrinsic_matrix"
+        raise FormatError(f"{text}: {error}", file=str(path)) from error
+    if (known.width, known.height) != (width, height):
+        raise InputError(
+            f"intrinsics: {path} is for {known.width} x {known.height} pixels, "
+            f"the image has {width} x {height}"
+        )
+    return known
+
+
+def _pinhole(matrix: Any) -> tuple[float, float, float, float]:
+    values = np.asarray(matrix, dtype=np.float64)
+    if values.shape != (9,):
+        raise ValueError(f"an intrinsic_matrix of shape {values.shape}")
+    return float(values[0]), float(values[4]), float(values[6]), float(values[7])

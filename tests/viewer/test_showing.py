@@ -217,17 +217,19 @@ def test_what_a_source_is(tmp_path: Path, quad: Mesh) -> None:
 def test_depth_images_open_with_and_without_a_camera(tmp_path: Path) -> None:
     np.save(tmp_path / "d.npy", bumps())
     opened = open_thing(tmp_path / "d.npy")
-    assert (opened.kind, opened.note) == ("depth", "camera assumed: focal length 26 pixels")
+    assert opened.kind == "depth"
+    assert opened.note.endswith("camera assumed: focal length 26 pixels")
     given = open_thing(tmp_path / "d.npy", intrinsics=CAMERA)
-    assert given.note == ""
+    assert given.note.startswith("depth 1.90 to 2.10 m, unit m")
+    assert "assumed" not in given.note
     assert isinstance(given.thing, DepthImage)
     np.testing.assert_array_equal(given.thing.depth, bumps())
 
 
 def test_units_of_depth_images_are_respected(tmp_path: Path) -> None:
     np.save(tmp_path / "d.npy", np.full((4, 4), 5000, np.uint16))
-    for units, metres in ((None, 5.0), (5000.0, 1.0)):
-        opened = open_thing(tmp_path / "d.npy", units_per_metre=units)
+    for unit, metres in (("mm", 5.0), (5000.0, 1.0), ("tum", 1.0)):
+        opened = open_thing(tmp_path / "d.npy", unit=unit)
         cloud = shown(opened.thing)
         assert isinstance(cloud, PointCloud)
         np.testing.assert_allclose(cloud.points[:, 2], metres)

@@ -16,6 +16,12 @@ from manip3d.authenticate._generic import (
     SuspectRegion,
     generic_consistency,
 )
+from manip3d.authenticate._inspect import (
+    DetectorReport,
+    Inspection,
+    combined_verdict,
+    inspect,
+)
 from manip3d.authenticate._lattice import LatticeReading, SensorLattice, estimate_lattice
 from manip3d.authenticate._occlusion import (
     CALIBRATED_OCCLUSION,
@@ -42,8 +48,10 @@ __all__ = [
     "Calibration",
     "DensityParameters",
     "DensityResult",
+    "DetectorReport",
     "EvidenceReport",
     "GenericResult",
+    "Inspection",
     "LatticeReading",
     "OcclusionParameters",
     "OcclusionRegion",
@@ -52,10 +60,12 @@ __all__ = [
     "SensorLattice",
     "SuspectRegion",
     "Verdict",
+    "combined_verdict",
     "density_consistency",
     "estimate_grid",
     "estimate_lattice",
     "estimate_origin",
     "generic_consistency",
+    "inspect",
     "occlusion_consistency",
 ]

@@ -43,7 +43,7 @@ app = typer.Typer(
 )
 for verb in (
     simplify.simplify,
-    depth.cs3,
+    depth.depth,
     compare.compare,
     info.info,
     view.view,
@@ -56,6 +56,7 @@ for verb in (
     report.report,
 ):
     app.command()(verb)
+app.command("cs3", help="Same as 'depth', whose default method is CS3.")(depth.depth)
 for group in (data, forge, phantom, capture):
     app.add_typer(group.app)
 

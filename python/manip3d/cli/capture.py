@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from manip3d.cli import depth
 from manip3d.cli.options import (
     FolderIntrinsics,
     FolderUnits,
@@ -22,7 +21,7 @@ from manip3d.cli.options import (
     Quiet,
     RgbdPlace,
 )
-from manip3d.cli.terminal import Terminal, count, refuse_existing, table
+from manip3d.cli.terminal import Terminal, count, naming_options, refuse_existing, table
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.rgbd import RgbdFrame
 
@@ -98,13 +97,16 @@ def open_source(
 
 def camera_of_folder(text: str, uri: str) -> Intrinsics:
     """``--intrinsics`` of a folder of images, whose first image says how large they are."""
+    from manip3d.camera import read_intrinsics
     from manip3d.io import read_depth
 
     scheme, _, folder = uri.partition(":")
     images = sorted((Path(folder) / "depth").glob("*.png"))
     if scheme not in ("folder", "tum") or not images:
         raise InputError(f"--intrinsics: expected a folder with images in depth/, got {uri}")
-    return depth.camera(text, *read_depth(images[0]).shape)
+    height, width = read_depth(images[0]).shape
+    with naming_options("intrinsics"):
+        return read_intrinsics(text, width=width, height=height)
 
 
 def write_recording(

@@ -62,35 +62,27 @@ def _cell(value: int) -> str:
     return count(value)
 
 
-def depth_summary(source: str, units_per_metre: float | None) -> dict[str, Any]:
+def depth_summary(source: str, unit: str) -> dict[str, Any]:
     """Size, unit, measured pixels and distances of a depth image."""
-    import numpy as np
+    from manip3d.io import read_depth_guessing
 
-    from manip3d.io import read_depth
-
-    stored = read_depth(source)
-    unit = (units_per_metre or 1000.0) if stored.dtype == np.uint16 else 1.0
-    metres = stored / unit
-    measured = metres[np.isfinite(metres) & (metres > 0.0)]
-    distances = np.percentile(measured, [0.0, 50.0, 100.0]).tolist() if measured.size else None
+    reading = read_depth_guessing(source, unit=unit)
+    height, width = reading.depth.shape
     return {
         "file": source,
-        "width": stored.shape[1],
-        "height": stored.shape[0],
-        "units_per_metre": unit,
-        "measured": int(measured.size),
-        "pixels": int(stored.size),
-        "range": distances and [distances[0], distances[2]],
-        "median": distances and distances[1],
+        "width": width,
+        "height": height,
+        "measured": reading.num_measured,
+        "pixels": width * height,
+        "range": reading.range_m,
+        "unit": reading.unit,
+        "unit_guessed": reading.guessed,
+        "told": reading.sentence,
     }
 
 
 def show_depth(console: Console, record: dict[str, Any]) -> None:
-    """The image, its unit, and how far away things are."""
-    console.print(f"depth   {record['width']} x {record['height']} pixels")
+    """Print the image's size, how much of it was measured, and how far away that is."""
     share = record["measured"] / record["pixels"]
-    console.print(f"measured  {count(record['measured'])} pixels, {share:.0%} of all")
-    if record["range"] is not None:
-        near, far = record["range"]
-        console.print(f"range   {near:.3f}..{far:.3f} m, median {record['median']:.3f} m")
-    console.print(f"unit    {record['units_per_metre']:g} per metre")
+    console.print(f"{record['width']} x {record['height']} pixels, {share:.0%} of them measured")
+    console.print(record["told"])

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from manip3d.cli import capture, describing, scanning
-from manip3d.cli.options import Calibration, DepthUnits, Json, Quiet, Source
+from manip3d.cli.kinds import SHOWN, expect_kind
+from manip3d.cli.options import Calibration, DepthUnit, Json, Quiet, Source
 from manip3d.cli.terminal import Terminal
 
 
 def info(
     source: Source,
     calibration: Calibration = None,
-    units_per_metre: DepthUnits = None,
+    unit: DepthUnit = "guess",
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -18,9 +19,12 @@ def info(
 
     Recordings are LiDAR packets (.pcap), drives in KITTI's layout, RGB-D frames (.mkv, folders) and
     what 'capture list' names.
+
+    Example: manip3d info scan.bin
     """
     from manip3d.viewer import kind_of
 
+    expect_kind(source, *SHOWN, verb="info")
     shell = Terminal(as_json=as_json, quiet=quiet)
     kind = "mesh" if source == "-" else kind_of(source)
     if kind == "rgbd":
@@ -31,7 +35,7 @@ def info(
         found = scanning.summary(source, shell, calibration)
         shell.result(found, lambda console: scanning.show(console, found))
     elif kind == "depth":
-        image = describing.depth_summary(source, units_per_metre)
+        image = describing.depth_summary(source, unit)
         shell.result(image, lambda console: describing.show_depth(console, image))
     else:
         record = describing.summary(source, shell)

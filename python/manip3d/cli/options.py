@@ -55,11 +55,12 @@ FolderUnits = Annotated[
         help="Depth units per metre of a folder of images; 0: the usual ones of its kind.",
     ),
 ]
-DepthUnits = Annotated[
-    float | None,
+DepthUnit = Annotated[
+    str,
     typer.Option(
-        "--units-per-metre",
-        help="Units per metre of a depth image of whole numbers: 1000, or 5000 for TUM.",
+        "--unit",
+        help="Unit of a depth image, as for 'manip3d depth': mm, tum, m, kinect-raw, nyu, sun, a "
+        "number of units per metre, or guess.",
     ),
 ]
 MostFrames = Annotated[

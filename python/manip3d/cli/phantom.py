@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import itertools
 import os
-import shutil
-import tempfile
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
@@ -21,7 +19,7 @@ import typer
 from manip3d.cli.options import Force, Jobs, Json, Output, Quiet
 from manip3d.cli.terminal import Terminal, count, refuse_existing
 from manip3d.errors import InputError, MissingExtraError
-from manip3d.io._files import atomic_path
+from manip3d.io._files import atomic_folder, atomic_path
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -144,16 +142,8 @@ def _sink(output: Path, *, force: bool) -> Iterator[Sink]:
         raise InputError(f"{output}: expected .mp4, or a folder's name without a suffix")
     if output.exists() and not (force and _holds_pictures_only(output)):
         raise InputError(f"{output}: expected a new folder, or one of pictures and --force")
-    temporary = Path(tempfile.mkdtemp(prefix=".manip3d-", dir=output.parent))
-    try:
-        new = temporary / "new"
-        new.mkdir()
+    with atomic_folder(output) as new:
         yield _Folder(new)
-        if output.exists():
-            output.rename(temporary / "old")
-        new.rename(output)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _holds_pictures_only(folder: Path) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import math
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -12,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from manip3d._util.json import finite
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -54,6 +54,10 @@ class Terminal:
         elif show is not None:
             show(self.out)
 
+    def line(self, fraction: float, message: str = "") -> None:
+        """One line of progress, for logs and pipes that show no bar."""
+        self.say(f"{fraction:5.0%}  {message}")
+
     @contextmanager
     def progress(self, title: str) -> Iterator[Progress | None]:
         """A progress bar on stderr; None where nobody would see it."""
@@ -77,15 +81,6 @@ class Terminal:
                 bar.update(task, completed=fraction, message=message)
 
             yield update
-
-
-def finite(value: Any) -> Any:
-    """The value with NaN and infinities as None: JSON has no word for them."""
-    if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def table(console: Console, rows: Sequence[Sequence[str]], header: Sequence[str] = ()) -> None:
@@ -126,6 +121,55 @@ def refuse_existing(path: Path | None, *, force: bool) -> None:
         raise InputError(f"{path}: exists already; --force replaces it")
 
 
+@contextmanager
+def naming_options(*options: str) -> Iterator[None]:
+    """Turn an `InputError` about an argument into one about the option of that name.
+
+    ``depth_step: expected >= 0`` becomes ``--depth-step: expected >= 0``.
+    """
+    try:
+        yield
+    except InputError as error:
+        names, colon, rest = str(error).partition(":")
+        found = [name.strip().replace("_", "-") for name in names.split(",")]
+        if not colon or not set(found) <= set(options):
+            raise
+        raise InputError(", ".join(f"--{name}" for name in found) + ":" + rest) from error
+
+
+def check_output(
+    path: Path | None, suffixes: Sequence[str], *, force: bool, folder: bool = False
+) -> None:
+    """Check ``-o`` before any work is done.
+
+    Parameters
+    ----------
+    path : Path or None
+        None: the command has no output.
+    suffixes : sequence of str
+        The kinds that the command writes.
+    force : bool
+        An existing output may be replaced.
+    folder : bool
+        A name without a suffix is a folder and is accepted too.
+
+    Raises
+    ------
+    InputError
+        The suffix is none of them, the folder of the output is absent, or the output exists.
+    """
+    if path is None:
+        return
+    name = path.name.lower().removesuffix(".xz").removesuffix(".gz")
+    is_folder = folder and not path.suffix
+    if not is_folder and not path.is_char_device() and not name.endswith(tuple(suffixes)):
+        kinds = ", ".join(suffixes) + (", or a folder's name without a suffix" if folder else "")
+        raise InputError(f"-o {path}: expected a name that ends in {kinds}")
+    if not path.parent.is_dir():
+        raise InputError(f"-o {path}: there is no folder {path.parent}")
+    refuse_existing(path, force=force)
+
+
 def configure_logging(*, quiet: bool = False) -> None:
     """Send the package's log to stderr, from the level that ``MANIP3D_LOG`` names."""
     level = os.environ.get("MANIP3D_LOG", "error" if quiet else "warning").upper()
@@ -144,3 +188,8 @@ def configure_logging(*, quiet: bool = False) -> None:
 def count(number: int) -> str:
     """A number with thin groups of thousands: ``80 354``."""
     return f"{number:,}".replace(",", " ")
+
+
+def counted(number: int, noun: str, plural: str = "") -> str:
+    """A number with its noun in the right form: ``1 face``, ``80 354 faces``."""
+    return f"{count(number)} {noun if number == 1 else plural or noun + 's'}"

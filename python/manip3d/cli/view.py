@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from manip3d.cli.options import Calibration, DepthUnits, Force, OptionalOutput, Quiet, Source
+from manip3d.cli.kinds import SHOWN, expect_kind
+from manip3d.cli.options import Calibration, DepthUnit, Force, OptionalOutput, Quiet, Source
 from manip3d.cli.sources import open_mesh
-from manip3d.cli.terminal import Terminal, count, refuse_existing
+from manip3d.cli.terminal import Terminal, check_output, count, naming_options
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 
@@ -24,7 +25,7 @@ class Choice:
 
     frame: int | None
     intrinsics: str
-    units_per_metre: float | None
+    unit: str
     colour: Path | None
     calibration: Path | None
 
@@ -51,7 +52,7 @@ def view(
             help="Camera of a depth image, as for 'manip3d depth'; without it one is assumed."
         ),
     ] = "",
-    units_per_metre: DepthUnits = None,
+    unit: DepthUnit = "guess",
     colour: Annotated[
         Path | None, typer.Option(help="Colour image of a depth image, of the same size.")
     ] = None,
@@ -63,12 +64,13 @@ def view(
 
     Opens the browser, or writes a page (.html) or a picture (.png). Scans and depth images are
     shown as points; a depth image is first seen as its camera saw it.
+
+    Example: manip3d view scan.bin -o scan.html
     """
-    if output is not None and output.suffix.lower() not in (".html", ".png"):
-        raise InputError(f"--output: expected a name that ends in .html or .png, got {output}")
-    refuse_existing(output, force=force)
+    check_output(output, (".html", ".png"), force=force)
+    expect_kind(source, *SHOWN, verb="view")
     terminal = Terminal(quiet=quiet)
-    choice = Choice(frame, intrinsics, units_per_metre, colour, calibration)
+    choice = Choice(frame, intrinsics, unit, colour, calibration)
     write(_open(source, choice, terminal), source, output, colour_by, terminal)
 
 
@@ -101,7 +103,7 @@ def _open(source: str, choice: Choice, terminal: Terminal) -> Any:
         source,
         frame=choice.frame,
         intrinsics=_camera(source, choice) if choice.intrinsics else None,
-        units_per_metre=choice.units_per_metre,
+        unit=choice.unit,
         color=choice.colour,
         calibration=choice.calibration,
     )
@@ -120,10 +122,13 @@ def _size(thing: Any) -> str:
 def _camera(source: str, choice: Choice) -> Intrinsics:
     """``--intrinsics`` of a depth image, or of the images of a folder."""
     from manip3d import viewer
-    from manip3d.cli import capture, depth
+    from manip3d.camera import read_intrinsics
+    from manip3d.cli import capture
     from manip3d.io import read_depth
 
     uri = viewer.rgbd_address(source)
     if uri is not None:
         return capture.camera_of_folder(choice.intrinsics, uri)
-    return depth.camera(choice.intrinsics, *read_depth(source).shape)
+    height, width = read_depth(source).shape
+    with naming_options("intrinsics"):
+        return read_intrinsics(choice.intrinsics, width=width, height=height)

@@ -17,7 +17,10 @@ from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
+from manip3d._util.linear import product
+from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
+from manip3d.io._files import regular_bytes
 from manip3d.io._scan_files import read_scan, scan_paths
 from manip3d.io._text_files import parse_xml, text_of
 from manip3d.lidar import Box, LidarFrame
@@ -74,8 +77,8 @@ class KittiCalibration:
         if camera not in self.projections:
             raise InputError(f"camera: expected one of {sorted(self.projections)}, got {camera}")
         xyz = np.asarray(points, np.float64)
-        matrix = self.projections[camera] @ self.T_rect_velo
-        image = xyz @ matrix[:, :3].T + matrix[:, 3]
+        matrix = product(self.projections[camera], self.T_rect_velo)
+        image = product(xyz, matrix[:, :3].T) + matrix[:, 3]
         depth = image[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
             pixels = image[:, :2] / depth[:, None]
@@ -127,7 +130,7 @@ class KittiFrame:
         frame = read_scan(self.scan_path).replace(timestamp=self.timestamp)
         if self.truth_path is None:
             return frame
-        raw = self.truth_path.read_bytes()
+        raw = regular_bytes(self.truth_path)
         if len(raw) != 4 * frame.num_points:
             raise FormatError(
                 f"expected {frame.num_points} labels of 4 bytes, got {len(raw)} bytes",
@@ -267,10 +270,12 @@ def open_kitti(
     >>> drive = open_kitti("2011_09_26/2011_09_26_drive_0005_sync")  # doctest: +SKIP
     >>> frame = drive[0].scan()  # doctest: +SKIP
     """
-    folder = Path(path)
+    folder = path_of(path)
     if not folder.is_dir():
         raise FileNotFoundError(2, os.strerror(2), str(path))
-    return KittiDrive(folder, calibration=None if calibration is None else Path(calibration))
+    return KittiDrive(
+        folder, calibration=None if calibration is None else path_of(calibration, "calibration")
+    )
 
 
 def read_calibration(path: Path) -> KittiCalibration:
@@ -303,7 +308,7 @@ def read_calibration(path: Path) -> KittiCalibration:
             for c, key in projections.items()
             if key in cameras
         },
-        rectify @ rigid_velo,
+        product(rectify, rigid_velo),
     )
 
 
@@ -328,8 +333,8 @@ def read_labels(path: Path, calibration: KittiCalibration) -> tuple[Box, ...]:
                 line=number,
             ) from None
         # The place is the middle of the bottom face, the turn about the camera's y (down).
-        bottom = velo_rect @ [x, y, z, 1.0]
-        heading = velo_rect[:3, :3] @ [np.cos(rotation), 0.0, -np.sin(rotation)]
+        bottom = product(velo_rect, [x, y, z, 1.0])
+        heading = product(velo_rect[:3, :3], [np.cos(rotation), 0.0, -np.sin(rotation)])
         boxes.append(
             Box(
                 (float(bottom[0]), float(bottom[1]), float(bottom[2]) + height / 2.0),

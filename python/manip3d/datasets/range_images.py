@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
+from manip3d._util.paths import path_of
 from manip3d.datasets.kitti import parse_time
 from manip3d.errors import FormatError
 from manip3d.io import read_depth
@@ -180,4 +181,4 @@ def open_range_images(path: str | os.PathLike[str]) -> RangeImageFolder:
     OSError
         The folder or the file of angles is missing.
     """
-    return RangeImageFolder(Path(path))
+    return RangeImageFolder(path_of(path))

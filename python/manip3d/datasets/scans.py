@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.paths import path_of
 from manip3d.datasets._registry import DataFile, DataSet, get, locate, require
 from manip3d.datasets._tables import data_file, table
 from manip3d.errors import FormatError, InputError
@@ -168,7 +169,7 @@ def read_poses(path: Path) -> dict[str, NDArray[np.float64]]:
     OSError
     """
     poses = {}
-    for number, line in enumerate(text_of(path).splitlines(), start=1):
+    for number, line in enumerate(text_of(path_of(path)).splitlines(), start=1):
         kind, *fields = line.split() or [""]
         if kind != "bmesh":
             continue

@@ -6,7 +6,14 @@ than the file can hold end in a `FormatError` that names the file and the line o
 
 from __future__ import annotations
 
-from manip3d.io._depth_files import DEPTH_SUFFIXES, read_depth
+from manip3d.io._depth_files import DEPTH_SUFFIXES, is_colour_png, read_depth
+from manip3d.io._depth_units import (
+    DEPTH_UNITS,
+    DepthReading,
+    describe_unit,
+    guess_depth_unit,
+    read_depth_guessing,
+)
 from manip3d.io._mesh_files import (
     READABLE,
     WRITABLE,
@@ -23,12 +30,18 @@ from manip3d.io._scan_files import SCAN_SUFFIXES, read_scan, read_scans, write_s
 
 __all__ = [
     "DEPTH_SUFFIXES",
+    "DEPTH_UNITS",
     "READABLE",
     "SCAN_SUFFIXES",
     "WRITABLE",
+    "DepthReading",
     "RangeGrid",
     "ReadReport",
+    "describe_unit",
+    "guess_depth_unit",
+    "is_colour_png",
     "read_depth",
+    "read_depth_guessing",
     "read_mesh",
     "read_mesh_bytes",
     "read_range_grid",

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.paths import path_of
 from manip3d.errors import Error, FormatError, InputError, MissingExtraError
+from manip3d.io._files import open_regular
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -59,19 +61,32 @@ def read_depth(
     """
     if not 0 < units_per_metre < float("inf"):
         raise InputError(f"units_per_metre: expected > 0, got {units_per_metre}")
+    return _in_our_units(read_stored_depth(path, max_pixels=max_pixels), units_per_metre)
+
+
+def read_stored_depth(
+    path: str | os.PathLike[str], *, max_pixels: int = MOST_PIXELS
+) -> NDArray[Any]:
+    """Read a depth image's numbers as they are stored, in whatever unit; as `read_depth`."""
     if not max_pixels > 0:
         raise InputError(f"max_pixels: expected > 0, got {max_pixels}")
-    name = os.fspath(path)
-    with open(name, "rb") as file:
+    name = os.fspath(path_of(path))
+    with open_regular(name) as file:
         data = file.read(8 * max_pixels + _HEADER_BYTES + 1)
     try:
         if len(data) > 8 * max_pixels + _HEADER_BYTES:
             raise FormatError(f"expected at most {max_pixels} pixels, got a larger file")
-        stored = _decode(data, max_pixels)
-        return _in_our_units(stored, units_per_metre)
+        return _decode(data, max_pixels)
     except FormatError as error:
         offset = error.byte_offset
         raise FormatError(error.reason, file=name, byte_offset=offset) from error.__cause__
+
+
+def is_colour_png(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file is a PNG of at most 8 bits: a picture or a mask, no depth image."""
+    with open(path, "rb") as file:
+        header = file.read(26)
+    return header.startswith(b"\x89PNG\r\n\x1a\n") and len(header) == 26 and header[24] <= 8
 
 
 def _decode(data: bytes, max_pixels: int) -> NDArray[Any]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
 from manip3d.errors import FormatError, MissingExtraError
+from manip3d.io._files import open_regular
 from manip3d.io._scan_tables import refuse_expansion
 
 _HEADER = 227  # bytes of the shortest header, LAS 1.0
@@ -69,7 +70,7 @@ def check_las(path: Path, limit: int) -> None:
     """
     size = path.stat().st_size
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             header = _read_header(stream.read(375), size)
             _check_extended_records(stream, header, size)
             if not header.is_compressed:

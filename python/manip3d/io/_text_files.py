@@ -5,15 +5,13 @@ XML has no entities and no external files here, and a bounded depth.
 
 from __future__ import annotations
 
-import errno
-import os
-import stat
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 from manip3d.errors import FormatError
+from manip3d.io._files import open_regular
 
 MOST_BYTES = 16 << 20
 _MOST_DEPTH = 64
@@ -74,15 +72,9 @@ def bounded_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     Raises
     ------
     FormatError
-        There are more, or it is a device or a pipe.
+        There are more, or it is no regular file (`open_regular`).
     """
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    with open(descriptor, "rb") as stream:
-        mode = os.fstat(descriptor).st_mode
-        if stat.S_ISDIR(mode):
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-        if not stat.S_ISREG(mode):
-            raise FormatError("expected a regular file, got a device or a pipe", file=str(path))
+    with open_regular(path) as stream:
         data = stream.read(most + 1)
     if len(data) > most:
         raise FormatError(

@@ -1,4 +1,4 @@
-"""Results folders turned into one page: measured beside published, claim by claim."""
+"""Results as one page: experiments beside what was published, and the evidence of a scan."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ import os
 from pathlib import Path
 from typing import Any
 
+from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.experiments import RESULTS_FORMAT
 from manip3d.io._files import atomic_write
+from manip3d.report._evidence import EVIDENCE_KINDS, place_sentence, write_evidence
 
-__all__ = ["write_report"]
+__all__ = ["EVIDENCE_KINDS", "place_sentence", "write_evidence", "write_report"]
 
 _KINDS = (".html", ".md", ".csv")
 
@@ -36,10 +38,10 @@ def write_report(results_dir: str | os.PathLike[str], output: str | os.PathLike[
     MissingExtraError
         jinja2 is not installed (``.html`` only).
     """
-    path = Path(output)
+    path = path_of(output, "output")
     if path.suffix.lower() not in _KINDS:
         raise InputError(f"output: expected a name ending in {', '.join(_KINDS)}, got {path.name}")
-    folder = Path(results_dir)
+    folder = path_of(results_dir, "results_dir")
     results = _load(folder)
     if path.suffix.lower() == ".csv":
         text = (folder / "results.csv").read_text(encoding="utf-8")

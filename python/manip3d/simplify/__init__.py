@@ -31,6 +31,15 @@ from manip3d.simplify._depth import (
     dense_mesh_grid,
     grid_delaunay,
 )
+from manip3d.simplify._depth_files import (
+    DepthFileResult,
+    DepthMethod,
+    DepthOptions,
+    simplify_depth,
+    simplify_depth_file,
+    simplify_depth_folder,
+)
+from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
 from manip3d.simplify._relief import (
     Effort,
     Relief,
@@ -41,6 +50,7 @@ from manip3d.simplify._relief import (
 from manip3d.simplify._sampling import SamplingMethod, sample_depth, sample_depth_grid
 
 __all__ = [
+    "DEPTH_STEP",
     "METHODS",
     "Boundary",
     "CameraView",
@@ -48,7 +58,10 @@ __all__ = [
     "ComplexVertices",
     "Cs3Stream",
     "Curvature",
+    "DepthFileResult",
     "DepthMesh",
+    "DepthMethod",
+    "DepthOptions",
     "DepthSimplification",
     "Duplicates",
     "Effort",
@@ -66,6 +79,7 @@ __all__ = [
     "cs3",
     "cs3_cameras",
     "cs3_grid",
+    "cut_depth_steps",
     "dense_mesh",
     "dense_mesh_grid",
     "grid_delaunay",
@@ -78,4 +92,7 @@ __all__ = [
     "relief_grid",
     "sample_depth",
     "sample_depth_grid",
+    "simplify_depth",
+    "simplify_depth_file",
+    "simplify_depth_folder",
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 import io
 import math
+import threading
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -432,6 +433,7 @@ class Cs3Stream:
         self._core = _core.Cs3Runner()
         self._pool: list[_Buffers | None] = [None] * (_count(frames, "frames") if frames else 0)
         self._next = 0
+        self._lock = threading.RLock()
 
     def _buffers(self, shape: tuple[int, ...]) -> _Buffers:
         capacity = min(self._options.target_points, shape[0] * shape[1])
@@ -454,9 +456,10 @@ class Cs3Stream:
         """Simplify a depth image; see `cs3`."""
         image = _depth_image(depth, intrinsics)
         picture = _colour_image(colour, image.shape, registration)
-        buffers = self._buffers(image.shape)
-        report = self._core.run_depth(image, intrinsics, self._options, registration, buffers)
-        return _result(report, buffers, picture)
+        with self._lock:
+            buffers = self._buffers(image.shape)
+            report = self._core.run_depth(image, intrinsics, self._options, registration, buffers)
+            return _result(report, buffers, picture)
 
     def simplify_grid(
         self,
@@ -469,9 +472,10 @@ class Cs3Stream:
         """Simplify a grid of points; see `cs3_grid`."""
         grid, mask = _point_grid(points, valid)
         picture = _colour_image(colour, mask.shape)
-        buffers = self._buffers(mask.shape)
-        report = self._core.run_grid(grid, mask, bool(rows_up), self._options, buffers)
-        return _result(report, buffers, picture)
+        with self._lock:
+            buffers = self._buffers(mask.shape)
+            report = self._core.run_grid(grid, mask, bool(rows_up), self._options, buffers)
+            return _result(report, buffers, picture)
 
 
 def cs3(

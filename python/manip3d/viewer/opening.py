@@ -8,7 +8,6 @@ import lzma
 import os
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -117,7 +116,7 @@ def open_thing(
     *,
     frame: int | None = None,
     intrinsics: Intrinsics | None = None,
-    units_per_metre: float | None = None,
+    unit: str | float = "guess",
     color: str | os.PathLike[str] | None = None,
     calibration: str | os.PathLike[str] | None = None,
 ) -> Opened:
@@ -131,8 +130,8 @@ def open_thing(
         Which scan or frame, from 0 on; default: the first, of LiDAR packets the first whole turn.
     intrinsics : Intrinsics, optional
         Of a depth image or of a folder of them.
-    units_per_metre : float, optional
-        Of depth images of whole numbers: 1000 by default.
+    unit : str or float
+        Unit of a depth image, as `manip3d.io.read_depth_guessing` takes it.
     color : path, optional
         Colour image of a depth image, of the same size.
     calibration : path, optional
@@ -155,12 +154,12 @@ def open_thing(
         scan, note = _scan(name, frame, calibration)
         return Opened(kind, scan, note)
     if kind == "rgbd":
-        return Opened(kind, *_rgbd_frame(name, frame or 0, intrinsics, units_per_metre))
+        return Opened(kind, *_rgbd_frame(name, frame or 0, intrinsics))
     if kind == "depth":
-        stored = io.read_depth(name, units_per_metre=units_per_metre or 1000.0)
+        reading = io.read_depth_guessing(name, unit=unit)
         image = None if color is None else _color_image(Path(color))
-        depth = DepthImage(stored, intrinsics, image)
-        return Opened(kind, depth, depth.note)
+        depth = DepthImage(reading.depth, intrinsics, image)
+        return Opened(kind, depth, "; ".join(filter(None, (reading.sentence, depth.note))))
     return Opened(kind, io.read_mesh(name))
 
 
@@ -193,28 +192,14 @@ def _first_whole(scans: Iterator[LidarFrame], name: str) -> tuple[LidarFrame, st
     return best[0], f"frame {best[1]}, a part of a turn: no turn is whole"
 
 
-def _rgbd_frame(
-    name: str, frame: int, intrinsics: Intrinsics | None, units_per_metre: float | None
-) -> tuple[RgbdFrame, str]:
+def _rgbd_frame(name: str, frame: int, intrinsics: Intrinsics | None) -> tuple[RgbdFrame, str]:
     uri = rgbd_address(name)
     assert uri is not None
-    with _opened(uri, intrinsics, units_per_metre) as source:
+    options: dict[str, Any] = {} if intrinsics is None else {"camera": intrinsics}
+    with capture.open_rgbd(uri, **options) as source:
         chosen = _numbered(iter(source), frame, name)
         total = f" of {source.num_frames}" if source.num_frames else ""
         return chosen, f"frame {frame}{total}"
-
-
-@contextmanager
-def _opened(
-    uri: str, intrinsics: Intrinsics | None, units_per_metre: float | None
-) -> Iterator[capture.RgbdSource]:
-    options: dict[str, Any] = {}
-    if intrinsics is not None:
-        options["camera"] = intrinsics
-    if units_per_metre is not None:
-        options["units_per_metre"] = units_per_metre
-    with capture.open_rgbd(uri, **options) as source:
-        yield source
 
 
 def _numbered(frames: Iterator[Any], number: int, name: str) -> Any:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import simplify
+from manip3d._util.paths import path_of
 from manip3d.errors import InputError, MissingExtraError, RenderError
 from manip3d.io import write_mesh
 from manip3d.io._files import atomic_write
@@ -500,7 +501,7 @@ def view(thing: Any, output: str | os.PathLike[str] | None = None, **options: An
         if has_display():
             webbrowser.open(path.as_uri())
         return path
-    path = Path(output)
+    path = path_of(output, "output")
     suffix = path.suffix.lower()
     if suffix == ".html":
         atomic_write(path, html(thing, **options))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import singledispatch
 from typing import Any
 
-from manip3d.authenticate import DensityResult, GenericResult, OcclusionResult
+from manip3d.authenticate import DensityResult, GenericResult, Inspection, OcclusionResult
 from manip3d.errors import InputError
 from manip3d.forge import Forgery
 from manip3d.lidar import Box, LidarFrame
@@ -32,7 +32,7 @@ def shown(thing: Any) -> Shown:
         Its mesh.
     thing : Forgery
         The forged scan; what was added, moved and removed stands out.
-    thing : DensityResult, OcclusionResult, GenericResult
+    thing : Inspection, DensityResult, OcclusionResult, GenericResult
         The scan that was judged, with suspected points and boxes.
 
     Raises
@@ -105,8 +105,26 @@ def _(thing: DensityResult | OcclusionResult | GenericResult) -> Shown:
     )
 
 
+@shown.register
+def _(thing: Inspection) -> Shown:
+    if thing.scan is None:
+        raise InputError("thing: an Inspection without its scan cannot be shown")
+    return evidence(
+        thing.scan,
+        verdict=thing.verdict,
+        suspected={NAMES[report.name]: report.suspected for report in thing.detectors},
+        boxes={NAMES[report.name]: report.boxes for report in thing.detectors},
+    )
+
+
+NAMES = {"density": "detector I", "occlusion": "detector II", "generic": "detector III"}
+
+
 def text_of(thing: Any) -> str:
     """One line about a thing: its own, but for results that would print whole images."""
+    if isinstance(thing, Inspection):
+        told = [f"{report.title}: {report.verdict}" for report in thing.detectors]
+        return f"<manip3d.authenticate.Inspection: {'; '.join([thing.verdict, *told])}>"
     if type(thing) not in DETECTORS:
         return repr(thing)
     count = len(thing.suspected)

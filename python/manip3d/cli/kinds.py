@@ -1,0 +1,121 @@
+"""The kind of thing that a source is, and which commands take it."""
+
+from __future__ import annotations
+
+import gzip
+import lzma
+from pathlib import Path
+from typing import Any
+
+from manip3d.errors import InputError
+from manip3d.io import DEPTH_SUFFIXES, READABLE, SCAN_SUFFIXES, is_colour_png
+
+_HEADER_BYTES = 1 << 16  # where a PLY file names its elements
+_PICTURES = (".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".webp")
+
+SHOWN = ("mesh", "scan", "range grid", "depth", "packets", "recording", "drive")
+"""The kinds that info and view take."""
+
+NAMES = {
+    "mesh": "a mesh",
+    "scan": "a LiDAR scan",
+    "range grid": "a range scan",
+    "depth": "a depth image",
+    "packets": "a recording of LiDAR packets",
+    "recording": "an RGB-D recording",
+    "drive": "a drive of LiDAR scans",
+    "picture": "a colour picture",
+    "results": "a results folder",
+    "folder": "a folder",
+    "unknown": "a file of unknown kind",
+}
+VERBS = {
+    "mesh": "simplify, compare, info, view, convert",
+    "scan": "inspect, forge lidar, info, view, convert",
+    "range grid": "depth, info, view, convert",
+    "depth": "depth, info, view",
+    "packets": "info, view, convert (into scans, which inspect takes)",
+    "recording": "capture play, capture info, info, view, phantom render",
+    "drive": "info, view, convert; inspect takes each of its scans",
+    "picture": "depth, as --colour",
+    "results": "report",
+    "folder": "simplify (of meshes), depth (of depth images), info and view (of a drive)",
+}
+"""The commands that take each kind."""
+
+
+def kind_of(source: str) -> str:
+    """Return the kind of a source, one of `NAMES`.
+
+    Raises
+    ------
+    OSError
+        There is no such file or folder.
+    """
+    if source == "-" or (":" in source and not Path(source).exists()):
+        return "stream"
+    path = Path(source)
+    if path.is_dir():
+        return _kind_of_folder(path)
+    path.stat()  # a missing file is an OSError that names it
+    suffix = _suffix(path)
+    if suffix in (".pcap", ".pcapng"):
+        return "packets"
+    if suffix in (".mkv", ".bag"):
+        return "recording"
+    if suffix == ".ply":
+        return _kind_of_ply(path)
+    if suffix in READABLE and suffix not in SCAN_SUFFIXES:
+        return "mesh"
+    if suffix in SCAN_SUFFIXES:
+        return "scan"
+    if suffix in DEPTH_SUFFIXES:
+        return "picture" if is_colour_png(path) else "depth"
+    return "picture" if suffix in _PICTURES else "unknown"
+
+
+def expect_kind(source: str, *kinds: str, verb: str) -> str:
+    """Return the kind of a source that the command takes.
+
+    Raises
+    ------
+    InputError
+        The source is of another kind; the message says which commands take that.
+    OSError
+        There is no such file or folder.
+    """
+    kind = kind_of(source)
+    if kind in ("stream", *kinds) or (kind == "unknown" and not _suffix(Path(source))):
+        return kind
+    wanted = " or ".join(NAMES[name] for name in kinds)
+    takers = f". Commands that take {NAMES[kind]}: {VERBS[kind]}" if kind in VERBS else ""
+    raise InputError(f"{source} is {NAMES[kind]}; {verb} takes {wanted}{takers}")
+
+
+def _suffix(path: Path) -> str:
+    return Path(path.name.lower().removesuffix(".xz").removesuffix(".gz")).suffix
+
+
+def _kind_of_folder(path: Path) -> str:
+    if (path / "results.json").is_file():
+        return "results"
+    names = ("frames.jsonl", "depth.txt", "depth")
+    if any((path / name).exists() for name in names):
+        return "recording"
+    is_drive = (path / "velodyne").is_dir() or (path / "velodyne_points").is_dir()
+    return "drive" if is_drive else "folder"
+
+
+def _kind_of_ply(path: Path) -> str:
+    """A mesh has faces, a range scan has a grid, a scan has points only."""
+    openers: dict[str, Any] = {".gz": gzip.open, ".xz": lzma.open}
+    try:
+        with openers.get(path.suffix.lower(), open)(path, "rb") as stream:
+            header = stream.read(_HEADER_BYTES).partition(b"end_header")[0]
+    except (OSError, EOFError, lzma.LZMAError):
+        return "mesh"  # the reader of meshes says what is wrong
+    words = (line.split() for line in header.splitlines())
+    elements = {line[1] for line in words if line[:1] == [b"element"] and len(line) > 1}
+    if b"range_grid" in elements:
+        return "range grid"
+    return "scan" if elements <= {b"vertex", b"camera"} else "mesh"

@@ -1,0 +1,250 @@
+"""The unit of a depth image's stored numbers: known by name, or guessed and said."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d.errors import InputError
+from manip3d.io._depth_files import MILLIMETRES, MOST_PIXELS, read_stored_depth
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Depth = NDArray[np.uint16] | NDArray[np.float32]
+
+_NO_DISPARITY = 2047
+"""What the Kinect V1 stores where it measured nothing."""
+
+_NEAREST_DISPARITY, _FARTHEST_DISPARITY = 300.0, 1091.0
+"""Disparities of 0.44 m and of 234 m: outside, a raw image of the Kinect V1 holds nothing."""
+
+_FARTHEST_MILLIMETRES = 20_000.0
+"""Depth cameras that store millimetres reach 10 m or less."""
+
+_NEAREST_MILLIMETRES = 4_000.0
+"""A depth camera's image in millimetres of which no twentieth is nearer than 4 m is rarer than one
+in 1/5000 m of which no twentieth is nearer than 0.8 m."""
+
+
+@dataclass(frozen=True, eq=False)
+class DepthReading:
+    """A depth image, and how its stored numbers were understood.
+
+    Attributes
+    ----------
+    depth : (H, W) uint16 in millimetres, or float32 in metres
+        0 = no measurement.
+    unit : str
+        Name of the unit, one of `DEPTH_UNITS`, or a number of units per metre.
+    guessed : bool
+        The unit was guessed from the numbers.
+    reason : str
+        Why this unit was guessed; empty where it was given.
+    """
+
+    depth: NDArray[np.uint16] | NDArray[np.float32] = field(repr=False)
+    unit: str
+    guessed: bool
+    reason: str
+
+    @property
+    def num_measured(self) -> int:
+        """Number of pixels with a measurement."""
+        return int(np.count_nonzero(self.depth > 0))
+
+    @property
+    def range_m(self) -> tuple[float, float] | None:
+        """The nearest and the farthest measurement, metres; None: there is no measurement."""
+        measured = self.depth[self.depth > 0]
+        if not len(measured):
+            return None
+        scale = 1e-3 if self.depth.dtype == np.uint16 else 1.0
+        return float(measured.min()) * scale, float(measured.max()) * scale
+
+    @property
+    def sentence(self) -> str:
+        """One sentence for people: the range, the unit, and why it was guessed."""
+        if self.range_m is None:
+            return "no measured pixel"
+        near, far = self.range_m
+        what = f"depth {near:.2f} to {far:.2f} m, unit {self.unit} ({describe_unit(self.unit)})"
+        return f"{what}, guessed: {self.reason}" if self.guessed else what
+
+
+def _per_metre(units: float) -> Callable[[NDArray[Any]], Depth]:
+    def metres(stored: NDArray[Any]) -> Depth:
+        if stored.dtype == np.uint16 and units == MILLIMETRES:
+            return np.array(stored, order="C")
+        return _positive(stored / units)
+
+    return metres
+
+
+def _positive(depth: NDArray[Any]) -> Depth:
+    """Metres, 0 where there is none; infinite or negative numbers are no measurements."""
+    with np.errstate(invalid="ignore"):
+        there = np.isfinite(depth) & (depth > 0)
+    return np.where(there, depth, 0).astype(np.float32)
+
+
+def _kinect_metres(stored: NDArray[Any]) -> Depth:
+    """Disparity d of the Kinect V1 to depth: 351.3 / (1092.5 - d), as the NYU toolbox has it."""
+    disparity = stored.astype(np.float64)
+    there = (disparity >= 1) & (disparity <= _FARTHEST_DISPARITY)
+    return _positive(np.where(there, 351.3 / np.where(there, 1092.5 - disparity, 1.0), 0.0))
+
+
+def _nyu_metres(stored: NDArray[Any]) -> Depth:
+    return _kinect_metres(stored.byteswap())
+
+
+def _sun_millimetres(stored: NDArray[Any]) -> Depth:
+    whole = np.asarray(stored, np.uint16)
+    return np.asarray((whole >> 3) | (whole << 13), np.uint16)
+
+
+_UNITS: Mapping[str, tuple[str, Callable[[NDArray[Any]], Depth]]] = {
+    "mm": ("1/1000 m: Kinect V2, Azure Kinect, RealSense and most others", _per_metre(1000.0)),
+    "tum": ("1/5000 m: TUM RGB-D, ICL-NUIM", _per_metre(5000.0)),
+    "m": ("metres", _per_metre(1.0)),
+    "kinect-raw": ("disparity of 11 bits of a Kinect V1", _kinect_metres),
+    "nyu": ("disparity of a Kinect V1 with its bytes swapped: NYU Depth V2, raw", _nyu_metres),
+    "sun": ("1/1000 m with the bits rotated by three: SUN RGB-D", _sun_millimetres),
+}
+DEPTH_UNITS = tuple(_UNITS)
+"""Names of the units that `read_depth_guessing` knows."""
+
+_WHOLE_ONLY = ("kinect-raw", "nyu", "sun")
+
+
+def describe_unit(unit: str) -> str:
+    """Describe a unit in words: ``1/5000 m: TUM RGB-D, ICL-NUIM``."""
+    return _UNITS[unit][0] if unit in _UNITS else f"1/{unit} m"
+
+
+def read_depth_guessing(
+    path: str | os.PathLike[str], *, unit: str | float = "guess", max_pixels: int = MOST_PIXELS
+) -> DepthReading:
+    """Read a depth image whose unit is not known for certain.
+
+    Parameters
+    ----------
+    path : path-like
+        16-bit grey PNG, PGM or TIFF, or ``.npy``; the content decides, not the suffix.
+    unit : str or float
+        ``guess``, one of `DEPTH_UNITS`, or the number of units per metre.
+    max_pixels : int
+        Larger images are refused before anything is allocated for them.
+
+    Returns
+    -------
+    DepthReading
+        The depth in millimetres or metres, with the unit and how it came about.
+
+    Raises
+    ------
+    InputError
+        ``unit`` is no unit, or one of whole numbers and the image has others.
+    FormatError, OSError, MissingExtraError
+        As `read_depth`.
+    """
+    name = _checked_unit(unit)
+    stored = read_stored_depth(path, max_pixels=max_pixels)
+    reason = ""
+    if name == "guess":
+        name, reason = guess_depth_unit(stored)
+    elif name in _WHOLE_ONLY and stored.dtype != np.uint16:
+        raise InputError(f"unit: {name} is of whole numbers, {os.fspath(path)} has {stored.dtype}")
+    convert = _UNITS[name][1] if name in _UNITS else _per_metre(float(name))
+    return DepthReading(convert(stored), name, bool(reason), reason)
+
+
+def _checked_unit(unit: str | float) -> str:
+    text = unit if isinstance(unit, str) else f"{unit:g}"
+    if text == "guess" or text in _UNITS:
+        return text
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not 0 < number < float("inf"):
+        known = ", ".join(("guess", *_UNITS))
+        raise InputError(f"unit: expected {known} or a number of units per metre, got {text!r}")
+    return {1.0: "m", 1000.0: "mm", 5000.0: "tum"}.get(number, f"{number:g}")
+
+
+def guess_depth_unit(stored: NDArray[Any]) -> tuple[str, str]:
+    """Guess the unit of a depth image from its stored numbers.
+
+    Parameters
+    ----------
+    stored : (H, W) uint16, float32 or float64
+        0 or NaN = no measurement.
+
+    Returns
+    -------
+    unit : str
+        One of `DEPTH_UNITS`.
+    reason : str
+        The reason in words.
+
+    Notes
+    -----
+    Millimetres and 1/5000 m differ by the range only. An image of a scene beyond 4 m in
+    millimetres, and one of a scene nearer than 0.8 m in 1/5000 m, are guessed wrongly: say the unit
+    where it is known.
+    """
+    with np.errstate(invalid="ignore"):
+        measured = stored[np.isfinite(stored) & (stored > 0)]
+    if not len(measured):
+        return ("mm" if stored.dtype == np.uint16 else "m"), "there is no measurement"
+    if stored.dtype != np.uint16:
+        return _guess_float(measured)
+    if _is_disparity(stored):
+        return "kinect-raw", f"the values end at {_NO_DISPARITY}, which a Kinect V1 stores for none"
+    if _is_disparity(stored.byteswap()):
+        return "nyu", "with swapped bytes the values are disparities of a Kinect V1"
+    if _is_rotated(measured):
+        return "sun", "the values are multiples of 8, and far too large for millimetres"
+    return _guess_whole(measured)
+
+
+def _guess_float(measured: NDArray[Any]) -> tuple[str, str]:
+    median = float(np.median(measured))
+    if median > 100:
+        return "mm", f"fractions, but half of the image would be beyond {median:.0f} m"
+    return "m", "the image holds fractions, not whole numbers"
+
+
+def _is_disparity(stored: NDArray[Any]) -> bool:
+    """Whether the values are raw disparities of a Kinect V1, which mark none by 2047, not 0."""
+    if stored.max() != _NO_DISPARITY:
+        return False
+    seen = stored[stored < _NO_DISPARITY]
+    if not len(seen):
+        return False
+    inside = (seen >= _NEAREST_DISPARITY) & (seen <= _FARTHEST_DISPARITY)
+    return bool(np.mean(inside) > 0.98)
+
+
+def _is_rotated(measured: NDArray[Any]) -> bool:
+    """Whether the values are millimetres rotated by three bits, as SUN RGB-D stores them."""
+    return bool(
+        np.mean(measured % 8 == 0) > 0.9
+        and np.percentile(measured, 95) > _FARTHEST_MILLIMETRES
+        and np.percentile(_sun_millimetres(measured), 95) < _FARTHEST_MILLIMETRES
+    )
+
+
+def _guess_whole(measured: NDArray[Any]) -> tuple[str, str]:
+    near, far = np.percentile(measured, (5, 99)) / 1000
+    if 1000 * far > _FARTHEST_MILLIMETRES and 1000 * near > _NEAREST_MILLIMETRES / 2:
+        return "tum", f"as millimetres the image would reach {far:.1f} m"
+    if 1000 * near > _NEAREST_MILLIMETRES:
+        return "tum", f"as millimetres nearly nothing would be nearer than {near:.1f} m"
+    return "mm", f"whole numbers, and a usual range: mostly {near:.1f} to {far:.1f} m"

@@ -1,0 +1,453 @@
+"""Depth images and range scans from files to sparse meshes in files, one or a folder of them."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from manip3d._util.parallel import run_tasks
+from manip3d.camera import CAMERA_PRESETS, Intrinsics, read_intrinsics
+from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d.io import (
+    DEPTH_SUFFIXES,
+    DepthReading,
+    is_colour_png,
+    read_depth_guessing,
+    read_range_grid,
+    write_mesh,
+)
+from manip3d.simplify._depth import DepthMesh, Variant, cs3, cs3_grid
+from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
+from manip3d.simplify._relief import relief, relief_grid
+from manip3d.simplify._sampling import sample_depth, sample_depth_grid
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from manip3d.camera import Registration
+
+DepthMethod = Literal["cs3", "relief", "uniform", "poisson", "ssa"]
+_METHODS = ("cs3", "relief", "uniform", "poisson", "ssa")
+_YUP_SUFFIXES = (".glb", ".gltf")
+_FRAMES_FOR_A_GUESS = 9
+
+
+@dataclass(frozen=True)
+class DepthOptions:
+    """What is asked for when depth images or range scans become sparse meshes.
+
+    Attributes
+    ----------
+    points : int
+        At most this many vertices.
+    method : 'cs3', 'relief', 'uniform', 'poisson' or 'ssa'
+    variant : 'cios', 'lios', 'cnms' or 'lnms'
+        Variant of ``cs3``.
+    intrinsics : str
+        Camera of a depth image, as `manip3d.camera.read_intrinsics` takes it; a scan needs none.
+    unit : str
+        Unit of a depth image, as `manip3d.io.read_depth_guessing` takes it.
+    max_edge : float or None
+        Faces with a longer edge are left out; metres, or the unit of the scan.
+    depth_step : float
+        Faces across a larger step in depth are left out, see `cut_depth_steps`; 0: none is.
+    by_distance : bool
+        More points where it is near (``cs3`` of a depth image).
+    move_points : bool
+        Vertices may leave the measured points (``relief``).
+    seed : int
+    threads : int
+        0: all cores.
+    """
+
+    points: int
+    method: DepthMethod = "cs3"
+    variant: Variant = "cios"
+    intrinsics: str = ""
+    unit: str = "guess"
+    max_edge: float | None = None
+    depth_step: float = DEPTH_STEP
+    by_distance: bool = False
+    move_points: bool = False
+    seed: int = 0
+    threads: int = 1
+
+    def __post_init__(self) -> None:
+        if self.method not in _METHODS:
+            raise InputError(f"method: expected one of {', '.join(_METHODS)}, got {self.method!r}")
+        if self.method != "cs3" and (self.variant != "cios" or self.by_distance):
+            raise InputError(
+                f"variant, by_distance: expected with method cs3 only, got {self.method}"
+            )
+        if self.method != "relief" and self.move_points:
+            raise InputError(f"move_points: expected with method relief only, got {self.method}")
+        if not self.depth_step >= 0:
+            raise InputError(f"depth_step: expected >= 0, got {self.depth_step}")
+
+
+@dataclass(frozen=True)
+class DepthFileResult:
+    """What became of one depth image or scan.
+
+    Attributes
+    ----------
+    source, output : Path
+    options : DepthOptions
+    depth : str
+        The range and the unit as they were understood, in words; empty for scans.
+    unit : str
+        The unit that was used; empty for scans.
+    points_before, points : int
+        Measured points, and vertices of the mesh.
+    faces : int
+    faces_cut : int
+        Faces that were left out because they spanned a step in depth.
+    reached : str or None
+        How the number of points came about (``cs3``).
+    literal_count : int or None
+        Points that the printed formulas give (``cs3``).
+    seconds : float
+        Time of the method alone: without reading, leaving out faces, and writing.
+    was_kept : bool
+        The output was there already and was left as it is.
+    error : str
+        Why the file failed; empty if it did not.
+    """
+
+    source: Path
+    output: Path
+    options: DepthOptions
+    depth: str = ""
+    unit: str = ""
+    points_before: int = 0
+    points: int = 0
+    faces: int = 0
+    faces_cut: int = 0
+    reached: str | None = None
+    literal_count: int | None = None
+    seconds: float = 0.0
+    was_kept: bool = False
+    error: str = ""
+
+    @property
+    def target_missed(self) -> bool:
+        """Fewer than 99 % of the points that were asked for and are there."""
+        if self.was_kept or self.error:
+            return False
+        return self.points < 0.99 * min(self.options.points, self.points_before)
+
+
+def simplify_depth(
+    depth: ArrayLike,
+    intrinsics: Intrinsics,
+    options: DepthOptions,
+    *,
+    colour: ArrayLike | None = None,
+    registration: Registration | None = None,
+) -> DepthMesh:
+    """Simplify a depth image by any method, without faces across steps in depth.
+
+    Parameters
+    ----------
+    depth : (H, W) uint16 in millimetres or float32 in metres
+        0 and NaN mean no measurement.
+    intrinsics : Intrinsics
+    options : DepthOptions
+        ``intrinsics`` and ``unit`` are not looked at: the image and the camera are here.
+    colour : (H', W', 3 or 4) uint8, optional
+        Of the depth image's size, or that of ``registration.colour``.
+    registration : Registration, optional
+        Position of the colour camera; without it both images share their pixels.
+
+    Returns
+    -------
+    DepthMesh
+        The method's own result.
+
+    Raises
+    ------
+    InputError
+        As `cs3`, `relief` and `sample_depth`.
+    """
+    asked: dict[str, Any] = {
+        "max_edge": options.max_edge,
+        "colour": colour,
+        "registration": registration,
+        "threads": options.threads,
+    }
+    found: DepthMesh
+    if options.method == "cs3":
+        asked |= {"variant": options.variant, "distance_dependent": options.by_distance}
+        found = cs3(depth, intrinsics, options.points, **asked)
+    elif options.method == "relief":
+        found = relief(depth, intrinsics, options.points, move_points=options.move_points, **asked)
+    else:
+        asked |= {"method": options.method, "rng": options.seed}
+        found = sample_depth(depth, intrinsics, options.points, **asked)
+    return cut_depth_steps(found, depth, step=options.depth_step) if options.depth_step else found
+
+
+def simplify_depth_file(
+    source: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    options: DepthOptions,
+    *,
+    colour: str | os.PathLike[str] | None = None,
+) -> DepthFileResult:
+    """Turn one depth image or range scan into a sparse textured mesh in a file.
+
+    Parameters
+    ----------
+    source : path-like
+        A depth image (``manip3d.io.DEPTH_SUFFIXES``), or a PLY file with a ``range_grid``.
+    output : path-like
+        A mesh file. Depth images become metres; glTF has +y up, other formats the camera's axes.
+        Scans keep their unit and axes.
+    options : DepthOptions
+    colour : path-like, optional
+        Colour image of the same pixels: the texture.
+
+    Returns
+    -------
+    DepthFileResult
+
+    Raises
+    ------
+    InputError
+        A depth image without ``intrinsics``, or an option that does not go with the source.
+    FormatError, OSError, MissingExtraError
+        As `manip3d.io.read_depth_guessing`, `manip3d.io.read_range_grid` and `write_mesh`.
+    """
+    path, target = Path(source), Path(output)
+    picture = None if colour is None else _colour_image(Path(colour))
+    if path.suffix.lower() in DEPTH_SUFFIXES:
+        return _from_image(path, target, options, picture)
+    return _from_scan(path, target, options, picture)
+
+
+def _from_image(
+    path: Path, output: Path, options: DepthOptions, colour: NDArray[np.uint8] | None
+) -> DepthFileResult:
+    if not options.intrinsics:
+        raise InputError(
+            f"intrinsics: expected the camera of the depth image: fx,fy,cx,cy, a .json file or one "
+            f"of {', '.join(CAMERA_PRESETS)}, got none"
+        )
+    reading, words = _read(path, options)
+    height, width = reading.depth.shape
+    camera = read_intrinsics(options.intrinsics, width=width, height=height)
+    started = time.perf_counter()
+    uncut = simplify_depth(reading.depth, camera, replace(options, depth_step=0.0), colour=colour)
+    seconds = time.perf_counter() - started
+    found = uncut
+    if options.depth_step:
+        found = cut_depth_steps(uncut, reading.depth, step=options.depth_step)
+    mesh = found.mesh
+    if output.name.lower().removesuffix(".xz").removesuffix(".gz").endswith(_YUP_SUFFIXES):
+        # cameras look along +z, y down; glTF has +y up
+        mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
+    write_mesh(mesh, output)
+    return _result(
+        path, output, options, found, reading.num_measured, seconds,
+        depth=words, unit=reading.unit, faces_cut=uncut.num_faces - found.num_faces,
+    )  # fmt: skip
+
+
+def _read(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
+    """The image, and what to say of its unit; a camera that knows its unit is believed."""
+    reading = read_depth_guessing(path, unit=options.unit)
+    preset = CAMERA_PRESETS.get(options.intrinsics)
+    is_known = preset is not None and preset.depth_unit != "guess"
+    if not reading.guessed or preset is None or not is_known or reading.unit == "m":
+        return reading, reading.sentence
+    known = read_depth_guessing(path, unit=preset.depth_unit)
+    words = f"{known.sentence}, as intrinsics {options.intrinsics} has it"
+    if known.unit != reading.unit:
+        words += f"; but the numbers look like {reading.unit}: {reading.reason}"
+    return known, words
+
+
+def _from_scan(
+    path: Path, output: Path, options: DepthOptions, colour: NDArray[np.uint8] | None
+) -> DepthFileResult:
+    if options.by_distance:
+        raise InputError("by_distance: expected with a depth image, got a scan")
+    grid = read_range_grid(path)
+    asked: dict[str, Any] = {"max_edge": options.max_edge, "colour": colour}
+    function: Callable[..., DepthMesh]
+    if options.method == "cs3":
+        function = cs3_grid
+        asked |= {"variant": options.variant, "threads": options.threads}
+    elif options.method == "relief":
+        function = relief_grid
+        asked |= {"move_points": options.move_points, "threads": options.threads}
+    else:
+        function = sample_depth_grid
+        asked |= {"method": options.method, "rng": options.seed}
+    started = time.perf_counter()
+    found = function(grid.points, grid.valid, options.points, **asked)
+    seconds = time.perf_counter() - started
+    write_mesh(found.mesh, output)
+    return _result(path, output, options, found, int(grid.valid.sum()), seconds)
+
+
+def _result(
+    path: Path,
+    output: Path,
+    options: DepthOptions,
+    found: DepthMesh,
+    measured: int,
+    seconds: float,
+    **more: Any,
+) -> DepthFileResult:
+    reached = getattr(found, "reached", None)
+    return DepthFileResult(
+        source=path,
+        output=output,
+        options=options,
+        points_before=measured,
+        points=found.num_vertices,
+        faces=found.num_faces,
+        reached=None if reached is None else str(reached),
+        literal_count=getattr(found, "literal_count", None),
+        seconds=seconds,
+        **more,
+    )
+
+
+def _colour_image(path: Path) -> NDArray[np.uint8]:
+    try:
+        from PIL import Image, UnidentifiedImageError
+    except ImportError:
+        raise MissingExtraError("pillow", "io") from None
+    try:
+        with Image.open(path) as image:
+            return np.array(image.convert("RGB"))
+    except (UnidentifiedImageError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise FormatError(f"expected a colour image: {error}", file=str(path)) from error
+
+
+# --- folders --------------------------------------------------------------------------------------
+
+
+def simplify_depth_folder(
+    folder: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    options: DepthOptions,
+    *,
+    pattern: str = "*",
+    colours: str | os.PathLike[str] | None = None,
+    jobs: int = 0,
+    overwrite: bool = False,
+    on_result: Callable[[DepthFileResult, float], object] | None = None,
+) -> list[DepthFileResult]:
+    """Turn every depth image of a folder into a ``.glb`` file of another folder.
+
+    Outputs that are there already are kept, so an interrupted run goes on where it stopped. A
+    frame that fails is part of the result, and the others go on. The unit is guessed once for all
+    frames, by the majority of up to nine of them.
+
+    Parameters
+    ----------
+    folder, output : path-like
+    options : DepthOptions
+        ``threads`` is not looked at: each frame has one thread.
+    pattern : str
+        Names of the depth images, such as ``*_depth.png``. Colour pictures are left out.
+    colours : path-like, optional
+        A folder of as many colour images, in the order of their names.
+    jobs : int
+        Number of processes; 0: all cores.
+    overwrite : bool
+        Make outputs again that are there.
+    on_result : callable(DepthFileResult, fraction), optional
+        Called after each frame.
+
+    Returns
+    -------
+    list of DepthFileResult
+        In the order of the frames' names.
+
+    Raises
+    ------
+    InputError
+        There is no frame, two frames have one name, or the colour images are not as many.
+    """
+    frames = _frames(Path(folder), pattern)
+    pictures = _pictures(colours, frames)
+    target = Path(output)
+    targets = {frame: target / f"{frame.stem}.glb" for frame in frames}
+    if len(set(targets.values())) < len(frames):
+        raise InputError(f"{folder}: two frames have the same name but for their suffix")
+    target.mkdir(parents=True, exist_ok=True)
+    alone = replace(options, threads=1)
+    results = [
+        DepthFileResult(frame, targets[frame], alone, was_kept=True)
+        for frame in frames
+        if targets[frame].exists() and not overwrite
+    ]
+    kept = {result.source for result in results}
+    waiting = [frame for frame in frames if frame not in kept]
+    if waiting:
+        alone = replace(alone, unit=_common_unit(waiting, alone))
+    tasks = {
+        frame: (simplify_depth_file_of_many, (frame, targets[frame], alone, pictures.get(frame)))
+        for frame in waiting
+    }
+    for frame, outcome in run_tasks(tasks, jobs or len(os.sched_getaffinity(0))):
+        failed = DepthFileResult(frame, targets[frame], alone, error=outcome.error)
+        results.append(failed if outcome.error else outcome.value)
+        if on_result is not None:
+            on_result(results[-1], (len(results) - len(kept)) / len(waiting))
+    return sorted(results, key=lambda result: result.source)
+
+
+def simplify_depth_file_of_many(
+    source: Path, output: Path, options: DepthOptions, colour: Path | None
+) -> DepthFileResult:
+    """`simplify_depth_file` by position, for worker processes."""
+    return simplify_depth_file(source, output, options, colour=colour)
+
+
+def _frames(folder: Path, pattern: str) -> list[Path]:
+    matching = sorted(p for p in folder.glob(pattern) if p.suffix.lower() in DEPTH_SUFFIXES)
+    frames = [path for path in matching if not is_colour_png(path)]
+    if not frames:
+        pictures = f" besides {len(matching)} colour pictures" if matching else ""
+        raise InputError(
+            f"{folder}: expected depth images {pattern} ({', '.join(DEPTH_SUFFIXES)}), "
+            f"found none{pictures}"
+        )
+    return frames
+
+
+def _pictures(colours: str | os.PathLike[str] | None, frames: Sequence[Path]) -> dict[Path, Path]:
+    if colours is None:
+        return {}
+    images = sorted(path for path in Path(colours).iterdir() if path.is_file())
+    if len(images) != len(frames):
+        raise InputError(
+            f"colour: expected {len(frames)} images in {os.fspath(colours)}, found {len(images)}"
+        )
+    return dict(zip(frames, images, strict=True))
+
+
+def _common_unit(frames: Sequence[Path], options: DepthOptions) -> str:
+    """The unit that most frames seem to have; each frame's own guess could differ."""
+    preset = CAMERA_PRESETS.get(options.intrinsics)
+    if options.unit != "guess" or (preset is not None and preset.depth_unit != "guess"):
+        return options.unit
+    guesses: Counter[str] = Counter()
+    for number in np.linspace(0, len(frames) - 1, min(len(frames), _FRAMES_FOR_A_GUESS)):
+        try:
+            guesses[read_depth_guessing(frames[int(number)]).unit] += 1
+        except (FormatError, OSError):  # the frame's own turn reports it
+            continue
+    return guesses.most_common(1)[0][0] if guesses else "guess"
