@@ -292,8 +292,8 @@ def _tell_depth(folder: Path, printed: Sequence[Any]) -> Shown:
     share = record["points"] / record["points_before"]
     fact = (
         f"{counted(record['points_before'], 'measured pixel')} became "
-        f"{counted(record['points'], 'point')} ({100 * share:.1f} %) in {record['seconds'] * 1e3:.0f} ms; "
-        "every point is a pixel of the image, with its own colour."
+        f"{counted(record['points'], 'point')} ({100 * share:.1f} %) in "
+        f"{record['seconds'] * 1e3:.0f} ms; every point is a pixel of the image, with its own colour."
     )
     return Shown(pictures, [fact])
 
