@@ -7,13 +7,13 @@ import html
 import io
 import json
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from manip3d import viewer
 from manip3d._util.json import finite
+from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
 
@@ -50,7 +50,7 @@ def write_evidence(
     InputError
         The suffix is neither of the two.
     """
-    path = Path(output)
+    path = path_of(output, "output")
     kind = path.suffix.lower()
     if kind not in EVIDENCE_KINDS:
         raise InputError(f"output: expected a name that ends in .html or .json, got {path.name}")
