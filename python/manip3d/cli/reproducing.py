@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from manip3d import datasets
-from manip3d.cli.terminal import Terminal, table
+from manip3d.cli.terminal import Terminal, counted, table
 from manip3d.errors import InputError
-from manip3d.experiments import Plan, RunSummary, counted, run, select
+from manip3d.experiments import Plan, RunSummary, run, select
 
 if TYPE_CHECKING:
     from rich.console import Console
