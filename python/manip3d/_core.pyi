@@ -115,7 +115,6 @@ __all__: list[str] = [
     "sample_uniform",
     "segment_objects",
     "segment_person",
-    "set_ffmpeg_folder",
     "shading_normals",
     "simplify_qem",
     "snap_to_lattice",
@@ -1637,7 +1636,6 @@ def segment_person(
     options: PersonMaskOptions,
     rule: BoneRule,
 ) -> tuple[numpy.ndarray, numpy.ndarray]: ...
-def set_ffmpeg_folder(folder: bytes) -> None: ...
 def shading_normals(
     mesh: typing.Any,
     crease_angle: typing.SupportsFloat | typing.SupportsIndex,

@@ -83,7 +83,8 @@ class MissingExtraError(Error, ImportError):
     """An optional dependency is not installed. The message names the cure."""
 
     def __init__(self, package: str, extra: str) -> None:
-        super().__init__(f"{package} is needed here: pip install 'manip3d[{extra}]'")
+        verb = "are" if "," in package else "is"
+        super().__init__(f"{package} {verb} needed here: pip install 'manip3d[{extra}]'")
         self.package = package
         self.extra = extra
 

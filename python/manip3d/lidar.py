@@ -13,6 +13,8 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import rows as as_rows
+from manip3d._util.linear import product
+from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,7 +54,7 @@ class ScanFormat:
         wide: NDArray[np.float64] = np.asarray(points, np.float64)
         if np.array_equal(matrix, np.eye(4)):  # to the bit, the sign of zeros included
             return wide
-        moved: NDArray[np.float64] = wide @ matrix[:3, :3].T + matrix[:3, 3]
+        moved: NDArray[np.float64] = product(wide, matrix[:3, :3].T) + matrix[:3, 3]
         return moved
 
 
@@ -92,7 +94,7 @@ class Box:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LidarFrame:
+class LidarFrame(Showable):
     """One scan: points and, row by row beside them, what the sensor or the file says of each.
 
     Attributes
@@ -319,6 +321,12 @@ def to_scan(values: ScanLike) -> Scan:
             None,
         )
     return Scan(as_rows(array, 3, np.float32, "scan"), none, None)
+
+
+def placed(scan: Scan, origin: NDArray[np.float64]) -> LidarFrame:
+    """The scan as a frame whose scanner stood at ``origin``."""
+    frame = LidarFrame(scan.points) if scan.frame is None else scan.frame
+    return frame.replace(origin=tuple(origin.tolist()))
 
 
 def place(values: ArrayLike, name: str) -> NDArray[np.float64]:

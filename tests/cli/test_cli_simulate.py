@@ -9,7 +9,7 @@ import pytest
 
 from command_line import error_line, manip3d
 from manip3d.datasets import open_kitti
-from manip3d.io import read_scan
+from manip3d.io import read_mesh, read_scan
 
 pytest.importorskip("open3d")
 
@@ -38,6 +38,16 @@ def test_a_scene_becomes_a_scan(tmp_path: Path) -> None:
 def test_unknown_sources_and_suffixes_are_one_line(tmp_path: Path) -> None:
     line = error_line(manip3d("simulate", "sim:moon", "-o", tmp_path / "moon"))
     assert "sim:moon: expected sim:street or a scene" in line
-    assert "expected one of .bin" in error_line(
-        manip3d("simulate", "indoor-00", "-o", tmp_path / "a.odt")
+    line = error_line(manip3d("simulate", "indoor-00", "-o", tmp_path / "a.odt"))
+    assert "a.odt: expected one of " in line
+    assert " .bin, " in line
+
+
+def test_a_model_becomes_a_mesh_file(tmp_path: Path) -> None:
+    output = tmp_path / "jet.glb"
+    done = manip3d("simulate", "sim:jet", "-o", output, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["faces"] == read_mesh(output).num_faces > 30_000
+    assert "expected one of .obj" in error_line(
+        manip3d("simulate", "sim:jet", "-o", tmp_path / "jet.bin")
     )

@@ -29,11 +29,11 @@ TABLES = ("table-2.1", "table-2.2", "table-2.3", "table-2.4", "table-2.6", "tabl
 
 
 def row(method: str, error: float | None, **changes: Any) -> Row:
-    """A measured row of a textured stand-in that reached its target."""
+    """A measured row of a textured model that reached its target."""
     return {
         "model": "BAe-125-uv",
         "stands_in_for": "Jet",
-        "same_file": False,
+        "data": "published",
         "method": method,
         "faces": 100,
         "faces_target": 100,
@@ -143,7 +143,7 @@ def test_a_tie_counts_and_is_said() -> None:
 def test_a_lower_error_of_another_method_is_reported() -> None:
     verdict = claims()[0].verdict(five(qem4vr=0.5, qem_tp=0.4))
     assert verdict.word == "does not hold"
-    assert "qem-tp 400.000" in verdict.findings[0].numbers
+    assert "QEM-TP 400.000" in verdict.findings[0].numbers
 
 
 def test_a_claim_about_five_methods_needs_five() -> None:
@@ -151,7 +151,7 @@ def test_a_claim_about_five_methods_needs_five() -> None:
     rows += [row(m, None, stop="refused", faces=None) for m in ("qem-tp", "qem-btp")]
     first, second, third = (claim.verdict(rows) for claim in claims())
     assert first.word == "not applicable"
-    assert "qem-tp, qem-btp" in first.findings[0].numbers
+    assert "QEM-TP, QEM-BTP" in first.findings[0].numbers
     assert second.word == third.word == "holds"
 
 
@@ -183,10 +183,12 @@ def test_faces_without_uv_must_be_refused() -> None:
 
 def test_an_aim_is_judged_on_the_published_file_only() -> None:
     claim = at_most("metro_vertex", 0.5, "Jet", "aim", scale=1.0)
-    assert claim.verdict([row("qem4vr", 0.4)]).word == "not applicable"
-    assert claim.verdict([row("qem4vr", 0.4, same_file=True)]).word == "holds"
-    assert claim.verdict([row("qem4vr", 0.6, same_file=True)]).word == "does not hold"
-    nothing = row("qem4vr", math.nan, same_file=True)
+    verdict = claim.verdict([row("qem4vr", 0.4, data="stand-in")])
+    assert verdict.word == "not applicable"
+    assert verdict.findings[0].unjudged == "only the published file can judge this"
+    assert claim.verdict([row("qem4vr", 0.4, data="published")]).word == "holds"
+    assert claim.verdict([row("qem4vr", 0.6, data="published")]).word == "does not hold"
+    nothing = row("qem4vr", math.nan, data="published")
     assert claim.verdict([nothing]).word == "does not hold"
 
 

@@ -74,8 +74,10 @@ def convert(
 
     Recordings of LiDAR packets (.pcap) become a folder of scans in KITTI's layout.
     """
+    from manip3d.viewer import kind_of
+
     refuse_existing(output, force=force)
-    if scanning.is_scan(source):
+    if source != "-" and kind_of(source) == "scan":
         if unit is not None or up is not None:
             raise typer.BadParameter("--unit and --up are for meshes: scans know their units")
         scanning.convert(source, output, Terminal(quiet=quiet), calibration)

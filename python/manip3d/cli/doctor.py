@@ -46,7 +46,7 @@ def examine() -> list[dict[str, Any]]:
 
     Each has ``what``, ``state`` ('ok', 'missing' or 'broken'), ``detail`` and ``cure``.
     """
-    return [_core(), *_extras(), _pictures(), _viewer(), *_data(), *_settings()]
+    return [_core(), *_extras(), _recordings(), _pictures(), _viewer(), *_data(), *_settings()]
 
 
 def _check(what: str, state: str, detail: str, cure: str = "") -> dict[str, Any]:
@@ -84,6 +84,14 @@ def _version(module: str) -> str:
         except metadata.PackageNotFoundError:
             continue
     return "of unknown version"
+
+
+def _recordings() -> dict[str, Any]:
+    from manip3d import capture
+
+    mkv = next(scheme for scheme in capture.sources() if scheme.name == "mkv")
+    state = "ok" if mkv.is_available else "missing"
+    return _check("recordings (mkv:)", state, mkv.reason or mkv.description, mkv.cure)
 
 
 def _pictures() -> dict[str, Any]:

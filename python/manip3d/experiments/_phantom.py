@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 FEET = 0.3048
 """Metres."""
 
+ROLE = "simulated patient, in the place of the published recordings"
 NOTE = (
     "A simulated patient (`manip3d.simulate.BodySimulator`) before a simulated Kinect V2 stands in "
     "for the published recordings, of which none is public."

@@ -94,6 +94,7 @@ EXPERIMENT = Experiment(
     published="",
     data=(),
     cases=_cases,
+    role=_phantom.ROLE,
     columns=(
         Column("gap_once", "empty at the root, one filling"),
         Column("gap_twice", "two fillings"),
