@@ -78,7 +78,10 @@ def get(names: list[str], terminal: Terminal) -> None:
 
 @app.command("list")
 def data_list(as_json: Json = False) -> None:
-    """List the data sets: which are here, which are missing."""
+    """List the data sets: which are here, which are missing.
+
+    Example: manip3d data list
+    """
     records = listing()
     shell = Terminal(as_json=as_json)
     shell.result(records, lambda console: show(console, records))
@@ -86,8 +89,13 @@ def data_list(as_json: Json = False) -> None:
 
 @app.command("get")
 def data_get(
-    names: Annotated[list[str], typer.Argument(help="Data sets, as 'data list' names them.")],
+    names: Annotated[list[str], typer.Argument(help="Names of data sets, from 'data list'.")],
     quiet: Quiet = False,
 ) -> None:
-    """Fetch data sets from their official homes; shows each licence first."""
+    """Fetch data sets from their official homes; each licence is shown first.
+
+    A data set that may not be fetched by a program ends with the steps to get it by hand.
+
+    Example: manip3d data get spot
+    """
     get(names, Terminal(quiet=quiet))
