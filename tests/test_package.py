@@ -100,15 +100,6 @@ def test_tracked_files_name_no_path_of_somebodys_machine() -> None:
     assert [line for line in lines if not line.startswith("tests/test_package.py")] == []
 
 
-def test_facade_defaults_match_core() -> None:
-    triangle = manip3d.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
-    facade = manip3d.simplify.qem4vr(triangle, target_faces=0)._options
-    core = manip3d._core.QemOptions()
-    names = [name for name in dir(core) if not name.startswith("_")]
-    assert len(names) >= 10
-    assert {n: getattr(facade, n) for n in names} == {n: getattr(core, n) for n in names}
-
-
 def test_importing_loads_no_heavy_package() -> None:
     code = "import json, sys, manip3d; print(json.dumps(sorted(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -5,18 +5,17 @@ from __future__ import annotations
 import itertools
 import json
 import lzma
-import os
 from collections import Counter, defaultdict
 from pathlib import Path
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from manip3d import Material, Mesh, read_mesh
 from manip3d.io import READABLE
 from manip3d.mesh import MeshSummary
+from real_data import RealData
 from soups import soups
 
 TETRAHEDRON = Mesh(
@@ -248,12 +247,9 @@ def obj_with_fans(path: Path) -> Mesh:
     return Mesh(vertices, faces)
 
 
-@pytest.mark.realdata
-def test_counts_equal_the_manifest_of_the_data_folder() -> None:
-    folder = Path(os.environ.get("MANIP3D_DATA", "")) / "meshes"
-    if not (folder / "MANIFEST.md").is_file():
-        pytest.skip("MANIP3D_DATA has no meshes/MANIFEST.md")
-    text = (folder / "MANIFEST.md").read_text()
+def test_counts_equal_the_manifest_of_the_data_folder(realdata: RealData) -> None:
+    text = realdata("meshes/MANIFEST.md").read_text()
+    folder = realdata("meshes")
     geometry, attributes = manifest_rows(text, "Geometry"), manifest_rows(text, "Attributes")
     assert len(geometry) == len(attributes) == 24
     for name, row in geometry.items():

@@ -63,6 +63,28 @@ FUNCTIONS: dict[str, Callable[[Mesh], object]] = {
 }
 
 
+# Meshes for which a function has no answer: without area, or with a texture file that is absent.
+NOTHING = {"empty", "one_vertex", "vertices_without_faces"}
+NO_FACES = NOTHING | {"all_points_equal", "only_repeated_indices"}
+NO_AREA = NO_FACES | {"collinear"}
+ABSENT = {"materials_that_are_not_there"}
+TOO_FINE = {"edges_of_double_precision"}
+REFUSALS: dict[str, set[str]] = {
+    "metro": NO_FACES,
+    "boundary-gap": NO_FACES,
+    "metro-area": NO_AREA | TOO_FINE,
+    "closest-points": NOTHING,
+    "texture-error": NO_AREA,
+    "fmpd": NO_AREA,
+    "html": ABSENT,
+    "notebook": ABSENT,
+    "write.ply": ABSENT,
+    "write.stl": TOO_FINE,
+    "write.gltf": NOTHING | ABSENT | TOO_FINE,
+    "write.glb": NOTHING | ABSENT | TOO_FINE,
+}
+
+
 def assert_valid(result: object, where: str = "result") -> None:
     """No NaN, and meshes whose indices are in range, at any depth of the result."""
     if isinstance(result, Mesh):
@@ -92,11 +114,11 @@ def arrays_of(mesh: Mesh) -> dict[str, Any]:
 def test_every_function_bears_every_mesh(function: str, name: str) -> None:
     mesh = MESHES[name]
     before = {key: value.copy() for key, value in arrays_of(mesh).items()}
-    try:
-        result = FUNCTIONS[function](mesh)
-    except manip3d.Error:
-        result = None
-    assert_valid(result)
+    if name in REFUSALS.get(function, ()):
+        with pytest.raises(manip3d.Error):
+            FUNCTIONS[function](mesh)
+    else:
+        assert_valid(FUNCTIONS[function](mesh))
     for key, value in arrays_of(mesh).items():
         np.testing.assert_array_equal(value, before[key], err_msg=f"{function} wrote to {key}")
 

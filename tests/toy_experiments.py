@@ -70,4 +70,4 @@ def all_below(limit: int) -> Claim:
         for row in rows:
             yield Finding(row["model"], row["square"] < limit, f"{row['square']}")
 
-    return Claim(f"every square is below {limit}", "arithmetic", judge)
+    return Claim(f"every square is below {limit}", "aim", judge)

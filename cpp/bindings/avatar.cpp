@@ -5,9 +5,11 @@
 #include <cmath>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 
+#include "exclusive.hpp"
 #include "manip3d/geometry/mesh.hpp"
 #include "manip3d/modify/colliders.hpp"
 #include "manip3d/modify/placement.hpp"
@@ -40,7 +42,7 @@ py::tuple to_tables(const BodyColliders& body) {
                         to_array(body.torso.half_size));
 }
 
-py::tuple first_hits(const ColliderTracker& self, const CArray<float>& from,
+py::tuple first_hits(Exclusive<ColliderTracker>& self, const CArray<float>& from,
                      const CArray<float>& to, const CArray<float>& radius) {
   const auto starts = rows<Rows<float, 3>>(from, "start");
   const auto ends = rows<Rows<float, 3>>(to, "end");
@@ -53,11 +55,12 @@ py::tuple first_hits(const ColliderTracker& self, const CArray<float>& from,
   Eigen::Matrix<std::int8_t, Eigen::Dynamic, 1> bone =
       Eigen::Matrix<std::int8_t, Eigen::Dynamic, 1>::Constant(count, -1);
   Rows<float, 3> point = Rows<float, 3>::Constant(count, 3, std::nanf(""));
+  const auto [before, now] = self.with(
+      [](const ColliderTracker& tracker) { return std::pair(tracker.before(), tracker.now()); });
   {
     const py::gil_scoped_release nogil;
     for (Eigen::Index i = 0; i < count; ++i) {
-      const auto hit =
-          first_hit(self.before(), self.now(), {starts.row(i), ends.row(i), radius.data()[i]});
+      const auto hit = first_hit(before, now, {starts.row(i), ends.row(i), radius.data()[i]});
       if (!hit) continue;
       time[i] = hit->time;
       bone[i] = static_cast<std::int8_t>(hit->bone);
@@ -68,7 +71,7 @@ py::tuple first_hits(const ColliderTracker& self, const CArray<float>& from,
                         to_numpy(std::move(point)));
 }
 
-/// The parts of a `manip3d.RgbdFrame` that do not change, kept as long as its calibration.
+/// A ShoeCoverTracker with the rays of the calibration it saw last; one frame at a time.
 class Shoe {
  public:
   explicit Shoe(const ShoeCoverOptions& options) : tracker_(options) {}
@@ -135,56 +138,68 @@ py::object repose(const CArray<Scalar>& vertices, const py::object& skeleton,
 }  // namespace
 
 void bind_avatar(py::module_& m) {
-  py::class_<ColliderTracker>(m, "ColliderTracker")
+  py::class_<Exclusive<ColliderTracker>>(m, "ColliderTracker")
       .def(py::init([](double percentile, int frames, int min_points, double min_radius,
                        double max_radius, double first_radius) {
-             return ColliderTracker(
-                 {percentile, frames, min_points, min_radius, max_radius, first_radius});
+             return std::make_unique<Exclusive<ColliderTracker>>(ColliderOptions{
+                 percentile, frames, min_points, min_radius, max_radius, first_radius});
            }),
            py::kw_only(), py::arg("percentile"), py::arg("frames"), py::arg("min_points"),
            py::arg("min_radius"), py::arg("max_radius"), py::arg("first_radius"))
       .def(
           "update",
-          [](ColliderTracker& self, const py::object& skeleton, const CArray<std::uint8_t>& label,
-             const CArray<float>& squared_distance) {
+          [](Exclusive<ColliderTracker>& self, const py::object& skeleton,
+             const CArray<std::uint8_t>& label, const CArray<float>& squared_distance) {
             const Skeleton pose = to_skeleton(skeleton);
-            const py::gil_scoped_release nogil;
-            self.update(
-                pose, {label.data(), static_cast<std::size_t>(label.size())},
-                {squared_distance.data(), static_cast<std::size_t>(squared_distance.size())});
+            const std::span labels(label.data(), static_cast<std::size_t>(label.size()));
+            const std::span distances(squared_distance.data(),
+                                      static_cast<std::size_t>(squared_distance.size()));
+            return to_tables(self.with([&](ColliderTracker& tracker) {
+              const py::gil_scoped_release nogil;
+              tracker.update(pose, labels, distances);
+              return tracker.now();
+            }));
           },
           py::arg("skeleton"), py::arg("label").noconvert(),
           py::arg("squared_distance").noconvert())
-      .def("reset", &ColliderTracker::reset)
-      .def("now", [](const ColliderTracker& self) { return to_tables(self.now()); })
-      .def("before", [](const ColliderTracker& self) { return to_tables(self.before()); })
+      .def("reset", exclusively(&ColliderTracker::reset))
+      .def("now",
+           [](Exclusive<ColliderTracker>& self) {
+             return to_tables(
+                 self.with([](const ColliderTracker& tracker) { return tracker.now(); }));
+           })
       .def("first_hits", &first_hits, py::arg("start").noconvert(), py::arg("end").noconvert(),
            py::arg("radius").noconvert());
 
-  py::class_<Shoe>(m, "ShoeCoverTracker")
+  py::class_<Exclusive<Shoe>>(m, "ShoeCoverTracker")
       .def(py::init([](std::pair<int, int> hue, int min_saturation, int min_value, double reach,
                        int min_pixels) {
-             return std::make_unique<Shoe>(ShoeCoverOptions{hue.first, hue.second, min_saturation,
-                                                            min_value, reach, min_pixels});
+             return std::make_unique<Exclusive<Shoe>>(ShoeCoverOptions{
+                 hue.first, hue.second, min_saturation, min_value, reach, min_pixels});
            }),
            py::kw_only(), py::arg("hue"), py::arg("min_saturation"), py::arg("min_value"),
            py::arg("reach"), py::arg("min_pixels"))
-      .def("update", &Shoe::update, py::arg("frame"), py::arg("skeleton"), py::arg("left"))
-      .def_property_readonly("num_pixels", &Shoe::num_pixels);
+      .def("update", exclusively(&Shoe::update), py::arg("frame"), py::arg("skeleton"),
+           py::arg("left"))
+      .def_property_readonly("num_pixels", exclusively(&Shoe::num_pixels));
 
-  py::class_<PlacementEstimator>(m, "PlacementEstimator")
+  py::class_<Exclusive<PlacementEstimator>>(m, "PlacementEstimator")
       .def(py::init([](double share, double spread, int stable_frames, double tolerance) {
-             return PlacementEstimator({share, spread, stable_frames, tolerance});
+             return std::make_unique<Exclusive<PlacementEstimator>>(
+                 PlacementOptions{share, spread, stable_frames, tolerance});
            }),
            py::kw_only(), py::arg("share"), py::arg("spread"), py::arg("stable_frames"),
            py::arg("tolerance"))
       .def(
           "update",
-          [](PlacementEstimator& self, const py::object& skeleton, bool left_is_intact) {
-            return to_dict(self.update(to_skeleton(skeleton), left_is_intact));
+          [](Exclusive<PlacementEstimator>& self, const py::object& skeleton, bool left_is_intact) {
+            const Skeleton pose = to_skeleton(skeleton);
+            return to_dict(self.with([&](PlacementEstimator& estimator) {
+              return estimator.update(pose, left_is_intact);
+            }));
           },
           py::arg("skeleton"), py::arg("left_is_intact"))
-      .def("reset", &PlacementEstimator::reset);
+      .def("reset", exclusively(&PlacementEstimator::reset));
 
   py::class_<ReposeOptions>(m, "ReposeOptions")
       .def(py::init<>())

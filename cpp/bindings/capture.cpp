@@ -6,10 +6,11 @@
 #include <string>
 #include <utility>
 
+#include "exclusive.hpp"
 #include "manip3d/capture/velodyne_source.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
-#include "numpy.hpp"
+#include "paths.hpp"
 
 namespace manip3d::bindings {
 namespace {
@@ -79,13 +80,12 @@ Fields to_fields(const VelodyneCounters& c) {
 
 // The next frame's fields; True: none in time; False: none any more.
 template <typename Source>
-py::object read(Source& source, int timeout_ms) {
+py::object read(Exclusive<Source>& self, int timeout_ms) {
   VelodyneFrame frame;
-  ReadStatus status = ReadStatus::kEnd;
-  {
+  const ReadStatus status = self.with([&](Source& source) {
     const py::gil_scoped_release nogil;
-    status = source.read(frame, std::chrono::milliseconds(timeout_ms));
-  }
+    return source.read(frame, std::chrono::milliseconds(timeout_ms));
+  });
   if (status != ReadStatus::kFrame) return py::bool_(status == ReadStatus::kTimeout);
   return to_fields(std::move(frame));
 }
@@ -109,20 +109,23 @@ void bind_capture(py::module_& m) {
            py::arg("model"), py::arg("lasers").noconvert(), py::arg("range_unit"),
            py::arg("cut_azimuth"), py::arg("interpolate_azimuth"), py::arg("min_range"),
            py::arg("max_range"));
-  py::class_<VelodynePcapSource>(m, "VelodynePcapSource")
+  py::class_<Exclusive<VelodynePcapSource>>(m, "VelodynePcapSource")
       .def(py::init([](const py::bytes& path, const VelodyneOptions& options, int port,
                        std::uint64_t max_bytes) {
-             const std::filesystem::path file = std::string(path);
+             const auto file = to_path(path, "path");
              const auto wanted =
                  port < 0 ? std::nullopt : std::optional(static_cast<std::uint16_t>(port));
              const py::gil_scoped_release nogil;
-             return std::make_unique<VelodynePcapSource>(file, options, wanted, max_bytes);
+             return std::make_unique<Exclusive<VelodynePcapSource>>(file, options, wanted,
+                                                                    max_bytes);
            }),
            py::arg("path"), py::arg("options"), py::arg("port"), py::arg("max_bytes"))
       .def("read", &read<VelodynePcapSource>, py::arg("timeout_ms"))
-      .def("counters", [](const VelodynePcapSource& source) {
-        Fields fields = to_fields(source.counters());
-        const PcapCounters& c = source.file_counters();
+      .def("counters", [](Exclusive<VelodynePcapSource>& self) {
+        const auto [decoded, c] = self.with([](const VelodynePcapSource& source) {
+          return std::pair(source.counters(), source.file_counters());
+        });
+        Fields fields = to_fields(decoded);
         fields["file_packets"] = c.packets;
         fields["file_udp"] = c.udp;
         fields["file_other"] = c.other;
@@ -130,21 +133,32 @@ void bind_capture(py::module_& m) {
         fields["file_cut_short"] = c.cut_short;
         return fields;
       });
-  py::class_<VelodyneUdpSource>(m, "VelodyneUdpSource")
-      .def(py::init([](const std::string& address, std::uint16_t port, const std::string& sender,
+  py::class_<Exclusive<VelodyneUdpSource>>(m, "VelodyneUdpSource")
+      .def(py::init([](const py::bytes& address, std::uint16_t port, const py::bytes& sender,
                        std::size_t ring_packets, const VelodyneOptions& options) {
-             return std::make_unique<VelodyneUdpSource>(
-                 UdpOptions{address, port, sender, ring_packets}, options);
+             return std::make_unique<Exclusive<VelodyneUdpSource>>(
+                 UdpOptions{to_c_text(address, "address"), port, to_c_text(sender, "sender"),
+                            ring_packets},
+                 options);
            }),
            py::arg("address"), py::arg("port"), py::arg("sender"), py::arg("ring_packets"),
            py::arg("options"))
-      .def("start", &VelodyneUdpSource::start)
-      .def("stop", &VelodyneUdpSource::stop, py::call_guard<py::gil_scoped_release>())
-      .def("port", &VelodyneUdpSource::port)
+      .def("start",
+           [](Exclusive<VelodyneUdpSource>& self) {
+             const py::gil_scoped_release nogil;
+             self.shared().start();
+           })
+      .def("stop",
+           [](Exclusive<VelodyneUdpSource>& self) {
+             const py::gil_scoped_release nogil;
+             self.shared().stop();
+           })
+      .def("port", [](Exclusive<VelodyneUdpSource>& self) { return self.shared().port(); })
       .def("read", &read<VelodyneUdpSource>, py::arg("timeout_ms"))
-      .def("counters", [](const VelodyneUdpSource& source) {
-        Fields fields = to_fields(source.counters());
-        const UdpCounters c = source.udp_counters();
+      .def("counters", [](Exclusive<VelodyneUdpSource>& self) {
+        Fields fields =
+            to_fields(self.with([](const VelodyneUdpSource& source) { return source.counters(); }));
+        const UdpCounters c = self.shared().udp_counters();
         fields["udp_packets"] = c.packets;
         fields["udp_dropped"] = c.dropped;
         fields["udp_dropped_kernel"] = c.dropped_kernel;

@@ -4,17 +4,18 @@
 #include <pybind11/typing.h>
 
 #include <algorithm>
-#include <mutex>
 #include <numeric>
 #include <optional>
 #include <string>
 #include <type_traits>
 #include <vector>
 
+#include "exclusive.hpp"
 #include "interruptible.hpp"
 #include "manip3d/geometry/camera.hpp"
 #include "manip3d/geometry/depth_image.hpp"
 #include "manip3d/geometry/grid_mesh.hpp"
+#include "manip3d/geometry/line_of_sight.hpp"
 #include "manip3d/geometry/range_image.hpp"
 #include "manip3d/simplify/cs3.hpp"
 #include "manip3d/simplify/grid_delaunay.hpp"
@@ -149,12 +150,11 @@ Fields to_fields(const Cs3Report& report) {
   return fields;
 }
 
-/// A Cs3 with the rays of the camera it saw last.
+/// A Cs3 with the rays of the camera it saw last; one frame at a time.
 class Cs3Runner {
  public:
   Fields run_depth(const py::array& depth, const py::object& camera, const Cs3Options& options,
                    const py::object& registration, const py::object& out) {
-    const auto lock = take_turn();
     const DepthView view = depth_view(depth);
     if (!camera.is(camera_)) {
       py::object keep;
@@ -166,18 +166,11 @@ class Cs3Runner {
 
   Fields run_grid(const CArray<float>& points, const CArray<bool>& valid, bool rows_up,
                   const Cs3Options& options, const py::object& out) {
-    const auto lock = take_turn();
     const BorrowedGrid grid(points, valid, rows_up);
     return run(RangeImage(grid.view), options, py::none(), out);
   }
 
  private:
-  std::unique_lock<std::mutex> take_turn() {
-    std::unique_lock lock(mutex_, std::try_to_lock);
-    if (!lock) throw Error("a stream cannot take frames from two threads at a time");
-    return lock;
-  }
-
   Fields run(const RangeImage& image, const Cs3Options& options, const py::object& registration,
              const py::object& out) {
     OutputArrays arrays(out);
@@ -193,7 +186,6 @@ class Cs3Runner {
   Cs3 cs3_;
   PixelRays rays_;
   py::object camera_ = py::none();  ///< Of rays_; intrinsics never change.
-  std::mutex mutex_;
 };
 
 void bind_cs3(py::module_& m) {
@@ -236,11 +228,11 @@ void bind_cs3(py::module_& m) {
       .def_readwrite("max_edge", &Cs3Options::max_edge)
       .def_readwrite("num_threads", &Cs3Options::num_threads)
       .def_readwrite("reading", &Cs3Options::reading);
-  py::class_<Cs3Runner>(m, "Cs3Runner")
+  py::class_<Exclusive<Cs3Runner>>(m, "Cs3Runner")
       .def(py::init<>())
-      .def("run_depth", &Cs3Runner::run_depth, py::arg("depth"), py::arg("camera"),
+      .def("run_depth", exclusively(&Cs3Runner::run_depth), py::arg("depth"), py::arg("camera"),
            py::arg("options"), py::arg("registration"), py::arg("out"))
-      .def("run_grid", &Cs3Runner::run_grid, py::arg("points").noconvert(),
+      .def("run_grid", exclusively(&Cs3Runner::run_grid), py::arg("points").noconvert(),
            py::arg("valid").noconvert(), py::arg("rows_up"), py::arg("options"), py::arg("out"));
 }
 
@@ -296,6 +288,41 @@ void bind_depth(py::module_& m) {
                               rows_up);
       },
       py::arg("depth"), py::arg("camera"), py::arg("threads"));
+  m.def(
+      "unproject_pixels",
+      [](const CArray<double>& pixels, const CArray<double>& depth, const py::object& camera) {
+        const auto uv = rows<Rows<double, 2>>(pixels, "pixels");
+        const auto z = rows<Eigen::VectorXd>(depth, "depth");
+        if (z.size() != uv.rows()) throw InputError("depth: expected one number per pixel");
+        py::object rays;
+        const Intrinsics intrinsics = to_intrinsics(camera, rays);
+        Rows<double, 3> points(uv.rows(), 3);
+        {
+          const py::gil_scoped_release nogil;
+          for (Eigen::Index i = 0; i < points.rows(); ++i) {
+            const Eigen::Vector2d sight = line_of_sight(intrinsics, uv.row(i).transpose());
+            points.row(i) << z(i) * sight.x(), z(i) * sight.y(), z(i);
+          }
+        }
+        return to_numpy(std::move(points));
+      },
+      py::arg("pixels").noconvert(), py::arg("depth").noconvert(), py::arg("camera"));
+  m.def(
+      "project",
+      [](const CArray<double>& points, const py::object& camera) {
+        const auto xyz = rows<Rows<double, 3>>(points, "points");
+        py::object rays;
+        const Intrinsics intrinsics = to_intrinsics(camera, rays);
+        Rows<double, 2> pixels(xyz.rows(), 2);
+        {
+          const py::gil_scoped_release nogil;
+          for (Eigen::Index i = 0; i < pixels.rows(); ++i) {
+            pixels.row(i) = pixel_of(intrinsics, xyz.row(i).transpose()).transpose();
+          }
+        }
+        return to_numpy(std::move(pixels));
+      },
+      py::arg("points").noconvert(), py::arg("camera"));
   m.def(
       "grid_mesh",
       [](const CArray<float>& points, const CArray<bool>& valid, bool rows_up, double max_edge,

@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "interruptible.hpp"
 #include "manip3d/forge/attacks.hpp"
 #include "manip3d/forge/insertion.hpp"
 #include "manip3d/forge/lattice.hpp"
@@ -105,7 +106,8 @@ void bind_forge(py::module_& m) {
           const py::gil_scoped_release nogil;
           points = resample(
               view, triangles,
-              {spacing, uniform ? Resampling::kUniform : Resampling::kPoissonDisk, seed, threads});
+              {spacing, uniform ? Resampling::kUniform : Resampling::kPoissonDisk, seed, threads},
+              interruptible());
         }
         return to_numpy(std::move(points));
       },

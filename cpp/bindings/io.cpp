@@ -3,19 +3,19 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "interruptible.hpp"
 #include "manip3d/io/mesh_file.hpp"
 #include "manip3d/io/range_grid.hpp"
+#include "manip3d/io/temporary.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
+#include "paths.hpp"
 
 namespace manip3d::bindings {
 namespace {
-
-// Paths travel as bytes (os.fsencode): names of files need not be UTF-8.
-std::filesystem::path to_path(const py::bytes& bytes) { return std::string(bytes); }
 
 py::list to_list(const std::vector<std::string>& strings) {
   py::list list;
@@ -44,7 +44,7 @@ void bind_io(py::module_& m) {
   m.def(
       "read_mesh",
       [](const py::bytes& path, bool allow_outside, std::uint64_t max_bytes) {
-        const auto file = to_path(path);
+        const auto file = to_path(path, "path");
         ReadResult result;
         {
           const py::gil_scoped_release nogil;
@@ -75,8 +75,8 @@ void bind_io(py::module_& m) {
       [](const py::object& mesh, const py::bytes& path, const py::bytes& texture_folder) {
         const BorrowedMesh borrowed(mesh);
         const std::vector<Material> materials = materials_of(mesh);
-        const auto file = to_path(path);
-        const WriteOptions options{to_path(texture_folder)};
+        const auto file = to_path(path, "path");
+        const WriteOptions options{to_path(texture_folder, "texture_folder")};
         std::vector<std::string> warnings;
         {
           const py::gil_scoped_release nogil;
@@ -88,7 +88,7 @@ void bind_io(py::module_& m) {
   m.def(
       "read_range_grid",
       [](const py::bytes& path, std::uint64_t max_bytes) {
-        const auto file = to_path(path);
+        const auto file = to_path(path, "path");
         RangeGrid grid;
         {
           const py::gil_scoped_release nogil;
@@ -101,9 +101,29 @@ void bind_io(py::module_& m) {
   m.def(
       "resolve_inside",
       [](const py::bytes& folder, const py::bytes& reference) {
-        return py::bytes(resolve_inside(to_path(folder), std::string(reference)).string());
+        return py::bytes(
+            resolve_inside(to_path(folder, "folder"), to_path(reference, "reference").string())
+                .string());
       },
       py::arg("folder"), py::arg("reference"));
+  m.def(
+      "make_temporary_folder",
+      [](const py::bytes& folder) {
+        const auto place = to_path(folder, "folder");
+        Temporary made;
+        {
+          const py::gil_scoped_release nogil;
+          made = make_temporary(place, TemporaryKind::kFolder, 0700);
+        }
+        return std::pair(py::bytes(made.path.string()), made.lock.release());
+      },
+      py::arg("folder"));
+  m.def(
+      "replace_folder",
+      [](const py::bytes& made, const py::bytes& target) {
+        replace_folder(to_path(made, "made"), to_path(target, "target"));
+      },
+      py::arg("made"), py::arg("target"));
   m.def("readable_suffixes", [] { return to_list(readable_suffixes()); });
   m.def("writable_suffixes", [] { return to_list(writable_suffixes()); });
 }

@@ -4,12 +4,12 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "depth.hpp"
+#include "exclusive.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
 #include "manip3d/modify/key_person.hpp"
 #include "manip3d/modify/mirror.hpp"
@@ -96,8 +96,6 @@ class PipelineRunner {
   Fields process(const py::array& depth, const std::optional<CArray<std::uint8_t>>& body_index,
                  const py::object& camera, const py::object& registration, const People& people,
                  std::int64_t time_ns, std::int64_t number, const py::object& out) {
-    const std::unique_lock lock(mutex_, std::try_to_lock);
-    if (!lock) throw Error("a pipeline cannot take frames from two threads at a time");
     PhantomInput input;
     input.depth = depth_view(depth);
     if (body_index) {
@@ -129,7 +127,6 @@ class PipelineRunner {
  private:
   PhantomPipeline pipeline_;
   py::object rays_ = py::none();  ///< Table of the camera that the pipeline knows.
-  std::mutex mutex_;
 };
 
 void bind_enums(py::module_& m) {
@@ -171,32 +168,35 @@ void bind_joints(py::module_& m) {
       .def_readwrite("prediction", &JointSmootherOptions::prediction)
       .def_readwrite("jitter_radius", &JointSmootherOptions::jitter_radius)
       .def_readwrite("max_deviation", &JointSmootherOptions::max_deviation);
-  py::class_<JointSmoother>(m, "JointSmoother")
+  py::class_<Exclusive<JointSmoother>>(m, "JointSmoother")
       .def(py::init<const JointSmootherOptions&>(), py::arg("options"))
       .def(
           "add",
-          [](JointSmoother& smoother, const py::object& raw) -> Fields {
-            return from_skeleton(smoother.add(to_skeleton(raw)));
+          [](Exclusive<JointSmoother>& self, const py::object& raw) -> Fields {
+            const Skeleton skeleton = to_skeleton(raw);
+            return from_skeleton(
+                self.with([&](JointSmoother& smoother) { return smoother.add(skeleton); }));
           },
           py::arg("raw"))
-      .def("reset", &JointSmoother::reset);
+      .def("reset", exclusively(&JointSmoother::reset));
   py::class_<KeyPersonOptions>(m, "KeyPersonOptions")
       .def(py::init<>())
       .def_readwrite("patience", &KeyPersonOptions::patience)
       .def_readwrite("reach", &KeyPersonOptions::reach)
       .def_readwrite("forget", &KeyPersonOptions::forget);
-  py::class_<KeyPerson>(m, "KeyPerson")
+  py::class_<Exclusive<KeyPerson>>(m, "KeyPerson")
       .def(py::init<const KeyPersonOptions&>(), py::arg("options"))
       .def(
           "find",
-          [](KeyPerson& key, const People& people, const py::object& camera,
+          [](Exclusive<KeyPerson>& self, const People& people, const py::object& camera,
              double time) -> std::optional<std::size_t> {
             py::object rays;
             const std::vector<Skeleton> skeletons = to_skeletons(people);
-            return key.find(skeletons, to_intrinsics(camera, rays), time);
+            const Intrinsics intrinsics = to_intrinsics(camera, rays);
+            return self.with([&](KeyPerson& key) { return key.find(skeletons, intrinsics, time); });
           },
           py::arg("people"), py::arg("camera"), py::arg("time"))
-      .def("reset", &KeyPerson::reset);
+      .def("reset", exclusively(&KeyPerson::reset));
 }
 
 void bind_pipeline(py::module_& m) {
@@ -222,12 +222,12 @@ void bind_pipeline(py::module_& m) {
       .def_readwrite("hold_seconds", &PhantomOptions::hold_seconds)
       .def_readwrite("fade_seconds", &PhantomOptions::fade_seconds)
       .def_readwrite("mesh", &PhantomOptions::mesh);
-  py::class_<PipelineRunner>(m, "PhantomPipeline")
+  py::class_<Exclusive<PipelineRunner>>(m, "PhantomPipeline")
       .def(py::init<const PhantomOptions&>(), py::arg("options"))
-      .def("process", &PipelineRunner::process, py::arg("depth"), py::arg("body_index").noconvert(),
-           py::arg("camera"), py::arg("registration"), py::arg("people"), py::arg("time_ns"),
-           py::arg("number"), py::arg("out"))
-      .def("reset", &PipelineRunner::reset);
+      .def("process", exclusively(&PipelineRunner::process), py::arg("depth"),
+           py::arg("body_index").noconvert(), py::arg("camera"), py::arg("registration"),
+           py::arg("people"), py::arg("time_ns"), py::arg("number"), py::arg("out"))
+      .def("reset", exclusively(&PipelineRunner::reset));
 }
 
 void bind_kernels(py::module_& m) {

@@ -3,6 +3,7 @@
 #include <cerrno>
 #include <exception>
 #include <filesystem>
+#include <string>
 #include <system_error>
 
 #include "manip3d/error.hpp"
@@ -12,9 +13,22 @@ namespace py = pybind11;
 
 namespace {
 
+// Messages quote files and their names, which may hold any bytes.
+py::str text(const std::string& bytes, const char* otherwise) {
+  PyObject* decoded =
+      PyUnicode_DecodeUTF8(bytes.data(), static_cast<py::ssize_t>(bytes.size()), otherwise);
+  if (decoded == nullptr) throw py::error_already_set();
+  return py::reinterpret_steal<py::str>(decoded);
+}
+
+py::str message(const std::exception& error) { return text(error.what(), "backslashreplace"); }
+
+// As Python names files: `os.fsencode` gives the same bytes.
+py::str file_name(const std::string& bytes) { return text(bytes, "surrogateescape"); }
+
 void raise(const char* type, const std::exception& error) {
   const py::object cls = py::module_::import("manip3d.errors").attr(type);
-  PyErr_SetObject(cls.ptr(), py::str(error.what()).ptr());
+  PyErr_SetObject(cls.ptr(), message(error).ptr());
 }
 
 void raise(const manip3d::FormatError& error) {
@@ -22,9 +36,10 @@ void raise(const manip3d::FormatError& error) {
     return value ? py::object(py::int_(*value)) : py::object(py::none());
   };
   const py::object cls = py::module_::import("manip3d.errors").attr("FormatError");
-  const py::object instance = cls(error.reason(), py::arg("file") = error.file(),
-                                  py::arg("line") = none_or(error.position().line),
-                                  py::arg("byte_offset") = none_or(error.position().byte_offset));
+  const py::object instance =
+      cls(text(error.reason(), "backslashreplace"), py::arg("file") = file_name(error.file()),
+          py::arg("line") = none_or(error.position().line),
+          py::arg("byte_offset") = none_or(error.position().byte_offset));
   PyErr_SetObject(cls.ptr(), instance.ptr());
 }
 
@@ -41,11 +56,11 @@ void translate(std::exception_ptr pointer) {
     raise("Error", error);
   } catch (const std::filesystem::filesystem_error& error) {  // FileNotFoundError and the like
     const py::object instance = py::reinterpret_borrow<py::object>(PyExc_OSError)(
-        error.code().value(), error.code().message(), error.path1().string());
+        error.code().value(), error.code().message(), file_name(error.path1().string()));
     PyErr_SetObject(reinterpret_cast<PyObject*>(Py_TYPE(instance.ptr())), instance.ptr());
   } catch (const std::system_error& error) {  // files: becomes FileNotFoundError and the like
-    const py::object instance = py::reinterpret_borrow<py::object>(PyExc_OSError)(
-        error.code().value(), py::str(error.what()));
+    const py::object instance =
+        py::reinterpret_borrow<py::object>(PyExc_OSError)(error.code().value(), message(error));
     PyErr_SetObject(reinterpret_cast<PyObject*>(Py_TYPE(instance.ptr())), instance.ptr());
   }
 }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "depth.hpp"
+#include "exclusive.hpp"
 #include "manip3d/simplify/depth_smoother.hpp"
 #include "modules.hpp"
 #include "numpy.hpp"
@@ -58,36 +59,40 @@ void bind_relief(py::module_& m) {
       .def_readwrite("levels", &ReliefOptions::levels)
       .def_readwrite("stability", &ReliefOptions::stability)
       .def_readwrite("num_threads", &ReliefOptions::num_threads);
-  py::class_<Relief>(m, "ReliefSolver")
+  py::class_<Exclusive<Relief>>(m, "ReliefSolver")
       .def(py::init<>())
-      .def("reset", &Relief::reset)
+      .def("reset", exclusively(&Relief::reset))
       .def(
           "run",
-          [](Relief& self, const CArray<float>& points, const CArray<bool>& valid, bool rows_up,
-             const ReliefOptions& options) {
+          [](Exclusive<Relief>& self, const CArray<float>& points, const CArray<bool>& valid,
+             bool rows_up, const ReliefOptions& options) {
             const BorrowedGrid grid(points, valid, rows_up);
             ReliefResult result;
-            {
+            self.with([&](Relief& relief) {
               const py::gil_scoped_release nogil;
-              self.run(grid.view, options, result);
-            }
+              relief.run(grid.view, options, result);
+            });
             return to_fields(std::move(result));
           },
           py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("rows_up"),
           py::arg("options"));
-  py::class_<DepthSmoother>(m, "DepthSmoother")
+  py::class_<Exclusive<DepthSmoother>>(m, "DepthSmoother")
       .def(py::init([](double newest_share, double gate) {
-             return DepthSmoother({newest_share, gate});
+             return std::make_unique<Exclusive<DepthSmoother>>(
+                 DepthSmootherOptions{newest_share, gate});
            }),
            py::arg("newest_share"), py::arg("gate"))
-      .def("reset", &DepthSmoother::reset)
+      .def("reset", exclusively(&DepthSmoother::reset))
       .def(
           "add",
-          [](DepthSmoother& self, const py::array& depth) {
+          [](Exclusive<DepthSmoother>& self, const py::array& depth) {
             const DepthView view = depth_view(depth);
-            const std::vector<float>& smoothed = self.add(view);
             py::array_t<float> out({view.rows, view.cols});
-            std::copy(smoothed.begin(), smoothed.end(), out.mutable_data());
+            float* const pixels = out.mutable_data();
+            self.with([&](DepthSmoother& smoother) {
+              const py::gil_scoped_release nogil;
+              std::ranges::copy(smoother.add(view), pixels);
+            });
             return out;
           },
           py::arg("depth"));

@@ -6,17 +6,20 @@
 #include <string>
 #include <utility>
 
+#include "exclusive.hpp"
 #include "manip3d/capture/mkv.hpp"
 #include "manip3d/capture/recorder.hpp"
 #include "manip3d/capture/rgbd_source.hpp"
 #include "modules.hpp"
-#include "numpy.hpp"
+#include "paths.hpp"
 #include "rgbd.hpp"
 
 namespace manip3d::bindings {
 namespace {
 
 using Fields = py::typing::Dict<py::str, py::object>;
+using Source = Exclusive<std::unique_ptr<RgbdSource>>;
+using Recorder = Exclusive<std::unique_ptr<RgbdRecorder>>;
 using SharedCalibration = std::shared_ptr<const RgbdCalibration>;
 
 SharedCalibration shared_calibration(const py::object& calibration) {
@@ -82,38 +85,62 @@ Fields counter_fields(const Counters& counters) {
 }
 
 // The next frame's fields; True: none in time; False: none any more.
-py::object read(RgbdSource& source, int timeout_ms) {
+py::object read(Source& self, int timeout_ms) {
   RgbdFrame frame;
-  ReadStatus status = ReadStatus::kEnd;
-  {
+  const ReadStatus status = self.with([&](const auto& source) {
     const py::gil_scoped_release nogil;
-    status = source.read(frame, std::chrono::milliseconds(timeout_ms));
-  }
+    return source->read(frame, std::chrono::milliseconds(timeout_ms));
+  });
   if (status != ReadStatus::kFrame) return py::bool_(status == ReadStatus::kTimeout);
   return frame_fields(std::move(frame));
 }
 
+// Live sources wake a `read` that waits; the others have none, and are not stopped amid a frame.
+void stop(Source& self) {
+  if (self.shared()->capabilities().is_live) {
+    const py::gil_scoped_release nogil;
+    self.shared()->stop();
+  } else {
+    self.with([](const auto& source) { source->stop(); });
+  }
+}
+
 void bind_source(py::module_& m) {
-  py::class_<RgbdSource>(m, "RgbdSource")
-      .def("start", &RgbdSource::start, py::call_guard<py::gil_scoped_release>())
-      .def("stop", &RgbdSource::stop, py::call_guard<py::gil_scoped_release>())
+  py::class_<Source>(m, "RgbdSource")
+      .def("start",
+           [](Source& self) {
+             self.with([](const auto& source) {
+               const py::gil_scoped_release nogil;
+               source->start();
+             });
+           })
+      .def("stop", &stop)
       .def("read", &read, py::arg("timeout_ms"))
-      .def("is_live", [](const RgbdSource& source) { return source.capabilities().is_live; })
-      .def("num_frames", &RgbdSource::num_frames)
+      .def("is_live", [](Source& self) { return self.shared()->capabilities().is_live; })
+      .def("num_frames",
+           [](Source& self) {
+             return self.with([](const auto& source) { return source->num_frames(); });
+           })
       .def("calibration",
-           [](const RgbdSource& source) { return calibration_fields(source.calibration()); })
-      .def("counters", [](const RgbdSource& source) { return counter_fields(source.counters()); });
+           [](Source& self) {
+             return calibration_fields(
+                 self.with([](const auto& source) { return source->calibration(); }));
+           })
+      .def("counters", [](Source& self) {
+        return counter_fields(self.with([](const auto& source) { return source->counters(); }));
+      });
   m.def(
       "open_rgbd",
       [](const py::bytes& uri, double speed, double units_per_metre, const py::object& camera) {
         const RgbdOptions options{speed, shared_calibration(camera), units_per_metre};
-        const std::string place = uri;
+        const std::string place = to_c_text(uri, "uri");
         const py::gil_scoped_release nogil;
-        return open_rgbd(place, options);
+        return std::make_unique<Source>(open_rgbd(place, options));
       },
       py::arg("uri"), py::arg("speed"), py::arg("units_per_metre"), py::arg("camera"));
   m.def(
-      "set_ffmpeg_folder", [](const py::bytes& folder) { ffmpeg_folder() = std::string(folder); },
+      "set_ffmpeg_folder",
+      [](const py::bytes& folder) { ffmpeg_folder() = to_path(folder, "folder"); },
       py::arg("folder"));
   m.def("rgbd_schemes", [] {
     std::vector<RgbdScheme> schemes;
@@ -137,25 +164,35 @@ void bind_source(py::module_& m) {
 }
 
 void bind_recorder(py::module_& m) {
-  py::class_<RgbdRecorder>(m, "RgbdRecorder")
+  py::class_<Recorder>(m, "RgbdRecorder")
       .def(
           "write",
-          [](RgbdRecorder& recorder, const py::object& from) {
+          [](Recorder& self, const py::object& from) {
             RgbdFrame frame;
             to_frame(from, frame);
-            const py::gil_scoped_release nogil;
-            recorder.write(frame);
+            self.with([&](const auto& recorder) {
+              const py::gil_scoped_release nogil;
+              recorder->write(frame);
+            });
           },
           py::arg("frame"))
-      .def("close", &RgbdRecorder::close, py::call_guard<py::gil_scoped_release>())
-      .def("counters",
-           [](const RgbdRecorder& recorder) { return counter_fields(recorder.counters()); });
+      .def("close",
+           [](Recorder& self) {
+             self.with([](const auto& recorder) {
+               const py::gil_scoped_release nogil;
+               recorder->close();
+             });
+           })
+      .def("counters", [](Recorder& self) {
+        return counter_fields(self.with([](const auto& recorder) { return recorder->counters(); }));
+      });
   m.def(
       "open_recorder",
       [](const py::bytes& path, const py::object& calibration, bool lossless_colour,
          int jpeg_quality, bool overwrite) {
         const RecorderOptions options{lossless_colour, jpeg_quality, overwrite};
-        return open_recorder(std::string(path), shared_calibration(calibration), options);
+        return std::make_unique<Recorder>(
+            open_recorder(to_path(path, "path"), shared_calibration(calibration), options));
       },
       py::arg("path"), py::arg("calibration"), py::arg("lossless_colour"), py::arg("jpeg_quality"),
       py::arg("overwrite"));

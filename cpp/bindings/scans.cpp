@@ -9,7 +9,7 @@
 #include "manip3d/io/point_file.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
-#include "numpy.hpp"
+#include "paths.hpp"
 
 namespace manip3d::bindings {
 namespace {
@@ -79,7 +79,7 @@ void bind_scans(py::module_& m) {
   m.def(
       "read_points",
       [](const py::bytes& path, std::uint64_t max_bytes) {
-        const std::filesystem::path file = std::string(path);
+        const auto file = to_path(path, "path");
         PointTable table;
         {
           const py::gil_scoped_release nogil;
@@ -95,7 +95,7 @@ void bind_scans(py::module_& m) {
       "write_points",
       [](const py::bytes& path, const py::list& fields, const py::list& header,
          std::int64_t num_points, const CArray<char>& bytes) {
-        const std::filesystem::path file = std::string(path);
+        const auto file = to_path(path, "path");
         const PointTableView table{to_fields(fields),
                                    to_header(header),
                                    num_points,

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "manip3d/capture/grab_thread.hpp"
 #include "manip3d/error.hpp"
@@ -160,6 +161,53 @@ TEST(InRealTime, FramesComeAtTheirTimes) {
   }
   EXPECT_EQ(frame.number, 10);
   EXPECT_THROW(in_real_time(std::make_unique<FakeCamera>(1), 0.0), InputError);
+}
+
+TEST(GrabThread, StopsFromAnyThreadAtOnceAndTwice) {
+  for (int trial = 0; trial < 20; ++trial) {
+    GrabThread source(std::make_unique<FakeCamera>(0));
+    source.start();
+    std::atomic<int> ended = 0;
+    const auto read_to_the_end = [&] {
+      RgbdFrame frame;
+      ended += source.read(frame, kLong) == ReadStatus::kEnd ? 1 : 0;
+    };
+    const auto stop_twice = [&] {
+      source.stop();
+      source.stop();
+    };
+    const auto begin = Clock::now();
+    std::vector<std::thread> threads;
+    for (int i = 0; i < 2; ++i) threads.emplace_back(read_to_the_end);
+    for (int i = 0; i < 3; ++i) threads.emplace_back(stop_twice);
+    for (auto& thread : threads) thread.join();
+    EXPECT_EQ(ended, 2);
+    EXPECT_LT(Clock::now() - begin, kLong / 2);
+  }
+}
+
+TEST(GrabThread, StartsAndStopsFromManyThreadsEndInOneState) {
+  GrabThread source(std::make_unique<FakeCamera>(-1));
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 4; ++i) {
+    threads.emplace_back([&source, i] {
+      RgbdFrame frame;
+      for (int k = 0; k < 50; ++k) {
+        if ((i + k) % 2 == 0) source.start();
+        source.read(frame, milliseconds(0));
+        static_cast<void>(source.counters());
+        if ((i + k) % 2 == 1) source.stop();
+      }
+    });
+  }
+  for (auto& thread : threads) thread.join();
+  source.stop();
+  RgbdFrame frame;
+  while (source.read(frame, kLong) == ReadStatus::kFrame) {
+  }
+  EXPECT_EQ(source.read(frame, kLong), ReadStatus::kEnd);
+  source.start();
+  EXPECT_EQ(source.read(frame, kLong), ReadStatus::kFrame);
 }
 
 }  // namespace

@@ -1,7 +1,11 @@
 #include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
+#include <atomic>
 #include <numeric>
 #include <stdexcept>
+#include <thread>
 #include <vector>
 
 #include "manip3d/error.hpp"
@@ -38,6 +42,58 @@ TEST(ParallelChunks, RefusesBadArguments) {
   EXPECT_THROW(parallel_chunks(1, 0, 1, nothing), InputError);
   EXPECT_THROW(parallel_chunks(1, 1, -1, nothing), InputError);
   EXPECT_NO_THROW(parallel_chunks(0, 1, 1, nothing));
+}
+
+TEST(ParallelChunks, ManyCallsAtOnceAndWithinEachOther) {
+  constexpr int kCallers = 8;
+  std::vector<std::int64_t> sums(kCallers, 0);
+  std::vector<std::thread> callers;
+  for (int c = 0; c < kCallers; ++c) {
+    callers.emplace_back([&sums, c] {
+      std::vector<std::int64_t> parts(16, 0);
+      for (int round = 0; round < 50; ++round) {
+        parallel_chunks(16, 1, 1 + c % 4, [&](std::int64_t i, std::int64_t) {
+          std::vector<std::int64_t> inner(8, 0);
+          parallel_chunks(8, 1, 2, [&](std::int64_t k, std::int64_t) {
+            inner[static_cast<std::size_t>(k)] = k;
+          });
+          parts[static_cast<std::size_t>(i)] =
+              std::accumulate(inner.begin(), inner.end(), std::int64_t{0});
+        });
+      }
+      sums[static_cast<std::size_t>(c)] =
+          std::accumulate(parts.begin(), parts.end(), std::int64_t{0});
+    });
+  }
+  for (auto& caller : callers) caller.join();
+  EXPECT_EQ(sums, std::vector<std::int64_t>(kCallers, 16 * 28));
+}
+
+TEST(ParallelChunks, WorksInAChildThatWasForkedAmidAnotherCall) {
+#ifdef __SANITIZE_THREAD__
+  GTEST_SKIP() << "the thread sanitizer forbids threads in such a child";
+#endif
+  parallel_chunks(2, 1, 2, [](std::int64_t, std::int64_t) {});  // leaves an arena for the next call
+  std::atomic<bool> is_inside = false, may_go_on = false;
+  std::thread other([&] {
+    parallel_chunks(2, 1, 2, [&](std::int64_t, std::int64_t) {
+      is_inside = true;
+      while (!may_go_on) std::this_thread::yield();
+    });
+  });
+  while (!is_inside) std::this_thread::yield();
+  const pid_t child = fork();
+  if (child == 0) {
+    alarm(60);  // a child that waits for the parent's threads is killed
+    std::atomic<int> items = 0;
+    parallel_chunks(100, 1, 2, [&](std::int64_t, std::int64_t) { ++items; });
+    _exit(items == 100 ? 0 : 1);
+  }
+  int status = -1;
+  waitpid(child, &status, 0);
+  may_go_on = true;
+  other.join();
+  EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0) << status;
 }
 
 }  // namespace

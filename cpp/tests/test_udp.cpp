@@ -11,6 +11,7 @@
 
 #include "manip3d/capture/udp.hpp"
 #include "manip3d/capture/velodyne_source.hpp"
+#include "manip3d/error.hpp"
 
 // Also run under the thread sanitizer: one thread receives, one sends, one reads.
 namespace manip3d {
@@ -105,6 +106,65 @@ TEST(VelodyneUdpSource, CountersMayBeReadMeanwhile) {
   source.stop();
   EXPECT_EQ(source.read(frame, milliseconds(0)), ReadStatus::kEnd);
   EXPECT_EQ(source.counters().bad_length, source.udp_counters().packets);
+}
+
+TEST(UdpReceiver, StopsFromAnyThreadAtOnceAndTwice) {
+  constexpr milliseconds kLong(20'000);
+  UdpReceiver receiver(any_port());
+  for (int trial = 0; trial < 20; ++trial) {
+    receiver.start();
+    const auto begin = std::chrono::steady_clock::now();
+    const auto wait = [&] {
+      std::vector<std::byte> payload;
+      double time = 0.0;
+      EXPECT_FALSE(receiver.read(payload, time, kLong));
+    };
+    const auto stop_twice = [&] {
+      receiver.stop();
+      receiver.stop();
+    };
+    std::vector<std::thread> threads;
+    for (int i = 0; i < 2; ++i) threads.emplace_back(wait);
+    for (int i = 0; i < 3; ++i) threads.emplace_back(stop_twice);
+    for (auto& thread : threads) thread.join();
+    EXPECT_LT(std::chrono::steady_clock::now() - begin, kLong / 2);
+    EXPECT_FALSE(receiver.is_running());
+  }
+}
+
+TEST(UdpReceiver, StartsAndStopsFromManyThreadsEndInOneState) {
+  UdpReceiver receiver(any_port());
+  std::vector<std::thread> threads;
+  for (int i = 0; i < 4; ++i) {
+    threads.emplace_back([&receiver, i] {
+      for (int k = 0; k < 50; ++k) {
+        if ((i + k) % 2 == 0) receiver.start();
+        static_cast<void>(receiver.counters());
+        if ((i + k) % 2 == 1) receiver.stop();
+      }
+    });
+  }
+  for (auto& thread : threads) thread.join();
+  receiver.stop();
+  EXPECT_FALSE(receiver.is_running());
+  receiver.start();
+  send_numbers(receiver.port(), 1, milliseconds(0));
+  std::vector<std::byte> payload;
+  double time = 0.0;
+  EXPECT_TRUE(receiver.read(payload, time, milliseconds(20'000)));
+}
+
+TEST(UdpReceiver, ABadAddressLeavesNoSocketOpen) {
+  const auto next_descriptor = [] {
+    const int descriptor = dup(0);
+    close(descriptor);
+    return descriptor;
+  };
+  const int before = next_descriptor();
+  UdpOptions options = any_port();
+  options.address = "nowhere";
+  EXPECT_THROW(UdpReceiver{options}, InputError);
+  EXPECT_EQ(next_descriptor(), before);
 }
 
 }  // namespace

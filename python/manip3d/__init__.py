@@ -5,6 +5,9 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from manip3d._util import main_interpreter  # noqa: F401
+
+# isort: split
 from manip3d._core import __version__
 from manip3d.camera import Intrinsics, Registration
 from manip3d.errors import (

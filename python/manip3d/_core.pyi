@@ -81,6 +81,7 @@ __all__: list[str] = [
     "joint_names",
     "joint_parents",
     "local_spacing",
+    "make_temporary_folder",
     "metro",
     "mirrored_joints",
     "move_box",
@@ -91,6 +92,7 @@ __all__: list[str] = [
     "point_suffixes",
     "points_in_box",
     "points_of_levels",
+    "project",
     "range_image_error",
     "read_lattice",
     "read_mesh",
@@ -100,6 +102,7 @@ __all__: list[str] = [
     "readable_suffixes",
     "registered_uvs",
     "render_depth",
+    "replace_folder",
     "replace_rows",
     "replay_collapses",
     "repose",
@@ -120,6 +123,7 @@ __all__: list[str] = [
     "summarize",
     "texture_error",
     "unproject",
+    "unproject_pixels",
     "welded_boundary",
     "writable_suffixes",
     "write_mesh",
@@ -813,7 +817,6 @@ class ColliderTracker:
         max_radius: typing.SupportsFloat | typing.SupportsIndex,
         first_radius: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
-    def before(self) -> tuple[typing.Any, ...]: ...
     def first_hits(
         self,
         start: numpy.typing.NDArray[numpy.float32],
@@ -827,7 +830,7 @@ class ColliderTracker:
         skeleton: typing.Any,
         label: numpy.typing.NDArray[numpy.uint8],
         squared_distance: numpy.typing.NDArray[numpy.float32],
-    ) -> None: ...
+    ) -> tuple[typing.Any, ...]: ...
 
 class ShoeCoverTracker:
     def __init__(
@@ -927,9 +930,9 @@ class VelodynePcapSource:
 class VelodyneUdpSource:
     def __init__(
         self,
-        address: str,
+        address: bytes,
         port: typing.SupportsInt | typing.SupportsIndex,
-        sender: str,
+        sender: bytes,
         ring_packets: typing.SupportsInt | typing.SupportsIndex,
         options: VelodyneOptions,
     ) -> None: ...
@@ -1421,6 +1424,7 @@ def local_spacing(
     radius: typing.SupportsFloat | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> float: ...
+def make_temporary_folder(folder: bytes) -> tuple[bytes, int]: ...
 def metro(
     original: typing.Any,
     simplified: typing.Any,
@@ -1511,6 +1515,7 @@ def points_of_levels(
     max_range: typing.SupportsFloat | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> numpy.ndarray: ...
+def project(points: numpy.typing.NDArray[numpy.float64], camera: typing.Any) -> numpy.ndarray: ...
 def range_image_error(
     mesh: typing.Any,
     points: numpy.typing.NDArray[numpy.float32],
@@ -1555,6 +1560,7 @@ def render_depth(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> numpy.ndarray: ...
+def replace_folder(made: bytes, target: bytes) -> None: ...
 def replace_rows(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],
@@ -1679,6 +1685,11 @@ def texture_error(
 def unproject(
     depth: numpy.ndarray, camera: typing.Any, threads: typing.SupportsInt | typing.SupportsIndex
 ) -> tuple[numpy.ndarray, numpy.ndarray, bool]: ...
+def unproject_pixels(
+    pixels: numpy.typing.NDArray[numpy.float64],
+    depth: numpy.typing.NDArray[numpy.float64],
+    camera: typing.Any,
+) -> numpy.ndarray: ...
 def welded_boundary(mesh: typing.Any) -> numpy.ndarray: ...
 def writable_suffixes() -> list[typing.Any]: ...
 def write_mesh(mesh: typing.Any, path: bytes, texture_folder: bytes) -> list[typing.Any]: ...

@@ -7,16 +7,17 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import rows
+from manip3d._util.options import threads_of
 from manip3d.errors import FormatError, InputError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +82,96 @@ class Intrinsics:
             object.__setattr__(self, "rays", rays)
         _core.check_intrinsics(self)
 
+    @overload
+    def unproject(
+        self, depth: ArrayLike, pixels: None = None, *, threads: int = 1
+    ) -> NDArray[np.float32]: ...
+    @overload
+    def unproject(
+        self, depth: ArrayLike, pixels: ArrayLike, *, threads: int = 1
+    ) -> NDArray[np.float64]: ...
+    def unproject(
+        self, depth: ArrayLike, pixels: ArrayLike | None = None, *, threads: int = 1
+    ) -> NDArray[np.float32] | NDArray[np.float64]:
+        """Lift a depth image, or single pixels, to points of the camera frame in metres.
+
+        Parameters
+        ----------
+        depth : (H, W) uint16 in millimetres or float32 in metres
+            The distance along the optical axis. 0 and NaN mean no measurement. With ``pixels``:
+            (...) float in metres, one number per pixel, or one for all.
+        pixels : (..., 2) float, optional
+            Columns and rows ``(u, v)``, which need not be whole nor, except with a ray table, lie
+            inside the image. A depth of 1 gives the lines of sight.
+        threads : int
+            Threads for an image; 0: all cores. The result is the same for any number.
+
+        Returns
+        -------
+        (H, W, 3) float32, or (..., 3) float64 with ``pixels``
+            NaN where there is no measurement or no line of sight.
+
+        Raises
+        ------
+        InputError
+            Another shape or dtype; a depth that is negative or infinite.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import manip3d
+        >>> camera = manip3d.Intrinsics(64, 48, fx=60, fy=60, cx=31.5, cy=23.5)
+        >>> camera.unproject(np.full((48, 64), 2.0, np.float32)).shape
+        (48, 64, 3)
+        >>> camera.unproject(2.0, pixels=(61.5, 23.5))
+        array([1., 0., 2.])
+        """
+        if pixels is None:
+            image = _depth_image(depth, self)
+            points, _, _ = _core.unproject(image, self, threads_of(threads))
+            return np.asarray(points, np.float32).reshape(*image.shape, 3)
+        at = _last_axis(pixels, 2, "pixels")
+        z = np.asarray(depth, np.float64)
+        if z.ndim and z.shape != at.shape[:-1]:
+            raise InputError(f"depth: expected one number or shape {at.shape[:-1]}, got {z.shape}")
+        if (z < 0).any() or np.isinf(z).any():
+            raise InputError("depth: expected finite numbers >= 0")
+        z = np.where(z > 0, z, np.nan)
+        flat = np.ascontiguousarray(np.broadcast_to(z, at.shape[:-1])).reshape(-1)
+        points = np.asarray(_core.unproject_pixels(at.reshape(-1, 2), flat, self), np.float64)
+        points[np.isnan(points[:, 0])] = np.nan  # the depth where there is no line of sight
+        return points.reshape(*at.shape[:-1], 3)
+
+    def project(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Return the pixels at which points of the camera frame appear.
+
+        Parameters
+        ----------
+        points : (..., 3) float, metres
+
+        Returns
+        -------
+        (..., 2) float64
+            Columns and rows ``(u, v)``; pixel centres are whole numbers. They may lie outside the
+            image. NaN for points that do not lie in front of the camera, and for those that no
+            pixel of a ray table looks at.
+
+        Raises
+        ------
+        InputError
+            Another shape or dtype.
+
+        Examples
+        --------
+        >>> import manip3d
+        >>> camera = manip3d.Intrinsics(64, 48, fx=60, fy=60, cx=31.5, cy=23.5)
+        >>> camera.project([1.0, 0.0, 2.0])
+        array([61.5, 23.5])
+        """
+        xyz = _last_axis(points, 3, "points")
+        pixels = _core.project(xyz.reshape(-1, 3), self)
+        return np.asarray(pixels, np.float64).reshape(*xyz.shape[:-1], 2)
+
     def resized(self, width: int, height: int) -> Intrinsics:
         """The camera of the image resized to ``width`` x ``height`` pixels.
 
@@ -139,6 +230,33 @@ class Registration:
         object.__setattr__(self, "rotation", rotation)
         object.__setattr__(self, "translation", translation)
         _core.check_registration(self)
+
+
+def _depth_image(depth: ArrayLike, intrinsics: Intrinsics) -> NDArray[np.uint16 | np.float32]:
+    """The image in one of the two dtypes of the core; the same object if it is in one."""
+    if not isinstance(intrinsics, Intrinsics):
+        raise InputError(f"intrinsics: expected Intrinsics, got {intrinsics!r}")
+    image = np.asarray(depth)
+    if image.dtype not in (np.uint16, np.float32):
+        raise InputError(
+            f"depth: expected dtype uint16 (millimetres) or float32 (metres), got {image.dtype}"
+        )
+    if image.shape != (intrinsics.height, intrinsics.width):
+        raise InputError(
+            f"depth: expected shape ({intrinsics.height}, {intrinsics.width}) as the intrinsics "
+            f"say, got {image.shape}"
+        )
+    return np.ascontiguousarray(image)
+
+
+def _last_axis(values: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
+    """A (..., size) C-contiguous float64 array."""
+    array = np.asarray(values)
+    if array.dtype.kind not in "iuf" or array.ndim == 0 or array.shape[-1] != size:
+        raise InputError(
+            f"{name}: expected numbers of shape (..., {size}), got {array.dtype} of {array.shape}"
+        )
+    return np.ascontiguousarray(array, np.float64)
 
 
 def _number(value: float, name: str) -> float:

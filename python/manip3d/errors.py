@@ -2,6 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+
+def printable(text: str) -> str:
+    """Return ``text`` with control characters and bytes that are not UTF-8 as escapes.
+
+    File names and files may hold anything; a terminal or a log must not obey it.
+
+    Examples
+    --------
+    >>> printable("a\x1b[31m.obj")
+    'a\\\\x1b[31m.obj'
+    """
+    decoded = text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in decoded)
+
 
 class Error(Exception):
     """Root of all errors that manip3d raises on purpose."""
@@ -13,6 +29,8 @@ class InputError(Error, ValueError):
 
 class FormatError(Error, ValueError):
     """An unreadable file.
+
+    The message shows control characters and bytes that are not UTF-8 as escapes.
 
     Attributes
     ----------
@@ -43,7 +61,14 @@ class FormatError(Error, ValueError):
             position.append(f"line {line}")
         if byte_offset is not None:
             position.append(f"byte {byte_offset}")
-        super().__init__(": ".join([*position, reason]))
+        super().__init__(printable(": ".join([*position, reason])))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _format_error, (self.reason, self.file, self.line, self.byte_offset)
+
+
+def _format_error(reason: str, file: str, line: int | None, byte_offset: int | None) -> FormatError:
+    return FormatError(reason, file=file, line=line, byte_offset=byte_offset)
 
 
 class DeviceError(Error, RuntimeError):
@@ -58,4 +83,10 @@ class MissingExtraError(Error, ImportError):
     """An optional dependency is not installed. The message names the cure."""
 
     def __init__(self, package: str, extra: str) -> None:
-        super().__init__(f"{package} is needed here: pip install 'manip3d[{extra}]'")
+        verb = "are" if "," in package else "is"
+        super().__init__(f"{package} {verb} needed here: pip install 'manip3d[{extra}]'")
+        self.package = package
+        self.extra = extra
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.package, self.extra)

@@ -108,6 +108,7 @@ def test_claims_are_read_off_the_rows() -> None:
             "scores": scores,
             "verdicts": ["tampered" if s >= 2.0 else "authentic" for s in scores],
             "dropped": [],
+            "data": "simulated" if "simulated" in model else "recorded",
             "found": float(np.mean([s >= 2.0 for s in scores])),
             "density_found": 0.0,
             "occlusion_found": 0.5,

@@ -88,7 +88,7 @@ def test_a_killed_recorder_leaves_its_frames(tmp_path: Path, size: int) -> None:
         "import itertools, test_capture_mkv as t\n"
         "t.capture.record(map(t.frame_of, itertools.count()), sys.argv[1])\n"
     )
-    recorder = subprocess.Popen([sys.executable, "-c", program, path, Path(__file__).parents[1]])
+    recorder = subprocess.Popen([sys.executable, "-c", program, path, Path(__file__).parent])
     try:
         while not path.exists() or path.stat().st_size < size:
             assert recorder.poll() is None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from pathlib import Path
 
@@ -10,16 +9,11 @@ import numpy as np
 import pytest
 
 from manip3d import Error, InputError, capture
+from real_data import RealData
 
-DATA = os.environ.get("MANIP3D_DATA")
-OUSTER = Path(DATA or "") / "lidar" / "packets" / "ouster"
-realdata = pytest.mark.realdata
-needs_data = pytest.mark.skipif(DATA is None, reason="MANIP3D_DATA is not set")
 pytest.importorskip("ouster.sdk", reason="the extra 'ouster' is not installed")
 
 
-@realdata
-@needs_data
 @pytest.mark.parametrize(
     ("name", "metadata", "frames", "rows", "returns"),
     [
@@ -27,8 +21,11 @@ pytest.importorskip("ouster.sdk", reason="the extra 'ouster' is not installed")
         ("OS-0-32-U1_v2.2.0_1024x10.pcap", "OS-0-32-U1_v2.2.0_1024x10.json", 1, 32, 2),
     ],
 )
-def test_real_recordings(name: str, metadata: str, frames: int, rows: int, returns: int) -> None:
-    with capture.open(f"ouster:{OUSTER / name}", metadata=OUSTER / metadata) as source:
+def test_real_recordings(
+    realdata: RealData, name: str, metadata: str, frames: int, rows: int, returns: int
+) -> None:
+    folder = realdata("lidar/packets/ouster")
+    with capture.open(f"ouster:{folder / name}", metadata=folder / metadata) as source:
         found = list(source)
     assert len(found) == frames == source.counters["frames"]
     counted = source.counters["points"] + source.counters["no_return"]
@@ -46,18 +43,17 @@ def test_real_recordings(name: str, metadata: str, frames: int, rows: int, retur
         assert high > low
 
 
-@realdata
-@needs_data
-def test_damaged_recordings(tmp_path: Path) -> None:
+def test_damaged_recordings(realdata: RealData, tmp_path: Path) -> None:
+    folder = realdata("lidar/packets/ouster")
     name, metadata = "OS-0-32-U1_v2.2.0_1024x10.pcap", "OS-0-32-U1_v2.2.0_1024x10.json"
     path = tmp_path / "a.pcap"
-    whole = (OUSTER / name).read_bytes()
+    whole = (folder / name).read_bytes()
     with pytest.raises(FileNotFoundError):
         capture.open(f"ouster:{path}")
     path.write_bytes(whole)
     with pytest.raises(InputError, match="metadata: expected the sensor's JSON file"):
         capture.open(f"ouster:{path}")
-    shutil.copy(OUSTER / metadata, tmp_path / "a.json")
+    shutil.copy(folder / metadata, tmp_path / "a.json")
     assert len(list(capture.open(f"ouster:{path}"))) == 1
     for data in (b"", b"abc", whole[:100], whole[: len(whole) // 2], bytes(5000)):
         path.write_bytes(data)

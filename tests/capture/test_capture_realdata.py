@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import struct
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,7 @@ import pytest
 
 from manip3d import LidarFrame, capture
 from manip3d.capture import RETURN_TYPES
-
-DATA = os.environ.get("MANIP3D_DATA")
-PACKETS = Path(DATA or "") / "lidar" / "packets"
-pytestmark = [
-    pytest.mark.realdata,
-    pytest.mark.skipif(DATA is None, reason="MANIP3D_DATA is not set"),
-]
+from real_data import RealData
 
 
 def decoded(path: Path, **options: Any) -> tuple[list[LidarFrame], dict[str, int]]:
@@ -53,9 +46,15 @@ def read_reference(path: Path) -> np.ndarray:
     ],
 )
 def test_counts_of_the_manifest(
-    name: str, model: str, packets: int, firings: int, returns: int, position_packets: int
+    realdata: RealData,
+    name: str,
+    model: str,
+    packets: int,
+    firings: int,
+    returns: int,
+    position_packets: int,
 ) -> None:
-    frames, counters = decoded(PACKETS / name)
+    frames, counters = decoded(realdata(f"lidar/packets/{name}"))
     assert {f.format.header["model"] for f in frames if f.format} == {model}
     assert counters["packets"] == packets
     assert counters["position_packets"] == position_packets
@@ -67,14 +66,14 @@ def test_counts_of_the_manifest(
     assert {key: counters[key] for key in refused if counters[key]} == {}
 
 
-def test_reference_of_a_vlp32c() -> None:
+def test_reference_of_a_vlp32c(realdata: RealData) -> None:
     """All 26 216 ranges are exact; positions agree where the reference's azimuth is used.
 
     The reference turns the azimuth on by 2.304 us for each of the 32 lasers, and rounds to 0.01
     degrees. The manual has two lasers fire at once, hence 16 steps: azimuths differ by up to 0.13
     degrees. It leaves 114 points out, behind the end of its field of view.
     """
-    path = PACKETS / "reference"
+    path = realdata("lidar/packets/reference")
     reference = read_reference(path / "vlp32_scan_1713492677464078412.pcd")
     theirs = np.column_stack([reference[axis] for axis in "xyz"]).astype(np.float64)
     frames, _ = decoded(path / "vlp32.pcap", interpolate_azimuth=False)
@@ -106,14 +105,14 @@ def test_reference_of_a_vlp32c() -> None:
     assert np.all(np.linalg.norm(ours - theirs, axis=1) <= 0.15 / 57.3 * ranges + 1e-5)
 
 
-def test_reference_of_a_vlp16_with_two_returns() -> None:
+def test_reference_of_a_vlp16_with_two_returns(realdata: RealData) -> None:
     """All 14 831 points with exact ranges and reflectivities, in the same order.
 
     Three things differ: the reference leaves out the manual's vertical corrections (up to 11.2
     mm); it rounds azimuths to 0.01 degrees (up to 1.3 mm at 14.6 m); and with two returns it does
     not turn on the last column of a packet and the second block of each.
     """
-    path = PACKETS / "reference"
+    path = realdata("lidar/packets/reference")
     reference = read_reference(path / "vlp16_scan_1673400472138016708.pcd")
     theirs = np.column_stack([reference[axis] for axis in "xyz"]).astype(np.float64)
     frames, _ = decoded(path / "vlp16.pcap")
@@ -148,7 +147,7 @@ def test_reference_of_a_vlp16_with_two_returns() -> None:
     assert np.abs(again - theirs).max() < 2e-5
 
 
-def test_hdl32e_against_velodyne_decoder() -> None:
+def test_hdl32e_against_velodyne_decoder(realdata: RealData) -> None:
     """Same points in the same order; two of its choices differ from the manual's.
 
     velodyne-decoder rounds azimuths to 0.01 degrees and turns at the packet's mean speed (together
@@ -156,7 +155,7 @@ def test_hdl32e_against_velodyne_decoder() -> None:
     the manual does not.
     """
     theirs = pytest.importorskip("velodyne_decoder")
-    path = PACKETS / "sample_velodyne_hdl32.pcap"
+    path = realdata("lidar/packets/sample_velodyne_hdl32.pcap")
     scans = theirs.read_pcap(str(path), theirs.Config(), as_pcl_structs=True)
     table = np.concatenate([points for _, points in scans])
     other = np.column_stack([table[axis] for axis in "xyz"]).astype(np.float64)
@@ -178,9 +177,9 @@ def test_hdl32e_against_velodyne_decoder() -> None:
     assert np.mean(distance < 1e-3) > 0.85
 
 
-def test_order_of_packets_changes_no_point(tmp_path: Path) -> None:
+def test_order_of_packets_changes_no_point(realdata: RealData, tmp_path: Path) -> None:
     """Shuffled packets give the same points, whatever the frames."""
-    data = (PACKETS / "sample_velodyne_vlp16_gps.pcap").read_bytes()
+    data = realdata("lidar/packets/sample_velodyne_vlp16_gps.pcap").read_bytes()
     records, at = [], 24
     while at < len(data):
         size = 16 + struct.unpack_from("<I", data, at + 8)[0]
@@ -190,7 +189,7 @@ def test_order_of_packets_changes_no_point(tmp_path: Path) -> None:
     path = tmp_path / "shuffled.pcap"
     path.write_bytes(data[:24] + b"".join(records[i] for i in order))
     results = []
-    for source in (PACKETS / "sample_velodyne_vlp16_gps.pcap", path):
+    for source in (realdata("lidar/packets/sample_velodyne_vlp16_gps.pcap"), path):
         frames, counters = decoded(source, interpolate_azimuth=False)
         points = column(frames, "points")
         results.append((points[np.lexsort(points.T)], counters["points"]))

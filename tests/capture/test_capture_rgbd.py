@@ -29,9 +29,8 @@ from PIL import Image
 
 import rgbd_frames
 from manip3d import DeviceError, FormatError, InputError, Intrinsics, RgbdFrame, capture
+from real_data import RealData
 from rgbd_frames import CALIBRATION, CAMERA, COLS, ROWS, STEP, assert_same
-
-DATA = os.environ.get("MANIP3D_DATA", "")
 
 
 def recorded(folder: Path, count: int = 5, **options: Any) -> list[RgbdFrame]:
@@ -566,10 +565,8 @@ def test_tum_lists_that_are_wrong(tmp_path: Path) -> None:
         capture.open_rgbd(f"tum:{tmp_path / 'depth'}")
 
 
-@pytest.mark.realdata
-@pytest.mark.skipif(not DATA, reason="MANIP3D_DATA is not set")
-def test_real_folders() -> None:
-    root = Path(DATA) / "rgbd"
+def test_real_folders(realdata: RealData) -> None:
+    root = realdata("rgbd")
     camera = Intrinsics(640, 480, 525.0, 525.0, 319.5, 239.5)
     for name, units in (("scene_icl_nuim_livingroom", 5000.0), ("scene_redwood_synthetic", 1000.0)):
         found = list(opened(root / name, camera=camera, units_per_metre=units))
@@ -687,10 +684,9 @@ def test_addresses_that_lead_nowhere(tmp_path: Path) -> None:
                 capture.open(f"{scheme.name}:")
 
 
-@pytest.mark.realdata
-@pytest.mark.skipif(not DATA, reason="MANIP3D_DATA is not set")
-def test_people_of_the_data_sets_are_sources(tmp_path: Path) -> None:
+def test_people_of_the_data_sets_are_sources(realdata: RealData, tmp_path: Path) -> None:
     pytest.importorskip("scipy")
+    realdata.needs("people_utd_mhad")
     with capture.open("utd-mhad:a3_s1") as source:
         done = capture.record(source, tmp_path / "a", frames=5)
     assert done.frames == 5

@@ -5,7 +5,6 @@ What the drivers share is tried without any SDK, in cpp/tests/test_sdk_camera.cp
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,8 @@ import pytest
 from PIL import Image
 
 from manip3d import DeviceError, FormatError, InputError, capture
+from real_data import RealData
 
-DATA = os.environ.get("MANIP3D_DATA", "")
 BUILT = [
     scheme.name
     for scheme in capture.sources()
@@ -49,10 +48,8 @@ def test_files_that_are_none(name: str, tmp_path: Path) -> None:
 
 
 @needs_realsense
-@pytest.mark.realdata
-@pytest.mark.skipif(not DATA, reason="MANIP3D_DATA is not set")
-def test_a_recording_of_a_d435() -> None:
-    folder = Path(DATA) / "rgbd" / "recording_realsense_d435"
+def test_a_recording_of_a_d435(realdata: RealData) -> None:
+    folder = realdata("rgbd/recording_realsense_d435")
     source = capture.open(f"realsense:{folder / 'single_depth_color_640x480.bag'}")
     assert not source.is_live
     (frame,) = source

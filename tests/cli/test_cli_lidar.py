@@ -121,3 +121,33 @@ def test_missing_options_are_named(scan: Path, tmp_path: Path) -> None:
     done = run("forge", "lidar", "ctp", scan, "-o", output, "--hoax", scan)
     assert "--position" in str(done.exception)
     assert not output.exists()
+
+
+@pytest.mark.parametrize(("up", "size"), [("z", (1.0, 2.0, 3.0)), ("y", (1.0, 3.0, 2.0))])
+def test_hoaxes_with_y_up_stand_upright(
+    up: str, size: tuple[float, float, float], scan: Path, tmp_path: Path
+) -> None:
+    corners = np.array(np.meshgrid([0, 1], [0, 2], [0, 3])).reshape(3, -1).T
+    mesh = tmp_path / "box.obj"
+    manip3d.Mesh(corners, [[0, 1, 2]]).write(mesh)
+    done = run(
+        "forge", "lidar", "ctp", scan, "-o", tmp_path / "forged.bin", "--hoax", mesh, "--up", up,
+        "--position", 3, 1, 0, "-q",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    pasted = manip3d.read_scan(tmp_path / "forged.bin").points[len(CAVE) :]
+    np.testing.assert_allclose(np.ptp(pasted, axis=0), size, atol=1e-5)
+
+
+def test_y_up_turns_and_does_not_mirror(scan: Path, tmp_path: Path) -> None:
+    mesh = tmp_path / "axes.obj"
+    manip3d.Mesh([[1, 0, 0], [0, 2, 0], [0, 0, 4]], [[0, 1, 2]]).write(mesh)
+    output = tmp_path / "forged.bin"
+    done = run(
+        "forge", "lidar", "ctp", scan, "-o", output, "--hoax", mesh, "--up", "y",
+        "--position", 3, 1, 0, "-q",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    x, y, z = manip3d.read_scan(output).points[len(CAVE) :].astype(float)
+    np.testing.assert_allclose(y - x, [-1, 0, 2], atol=1e-5)  # the mesh's y became z
+    np.testing.assert_allclose(z - x, [-1, -4, 0], atol=1e-5)  # and its z became -y

@@ -9,7 +9,7 @@ import pytest
 
 from command_line import error_line, manip3d
 from manip3d.datasets import open_kitti
-from manip3d.io import read_scan
+from manip3d.io import read_mesh, read_scan
 
 pytest.importorskip("open3d")
 
@@ -40,4 +40,14 @@ def test_unknown_sources_and_suffixes_are_one_line(tmp_path: Path) -> None:
     assert "sim:moon: expected sim:street or a scene" in line
     assert "expected one of .bin" in error_line(
         manip3d("simulate", "indoor-00", "-o", tmp_path / "a.odt")
+    )
+
+
+def test_a_model_becomes_a_mesh_file(tmp_path: Path) -> None:
+    output = tmp_path / "jet.glb"
+    done = manip3d("simulate", "sim:jet", "-o", output, "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["faces"] == read_mesh(output).num_faces > 30_000
+    assert "expected one of .obj" in error_line(
+        manip3d("simulate", "sim:jet", "-o", tmp_path / "jet.bin")
     )

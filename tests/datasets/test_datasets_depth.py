@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from manip3d import FormatError, InputError, Mesh, datasets, read_mesh
-
-needs_data = pytest.mark.skipif(
-    not os.environ.get("MANIP3D_DATA"), reason="MANIP3D_DATA is not set"
-)
+from real_data import RealData
 
 
 def test_the_registry_knows_the_40_scans() -> None:
@@ -52,9 +48,8 @@ def test_bad_poses_name_their_line(line: str, tmp_path: Path) -> None:
         datasets.read_poses(path)
 
 
-@pytest.mark.realdata
-@needs_data
-def test_a_scan_is_its_mesh_s_vertices_on_the_grid() -> None:
+def test_a_scan_is_its_mesh_s_vertices_on_the_grid(realdata: RealData) -> None:
+    realdata.needs("bun000")
     scan = datasets.load_scan("bun000")
     mesh = read_mesh(datasets.scan_path("bun000"))
     assert scan.points.shape == (400, 512, 3)
@@ -66,10 +61,9 @@ def test_a_scan_is_its_mesh_s_vertices_on_the_grid() -> None:
     np.testing.assert_array_equal(scan.pose, np.eye(4))
 
 
-@pytest.mark.realdata
-@needs_data
-def test_poses_bring_neighbouring_scans_together() -> None:
+def test_poses_bring_neighbouring_scans_together(realdata: RealData) -> None:
     """Inverting the rotations instead puts the scans centimetres apart."""
+    realdata.needs("bun000", "bun045")
     mesh = read_mesh(datasets.scan_path("bun000"))
     from manip3d.metrics import closest_points
 
@@ -114,10 +108,9 @@ def test_other_data_sets_are_no_recordings() -> None:
         datasets.load_frame("kinect2_rays")
 
 
-@pytest.mark.realdata
-@needs_data
 @pytest.mark.parametrize("name", RECORDINGS)
-def test_frames_have_their_units_and_companions(name: str) -> None:
+def test_frames_have_their_units_and_companions(realdata: RealData, name: str) -> None:
+    realdata.needs(name)
     _, shape, (near, far), colour, mask, pose = RECORDINGS[name]
     frame = datasets.load_frame(name)
     assert frame.depth.shape == shape == (frame.intrinsics.height, frame.intrinsics.width)
@@ -139,13 +132,14 @@ def test_frames_have_their_units_and_companions(name: str) -> None:
         assert np.linalg.det(rotation) > 0
 
 
-@pytest.mark.realdata
-@needs_data
 @pytest.mark.parametrize(
     ("name", "other"), [("scene_kitchen", 1), ("scene_redwood", 1), ("scene_livingroom", 4)]
 )
-def test_poses_bring_the_frames_of_a_scene_together(name: str, other: int) -> None:
+def test_poses_bring_the_frames_of_a_scene_together(
+    realdata: RealData, name: str, other: int
+) -> None:
     """The median distance between two views' surfaces: a wrong unit, pose or camera parts them."""
+    realdata.needs(name)
     from manip3d.metrics import closest_points
     from manip3d.simplify import dense_mesh
 
@@ -161,9 +155,8 @@ def test_poses_bring_the_frames_of_a_scene_together(name: str, other: int) -> No
     assert np.median(closest_points(surface, world[1][::200]).distance) < 0.02
 
 
-@pytest.mark.realdata
-@needs_data
-def test_the_ray_table_of_a_kinect2_is_near_its_pinhole_in_the_middle() -> None:
+def test_the_ray_table_of_a_kinect2_is_near_its_pinhole_in_the_middle(realdata: RealData) -> None:
+    realdata.needs("kinect2_rays")
     from manip3d.simplify import dense_mesh
 
     camera = datasets.load_kinect2_intrinsics()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from pathlib import Path
 
@@ -13,11 +12,7 @@ from manip3d import FormatError, InputError, LidarFrame
 from manip3d.datasets import KittiDrive, open_kitti
 from manip3d.datasets.kitti import parse_time
 from manip3d.lidar import Box
-
-DATA = os.environ.get("MANIP3D_DATA")
-LIDAR = Path(DATA or "") / "lidar"
-realdata = pytest.mark.realdata
-needs_data = pytest.mark.skipif(DATA is None, reason="MANIP3D_DATA is not set")
+from real_data import RealData
 
 # x forward, y left, z up to x right, y down, z forward.
 AXES = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]])
@@ -140,6 +135,12 @@ def test_odometry_and_stereo_2015(tmp_path: Path) -> None:
         (lambda d: (d.parent / "calib_velo_to_cam.txt").write_text(""), FormatError,
          "R: expected 9 finite numbers, got no such line"),
         (lambda d: (d.parent / "calib_cam_to_cam.txt").unlink(), InputError, "no calibration"),
+        (lambda d: (d.parent / "calib_velo_to_cam.txt").write_text("R: 1 0 0 0 1 0 0 0 0\nT: 0 0"),
+         FormatError, "R: expected a rotation, got a matrix 1 off an orthogonal one"),
+        (lambda d: (d / "velodyne_points/timestamps.txt").write_bytes(b"\xff\x1b[2J\n"),
+         FormatError, r"line 1: expected a time, got '\udcff\x1b[2J'"),
+        (lambda d: (d / "velodyne_points/timestamps.txt").write_text("2011-01-01 00:00:00.1e9\n"),
+         FormatError, "line 1: expected a time, got '2011-01-01 00:00:00.1e9'"),
     ],
 )  # fmt: skip
 def test_damage(tmp_path: Path, spoil, error: type[Exception], message: str) -> None:  # type: ignore[no-untyped-def]
@@ -155,6 +156,19 @@ def test_damage(tmp_path: Path, spoil, error: type[Exception], message: str) -> 
         read_all()
 
 
+@pytest.mark.parametrize("word", ["nan", "inf", "1e999", "wide"])
+def test_numbers_of_labels_and_times_are_finite(tmp_path: Path, word: str) -> None:
+    path = write_object(tmp_path)
+    label = path / "label_2" / "000007.txt"
+    label.write_text(label.read_text().replace("4.0", word, 1))
+    with pytest.raises(FormatError, match="line 1: expected a label of 15 words, the last"):
+        open_kitti(path)[0].boxes()
+    label.unlink()
+    (path / "times.txt").write_text(f"0.0\n{word}\n")
+    with pytest.raises(FormatError, match="line 2: expected a time"):
+        open_kitti(path)
+
+
 def test_no_such_layout(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="velodyne_points/data or velodyne, found neither"):
         open_kitti(tmp_path)
@@ -166,12 +180,10 @@ def test_time_without_fraction() -> None:
     assert parse_time("1970-01-02 00:00:01") == 86401.0
 
 
-def manifest_counts() -> list[tuple[str, int, float, float]]:
+def manifest_counts(realdata: RealData) -> list[tuple[str, int, float, float]]:
     """Scan, points, least and largest range of table 2 of the manifest."""
-    if DATA is None:
-        return []
     rows = []
-    for text in (LIDAR / "MANIFEST.md").read_text().splitlines():
+    for text in realdata("lidar/MANIFEST.md").read_text().splitlines():
         cells = [cell.strip() for cell in text.strip("|").split("|")]
         if len(cells) == 9 and cells[1].isdecimal():
             low, high = map(float, cells[2].split("-"))
@@ -179,23 +191,19 @@ def manifest_counts() -> list[tuple[str, int, float, float]]:
     return rows
 
 
-def drive_of(cloud: str) -> tuple[KittiDrive, str]:
+def drive_of(realdata: RealData, cloud: str) -> tuple[KittiDrive, str]:
     """The drive that holds a cloud of the manifest, which shortens paths by an ellipsis."""
     folder, name = cloud.rsplit("/", 1)
-    day = LIDAR / "kitti_raw/2011_09_26"
-    return (
-        open_kitti(LIDAR / folder.replace("/…", "").removesuffix("/velodyne"), calibration=day),
-        name.split(".")[0],
-    )
+    day = realdata("lidar/kitti_raw/2011_09_26")
+    drive = realdata("lidar") / folder.replace("/…", "").removesuffix("/velodyne")
+    return open_kitti(drive, calibration=day), name.split(".")[0]
 
 
-@realdata
-@needs_data
-def test_every_cloud_of_the_manifest() -> None:
-    rows = manifest_counts()
+def test_every_cloud_of_the_manifest(realdata: RealData) -> None:
+    rows = manifest_counts(realdata)
     assert len(rows) == 53
     for cloud, num_points, low, high in rows:
-        drive, name = drive_of(cloud)
+        drive, name = drive_of(realdata, cloud)
         (frame,) = (f for f in drive if f.name == name)
         points = frame.scan().points.astype(np.float64)
         distance = np.linalg.norm(points, axis=1)
@@ -204,8 +212,6 @@ def test_every_cloud_of_the_manifest() -> None:
         assert distance.max() == pytest.approx(high, abs=0.005)
 
 
-@realdata
-@needs_data
 @pytest.mark.parametrize(
     ("folder", "camera", "size", "expected"),
     [
@@ -217,10 +223,11 @@ def test_every_cloud_of_the_manifest() -> None:
     ],
 )
 def test_points_in_the_left_image(
-    folder: str, camera: int, size: tuple[int, int], expected: int
+    realdata: RealData, folder: str, camera: int, size: tuple[int, int], expected: int
 ) -> None:
-    calibration = LIDAR / "kitti_raw/2011_09_26" if folder == "kitti_stereo2015" else None
-    frame = open_kitti(LIDAR / folder, calibration=calibration)[0]
+    day = realdata("lidar/kitti_raw/2011_09_26")
+    calibration = day if folder == "kitti_stereo2015" else None
+    frame = open_kitti(realdata(f"lidar/{folder}"), calibration=calibration)[0]
     assert camera in frame.images
     pixels, depth = frame.calibration().project(frame.scan().points, camera)
     ahead = depth > 0
@@ -228,10 +235,8 @@ def test_points_in_the_left_image(
     assert np.count_nonzero(inside) == expected
 
 
-@realdata
-@needs_data
-def test_real_drive_in_time() -> None:
-    drive = open_kitti(LIDAR / "kitti_raw/2011_09_26/2011_09_26_drive_0005_sync")
+def test_real_drive_in_time(realdata: RealData) -> None:
+    drive = open_kitti(realdata("lidar/kitti_raw/2011_09_26/2011_09_26_drive_0005_sync"))
     times = [frame.timestamp for frame in drive]
     steps = np.diff(np.array(times, dtype=np.float64))
     assert len(times) == 20

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 
 import numpy as np
 import pytest
@@ -13,11 +12,6 @@ from manip3d import datasets, modify, rgbd
 from manip3d.datasets.people import unmirrored
 from manip3d.experiments import Plan, registry
 
-realdata = [
-    pytest.mark.realdata,
-    pytest.mark.skipif(not os.environ.get("MANIP3D_DATA"), reason="MANIP3D_DATA is not set"),
-]
-
 UTD = [uri for uri in datasets.people_uris() if uri.startswith("utd-mhad:")]
 PAIRS = ("Shoulder", "Elbow", "Hip", "Knee")
 
@@ -25,9 +19,7 @@ PAIRS = ("Shoulder", "Elbow", "Hip", "Knee")
 def on_body(frame: manip3d.RgbdFrame, joints: list[int]) -> np.ndarray:
     """Which of a skeleton's joints project onto its person."""
     camera = frame.calibration.depth
-    x, y, z = frame.skeletons[0].positions[joints].T.astype(np.float64)
-    u = np.rint(camera.fx * x / z + camera.cx).astype(int)
-    v = np.rint(camera.fy * y / z + camera.cy).astype(int)
+    u, v = np.rint(camera.project(frame.skeletons[0].positions[joints])).astype(int).T
     inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
     inside[inside] = frame.body_index[v[inside], u[inside]] == 0
     return inside
@@ -63,7 +55,7 @@ def test_a_mirrored_camera_s_pixels_turn_with_its_image() -> None:
 
 
 class TestRealData:
-    pytestmark = realdata
+    pytestmark = pytest.mark.realdata
 
     def test_utd_mhad_s_joints_lie_on_the_person(self) -> None:
         """The share that the data's own description gives for torso, arms and knees."""
@@ -144,7 +136,7 @@ def phantom_states(uri: str) -> dict[str, int]:
 
 
 class TestPhantoms:
-    pytestmark = realdata
+    pytestmark = pytest.mark.realdata
 
     @pytest.mark.parametrize("uri", [f"utd-mhad:{name}" for name in ("a3_s1", "a24_s1", "a27_s5")])
     def test_recorded_people_get_a_phantom_in_place_of_each_limb(self, uri: str) -> None:

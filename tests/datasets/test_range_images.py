@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +9,8 @@ import pytest
 
 from manip3d import FormatError
 from manip3d.datasets import open_range_images
+from real_data import RealData
 
-DATA = os.environ.get("MANIP3D_DATA")
 Image = pytest.importorskip("PIL.Image")
 
 
@@ -70,10 +69,8 @@ def test_damage(tmp_path: Path, config: str, reason: str) -> None:
         open_range_images(tmp_path / "none")
 
 
-@pytest.mark.realdata
-@pytest.mark.skipif(DATA is None, reason="MANIP3D_DATA is not set")
-def test_real_turns() -> None:
-    turns = open_range_images(Path(DATA or "") / "lidar/hdl64_range_images/muehlburger_tor")
+def test_real_turns(realdata: RealData) -> None:
+    turns = open_range_images(realdata("lidar/hdl64_range_images/muehlburger_tor"))
     assert len(turns) == 40
     counts = [turn.num_points for turn in turns]
     assert (min(counts), max(counts)) == (40497, 43219)  # the manifest's

@@ -14,6 +14,7 @@ from manip3d.experiments._depth import REAL, SIMULATED, complete_quality, models
 from manip3d.experiments.table_3_2 import EXPERIMENT as VARIANTS
 from manip3d.experiments.table_3_3 import EXPERIMENT as TIMES
 from manip3d.experiments.table_3_4 import EXPERIMENT as ERRORS
+from real_data import RealData
 
 IDS = [
     *(f"table-3.{n}" for n in (1, 2, 3, 4)),
@@ -35,7 +36,7 @@ def row(method: str, **changes: Any) -> Row:
     values = {
         "model": "bun000",
         "stands_in_for": "Bunny",
-        "same_file": True,
+        "data": "published",
         "method": method,
         "points": 2012,
         "metro_area": 1e-3,
@@ -141,9 +142,9 @@ def test_a_small_run_of_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(depth, "_QUICK_WIDTH", 96)
     summary = run(select(IDS), tmp_path / "out", plan=Plan(scale="quick"), jobs=1)
     assert summary.failed == 0
-    for record in summary.results["experiments"].values():
+    for identity, record in summary.results["experiments"].items():
         assert record["rows"]
-        assert len(record["verdicts"]) == len(registry()["table-3.1"].claims) or record["verdicts"]
+        assert len(record["verdicts"]) == len(registry()[identity].claims)
     measured = [r for r in summary.results["experiments"]["table-3.4"]["rows"]]
     assert {r["role"] for r in measured} > {"simulated stand-in for Bunny"}
     for r in measured:
@@ -157,10 +158,8 @@ def test_a_small_run_of_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     ]  # fmt: skip
 
 
-@pytest.mark.realdata
-@pytest.mark.skipif(datasets.data_root() is None, reason="MANIP3D_DATA is not set")
 @pytest.mark.published("table 3.1")
-def test_dense_meshes_have_the_published_counts() -> None:
+def test_dense_meshes_have_the_published_counts(realdata: RealData) -> None:
     for model in REAL:
         if model.same_file:
             dense = depth.open_input(model.options).dense()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import dataclasses
 import json
 import os
 import signal
@@ -14,7 +16,7 @@ import numpy as np
 import pytest
 
 from manip3d import InputError
-from manip3d.experiments import Finding, Plan, Store, Verdict, run, unpack_mesh
+from manip3d.experiments import Claim, Finding, Plan, Store, Verdict, counted, run, unpack_mesh
 from manip3d.experiments import _environment as environment_module
 from toy_experiments import TRIANGLE, all_below, experiment
 
@@ -138,8 +140,10 @@ def test_a_failing_case_is_recorded_and_tried_again(tmp_path: Path, jobs: int) -
     errors = [row["error"] for row in rows(tmp_path)]
     assert errors == ["", "ValueError: no square for 2 today", ""]
     assert run([toy], tmp_path, jobs=1).resumed == 2
-    findings = summary.results["experiments"]["toy"]["verdicts"][0]["findings"]
-    assert [finding["subject"] for finding in findings] == ["n1", "n3"]
+    verdict = summary.results["experiments"]["toy"]["verdicts"][0]
+    assert (verdict["word"], verdict["unjudged"]) == ("not judged", "1 case failed")
+    told = {finding["subject"]: finding["holds"] for finding in verdict["findings"]}
+    assert told == {"n1": True, "n3": True, "n2 square": None}
 
 
 def test_a_case_that_kills_its_process_fails_alone(tmp_path: Path) -> None:
@@ -216,6 +220,111 @@ def test_a_false_claim_is_reported_false(tmp_path: Path) -> None:
 def test_verdict_is_the_worst_applicable_finding(holds: list[bool | None], word: str) -> None:
     findings = tuple(Finding(str(i), value, "") for i, value in enumerate(holds))
     assert Verdict("claim", "source", findings).word == word
+
+
+def test_rows_say_what_they_were_measured_on(tmp_path: Path) -> None:
+    run([experiment(1, data="stand-in", role="a triangle"), experiment(2, name="other")], tmp_path,
+        jobs=1)  # fmt: skip
+    (first,), (second,) = rows(tmp_path), rows(tmp_path, "other")
+    assert (first["data"], first["role"]) == ("stand-in", "a triangle")
+    assert (second["data"], second["role"]) == ("simulated", "simulated")
+
+
+def test_each_kind_of_data_is_judged_apart() -> None:
+    def judge(rows):
+        yield Finding("least", min(row["x"] for row in rows) < 2, "")
+
+    rows = [
+        {"model": "a", "data": "published", "x": 3},
+        {"model": "b", "data": "simulated", "x": 1},
+    ]
+    verdict = Claim("text", "source", judge).verdict(rows)
+    assert [(f.data, f.holds) for f in verdict.findings] == [
+        ("published", False),
+        ("simulated", True),
+    ]
+    together = Claim("text", "source", judge, together=True).verdict(rows)
+    assert [(f.data, f.holds) for f in together.findings] == [("published, simulated", True)]
+    only = Claim("text", "source", judge, data=("published",)).verdict(rows[1:])
+    assert only.word == "not applicable"
+    assert "only the published file can judge this" in only.findings[0].unjudged
+
+
+@pytest.mark.parametrize(
+    ("source", "data", "word"),
+    [
+        ("table 1", "published", "does not hold"),
+        ("table 1", "stand-in", "undecided"),
+        ("table 1", "simulated", "undecided"),
+        ("aim", "simulated", "does not hold"),
+        ("aim", "recorded", "does not hold"),
+    ],
+)
+def test_a_stand_in_cannot_refute_what_was_said_of_another_file(
+    source: str, data: str, word: str
+) -> None:
+    claim = dataclasses.replace(all_below(2), source=source)
+    rows = [
+        {"model": "a", "data": data, "square": 4, "error": ""},
+        {"model": "b", "data": "published", "square": 1, "error": ""},
+    ]
+    assert claim.verdict(rows).word == word
+    assert claim.verdict(rows).holds is False
+    assert claim.verdict(rows[1:]).word == "holds"
+
+
+def test_a_claim_is_not_judged_for_failures_of_others() -> None:
+    claim = all_below(10)
+    mine = dataclasses.replace(claim, about=lambda row: row["kind"] == "a")
+    rows = [
+        {"model": "a", "kind": "a", "square": 1, "error": ""},
+        {"model": "b", "kind": "b", "error": "broken"},
+    ]
+    assert mine.verdict(rows).word == "holds"
+    assert claim.verdict(rows).word == "not judged"
+
+
+def test_a_broken_judge_figure_or_note_does_not_end_the_run(tmp_path: Path) -> None:
+    def fail(rows):
+        raise KeyError("nothing here")
+
+    toy = dataclasses.replace(
+        experiment(1, claims=[Claim("broken", "test", fail), all_below(9)]),
+        figures=fail,
+        notes=("a note", fail),
+    )
+    summary = run([toy], tmp_path, jobs=1)
+    record = summary.results["experiments"]["toy"]
+    assert [v["word"] for v in record["verdicts"]] == ["not judged", "holds"]
+    assert record["notes"] == ["a note"]
+    assert record["figures"] == {}
+    assert summary.failed == 0
+    assert len(summary.problems) == 3
+    assert all("KeyError" in problem for problem in summary.problems)
+
+
+def test_notes_are_functions_of_the_rows(tmp_path: Path) -> None:
+    toy = dataclasses.replace(
+        experiment(1, 2, fail=2), notes=(lambda rows: f"{len(rows)} measured", lambda rows: "")
+    )
+    assert run([toy], tmp_path, jobs=1).results["experiments"]["toy"]["notes"] == ["1 measured"]
+
+
+def test_csv_has_one_value_a_cell(tmp_path: Path) -> None:
+    run([experiment(1, 2)], tmp_path, jobs=1)
+    header, *lines = csv.reader((tmp_path / "results.csv").read_text().splitlines())
+    assert "square" in header
+    assert "pair" not in header
+    assert not any(cell.startswith(("[", "{")) for line in lines for cell in line)
+
+
+@pytest.mark.parametrize(
+    ("number", "text"), [(0, "0 faces"), (1, "1 face"), (2, "2 faces"), (1234, "1\u202f234 faces")]
+)
+def test_a_number_with_its_noun(number: int, text: str) -> None:
+    assert counted(number, "face") == text
+    assert counted(1, "entry", "entries") == "1 entry"
+    assert counted(3, "entry", "entries") == "3 entries"
 
 
 def test_store_ignores_foreign_files(tmp_path: Path) -> None:

@@ -80,6 +80,11 @@ ATTACKS: dict[str, Callable[..., forge.Forgery]] = {
 }
 
 
+# Points of the room that an attack moves: those in the box, or behind the plate.
+MOVED = dict.fromkeys(("deform", "dent", "translation", "rotation"), 56)
+MOVED |= {"insert": 239, "insert cloud": 251}
+
+
 @pytest.mark.parametrize("name", ATTACKS)
 def test_truth_is_exact(name: str) -> None:
     scan = room()
@@ -96,7 +101,9 @@ def test_truth_is_exact(name: str) -> None:
     # Moved points really moved; what is missing is what was removed.
     np.testing.assert_array_equal(index[forged.moved], forged.moved_from)
     moved = (forged.points[forged.moved] != scan[forged.moved_from]).any(axis=1)
-    assert len(moved) == 0 or moved.mean() > 0.9 or name == "dent"
+    assert len(moved) == MOVED.get(name, 0)
+    if len(moved):
+        assert moved.mean() > (0.5 if name == "dent" else 0.9)  # a dent ends softly at its border
     missing = np.setdiff1d(np.arange(len(scan)), index)
     np.testing.assert_array_equal(missing, forged.removed)
     np.testing.assert_array_equal(np.flatnonzero(index < 0), forged.added)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
-import os
 import struct
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 import manip3d
 from gltf_files import PNG
 from manip3d import Material, Mesh, Texture
+from real_data import RealData
 
 JPEG = b"\xff\xd8\xff\xe0 not looked at any further"
 
@@ -293,7 +293,6 @@ def test_open3d_reads_the_same(mesh: Mesh, tmp_path: Path) -> None:
 # --- Real models ----------------------------------------------------------------------------------
 
 
-@pytest.mark.realdata
 @pytest.mark.parametrize(
     "name",
     [
@@ -302,11 +301,8 @@ def test_open3d_reads_the_same(mesh: Mesh, tmp_path: Path) -> None:
         "littlest_tokyo/LittlestTokyo.obj.xz",
     ],
 )
-def test_real_models_come_back(tmp_path: Path, name: str) -> None:
-    path = Path(os.environ.get("MANIP3D_DATA", "")) / "meshes" / name
-    if not path.is_file():
-        pytest.skip("needs the meshes under MANIP3D_DATA")
-    original = manip3d.read_mesh(path)
+def test_real_models_come_back(realdata: RealData, tmp_path: Path, name: str) -> None:
+    original = manip3d.read_mesh(realdata(f"meshes/{name}"))
     original.write(tmp_path / "m.glb")
     again = manip3d.read_mesh(tmp_path / "m.glb")
     expected = in_groups(original)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import manip3d
-from manip3d import io
+from manip3d import FormatError, io
 from manip3d.io import read_mesh_bytes
 
 SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
@@ -618,3 +618,13 @@ def test_stl_errors() -> None:
     short = text.replace("vertex 1 1 0\n", "") + "endsolid"
     assert error(short, "stl").reason == "facet: expected 3 vertices, got 2"
     assert error(b"", "stl").reason == "file ends within the header"
+
+
+def test_bytes_that_are_no_obj_are_an_error(tmp_path: Path) -> None:
+    """They used to be a mesh without vertices and faces."""
+    path = tmp_path / "noise.obj"
+    path.write_bytes(np.random.default_rng(0).bytes(5000))
+    with pytest.raises(FormatError, match=r"line 1: expected OBJ statements .* found none"):
+        io.read_mesh(path)
+    path.write_text("# nothing but a name\no empty\n")
+    assert io.read_mesh(path).num_faces == 0

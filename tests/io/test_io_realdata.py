@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -10,20 +9,15 @@ import pytest
 
 import manip3d
 from manip3d import io
-
-DATA = os.environ.get("MANIP3D_DATA")
-pytestmark = [
-    pytest.mark.realdata,
-    pytest.mark.skipif(DATA is None, reason="MANIP3D_DATA is not set"),
-]
+from real_data import ROOT, RealData
 
 
 def manifest(folder: str, columns: int) -> list[list[str]]:
     """Rows of the first table of a manifest that has so many columns."""
-    if DATA is None:
-        return []
+    if ROOT is None:
+        return [[""]]
     rows: list[list[str]] = []
-    for line in (Path(DATA) / folder / "MANIFEST.md").read_text().splitlines():
+    for line in (ROOT / folder / "MANIFEST.md").read_text().splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if line.startswith("## ") and rows:
             break
@@ -36,13 +30,13 @@ MESHES = manifest("meshes", 8)
 SCANS = manifest("range_scans", 9)
 
 
-def test_manifests_are_read() -> None:
+def test_manifests_are_read(realdata: RealData) -> None:
     assert (len(MESHES), len(SCANS)) == (24, 40)
 
 
 @pytest.mark.parametrize("row", MESHES, ids=lambda row: row[0])
-def test_counts_of_the_manifest(row: list[str]) -> None:
-    report = io.read_report(Path(DATA or "") / "meshes" / row[0])
+def test_counts_of_the_manifest(realdata: RealData, row: list[str]) -> None:
+    report = io.read_report(realdata(f"meshes/{row[0]}"))
     mesh = report.mesh
     assert [mesh.num_vertices, mesh.num_faces, report.num_polygons] == [int(c) for c in row[1:4]]
     assert report.warnings == ()
@@ -53,8 +47,8 @@ def test_counts_of_the_manifest(row: list[str]) -> None:
 
 
 @pytest.mark.parametrize("row", SCANS, ids=lambda row: row[0])
-def test_range_scans(row: list[str]) -> None:
-    path = Path(DATA or "") / "range_scans" / row[0]
+def test_range_scans(realdata: RealData, row: list[str]) -> None:
+    path = realdata(f"range_scans/{row[0]}")
     cols, rows = map(int, row[1].split(" x "))
     num_vertices, full, three, triangles = map(int, row[2:6])
     report = io.read_report(path)
@@ -74,10 +68,10 @@ def newell(points: np.ndarray) -> np.ndarray:
     return np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0)
 
 
-def test_polygons_of_e2c_are_not_turned_inside_out() -> None:
+def test_polygons_of_e2c_are_not_turned_inside_out(realdata: RealData) -> None:
     import lzma
 
-    path = Path(DATA or "") / "meshes/flightgear/E-2C/E-2C.obj.xz"
+    path = realdata("meshes/flightgear/E-2C/E-2C.obj.xz")
     mesh = manip3d.read_mesh(path)
     vertices, polygons = [], []
     for line in lzma.decompress(path.read_bytes()).decode().splitlines():
@@ -111,13 +105,13 @@ TRIMESH_FILES = ["spot/spot_triangulated.obj", "rocker_arm/rockerArm.ply.xz",
 
 
 @pytest.mark.parametrize("name", TRIMESH_FILES)
-def test_same_as_trimesh(name: str) -> None:
+def test_same_as_trimesh(realdata: RealData, name: str) -> None:
     import gzip
     import io as streams
     import lzma
 
     trimesh = pytest.importorskip("trimesh")
-    path = Path(DATA or "") / "meshes" / name
+    path = realdata(f"meshes/{name}")
     opened = {".xz": lzma.open, ".gz": gzip.open}.get(path.suffix, open)
     with opened(path, "rb") as file:
         stream = streams.BytesIO(file.read())
@@ -130,10 +124,10 @@ def test_same_as_trimesh(name: str) -> None:
     )
 
 
-def test_same_as_open3d(tmp_path: Path) -> None:
+def test_same_as_open3d(realdata: RealData, tmp_path: Path) -> None:
     open3d = pytest.importorskip("open3d")
     for name in ("rocker_arm/rockerArm.ply.xz", "nonmanifold/abominevole.off.xz"):
-        mesh = manip3d.read_mesh(Path(DATA or "") / "meshes" / name)
+        mesh = manip3d.read_mesh(realdata(f"meshes/{name}"))
         for suffix in ("ply", "off", "stl", "obj"):
             path = tmp_path / f"m.{suffix}"
             mesh.write(path)
@@ -144,9 +138,9 @@ def test_same_as_open3d(tmp_path: Path) -> None:
             )
 
 
-def test_meshlab_reads_our_ply_with_texture_coordinates(tmp_path: Path) -> None:
+def test_meshlab_reads_our_ply_with_texture_coordinates(realdata: RealData, tmp_path: Path) -> None:
     pymeshlab = pytest.importorskip("pymeshlab")
-    path = Path(DATA or "") / "meshes/face_multitexture/face.obj"
+    path = realdata("meshes/face_multitexture/face.obj")
     mesh = manip3d.read_mesh(path)
     mesh.write(tmp_path / "face.ply")
     meshes = pymeshlab.MeshSet()

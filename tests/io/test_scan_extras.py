@@ -123,13 +123,24 @@ def test_any_damaged_byte_of_las_is_an_error_or_a_scan(tmp_path: Path, suffix: s
     write_las(path, num_points=20)
     whole = path.read_bytes()
     rng = np.random.default_rng(2)
-    for _ in range(150):
+    outcomes: list[int | None] = []
+    for trial in range(200):
         data = bytearray(whole)
         for at in rng.integers(0, len(whole), 3):
             data[at] = rng.integers(0, 256)
-        path.write_bytes(bytes(data[: rng.integers(1, len(whole) + 1)]))
-        with contextlib.suppress(FormatError):
-            read_scan(path)
+        size = rng.integers(1, len(whole)) if trial % 4 == 0 else len(whole)
+        path.write_bytes(bytes(data[:size]))
+        try:
+            frame = read_scan(path)
+        except FormatError:
+            outcomes.append(None)
+        else:
+            outcomes.append(frame.num_points + frame.num_dropped)
+    assert 20 in outcomes
+    assert max(n for n in outcomes if n is not None) == 20  # nothing is made up
+    assert None in outcomes
+    if suffix == "laz":  # a stream that is cut short cannot be decoded to the same count
+        assert set(outcomes[::4]) == {None}
 
 
 def pose(angle: float, place: tuple[float, float, float]) -> dict[str, Any]:
@@ -221,3 +232,55 @@ def test_damaged_e57(tmp_path: Path) -> None:
             assert len(io.read_scans(path)) == 3
     with pytest.raises(FileNotFoundError):
         read_scan(tmp_path / "none.e57")
+
+
+def write_layered(path: Path) -> bytes:
+    """A LAZ 1.4 file whose one chunk consists of layers (point format 6, one extra byte pair)."""
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.add_extra_dim(laspy.ExtraBytesParams("amplitude", np.int16))
+    las = laspy.LasData(header)
+    las.points = laspy.ScaleAwarePointRecord.zeros(100, header=header)
+    las.x, las.y, las.z = np.random.default_rng(0).normal(size=(3, 100))
+    las.evlrs = laspy.vlrs.vlrlist.VLRList([laspy.VLR("us", 1, "a note", b"12345")])
+    las.write(str(path))
+    return path.read_bytes()
+
+
+def start_of_points(data: bytes) -> int:
+    return int(struct.unpack_from("<I", data, 96)[0])
+
+
+def chunk_table(data: bytes) -> int:
+    return int(struct.unpack_from("<q", data, start_of_points(data))[0])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        # Each of these made the decoder reserve gigabytes, and the first ended the process.
+        (lambda d: damaged(d, chunk_table(d) + 4, "I", 0xFFFFFFFF), "4294967295 chunks claimed"),
+        (lambda d: damaged(d, chunk_table(d) + 4, "I", 2), "2 chunks claimed for 100 points"),
+        # 30 bytes of the first point, 2 of amplitude, 4 of the number of points, then the layers.
+        (lambda d: damaged(d, start_of_points(d) + 8 + 36, "I", 0xFFFFFF00), "layers of 42949"),
+        (lambda d: damaged(d, start_of_points(d) + 8 + 32, "I", 101), "a chunk of 101 points"),
+        (lambda d: damaged(d, start_of_points(d), "q", 2**40), "expected the chunk table"),
+        (lambda d: damaged(d, start_of_points(d), "q", -1), "expected the chunk table"),
+        (lambda d: damaged(d, struct.unpack_from("<Q", d, 235)[0] + 20, "Q", 2**60), "a record of"),
+        (lambda d: damaged(d, 25, "B", 7), "expected LAS 1.0 to 1.4, got 1.7"),
+        (lambda d: d[: chunk_table(d) + 4], "expected the chunk table|file ends|records claimed"),
+    ],
+)
+def test_laz_that_claims_more_than_it_holds(tmp_path: Path, spoil: Any, reason: str) -> None:
+    path = tmp_path / "a.laz"
+    whole = write_layered(path)
+    assert read_scan(path).num_points == 100
+    path.write_bytes(spoil(whole))
+    with pytest.raises(FormatError, match=reason):
+        read_scan(path)
+
+
+def test_chunks_of_any_size(tmp_path: Path) -> None:
+    """LASzip's default is 50 000 points a chunk: several chunks, the last not full."""
+    frame = LidarFrame(np.random.default_rng(0).normal(size=(120_000, 3)))
+    frame.write(tmp_path / "a.laz")
+    np.testing.assert_allclose(read_scan(tmp_path / "a.laz").points, frame.points, atol=6e-5)

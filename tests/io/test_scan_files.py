@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import itertools
 import lzma
+import os
 import struct
 import sys
 from pathlib import Path
@@ -417,3 +418,42 @@ def test_missing_packages_of_recordings(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setitem(sys.modules, "ouster", None)
     with pytest.raises(MissingExtraError, match=r"manip3d\[ouster\]"):
         capture.open(f"ouster:{tmp_path / 'a.pcap'}")
+
+
+def test_nuscenes_has_five_columns(tmp_path: Path) -> None:
+    """Four columns would read every number at a wrong place, without an error."""
+    rows = np.random.default_rng(0).normal(size=(40, 5)).astype(np.float32)
+    rows[:, 4] = np.arange(40) % 32
+    path = tmp_path / "LIDAR_TOP.pcd.bin"
+    path.write_bytes(rows.tobytes())
+    frame = read_scan(path)
+    assert np.array_equal(frame.points, rows[:, :3])
+    assert frame.intensity is not None
+    assert np.array_equal(frame.intensity, rows[:, 3])
+    assert frame.ring is not None
+    assert frame.ring.tolist() == rows[:, 4].tolist()
+    frame.write(tmp_path / "again.pcd.bin.xz")
+    again = read_scan(tmp_path / "again.pcd.bin.xz")
+    assert np.array_equal(again.points, frame.points)
+    frame.write(tmp_path / "same.pcd.bin")
+    assert (tmp_path / "same.pcd.bin").read_bytes() == path.read_bytes()
+    path.write_bytes(rows.tobytes()[:-4])
+    with pytest.raises(FormatError, match=r"byte 796: .*multiple of 20 bytes"):
+        read_scan(path)
+    rows[7, 4] = 0.5
+    path.write_bytes(rows.tobytes())
+    with pytest.raises(FormatError, match=r"ring of point 7: expected a whole number .* got 0\.5"):
+        read_scan(path)
+
+
+def test_messages_show_the_bytes_of_files_as_escapes(tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"a\xff\x1b[31m.pcd")
+    path.write_bytes(b"VERSION 0.7\nFIELDS x \xff\x1b[2J\nSIZE 4 4\nTYPE F Q\n")
+    with pytest.raises(FormatError) as caught:
+        read_scan(path)
+    assert str(caught.value).isprintable()
+    assert r"a\xff\x1b[31m.pcd" in str(caught.value)
+    assert caught.value.file == str(path)
+    with pytest.raises(FileNotFoundError) as missing:
+        read_scan(tmp_path / os.fsdecode(b"b\xff.pcd"))
+    assert missing.value.filename == str(tmp_path / os.fsdecode(b"b\xff.pcd"))

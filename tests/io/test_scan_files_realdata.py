@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import lzma
-import os
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +10,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from manip3d import read_scan
-
-DATA = os.environ.get("MANIP3D_DATA")
-LIDAR = Path(DATA or "") / "lidar"
-pytestmark = [
-    pytest.mark.realdata,
-    pytest.mark.skipif(DATA is None, reason="MANIP3D_DATA is not set"),
-]
+from real_data import RealData
 
 # Points, those at (0, 0, 0), least and largest range as the manifest has them (None: not told).
 SCANS = [
@@ -37,9 +30,14 @@ SCANS = [
 
 @pytest.mark.parametrize(("name", "points", "empty", "reach"), SCANS, ids=[s[0] for s in SCANS])
 def test_counts_and_the_same_bytes_written_back(
-    tmp_path: Path, name: str, points: int, empty: int, reach: tuple[float, float] | None
+    realdata: RealData,
+    tmp_path: Path,
+    name: str,
+    points: int,
+    empty: int,
+    reach: tuple[float, float] | None,
 ) -> None:
-    path = LIDAR / name
+    path = realdata(f"lidar/{name}")
     frame = read_scan(path)
     assert (frame.num_points, frame.num_empty, frame.num_dropped) == (points, empty, 0)
     if reach is not None:
@@ -51,19 +49,19 @@ def test_counts_and_the_same_bytes_written_back(
     assert back.read_bytes() == stored
 
 
-def test_fields_of_the_real_scans() -> None:
-    forest = read_scan(LIDAR / "tls/riegl_vz400i_forest.ply.xz")
+def test_fields_of_the_real_scans(realdata: RealData) -> None:
+    forest = read_scan(realdata("lidar/tls/riegl_vz400i_forest.ply.xz"))
     first = forest.fields["target_index"] == 1
     assert np.count_nonzero(first) == 983517
-    pump = read_scan(LIDAR / "tls/pump_room_e57.ply.xz")
+    pump = read_scan(realdata("lidar/tls/pump_room_e57.ply.xz"))
     assert (pump.fields["row"].max(), pump.fields["column"].max()) == (1073, 344)
     assert pump.intensity is not None
 
 
-def test_poses_of_3dtk_bring_its_scans_together() -> None:
+def test_poses_of_3dtk_bring_its_scans_together(realdata: RealData) -> None:
     """Positions and angles (R = Rx Ry Rz, as 3DTK's own EulerToMatrix4 has it) lead from a scan's
     coordinates to the common ones: walls meet, and with angles the other way round they do not."""
-    frames = [read_scan(LIDAR / "tls" / "3dtk_dat" / f"scan00{i}.3d.xz") for i in (1, 2)]
+    frames = [read_scan(realdata(f"lidar/tls/3dtk_dat/scan00{i}.3d.xz")) for i in (1, 2)]
     poses = [frame.format.header["pose"] for frame in frames if frame.format is not None]
     clouds = [frame.points[np.linalg.norm(frame.points, axis=1) > 0.5] for frame in frames]
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
 import pytest
 
 from manip3d import InputError, Intrinsics, Mesh, datasets, metrics
 from manip3d.simplify import DepthMesh, dense_mesh, dense_mesh_grid
 from manip3d.simulate import depth as simulated
+from real_data import RealData
 
 CAMERA = Intrinsics(64, 48, 60.0, 55.0, 30.7, 24.2)
 
@@ -234,16 +233,10 @@ def test_boundary_noise_of_a_dense_mesh_and_of_the_truth() -> None:
         )
 
 
-needs_data = pytest.mark.skipif(
-    not os.environ.get("MANIP3D_DATA"), reason="MANIP3D_DATA is not set"
-)
-
-
-@pytest.mark.realdata
-@needs_data
 @pytest.mark.parametrize("name", ["bun000", "happyStandRight_0", "dragonStandRight_0"])
-def test_scans_see_their_own_dense_mesh(name: str) -> None:
+def test_scans_see_their_own_dense_mesh(realdata: RealData, name: str) -> None:
     """Each pixel is a vertex of it; 32-bit points are off their places by 1e-7 of their size."""
+    realdata.needs(name)
     scan = datasets.load_scan(name)
     dense = dense_mesh_grid(scan.points, scan.valid)
     error = metrics.range_image_error_grid(scan.points, scan.valid, dense)

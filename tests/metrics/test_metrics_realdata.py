@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,18 +10,10 @@ import pytest
 from test_metrics_fmpd import NOWHERE, assert_equals, transcription
 
 import manip3d
-from manip3d import datasets
 from manip3d.metrics import boundary_gap, fmpd, metro, texture_error
 from metrics_oracles import texture_error_by_open3d
 
-pytestmark = pytest.mark.realdata
-
-
-def load(name: str) -> manip3d.Mesh:
-    try:
-        return datasets.load_mesh(name)
-    except datasets.DataMissingError as error:
-        pytest.skip(str(error))
+Load = Callable[[str], manip3d.Mesh]
 
 
 def decimated_by_pymeshlab(mesh: manip3d.Mesh, folder: Path, num_faces: int) -> manip3d.Mesh:
@@ -50,9 +43,9 @@ def decimated_by_pymeshlab(mesh: manip3d.Mesh, folder: Path, num_faces: int) -> 
     )
 
 
-def test_rocker_arm_as_meshlab_simplifies_it(tmp_path: Path) -> None:
+def test_rocker_arm_as_meshlab_simplifies_it(real_mesh: Load, tmp_path: Path) -> None:
     """Metro 0.171e-3 and 0.152e-3, FMPD 0.52: measured with other programs on the same mesh."""
-    original = load("rockerArm")
+    original = real_mesh("rockerArm")
     simplified = decimated_by_pymeshlab(original, tmp_path, 8174)
     assert metro(original, simplified).mean == pytest.approx(0.171e-3, abs=0.001e-3)
     by_area = metro(original, simplified, sampling="area")
@@ -66,9 +59,9 @@ def test_rocker_arm_as_meshlab_simplifies_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.published("table 2.3")
-def test_head_as_meshlab_simplifies_it(tmp_path: Path) -> None:
+def test_head_as_meshlab_simplifies_it(real_mesh: Load, tmp_path: Path) -> None:
     """Published for QEM_TP: 1.391e-3. The result depends on how the file's quads are cut in two."""
-    original = load("LeePerrySmith")
+    original = real_mesh("LeePerrySmith")
     simplified = decimated_by_pymeshlab(original, tmp_path, 1844)
     assert metro(original, simplified).mean == pytest.approx(1.391e-3, rel=0.06)
     error = texture_error(original, simplified, samples=200_000, epsilon=0.0)
@@ -78,9 +71,9 @@ def test_head_as_meshlab_simplifies_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["rockerArm", "BAe-125"])
-def test_metro_equals_open3d(name: str) -> None:
+def test_metro_equals_open3d(real_mesh: Load, name: str) -> None:
     o3d = pytest.importorskip("open3d")
-    original = load(name)
+    original = real_mesh(name)
     simplified = manip3d.simplify.qem_orig(original, ratio=0.1).mesh
     scene = o3d.t.geometry.RaycastingScene()
     center = original.bounds.mean(axis=0)

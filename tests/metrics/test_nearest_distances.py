@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import lzma
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from manip3d import InputError
 from manip3d.metrics import nearest_distances
+from real_data import RealData
 
 Points = NDArray[np.float32]
 
@@ -123,12 +122,8 @@ def test_bad_arguments() -> None:
         nearest_distances([[0, 0, 0]], threads=-2)
 
 
-@pytest.mark.realdata
-def test_kitti_frame() -> None:
-    root = os.environ.get("MANIP3D_DATA", "")
+def test_kitti_frame(realdata: RealData) -> None:
     drive = "lidar/kitti_raw/2011_09_26/2011_09_26_drive_0005_sync"
-    path = Path(root) / drive / "velodyne_points/data/0000000000.bin.xz"
-    if not root or not path.exists():
-        pytest.skip("MANIP3D_DATA has no KITTI raw drive 0005")
+    path = realdata(f"{drive}/velodyne_points/data/0000000000.bin.xz")
     frame = np.frombuffer(lzma.decompress(path.read_bytes()), np.float32).reshape(-1, 4)[:, :3]
     np.testing.assert_array_equal(nearest_distances(frame), oracle(np.asarray(frame)))

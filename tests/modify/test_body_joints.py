@@ -494,6 +494,17 @@ def test_mask_is_body_index_or_depths_of_the_joints() -> None:
     assert not inside[:2].any()
 
 
+@pytest.mark.parametrize("metres", [70.0, 1e6, 3e38])
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
+def test_joints_out_of_reach_have_no_pixels(metres: float, dtype: type) -> None:
+    """Depths in millimetres once overflowed 16 bits, and all pixels were labelled."""
+    s = pose()
+    far = replace(s, positions=s.positions * np.float32((1, 1, 0)) + np.float32((0, 0, metres)))
+    depth = np.full((48, 64), 5000 if dtype is np.uint16 else 5.0, dtype)
+    camera = Intrinsics(64, 48, 50.0, 50.0, 31.5, 23.5)
+    assert not segment_body(depth, camera, far).labels.any()
+
+
 def test_segmentation_refuses() -> None:
     depth = np.full((160, 192), 2440, np.uint16)
     with pytest.raises(InputError, match="depth"):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import inspect
-import os
 from collections.abc import Callable
 
 import numpy as np
@@ -12,6 +10,7 @@ import pytest
 
 import manip3d
 from manip3d import datasets, modify, rgbd
+from real_data import RealData
 
 CAMERA = manip3d.Intrinsics(80, 60, 70.0, 70.0, 39.5, 29.5)
 
@@ -112,25 +111,6 @@ def test_a_placement_freezes() -> None:
     assert estimator.update(lost, "right") is None
 
 
-def test_defaults_are_the_core_s() -> None:
-    """The design's numbers: percentile, frames, clamps; blue; share and frames."""
-    defaults = {
-        name: {k: p.default for k, p in inspect.signature(cls).parameters.items()}
-        for name, cls in vars(modify).items()
-        if name in ("ColliderTracker", "ShoeCoverTracker", "PlacementEstimator")
-    }
-    assert defaults["ColliderTracker"] | {"min_points": 20} == {
-        "percentile": 0.9, "frames": 30, "min_points": 20, "min_radius": 0.03,
-        "max_radius": 0.20, "first_radius": 0.05,
-    }  # fmt: skip
-    assert defaults["ShoeCoverTracker"] == {
-        "hue": (100, 130), "min_saturation": 90, "min_value": 40, "reach": 0.35, "min_pixels": 40,
-    }  # fmt: skip
-    assert defaults["PlacementEstimator"] == {
-        "share": 0.9, "spread": 0.35, "stable_frames": 60, "tolerance": 0.02,
-    }  # fmt: skip
-
-
 @pytest.mark.golden
 def test_hits_are_the_same_bits_everywhere(golden: Callable[..., None]) -> None:
     rng = np.random.default_rng(4)
@@ -145,9 +125,10 @@ def test_hits_are_the_same_bits_everywhere(golden: Callable[..., None]) -> None:
     golden("colliders: hits of 500 moving spheres", digest.hexdigest())
 
 
-@pytest.mark.realdata
-@pytest.mark.skipif(not os.environ.get("MANIP3D_DATA"), reason="MANIP3D_DATA is not set")
-def test_a_waving_hand_pops_a_bubble_beside_the_head_once_it_gets_there() -> None:
+def test_a_waving_hand_pops_a_bubble_beside_the_head_once_it_gets_there(
+    realdata: RealData,
+) -> None:
+    realdata.needs("people_utd_mhad")
     tracker = modify.ColliderTracker()
     frames = datasets.open_people("utd-mhad:a3_s1")
     hand = rgbd.JOINTS.index("HandRight")

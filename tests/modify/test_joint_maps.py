@@ -56,6 +56,16 @@ def test_maps_move_with_the_body_and_keep_its_sides(layout: str) -> None:
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_middle_of_a_symmetric_body_is_exactly_in_the_middle(layout: str) -> None:
+    """On every processor: fused multiply-add, as in a BLAS, leaves a remainder of x and -x."""
+    middle = [j for j, name in enumerate(rgbd.JOINTS) if not name.endswith(("Left", "Right"))]
+    for width in np.random.default_rng(5).uniform(0.1, 3.0, 200):
+        joints = standing(layout) * [width, 1.0, 1.0]
+        skeleton = modify.skeleton_from(joints, layout=layout)
+        assert (skeleton.positions[middle, 0] == 0.0).all()
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
 def test_names_that_both_know_are_the_same_joint(layout: str) -> None:
     joints = np.random.default_rng(3).normal(size=(SIZES[layout], 3))
     skeleton = modify.skeleton_from(joints, layout=layout)

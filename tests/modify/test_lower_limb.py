@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
 import pytest
 
 from manip3d import datasets, modify, rgbd
+from real_data import RealData
 
 JOINT = {name: number for number, name in enumerate(rgbd.JOINTS)}
 
@@ -64,10 +63,9 @@ def test_reach_is_the_length_of_the_leg() -> None:
         assert np.linalg.norm(target - base) == pytest.approx(0.9 * placement.reach, abs=0.01)
 
 
-@pytest.mark.realdata
-@pytest.mark.skipif(not os.environ.get("MANIP3D_DATA"), reason="MANIP3D_DATA is not set")
-def test_colliders_of_a_recorded_person_cover_it() -> None:
+def test_colliders_of_a_recorded_person_cover_it(realdata: RealData) -> None:
     """Nine of ten points lie inside the solids that they made, which are no balloons."""
+    realdata.needs("people_utd_mhad")
     tracker = modify.ColliderTracker()
     for frame in datasets.open_people("utd-mhad:a3_s1")[:30]:
         person, camera = frame.skeletons[0], frame.calibration.depth

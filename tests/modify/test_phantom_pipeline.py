@@ -205,7 +205,7 @@ def test_a_stump_that_rests_is_found(raised: float) -> None:
         kinds = once(unknown, segmentation=segmentation).kinds
         left[segmentation] = ((bones == 9) & far & (kinds == PixelKind.BODY)).sum()
     assert left["skin"] == 0
-    assert left["paper"] > 0 or raised < 60.0
+    assert (left["paper"] > 0) == (raised >= 60.0)
 
 
 def test_a_hand_on_the_thigh_leaves_the_thigh_alone() -> None:
@@ -367,7 +367,7 @@ def test_hole_filling_reads_a_copy(limb: Limb, turn: float) -> None:
         np.testing.assert_array_equal(result.source[i, j], middle)
         # The mean of linear indices would be half an image away where rows differ.
     np.testing.assert_array_equal(filled, expected)
-    assert wide > 0 or turn < 45  # holes of two by two pixels
+    assert (wide > 0) == (turn >= 45)  # holes of two by two pixels
 
 
 def _whole_pairs(around: list[Any], before: NDArray[np.int_]) -> list[Any]:
@@ -728,7 +728,16 @@ def test_options_are_checked() -> None:
         {"arm_radius": -1},
         {"leg_radius": float("nan")},
         {"least_visible": 2},
+        {"root_radius": 1.1},
+        {"inferred_seconds": -0.1},
+        {"hold_seconds": float("inf")},
+        {"fade_seconds": float("nan")},
         {"max_depth_step": float("nan")},
+        {"near": float("nan")},
+        {"near": 9.0},
+        {"far": 65.1},
+        {"margin": -0.1},
+        {"mode": "mirror"},
     ):
         with pytest.raises(InputError, match=next(iter(options))):
             PhantomPipeline(**options)  # type: ignore[arg-type]

@@ -32,10 +32,18 @@ class Loads(HTMLParser):
         self.addresses += [value or "" for name, value in attributes if name in LOADING]
 
 
+CLAIMS = [all_below(10), all_below(9)]
+
+
 @pytest.fixture
 def results(tmp_path: Path) -> Path:
-    claims = [all_below(10), all_below(9)]
-    run([experiment(1, 2, 3, fail=2, claims=claims)], tmp_path / "results", jobs=1)
+    run([experiment(1, 2, 3, claims=CLAIMS)], tmp_path / "results", jobs=1)
+    return tmp_path / "results"
+
+
+@pytest.fixture
+def one_failed(tmp_path: Path) -> Path:
+    run([experiment(1, 2, 3, fail=2, claims=CLAIMS)], tmp_path / "results", jobs=1)
     return tmp_path / "results"
 
 
@@ -62,17 +70,70 @@ def test_the_page_loads_nothing(results: Path) -> None:
     assert "default-src 'none'" in text
 
 
-def test_numbers_verdicts_failures_and_environment_are_there(results: Path) -> None:
+def test_numbers_verdicts_and_environment_are_there(results: Path) -> None:
     text = page(results)
     for said in (
         "✓ holds",
         "✗ does not hold",
         "every square is below 9",
-        "ValueError: no square for 2 today",
+        "1 claim holds, 1 does not",
         "manip3d reproduce toy --data auto --scale full --seed 0",
         "No real data",
     ):
         assert said in text
+
+
+def test_a_failed_case_leaves_its_claims_unjudged(one_failed: Path) -> None:
+    text = page(one_failed)
+    assert "– not judged" in text
+    assert "✓ holds" not in text
+    assert "(1 case failed)" in text
+    assert "ValueError: no square for 2 today" in text
+    assert "2 could not be judged since a case failed" in text
+
+
+def test_what_a_badge_stands_on_is_said(results: Path) -> None:
+    def pretend(record: dict) -> None:
+        for verdict in record["experiments"]["toy"]["verdicts"]:
+            for finding, data in zip(verdict["findings"], ("published", "stand-in", "simulated"),
+                                     strict=True):  # fmt: skip
+                finding["data"] = data
+            verdict["source"] = "table 1"
+
+    edit(results, pretend)
+    text = page(results)
+    for kind in ("published", "stand-in", "simulated"):
+        assert f'<span class="score yes">{kind}</span>' in text
+    assert '<span class="score no">simulated</span>' in text  # 9 is not below 9
+
+    def leave_open(record: dict) -> None:
+        record["experiments"]["toy"]["verdicts"][1]["word"] = "undecided"
+
+    edit(results, leave_open)
+    text = page(results)
+    assert '<span class="score soft">simulated</span>' in text
+    assert '<span class="badge soft">? undecided</span>' in text
+    assert "1 is undecided (a stand-in or a simulated model says no" in text
+    assert "fails here, but not on the published files" in text
+    assert '<span class="score yes">stand-in</span>' in text
+
+
+def test_no_name_keeps_its_underscores(results: Path) -> None:
+    def poison(record: dict) -> None:
+        toy = record["experiments"]["toy"]
+        toy["rows"][0]["model"] = "a_b_c"
+        toy["notes"] = ["a_b_c"]
+        toy["verdicts"][0]["findings"][0]["subject"] = "a_b_c"
+
+    edit(results, poison)
+    assert "a_b_c" not in page(results)
+    assert page(results).count("a b c") >= 3
+
+
+def test_a_phone_reads_each_value_behind_its_heading(results: Path) -> None:
+    text = page(results)
+    assert '<td class="value" data-label="square">' in text
+    assert "attr(data-label)" in text
 
 
 @pytest.mark.parametrize("place", ["model", "error", "note", "claim", "finding", "title"])
@@ -143,7 +204,8 @@ def test_headlines_are_ratios_on_published_files_only(results: Path) -> None:
         column = toy["columns"][1] | {"published": "printed", "digits": 3, "scale": 1.0}
         toy["columns"] = [column | {"name": "a"}, column | {"name": "b", "ratio": False}]
         for row, same in zip(toy["rows"], (True, False, False), strict=True):
-            row |= {"method": "qem4vr", "same_file": same, "stands_in_for": "Head", "error": ""}
+            data = "published" if same else "stand-in"
+            row |= {"method": "qem4vr", "data": data, "stands_in_for": "Head", "error": ""}
             row |= {"a": 3.0, "b": 5.0, "printed": 4.0}
 
     edit(results, pretend)
@@ -151,4 +213,4 @@ def test_headlines_are_ratios_on_published_files_only(results: Path) -> None:
     cards = text[text.index('class="headlines"') : text.index('<section id="toy">')]
     assert cards.count('class="card"') == 1
     assert "× 0.75" in cards
-    assert "of the published Head, another mesh" in text
+    assert "of the published Head, another file" in text

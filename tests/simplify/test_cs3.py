@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 from typing import get_args
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from manip3d import InputError, Intrinsics, Registration, metrics, simplify
 from manip3d.io import read_range_grid
 from manip3d.simplify import Cs3Stream, DepthSimplification, Reached, Variant
+from real_data import RealData
 
 VARIANTS = get_args(Variant)
 CAMERA = Intrinsics(64, 48, 60.0, 58.0, 30.5, 24.0)
@@ -464,22 +464,18 @@ def test_a_point_that_is_not_finite() -> None:
 # --- Real scans ----------------------------------------------------------------------------------
 
 
-def scan(name: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    path = Path(os.environ.get("MANIP3D_DATA", "")) / "range_scans" / f"{name}.ply.xz"
-    if not path.exists():
-        pytest.skip(f"{path.name} is not here")
+def scan(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     grid = read_range_grid(path)
     return grid.points, grid.valid
 
 
-@pytest.mark.realdata
 @pytest.mark.published("table 3.4")
 @pytest.mark.parametrize(
     ("name", "n", "limit"),
     [("bunny/bun000", 2012, 1.15 * 0.629e-3), ("happy_stand/happyStandRight_0", 3902, 0.663e-3)],
 )
-def test_published_errors(name: str, n: int, limit: float) -> None:
-    points, valid = scan(name)
+def test_published_errors(realdata: RealData, name: str, n: int, limit: float) -> None:
+    points, valid = scan(realdata(f"range_scans/{name}.ply.xz"))
     dense = simplify.dense_mesh_grid(points, valid).mesh
     errors = {}
     for variant in ("cios", "lios"):

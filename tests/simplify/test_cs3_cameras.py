@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from manip3d import InputError, Intrinsics, Mesh, Registration, datasets, metrics, simplify
 from manip3d.simplify import CameraView, JointSimplification, cs3_cameras
+from real_data import RealData
 
 CAMERA = Intrinsics(160, 120, 150.0, 150.0, 79.5, 59.5)
 
@@ -201,14 +202,11 @@ def test_bad_options() -> None:
         cs3_cameras(VIEWS, 10, tolerance=np.nan)
 
 
-@pytest.mark.realdata
 @pytest.mark.parametrize("names", [("bun000", "bun045"), ("bun000", "bun045", "bun090", "bun315")])
-def test_bunny_scans(names: tuple[str, ...]) -> None:
+def test_bunny_scans(realdata: RealData, names: tuple[str, ...]) -> None:
     """Poses of bun.conf: one mesh, no doubled layer, the overlap as dense as a single scan."""
-    try:
-        scans = [datasets.load_scan(name) for name in names]
-    except datasets.DataMissingError as error:
-        pytest.skip(str(error))
+    realdata.needs(*names)
+    scans = [datasets.load_scan(name) for name in names]
     views = [CameraView(points=s.points, valid=s.valid, pose=s.pose) for s in scans]
     joint = cs3_cameras(views, 4000)
     assert joint.num_vertices <= 4000

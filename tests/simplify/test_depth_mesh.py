@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 import manip3d
 from manip3d import InputError, Intrinsics, Registration, simplify
 from manip3d.io import read_mesh_bytes, read_range_grid
+from real_data import RealData
 
 RNG = np.random.default_rng(3)
 CAMERA = Intrinsics(8, 6, 10.0, 11.0, 3.5, 2.5)
@@ -296,16 +296,14 @@ def test_a_range_scan_reads_like_its_grid() -> None:
     assert canonical[0] == canonical[1]
 
 
-@pytest.mark.realdata
 @pytest.mark.published("table 3.1")
 @pytest.mark.parametrize(
     ("scan", "vertices", "faces"),
     [("bunny/bun000", 40256, 79312), ("happy_stand/happyStandRight_0", 78056, 151838)],
 )
-def test_dense_meshes_of_the_published_scans(scan: str, vertices: int, faces: int) -> None:
-    path = Path(os.environ.get("MANIP3D_DATA", "")) / "range_scans" / f"{scan}.ply.xz"
-    if not path.exists():
-        pytest.skip(f"{path.name} is not here")
-    grid = read_range_grid(path)
+def test_dense_meshes_of_the_published_scans(
+    realdata: RealData, scan: str, vertices: int, faces: int
+) -> None:
+    grid = read_range_grid(realdata(f"range_scans/{scan}.ply.xz"))
     mesh = simplify.dense_mesh_grid(grid.points, grid.valid)
     assert (mesh.num_vertices, mesh.num_faces) == (vertices, faces)

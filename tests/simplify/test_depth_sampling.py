@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Callable
 
 import numpy as np
@@ -14,11 +13,9 @@ from hypothesis import strategies as st
 from manip3d import InputError, Intrinsics, Registration, datasets
 from manip3d.simplify import dense_mesh_grid, sample_depth, sample_depth_grid
 from manip3d.simulate import depth as simulated
+from real_data import RealData
 
 METHODS = ("uniform", "poisson", "ssa")
-needs_data = pytest.mark.skipif(
-    not os.environ.get("MANIP3D_DATA"), reason="MANIP3D_DATA is not set"
-)
 
 
 @pytest.fixture(scope="module")
@@ -166,12 +163,11 @@ def test_golden(method: str, golden: Callable[..., None]) -> None:
     golden(f"sample_depth {method}", bits)
 
 
-@pytest.mark.realdata
-@needs_data
-def test_the_published_order_of_the_baselines_on_bun000() -> None:
+def test_the_published_order_of_the_baselines_on_bun000(realdata: RealData) -> None:
     """Table 3.4: scale space is by far the worst, Poisson disks are the best of the three."""
     from manip3d.metrics import metro
 
+    realdata.needs("bun000")
     scan = datasets.load_scan("bun000")
     dense = dense_mesh_grid(scan.points, scan.valid).mesh
     error = {

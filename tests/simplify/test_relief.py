@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import os
 from collections import Counter
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +16,7 @@ from numpy.typing import NDArray
 import manip3d
 from manip3d import InputError, Intrinsics, datasets, simplify
 from manip3d.io import read_range_grid
+from real_data import RealData
 
 EFFORTS: tuple[simplify.Effort, ...] = ("live", "fast", "balanced", "fine", "best")
 
@@ -473,7 +472,6 @@ def test_bad_stream_options() -> None:
 
 # Errors of meshoptimizer 1.3 on the same dense mesh with as many vertices (chapter 3's page):
 # a subset of the points, and with update of their positions.
-@pytest.mark.realdata
 @pytest.mark.parametrize(
     ("scan", "points", "subset", "update"),
     [
@@ -481,11 +479,10 @@ def test_bad_stream_options() -> None:
         ("happy_stand/happyStandRight_0.ply.xz", 3902, 0.311e-3, 0.242e-3),
     ],
 )
-def test_below_meshoptimizer(scan: str, points: int, subset: float, update: float) -> None:
-    folder = os.environ.get("MANIP3D_DATA")
-    if not folder:
-        pytest.skip("MANIP3D_DATA is not set")
-    grid = read_range_grid(Path(folder) / "range_scans" / scan)
+def test_below_meshoptimizer(
+    realdata: RealData, scan: str, points: int, subset: float, update: float
+) -> None:
+    grid = read_range_grid(realdata(f"range_scans/{scan}"))
     dense = simplify.dense_mesh_grid(grid.points, grid.valid).mesh
 
     def error(effort: simplify.Effort, move_points: bool) -> float:
@@ -500,19 +497,15 @@ def test_below_meshoptimizer(scan: str, points: int, subset: float, update: floa
     assert error("balanced", True) < update
 
 
-@pytest.mark.realdata
 @pytest.mark.parametrize("effort", ["fast", "balanced", "fine"])
 @pytest.mark.parametrize(
     ("scan", "points"),
     [("bunny/bun000.ply.xz", 2012), ("happy_stand/happyStandRight_0.ply.xz", 3902)],
 )
 def test_five_prefixes_are_as_good_as_runs_of_their_own(
-    scan: str, points: int, effort: simplify.Effort
+    realdata: RealData, scan: str, points: int, effort: simplify.Effort
 ) -> None:
-    folder = os.environ.get("MANIP3D_DATA")
-    if not folder:
-        pytest.skip("MANIP3D_DATA is not set")
-    grid = read_range_grid(Path(folder) / "range_scans" / scan)
+    grid = read_range_grid(realdata(f"range_scans/{scan}"))
     dense = simplify.dense_mesh_grid(grid.points, grid.valid).mesh
 
     def error(mesh: simplify.DepthMesh, size: int) -> float:
@@ -530,11 +523,11 @@ def test_five_prefixes_are_as_good_as_runs_of_their_own(
         assert level < 1.1 * error(alone, size)
 
 
-@pytest.mark.realdata
 @pytest.mark.parametrize("scene", ["scene_kitchen", "scene_redwood"])
-def test_moves_lower_the_error_on_scenes_with_many_depth_steps(scene: str) -> None:
-    if not datasets.is_here(datasets.get(scene)):
-        pytest.skip(f"{scene} is not here")
+def test_moves_lower_the_error_on_scenes_with_many_depth_steps(
+    realdata: RealData, scene: str
+) -> None:
+    realdata.needs(scene)
     frame = datasets.load_frame(scene)
     dense = simplify.dense_mesh(frame.depth, frame.intrinsics, max_edge=0.1).mesh
     before, after = (

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -10,22 +12,16 @@ from manip3d import Mesh, datasets, simplify
 from manip3d.metrics import metro, texture_error
 from manip3d.simplify import StopReason
 
-pytestmark = pytest.mark.realdata
-
 MESHES = [name for name, data in datasets.registry().items() if data.kind == "mesh"]
 
 
-def load(name: str) -> Mesh:
-    try:
-        return datasets.load_mesh(name)
-    except datasets.DataMissingError as error:
-        pytest.skip(str(error))
+Load = Callable[[str], Mesh]
 
 
 @pytest.mark.published("table 2.2")
-def test_rocker_arm() -> None:
+def test_rocker_arm(real_mesh: Load) -> None:
     """Published 0.180e-3 by vertices; plain quadrics reach 0.158e-3 and 0.140e-3 elsewhere."""
-    mesh = load("rockerArm")
+    mesh = real_mesh("rockerArm")
     result = simplify.qem4vr(mesh, target_faces=8174)
     assert result.mesh.num_faces == 8174
     assert 0.140e-3 < metro(mesh, result.mesh).mean <= 0.160e-3
@@ -33,9 +29,9 @@ def test_rocker_arm() -> None:
 
 
 @pytest.mark.published("table 2.4")
-def test_head() -> None:
+def test_head(real_mesh: Load) -> None:
     """Published mean texture error 0.34e-2 for QEM4VR; less distance than with TP and BTP."""
-    mesh = load("LeePerrySmith")
+    mesh = real_mesh("LeePerrySmith")
     result = simplify.qem4vr(mesh, target_faces=1844)
     assert result.mesh.num_faces == 1844
     assert 0.1e-2 < texture_error(mesh, result.mesh).mean <= 0.34e-2
@@ -47,8 +43,8 @@ def test_head() -> None:
 
 @pytest.mark.published("table 2.3")
 @pytest.mark.parametrize("name", ["G-164A", "BAe-125", "Cessna337", "M18B_Dromader"])
-def test_texture_quadrics_fail_where_faces_have_no_texture(name: str) -> None:
-    mesh = load(name)
+def test_texture_quadrics_fail_where_faces_have_no_texture(real_mesh: Load, name: str) -> None:
+    mesh = real_mesh(name)
     for method in (simplify.qem_tp, simplify.qem_btp):
         assert method(mesh, ratio=0.1).stop == StopReason.REFUSED
     assert simplify.qem_bp(mesh, ratio=0.1).stop == StopReason.NO_LEGAL_COLLAPSE
@@ -66,10 +62,10 @@ def boundary_edges(mesh: Mesh) -> NDArray[np.int32]:
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_every_mesh_at_every_level(name: str) -> None:
+def test_every_mesh_at_every_level(real_mesh: Load, name: str) -> None:
     """Down to 50, 10, 2 and 0.5 %, without the back sides that ferrari_458 stores as well: where a
     sheet has two faces on each side of an edge, boundaries cannot be told by counting faces."""
-    mesh = simplify.clean(load(name), duplicates="any").mesh
+    mesh = simplify.clean(real_mesh(name), duplicates="any").mesh
     finest = simplify.qem4vr(mesh, ratio=0.005)
     on_boundary = np.zeros(mesh.num_vertices, bool)
     on_boundary[boundary_edges(mesh)] = True
@@ -119,9 +115,9 @@ def corners(mesh: Mesh, number: NDArray[np.int32]) -> NDArray[np.float64]:
     return np.unique(np.column_stack([vertex, uv]), axis=0)
 
 
-def test_the_default_seam_weight_on_the_mesh_it_was_chosen_on() -> None:
+def test_the_default_seam_weight_on_the_mesh_it_was_chosen_on(real_mesh: Load) -> None:
     """Ten times less doubles the RMS of the texture error, ten times more costs 18 % distance."""
-    mesh = load("spot")
+    mesh = real_mesh("spot")
     results = {w: simplify.qem4vr(mesh, ratio=0.1, seam_weight=w).mesh for w in (10, 100, 1000)}
     default = simplify.qem4vr(mesh, ratio=0.1).mesh
     np.testing.assert_array_equal(default.faces, results[100].faces)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import lzma
-import os
-from pathlib import Path
 from typing import Any
 
 import lidar_statistics as statistics
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 from manip3d import InputError
 from manip3d.simulate import LidarScan, Street, hdl64e, lidar, street
 from manip3d.simulate.scenes import Label
+from real_data import RealData
 
 pytest.importorskip("open3d")
 
@@ -181,18 +180,14 @@ REAL = (
 
 
 @pytest.fixture(scope="module")
-def real() -> list[statistics.Statistics]:
-    folder = Path(os.environ.get("MANIP3D_DATA", "")) / "lidar"
-    if not (folder / REAL[0]).exists():
-        pytest.skip("KITTI frames are not under MANIP3D_DATA")
+def real(realdata: RealData) -> list[statistics.Statistics]:
     clouds = [
-        np.frombuffer(lzma.decompress((folder / name).read_bytes()), "<f4").reshape(-1, 4)
+        np.frombuffer(lzma.decompress(realdata(f"lidar/{name}").read_bytes()), "<f4").reshape(-1, 4)
         for name in REAL
     ]
     return [statistics.measure(cloud[:, :3]) for cloud in clouds]
 
 
-@pytest.mark.realdata
 def test_simulated_sweeps_are_like_real_ones(
     real: list[statistics.Statistics], scans: list[LidarScan]
 ) -> None:
@@ -220,7 +215,6 @@ def test_simulated_sweeps_are_like_real_ones(
         assert (row.bands_percent <= bands.max(axis=0) + 3.0).all()
 
 
-@pytest.mark.realdata
 def test_real_points_lie_on_the_same_lattice(real: list[statistics.Statistics]) -> None:
     # 99.9 % within the rounding; a few points of two frames are told to the wrong ring.
     for row in real:

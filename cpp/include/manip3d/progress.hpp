@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdint>
 #include <functional>
 
 namespace manip3d {
@@ -14,5 +15,22 @@ inline Progress part_of(const Progress& progress, double from, double to) {
   if (!progress) return {};
   return [=](double fraction) { progress(from + fraction * (to - from)); };
 }
+
+/// Lets a long loop be cancelled: reports, every so many steps, that the work goes on.
+class Ticker {
+ public:
+  /// @param every  A power of two; so many steps take a few milliseconds.
+  explicit Ticker(const Progress& progress, std::uint32_t every = 1U << 12)
+      : progress_(progress), mask_(every - 1) {}
+
+  /// One step of the loop.
+  void tick() {
+    if ((++steps_ & mask_) == 0 && progress_) progress_(0.0);
+  }
+
+ private:
+  Progress progress_;
+  std::uint32_t mask_, steps_ = 0;
+};
 
 }  // namespace manip3d

@@ -63,6 +63,7 @@ class Columns {
  public:
   Columns(const RingLattice& lattice, const FiringSchedule& schedule)
       : schedule_(schedule), first_(static_cast<std::size_t>(lattice.num_rings())) {
+    if (schedule.firings == 0) return;
     for (std::size_t ring = 0; ring < first_.size(); ++ring) {
       const double ahead = -lattice.azimuth(static_cast<Eigen::Index>(ring));
       const double count = std::ceil(ahead / lattice.azimuth_step());
@@ -148,6 +149,7 @@ class Gaps {
 // fired a little more or less often.
 bool was_answered(const Answers& earlier, int ring, int column, int columns) {
   const int there = earlier.kind.columns();
+  if (there == 0) return false;
   const auto middle =
       static_cast<int>((static_cast<std::int64_t>(column) * there + there / 2) / columns);
   int answered = 0;

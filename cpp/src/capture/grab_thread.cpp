@@ -95,6 +95,7 @@ Counters GrabThread::counters() const {
 }
 
 void GrabThread::start() {
+  const std::lock_guard turn(start_stop_);
   {
     const std::lock_guard lock(mutex_);
     if (is_running_) return;
@@ -110,6 +111,7 @@ void GrabThread::start() {
 }
 
 void GrabThread::stop() {
+  const std::lock_guard turn(start_stop_);
   {
     const std::lock_guard lock(mutex_);
     is_stopping_ = true;

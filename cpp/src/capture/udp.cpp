@@ -3,8 +3,8 @@
 #include <arpa/inet.h>
 #include <netinet/in.h>
 #include <poll.h>
+#include <sys/eventfd.h>
 #include <sys/socket.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -28,9 +28,14 @@ in_addr address_of(const std::string& text, const char* name) {
   return address;
 }
 
-int bound_socket(const UdpOptions& options, std::uint16_t& port) {
-  const int descriptor = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-  if (descriptor < 0) refuse("UDP socket");
+Descriptor bound_socket(const UdpOptions& options, std::uint16_t& port) {
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(options.port);
+  address.sin_addr = address_of(options.address, "address");
+  Descriptor owner(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0));
+  if (!owner.is_open()) refuse("UDP socket");
+  const int descriptor = owner.get();
   // As much as the system grants: a second of packets where it grants 8 MiB.
   const int wanted = 8 << 20, yes = 1;
   if (setsockopt(descriptor, SOL_SOCKET, SO_RCVBUFFORCE, &wanted, sizeof(wanted)) != 0) {
@@ -38,20 +43,13 @@ int bound_socket(const UdpOptions& options, std::uint16_t& port) {
   }
   setsockopt(descriptor, SOL_SOCKET, SO_RXQ_OVFL, &yes, sizeof(yes));
   setsockopt(descriptor, SOL_SOCKET, SO_TIMESTAMPNS, &yes, sizeof(yes));
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_port = htons(options.port);
-  address.sin_addr = address_of(options.address, "address");
   socklen_t size = sizeof(address);
   auto* generic = reinterpret_cast<sockaddr*>(&address);
   if (bind(descriptor, generic, size) != 0 || getsockname(descriptor, generic, &size) != 0) {
-    const int reason = errno;
-    close(descriptor);
-    errno = reason;
     refuse("UDP port " + options.address + ":" + std::to_string(options.port));
   }
   port = ntohs(address.sin_port);
-  return descriptor;
+  return owner;
 }
 
 struct Arrival {
@@ -85,47 +83,44 @@ UdpReceiver::UdpReceiver(const UdpOptions& options) {
   slots_.resize(options.ring_packets);
   bytes_.resize(options.ring_packets * kMaxUdpBytes);
   socket_ = bound_socket(options, port_);
-  if (pipe(wake_) != 0) {
-    close(socket_);
-    refuse("pipe");
-  }
+  wake_ = Descriptor(eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK));
+  if (!wake_.is_open()) refuse("eventfd");
 }
 
-UdpReceiver::~UdpReceiver() {
-  stop();
-  close(socket_);
-  close(wake_[0]);
-  close(wake_[1]);
-}
+UdpReceiver::~UdpReceiver() { stop(); }
 
 void UdpReceiver::start() {
-  const std::lock_guard lock(mutex_);
-  if (running_ || thread_.joinable()) return;
-  running_ = true;
+  const std::lock_guard turn(start_stop_);
+  {
+    const std::lock_guard lock(mutex_);
+    if (running_) return;
+    running_ = true;
+  }
+  if (thread_.joinable()) thread_.join();  // it ended by itself
   thread_ = std::thread(&UdpReceiver::receive, this);
 }
 
 void UdpReceiver::stop() {
-  {
-    const std::lock_guard lock(mutex_);
-    running_ = false;
-  }
-  if (thread_.joinable()) {
-    const char byte = 0;
-    while (write(wake_[1], &byte, 1) < 0 && errno == EINTR) {
-    }
-    thread_.join();
-    char taken = 0;
-    while (::read(wake_[0], &taken, 1) < 0 && errno == EINTR) {
-    }
-  }
+  const std::lock_guard turn(start_stop_);
+  end_of_thread();
+  if (!thread_.joinable()) return;
+  // Counters of eventfd neither fill up here nor fail.
+  eventfd_write(wake_.get(), 1);
+  thread_.join();
+  eventfd_t taken = 0;
+  eventfd_read(wake_.get(), &taken);
+}
+
+void UdpReceiver::end_of_thread() {
+  const std::lock_guard lock(mutex_);
+  running_ = false;
   arrived_.notify_all();
 }
 
 void UdpReceiver::receive() {
   std::array<std::byte, kMaxUdpBytes> data;
   alignas(cmsghdr) std::array<char, 256> control;
-  std::array<pollfd, 2> waits{pollfd{socket_, POLLIN, 0}, pollfd{wake_[0], POLLIN, 0}};
+  std::array<pollfd, 2> waits{pollfd{socket_.get(), POLLIN, 0}, pollfd{wake_.get(), POLLIN, 0}};
   while (true) {
     if (poll(waits.data(), waits.size(), -1) < 0 && errno != EINTR) break;
     if ((waits[1].revents & POLLIN) != 0) break;
@@ -138,7 +133,7 @@ void UdpReceiver::receive() {
     message.msg_iovlen = 1;
     message.msg_control = control.data();
     message.msg_controllen = control.size();
-    const ssize_t size = recvmsg(socket_, &message, MSG_DONTWAIT);
+    const ssize_t size = recvmsg(socket_.get(), &message, MSG_DONTWAIT);
     if (size < 0) continue;  // nothing there, or an ICMP error that does not concern us
     const Arrival arrival = arrival_of(message);
     {
@@ -154,8 +149,7 @@ void UdpReceiver::receive() {
     }
     arrived_.notify_one();
   }
-  const std::lock_guard lock(mutex_);
-  running_ = false;
+  end_of_thread();
 }
 
 void UdpReceiver::put(const std::byte* data, std::size_t size, double time) {

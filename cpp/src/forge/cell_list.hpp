@@ -10,6 +10,7 @@
 
 #include "manip3d/geometry/point_cloud.hpp"
 #include "manip3d/geometry/random.hpp"
+#include "manip3d/progress.hpp"
 
 namespace manip3d {
 
@@ -18,7 +19,7 @@ namespace manip3d {
 /// share a bucket: what a visit gives holds all that is near, and a few points that are not.
 class CellList {
  public:
-  CellList(const PointsView& view, double cell_size)
+  CellList(const PointsView& view, double cell_size, Ticker& ticker)
       : cell_size_(cell_size),
         start_(std::bit_ceil(static_cast<std::size_t>(view.num_points()) / 2 + 1) + 1),
         place_(static_cast<std::size_t>(view.num_points())),
@@ -28,12 +29,14 @@ class CellList {
       const Cell cell = cell_of(view.points.row(i).transpose().cast<double>());
       place_[i] = static_cast<std::int32_t>(bucket(cell));
       ++start_[place_[i] + 1];
+      ticker.tick();
     }
     for (std::size_t b = 1; b < start_.size(); ++b) start_[b] += start_[b - 1];
     std::vector<std::int32_t> next(start_.begin(), start_.end() - 1);
     for (std::int64_t i = 0; i < count; ++i) {
       place_[i] = next[place_[i]]++;
       points_.row(place_[i]) = view.points.row(i);
+      ticker.tick();
     }
   }
 

@@ -39,8 +39,8 @@ std::int64_t for_probes(std::int64_t count, const Visit& visit) {
 }
 
 // Mean nearest-neighbour distance, of a few thousand of the points.
-double mean_spacing(const PointsView& points) {
-  const KdTree tree(points);
+double mean_spacing(const PointsView& points, const Progress& progress) {
+  const KdTree tree(points, progress);
   double sum = 0.0;
   const std::int64_t count =
       for_probes(points.num_points(), [&](std::int64_t i) { sum += tree.nearest_distance(i); });
@@ -48,7 +48,7 @@ double mean_spacing(const PointsView& points) {
 }
 
 // By random keys, a tie by the index: into buckets of their leading bits, then within each.
-Order random_order(std::int64_t count, std::uint64_t seed) {
+Order random_order(std::int64_t count, std::uint64_t seed, Ticker& ticker) {
   const int bits =
       std::clamp(static_cast<int>(std::bit_width(static_cast<std::uint64_t>(count))), 1, 24);
   const auto key_of = [&](std::int32_t i) {
@@ -57,6 +57,7 @@ Order random_order(std::int64_t count, std::uint64_t seed) {
   Buckets<std::int32_t> buckets(std::int64_t{1} << bits, [&](const auto& put) {
     for (std::int32_t i = 0; i < count; ++i) {
       put(static_cast<std::int32_t>(key_of(i) >> (64 - bits)), i);
+      ticker.tick();
     }
   });
   Order order;
@@ -67,6 +68,7 @@ Order random_order(std::int64_t count, std::uint64_t seed) {
       return std::pair(key_of(i), i) < std::pair(key_of(j), j);
     });
     order.insert(order.end(), few.begin(), few.end());
+    ticker.tick();
   }
   return order;
 }
@@ -84,16 +86,20 @@ Points take(const PointsView& view, const Order& rows) {
 // same and quicker: most do not stay.
 class DartBoard {
  public:
-  DartBoard(const PointsView& candidates, std::uint64_t seed)
-      : candidates_(candidates), order_(random_order(candidates.num_points(), seed)) {}
+  DartBoard(const PointsView& candidates, std::uint64_t seed, const Progress& progress)
+      : candidates_(candidates),
+        progress_(progress),
+        ticker_(progress),
+        order_(random_order(candidates.num_points(), seed, ticker_)) {}
 
   /// The rows that stay, ascending.
   Order sample(double radius) {
     if (!cells_ || !(radius <= cells_->cell_size() && cells_->cell_size() <= 2.0 * radius)) {
-      cells_.emplace(candidates_, kRoom * radius);
+      cells_.emplace(candidates_, kRoom * radius, ticker_);
     }
     state_.assign(order_.size(), State::kFree);
     for (const std::int32_t row : order_) {
+      ticker_.tick();
       const std::int32_t place = cells_->place_of(row);
       if (state_[place] != State::kFree) continue;
       cells_->visit<1>(place, [&](std::int32_t other) {
@@ -118,7 +124,8 @@ class DartBoard {
       sum += std::sqrt(squared);
     });
     if (all_near) return sum / static_cast<double>(probes);
-    return mean_spacing(view_of(take(candidates_, kept)));  // lone points: their cells are empty
+    // Lone points: their cells are empty.
+    return mean_spacing(view_of(take(candidates_, kept)), progress_);
   }
 
  private:
@@ -139,6 +146,8 @@ class DartBoard {
   }
 
   PointsView candidates_;
+  Progress progress_;
+  Ticker ticker_;
   Order order_;
   std::optional<CellList> cells_;
   std::vector<State> state_;  // by place in the list
@@ -203,19 +212,25 @@ Vector3d on_triangle(const Vector3d& a, const Vector3d& b, const Vector3d& c, st
 
 // Random points of the faces, `density` per unit of area.
 Points surface_candidates(const PointsView& view, const Eigen::Ref<const Faces>& faces,
-                          double density, std::uint64_t seed) {
+                          double density, std::uint64_t seed, const Progress& progress) {
+  Ticker ticker(progress);
   double area = 0.0;
-  for (Eigen::Index f = 0; f < faces.rows(); ++f) area += 0.5 * doubled_area(view, faces, f);
+  for (Eigen::Index f = 0; f < faces.rows(); ++f) {
+    ticker.tick();
+    area += 0.5 * doubled_area(view, faces, f);
+  }
   check_count(area * density);
   Points samples(static_cast<Eigen::Index>(area * density) + 1, 3);
   Eigen::Index row = 0;
   double due = 0.0;
   for (Eigen::Index f = 0; f < faces.rows() && row < samples.rows(); ++f) {
+    ticker.tick();
     due += 0.5 * doubled_area(view, faces, f) * density;
     const auto corner = [&](int k) -> Vector3d {
       return view.points.row(faces(f, k)).transpose().cast<double>();
     };
     for (; static_cast<double>(row) < due && row < samples.rows(); ++row) {
+      ticker.tick();
       samples.row(row) =
           on_triangle(corner(0), corner(1), corner(2), seed, static_cast<std::uint64_t>(row))
               .cast<float>();
@@ -225,13 +240,15 @@ Points surface_candidates(const PointsView& view, const Eigen::Ref<const Faces>&
 }
 
 // Random points of the triangles between each point and pairs of its neighbours.
-Points cloud_candidates(const PointsView& view, double per_point, const ResampleOptions& options) {
+Points cloud_candidates(const PointsView& view, double per_point, const ResampleOptions& options,
+                        const Progress& progress) {
   const auto share = static_cast<Eigen::Index>(std::ceil(per_point));
   check_count(static_cast<double>(view.num_points()) * static_cast<double>(share + 1));
-  const KdTree tree(view);
+  const KdTree tree(view, progress);
   Points samples(view.num_points() * (share + 1), 3);
   parallel_chunks(
-      view.num_points(), 256, options.num_threads, [&](std::int64_t begin, std::int64_t end) {
+      view.num_points(), 256, options.num_threads,
+      [&](std::int64_t begin, std::int64_t end) {
         KdTree::Neighbours near;
         for (std::int64_t i = begin; i < end; ++i) {
           tree.nearest(i, kSurfaceNeighbours, near);
@@ -249,7 +266,8 @@ Points cloud_candidates(const PointsView& view, double per_point, const Resample
             samples.row(row) = on_triangle(p, second, third, options.seed, counter).cast<float>();
           }
         }
-      });
+      },
+      part_of(progress, 0.0, 0.0));
   return samples;
 }
 
@@ -263,7 +281,7 @@ void check_faces(const Eigen::Ref<const Faces>& faces, std::int64_t num_points) 
 }  // namespace
 
 Points resample(const PointsView& object, const Eigen::Ref<const Faces>& faces,
-                const ResampleOptions& options) {
+                const ResampleOptions& options, const Progress& progress) {
   check_points(object);
   check_faces(faces, object.num_points());
   const double spacing = options.spacing;
@@ -278,32 +296,33 @@ Points resample(const PointsView& object, const Eigen::Ref<const Faces>& faces,
     throw InputError("spacing: expected one within 2^40 of the largest coordinate, got " +
                      std::to_string(spacing));
   }
-  const double spacing_of_object = mean_spacing(object);
+  const double spacing_of_object = mean_spacing(object, progress);
   if (!(spacing_of_object > 0.0)) {
     throw InputError("hoax: expected points at different places");
   }
   const double gamma = spacing_of_object / spacing;
   if (gamma < 1.0 && options.method == Resampling::kUniform) {
-    const Order order = random_order(object.num_points(), options.seed);
+    Ticker ticker(progress);
+    const Order order = random_order(object.num_points(), options.seed, ticker);
     const auto sample = [&](double length) {
       const double share = spacing_of_object / length;
       return first_of(order, std::min(1.0, share * share));
     };
     const auto spacing_of = [&](const Order& rows) {
-      return mean_spacing(view_of(take(object, rows)));
+      return mean_spacing(view_of(take(object, rows)), progress);
     };
     return take(object, with_spacing(spacing, spacing, sample, spacing_of));
   }
   Points made;
   if (gamma >= 1.0 && faces.rows() > 0) {
-    made =
-        surface_candidates(object, faces, kCandidatesPerDisk / (spacing * spacing), options.seed);
+    made = surface_candidates(object, faces, kCandidatesPerDisk / (spacing * spacing), options.seed,
+                              progress);
   } else if (gamma >= 1.0) {
-    made = cloud_candidates(object, kCandidatesPerDisk * gamma * gamma, options);
+    made = cloud_candidates(object, kCandidatesPerDisk * gamma * gamma, options, progress);
   }
   if (gamma >= 1.0 && made.rows() < 2) return made;
   const PointsView candidates = gamma < 1.0 ? object : view_of(made);
-  DartBoard board(candidates, options.seed + 2);
+  DartBoard board(candidates, options.seed + 2, progress);
   const double first_radius = spacing / spacing_over_radius(gamma, faces.rows() > 0);
   return take(candidates,
               with_spacing(

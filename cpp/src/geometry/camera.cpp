@@ -5,7 +5,9 @@
 #include <limits>
 #include <string>
 
+#include "geometry/lens.hpp"
 #include "manip3d/error.hpp"
+#include "manip3d/geometry/line_of_sight.hpp"
 
 namespace manip3d {
 namespace {
@@ -15,35 +17,6 @@ constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 [[noreturn]] void refuse(const char* name, const char* field, const char* expected, double got) {
   throw InputError(std::string(name) + "." + field + ": expected " + expected + ", got " +
                    std::to_string(got));
-}
-
-bool is_distorted(const Intrinsics& camera) {
-  for (const double k : camera.distortion) {
-    if (k != 0.0) return true;
-  }
-  return false;
-}
-
-/// Brown, "Decentering distortion of lenses", 1966, with OpenCV's names of the coefficients.
-Eigen::Vector2d distort(const std::array<double, 5>& k, const Eigen::Vector2d& ray) {
-  const double x = ray.x(), y = ray.y();
-  const double r2 = x * x + y * y;
-  const double radial = 1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
-  return {x * radial + 2.0 * k[2] * x * y + k[3] * (r2 + 2.0 * x * x),
-          y * radial + k[2] * (r2 + 2.0 * y * y) + 2.0 * k[3] * x * y};
-}
-
-/// The inverse of distort() by fixed-point iteration; NaN where it does not settle.
-Eigen::Vector2d undistort(const std::array<double, 5>& k, const Eigen::Vector2d& distorted) {
-  constexpr int kMaxSteps = 100;
-  constexpr double kSettled = 1e-10;  // far below the float that keeps the result
-  Eigen::Vector2d ray = distorted;
-  for (int i = 0; i < kMaxSteps; ++i) {
-    const Eigen::Vector2d error = distort(k, ray) - distorted;
-    if (error.squaredNorm() < kSettled * kSettled) return ray;
-    ray -= error;
-  }
-  return {kNan, kNan};
 }
 
 }  // namespace
@@ -98,23 +71,16 @@ Eigen::Vector2d project(const Intrinsics& camera, const Eigen::Vector3d& point) 
 
 PixelRays::PixelRays(const Intrinsics& camera) : width_(camera.width), height_(camera.height) {
   check_intrinsics(camera);
-  const auto ray_x = [&](std::int64_t u) {
-    const double x = (static_cast<double>(u) - camera.cx) / camera.fx;
-    return camera.mirrored ? -x : x;
-  };
-  const auto ray_y = [&](std::int64_t v) {
-    return (static_cast<double>(v) - camera.cy) / camera.fy;
-  };
   separable_ = camera.ray_table == nullptr && !is_distorted(camera);
   flips_ = (camera.fy < 0.0) != camera.mirrored;
   if (separable_) {
     x_.resize(static_cast<std::size_t>(width_));
     y_.resize(static_cast<std::size_t>(height_));
     for (std::int64_t u = 0; u < width_; ++u) {
-      x_[static_cast<std::size_t>(u)] = static_cast<float>(ray_x(u));
+      x_[static_cast<std::size_t>(u)] = static_cast<float>(ideal_x(camera, static_cast<double>(u)));
     }
     for (std::int64_t v = 0; v < height_; ++v) {
-      y_[static_cast<std::size_t>(v)] = static_cast<float>(ray_y(v));
+      y_[static_cast<std::size_t>(v)] = static_cast<float>(ideal_y(camera, static_cast<double>(v)));
     }
     return;
   }
@@ -128,8 +94,8 @@ PixelRays::PixelRays(const Intrinsics& camera) : width_(camera.width), height_(c
       continue;
     }
     const auto pixel = static_cast<std::int64_t>(i);
-    const Eigen::Vector2d ray =
-        undistort(camera.distortion, {ray_x(pixel % width_), ray_y(pixel / width_)});
+    const Eigen::Vector2d ray = line_of_sight(
+        camera, {static_cast<double>(pixel % width_), static_cast<double>(pixel / width_)});
     x_[i] = static_cast<float>(ray.x());
     y_[i] = static_cast<float>(ray.y());
   }

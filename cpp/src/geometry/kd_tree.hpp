@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "manip3d/geometry/point_cloud.hpp"
+#include "manip3d/progress.hpp"
 
 namespace manip3d {
 
@@ -15,9 +16,17 @@ namespace manip3d {
 class KdTree {
  public:
   /// The view's points must outlive the tree.
-  explicit KdTree(const PointsView& view)
-      : cloud_{view.points.data(), static_cast<std::size_t>(view.num_points())},
-        tree_(3, cloud_, nanoflann::KDTreeSingleIndexAdaptorParams(10)) {}
+  /// @param progress  may cancel the building of the tree.
+  explicit KdTree(const PointsView& view, const Progress& progress = {})
+      : ticker_(progress, 1U << 16),
+        cloud_{view.points.data(), static_cast<std::size_t>(view.num_points()),
+               progress ? &ticker_ : nullptr},
+        tree_(3, cloud_, nanoflann::KDTreeSingleIndexAdaptorParams(10)) {
+    cloud_.building = nullptr;
+  }
+  KdTree(const KdTree&) = delete;
+  KdTree& operator=(const KdTree&) = delete;
+  ~KdTree() = default;
 
   struct Neighbours {
     std::vector<std::uint32_t> rows;
@@ -47,8 +56,10 @@ class KdTree {
   struct Cloud {
     const float* xyz;
     std::size_t size;
+    Ticker* building;  // null once the tree is built
     [[nodiscard]] std::size_t kdtree_get_point_count() const { return size; }
     [[nodiscard]] double kdtree_get_pt(std::size_t row, std::size_t axis) const {
+      if (building != nullptr) building->tick();
       return xyz[3 * row + axis];
     }
     template <typename Box>
@@ -64,6 +75,7 @@ class KdTree {
             cloud_.kdtree_get_pt(row, 2)};
   }
 
+  Ticker ticker_;
   Cloud cloud_;
   Tree tree_;
 };

@@ -5,8 +5,11 @@
 #include <unistd.h>
 
 #include <cerrno>
-#include <string>
 #include <system_error>
+#include <utility>
+
+#include "manip3d/io/byte_source.hpp"
+#include "manip3d/io/temporary.hpp"
 
 namespace manip3d {
 namespace fs = std::filesystem;
@@ -25,40 +28,42 @@ fs::path follow_links(fs::path path) {
   return path;
 }
 
-// What open() would give a new file; reading the mask means setting it.
-mode_t new_file_mode(const struct ::stat* existing) {
-  if (existing != nullptr) return existing->st_mode & 07777U;
-  const mode_t mask = ::umask(0);
-  ::umask(mask);
-  return 0666U & ~mask;
+fs::path folder_of(const fs::path& file) {
+  return file.has_parent_path() ? file.parent_path() : fs::path(".");
 }
 
 }  // namespace
 
 AtomicFile::AtomicFile(const fs::path& target) : requested_(target), target_(follow_links(target)) {
+  check_no_nul(target);
   struct ::stat status{};
   const bool exists = ::stat(target_.c_str(), &status) == 0;
   if (exists && !S_ISREG(status.st_mode)) {
-    descriptor_ = ::open(target_.c_str(), O_WRONLY | O_CLOEXEC);
-    if (descriptor_ < 0) refuse("cannot open");
+    file_ = Descriptor(::open(target_.c_str(), O_WRONLY | O_CLOEXEC));
+    if (!file_.is_open()) refuse("cannot open");
     return;
   }
-  std::string name = (target_.parent_path() / ".manip3d-XXXXXX").string();
-  descriptor_ = ::mkostemp(name.data(), O_CLOEXEC);
-  if (descriptor_ < 0) refuse("cannot create a temporary file beside it");
-  temporary_ = name;
+  try {
+    // What replaces a private file is private from the beginning.
+    Temporary made =
+        make_temporary(folder_of(target_), TemporaryKind::kFile, exists ? 0600U : 0666U);
+    temporary_ = std::move(made.path);
+    file_ = std::move(made.lock);
+  } catch (const std::system_error& error) {
+    throw fs::filesystem_error("cannot create a temporary file beside it", requested_,
+                               error.code());
+  }
   // A file system without modes (FAT) refuses; the content matters more.
-  static_cast<void>(::fchmod(descriptor_, new_file_mode(exists ? &status : nullptr)));
+  if (exists) static_cast<void>(::fchmod(file_.get(), status.st_mode & 07777U));
 }
 
 AtomicFile::~AtomicFile() {
-  if (descriptor_ >= 0) ::close(descriptor_);
-  if (!temporary_.empty()) ::unlink(temporary_.c_str());
+  if (!temporary_.empty()) ::unlink(temporary_.c_str());  // while it is locked
 }
 
 void AtomicFile::write(const char* data, std::size_t size) {
   while (size > 0) {
-    const ssize_t written = ::write(descriptor_, data, size);
+    const ssize_t written = ::write(file_.get(), data, size);
     if (written < 0 && errno == EINTR) continue;
     if (written < 0) refuse("cannot write");
     data += written;
@@ -68,23 +73,21 @@ void AtomicFile::write(const char* data, std::size_t size) {
 
 void AtomicFile::commit(bool sync) {
   const bool in_place = temporary_.empty();
-  if (sync && !in_place && ::fsync(descriptor_) != 0) refuse("cannot sync");
-  const int descriptor = descriptor_;
-  descriptor_ = -1;
-  if (::close(descriptor) != 0) refuse("cannot close");
+  if (sync && !in_place && ::fsync(file_.get()) != 0) refuse("cannot sync");
+  // Closing tells of late errors; the lock is held by the copy until the file has its name.
+  if (!in_place) {
+    lock_ = Descriptor(::fcntl(file_.get(), F_DUPFD_CLOEXEC, 0));
+    if (!lock_.is_open()) refuse("cannot close");
+  }
+  if (::close(file_.release()) != 0) refuse("cannot close");
   if (in_place) return;
   if (::rename(temporary_.c_str(), target_.c_str()) != 0) refuse("cannot rename");
   temporary_.clear();
   if (!sync) return;
-  const fs::path folder = target_.parent_path().empty() ? fs::path(".") : target_.parent_path();
-  const int folder_descriptor = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (folder_descriptor < 0) return;  // no permission to list it: the rename itself is done
-  const int result = ::fsync(folder_descriptor);
-  const int error = errno;
-  ::close(folder_descriptor);
-  errno = error;
+  const Descriptor folder(::open(folder_of(target_).c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
+  if (!folder.is_open()) return;  // no permission to list it: the rename itself is done
   // Some network file systems cannot sync a folder and say so with EINVAL.
-  if (result != 0 && error != EINVAL) refuse("cannot sync the folder of");
+  if (::fsync(folder.get()) != 0 && errno != EINVAL) refuse("cannot sync the folder of");
 }
 
 void AtomicFile::refuse(const char* action) const {

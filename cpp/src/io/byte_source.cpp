@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "manip3d/error.hpp"
+#include "manip3d/io/descriptor.hpp"
 
 namespace manip3d {
 namespace fs = std::filesystem;
@@ -26,23 +27,26 @@ constexpr std::uint64_t kXzMemoryLimit = std::uint64_t{80} << 20;
 
 class FileSource final : public ByteSource {
  public:
-  explicit FileSource(const fs::path& path)
-      : path_(path), descriptor_(::open(path.c_str(), O_RDONLY | O_CLOEXEC)) {
-    if (descriptor_ < 0) refuse("cannot open");
+  FileSource(const fs::path& path, SpecialFiles special) : path_(path) {
+    check_no_nul(path);
+    // Without O_NONBLOCK, opening a pipe waits for its writer.
+    const int flags = special == SpecialFiles::kAllowed ? 0 : O_NONBLOCK;
+    file_ = Descriptor(::open(path.c_str(), O_RDONLY | O_CLOEXEC | flags));
+    if (!file_.is_open()) refuse("cannot open");
     struct ::stat status{};
-    if (::fstat(descriptor_, &status) != 0) refuse("cannot inspect");
-    if (S_ISREG(status.st_mode)) size_ = static_cast<std::uint64_t>(status.st_size);
-  }
-  FileSource(const FileSource&) = delete;
-  FileSource& operator=(const FileSource&) = delete;
-  ~FileSource() override {
-    if (descriptor_ >= 0) ::close(descriptor_);
+    if (::fstat(file_.get(), &status) != 0) refuse("cannot inspect");
+    if (S_ISREG(status.st_mode)) {
+      size_ = static_cast<std::uint64_t>(status.st_size);
+    } else if (special == SpecialFiles::kRefused && !S_ISDIR(status.st_mode)) {
+      throw FormatError("expected a regular file, got a pipe, socket or device", {})
+          .in_file(path.string());
+    }
   }
 
   std::size_t read(char* data, std::size_t size) override {
     ssize_t got = 0;
     do {
-      got = ::read(descriptor_, data, size);
+      got = ::read(file_.get(), data, size);
     } while (got < 0 && errno == EINTR);
     if (got < 0) refuse("cannot read");
     position_ += static_cast<std::uint64_t>(got);
@@ -58,14 +62,11 @@ class FileSource final : public ByteSource {
 
  private:
   [[noreturn]] void refuse(const char* action) {
-    const std::error_code code(errno, std::generic_category());
-    if (descriptor_ >= 0) ::close(descriptor_);
-    descriptor_ = -1;
-    throw fs::filesystem_error(action, path_, code);
+    throw fs::filesystem_error(action, path_, std::error_code(errno, std::generic_category()));
   }
 
   fs::path path_;
-  int descriptor_;
+  Descriptor file_;
   std::optional<std::uint64_t> size_;  // of a regular file
   std::uint64_t position_ = 0;
 };
@@ -295,8 +296,15 @@ std::string peek(ByteSource& source, std::size_t size) {
 
 }  // namespace
 
-std::unique_ptr<ByteSource> file_source(const fs::path& path) {
-  return std::make_unique<FileSource>(path);
+std::unique_ptr<ByteSource> file_source(const fs::path& path, SpecialFiles special) {
+  return std::make_unique<FileSource>(path, special);
+}
+
+void check_no_nul(const fs::path& path) {
+  const std::size_t end = path.native().find('\0');
+  if (end == std::string::npos) return;
+  throw InputError("path: expected no NUL character, got one after '" +
+                   path.native().substr(0, end) + "'");
 }
 
 std::unique_ptr<ByteSource> memory_source(std::span<const std::byte> data) {

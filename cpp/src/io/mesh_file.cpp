@@ -136,7 +136,8 @@ ReadResult read_mesh(const fs::path& path, const ReadOptions& options, const Pro
   here.folder = path.parent_path().empty() ? "." : path.parent_path();
   const auto format = format_of_suffix(without_compression_suffix(path).extension().string());
   try {
-    return read_from(file_source(path), compression_of(path), format, here, progress);
+    return read_from(file_source(path, SpecialFiles::kAllowed), compression_of(path), format, here,
+                     progress);
   } catch (const FormatError& error) {
     if (!error.file().empty()) throw;  // a file that the mesh file names
     throw error.in_file(path.string());
@@ -218,6 +219,7 @@ const char* format_name(MeshFormat format) {
 }
 
 fs::path resolve_inside(const fs::path& folder, const std::string& reference) {
+  check_no_nul(reference);
   const fs::path path = folder / reference;  // an absolute reference stands alone
   std::error_code unreachable;
   const fs::path root = fs::weakly_canonical(fs::absolute(folder), unreachable);

@@ -33,6 +33,9 @@ class ObjReader {
       LineCursor cursor(line, input_.line());
       if (!cursor.at_end()) statement(cursor);
     }
+    if (builder_.vertices.size() == 0 && unknown_line_ > 0) {
+      throw FormatError::at_line(unknown_line_, "expected OBJ statements (v, f, ...), found none");
+    }
     builder_.finish(result_);
     for (const std::string& name : material_names_) {
       const auto known = library_.find(name);
@@ -45,6 +48,8 @@ class ObjReader {
 
  private:
   using Corner = MeshBuilder::Corner;
+  // Statements of the format that a mesh has no place for and that may stand alone in a file.
+  static constexpr std::string_view kLeftOut[] = {"o", "g", "s", "mg", "l", "p", "vp", "call"};
 
   void statement(LineCursor& cursor) {
     const std::string_view keyword = cursor.word();
@@ -63,6 +68,9 @@ class ObjReader {
       load_libraries(cursor.rest());
     } else {
       ++result_.num_skipped;
+      const bool known =
+          std::find(std::begin(kLeftOut), std::end(kLeftOut), keyword) != std::end(kLeftOut);
+      if (!known && unknown_line_ == 0) unknown_line_ = cursor.line();
     }
   }
 
@@ -197,6 +205,7 @@ class ObjReader {
   InputBuffer input_;
   MeshBuilder builder_;
   ReadResult result_;
+  std::int64_t unknown_line_ = 0;  // the first statement that is none of the format; 0: none
   std::vector<Corner> corners_;
   std::unordered_map<std::string, std::size_t> material_of_name_;
   std::vector<std::string> material_names_;

@@ -19,18 +19,27 @@ struct Format {
   void (*write)(Output&, const PointTableView&);
 };
 
-// A new format is one line here.
+// A new format is one line here; a suffix that ends in another stands before it.
 constexpr Format kFormats[] = {
+    {PointFormat::kNuScenes, "nuscenes", ".pcd.bin", read_nuscenes, write_nuscenes},
     {PointFormat::kKitti, "kitti", ".bin", read_kitti, write_kitti},
     {PointFormat::kPcd, "pcd", ".pcd", read_pcd, write_pcd},
     {PointFormat::kPly, "ply", ".ply", read_ply_points, write_ply_points},
     {PointFormat::k3dtk, "3dtk", ".3d", read_3dtk, write_3dtk},
 };
 
+std::string lower_case(std::string_view text) {
+  std::string lower(text);
+  std::transform(lower.begin(), lower.end(), lower.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  return lower;
+}
+
 const Format& format_of(const fs::path& path) {
-  const auto known = point_format_of_suffix(without_compression_suffix(path).extension().string());
+  const std::string name = lower_case(without_compression_suffix(path).filename().string());
   for (const Format& f : kFormats) {
-    if (known == f.format) return f;
+    // A hidden file named ".pcd" has no suffix.
+    if (name.ends_with(f.suffix) && name != f.suffix) return f;
   }
   std::string suffixes;
   for (const Format& f : kFormats) suffixes += std::string(f.suffix) + " ";
@@ -103,9 +112,7 @@ void write_points(const fs::path& path, const PointTableView& table, const Progr
 }
 
 std::optional<PointFormat> point_format_of_suffix(std::string_view suffix) {
-  std::string lower(suffix);
-  std::transform(lower.begin(), lower.end(), lower.begin(),
-                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  const std::string lower = lower_case(suffix);
   for (const Format& f : kFormats) {
     if (lower == f.suffix) return f.format;
   }

@@ -13,6 +13,8 @@ constexpr std::int64_t kPointMemory = 16;
 
 PointTable read_kitti(ByteSource& source, const Progress& progress);
 void write_kitti(Output& output, const PointTableView& table);
+PointTable read_nuscenes(ByteSource& source, const Progress& progress);
+void write_nuscenes(Output& output, const PointTableView& table);
 
 PointTable read_pcd(ByteSource& source, const Progress& progress);
 void write_pcd(Output& output, const PointTableView& table);

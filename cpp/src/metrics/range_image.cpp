@@ -6,7 +6,9 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/parallel.hpp"
@@ -179,10 +181,11 @@ struct Places {
   double farthest = 0.0;  ///< From its column or row, over the grid.
 };
 
-Places places_of(const PointGridView& grid, const RangeCamera& camera) {
+Places places_of(const PointGridView& grid, const RangeCamera& camera, Ticker& ticker) {
   Places places;
   places.pixel.resize(static_cast<std::size_t>(grid.rows * grid.cols));
   for (std::int64_t i = 0; i < grid.rows * grid.cols; ++i) {
+    ticker.tick();
     if (grid.valid[i] == 0) continue;
     const Eigen::Vector2d place(static_cast<double>(i % grid.cols),
                                 static_cast<double>(i / grid.cols));
@@ -190,6 +193,19 @@ Places places_of(const PointGridView& grid, const RangeCamera& camera) {
     places.farthest = std::max(places.farthest, (places.pixel[i] - place).cwiseAbs().maxCoeff());
   }
   return places;
+}
+
+/// The triangle after those that are rendered between two reports of progress, from `begin` on.
+std::size_t end_of_turn(const std::vector<SeenTriangle>& triangles, std::size_t begin) {
+  constexpr std::int64_t kPixels = 1 << 21;  // 30 ms with one thread
+  std::int64_t pixels = 0;
+  while (begin < triangles.size() && pixels < kPixels) {
+    const SeenTriangle& seen = triangles[begin++];
+    const std::int64_t rows = seen.last_row - seen.first_row + 1;
+    pixels += 8 + std::max(rows, std::int64_t{0}) *
+                      std::max(seen.last_col - seen.first_col + 1, std::int64_t{0});
+  }
+  return begin;
 }
 
 }  // namespace
@@ -245,17 +261,21 @@ std::vector<double> render_depth(const MeshView& mesh, const PointGridView& grid
                                  const Progress& progress) {
   check_mesh(mesh);
   check_point_grid(grid);
-  const Places places = places_of(grid, camera);
+  Ticker ticker(progress);
+  const Places places = places_of(grid, camera, ticker);
   std::vector<SeenTriangle> triangles(static_cast<std::size_t>(mesh.num_faces()));
-  parallel_chunks(mesh.num_faces(), kSampleChunk, options.num_threads,
-                  [&](std::int64_t begin, std::int64_t end) {
-                    for (std::int64_t f = begin; f < end; ++f) {
-                      triangles[f] = see(mesh, f, camera, grid, places.farthest + 1e-6);
-                    }
-                  });
+  parallel_chunks(
+      mesh.num_faces(), kSampleChunk, options.num_threads,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t f = begin; f < end; ++f) {
+          triangles[f] = see(mesh, f, camera, grid, places.farthest + 1e-6);
+        }
+      },
+      part_of(progress, 0.0, 0.0));
   std::vector<double> depth(places.pixel.size(), kNoHit);
-  const auto render_band = [&](std::int64_t first_row, std::int64_t end_row) {
-    for (const SeenTriangle& seen : triangles) {
+  const auto render_band = [&](std::span<const SeenTriangle> some, std::int64_t first_row,
+                               std::int64_t end_row) {
+    for (const SeenTriangle& seen : some) {
       const std::int64_t end = std::min(end_row, seen.last_row + 1);
       for (std::int64_t row = std::max(first_row, seen.first_row); row < end; ++row) {
         for (std::int64_t col = seen.first_col; col <= seen.last_col; ++col) {
@@ -265,7 +285,19 @@ std::vector<double> render_depth(const MeshView& mesh, const PointGridView& grid
       }
     }
   };
-  parallel_chunks(grid.rows, kBandRows, options.num_threads, render_band, progress);
+  // Triangles in turns that do not take long: each may cover the whole image.
+  for (std::size_t begin = 0; begin < triangles.size();) {
+    const std::size_t end = end_of_turn(triangles, begin);
+    const std::span turn = std::span(triangles).subspan(begin, end - begin);
+    const auto fraction = [&](std::size_t done) {
+      return static_cast<double>(done) / static_cast<double>(triangles.size());
+    };
+    parallel_chunks(
+        grid.rows, kBandRows, options.num_threads,
+        [&](std::int64_t first, std::int64_t last) { render_band(turn, first, last); },
+        part_of(progress, fraction(begin), fraction(end)));
+    begin = end;
+  }
   std::replace(depth.begin(), depth.end(), kNoHit, std::numeric_limits<double>::quiet_NaN());
   return depth;
 }

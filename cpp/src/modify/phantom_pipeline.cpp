@@ -17,7 +17,7 @@ constexpr double kNever = -std::numeric_limits<double>::infinity();
 
 double seconds_of(std::int64_t time_ns) { return 1e-9 * static_cast<double>(time_ns); }
 
-void check_options(const PhantomOptions& o) {
+void check_all_options(const PhantomOptions& o) {
   const auto check = [](const char* name, double value, double most) {
     if (value >= 0.0 && value <= most) return;
     throw InputError(std::string(name) + ": expected 0 to " + std::to_string(most) + ", got " +
@@ -31,6 +31,7 @@ void check_options(const PhantomOptions& o) {
   check("hold_seconds", o.hold_seconds, 3600.0);
   check("fade_seconds", o.fade_seconds, 3600.0);
   check("max_depth_step", o.mesh.max_depth_step, 100.0);
+  check_options(o.mask);
 }
 
 bool same_camera(const Intrinsics& a, const Intrinsics& b) {
@@ -129,7 +130,7 @@ class PhantomPipeline::Workspace {
  public:
   explicit Workspace(const PhantomOptions& options)
       : options_(options), smoother_(options.smoothing), key_person_(options.key_person) {
-    check_options(options);
+    check_all_options(options);
   }
 
   PhantomReport process(const PhantomInput& input, const PhantomBuffers& out) {

@@ -25,10 +25,8 @@ struct DepthBounds {
 };
 
 DepthBounds depth_bounds(const Skeleton& skeleton, bool by_index, const PersonMaskOptions& o) {
-  if (!(o.near >= 0.0 && o.near < o.far && o.far <= 65.0 && o.margin >= 0.0)) {
-    throw InputError("mask: expected 0 <= near < far <= 65 and margin >= 0");
-  }
-  DepthBounds bounds{static_cast<float>(o.near), static_cast<float>(o.far)};
+  check_options(o);
+  const DepthBounds bounds{static_cast<float>(o.near), static_cast<float>(o.far)};
   if (by_index) return bounds;
   float nearest = kInfinity, farthest = -kInfinity;
   for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
@@ -37,7 +35,10 @@ DepthBounds depth_bounds(const Skeleton& skeleton, bool by_index, const PersonMa
     farthest = std::max(farthest, skeleton.positions[joint].z());
   }
   const auto margin = static_cast<float>(o.margin);
-  return {std::max(bounds.near, nearest - margin), std::min(bounds.far, farthest + margin)};
+  // Empty (near > far) where the joints lie outside of the bounds.
+  const float near = std::max(bounds.near, nearest - margin);
+  const float far = std::min(bounds.far, farthest + margin);
+  return near <= far ? DepthBounds{near, far} : DepthBounds{bounds.far, bounds.near};
 }
 
 /// One image row of the person's mask, 0 or 1.
@@ -303,6 +304,13 @@ class Candidates {
 };
 
 }  // namespace
+
+void check_options(const PersonMaskOptions& o) {
+  if (o.near >= 0.0 && o.near < o.far && o.far <= 65.0 && o.margin >= 0.0) return;
+  throw InputError("near, far, margin: expected 0 <= near < far <= 65 and margin >= 0, got " +
+                   std::to_string(o.near) + ", " + std::to_string(o.far) + " and " +
+                   std::to_string(o.margin));
+}
 
 void PersonPoints::resize(std::int64_t num_rows, std::int64_t num_cols) {
   rows = num_rows;

@@ -14,8 +14,9 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import rows as as_rows
 from manip3d._util.options import threads_of
+from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
-from manip3d.io._files import atomic_write
+from manip3d.io._files import atomic_write, open_regular
 from manip3d.lidar import LidarFrame
 
 if TYPE_CHECKING:
@@ -177,7 +178,7 @@ class SensorLattice:
         FormatError
             The file is none of these.
         """
-        with open(path, "rb") as file:
+        with open_regular(path_of(path)) as file:
             data = file.read()
         try:
             values = json.loads(data)["sensor_lattice"]

@@ -307,7 +307,8 @@ def occlusion_consistency(
         verdict = "undecidable"
         reason = f"{share:.0%} of the directions hold several ranges: no single position"
     elif regions:
-        reason = f"{len(regions)} region(s) in which something is seen behind something else"
+        places = "1 region" if len(regions) == 1 else f"{len(regions)} regions"
+        reason = f"{places} in which something is seen behind something else"
     return OcclusionResult(
         verdict,
         reason,

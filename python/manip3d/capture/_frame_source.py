@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from types import TracebackType
@@ -15,7 +17,8 @@ class FrameSource(ABC, Generic[Frame]):
     """Frames one after the other out of ``_source``.
 
     Its ``read(milliseconds)`` gives a frame, the fields of one, True for "not yet" or False for
-    "no more".
+    "no more"; it may be called from any thread. Each frame goes to one reader. `stop` may be called
+    at any time from any thread, also twice, and ends a `read` that waits.
     """
 
     uri: str
@@ -34,10 +37,10 @@ class FrameSource(ABC, Generic[Frame]):
 
     def _wait(self, timeout: float | None) -> Frame | None:
         """The next frame within so many seconds; without a limit until there is one."""
-        waited = 0.0
-        while timeout is None or waited <= timeout:
-            left = _POLL_MS if timeout is None else min(_POLL_MS, (timeout - waited) * 1000)
-            found = self._source.read(max(1, round(left)))
+        end = math.inf if timeout is None else time.monotonic() + timeout
+        while True:
+            left_ms = 1000 * (end - time.monotonic())
+            found = self._source.read(round(min(max(1, left_ms), _POLL_MS)))
             if isinstance(found, Mapping):
                 return self._to_frame(found)
             if not isinstance(found, bool):
@@ -45,10 +48,8 @@ class FrameSource(ABC, Generic[Frame]):
                 return frame
             if not found:
                 return None
-            waited += left / 1000
-            if left <= 0:
-                break
-        return None
+            if left_ms <= _POLL_MS:
+                return None
 
     def __iter__(self) -> Iterator[Frame]:
         while (frame := self.read()) is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import threading
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.paths import path_of
 from manip3d.capture._frame_source import FrameSource
 from manip3d.capture._velodyne_calibration import VelodyneCalibration, read_velodyne_calibration
 from manip3d.errors import InputError
@@ -42,6 +44,7 @@ class LidarSource(FrameSource[LidarFrame]):
         self.is_live = live
         self._source = source
         self._skipped = 0
+        self._lock = threading.Lock()
 
     @property
     def counters(self) -> dict[str, int]:
@@ -93,7 +96,8 @@ class LidarSource(FrameSource[LidarFrame]):
             raise InputError(f"read_latest: {self.uri} is a recording")
         frame = self.read(timeout)
         while frame is not None and (newer := self.read(timeout=0.0)) is not None:
-            self._skipped += 1
+            with self._lock:
+                self._skipped += 1
             frame = newer
         return frame
 
@@ -195,14 +199,16 @@ def open_lidar(
     if colon and scheme == "ouster":
         from manip3d.capture._ouster import OusterRecording
 
-        return LidarSource(uri, OusterRecording(Path(rest), metadata), live=False)
+        return LidarSource(uri, OusterRecording(path_of(rest, "uri"), metadata), live=False)
     if colon and scheme == "kitti":
-        return LidarSource(uri, _Drive(Path(rest)), live=False)
+        return LidarSource(uri, _Drive(path_of(rest, "uri")), live=False)
     if colon and scheme == "velodyne":
         address, bound = _address(rest)
         if not 0 < ring_packets <= 1 << 20:
             raise InputError(f"ring_packets: expected 1 to {1 << 20}, got {ring_packets}")
-        source = _core.VelodyneUdpSource(address, bound, sender or "", ring_packets, options)
+        source = _core.VelodyneUdpSource(
+            os.fsencode(address), bound, os.fsencode(sender or ""), ring_packets, options
+        )
         source.start()
         return LidarSource(uri, source, live=True)
     raise InputError(
@@ -218,16 +224,18 @@ class _Drive:
 
         self._frames = iter(open_kitti(folder))
         self._counters = {"frames": 0, "points": 0}
+        self._lock = threading.RLock()
 
     def read(self, timeout_ms: int) -> LidarFrame | bool:
         """The next scan, or False at the end."""
-        frame = next(self._frames, None)
-        if frame is None:
-            return False
-        scan = frame.scan()
-        self._counters["frames"] += 1
-        self._counters["points"] += scan.num_points
-        return scan
+        with self._lock:
+            frame = next(self._frames, None)
+            if frame is None:
+                return False
+            scan = frame.scan()
+            self._counters["frames"] += 1
+            self._counters["points"] += scan.num_points
+            return scan
 
     def counters(self) -> dict[str, int]:
         """Frames and points."""

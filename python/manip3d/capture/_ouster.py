@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d.io._files import check_regular
 from manip3d.lidar import LidarFrame, ScanFormat
 
 if TYPE_CHECKING:
@@ -22,31 +25,33 @@ class OusterRecording:
     """Frames of a pcap file; the same face as the core's sources."""
 
     def __init__(self, path: Path, metadata: str | os.PathLike[str] | None) -> None:
+        meta = path.with_suffix(".json") if metadata is None else path_of(metadata, "metadata")
         try:
             from ouster.sdk import core, open_source
         except ImportError:
             raise MissingExtraError("ouster-sdk", "ouster") from None
-        path.stat()  # the operating system's word first
-        meta = path.with_suffix(".json") if metadata is None else Path(metadata)
+        check_regular(path)  # the operating system's word first
         if not meta.is_file():
             raise InputError(f"metadata: expected the sensor's JSON file, {meta} is not there")
         self._path, self._core = path, core
         self._uri = f"ouster:{path}"
         self._counters = {"frames": 0, "points": 0, "no_return": 0}
+        self._lock = threading.RLock()
         self._frames = self._guarded(open_source, str(path), meta=[str(meta)])
         self._next = iter(self._frames)
 
     def read(self, timeout_ms: int) -> LidarFrame | bool:
         """The next frame, or False at the end."""
-        scans = self._guarded(next, self._next, None)
-        if scans is None:
-            return False
-        # One sensor, one recording: each item is a set of one frame, in older versions a list.
-        scan = scans[0] if hasattr(scans, "__getitem__") else scans
-        frame: LidarFrame = self._guarded(self._to_frame, scan)
-        self._counters["frames"] += 1
-        self._counters["points"] += frame.num_points
-        return frame
+        with self._lock:
+            scans = self._guarded(next, self._next, None)
+            if scans is None:
+                return False
+            # One sensor, one recording: each item is a set of one frame, in older versions a list.
+            scan = scans[0] if hasattr(scans, "__getitem__") else scans
+            frame: LidarFrame = self._guarded(self._to_frame, scan)
+            self._counters["frames"] += 1
+            self._counters["points"] += frame.num_points
+            return frame
 
     def counters(self) -> dict[str, int]:
         """Frames, points, and firings without a return."""

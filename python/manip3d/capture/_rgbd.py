@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Iterable, Mapping, Sized
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from manip3d import _core
 from manip3d._util.options import reporting
+from manip3d._util.paths import path_of
 from manip3d.camera import Intrinsics, Registration
 from manip3d.capture._frame_source import FrameSource
 from manip3d.errors import InputError
@@ -160,13 +162,15 @@ class _Iterated:
             calibration = self._first.calibration
         self._calibration = calibration
         self._given = 0
+        self._lock = threading.RLock()
 
     def read(self, timeout_ms: int) -> RgbdFrame | bool:
         """The next frame, or False at the end."""
-        frame = self._first or next(self._frames, None)
-        self._first = None
-        self._given += frame is not None
-        return False if frame is None else frame
+        with self._lock:
+            frame = self._first or next(self._frames, None)
+            self._first = None
+            self._given += frame is not None
+            return False if frame is None else frame
 
     def calibration(self) -> RgbdCalibration:
         """Of the source, else of its first frame."""
@@ -355,7 +359,7 @@ def record(
     else:
         opened = from_frames(source)
     recorder = _core.open_recorder(
-        os.fsencode(path), opened.calibration, lossless_colour, jpeg_quality, overwrite
+        os.fsencode(path_of(path)), opened.calibration, lossless_colour, jpeg_quality, overwrite
     )
     try:
         with reporting(progress, "record") as report:

@@ -12,8 +12,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, MissingExtraError
-from manip3d.io._safe_xml import bounded_bytes, parse_xml
+from manip3d.io._text_files import bounded_bytes, parse_xml
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -92,7 +93,7 @@ def read_velodyne_calibration(path: str | os.PathLike[str]) -> VelodyneCalibrati
     MissingExtraError
         PyYAML is not installed and the file is YAML: ``pip install 'manip3d[velodyne]'``.
     """
-    return VelodyneCalibration(**_read(Path(path)))
+    return VelodyneCalibration(**_read(path_of(path)))
 
 
 def _read(path: Path) -> dict[str, Any]:

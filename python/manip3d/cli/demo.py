@@ -7,24 +7,27 @@ from typing import Annotated
 
 import typer
 
-from manip3d.cli.options import Processes, Quiet, Scale, Seed, Tier
+from manip3d.cli.options import Processes, Quiet, Seed, Tier
 from manip3d.cli.terminal import Terminal
 
 
 def demo(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder.")] = Path("demo"),
-    scale: Annotated[Scale, typer.Option(help="quick: a minute; full: some more.")] = Scale.quick,
-    data: Annotated[Tier, typer.Option(help="Which data.")] = Tier.auto,
+    data: Annotated[
+        Tier, typer.Option(help="auto: recorded data where MANIP3D_DATA has them.")
+    ] = Tier.auto,
     quiet: Quiet = False,
     jobs: Processes = 0,
     seed: Seed = 0,
 ) -> None:
-    """Run experiments on meshes and depth images and open their report; needs no data."""
+    """Tell four stories with pictures and their commands, then the numbers; open the page.
+
+    Needs no data and no network. Run again, it goes on where it stopped.
+    """
     from manip3d.cli import reproducing
 
     shell = Terminal(quiet=quiet)
-    plan = {"data": data.value, "scale": scale.value, "seed": seed}
-    reproducing.reproduce(
-        reproducing.demo_ids(), output, plan, shell, jobs=jobs, dask="", force=False
-    )
-    reproducing.open_report(reproducing.write_report(output, None, shell), shell)
+    done = reproducing.demo(output, data=data.value, seed=seed, jobs=jobs, terminal=shell)
+    reproducing.open_report(done.page, shell)
+    if done.summary.failed or done.summary.problems:
+        raise typer.Exit(1)

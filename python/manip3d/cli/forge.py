@@ -9,8 +9,10 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
+from manip3d.cli.convert import Up
 from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Seed
 from manip3d.cli.terminal import Terminal, count, refuse_existing
 from manip3d.errors import InputError
@@ -39,6 +41,7 @@ class Order:
     distance: float
     range_noise: float
     paper: bool
+    up: str
     seed: int
     threads: int
 
@@ -204,9 +207,13 @@ def _hoax(order: Order) -> Any:
     if order.hoax is None:
         raise InputError("--hoax: expected a mesh or scan file, got none")
     path = Path(order.hoax)
-    if mesh_suffix(path) in READABLE:
-        return manip3d.read_mesh(path)
-    return manip3d.read_scan(path)
+    if mesh_suffix(path) not in READABLE:
+        return manip3d.read_scan(path)
+    mesh = manip3d.read_mesh(path)
+    if order.up == "z":
+        return mesh
+    x, y, z = mesh.vertices.T
+    return mesh.replace(vertices=np.column_stack([x, -z, y]))
 
 
 def _points(hoax: Any) -> Any:
@@ -260,6 +267,7 @@ def forge_lidar(
     yaw: Annotated[float, typer.Option(help="Turn about the vertical, radians.")] = 0.0,
     amplitude: Annotated[float, typer.Option(help="Of a deformation, metres.")] = 0.1,
     distance: Annotated[float, typer.Option(help="Of a translation, metres.")] = 3.0,
+    up: Annotated[Up, typer.Option(help="Axis of a hoax's mesh that is up.")] = Up.z,
     range_noise: Annotated[float, typer.Option(help="Of inserted points, metres.")] = 0.0,
     printed: Annotated[
         bool, typer.Option("--printed", help="CTP's translation as printed.")
@@ -283,6 +291,7 @@ def forge_lidar(
         distance,
         range_noise,
         printed,
+        up.value,
         seed,
         jobs,
     )

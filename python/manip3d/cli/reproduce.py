@@ -40,7 +40,7 @@ def reproduce(
         ids or [], output, plan, shell, jobs=jobs, dask=dask, force=force
     )
     shell.result(reproducing.digest(summary), lambda console: reproducing.show(console, summary))
-    if summary.failed:
+    if summary.failed or summary.problems:
         raise typer.Exit(1)
     if strict and reproducing.some_claim_fails(summary):
         raise typer.Exit(MISSED)

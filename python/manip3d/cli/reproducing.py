@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING, Any
 from manip3d import datasets
 from manip3d.cli.terminal import Terminal, table
 from manip3d.errors import InputError
-from manip3d.experiments import Plan, RunSummary, registry, run, select
+from manip3d.experiments import Plan, RunSummary, counted, run, select
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from manip3d.report.demo import Demo
 
 
 def listing(ids: list[str]) -> list[dict[str, Any]]:
@@ -45,10 +47,21 @@ def _data_state(record: dict[str, Any]) -> str:
     return f"{missing} of {wanted} missing: {', '.join(record['missing'])}"
 
 
-def demo_ids() -> list[str]:
-    """What shows most in a minute: chapter 2, and the errors of chapter 3."""
-    chapter_2 = ("table-2.", "figure-2.", "ablation-")
-    return [name for name in registry() if name.startswith(chapter_2) or name == "table-3.4"]
+def demo(folder: Path, *, data: Any, seed: int, jobs: int, terminal: Terminal) -> Demo:
+    """Run the demo into a folder, new or of an earlier demo; say where its page is."""
+    from manip3d.report.demo import run_demo
+
+    _refuse_foreign_folder(folder, force=False)
+    terminal.say("four stories, then the tables; about two minutes on two cores")
+    try:
+        with terminal.progress("demo") as bar:
+            done = run_demo(folder, data=data, seed=seed, jobs=jobs, progress=bar or terminal.line)
+    except KeyboardInterrupt:
+        terminal.say(f"interrupted; what had finished is in {folder}, the same command goes on")
+        raise
+    _say_what_was_done(done.summary, terminal)
+    terminal.say(f"page: {done.page.resolve()}")
+    return done
 
 
 def reproduce(
@@ -72,18 +85,24 @@ def reproduce(
     except KeyboardInterrupt:
         terminal.say(f"interrupted; what had finished is in {folder}, the same command goes on")
         raise
-    terminal.say(
-        f"{summary.cases} cases ({summary.resumed} from an earlier run, {summary.failed} failed) "
-        f"in {summary.seconds:.1f} s; results in {folder}"
-    )
+    _say_what_was_done(summary, terminal)
     return summary
+
+
+def _say_what_was_done(summary: RunSummary, terminal: Terminal) -> None:
+    terminal.say(
+        f"{counted(summary.cases, 'case')} ({summary.resumed} from an earlier run, "
+        f"{summary.failed} failed) in {summary.seconds:.1f} s; results in {summary.folder}"
+    )
+    for problem in summary.problems:
+        terminal.say(problem)
 
 
 def _refuse_foreign_folder(folder: Path, *, force: bool) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder, got a file")
-    foreign = folder.is_dir() and any(folder.iterdir()) and not (folder / "cases").is_dir()
-    if foreign and not force:
+    ours = (folder / "cases").is_dir() or (folder / "results.json").is_file()
+    if folder.is_dir() and any(folder.iterdir()) and not ours and not force:
         raise InputError(f"{folder}: not empty and no results folder; --force uses it all the same")
 
 
@@ -94,6 +113,7 @@ def digest(summary: RunSummary) -> dict[str, Any]:
         "cases": summary.cases,
         "resumed": summary.resumed,
         "failed": summary.failed,
+        "problems": summary.problems,
         "seconds": round(summary.seconds, 3),
         "verdicts": {
             name: [{"claim": v["claim"], "verdict": v["word"]} for v in record["verdicts"]]
@@ -115,9 +135,10 @@ def show(console: Console, summary: RunSummary) -> None:
 
 
 def some_claim_fails(summary: RunSummary) -> bool:
-    """Whether a claim does not hold."""
+    """Whether a claim does not hold, on the published files or on what stands in for them."""
     records = summary.results["experiments"].values()
-    return any(v["word"] == "does not hold" for record in records for v in record["verdicts"])
+    failing = ("does not hold", "undecided")
+    return any(v["word"] in failing for record in records for v in record["verdicts"])
 
 
 def write_report(folder: Path, output: Path | None, terminal: Terminal) -> Path:

@@ -24,24 +24,42 @@ def write_simulated(
     threads: int,
     seed: int,
 ) -> dict[str, Any]:
-    """Write what ``source`` names: ``street`` as a folder, a scene as a scan.
+    """Write what ``source`` names: a drive as a folder, a scan or a mesh as a file.
 
     Raises
     ------
     InputError
         There is no such source, or an option is out of range.
     """
-    from manip3d.simulate import scenes
+    from manip3d.simulate import models, scenes
 
     name = source.removeprefix("sim:")
     if name == "street":
         return _street(output, terminal, frames, pictures, force, threads, seed)
     if name in {**scenes.SCENES, **scenes.CALIBRATION}:
         return _scan(name, output, terminal, resolution, threads, seed)
+    if name in models.MODELS:
+        return _model(name, output, terminal, seed)
     raise InputError(
         f"{source}: expected sim:street or a scene: sim:indoor-00 to -16, sim:outdoor-00 to -26, "
-        "sim:calibration-indoor-00 to -11, sim:calibration-outdoor-00 to -11"
+        "sim:calibration-indoor-00 to -11, sim:calibration-outdoor-00 to -11; or a model: "
+        f"{', '.join(f'sim:{known}' for known in models.MODELS)}"
     )
+
+
+def _model(name: str, output: Path, terminal: Terminal, seed: int) -> dict[str, Any]:
+    import inspect
+
+    from manip3d.io import WRITABLE
+    from manip3d.simulate import models
+
+    if output.suffix.lower() not in WRITABLE:  # before the work, not after it
+        raise InputError(f"{output}: expected one of {', '.join(WRITABLE)}")
+    make = models.MODELS[name]
+    mesh = make(rng=seed) if "rng" in inspect.signature(make).parameters else make()
+    mesh.write(output)
+    terminal.say(f"wrote {output}: {count(mesh.num_faces)} faces")
+    return {"source": f"sim:{name}", "output": str(output), "faces": mesh.num_faces}
 
 
 def _street(
@@ -103,7 +121,7 @@ def _scan(
 
 def simulate(
     source: Annotated[
-        str, typer.Argument(metavar="SOURCE", help="sim:street, sim:indoor-00, sim:outdoor-26 ...")
+        str, typer.Argument(metavar="SOURCE", help="sim:street, sim:indoor-00, sim:airplane ...")
     ],
     output: Output,
     frames: Annotated[int, typer.Option(min=1, help="Of a street: turns of the LiDAR.")] = 10,
@@ -119,9 +137,9 @@ def simulate(
     jobs: Jobs = 0,
     seed: Seed = 0,
 ) -> None:
-    """Make LiDAR data with truth: a drive in KITTI's layout, or a terrestrial scan.
+    """Make data with known truth: a drive in KITTI's layout, a terrestrial scan, or a mesh.
 
-    Another seed is another street; of a scene it is other noise.
+    Another seed is another street; for the others it is other noise.
     """
     refuse_existing(output, force=force)
     shell = Terminal(as_json=as_json, quiet=quiet)

@@ -54,6 +54,10 @@ class Terminal:
         elif show is not None:
             show(self.out)
 
+    def line(self, fraction: float, message: str = "") -> None:
+        """One line of progress, for logs and pipes that show no bar."""
+        self.say(f"{fraction:5.0%}  {message}")
+
     @contextmanager
     def progress(self, title: str) -> Iterator[Progress | None]:
         """A progress bar on stderr; None where nobody would see it."""

@@ -11,6 +11,7 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 
+from manip3d._util.paths import path_of
 from manip3d.errors import Error, InputError
 
 ENTRY_POINTS = "manip3d.datasets"
@@ -202,7 +203,7 @@ def require(file: DataFile, name: str) -> Path:
 
 def file_sha256(path: Path) -> str:
     """Hexadecimal SHA-256 of a file's bytes; computed once while its size and time stay."""
-    status = path.stat()
+    status = path_of(path).stat()
     return _sha256(path, status.st_size, status.st_mtime_ns)
 
 

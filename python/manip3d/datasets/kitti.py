@@ -17,9 +17,11 @@ from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
+from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
-from manip3d.io._safe_xml import parse_xml
+from manip3d.io._files import regular_bytes
 from manip3d.io._scan_files import read_scan, scan_paths
+from manip3d.io._text_files import parse_xml, text_of
 from manip3d.lidar import Box, LidarFrame
 
 if TYPE_CHECKING:
@@ -127,7 +129,7 @@ class KittiFrame:
         frame = read_scan(self.scan_path).replace(timestamp=self.timestamp)
         if self.truth_path is None:
             return frame
-        raw = self.truth_path.read_bytes()
+        raw = regular_bytes(self.truth_path)
         if len(raw) != 4 * frame.num_points:
             raise FormatError(
                 f"expected {frame.num_points} labels of 4 bytes, got {len(raw)} bytes",
@@ -267,10 +269,12 @@ def open_kitti(
     >>> drive = open_kitti("2011_09_26/2011_09_26_drive_0005_sync")  # doctest: +SKIP
     >>> frame = drive[0].scan()  # doctest: +SKIP
     """
-    folder = Path(path)
+    folder = path_of(path)
     if not folder.is_dir():
         raise FileNotFoundError(2, os.strerror(2), str(path))
-    return KittiDrive(folder, calibration=None if calibration is None else Path(calibration))
+    return KittiDrive(
+        folder, calibration=None if calibration is None else path_of(calibration, "calibration")
+    )
 
 
 def read_calibration(path: Path) -> KittiCalibration:
@@ -282,7 +286,7 @@ def read_calibration(path: Path) -> KittiCalibration:
         rotation, file = "R_rect_00", path / "calib_cam_to_cam.txt"
         velo = np.column_stack(
             [
-                _shaped(rigid, "R", (3, 3), path / "calib_velo_to_cam.txt"),
+                _rotation(rigid, "R", path / "calib_velo_to_cam.txt"),
                 _shaped(rigid, "T", (3,), path / "calib_velo_to_cam.txt"),
             ]
         )
@@ -290,10 +294,12 @@ def read_calibration(path: Path) -> KittiCalibration:
         cameras, file = _matrices(path), path
         projections = {c: f"P{c}" for c in range(4)}
         rotation = "R0_rect"
-        velo = _shaped(cameras, "Tr" if "Tr" in cameras else "Tr_velo_to_cam", (3, 4), path)
+        rigid_name = "Tr" if "Tr" in cameras else "Tr_velo_to_cam"
+        velo = _shaped(cameras, rigid_name, (3, 4), path)
+        _check_rotation(velo[:, :3], rigid_name, path)
     rectify = np.eye(4)
     if rotation in cameras:  # odometry's calib.txt has it inside Tr
-        rectify[:3, :3] = _shaped(cameras, rotation, (3, 3), file)
+        rectify[:3, :3] = _rotation(cameras, rotation, file)
     rigid_velo = np.vstack([velo, [0.0, 0.0, 0.0, 1.0]])
     return KittiCalibration(
         {
@@ -312,15 +318,18 @@ def read_labels(path: Path, calibration: KittiCalibration) -> tuple[Box, ...]:
     """
     boxes = []
     velo_rect = np.linalg.inv(calibration.T_rect_velo)
-    for number, line in enumerate(path.read_text().splitlines(), 1):
+    for number, line in enumerate(text_of(path).splitlines(), 1):
         words = line.split()
         if not words or words[0] == "DontCare":
             continue
         try:
-            height, width, length, x, y, z, rotation = map(float, words[8:15])
+            values = [_finite(word) for word in words[8:15]]
+            height, width, length, x, y, z, rotation = values
         except ValueError:
             raise FormatError(
-                f"expected a label of 15 words, got {len(words)}", file=str(path), line=number
+                f"expected a label of 15 words, the last 7 finite numbers, got {line[:80]!r}",
+                file=str(path),
+                line=number,
             ) from None
         # The place is the middle of the bottom face, the turn about the camera's y (down).
         bottom = velo_rect @ [x, y, z, 1.0]
@@ -363,20 +372,25 @@ def read_tracklets(path: Path) -> dict[int, tuple[Box, ...]]:
 def _numbers(element: Element, names: tuple[str, ...], path: Path) -> list[float]:
     texts = [element.findtext(name) for name in names]
     try:
-        values = [float(text) if text is not None else math.nan for text in texts]
+        return [_finite(text or "") for text in texts]
     except ValueError:
-        values = [math.nan]
-    if not all(map(math.isfinite, values)):
         raise FormatError(
             f"{', '.join(names)}: expected finite numbers, got {texts}", file=str(path)
-        )
-    return values
+        ) from None
+
+
+def _finite(text: str) -> float:
+    """Return a number that a file may hold: no nan, no inf, no 1e999."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text)
+    return value
 
 
 def _matrices(path: Path) -> dict[str, NDArray[np.float64]]:
     """The lines ``name: numbers`` of a calibration file; others (dates) are left out."""
     found = {}
-    for line in path.read_text().splitlines():
+    for line in text_of(path).splitlines():
         name, _, values = line.partition(":")
         try:
             found[name.strip()] = np.array([float(word) for word in values.split()])
@@ -395,6 +409,24 @@ def _shaped(
             f"{name}: expected {np.prod(shape)} finite numbers, got {got}", file=str(file)
         )
     return values.reshape(shape)
+
+
+def _rotation(
+    matrices: Mapping[str, NDArray[np.float64]], name: str, file: Path
+) -> NDArray[np.float64]:
+    matrix = _shaped(matrices, name, (3, 3), file)
+    _check_rotation(matrix, name, file)
+    return matrix
+
+
+def _check_rotation(matrix: NDArray[np.float64], name: str, file: Path) -> None:
+    """Refuse what has no inverse: files have seven digits, so that a rotation is one to 1e-3."""
+    worst = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
+    if not worst < 1e-3:
+        raise FormatError(
+            f"{name}: expected a rotation, got a matrix {worst:.3g} off an orthogonal one",
+            file=str(file),
+        )
 
 
 def _find_calibration(path: Path, given: Path | None) -> tuple[Path | None, bool]:
@@ -416,11 +448,11 @@ def _times(path: Path, raw: bool) -> dict[int, float]:
     if not file.is_file():
         return {}
     times = {}
-    for number, line in enumerate(file.read_text().splitlines()):
+    for number, line in enumerate(text_of(file).splitlines()):
         if not line.strip():
             continue
         try:
-            times[number] = parse_time(line) if raw else float(line)
+            times[number] = parse_time(line) if raw else _finite(line)
         except ValueError:
             raise FormatError(
                 f"expected a time, got {line[:40]!r}", file=str(file), line=number + 1
@@ -431,6 +463,8 @@ def _times(path: Path, raw: bool) -> dict[int, float]:
 def parse_time(text: str) -> float:
     """Seconds since 1970 of ``2011-09-26 13:02:44.317412775``, which names no time zone: UTC."""
     whole, _, fraction = text.strip().partition(".")
+    if fraction and not (fraction.isascii() and fraction.isdigit()):
+        raise ValueError(f"expected digits after the point, got {fraction!r}")
     moment = datetime.strptime(whole, "%Y-%m-%d %H:%M:%S").replace(tzinfo=UTC)
     return moment.timestamp() + (float(f"0.{fraction}") if fraction else 0.0)
 

@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
+from manip3d._util.paths import path_of
 from manip3d.datasets.kitti import parse_time
 from manip3d.errors import FormatError
 from manip3d.io import read_depth
+from manip3d.io._text_files import text_of
 from manip3d.lidar import LidarFrame, ScanFormat
 
 if TYPE_CHECKING:
@@ -68,7 +70,7 @@ def read_layout(path: Path) -> RangeImageLayout:
     FormatError
         No such line, or numbers that do not fit together.
     """
-    for number, text in enumerate(path.read_text(errors="replace").splitlines(), 1):
+    for number, text in enumerate(text_of(path).splitlines(), 1):
         words = text.replace(";", " ").split()
         if not words or words[0].startswith("#"):
             continue
@@ -110,7 +112,7 @@ class RangeImageFolder(Sequence[LidarFrame]):
         self.layout = read_layout(path / "velodyne_config.txt")
         self.images = tuple(sorted((path / "data").glob("*.png")))
         times = path / "timestamps.txt"
-        lines = times.read_text(errors="replace").splitlines() if times.is_file() else []
+        lines = text_of(times).splitlines() if times.is_file() else []
         self._times = [line for line in lines if line.strip()]
 
     def __len__(self) -> int:
@@ -179,4 +181,4 @@ def open_range_images(path: str | os.PathLike[str]) -> RangeImageFolder:
     OSError
         The folder or the file of angles is missing.
     """
-    return RangeImageFolder(Path(path))
+    return RangeImageFolder(path_of(path))

@@ -19,6 +19,7 @@ from manip3d.datasets._registry import DataSet, get, require
 from manip3d.datasets._tables import data_file, table
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io import read_depth
+from manip3d.io._text_files import text_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -92,7 +93,7 @@ def _matrix_pose(path: Path, _: str) -> NDArray[np.float64]:
 
 def _log_pose(path: Path, frame: str) -> NDArray[np.float64]:
     """Redwood's log: three whole numbers, the first of them the frame, then a matrix; repeated."""
-    lines = path.read_text(encoding="ascii").splitlines()
+    lines = text_of(path).splitlines()
     for first in range(0, len(lines) - 4, 5):
         if int(lines[first].split()[0]) == int(frame):
             rows = [line.split() for line in lines[first + 1 : first + 5]]
@@ -115,7 +116,7 @@ def _turntable_pose(path: Path, _: str) -> NDArray[np.float64]:
     numbers = {
         name: [float(word) for word in data.split()]
         for name, data in re.findall(
-            r"<(R|t) type_id.*?<data>(.*?)</data>", path.read_text(encoding="ascii"), re.DOTALL
+            r"<(R|t) type_id.*?<data>(.*?)</data>", text_of(path), re.DOTALL
         )
     }
     if {name: len(values) for name, values in numbers.items()} != {"R": 9, "t": 3}:

@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.paths import path_of
 from manip3d.datasets._registry import DataFile, DataSet, get, locate, require
 from manip3d.datasets._tables import data_file, table
 from manip3d.errors import FormatError, InputError
 from manip3d.io import read_range_grid
+from manip3d.io._text_files import text_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -167,7 +169,7 @@ def read_poses(path: Path) -> dict[str, NDArray[np.float64]]:
     OSError
     """
     poses = {}
-    for number, line in enumerate(path.read_text(encoding="ascii").splitlines(), start=1):
+    for number, line in enumerate(text_of(path_of(path)).splitlines(), start=1):
         kind, *fields = line.split() or [""]
         if kind != "bmesh":
             continue

@@ -44,6 +44,13 @@ class StandIn:
         return f"{self.mesh}, {self.variant}" if self.variant else self.mesh
 
     @property
+    def data(self) -> str:
+        """``published``, ``stand-in`` or ``recorded``: in the place of nothing."""
+        if self.same_file:
+            return "published"
+        return "stand-in" if self.published else "recorded"
+
+    @property
     def role(self) -> str:
         """What its numbers are: the published model's, a stand-in's, or a mesh's beside them."""
         if self.same_file:

@@ -9,11 +9,13 @@ from manip3d.experiments._model import (
     Case,
     Claim,
     Column,
+    DataTier,
     Experiment,
     Finding,
     Plan,
     Row,
     Verdict,
+    counted,
 )
 from manip3d.experiments._registry import ENTRY_POINTS, registry, select
 from manip3d.experiments._runner import RESULTS_FORMAT, RunSummary, run
@@ -25,6 +27,7 @@ __all__ = [
     "Case",
     "Claim",
     "Column",
+    "DataTier",
     "Experiment",
     "Finding",
     "Plan",
@@ -32,6 +35,7 @@ __all__ = [
     "RunSummary",
     "Store",
     "Verdict",
+    "counted",
     "pack_mesh",
     "registry",
     "run",

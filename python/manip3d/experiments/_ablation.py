@@ -8,13 +8,20 @@ from typing import Any
 
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
 from manip3d.experiments._simplification import (
+    DATA_NOTE,
+    MEASURE_NOTE,
     METRO_COLUMNS,
     SIMULATED,
-    STAND_IN_NOTE,
     complete,
     models,
     simplification_case,
 )
+
+MEASURES = {
+    "metro_vertex": "Metro (vertex sampling)",
+    "texture_mean": "mean texture error",
+    "texture_rms": "RMS texture error",
+}
 
 
 def weight_ablation(
@@ -25,6 +32,7 @@ def weight_ablation(
     symbol: str,
     weights: Sequence[float],
     readings: Sequence[dict[str, Any]],
+    titles: dict[str, str],
     meshes: dict[str, Sequence[str]],
     measures: dict[str, float],
     source_value: float,
@@ -36,6 +44,8 @@ def weight_ablation(
     ----------
     readings : sequence of dict
         Other options to combine each weight with; they become columns too.
+    titles : dict
+        What the report calls these options.
     meshes : dict of scale to labels
         Which models it looks at.
     measures : dict of column to scale
@@ -60,7 +70,7 @@ def weight_ablation(
             groups: dict[tuple[str, ...], dict[float, float]] = {}
             for row in rows:
                 if row.get(name) is not None:
-                    key = (row["model"], *(f"{key} {row[key]!r}" for key in readings[0]))
+                    key = (row["model"], *(f"{titles[key]}: {row[key]}" for key in readings[0]))
                     groups.setdefault(key, {})[row[option]] = row[name]
             for key, errors in groups.items():
                 numbers = ", ".join(
@@ -71,7 +81,8 @@ def weight_ablation(
                 yield Finding(", ".join(key), holds, f"{numbers} (1/{scale:g})")
 
         listed = ", ".join(f"{weight:g}" for weight in weights)
-        text = f"{symbol} = {source_value:g} has the lowest {name} of {listed} on every model"
+        measure = MEASURES[name]
+        text = f"{symbol} = {source_value:g} has the lowest {measure} of {listed} on every model"
         return Claim(text, "section 2.5, parameters", judge)
 
     simulated = {model.mesh for model, _ in SIMULATED}
@@ -87,7 +98,7 @@ def weight_ablation(
         data=tuple(mesh for mesh in meshes["full"] if mesh not in simulated),
         cases=cases,
         columns=(
-            *(Column(name, name) for name in readings[0]),
+            *(Column(name, titles[name]) for name in readings[0]),
             Column(option, symbol),
             Column("faces", "faces"),
             *(replace(column, published="") for column in METRO_COLUMNS[2:]),
@@ -95,5 +106,5 @@ def weight_ablation(
         ),
         claims=tuple(best(name, scale) for name, scale in measures.items()),
         complete=completed,
-        notes=(STAND_IN_NOTE, note),
+        notes=(DATA_NOTE, MEASURE_NOTE, note),
     )

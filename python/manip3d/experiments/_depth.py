@@ -19,6 +19,7 @@ from manip3d import datasets
 from manip3d.errors import InputError
 from manip3d.experiments import _published
 from manip3d.experiments._model import Case, Column, Plan, Row
+from manip3d.experiments._notes import data_note
 from manip3d.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -87,6 +88,13 @@ class DepthModel:
     width: int = 0
 
     @property
+    def kind_of_data(self) -> str:
+        """``published``, ``stand-in`` or ``simulated``."""
+        if self.same_file:
+            return "published"
+        return "stand-in" if self.data else "simulated"
+
+    @property
     def role(self) -> str:
         """What its numbers are: the published model's, or a stand-in's."""
         if self.same_file:
@@ -103,7 +111,7 @@ class DepthModel:
             "source": list(self.source),
             "width": self.width,
             "stands_in_for": self.published,
-            "same_file": self.same_file,
+            "data": self.kind_of_data,
             "role": self.role,
         }
 
@@ -494,9 +502,9 @@ QUALITY_COLUMNS = (
 )
 ERROR_COLUMNS = tuple(replace(column, published="") for column in QUALITY_COLUMNS)
 """The same beside nothing: what a figure shows is not printed as numbers."""
+DATA_NOTE = data_note("range image")
 NOTE = (
-    "bun000 and happyStandRight_0 are the published scans. All other rows are measured on "
-    "stand-ins: the published value beside them belongs to another range image. Every method "
+    "Every method "
     "keeps the same number of vertices. The original is the dense mesh: two triangles per full "
     "2x2 cell of pixels, one where three are valid; of scenes, no edge longer than 0.5 m, in the "
     "original and in the results. Metro is the mean distance from original to result, in "

@@ -41,6 +41,8 @@ def cases(plan: Plan, kind: str) -> list[Case]:
                 "kind": kind,
                 "number": 1 if kind == "outdoor" else 0,
                 "hoaxes": list(_forensics.HOAXES) if real else ["ball", "knot"],
+                "data": "simulated",
+                "role": _forensics.role(real),
                 "resolution_deg": {"full": 0.06, "quick": 0.2}[plan.scale],
                 "seed": plan.seed,
             },

@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Row = dict[str, Any]
+Note = str | Callable[[Sequence[Row]], str]
 DataTier = Literal["auto", "real", "simulated"]
 Scale = Literal["quick", "full"]
 
@@ -74,6 +75,15 @@ def canonical_json(value: Any) -> bytes:
     return json.dumps(value, sort_keys=True, separators=(",", ":")).encode()
 
 
+DATA_KINDS: dict[str, str] = {
+    "published": "the published file",
+    "stand-in": "a public file in the place of the published one",
+    "recorded": "recorded data that stand for nothing published",
+    "simulated": "simulated",
+}
+"""What a row was measured on: the values of ``data``, in words."""
+
+
 @dataclass(frozen=True)
 class Finding:
     """What one model (or other part) says about a claim.
@@ -85,11 +95,18 @@ class Finding:
         None: not applicable there.
     numbers : str
         What was compared.
+    data : str
+        What it was measured on: one of `DATA_KINDS`, or several of them, separated by commas;
+        filled in by `Claim.verdict`.
+    unjudged : str
+        Why this run cannot judge it although it applies: another file, too small a scale.
     """
 
     subject: str
     holds: bool | None
     numbers: str
+    data: str = ""
+    unjudged: str = ""
 
 
 @dataclass(frozen=True)
@@ -102,22 +119,49 @@ class Verdict:
     source : str
         Where the claim is made.
     findings : tuple of Finding
+    unjudged : str
+        Why the claim could not be judged: a case that it needs failed; ``""``: it could.
+    reported : bool
+        Whether the numbers are reported without any claim.
     """
 
     claim: str
     source: str
     findings: tuple[Finding, ...]
+    unjudged: str = ""
+    reported: bool = False
 
     @property
     def holds(self) -> bool | None:
-        """True, False, or None where nothing applies."""
+        """True, False, or None where nothing applies or a case that the claim needs failed."""
         judged = [finding.holds for finding in self.findings if finding.holds is not None]
-        return all(judged) if judged else None
+        return all(judged) if judged and not self.unjudged else None
 
     @property
     def word(self) -> str:
-        """``holds``, ``does not hold`` or ``not applicable``."""
-        return {True: "holds", False: "does not hold", None: "not applicable"}[self.holds]
+        """``holds``, ``does not hold``, ``undecided``, or why there is no verdict.
+
+        Undecided: a published claim that fails on stand-ins or simulated data alone; only the
+        published files can refute it. Without a verdict: ``not judged`` (a case failed),
+        ``reported`` or ``not applicable``.
+        """
+        if self.unjudged:
+            return "not judged"
+        if self.holds is None:
+            return "reported" if self.reported and self.findings else "not applicable"
+        if self.holds:
+            return "holds"
+        refuted = any(self._refutes(finding) for finding in self.findings)
+        return "does not hold" if refuted else "undecided"
+
+    def _refutes(self, finding: Finding) -> bool:
+        """An aim of ours can fail on any data, what is published only on what it was said of."""
+        decisive = self.source.startswith("aim") or not finding.data or "published" in finding.data
+        return finding.holds is False and decisive
+
+
+def _every_row(_: Row) -> bool:
+    return True
 
 
 @dataclass(frozen=True)
@@ -130,17 +174,82 @@ class Claim:
     source : str
         Table, figure or section that says so, or ``aim`` for one of our own.
     judge : callable
-        Rows that did not fail -> findings.
+        Rows that did not fail -> findings. Each kind of data is judged apart, so that a verdict
+        says on which data it rests.
+    about : callable
+        Which rows the claim needs; looks at options only, which failed rows have too.
+    data : tuple of str
+        Kinds of data that can judge it: ``("published",)`` where it is about numbers of the
+        published files. On other data the numbers are shown and nothing is judged.
+    together : bool
+        Judge rows of all kinds of data at once: for claims that compare them.
+    reported : bool
+        Numbers without a claim.
     """
 
     text: str
     source: str
     judge: Callable[[Sequence[Row]], Iterable[Finding]]
+    about: Callable[[Row], bool] = _every_row
+    data: tuple[str, ...] = tuple(DATA_KINDS)
+    together: bool = False
+    reported: bool = False
 
     def verdict(self, rows: Sequence[Row]) -> Verdict:
-        """The claim judged on the rows that did not fail."""
-        sound = [row for row in rows if not row.get("error")]
-        return Verdict(self.text, self.source, tuple(self.judge(sound)))
+        """The claim judged on the rows that it needs.
+
+        If one of them failed, the claim is not judged; what the other models say stands in the
+        findings. Models with a failed case are left out, since judges compare whole models.
+        """
+        needed = [row for row in rows if self.about(row)]
+        failed = [row for row in needed if row.get("error")]
+        incomplete = {row.get("model") for row in failed}
+        whole = [row for row in needed if row.get("model") not in incomplete]
+        unjudged = f"{counted(len(failed), 'case')} failed" if failed else ""
+        findings: list[Finding] = []
+        try:
+            for kinds, group in self._by_data(whole):
+                findings += self._found(kinds, group)
+        except Exception as error:  # the report is written all the same, and says so
+            unjudged = unjudged or f"the judge failed: {type(error).__name__}: {error}"
+        findings += [
+            Finding(_subject(row), None, f"failed: {row['error']}", _kind(row)) for row in failed
+        ]
+        return Verdict(self.text, self.source, tuple(findings), unjudged, self.reported)
+
+    def _by_data(self, rows: Sequence[Row]) -> list[tuple[str, Sequence[Row]]]:
+        kinds = [kind for kind in DATA_KINDS if any(_kind(row) == kind for row in rows)]
+        if self.together or not rows:
+            return [(", ".join(kinds), rows)]
+        return [(kind, [row for row in rows if _kind(row) == kind]) for kind in kinds]
+
+    def _found(self, kinds: str, rows: Sequence[Row]) -> Iterable[Finding]:
+        for finding in self.judge(rows):
+            if kinds and finding.holds is not None and not set(kinds.split(", ")) <= set(self.data):
+                why = f"only {_listed(self.data)} can judge this"
+                yield replace(finding, holds=None, data=kinds, unjudged=why)
+            else:
+                yield replace(finding, data=kinds)
+
+
+def _kind(row: Row) -> str:
+    return str(row.get("data", "simulated"))
+
+
+def _listed(kinds: Sequence[str]) -> str:
+    return " or ".join(DATA_KINDS[kind] for kind in kinds)
+
+
+def _subject(row: Row) -> str:
+    """Model, method and level of a row, as far as it has them."""
+    words = (row.get(name) for name in ("model", "method", "level"))
+    return " ".join(str(word) for word in words if word not in (None, ""))
+
+
+def counted(number: int, noun: str, plural: str = "") -> str:
+    """A number with its noun: ``1 face``, ``2 faces``; thousands in groups."""
+    text = f"{number:,}".replace(",", "\u202f")
+    return f"{text} {noun if number == 1 else plural or noun + 's'}"
 
 
 @dataclass(frozen=True)
@@ -225,8 +334,13 @@ class Experiment:
         Rows that did not fail -> figures by name.
     sheets : callable or None
         Rows that did not fail -> pictures by the name of their model.
-    notes : tuple of str
-        What a reader must know to read the numbers.
+    notes : tuple of str or callable
+        What a reader must know to read the numbers. What depends on the run is a function of the
+        rows that did not fail; ``""``: nothing to say.
+    role : str
+        What its data are, where cases do not say it.
+    split : str
+        Key in the rows by whose values the report makes several tables; ``""``: one table.
     """
 
     id: str
@@ -239,4 +353,6 @@ class Experiment:
     complete: Callable[[Row], Row] = _as_it_is
     figures: Callable[[Sequence[Row]], dict[str, Figure]] | None = None
     sheets: Callable[[Sequence[Row]], dict[str, Sheet]] | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
+    role: str = ""
+    split: str = ""

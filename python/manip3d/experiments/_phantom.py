@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from manip3d.camera import Intrinsics
     from manip3d.experiments._model import Row
     from manip3d.modify import PhantomFrame, Segmentation
     from manip3d.rgbd import RgbdFrame
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
 FEET = 0.3048
 """Metres."""
 
+ROLE = "simulated patient, in the place of the published recordings"
 NOTE = (
     "A simulated patient (`manip3d.simulate.BodySimulator`) before a simulated Kinect V2 stands in "
     "for the published recordings, of which none is public."
@@ -77,15 +77,6 @@ def outcomes(
 # --- Measures ---------------------------------------------------------------------------------
 
 
-def lift(depth: NDArray[Any], camera: Intrinsics) -> Floats:
-    """(H, W, 3) points of a depth image in metres."""
-    row, column = np.mgrid[: depth.shape[0], : depth.shape[1]]
-    z = depth.astype(np.float64)
-    return np.stack(
-        [(column - camera.cx) * z / camera.fx, (row - camera.cy) * z / camera.fy, z], axis=2
-    )
-
-
 def segmented(frame: RgbdFrame, segmentation: Segmentation = "skin") -> NDArray[np.uint8]:
     """The nearest bone of each pixel of the first person."""
     from manip3d.modify import segment_body
@@ -108,7 +99,7 @@ def covered(phantom: PhantomFrame) -> Mask:
     return phantom.phantom
 
 
-def distances(points: Floats, surface: Any) -> Floats:
+def distances(points: NDArray[np.floating[Any]], surface: Any) -> Floats:
     """Metres from each point to a mesh."""
     from manip3d.metrics import closest_points
 
@@ -118,7 +109,7 @@ def distances(points: Floats, surface: Any) -> Floats:
 def errors(outcome: Outcome, limb: Any) -> Floats:
     """Distance of each unfilled phantom point to the intact limb, reflected in the true plane."""
     camera = outcome.frame.calibration.depth
-    points = lift(outcome.phantom.depth, camera)[drawn(outcome.phantom, "PHANTOM", "AWAY")]
+    points = camera.unproject(outcome.phantom.depth)[drawn(outcome.phantom, "PHANTOM", "AWAY")]
     return distances(points, outcome.truth.phantom(limb))
 
 
@@ -129,7 +120,7 @@ def sensor_errors(outcome: Outcome, limb: str) -> Floats:
     intact: Any = opposite(limb)
     mine = np.isin(outcome.truth.bones, LIMBS[intact][1:]) & (outcome.frame.depth > 0)
     mine &= outcome.frame.body_index == 0
-    points = lift(outcome.frame.depth / 1000.0, outcome.frame.calibration.depth)[mine]
+    points = outcome.frame.calibration.depth.unproject(outcome.frame.depth)[mine]
     return distances(points, outcome.truth.limb(intact))
 
 

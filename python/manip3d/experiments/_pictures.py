@@ -112,20 +112,23 @@ def draw_set(
         names = [f"pictures/{digest}-{number}.webp" for number in range(len(meshes))]
         if not all((root / name).exists() for name in names):
             (root / "pictures").mkdir(exist_ok=True)
-            for name, image in zip(names, _draw_alike(meshes, options), strict=True):
+            drawn = draw_alike(meshes, size=_SIZE, **options)
+            for name, image in zip(names, drawn, strict=True):
                 atomic_write(root / name, webp(image))
         for item, name in zip(items, names, strict=True):
             item[style] = name
     return items
 
 
-def _draw_alike(meshes: Sequence[Mesh], options: Mapping[str, Any]) -> list[NDArray[np.uint8]]:
-    """Each mesh from the camera that frames the first."""
+def draw_alike(
+    meshes: Sequence[Mesh], *, size: tuple[int, int], **options: Any
+) -> list[NDArray[np.uint8]]:
+    """Draw each mesh from the camera that frames the first; options of `viewer.comparison`."""
     from manip3d import viewer
 
-    sheet = viewer.comparison(meshes, columns=1, size=_SIZE, **options)
+    sheet = viewer.comparison(meshes, columns=1, size=size, **options)
     height = len(sheet) // len(meshes)
-    return [sheet[(n + 1) * height - _SIZE[1] : (n + 1) * height] for n in range(len(meshes))]
+    return [sheet[(n + 1) * height - size[1] : (n + 1) * height] for n in range(len(meshes))]
 
 
 def webp(image: NDArray[np.uint8]) -> bytes:
@@ -135,3 +138,12 @@ def webp(image: NDArray[np.uint8]) -> bytes:
     stream = io.BytesIO()
     Image.fromarray(image).save(stream, "WEBP", quality=_QUALITY)
     return stream.getvalue()
+
+
+def read_picture(path: Path) -> NDArray[np.uint8]:
+    """A picture file as (H, W, 3) uint8."""
+    import numpy as np
+    from PIL import Image
+
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB"))

@@ -13,24 +13,26 @@ import logging
 import math
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from manip3d import datasets
 from manip3d._util.parallel import run_tasks
+from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.experiments._environment import code_fingerprint, environment
-from manip3d.experiments._model import Case, Experiment, Plan, Row, Sheet
+from manip3d.experiments._model import DATA_KINDS, Case, Experiment, Plan, Row, Sheet
 from manip3d.experiments._store import Store
 
 Progress = Callable[[float, str], None]
+T = TypeVar("T")
 
-RESULTS_FORMAT = 1
+RESULTS_FORMAT = 2
 """Of ``results.json``; counted up when readers of older ones would fail."""
 
 _log = logging.getLogger("manip3d")
@@ -51,6 +53,9 @@ class RunSummary:
     failed : int
     seconds : float
         Wall time.
+    problems : list of str
+        What else went wrong: claims that could not be judged although no case failed, figures
+        that could not be drawn.
     results : dict
         The content of ``results.json``.
     """
@@ -61,6 +66,7 @@ class RunSummary:
     resumed: int
     failed: int
     seconds: float
+    problems: list[str]
     results: dict[str, Any]
 
 
@@ -103,14 +109,15 @@ def run(
 
     Notes
     -----
-    A case that fails is recorded with its error, and tried again by the next run.
+    A case that fails is recorded with its error, leaves the claims that need it not judged, and is
+    tried again by the next run.
     """
     if jobs < 0:
         raise InputError(f"jobs: expected >= 0, got {jobs}")
     plan = plan or Plan()
     jobs = jobs or len(os.sched_getaffinity(0))
     started = time.perf_counter()
-    store = Store(folder)
+    store = Store(path_of(folder, "folder"))
     folder.mkdir(parents=True, exist_ok=True)
 
     cases = {experiment.id: _keyed(experiment.cases(plan)) for experiment in experiments}
@@ -134,15 +141,18 @@ def run(
         experiment.id: _rows(experiment, cases[experiment.id], done, failed)
         for experiment in experiments
     }
+    records = {e.id: _record(e, rows[e.id], store) for e in experiments}
+    problems = [f"{name}: {text}" for name, r in records.items() for text in r["problems"]]
+    bad = {row["key"] for record in rows.values() for row in record if row["error"]}
     results = {
         "format": RESULTS_FORMAT,
         "environment": environment() | {"jobs": jobs, "executor": dask or "processes"},
         "plan": asdict(plan),
         "wall_time_s": round(time.perf_counter() - started, 3),
-        "cases": {"all": len(todo), "resumed": resumed, "failed": len(failed)},
+        "cases": {"all": len(todo), "resumed": resumed, "failed": len(bad)},
         "data": _provenance(todo.values()),
-        "experiments": {e.id: _record(e, rows[e.id], store) for e in experiments},
-        "pictures": _draw_pictures(experiments, rows, folder, jobs),
+        "experiments": records,
+        "pictures": _draw_pictures(experiments, rows, folder, jobs, problems),
     }
     store.write("results.json", json.dumps(_strict(results), indent=1, allow_nan=False))
     store.write("results.csv", _csv(rows))
@@ -151,8 +161,9 @@ def run(
         [e.id for e in experiments],
         len(todo),
         resumed,
-        len(failed),
+        len(bad),
         time.perf_counter() - started,
+        problems,
         results,
     )
 
@@ -196,12 +207,27 @@ def _rows(
     failed: Mapping[str, str],
 ) -> list[Row]:
     return [
-        experiment.complete(
-            {"experiment": experiment.id, **case.options, **done.get(key, {})}
-            | {"error": failed.get(key, ""), "key": key}
+        _completed(
+            experiment,
+            {"experiment": experiment.id, "model": describe(case), "data": _data_of(case)}
+            | {**case.options, **done.get(key, {})}
+            | {"error": failed.get(key, ""), "key": key},
         )
         for key, case in cases.items()
     ]
+
+
+def _data_of(case: Case) -> str:
+    """What a case was measured on, where its options do not say it."""
+    return "recorded" if case.inputs else "simulated"
+
+
+def _completed(experiment: Experiment, row: Row) -> Row:
+    try:
+        row = experiment.complete(row)
+    except Exception as error:  # one row must not end the run
+        row = row | {"error": row["error"] or f"{type(error).__name__}: {error}"}
+    return {"role": experiment.role or DATA_KINDS[row["data"]]} | row
 
 
 def _sound(rows: Sequence[Row]) -> list[Row]:
@@ -214,26 +240,50 @@ def _provenance(cases: Any) -> list[dict[str, Any]]:
 
 
 def _record(experiment: Experiment, rows: list[Row], store: Store) -> dict[str, Any]:
+    problems: list[str] = []
+    verdicts = [claim.verdict(rows) for claim in experiment.claims]
+    failed = len(_sound(rows)) < len(rows)
+    if not failed:
+        problems += [f"{v.claim}: {v.unjudged}" for v in verdicts if v.unjudged]
     return {
         "title": experiment.title,
         "published": experiment.published,
+        "split": experiment.split,
         "columns": [asdict(column) for column in experiment.columns],
-        "notes": list(experiment.notes),
+        "notes": [text for text in _notes(experiment, rows, problems) if text],
         "rows": rows,
-        "verdicts": [
-            asdict(verdict) | {"word": verdict.word}
-            for verdict in (claim.verdict(rows) for claim in experiment.claims)
-        ],
-        "figures": _figures(experiment, rows, store),
+        "verdicts": [asdict(verdict) | {"word": verdict.word} for verdict in verdicts],
+        "figures": _figures(experiment, rows, store, problems),
+        "problems": problems,
     }
 
 
-def _figures(experiment: Experiment, rows: list[Row], store: Store) -> dict[str, str]:
+def _notes(experiment: Experiment, rows: list[Row], problems: list[str]) -> Iterator[str]:
+    for note in experiment.notes:
+        yield note if isinstance(note, str) else _attempted("note", note, rows, problems) or ""
+
+
+def _attempted(
+    what: str, make: Callable[[Sequence[Row]], T], rows: list[Row], problems: list[str]
+) -> T | None:
+    """What ``make`` makes of the rows that did not fail; None, and a problem, if it fails."""
+    try:
+        return make(_sound(rows))
+    except Exception as error:  # the report is written all the same, and says so
+        _log.warning("%s: %s: %s", what, type(error).__name__, error)
+        problems.append(f"{what}: {type(error).__name__}: {error}")
+        return None
+
+
+def _figures(
+    experiment: Experiment, rows: list[Row], store: Store, problems: list[str]
+) -> dict[str, str]:
     """Draw the figures as SVG: name -> file."""
     if experiment.figures is None:
         return {}
     written = {}
-    for number, (name, figure) in enumerate(experiment.figures(_sound(rows)).items()):
+    drawn = _attempted("figures", experiment.figures, rows, problems) or {}
+    for number, (name, figure) in enumerate(drawn.items()):
         stream = io.StringIO()
         figure.savefig(stream, format="svg", metadata={"Date": None}, transparent=True)
         relative = f"figures/{experiment.id}-{number}.svg"
@@ -243,13 +293,17 @@ def _figures(experiment: Experiment, rows: list[Row], store: Store) -> dict[str,
 
 
 def _draw_pictures(
-    experiments: Sequence[Experiment], rows: Mapping[str, list[Row]], folder: Path, jobs: int
+    experiments: Sequence[Experiment],
+    rows: Mapping[str, list[Row]],
+    folder: Path,
+    jobs: int,
+    problems: list[str],
 ) -> dict[str, Any]:
     """Sheets of pictures by model, or why there are none."""
     sheets: dict[str, Sheet] = {}
     for experiment in experiments:
         if experiment.sheets is not None:
-            sheets |= experiment.sheets(_sound(rows[experiment.id]))
+            sheets |= _attempted("pictures", experiment.sheets, rows[experiment.id], problems) or {}
     tasks = {model: (sheet.draw, (str(folder), sheet.options)) for model, sheet in sheets.items()}
     drawn: dict[str, Any] = {}
     with closing(run_tasks(tasks, jobs)) as outcomes:
@@ -269,13 +323,12 @@ def _strict(value: Any) -> Any:
 
 
 def _csv(rows_by_experiment: Mapping[str, list[Row]]) -> str:
+    """One line a row, one value a cell: lists and mappings stand in ``results.json`` only."""
     rows = [row for rows in rows_by_experiment.values() for row in rows]
-    names = list(dict.fromkeys(name for row in rows for name in row))
+    nested = {k for row in rows for k, value in row.items() if isinstance(value, dict | list)}
+    names = [name for name in dict.fromkeys(k for row in rows for k in row) if name not in nested]
     stream = io.StringIO()
-    writer = csv.DictWriter(stream, names, lineterminator="\n")
+    writer = csv.DictWriter(stream, names, lineterminator="\n", extrasaction="ignore")
     writer.writeheader()
-    writer.writerows(
-        {k: json.dumps(v) if isinstance(v, dict | list) else v for k, v in row.items()}
-        for row in rows
-    )
+    writer.writerows(rows)
     return stream.getvalue()

@@ -6,9 +6,10 @@ from manip3d.experiments._ablation import weight_ablation
 
 EXPERIMENT = weight_ablation(
     id="ablation-boundary-weight",
+    titles={"curvature": "curvature"},
     title="QEM4VR at boundary weights 1, 5, 25 and 1000",
     option="boundary_weight",
-    symbol="W_b",
+    symbol="boundary weight",
     weights=(1.0, 5.0, 25.0, 1000.0),
     readings=({"curvature": "turning"}, {"curvature": "paper"}),
     meshes={

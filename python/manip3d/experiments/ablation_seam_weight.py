@@ -6,9 +6,10 @@ from manip3d.experiments._ablation import weight_ablation
 
 EXPERIMENT = weight_ablation(
     id="ablation-seam-weight",
+    titles={"seam_mode": "seam"},
     title="QEM4VR at seam weights 1, 10, 30, 100 and 1000",
     option="seam_weight",
-    symbol="W_t",
+    symbol="seam weight",
     weights=(1.0, 10.0, 30.0, 100.0, 1000.0),
     readings=({"seam_mode": "planes"}, {"seam_mode": "paper"}),
     meshes={

@@ -55,7 +55,7 @@ def _cases(plan: Plan) -> list[Case]:
                 "model": scene,
                 "role": "simulated, with the true mask of flying pixels",
                 "stands_in_for": "",
-                "same_file": False,
+                "data": "simulated",
                 "method": method,
                 "max_edge": max_edge,
                 "width": simulated_width(plan),

@@ -15,7 +15,7 @@ from manip3d import authenticate, datasets, forge
 from manip3d.authenticate import SensorLattice, estimate_lattice, generic_consistency
 from manip3d.experiments import _roc
 from manip3d.experiments._lidar_attacks import ADDING, OTHERS, Target, as_written
-from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
+from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row, counted
 from manip3d.io import read_scan
 from manip3d.lidar import Box
 
@@ -77,6 +77,8 @@ ODOMETRY = Scene(
 )
 TIMED = Scene("drive 0005, pairs", tuple(_frame(i) for i in range(20)))
 """Frames 1, 3, ... are judged beside the frame before each."""
+CHOSEN_ON = ("stereo-2015 000124",)
+"""Scenes whose frames have chosen a threshold: judged one by one, and part of no rate."""
 OBJECTS = {"full": {"drive 0005": 3}, "quick": {}}
 OBJECTS_OF_ONE_FRAME = {"full": 8, "quick": 2}
 
@@ -128,6 +130,11 @@ def _simulated_lattice() -> SensorLattice:
 # Cases
 
 
+_RECORDED = {"data": "recorded", "role": "recorded by an HDL-64E (KITTI)"}
+_CLEAN = {"model": "clean, real", "attack": ""}
+_REMOVING = "subtractive"
+
+
 def cases(plan: Plan) -> list[Case]:
     """Clean scenes, the attacks on each, odometry, and blocks of simulated streets."""
     root = None if plan.data == "simulated" else datasets.data_root()
@@ -136,27 +143,64 @@ def cases(plan: Plan) -> list[Case]:
         if not _here(scene, root):
             continue
         files = scene.files if plan.scale == "full" else scene.files[:1]
-        options: dict[str, Any] = {"scene": scene.name, "files": _sums(files), "seed": plan.seed}
-        made.append(Case(run_clean, options))
+        options: dict[str, Any] = {
+            "scene": scene.name,
+            "files": _sums(files),
+            "seed": plan.seed,
+            **_RECORDED,
+        }
+        made.append(Case(run_clean, {**options, **_CLEAN}))
         per_frame = OBJECTS[plan.scale].get(scene.name, OBJECTS_OF_ONE_FRAME[plan.scale])
         made += [
-            Case(run_attack, {**options, "attack": attack, "objects": per_frame})
+            Case(
+                run_attack,
+                {**options, "model": attack, "attack": attack, "objects": per_frame},
+            )
             for attack in (*ADDING, *OTHERS)
         ]
     if _here(TIMED, root):
         files = TIMED.files if plan.scale == "full" else TIMED.files[:2]
         per_frame = OBJECTS[plan.scale].get("drive 0005", OBJECTS_OF_ONE_FRAME[plan.scale])
-        options = {"scene": TIMED.name, "files": _sums(files), "seed": plan.seed}
-        made.append(Case(run_timed, {**options, "attack": "subtractive", "objects": per_frame}))
+        name = f"{_REMOVING}, {WITH_TIME}"
+        options = {
+            "scene": TIMED.name,
+            "files": _sums(files),
+            "seed": plan.seed,
+            **_RECORDED,
+            "model": name,
+            "attack": name,
+            "objects": per_frame,
+        }
+        made.append(Case(run_timed, options))
     if _here(ODOMETRY, root):
         made.append(
-            Case(run_clean, {"scene": ODOMETRY.name, "files": _sums(ODOMETRY.files), "seed": 0})
+            Case(
+                run_clean,
+                {
+                    "scene": ODOMETRY.name,
+                    "files": _sums(ODOMETRY.files),
+                    "seed": 0,
+                    **_RECORDED,
+                    **_CLEAN,
+                },
+            )
         )
     if plan.data == "real":
         return made
     block = STREETS_PER_CASE[plan.scale]
     return made + [
-        Case(run_simulated, {"first": first, "streets": block})
+        Case(
+            run_simulated,
+            {
+                "model": "clean, simulated",
+                "scene": f"streets {first} to {first + block - 1}",
+                "attack": "",
+                "data": "simulated",
+                "role": "simulated streets",
+                "first": first,
+                "streets": block,
+            },
+        )
         for first in range(0, SIMULATED_STREETS[plan.scale], block)
     ]
 
@@ -167,9 +211,6 @@ def run_clean(case: Case) -> Row:
     frames = [_load(file) for file in case.options["files"]]
     results = [generic_consistency(frame, calibration=lattice) for frame in frames]
     return {
-        "model": "clean, real",
-        "scene": case.options["scene"],
-        "attack": "",
         "frames": len(frames),
         "scores": [result.score for result in results],
         "verdicts": [result.verdict for result in results],
@@ -191,9 +232,6 @@ def run_simulated(case: Case) -> Row:
         for frame in _street_frames.__wrapped__(seed)
     ]
     return {
-        "model": "clean, simulated",
-        "scene": f"streets {first} to {first + streets - 1}",
-        "attack": "",
         "frames": len(results),
         "scores": [result.score for result in results],
         "verdicts": [result.verdict for result in results],
@@ -214,9 +252,6 @@ def run_attack(case: Case) -> Row:
             distances.append(target.distance)
     results = [generic_consistency(forgery, calibration=lattice) for forgery in forgeries]
     return {
-        "model": case.options["attack"],
-        "scene": case.options["scene"],
-        "attack": case.options["attack"],
         "frames": len(forgeries),
         "distances": distances,
         "scores": [result.score for result in results],
@@ -229,7 +264,7 @@ def run_attack(case: Case) -> Row:
 def run_timed(case: Case) -> Row:
     """What the clean frame before adds, where something was removed: the evidence ``time``."""
     lattice = _real_lattice()
-    attack = {**ADDING, **OTHERS}[case.options["attack"]]
+    attack = {**ADDING, **OTHERS}[_REMOVING]
     files = sorted(case.options["files"])
     timed, alone, clean, clean_alone = [], [], [], []
     for number, (file, follower) in enumerate(zip(files[::2], files[1::2], strict=True)):
@@ -243,9 +278,6 @@ def run_timed(case: Case) -> Row:
             timed.append(judge(forged, previous=previous))
             alone.append(judge(forged))
     return {
-        "model": f"{case.options['attack']}, {WITH_TIME}",
-        "scene": case.options["scene"],
-        "attack": f"{case.options['attack']}, {WITH_TIME}",
         "frames": len(timed),
         "scores": [result.score for result in timed],
         "verdicts": [result.verdict for result in timed],
@@ -329,7 +361,8 @@ def _targets(
 def _scores(rows: Sequence[Row], attack: str, name: str = "scores") -> dict[str, list[float]]:
     """Of real frames, by scene; ``""``: of the clean ones."""
     tested = [row for row in rows if row["model"] != "clean, simulated"]
-    wanted = [row for row in tested if row["attack"] == attack and row["scene"] != ODOMETRY.name]
+    left_out = (ODOMETRY.name, *CHOSEN_ON)
+    wanted = [row for row in tested if row["attack"] == attack and row["scene"] not in left_out]
     return {row["scene"]: row[name] for row in wanted if row.get(name)}
 
 
@@ -349,7 +382,7 @@ def _numbers(rows: Sequence[Row], attack: str) -> tuple[float, str]:
         threshold = max(float(np.quantile(simulated, 1.0 - ALARM_RATE)), 1e-9)
         text += f"; AUC against simulated clean frames {_roc.auc(simulated, every):.3f}"
         text += f"; {np.mean(every >= threshold):.1%} found at their 1 %"
-    mine = [row for row in rows if row["attack"] == attack]
+    mine = [row for row in rows if row["attack"] == attack and row["scene"] not in CHOSEN_ON]
     weights = [row["frames"] for row in mine]
     for name, title in (
         ("found", "at the stated 1 %"),
@@ -393,10 +426,13 @@ def _no_alarm(rows: Sequence[Row]) -> Iterator[Finding]:
     real = [row for row in rows if row["model"] == "clean, real"]
     for row in real:
         alarms = row["verdicts"].count("tampered")
-        numbers = f"{alarms} of {row['frames']} frames; {', '.join(sorted(set(row['verdicts'])))}"
+        numbers = f"{alarms} of {counted(row['frames'], 'frame')}; "
+        numbers += ", ".join(sorted(set(row["verdicts"])))
         numbers += f"; dropped: {', '.join(row['dropped'])}" if row["dropped"] else ""
-        yield Finding(row["scene"], alarms == 0, numbers)
-    tested = [row for row in real if row["scene"] != ODOMETRY.name]
+        chose = row["scene"] in CHOSEN_ON
+        numbers += "; this scene chose the rate of lost returns" if chose else ""
+        yield Finding(row["scene"], None if chose else alarms == 0, numbers)
+    tested = [row for row in real if row["scene"] not in (ODOMETRY.name, *CHOSEN_ON)]
     if tested:
         frames = sum(row["frames"] for row in tested)
         alarms = sum(row["verdicts"].count("tampered") for row in tested)
@@ -471,19 +507,47 @@ EXPERIMENT = Experiment(
         Column("occlusion_found", "II, %", 100.0, 1),
     ),
     claims=(
-        Claim("III finds every attack that adds or moves points: AUC >= 0.98", "aim", _found),
-        Claim("III and attacks that remove, bend or know the lattice", "aim: none", _found_less),
-        Claim("The frame before helps III to find what was removed", "aim", _time_helps),
-        Claim("III accuses no clean frame, on the lattice or off it", "aim", _no_alarm),
-        Claim("III accuses 1 % of clean simulated frames at most", "aim", _rate_kept),
+        Claim(
+            "III finds every attack that adds or moves points: AUC >= 0.98",
+            "aim",
+            _found,
+            about=lambda row: row["attack"] == "" or row["attack"] in ADDING,
+            together=True,
+        ),
+        Claim(
+            "III and attacks that remove, bend or know the lattice",
+            "aim: none",
+            _found_less,
+            about=lambda row: row["attack"] == "" or row["attack"] in OTHERS,
+            together=True,
+            reported=True,
+        ),
+        Claim(
+            "The frame before helps III to find what was removed",
+            "aim",
+            _time_helps,
+            about=lambda row: WITH_TIME in row["attack"],
+        ),
+        Claim(
+            "III accuses no clean frame, on the lattice or off it",
+            "aim",
+            _no_alarm,
+            about=lambda row: row["model"] == "clean, real",
+        ),
+        Claim(
+            "III accuses 1 % of clean simulated frames at most",
+            "aim",
+            _rate_kept,
+            about=lambda row: row["model"] == "clean, simulated",
+        ),
     ),
     figures=figures,
     notes=(
         "The lattice is estimated from drive 0002; everything was tuned on it and two unidentified "
         "drives, the rate of lost returns on simulated streets of other seeds, where dark cars "
         "return nothing at all and look like removed ones: hence two areas. That rate was "
-        "set anew after one false alarm on a test frame (stereo-2015 000124), so the clean test "
-        "frames are not wholly unseen. Forgeries are "
+        "set anew after one false alarm on stereo-2015 000124: that scene is shown, and left out "
+        "of all rates and areas. Forgeries are "
         "written as KITTI's files are: whole millimetres, ring after ring, each by azimuth; as the "
         "attacks leave them they are found more easily still.",
         "'with the frame before': one frame was edited, the one a turn earlier was not; odd frames "

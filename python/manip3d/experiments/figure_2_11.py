@@ -6,8 +6,14 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 
 from manip3d.experiments import _progressive
-from manip3d.experiments._model import Claim, Experiment, Finding, Row
-from manip3d.experiments._simplification import METRO_COLUMNS, STAND_IN_NOTE, complete
+from manip3d.experiments._model import Claim, Experiment, Finding, Row, counted
+from manip3d.experiments._simplification import (
+    DATA_NOTE,
+    MEASURE_NOTE,
+    METHOD_TITLES,
+    METRO_COLUMNS,
+    complete,
+)
 
 
 def _lowest_everywhere(rows: Sequence[Row], name: str) -> Iterator[Finding]:
@@ -19,7 +25,7 @@ def _lowest_everywhere(rows: Sequence[Row], name: str) -> Iterator[Finding]:
         if "qem4vr" not in group or len(group) < 2:
             continue
         best = min(group, key=lambda method: (group[method][name], method != "qem4vr"))
-        numbers = f"qem4vr {group['qem4vr'][name] * 1e3:.3f}, best {best} "
+        numbers = f"QEM4VR {group['qem4vr'][name] * 1e3:.3f}, best {METHOD_TITLES[best]} "
         numbers += f"{group[best][name] * 1e3:.3f} (1e-3)"
         yield Finding(f"{model}, {level:.0%}", best == "qem4vr", numbers)
 
@@ -32,11 +38,12 @@ def _ends_midway(rows: Sequence[Row]) -> Iterator[Finding]:
             last = by_method[method][-1]
             mine = by_method["qem4vr"][-1]["faces"] if "qem4vr" in by_method else None
             yield Finding(
-                f"{model}, {method}",
+                f"{model}, {METHOD_TITLES[method]}",
                 _progressive.ends_early(by_method[method])
                 and mine is not None
                 and mine < last["faces"],
-                f"ends at {last['faces']} of {last['faces_original']} faces, qem4vr at {mine}",
+                f"ends at {last['faces']} of {counted(last['faces_original'], 'face')}, "
+                f"QEM4VR at {mine}",
             )
 
 
@@ -57,7 +64,7 @@ EXPERIMENT = Experiment(
             for sampling in ("vertex", "area")
         ),
         Claim(
-            "The curves of QEM_BP and QEM_BTP end midway, that of QEM4VR goes on",
+            "The curves of QEM-BP and QEM-BTP end midway, that of QEM4VR goes on",
             "section 2.5.2",
             _ends_midway,
         ),
@@ -67,7 +74,8 @@ EXPERIMENT = Experiment(
         rows, "metro_vertex", "Metro (vertex), 1e-3 of the diagonal", 1e3, logarithmic=True
     ),
     notes=(
-        STAND_IN_NOTE,
+        DATA_NOTE,
+        MEASURE_NOTE,
         "The figure's values are not printed anywhere; its claims are compared. A cross marks the "
         "end of a curve whose method could go no further. Levels are compared among the methods "
         "that reached them.",

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 from manip3d.experiments import _fmpd, _progressive
-from manip3d.experiments._model import Claim, Experiment, Finding, Row
-from manip3d.experiments._simplification import STAND_IN_NOTE, complete
+from manip3d.experiments._model import Claim, Experiment, Finding, Row, counted
+from manip3d.experiments._simplification import DATA_NOTE, MEASURE_NOTE, METHOD_TITLES, complete
 
 
 def _not_monotone(rows: Sequence[Row]) -> Iterator[Finding]:
@@ -16,7 +16,10 @@ def _not_monotone(rows: Sequence[Row]) -> Iterator[Finding]:
             method: sum(b["fmpd"] < a["fmpd"] for a, b in pairwise(curve))
             for method, curve in by_method.items()
         }
-        numbers = ", ".join(f"{method} falls at {count} levels" for method, count in falls.items())
+        numbers = ", ".join(
+            f"{METHOD_TITLES[method]} falls at {counted(count, 'level')}"
+            for method, count in falls.items()
+        )
         yield Finding(model, any(falls.values()), numbers)
 
 
@@ -37,5 +40,5 @@ EXPERIMENT = Experiment(
     ),
     complete=complete,
     figures=lambda rows: _progressive.plots(rows, "fmpd", "FMPD, not clipped", 1.0),
-    notes=(STAND_IN_NOTE, _fmpd.NOTE),
+    notes=(DATA_NOTE, MEASURE_NOTE, _fmpd.note),
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from manip3d.experiments import _depth_pictures
 from manip3d.experiments._depth import (
+    DATA_NOTE,
     METHODS,
     NOTE,
     QEM_NOTE,
@@ -45,5 +46,5 @@ EXPERIMENT = Experiment(
     ),
     complete=complete_quality,
     sheets=_depth_pictures.error_sheets,
-    notes=(NOTE, QEM_NOTE),
+    notes=(DATA_NOTE, NOTE, QEM_NOTE),
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from manip3d.experiments import _depth_pictures
 from manip3d.experiments._depth import (
+    DATA_NOTE,
     ERROR_COLUMNS,
     METHODS,
     NOTE,
@@ -44,9 +45,9 @@ EXPERIMENT = Experiment(
     ),
     sheets=_depth_pictures.sheets,
     notes=(
+        DATA_NOTE,
         NOTE,
         QEM_NOTE,
-        "Poisson disks are spread over the surface, by distances in space; here they are better "
-        "than CS3.",
+        "Poisson disks are spread over the surface, by distances in space.",
     ),
 )

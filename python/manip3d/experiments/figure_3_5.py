@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 from manip3d.experiments import _depth_pictures
-from manip3d.experiments._depth import ERROR_COLUMNS, NOTE, models, real_data, reduction_case
+from manip3d.experiments._depth import (
+    DATA_NOTE,
+    ERROR_COLUMNS,
+    NOTE,
+    models,
+    real_data,
+    reduction_case,
+)
 from manip3d.experiments._depth_claims import below_others
 from manip3d.experiments._model import Case, Experiment, Plan
 
@@ -29,5 +36,9 @@ EXPERIMENT = Experiment(
         below_others("cios", ("uniform",), "metro_area", "Metro (area sampling)", "figure 3.5"),
     ),
     sheets=_depth_pictures.point_sheets,
-    notes=(NOTE, "The figure shows the points; the claim on the error is this package's."),
+    notes=(
+        DATA_NOTE,
+        NOTE,
+        "The figure shows the points; the claim on the error is this package's.",
+    ),
 )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d.experiments import _depth_pictures
-from manip3d.experiments._depth import NOTE, models, open_input, real_data, reduce
+from manip3d.experiments._depth import DATA_NOTE, NOTE, models, open_input, real_data, reduce
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
 
 if TYPE_CHECKING:
@@ -118,5 +118,8 @@ EXPERIMENT = Experiment(
     ),
     complete=lambda row: row | {"label": _TITLES[row["method"]]},
     sheets=_depth_pictures.sheets,
-    notes=(NOTE,),
+    notes=(
+        DATA_NOTE,
+        NOTE,
+    ),
 )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from manip3d.experiments import _depth_pictures
 from manip3d.experiments._depth import (
+    DATA_NOTE,
     ERROR_COLUMNS,
     NOTE,
     SHORT,
@@ -95,5 +96,5 @@ EXPERIMENT = Experiment(
     claims=(_lower_everywhere("area"), _lower_everywhere("vertex")),
     figures=_plots,
     sheets=lambda rows: _depth_pictures.sheets(_tenth(rows)),
-    notes=(NOTE, "The figure's values are not printed anywhere; its claim is compared."),
+    notes=(DATA_NOTE, NOTE, "The figure's values are not printed anywhere; its claim is compared."),
 )

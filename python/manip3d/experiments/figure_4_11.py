@@ -157,6 +157,7 @@ EXPERIMENT = Experiment(
     published="",
     data=(),
     cases=_cases,
+    role=_phantom.ROLE,
     columns=(
         Column("error_2d", "2D, median error, mm", 1e3, 1),
         Column("error_reflection", "3D, mm", 1e3, 2),
@@ -170,12 +171,19 @@ EXPERIMENT = Experiment(
             "When the person has turned, 3D mirroring is right and 2D mirroring wrong",
             "section 4.6",
             _space_is_right,
+            about=lambda row: row["model"].startswith("a"),
         ),
-        Claim("Errors of the skeleton spoil the phantom", "figure 4.11 c", _skeleton_matters),
+        Claim(
+            "Errors of the skeleton spoil the phantom",
+            "figure 4.11 c",
+            _skeleton_matters,
+            about=lambda row: row["model"].startswith("c"),
+        ),
         Claim(
             "Without the intact limb in sight the phantom is held, fades and goes",
             "figure 4.11 d",
             _occlusion_is_said,
+            about=lambda row: row["model"].startswith("d"),
         ),
     ),
     figures=_phantom.panels,

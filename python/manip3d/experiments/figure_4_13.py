@@ -76,7 +76,7 @@ def view_steps(case: Case) -> Row:
 
 def _near_root(frame: Any, truth: Any, mine: Any) -> Any:
     """Pixels of the person around the true root, where nothing should be missing."""
-    points = _phantom.lift(frame.depth / 1000.0, frame.calibration.depth)
+    points = frame.calibration.depth.unproject(frame.depth)
     return mine & (np.linalg.norm(points - truth.joints[16], axis=2) < _AROUND)
 
 
@@ -94,6 +94,7 @@ EXPERIMENT = Experiment(
     published="",
     data=(),
     cases=_cases,
+    role=_phantom.ROLE,
     columns=(
         Column("gap_once", "empty at the root, one filling"),
         Column("gap_twice", "two fillings"),

@@ -90,6 +90,7 @@ EXPERIMENT = Experiment(
     published="",
     data=(),
     cases=_cases,
+    role=_phantom.ROLE,
     columns=(
         Column("person", "pixels of the person"),
         Column("limb", "of the arm, in truth"),

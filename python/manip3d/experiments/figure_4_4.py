@@ -81,6 +81,7 @@ EXPERIMENT = Experiment(
     published="",
     data=(),
     cases=_cases,
+    role=_phantom.ROLE,
     columns=(
         Column("phantom", "pixels of the phantom"),
         Column("by_source", "intact arm's colour, by source pixel, %", 1e2, 1),

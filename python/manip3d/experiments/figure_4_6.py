@@ -72,6 +72,7 @@ EXPERIMENT = Experiment(
     published="",
     data=(),
     cases=_cases,
+    role=_phantom.ROLE,
     columns=(
         Column("phantom", "pixels of the phantom"),
         Column("coverage", "of the true view, %", 1e2, 1),

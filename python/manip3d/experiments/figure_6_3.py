@@ -15,5 +15,5 @@ EXPERIMENT = Experiment(
     cases=partial(_forensic_views.cases, kind="outdoor"),
     columns=_forensic_views.COLUMNS,
     figures=_forensic_views.spacing_views,
-    notes=(_forensics.NOTE,),
+    notes=(_forensics.resolution_note, _forensics.NOTE),
 )

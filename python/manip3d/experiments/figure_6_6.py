@@ -45,5 +45,5 @@ EXPERIMENT = Experiment(
         ),
     ),
     figures=_forensic_views.signals,
-    notes=(_forensics.NOTE,),
+    notes=(_forensics.resolution_note, _forensics.NOTE),
 )

@@ -19,5 +19,5 @@ EXPERIMENT = Experiment(
         names=("original", "CTP", "CRTP", "original at the object", "deforming"),
         title="Range images, nearest point of each cell",
     ),
-    notes=(_forensics.NOTE,),
+    notes=(_forensics.resolution_note, _forensics.NOTE),
 )

@@ -35,7 +35,13 @@ def _cases(plan: Plan) -> list[Case]:
     return [
         Case(
             judge_scan,
-            {"model": name, "file": f"{_FOLDER}/{name}", "hoax": hoax if real else "ball"},
+            {
+                "model": name,
+                "file": f"{_FOLDER}/{name}",
+                "hoax": hoax if real else "ball",
+                "data": "recorded",
+                "role": f"recorded, hoax {hoax if real else 'ball'}",
+            },
             inputs=(hoax,) if real else (),
         )
         for name in _SCANS
@@ -113,7 +119,7 @@ EXPERIMENT = Experiment(
         Column("I_crtp", "I, CRTP"),
         Column("II_crtp", "II, CRTP"),
     ),
-    claims=(Claim("Reported, one by one", "aim", _reported),),
+    claims=(Claim("Scan by scan", "aim", _reported, reported=True),),
     notes=(
         "Scanners of other kinds than the calibration's: a tilted one (3DTK), one that sees most "
         "directions twice (rooms), one without a grid of elevations (forest). A scan called "

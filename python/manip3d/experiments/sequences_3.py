@@ -77,7 +77,7 @@ def _cases(plan: Plan) -> list[Case]:
                 "names": sequence.names(count) if sequence.data else count,
                 "width": simulated_width(plan),
                 "stands_in_for": "",
-                "same_file": False,
+                "data": "recorded" if sequence.data else "simulated",
                 "role": "recorded" if sequence.data else "simulated",
                 "method": method,
                 "seed": plan.seed,

@@ -7,7 +7,17 @@ from dataclasses import asdict, replace
 
 from manip3d import datasets
 from manip3d.experiments import _published
-from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
+from manip3d.experiments._model import (
+    Case,
+    Claim,
+    Column,
+    Experiment,
+    Finding,
+    Plan,
+    Row,
+    counted,
+)
+from manip3d.experiments._notes import data_note
 from manip3d.experiments._simplification import model_options, models, open_model, real_data
 
 _COUNTS = ("faces", "vertices", "boundary_edges")
@@ -51,7 +61,7 @@ def _complete(row: Row) -> Row:
 
 def _same_counts(rows: Sequence[Row]) -> Iterator[Finding]:
     for row in rows:
-        if row["same_file"]:
+        if row["stands_in_for"]:
             got = [row[name] for name in _COUNTS]
             printed = [row[f"published_{name}"] for name in _COUNTS]
             yield Finding(row["model"], got == printed, f"{got}, published {printed}")
@@ -64,8 +74,11 @@ def _as_registered(rows: Sequence[Row]) -> Iterator[Finding]:
             cut = facts["polygons"] < facts["faces"]
             names = [n for n in facts if n in row and not (cut and n in _CUT_DEPENDENT)]
             wrong = [n for n in names if row[n] != facts[n]]
-            numbers = ", ".join(f"{n} {row[n]}, registered {facts[n]}" for n in wrong)
-            yield Finding(row["model"], not wrong, numbers or f"{len(names)} counts agree")
+            numbers = ", ".join(
+                f"{n.replace('_', ' ')} {row[n]}, registered {facts[n]}" for n in wrong
+            )
+            agree = f"{counted(len(names), 'count')} agree"
+            yield Finding(row["model"], not wrong, numbers or agree)
 
 
 EXPERIMENT = Experiment(
@@ -86,6 +99,7 @@ EXPERIMENT = Experiment(
             "RockerArm and Head are the published files: faces, vertices and boundary edges agree",
             "table 2.1",
             _same_counts,
+            data=("published",),
         ),
         Claim(
             "Every count that does not depend on how polygons are cut equals the registered one",
@@ -95,7 +109,7 @@ EXPERIMENT = Experiment(
     ),
     complete=_complete,
     notes=(
-        "Car, Dragon, Jet and Airplane are not public. Meshes with the same traits stand in for "
-        "them; the published counts are those of the model stood in for.",
+        data_note("mesh"),
+        "Car, Dragon, Jet and Airplane are not public; stand-ins have the same traits.",
     ),
 )

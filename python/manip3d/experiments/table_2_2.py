@@ -5,9 +5,10 @@ from __future__ import annotations
 from manip3d.experiments import _pictures
 from manip3d.experiments._model import Case, Experiment, Plan
 from manip3d.experiments._simplification import (
+    DATA_NOTE,
+    MEASURE_NOTE,
     METRO_COLUMNS,
     NON_TEXTURED_METHODS,
-    STAND_IN_NOTE,
     at_most,
     complete,
     equal_methods,
@@ -68,5 +69,8 @@ EXPERIMENT = Experiment(
     ),
     complete=complete,
     sheets=_pictures.sheets,
-    notes=(STAND_IN_NOTE,),
+    notes=(
+        DATA_NOTE,
+        MEASURE_NOTE,
+    ),
 )

@@ -5,8 +5,9 @@ from __future__ import annotations
 from manip3d.experiments import _pictures
 from manip3d.experiments._model import Case, Experiment, Plan
 from manip3d.experiments._simplification import (
+    DATA_NOTE,
+    MEASURE_NOTE,
     METRO_COLUMNS,
-    STAND_IN_NOTE,
     TEXTURED_METHODS,
     below,
     complete,
@@ -62,7 +63,8 @@ EXPERIMENT = Experiment(
     complete=complete,
     sheets=_pictures.sheets,
     notes=(
-        STAND_IN_NOTE,
+        DATA_NOTE,
+        MEASURE_NOTE,
         "The published QEM4VR values of Head and Jet are not legible in table 2.3.",
     ),
 )

@@ -5,8 +5,9 @@ from __future__ import annotations
 from manip3d.experiments import _pictures
 from manip3d.experiments._model import Column, Experiment
 from manip3d.experiments._simplification import (
+    DATA_NOTE,
+    MEASURE_NOTE,
     SHARED_COLUMNS,
-    STAND_IN_NOTE,
     at_most,
     complete,
     lowest_claims,
@@ -56,7 +57,8 @@ EXPERIMENT = Experiment(
     complete=complete,
     sheets=_pictures.sheets,
     notes=(
-        STAND_IN_NOTE,
+        DATA_NOTE,
+        MEASURE_NOTE,
         "The table does not say whether its texture error is a mean or an RMS; the mean stands "
         "beside it.",
     ),

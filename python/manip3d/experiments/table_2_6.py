@@ -5,7 +5,8 @@ from __future__ import annotations
 from manip3d.experiments import _fmpd, _pictures
 from manip3d.experiments._model import Experiment
 from manip3d.experiments._simplification import (
-    STAND_IN_NOTE,
+    DATA_NOTE,
+    MEASURE_NOTE,
     complete,
     equal_methods,
     real_data,
@@ -34,5 +35,5 @@ EXPERIMENT = Experiment(
     ),
     complete=complete,
     sheets=_pictures.sheets,
-    notes=(STAND_IN_NOTE, _fmpd.NOTE),
+    notes=(DATA_NOTE, MEASURE_NOTE, _fmpd.note),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from manip3d.experiments import _fmpd, _pictures
 from manip3d.experiments._model import Experiment
-from manip3d.experiments._simplification import STAND_IN_NOTE, complete, real_data
+from manip3d.experiments._simplification import DATA_NOTE, MEASURE_NOTE, complete, real_data
 from manip3d.experiments.table_2_3 import cases
 
 EXPERIMENT = Experiment(
@@ -17,5 +17,5 @@ EXPERIMENT = Experiment(
     claims=(_fmpd.SAME_ORDER, _fmpd.BLIND_TO_GAPS),
     complete=complete,
     sheets=_pictures.sheets,
-    notes=(STAND_IN_NOTE, _fmpd.NOTE),
+    notes=(DATA_NOTE, MEASURE_NOTE, _fmpd.note),
 )

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from manip3d.experiments import _published
 from manip3d.experiments._depth import (
+    DATA_NOTE,
     METHOD_COLUMN,
     NOTE,
     TIME_NOTE,
@@ -85,6 +86,7 @@ EXPERIMENT = Experiment(
     ),
     complete=_complete,
     notes=(
+        DATA_NOTE,
         NOTE,
         TIME_NOTE,
         "'As printed' is the number of points that the formulas give without the factor on Rd_max "

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from manip3d.experiments._depth import (
+    DATA_NOTE,
     METHOD_COLUMN,
     METHODS,
     NOTE,
@@ -80,12 +81,14 @@ EXPERIMENT = Experiment(
             "CS3 is thousands of times faster than Lindstrom-Turk (FMEPS)",
             "table 3.3",
             _faster_than_fmeps,
+            reported=True,
         ),
         Claim("CS3 works in real time: less than 100 ms an image", "section 3.6", _real_time),
         Claim("The uniform grid takes the least time", "section 3.6", _uniform_is_quickest),
     ),
     complete=_complete,
     notes=(
+        DATA_NOTE,
         NOTE,
         QEM_NOTE,
         TIME_NOTE,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,8 +26,8 @@ _STEPS = {
 }
 """The pipeline's names of its stages, and the table's."""
 
-_BELOW_THE_CLOCK = ("hole filling", "phantom skeleton")
-"""Published as less than a microsecond for 217 088 pixels: below their clock's resolution."""
+_CLOCK_MS = 1e-3
+"""Published times below a microsecond, for 217 088 pixels, are below their clock's resolution."""
 
 _AIM_MS = 2.0
 _LOOP = 120
@@ -97,15 +98,17 @@ def _complete(row: Row) -> Row:
     column = f"at_{row['feet']}_feet"
     lines = {line["step"]: float(line[column]) for line in _published.rows(_TABLE)}
     said: dict[str, Any] = {f"published {name}": lines[step] for name, step in _STEPS.items()}
-    return row | said | {"published whole": lines["total"], "same_file": True}
+    return row | said | {"published whole": lines["total"]}
 
 
-def _faster(rows: Sequence[Row]) -> Iterator[Finding]:
+def _faster(rows: Sequence[Row], least: float) -> Iterator[Finding]:
+    """Each step that is published with at least so many milliseconds."""
     for row in rows:
         for name in _STEPS:
             mine, theirs = row[name], row[f"published {name}"]
-            holds = None if name in _BELOW_THE_CLOCK else mine < theirs
-            yield Finding(f"{row['model']}, {name}", holds, f"{mine:.4f} ms, published {theirs} ms")
+            if theirs >= least:
+                numbers = f"{mine:.4f} ms, published {theirs} ms"
+                yield Finding(f"{row['model']}, {name}", mine < theirs, numbers)
 
 
 def _whole_faster(rows: Sequence[Row]) -> Iterator[Finding]:
@@ -141,6 +144,7 @@ EXPERIMENT = Experiment(
     published=_TABLE,
     data=(),
     cases=_cases,
+    role=_phantom.ROLE,
     columns=(
         Column("points", "points"),
         *(Column(name, name, digits=4, published=f"published {name}") for name in _STEPS),
@@ -148,18 +152,27 @@ EXPERIMENT = Experiment(
         Column("whole_p99", "99 of 100 within", digits=3),
     ),
     claims=(
-        Claim("Every step is faster than published", "table 4.1", _faster),
+        Claim(
+            "Every step is faster than published",
+            "table 4.1",
+            partial(_faster, least=0.0),
+        ),
+        Claim(
+            "Every step that is published with a microsecond or more is faster",
+            "table 4.1",
+            partial(_faster, least=_CLOCK_MS),
+        ),
         Claim("The whole is faster than published", "table 4.1", _whole_faster),
         Claim(f"The whole takes at most {_AIM_MS:g} ms at 8 feet", "aim", _within_the_aim),
         Claim("Time falls with the distance", "table 4.1", _less_work_farther_away),
-        Claim("Slowest frames, reported", "aim", _tail),
+        Claim("Slowest frames", "aim", _tail, reported=True),
     ),
     complete=_complete,
     notes=(
         _phantom.NOTE,
         "Published times are of the authors' machine; here one thread runs. The whole is processor "
-        "time of the call from Python, the steps are medians of the pipeline's wall clock. The "
-        "published 0.0004 ms of hole filling and 0.0001 ms of the phantom skeleton are below the "
-        "resolution of that clock; they are reported, and not chased.",
+        "time of the call from Python, the steps are medians of the pipeline's wall clock. "
+        "Published times below a microsecond, for 217 088 pixels, are below what that clock can "
+        "tell.",
     ),
 )

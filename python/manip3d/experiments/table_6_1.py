@@ -40,7 +40,10 @@ def _same_number(rows: Sequence[Row]) -> Iterator[Finding]:
         short = any(row["scale"] == "quick" for row in rows)
         holds = None if short else len(found) == int(line["count"])
         yield Finding(
-            f"{line['scene']}, {line['class']}", holds, f"{len(found)} of {line['count']}"
+            f"{line['scene']}, {line['class']}",
+            holds,
+            f"{len(found)} of {line['count']}",
+            unjudged=_forensics.TOO_FEW if short else "",
         )
 
 
@@ -58,6 +61,7 @@ EXPERIMENT = Experiment(
     ),
     complete=_forensics.complete,
     notes=(
+        _forensics.resolution_note,
         _forensics.NOTE,
         'A cell says how many verdicts are right: "authentic" on originals, "tampered" on '
         "forgeries. Hoaxes are whole, as published; those of which only the front was pasted stand "

@@ -38,15 +38,22 @@ def _overall(rows: Sequence[Row]) -> Iterator[Finding]:
             mine = _forensics.accuracy(found, detector)
             printed = float(_printed()["overall"][detector])
             # In a quick run the classes have other shares of all scans.
-            holds = None if any(row["scale"] == "quick" for row in rows) else mine >= printed
-            yield Finding(detector, holds, f"{mine:.2f} %, published {printed:.2f} %")
+            quick = any(row["scale"] == "quick" for row in rows)
+            yield Finding(
+                detector,
+                None if quick else mine >= printed,
+                f"{mine:.2f} %, published {printed:.2f} %",
+                unjudged=_forensics.TOO_FEW if quick else "",
+            )
 
 
 def _misses_crtp(rows: Sequence[Row]) -> Iterator[Finding]:
     found = _forensics.entries(rows, "CRTP")
     if found:
         mine = _forensics.accuracy(found, "I")
-        yield Finding("I, CRTP", mine < 50.0, f"{mine:.2f} % detected, published 8.33 %")
+        printed = float(_printed()["CRTP"]["I"])
+        numbers = f"{mine:.2f} % detected, published {printed:.2f} %"
+        yield Finding("I, CRTP", mine < 50.0, numbers)
 
 
 def _fronts(rows: Sequence[Row]) -> Iterator[Finding]:
@@ -102,7 +109,8 @@ def _roc(rows: Sequence[Row]) -> dict[str, Figure]:
         axes.set(title=f"Detector {detector}", xlabel="false alarms", ylabel="detected")
         axes.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02))
         axes.grid(alpha=0.3)
-        axes.legend(loc="lower right", fontsize="small")
+        if axes.lines:
+            axes.legend(loc="lower right", fontsize="small")
     return {"Detection against false alarms, per attack": figure}
 
 
@@ -126,13 +134,14 @@ EXPERIMENT = Experiment(
         _claim("I", ("original", "CTP")),
         Claim("The overall accuracy of both is reached", "table 6.2", _overall),
         Claim("Detector I misses most CRTP forgeries", "table 6.2", _misses_crtp),
-        Claim("Reported: hoaxes of which only the front was pasted", "aim", _fronts),
-        Claim("Reported: subtractive and deforming forgeries", "aim", _other_attacks),
-        Claim("Reported: parameters as printed instead of calibrated", "aim", _literal),
+        Claim("Hoaxes of which only the front was pasted", "aim", _fronts, reported=True),
+        Claim("Subtractive and deforming forgeries", "aim", _other_attacks, reported=True),
+        Claim("Parameters as printed instead of calibrated", "aim", _literal, reported=True),
     ),
     complete=_forensics.complete,
     figures=_roc,
     notes=(
+        _forensics.resolution_note,
         _forensics.NOTE,
         "Neither detector looks for what was removed or bent. Undecidable counts as wrong.",
     ),

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.paths import path_of
 from manip3d.errors import Error, FormatError, InputError, MissingExtraError
+from manip3d.io._files import open_regular
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -68,8 +70,8 @@ def read_stored_depth(
     """Read a depth image's numbers as they are stored, in whatever unit; as `read_depth`."""
     if not max_pixels > 0:
         raise InputError(f"max_pixels: expected > 0, got {max_pixels}")
-    name = os.fspath(path)
-    with open(name, "rb") as file:
+    name = os.fspath(path_of(path))
+    with open_regular(name) as file:
         data = file.read(8 * max_pixels + _HEADER_BYTES + 1)
     try:
         if len(data) > 8 * max_pixels + _HEADER_BYTES:

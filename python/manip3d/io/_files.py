@@ -5,10 +5,44 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import shutil
 import stat
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
+
+from manip3d import _core
+from manip3d._util.paths import path_of
+from manip3d.errors import FormatError
+
+
+def open_regular(path: str | os.PathLike[str]) -> BinaryIO:
+    """Open a regular file for reading bytes; a pipe or a device could go on for ever.
+
+    Raises
+    ------
+    FormatError
+        It is a pipe, a socket or a device.
+    OSError
+        `FileNotFoundError`, `IsADirectoryError` and the like.
+    """
+    # Without O_NONBLOCK, opening a pipe waits for its writer.
+    file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))  # noqa: SIM115
+    if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        return file
+    file.close()
+    raise FormatError("expected a regular file, got a pipe, socket or device", file=str(path))
+
+
+def check_regular(path: str | os.PathLike[str]) -> None:
+    """Refuse what `open_regular` does, for parsers that open files by their names."""
+    open_regular(path).close()
+
+
+def regular_bytes(path: str | os.PathLike[str]) -> bytes:
+    """Return the content of what `open_regular` opens."""
+    with open_regular(path) as file:
+        return file.read()
 
 
 def _sync_folder(folder: Path) -> None:
@@ -22,51 +56,83 @@ def _sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def _mode(target: Path) -> int:
-    """The mode of the file that is replaced, else what ``open`` would give a new one."""
+def _sync_file(path: Path) -> None:
+    with path.open("rb+") as file:
+        os.fsync(file.fileno())
+
+
+@contextlib.contextmanager
+def _named(target: str | os.PathLike[str], folder: Path) -> Iterator[None]:
+    """Errors that name the temporary folder, or nothing, get the name of the target."""
     try:
-        return stat.S_IMODE(target.stat().st_mode)
-    except FileNotFoundError:
-        mask = os.umask(0)
-        os.umask(mask)
-        return 0o666 & ~mask
+        yield
+    except OSError as error:
+        named = error.filename
+        ours = named is None or Path(os.fsdecode(named)).is_relative_to(folder)
+        if ours and error.errno is not None:
+            raise OSError(error.errno, error.strerror, os.fspath(target)) from error
+        raise
+
+
+@contextlib.contextmanager
+def _folder_beside(target: Path, path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A private folder, locked until it is removed; those of dead writers are removed at once."""
+    with _named(path, target.parent):
+        name, lock = _core.make_temporary_folder(os.fsencode(target.parent))
+    folder = Path(os.fsdecode(name))
+    try:
+        with _named(path, folder):
+            yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        os.close(lock)
 
 
 @contextlib.contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary name beside ``path`` that becomes ``path`` when the block ends.
+    """Yield an empty temporary file that becomes ``path`` when the block ends.
 
-    The temporary name has the suffix of ``path``. When the block raises, it is removed and
-    ``path`` stays as it was.
+    It has the suffix of ``path``, and its mode if that is there. When the block raises, it is
+    removed and ``path`` stays as it was; what a killed process leaves is removed by the next write
+    to that folder.
 
     Raises
     ------
+    InputError
+        As `path_of`.
     OSError
         The folder is missing, the disk is full, and the like; ``filename`` is ``path``.
     """
-    target = Path(os.path.realpath(path))
-    try:
-        descriptor, name = tempfile.mkstemp(
-            prefix=".manip3d-", suffix=target.suffix, dir=target.parent
-        )
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, os.fspath(path)) from error
-    os.close(descriptor)
-    temporary = Path(name)
-    try:
-        yield temporary
-        with contextlib.suppress(PermissionError):  # a file system without modes
-            temporary.chmod(_mode(target))
-        with temporary.open("rb+") as file:
-            os.fsync(file.fileno())
-        temporary.replace(target)
+    target = Path(os.path.realpath(path_of(path)))
+    with _folder_beside(target, path) as folder:
+        file = folder / f"new{target.suffix}"
+        file.touch()
+        with contextlib.suppress(FileNotFoundError, PermissionError):  # a file system without modes
+            file.chmod(stat.S_IMODE(target.stat().st_mode))
+        yield file
+        _sync_file(file)
+        file.replace(target)
         _sync_folder(target.parent)
-    except OSError as error:
-        if error.filename in (name, None) and error.errno is not None:
-            raise OSError(error.errno, error.strerror, os.fspath(path)) from error
-        raise
-    finally:
-        temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield an empty temporary folder that becomes the folder ``path`` when the block ends.
+
+    Raises
+    ------
+    InputError
+        As `path_of`.
+    OSError
+        As `atomic_path`.
+    """
+    target = Path(os.path.realpath(path_of(path)))
+    with _folder_beside(target, path) as folder:
+        new = folder / "new"
+        new.mkdir()
+        yield new
+        _core.replace_folder(os.fsencode(new), os.fsencode(target))
+        _sync_folder(target.parent)
 
 
 def atomic_write(path: str | os.PathLike[str], data: bytes | str) -> None:
@@ -76,11 +142,11 @@ def atomic_write(path: str | os.PathLike[str], data: bytes | str) -> None:
 
     Raises
     ------
-    OSError
+    InputError, OSError
         As `atomic_path`.
     """
     content = data.encode() if isinstance(data, str) else data
-    target = Path(path)
+    target = path_of(path)
     if target.exists() and not target.is_file():
         target.write_bytes(content)
         return

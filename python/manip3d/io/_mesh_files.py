@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.mesh import Mesh, Texture
 
@@ -84,7 +85,7 @@ def read_report(
     path: str | os.PathLike[str], *, allow_outside: bool = False, max_bytes: int | None = None
 ) -> ReadReport:
     """Read a mesh file and tell what was seen; see `read_mesh`."""
-    name = os.fspath(path)
+    name = os.fspath(path_of(path))
     return _report(_core.read_mesh(os.fsencode(name), bool(allow_outside), _limit(max_bytes)), name)
 
 
@@ -173,7 +174,7 @@ def write_mesh(mesh: Mesh, path: str | os.PathLike[str]) -> None:
     What the format cannot hold goes to the logger ``manip3d``.
     """
     folder = "" if mesh.source is None else str(Path(mesh.source).parent)
-    name = os.fspath(path)
+    name = os.fspath(path_of(path))
     for text in _core.write_mesh(mesh, os.fsencode(name), os.fsencode(folder)):
         _logger.warning("%s: %s", name, text)
 
@@ -197,7 +198,7 @@ def texture_path(mesh: Mesh, texture: Texture) -> Path | None:
     """
     if texture.path is None:
         return None
-    path = Path(texture.path)
+    path = path_of(texture.path, "texture.path")
     if not path.is_absolute():
         if mesh.source is None:
             return None
@@ -217,7 +218,9 @@ def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = Non
     OSError
         `FileNotFoundError` and the like.
     """
-    rows, cols, vertex, vertices = _core.read_range_grid(os.fsencode(path), _limit(max_bytes))
+    rows, cols, vertex, vertices = _core.read_range_grid(
+        os.fsencode(path_of(path)), _limit(max_bytes)
+    )
     valid = vertex >= 0
     points = np.full((rows * cols, 3), np.nan)
     points[valid] = vertices[vertex[valid]]

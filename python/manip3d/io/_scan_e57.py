@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d.errors import FormatError, InputError, MissingExtraError
-from manip3d.io._files import atomic_path
+from manip3d.io._files import atomic_path, open_regular
 from manip3d.io._scan_tables import (
     byte_limit,
     exact_coordinates,
@@ -40,7 +40,7 @@ def _pye57() -> Any:
 def read_all(path: Path, max_bytes: int | None) -> list[LidarFrame]:
     """Every scan position, in the file's order; see `manip3d.io.read_scans`."""
     pye57 = _pye57()
-    with path.open("rb") as stream:  # the operating system's word first
+    with open_regular(path) as stream:  # the operating system's word first
         if stream.read(8) != b"ASTM-E57":
             raise FormatError("expected an E57 file", file=str(path), byte_offset=0)
     limit = byte_limit(max_bytes)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io import _scan_tables as tables
 from manip3d.io._scan_tables import byte_limit, scan_suffix
@@ -39,7 +40,8 @@ def read_scan(
     Returns
     -------
     LidarFrame
-        KITTI's ``.bin``: metres, x forward, y left, z up, the scanner at the origin. PCD: the
+        KITTI's ``.bin``: metres, x forward, y left, z up, the scanner at the origin. nuScenes'
+        ``.pcd.bin``: coordinates as they are, the scanner at the origin. PCD: the
         scanner at its viewpoint. PLY: coordinates as they are, the scanner's place not known.
         3DTK's ``.3d``: turned to metres and our axes, the scanner at the origin; the pose of the
         ``.pose`` file beside it is ``format.header["pose"]``. LAS and LAZ: coordinates as they
@@ -72,7 +74,7 @@ def read_scans(path: str | os.PathLike[str], *, max_bytes: int | None = None) ->
     FormatError, InputError, MissingExtraError, OSError
         As `read_scan`.
     """
-    suffix = scan_suffix(path)
+    suffix = scan_suffix(path_of(path))
     if suffix in (".las", ".laz"):
         from manip3d.io import _scan_las
 
@@ -102,7 +104,7 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     OSError
         The operating system refused; the old file is whole.
     """
-    name = os.fspath(path)
+    name = os.fspath(path_of(path))
     suffix = scan_suffix(name)
     if suffix in (".las", ".laz"):
         from manip3d.io import _scan_las
@@ -123,7 +125,7 @@ def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> N
     MissingExtraError, OSError
         As `write_scan`.
     """
-    if scan_suffix(path) == ".e57":
+    if scan_suffix(path_of(path)) == ".e57":
         from manip3d.io import _scan_e57
 
         return _scan_e57.write_all(frames, Path(path))
@@ -134,4 +136,6 @@ def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> N
 
 def scan_paths(folder: str | os.PathLike[str]) -> Iterator[Path]:
     """The scans of a folder, in the order of their names."""
-    yield from sorted(p for p in Path(folder).iterdir() if scan_suffix(p) in SCAN_SUFFIXES)
+    yield from sorted(
+        p for p in path_of(folder, "folder").iterdir() if scan_suffix(p) in SCAN_SUFFIXES
+    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import struct
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,12 +10,12 @@ import numpy as np
 
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io._files import atomic_path
+from manip3d.io._las_checks import check_las
 from manip3d.io._scan_tables import (
     byte_limit,
     exact_coordinates,
     general_fields,
     measured_points,
-    refuse_expansion,
 )
 from manip3d.lidar import LidarFrame, ScanFormat
 
@@ -25,8 +24,6 @@ if TYPE_CHECKING:
 
 # Farther from 0 than this, float32 has steps of more than a millimetre.
 _FAR = 8192.0
-_HEADER = 227  # bytes of the shortest header, LAS 1.0
-_VLR, _EVLR = 54, 60  # bytes of the head of a variable length record
 
 
 def _laspy() -> Any:
@@ -40,7 +37,7 @@ def _laspy() -> Any:
 def read(path: Path, max_bytes: int | None) -> LidarFrame:
     """As `manip3d.io.read_scan`; points are moved near 0 where they lie far from it."""
     laspy = _laspy()
-    _check_header(path, byte_limit(max_bytes))
+    check_las(path, byte_limit(max_bytes))
     try:
         las = laspy.read(path)
         exact = np.column_stack([np.asarray(las[axis], np.float64) for axis in "xyz"])
@@ -69,35 +66,6 @@ def read(path: Path, max_bytes: int | None) -> LidarFrame:
         exact=exact_coordinates(exact, points),
         format=layout,
     )
-
-
-def _check_header(path: Path, limit: int) -> None:
-    """Refuse counts that the file's bytes cannot hold, before anything is allocated."""
-    with path.open("rb") as stream:
-        head = stream.read(375)
-    size = path.stat().st_size
-
-    def fail(byte: int, reason: str) -> None:
-        raise FormatError(reason, file=str(path), byte_offset=byte)
-
-    if head[:4] != b"LASF":
-        fail(0, "expected a LAS file (LASF)")
-    if len(head) < _HEADER:
-        fail(len(head), "file ends within the header")
-    header_size, start, num_vlrs, kind, row, count = struct.unpack_from("<HIIBHI", head, 94)
-    if head[24] == 1 and head[25] >= 4 and len(head) >= 255:
-        evlr_start, num_evlrs, count = struct.unpack_from("<QIQ", head, 235)
-        if num_evlrs * _EVLR > max(0, size - evlr_start):
-            fail(243, f"{num_evlrs} records claimed, but the file ends before them")
-    if header_size < _HEADER or start < header_size or start > size:
-        fail(96, f"expected points at bytes {header_size} to {size}, got {start}")
-    if num_vlrs * _VLR > start - header_size:
-        fail(100, f"{num_vlrs} records claimed, but there is room for {start - header_size} bytes")
-    is_compressed = kind & 0xC0 != 0
-    if not is_compressed and count * row > size - start:
-        fail(107, f"{count} points claimed, but {size - start} bytes follow")
-    if is_compressed:
-        refuse_expansion(count * row, size, limit, str(path))
 
 
 def write(frame: LidarFrame, path: Path) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d.errors import FormatError, InputError
+from manip3d.io._text_files import text_of
 from manip3d.lidar import LidarFrame, ScanFormat
 
 if TYPE_CHECKING:
@@ -31,9 +32,11 @@ _THREE_DTK = 100.0 * np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0
 
 
 def scan_suffix(path: str | os.PathLike[str]) -> str:
-    """The suffix that tells the format: lower case, without a compression's."""
+    """Return the suffix that tells the format: lower case, without a compression's."""
     name = PurePath(os.fspath(path))
-    return PurePath(name.stem if name.suffix in _COMPRESSED else name.name).suffix.lower()
+    plain = PurePath(name.stem if name.suffix in _COMPRESSED else name.name)
+    last_two = "".join(plain.suffixes[-2:]).lower()
+    return last_two if last_two in TABLE_SUFFIXES else plain.suffix.lower()
 
 
 def byte_limit(max_bytes: int | None) -> int:
@@ -99,6 +102,8 @@ def read_table(path: str | os.PathLike[str], limit: int) -> LidarFrame:
     points = measured_points(stored, layout, name)
     intensity = _take(by_name, _INTENSITY, "fiu")
     ring = _take(by_name, _RING, "iu")
+    if ring is None and kind == "nuscenes":
+        ring = _whole(by_name, "ring", name)
     frame = LidarFrame(
         points=points,
         intensity=None if intensity is None else _finite(intensity.astype(np.float32), name),
@@ -132,6 +137,19 @@ def _take(
         if values is not None and values.ndim == 1 and values.dtype.kind in kinds:
             return np.ascontiguousarray(by_name.pop(name))
     return None
+
+
+def _whole(by_name: dict[str, NDArray[Any]], column: str, file: str) -> NDArray[np.uint16]:
+    """Take a column of floats that are numbers of lasers."""
+    values = by_name.pop(column)
+    bad = np.flatnonzero((values != np.rint(values)) | (values < 0) | (values > 65535))
+    if bad.size:
+        raise FormatError(
+            f"{column} of point {bad[0]}: expected a whole number from 0 to 65535, "
+            f"got {values[bad[0]]}",
+            file=file,
+        )
+    return values.astype(np.uint16)
 
 
 def _finite(values: NDArray[np.float32], file: str) -> NDArray[np.float32]:
@@ -223,6 +241,11 @@ def _kitti_layout(frame: LidarFrame) -> ScanFormat:
     return ScanFormat("kitti", tuple((name, "<f4", 1) for name in ("x", "y", "z", "intensity")))
 
 
+def _nuscenes_layout(frame: LidarFrame) -> ScanFormat:
+    names = ("x", "y", "z", "intensity", "ring")
+    return ScanFormat("nuscenes", tuple((name, "<f4", 1) for name in names))
+
+
 def _general_columns(frame: LidarFrame) -> tuple[Column, ...]:
     columns: list[Column] = [(axis, "<f4", 1) for axis in "xyz"]
     if frame.intensity is not None:
@@ -277,7 +300,7 @@ def read_pose(path: Path) -> NDArray[np.float64] | None:
     if not pose.is_file():
         return None
     try:
-        numbers = np.array(pose.read_text(errors="replace").split(), np.float64)
+        numbers = np.array(text_of(pose).split(), np.float64)
     except ValueError:
         numbers = np.empty(0)
     if numbers.shape != (6,) or not np.isfinite(numbers).all():
@@ -301,6 +324,7 @@ def _euler(angles: NDArray[np.float64]) -> NDArray[np.float64]:
 
 _TABLES = {
     ".bin": _Table("kitti", _kitti_layout),
+    ".pcd.bin": _Table("nuscenes", _nuscenes_layout),
     ".pcd": _Table("pcd", _pcd_layout),
     ".ply": _Table("ply", _ply_layout),
     ".3d": _Table("3dtk", _three_dtk_layout),

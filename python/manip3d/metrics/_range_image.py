@@ -10,11 +10,11 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.options import reporting, threads_of
-from manip3d.camera import Intrinsics
+from manip3d.camera import Intrinsics, _depth_image
 from manip3d.errors import InputError
 from manip3d.mesh import Mesh
 from manip3d.simplify import DepthMesh
-from manip3d.simplify._depth import _depth_image, _point_grid
+from manip3d.simplify._depth import _point_grid
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -64,6 +64,22 @@ class Hits:
     point: NDArray[np.float32]
 
 
+def _colliders(
+    capsules: NDArray[np.float32],
+    centre: NDArray[np.float32],
+    axes: NDArray[np.float32],
+    half_size: NDArray[np.float32],
+) -> BodyColliders:
+    return BodyColliders(
+        start=capsules[:, :3],
+        end=capsules[:, 3:6],
+        radius=capsules[:, 6],
+        torso_centre=centre,
+        torso_axes=axes,
+        torso_half_size=half_size,
+    )
+
+
 class ColliderTracker:
     """Follows a person's colliders: a capsule per bone, a box for the torso, a sphere for the head.
 
@@ -129,27 +145,19 @@ class ColliderTracker:
         if (labels is None) != (squared_distances is None):
             raise InputError("labels, squared_distances: expected both or neither")
         none: list[int] = []
-        self._core.update(
+        tables = self._core.update(
             skeleton,
             np.ascontiguousarray(none if labels is None else labels, np.uint8),
             np.ascontiguousarray(
                 none if squared_distances is None else squared_distances, np.float32
             ),
         )
-        return self.colliders
+        return _colliders(*tables)
 
     @property
     def colliders(self) -> BodyColliders:
         """Those of the last frame."""
-        capsules, centre, axes, half_size = self._core.now()
-        return BodyColliders(
-            start=capsules[:, :3],
-            end=capsules[:, 3:6],
-            radius=capsules[:, 6],
-            torso_centre=centre,
-            torso_axes=axes,
-            torso_half_size=half_size,
-        )
+        return _colliders(*self._core.now())
 
     def hits(self, start: ArrayLike, end: ArrayLike, *, radius: ArrayLike = 0.0) -> Hits:
         """What moving spheres touch first between the last frame but one and the last.

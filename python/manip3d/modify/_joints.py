@@ -141,9 +141,21 @@ def skeleton_from(
     for rule in _rules(layout):
         state = min(rule.at_best, trust[rule.sources].min())
         if found[rule.joint] == NOT_TRACKED and state != NOT_TRACKED:
-            positions[rule.joint] = rule.weights @ given[rule.sources]
+            positions[rule.joint] = _weighted_sum(rule.weights, given[rule.sources])
             found[rule.joint] = state
     return Skeleton(positions.astype(np.float32), states=found, id=id, body=body)
+
+
+def _weighted_sum(weights: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Term after term: a matrix product rounds as the processor's BLAS does.
+
+    With fused multiply-add the weighted sum of x and -x is not zero, and the sign of a joint in
+    the middle of the body would depend on the machine.
+    """
+    total = np.zeros(3)
+    for weight, point in zip(weights, points, strict=True):
+        total += weight * point
+    return total
 
 
 def _checked_states(states: ArrayLike | None, num_joints: int) -> NDArray[np.uint8]:

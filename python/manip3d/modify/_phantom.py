@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import threading
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -287,6 +288,7 @@ class PhantomPipeline:
         options.mesh.texturing = _core.Texturing.__members__[texturing.upper()]
         self._core = _core.PhantomPipeline(options)
         self._last: PhantomFrame | None = None
+        self._lock = threading.RLock()
 
     def process(self, frame: RgbdFrame) -> PhantomFrame:
         """The next frame, with arrays of its own.
@@ -298,26 +300,30 @@ class PhantomPipeline:
         """
         buffers = _Buffers.of_size(*frame.depth.shape)
         calibration = frame.calibration
-        report = self._core.process(
-            np.ascontiguousarray(frame.depth),
-            None if frame.body_index is None else np.ascontiguousarray(frame.body_index),
-            calibration.depth,
-            calibration.registration,
-            frame.skeletons,
-            frame.time,
-            frame.number,
-            buffers,
-        )
-        if report["state"] == _core.PhantomState.LATE and self._last is not None:
-            late = report["late_frames"]
-            return replace(self._last, state=PhantomState.LATE, late_frames=late)
-        self._last = _frame(report, buffers)
-        return self._last
+        depth = np.ascontiguousarray(frame.depth)
+        body_index = None if frame.body_index is None else np.ascontiguousarray(frame.body_index)
+        with self._lock:
+            report = self._core.process(
+                depth,
+                body_index,
+                calibration.depth,
+                calibration.registration,
+                frame.skeletons,
+                frame.time,
+                frame.number,
+                buffers,
+            )
+            if report["state"] == _core.PhantomState.LATE and self._last is not None:
+                late = report["late_frames"]
+                return replace(self._last, state=PhantomState.LATE, late_frames=late)
+            self._last = _frame(report, buffers)
+            return self._last
 
     def reset(self) -> Self:
         """Forget all frames: for another person, or another recording."""
-        self._core.reset()
-        self._last = None
+        with self._lock:
+            self._core.reset()
+            self._last = None
         return self
 
 

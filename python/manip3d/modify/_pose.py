@@ -93,7 +93,9 @@ def lift_landmarks(
     inside = np.all((at > -0.5) & (at < size - 0.5), axis=1)
     depth = _median_depth(np.where(inside[:, None], at, 0.0), frame, window)
     # The line of sight (x/z, y/z, 1); a joint of radius r lies r farther along it.
-    sight = np.column_stack([(at - (camera.cx, camera.cy)) / (camera.fx, camera.fy), np.ones(33)])
+    sight = camera.unproject(1.0, pixels=at)
+    inside &= np.isfinite(sight).all(axis=1)
+    sight = np.where(inside[:, None], sight, (0.0, 0.0, 1.0))
     inner = depth + radius / np.linalg.norm(sight, axis=1)
 
     tracked = inside & (depth > 0) & (visible >= min_visibility)
@@ -231,7 +233,7 @@ def _body_under(positions: NDArray[np.float64], states: NDArray[np.uint8], frame
     if frame.body_index is None:
         return NO_BODY
     camera = frame.calibration.depth
-    x, y, z = positions[states == TRACKED].T
-    column = np.clip(np.rint(camera.fx * x / z + camera.cx), 0, camera.width - 1).astype(np.intp)
-    row = np.clip(np.rint(camera.fy * y / z + camera.cy), 0, camera.height - 1).astype(np.intp)
+    pixels = np.rint(camera.project(positions[states == TRACKED]))
+    last = camera.width - 1, camera.height - 1
+    column, row = np.clip(pixels, 0, last).astype(np.intp).T
     return int(np.bincount(frame.body_index[row, column]).argmax())

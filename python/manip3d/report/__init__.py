@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.experiments import RESULTS_FORMAT
 from manip3d.io._files import atomic_write
@@ -37,10 +38,10 @@ def write_report(results_dir: str | os.PathLike[str], output: str | os.PathLike[
     MissingExtraError
         jinja2 is not installed (``.html`` only).
     """
-    path = Path(output)
+    path = path_of(output, "output")
     if path.suffix.lower() not in _KINDS:
         raise InputError(f"output: expected a name ending in {', '.join(_KINDS)}, got {path.name}")
-    folder = Path(results_dir)
+    folder = path_of(results_dir, "results_dir")
     results = _load(folder)
     if path.suffix.lower() == ".csv":
         text = (folder / "results.csv").read_text(encoding="utf-8")

@@ -6,44 +6,75 @@ import base64
 from collections.abc import Iterator, Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from manip3d.errors import FormatError, MissingExtraError
-from manip3d.report._tables import number, table
+from manip3d.experiments import counted
+from manip3d.report._tables import number, readable, tables
+
+if TYPE_CHECKING:
+    import jinja2
 
 _MEDIA = {".svg": "image/svg+xml", ".webp": "image/webp", ".png": "image/png"}
 
 
 def html(results: Mapping[str, Any], folder: Path) -> str:
     """The whole page."""
+    page: str = (
+        environment()
+        .get_template("report.html")
+        .render(style=template("style.css"), command=_command(results), **numbers(results, folder))
+    )
+    return page
+
+
+def _command(results: Mapping[str, Any]) -> str:
+    plan = results["plan"]
+    options = f"--data {plan['data']} --scale {plan['scale']} --seed {plan['seed']}"
+    return f"manip3d reproduce {' '.join(results['experiments'])} {options}"
+
+
+def environment() -> jinja2.Environment:
+    """The templates, with the filters that they use.
+
+    Raises
+    ------
+    MissingExtraError
+        jinja2 is not installed.
+    """
     try:
         import jinja2
     except ImportError:
         raise MissingExtraError("jinja2", "experiments") from None
-    environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_template),
+    made = jinja2.Environment(
+        loader=jinja2.FunctionLoader(template),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    page: str = environment.get_template("report.html").render(
-        style=_template("style.css"),
-        results=results,
-        environment=results["environment"],
-        experiments=list(_experiments(results, folder)),
-        headlines=list(_headlines(results)),
-        sheets=list(_sheets(results, folder)),
-        tally=_tally(results),
-    )
-    return page
+    made.filters |= {"readable": readable, "counted": counted}
+    return made
 
 
-def _template(name: str) -> str:
+def numbers(results: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """What the templates show of a results folder."""
+    return {
+        "results": results,
+        "environment": results["environment"],
+        "experiments": list(_experiments(results, folder)),
+        "headlines": list(_headlines(results)),
+        "sheets": list(_sheets(results, folder)),
+        "tally": _tally(results),
+    }
+
+
+def template(name: str) -> str:
+    """The text of a template."""
     return files("manip3d.report").joinpath("templates", name).read_text(encoding="utf-8")
 
 
-def _embedded(folder: Path, name: str) -> str:
+def embedded(folder: Path, name: str) -> str:
     """A file of the results folder as a ``data:`` address.
 
     Raises
@@ -67,17 +98,49 @@ def _experiments(results: Mapping[str, Any], folder: Path) -> Iterator[dict[str,
             "id": name,
             "title": record["title"],
             "notes": notes,
-            "table": table(record),
-            "verdicts": [verdict | _score(verdict) for verdict in record["verdicts"]],
-            "figures": {t: _embedded(folder, file) for t, file in record["figures"].items()},
+            "tables": tables(record),
+            "verdicts": [
+                verdict
+                | {
+                    "tone": _TONES.get(verdict["word"], "na"),
+                    "scores": _scores(verdict),
+                    "why": _why(verdict),
+                }
+                for verdict in record["verdicts"]
+            ],
+            "figures": {t: embedded(folder, file) for t, file in record["figures"].items()},
             "errors": [row for row in record["rows"] if row.get("error")],
+            "problems": record["problems"],
         }
 
 
-def _score(verdict: Mapping[str, Any]) -> dict[str, int]:
-    """In how many of the parts that could be judged a claim holds."""
-    judged = [f["holds"] for f in verdict["findings"] if f["holds"] is not None]
-    return {"confirmed": sum(judged), "judged": len(judged)}
+def _why(verdict: Mapping[str, Any]) -> str:
+    """Why there is no verdict, in a few words; ``""`` where there is one, or nothing applies."""
+    if verdict["word"] == "undecided":
+        return "fails here, but not on the published files"
+    if verdict["word"] != "not applicable":
+        return str(verdict["unjudged"])
+    return next((f["unjudged"] for f in verdict["findings"] if f["unjudged"]), "")
+
+
+def _scores(verdict: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """On which data a claim was judged, and in how many parts it holds there."""
+    kinds: dict[str, list[bool]] = {}
+    for finding in verdict["findings"]:
+        if finding["holds"] is not None:
+            kinds.setdefault(finding["data"], []).append(finding["holds"])
+    return [
+        {
+            "data": kind,
+            "confirmed": sum(judged),
+            "judged": len(judged),
+            "tone": "yes" if all(judged) else "soft" if verdict["word"] == "undecided" else "no",
+        }
+        for kind, judged in kinds.items()
+    ]
+
+
+_TONES = {"holds": "yes", "does not hold": "no", "undecided": "soft"}
 
 
 def _headlines(results: Mapping[str, Any]) -> Iterator[dict[str, str]]:
@@ -88,7 +151,7 @@ def _headlines(results: Mapping[str, Any]) -> Iterator[dict[str, str]]:
             for row in record["rows"]:
                 measured, printed = row.get(column["name"]), row.get(column["published"])
                 about = (row.get("model"), column["name"])
-                wanted = row.get("method") == "qem4vr" and row.get("same_file")
+                wanted = row.get("method") == "qem4vr" and row["data"] == "published"
                 if not wanted or row.get("level") or about in seen:
                     continue
                 if isinstance(measured, float) and isinstance(printed, float) and printed > 0:
@@ -108,7 +171,7 @@ def _sheets(results: Mapping[str, Any], folder: Path) -> Iterator[dict[str, Any]
             {
                 "style": style,
                 "items": [
-                    {"label": i["label"], "faces": i["faces"], "src": _embedded(folder, i[style])}
+                    {"label": i["label"], "faces": i["faces"], "src": embedded(folder, i[style])}
                     for i in sheet["items"]
                     if style in i
                 ],
@@ -119,6 +182,7 @@ def _sheets(results: Mapping[str, Any], folder: Path) -> Iterator[dict[str, Any]
 
 
 def _tally(results: Mapping[str, Any]) -> dict[str, int]:
-    """How many claims hold, do not hold, do not apply."""
+    """How many claims there are of each verdict."""
     words = [v["word"] for e in results["experiments"].values() for v in e["verdicts"]]
-    return {word: words.count(word) for word in ("holds", "does not hold", "not applicable")}
+    known = (*_TONES, "not judged", "not applicable", "reported")
+    return {word: words.count(word) for word in known}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from manip3d.report._tables import Cell, table
+from manip3d.report._tables import Cell, Table, readable, tables
 
 
 def markdown(results: Mapping[str, Any]) -> str:
@@ -21,7 +21,7 @@ def markdown(results: Mapping[str, Any]) -> str:
     for name, record in results["experiments"].items():
         lines += [f"## {name}: {_escaped(record['title'])}", ""]
         lines += [f"{_escaped(note)}\n" for note in record["notes"]]
-        lines += [*_table(record), "", *_verdicts(record), ""]
+        lines += [*_tables(record), *_verdicts(record), ""]
     return "\n".join(lines)
 
 
@@ -29,8 +29,15 @@ def _escaped(text: str) -> str:
     return text.replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;").replace("\n", " ")
 
 
-def _table(record: Mapping[str, Any]) -> Iterator[str]:
-    shown = table(record)
+def _tables(record: Mapping[str, Any]) -> Iterator[str]:
+    for shown in tables(record):
+        if shown.title:
+            yield f"**{_escaped(shown.title)}**\n"
+        yield from _table(shown)
+        yield ""
+
+
+def _table(shown: Table) -> Iterator[str]:
     yield "| " + " | ".join(["model", *map(_escaped, shown.headings)]) + " |"
     yield "|" + " --- |" * (len(shown.headings) + 1)
     for group in shown.groups:
@@ -41,12 +48,21 @@ def _table(record: Mapping[str, Any]) -> Iterator[str]:
 
 def _cell(cell: Cell) -> str:
     text = _escaped(cell.text)
-    return {"best": f"**{text}**", "beside": f"*({text})*"}.get(cell.kind, text)
+    text = f"**{text}**" if cell.kind == "best" else text
+    if not cell.printed:
+        return text
+    whose = cell.hint or "published"
+    return f"{text} ({', '.join(filter(None, (f'{whose}: {cell.printed}', cell.ratio)))})"
 
 
 def _verdicts(record: Mapping[str, Any]) -> Iterator[str]:
     for verdict in record["verdicts"]:
-        yield f"- **{verdict['word']}**: {_escaped(verdict['claim'])} ({verdict['source']})"
+        reason = f" ({verdict['unjudged']})" if verdict["unjudged"] else ""
+        claim, source = _escaped(readable(verdict["claim"])), _escaped(verdict["source"])
+        yield f"- **{verdict['word']}**{_escaped(reason)}: {claim} ({source})"
         for finding in verdict["findings"]:
-            word = {True: "yes", False: "no", None: "not applicable"}[finding["holds"]]
-            yield f"  - {_escaped(finding['subject'])}: {word}; {_escaped(finding['numbers'])}"
+            word = {True: "yes", False: "no", None: "not judged"}[finding["holds"]]
+            subject, numbers = (readable(finding[name]) for name in ("subject", "numbers"))
+            numbers += f"; {finding['unjudged']}" if finding["unjudged"] else ""
+            data = f" [{finding['data']}]" if finding["data"] else ""
+            yield f"  - {_escaped(subject + data)}: {word}; {_escaped(numbers)}"

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
+
+from manip3d.experiments import counted
 
 Row = Mapping[str, Any]
 
@@ -18,15 +21,20 @@ class Cell:
     ----------
     text : str
     kind : str
-        ``value``, ``best`` (lowest of its model among those that reached the target),
-        ``published`` (of the same file), ``beside`` (published, of another mesh), ``ratio``,
-        ``word`` or ``none``.
+        ``value``, ``best`` (lowest of its model among those that reached the target), ``word`` or
+        ``none``.
+    printed : str
+        The published value that belongs to it; ``""``: none.
+    ratio : str
+        Measured over published, where the row is of the published file.
     hint : str
-        Said when a reader points at it.
+        Whose the published value is where it is another file's; ``""``: the same file's.
     """
 
     text: str
     kind: str = "value"
+    printed: str = ""
+    ratio: str = ""
     hint: str = ""
 
 
@@ -50,8 +58,17 @@ class Group:
 
 @dataclass(frozen=True)
 class Table:
-    """Headings, and groups of rows."""
+    """Headings, and groups of rows.
 
+    Attributes
+    ----------
+    title : str
+        What its rows share, where an experiment has several tables; else ``""``.
+    headings : list of str
+    groups : list of Group
+    """
+
+    title: str
     headings: list[str]
     groups: list[Group]
 
@@ -61,19 +78,32 @@ class Table:
         return all(len(group.rows) == 1 for group in self.groups)
 
 
-def table(record: Mapping[str, Any]) -> Table:
-    """The table of one experiment of ``results.json``."""
-    columns = record["columns"]
-    headings = [heading for column in columns for heading in _headings(column)]
-    by_model: dict[str, list[Row]] = {}
+def tables(record: Mapping[str, Any]) -> list[Table]:
+    """The tables of one experiment of ``results.json``."""
+    key = record.get("split", "")
+    parts: dict[str, list[Row]] = {}
     for row in record["rows"]:
+        parts.setdefault(str(row.get(key, "")) if key else "", []).append(row)
+    return [_table(title, rows, record["columns"]) for title, rows in parts.items()]
+
+
+def _table(title: str, rows: Sequence[Row], columns: Sequence[Mapping[str, Any]]) -> Table:
+    """One table; columns in which no row has anything are left out."""
+    columns = [c for c in columns if any(row.get(c["name"]) is not None for row in rows)]
+    by_model: dict[str, list[Row]] = {}
+    for row in rows:
         by_model.setdefault(row["model"], []).append(row)
     groups = []
-    for model, rows in by_model.items():
-        best = {c["name"]: _lowest(rows, c["name"]) for c in columns if c["lower_is_better"]}
-        cells = [[c for column in columns for c in _cells(row, column, best)] for row in rows]
-        groups.append(Group(model, _about(rows[0]), cells))
-    return Table(headings, groups)
+    for model, of_model in by_model.items():
+        best = {c["name"]: _lowest(of_model, c["name"]) for c in columns if c["lower_is_better"]}
+        cells = [[_cell(row, column, best) for column in columns] for row in of_model]
+        groups.append(Group(readable(model), _about(of_model[0]), cells))
+    return Table(readable(title), [column["title"] for column in columns], groups)
+
+
+def readable(text: str) -> str:
+    """Names as words: ``ferrari_458`` becomes ``ferrari 458``."""
+    return re.sub(r"(?<=[^\W_])_(?=[^\W_])", " ", text)
 
 
 def number(value: float, column: Mapping[str, Any]) -> str:
@@ -84,12 +114,6 @@ def number(value: float, column: Mapping[str, Any]) -> str:
     if column["digits"] is not None:
         return f"{scaled:.{column['digits']}f}"
     return f"{scaled:,.0f}".replace(",", "\u202f") if scaled == int(scaled) else f"{scaled:g}"
-
-
-def _headings(column: Mapping[str, Any]) -> list[str]:
-    if not column["published"]:
-        return [column["title"]]
-    return [column["title"], "published", *(["ratio"] if column["ratio"] else [])]
 
 
 def _lowest(rows: Sequence[Row], name: str) -> float | None:
@@ -104,44 +128,45 @@ def _is_number(value: Any) -> bool:
 def _about(row: Row) -> tuple[str, ...]:
     cleaning = row.get("cleaning_does", "")
     said = [row.get("role", ""), "" if cleaning and cleaning in row["model"] else cleaning]
-    if row.get("faces_target"):
-        faces = number(row["faces_original"], _WHOLE)
+    if row.get("faces_target") and row.get("faces_original"):
+        faces = counted(row["faces_original"], "face")
         target = "" if row.get("level") else f", target {number(row['faces_target'], _WHOLE)}"
-        said.append(f"{faces} faces{target}")
-    return tuple(text for text in said if text)
+        said.append(f"{faces}{target}")
+    return tuple(readable(text) for text in said if text)
 
 
 _WHOLE = {"scale": 1.0, "digits": None}
 
 
-def _cells(row: Row, column: Mapping[str, Any], best: Mapping[str, float | None]) -> list[Cell]:
+def _cell(row: Row, column: Mapping[str, Any], best: Mapping[str, float | None]) -> Cell:
     name = column["name"]
-    if row.get("error"):
-        said = _word(row, column) if name in row else "failed"
-        return [Cell(said, "word"), *[Cell("", "none")] * (len(_headings(column)) - 1)]
     value: Any = row.get(name)
+    if row.get("error"):
+        return Cell(_word(row, column) if value is not None else "failed", "word")
+    printed, ratio, hint = _published(row, column)
     if _is_number(value):
         is_best = best.get(name) is not None and value == best[name]
-        cells = [Cell(number(value, column), "best" if is_best else "value")]
-    else:
-        cells = [Cell(_word(row, column), "word" if value else "none")]
-    return (cells + _published(row, column))[: len(_headings(column))]
+        return Cell(number(value, column), "best" if is_best else "value", printed, ratio, hint)
+    kind = "word" if value not in (None, "") else "none"
+    return Cell(_word(row, column), kind, printed, ratio, hint)
 
 
 def _word(row: Row, column: Mapping[str, Any]) -> str:
     value = row.get(column["name"])
-    return "–" if value is None else column["words"].get(str(value), str(value))
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "–" if value is None else readable(column["words"].get(str(value), str(value)))
 
 
-def _published(row: Row, column: Mapping[str, Any]) -> list[Cell]:
-    """The published value, and the ratio to it where it is of the same file."""
+def _published(row: Row, column: Mapping[str, Any]) -> tuple[str, str, str]:
+    """The published value; the ratio to it where it is of the same file; whose it is, else."""
     printed, measured = row.get(column["published"]), row.get(column["name"])
     if printed is None:
-        return [Cell("–", "none"), Cell("", "none")]
+        return "", "", ""
     text = "FAIL" if printed == "fail" else number(printed, column)
-    if not row["same_file"]:
-        hint = f"of the published {row['stands_in_for']}, another mesh"
-        return [Cell(text, "beside", hint), Cell("", "none")]
-    if not _is_number(measured) or not _is_number(printed) or printed == 0:
-        return [Cell(text, "published"), Cell("", "none")]
-    return [Cell(text, "published"), Cell(f"× {measured / printed:.2f}", "ratio")]
+    if row["data"] != "published":
+        whose = row.get("stands_in_for")
+        return text, "", f"of the published {whose}, another file" if whose else "of other data"
+    if not column["ratio"] or not _is_number(measured) or not _is_number(printed) or printed == 0:
+        return text, "", ""
+    return text, f"× {measured / printed:.2f}", ""

@@ -13,7 +13,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import rows
 from manip3d._util.options import threads_of
-from manip3d.camera import Intrinsics, Registration
+from manip3d.camera import Intrinsics, Registration, _depth_image
 from manip3d.errors import InputError
 from manip3d.mesh import Material, Mesh, Texture
 from manip3d.simplify._depth import (
@@ -21,7 +21,6 @@ from manip3d.simplify._depth import (
     Variant,
     _colour_image,
     _count,
-    _depth_image,
     _max_edge,
     _png,
     _point_grid,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 import io
 import math
+import threading
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -14,7 +15,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import index_rows
 from manip3d._util.options import threads_of
-from manip3d.camera import Intrinsics, Registration
+from manip3d.camera import Intrinsics, Registration, _depth_image
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.mesh import Material, Mesh, Texture
 
@@ -131,23 +132,6 @@ def _png(colour: NDArray[np.uint8]) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(colour).save(buffer, "PNG")
     return buffer.getvalue()
-
-
-def _depth_image(depth: ArrayLike, intrinsics: Intrinsics) -> NDArray[np.uint16 | np.float32]:
-    """The image in one of the two dtypes of the core; the same object if it is in one."""
-    if not isinstance(intrinsics, Intrinsics):
-        raise InputError(f"intrinsics: expected Intrinsics, got {intrinsics!r}")
-    image = np.asarray(depth)
-    if image.dtype not in (np.uint16, np.float32):
-        raise InputError(
-            f"depth: expected dtype uint16 (millimetres) or float32 (metres), got {image.dtype}"
-        )
-    if image.shape != (intrinsics.height, intrinsics.width):
-        raise InputError(
-            f"depth: expected shape ({intrinsics.height}, {intrinsics.width}) as the intrinsics "
-            f"say, got {image.shape}"
-        )
-    return np.ascontiguousarray(image)
 
 
 def _point_grid(
@@ -448,6 +432,7 @@ class Cs3Stream:
         self._core = _core.Cs3Runner()
         self._pool: list[_Buffers | None] = [None] * (_count(frames, "frames") if frames else 0)
         self._next = 0
+        self._lock = threading.RLock()
 
     def _buffers(self, shape: tuple[int, ...]) -> _Buffers:
         capacity = min(self._options.target_points, shape[0] * shape[1])
@@ -470,9 +455,10 @@ class Cs3Stream:
         """Simplify a depth image; see `cs3`."""
         image = _depth_image(depth, intrinsics)
         picture = _colour_image(colour, image.shape, registration)
-        buffers = self._buffers(image.shape)
-        report = self._core.run_depth(image, intrinsics, self._options, registration, buffers)
-        return _result(report, buffers, picture)
+        with self._lock:
+            buffers = self._buffers(image.shape)
+            report = self._core.run_depth(image, intrinsics, self._options, registration, buffers)
+            return _result(report, buffers, picture)
 
     def simplify_grid(
         self,
@@ -485,9 +471,10 @@ class Cs3Stream:
         """Simplify a grid of points; see `cs3_grid`."""
         grid, mask = _point_grid(points, valid)
         picture = _colour_image(colour, mask.shape)
-        buffers = self._buffers(mask.shape)
-        report = self._core.run_grid(grid, mask, bool(rows_up), self._options, buffers)
-        return _result(report, buffers, picture)
+        with self._lock:
+            buffers = self._buffers(mask.shape)
+            report = self._core.run_grid(grid, mask, bool(rows_up), self._options, buffers)
+            return _result(report, buffers, picture)
 
 
 def cs3(

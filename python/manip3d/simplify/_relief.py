@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -9,11 +10,11 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.options import threads_of
+from manip3d.camera import _depth_image
 from manip3d.errors import InputError
 from manip3d.simplify._depth import (
     DepthMesh,
     _colour_image,
-    _depth_image,
     _max_edge,
     _point_grid,
 )
@@ -326,6 +327,7 @@ class ReliefStream:
         self._options.stability = float(stability)
         self._solver = _core.ReliefSolver()
         self._smoother = _core.DepthSmoother(float(newest_share), float(gate))
+        self._lock = threading.RLock()
 
     def simplify(self, depth: ArrayLike, *, colour: ArrayLike | None = None) -> Relief:
         """Simplify the next frame.
@@ -342,21 +344,23 @@ class ReliefStream:
         """
         image = _depth_image(depth, self._intrinsics)
         picture = _colour_image(colour, image.shape, self._registration)
-        smooth = self._smoother.add(image)
-        points, valid, rows_up = _core.unproject(
-            smooth, self._intrinsics, self._options.num_threads
-        )
-        return _run(
-            self._solver,
-            points.reshape(*image.shape, 3),
-            valid.reshape(image.shape).view(np.bool_),
-            rows_up,
-            self._options,
-            picture,
-            self._registration,
-        )
+        with self._lock:
+            smooth = self._smoother.add(image)
+            points, valid, rows_up = _core.unproject(
+                smooth, self._intrinsics, self._options.num_threads
+            )
+            return _run(
+                self._solver,
+                points.reshape(*image.shape, 3),
+                valid.reshape(image.shape).view(np.bool_),
+                rows_up,
+                self._options,
+                picture,
+                self._registration,
+            )
 
     def reset(self) -> None:
         """Forget all frames."""
-        self._solver.reset()
-        self._smoother.reset()
+        with self._lock:
+            self._solver.reset()
+            self._smoother.reset()

@@ -8,11 +8,11 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.options import seed_of, threads_of
+from manip3d.camera import _depth_image
 from manip3d.errors import InputError
 from manip3d.simplify._depth import (
     DepthMesh,
     _colour_image,
-    _depth_image,
     _max_edge,
     _point_grid,
     grid_delaunay,

@@ -83,11 +83,10 @@ class Scenery:
         return self._views[key]
 
     def _look(self, camera: Intrinsics, eye: Floats) -> Background:
-        v, u = np.mgrid[: camera.height, : camera.width].astype(np.float32)
-        x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
-        rays = np.stack([x, y, np.ones_like(x)], 2).astype(np.float32)
-        depth, slant = np.zeros(u.shape, np.float32), np.ones(u.shape, np.float32)
-        colour = np.zeros((*u.shape, 3), np.uint8)
+        shape = camera.height, camera.width
+        rays = camera.unproject(np.ones(shape, np.float32))
+        depth, slant = np.zeros(shape, np.float32), np.ones(shape, np.float32)
+        colour = np.zeros((*shape, 3), np.uint8)
         if not len(self.faces):
             return Background(depth, slant, colour, rays)
         caster = RayCaster(self.vertices, self.faces)

@@ -256,7 +256,7 @@ def _cast(
     ``relief`` of the hit points is added to the depth: folds of cloth, a few millimetres.
     """
     v, u = np.mgrid[: camera.height, : camera.width]
-    rays = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)], 2)
+    rays = camera.unproject(1.0, pixels=np.stack([u, v], 2))
     depth = np.full(u.shape, np.inf)
     colour = np.zeros((*u.shape, 3))
     slant = np.ones(u.shape)

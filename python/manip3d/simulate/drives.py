@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -16,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from manip3d._util.options import generator_of, reporting
+from manip3d._util.paths import path_of
 from manip3d.errors import InputError, MissingExtraError
+from manip3d.io._files import atomic_folder
 from manip3d.lidar import Box
 from manip3d.simulate import cameras
 from manip3d.simulate.cameras import StereoPair, stereo_pair
@@ -170,16 +170,15 @@ def write_drive(
     OSError
         The operating system refused; nothing is left behind.
     """
-    target = Path(folder)
+    target = path_of(folder, "folder")
     if target.exists() and not (overwrite and _holds_drives_only(target)):
         kind = "a new folder or one of a simulated drive" if overwrite else "a new folder"
         raise InputError(f"{target}: expected {kind}, this one exists")
     if not 0 <= number <= 9999:
         raise InputError(f"number: expected 0 to 9999, got {number}")
     name = f"{DATE}_drive_{number:04d}_sync"
-    temporary = Path(tempfile.mkdtemp(prefix=".manip3d-", dir=target.parent))
-    try:
-        day = temporary / "new" / DATE
+    with atomic_folder(target) as new:
+        day = new / DATE
         _write_calibration(day)
         moments = []
         source = drive(street, frames, start=start, pictures=pictures, rng=rng, threads=threads)
@@ -190,11 +189,6 @@ def write_drive(
                 if report is not None:
                     report((index + 1) / frames)
         _write_times(day / name, moments, pictures=pictures)
-        if target.exists():
-            target.rename(temporary / "old")
-        (temporary / "new").rename(target)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
     return target / DATE / name
 
 

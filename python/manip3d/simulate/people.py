@@ -460,9 +460,8 @@ def _seen(joints: NDArray[np.float64], view: _View, number: int) -> NDArray[np.b
     Other parts of the person hide a joint too if they are well before it: an arm behind the back.
     """
     camera = DEPTH_CAMERA
-    z = np.maximum(joints[:, 2], 0.1)
-    column = np.rint(camera.cx + camera.fx * joints[:, 0] / z).astype(int)
-    row = np.rint(camera.cy + camera.fy * joints[:, 1] / z).astype(int)
+    ahead = np.column_stack([joints[:, :2], np.maximum(joints[:, 2], 0.1)])
+    column, row = np.rint(camera.project(ahead)).astype(int).T
     inside = (row >= 0) & (row < camera.height) & (column >= 0) & (column < camera.width)
     row, column = row.clip(0, camera.height - 1), column.clip(0, camera.width - 1)
     surface = view.depth[row, column]
@@ -476,11 +475,8 @@ def _seen(joints: NDArray[np.float64], view: _View, number: int) -> NDArray[np.b
 
 def cast_mesh(mesh: Mesh, camera: Intrinsics, *, threads: int = 0) -> Floats:
     """Depth of a mesh, (H, W) float32 in metres, by an ideal camera at the origin; 0: nothing."""
-    row, column = np.mgrid[: camera.height, : camera.width]
-    rays = np.stack(
-        [(column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy, np.ones(row.shape)], 2
-    )
-    rays = rays.reshape(-1, 3).astype(np.float32)
+    shape = camera.height, camera.width
+    rays = camera.unproject(np.ones(shape, np.float32)).reshape(-1, 3)
     caster = RayCaster(mesh.vertices, mesh.faces)
     depth = np.concatenate(
         [
@@ -488,7 +484,7 @@ def cast_mesh(mesh: Mesh, camera: Intrinsics, *, threads: int = 0) -> Floats:
             for start in range(0, len(rays), CHUNK)
         ]
     )
-    return np.where(np.isfinite(depth), depth, np.float32(0.0)).reshape(row.shape)
+    return np.where(np.isfinite(depth), depth, np.float32(0.0)).reshape(shape)
 
 
 # --- Looking at it ----------------------------------------------------------------------------
@@ -620,8 +616,7 @@ class _Cast:
         points = points[points[:, 2] > 0.05]
         if not len(points):
             return 0, 0, 0, 0
-        u = camera.cx + camera.fx * points[:, 0] / points[:, 2]
-        v = camera.cy + camera.fy * points[:, 1] / points[:, 2]
+        u, v = camera.project(points).T
         left, right = np.clip([u.min(), u.max() + 2.0], 0, camera.width).astype(int).tolist()
         top, bottom = np.clip([v.min(), v.max() + 2.0], 0, camera.height).astype(int).tolist()
         return top, bottom, left, right

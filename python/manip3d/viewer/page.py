@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import simplify
+from manip3d._util.paths import path_of
 from manip3d.errors import InputError, RenderError
 from manip3d.io import write_mesh
 from manip3d.io._files import atomic_write
@@ -309,7 +310,7 @@ def view(
         path = view(mesh, name, **options)
         webbrowser.open(path.as_uri())
         return path
-    path = Path(output)
+    path = path_of(output, "output")
     suffix = path.suffix.lower()
     if suffix == ".html":
         atomic_write(path, html(mesh, **options))

@@ -136,11 +136,7 @@ def mesh_picture(
         [[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]]
     )
     caster = RayCaster((vertices - middle) @ turn.T + middle, phantom.triangles)
-    row, column = np.mgrid[: size[0], : size[1]]
-    rays = np.stack(
-        [(column - camera.cx) / camera.fx, (row - camera.cy) / camera.fy, np.ones(size)], 2
-    )
-    rays = rays.reshape(-1, 3).astype(np.float32)
+    rays = camera.unproject(np.ones(size, np.float32)).reshape(-1, 3)
     flat = picture.reshape(-1, 3)
     for start in range(0, len(rays), CHUNK):
         part = rays[start : start + CHUNK]

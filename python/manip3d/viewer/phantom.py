@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import itertools
 import os
-import shutil
-import tempfile
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, nullcontext
@@ -19,7 +17,7 @@ import numpy as np
 
 from manip3d._util.options import reporting
 from manip3d.errors import InputError, MissingExtraError
-from manip3d.io._files import atomic_path
+from manip3d.io._files import atomic_folder, atomic_path
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -190,16 +188,8 @@ def _sink(output: Path, *, overwrite: bool) -> Iterator[Sink]:
         raise InputError(
             f"output: expected a new folder, or one of pictures to overwrite, got {output}"
         )
-    temporary = Path(tempfile.mkdtemp(prefix=".manip3d-", dir=output.parent))
-    try:
-        new = temporary / "new"
-        new.mkdir()
+    with atomic_folder(output) as new:
         yield _Folder(new)
-        if output.exists():
-            output.rename(temporary / "old")
-        new.rename(output)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _holds_pictures_only(folder: Path) -> bool:

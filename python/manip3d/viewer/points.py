@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 from manip3d.mesh import Mesh
@@ -101,7 +102,7 @@ def view_scan(
 
     mesh = scan_mesh(frame, max_points=max_points)
     options = {"up": "z", "elevation": 35.0} | options
-    if output is None or Path(output).suffix.lower() == ".html":
+    if output is None or path_of(output, "output").suffix.lower() == ".html":
         shown = mesh.num_faces // 4
         label = f"{frame.num_points:,} points"
         if shown < frame.num_points:

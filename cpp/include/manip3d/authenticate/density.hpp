@@ -14,13 +14,13 @@ struct DensityOptions {
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();  ///< The scanner's.
   /// Degrees, a divisor of 180: side of the sectors of azimuth and elevation in which levels are
   /// kept apart; 0: one sector.
-  std::int64_t sector = 0;
-  double level_width = 0.2;   ///< Metres of range.
-  double level_growth = 0.0;  ///< A level is at least this share of its range wide.
-  double max_range = 500.0;   ///< Metres; farther points are left out.
+  std::int64_t sector = 3;
+  double level_width = 0.05;   ///< Metres of range.
+  double level_growth = 0.01;  ///< A level is at least this share of its range wide.
+  double max_range = 500.0;    ///< Metres; farther points are left out.
   /// Distances are divided by the cosine of the elevation: columns of the scanner's grid meet at
   /// the poles.
-  bool level_out = false;
+  bool level_out = true;
   int num_threads = 0;  ///< As in parallel_chunks.
 };
 

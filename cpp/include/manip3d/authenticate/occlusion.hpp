@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "manip3d/geometry/oriented_box.hpp"
@@ -12,13 +13,14 @@ namespace manip3d {
 
 struct OcclusionOptions {
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();  ///< The scanner's.
-  ScanGrid grid;               ///< Cells of the image; see estimate_scan_grid.
-  double min_gap = 0.1;        ///< Metres between nearest and farthest point of a cell that count.
-  bool accumulate = false;     ///< As printed: the gap is the sum over the points in their order.
-  std::int64_t min_cells = 1;  ///< A_th in cells; smaller components are not reported.
-  double min_area = 0.0;       ///< A_th in square metres at the component's own range.
-  double max_range = 1e9;      ///< Metres; components farther away are not reported.
-  int num_threads = 0;         ///< As in parallel_chunks.
+  ScanGrid grid;                ///< Cells of the image; see estimate_scan_grid.
+  double min_gap = 0.1;         ///< Metres between nearest and farthest point of a cell that count.
+  bool accumulate = false;      ///< As printed: the gap is the sum over the points in their order.
+  std::int64_t min_cells = 40;  ///< A_th in cells; smaller components are not reported.
+  double min_area = 0.01;       ///< A_th in square metres at the component's own range.
+  /// Metres; components farther away are not reported.
+  double max_range = std::numeric_limits<double>::infinity();
+  int num_threads = 0;  ///< As in parallel_chunks.
 };
 
 /// Cells in which something is seen behind something else, grown together.

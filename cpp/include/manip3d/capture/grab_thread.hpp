@@ -28,7 +28,8 @@ class GrabThread final : public RgbdSource {
   [[nodiscard]] std::optional<std::int64_t> num_frames() const override { return num_frames_; }
   void start() override;
   ReadStatus read(RgbdFrame& frame, std::chrono::milliseconds timeout) override;
-  /// The frame that waits can still be read.
+  /// The frame that waits can still be read. `start` and `stop` may be called from any threads at
+  /// the same time, also beside `read`, whose wait `stop` ends.
   void stop() override;
 
  private:
@@ -37,7 +38,8 @@ class GrabThread final : public RgbdSource {
 
   std::unique_ptr<RgbdSource> camera_;  // the thread's while it runs
   std::optional<std::int64_t> num_frames_;
-  RgbdFrame filling_;  // the thread's
+  RgbdFrame filling_;      // the thread's
+  std::mutex start_stop_;  // one of them at a time; taken before mutex_
   std::thread thread_;
   mutable std::mutex mutex_;  // guards what follows
   std::condition_variable changed_;

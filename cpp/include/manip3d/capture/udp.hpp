@@ -10,6 +10,8 @@
 #include <thread>
 #include <vector>
 
+#include "manip3d/io/descriptor.hpp"
+
 /// @file
 /// UDP packets as they come in, collected by a thread of their own.
 namespace manip3d {
@@ -31,7 +33,8 @@ struct UdpCounters {
 
 constexpr std::size_t kMaxUdpBytes = 1536;
 
-/// Receives between `start` and `stop` (or destruction). `read` may be called by one other thread.
+/// Receives between `start` and `stop` (or destruction). Any thread may call any of them at any
+/// time; `stop` ends the wait of `read`.
 class UdpReceiver {
  public:
   /// Binds the port.
@@ -59,10 +62,11 @@ class UdpReceiver {
   };
 
   void receive();
+  void end_of_thread();
   void put(const std::byte* data, std::size_t size, double time);
 
-  int socket_ = -1;
-  int wake_[2] = {-1, -1};  // a pipe that ends the wait of the thread
+  Descriptor socket_;
+  Descriptor wake_;  // an eventfd that ends the wait of the thread
   std::uint16_t port_ = 0;
   std::uint32_t sender_ = 0;  // network order; 0: all
   std::vector<Slot> slots_;
@@ -72,6 +76,7 @@ class UdpReceiver {
   std::size_t begin_ = 0, count_ = 0;
   bool running_ = false;
   UdpCounters counters_;
+  std::mutex start_stop_;  // one of them at a time; taken before mutex_
   std::thread thread_;
 };
 

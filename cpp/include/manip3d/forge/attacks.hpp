@@ -8,6 +8,7 @@
 #include "manip3d/geometry/mesh.hpp"
 #include "manip3d/geometry/oriented_box.hpp"
 #include "manip3d/geometry/point_cloud.hpp"
+#include "manip3d/progress.hpp"
 
 /// @file
 /// Attacks on a scan: dissertation sections 6.4 and 7.4. Each takes a pass over the points to check
@@ -58,7 +59,7 @@ struct ResampleOptions {
 /// @throws InputError  what check_points refuses; fewer than 2 points; spacing not above 0; more
 ///                     than 2^24 points wanted; all points the same.
 Points resample(const PointsView& object, const Eigen::Ref<const Faces>& faces,
-                const ResampleOptions& options);
+                const ResampleOptions& options, const Progress& progress = {});
 
 /// Mean nearest-neighbour distance (MID) of the scene's points within `radius` of a position.
 /// @throws InputError  what check_points refuses; fewer than 2 points there.

@@ -3,6 +3,8 @@
 #include <cstddef>
 #include <filesystem>
 
+#include "manip3d/io/descriptor.hpp"
+
 /// @file
 /// Files that appear whole or not at all.
 namespace manip3d {
@@ -10,9 +12,10 @@ namespace manip3d {
 /// Writes a file under a temporary name in the same folder and renames it at `commit()`.
 ///
 /// Until `commit()` returns, the target is the old file, whole; without a commit (an exception, a
-/// full disk) the temporary file is removed. `commit()` syncs the file, renames it and syncs the
-/// folder. A symbolic link is followed; its target is replaced. A target that is no regular file
-/// (a pipe, /dev/stdout) is written in place. The mode of a replaced file is kept.
+/// full disk) the temporary file is removed, and after a kill by the next write to its folder.
+/// `commit()` syncs the file, renames it and syncs the folder. A symbolic link is followed; its
+/// target is replaced. A target that is no regular file (a pipe, /dev/stdout) is written in place.
+/// The mode of a replaced file is kept.
 /// @throws std::filesystem::filesystem_error  the operating system refused, with the target's path.
 class AtomicFile {
  public:
@@ -31,7 +34,8 @@ class AtomicFile {
   std::filesystem::path requested_;  ///< As the caller named it, for messages.
   std::filesystem::path target_;
   std::filesystem::path temporary_;  ///< Empty when written in place.
-  int descriptor_ = -1;
+  Descriptor file_;                  ///< Locked: see Temporary.
+  Descriptor lock_;                  ///< The same, while `file_` is closed.
 };
 
 }  // namespace manip3d

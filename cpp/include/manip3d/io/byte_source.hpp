@@ -38,7 +38,17 @@ class ByteSource {
 
 enum class Compression : std::uint8_t { kNone, kGzip, kXz };
 
-std::unique_ptr<ByteSource> file_source(const std::filesystem::path& path);
+enum class SpecialFiles : std::uint8_t { kRefused, kAllowed };
+
+/// Reads a regular file; a pipe or a device, which may go on for ever, only where it is allowed.
+/// @throws InputError  the path has a NUL character, where the operating system would cut it off.
+/// @throws FormatError  a pipe, socket or device.
+/// @throws std::filesystem::filesystem_error
+std::unique_ptr<ByteSource> file_source(const std::filesystem::path& path,
+                                        SpecialFiles special = SpecialFiles::kRefused);
+
+/// @throws InputError  the path has a NUL character.
+void check_no_nul(const std::filesystem::path& path);
 /// Borrows `data`.
 std::unique_ptr<ByteSource> memory_source(std::span<const std::byte> data);
 

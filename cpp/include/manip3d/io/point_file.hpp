@@ -16,7 +16,7 @@
 /// Point files as tables: every field of every point, as the file has it.
 namespace manip3d {
 
-enum class PointFormat : std::uint8_t { kKitti, kPcd, kPly, k3dtk };
+enum class PointFormat : std::uint8_t { kKitti, kNuScenes, kPcd, kPly, k3dtk };
 
 enum class FieldType : std::uint8_t {
   kInt8,
@@ -68,7 +68,8 @@ struct ReadPointsOptions {
 
 /// Reads a point file; `.gz` and `.xz` are decompressed on the fly. The suffix tells the format.
 ///
-/// KITTI's `.bin` has rows of four floats: x, y, z, intensity, all finite. 3DTK's `.3d` has three
+/// KITTI's `.bin` has rows of four floats: x, y, z, intensity, all finite; nuScenes' `.pcd.bin` has
+/// the ring as a fifth. 3DTK's `.3d` has three
 /// or more finite numbers a line: x, y, z, and c3, c4, ... as double. PCD may be ascii, binary or
 /// binary_compressed. PLY: the element `vertex`, which has no lists and comes first; other elements
 /// are left out. Values of these two are as stored, NaN included.

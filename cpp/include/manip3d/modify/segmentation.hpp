@@ -17,6 +17,9 @@ struct PersonMaskOptions {
   double margin = 0.35;
 };
 
+/// @throws InputError  an option out of range.
+void check_options(const PersonMaskOptions& options);
+
 /// The pixels of one person as points, tile by tile of 8 x 8 pixels. Memory is kept for reuse.
 struct PersonPoints {
   std::int64_t rows = 0, cols = 0;  ///< Of the image.

@@ -1,4 +1,7 @@
-"""XML without the traps: no entities, no external files, bounded size and depth."""
+"""Text files of others: regular files of bounded size, any bytes; XML without its traps.
+
+XML has no entities and no external files here, and a bounded depth.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 from manip3d.errors import FormatError
+from manip3d.io._files import open_regular
 
 MOST_BYTES = 16 << 20
 _MOST_DEPTH = 64
@@ -57,21 +61,34 @@ def parse_xml(path: Path) -> Element:
         raise FormatError(
             f"not well-formed XML: {expat.ErrorString(error.code)}", file=file, line=error.lineno
         ) from None
+    except (LookupError, ValueError) as error:  # the encoding that the file names
+        raise fail(f"expected XML in UTF-8: {error}") from None
     return builder.close()
 
 
-def bounded_bytes(path: Path, most: int) -> bytes:
-    """The bytes of a file of at most so many.
+def bounded_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
+    """Return the bytes of a regular file of at most so many.
 
     Raises
     ------
     FormatError
-        There are more.
+        There are more, or it is no regular file (`open_regular`).
     """
-    with path.open("rb") as stream:
+    with open_regular(path) as stream:
         data = stream.read(most + 1)
     if len(data) > most:
         raise FormatError(
             f"expected at most {most} bytes, got more", file=str(path), byte_offset=most
         )
     return data
+
+
+def text_of(path: Path) -> str:
+    """Return the text of a file of at most 16 MiB; bytes that are not UTF-8 stay as surrogates.
+
+    Raises
+    ------
+    FormatError
+        As `bounded_bytes`.
+    """
+    return bounded_bytes(path).decode("utf-8", "surrogateescape")

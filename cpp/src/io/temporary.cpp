@@ -1,0 +1,123 @@
+#include "manip3d/io/temporary.hpp"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <optional>
+#include <string>
+#include <system_error>
+
+namespace manip3d {
+namespace fs = std::filesystem;
+namespace {
+
+// The search for dead writers ends after so many names in a row that are not there. More writers
+// at a time take higher numbers; the gaps that they leave are shorter than this.
+constexpr int kGap = 16;
+
+fs::path name_of(const fs::path& folder, int number) {
+  return folder / (".manip3d-" + std::to_string(number));
+}
+
+[[noreturn]] void refuse(const char* action) {
+  throw std::system_error(errno, std::generic_category(), action);
+}
+
+Descriptor open_folder(const fs::path& path) {
+  return Descriptor(::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC));
+}
+
+// Whether the descriptor's file is still the one of that name.
+bool is_there(const fs::path& path, const Descriptor& file) {
+  struct ::stat mine{}, named{};
+  return ::fstat(file.get(), &mine) == 0 && ::lstat(path.c_str(), &named) == 0 &&
+         mine.st_ino == named.st_ino && mine.st_dev == named.st_dev;
+}
+
+// Nothing: the name is taken.
+std::optional<Descriptor> create(const fs::path& path, TemporaryKind kind, unsigned mode) {
+  if (kind == TemporaryKind::kFile) {
+    Descriptor file(::open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, mode));
+    if (file.is_open()) return file;
+  } else if (::mkdir(path.c_str(), mode) == 0) {
+    Descriptor folder = open_folder(path);
+    if (folder.is_open()) return folder;
+    if (errno == ENOENT) return std::nullopt;  // taken for dead before it was locked
+  }
+  if (errno != EEXIST) refuse("cannot create a temporary name");
+  return std::nullopt;
+}
+
+// False: it was taken for dead before it was locked, and removed.
+bool lock_new(const fs::path& path, const Descriptor& file) {
+  while (::flock(file.get(), LOCK_EX) != 0) {
+    if (errno != EINTR) return true;  // a file system without locks, where nobody removes it
+  }
+  return is_there(path, file);
+}
+
+Descriptor open_existing(const fs::path& path) {
+  constexpr int kFlags = O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC;
+  Descriptor file(::open(path.c_str(), O_RDWR | kFlags));
+  if (file.is_open() || errno == ENOENT) return file;
+  return Descriptor(::open(path.c_str(), O_RDONLY | kFlags));  // a folder, a read-only file
+}
+
+enum class Found : std::uint8_t { kNothing, kAlive, kDead };
+
+// Looks who has the name, and removes what a dead writer left.
+Found reap(const fs::path& path) {
+  const Descriptor file = open_existing(path);
+  if (!file.is_open()) return errno == ENOENT ? Found::kNothing : Found::kAlive;
+  struct ::stat status{};
+  if (::fstat(file.get(), &status) != 0) return Found::kAlive;
+  if (!S_ISREG(status.st_mode) && !S_ISDIR(status.st_mode)) return Found::kAlive;
+  if (::flock(file.get(), LOCK_EX | LOCK_NB) != 0 || !is_there(path, file)) return Found::kAlive;
+  std::error_code failed;
+  fs::remove_all(path, failed);
+  return failed ? Found::kAlive : Found::kDead;
+}
+
+void reap_from(const fs::path& folder, int number) {
+  for (int missing = 0; missing < kGap; ++number) {
+    missing = reap(name_of(folder, number)) == Found::kNothing ? missing + 1 : 0;
+  }
+}
+
+}  // namespace
+
+Temporary make_temporary(const fs::path& folder, TemporaryKind kind, unsigned mode) {
+  for (int number = 0;;) {
+    const fs::path path = name_of(folder, number);
+    std::optional<Descriptor> made = create(path, kind, mode);
+    if (!made) {
+      if (reap(path) == Found::kAlive) ++number;
+    } else if (lock_new(path, *made)) {
+      reap_from(folder, number + 1);
+      return {path, std::move(*made)};
+    }
+  }
+}
+
+void replace_folder(const fs::path& made, const fs::path& target) {
+  const auto rename = [&](const fs::path& from, const fs::path& to, unsigned flags) {
+    return ::renameat2(AT_FDCWD, from.c_str(), AT_FDCWD, to.c_str(), flags) == 0;
+  };
+  if (rename(made, target, RENAME_NOREPLACE)) return;
+  if (errno == EEXIST && rename(made, target, RENAME_EXCHANGE)) return;
+  const fs::path old = made.string() + "-old";
+  const bool cannot_exchange = errno == EINVAL || errno == ENOSYS;
+  const bool moved = cannot_exchange && (rename(target, old, 0) || errno == ENOENT);
+  if (moved && rename(made, target, 0)) {
+    rename(old, made, 0);
+    return;
+  }
+  throw fs::filesystem_error("cannot rename", target,
+                             std::error_code(errno, std::generic_category()));
+}
+
+}  // namespace manip3d

@@ -1,0 +1,22 @@
+"""Refuses subinterpreters when it is imported: the compiled core would wait for ever in them."""
+
+from __future__ import annotations
+
+import importlib
+
+
+def _is_main() -> bool:
+    for name in ("_interpreters", "_xxsubinterpreters"):  # from Python 3.13 on, and before
+        try:
+            interpreters = importlib.import_module(name)
+        except ImportError:
+            continue
+        return bool(interpreters.get_current() == interpreters.get_main())
+    return True
+
+
+if not _is_main():
+    raise ImportError(
+        "manip3d cannot be imported in a subinterpreter: NumPy and its own core need the main one. "
+        "For mod_wsgi, set WSGIApplicationGroup to %{GLOBAL}."
+    )

@@ -1,0 +1,27 @@
+"""Checks of paths at the API border."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from manip3d.errors import InputError
+
+
+def path_of(path: str | os.PathLike[str], name: str = "path") -> Path:
+    """Return the path that the argument ``name`` gives.
+
+    Raises
+    ------
+    InputError
+        It is no path, or has a NUL character, where the operating system would cut it off.
+    """
+    if not isinstance(path, str | os.PathLike) or not isinstance(os.fspath(path), str):
+        raise InputError(f"{name}: expected a path, got {type(path).__name__}")
+    if "\0" in os.fspath(path):
+        raise InputError(f"{name}: expected a path without NUL characters, got {path!r}")
+    try:
+        os.fsencode(path)
+    except UnicodeEncodeError as error:
+        raise InputError(f"{name}: expected characters of file names, got {path!r}") from error
+    return Path(path)

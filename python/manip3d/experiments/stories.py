@@ -1,0 +1,440 @@
+"""Four stories that show what the package is for: commands, what they made, and pictures of it.
+
+A story runs the very commands that the demo page prints, each in a process of its own, in a folder
+that is empty at first. Its pictures are drawn from the files that the commands wrote, so that the
+page cannot show what a reader would not get. Stories are experiments without a published table:
+the runner stores and resumes them like all others.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d import datasets
+from manip3d.errors import Error
+from manip3d.experiments._environment import presentation_fingerprint
+from manip3d.experiments._model import Case, Experiment, Plan, Row, counted
+from manip3d.experiments._pictures import webp
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d.mesh import Mesh
+
+    Image = NDArray[np.uint8]
+
+__all__ = ["STORIES", "command_line", "run_story"]
+
+_VERDICTS = (0, 3, 4)
+"""Exit codes of ``manip3d inspect`` that are verdicts: nothing found, tampered, undecidable."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a story shows.
+
+    Attributes
+    ----------
+    pictures : list of (caption, image)
+    facts : list of str
+        Sentences with the numbers that the commands printed.
+    """
+
+    pictures: list[tuple[str, Image]]
+    facts: list[str]
+
+
+Tell = Callable[[Path, Sequence[Any]], Shown]
+"""From the folder that the commands filled and the JSON value that each printed."""
+
+
+# --- The runner's side ---------------------------------------------------------------------------
+
+
+def run_story(case: Case) -> Row:
+    """Run a story's commands in an empty folder and draw what they wrote."""
+    options = case.options
+    with tempfile.TemporaryDirectory(prefix="manip3d-story-") as folder:
+        printed = [_run(command, Path(folder)) for command in options["commands"]]
+        shown = _TELLERS[options["story"]](Path(folder), printed)
+    row: Row = {"facts": shown.facts, "captions": [caption for caption, _ in shown.pictures]}
+    return row | {
+        f"picture_{number}": webp(image) for number, (_, image) in enumerate(shown.pictures)
+    }
+
+
+def command_line(command: str) -> list[str]:
+    """The arguments that a shell makes of a story's command, with this Python's ``manip3d``.
+
+    Raises
+    ------
+    Error
+        The command is none of ``manip3d``, or a variable in it is not set.
+    """
+    program, *arguments = shlex.split(os.path.expandvars(command))
+    if program != "manip3d" or any("$" in word for word in arguments):
+        raise Error(f"expected a command of manip3d whose variables are set, got {command!r}")
+    return [sys.executable, "-m", "manip3d", *arguments]
+
+
+def _run(command: str, folder: Path) -> Any:
+    """The JSON value that the command prints with ``--json``."""
+    done = subprocess.run(
+        [*command_line(command), "--json", "--quiet"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
+    )
+    if done.returncode not in _VERDICTS:
+        lines = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
+        raise Error(f"{command}: {lines[-1]}")
+    return json.loads(done.stdout)
+
+
+@dataclass(frozen=True)
+class _Recorded:
+    """What takes the place of a story's simulated input, below the folder of ``MANIP3D_DATA``.
+
+    Attributes
+    ----------
+    files : tuple of str
+    title : str
+    data_set : str
+        Its registered name, under which the page says whose it is; ``""``: none.
+    kind : str
+        One of `DATA_KINDS`.
+    """
+
+    files: tuple[str, ...]
+    title: str
+    data_set: str = ""
+    kind: str = "recorded"
+
+    def sums(self) -> dict[str, str]:
+        """The files' hashes, or nothing where one is missing."""
+        root = os.environ.get("MANIP3D_DATA")
+        paths = {file: Path(root) / file for file in self.files} if root else {}
+        if not paths or not all(path.is_file() for path in paths.values()):
+            return {}
+        return {file: datasets.file_sha256(path) for file, path in paths.items()}
+
+
+def _experiment(
+    name: str,
+    title: str,
+    commands: Callable[[bool], Sequence[str]],
+    simulated: str,
+    recorded: _Recorded | None = None,
+) -> Experiment:
+    """The experiment of a story.
+
+    Parameters
+    ----------
+    commands : callable
+        Whether the recorded data are here -> commands.
+    simulated : str
+        What the simulated input is.
+    recorded : _Recorded, optional
+    """
+
+    def cases(plan: Plan) -> list[Case]:
+        sums = recorded.sums() if recorded and plan.data != "simulated" else {}
+        options = {
+            "model": title,
+            "story": name,
+            "commands": list(commands(bool(sums))),
+            "files": sums,
+            "data": recorded.kind if recorded and sums else "simulated",
+            "role": recorded.title if recorded and sums else simulated,
+            "drawn_by": presentation_fingerprint(),
+        }
+        inputs = (recorded.data_set,) if recorded and recorded.data_set and sums else ()
+        return [Case(run_story, options, inputs=inputs)]
+
+    return Experiment(
+        id=f"story-{name}",
+        title=title,
+        published="",
+        data=(recorded.data_set,) if recorded and recorded.data_set else (),
+        cases=cases,
+        columns=(),
+    )
+
+
+# --- A lighter model -----------------------------------------------------------------------------
+
+_BIPLANE = "$MANIP3D_DATA/meshes/flightgear/G-164A/G-164A.obj.xz"
+
+
+def _model_commands(recorded: bool) -> list[str]:
+    source = _BIPLANE if recorded else "airplane.glb"
+    return [
+        *([] if recorded else ["manip3d simulate sim:airplane -o airplane.glb"]),
+        f"manip3d simplify {source} --ratio 0.1 -o light.glb",
+        f"manip3d simplify {source} --ratio 0.1 --method qem-orig -o plain.glb",
+        f"manip3d compare {source} light.glb",
+        f"manip3d compare {source} plain.glb",
+    ]
+
+
+def _tell_model(folder: Path, printed: Sequence[Any]) -> Shown:
+    from manip3d import read_mesh
+    from manip3d.experiments._pictures import draw_alike
+
+    *_, light, plain = printed
+    source = os.path.expandvars(light["original"])
+    meshes = [read_mesh(folder / source), *(read_mesh(folder / f"{n}.glb") for n in _LIGHT)]
+    view: dict[str, Any] = {"azimuth": 35.0, "elevation": 18.0, "size": (640, 380)}
+    looks = draw_alike(meshes, texture=True, shading="smooth", **view)
+    shapes = draw_alike(meshes, texture=False, shading="flat", wireframe=True, **view)
+    labels = ["the model", *_LIGHT.values()]
+    captions = [
+        f"{label}: {counted(mesh.num_faces, 'face')}"
+        for label, mesh in zip(labels, meshes, strict=True)
+    ]
+    pictures = list(zip(captions, looks, strict=True))
+    pictures += [(f"{label}, its triangles", image)
+                 for label, image in zip(labels, shapes, strict=True)]  # fmt: skip
+    return Shown(pictures, [_compared(light, plain)])
+
+
+_LIGHT = {"light": "QEM4VR", "plain": "plain quadric collapse"}
+
+
+def _compared(light: Mapping[str, Any], plain: Mapping[str, Any]) -> str:
+    """Both methods' errors in one sentence."""
+    diagonal = light["boundary_gap"]["diagonal"]
+    sentences = []
+    for record, name in ((light, "QEM4VR"), (plain, "plain collapse")):
+        forward = record["metro"]["area"]["forward"]["mean"] / diagonal
+        texture = record.get("texture_error", {}).get("mean")
+        moved = "" if texture is None else f", and its texture moves by {texture:.2%} of an image"
+        sentences.append(
+            f"{name} is {forward * 1e3:.3f} thousandths of the model's diagonal off{moved}"
+        )
+    return f"On average {'; '.join(sentences)}."
+
+
+# --- A depth image as a few points ---------------------------------------------------------------
+
+_DESK_FOLDER = "rgbd/scene_tum_fr2_desk"
+_DESK = f"$MANIP3D_DATA/{_DESK_FOLDER}/frame1"
+_POINTS = 5000
+
+
+def _depth_commands(recorded: bool) -> list[str]:
+    if recorded:
+        return [
+            f"manip3d cs3 {_DESK}_depth.png --colour {_DESK}_color.png --units-per-metre 5000 "
+            f"--intrinsics 520.9,521.0,325.1,249.7 --points {_POINTS} --max-edge 0.2 -o scene.glb"
+        ]
+    return [
+        "manip3d capture record 'sim:body?motion=wave&rate=8' --frames 8 --lossless-colour "
+        "-o recording",
+        "manip3d cs3 recording/depth/000007.png --colour recording/colour/000007.png "
+        f"--intrinsics 365,365,255.5,211.5 --points {_POINTS} --max-edge 0.3 -o scene.glb",
+    ]
+
+
+def _tell_depth(folder: Path, printed: Sequence[Any]) -> Shown:
+    from manip3d import read_mesh
+    from manip3d.io import read_depth
+    from manip3d.viewer import people, picture
+
+    record = printed[-1]
+    depth = read_depth(folder / record["input"])
+    mesh = _near(read_mesh(folder / "scene.glb"))
+    view: dict[str, Any] = {"azimuth": 20.0, "elevation": 8.0, "size": (640, 480), "zoom": 1.5}
+    pictures = [
+        ("the depth image: near is light", people.depth_picture(depth)),
+        (
+            f"{counted(record['points'], 'point')}, textured, from a little aside",
+            picture(mesh, **view),
+        ),
+        (
+            f"its {counted(record['faces'], 'triangle')}",
+            picture(mesh, texture=False, shading="flat", wireframe=True, **view),
+        ),
+    ]
+    share = record["points"] / record["points_before"]
+    fact = (
+        f"{counted(record['points_before'], 'measured pixel')} became "
+        f"{counted(record['points'], 'point')} ({share:.1%}) in {record['seconds'] * 1e3:.0f} ms; "
+        "every point is a pixel of the image, with its own colour."
+    )
+    return Shown(pictures, [fact])
+
+
+def _near(mesh: Mesh) -> Mesh:
+    """The mesh without what lies far behind its middle, so that a picture is filled by the rest."""
+    distance = -mesh.vertices[:, 2]  # cameras look along -z in glTF
+    near = distance < 1.6 * np.median(distance)
+    kept = near[mesh.faces].all(axis=1)
+    names = ("faces", "face_texcoords", "face_normals", "face_material")
+    per_face = {name: getattr(mesh, name) for name in names}
+    return mesh.replace(**{n: values[kept] for n, values in per_face.items() if values is not None})
+
+
+# --- The phantom limb ----------------------------------------------------------------------------
+
+_FILM = (1, 4, 7, 10)
+"""Frames of the strip."""
+
+
+def _phantom_commands(_: bool) -> list[str]:
+    return [
+        "manip3d phantom render 'sim:body?motion=arm-raise&amputated=right-arm&side=both&rate=8' "
+        "--frames 12 -o phantom"
+    ]
+
+
+def _tell_phantom(folder: Path, printed: Sequence[Any]) -> Shown:
+    from manip3d.experiments._pictures import read_picture
+
+    (record,) = printed
+    frames = [read_picture(folder / "phantom" / f"{number:06d}.png") for number in _FILM]
+    width = frames[0].shape[1] // 3
+    box = _box_of_people([frame[:, width : 2 * width] for frame in frames])
+    panels = ("what the camera sees", "with the phantom limb", "the same as a mesh, from the side")
+    strips = [
+        np.hstack([frame[box[0], k * width + box[1].start : k * width + box[1].stop]
+                   for frame in frames])
+        for k in range(len(panels))
+    ]  # fmt: skip
+    tracked = record["states"].get("tracking", 0)
+    fact = (
+        f"The missing {record['limb'].replace('_', ' ')} mirrors the other in {tracked} of "
+        f"{counted(record['frames'], 'frame')}; table 4.1 below says how long that takes."
+    )
+    return Shown(list(zip(panels, strips, strict=True)), [fact])
+
+
+def _box_of_people(pictures: Sequence[Image]) -> tuple[slice, slice]:
+    """Rows and columns of what is not white in any of the pictures, and a margin."""
+    drawn = np.any([(picture < 250).any(axis=2) for picture in pictures], axis=0)
+    rows, columns = np.nonzero(drawn.any(axis=1))[0], np.nonzero(drawn.any(axis=0))[0]
+    margin = 8
+    return (
+        slice(max(0, int(rows[0]) - margin), int(rows[-1]) + margin),
+        slice(max(0, int(columns[0]) - margin), int(columns[-1]) + margin),
+    )
+
+
+# --- A forged scan -------------------------------------------------------------------------------
+
+_STREET = "drives/2000_01_01/2000_01_01_drive_0000_sync/velodyne_points/data/0000000000.bin"
+_KITTI_FILE = "lidar/kitti_object/velodyne/demo.bin.xz"
+_PLACE = "14 -4 -1"
+
+
+_DETECTORS = {
+    "density": "Spacing of the points",
+    "occlusion": "What hides what",
+    "generic": "The scanner's lattice",
+}
+
+
+def _scan_commands(recorded: bool) -> list[str]:
+    source = f"$MANIP3D_DATA/{_KITTI_FILE}" if recorded else _STREET
+    return [
+        *([] if recorded else ["manip3d simulate sim:street -o drives --frames 1 --no-pictures"]),
+        "manip3d simulate sim:car -o car.glb",
+        f"manip3d forge lidar ctp {source} --hoax car.glb --up y --position {_PLACE} -o forged.bin",
+        f"manip3d inspect {source}",
+        "manip3d inspect forged.bin",
+    ]
+
+
+def _tell_scan(folder: Path, printed: Sequence[Any]) -> Shown:
+    from manip3d import read_scan
+    from manip3d.experiments._scan_pictures import Eye, draw_scan
+
+    *_, clean, found = printed
+    truth = json.loads((folder / "forged.bin.truth.json").read_text(encoding="utf-8"))
+    forged = read_scan(folder / "forged.bin").points
+    added = np.zeros(len(forged), bool)
+    added[truth["added"]] = True
+    target = np.asarray(truth["box"]["center"])
+    eye = Eye(position=target + np.array([-15.0, 9.0, 8.5]), target=target, size=(960, 540))
+    boxes = [
+        (box["center"], box["size"])
+        for detector in found["detectors"].values()
+        for box in detector["boxes"]
+    ]
+    pictures = [
+        ("the scan as it was", draw_scan(forged[~added], eye)),
+        (
+            "with a car that was never there, in violet, and the boxes that the detectors drew",
+            draw_scan(forged, eye, marked=added, boxes=boxes),
+        ),
+    ]
+    facts = [
+        f"The scan as it was: {clean['verdict'].replace('_', ' ')}. The forged one: "
+        f"{found['verdict'].replace('_', ' ')}.",
+        *(
+            f"{_DETECTORS[name]}: {detector['reason']}."
+            for name, detector in found["detectors"].items()
+            if detector["verdict"] == "tampered"
+        ),
+    ]
+    return Shown(pictures, facts)
+
+
+def _files_of(data_set: str) -> tuple[str, ...]:
+    return tuple(file.path for file in datasets.get(data_set).files)
+
+
+_TELLERS: Mapping[str, Tell] = {
+    "model": _tell_model,
+    "depth": _tell_depth,
+    "phantom": _tell_phantom,
+    "scan": _tell_scan,
+}
+
+STORIES: tuple[Experiment, ...] = (
+    _experiment(
+        "model",
+        "A textured model at a tenth of its faces",
+        _model_commands,
+        "a simulated biplane",
+        _Recorded(_files_of("G-164A"), "a biplane of FlightGear's", "G-164A", "stand-in"),
+    ),
+    _experiment(
+        "depth",
+        "A depth image as about 5\u202f000 textured points",
+        _depth_commands,
+        "a simulated person before a simulated Kinect",
+        _Recorded(
+            (f"{_DESK_FOLDER}/frame1_depth.png", f"{_DESK_FOLDER}/frame1_color.png"),
+            "a desk, recorded by a Kinect (TUM)",
+            "scene_tum_desk",
+        ),
+    ),
+    _experiment(
+        "phantom",
+        "A phantom limb that moves with the other one",
+        _phantom_commands,
+        "a simulated patient before a simulated Kinect",
+    ),
+    _experiment(
+        "scan",
+        "A forged street scan, and who notices",
+        _scan_commands,
+        "a simulated street",
+        _Recorded((_KITTI_FILE,), "a street, recorded by an HDL-64E (KITTI)"),
+    ),
+)
+"""In the order of the demo page."""

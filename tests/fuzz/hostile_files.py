@@ -1,0 +1,524 @@
+"""Hostile files for every reader that Python offers: valid ones, damaged where it hurts.
+
+``python tests/fuzz/hostile_files.py --cases 1000000 --jobs 2`` is the long run; the test beside
+this file is the short one. A case is a kind of file and a seed, so each finding can be repeated:
+``--kind pcd --first 4711 --cases 1``.
+
+A finding is any exception but manip3d's own and `OSError`, a message that a terminal would obey, a
+signal, more than five seconds of processor time, more than 2 GiB of memory.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import multiprocessing
+import os
+import resource
+import shutil
+import struct
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import manip3d
+from manip3d import LidarFrame, capture, datasets
+from manip3d import io as files
+
+TESTS = Path(__file__).parents[1]
+CORPUS = TESTS.parent / "cpp" / "fuzz" / "corpus"
+SECONDS = 5.0
+"""Of processor time a case may take."""
+HANG_S = 60.0
+"""Of wall time after which a silent worker is taken for hung."""
+MEMORY = 2 << 30
+"""Bytes that a case may map beyond what the process has."""
+
+Files = dict[str, bytes]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of input: valid examples as files by name, and what reads them from a folder."""
+
+    name: str
+    examples: Callable[[], list[Files]]
+    read: Callable[[Path, str], object]
+    """Takes the folder and the name of the file that was damaged."""
+    fixed: frozenset[str] = frozenset()
+    """Files that are never damaged."""
+
+
+# --- examples ------------------------------------------------------------------------------------
+
+
+def corpus(folder: str, suffix: str, most: int = 12) -> list[Files]:
+    """The smallest files of a corpus of the C++ fuzz targets."""
+    paths = sorted((CORPUS / folder).iterdir(), key=lambda path: (path.stat().st_size, path.name))
+    step = max(1, len(paths) // most)
+    return [{f"a{suffix}": path.read_bytes()} for path in paths[::step]]
+
+
+def written(write: Callable[[Path], object], name: str) -> Files:
+    """What ``write`` leaves under that name."""
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder) / name)
+        return {p.name: p.read_bytes() for p in sorted(Path(folder).iterdir())}
+
+
+def folder_of(write: Callable[[Path], object]) -> Files:
+    """All files below a folder that ``write`` fills."""
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder) / "x")
+        root = Path(folder)
+        return {
+            str(p.relative_to(root)): p.read_bytes() for p in sorted(root.rglob("*")) if p.is_file()
+        }
+
+
+def small_scan(seed: int = 0) -> LidarFrame:
+    rng = np.random.default_rng(seed)
+    return LidarFrame(
+        rng.normal(size=(30, 3)) * 5,
+        rng.random(30).astype(np.float32),
+        ring=rng.integers(0, 64, 30).astype(np.uint8),
+    )
+
+
+def quad() -> manip3d.Mesh:
+    return manip3d.Mesh(
+        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.5]],
+        [[0, 1, 2], [0, 2, 3]],
+        texcoords=[[0, 0], [1, 0], [1, 1], [0, 1]],
+        face_texcoords=[[0, 1, 2], [0, 2, 3]],
+        colors=np.arange(12).reshape(4, 3),
+    )
+
+
+def meshes(suffix: str, folder: str) -> list[Files]:
+    found = corpus(folder, suffix)
+    with contextlib.suppress(manip3d.InputError):
+        found.append(written(quad().write, f"a{suffix}"))
+        found.append(written(quad().write, f"a{suffix}.gz"))
+    return found
+
+
+def nuscenes() -> list[Files]:
+    rows = np.arange(100, dtype="<f4").reshape(20, 5)
+    return [{"a.pcd.bin": rows.tobytes()}, {"a.pcd.bin": b""}]
+
+
+def scans(suffix: str, folder: str) -> list[Files]:
+    return [*corpus(folder, suffix), written(small_scan().write, f"a{suffix}")]
+
+
+def las_files(suffix: str) -> list[Files]:
+    import laspy
+
+    def write(path: Path, point_format: int, version: str) -> None:
+        header = laspy.LasHeader(point_format=point_format, version=version)
+        header.add_extra_dim(laspy.ExtraBytesParams("amplitude", np.int16))
+        las = laspy.LasData(header)
+        las.points = laspy.ScaleAwarePointRecord.zeros(40, header=header)
+        las.x, las.y, las.z = np.random.default_rng(0).normal(size=(3, 40))
+        las.write(str(path))
+
+    forms = [(1, "1.2"), (3, "1.3"), (6, "1.4"), (8, "1.4")]
+    return [written(lambda p, f=f, v=v: write(p, f, v), f"a{suffix}") for f, v in forms]
+
+
+def e57_files() -> list[Files]:
+    return [written(lambda p: files.write_scans([small_scan(0), small_scan(1)], p), "a.e57")]
+
+
+def depth_images() -> list[Files]:
+    from PIL import Image
+
+    values = np.arange(12 * 16, dtype=np.uint16).reshape(12, 16) * 100
+    stream = io.BytesIO()
+    np.save(stream, values.astype(np.float32) / 1000)
+    found = [
+        {"a.npy": stream.getvalue()},
+        {"a.pgm": b"P5 16 12 65535\n" + values.astype(">u2").tobytes()},
+    ]
+    for suffix in (".png", ".tif"):
+        found.append(written(lambda p: Image.fromarray(values).save(p), f"a{suffix}"))
+    return found
+
+
+@cache
+def calibrations() -> list[Files]:
+    lasers = "".join(
+        f"<item><px><id_>{i}</id_><rotCorrection_>{i}</rotCorrection_><vertCorrection_>-{i}"
+        f"</vertCorrection_><distCorrection_>1.5</distCorrection_></px></item>"
+        for i in range(4)
+    )
+    xml = (
+        '<?xml version="1.0" encoding="UTF-8"?><boost_serialization><DB><distLSB_>0.2</distLSB_>'
+        f"<points_>{lasers}</points_></DB></boost_serialization>"
+    )
+    yaml = "num_lasers: 2\ndistance_resolution: 0.002\nlasers:\n" + "".join(
+        f"- {{laser_id: {i}, rot_correction: 0.1, vert_correction: -0.{i}, dist_correction: 1.0}}\n"
+        for i in range(2)
+    )
+    return [{"a.xml": xml.encode()}, {"a.yaml": yaml.encode()}]
+
+
+def drives() -> list[Files]:
+    sys.path.insert(0, str(TESTS / "datasets"))
+    import test_kitti as kitti
+
+    return [folder_of(lambda p: kitti.write_raw(p.parent)), folder_of(kitti.write_object)]
+
+
+def tum_folder() -> list[Files]:
+    image = depth_images()[2]["a.png"]
+    lists = "# time file\n1.0 depth/1.png\n1.1 depth/2.png\n"
+    colour = "# time file\n1.0 rgb/1.png\n1.1 rgb/2.png\n"
+    png = written(lambda p: __import__("PIL.Image").Image.new("RGB", (16, 12)).save(p), "a.png")
+    return [
+        {
+            "depth.txt": lists.encode(),
+            "rgb.txt": colour.encode(),
+            "depth/1.png": image,
+            "depth/2.png": image,
+            "rgb/1.png": png["a.png"],
+            "rgb/2.png": png["a.png"],
+        }
+    ]
+
+
+def recordings(suffix: str) -> list[Files]:
+    sys.path.insert(0, str(TESTS))
+    import rgbd_frames
+
+    def write(path: Path, calibration: Any) -> None:
+        capture.record(rgbd_frames.frames(3, calibration), path)
+
+    makers = [rgbd_frames.CALIBRATION, rgbd_frames.full_calibration()]
+    name = "x" + suffix
+    return [folder_of(lambda p, c=c: write(p.with_name(name), c)) for c in makers]
+
+
+def results() -> list[Files]:
+    document = {
+        "format": 1,
+        "manip3d": "0.1.0",
+        "experiments": [
+            {
+                "id": "table-2.2",
+                "title": "t",
+                "rows": [{"model": "Head", "metro": 1.0}],
+                "claims": [],
+            }
+        ],
+    }
+    return [{"results.json": json.dumps(document).encode(), "results.csv": b"a,b\n1,2\n"}]
+
+
+# --- reading -------------------------------------------------------------------------------------
+
+
+def read_drive(folder: Path, _: str) -> None:
+    root = next(p for p in (*folder.rglob("*_sync"), folder / "x") if p.is_dir())
+    drive = datasets.open_kitti(root)
+    for frame in drive:
+        frame.scan()
+        frame.boxes()
+        frame.calibration()
+
+
+def read_frames(uri: str) -> None:
+    with capture.open_rgbd(uri) as source:
+        for _ in source:
+            pass
+
+
+def read_packets(folder: Path, name: str) -> None:
+    with capture.open(f"pcap:{folder / name}") as source:
+        for _ in source:
+            pass
+
+
+def report(folder: Path, _: str) -> None:
+    from manip3d.report import write_report
+
+    for kind in ("html", "md", "csv"):
+        write_report(folder, folder / f"report.{kind}")
+
+
+def mesh(folder: Path, name: str) -> object:
+    return files.read_report(folder / name)
+
+
+def scan(folder: Path, name: str) -> object:
+    return files.read_scans(folder / name)
+
+
+KINDS = {
+    kind.name: kind
+    for kind in [
+        *(
+            Kind(f"mesh{suffix}", lambda s=suffix, f=folder: meshes(s, f), mesh)
+            for suffix, folder in (
+                (".obj", "obj"),
+                (".mtl", "mtl"),
+                (".ply", "ply"),
+                (".off", "off"),
+                (".stl", "stl"),
+                (".gltf", "gltf"),
+                (".glb", "gltf"),
+            )
+            if suffix != ".mtl"
+        ),
+        *(
+            Kind(f"scan{suffix}", lambda s=suffix, f=folder: scans(s, f), scan)
+            for suffix, folder in (
+                (".pcd", "pcd"),
+                (".ply", "ply_points"),
+                (".bin", "kitti"),
+                (".3d", "three_dtk"),
+            )
+        ),
+        Kind("scan.pcd.bin", nuscenes, scan),
+        Kind("scan.las", lambda: las_files(".las"), scan),
+        Kind("scan.laz", lambda: las_files(".laz"), scan),
+        Kind("scan.e57", e57_files, scan),
+        Kind("depth", depth_images, lambda d, n: files.read_depth(d / n)),
+        Kind("velodyne", calibrations, lambda d, n: capture.read_velodyne_calibration(d / n)),
+        Kind("pcap", lambda: corpus("pcap", ".pcap"), read_packets),
+        Kind("drive", drives, read_drive),
+        Kind("tum", tum_folder, lambda d, _: read_frames(f"tum:{d}")),
+        Kind("folder", lambda: recordings(""), lambda d, _: read_frames(f"folder:{d / 'x'}")),
+        Kind("mkv", lambda: recordings(".mkv"), lambda d, _: read_frames(f"mkv:{d / 'x.mkv'}")),
+        Kind("results", results, report),
+    ]
+}
+
+
+NEEDS = {
+    "scan.las": ("laspy",),
+    "scan.laz": ("laspy", "lazrs"),
+    "scan.e57": ("pye57",),
+    "depth": ("PIL",),
+    "velodyne": ("yaml",),
+    "tum": ("PIL",),
+    "results": ("jinja2",),
+}
+"""Modules without which a kind cannot be made or read."""
+
+
+# --- damage --------------------------------------------------------------------------------------
+
+_NUMBERS = [0, 1, 2, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0xFFFFFFFF, 2**63 - 1, 2**64 - 1]
+_WORDS = [
+    b"nan", b"inf", b"-inf", b"1e999", b"1e-400", b"-1", b"0", b"4294967295",
+    b"9223372036854775808", b"\xff\xfe", b"\xc3(", b"\x1b[31m", b"\0", b"\x9b", b"",
+    b"../../etc/passwd", b"/dev/zero", b"a" * 5000, b"1" * 5000,
+    b"!!python/object/apply:os.system", b'encoding="UTF-7"', b'encoding="x"',
+    b"<!DOCTYPE a [<!ENTITY b 'c'>]>", b"[" * 3000, b"{}", b"null", b"\r", b"\n\n", b"\t",
+]  # fmt: skip
+
+
+def damage(data: bytes, rng: np.random.Generator) -> bytes:
+    """One to four hurts: numbers of a header, words of a text, bytes, length."""
+    changed = bytearray(data)
+    for _ in range(int(rng.integers(1, 5))):
+        hurt = _HURTS[int(rng.integers(len(_HURTS)))]
+        hurt(changed, rng)
+    return bytes(changed)
+
+
+def _place(data: bytearray, rng: np.random.Generator) -> int:
+    """Headers more often than the rest."""
+    reach = len(data) if rng.random() < 0.4 else min(len(data), 400)
+    return int(rng.integers(max(1, reach)))
+
+
+def _number(data: bytearray, rng: np.random.Generator) -> None:
+    width = int(rng.choice([1, 2, 4, 8]))
+    place = _place(data, rng)
+    value = int(_NUMBERS[rng.integers(len(_NUMBERS))]) & ((1 << 8 * width) - 1)
+    order = "little" if rng.random() < 0.8 else "big"
+    data[place : place + width] = value.to_bytes(width, order)
+
+
+def _float(data: bytearray, rng: np.random.Generator) -> None:
+    value = float(rng.choice([np.nan, np.inf, -np.inf, 1e38, 1e-45, -0.0]))
+    place = _place(data, rng)
+    form = "<f" if rng.random() < 0.5 else "<d"
+    with contextlib.suppress(OverflowError):
+        packed = struct.pack(form, value)
+        data[place : place + len(packed)] = packed
+
+
+def _word(data: bytearray, rng: np.random.Generator) -> None:
+    """Replace the token around a place."""
+    place = _place(data, rng)
+    first = place
+    while first > 0 and data[first - 1] not in _GAPS:
+        first -= 1
+    last = place
+    while last < len(data) and data[last] not in _GAPS:
+        last += 1
+    data[first:last] = _WORDS[int(rng.integers(len(_WORDS)))]
+
+
+_GAPS = frozenset(b" \t\r\n,:;<>[]{}\"'=")
+
+
+def _bits(data: bytearray, rng: np.random.Generator) -> None:
+    if data:
+        data[_place(data, rng)] ^= 1 << int(rng.integers(8))
+
+
+def _cut(data: bytearray, rng: np.random.Generator) -> None:
+    del data[int(rng.integers(len(data) + 1)) :]
+
+
+def _repeat(data: bytearray, rng: np.random.Generator) -> None:
+    place = _place(data, rng)
+    piece = data[place : place + int(rng.integers(1, 200))]
+    data[place:place] = piece * int(rng.integers(1, 4))
+
+
+def _insert(data: bytearray, rng: np.random.Generator) -> None:
+    data[(place := _place(data, rng)) : place] = rng.bytes(int(rng.integers(1, 20)))
+
+
+_HURTS: list[Callable[[bytearray, np.random.Generator], None]] = [
+    _number, _number, _number, _float, _word, _word, _word, _bits, _cut, _repeat, _insert,
+]  # fmt: skip
+
+
+# --- running -------------------------------------------------------------------------------------
+
+
+@cache
+def examples_of(kind: str) -> list[Files]:
+    return KINDS[kind].examples()
+
+
+def run_case(kind: str, seed: int, folder: Path) -> str:
+    """Read one damaged input; returns what is wrong with how that ended, or ``""``."""
+    rng = np.random.default_rng([seed, len(kind), sum(kind.encode())])
+    shutil.rmtree(folder, ignore_errors=True)
+    example = dict(examples_of(kind)[int(rng.integers(len(examples_of(kind))))])
+    name = sorted(example)[int(rng.integers(len(example)))]
+    example[name] = damage(example[name], rng)
+    for path, data in example.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_bytes(data)
+    start = time.process_time()
+    finding = ""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            KINDS[kind].read(folder, name)
+    except (manip3d.Error, OSError) as error:
+        if isinstance(error, manip3d.Error) and not str(error).isprintable():
+            finding = f"a message that a terminal would obey: {error!r:.200}"
+    except BaseException as error:
+        finding = f"{type(error).__module__}.{type(error).__name__}: {error!s:.200}"
+    spent = time.process_time() - start
+    if not finding and spent > SECONDS:
+        finding = f"{spent:.1f} s of processor time"
+    return finding
+
+
+def _limit_memory() -> None:
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    mapped = pages * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (mapped + MEMORY, mapped + MEMORY))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def _work(kind: str, first: int, count: int, current: Any, pipe: Any) -> None:
+    with tempfile.TemporaryDirectory() as root:
+        folder = Path(root) / "case"
+        examples_of(kind)
+        with contextlib.suppress(Exception):
+            KINDS[kind].read(_laid_out(kind, folder), "")
+        devnull = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(devnull, 2)  # what libraries of others print
+        _limit_memory()
+        for seed in range(first, first + count):
+            current.value = seed
+            finding = run_case(kind, seed, folder)
+            if finding:
+                pipe.send((seed, finding))
+    pipe.send(None)
+
+
+def _laid_out(kind: str, folder: Path) -> Path:
+    for path, data in examples_of(kind)[0].items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_bytes(data)
+    return folder
+
+
+def run(kind: str, first: int, count: int) -> Iterator[tuple[int, str]]:
+    """Findings as (seed, what), from a process of its own that is begun again when it dies."""
+    context = multiprocessing.get_context("fork")
+    last = first + count
+    while first < last:
+        here, there = context.Pipe(duplex=False)
+        current = context.Value("q", first)
+        worker = context.Process(target=_work, args=(kind, first, last - first, current, there))
+        worker.start()
+        there.close()
+        finished, told = False, current.value
+        try:
+            while not finished:
+                if here.poll(HANG_S):
+                    message = here.recv()
+                    if message is None:
+                        finished = True
+                    else:
+                        yield message
+                elif current.value == told:
+                    worker.kill()
+                    yield told, f"no answer for {HANG_S:.0f} s"
+                    break
+                told = current.value
+        except EOFError:
+            worker.join()
+            yield current.value, f"the process ended with {worker.exitcode}"
+        worker.join()
+        first = last if finished else current.value + 1
+
+
+def main() -> int:
+    """Run cases of one kind or of all; exit code 1 when something was found."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--kind", choices=KINDS, help="Only this kind; default: all.")
+    parser.add_argument("--cases", type=int, default=10_000, help="Cases in all.")
+    parser.add_argument("--first", type=int, default=0, help="First seed of each kind.")
+    options = parser.parse_args()
+    kinds = [options.kind] if options.kind else list(KINDS)
+    found = 0
+    for kind in kinds:
+        share = -(-options.cases // len(kinds))
+        start = time.monotonic()
+        for seed, what in run(kind, options.first, share):
+            found += 1
+            print(f"{kind} {seed}: {what}", flush=True)
+        print(f"{kind}: {share} cases in {time.monotonic() - start:.1f} s", flush=True)
+    print(f"{found} findings")
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

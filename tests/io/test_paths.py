@@ -1,0 +1,142 @@
+"""Paths with a NUL character are refused everywhere: the system would open another file."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import exact_models
+import rgbd_frames
+from manip3d import (
+    InputError,
+    LidarFrame,
+    Material,
+    Texture,
+    _core,
+    authenticate,
+    capture,
+    datasets,
+    experiments,
+    forge,
+    io,
+    report,
+    simulate,
+    viewer,
+)
+
+NUL = "victim.obj\0.obj"
+mesh = exact_models.hill(5)
+scan = LidarFrame(np.random.default_rng(0).random((50, 3), np.float32))
+MISSING = Path("missing")
+
+# By "function parameter"; the callable gets the path.
+ENTRIES: dict[str, Callable[[str], object]] = {
+    "io.read_depth path": io.read_depth,
+    "io.read_mesh path": io.read_mesh,
+    "io.read_report path": io.read_report,
+    "io.read_range_grid path": io.read_range_grid,
+    "io.read_scan path": lambda p: io.read_scan(p + ".pcd"),
+    "io.read_scans path": lambda p: io.read_scans(p + ".e57"),
+    "io.write_mesh path": lambda p: io.write_mesh(mesh, p),
+    "io.write_scan path": lambda p: io.write_scan(scan, p + ".pcd"),
+    "io.write_scans path": lambda p: io.write_scans([scan], p + ".e57"),
+    "capture.open uri": lambda p: capture.open(f"folder:{p}"),
+    "capture.open_lidar uri": lambda p: capture.open_lidar(f"pcap:{p}"),
+    "capture.open_lidar calibration": lambda p: capture.open_lidar("velodyne:0", calibration=p),
+    "capture.open_lidar metadata": lambda p: capture.open_lidar(f"ouster:{__file__}", metadata=p),
+    "capture.open_rgbd uri": lambda p: capture.open_rgbd(f"mkv:{p}"),
+    "capture.read_velodyne_calibration path": capture.read_velodyne_calibration,
+    "capture.record path": lambda p: capture.record(
+        rgbd_frames.frames(1), p.replace(".obj", ""), overwrite=True
+    ),
+    "datasets.open_kitti path": datasets.open_kitti,
+    "datasets.open_kitti calibration": lambda p: datasets.open_kitti(".", calibration=p),
+    "datasets.open_range_images path": datasets.open_range_images,
+    "datasets.open_people uri": lambda p: datasets.open_people(f"people:{p}"),
+    "simulate.write_drive folder": lambda p: simulate.write_drive(None, p, 1),  # type: ignore[arg-type]
+    "report.write_report results_dir": lambda p: report.write_report(p, "a.md"),
+    "report.write_report output": lambda p: report.write_report(".", p + ".md"),
+    "viewer.view output": lambda p: viewer.view(mesh, p + ".html"),
+    "viewer.view_scan output": lambda p: viewer.view_scan(scan, p + ".html"),
+    "experiments.run folder": lambda p: experiments.run([], folder=Path(p)),
+}
+
+
+def public_path_parameters() -> Iterator[str]:
+    """All public functions with a parameter that is a path."""
+    rooms = ("io", "capture", "simplify", "modify", "forge", "authenticate", "metrics", "datasets")
+    for room in (*rooms, "simulate", "experiments", "report", "viewer"):
+        module = importlib.import_module(f"manip3d.{room}")
+        for name in module.__all__:
+            function = inspect.unwrap(getattr(module, name), stop=lambda f: inspect.isclass(f))
+            if not inspect.isfunction(function):
+                continue
+            for parameter, value in inspect.signature(function).parameters.items():
+                if "PathLike" in str(value.annotation) or parameter == "uri":
+                    yield f"{room}.{name} {parameter}"
+
+
+NO_PATHS = {"capture.from_frames uri"}  # a name for messages
+
+
+def test_the_list_of_entries_is_complete() -> None:
+    assert set(public_path_parameters()) - NO_PATHS <= set(ENTRIES)
+
+
+@pytest.mark.parametrize("entry", ENTRIES)
+def test_a_nul_is_refused(entry: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    victim = tmp_path / "victim.obj"
+    victim.write_bytes(b"precious")
+    with pytest.raises(InputError):
+        ENTRIES[entry](NUL)
+    assert victim.read_bytes() == b"precious"
+    assert [path.name for path in tmp_path.iterdir()] == ["victim.obj"]
+
+
+def test_methods_refuse_a_nul(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    forged = forge.ctp(scan, scan.points[:9], position=(1, 1, 1))
+    lattice = authenticate.SensorLattice
+    calls: list[Callable[[], Any]] = [
+        lambda: mesh.write(NUL),
+        lambda: scan.write("a.pcd\0.pcd"),
+        lambda: forged.write("a.bin\0.bin"),
+        lambda: lattice.load(NUL),
+        lambda: io.texture_path(mesh.replace(source="a.obj"), Texture("a.png\0.png")),
+        lambda: _core.write_mesh(mesh, b"a.off\0.off", b""),
+        lambda: _core.make_temporary_folder(b"a\0b"),
+    ]
+    for call in calls:
+        with pytest.raises(InputError, match="NUL"):
+            call()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1\0.5", "127.0.0.1\0"])
+def test_addresses_with_a_nul_are_refused(address: str) -> None:
+    with pytest.raises(InputError, match="NUL"):
+        capture.open(f"velodyne:{address}:0")
+    with pytest.raises(InputError, match="NUL"):
+        capture.open("velodyne:0", sender=address)
+
+
+def test_a_name_that_no_file_can_have_is_refused() -> None:
+    with pytest.raises(InputError, match="path"):
+        io.read_mesh("a\ud800.obj")
+
+
+def test_a_nul_in_a_texture_of_a_mesh_reads_no_other_file(tmp_path: Path) -> None:
+    (tmp_path / "secret.png").write_bytes(b"\x89PNG secret")
+    textured = exact_models.pipe(8, 3).replace(source=str(tmp_path / "a.obj"))
+    material = Material("skin", textures={"base_color": Texture("secret.png\0.png")})
+    with pytest.raises(InputError, match="NUL"):
+        textured.replace(
+            materials=(material,), face_material=np.zeros(textured.num_faces, np.int32)
+        ).write(tmp_path / "out.glb")

@@ -1,0 +1,178 @@
+"""Every public function of the kernels once, on an input that takes milliseconds."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import importlib
+from collections.abc import Callable
+from enum import Enum
+from inspect import isfunction, unwrap
+
+import numpy as np
+
+import capsule_body
+import exact_models as models
+import lattice_scans
+from manip3d import Box, Intrinsics, Mesh, _core, authenticate, forge, metrics, modify, simplify
+
+Kernel = Callable[[int], object]
+"""Of the number of threads; those that take none ignore it."""
+
+V, U = np.mgrid[0:72, 0:96]
+DEPTH = (1200 + ((U - 48) ** 2 + (V - 36) ** 2) // 9 + (7 * U + 5 * V) % 4).astype(np.uint16)
+CAMERA = Intrinsics(96, 72, 88.0, 88.0, 47.5, 35.5)
+GRID = _core.unproject(DEPTH, CAMERA, 1)[0].reshape(72, 96, 3)
+
+hill = models.hill(13)
+coarse = hill.replace(faces=hill.faces // 2 * 2)
+pipe = models.pipe(16, 6)
+coarse_pipe = pipe.replace(faces=pipe.faces // 2 * 2)
+dense = simplify.dense_mesh(DEPTH, CAMERA, threads=1).mesh
+
+cloud = (np.random.default_rng(1).integers(-8192, 8192, (3_000, 3)) / 512).astype(np.float32)
+hoax = (np.random.default_rng(2).integers(-512, 512, (300, 3)) / 512).astype(np.float32)
+box = Box((4.0, 1.0, 0.0), (6.0, 5.0, 4.0), 0.5)
+rings = forge.Lattice([[k / 64, 0.125] for k in range(-24, 8)], 2**-6)
+pasted = forge.ctp(cloud, hoax, position=(4, 1, 0), threads=1)
+scanner = lattice_scans.lattice()
+scan = lattice_scans.scan(np.random.default_rng(0))[::10].copy()
+person = capsule_body.painted(0)
+skeleton = person.skeletons[0]
+ground = np.float32(0.5) * cloud * np.float32([1, 1, 0]) - np.float32([0, 0, 1.7])
+street = np.concatenate([ground, hoax + np.float32([6, 0, 0])])
+angles = authenticate.AngularGrid(2.0, 2.0)
+views = [simplify.CameraView(DEPTH, CAMERA), simplify.CameraView(DEPTH, CAMERA)]
+
+KERNELS: dict[str, Kernel] = {
+    "simplify.clean": lambda _: simplify.clean(pipe),
+    "simplify.qem4vr": lambda _: simplify.qem4vr(hill, ratio=0.3),
+    "simplify.qem_orig": lambda _: simplify.qem_orig(hill, ratio=0.3),
+    "simplify.qem_bp": lambda _: simplify.qem_bp(hill, ratio=0.3),
+    "simplify.qem_tp": lambda _: simplify.qem_tp(pipe, ratio=0.3),
+    "simplify.qem_btp": lambda _: simplify.qem_btp(pipe, ratio=0.3),
+    "simplify.cs3_cameras": lambda t: simplify.cs3_cameras(views, 60, threads=t),
+    "simplify.dense_mesh": lambda t: simplify.dense_mesh(DEPTH, CAMERA, threads=t),
+    "simplify.dense_mesh_grid": lambda t: simplify.dense_mesh_grid(GRID, threads=t),
+    "simplify.cs3": lambda t: simplify.cs3(DEPTH, CAMERA, 100, threads=t),
+    "simplify.cs3_grid": lambda t: simplify.cs3_grid(GRID, None, 100, threads=t),
+    "simplify.relief": lambda t: simplify.relief(DEPTH, CAMERA, 60, effort="live", threads=t),
+    "simplify.relief_grid": lambda t: simplify.relief_grid(
+        GRID, None, 60, effort="live", threads=t
+    ),
+    "simplify.sample_depth": lambda t: simplify.sample_depth(
+        DEPTH, CAMERA, 60, method="uniform", threads=t
+    ),
+    "simplify.sample_depth_grid": lambda _: simplify.sample_depth_grid(
+        GRID, None, 60, method="uniform"
+    ),
+    "simplify.grid_delaunay": lambda _: simplify.grid_delaunay(np.argwhere(DEPTH % 7 == 0)),
+    "modify.repose": lambda t: modify.repose(hill.vertices, skeleton, threads=t),
+    "modify.body_mirror": lambda _: modify.body_mirror(skeleton, "right_arm"),
+    "modify.segment_body": lambda _: modify.segment_body(
+        person.depth, person.calibration.depth, skeleton
+    ),
+    "modify.lift_landmarks": lambda _: modify.lift_landmarks(
+        np.full((33, 2), 80.0), np.ones(33), np.zeros(33), person
+    ),
+    "modify.skeleton_from": lambda _: modify.skeleton_from(
+        skeleton.positions, skeleton.states, layout="kinect-v2"
+    ),
+    "modify.joint_layouts": lambda _: modify.joint_layouts(),
+    "forge.segment": lambda _: forge.segment(cloud).label,
+    "forge.nearest_object": lambda _: forge.nearest_object(street),
+    "forge.range_scale": lambda _: forge.range_scale(cloud, hoax),
+    "forge.ctp": lambda t: forge.ctp(cloud, hoax, position=(4, 1, 0), threads=t),
+    "forge.crtp": lambda t: forge.crtp(cloud, hoax, position=(4, 1, 0), spacing=0.3, threads=t),
+    "forge.resample": lambda t: forge.resample(hoax, spacing=0.2, threads=t),
+    "forge.subtract": lambda t: forge.subtract(cloud, box, threads=t),
+    "forge.deform": lambda t: forge.deform(cloud, box, amplitude=0.2, threads=t),
+    "forge.insert_occluding": lambda t: forge.insert_occluding(
+        cloud, hoax, position=(6, 1, 0), lattice=rings, threads=t
+    ),
+    "forge.snap_to_lattice": lambda t: forge.snap_to_lattice(pasted, rings, along="ray", threads=t),
+    "forge.additive": lambda t: forge.additive(
+        cloud, hoax, offset=(9, 9, 0), allow_collision=True, threads=t
+    ),
+    "forge.subtractive": lambda t: forge.subtractive(cloud, box, threads=t),
+    "forge.additive_subtractive": lambda t: forge.additive_subtractive(
+        cloud, hoax, box, offset=(9, 9, 0), allow_collision=True, threads=t
+    ),
+    "forge.replacement": lambda t: forge.replacement(cloud, hoax, box, threads=t),
+    "forge.translation": lambda t: forge.translation(cloud, box, threads=t),
+    "forge.rotation": lambda t: forge.rotation(cloud, box, threads=t),
+    "authenticate.estimate_origin": lambda t: authenticate.estimate_origin(scan, threads=t),
+    "authenticate.estimate_grid": lambda t: authenticate.estimate_grid(scan, threads=t),
+    "authenticate.estimate_lattice": lambda _: authenticate.estimate_lattice([scan]),
+    "authenticate.occlusion_consistency": lambda t: authenticate.occlusion_consistency(
+        cloud, grid=angles, threads=t
+    ),
+    "authenticate.density_consistency": lambda t: authenticate.density_consistency(
+        cloud, threads=t
+    ),
+    "authenticate.generic_consistency": lambda t: authenticate.generic_consistency(
+        scan, calibration=scanner, threads=t
+    ),
+    "metrics.render_depth": lambda t: metrics.render_depth(dense, CAMERA, threads=t),
+    "metrics.range_image_error": lambda t: metrics.range_image_error(
+        DEPTH, CAMERA, dense, threads=t
+    ),
+    "metrics.range_image_error_grid": lambda t: metrics.range_image_error_grid(
+        GRID, None, dense, threads=t
+    ),
+    "metrics.flicker": lambda t: metrics.flicker([dense, dense], CAMERA, threads=t),
+    "metrics.boundary_noise": lambda t: metrics.boundary_noise(
+        DEPTH, CAMERA, dense, flying=DEPTH % 9 == 0, truth=DEPTH / 1000.0, threads=t
+    ),
+    "metrics.texture_error": lambda t: metrics.texture_error(
+        pipe, coarse_pipe, samples=500, threads=t
+    ),
+    "metrics.boundary_gap": lambda t: metrics.boundary_gap(pipe, coarse_pipe, threads=t),
+    "metrics.closest_points": lambda t: metrics.closest_points(hill, cloud, threads=t),
+    "metrics.nearest_distances": lambda t: metrics.nearest_distances(cloud, threads=t),
+    "metrics.metro": lambda t: metrics.metro(hill, coarse, threads=t),
+    "metrics.fmpd": lambda t: metrics.fmpd(hill, coarse, threads=t),
+}
+
+
+def public_functions() -> set[str]:
+    """Names of what the packages of kernels export and is a function."""
+    names: set[str] = set()
+    for package in ("simplify", "modify", "forge", "authenticate", "metrics"):
+        module = importlib.import_module(f"manip3d.{package}")
+        exported = {name: getattr(module, name) for name in module.__all__}
+        names |= {
+            f"{package}.{name}" for name, item in exported.items() if isfunction(unwrap(item))
+        }
+    return names
+
+
+def _feed(digest: hashlib._Hash, value: object) -> None:
+    if isinstance(value, np.ndarray):
+        digest.update(f"{value.dtype.str}{value.shape}".encode())
+        digest.update(np.ascontiguousarray(value).tobytes())
+    elif isinstance(value, Mesh):
+        for name in value.__slots__:
+            _feed(digest, getattr(value, name))
+    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
+        for field in dataclasses.fields(value):
+            if not field.name.startswith("_") and field.name not in ("seconds", "timings"):
+                _feed(digest, getattr(value, field.name))
+    elif isinstance(value, dict):
+        for key in sorted(value, key=str):
+            _feed(digest, (str(key), value[key]))
+    elif isinstance(value, tuple | list):
+        digest.update(f"{len(value)}".encode())
+        for item in value:
+            _feed(digest, item)
+    elif isinstance(value, Enum):
+        _feed(digest, value.value)
+    else:
+        digest.update(repr(value).encode())
+
+
+def hash_of(value: object) -> str:
+    """One hash over all that a kernel returns, except the seconds that it took."""
+    digest = hashlib.sha256()
+    _feed(digest, value)
+    return digest.hexdigest()

@@ -1,0 +1,182 @@
+"""Kills writers at any moment, and looks at what they leave: ``python killed_writers.py KILLS``.
+
+Each trial forks a process that writes two contents in turn to one place until it is killed. Every
+file must then be one of the two, whole; after the next write to that folder nothing else is there.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import random
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+import exact_models
+import kernels
+import lattice_scans
+from manip3d import LidarFrame, experiments, forge, io, viewer
+from manip3d.io._files import atomic_folder, atomic_path, atomic_write
+
+Write = Callable[[Path, int], object]
+"""Of a folder and which of the two contents."""
+
+meshes = (exact_models.pipe(24, 8), exact_models.pipe(20, 12))
+rng = np.random.default_rng(0)
+scans = tuple(
+    LidarFrame(
+        (4 * rng.random((count, 3))).astype(np.float32), rng.random(count).astype(np.float32)
+    )
+    for count in (4000, 5000)
+)
+forged = tuple(forge.ctp(scan, scan.points[:9], position=(1, 1, 1)) for scan in scans)
+lattices = (lattice_scans.lattice(), lattice_scans.lattice(32))
+
+
+def _folder(place: Path, which: int) -> None:
+    with atomic_folder(place / "made") as new:
+        for number in range(6):
+            (new / f"{number}.txt").write_text(f"{which}" * 5000)
+
+
+def _slowly(place: Path, which: int) -> None:
+    with atomic_path(place / "a.png") as new, new.open("wb") as file:
+        for _ in range(20):
+            file.write(bytes([which]) * 1000)
+            file.flush()
+
+
+def _store(place: Path, which: int) -> None:
+    experiments.Store(place).save("0" * 64, {"which": which, "text": "x" * 5000})
+
+
+def _mesh(suffix: str) -> Write:
+    return lambda place, which: meshes[which].write(place / f"a{suffix}")
+
+
+def _scan(suffix: str) -> Write:
+    return lambda place, which: io.write_scan(scans[which], place / f"a{suffix}")
+
+
+def _page(place: Path, which: int) -> None:
+    viewer.view(meshes[which], place / "a.html")
+
+
+WRITERS: dict[str, Write] = {
+    **{
+        name: _mesh(name)
+        for name in (".obj", ".obj.gz", ".ply", ".off.xz", ".stl", ".glb", ".gltf")
+    },
+    **{name: _scan(name) for name in (".pcd", ".bin", ".ply.gz", ".3d")},
+    **({name: _scan(name) for name in (".las", ".laz")} if find_spec("laspy") else {}),
+    **({".e57": _scan(".e57")} if find_spec("pye57") else {}),
+    "text": lambda place, which: atomic_write(place / "a.md", f"{which}" * 50_000),
+    "forgery": lambda place, which: forged[which].write(place / "a.bin"),
+    "lattice": lambda place, which: lattices[which].save(place / "a.json"),
+    "page": _page,
+    "result of an experiment": _store,
+    "file by another library": _slowly,
+    "folder": _folder,
+}
+
+
+def contents(folder: Path) -> dict[str, object]:
+    """All files, by name."""
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+def gltf(folder: Path) -> dict[str, object]:
+    """The mesh: buffers that an old file may name stay beside it under other names."""
+    return {"a.gltf": kernels.hash_of(io.read_mesh(folder / "a.gltf").replace(source=None))}
+
+
+def e57(folder: Path) -> dict[str, object]:
+    """The points: each file has an identifier of its own."""
+    return {"a.e57": io.read_scan(folder / "a.e57").points.tobytes()}
+
+
+LOOKS: dict[str, Callable[[Path], dict[str, object]]] = {".gltf": gltf, ".e57": e57}
+"""How to look at what a writer leaves, where bytes differ from write to write."""
+
+
+def is_ours(name: str) -> bool:
+    """Whether it is a temporary name of a writer."""
+    return any(part.startswith(".manip3d-") for part in Path(name).parts)
+
+
+def killed(write: Write, folder: Path, seconds: float) -> None:
+    """Write in a child process, which is killed after so long."""
+    child = os.fork()
+    if child == 0:
+        try:
+            which = 1
+            while True:
+                write(folder, which)
+                which = 1 - which
+        finally:
+            os._exit(1)  # it should have been killed
+    time.sleep(seconds)
+    os.kill(child, signal.SIGKILL)
+    assert os.WIFSIGNALED(os.waitpid(child, 0)[1]), "the writer failed"
+
+
+def whole(name: str, which: int) -> dict[str, object]:
+    """What an undisturbed writer leaves."""
+    with tempfile.TemporaryDirectory() as place:
+        WRITERS[name](Path(place), which)
+        return look(name, Path(place))
+
+
+def look(name: str, folder: Path) -> dict[str, object]:
+    """What is there under the names of results."""
+    if name in LOOKS:
+        return LOOKS[name](folder)
+    return {file: data for file, data in contents(folder).items() if not is_ours(file)}
+
+
+def left_by(folder: Path) -> int:
+    """How many temporary files and folders are there."""
+    return sum(path.name.startswith(".manip3d-") for path in folder.rglob("*"))
+
+
+def torn_and_left(name: str, kills: int) -> tuple[int, int]:
+    """Torn or missing files, and temporary files that outlive the next write."""
+    write, chance = WRITERS[name], random.Random(name)
+    expected = [whole(name, 0), whole(name, 1)]
+    begin = time.perf_counter()
+    whole(name, 0)
+    longest = 3 * (time.perf_counter() - begin)  # so that each moment of a write is hit
+    torn = left = litter = 0
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        write(folder, 0)
+        for _ in range(kills):
+            killed(write, folder, chance.uniform(0.0, longest))
+            found = look(name, folder)
+            litter += left_by(folder) > 0
+            torn += len((set(expected[0]) & set(expected[1])) - set(found))
+            torn += sum(data not in [e.get(file) for e in expected] for file, data in found.items())
+            write(folder, 0)
+            left += left_by(folder)
+    print(f"{name:24} {kills:5} kills {litter:5} with litter, {torn} torn, {left} left", flush=True)
+    return torn, left
+
+
+def main() -> int:
+    """Share the kills among the writers."""
+    logging.getLogger("manip3d").setLevel(logging.ERROR)  # what formats cannot hold
+    share = -(-int(sys.argv[1]) // len(WRITERS))
+    results = [torn_and_left(name, share) for name in WRITERS]
+    return int(any(torn or left for torn, left in results))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

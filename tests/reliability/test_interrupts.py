@@ -1,0 +1,120 @@
+"""Ctrl-C ends what takes long within a fifth of a second."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from manip3d import Intrinsics, Mesh, forge, metrics
+
+MOST_S = 0.2
+PATIENCE = 10  # this machine may have other work at that moment: the best of some attempts counts
+
+
+def seconds_to_stop(work: Callable[[], object], after: float) -> float | None:
+    """From Ctrl-C to KeyboardInterrupt; None: the work was done before."""
+    pressed = 0.0
+
+    def press() -> None:
+        nonlocal pressed
+        pressed = time.monotonic()
+        signal.raise_signal(signal.SIGINT)
+
+    timer = threading.Timer(after, press)
+    timer.start()
+    try:
+        work()
+    except KeyboardInterrupt:
+        return time.monotonic() - pressed
+    else:
+        return None
+    finally:
+        timer.cancel()
+        timer.join()
+
+
+def wall(count: int, seed: int = 0) -> Mesh:
+    """Triangles that each cover most of the picture."""
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(-3, 3, (count, 3, 3)) + np.array([0, 0, 4])
+    corners[:, 0] += [-40, -40, 0]
+    corners[:, 1] += [40, -40, 0]
+    corners[:, 2] += [0, 60, 0]
+    return Mesh(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3))
+
+
+def render(threads: int) -> Callable[[], object]:
+    camera = Intrinsics(640, 480, 500.0, 500.0, 319.5, 239.5)
+    mesh = wall(20_000)
+    return lambda: metrics.render_depth(mesh, camera, threads=threads)
+
+
+def resample_cloud() -> Callable[[], object]:
+    points = np.random.default_rng(0).random((150_000, 3), np.float32)
+    return lambda: forge.resample(points, spacing=0.004)
+
+
+def resample_faces() -> Callable[[], object]:
+    square = Mesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    return lambda: forge.resample(square, spacing=0.0007)
+
+
+def thin_out() -> Callable[[], object]:
+    points = np.random.default_rng(0).random((4_000_000, 3), np.float32)
+    return lambda: forge.resample(points, spacing=0.02)
+
+
+@pytest.mark.parametrize("after", [0.3, 0.9])
+@pytest.mark.parametrize(
+    "make",
+    [lambda: render(1), lambda: render(2), resample_cloud, resample_faces, thin_out],
+    ids=["render", "render in parallel", "resample a cloud", "resample faces", "thin out"],
+)
+def test_ctrl_c_is_heard(make: Callable[[], Callable[[], object]], after: float) -> None:
+    work = make()
+    times = []
+    for _ in range(PATIENCE):
+        taken = seconds_to_stop(work, after)
+        assert taken is not None, "the work is too short to be interrupted"
+        times.append(taken)
+        if taken < MOST_S:
+            return
+    raise AssertionError(times)
+
+
+# The scan is of another scanner: at these lateral offsets no laser meets a point, and no step of
+# the encoder has fired. The search for the first one that did once went round for ever.
+NO_FIRING = textwrap.dedent(
+    """
+    import dataclasses
+    import numpy as np
+    import lattice_scans
+    from manip3d import authenticate
+
+    points = lattice_scans.scan(np.random.default_rng(0))
+    lattice = lattice_scans.lattice()
+    far = dataclasses.replace(lattice, lateral=np.full_like(lattice.lateral, 1000.0))
+    for previous in (None, points):
+        result = authenticate.generic_consistency(points, calibration=far, previous=previous)
+        print(result.verdict)
+    """
+)
+
+
+def test_a_scan_without_a_firing_is_judged() -> None:
+    command = [sys.executable, "-c", NO_FIRING]
+    tests = Path(__file__).parents[1]
+    done = subprocess.run(
+        command, capture_output=True, text=True, timeout=120, check=False, cwd=tests
+    )
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.split()) == 2

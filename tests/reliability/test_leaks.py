@@ -1,0 +1,115 @@
+"""Calls that are over leave nothing behind: no memory, no file descriptors."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import kernels
+from manip3d import DeviceError, InputError, capture, simplify
+
+WARM_UP, CALLS = 100, 500
+MOST_PER_CALL = 512  # bytes
+ATTEMPTS = 4  # memory that grows for other reasons does not grow each time
+
+
+class _MallocInfo(ctypes.Structure):
+    """glibc's ``struct mallinfo2``."""
+
+    _fields_ = [
+        (name, ctypes.c_size_t)
+        for name in (
+            "arena",
+            "ordblks",
+            "smblks",
+            "hblks",
+            "hblkhd",
+            "usmblks",
+            "fsmblks",
+            "uordblks",
+            "fordblks",
+            "keepcost",
+        )
+    ]
+
+
+_libc = ctypes.CDLL(None)
+_libc.mallinfo2.restype = _MallocInfo
+
+
+def memory() -> NDArray[np.float64]:
+    """Bytes that malloc has given out, and bytes that are resident.
+
+    The first does not see what oneTBB and Python keep for themselves, the second not what fits in
+    memory that was freed before.
+    """
+    gc.collect()
+    info = _libc.mallinfo2()
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return np.array([info.uordblks + info.hblkhd, pages * os.sysconf("SC_PAGESIZE")], float)
+
+
+def least_growth(call: Callable[[], object], calls: int = CALLS) -> float:
+    """Bytes that a call adds, in the best of some windows: a leak is in all of them."""
+    least = np.full(2, np.inf)
+    for _ in range(ATTEMPTS):
+        before = memory()
+        for _ in range(calls):
+            call()
+        least = np.minimum(least, (memory() - before) / calls)
+        if (least < MOST_PER_CALL).all():
+            break
+    return float(least.max())
+
+
+@pytest.fixture
+def two_cores() -> None:
+    if len(os.sched_getaffinity(0)) < 2:
+        pytest.skip("needs two cores")
+
+
+def test_the_measure_sees_a_leak() -> None:
+    kept: list[bytes] = []
+    assert least_growth(lambda: kept.append(bytes(2 * MOST_PER_CALL))) > MOST_PER_CALL
+
+
+def test_parallel_calls_do_not_leak(two_cores: None) -> None:
+    """Each call once made an arena of oneTBB of its own, of which 14 kB stayed."""
+    call = lambda: simplify.dense_mesh(kernels.DEPTH, kernels.CAMERA, threads=2)  # noqa: E731
+    for _ in range(WARM_UP):
+        call()
+    assert least_growth(call) < MOST_PER_CALL
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", kernels.KERNELS)
+def test_no_kernel_leaks(name: str, two_cores: None) -> None:
+    def call() -> object:
+        return kernels.KERNELS[name](2)
+
+    for _ in range(WARM_UP):
+        call()
+    assert least_growth(call) < MOST_PER_CALL
+
+
+def descriptors() -> int:
+    return len(os.listdir("/proc/self/fd"))
+
+
+def test_a_bad_address_leaks_no_descriptor() -> None:
+    before = descriptors()
+    for _ in range(20):
+        with pytest.raises(InputError, match="address"):
+            capture.open("velodyne:nowhere:0")
+        with pytest.raises(InputError, match="sender"):
+            capture.open("velodyne:0", sender="300.1.1.1")
+        with pytest.raises(DeviceError):
+            capture.open("velodyne:192.0.2.1:0")  # no address of this machine
+    assert descriptors() == before

@@ -1,0 +1,180 @@
+"""Lines of sight and pixels of every kind of camera: by the formulas, and there and back."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+import manip3d
+from manip3d import InputError, Intrinsics
+
+PINHOLE = Intrinsics(64, 48, 50.0, 52.0, 30.5, 24.25)
+BENT = replace(PINHOLE, distortion=(0.12, -0.05, 0.004, -0.003, 0.01))
+
+
+def table_of(camera: Intrinsics) -> Intrinsics:
+    """The same camera as a ray table."""
+    rays = camera.unproject(np.ones((camera.height, camera.width), np.float32))[..., :2]
+    plain = replace(camera, distortion=(0.0,) * 5, mirrored=False)
+    return replace(plain, rays=rays)
+
+
+CAMERAS = {
+    "pinhole": PINHOLE,
+    "upward": replace(PINHOLE, fy=-52.0),
+    "mirrored": replace(BENT, mirrored=True),
+    "bent": BENT,
+    "bent upward": replace(BENT, fy=-52.0),
+    "table": table_of(BENT),
+    "table upward": table_of(replace(BENT, fy=-52.0)),
+}
+
+
+def brown(camera: Intrinsics, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Pixels by OpenCV's formulas, one point at a time."""
+    k1, k2, p1, p2, k3 = camera.distortion
+    pixels = []
+    for px, py, pz in points:
+        x, y = px / pz, py / pz
+        r2 = x * x + y * y
+        radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+        u = camera.fx * (x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x))
+        v = camera.fy * (y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y)
+        pixels.append((camera.cx + (-u if camera.mirrored else u), camera.cy + v))
+    return np.array(pixels)
+
+
+@pytest.mark.parametrize("name", ["pinhole", "upward", "mirrored", "bent", "bent upward"])
+def test_pixels_are_those_of_the_formulas(name: str) -> None:
+    points = np.random.default_rng(0).uniform([-1, -0.8, 1.5], [1, 0.8, 4.0], (200, 3))
+    expected = brown(CAMERAS[name], points)
+    np.testing.assert_allclose(CAMERAS[name].project(points), expected, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+@given(
+    u=st.floats(0, 62.99), v=st.floats(0, 46.99), depth=st.floats(0.1, 20.0)
+)  # inside the outermost pixels
+def test_a_point_of_a_pixel_projects_to_that_pixel(
+    name: str, u: float, v: float, depth: float
+) -> None:
+    camera = CAMERAS[name]
+    point = camera.unproject(depth, pixels=(u, v))
+    assert point[2] == depth
+    np.testing.assert_allclose(camera.project(point), (u, v), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_the_points_of_an_image_project_to_its_pixels(name: str) -> None:
+    camera = CAMERAS[name]
+    depth = np.random.default_rng(1).uniform(0.5, 4.0, (48, 64)).astype(np.float32)
+    depth[3, 5], depth[7, 9] = 0.0, np.nan
+    points = camera.unproject(depth)
+    assert points.dtype == np.float32
+    assert np.isnan(points[[3, 7], [5, 9]]).all()
+    measured = depth > 0
+    np.testing.assert_array_equal(points[measured][:, 2], depth[measured])
+    v, u = np.mgrid[:48, :64]
+    np.testing.assert_allclose(
+        camera.project(points)[measured], np.stack([u, v], 2)[measured], rtol=0, atol=2e-4
+    )  # single precision
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_an_image_s_points_are_those_of_its_pixels(name: str) -> None:
+    camera = CAMERAS[name]
+    v, u = np.mgrid[:48, :64]
+    millimetres = (1000 + 10 * u + v).astype(np.uint16)
+    points = camera.unproject(millimetres)
+    singly = camera.unproject(millimetres / 1000.0, pixels=np.stack([u, v], 2))
+    assert singly.dtype == np.float64
+    np.testing.assert_allclose(points, singly, rtol=3e-7, atol=1e-9)
+    for threads in (2, 4):
+        np.testing.assert_array_equal(points, camera.unproject(millimetres, threads=threads))
+
+
+def test_the_smallest_image() -> None:
+    camera = Intrinsics(2, 1, fx=10.0, fy=-20.0, cx=0.5, cy=1.0)
+    points = camera.unproject(np.array([[2000, 0]], np.uint16))
+    np.testing.assert_array_equal(points, np.float32([[[-0.1, 0.1, 2.0], [np.nan] * 3]]))
+    mirrored = replace(camera, mirrored=True)
+    np.testing.assert_array_equal(mirrored.unproject(2.0, (0, 0)), [0.1, 0.1, 2.0])
+    np.testing.assert_array_equal(mirrored.project([[0.1, 0.1, 2.0]]), [[0.0, 0.0]])
+
+
+def test_what_is_behind_the_camera_or_on_no_pixel_of_a_table_has_none() -> None:
+    assert np.isnan(PINHOLE.project([[0, 0, -1], [0, 0, 0], [0, 0, np.nan]])).all()
+    table = CAMERAS["table"]
+    assert np.isnan(table.project([[5.0, 0.0, 1.0], [0.0, -5.0, 1.0]])).all()
+    assert np.isnan(table.unproject(1.0, pixels=[(-0.6, 3.0), (3.0, 47.6), (np.nan, 1.0)])).all()
+    border = np.array([(-0.5, -0.5), (63.5, 47.5), (63.0, 47.0)])
+    np.testing.assert_allclose(
+        table.project(table.unproject(2.0, pixels=border)), border, rtol=0, atol=1e-6
+    )
+
+
+def test_pixels_beside_a_gap_of_a_table_keep_their_own_line_of_sight() -> None:
+    rays = CAMERAS["table"].rays
+    assert rays is not None
+    holed = rays.copy()
+    holed[10, 20] = np.nan
+    camera = replace(CAMERAS["table"], rays=holed)
+    assert np.isnan(camera.unproject(1.0, pixels=(20, 10))).all()
+    assert np.isnan(camera.unproject(1.0, pixels=(19.5, 10))).all()
+    np.testing.assert_array_equal(camera.unproject(1.0, pixels=(19, 10))[:2], rays[10, 19])
+    np.testing.assert_allclose(
+        camera.unproject(1.0, pixels=(30.25, 10))[:2],
+        0.75 * rays[10, 30].astype(float) + 0.25 * rays[10, 31],
+        rtol=1e-15,
+    )
+
+
+def test_shapes() -> None:
+    assert PINHOLE.project(np.ones((2, 3, 4, 3))).shape == (2, 3, 4, 2)
+    assert PINHOLE.project(np.ones((0, 3))).shape == (0, 2)
+    assert PINHOLE.unproject(1.0, pixels=np.ones((5, 2))).shape == (5, 3)
+    assert PINHOLE.unproject(np.ones(5), pixels=np.ones((5, 2))).shape == (5, 3)
+    assert np.isnan(PINHOLE.unproject([0.0, np.nan], pixels=np.ones((2, 2)))).all()
+
+
+def test_what_is_refused() -> None:
+    with pytest.raises(InputError, match=r"points: expected numbers of shape \(\.\.\., 3\)"):
+        PINHOLE.project(np.ones((3, 2)))
+    with pytest.raises(InputError, match=r"points: .* got <U1 of \(3,\)"):
+        PINHOLE.project(["a", "b", "c"])
+    with pytest.raises(InputError, match=r"pixels: expected numbers of shape \(\.\.\., 2\)"):
+        PINHOLE.unproject(1.0, pixels=(1, 2, 3))
+    with pytest.raises(InputError, match=r"depth: expected one number or shape \(4,\), got \(3,\)"):
+        PINHOLE.unproject(np.ones(3), pixels=np.ones((4, 2)))
+    for depth in (-1.0, np.inf):
+        with pytest.raises(InputError, match="depth: expected finite numbers >= 0"):
+            PINHOLE.unproject(depth, pixels=(1, 2))
+        with pytest.raises(InputError, match=r"depth: .*(negative|finite)"):
+            PINHOLE.unproject(np.full((48, 64), depth, np.float32))
+    with pytest.raises(InputError, match=r"depth: expected shape \(48, 64\)"):
+        PINHOLE.unproject(np.ones((64, 48), np.float32))
+    with pytest.raises(InputError, match="depth: expected dtype uint16"):
+        PINHOLE.unproject(np.ones((48, 64)))
+    with pytest.raises(InputError, match="threads"):
+        PINHOLE.unproject(np.ones((48, 64), np.float32), threads=-1)
+
+
+def test_nobody_else_in_the_package_writes_the_pinhole_s_formula() -> None:
+    package = Path(manip3d.__file__).parent
+    formula = re.compile(r"[-+*/]\s*\w+\.[cf][xy]\b|\w\.[cf][xy]\s*[-+*/]")
+    # A mirrored principal point, and the size of a pixel on a surface.
+    allowed = {"camera.py", "datasets/people.py", "simulate/people.py"}
+    found = {
+        str(path.relative_to(package)): line.strip()
+        for path in sorted(package.rglob("*.py"))
+        for line in path.read_text().splitlines()
+        if formula.search(line)
+    }
+    assert set(found) == allowed, found
