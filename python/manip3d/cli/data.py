@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from manip3d.cli.options import Json, Quiet
-from manip3d.cli.terminal import Terminal, table
+from manip3d.cli.terminal import Terminal, counted, table
+from manip3d.errors import Error
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -65,15 +66,25 @@ def _state(record: dict[str, Any]) -> str:
 
 
 def get(names: list[str], terminal: Terminal) -> None:
-    """Fetch data sets, each licence shown before its bytes."""
+    """Fetch data sets, each licence shown before its bytes; say where they are, or the steps."""
     from manip3d import datasets
 
+    by_hand = []
     for data_set in [datasets.get(name) for name in names]:
         terminal.say(f"{data_set.name}: {data_set.title}\n  from     {data_set.origin}")
         terminal.say(f"  licence  {data_set.licence}\n  page     {data_set.page}")
+        steps = datasets.steps_by_hand(data_set)
+        for number, step in enumerate(steps, 1):
+            terminal.say(f"  step {number}   {step}")
+        if steps:
+            by_hand.append(data_set.name)
+            continue
         with terminal.progress(data_set.name) as progress:
             paths = datasets.fetch(data_set, progress=progress)
-        terminal.say(f"  here     {paths[0]}")
+        more = f" and {counted(len(paths) - 1, 'more file')}" if len(paths) > 1 else ""
+        terminal.say(f"  here     {paths[0]}{more}, checked")
+    if by_hand:
+        raise Error(f"{', '.join(by_hand)}: to be fetched by hand, with the steps above")
 
 
 @app.command("list")

@@ -12,9 +12,12 @@ from manip3d.cli.terminal import Terminal
 
 
 def demo(
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder.")] = Path("demo"),
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", help="Folder of the results and of the page."),
+    ] = Path("demo"),
     data: Annotated[
-        Tier, typer.Option(help="auto: recorded data where MANIP3D_DATA has them.")
+        Tier, typer.Option(help="Data to use; auto: recorded data where MANIP3D_DATA has them.")
     ] = Tier.auto,
     quiet: Quiet = False,
     jobs: Processes = 0,
@@ -23,7 +26,12 @@ def demo(
     """Tell four stories with pictures and their commands, then the numbers; open the page.
 
     Needs no data and no network. Run again, it goes on where it stopped.
+
+    Example: manip3d demo -o demo
     """
+    from manip3d._util.extras import require
+
+    require("demo")
     from manip3d.cli import reproducing
 
     shell = Terminal(quiet=quiet)

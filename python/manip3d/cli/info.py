@@ -13,7 +13,10 @@ def info(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Count what a mesh, a scan or a recording (LiDAR packets, RGB-D) is made of."""
+    """Count what a mesh, a scan or a recording (LiDAR packets, RGB-D) is made of.
+
+    Example: manip3d info head.obj
+    """
     shell = Terminal(as_json=as_json, quiet=quiet)
     if capture.is_recording(source):
         opened = capture.open_source(source, shell)

@@ -13,7 +13,10 @@ def view(
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Show a mesh or scan in the browser, or write a page (.html) or a picture (.png)."""
+    """Show a mesh or scan in the browser, or write a page (.html) or a picture (.png).
+
+    Example: manip3d view light.glb -o light.html
+    """
     refuse_existing(output, force=force)
     if scanning.is_scan(source):
         scanning.view(source, output, Terminal(quiet=quiet))

@@ -57,6 +57,33 @@ def fetch(data_set: DataSet, *, progress: Callable[[float, str], None] | None = 
     return [require(file, data_set.name) for file in data_set.files]
 
 
+def steps_by_hand(data_set: DataSet) -> list[str]:
+    """Return the steps that bring a data set here where no program may fetch it.
+
+    Parameters
+    ----------
+    data_set : DataSet
+
+    Returns
+    -------
+    list of str
+        One sentence for each step; empty if `fetch` brings all files, or all are here.
+    """
+    absent = [file for file in data_set.files if locate(file) is None]
+    homeless = [file.path for file in absent if not (file.url or file.text)]
+    if not homeless:
+        return []
+    root = os.environ.get("MANIP3D_DATA") or os.fspath(cache_folder())
+    shown = ", ".join(homeless[:3]) + (f" and {len(homeless) - 3} more" if homeless[3:] else "")
+    number = f"{len(homeless)} files" if len(homeless) > 1 else "1 file"
+    return [
+        f"open {data_set.page} and accept the licence: {data_set.licence}",
+        f"download what {data_set.origin} names",
+        f"put {number} under {root}: {shown}",
+        f"run 'manip3d data get {data_set.name}' again: it checks every byte",
+    ]
+
+
 def _refuse_what_has_no_home(data_set: DataSet, absent: list[DataFile]) -> None:
     homeless = [file.path for file in absent if not (file.url or file.text)]
     if homeless:
