@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from manip3d.cli.kinds import expect_kind
 from manip3d.cli.options import (
     FolderIntrinsics,
     FolderUnits,
@@ -90,7 +91,9 @@ def open_source(
     """
     from manip3d import capture
 
-    uri = _address(source)
+    if not Path(source).is_dir():
+        expect_kind(source, "recording", verb="capture")
+    uri = capture.rgbd_uri(source)
     options: dict[str, Any] = {"speed": speed} if speed else {}
     if intrinsics:
         options["camera"] = _camera(intrinsics, uri)
@@ -101,16 +104,6 @@ def open_source(
     length = "" if opened.num_frames is None else f", {counted(opened.num_frames, 'frame')}"
     terminal.say(f"opened {uri}: {camera.width} x {camera.height} pixels{length}")
     return opened
-
-
-def _address(source: str) -> str:
-    """What is no address already, by what is there."""
-    path = Path(source)
-    if path.is_file() and path.suffix == ".mkv":
-        return f"mkv:{source}"
-    if path.is_dir():
-        return f"tum:{source}" if (path / "depth.txt").is_file() else f"folder:{source}"
-    return source
 
 
 def _camera(text: str, uri: str) -> Intrinsics:

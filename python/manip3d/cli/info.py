@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from manip3d.cli import capture, describing, scanning
+from manip3d.cli.kinds import expect_kind
 from manip3d.cli.options import Calibration, Json, Quiet, Source
 from manip3d.cli.terminal import Terminal
 
@@ -17,6 +18,7 @@ def info(
 
     Example: manip3d info head.obj
     """
+    expect_kind(source, "mesh", "scan", "range grid", "packets", "recording", "drive", verb="info")
     shell = Terminal(as_json=as_json, quiet=quiet)
     if capture.is_recording(source):
         opened = capture.open_source(source, shell)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from manip3d.cli import scanning, viewing
+from manip3d.cli.kinds import expect_kind
 from manip3d.cli.options import Force, OptionalOutput, Quiet, Source
-from manip3d.cli.terminal import Terminal, refuse_existing
+from manip3d.cli.terminal import Terminal, check_output
 
 
 def view(
@@ -17,7 +18,8 @@ def view(
 
     Example: manip3d view light.glb -o light.html
     """
-    refuse_existing(output, force=force)
+    expect_kind(source, "mesh", "scan", "range grid", "drive", verb="view")
+    check_output(output, (".html", ".png"), force=force)
     if scanning.is_scan(source):
         scanning.view(source, output, Terminal(quiet=quiet))
         return

@@ -76,7 +76,7 @@ def render_phantom(
     Parameters
     ----------
     source : str or iterable of RgbdFrame
-        An address for `manip3d.capture.open_rgbd`, or frames with a skeleton.
+        An address for `manip3d.capture.open_rgbd`, a recording's path, or frames with a skeleton.
     output : path-like
         ``.mp4``: a film of 30 frames a second. A name without a suffix: a folder of PNG pictures.
     affected : str, optional
@@ -138,9 +138,9 @@ def render_phantom(
 def _opened(source: str | Iterable[RgbdFrame]) -> Any:
     if not isinstance(source, str):
         return nullcontext(source)
-    from manip3d.capture import open_rgbd
+    from manip3d.capture import open_rgbd, rgbd_uri
 
-    return open_rgbd(source)
+    return open_rgbd(rgbd_uri(source))
 
 
 class Sink(Protocol):
