@@ -97,26 +97,26 @@ Fields to_fields(DepthMesh&& mesh) {
   Fields fields;
   fields["vertices"] = to_numpy(std::move(mesh.vertices));
   fields["pixels"] = to_numpy(std::move(mesh.pixels));
-  fields["uvs"] = to_numpy(std::move(mesh.uvs));
-  fields["triangles"] = to_numpy(std::move(mesh.triangles));
+  fields["uvs"] = to_numpy(std::move(mesh.texcoords));
+  fields["triangles"] = to_numpy(std::move(mesh.faces));
   return fields;
 }
 
 /// The caller's arrays, which are written to.
 struct OutputArrays {
-  py::array_t<float> vertices, uvs;
-  py::array_t<std::int32_t> pixels, triangles;
+  py::array_t<float> vertices, texcoords;
+  py::array_t<std::int32_t> pixels, faces;
   DepthMeshBuffers buffers;
 
   explicit OutputArrays(const py::object& out)
       : vertices(take<float>(out, "vertices", 3)),
-        uvs(take<float>(out, "uvs", 2)),
+        texcoords(take<float>(out, "uvs", 2)),
         pixels(take<std::int32_t>(out, "pixels", 2)),
-        triangles(take<std::int32_t>(out, "triangles", 3)) {
+        faces(take<std::int32_t>(out, "triangles", 3)) {
     const py::ssize_t capacity =
-        std::min({vertices.shape(0), uvs.shape(0), pixels.shape(0), triangles.shape(0) / 2});
-    buffers = {capacity, vertices.mutable_data(), pixels.mutable_data(), uvs.mutable_data(),
-               triangles.mutable_data()};
+        std::min({vertices.shape(0), texcoords.shape(0), pixels.shape(0), faces.shape(0) / 2});
+    buffers = {capacity, vertices.mutable_data(), pixels.mutable_data(), texcoords.mutable_data(),
+               faces.mutable_data()};
   }
 
  private:
@@ -141,7 +141,7 @@ Fields to_fields(const Cs3Report& report) {
   }
   Fields fields;
   fields["num_vertices"] = report.num_vertices;
-  fields["num_triangles"] = report.num_triangles;
+  fields["num_triangles"] = report.num_faces;
   fields["reached"] = report.reached;
   fields["factor"] = report.factor;
   fields["literal_count"] = py::cast(report.literal_count);
@@ -247,14 +247,14 @@ Faces triangulate(const Eigen::Map<const Rows<std::int32_t, 2>>& rows) {
   std::transform(order.begin(), order.end(), pixels.begin(), at);
   GridDelaunay delaunay;
   delaunay.triangulate(pixels);
-  Faces triangles(delaunay.num_triangles(), 3);
-  for (std::int32_t t = 0; t < delaunay.num_triangles(); ++t) {
+  Faces faces(delaunay.num_faces(), 3);
+  for (std::int32_t t = 0; t < delaunay.num_faces(); ++t) {
     const auto corners = delaunay.triangle(t);
     for (int i = 0; i < 3; ++i) {
-      triangles(t, i) = order[static_cast<std::size_t>(corners[static_cast<std::size_t>(i)])];
+      faces(t, i) = order[static_cast<std::size_t>(corners[static_cast<std::size_t>(i)])];
     }
   }
-  return triangles;
+  return faces;
 }
 
 }  // namespace
@@ -343,27 +343,27 @@ void bind_depth(py::module_& m) {
       [](const CArray<float>& vertices, const py::object& registration) {
         const auto points = rows<Rows<float, 3>>(vertices, "vertices");
         const Registration camera = to_registration(registration);
-        Rows<float, 2> uvs(points.rows(), 2);
+        Rows<float, 2> texcoords(points.rows(), 2);
         {
           const py::gil_scoped_release nogil;
           for (Eigen::Index i = 0; i < points.rows(); ++i) {
-            const auto uv = registered_uv({points(i, 0), points(i, 1), points(i, 2)}, camera);
-            uvs.row(i) << uv[0], uv[1];
+            const auto uv = registered_texcoord({points(i, 0), points(i, 1), points(i, 2)}, camera);
+            texcoords.row(i) << uv[0], uv[1];
           }
         }
-        return to_numpy(std::move(uvs));
+        return to_numpy(std::move(texcoords));
       },
       py::arg("vertices").noconvert(), py::arg("registration"));
   m.def(
       "grid_delaunay",
       [](const CArray<std::int32_t>& pixels) {
         const auto view = rows<Rows<std::int32_t, 2>>(pixels, "pixels");
-        Faces triangles;
+        Faces faces;
         {
           const py::gil_scoped_release nogil;
-          triangles = triangulate(view);
+          faces = triangulate(view);
         }
-        return to_numpy(std::move(triangles));
+        return to_numpy(std::move(faces));
       },
       py::arg("pixels").noconvert());
 }

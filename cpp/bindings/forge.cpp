@@ -40,16 +40,17 @@ py::tuple to_python(Forgery&& forged) {
       to_python(forged.box), py::array_t<double>({4, 4}, transform.data()));
 }
 
-Placement placement(const Eigen::Vector3d& position, const Eigen::Matrix3d& rotation, double scale,
-                    bool paper) {
+ObjectPlacement placement(const Eigen::Vector3d& position, const Eigen::Matrix3d& rotation,
+                          double scale, bool paper) {
   return {position, rotation, scale, paper ? Translation::kPaper : Translation::kCentroid};
 }
 
 ScanLattice to_lattice(const Rings& rings, double azimuth_step, double azimuth_phase) {
   ScanLattice lattice;
-  for (const auto& [slope, offset] : rings) lattice.rings.push_back({slope, offset});
+  for (const auto& [slope, offset] : rings) {
+    lattice.rings.push_back({.slope = slope, .offset = offset, .azimuth = azimuth_phase});
+  }
   lattice.azimuth_step = azimuth_step;
-  lattice.azimuth_phase = azimuth_phase;
   return lattice;
 }
 

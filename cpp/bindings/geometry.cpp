@@ -48,7 +48,7 @@ Fields to_fields(const MeshSummary& summary) {
   fields["unreferenced_vertices"] = summary.unreferenced_vertices;
   fields["zero_area_faces"] = summary.zero_area_faces;
   fields["materials_used"] = summary.materials_used;
-  fields["faces_without_uv"] = summary.faces_without_uv;
+  fields["faces_without_uv"] = summary.faces_without_texcoords;
   fields["multi_uv_vertices"] = summary.multi_uv_vertices;
   fields["closed"] = summary.closed;
   fields["has_normals"] = summary.has_normals;

@@ -3,6 +3,7 @@
 #include <pybind11/stl.h>
 #include <pybind11/typing.h>
 
+#include <numbers>
 #include <string>
 #include <utility>
 
@@ -18,11 +19,15 @@ using Fields = py::typing::Dict<py::str, py::object>;
 // Slope, offset, lateral, azimuth, range phase, center, slope error.
 using RingTable = Rows<double, 7>;
 
-RingLattice to_lattice(const CArray<double>& rings, int steps, double range_step,
+ScanLattice to_lattice(const CArray<double>& rings, int steps, double range_step,
                        double coordinate_step) {
   const auto table = rows<RingTable>(rings, "rings");
-  return {table.col(0), table.col(1), table.col(2), table.col(3), table.col(4),
-          table.col(5), table.col(6), steps,        range_step,   coordinate_step};
+  ScanLattice lattice{{}, steps, 0.0, range_step, coordinate_step};
+  if (steps > 0) lattice.azimuth_step = 2.0 * std::numbers::pi / steps;
+  for (const auto& row : table.rowwise()) {
+    lattice.rings.push_back({row[0], row[1], row[2], row[3], row[4], row[5], row[6]});
+  }
+  return lattice;
 }
 
 constexpr const char* kDroppedNames[] = {"",        "unknown",   "contradicted",
@@ -55,7 +60,7 @@ void bind_lattice(py::module_& m) {
       [](const CArray<float>& points, const CArray<double>& rings, int steps, double range_step,
          double coordinate_step, int threads) {
         const PointsView view(rows<Points>(points, "points"));
-        const RingLattice lattice = to_lattice(rings, steps, range_step, coordinate_step);
+        const ScanLattice lattice = to_lattice(rings, steps, range_step, coordinate_step);
         LatticeReading reading;
         {
           const py::gil_scoped_release nogil;
@@ -73,7 +78,7 @@ void bind_lattice(py::module_& m) {
       [](const CArray<float>& points, const CArray<double>& rings, int steps, double range_step,
          double coordinate_step, double tolerance, const CArray<float>& previous, int threads) {
         const PointsView view(rows<Points>(points, "points"));
-        const RingLattice lattice = to_lattice(rings, steps, range_step, coordinate_step);
+        const ScanLattice lattice = to_lattice(rings, steps, range_step, coordinate_step);
         const PointsView earlier(rows<Points>(previous, "previous"));
         GenericOptions options;
         options.tolerance = tolerance;

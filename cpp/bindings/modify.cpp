@@ -13,7 +13,6 @@
 #include "manip3d/modify/joint_smoother.hpp"
 #include "manip3d/modify/key_person.hpp"
 #include "manip3d/modify/mirror.hpp"
-#include "manip3d/modify/phantom_image.hpp"
 #include "manip3d/modify/phantom_pipeline.hpp"
 #include "manip3d/modify/segmentation.hpp"
 #include "modules.hpp"
@@ -81,7 +80,7 @@ Fields to_fields(const PhantomReport& report) {
   fields["num_filled"] = py::int_(report.num_filled);
   fields["num_points"] = py::int_(report.num_points);
   fields["num_vertices"] = py::int_(report.mesh.num_vertices);
-  fields["num_triangles"] = py::int_(report.mesh.num_triangles);
+  fields["num_triangles"] = py::int_(report.mesh.num_faces);
   fields["late_frames"] = py::int_(report.late_frames);
   fields["skeleton"] = from_skeleton(report.skeleton);
   fields["seconds"] = seconds;

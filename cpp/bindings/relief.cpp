@@ -22,11 +22,11 @@ Fields to_fields(ReliefResult&& result) {
   Fields fields;
   fields["vertices"] = to_numpy(std::move(result.mesh.vertices));
   fields["pixels"] = to_numpy(std::move(result.mesh.pixels));
-  fields["uvs"] = to_numpy(std::move(result.mesh.uvs));
-  fields["triangles"] = to_numpy(std::move(result.mesh.triangles));
+  fields["uvs"] = to_numpy(std::move(result.mesh.texcoords));
+  fields["triangles"] = to_numpy(std::move(result.mesh.faces));
   py::list levels;
   for (ReliefLevel& level : result.levels) {
-    levels.append(py::make_tuple(level.num_vertices, to_numpy(std::move(level.triangles))));
+    levels.append(py::make_tuple(level.num_vertices, to_numpy(std::move(level.faces))));
   }
   fields["levels"] = py::tuple(levels);
   fields["stop"] = result.stop;

@@ -2,7 +2,7 @@
 
 #include <pybind11/pybind11.h>
 
-#include "manip3d/capture/rgbd_frame.hpp"
+#include "manip3d/geometry/rgbd_frame.hpp"
 #include "manip3d/geometry/skeleton.hpp"
 
 namespace manip3d::bindings {

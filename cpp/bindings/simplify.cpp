@@ -107,11 +107,11 @@ void bind_options(py::module_& m) {
   py::enum_<ComplexVertices>(m, "ComplexVertices")
       .value("KEEP", ComplexVertices::kKeep)
       .value("FREEZE", ComplexVertices::kFreeze);
-  py::enum_<StopReason>(m, "StopReason")
-      .value("TARGET_REACHED", StopReason::kTargetReached)
-      .value("ERROR_LIMIT", StopReason::kErrorLimit)
-      .value("NO_LEGAL_COLLAPSE", StopReason::kNoLegalCollapse)
-      .value("REFUSED", StopReason::kRefused);
+  py::enum_<CollapseStop>(m, "CollapseStop")
+      .value("TARGET_REACHED", CollapseStop::kTargetReached)
+      .value("ERROR_LIMIT", CollapseStop::kErrorLimit)
+      .value("NO_LEGAL_COLLAPSE", CollapseStop::kNoLegalCollapse)
+      .value("REFUSED", CollapseStop::kRefused);
   py::class_<QemOptions>(m, "QemOptions")
       .def(py::init<>())
       .def_readwrite("target_faces", &QemOptions::target_faces)

@@ -60,15 +60,17 @@ ScanLattice take_lattice(fuzzing::Bytes& bytes) {
   ScanLattice lattice;
   lattice.rings.resize(bytes.take<std::uint8_t>() % 9);
   for (ScanLattice::Ring& ring : lattice.rings) {
-    ring = {fuzzing::take_number(bytes), fuzzing::take_number(bytes)};
+    ring.slope = fuzzing::take_number(bytes);
+    ring.offset = fuzzing::take_number(bytes);
   }
   lattice.azimuth_step = 0.01 * fuzzing::take_number(bytes);
-  lattice.azimuth_phase = fuzzing::take_number(bytes);
+  const double phase = fuzzing::take_number(bytes);
+  for (ScanLattice::Ring& ring : lattice.rings) ring.azimuth = phase;
   return lattice;
 }
 
-Placement take_placement(fuzzing::Bytes& bytes) {
-  Placement placement;
+ObjectPlacement take_placement(fuzzing::Bytes& bytes) {
+  ObjectPlacement placement;
   placement.position = fuzzing::take_place(bytes);
   placement.rotation = rotation_about_z(0.1 * bytes.take<std::int8_t>());
   placement.scale = 0.25 + std::abs(fuzzing::take_number(bytes));
@@ -83,7 +85,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   fuzzing::Bytes bytes(data, std::min<std::size_t>(size, 16384));
   const PointCloud scan = fuzzing::take_scan(bytes, 300);
   const PointCloud object = fuzzing::take_scan(bytes, 100);
-  const Placement placement = take_placement(bytes);
+  const ObjectPlacement placement = take_placement(bytes);
   const OrientedBox box = fuzzing::take_box(bytes);
   const Eigen::Vector3d origin = fuzzing::take_place(bytes);
   Faces faces(bytes.take<std::uint8_t>() % 8, 3);

@@ -37,12 +37,12 @@ void check(const RangeImage& image, const Cs3Options& options) {
   const auto& mesh = one.mesh;
   require(mesh.vertices.rows() <= options.target_points);
   require(mesh.vertices.allFinite());
-  for (Eigen::Index t = 0; t < mesh.triangles.rows(); ++t) {
+  for (Eigen::Index t = 0; t < mesh.faces.rows(); ++t) {
     for (int i = 0; i < 3; ++i) {
-      require(mesh.triangles(t, i) >= 0 && mesh.triangles(t, i) < mesh.vertices.rows());
+      require(mesh.faces(t, i) >= 0 && mesh.faces(t, i) < mesh.vertices.rows());
     }
-    const auto a = mesh.pixels.row(mesh.triangles(t, 0)), b = mesh.pixels.row(mesh.triangles(t, 1)),
-               c = mesh.pixels.row(mesh.triangles(t, 2));
+    const auto a = mesh.pixels.row(mesh.faces(t, 0)), b = mesh.pixels.row(mesh.faces(t, 1)),
+               c = mesh.pixels.row(mesh.faces(t, 2));
     const int turn = (b(0) - a(0)) * (c(1) - a(1)) - (b(1) - a(1)) * (c(0) - a(0));
     require(image.rows_up() ? turn > 0 : turn < 0);
     const auto centroid = a + b + c;
@@ -51,7 +51,7 @@ void check(const RangeImage& image, const Cs3Options& options) {
   Cs3Options threads = options;
   threads.num_threads = 2;
   const Cs3Result two = simplify_cs3(image, threads);
-  require(two.mesh.pixels == mesh.pixels && two.mesh.triangles == mesh.triangles);
+  require(two.mesh.pixels == mesh.pixels && two.mesh.faces == mesh.faces);
 }
 
 }  // namespace

@@ -77,23 +77,24 @@ void check_occlusion(const PointCloud& scan, OcclusionOptions options) {
   require(two.mask == one.mask && two.suspected == one.suspected);
 }
 
-RingLattice take_lattice(fuzzing::Bytes& bytes) {
-  const int rings = bytes.take<std::uint8_t>() % 9;
-  RingLattice lattice;
-  for (Eigen::VectorXd* column :
-       {&lattice.slope, &lattice.offset, &lattice.lateral, &lattice.azimuth, &lattice.range_phase,
-        &lattice.center, &lattice.slope_error}) {
-    column->resize(rings);
-    for (double& value : *column) value = fuzzing::take_number(bytes);
+ScanLattice take_lattice(fuzzing::Bytes& bytes) {
+  ScanLattice lattice;
+  lattice.rings.resize(bytes.take<std::uint8_t>() % 9);
+  using Ring = ScanLattice::Ring;
+  for (double Ring::* const column : {&Ring::slope, &Ring::offset, &Ring::lateral, &Ring::azimuth,
+                                      &Ring::range_phase, &Ring::center, &Ring::slope_error}) {
+    for (Ring& ring : lattice.rings) ring.*column = fuzzing::take_number(bytes);
   }
-  std::sort(lattice.slope.begin(), lattice.slope.end(), std::greater<>());
+  std::sort(lattice.rings.begin(), lattice.rings.end(),
+            [](const Ring& a, const Ring& b) { return a.slope > b.slope; });
   lattice.steps = bytes.take<std::int16_t>();
+  if (lattice.steps > 0) lattice.azimuth_step = 2.0 * std::numbers::pi / lattice.steps;
   lattice.range_step = fuzzing::take_number(bytes);
   lattice.coordinate_step = fuzzing::take_number(bytes);
   return lattice;
 }
 
-void check_generic(const PointCloud& scan, const PointCloud& previous, const RingLattice& lattice) {
+void check_generic(const PointCloud& scan, const PointCloud& previous, const ScanLattice& lattice) {
   const GenericResult one = generic_consistency(scan, lattice, {.num_threads = 1}, previous);
   const auto count = static_cast<std::size_t>(scan.points.rows());
   require(one.flags.size() == count && one.region_of_point.size() == count);
@@ -136,7 +137,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     check_occlusion(scan, options);
   });
   run([&] {
-    const RingLattice lattice = take_lattice(bytes);
+    const ScanLattice lattice = take_lattice(bytes);
     const PointCloud previous = fuzzing::take_scan(bytes);
     check_generic(scan, previous, lattice);
   });

@@ -21,7 +21,7 @@ std::span<const std::byte> as_bytes(const std::string& text) {
 
 /// Every external file has these 64 bytes.
 std::vector<std::byte> resource(const std::string& uri, std::int64_t size) {
-  std::vector<std::byte> bytes(static_cast<std::size_t>(std::min<std::int64_t>(size, 64)));
+  std::vector<std::byte> bytes(std::min<std::int64_t>(size, 64));
   for (std::size_t i = 0; i < bytes.size(); ++i) {
     bytes[i] = static_cast<std::byte>(i % 4 == 3 ? 0x3F : uri.size() + i);
   }

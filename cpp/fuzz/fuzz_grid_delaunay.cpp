@@ -1,10 +1,8 @@
-// Triangulation of any pixels: an InputError, or a Delaunay triangulation of their hull; the same
-// whether swept at once or inserted one by one.
+// Triangulation of any pixels: an InputError, or counter-clockwise triangles in whose circles no
+// other pixel lies.
 #include <algorithm>
-#include <array>
 #include <cstdint>
 #include <cstdlib>
-#include <set>
 #include <vector>
 
 #include "checks.hpp"
@@ -17,21 +15,16 @@ namespace {
 using namespace manip3d;
 using fuzzing::require;
 
-using Corners = std::array<Pixel, 3>;
+std::int64_t turn(Pixel a, Pixel b, Pixel c) {
+  return (b.u - a.u) * std::int64_t{c.v - a.v} - (b.v - a.v) * std::int64_t{c.u - a.u};
+}
 
-std::set<Corners> triangles_of(const GridDelaunay& delaunay) {
-  std::set<Corners> triangles;
-  for (std::int32_t t = 0; t < delaunay.num_triangles(); ++t) {
-    Corners c{};
-    for (std::size_t i = 0; i < 3; ++i) {
-      c[i] = delaunay.pixels()[static_cast<std::size_t>(delaunay.triangle(t)[i])];
-    }
-    require((c[1].u - c[0].u) * std::int64_t{c[2].v - c[0].v} >
-            (c[1].v - c[0].v) * std::int64_t{c[2].u - c[0].u});
-    std::rotate(c.begin(), std::min_element(c.begin(), c.end()), c.end());
-    triangles.insert(c);
-  }
-  return triangles;
+/// > 0 if d lies inside of the circle through a, b, c.
+std::int64_t in_circle(Pixel a, Pixel b, Pixel c, Pixel d) {
+  const auto lifted = [&](Pixel p) {
+    return (p.u - d.u) * std::int64_t{p.u - d.u} + (p.v - d.v) * std::int64_t{p.v - d.v};
+  };
+  return lifted(a) * turn(d, b, c) + lifted(b) * turn(d, c, a) + lifted(c) * turn(d, a, b);
 }
 
 }  // namespace
@@ -42,26 +35,23 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::int32_t side = std::int32_t{1} << (bytes.take<std::uint8_t>() % 15);
   std::vector<Pixel> pixels = {{0, 0}, {side - 1, 0}, {0, side - 1}, {side - 1, side - 1}};
   if (bytes.take<std::uint8_t>() % 2 == 0) pixels.clear();
-  const std::size_t corners = pixels.size();
   while (!bytes.empty()) {
     const auto u = bytes.take<std::uint16_t>(), v = bytes.take<std::uint16_t>();
     pixels.push_back({u % side, v % side});
   }
-  GridDelaunay swept;
+  GridDelaunay delaunay;
   try {
-    swept.triangulate(pixels);
+    delaunay.triangulate(pixels);
   } catch (const InputError&) {
-  }
-  GridDelaunay inserted;
-  if (corners > 0 && side > 1) {
-    inserted.triangulate(std::span(pixels).first(corners));
-    for (const Pixel& pixel : pixels) require(inserted.insert(pixel) >= 0);
   }
   std::sort(pixels.begin(), pixels.end());
   pixels.erase(std::unique(pixels.begin(), pixels.end()), pixels.end());
-  swept.triangulate(pixels);
-  require(swept.num_triangles() <= 2 * static_cast<std::int32_t>(pixels.size()));
-  const std::set<Corners> triangles = triangles_of(swept);
-  if (corners > 0 && side > 1) require(triangles == triangles_of(inserted));
+  delaunay.triangulate(pixels);
+  require(delaunay.num_faces() <= 2 * static_cast<std::int32_t>(pixels.size()));
+  for (std::int32_t t = 0; t < delaunay.num_faces(); ++t) {
+    const auto [a, b, c] = delaunay.triangle(t);
+    require(turn(pixels[a], pixels[b], pixels[c]) > 0);
+    for (const Pixel& d : pixels) require(in_circle(pixels[a], pixels[b], pixels[c], d) <= 0);
+  }
   return 0;
 }

@@ -23,11 +23,11 @@ constexpr std::size_t kSize = kCols * kRows;
 struct Images {
   std::array<float, kSize> depth;
   std::array<float, 3 * kSize> vertices;
-  std::array<float, 2 * kSize> uvs;
+  std::array<float, 2 * kSize> texcoords;
   std::array<std::uint8_t, kSize> label;
   std::array<PixelKind, kSize> kind;
   std::array<std::int32_t, 2 * kSize> source, pixels;
-  std::array<std::int32_t, 6 * kSize> triangles;
+  std::array<std::int32_t, 6 * kSize> faces;
 };
 
 Skeleton take_skeleton(fuzzing::Bytes& bytes) {
@@ -71,8 +71,8 @@ void check(const PhantomReport& report, const Images& out) {
   for (std::size_t i = 0; i < 3 * static_cast<std::size_t>(vertices); ++i) {
     require(std::isfinite(out.vertices[i]));
   }
-  for (std::int64_t i = 0; i < 3 * report.mesh.num_triangles; ++i) {
-    const std::int32_t vertex = out.triangles[static_cast<std::size_t>(i)];
+  for (std::int64_t i = 0; i < 3 * report.mesh.num_faces; ++i) {
+    const std::int32_t vertex = out.faces[i];
     require(vertex >= 0 && vertex < vertices);
   }
   for (std::size_t i = 0; i < kSize; ++i) {
@@ -130,13 +130,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       input.depth = {kRows, kCols, (style & 64) != 0 ? millimetres.data() : nullptr,
                      (style & 64) != 0 ? nullptr : metres.data()};
       if ((style & 128) != 0) input.body_index = body_index.data();
-      const PhantomReport report = pipeline.process(
-          input,
-          {out.depth.data(),
-           out.label.data(),
-           out.kind.data(),
-           out.source.data(),
-           {kSize, out.vertices.data(), out.pixels.data(), out.uvs.data(), out.triangles.data()}});
+      const PhantomReport report =
+          pipeline.process(input, {out.depth.data(),
+                                   out.label.data(),
+                                   out.kind.data(),
+                                   out.source.data(),
+                                   {kSize, out.vertices.data(), out.pixels.data(),
+                                    out.texcoords.data(), out.faces.data()}});
       if (report.state != PhantomState::kLate) check(report, out);
     }
   } catch (const InputError&) {

@@ -52,17 +52,16 @@ ReliefOptions take_options(fuzzing::Bytes& bytes) {
   return options;
 }
 
-using Triangles = Rows<std::int32_t, 3>;
 using Pixels = Rows<std::int32_t, 2>;
 
 // The checks are no code that new inputs are to be searched for in.
 #define MANIP3D_UNCOUNTED __attribute__((no_sanitize("coverage")))
 
 // Strictly inside, in half pixels.
-MANIP3D_UNCOUNTED bool is_inside(const Pixels& p, const Triangles& triangles, Eigen::Index t, int u,
+MANIP3D_UNCOUNTED bool is_inside(const Pixels& p, const Faces& faces, Eigen::Index t, int u,
                                  int v) {
   for (int i = 0; i < 3; ++i) {
-    const auto a = p.row(triangles(t, i)), b = p.row(triangles(t, (i + 1) % 3));
+    const auto a = p.row(faces(t, i)), b = p.row(faces(t, (i + 1) % 3));
     if ((b(0) - a(0)) * (v - 2 * a(1)) - (b(1) - a(1)) * (u - 2 * a(0)) <= 0) return false;
   }
   return true;
@@ -70,30 +69,30 @@ MANIP3D_UNCOUNTED bool is_inside(const Pixels& p, const Triangles& triangles, Ei
 
 /// All vertices are used; triangles turn the right way, share edges as a surface does, lie over
 /// valid pixels and over no place twice.
-MANIP3D_UNCOUNTED void check_surface(const Grid& grid, const Pixels& pixels, Triangles triangles,
+MANIP3D_UNCOUNTED void check_surface(const Grid& grid, const Pixels& pixels, Faces faces,
                                      std::int64_t num_vertices) {
   std::set<std::pair<std::int32_t, std::int32_t>> edges;
-  std::vector<bool> used(static_cast<std::size_t>(num_vertices));
+  std::vector<bool> used(num_vertices);
   const std::int64_t width = 2 * grid.cols;
-  std::vector<std::uint8_t> covered(static_cast<std::size_t>(2 * grid.rows * width));
-  for (Eigen::Index t = 0; t < triangles.rows(); ++t) {
-    if (!grid.rows_up) std::swap(triangles(t, 1), triangles(t, 2));
+  std::vector<std::uint8_t> covered(2 * grid.rows * width);
+  for (Eigen::Index t = 0; t < faces.rows(); ++t) {
+    if (!grid.rows_up) std::swap(faces(t, 1), faces(t, 2));
     for (int i = 0; i < 3; ++i) {
-      require(triangles(t, i) >= 0 && triangles(t, i) < num_vertices);
-      used[static_cast<std::size_t>(triangles(t, i))] = true;
-      require(edges.emplace(triangles(t, i), triangles(t, (i + 1) % 3)).second);
+      require(faces(t, i) >= 0 && faces(t, i) < num_vertices);
+      used[faces(t, i)] = true;
+      require(edges.emplace(faces(t, i), faces(t, (i + 1) % 3)).second);
     }
-    const auto a = pixels.row(triangles(t, 0)), b = pixels.row(triangles(t, 1)),
-               c = pixels.row(triangles(t, 2));
+    const auto a = pixels.row(faces(t, 0)), b = pixels.row(faces(t, 1)),
+               c = pixels.row(faces(t, 2));
     require((b(0) - a(0)) * (c(1) - a(1)) - (b(1) - a(1)) * (c(0) - a(0)) > 0);
     const int u0 = 2 * std::min({a(0), b(0), c(0)}), u1 = 2 * std::max({a(0), b(0), c(0)});
     const int v0 = 2 * std::min({a(1), b(1), c(1)}), v1 = 2 * std::max({a(1), b(1), c(1)});
     for (int v = v0; v <= v1; ++v) {
       for (int u = u0; u <= u1; ++u) {
-        if (!is_inside(pixels, triangles, t, u, v)) continue;
-        require(++covered[static_cast<std::size_t>(v * width + u)] == 1);
+        if (!is_inside(pixels, faces, t, u, v)) continue;
+        require(++covered[v * width + u] == 1);
         const bool at_pixel = u % 2 == 0 && v % 2 == 0;
-        require(!at_pixel || grid.valid[static_cast<std::size_t>(v / 2 * grid.cols + u / 2)] != 0);
+        require(!at_pixel || grid.valid[v / 2 * grid.cols + u / 2] != 0);
       }
     }
   }
@@ -104,7 +103,8 @@ MANIP3D_UNCOUNTED void check(const Grid& grid, const ReliefOptions& options,
                              const ReliefResult& result) {
   const DepthMesh& mesh = result.mesh;
   require(mesh.vertices.rows() <= options.target_points);
-  require(mesh.pixels.rows() == mesh.vertices.rows() && mesh.uvs.rows() == mesh.vertices.rows());
+  require(mesh.pixels.rows() == mesh.vertices.rows() &&
+          mesh.texcoords.rows() == mesh.vertices.rows());
   for (Eigen::Index i = 0; i < mesh.pixels.rows(); ++i) {
     const auto at = static_cast<std::size_t>(mesh.pixels(i, 1) * grid.cols + mesh.pixels(i, 0));
     require(grid.valid[at] != 0);
@@ -112,11 +112,11 @@ MANIP3D_UNCOUNTED void check(const Grid& grid, const ReliefOptions& options,
       require(mesh.vertices(i, k) == grid.points[3 * at + static_cast<std::size_t>(k)]);
     }
   }
-  check_surface(grid, mesh.pixels, mesh.triangles, mesh.vertices.rows());
+  check_surface(grid, mesh.pixels, mesh.faces, mesh.vertices.rows());
   require(result.levels.size() == options.levels.size());
   for (std::size_t i = 0; i < result.levels.size(); ++i) {
     require(result.levels[i].num_vertices <= options.levels[i]);
-    check_surface(grid, mesh.pixels, result.levels[i].triangles, result.levels[i].num_vertices);
+    check_surface(grid, mesh.pixels, result.levels[i].faces, result.levels[i].num_vertices);
   }
 }
 
@@ -144,7 +144,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       if (kind / 32 != 0) continue;
       two.run(grid.view(), threads, same);
       require(same.mesh.pixels == result.mesh.pixels);
-      require(same.mesh.triangles == result.mesh.triangles);
+      require(same.mesh.faces == result.mesh.faces);
     }
   } catch (const InputError&) {
   }

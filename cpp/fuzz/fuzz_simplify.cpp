@@ -36,10 +36,10 @@ void check(const MeshView& input, const QemOptions& options, const QemResult& re
   require(result.mesh.faces.rows() <= input.num_faces());
   require(result.kept.size() == static_cast<std::size_t>(result.mesh.vertices.rows()));
   require(result.max_error <= options.max_error);
-  if (result.stop == StopReason::kTargetReached) {
+  if (result.stop == CollapseStop::kTargetReached) {
     require(result.mesh.faces.rows() <= options.target_faces);
   }
-  if (result.stop == StopReason::kRefused) return;
+  if (result.stop == CollapseStop::kRefused) return;
   const QemResult replayed =
       replay_collapses(input, options, result.collapses, options.target_faces);
   require(replayed.mesh.faces == result.mesh.faces);

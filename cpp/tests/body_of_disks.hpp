@@ -35,7 +35,7 @@ inline Skeleton standing_person(float x) {
 
 inline void draw_disks(const Skeleton& skeleton, const Intrinsics& camera,
                        std::vector<std::uint16_t>& depth, std::vector<std::uint8_t>& body_index) {
-  depth.assign(static_cast<std::size_t>(camera.width * camera.height), 0);
+  depth.assign(camera.width * camera.height, 0);
   body_index.assign(depth.size(), 0xff);
   constexpr int kDisks = 12, kRadius = 5;
   for (std::size_t bone = 1; bone < kNumJoints; ++bone) {

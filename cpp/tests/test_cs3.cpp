@@ -14,20 +14,23 @@ using testing::kCountsAllocations;
 using testing::num_allocations;
 
 struct Arrays {
-  std::vector<float> vertices, uvs;
-  std::vector<std::int32_t> pixels, triangles;
+  std::vector<float> vertices, texcoords;
+  std::vector<std::int32_t> pixels, faces;
 
   explicit Arrays(std::size_t capacity)
-      : vertices(3 * capacity), uvs(2 * capacity), pixels(2 * capacity), triangles(6 * capacity) {}
+      : vertices(3 * capacity),
+        texcoords(2 * capacity),
+        pixels(2 * capacity),
+        faces(6 * capacity) {}
   DepthMeshBuffers buffers() {
     return {static_cast<std::int64_t>(pixels.size() / 2), vertices.data(), pixels.data(),
-            uvs.data(), triangles.data()};
+            texcoords.data(), faces.data()};
   }
 };
 
 // A person-like blob that sways, with other noise in each frame.
 std::vector<std::uint16_t> sway(int frame, std::int64_t width, std::int64_t height) {
-  std::vector<std::uint16_t> depth(static_cast<std::size_t>(width * height));
+  std::vector<std::uint16_t> depth(width * height);
   std::uint32_t noise = 12345U + static_cast<std::uint32_t>(frame);
   for (std::int64_t v = 0; v < height; ++v) {
     for (std::int64_t u = 0; u < width; ++u) {
@@ -35,7 +38,7 @@ std::vector<std::uint16_t> sway(int frame, std::int64_t width, std::int64_t heig
       const double x = (static_cast<double>(u) - 160.0 - 4.0 * (frame % 7)) / 90.0;
       const double y = (static_cast<double>(v) - 120.0) / 110.0;
       if (x * x + y * y > 1.0) continue;
-      depth[static_cast<std::size_t>(v * width + u)] =
+      depth[v * width + u] =
           static_cast<std::uint16_t>(1500.0 + 300.0 * (x * x + y * y) + (noise >> 30));
     }
   }
@@ -68,7 +71,7 @@ TEST(Cs3, AllocatesNothingAfterTheTenthFrame) {
       }
       EXPECT_LE(report.num_vertices, 1000);
       EXPECT_GE(report.num_vertices, 990);
-      EXPECT_GT(report.num_triangles, 1000);
+      EXPECT_GT(report.num_faces, 1000);
     }
   }
 }

@@ -11,9 +11,9 @@
 
 #include "capture/azure_calibration.hpp"
 #include "capture/jpeg.hpp"
-#include "io/json_text.hpp"
 #include "manip3d/capture/mkv.hpp"
 #include "manip3d/error.hpp"
+#include "parse/json_text.hpp"
 
 namespace manip3d {
 namespace {
@@ -77,8 +77,8 @@ TEST(AzureCalibration, RaysOfTheDepthCameraSeeTheirPixels) {
     ASSERT_EQ(std::ssize(calibration->ray_table), 2 * mode.size.rows * mode.size.cols);
     std::int64_t known = 0;
     for (std::int64_t i = 0; i < mode.size.rows * mode.size.cols; i += 7) {
-      const float x = calibration->ray_table[static_cast<std::size_t>(2 * i)];
-      const float y = calibration->ray_table[static_cast<std::size_t>(2 * i + 1)];
+      const float x = calibration->ray_table[2 * i];
+      const float y = calibration->ray_table[2 * i + 1];
       if (std::isnan(x)) continue;
       ++known;
       const Eigen::Vector2d pixel =

@@ -19,8 +19,8 @@ TEST(ParallelChunks, CoversEachItemOnceWithFixedChunks) {
     std::vector<int> visits(1000, 0);
     std::vector<std::int64_t> sizes(16, 0);
     parallel_chunks(1000, 64, num_threads, [&](std::int64_t begin, std::int64_t end) {
-      for (std::int64_t i = begin; i < end; ++i) ++visits[static_cast<std::size_t>(i)];
-      sizes[static_cast<std::size_t>(begin / 64)] = end - begin;
+      for (std::int64_t i = begin; i < end; ++i) ++visits[i];
+      sizes[begin / 64] = end - begin;
     });
     EXPECT_EQ(visits, std::vector<int>(1000, 1));
     EXPECT_EQ(std::accumulate(sizes.begin(), sizes.end(), std::int64_t{0}), 1000);

@@ -15,27 +15,27 @@ using testing::kCountsAllocations;
 using testing::num_allocations;
 
 struct Images {
-  std::vector<float> depth, vertices, uvs;
+  std::vector<float> depth, vertices, texcoords;
   std::vector<std::uint8_t> label;
   std::vector<PixelKind> kind;
-  std::vector<std::int32_t> source, pixels, triangles;
+  std::vector<std::int32_t> source, pixels, faces;
 
   explicit Images(std::size_t size)
       : depth(size),
         vertices(3 * size),
-        uvs(2 * size),
+        texcoords(2 * size),
         label(size),
         kind(size),
         source(2 * size),
         pixels(2 * size),
-        triangles(6 * size) {}
+        faces(6 * size) {}
   PhantomBuffers buffers() {
     return {depth.data(),
             label.data(),
             kind.data(),
             source.data(),
-            {static_cast<std::int64_t>(depth.size()), vertices.data(), pixels.data(), uvs.data(),
-             triangles.data()}};
+            {static_cast<std::int64_t>(depth.size()), vertices.data(), pixels.data(),
+             texcoords.data(), faces.data()}};
   }
 };
 
@@ -97,7 +97,7 @@ TEST(PhantomPipeline, AllocatesNothingAfterTheTenthFrame) {
         EXPECT_EQ(num_allocations(), before) << "frame " << i;
       }
       ++states[static_cast<std::size_t>(report.state)];
-      EXPECT_GT(report.mesh.num_triangles, 3000);
+      EXPECT_GT(report.mesh.num_faces, 3000);
     }
     EXPECT_GT(states[static_cast<std::size_t>(PhantomState::kTracking)], 30);
     EXPECT_GT(states[static_cast<std::size_t>(PhantomState::kHolding)], 3);
@@ -132,7 +132,7 @@ TEST(PhantomPipeline, LeavesSeamsOpenWhereThereIsNoRoom) {
   tight.mesh.capacity = roomy.num_points;
   const PhantomReport report = PhantomPipeline().process(recording.frame(0), tight);
   EXPECT_EQ(report.mesh.num_vertices, roomy.num_points);
-  EXPECT_LT(report.mesh.num_triangles, roomy.mesh.num_triangles);
+  EXPECT_LT(report.mesh.num_faces, roomy.mesh.num_faces);
 }
 
 }  // namespace

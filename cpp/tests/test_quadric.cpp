@@ -112,16 +112,16 @@ TEST(CollapseQueue, GivesTheLeastAfterAnyChanges) {
     const auto v = static_cast<std::int32_t>(engine() % kVertices);
     if (engine() % 3 == 0) {
       queue.remove(v);
-      costs[static_cast<std::size_t>(v)] = -1.0;
+      costs[v] = -1.0;
     } else {
       const double cost = static_cast<double>(engine() % 20);  // many ties
       queue.set({cost, 0.0, v, 0});
-      costs[static_cast<std::size_t>(v)] = cost;
+      costs[v] = cost;
     }
     double least = std::numeric_limits<double>::infinity();
     std::int32_t first = -1;
     for (std::int32_t w = 0; w < kVertices; ++w) {
-      const double cost = costs[static_cast<std::size_t>(w)];
+      const double cost = costs[w];
       if (cost >= 0.0 && cost < least) {
         least = cost;
         first = w;

@@ -33,7 +33,7 @@ PointGrid sway(int frame) {
       const float z = 200.0F + wave * std::cos(y / 7.0F) + 1e-10F * static_cast<float>(noise);
       grid.points.row(v * kCols + u) << x, y, z;
       const float from_hole = std::hypot(x - 60.0F - static_cast<float>(frame), y - 50.0F);
-      if (from_hole < 14.0F) grid.valid[static_cast<std::size_t>(v * kCols + u)] = 0;
+      if (from_hole < 14.0F) grid.valid[v * kCols + u] = 0;
     }
   }
   return grid;
@@ -59,7 +59,7 @@ TEST(Relief, AllocatesNothingButTheResultAfterTheTenthFrame) {
         EXPECT_LE(num_allocations() - before, 1) << "frame " << frame;
       }
       EXPECT_EQ(result.mesh.vertices.rows(), 700);
-      EXPECT_GT(result.mesh.triangles.rows(), 1200);
+      EXPECT_GT(result.mesh.faces.rows(), 1200);
     }
   }
 }
@@ -76,7 +76,7 @@ TEST(Relief, ForgetsTheFrameBeforeAndReusesItsResult) {
   solver.reset();
   solver.run(second.view(), options, result);
   EXPECT_EQ(result.mesh.pixels, alone.mesh.pixels);
-  EXPECT_EQ(result.mesh.triangles, alone.mesh.triangles);
+  EXPECT_EQ(result.mesh.faces, alone.mesh.faces);
 }
 
 TEST(Relief, LevelsAreNestedInOneVertexBuffer) {
@@ -90,8 +90,8 @@ TEST(Relief, LevelsAreNestedInOneVertexBuffer) {
   for (std::size_t i = 0; i < result.levels.size(); ++i) {
     const ReliefLevel& level = result.levels[i];
     EXPECT_LE(level.num_vertices, std::min(options.levels[i], larger));
-    if (level.triangles.size() > 0) {
-      EXPECT_EQ(level.triangles.maxCoeff() + 1, level.num_vertices);
+    if (level.faces.size() > 0) {
+      EXPECT_EQ(level.faces.maxCoeff() + 1, level.num_vertices);
     }
     larger = level.num_vertices;
   }

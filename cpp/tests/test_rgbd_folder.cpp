@@ -152,7 +152,7 @@ TEST(Associate, NearestWithinReachAsByBruteForce) {
       const std::int64_t found = nearest[i];
       ASSERT_EQ(found < 0, best > 7);
       if (found < 0) continue;
-      EXPECT_EQ(std::abs(others[static_cast<std::size_t>(found)].time_ns - files[i].time_ns), best);
+      EXPECT_EQ(std::abs(others[found].time_ns - files[i].time_ns), best);
     }
   }
 }

@@ -13,6 +13,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import rows as as_rows
+from manip3d._util.linear import product
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ class ScanFormat:
         wide: NDArray[np.float64] = np.asarray(points, np.float64)
         if np.array_equal(matrix, np.eye(4)):  # to the bit, the sign of zeros included
             return wide
-        moved: NDArray[np.float64] = wide @ matrix[:3, :3].T + matrix[:3, 3]
+        moved: NDArray[np.float64] = product(wide, matrix[:3, :3].T) + matrix[:3, 3]
         return moved
 
 

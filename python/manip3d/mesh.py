@@ -198,7 +198,7 @@ class Mesh:
     def diagonal(self) -> float:
         """Length of the bounding box's diagonal, in the mesh's units."""
         low, high = self.bounds
-        return float(np.linalg.norm(high - low))
+        return float(np.linalg.norm(high - low, axis=-1))
 
     def summary(self) -> MeshSummary:
         """Counts of vertices, edges, defects and attributes, as stored and welded."""

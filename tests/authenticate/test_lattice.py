@@ -419,7 +419,9 @@ def test_lattice_of_the_hdl64(hdl64: SensorLattice) -> None:
 
 @pytest.mark.parametrize("drive", ["unidentified_drive_a", "2011_09_26/unidentified_drive_b"])
 def test_other_drives_are_on_its_lattice(kitti: Kitti, hdl64: SensorLattice, drive: str) -> None:
-    for points in kitti(drive):
+    frames = kitti(drive)
+    assert frames
+    for points in frames:
         reading = hdl64.read(points)
         rho = np.hypot(points[:, 0], points[:, 1])
         trust = 4.0 * (hdl64.slope_error * np.abs(rho[:, None] - hdl64.center))

@@ -60,10 +60,12 @@ KILLED = textwrap.dedent(
                 signal.pause()
             capture.record(frames(), path, lossless_colour=True)
         os.close(tell)
-        time.sleep(rng.uniform(0.0, 0.1))
+        written, enough = 0, rng.randrange(40)
+        while written < enough:  # frames, not seconds: machines differ, and what else they do
+            written += len(os.read(told, 1))
+        time.sleep(rng.uniform(0.0, 0.002))
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
-        written = 0
         while got := os.read(told, 4096):
             written += len(got)
         os.close(told)

@@ -154,7 +154,9 @@ def test_hdl32e_against_velodyne_decoder(realdata: RealData) -> None:
     up to 0.02 degrees), and raises points by -28.95 mm times the tangent of the elevation, which
     the manual does not.
     """
-    theirs = pytest.importorskip("velodyne_decoder")
+    theirs = pytest.importorskip(
+        "velodyne_decoder", reason="velodyne-decoder is not installed (peers)"
+    )
     path = realdata("lidar/packets/sample_velodyne_hdl32.pcap")
     scans = theirs.read_pcap(str(path), theirs.Config(), as_pcl_structs=True)
     table = np.concatenate([points for _, points in scans])

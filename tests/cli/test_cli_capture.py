@@ -85,7 +85,7 @@ def test_play_draws_a_sheet_and_pictures(walk: Path, tmp_path: Path) -> None:
         assert image.size == (3 * 32, 3 * 12)
         assert np.asarray(image).std() > 10
     folder = tmp_path / "pictures"
-    done = manip3d("capture", "play", walk, "--frames", 3, "-o", folder)
+    done = manip3d("capture", "play", walk, "--speed", 0, "--frames", 3, "-o", folder)
     assert sorted(path.name for path in folder.iterdir()) == [f"00000{i}.png" for i in range(3)]
     assert "3 frames in" in done.stdout
 

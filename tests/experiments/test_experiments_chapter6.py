@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import numpy as np
 import pytest
 
-from manip3d.experiments import Plan, _forensics, registry
+from manip3d.experiments import Case, Plan, _forensics, _published, registry
 from manip3d.experiments._model import Row
 
 pytest.importorskip("open3d")
@@ -54,14 +55,40 @@ def verdicts(name: str, rows: list[Row]) -> dict[str, bool | None]:
     return {claim.text: claim.verdict(rows).holds for claim in registry()[name].claims}
 
 
+@pytest.mark.published("table 6.1")
 def test_as_many_forgeries_as_published() -> None:
     rows = perfect()
+    printed = Counter[str]()
+    for line in _published.rows("table_6_1_lidar_forensics"):
+        printed[line["class"]] += int(line["count"])
+    assert {a: len(_forensics.entries(rows, a)) for a in printed} == printed
     numbers = {
         attack: len(_forensics.entries(rows, attack))
         for attack in ("original", "CTP", "CRTP", "subtractive", "deforming")
     }
     assert numbers == {"original": 44, "CTP": 42, "CRTP": 24, "subtractive": 5, "deforming": 5}
     assert all(verdicts("table-6.1", rows).values())
+
+
+@pytest.mark.slow
+@pytest.mark.published("table 6.2")
+def test_accuracies_of_three_streets_are_the_printed_ones() -> None:
+    """Within ten points of the printed percentages, on simulated streets at 0.4 degrees.
+
+    Detector I needs denser scans indoors, so that only streets are compared.
+    """
+    cases = _forensics.cases(Plan(data="simulated"))
+    streets = [case for case in cases if case.options["kind"] == "outdoor"][:3]
+    rows = []
+    for case in streets:
+        options = dict(case.options) | {"resolution_deg": 0.4}
+        rows.append(options | {"error": ""} | _forensics.judge_scene(Case(case.run, options)))
+    for line in _published.rows("table_6_2_lidar_forensics_accuracy_percent")[:3]:
+        found = _forensics.entries(rows, line["class"])
+        assert len(found) >= 3
+        for detector in ("I", "II"):
+            mine = _forensics.accuracy(found, detector)
+            assert mine == pytest.approx(float(line[detector]), abs=10.0), (line, detector)
 
 
 def test_claims_notice_what_is_wrong() -> None:

@@ -27,7 +27,8 @@ def test_the_kept_reading_is_the_default() -> None:
 
 def test_the_claim_needs_the_kept_reading_to_be_near() -> None:
     names = ("stencil", "beside_invalid", "rounding", "outliers")
-    row = {"model": "bun000", **dict(zip(names, readings_3.KEPT, strict=True))}
+    about = readings_3._about("bun000")
+    row = {"model": "bun000", **about, **dict(zip(names, readings_3.KEPT, strict=True))}
     claim = readings_3.EXPERIMENT.claims[0]
     for metro, holds in ((0.70e-3, True), (0.73e-3, False)):
         rows = [readings_3.EXPERIMENT.complete({**row, "metro_area": metro})]

@@ -139,7 +139,7 @@ def test_same_as_open3d(realdata: RealData, tmp_path: Path) -> None:
 
 
 def test_meshlab_reads_our_ply_with_texture_coordinates(realdata: RealData, tmp_path: Path) -> None:
-    pymeshlab = pytest.importorskip("pymeshlab")
+    pymeshlab = pytest.importorskip("pymeshlab", reason="PyMeshLab is not installed (peers)")
     path = realdata("meshes/face_multitexture/face.obj")
     mesh = manip3d.read_mesh(path)
     mesh.write(tmp_path / "face.ply")

@@ -82,6 +82,7 @@ def test_stories_come_first_with_pictures_and_commands(tmp_path: Path) -> None:
 def test_what_fails_on_a_simulated_model_is_not_red(tmp_path: Path) -> None:
     text = demo.run_demo(tmp_path / "demo", jobs=1).page.read_text()
     assert '<span class="badge soft">? undecided</span>' in text
+    assert "<em>(the published files are not here)</em>" in text
     assert 'class="badge no"' not in text
 
 

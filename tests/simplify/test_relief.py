@@ -53,7 +53,9 @@ def covering(triangles: NDArray[np.int64], points: NDArray[np.float64]) -> NDArr
 def check_promises(
     result: simplify.Relief, points: NDArray[np.float32], valid: NDArray[np.bool_], target: int
 ) -> None:
-    assert result.num_vertices <= target or result.stop == "all_points"
+    assert result.num_vertices <= target
+    if result.stop == "target":
+        assert result.num_vertices == target
     u, v = result.pixels.T
     assert np.all(valid[v, u])
     if result.max_move == 0:

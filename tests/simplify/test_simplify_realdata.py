@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from manip3d import Mesh, datasets, simplify
+from manip3d.experiments._published import value as published_value
 from manip3d.metrics import metro, texture_error
 from manip3d.simplify import StopReason
 
@@ -18,30 +19,48 @@ MESHES = [name for name, data in datasets.registry().items() if data.kind == "me
 Load = Callable[[str], Mesh]
 
 
+def printed(table: str, model: str, method: str, column: str) -> float:
+    number = published_value(table, model, method, column)
+    assert isinstance(number, float)
+    return number
+
+
 @pytest.mark.published("table 2.2")
-def test_rocker_arm(real_mesh: Load) -> None:
-    """Published 0.180e-3 by vertices; plain quadrics reach 0.158e-3 and 0.140e-3 elsewhere."""
+@pytest.mark.parametrize("method", ["qem-orig", "qem-bp", "qem4vr"])
+def test_rocker_arm(real_mesh: Load, method: str) -> None:
+    """As many faces, and up to 20 % less distance than the printed 0.180e-3 and 0.181e-3."""
+    table = "table_2_2_metro_non_textured"
     mesh = real_mesh("rockerArm")
-    result = simplify.qem4vr(mesh, target_faces=8174)
-    assert result.mesh.num_faces == 8174
-    assert 0.140e-3 < metro(mesh, result.mesh).mean <= 0.160e-3
-    assert 0.125e-3 < metro(mesh, result.mesh, sampling="area").mean <= 0.142e-3
+    faces = printed(table, "RockerArm", method, "faces_simplified")
+    result = getattr(simplify, method.replace("-", "_"))(mesh, target_faces=int(faces))
+    assert result.mesh.num_faces == faces
+    ratio = metro(mesh, result.mesh).mean * 1e3 / printed(table, "RockerArm", method, "metro_1e-3")
+    assert 0.8 < ratio <= 1.0
+
+
+def test_rocker_arm_as_measured_elsewhere(real_mesh: Load) -> None:
+    """Plain quadrics of other programs reach 0.158e-3 by vertices and 0.140e-3 by area."""
+    mesh = real_mesh("rockerArm")
+    result = simplify.qem4vr(mesh, target_faces=8174).mesh
+    assert metro(mesh, result).mean == pytest.approx(0.158e-3, rel=0.03)
+    assert metro(mesh, result, sampling="area").mean == pytest.approx(0.140e-3, rel=0.03)
 
 
 @pytest.mark.published("table 2.4")
 def test_head(real_mesh: Load) -> None:
-    """Published mean texture error 0.34e-2 for QEM4VR; less distance than with TP and BTP."""
+    """At least half and at most all of the printed texture error; less distance than TP and BTP."""
+    table = "table_2_3_2_4_textured"
     mesh = real_mesh("LeePerrySmith")
     result = simplify.qem4vr(mesh, target_faces=1844)
-    assert result.mesh.num_faces == 1844
-    assert 0.1e-2 < texture_error(mesh, result.mesh).mean <= 0.34e-2
+    assert result.mesh.num_faces == printed(table, "Head", "qem4vr", "faces_simplified")
+    published = printed(table, "Head", "qem4vr", "texture_error_1e-2") * 1e-2
+    assert 0.5 * published < texture_error(mesh, result.mesh).mean <= published
     for baseline in (simplify.qem_tp, simplify.qem_btp):
         other = baseline(mesh, target_faces=1844)
         assert metro(mesh, result.mesh).mean < metro(mesh, other.mesh).mean
         assert texture_error(mesh, result.mesh).rms < texture_error(mesh, other.mesh).rms
 
 
-@pytest.mark.published("table 2.3")
 @pytest.mark.parametrize("name", ["G-164A", "BAe-125", "Cessna337", "M18B_Dromader"])
 def test_texture_quadrics_fail_where_faces_have_no_texture(real_mesh: Load, name: str) -> None:
     mesh = real_mesh(name)

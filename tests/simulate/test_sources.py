@@ -15,6 +15,7 @@ def test_a_street_gives_its_drive(busy_street: Street) -> None:
     address = "sim:street?seed=3&frames=2&start=1.5"
     frames = list(open_source(address))
     expected = list(drive(busy_street, 2, start=1.5, pictures=False, rng=3))
+    assert len(frames) == 2
     for got, made in zip(frames, expected, strict=True):
         np.testing.assert_array_equal(got.points, made.scan.points)
         np.testing.assert_array_equal(got.fields["label"], made.scan.label)

@@ -20,14 +20,14 @@ std::vector<std::int32_t> longest_in_order(const LatticeReading& reading) {
   const auto n = static_cast<std::int32_t>(reading.ring.size());
   std::vector<std::uint64_t> ends;  // ends[k]: the lowest last place of a subsequence of k + 1
   std::vector<std::int32_t> last;   // the point with that place
-  std::vector<std::int32_t> previous(static_cast<std::size_t>(n), -1);
+  std::vector<std::int32_t> previous(n, -1);
   for (std::int32_t i = 0; i < n; ++i) {
     if (reading.ring(i) < 0) continue;
     const std::uint64_t place = place_of(reading, i);
     auto at = ends.end();
     if (!ends.empty() && place < ends.back()) at = std::upper_bound(ends.begin(), at, place);
     const auto k = static_cast<std::size_t>(at - ends.begin());
-    if (k > 0) previous[static_cast<std::size_t>(i)] = last[k - 1];
+    if (k > 0) previous[i] = last[k - 1];
     if (k == ends.size()) {
       ends.push_back(place);
       last.push_back(i);
@@ -38,7 +38,7 @@ std::vector<std::int32_t> longest_in_order(const LatticeReading& reading) {
   }
   std::vector<std::int32_t> chain;
   if (last.empty()) return chain;
-  for (std::int32_t i = last.back(); i >= 0; i = previous[static_cast<std::size_t>(i)]) {
+  for (std::int32_t i = last.back(); i >= 0; i = previous[i]) {
     chain.push_back(i);
   }
   std::reverse(chain.begin(), chain.end());

@@ -34,7 +34,7 @@ using Strength = std::array<double, kNumEvidence>;
 // One frame on its way through the stages; each stage fills in what the later ones need.
 class Examination {
  public:
-  Examination(const PointsView& points, const RingLattice& lattice, const GenericOptions& options,
+  Examination(const PointsView& points, const ScanLattice& lattice, const GenericOptions& options,
               const PointsView& previous)
       : points_(points),
         previous_(previous),
@@ -42,7 +42,7 @@ class Examination {
         options_(options),
         reading_(read_lattice(points, lattice, options.num_threads)),
         cells_((lattice.num_rings() + kCellRings - 1) / kCellRings, kCellColumns, Strength{}) {
-    result_.flags.assign(static_cast<std::size_t>(points.num_points()), 0);
+    result_.flags.assign(points.num_points(), 0);
     num_read_ = (reading_.ring.array() >= 0).count();
   }
 
@@ -94,8 +94,7 @@ class Examination {
   }
 
   void flag(std::int32_t i, Evidence evidence) {
-    result_.flags[static_cast<std::size_t>(i)] |=
-        static_cast<std::uint8_t>(1U << index_of(evidence));
+    result_.flags[i] |= static_cast<std::uint8_t>(1U << index_of(evidence));
   }
 
   void examine_coordinates() {
@@ -128,7 +127,7 @@ class Examination {
     if (off <= 0.0) return false;
     const Eigen::RowVector2d p = points_.points.row(i).head<2>().cast<double>();
     const double rho = std::sqrt(p.x() * p.x() + p.y() * p.y());
-    return !(off <= lattice_.uncertainty(reading_.ring(i), rho));
+    return !(off <= lattice_.rings[reading_.ring(i)].uncertainty(rho));
   }
 
   // A point between lines or steps is of no firing; it neither votes for one nor answers it.
@@ -136,7 +135,7 @@ class Examination {
     constexpr unsigned kBeside =
         1U << static_cast<unsigned>(Evidence::kLine) | 1U << static_cast<unsigned>(Evidence::kStep);
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
-      if ((result_.flags[static_cast<std::size_t>(i)] & kBeside) != 0) reading_.count(i) = -1;
+      if ((result_.flags[i] & kBeside) != 0) reading_.count(i) = -1;
     }
   }
 
@@ -145,7 +144,7 @@ class Examination {
     schedule_ = find_firings(reading_, lattice_);
     flag_points(Evidence::kFiring, [&](std::int32_t i) {
       const std::int32_t count = reading_.count(i);
-      return count >= 0 && schedule_.order[static_cast<std::size_t>(count)] < 0;
+      return count >= 0 && schedule_.order[count] < 0;
     });
   }
 
@@ -276,7 +275,7 @@ class Examination {
 
   void tally_flags() {
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
-      const unsigned flags = result_.flags[static_cast<std::size_t>(i)];
+      const unsigned flags = result_.flags[i];
       if (flags == 0) continue;
       Strength& cell = cells_(cell_row(i), cell_column(reading_.azimuth(i)));
       for (std::size_t e = 0; e < index_of(Evidence::kRange); ++e) cell[e] += flags >> e & 1U;
@@ -326,7 +325,7 @@ class Examination {
   }
 
   void extend_box(std::int32_t region, const Eigen::Vector3d& point) {
-    SuspectRegion& found = result_.regions[static_cast<std::size_t>(region)];
+    SuspectRegion& found = result_.regions[region];
     found.lower = found.lower.cwiseMin(point);
     found.upper = found.upper.cwiseMax(point);
   }
@@ -336,10 +335,10 @@ class Examination {
   void forget_windows_beside_points(const RingImage<std::int32_t>& region_of) {
     constexpr auto kWindow = static_cast<std::uint8_t>(1U << index_of(Evidence::kRange));
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
-      std::uint8_t& flags = result_.flags[static_cast<std::size_t>(i)];
+      std::uint8_t& flags = result_.flags[i];
       if ((flags & kWindow) == 0) continue;
       const std::int32_t number = region_of(cell_row(i), cell_column(reading_.azimuth(i)));
-      const Strength& strength = result_.regions[static_cast<std::size_t>(number)].strength;
+      const Strength& strength = result_.regions[number].strength;
       const auto* windows = strength.data() + index_of(Evidence::kRange);
       if (std::any_of(strength.data(), windows, [](double s) { return s > 0.0; })) {
         flags &= static_cast<std::uint8_t>(~kWindow);
@@ -349,7 +348,7 @@ class Examination {
 
   void find_boxes(const RingImage<std::int32_t>& region_of) {
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
-      if (result_.flags[static_cast<std::size_t>(i)] == 0) continue;
+      if (result_.flags[i] == 0) continue;
       extend_box(region_of(cell_row(i), cell_column(reading_.azimuth(i))),
                  points_.points.row(i).transpose().cast<double>());
     }
@@ -365,7 +364,7 @@ class Examination {
   [[nodiscard]] Eigen::Vector3d stood_at(const Void::Cell& cell, double distance) const {
     const SinCos azimuth = sin_cos(cell.azimuth);
     return {distance * azimuth.cos, distance * azimuth.sin,
-            lattice_.slope(cell.ring) * distance + lattice_.offset(cell.ring)};
+            lattice_.rings[cell.ring].slope * distance + lattice_.rings[cell.ring].offset};
   }
 
   void name_regions_of_points(const RingImage<std::int32_t>& region_of) {
@@ -379,7 +378,7 @@ class Examination {
 
   const PointsView& points_;
   const PointsView& previous_;
-  const RingLattice& lattice_;
+  const ScanLattice& lattice_;
   const GenericOptions& options_;
   LatticeReading reading_;
   RingImage<Strength> cells_;
@@ -409,7 +408,7 @@ void check_options(const GenericOptions& options) {
 
 }  // namespace
 
-GenericResult generic_consistency(const PointsView& points, const RingLattice& lattice,
+GenericResult generic_consistency(const PointsView& points, const ScanLattice& lattice,
                                   const GenericOptions& options, const PointsView& previous) {
   check_options(options);
   return Examination(points, lattice, options, previous).run();

@@ -7,14 +7,17 @@
 #include <functional>
 #include <limits>
 #include <numbers>
+#include <span>
 #include <string>
 #include <utility>
 
 #include "authenticate/cell_mask.hpp"
 #include "geometry/directions.hpp"
+#include "geometry/median.hpp"
 #include "geometry/select_rows.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/angles.hpp"
+#include "manip3d/geometry/connected_runs.hpp"
 #include "manip3d/geometry/large_array.hpp"
 #include "manip3d/geometry/parallel.hpp"
 
@@ -123,8 +126,8 @@ double angle_of_slope(double slope) {
 std::pair<double, double> elevations(const PointsView& view, const Eigen::Vector3d& origin,
                                      int num_threads) {
   const std::int64_t chunks = (view.num_points() + kPointChunk - 1) / kPointChunk;
-  std::vector<float> least(static_cast<std::size_t>(chunks), kNothing);
-  std::vector<float> most(static_cast<std::size_t>(chunks), -kNothing);
+  std::vector<float> least(chunks, kNothing);
+  std::vector<float> most(chunks, -kNothing);
   parallel_chunks(view.num_points(), kPointChunk, num_threads,
                   [&](std::int64_t begin, std::int64_t end) {
                     float low = kNothing;
@@ -149,7 +152,7 @@ std::pair<double, double> elevations(const PointsView& view, const Eigen::Vector
 }
 
 // Nearest and farthest range of each cell. Ranges are positive, so their bits are in their order.
-struct RangeImage {
+struct CellRanges {
   LargeArray<std::uint32_t> nearest, farthest;
   LargeArray<std::int32_t> cells;  // of each point
 
@@ -167,9 +170,9 @@ void improve(std::uint32_t& slot, std::uint32_t value, const Better& better) {
   }
 }
 
-RangeImage range_image(const PointsView& view, const CellFinder& finder, int num_threads) {
+CellRanges cell_ranges(const PointsView& view, const CellFinder& finder, int num_threads) {
   const std::int64_t size = finder.rows() * finder.columns();
-  RangeImage image{LargeArray<std::uint32_t>(size), LargeArray<std::uint32_t>(size),
+  CellRanges image{LargeArray<std::uint32_t>(size), LargeArray<std::uint32_t>(size),
                    LargeArray<std::int32_t>(view.num_points())};
   parallel_chunks(size, 1 << 20, num_threads, [&](std::int64_t begin, std::int64_t end) {
     std::fill(image.nearest.data() + begin, image.nearest.data() + end,
@@ -202,10 +205,10 @@ std::vector<float> accumulated_gaps(const PointsView& view, const CellFinder& fi
   return gaps;
 }
 
-CellMask gap_mask(const RangeImage& image, const std::vector<float>& gaps, const CellFinder& finder,
+CellMask gap_mask(const CellRanges& image, const std::vector<float>& gaps, const CellFinder& finder,
                   float min_gap, OcclusionResult& result) {
   CellMask mask{finder.rows(), finder.columns(), {}};
-  mask.cells.resize(static_cast<std::size_t>(mask.rows * mask.columns));
+  mask.cells.resize(mask.rows * mask.columns);
   for (std::int64_t c = 0; c < mask.rows * mask.columns; ++c) {
     if (!image.occupied(c)) continue;
     ++result.occupied_cells;
@@ -233,14 +236,14 @@ void span_columns(std::vector<std::int64_t> marked, std::int64_t columns,
   }
 }
 
-OcclusionComponent measure(const std::vector<const MaskRun*>& runs, const RangeImage& image,
+OcclusionComponent measure(const std::vector<const MarkedRun*>& runs, const CellRanges& image,
                            const CellFinder& finder, const ScanGrid& grid, float min_gap) {
   OcclusionComponent component;
   component.first_row = finder.first_row() + runs.front()->row;
   component.last_row = finder.first_row() + runs.back()->row;
   std::vector<float> ranges;
   std::vector<std::int64_t> columns;
-  for (const MaskRun* run : runs) {
+  for (const MarkedRun* run : runs) {
     const double level = sin_cos(finder.elevation_of(run->row)).cos;
     const std::int64_t width = run->last - run->first + 1;
     component.cells += width;
@@ -255,33 +258,28 @@ OcclusionComponent measure(const std::vector<const MaskRun*>& runs, const RangeI
       }
     }
   }
-  if (!ranges.empty()) {
-    const auto middle = ranges.begin() + static_cast<std::ptrdiff_t>(ranges.size() / 2);
-    std::nth_element(ranges.begin(), middle, ranges.end());
-    component.range = *middle;
-  }
+  if (!ranges.empty()) component.range = median(std::span(ranges));
   component.area = component.solid_angle * component.range * component.range;
   span_columns(std::move(columns), finder.columns(), component);
   return component;
 }
 
 // Components above A_th, and for each cell of theirs its number; others are -1.
-std::vector<std::int32_t> select_components(const CellMask& mask, const RangeImage& image,
+std::vector<std::int32_t> select_components(const CellMask& mask, const CellRanges& image,
                                             const CellFinder& finder,
                                             const OcclusionOptions& options,
                                             OcclusionResult& result) {
-  const std::vector<MaskRun> runs = find_components(mask);
-  std::int32_t count = 0;
-  for (const MaskRun& run : runs) count = std::max(count, run.component + 1);
-  std::vector<std::vector<const MaskRun*>> by_component(static_cast<std::size_t>(count));
-  for (const MaskRun& run : runs) by_component[run.component].push_back(&run);
+  ConnectedRuns connected;
+  const auto& runs = connected.find(mask.cells.data(), mask.rows, mask.columns, true);
+  std::vector<std::vector<const MarkedRun*>> by_component(connected.num_components());
+  for (const MarkedRun& run : runs) by_component[run.component].push_back(&run);
 
   struct Found {
     OcclusionComponent component;
     std::int32_t number;
   };
   std::vector<Found> found;
-  for (std::int32_t n = 0; n < count; ++n) {
+  for (std::int32_t n = 0; n < connected.num_components(); ++n) {
     const OcclusionComponent component =
         measure(by_component[n], image, finder, options.grid, static_cast<float>(options.min_gap));
     if (component.cells >= options.min_cells && component.area >= options.min_area &&
@@ -297,7 +295,7 @@ std::vector<std::int32_t> select_components(const CellMask& mask, const RangeIma
   cell_component.assign(mask.cells.size(), -1);
   for (const Found& entry : found) {
     const auto index = static_cast<std::int32_t>(result.components.size());
-    for (const MaskRun* run : by_component[entry.number]) {
+    for (const MarkedRun* run : by_component[entry.number]) {
       std::fill_n(cell_component.begin() + run->row * mask.columns + run->first,
                   run->last - run->first + 1, index);
     }
@@ -307,7 +305,7 @@ std::vector<std::int32_t> select_components(const CellMask& mask, const RangeIma
 }
 
 // Points in front of what their cell's farthest point shows to be visible.
-void suspect_points(const PointsView& view, const RangeImage& image,
+void suspect_points(const PointsView& view, const CellRanges& image,
                     const std::vector<std::int32_t>& cell_component,
                     const OcclusionOptions& options, OcclusionResult& result) {
   const auto min_gap = static_cast<float>(options.min_gap);
@@ -328,7 +326,7 @@ void suspect_points(const PointsView& view, const RangeImage& image,
 }
 
 // Rows of the image that hold anything.
-std::pair<std::int64_t, std::int64_t> occupied_rows(const RangeImage& image,
+std::pair<std::int64_t, std::int64_t> occupied_rows(const CellRanges& image,
                                                     const CellFinder& finder) {
   const std::uint32_t* begin = image.farthest.data();
   const std::uint32_t* end = begin + image.farthest.size();
@@ -352,7 +350,7 @@ OcclusionResult occlusion_consistency(const PointsView& view, const OcclusionOpt
   CellFinder finder(options);
   const auto [lowest, highest] = elevations(view, options.origin, options.num_threads);
   if (lowest <= highest) finder.crop(lowest, highest);
-  const RangeImage image = range_image(view, finder, options.num_threads);
+  const CellRanges image = cell_ranges(view, finder, options.num_threads);
   std::vector<float> gaps;
   if (options.accumulate) gaps = accumulated_gaps(view, finder);
   OcclusionResult result;

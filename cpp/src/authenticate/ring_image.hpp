@@ -5,6 +5,8 @@
 #include <utility>
 #include <vector>
 
+#include "manip3d/geometry/connected_runs.hpp"
+
 namespace manip3d {
 
 /// One value per ring (or block of rings) and column; columns go around the horizon.
@@ -41,31 +43,16 @@ class RingImage {
 
 using RingCell = std::pair<int, int>;  ///< ring, column
 
-/// Sets of cells that are not 0 and touch each other, corners included, around the horizon too.
-/// In the order of their first cells, row by row.
-template <typename Value>
-std::vector<std::vector<RingCell>> connected_components(const RingImage<Value>& image) {
-  RingImage<std::uint8_t> seen(image.rings(), image.columns(), 0);
-  std::vector<std::vector<RingCell>> components;
-  for (int ring = 0; ring < image.rings(); ++ring) {
-    for (int column = 0; column < image.columns(); ++column) {
-      if (image(ring, column) == Value{} || seen(ring, column) != 0) continue;
-      seen(ring, column) = 1;
-      std::vector<RingCell> cells = {{ring, column}};
-      for (std::size_t next = 0; next < cells.size(); ++next) {
-        const auto [r, c] = cells[next];
-        for (int dr = -1; dr <= 1; ++dr) {
-          if (r + dr < 0 || r + dr >= image.rings()) continue;
-          for (int dc = -1; dc <= 1; ++dc) {
-            const int column_beside = image.wrapped(c + dc);
-            if (image(r + dr, column_beside) == Value{}) continue;
-            if (seen(r + dr, column_beside) != 0) continue;
-            seen(r + dr, column_beside) = 1;
-            cells.emplace_back(r + dr, column_beside);
-          }
-        }
-      }
-      components.push_back(std::move(cells));
+/// Sets of cells that are 1 and touch each other, corners included, around the horizon too. In the
+/// order of their first cells, row by row.
+inline std::vector<std::vector<RingCell>> connected_components(
+    const RingImage<std::uint8_t>& image) {
+  ConnectedRuns connected;
+  const auto& runs = connected.find(image.values().data(), image.rings(), image.columns(), true);
+  std::vector<std::vector<RingCell>> components(connected.num_components());
+  for (const MarkedRun& run : runs) {
+    for (std::int64_t c = run.first; c <= run.last; ++c) {
+      components[run.component].emplace_back(run.row, c);
     }
   }
   return components;

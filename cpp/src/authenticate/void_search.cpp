@@ -5,8 +5,10 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
+#include <span>
 
 #include "authenticate/ring_image.hpp"
+#include "geometry/median.hpp"
 #include "manip3d/geometry/angles.hpp"
 
 namespace manip3d {
@@ -42,15 +44,15 @@ constexpr int kEarlierSpan = 2;
 constexpr int kEarlierAnswers = 4;
 
 // Horizontal distance at which a laser that looks along a column meets the plane; 0: nowhere.
-double ground_range(const RingLattice& lattice, int ring, const GroundPlane& ground,
+double ground_range(const ScanLattice& lattice, int ring, const GroundPlane& ground,
                     const SinCos& azimuth) {
   const double climb = ground.slope_x * azimuth.cos + ground.slope_y * azimuth.sin;
-  const double approach = climb - lattice.slope(ring);
-  const double height = lattice.offset(ring) - ground.height;
+  const double approach = climb - lattice.rings[ring].slope;
+  const double height = lattice.rings[ring].offset - ground.height;
   return approach > 0.0 && height > 0.0 ? height / approach : 0.0;
 }
 
-Answer answer_of(const Eigen::RowVector3d& p, int ring, const RingLattice& lattice,
+Answer answer_of(const Eigen::RowVector3d& p, int ring, const ScanLattice& lattice,
                  const GroundPlane& ground) {
   const double rho = std::sqrt(p.x() * p.x() + p.y() * p.y());
   if (std::abs(ground.above(p.x(), p.y(), p.z())) < ground_band(rho)) return Answer::kGround;
@@ -61,24 +63,24 @@ Answer answer_of(const Eigen::RowVector3d& p, int ring, const RingLattice& latti
 // Column of each firing for one laser.
 class Columns {
  public:
-  Columns(const RingLattice& lattice, const FiringSchedule& schedule)
-      : schedule_(schedule), first_(static_cast<std::size_t>(lattice.num_rings())) {
+  Columns(const ScanLattice& lattice, const FiringSchedule& schedule)
+      : schedule_(schedule), first_(lattice.num_rings()) {
     if (schedule.firings == 0) return;
     for (std::size_t ring = 0; ring < first_.size(); ++ring) {
-      const double ahead = -lattice.azimuth(static_cast<Eigen::Index>(ring));
-      const double count = std::ceil(ahead / lattice.azimuth_step());
+      const double ahead = -lattice.rings[ring].azimuth;
+      const double count = std::ceil(ahead / lattice.azimuth_step);
       const double steps = lattice.steps;
       auto k = static_cast<int>(count - std::floor(count / steps) * steps);
-      while (schedule.order[static_cast<std::size_t>(k)] < 0) k = (k + 1) % lattice.steps;
-      first_[ring] = schedule.order[static_cast<std::size_t>(k)];
+      while (schedule.order[k] < 0) k = (k + 1) % lattice.steps;
+      first_[ring] = schedule.order[k];
     }
   }
 
   // -1: not a firing.
   [[nodiscard]] int operator()(int ring, int count) const {
-    const int firing = schedule_.order[static_cast<std::size_t>(count)];
+    const int firing = schedule_.order[count];
     if (firing < 0) return -1;
-    const int column = firing - first_[static_cast<std::size_t>(ring)];
+    const int column = firing - first_[ring];
     return column < 0 ? column + schedule_.firings : column;
   }
 
@@ -127,9 +129,8 @@ class Gaps {
       for (const int side : {0, 1}) {
         const int column = side == 0 ? begin - 1 - k + kind_.columns() : end + k;
         const Answer answer = kind_(ring, column % kind_.columns());
-        answers[static_cast<std::size_t>(side)] += answer != Answer::kNone ? 1 : 0;
-        as_far[static_cast<std::size_t>(side)] +=
-            answer == Answer::kGround || answer == Answer::kBeyond ? 1 : 0;
+        answers[side] += answer != Answer::kNone ? 1 : 0;
+        as_far[side] += answer == Answer::kGround || answer == Answer::kBeyond ? 1 : 0;
       }
     }
     const auto enough = [this](const std::array<int, 2>& both) {
@@ -161,7 +162,7 @@ bool was_answered(const Answers& earlier, int ring, int column, int columns) {
 }
 
 // From the lowest laser upwards: runs without a return that begin directly above ground.
-RingImage<std::uint8_t> runs_above_ground(const Answers& answers, const RingLattice& lattice,
+RingImage<std::uint8_t> runs_above_ground(const Answers& answers, const ScanLattice& lattice,
                                           const GroundPlane& ground, const VoidOptions& options) {
   const RingImage<Answer>& kind = answers.kind;
   const Gaps gaps(kind, options.answered_beside);
@@ -225,28 +226,22 @@ double contact_distance(const Answers& answers, const PointsView& points, int ri
   return std::sqrt(p.x() * p.x() + p.y() * p.y());
 }
 
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 }  // namespace
 
-FiringSchedule find_firings(const LatticeReading& reading, const RingLattice& lattice) {
+FiringSchedule find_firings(const LatticeReading& reading, const ScanLattice& lattice) {
   const int steps = lattice.steps;
-  std::vector<int> votes(static_cast<std::size_t>(steps), 0);
+  std::vector<int> votes(steps, 0);
   for (const std::int32_t count : reading.count) {
-    if (count >= 0) ++votes[static_cast<std::size_t>(count)];
+    if (count >= 0) ++votes[count];
   }
-  FiringSchedule schedule{std::vector<std::int32_t>(static_cast<std::size_t>(steps), -1), 0};
+  FiringSchedule schedule{std::vector<std::int32_t>(steps, -1), 0};
   for (int k = 0; k < steps; ++k) {
     int busiest = 1;
     for (int d = -kNeighbours; d <= kNeighbours; ++d) {
-      busiest = std::max(busiest, votes[static_cast<std::size_t>((k + d + steps) % steps)]);
+      busiest = std::max(busiest, votes[(k + d + steps) % steps]);
     }
-    if (votes[static_cast<std::size_t>(k)] < kFiredShare * busiest) continue;
-    schedule.order[static_cast<std::size_t>(k)] = schedule.firings++;
+    if (votes[k] < kFiredShare * busiest) continue;
+    schedule.order[k] = schedule.firings++;
   }
   if (schedule.firings > kSparseShare * steps) {
     std::iota(schedule.order.begin(), schedule.order.end(), 0);
@@ -256,7 +251,7 @@ FiringSchedule find_firings(const LatticeReading& reading, const RingLattice& la
 }
 
 Answers sort_answers(const PointsView& points, const LatticeReading& reading,
-                     const RingLattice& lattice, const FiringSchedule& schedule,
+                     const ScanLattice& lattice, const FiringSchedule& schedule,
                      const GroundPlane& ground) {
   const Columns column_of(lattice, schedule);
   const int rings = lattice.num_rings();
@@ -273,7 +268,7 @@ Answers sort_answers(const PointsView& points, const LatticeReading& reading,
 }
 
 std::vector<Void> find_voids(const PointsView& points, const Answers& answers,
-                             const RingLattice& lattice, const GroundPlane& ground,
+                             const ScanLattice& lattice, const GroundPlane& ground,
                              const VoidOptions& options) {
   const int columns = answers.kind.columns();
   if (columns < std::max(kBlockColumns, kSide)) return {};
@@ -288,7 +283,7 @@ std::vector<Void> find_voids(const PointsView& points, const Answers& answers,
       found.cells.push_back({ring, kFullTurn * (column + 0.5) / columns});
       distances.push_back(contact_distance(answers, points, ring, column));
     }
-    found.distance = median(std::move(distances));
+    found.distance = median(std::span(distances));
     voids.push_back(std::move(found));
   }
   return voids;

@@ -16,7 +16,7 @@ struct FiringSchedule {
 };
 
 /// Steps at which most lasers that answered at the neighbouring steps have answered.
-FiringSchedule find_firings(const LatticeReading& reading, const RingLattice& lattice);
+FiringSchedule find_firings(const LatticeReading& reading, const ScanLattice& lattice);
 
 enum class Answer : std::uint8_t {
   kNone,
@@ -34,7 +34,7 @@ struct Answers {
 };
 
 Answers sort_answers(const PointsView& points, const LatticeReading& reading,
-                     const RingLattice& lattice, const FiringSchedule& schedule,
+                     const ScanLattice& lattice, const FiringSchedule& schedule,
                      const GroundPlane& ground);
 
 /// A set of firings side by side, above ground that answered, which went to the ground themselves
@@ -58,7 +58,7 @@ struct VoidOptions {
 };
 
 std::vector<Void> find_voids(const PointsView& points, const Answers& answers,
-                             const RingLattice& lattice, const GroundPlane& ground,
+                             const ScanLattice& lattice, const GroundPlane& ground,
                              const VoidOptions& options);
 
 }  // namespace manip3d

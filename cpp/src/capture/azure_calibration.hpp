@@ -4,8 +4,8 @@
 #include <optional>
 
 #include "capture/jpeg.hpp"
-#include "io/json_place.hpp"
-#include "manip3d/capture/rgbd_frame.hpp"
+#include "manip3d/geometry/rgbd_frame.hpp"
+#include "parse/json_place.hpp"
 
 namespace manip3d {
 

@@ -4,9 +4,9 @@
 
 #include "capture/image_frames.hpp"
 #include "capture/rgbd_json.hpp"
-#include "io/json_text.hpp"
-#include "io/line_cursor.hpp"
 #include "manip3d/error.hpp"
+#include "parse/json_text.hpp"
+#include "parse/line_cursor.hpp"
 
 // What folders say about their frames in words.
 namespace manip3d {

@@ -5,11 +5,11 @@
 
 #include "capture/image_frames.hpp"
 #include "capture/small_file.hpp"
-#include "io/input_buffer.hpp"
 #include "manip3d/capture/folder.hpp"
 #include "manip3d/capture/grab_thread.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/io/byte_source.hpp"
+#include "parse/input_buffer.hpp"
 
 namespace manip3d {
 namespace {

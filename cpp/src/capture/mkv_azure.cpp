@@ -9,9 +9,9 @@
 
 #include "capture/azure_calibration.hpp"
 #include "capture/mkv_layout.hpp"
-#include "io/json_text.hpp"
 #include "manip3d/capture/unmirror.hpp"
 #include "manip3d/error.hpp"
+#include "parse/json_text.hpp"
 
 namespace manip3d {
 namespace {

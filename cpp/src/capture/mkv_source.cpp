@@ -8,11 +8,11 @@
 #include "capture/mkv_azure.hpp"
 #include "capture/mkv_layout.hpp"
 #include "capture/rgbd_json.hpp"
-#include "io/json_text.hpp"
 #include "manip3d/capture/grab_thread.hpp"
 #include "manip3d/capture/mkv.hpp"
 #include "manip3d/capture/unmirror.hpp"
 #include "manip3d/error.hpp"
+#include "parse/json_text.hpp"
 
 namespace manip3d {
 namespace {

@@ -6,8 +6,8 @@
 #include <string>
 #include <utility>
 
-#include "io/input_buffer.hpp"
 #include "manip3d/error.hpp"
+#include "parse/input_buffer.hpp"
 
 namespace manip3d {
 namespace {

@@ -5,8 +5,8 @@
 #include <limits>
 #include <span>
 
-#include "io/base64.hpp"
 #include "manip3d/capture/recorder.hpp"
+#include "parse/base64.hpp"
 
 namespace manip3d {
 namespace {

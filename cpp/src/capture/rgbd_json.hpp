@@ -5,8 +5,8 @@
 #include <string_view>
 #include <vector>
 
-#include "io/json_place.hpp"
-#include "manip3d/capture/rgbd_frame.hpp"
+#include "manip3d/geometry/rgbd_frame.hpp"
+#include "parse/json_place.hpp"
 
 /// @file
 /// What recordings keep beside the images, as JSON. Numbers are exact: floats are written with as

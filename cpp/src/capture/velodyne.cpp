@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "manip3d/error.hpp"
+#include "manip3d/geometry/angles.hpp"
 
 namespace manip3d {
 namespace {
@@ -80,10 +81,6 @@ constexpr std::array<double, 32> kVlp32cAzimuth = {
     1.4, -4.2, 1.4, -1.4, 1.4, -1.4, 4.2, -1.4, 1.4, -4.2, 1.4, -1.4, 4.2, -1.4, 4.2, -1.4,
     1.4, -4.2, 1.4, -4.2, 4.2, -1.4, 1.4, -1.4, 1.4, -1.4, 1.4, -4.2, 4.2, -1.4, 1.4, -1.4};
 
-struct SinCos {
-  double sine, cosine;
-};
-
 // Of every hundredth of a degree. In long double: glibc has one version of that, whatever the CPU.
 const std::vector<SinCos>& turn_table() {
   static const std::vector<SinCos> table = [] {
@@ -106,12 +103,12 @@ SinCos sin_cos_deg(double degrees) {
 
 // Of an azimuth in [0, 36000): the table, and on from there by less than 0.01 degrees, where the
 // next term of the series is 1e-12.
-SinCos sin_cos(double azimuth) {
+SinCos sin_cos_centideg(double azimuth) {
   const auto whole = static_cast<std::size_t>(azimuth);
   const SinCos& base = turn_table()[whole];
   const double rest = (azimuth - static_cast<double>(whole)) * (std::numbers::pi / (kFullTurn / 2));
-  const double cosine = 1.0 - 0.5 * rest * rest;
-  return {base.sine * cosine + base.cosine * rest, base.cosine * cosine - base.sine * rest};
+  const double cos = 1.0 - 0.5 * rest * rest;
+  return {base.sin * cos + base.cos * rest, base.cos * cos - base.sin * rest};
 }
 
 double wrapped(double azimuth) {
@@ -150,9 +147,9 @@ void for_each_column(VelodyneFrame& frame, F f) {
 
 // A correction of z alone, in terms of offsets along the beam and at right angles to it.
 void raise(LaserCalibration& laser, double height) {
-  const auto [sine, cosine] = sin_cos_deg(laser.elevation_deg);
-  laser.range_offset_m = height * sine;
-  laser.vertical_offset_m = height * cosine;
+  const auto [sin, cos] = sin_cos_deg(laser.elevation_deg);
+  laser.range_offset_m = height * sin;
+  laser.vertical_offset_m = height * cos;
 }
 
 bool finite(const LaserCalibration& c) {
@@ -272,8 +269,8 @@ void VelodyneDecoder::set_model(VelodyneModel model) {
   for (std::size_t rank = 0; rank < num_lasers; ++rank) {
     const LaserCalibration& c = calibration.lasers[order[rank]];
     const SinCos elevation = sin_cos_deg(c.elevation_deg);
-    lasers_[order[rank]] = {elevation.sine,
-                            elevation.cosine,
+    lasers_[order[rank]] = {elevation.sin,
+                            elevation.cos,
                             100.0 * c.azimuth_offset_deg,
                             c.range_offset_m,
                             c.range_offset_x_m,
@@ -501,24 +498,24 @@ void VelodyneDecoder::add_point(const Laser& laser, std::uint8_t number, double 
     return;
   }
   const double pointed = wrapped(azimuth + laser.azimuth_offset);
-  const auto [sine, cosine] = sin_cos(pointed);
+  const auto [sin, cos] = sin_cos_centideg(pointed);
   const double corrected = range + laser.range_offset;
   const double lift = laser.vertical_offset * laser.sin_elevation;
   double range_x = corrected;  // x to the right, y ahead: the manual's axes
   double range_y = corrected;
   if (laser.has_two_points) {
     const double flat = corrected * laser.cos_elevation - lift;
-    const double x = std::fabs(flat * sine - laser.horizontal_offset * cosine);
-    const double y = std::fabs(flat * cosine + laser.horizontal_offset * sine);
+    const double x = std::fabs(flat * sin - laser.horizontal_offset * cos);
+    const double y = std::fabs(flat * cos + laser.horizontal_offset * sin);
     range_x = range + (laser.range_offset - laser.range_offset_x) * (x - 2.4) / (25.04 - 2.4) +
               laser.range_offset_x;
     range_y = range + (laser.range_offset - laser.range_offset_y) * (y - 1.93) / (25.04 - 1.93) +
               laser.range_offset_y;
   }
   const double right =
-      (range_x * laser.cos_elevation - lift) * sine - laser.horizontal_offset * cosine;
+      (range_x * laser.cos_elevation - lift) * sin - laser.horizontal_offset * cos;
   const double ahead =
-      (range_y * laser.cos_elevation - lift) * cosine + laser.horizontal_offset * sine;
+      (range_y * laser.cos_elevation - lift) * cos + laser.horizontal_offset * sin;
   const double up = range_y * laser.sin_elevation + laser.vertical_offset * laser.cos_elevation;
   const float xyz[3] = {static_cast<float>(ahead), static_cast<float>(-right),
                         static_cast<float>(up)};

@@ -150,7 +150,7 @@ NearSpacing spacing_near(const Points& near, const Vector3d& position, double ra
 }  // namespace
 
 Matrix4d placement_transform(const PointsView& scene, const PointsView& object,
-                             const Placement& placement, int num_threads) {
+                             const ObjectPlacement& placement, int num_threads) {
   if (!placement.position.allFinite()) throw InputError("position: expected finite numbers");
   if (!(placement.scale > 0.0 && std::isfinite(placement.scale))) {
     throw InputError("scale: expected > 0, got " + std::to_string(placement.scale));
@@ -185,7 +185,7 @@ Points transformed(const Eigen::Ref<const Points>& points, const Matrix4d& trans
 }
 
 Forgery copy_transform_paste(const PointsView& scene, const PointsView& object,
-                             const Placement& placement, int num_threads) {
+                             const ObjectPlacement& placement, int num_threads) {
   check_points_everywhere(scene, num_threads);
   check_points(object);
   const Matrix4d transform = placement_transform(scene, object, placement, num_threads);

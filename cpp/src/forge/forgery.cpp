@@ -76,7 +76,7 @@ OrientedBox box_of(const PointsView& scan, const Edit& edit) {
   if (edit.added.rows() + edit.moved_to.rows() == 0) return box_around(scan, edit.removed);
   Points touched(edit.added.rows() + edit.moved_to.rows(), 3);
   touched << edit.added, edit.moved_to;
-  std::vector<std::int32_t> rows(static_cast<std::size_t>(touched.rows()));
+  std::vector<std::int32_t> rows(touched.rows());
   for (std::size_t i = 0; i < rows.size(); ++i) rows[i] = static_cast<std::int32_t>(i);
   return box_around(view_of(touched), rows);
 }

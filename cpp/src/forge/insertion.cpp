@@ -231,8 +231,8 @@ Ray ray_to(const Vector3d& point, const Vector3d& origin, double offset) {
   return {start, point - start};
 }
 
-std::int64_t azimuth_index(const ScanLattice& lattice, const Vector3d& p) {
-  const double angle = azimuth_of(p) - lattice.azimuth_phase;
+std::int64_t azimuth_index(const ScanLattice& lattice, std::size_t ring, const Vector3d& p) {
+  const double angle = azimuth_of(p) - lattice.rings[ring].azimuth;
   return static_cast<std::int64_t>(std::nearbyint(angle / lattice.azimuth_step));
 }
 
@@ -283,15 +283,15 @@ std::vector<Ray> empty_rays(const PointsView& scene, const std::vector<std::int3
   std::vector<std::int64_t> taken;
   for (std::size_t i = 0; i < seen.size(); ++i) {
     const Vector3d p = scene.points.row(seen[i]).transpose().cast<double>() - options.origin;
-    taken.push_back(rings[i] * turn + wrapped(azimuth_index(lattice, p)));
+    taken.push_back(rings[i] * turn + wrapped(azimuth_index(lattice, rings[i], p)));
   }
   std::sort(taken.begin(), taken.end());
-  const std::int64_t middle = azimuth_index(lattice, cone.axis);
   const std::int64_t half = std::min(turn / 2, half_width(lattice, cone, object));
   for (std::size_t k = 0; k < lattice.rings.size(); ++k) {
+    const std::int64_t middle = azimuth_index(lattice, k, cone.axis);
     for (std::int64_t j = -half; j <= half; ++j) {
       const double azimuth =
-          lattice.azimuth_phase + static_cast<double>(middle + j) * lattice.azimuth_step;
+          lattice.rings[k].azimuth + static_cast<double>(middle + j) * lattice.azimuth_step;
       const auto [sin, cos] = sin_cos(azimuth);
       const Ray ray(options.origin + Vector3d(0.0, 0.0, lattice.rings[k].offset),
                     Vector3d(cos, sin, lattice.rings[k].slope).normalized() * reach);
@@ -313,13 +313,13 @@ void check_options(const InsertionOptions& options) {
   if (!(options.range_noise >= 0.0 && std::isfinite(options.range_noise))) {
     throw InputError("range_noise: expected >= 0, got " + std::to_string(options.range_noise));
   }
-  if (!options.lattice.rings.empty()) check_lattice(options.lattice);
+  if (!options.lattice.rings.empty()) check_azimuths(options.lattice);
 }
 
 }  // namespace
 
 Forgery insert_occluding(const PointsView& scene, const PointsView& object,
-                         const Eigen::Ref<const Faces>& faces, const Placement& placement,
+                         const Eigen::Ref<const Faces>& faces, const ObjectPlacement& placement,
                          const InsertionOptions& requested, int num_threads) {
   check_points(object);
   check_options(requested);

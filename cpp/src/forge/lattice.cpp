@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <string>
 #include <utility>
 
@@ -15,17 +14,20 @@ namespace {
 
 using Eigen::Vector3d;
 
+double rho_of(const Vector3d& p) { return std::sqrt(p.x() * p.x() + p.y() * p.y()); }
+
 // Turned about the vertical to the nearest azimuth that is measured.
 Vector3d to_azimuth_step(const Vector3d& p, const ScanLattice& lattice) {
+  const double phase = lattice.rings[nearest_ring(lattice, rho_of(p), p.z())].azimuth;
   const double azimuth = arc_tangent(p.y(), p.x());
-  const double steps = (azimuth - lattice.azimuth_phase) / lattice.azimuth_step;
-  const double measured = lattice.azimuth_phase + std::nearbyint(steps) * lattice.azimuth_step;
+  const double steps = (azimuth - phase) / lattice.azimuth_step;
+  const double measured = phase + std::nearbyint(steps) * lattice.azimuth_step;
   return rotation_about_z(measured - azimuth) * p;
 }
 
 // The nearest crossing of the ray through p with a ring's line: t z = slope t rho + offset.
 Vector3d along_ray(const Vector3d& p, const ScanLattice& lattice, double max_move) {
-  const double rho = std::sqrt(p.x() * p.x() + p.y() * p.y());
+  const double rho = rho_of(p);
   double best = 1.0 + max_move / std::max(p.norm(), 1e-9);
   bool found = false;
   for (const ScanLattice::Ring& ring : lattice.rings) {
@@ -42,7 +44,7 @@ Vector3d snapped(Vector3d p, const ScanLattice& lattice, const SnapOptions& opti
   if (options.azimuth && lattice.azimuth_step > 0.0) p = to_azimuth_step(p, lattice);
   if (options.along == Snapping::kRay) p = along_ray(p, lattice, options.max_move);
   // Where the ray meets no line nearby, and for the last bits of rounding: in height.
-  const double rho = std::sqrt(p.x() * p.x() + p.y() * p.y());
+  const double rho = rho_of(p);
   const ScanLattice::Ring& ring = lattice.rings[nearest_ring(lattice, rho, p.z())];
   p.z() = ring.slope * rho + ring.offset;
   return p;
@@ -50,43 +52,23 @@ Vector3d snapped(Vector3d p, const ScanLattice& lattice, const SnapOptions& opti
 
 }  // namespace
 
-void check_lattice(const ScanLattice& lattice) {
-  if (lattice.rings.empty()) throw InputError("lattice: expected rings, got none");
-  for (const ScanLattice::Ring& ring : lattice.rings) {
-    if (!(std::isfinite(ring.slope) && std::isfinite(ring.offset))) {
-      throw InputError("lattice: expected finite slopes and offsets");
-    }
-  }
-  // Finer than any rotor's encoder, and a turn would have columns without end; coarser, and it
-  // would have none.
+void check_azimuths(const ScanLattice& lattice) {
+  check_lattice(lattice);
   const double step = lattice.azimuth_step;
   if (!(step == 0.0 || (step >= 1e-4 && step <= 1.0))) {
     throw InputError("lattice: expected an azimuth step of 0 or 1e-4 to 1 radian, got " +
                      std::to_string(step));
   }
-  if (!(std::abs(lattice.azimuth_phase) <= 1e3)) {
-    throw InputError("lattice: expected a phase in radians, got " +
-                     std::to_string(lattice.azimuth_phase));
+  for (const ScanLattice::Ring& ring : lattice.rings) {
+    if (std::abs(ring.azimuth) <= 1e3) continue;
+    throw InputError("lattice: expected a phase in radians, got " + std::to_string(ring.azimuth));
   }
-}
-
-std::int32_t nearest_ring(const ScanLattice& lattice, double rho, double z) {
-  std::size_t best = 0;
-  double distance = std::numeric_limits<double>::infinity();
-  for (std::size_t k = 0; k < lattice.rings.size(); ++k) {
-    const double d = std::abs(z - (lattice.rings[k].slope * rho + lattice.rings[k].offset));
-    if (d < distance) {
-      distance = d;
-      best = k;
-    }
-  }
-  return static_cast<std::int32_t>(best);
 }
 
 Forgery snap_to_lattice(const PointsView& scene, std::vector<std::int32_t> rows,
                         const ScanLattice& lattice, const SnapOptions& options, int num_threads) {
   check_points_everywhere(scene, num_threads);
-  check_lattice(lattice);
+  check_azimuths(lattice);
   if (!(options.max_move >= 0.0)) throw InputError("max_move: expected >= 0");
   Edit edit;
   edit.moved = checked_rows(std::move(rows), scene.num_points());

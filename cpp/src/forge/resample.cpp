@@ -1,14 +1,10 @@
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <bit>
 #include <cmath>
-#include <limits>
-#include <optional>
 #include <string>
 #include <vector>
 
-#include "forge/cell_list.hpp"
-#include "geometry/buckets.hpp"
+#include "geometry/dart_board.hpp"
 #include "geometry/kd_tree.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/forge/attacks.hpp"
@@ -19,139 +15,13 @@ namespace manip3d {
 namespace {
 
 using Eigen::Vector3d;
-using Order = std::vector<std::int32_t>;
+using Order = std::vector<std::int32_t>;  // rows
 
 constexpr std::int64_t kMostPoints = std::int64_t{1} << 24;
-constexpr std::int64_t kProbes = 2048;  // their mean spacing is good to about 1 %
-constexpr double kTolerance = 0.03;     // of the spacing reached
+constexpr double kTolerance = 0.03;  // of the spacing reached
 constexpr int kCorrections = 4;
 constexpr double kCandidatesPerDisk = 5.0;  // a Poisson disk sampling is nearly full with these
 constexpr std::size_t kSurfaceNeighbours = 6;
-
-PointsView view_of(const Points& points) { return PointsView({points.data(), points.rows(), 3}); }
-
-// Calls visit(i) for a few thousand of `count` items.
-template <typename Visit>
-std::int64_t for_probes(std::int64_t count, const Visit& visit) {
-  const std::int64_t step = std::max<std::int64_t>(1, count / kProbes);
-  for (std::int64_t i = 0; i < count; i += step) visit(i);
-  return (count + step - 1) / step;
-}
-
-// Mean nearest-neighbour distance, of a few thousand of the points.
-double mean_spacing(const PointsView& points, const Progress& progress) {
-  const KdTree tree(points, progress);
-  double sum = 0.0;
-  const std::int64_t count =
-      for_probes(points.num_points(), [&](std::int64_t i) { sum += tree.nearest_distance(i); });
-  return sum / static_cast<double>(count);
-}
-
-// By random keys, a tie by the index: into buckets of their leading bits, then within each.
-Order random_order(std::int64_t count, std::uint64_t seed, Ticker& ticker) {
-  const int bits =
-      std::clamp(static_cast<int>(std::bit_width(static_cast<std::uint64_t>(count))), 1, 24);
-  const auto key_of = [&](std::int32_t i) {
-    return random_bits(seed, static_cast<std::uint64_t>(i));
-  };
-  Buckets<std::int32_t> buckets(std::int64_t{1} << bits, [&](const auto& put) {
-    for (std::int32_t i = 0; i < count; ++i) {
-      put(static_cast<std::int32_t>(key_of(i) >> (64 - bits)), i);
-      ticker.tick();
-    }
-  });
-  Order order;
-  order.reserve(static_cast<std::size_t>(count));
-  for (std::int32_t b = 0; b < buckets.num_keys(); ++b) {
-    const auto few = buckets[b];
-    std::sort(few.begin(), few.end(), [&](std::int32_t i, std::int32_t j) {
-      return std::pair(key_of(i), i) < std::pair(key_of(j), j);
-    });
-    order.insert(order.end(), few.begin(), few.end());
-    ticker.tick();
-  }
-  return order;
-}
-
-Points take(const PointsView& view, const Order& rows) {
-  Points taken(static_cast<Eigen::Index>(rows.size()), 3);
-  for (std::size_t i = 0; i < rows.size(); ++i) {
-    taken.row(static_cast<Eigen::Index>(i)) = view.points.row(rows[i]);
-  }
-  return taken;
-}
-
-// Dart throwing [Cook, ACM TOG 1986] among given points, in a random order: a point stays unless
-// one that stayed is nearer than the radius. Those that stay tell their neighbours, which is the
-// same and quicker: most do not stay.
-class DartBoard {
- public:
-  DartBoard(const PointsView& candidates, std::uint64_t seed, const Progress& progress)
-      : candidates_(candidates),
-        progress_(progress),
-        ticker_(progress),
-        order_(random_order(candidates.num_points(), seed, ticker_)) {}
-
-  /// The rows that stay, ascending.
-  Order sample(double radius) {
-    if (!cells_ || !(radius <= cells_->cell_size() && cells_->cell_size() <= 2.0 * radius)) {
-      cells_.emplace(candidates_, kRoom * radius, ticker_);
-    }
-    state_.assign(order_.size(), State::kFree);
-    for (const std::int32_t row : order_) {
-      ticker_.tick();
-      const std::int32_t place = cells_->place_of(row);
-      if (state_[place] != State::kFree) continue;
-      cells_->visit<1>(place, [&](std::int32_t other) {
-        if (cells_->squared_distance(place, other) < radius * radius) state_[other] = State::kNear;
-      });
-      state_[place] = State::kStays;
-    }
-    Order kept;
-    for (std::int32_t row = 0; row < candidates_.num_points(); ++row) {
-      if (state_[cells_->place_of(row)] == State::kStays) kept.push_back(row);
-    }
-    return kept;
-  }
-
-  /// Of the rows that the last sample kept; as `mean_spacing` of them.
-  [[nodiscard]] double mean_spacing_of(const Order& kept) const {
-    double sum = 0.0;
-    bool all_near = true;
-    const auto probes = for_probes(static_cast<std::int64_t>(kept.size()), [&](std::int64_t i) {
-      const double squared = nearest_that_stays(cells_->place_of(kept[i]));
-      all_near = all_near && squared <= kSure * kSure * square(cells_->cell_size());
-      sum += std::sqrt(squared);
-    });
-    if (all_near) return sum / static_cast<double>(probes);
-    // Lone points: their cells are empty.
-    return mean_spacing(view_of(take(candidates_, kept)), progress_);
-  }
-
- private:
-  enum class State : std::uint8_t { kFree, kNear, kStays };
-
-  static constexpr double kRoom = 1.1;   // a cell over the radius, which corrections change
-  static constexpr double kSure = 1.99;  // cells that two on either side surely reach
-
-  static double square(double x) { return x * x; }
-
-  [[nodiscard]] double nearest_that_stays(std::int32_t place) const {
-    double least = std::numeric_limits<double>::infinity();
-    cells_->visit<2>(place, [&](std::int32_t other) {
-      if (state_[other] != State::kStays || other == place) return;
-      least = std::min(least, cells_->squared_distance(place, other));
-    });
-    return least;
-  }
-
-  PointsView candidates_;
-  Progress progress_;
-  Ticker ticker_;
-  Order order_;
-  std::optional<CellList> cells_;
-  std::vector<State> state_;  // by place in the list
-};
 
 Order first_of(const Order& order, double share) {
   const auto size = static_cast<std::int64_t>(order.size());
@@ -322,7 +192,7 @@ Points resample(const PointsView& object, const Eigen::Ref<const Faces>& faces,
   }
   if (gamma >= 1.0 && made.rows() < 2) return made;
   const PointsView candidates = gamma < 1.0 ? object : view_of(made);
-  DartBoard board(candidates, options.seed + 2, progress);
+  DartBoard board(candidates, options.seed + 2, Vector3d::Zero(), progress);
   const double first_radius = spacing / spacing_over_radius(gamma, faces.rows() > 0);
   return take(candidates,
               with_spacing(

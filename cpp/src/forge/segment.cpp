@@ -5,10 +5,12 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <numeric>
+#include <span>
 #include <string>
 #include <utility>
 
+#include "geometry/median.hpp"
+#include "geometry/union_find.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/angles.hpp"
 
@@ -45,7 +47,7 @@ class GroundGrid {
       : origin_(options.origin),
         half_(static_cast<std::int64_t>(options.max_range / kCell) + 1),
         side_(2 * half_ + 1),
-        height_(static_cast<std::size_t>(side_ * side_), kNothing) {
+        height_(side_ * side_, kNothing) {
     for (std::int64_t i = 0; i < scene.num_points(); ++i) {
       const std::int64_t cell = cell_of(scene.points.row(i).transpose().cast<double>());
       if (cell >= 0) height_[cell] = std::min(height_[cell], scene.points(i, 2));
@@ -76,8 +78,7 @@ class GroundGrid {
           const float h = height_[(i + k / 3 - 1) * side_ + j + k % 3 - 1];
           if (h < kNothing) around.push_back(h);
         }
-        std::sort(around.begin(), around.end());
-        medians[i * side_ + j] = around[(around.size() - 1) / 2];
+        medians[i * side_ + j] = median(std::span(around), Middle::kLower);
       }
     }
     height_ = std::move(medians);
@@ -139,30 +140,19 @@ std::vector<std::int64_t> neighbour_offsets() {  // the 13 that come before
   return offsets;
 }
 
-std::int32_t root_of(std::vector<std::int32_t>& parent, std::int32_t i) {
-  while (parent[i] != i) i = parent[i] = parent[parent[i]];
-  return i;
-}
-
-// The cluster of each voxel: the lowest number among those that touch, directly or not.
-std::vector<std::int32_t> connect(const std::vector<std::uint64_t>& keys) {
-  std::vector<std::int32_t> parent(keys.size());
-  std::iota(parent.begin(), parent.end(), 0);
+// Clusters of voxels that touch, directly or not.
+UnionFind connect(const std::vector<std::uint64_t>& keys) {
+  UnionFind clusters(std::ssize(keys));
   const std::vector<std::int64_t> offsets = neighbour_offsets();
   for (std::size_t i = 0; i < keys.size(); ++i) {
     for (const std::int64_t offset : offsets) {
       const std::uint64_t wanted = keys[i] + static_cast<std::uint64_t>(offset);
       const auto found = std::lower_bound(keys.begin(), keys.end(), wanted);
       if (found == keys.end() || *found != wanted) continue;
-      const std::int32_t a = root_of(parent, static_cast<std::int32_t>(i));
-      const std::int32_t b = root_of(parent, static_cast<std::int32_t>(found - keys.begin()));
-      parent[std::max(a, b)] = std::min(a, b);
+      clusters.join(static_cast<std::int32_t>(i), static_cast<std::int32_t>(found - keys.begin()));
     }
   }
-  for (std::size_t i = 0; i < parent.size(); ++i) {
-    parent[i] = root_of(parent, static_cast<std::int32_t>(i));
-  }
-  return parent;
+  return clusters;
 }
 
 // Rows of each cluster, ascending; clusters by their first row.
@@ -173,10 +163,10 @@ std::vector<std::vector<std::int32_t>> clusters_of(const std::vector<Voxel>& vox
     if (keys.empty() || keys.back() != voxel.key) keys.push_back(voxel.key);
     number.push_back(static_cast<std::int32_t>(keys.size()) - 1);
   }
-  const std::vector<std::int32_t> roots = connect(keys);
+  UnionFind touching = connect(keys);
   std::vector<std::vector<std::int32_t>> clusters(keys.size());
   for (std::size_t i = 0; i < voxels.size(); ++i) {
-    clusters[roots[number[i]]].push_back(voxels[i].row);
+    clusters[touching.root(number[i])].push_back(voxels[i].row);
   }
   std::erase_if(clusters, [](const auto& rows) { return rows.empty(); });
   for (auto& rows : clusters) std::sort(rows.begin(), rows.end());
@@ -204,7 +194,7 @@ Segmentation segment_objects(const PointsView& scene, const SegmentOptions& opti
   check_points(scene);
   check_options(options);
   Segmentation result;
-  result.labels.assign(static_cast<std::size_t>(scene.num_points()), Segmentation::kOther);
+  result.labels.assign(scene.num_points(), Segmentation::kOther);
   const GroundGrid ground(scene, options);
   std::vector<Voxel> voxels;
   for (std::int64_t i = 0; i < scene.num_points(); ++i) {

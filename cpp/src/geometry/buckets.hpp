@@ -14,13 +14,11 @@ class Buckets {
   template <typename ForEach>
   Buckets(std::int64_t num_keys, const ForEach& for_each)
       : offsets_(static_cast<std::size_t>(num_keys) + 1) {
-    for_each([&](std::int32_t key, const Item&) { ++offsets_[static_cast<std::size_t>(key) + 1]; });
+    for_each([&](std::int32_t key, const Item&) { ++offsets_[key + 1]; });
     for (std::size_t k = 1; k < offsets_.size(); ++k) offsets_[k] += offsets_[k - 1];
-    items_.resize(static_cast<std::size_t>(offsets_.back()));
+    items_.resize(offsets_.back());
     std::vector<std::int32_t> next(offsets_.begin(), offsets_.end() - 1);
-    for_each([&](std::int32_t key, const Item& item) {
-      items_[static_cast<std::size_t>(next[static_cast<std::size_t>(key)]++)] = item;
-    });
+    for_each([&](std::int32_t key, const Item& item) { items_[next[key]++] = item; });
   }
 
   [[nodiscard]] std::int32_t num_keys() const {
@@ -28,8 +26,7 @@ class Buckets {
   }
   [[nodiscard]] std::span<Item> operator[](std::int32_t key) {
     const auto k = static_cast<std::size_t>(key);
-    return std::span(items_).subspan(static_cast<std::size_t>(offsets_[k]),
-                                     static_cast<std::size_t>(offsets_[k + 1] - offsets_[k]));
+    return std::span(items_).subspan(offsets_[k], offsets_[k + 1] - offsets_[k]);
   }
 
  private:

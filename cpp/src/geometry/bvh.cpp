@@ -159,7 +159,7 @@ TriangleBvh::TriangleBvh(const MeshView& mesh, const Progress& progress) {
   vertices_ = (mesh.vertices.rowwise() - center_.transpose()) * scale_;
   faces_ = mesh.faces;
 
-  std::vector<Primitive> primitives(static_cast<std::size_t>(mesh.num_faces()));
+  std::vector<Primitive> primitives(mesh.num_faces());
   for (Eigen::Index f = 0; f < faces_.rows(); ++f) {
     const Array3d a = vertices_.row(faces_(f, 0));
     const Array3d b = vertices_.row(faces_(f, 1));

@@ -74,13 +74,13 @@ PixelRays::PixelRays(const Intrinsics& camera) : width_(camera.width), height_(c
   separable_ = camera.ray_table == nullptr && !is_distorted(camera);
   flips_ = (camera.fy < 0.0) != camera.mirrored;
   if (separable_) {
-    x_.resize(static_cast<std::size_t>(width_));
-    y_.resize(static_cast<std::size_t>(height_));
+    x_.resize(width_);
+    y_.resize(height_);
     for (std::int64_t u = 0; u < width_; ++u) {
-      x_[static_cast<std::size_t>(u)] = static_cast<float>(ideal_x(camera, static_cast<double>(u)));
+      x_[u] = static_cast<float>(ideal_x(camera, static_cast<double>(u)));
     }
     for (std::int64_t v = 0; v < height_; ++v) {
-      y_[static_cast<std::size_t>(v)] = static_cast<float>(ideal_y(camera, static_cast<double>(v)));
+      y_[v] = static_cast<float>(ideal_y(camera, static_cast<double>(v)));
     }
     return;
   }

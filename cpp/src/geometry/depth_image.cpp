@@ -17,7 +17,7 @@ PointGrid unproject(const DepthView& depth, const PixelRays& rays, int num_threa
   grid.cols = depth.cols;
   grid.rows_up = image.rows_up();
   grid.points.resize(depth.rows * depth.cols, 3);
-  grid.valid.resize(static_cast<std::size_t>(depth.rows * depth.cols));
+  grid.valid.resize(depth.rows * depth.cols);
   constexpr std::int64_t kRowsPerChunk = 16;
   parallel_chunks(depth.rows, kRowsPerChunk, num_threads, [&](std::int64_t v0, std::int64_t v1) {
     Rows<float, Eigen::Dynamic> xyz(3, depth.cols);
@@ -26,7 +26,7 @@ PointGrid unproject(const DepthView& depth, const PixelRays& rays, int num_threa
       for (std::int64_t u = 0; u < depth.cols; ++u) {
         const std::int64_t pixel = v * depth.cols + u;
         const bool valid = !std::isnan(xyz(2, u));
-        grid.valid[static_cast<std::size_t>(pixel)] = valid ? 1 : 0;
+        grid.valid[pixel] = valid ? 1 : 0;
         grid.points.row(pixel).setConstant(std::numeric_limits<float>::quiet_NaN());
         if (valid) grid.points.row(pixel) = xyz.col(u).transpose();
       }

@@ -297,7 +297,7 @@ void DirectionGrid::scan_rows(Query& query, std::int64_t low, std::int64_t high,
 void DirectionGrid::build_blocks() {
   block_rows_ = (rows_ + kBlockSide - 1) / kBlockSide;
   block_columns_ = (columns_ + kBlockSide - 1) / kBlockSide;
-  blocks_.assign(static_cast<std::size_t>(block_rows_ * block_columns_), {});
+  blocks_.assign(block_rows_ * block_columns_, {});
   parallel_chunks(block_rows_, 1, threads_, [&](std::int64_t first_row, std::int64_t) {
     Directions directions;
     for (std::int64_t row = first_row * kBlockSide;

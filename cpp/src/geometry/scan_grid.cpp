@@ -49,8 +49,8 @@ Histograms sample_angles(const PointsView& view, const Eigen::Vector3d& origin) 
   if (view.num_points() < kVeryFewPoints) histograms.cell = 5;
   const double side = static_cast<double>(histograms.cell) * kDegree;
   const auto half_turn = static_cast<std::int64_t>(kPi / histograms.bin + 0.5);
-  histograms.azimuth.resize(static_cast<std::size_t>(2 * half_turn));
-  histograms.elevation.resize(static_cast<std::size_t>(half_turn));
+  histograms.azimuth.resize(2 * half_turn);
+  histograms.elevation.resize(half_turn);
   Directions directions;
   const std::int64_t blocks = (view.num_points() + Directions::kBlock - 1) / Directions::kBlock;
   const std::int64_t every = std::max<std::int64_t>(1, blocks / kSampleBlocks);
@@ -148,7 +148,7 @@ Comb find_comb(const std::vector<std::int64_t>& histogram, double bin, int num_t
   if (!(energy > 0.0)) return {};
   const auto shortest = std::max<std::int64_t>(2, static_cast<std::int64_t>(kShortestPeriod / bin));
   const auto longest = static_cast<std::int64_t>(kLongestPeriod / bin);
-  std::vector<double> heights(static_cast<std::size_t>(longest) + 1);
+  std::vector<double> heights(longest + 1);
   parallel_chunks(longest + 1, 16, num_threads, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t lag = begin; lag < end; ++lag) heights[lag] = autocorrelation(values, lag);
   });

@@ -8,9 +8,11 @@
 #include <cstdint>
 #include <numbers>
 #include <numeric>
+#include <span>
 #include <vector>
 
 #include "geometry/kd_tree.hpp"
+#include "geometry/median.hpp"
 #include "geometry/select_rows.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/angles.hpp"
@@ -50,12 +52,6 @@ Points sample_points(const PointsView& view) {
     points.row(static_cast<Eigen::Index>(i)) << rows[i][0], rows[i][1], rows[i][2];
   }
   return points;
-}
-
-double median_of(std::vector<double>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 // --- A first position, from the density of surfaces ----------------------------------------------
@@ -119,7 +115,7 @@ double unevenness(const std::vector<Patch>& patches, const Vector3d& origin, int
     logs.push_back(binary_log(patch.density * range * rho / cosine));
   }
   scratch = logs;
-  const double middle = median_of(scratch);
+  const double middle = median(std::span(scratch));
   double sum = 0.0;
   for (const double value : logs) sum += std::min(std::abs(value - middle), kMost);
   return sum / static_cast<double>(logs.size());
@@ -311,7 +307,7 @@ class Grid {
 
   [[nodiscard]] double median_range() const {
     std::vector<double> ranges(sight_.range);
-    return median_of(ranges);
+    return median(std::span(ranges));
   }
 
   // The largest step of [shortest, longest] at which phases agree nearly as well as at any.
@@ -533,7 +529,7 @@ ScanOrigin fit_grid(const Points& sample, const Vector3d& start, int axis, bool 
   constexpr double kFarthest = 0.2;    // of the median range: the first position is better
   constexpr double kSame = 0.005;      // of the median range: the first position is as good
   constexpr double kKept = 0.8;        // of the coherence, from one window to the next
-  std::vector<Vector3d> points(static_cast<std::size_t>(sample.rows()));
+  std::vector<Vector3d> points(sample.rows());
   for (Eigen::Index i = 0; i < sample.rows(); ++i) {
     points[i] = turned(sample.row(i).cast<double>().transpose(), axis);
   }

@@ -24,15 +24,14 @@ struct CornerFans {
 
   [[nodiscard]] std::span<const std::int32_t> of(std::int64_t position) const {
     const auto p = static_cast<std::size_t>(position);
-    return std::span(corners).subspan(static_cast<std::size_t>(offsets[p]),
-                                      static_cast<std::size_t>(offsets[p + 1] - offsets[p]));
+    return std::span(corners).subspan(offsets[p], offsets[p + 1] - offsets[p]);
   }
 };
 
 CornerFans collect_fans(const MeshView& mesh, const Weld& weld) {
   const auto num_positions = static_cast<std::size_t>(weld.num_values());
   CornerFans fans{std::vector<std::int32_t>(num_positions + 1, 0),
-                  std::vector<std::int32_t>(static_cast<std::size_t>(mesh.faces.size()))};
+                  std::vector<std::int32_t>(mesh.faces.size())};
   const auto position = [&](Eigen::Index corner) {
     return static_cast<std::size_t>(weld.value(mesh.faces(corner / 3, corner % 3)));
   };
@@ -40,7 +39,7 @@ CornerFans collect_fans(const MeshView& mesh, const Weld& weld) {
   for (std::size_t p = 0; p < num_positions; ++p) fans.offsets[p + 1] += fans.offsets[p];
   std::vector<std::int32_t> next(fans.offsets.begin(), fans.offsets.end() - 1);
   for (Eigen::Index c = 0; c < mesh.faces.size(); ++c) {
-    fans.corners[static_cast<std::size_t>(next[position(c)]++)] = static_cast<std::int32_t>(c);
+    fans.corners[next[position(c)]++] = static_cast<std::int32_t>(c);
   }
   return fans;
 }
@@ -169,7 +168,7 @@ Rows<std::int32_t, 2> welded_boundary(const MeshView& mesh) {
   }
   Rows<std::int32_t, 2> result(static_cast<Eigen::Index>(boundary.size()), 2);
   for (Eigen::Index row = 0; row < result.rows(); ++row) {
-    const Eigen::Index e = boundary[static_cast<std::size_t>(row)];
+    const Eigen::Index e = boundary[row];
     result.row(row) << weld.first_row(edges.vertices(e, 0)), weld.first_row(edges.vertices(e, 1));
   }
   return result;

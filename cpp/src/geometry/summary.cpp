@@ -56,8 +56,8 @@ std::int64_t count_zero_area_faces(const MeshView& mesh) {
 }
 
 std::int64_t count_referenced(const Eigen::Ref<const Faces>& faces, std::int64_t num_vertices) {
-  std::vector<bool> referenced(static_cast<std::size_t>(num_vertices));
-  for (const std::int32_t v : faces.reshaped()) referenced[static_cast<std::size_t>(v)] = true;
+  std::vector<bool> referenced(num_vertices);
+  for (const std::int32_t v : faces.reshaped()) referenced[v] = true;
   return std::count(referenced.begin(), referenced.end(), true);
 }
 
@@ -68,7 +68,7 @@ std::int64_t count_materials(const MeshView& mesh) {
   return end - std::lower_bound(used.begin(), end, 0);
 }
 
-std::int64_t count_faces_without_uv(const MeshView& mesh) {
+std::int64_t count_faces_without_texcoords(const MeshView& mesh) {
   std::int64_t count = 0;
   for (Eigen::Index f = 0; f < mesh.num_faces(); ++f) count += mesh.face_has_texcoords(f) ? 0 : 1;
   return count;
@@ -113,7 +113,7 @@ MeshSummary summarize(const MeshView& mesh) {
       mesh.num_vertices() - count_referenced(mesh.faces, mesh.num_vertices());
   summary.zero_area_faces = count_zero_area_faces(mesh);
   summary.materials_used = count_materials(mesh);
-  summary.faces_without_uv = count_faces_without_uv(mesh);
+  summary.faces_without_texcoords = count_faces_without_texcoords(mesh);
   summary.multi_uv_vertices = count_multi_uv_vertices(mesh, welded_faces, num_welded);
   summary.closed = summary.welded.edges > 0 && summary.welded.boundary_edges == 0;
   summary.has_normals = mesh.face_normals.rows() > 0;

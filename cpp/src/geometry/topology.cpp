@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <array>
-#include <numeric>
 #include <utility>
 
 #include "geometry/buckets.hpp"
+#include "geometry/union_find.hpp"
 
 namespace manip3d {
 namespace {
@@ -32,24 +32,13 @@ Buckets<EdgeUse> edge_uses_by_lower_vertex(const Eigen::Ref<const Faces>& faces,
   return uses;
 }
 
-std::int32_t find_root(std::vector<std::int32_t>& parent, std::int32_t vertex) {
-  const auto up = [&](std::int32_t v) -> std::int32_t& {
-    return parent[static_cast<std::size_t>(v)];
-  };
-  while (up(vertex) != vertex) {
-    up(vertex) = up(up(vertex));  // path halving
-    vertex = up(vertex);
-  }
-  return vertex;
-}
-
 }  // namespace
 
 Edges find_edges(const Eigen::Ref<const Faces>& faces, std::int64_t num_vertices) {
   Buckets<EdgeUse> uses = edge_uses_by_lower_vertex(faces, num_vertices);
   Edges edges;
   edges.vertices.resize(3 * faces.rows(), 2);
-  edges.faces.reserve(static_cast<std::size_t>(3 * faces.rows()));
+  edges.faces.reserve(3 * faces.rows());
   Eigen::Index size = 0;
   for (std::int32_t lower = 0; lower < uses.num_keys(); ++lower) {
     std::int32_t last_upper = -1;
@@ -78,21 +67,18 @@ Indices count_boundary_neighbors(const Edges& edges, std::int64_t num_vertices) 
 }
 
 Components find_components(const Eigen::Ref<const Faces>& faces, std::int64_t num_vertices) {
-  std::vector<std::int32_t> parent(static_cast<std::size_t>(num_vertices));
-  std::iota(parent.begin(), parent.end(), 0);
+  UnionFind sets(num_vertices);
   Components components{Indices::Constant(num_vertices, -1), 0};
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     if (is_degenerate(faces, f)) continue;
     for (int c = 0; c < 3; ++c) {
       components.of_vertex[faces(f, c)] = 0;  // in a face; numbered below
-      const auto [low, high] =
-          std::minmax({find_root(parent, faces(f, c)), find_root(parent, faces(f, (c + 1) % 3))});
-      parent[static_cast<std::size_t>(high)] = low;  // the root is the lowest vertex
+      sets.join(faces(f, c), faces(f, (c + 1) % 3));
     }
   }
   for (std::int32_t v = 0; v < num_vertices; ++v) {
     if (components.of_vertex[v] < 0) continue;
-    const std::int32_t root = find_root(parent, v);
+    const std::int32_t root = sets.root(v);
     components.of_vertex[v] = root == v ? components.count++ : components.of_vertex[root];
   }
   return components;

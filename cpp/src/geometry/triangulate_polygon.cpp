@@ -80,14 +80,14 @@ void PolygonTriangulator::clip_ears(const Vector3d& normal) {
   next_.resize(points_.size());
   previous_.resize(points_.size());
   for (std::int32_t i = 0; i < n; ++i) {
-    next_[static_cast<std::size_t>(i)] = i + 1 < n ? i + 1 : 0;
-    previous_[static_cast<std::size_t>(i)] = i > 0 ? i - 1 : n - 1;
+    next_[i] = i + 1 < n ? i + 1 : 0;
+    previous_[i] = i > 0 ? i - 1 : n - 1;
   }
   blockers_.clear();
   blocks_.assign(points_.size(), false);
   for (std::int32_t i = 0; i < n; ++i) {
     if (is_convex(i)) continue;
-    blocks_[static_cast<std::size_t>(i)] = true;
+    blocks_[i] = true;
     blockers_.push_back(i);
   }
   tests_left_ = kTestsPerCorner * n + shared_tests_;
@@ -97,19 +97,18 @@ void PolygonTriangulator::clip_ears(const Vector3d& normal) {
   std::int32_t refused = 0;
   for (std::int32_t left = n; left > 3;) {
     if (tests_left_ > 0 && refused < left && !is_ear(corner)) {
-      corner = next_[static_cast<std::size_t>(corner)];
+      corner = next_[corner];
       ++refused;
       continue;
     }
-    const std::int32_t after = next_[static_cast<std::size_t>(corner)];
+    const std::int32_t after = next_[corner];
     cut(corner);
     // Without work left: always the corner after the first, which makes a fan.
-    corner = tests_left_ > 0 ? next_[static_cast<std::size_t>(after)] : after;
+    corner = tests_left_ > 0 ? next_[after] : after;
     refused = 0;
     --left;
   }
-  triangles_.push_back({previous_[static_cast<std::size_t>(corner)], corner,
-                        next_[static_cast<std::size_t>(corner)]});
+  triangles_.push_back({previous_[corner], corner, next_[corner]});
   shared_tests_ = std::max<std::int64_t>(0, std::min(shared_tests_, tests_left_));
 }
 
@@ -127,9 +126,9 @@ void PolygonTriangulator::project(const Vector3d& normal) {
 }
 
 double PolygonTriangulator::orientation(std::int32_t a, std::int32_t b, std::int32_t c) const {
-  const Vector2d& p = plane_[static_cast<std::size_t>(a)];
-  const Vector2d ab = plane_[static_cast<std::size_t>(b)] - p;
-  const Vector2d ac = plane_[static_cast<std::size_t>(c)] - p;
+  const Vector2d& p = plane_[a];
+  const Vector2d ab = plane_[b] - p;
+  const Vector2d ac = plane_[c] - p;
   return ab.x() * ac.y() - ab.y() * ac.x();
 }
 
@@ -140,15 +139,13 @@ bool PolygonTriangulator::is_convex(std::int32_t corner) const {
 
 bool PolygonTriangulator::is_ear(std::int32_t corner) {
   --tests_left_;
-  if (blocks_[static_cast<std::size_t>(corner)]) return false;
-  const std::int32_t a = previous_[static_cast<std::size_t>(corner)];
-  const std::int32_t c = next_[static_cast<std::size_t>(corner)];
-  const auto same_place = [&](std::int32_t i, std::int32_t j) {
-    return plane_[static_cast<std::size_t>(i)] == plane_[static_cast<std::size_t>(j)];
-  };
+  if (blocks_[corner]) return false;
+  const std::int32_t a = previous_[corner];
+  const std::int32_t c = next_[corner];
+  const auto same_place = [&](std::int32_t i, std::int32_t j) { return plane_[i] == plane_[j]; };
   tests_left_ -= static_cast<std::int64_t>(blockers_.size());
   for (const std::int32_t p : blockers_) {
-    if (!blocks_[static_cast<std::size_t>(p)] || p == a || p == c) continue;
+    if (!blocks_[p] || p == a || p == c) continue;
     // A hole joined by a bridge visits the same place twice: that does not block.
     if (same_place(p, a) || same_place(p, corner) || same_place(p, c)) continue;
     if (orientation(a, corner, p) >= -kInLine && orientation(corner, c, p) >= -kInLine &&
@@ -164,12 +161,12 @@ void PolygonTriangulator::cut(std::int32_t corner) {
   const std::int32_t a = previous_[at];
   const std::int32_t c = next_[at];
   triangles_.push_back({a, corner, c});
-  next_[static_cast<std::size_t>(a)] = c;
-  previous_[static_cast<std::size_t>(c)] = a;
+  next_[a] = c;
+  previous_[c] = a;
   blocks_[at] = false;
   // A cut makes its neighbours more convex, never less.
   for (const std::int32_t neighbour : {a, c}) {
-    if (is_convex(neighbour)) blocks_[static_cast<std::size_t>(neighbour)] = false;
+    if (is_convex(neighbour)) blocks_[neighbour] = false;
   }
 }
 

@@ -170,18 +170,18 @@ class Reader {
   /// Children of every node; each node has at most one parent and none is its own ancestor.
   std::vector<std::vector<std::int64_t>> read_forest(std::vector<bool>& has_parent) const {
     const std::int64_t num_nodes = document_.count("nodes");
-    std::vector<std::vector<std::int64_t>> children(static_cast<std::size_t>(num_nodes));
+    std::vector<std::vector<std::int64_t>> children(num_nodes);
     has_parent.assign(children.size(), false);
     for (std::int64_t n = 0; n < num_nodes; ++n) {
       const auto list = node(n).find("children");
       if (!list) continue;
       for (std::int64_t i = 0; i < list->size(); ++i) {
         const std::int64_t child = list->item(i).integer(0, num_nodes - 1);
-        if (has_parent[static_cast<std::size_t>(child)]) {
+        if (has_parent[child]) {
           list->item(i).fail("node " + std::to_string(child) + " has two parents");
         }
-        has_parent[static_cast<std::size_t>(child)] = true;
-        children[static_cast<std::size_t>(n)].push_back(child);
+        has_parent[child] = true;
+        children[n].push_back(child);
       }
     }
     check_acyclic(children, has_parent);
@@ -257,7 +257,7 @@ class Reader {
         static_cast<void>(document_.object("meshes", *mesh));  // checks the index
         instances_.push_back({mesh->integer(0, document_.count("meshes") - 1), world});
       }
-      push_reversed(children[static_cast<std::size_t>(visit.node)], world);
+      push_reversed(children[visit.node], world);
     }
   }
 
@@ -438,12 +438,11 @@ class Reader {
   /// Linear light to sRGB bytes, IEC 61966-2-1.
   void fill_colors(const Draw& draw) {
     const GltfAccessor& accessor = *draw.primitive->color;
-    std::vector<double> linear(static_cast<std::size_t>(accessor.count * accessor.num_components));
+    std::vector<double> linear(accessor.count * accessor.num_components);
     accessor.decode(linear.data());
     for (std::int64_t i = 0; i < accessor.count; ++i) {
       for (int c = 0; c < 3; ++c) {
-        const double x =
-            std::clamp(linear[static_cast<std::size_t>(i * accessor.num_components + c)], 0.0, 1.0);
+        const double x = std::clamp(linear[i * accessor.num_components + c], 0.0, 1.0);
         const double y = x <= 0.0031308 ? 12.92 * x : 1.055 * std::pow(x, 1 / 2.4) - 0.055;
         mesh_.colors(draw.vertices + i, c) = static_cast<std::uint8_t>(std::lround(255.0 * y));
       }
@@ -477,7 +476,7 @@ class Reader {
   [[nodiscard]] static std::vector<std::uint32_t> corners_of(const Primitive& p) {
     std::vector<std::uint32_t> corners;
     if (p.indices == nullptr) {
-      corners.resize(static_cast<std::size_t>(p.position->count));
+      corners.resize(p.position->count);
       std::iota(corners.begin(), corners.end(), 0U);
       return corners;
     }
@@ -507,7 +506,7 @@ class Reader {
       if (mirrored) std::swap(from[1], from[2]);
       const std::int64_t face = draw.faces + f;
       for (int c = 0; c < 3; ++c) {
-        const std::int64_t i = corners[static_cast<std::size_t>(from[static_cast<std::size_t>(c)])];
+        const std::int64_t i = corners[from[c]];
         const auto set = [&](Faces& table, std::int64_t row) {
           table(face, c) = static_cast<std::int32_t>(row + i);
         };
@@ -530,14 +529,14 @@ class Reader {
       const auto original =
           extras && extras->is_object() ? extras->find(kUntexturedCopyOf) : std::nullopt;
       if (original && i > 0) {
-        rows.push_back(rows[static_cast<std::size_t>(original->integer(0, i - 1))]);
+        rows.push_back(rows[original->integer(0, i - 1)]);
       } else {
         rows.push_back(static_cast<std::int32_t>(mesh_.materials.size()));
         mesh_.materials.push_back(read_material(place));
       }
     }
     for (std::int32_t& material : mesh_.face_material) {
-      if (material >= 0) material = rows[static_cast<std::size_t>(material)];
+      if (material >= 0) material = rows[material];
     }
   }
 

@@ -9,8 +9,8 @@
 #include <type_traits>
 #include <utility>
 
-#include "io/base64.hpp"
-#include "io/json_text.hpp"
+#include "parse/base64.hpp"
+#include "parse/json_text.hpp"
 
 namespace manip3d {
 namespace {
@@ -94,7 +94,7 @@ void with_type(GltfType type, const Use& use) {
 
 std::vector<std::uint32_t> load_indices(const GltfAccessor::Elements& elements,
                                         std::int64_t count) {
-  std::vector<std::uint32_t> indices(static_cast<std::size_t>(count), 0);
+  std::vector<std::uint32_t> indices(count, 0);
   if (elements.data == nullptr) return indices;
   with_type(elements.type, [&](auto zero) {
     using T = decltype(zero);
@@ -207,7 +207,7 @@ void GltfAccessor::check_indices() const {
 
 std::vector<std::uint32_t> GltfAccessor::decode_indices() const {
   if (num_sparse == 0) return load_indices(dense, count);
-  std::vector<double> values(static_cast<std::size_t>(count));
+  std::vector<double> values(count);
   decode(values.data());  // a double holds any 32-bit index
   return {values.begin(), values.end()};
 }
@@ -241,8 +241,7 @@ void GltfDocument::split_chunks(ByteSpan file) {
       throw FormatError::at_byte(at, "GLB: the chunk says " + std::to_string(length) +
                                          " bytes, the file has " + std::to_string(size - begin));
     }
-    const ByteSpan chunk =
-        file.subspan(static_cast<std::size_t>(begin), static_cast<std::size_t>(length));
+    const ByteSpan chunk = file.subspan(begin, length);
     if (at == kHeaderBytes) {
       if (type != kJsonChunk)
         throw FormatError::at_byte(at + 4, "GLB: expected a JSON chunk first");
@@ -313,7 +312,7 @@ ByteSpan GltfDocument::buffer(const JsonPlace& user) {
                                            std::to_string(length) + " bytes, the buffer has " +
                                            std::to_string(bytes.size()));
   }
-  return bytes.first(static_cast<std::size_t>(length));
+  return bytes.first(length);
 }
 
 ByteSpan GltfDocument::buffer_view(const JsonPlace& user) {
@@ -327,7 +326,7 @@ ByteSpan GltfDocument::buffer_view(const JsonPlace& user) {
     view.fail("bytes " + std::to_string(offset) + " to " + std::to_string(offset + length) +
               " of a buffer of " + std::to_string(size));
   }
-  return bytes.subspan(static_cast<std::size_t>(offset), static_cast<std::size_t>(length));
+  return bytes.subspan(offset, length);
 }
 
 GltfAccessor::Elements GltfDocument::elements(const JsonPlace& owner, GltfType type,

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "io/gltf.hpp"
-#include "io/json_place.hpp"
+#include "parse/json_place.hpp"
 
 namespace manip3d {
 

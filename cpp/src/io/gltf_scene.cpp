@@ -115,7 +115,7 @@ class SceneBuilder {
     write_node();
     for (const Material& material : materials_) write_material(material);
     Json primitives = Json::array();
-    chains_.assign(static_cast<std::size_t>(mesh_.num_vertices()), -1);
+    chains_.assign(mesh_.num_vertices(), -1);
     for (const Group& group : group_faces(mesh_, materials_.size())) {
       primitives.push_back(write_primitive(group));
     }
@@ -159,14 +159,14 @@ class SceneBuilder {
                                    group.has_normals ? mesh_.face_normals(f, c) : -1));
       }
     }
-    for (const Split& split : splits_) chains_[static_cast<std::size_t>(split.vertex)] = -1;
+    for (const Split& split : splits_) chains_[split.vertex] = -1;
     return indices;
   }
 
   std::uint32_t split_of(std::int32_t vertex, std::int32_t texcoord, std::int32_t normal) {
-    std::int32_t& chain = chains_[static_cast<std::size_t>(vertex)];
-    for (std::int32_t i = chain; i >= 0; i = splits_[static_cast<std::size_t>(i)].next) {
-      const Split& split = splits_[static_cast<std::size_t>(i)];
+    std::int32_t& chain = chains_[vertex];
+    for (std::int32_t i = chain; i >= 0; i = splits_[i].next) {
+      const Split& split = splits_[i];
       if (split.texcoord == texcoord && split.normal == normal) {
         return static_cast<std::uint32_t>(i);
       }
@@ -285,7 +285,7 @@ class SceneBuilder {
 
   /// The material as faces without texture coordinates may have it.
   std::int64_t untextured(std::int32_t index) {
-    const Material& m = materials_[static_cast<std::size_t>(index)];
+    const Material& m = materials_[index];
     if (m.textures.empty()) return index;
     const auto [copy, is_new] = untextured_.try_emplace(index, scene_.json["materials"].size());
     if (is_new) {

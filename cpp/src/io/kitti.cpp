@@ -1,8 +1,8 @@
 #include <cmath>
 #include <cstring>
 
-#include "io/input_buffer.hpp"
 #include "io/point_formats.hpp"
+#include "parse/input_buffer.hpp"
 
 namespace manip3d {
 namespace {

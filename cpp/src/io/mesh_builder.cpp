@@ -103,8 +103,7 @@ void MeshBuilder::cut_polygons() {
     std::int64_t face = polygon.first_face;
     for (const auto& triangle : triangulator.triangulate(positions)) {
       for (std::int64_t k = 0; k < 3; ++k) {
-        const std::int32_t* corner =
-            corners_.row(polygon.first_corner + triangle[static_cast<std::size_t>(k)]);
+        const std::int32_t* corner = corners_.row(polygon.first_corner + triangle[k]);
         faces_.row(face)[k] = corner[0];
         if (!face_texcoords_.empty()) face_texcoords_.row(face)[k] = corner[1];
         if (!face_normals_.empty()) face_normals_.row(face)[k] = corner[2];

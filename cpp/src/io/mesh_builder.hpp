@@ -10,10 +10,10 @@
 #include <unordered_map>
 #include <vector>
 
-#include "io/input_buffer.hpp"
 #include "manip3d/geometry/mesh.hpp"
 #include "manip3d/geometry/triangulate_polygon.hpp"
 #include "manip3d/io/mesh_file.hpp"
+#include "parse/input_buffer.hpp"
 
 namespace manip3d {
 

@@ -5,9 +5,9 @@
 #include <string_view>
 #include <utility>
 
-#include "io/input_buffer.hpp"
-#include "io/line_cursor.hpp"
 #include "io/warnings.hpp"
+#include "parse/input_buffer.hpp"
+#include "parse/line_cursor.hpp"
 
 namespace manip3d {
 namespace {

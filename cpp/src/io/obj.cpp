@@ -11,12 +11,12 @@
 #include <vector>
 
 #include "io/formats.hpp"
-#include "io/input_buffer.hpp"
-#include "io/line_cursor.hpp"
 #include "io/mesh_builder.hpp"
 #include "io/texture_files.hpp"
 #include "io/warnings.hpp"
 #include "manip3d/io/mtl.hpp"
+#include "parse/input_buffer.hpp"
+#include "parse/line_cursor.hpp"
 
 namespace manip3d {
 namespace fs = std::filesystem;
@@ -312,7 +312,7 @@ void write_obj(Output& out, const WriteJob& job) {
     const std::int32_t now = mesh.has_materials() ? mesh.face_material[f] : MeshBuilder::kNone;
     if (now != material) {
       const bool named = now >= 0 && now < static_cast<std::int32_t>(names.size());
-      out.text(named ? "usemtl " + names[static_cast<std::size_t>(now)] + "\n" : "usemtl\n");
+      out.text(named ? "usemtl " + names[now] + "\n" : "usemtl\n");
       material = now;
     }
     out.text("f");

@@ -7,10 +7,10 @@
 #include <vector>
 
 #include "io/formats.hpp"
-#include "io/input_buffer.hpp"
-#include "io/line_cursor.hpp"
 #include "io/mesh_builder.hpp"
 #include "io/warnings.hpp"
+#include "parse/input_buffer.hpp"
+#include "parse/line_cursor.hpp"
 
 namespace manip3d {
 namespace {

@@ -4,11 +4,11 @@
 #include <string>
 #include <vector>
 
-#include "io/input_buffer.hpp"
-#include "io/line_cursor.hpp"
 #include "io/lzf.hpp"
 #include "io/point_formats.hpp"
 #include "io/point_values.hpp"
+#include "parse/input_buffer.hpp"
+#include "parse/line_cursor.hpp"
 
 namespace manip3d {
 namespace {
@@ -264,7 +264,7 @@ PointTable read_pcd(ByteSource& source, const Progress& progress) {
   if (is_ascii) {
     read_ascii(input, table);
   } else {
-    table.rows.reserve(static_cast<std::size_t>(sure * row_size));
+    table.rows.reserve(sure * row_size);
     read_rows(input, table.num_points, row_size, table.rows);
   }
   return table;

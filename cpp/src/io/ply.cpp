@@ -9,15 +9,16 @@
 #include <string_view>
 #include <vector>
 
+#include "geometry/cell_cut.hpp"
 #include "io/formats.hpp"
-#include "io/input_buffer.hpp"
-#include "io/line_cursor.hpp"
 #include "io/mesh_builder.hpp"
 #include "io/ply_header.hpp"
 #include "io/texture_files.hpp"
 #include "io/unique_rows.hpp"
 #include "io/warnings.hpp"
 #include "manip3d/io/range_grid.hpp"
+#include "parse/input_buffer.hpp"
+#include "parse/line_cursor.hpp"
 
 namespace manip3d {
 namespace {
@@ -392,7 +393,7 @@ class PlyReader {
       for (std::int64_t c = 0; c + 1 < cols; ++c) {
         const std::int64_t pixel = r * cols + c;
         corners_.clear();
-        for (const std::int64_t p : {pixel, pixel + 1, pixel + cols + 1, pixel + cols}) {
+        for (const std::int64_t p : cell_corners(pixel, cols, true)) {
           const std::int32_t vertex = *grid_.row(p);
           if (vertex >= 0) corners_.push_back(corner_of(vertex));
         }
@@ -406,7 +407,7 @@ class PlyReader {
     auto& materials = mesh.materials;
     const auto texture = [&](std::int64_t i) -> std::string {
       const bool known = i >= 0 && i < static_cast<std::int64_t>(header_.texture_files.size());
-      return known ? header_.texture_files[static_cast<std::size_t>(i)] : "";
+      return known ? header_.texture_files[i] : "";
     };
     if (!has_material_index_ && !header_.texture_files.empty()) {
       for (const std::string& file : header_.texture_files) {
@@ -459,19 +460,19 @@ bool fits_float(const Table& table) {
 Vertices vertex_normals(const MeshView& mesh, std::vector<std::string>& warnings) {
   if (mesh.face_normals.rows() == 0) return {};
   Vertices normals = Vertices::Zero(mesh.vertices.rows(), 3);
-  std::vector<bool> known(static_cast<std::size_t>(mesh.vertices.rows()), false);
+  std::vector<bool> known(mesh.vertices.rows(), false);
   for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
     for (int c = 0; c < 3; ++c) {
       const std::int32_t index = mesh.face_normals(f, c);
       const std::int32_t vertex = mesh.faces(f, c);
-      const bool agrees = index >= 0 && (!known[static_cast<std::size_t>(vertex)] ||
-                                         normals.row(vertex) == mesh.normals.row(index));
+      const bool agrees =
+          index >= 0 && (!known[vertex] || normals.row(vertex) == mesh.normals.row(index));
       if (!agrees) {
         warn(warnings, "PLY holds one normal per vertex: normals left out");
         return {};
       }
       normals.row(vertex) = mesh.normals.row(index);
-      known[static_cast<std::size_t>(vertex)] = true;
+      known[vertex] = true;
     }
   }
   return normals;

@@ -3,7 +3,7 @@
 #include <charconv>
 #include <string_view>
 
-#include "io/line_cursor.hpp"
+#include "parse/line_cursor.hpp"
 
 namespace manip3d::ply {
 namespace {

@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "io/input_buffer.hpp"
+#include "parse/input_buffer.hpp"
 
 /// @file
 /// The header of a PLY file, for its two readers: of meshes and of points.

@@ -1,11 +1,11 @@
 #include <string>
 #include <utility>
 
-#include "io/input_buffer.hpp"
-#include "io/line_cursor.hpp"
 #include "io/ply_header.hpp"
 #include "io/point_formats.hpp"
 #include "io/point_values.hpp"
+#include "parse/input_buffer.hpp"
+#include "parse/line_cursor.hpp"
 
 namespace manip3d {
 namespace {
@@ -82,7 +82,7 @@ PointTable read_ply_points(ByteSource& source, const Progress& progress) {
     read_ascii(input, table);
     return table;
   }
-  table.rows.reserve(static_cast<std::size_t>(sure * row_size));
+  table.rows.reserve(sure * row_size);
   read_rows(input, table.num_points, row_size, table.rows);
   if (header.encoding == ply::Encoding::kBigEndian) swap_rows(table.fields, table.rows);
   return table;

@@ -5,10 +5,10 @@
 #include <string_view>
 #include <vector>
 
-#include "io/input_buffer.hpp"
-#include "io/line_cursor.hpp"
 #include "io/output.hpp"
 #include "manip3d/io/point_file.hpp"
+#include "parse/input_buffer.hpp"
+#include "parse/line_cursor.hpp"
 
 namespace manip3d {
 

@@ -8,11 +8,11 @@
 #include <string_view>
 
 #include "io/formats.hpp"
-#include "io/input_buffer.hpp"
-#include "io/line_cursor.hpp"
 #include "io/mesh_builder.hpp"
 #include "io/unique_rows.hpp"
 #include "io/warnings.hpp"
+#include "parse/input_buffer.hpp"
+#include "parse/line_cursor.hpp"
 
 namespace manip3d {
 namespace {
@@ -63,11 +63,11 @@ class StlReader {
 
   void read_binary() {
     const std::string_view head(input_.bytes(kHeaderBytes, "the header"), kHeaderBytes);
-    const std::uint32_t num_triangles = claimed(head);
+    const std::uint32_t num_faces = claimed(head);
     constexpr std::int64_t kCountOffset = kHeaderBytes - 4;
-    builder_.reserve_faces(input_.checked_claim(num_triangles, kTriangleBytes, "triangles",
-                                                {std::nullopt, kCountOffset}));
-    for (std::uint32_t i = 0; i < num_triangles; ++i) {
+    builder_.reserve_faces(
+        input_.checked_claim(num_faces, kTriangleBytes, "triangles", {std::nullopt, kCountOffset}));
+    for (std::uint32_t i = 0; i < num_faces; ++i) {
       const std::int64_t start = input_.offset();
       const char* bytes = input_.bytes(kTriangleBytes, "the triangles");
       std::array<float, 12> values;  // normal, three positions; then two bytes of attributes

@@ -1,9 +1,9 @@
 #include <string>
 
-#include "io/input_buffer.hpp"
-#include "io/line_cursor.hpp"
 #include "io/point_formats.hpp"
 #include "io/point_values.hpp"
+#include "parse/input_buffer.hpp"
+#include "parse/line_cursor.hpp"
 
 namespace manip3d {
 

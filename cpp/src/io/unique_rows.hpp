@@ -6,8 +6,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "io/input_buffer.hpp"
 #include "io/mesh_builder.hpp"
+#include "parse/input_buffer.hpp"
 
 namespace manip3d {
 

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <numeric>
 #include <vector>
 
+#include "geometry/union_find.hpp"
 #include "manip3d/geometry/topology.hpp"
 #include "metrics/common.hpp"
 
@@ -41,7 +41,7 @@ double own_unit(const MeshView& mesh) {
 
 std::vector<FaceTerms> face_terms(const MeshView& mesh, int num_threads, const Progress& progress) {
   const double unit = own_unit(mesh);
-  std::vector<FaceTerms> terms(static_cast<std::size_t>(mesh.num_faces()));
+  std::vector<FaceTerms> terms(mesh.num_faces());
   const auto compute = [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t f = begin; f < end; ++f) {
       Vector3d p[3];
@@ -65,14 +65,8 @@ enum class VertexKind : std::uint8_t { kInterior, kBoundary, kNonManifold };
 // edge with more of them fans end, so its vertices have several.
 std::vector<VertexKind> classify_vertices(const MeshView& mesh) {
   const Edges edges = find_edges(mesh.faces, mesh.num_vertices());
-  std::vector<VertexKind> kinds(static_cast<std::size_t>(mesh.num_vertices()),
-                                VertexKind::kInterior);
-  std::vector<std::int32_t> fan(static_cast<std::size_t>(3 * mesh.num_faces()));  // union-find
-  std::iota(fan.begin(), fan.end(), 0);
-  const auto find = [&](std::int32_t corner) {
-    while (fan[corner] != corner) corner = fan[corner] = fan[fan[corner]];
-    return corner;
-  };
+  std::vector<VertexKind> kinds(mesh.num_vertices(), VertexKind::kInterior);
+  UnionFind fans(3 * mesh.num_faces());  // of corners
   const auto corner_at = [&](std::int32_t face, std::int32_t vertex) {
     int k = 0;
     while (mesh.faces(face, k) != vertex) ++k;
@@ -82,7 +76,7 @@ std::vector<VertexKind> classify_vertices(const MeshView& mesh) {
     const auto faces = edges.faces_of(e);
     for (const std::int32_t v : {edges.vertices(e, 0), edges.vertices(e, 1)}) {
       if (edges.is_boundary(e)) kinds[v] = std::max(kinds[v], VertexKind::kBoundary);
-      if (faces.size() == 2) fan[find(corner_at(faces[0], v))] = find(corner_at(faces[1], v));
+      if (faces.size() == 2) fans.join(corner_at(faces[0], v), corner_at(faces[1], v));
     }
   }
   std::vector<std::int32_t> first_fan(kinds.size(), -1);
@@ -90,7 +84,7 @@ std::vector<VertexKind> classify_vertices(const MeshView& mesh) {
     if (is_degenerate(mesh.faces, f)) continue;
     for (int k = 0; k < 3; ++k) {
       const std::int32_t v = mesh.faces(f, k);
-      const std::int32_t root = find(static_cast<std::int32_t>(3 * f + k));
+      const std::int32_t root = fans.root(static_cast<std::int32_t>(3 * f + k));
       if (first_fan[v] == -1) first_fan[v] = root;
       if (first_fan[v] != root) kinds[v] = VertexKind::kNonManifold;
     }

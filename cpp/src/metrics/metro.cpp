@@ -10,7 +10,7 @@ namespace manip3d {
 namespace {
 
 std::vector<std::int32_t> used_vertices(const MeshView& mesh) {
-  std::vector<bool> is_used(static_cast<std::size_t>(mesh.num_vertices()));
+  std::vector<bool> is_used(mesh.num_vertices());
   for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
     for (int k = 0; k < 3; ++k) is_used[mesh.faces(f, k)] = true;
   }

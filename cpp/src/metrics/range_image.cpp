@@ -183,7 +183,7 @@ struct Places {
 
 Places places_of(const PointGridView& grid, const RangeCamera& camera, Ticker& ticker) {
   Places places;
-  places.pixel.resize(static_cast<std::size_t>(grid.rows * grid.cols));
+  places.pixel.resize(grid.rows * grid.cols);
   for (std::int64_t i = 0; i < grid.rows * grid.cols; ++i) {
     ticker.tick();
     if (grid.valid[i] == 0) continue;
@@ -196,11 +196,11 @@ Places places_of(const PointGridView& grid, const RangeCamera& camera, Ticker& t
 }
 
 /// The triangle after those that are rendered between two reports of progress, from `begin` on.
-std::size_t end_of_turn(const std::vector<SeenTriangle>& triangles, std::size_t begin) {
+std::size_t end_of_turn(const std::vector<SeenTriangle>& seen_faces, std::size_t begin) {
   constexpr std::int64_t kPixels = 1 << 21;  // 30 ms with one thread
   std::int64_t pixels = 0;
-  while (begin < triangles.size() && pixels < kPixels) {
-    const SeenTriangle& seen = triangles[begin++];
+  while (begin < seen_faces.size() && pixels < kPixels) {
+    const SeenTriangle& seen = seen_faces[begin++];
     const std::int64_t rows = seen.last_row - seen.first_row + 1;
     pixels += 8 + std::max(rows, std::int64_t{0}) *
                       std::max(seen.last_col - seen.first_col + 1, std::int64_t{0});
@@ -263,12 +263,12 @@ std::vector<double> render_depth(const MeshView& mesh, const PointGridView& grid
   check_point_grid(grid);
   Ticker ticker(progress);
   const Places places = places_of(grid, camera, ticker);
-  std::vector<SeenTriangle> triangles(static_cast<std::size_t>(mesh.num_faces()));
+  std::vector<SeenTriangle> seen_faces(mesh.num_faces());
   parallel_chunks(
       mesh.num_faces(), kSampleChunk, options.num_threads,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t f = begin; f < end; ++f) {
-          triangles[f] = see(mesh, f, camera, grid, places.farthest + 1e-6);
+          seen_faces[f] = see(mesh, f, camera, grid, places.farthest + 1e-6);
         }
       },
       part_of(progress, 0.0, 0.0));
@@ -286,11 +286,11 @@ std::vector<double> render_depth(const MeshView& mesh, const PointGridView& grid
     }
   };
   // Triangles in turns that do not take long: each may cover the whole image.
-  for (std::size_t begin = 0; begin < triangles.size();) {
-    const std::size_t end = end_of_turn(triangles, begin);
-    const std::span turn = std::span(triangles).subspan(begin, end - begin);
+  for (std::size_t begin = 0; begin < seen_faces.size();) {
+    const std::size_t end = end_of_turn(seen_faces, begin);
+    const std::span turn = std::span(seen_faces).subspan(begin, end - begin);
     const auto fraction = [&](std::size_t done) {
-      return static_cast<double>(done) / static_cast<double>(triangles.size());
+      return static_cast<double>(done) / static_cast<double>(seen_faces.size());
     };
     parallel_chunks(
         grid.rows, kBandRows, options.num_threads,

@@ -15,7 +15,7 @@ SurfaceSampler::SurfaceSampler(const MeshView& mesh, std::int64_t num_samples, s
   if (num_samples < 1) {
     throw InputError("samples: expected >= 1, got " + std::to_string(num_samples));
   }
-  cumulative_area_.reserve(static_cast<std::size_t>(mesh.num_faces()));
+  cumulative_area_.reserve(mesh.num_faces());
   double sum = 0.0;
   for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
     const Eigen::Vector3d a = mesh.vertices.row(mesh.faces(f, 0));

@@ -4,6 +4,7 @@
 #include <numbers>
 #include <span>
 
+#include "geometry/median.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
 
 namespace manip3d {
@@ -97,8 +98,7 @@ float size_of(const Skeleton& skeleton) {
     ratios[count++] = (skeleton[joint] - from).norm() / (share * kStature);
   }
   if (count == 0) return 0.0F;
-  std::nth_element(ratios.begin(), ratios.begin() + count / 2, ratios.begin() + count);
-  return ratios[count / 2];
+  return median(std::span(ratios.data(), count));
 }
 
 class BoneBuilder {

@@ -143,7 +143,7 @@ void ColliderTracker::measure(std::span<const std::uint8_t> label,
     if (label[i] >= kNumJoints || !(squared_distance[i] >= 0.0F)) continue;
     const float millimetres = std::ceil(1000.0F * std::sqrt(squared_distance[i]));
     const float last = kNumBins - 1;
-    ++bins[label[i]][static_cast<std::size_t>(std::min(millimetres, last))];
+    ++bins[label[i]][std::min(millimetres, last)];
     ++count[label[i]];
   }
   const auto frames = static_cast<std::size_t>(options_.frames);

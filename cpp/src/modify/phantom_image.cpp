@@ -1,4 +1,4 @@
-#include "manip3d/modify/phantom_image.hpp"
+#include "modify/phantom_image.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -269,11 +269,11 @@ PixelBox bridge_gaps(const std::vector<MirroredPoint>& mirrored, const PixelProj
                      const PhantomImage& image, std::vector<std::int32_t>& scratch) {
   // What the scratch held before is told apart by the source that an entry must lead back to.
   for (std::size_t i = 0; i < mirrored.size(); ++i) {
-    scratch[static_cast<std::size_t>(mirrored[i].source)] = static_cast<std::int32_t>(i);
+    scratch[mirrored[i].source] = static_cast<std::int32_t>(i);
   }
   const auto of_source = [&](std::int64_t pixel) -> const MirroredPoint* {
     if (pixel >= image.rows * image.cols) return nullptr;
-    const auto i = static_cast<std::size_t>(scratch[static_cast<std::size_t>(pixel)]);
+    const auto i = static_cast<std::size_t>(scratch[pixel]);
     return i < mirrored.size() && mirrored[i].source == pixel ? &mirrored[i] : nullptr;
   };
   PixelBounds bounds;

@@ -1,10 +1,11 @@
-#include "manip3d/modify/phantom_mesh.hpp"
+#include "modify/phantom_mesh.hpp"
 
 #include <algorithm>
 #include <array>
 #include <limits>
 #include <string>
 
+#include "geometry/cell_cut.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/grid_mesh.hpp"
 #include "modify/ray_at.hpp"
@@ -12,7 +13,7 @@
 namespace manip3d {
 namespace {
 
-/// registered_uv() with the matrices of an undistorted camera multiplied beforehand.
+/// registered_texcoord() with the matrices of an undistorted camera multiplied beforehand.
 class ColourCamera {
  public:
   explicit ColourCamera(const Registration& registration)
@@ -29,7 +30,7 @@ class ColourCamera {
   }
 
   [[nodiscard]] std::array<float, 2> uv(float x, float y, float z) const {
-    if (distorted_) return registered_uv({x, y, z}, registration_);
+    if (distorted_) return registered_texcoord({x, y, z}, registration_);
     const double a = x, b = y, c = z;
     const auto row = [&](int i) {
       return rotation_(i, 0) * a + rotation_(i, 1) * b + rotation_(i, 2) * c + translation_(i);
@@ -37,7 +38,7 @@ class ColourCamera {
     const double w = row(2);
     constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
     if (!(w > 0.0)) return {kNan, kNan};
-    return grid_uv(row(0) / w, row(1) / w, width_, height_);
+    return grid_texcoord(row(0) / w, row(1) / w, width_, height_);
   }
 
  private:
@@ -52,7 +53,7 @@ class MeshWriter {
  public:
   MeshWriter(const PhantomImage& image, const std::vector<std::int32_t>& vertex_of,
              std::int64_t num_points, const PhantomMeshOptions& options,
-             const PhantomMeshBuffers& out, bool flips)
+             const DepthMeshBuffers& out, bool flips)
       : image_(image),
         vertex_of_(vertex_of),
         out_(out),
@@ -63,28 +64,21 @@ class MeshWriter {
 
   /// The triangles of the cell below and right of a pixel.
   void cut(std::int64_t pixel) {
-    // Counter-clockwise seen from the camera where rows go down; the other way round if flipped.
-    std::array<std::int64_t, 4> around = {pixel, pixel + image_.cols, pixel + image_.cols + 1,
-                                          pixel + 1};
-    if (flips_) std::swap(around[1], around[3]);
-    std::array<std::int64_t, 4> corner{};
-    std::size_t count = 0;
-    for (const std::int64_t p : around) {
-      if (image_.kind[p] != PixelKind::kNone) corner[count++] = p;
+    const auto corner = cell_corners(pixel, image_.cols, flips_);
+    unsigned valid = 0;
+    for (int i = 0; i < 4; ++i) {
+      valid |= (image_.kind[corner[i]] != PixelKind::kNone ? 1U : 0U) << i;
     }
-    if (count < 3) return;
-    if (count == 3) return keep({corner[0], corner[1], corner[2]});
-    const std::size_t a =
-        squared_distance(corner[0], corner[2]) <= squared_distance(corner[1], corner[3]) ? 0 : 1;
-    keep({corner[a], corner[a + 1], corner[a + 2]});
-    keep({corner[a], corner[a + 2], corner[(a + 3) % 4]});
+    const CellCut cut =
+        cut_cell(valid, [&](int i, int j) { return squared_distance(corner[i], corner[j]); });
+    for (const auto& [i, j, k] : cell_triangles(cut)) keep({corner[i], corner[j], corner[k]});
   }
 
   [[nodiscard]] PhantomMeshSize size() const { return size_; }
 
  private:
   [[nodiscard]] const float* point(std::int64_t pixel) const {
-    return out_.vertices + 3 * std::int64_t{vertex_of_[static_cast<std::size_t>(pixel)]};
+    return out_.vertices + 3 * std::int64_t{vertex_of_[pixel]};
   }
   [[nodiscard]] float squared_distance(std::int64_t a, std::int64_t b) const {
     const float* p = point(a);
@@ -101,7 +95,7 @@ class MeshWriter {
     std::int64_t phantom = -1;
     bool body = false;
     for (std::size_t i = 0; i < 3; ++i) {
-      vertex[i] = vertex_of_[static_cast<std::size_t>(corner[i])];
+      vertex[i] = vertex_of_[corner[i]];
       if (image_.kind[corner[i]] == PixelKind::kBody) {
         body = true;
       } else if (phantom < 0) {
@@ -109,20 +103,20 @@ class MeshWriter {
       }
     }
     if (keeps_seams_ && body && phantom >= 0 && !split_seam(corner, phantom, vertex)) return;
-    std::copy_n(vertex.begin(), 3, out_.triangles + 3 * size_.num_triangles++);
+    std::copy_n(vertex.begin(), 3, out_.faces + 3 * size_.num_faces++);
   }
 
   /// Gives the body's corners vertices with the phantom's texture; false if there is no room.
   bool split_seam(const std::array<std::int64_t, 3>& corner, std::int64_t phantom,
                   std::array<std::int32_t, 3>& vertex) {
-    const std::int64_t texture = vertex_of_[static_cast<std::size_t>(phantom)];
+    const std::int64_t texture = vertex_of_[phantom];
     for (std::size_t i = 0; i < 3; ++i) {
       if (image_.kind[corner[i]] != PixelKind::kBody) continue;
       if (size_.num_vertices == out_.capacity) return false;
       const std::int64_t from = vertex[i], to = size_.num_vertices++;
       std::copy_n(out_.vertices + 3 * from, 3, out_.vertices + 3 * to);
       std::copy_n(out_.pixels + 2 * from, 2, out_.pixels + 2 * to);
-      std::copy_n(out_.uvs + 2 * texture, 2, out_.uvs + 2 * to);
+      std::copy_n(out_.texcoords + 2 * texture, 2, out_.texcoords + 2 * to);
       vertex[i] = static_cast<std::int32_t>(to);
     }
     return true;
@@ -130,16 +124,16 @@ class MeshWriter {
 
   const PhantomImage& image_;
   const std::vector<std::int32_t>& vertex_of_;
-  const PhantomMeshBuffers& out_;
+  const DepthMeshBuffers& out_;
   float max_step_;
   bool keeps_seams_, flips_;
   PhantomMeshSize size_;
 };
 
 /// Texture coordinates of the first `num_points` vertices.
-void write_uvs(const PhantomImage& image, const PixelRays& rays, std::int64_t num_points,
-               const Registration* registration, Texturing texturing,
-               const PhantomMeshBuffers& out) {
+void write_texcoords(const PhantomImage& image, const PixelRays& rays, std::int64_t num_points,
+                     const Registration* registration, Texturing texturing,
+                     const DepthMeshBuffers& out) {
   const auto width = static_cast<double>(image.cols), height = static_cast<double>(image.rows);
   const bool by_source = texturing == Texturing::kSource;
   for (std::int64_t i = 0; i < num_points && registration == nullptr; ++i) {
@@ -149,8 +143,8 @@ void write_uvs(const PhantomImage& image, const PixelRays& rays, std::int64_t nu
       v = source[0];
       u = source[1];
     }
-    const auto uv = grid_uv(static_cast<double>(u), static_cast<double>(v), width, height);
-    std::copy_n(uv.begin(), 2, out.uvs + 2 * i);
+    const auto uv = grid_texcoord(static_cast<double>(u), static_cast<double>(v), width, height);
+    std::copy_n(uv.begin(), 2, out.texcoords + 2 * i);
   }
   if (registration == nullptr) return;
   const ColourCamera camera(*registration);
@@ -164,14 +158,14 @@ void write_uvs(const PhantomImage& image, const PixelRays& rays, std::int64_t nu
       point = {seen.x(), seen.y(), seen.z()};
     }
     const auto uv = camera.uv(point[0], point[1], point[2]);
-    std::copy_n(uv.begin(), 2, out.uvs + 2 * i);
+    std::copy_n(uv.begin(), 2, out.texcoords + 2 * i);
   }
 }
 
 }  // namespace
 
 std::int64_t write_points(const PhantomImage& image, const PixelBox& box, const PixelRays& rays,
-                          const PhantomMeshBuffers& out, std::vector<std::int32_t>& vertex_of) {
+                          const DepthMeshBuffers& out, std::vector<std::int32_t>& vertex_of) {
   std::int64_t count = 0;
   for (std::int64_t v = box.v0; v < box.v0 + box.height; ++v) {
     for (std::int64_t u = box.u0; u < box.u0 + box.width; ++u) {
@@ -185,7 +179,7 @@ std::int64_t write_points(const PhantomImage& image, const PixelBox& box, const 
       std::copy_n(point.data(), 3, out.vertices + 3 * count);
       out.pixels[2 * count] = static_cast<std::int32_t>(u);
       out.pixels[2 * count + 1] = static_cast<std::int32_t>(v);
-      vertex_of[static_cast<std::size_t>(pixel)] = static_cast<std::int32_t>(count++);
+      vertex_of[pixel] = static_cast<std::int32_t>(count++);
     }
   }
   return count;
@@ -194,8 +188,8 @@ std::int64_t write_points(const PhantomImage& image, const PixelBox& box, const 
 PhantomMeshSize write_mesh(const PhantomImage& image, const PixelBox& box, const PixelRays& rays,
                            std::int64_t num_points, const std::vector<std::int32_t>& vertex_of,
                            const Registration* registration, const PhantomMeshOptions& options,
-                           const PhantomMeshBuffers& out) {
-  write_uvs(image, rays, num_points, registration, options.texturing, out);
+                           const DepthMeshBuffers& out) {
+  write_texcoords(image, rays, num_points, registration, options.texturing, out);
   MeshWriter writer(image, vertex_of, num_points, options, out, rays.flips());
   for (std::int64_t v = box.v0; v + 1 < box.v0 + box.height; ++v) {
     for (std::int64_t u = box.u0; u + 1 < box.u0 + box.width; ++u) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "manip3d/error.hpp"
+#include "modify/phantom_mesh.hpp"
 #include "modify/pixel_bounds.hpp"
 
 namespace manip3d {

@@ -319,8 +319,8 @@ void PersonPoints::resize(std::int64_t num_rows, std::int64_t num_cols) {
   for (std::vector<float>* column : {&x, &y, &z, &squared_distance}) column->resize(size);
   pixel.resize(size);
   label.resize(size);
-  mask.assign(static_cast<std::size_t>(kTile * ((cols + kTile - 1) / kTile * kTile)), 0);
-  tile_start.reserve(static_cast<std::size_t>((rows / kTile + 1) * (cols / kTile + 1) + 1));
+  mask.assign(kTile * ((cols + kTile - 1) / kTile * kTile), 0);
+  tile_start.reserve((rows / kTile + 1) * (cols / kTile + 1) + 1);
   count = 0;
   box = {};
 }

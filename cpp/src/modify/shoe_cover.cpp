@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <span>
 #include <string>
 
+#include "geometry/median.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
 
@@ -19,8 +21,7 @@ int scaled(int a, int b, int c) {
 
 Eigen::Vector3f point_at(const RgbdFrame& frame, const PixelRays& rays, std::int64_t v,
                          std::int64_t u) {
-  const float z =
-      0.001F * static_cast<float>(frame.depth[static_cast<std::size_t>(v * frame.cols + u)]);
+  const float z = 0.001F * static_cast<float>(frame.depth[v * frame.cols + u]);
   const float y = rays.is_separable() ? *rays.y(v) : rays.y(v)[u];
   return {rays.x(v)[u] * z, y * z, z};
 }
@@ -61,12 +62,6 @@ void check(const RgbdFrame& frame, const PixelRays& rays) {
   }
 }
 
-float median(std::vector<float>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>((values.size() - 1) / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
-
 }  // namespace
 
 Hsv to_hsv(std::uint8_t red, std::uint8_t green, std::uint8_t blue) {
@@ -100,12 +95,12 @@ ShoeCoverTracker::ShoeCoverTracker(const ShoeCoverOptions& options) : options_(o
 void ShoeCoverTracker::mark(const RgbdFrame& frame, const PixelRays& rays,
                             const Eigen::Vector3f& ankle) {
   blue_.assign(frame.depth.size(), 0);
-  seeds_.clear();
+  last_blue_ = -1;
   const auto reach = static_cast<float>(options_.reach);
   for (std::int64_t v = 0; v < frame.rows; ++v) {
     for (std::int64_t u = 0; u < frame.cols; ++u) {
       const std::int64_t pixel = v * frame.cols + u;
-      const float z = 0.001F * static_cast<float>(frame.depth[static_cast<std::size_t>(pixel)]);
+      const float z = 0.001F * static_cast<float>(frame.depth[pixel]);
       if (!(z > 0.0F && std::abs(z - ankle.z()) <= reach)) continue;
       const Eigen::Vector3f point = point_at(frame, rays, v, u);
       if (!((point - ankle).squaredNorm() <= reach * reach)) continue;
@@ -116,30 +111,25 @@ void ShoeCoverTracker::mark(const RgbdFrame& frame, const PixelRays& rays,
           hsv.saturation < options_.min_saturation || hsv.value < options_.min_value) {
         continue;
       }
-      blue_[static_cast<std::size_t>(pixel)] = 1;
-      seeds_.push_back(pixel);
+      blue_[pixel] = 1;
+      if (last_blue_ < 0) first_blue_ = pixel;
+      last_blue_ = pixel;
     }
   }
 }
 
-void ShoeCoverTracker::take_largest(std::int64_t rows, std::int64_t cols) {
+void ShoeCoverTracker::take_largest(std::int64_t cols) {
   largest_.clear();
-  for (const std::int64_t seed : seeds_) {
-    if (blue_[static_cast<std::size_t>(seed)] == 0) continue;
-    patch_.assign(1, seed);
-    blue_[static_cast<std::size_t>(seed)] = 0;
-    for (std::size_t next = 0; next < patch_.size(); ++next) {
-      const std::int64_t v = patch_[next] / cols, u = patch_[next] % cols;
-      for (std::int64_t y = std::max<std::int64_t>(v - 1, 0); y <= std::min(v + 1, rows - 1); ++y) {
-        for (std::int64_t x = std::max<std::int64_t>(u - 1, 0); x <= std::min(u + 1, cols - 1);
-             ++x) {
-          std::uint8_t& is_blue = blue_[static_cast<std::size_t>(y * cols + x)];
-          if (is_blue != 0) patch_.push_back(y * cols + x);
-          is_blue = 0;
-        }
-      }
+  if (last_blue_ < 0) return;
+  const std::int64_t v0 = first_blue_ / cols, v1 = last_blue_ / cols;
+  const auto& runs = patches_.find(blue_.data() + v0 * cols, v1 - v0 + 1, cols, false);
+  sizes_.assign(patches_.num_components(), 0);
+  for (const MarkedRun& run : runs) sizes_[run.component] += run.last - run.first + 1;
+  const auto largest = std::max_element(sizes_.begin(), sizes_.end()) - sizes_.begin();
+  for (const MarkedRun& run : runs) {
+    for (std::int64_t u = run.first; u <= run.last && run.component == largest; ++u) {
+      largest_.push_back((v0 + run.row) * cols + u);
     }
-    if (patch_.size() > largest_.size()) largest_.swap(patch_);
   }
 }
 
@@ -147,17 +137,20 @@ std::optional<Eigen::Vector3f> ShoeCoverTracker::find(const RgbdFrame& frame, co
                                                       const Eigen::Vector3f& ankle) {
   check(frame, rays);
   mark(frame, rays, ankle);
-  take_largest(frame.rows, frame.cols);
+  take_largest(frame.cols);
   num_pixels_ = static_cast<std::int64_t>(largest_.size());
   if (num_pixels_ < options_.min_pixels) return std::nullopt;
   for (std::vector<float>& values : coordinates_) values.clear();
   for (const std::int64_t pixel : largest_) {
     const Eigen::Vector3f point = point_at(frame, rays, pixel / frame.cols, pixel % frame.cols);
     for (int axis = 0; axis < 3; ++axis) {
-      coordinates_[static_cast<std::size_t>(axis)].push_back(point[axis]);
+      coordinates_[axis].push_back(point[axis]);
     }
   }
-  return Eigen::Vector3f(median(coordinates_[0]), median(coordinates_[1]), median(coordinates_[2]));
+  const auto middle = [&](std::size_t axis) {
+    return median(std::span(coordinates_[axis]), Middle::kLower);
+  };
+  return Eigen::Vector3f(middle(0), middle(1), middle(2));
 }
 
 bool ShoeCoverTracker::update(const RgbdFrame& frame, const PixelRays& rays, bool left,

@@ -59,11 +59,11 @@ std::vector<FaceKey> face_keys(const MeshView& mesh, const Faces& faces, const F
     const auto rgb = mesh.colors.row(vertex).cast<std::int32_t>();
     return (rgb[0] << 16) | (rgb[1] << 8) | rgb[2];
   };
-  std::vector<FaceKey> keys(static_cast<std::size_t>(mesh.num_faces()));
+  std::vector<FaceKey> keys(mesh.num_faces());
   for (Eigen::Index f = 0; f < mesh.num_faces(); ++f) {
-    FaceKey& key = keys[static_cast<std::size_t>(f)];
+    FaceKey& key = keys[f];
     for (int c = 0; c < 3; ++c) {
-      Corner& corner = key.corners[static_cast<std::size_t>(c)];
+      Corner& corner = key.corners[c];
       corner.position = positions(f, c);
       if (texcoords.rows() > 0) corner.texcoord = texcoords(f, c);
       if (normals.rows() > 0) corner.normal = normals(f, c);
@@ -96,9 +96,9 @@ Indices identity(std::int64_t size) {
 }
 
 std::vector<bool> find_degenerate_faces(const Faces& faces) {
-  std::vector<bool> degenerate(static_cast<std::size_t>(faces.rows()));
+  std::vector<bool> degenerate(faces.rows());
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
-    degenerate[static_cast<std::size_t>(f)] = is_degenerate(faces, f);
+    degenerate[f] = is_degenerate(faces, f);
   }
   return degenerate;
 }
@@ -108,13 +108,11 @@ void remove_duplicates(const MeshView& mesh, const Faces& faces, const Faces& po
                        std::int64_t num_positions, Duplicates duplicates,
                        std::vector<bool>& removed, CleanResult& result) {
   const std::vector<FaceKey> keys = face_keys(mesh, faces, positions, duplicates);
-  const auto key = [&](std::int32_t f) -> const FaceKey& {
-    return keys[static_cast<std::size_t>(f)];
-  };
+  const auto key = [&](std::int32_t f) -> const FaceKey& { return keys[f]; };
   const bool any = duplicates == Duplicates::kAny;
   Buckets<std::int32_t> faces_by_position(num_positions, [&](const auto& put) {
     for (std::int32_t f = 0; f < mesh.num_faces(); ++f) {
-      if (!removed[static_cast<std::size_t>(f)]) put(key(f).corners[0].position, f);
+      if (!removed[f]) put(key(f).corners[0].position, f);
     }
   });
   const auto compare = [&](std::int32_t a, std::int32_t b) {
@@ -132,7 +130,7 @@ void remove_duplicates(const MeshView& mesh, const Faces& faces, const Faces& po
         kept = f;
         continue;
       }
-      removed[static_cast<std::size_t>(f)] = true;
+      removed[f] = true;
       ++result.duplicate_faces;
       result.changed_faces += key(f).looks_like(key(kept)) ? 0 : 1;
     }
@@ -145,7 +143,7 @@ void take_faces(const MeshView& mesh, const Faces& faces, const std::vector<bool
   result.face_map.resize(mesh.num_faces());
   std::vector<std::int32_t> kept;
   for (std::int32_t f = 0; f < mesh.num_faces(); ++f) {
-    const bool gone = removed[static_cast<std::size_t>(f)];
+    const bool gone = removed[f];
     result.face_map[f] = gone ? -1 : static_cast<std::int32_t>(kept.size());
     if (!gone) kept.push_back(f);
   }

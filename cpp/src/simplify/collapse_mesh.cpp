@@ -14,19 +14,19 @@ bool has_repeated_vertex(const std::array<std::int32_t, 3>& f) {
 }  // namespace
 
 CollapseMesh::CollapseMesh(const MeshView& mesh)
-    : positions_(static_cast<std::size_t>(mesh.num_vertices())),
-      faces_(static_cast<std::size_t>(mesh.num_faces())),
-      first_corner_(static_cast<std::size_t>(mesh.num_vertices()), -1),
-      next_corner_(static_cast<std::size_t>(3 * mesh.num_faces()), -1) {
+    : positions_(mesh.num_vertices()),
+      faces_(mesh.num_faces()),
+      first_corner_(mesh.num_vertices(), -1),
+      next_corner_(3 * mesh.num_faces(), -1) {
   const BoundingBox box = bounding_box(mesh);
   if (box.diagonal() > 0.0) scale_ = box.diagonal();
   const Eigen::Vector3d center = box.center();
   for (std::int32_t v = 0; v < num_vertices(); ++v) {
-    positions_[index(v)] = (mesh.vertices.row(v).transpose() - center) / scale_;
+    positions_[v] = (mesh.vertices.row(v).transpose() - center) / scale_;
   }
   // From the last corner to the first, so that the lists start in order of the faces.
   for (auto f = static_cast<std::int32_t>(faces_.size()) - 1; f >= 0; --f) {
-    Triple& face = faces_[index(f)];
+    Triple& face = faces_[f];
     face = {mesh.faces(f, 0), mesh.faces(f, 1), mesh.faces(f, 2)};
     if (has_repeated_vertex(face)) {
       face[0] = -1;
@@ -36,8 +36,8 @@ CollapseMesh::CollapseMesh(const MeshView& mesh)
     ++num_faces_;
     for (int c = 2; c >= 0; --c) {
       const std::int32_t corner = 3 * f + c;
-      std::int32_t& first = first_corner_[index(face[static_cast<std::size_t>(c)])];
-      next_corner_[index(corner)] = first;
+      std::int32_t& first = first_corner_[face[c]];
+      next_corner_[corner] = first;
       first = corner;
     }
   }
@@ -55,7 +55,7 @@ void CollapseMesh::make_wedges(const MeshView& mesh) {
   wedges_ = faces_;
   if (!mesh.has_texcoords() && !mesh.has_materials()) {  // one wedge per vertex
     surface_.assign(positions_.size(), 0);
-    uvs_.assign(positions_.size(), Eigen::Vector2d::Zero());
+    texcoords_.assign(positions_.size(), Eigen::Vector2d::Zero());
     texcoord_.assign(positions_.size(), -1);
     return;
   }
@@ -84,11 +84,11 @@ void CollapseMesh::make_wedges(const MeshView& mesh) {
     for (std::size_t i = 0; i < looks.size(); ++i) {
       if (i == 0 || !looks[i].same_wedge(looks[i - 1])) {
         surface_.push_back(looks[i].surface);
-        uvs_.emplace_back(looks[i].u, looks[i].v);
+        texcoords_.emplace_back(looks[i].u, looks[i].v);
         texcoord_.push_back(looks[i].texcoord);
       }
       const std::int32_t corner = looks[i].corner;
-      wedges_[index(corner / 3)][index(corner % 3)] = num_wedges() - 1;
+      wedges_[corner / 3][corner % 3] = num_wedges() - 1;
     }
   }
 }
@@ -96,9 +96,9 @@ void CollapseMesh::make_wedges(const MeshView& mesh) {
 void CollapseMesh::gather_ring(std::int32_t v, Ring& ring) const {
   ring.clear();
   for_each_face(v, [&](std::int32_t f, std::int32_t c) {
-    const Triple& face = faces_[index(f)];
-    const Triple& wedge = wedges_[index(f)];
-    const auto own = index(c), next = index((c + 1) % 3), last = index((c + 2) % 3);
+    const Triple& face = faces_[f];
+    const Triple& wedge = wedges_[f];
+    const auto own = c, next = (c + 1) % 3, last = (c + 2) % 3;
     ring.add(face[next], wedge[own], wedge[next]);
     ring.add(face[last], wedge[own], wedge[last]);
   });
@@ -108,9 +108,9 @@ std::int32_t CollapseMesh::nearest_wedge(std::int32_t wedge, std::int32_t t) con
   std::int32_t nearest = -1;
   double least = std::numeric_limits<double>::infinity();
   for_each_face(t, [&](std::int32_t f, std::int32_t c) {
-    const std::int32_t other = wedges_[index(f)][index(c)];
-    if (surface_[index(other)] != surface_[index(wedge)]) return;
-    const double distance = (uvs_[index(other)] - uvs_[index(wedge)]).squaredNorm();
+    const std::int32_t other = wedges_[f][c];
+    if (surface_[other] != surface_[wedge]) return;
+    const double distance = (texcoords_[other] - texcoords_[wedge]).squaredNorm();
     if (distance < least || (distance == least && other < nearest)) {
       least = distance;
       nearest = other;
@@ -123,11 +123,11 @@ void CollapseMesh::map_wedges(std::int32_t v, std::int32_t t, WedgeMap& map) con
   map.pairs.clear();
   map.is_complete = true;
   for_each_face(v, [&](std::int32_t f, std::int32_t c) {
-    const Triple& face = faces_[index(f)];
-    const std::int32_t from = wedges_[index(f)][index(c)];
-    for (const std::size_t other : {index((c + 1) % 3), index((c + 2) % 3)}) {
+    const Triple& face = faces_[f];
+    const std::int32_t from = wedges_[f][c];
+    for (const std::size_t other : {(c + 1) % 3, (c + 2) % 3}) {
       if (face[other] != t) continue;
-      const std::int32_t to = wedges_[index(f)][other];
+      const std::int32_t to = wedges_[f][other];
       const std::int32_t mapped = map.at(from);
       if (mapped < 0) {
         map.pairs.push_back({from, to});
@@ -137,7 +137,7 @@ void CollapseMesh::map_wedges(std::int32_t v, std::int32_t t, WedgeMap& map) con
     }
   });
   for_each_face(v, [&](std::int32_t f, std::int32_t c) {
-    const std::int32_t from = wedges_[index(f)][index(c)];
+    const std::int32_t from = wedges_[f][c];
     if (map.at(from) >= 0) return;
     const std::int32_t nearest = nearest_wedge(from, t);
     if (nearest < 0) map.is_complete = false;
@@ -150,7 +150,7 @@ std::int32_t CollapseMesh::nearest_normal(std::int32_t normal, std::int32_t t) c
   std::int32_t nearest = normal;
   double most = -std::numeric_limits<double>::infinity();
   for_each_face(t, [&](std::int32_t f, std::int32_t c) {
-    const std::int32_t other = normal_indices_[index(f)][index(c)];
+    const std::int32_t other = normal_indices_[f][c];
     if (other < 0) return;
     const double cosine = normals_.row(other).dot(normals_.row(normal));
     if (cosine > most || (cosine == most && other < nearest)) {
@@ -162,44 +162,44 @@ std::int32_t CollapseMesh::nearest_normal(std::int32_t normal, std::int32_t t) c
 }
 
 void CollapseMesh::unlink(std::int32_t vertex, std::int32_t corner) {
-  std::int32_t* link = &first_corner_[index(vertex)];
-  while (*link != corner) link = &next_corner_[index(*link)];
-  *link = next_corner_[index(corner)];
+  std::int32_t* link = &first_corner_[vertex];
+  while (*link != corner) link = &next_corner_[*link];
+  *link = next_corner_[corner];
 }
 
 void CollapseMesh::collapse(std::int32_t v, std::int32_t t, const WedgeMap& map) {
   if (!normal_indices_.empty()) {  // while t still has all its faces
     for_each_face(v, [&](std::int32_t f, std::int32_t c) {
-      std::int32_t& normal = normal_indices_[index(f)][index(c)];
+      std::int32_t& normal = normal_indices_[f][c];
       normal = nearest_normal(normal, t);
     });
   }
-  std::int32_t corner = first_corner_[index(v)];
-  first_corner_[index(v)] = -1;
+  std::int32_t corner = first_corner_[v];
+  first_corner_[v] = -1;
   std::int32_t moved_first = -1;
   std::int32_t moved_last = -1;
   while (corner >= 0) {
-    const std::int32_t next = next_corner_[index(corner)];
+    const std::int32_t next = next_corner_[corner];
     const std::int32_t f = corner / 3;
-    Triple& face = faces_[index(f)];
+    Triple& face = faces_[f];
     if (face[0] == t || face[1] == t || face[2] == t) {
       for (std::int32_t c = 0; c < 3; ++c) {
-        if (face[index(c)] != v) unlink(face[index(c)], 3 * f + c);
+        if (face[c] != v) unlink(face[c], 3 * f + c);
       }
       face[0] = -1;
       --num_faces_;
     } else {
       const std::int32_t c = corner - 3 * f;
-      face[index(c)] = t;
-      wedges_[index(f)][index(c)] = map.at(wedges_[index(f)][index(c)]);
-      (moved_last < 0 ? moved_first : next_corner_[index(moved_last)]) = corner;
+      face[c] = t;
+      wedges_[f][c] = map.at(wedges_[f][c]);
+      (moved_last < 0 ? moved_first : next_corner_[moved_last]) = corner;
       moved_last = corner;
     }
     corner = next;
   }
   if (moved_last < 0) return;
-  next_corner_[index(moved_last)] = first_corner_[index(t)];
-  first_corner_[index(t)] = moved_first;
+  next_corner_[moved_last] = first_corner_[t];
+  first_corner_[t] = moved_first;
 }
 
 namespace {
@@ -224,8 +224,8 @@ TriangleMesh CollapseMesh::extract(const MeshView& input, std::vector<std::int32
   TriangleMesh out;
   output_vertex.assign(positions_.size(), -1);
   face_map.assign(faces_.size(), -1);
-  std::vector<std::int32_t> texcoord(static_cast<std::size_t>(input.texcoords.rows()), -1);
-  std::vector<std::int32_t> normal(static_cast<std::size_t>(input.normals.rows()), -1);
+  std::vector<std::int32_t> texcoord(input.texcoords.rows(), -1);
+  std::vector<std::int32_t> normal(input.normals.rows(), -1);
   out.faces.resize(num_faces_, 3);
   if (input.has_texcoords()) out.face_texcoords.resize(num_faces_, 3);
   if (!normal_indices_.empty()) out.face_normals.resize(num_faces_, 3);
@@ -234,19 +234,19 @@ TriangleMesh CollapseMesh::extract(const MeshView& input, std::vector<std::int32
   std::int32_t row = 0;
   for (std::int32_t f = 0; f < static_cast<std::int32_t>(faces_.size()); ++f) {
     if (!is_alive(f)) continue;
-    face_map[index(f)] = row;
+    face_map[f] = row;
     for (int c = 0; c < 3; ++c) {
-      const std::int32_t v = faces_[index(f)][index(c)];
-      output_vertex[index(v)] = 0;
+      const std::int32_t v = faces_[f][c];
+      output_vertex[v] = 0;
       out.faces(row, c) = v;
       if (!normal_indices_.empty()) {
-        const std::int32_t n = normal_indices_[index(f)][index(c)];
-        if (n >= 0) normal[index(n)] = 0;
+        const std::int32_t n = normal_indices_[f][c];
+        if (n >= 0) normal[n] = 0;
         out.face_normals(row, c) = n;
       }
       if (!input.has_texcoords()) continue;
-      const std::int32_t t = texcoord_[index(wedges_[index(f)][index(c)])];
-      if (t >= 0) texcoord[index(t)] = 0;
+      const std::int32_t t = texcoord_[wedges_[f][c]];
+      if (t >= 0) texcoord[t] = 0;
       out.face_texcoords(row, c) = t;
     }
     if (input.has_materials()) out.face_material(row) = input.face_material(f);
@@ -259,7 +259,7 @@ TriangleMesh CollapseMesh::extract(const MeshView& input, std::vector<std::int32
   const auto renumber = [](Faces& table, const std::vector<std::int32_t>& map) {
     for (Eigen::Index i = 0; i < table.size(); ++i) {
       std::int32_t& value = table.data()[i];
-      if (value >= 0) value = map[index(value)];
+      if (value >= 0) value = map[value];
     }
   };
   renumber(out.faces, output_vertex);
@@ -268,7 +268,7 @@ TriangleMesh CollapseMesh::extract(const MeshView& input, std::vector<std::int32
   if (out.texcoords.rows() == 0) out.face_texcoords.resize(0, 3);
   kept.clear();
   for (std::int32_t v = 0; v < num_vertices(); ++v) {
-    if (output_vertex[index(v)] >= 0) kept.push_back(v);
+    if (output_vertex[v] >= 0) kept.push_back(v);
   }
   return out;
 }

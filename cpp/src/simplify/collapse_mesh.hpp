@@ -25,7 +25,7 @@ class Ring {
 
   /// The edge to `vertex`, or nullptr if it is no neighbour.
   [[nodiscard]] const RingEdge* find(std::int32_t vertex) const {
-    const Slot& slot = slots_[static_cast<std::size_t>(vertex)];
+    const Slot& slot = slots_[vertex];
     return slot.stamp == stamp_ ? &edges_[slot.index] : nullptr;
   }
 
@@ -46,7 +46,7 @@ class Ring {
   }
 
   void add(std::int32_t vertex, std::int32_t own_wedge, std::int32_t wedge) {
-    Slot& slot = slots_[static_cast<std::size_t>(vertex)];
+    Slot& slot = slots_[vertex];
     if (slot.stamp != stamp_) {
       slot = {stamp_, static_cast<std::uint32_t>(edges_.size())};
       edges_.push_back({vertex, 1, false, {own_wedge, wedge}});
@@ -99,31 +99,27 @@ class CollapseMesh {
 
   using Triple = std::array<std::int32_t, 3>;
   /// Vertices (or wedges) of a face; the first is -1 once the face is gone.
-  [[nodiscard]] const Triple& face(std::int32_t f) const { return faces_[index(f)]; }
-  [[nodiscard]] const Triple& wedges(std::int32_t f) const { return wedges_[index(f)]; }
-  [[nodiscard]] bool is_alive(std::int32_t f) const { return faces_[index(f)][0] >= 0; }
+  [[nodiscard]] const Triple& face(std::int32_t f) const { return faces_[f]; }
+  [[nodiscard]] const Triple& wedges(std::int32_t f) const { return wedges_[f]; }
+  [[nodiscard]] bool is_alive(std::int32_t f) const { return faces_[f][0] >= 0; }
 
   /// Positions, centred and scaled to a unit diagonal.
-  [[nodiscard]] const Eigen::Vector3d& position(std::int32_t v) const {
-    return positions_[index(v)];
-  }
+  [[nodiscard]] const Eigen::Vector3d& position(std::int32_t v) const { return positions_[v]; }
   [[nodiscard]] double scale() const { return scale_; }  ///< Input units per unit here.
 
-  [[nodiscard]] bool has_texture(std::int32_t wedge) const {
-    return (surface_[index(wedge)] & 1) != 0;
-  }
-  [[nodiscard]] const Eigen::Vector2d& uv(std::int32_t wedge) const { return uvs_[index(wedge)]; }
+  [[nodiscard]] bool has_texture(std::int32_t wedge) const { return (surface_[wedge] & 1) != 0; }
+  [[nodiscard]] const Eigen::Vector2d& uv(std::int32_t wedge) const { return texcoords_[wedge]; }
 
   /// Calls body(face, corner) for each face of a vertex, `corner` in 0..2.
   template <typename Body>
   void for_each_face(std::int32_t v, Body&& body) const {
-    for (std::int32_t c = first_corner_[index(v)]; c >= 0; c = next_corner_[index(c)]) {
+    for (std::int32_t c = first_corner_[v]; c >= 0; c = next_corner_[c]) {
       const std::int32_t f = c / 3;
       body(f, c - 3 * f);
     }
   }
 
-  [[nodiscard]] bool is_isolated(std::int32_t v) const { return first_corner_[index(v)] < 0; }
+  [[nodiscard]] bool is_isolated(std::int32_t v) const { return first_corner_[v] < 0; }
 
   void gather_ring(std::int32_t v, Ring& ring) const;
 
@@ -141,7 +137,6 @@ class CollapseMesh {
                        std::vector<std::int32_t>& face_map) const;
 
  private:
-  static std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
   void make_wedges(const MeshView& mesh);
   void unlink(std::int32_t vertex, std::int32_t corner);
   [[nodiscard]] std::int32_t nearest_normal(std::int32_t normal, std::int32_t t) const;
@@ -156,7 +151,7 @@ class CollapseMesh {
   std::vector<std::int32_t> first_corner_;  // of a vertex; corner = 3 face + 0..2; -1: none
   std::vector<std::int32_t> next_corner_;   // of a corner, in the list of its vertex
   std::vector<std::int64_t> surface_;       // of a wedge: 2 material + (has texture coordinates)
-  std::vector<Eigen::Vector2d> uvs_;        // of a wedge
+  std::vector<Eigen::Vector2d> texcoords_;  // of a wedge
   std::vector<std::int32_t> texcoord_;      // of a wedge: row of the input's table, or -1
   std::int64_t num_faces_ = 0;
   std::int64_t num_dropped_ = 0;

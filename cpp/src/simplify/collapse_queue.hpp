@@ -32,7 +32,7 @@ class CollapseQueue {
 
   /// Inserts the candidate of its vertex, or replaces it.
   void set(const Candidate& candidate) {
-    std::int32_t& position = position_[static_cast<std::size_t>(candidate.vertex)];
+    std::int32_t& position = position_[candidate.vertex];
     if (position < 0) {
       position = static_cast<std::int32_t>(heap_.size());
       heap_.push_back(candidate);
@@ -45,9 +45,9 @@ class CollapseQueue {
   }
 
   void remove(std::int32_t vertex) {
-    const std::int32_t position = position_[static_cast<std::size_t>(vertex)];
+    const std::int32_t position = position_[vertex];
     if (position < 0) return;
-    position_[static_cast<std::size_t>(vertex)] = -1;
+    position_[vertex] = -1;
     const Candidate last = heap_.back();
     heap_.pop_back();
     if (position == static_cast<std::int32_t>(heap_.size())) return;
@@ -57,11 +57,11 @@ class CollapseQueue {
   }
 
  private:
-  Candidate& at(std::int32_t i) { return heap_[static_cast<std::size_t>(i)]; }
+  Candidate& at(std::int32_t i) { return heap_[i]; }
 
   void put(std::int32_t i, const Candidate& candidate) {
     at(i) = candidate;
-    position_[static_cast<std::size_t>(candidate.vertex)] = i;
+    position_[candidate.vertex] = i;
   }
 
   void sift_up(std::int32_t i) {

@@ -7,8 +7,6 @@
 namespace manip3d {
 namespace {
 
-std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
-
 bool is_boundary_edge(const RingEdge& edge) { return edge.num_faces == 1; }
 
 /// A vertex is manifold when no edge of it has more than two faces and its faces form one fan:
@@ -28,7 +26,7 @@ bool touches_several_wedges(const CollapseMesh& mesh, std::int32_t v) {
   std::int32_t first = -1;
   bool several = false;
   mesh.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
-    const std::int32_t wedge = mesh.wedges(f)[index(c)];
+    const std::int32_t wedge = mesh.wedges(f)[c];
     if (first < 0) first = wedge;
     several |= wedge != first;
   });
@@ -39,7 +37,7 @@ bool touches_several_wedges(const CollapseMesh& mesh, std::int32_t v) {
 template <typename Body>
 void for_each_face_edge(const CollapseMesh& mesh, std::int32_t v, Body&& body) {
   mesh.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
-    for (const std::size_t other : {index((c + 1) % 3), index((c + 2) % 3)}) {
+    for (const std::size_t other : {(c + 1) % 3, (c + 2) % 3}) {
       if (v < mesh.face(f)[other]) body(mesh.face(f)[other], f);
     }
   });
@@ -83,8 +81,8 @@ void add_boundary_planes(const CollapseMesh& mesh, const std::vector<double>& we
   for_each_face_edge(mesh, v, [&](std::int32_t t, std::int32_t f) {
     if (!is_boundary_edge(*ring.find(t))) return;
     const Quadric plane = edge_plane(mesh, v, t, f);
-    quadrics[index(v)] += scaled(plane, weights[index(v)]);
-    quadrics[index(t)] += scaled(plane, weights[index(t)]);
+    quadrics[v] += scaled(plane, weights[v]);
+    quadrics[t] += scaled(plane, weights[t]);
   });
 }
 
@@ -95,8 +93,8 @@ void add_seam_planes(const CollapseMesh& mesh, double weight, Ring& ring, std::i
   for_each_face_edge(mesh, v, [&](std::int32_t t, std::int32_t f) {
     if (!ring.find(t)->is_seam) return;
     const Quadric plane = scaled(edge_plane(mesh, v, t, f), weight);
-    quadrics[index(v)] += plane;
-    quadrics[index(t)] += plane;
+    quadrics[v] += plane;
+    quadrics[t] += plane;
   });
 }
 
@@ -156,12 +154,12 @@ std::vector<Quadric> constraint_quadrics(const CollapseMesh& mesh,
   Ring ring(classes.size());
   std::vector<double> weights(classes.size(), 0.0);
   for (std::int32_t v = 0; boundary_planes && v < mesh.num_vertices(); ++v) {
-    if (!classes[index(v)].is_boundary) continue;
+    if (!classes[v].is_boundary) continue;
     mesh.gather_ring(v, ring);
-    weights[index(v)] = boundary_plane_weight(mesh, ring, v, classes[index(v)], options);
+    weights[v] = boundary_plane_weight(mesh, ring, v, classes[v], options);
   }
   for (std::int32_t v = 0; v < mesh.num_vertices(); ++v) {
-    const VertexClass& vertex = classes[index(v)];
+    const VertexClass& vertex = classes[v];
     if (boundary_planes && vertex.is_boundary) {
       add_boundary_planes(mesh, weights, ring, v, quadrics);
     }

@@ -57,16 +57,17 @@ class MeshWriter {
       std::copy(point.begin(), point.end(), out_.vertices + 3 * i);
       out_.pixels[2 * i] = u;
       out_.pixels[2 * i + 1] = v;
-      const std::array<float, 2> uv = registration == nullptr ? grid_uv(u, v, width, height)
-                                                              : registered_uv(point, *registration);
-      std::copy(uv.begin(), uv.end(), out_.uvs + 2 * i);
+      const std::array<float, 2> uv = registration == nullptr
+                                          ? grid_texcoord(u, v, width, height)
+                                          : registered_texcoord(point, *registration);
+      std::copy(uv.begin(), uv.end(), out_.texcoords + 2 * i);
     }
   }
 
   /// @return  how many of the triangles are valid, and written.
-  std::int64_t write_triangles(const GridDelaunay& delaunay) {
-    std::int32_t* next = out_.triangles;
-    for (std::int32_t t = 0; t < delaunay.num_triangles(); ++t) {
+  std::int64_t write_faces(const GridDelaunay& delaunay) {
+    std::int32_t* next = out_.faces;
+    for (std::int32_t t = 0; t < delaunay.num_faces(); ++t) {
       const std::array<std::int32_t, 3> corners = delaunay.triangle(t);
       if (!has_valid_centroid(delaunay.pixels(), corners) || !has_short_edges(corners)) continue;
       // The triangulation is counter-clockwise with rows up.
@@ -74,7 +75,7 @@ class MeshWriter {
       *next++ = corners[image_.rows_up() ? 1 : 2];
       *next++ = corners[image_.rows_up() ? 2 : 1];
     }
-    return (next - out_.triangles) / 3;
+    return (next - out_.faces) / 3;
   }
 
  private:
@@ -84,8 +85,8 @@ class MeshWriter {
                           const std::array<std::int32_t, 3>& corners) const {
     std::int64_t u = 0, v = 0;
     for (const std::int32_t i : corners) {
-      u += pixels[static_cast<std::size_t>(i)].u;
-      v += pixels[static_cast<std::size_t>(i)].v;
+      u += pixels[i].u;
+      v += pixels[i].v;
     }
     return map_.is_valid(static_cast<Slot>((2 * v + 3) / 6 * map_.stride + (2 * u + 3) / 6));
   }
@@ -147,7 +148,7 @@ Cs3Report Cs3::run(const RangeImage& image, const Cs3Options& options,
   finish(Cs3Stage::kSampling);
   w.pixels.clear();
   const std::int64_t most = std::min(options.target_points, image.rows() * image.cols());
-  w.pixels.reserve(static_cast<std::size_t>(most));
+  w.pixels.reserve(most);
   for (const Slot slot : w.sampler.slots()) {
     const auto stride = static_cast<Slot>(w.map.stride);
     w.pixels.push_back(
@@ -159,7 +160,7 @@ Cs3Report Cs3::run(const RangeImage& image, const Cs3Options& options,
   MeshWriter writer(image, w.map, options, out);
   writer.write_vertices(w.pixels, registration);
   report.num_vertices = static_cast<std::int64_t>(w.pixels.size());
-  report.num_triangles = writer.write_triangles(w.delaunay);
+  report.num_faces = writer.write_faces(w.delaunay);
   finish(Cs3Stage::kOutput);
   return report;
 }
@@ -172,15 +173,15 @@ Cs3Result simplify_cs3(const RangeImage& image, const Cs3Options& options,
       std::max<std::int64_t>(0, std::min(options.target_points, image.rows() * image.cols()));
   mesh.vertices.resize(capacity, 3);
   mesh.pixels.resize(capacity, 2);
-  mesh.uvs.resize(capacity, 2);
-  mesh.triangles.resize(2 * capacity, 3);
-  result.report = Cs3().run(
-      image, options, registration,
-      {capacity, mesh.vertices.data(), mesh.pixels.data(), mesh.uvs.data(), mesh.triangles.data()});
+  mesh.texcoords.resize(capacity, 2);
+  mesh.faces.resize(2 * capacity, 3);
+  result.report = Cs3().run(image, options, registration,
+                            {capacity, mesh.vertices.data(), mesh.pixels.data(),
+                             mesh.texcoords.data(), mesh.faces.data()});
   mesh.vertices.conservativeResize(result.report.num_vertices, Eigen::NoChange);
   mesh.pixels.conservativeResize(result.report.num_vertices, Eigen::NoChange);
-  mesh.uvs.conservativeResize(result.report.num_vertices, Eigen::NoChange);
-  mesh.triangles.conservativeResize(result.report.num_triangles, Eigen::NoChange);
+  mesh.texcoords.conservativeResize(result.report.num_vertices, Eigen::NoChange);
+  mesh.faces.conservativeResize(result.report.num_faces, Eigen::NoChange);
   return result;
 }
 

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "simplify/importance_rows.hpp"
+
 namespace manip3d {
 namespace {
 
@@ -51,8 +53,7 @@ void ImportanceOrder::sort_items(const ImportanceMap& map, std::vector<Item>& it
   slots_.resize(count);
   for (std::size_t i = 0; i < count; ++i) {
     const Item item = items[i];
-    slots_[high_[static_cast<std::size_t>(item >> kSlotBits)]++] =
-        static_cast<Slot>(item & ((Item{1} << kSlotBits) - 1));
+    slots_[high_[item >> kSlotBits]++] = static_cast<Slot>(item & ((Item{1} << kSlotBits) - 1));
   }
 }
 
@@ -70,12 +71,17 @@ struct Cs3Sampler::Frame {
   const ImportanceMap& map;
   const std::vector<Slot>& order;
   const Cs3Options& options;
+  Cs3Reading::Rounding rounding;
   float omega_min = 0.0F, omega_max = 0.0F;
   double interval = 0.0;  ///< s = Rd_max = sqrt(w h / n).
 
   Frame(const RangeImage& image_in, const ImportanceMap& map_in, const std::vector<Slot>& order_in,
         const Cs3Options& options_in)
-      : image(image_in), map(map_in), order(order_in), options(options_in) {
+      : image(image_in),
+        map(map_in),
+        order(order_in),
+        options(options_in),
+        rounding(options_in.reading.rounding) {
     const auto outliers =
         static_cast<std::size_t>(options.reading.outliers * static_cast<double>(order.size()));
     omega_max = to_importance(map.keys[order[std::min(outliers, order.size() - 1)]]);
@@ -121,11 +127,9 @@ struct Cs3Sampler::Frame {
 
 // Marks the square of a chosen point (section 3.3.2, "repulsive force").
 void Cs3Sampler::block(const Frame& frame, Slot slot, double radius) {
-  using Rounding = Cs3Reading::Rounding;
-  const Rounding rounding = frame.options.reading.rounding;
-  if (rounding == Rounding::kNearest) radius += 0.5;
-  auto r = static_cast<std::int64_t>(radius);
-  if (rounding == Rounding::kUp && static_cast<double>(r) < radius) ++r;
+  const std::int64_t r = frame.rounding == Cs3Reading::Rounding::kDown
+                             ? static_cast<std::int64_t>(radius)
+                             : rounded_by(frame.rounding, radius);
   const std::int64_t u = frame.u(slot), v = frame.v(slot);
   const std::int64_t u0 = std::max<std::int64_t>(0, u - r);
   const std::int64_t u1 = std::min(frame.map.stride - 1, u + r);
@@ -286,7 +290,7 @@ double Cs3Sampler::search(const Frame& frame, Cs3Report& report) {
   }
   if (factor != many) sample(frame, many);
   report.reached = Cs3Reached::kCut;
-  chosen_.resize(static_cast<std::size_t>(n));
+  chosen_.resize(n);
   return many;
 }
 

@@ -4,11 +4,10 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <random>
 #include <string>
-#include <unordered_map>
 #include <utility>
 
+#include "geometry/dart_board.hpp"
 #include "manip3d/error.hpp"
 
 namespace manip3d {
@@ -61,72 +60,6 @@ std::vector<Pixel> on_lattice(const PointGridView& grid, double spacing) {
     for (const std::int64_t col : cols) {
       if (is_valid(grid, row, col)) pixels.push_back(pixel_at(row, col));
     }
-  }
-  return pixels;
-}
-
-// --- Poisson disks -----------------------------------------------------------------------------
-
-using Cell = Eigen::Vector3i;
-
-struct CellHash {
-  std::size_t operator()(const Cell& cell) const {
-    std::uint64_t hash = 0;
-    for (int k = 0; k < 3; ++k) {
-      hash = (hash ^ static_cast<std::uint32_t>(cell[k])) * 0x9E3779B97F4A7C15U;
-      hash ^= hash >> 29;
-    }
-    return hash;
-  }
-};
-
-/// Points kept so far, in cubes as wide as the radius; only ever looked up by cube.
-class KeptPoints {
- public:
-  /// @param origin  a corner of the points' box: cubes are numbered from there.
-  KeptPoints(const Eigen::Vector3f& origin, float radius) : origin_(origin), radius_(radius) {}
-
-  /// Keeps the point unless another one is within the radius.
-  bool keep(const Eigen::Vector3f& point) {
-    const Cell middle = ((point - origin_) / radius_).array().floor().matrix().cast<int>();
-    for (int dz = -1; dz <= 1; ++dz) {
-      for (int dy = -1; dy <= 1; ++dy) {
-        for (int dx = -1; dx <= 1; ++dx) {
-          if (has_near(middle + Cell(dx, dy, dz), point)) return false;
-        }
-      }
-    }
-    cells_[middle].push_back(point);
-    return true;
-  }
-
- private:
-  bool has_near(const Cell& cell, const Eigen::Vector3f& point) const {
-    const auto found = cells_.find(cell);
-    if (found == cells_.end()) return false;
-    return std::any_of(found->second.begin(), found->second.end(), [&](const auto& kept) {
-      return (kept - point).squaredNorm() < radius_ * radius_;
-    });
-  }
-
-  Eigen::Vector3f origin_;
-  float radius_;
-  std::unordered_map<Cell, std::vector<Eigen::Vector3f>, CellHash> cells_;
-};
-
-/// A random order of the pixels [Fisher & Yates]; std::shuffle differs between libraries.
-std::vector<Pixel> shuffled(std::vector<Pixel> pixels, std::uint64_t seed) {
-  std::mt19937_64 random(seed);
-  for (std::size_t i = pixels.size(); i > 1; --i) std::swap(pixels[i - 1], pixels[random() % i]);
-  return pixels;
-}
-
-std::vector<Pixel> throw_darts(const PointGridView& grid, const std::vector<Pixel>& order,
-                               const Eigen::Vector3f& origin, double radius) {
-  KeptPoints kept(origin, static_cast<float>(radius));
-  std::vector<Pixel> pixels;
-  for (const Pixel& pixel : order) {
-    if (kept.keep(point_at(grid, pixel.v, pixel.u))) pixels.push_back(pixel);
   }
   return pixels;
 }
@@ -254,26 +187,28 @@ std::vector<Pixel> sample_uniform(const PointGridView& grid, std::int64_t target
 PoissonDiskSample sample_poisson_disk(const PointGridView& grid, std::int64_t target_points,
                                       std::uint64_t seed) {
   check(grid, target_points);
-  std::vector<Pixel> order = valid_pixels(grid);
-  PoissonDiskSample best;
-  if (static_cast<std::int64_t>(order.size()) <= target_points) {
-    best.pixels = std::move(order);
-    return best;
+  const std::vector<Pixel> pixels = valid_pixels(grid);
+  if (std::ssize(pixels) <= target_points) return {pixels, 0.0};
+  Points points(std::ssize(pixels), 3);
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    points.row(i) = point_at(grid, pixels[i].v, pixels[i].u).transpose();
   }
   Eigen::AlignedBox3f box;
-  for (const Pixel& pixel : order) box.extend(point_at(grid, pixel.v, pixel.u));
-  order = shuffled(std::move(order), seed);
-  // With the diagonal as radius one or two points are kept. Cubes are numbered by 32-bit integers,
-  // so the radius is at least a millionth of it.
+  for (const auto& point : points.rowwise()) box.extend(point.transpose());
+  DartBoard board(view_of(points), seed, box.min().cast<double>(), {});
+  std::vector<std::int32_t> best;
+  double best_radius = 0.0;
+  // With the diagonal as radius one or two points are kept; a millionth of it keeps nearly all.
   double high = 1.01 * box.diagonal().cast<double>().norm();
   double low = 1e-6 * high;
   double radius = high / std::sqrt(static_cast<double>(target_points));
   constexpr int kMaxSteps = 40;
   for (int step = 0; step < kMaxSteps && low < high; ++step) {
-    std::vector<Pixel> pixels = throw_darts(grid, order, box.min(), radius);
-    const auto count = static_cast<std::int64_t>(pixels.size());
-    if (count <= target_points && pixels.size() > best.pixels.size()) {
-      best = {std::move(pixels), radius};
+    std::vector<std::int32_t> kept = board.sample(radius);
+    const std::int64_t count = std::ssize(kept);
+    if (count <= target_points && kept.size() > best.size()) {
+      best = std::move(kept);
+      best_radius = radius;
     }
     if (count <= target_points && 100 * count >= 99 * target_points) break;
     (count > target_points ? low : high) = radius;
@@ -282,8 +217,9 @@ PoissonDiskSample sample_poisson_disk(const PointGridView& grid, std::int64_t ta
                                             (0.995 * static_cast<double>(target_points)));
     radius = low < guess && guess < high ? guess : 0.5 * (low + high);
   }
-  std::sort(best.pixels.begin(), best.pixels.end());
-  return best;
+  PoissonDiskSample sample{{}, best_radius};
+  for (const std::int32_t i : best) sample.pixels.push_back(pixels[i]);
+  return sample;
 }
 
 ScaleSpaceSample sample_scale_space(const PointGridView& grid, std::int64_t target_points) {

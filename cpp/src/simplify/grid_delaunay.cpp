@@ -176,7 +176,7 @@ void GridDelaunay::start_fan(std::int32_t apex) {
 
 // The last vertex of the front at or left of column u.
 std::int32_t GridDelaunay::find_below(std::int32_t u) const {
-  const auto node = [&](std::int32_t vertex) { return ring_[static_cast<std::size_t>(vertex)]; };
+  const auto node = [&](std::int32_t vertex) { return ring_[vertex]; };
   std::int32_t a = last_;
   if (u < pixel(a).u && u - pixel(left_).u < pixel(a).u - u) a = left_;
   while (pixel(a).u > u) a = node(a).prev;
@@ -291,132 +291,12 @@ void GridDelaunay::triangulate(std::span<const Pixel> pixels) {
   pixels_.assign(pixels.begin(), pixels.end());
   edges_.clear();
   ring_.resize(pixels.size());
-  changed_.clear();
-  found_ = 0;
   const auto n = static_cast<std::int32_t>(pixels.size());
   const std::int32_t apex = count_collinear();
   if (apex == n) return;
   start_fan(apex);
   for (std::int32_t p = apex + 1; p < n; ++p) add(p);
   fill_bays();
-}
-
-// Visibility walk: it crosses the first edge after the one it came by that has the pixel on its
-// other side. In a Delaunay triangulation it cannot go round in circles.
-std::int32_t GridDelaunay::locate(Pixel p, std::int32_t start) const {
-  const auto is_right_of = [&](std::int32_t e) {
-    const Pixel &a = pixel(edge(e).origin), &b = pixel(edge(next(e)).origin);
-    return std::int64_t{b.u - a.u} * (p.v - a.v) < std::int64_t{b.v - a.v} * (p.u - a.u);
-  };
-  if (num_triangles() == 0) return -1;
-  std::int32_t e = start * kStride;
-  int tested = 0;
-  while (tested < 3) {
-    if (is_right_of(e)) {
-      if (edge(e).twin < 0) return -1;
-      e = next(edge(e).twin);
-      tested = 1;  // of the edge just crossed it is known
-    } else {
-      e = next(e);
-      ++tested;
-    }
-  }
-  return e / kStride;
-}
-
-void GridDelaunay::split_triangle(std::int32_t t, std::int32_t p) {
-  const std::int32_t ab = kStride * t, bc = ab + 1, ca = ab + 2;
-  const std::int32_t a = edge(ab).origin, b = edge(bc).origin, c = edge(ca).origin;
-  const std::int32_t beyond_bc = edge(bc).twin, beyond_ca = edge(ca).twin;
-  edge(ca).origin = p;  // this triangle becomes (a, b, p)
-  const std::int32_t bcp = make_triangle(b, c, p);
-  const std::int32_t cap = make_triangle(c, a, p);
-  link(bcp, beyond_bc);
-  link(cap, beyond_ca);
-  link(bc, bcp + 2);
-  link(bcp + 1, cap + 2);
-  link(cap + 1, ca);
-  legalize_star(ab);
-  legalize_star(bcp);
-  legalize_star(cap);
-}
-
-// p lies on the edge e from a to b; the triangles beside it are (a, b, c) and maybe (b, a, d).
-void GridDelaunay::split_edge(std::int32_t e, std::int32_t p) {
-  const std::int32_t f = edge(e).twin;
-  const std::int32_t bc = next(e), b = edge(bc).origin, c = edge(prev(e)).origin;
-  const std::int32_t beyond_bc = edge(bc).twin;
-  edge(bc).origin = p;  // this triangle becomes (a, p, c)
-  const std::int32_t pbc = make_triangle(p, b, c);
-  link(pbc + 1, beyond_bc);
-  link(pbc + 2, bc);
-  if (f < 0) {
-    const std::int32_t a = edge(e).origin;
-    set_boundary(p, a, e);
-    set_boundary(b, p, pbc);
-    legalize_star(prev(e));
-    legalize_star(pbc + 1);
-    return;
-  }
-  const std::int32_t ad = next(f), a = edge(ad).origin, d = edge(prev(f)).origin;
-  const std::int32_t beyond_ad = edge(ad).twin;
-  edge(ad).origin = p;  // and this one (b, p, d)
-  const std::int32_t pad = make_triangle(p, a, d);
-  link(pad + 1, beyond_ad);
-  link(pad + 2, ad);
-  link(e, pad);
-  link(f, pbc);
-  legalize_star(prev(e));
-  legalize_star(pbc + 1);
-  legalize_star(prev(f));
-  legalize_star(pad + 1);
-}
-
-// All triangles around the origin of half-edge e.
-void GridDelaunay::collect_star(std::int32_t e) {
-  changed_.clear();
-  std::int32_t out = e;
-  do {  // counter-clockwise
-    changed_.push_back(out / kStride);
-    out = edge(prev(out)).twin;
-  } while (out >= 0 && out != e);
-  if (out == e) return;
-  for (out = edge(e).twin; out >= 0; out = edge(next(out)).twin) {  // the rest, clockwise
-    changed_.push_back(out / kStride);
-  }
-}
-
-std::int32_t GridDelaunay::insert(Pixel p) {
-  check_pixel(p);
-  changed_.clear();
-  const std::int32_t t = locate(p, found_);
-  if (t < 0) return -1;
-  found_ = t;
-  const auto vertex = static_cast<std::int32_t>(pixels_.size());
-  std::int32_t on_edge = -1;
-  for (std::int32_t e = kStride * t; e < kStride * t + 3; ++e) {
-    const Pixel &a = pixel(edge(e).origin), &b = pixel(edge(next(e)).origin);
-    if (a == p) return edge(e).origin;
-    const std::int64_t turn =
-        std::int64_t{b.u - a.u} * (p.v - a.v) - std::int64_t{b.v - a.v} * (p.u - a.u);
-    if (turn == 0 && !(b == p)) on_edge = e;
-  }
-  pixels_.push_back(p);
-  ring_.push_back({-1, -1, -1});
-  const auto first_new = static_cast<std::int32_t>(edges_.size());
-  if (on_edge >= 0) {
-    split_edge(on_edge, vertex);
-  } else {
-    split_triangle(t, vertex);
-  }
-  for (std::int32_t e = first_new; e < first_new + 3; ++e) {
-    if (edge(e).origin == vertex) {
-      collect_star(e);
-      break;
-    }
-  }
-  found_ = first_new / kStride;
-  return vertex;
 }
 
 }  // namespace manip3d

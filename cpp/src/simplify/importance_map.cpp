@@ -6,139 +6,62 @@
 #include <limits>
 
 #include "manip3d/geometry/parallel.hpp"
+#include "simplify/importance_rows.hpp"
 
 namespace manip3d {
 namespace {
 
-using Stencil = Cs3Reading::Stencil;
-using BesideInvalid = Cs3Reading::BesideInvalid;
-
-// Small functions in loops over pixels must vanish, or the loops take one pixel at a time.
-#define MANIP3D_INLINE inline __attribute__((always_inline))
-
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr std::int64_t kPad = 2;  // the widest stencil reads two pixels to each side
 constexpr std::int64_t kPointRows = 4, kAreaRows = 5;
-
-struct PointRow {
-  float *x, *y, *z;
-};
-
-// condition ? a : b, without a branch.
-MANIP3D_INLINE float choose(bool condition, float a, float b) {
-  const std::uint32_t mask = 0U - static_cast<std::uint32_t>(condition);
-  return std::bit_cast<float>((std::bit_cast<std::uint32_t>(a) & mask) |
-                              (std::bit_cast<std::uint32_t>(b) & ~mask));
-}
 
 // The difference to the next point, or from the one before where the next is not valid. NaN, the
 // mark of an invalid point, spreads to all that depends on it. All is loaded before anything is
 // chosen, so that the compiler can do many pixels at a time.
-template <BesideInvalid beside>
 MANIP3D_INLINE float difference(float before, float here, float after, float z_here,
                                 float z_after) {
   const float forward = after - here, backward = here - before;
-  if constexpr (beside != BesideInvalid::kBackward) return forward;
   const float z_difference = z_after - z_here;
   return choose(z_difference == z_difference, forward, backward);
 }
 
 // A(u) of one row (eq. 3.1, 3.2).
-template <BesideInvalid beside>
 void area_row(const PointRow& above_row, const PointRow& row, const PointRow& below_row,
               std::int64_t width, float* __restrict area) {
   const float* __restrict x = row.x, * __restrict y = row.y, * __restrict z = row.z;
   const PointRow above = above_row, below = below_row;
-  constexpr float kUnknown = beside == BesideInvalid::kUnknown ? kNan : 0.0F;
   for (std::int64_t u = 0; u < width; ++u) {
     const float z_right = z[u + 1], z_below = below.z[u];
-    const float ax = difference<beside>(x[u - 1], x[u], x[u + 1], z[u], z_right);
-    const float ay = difference<beside>(y[u - 1], y[u], y[u + 1], z[u], z_right);
-    const float az = difference<beside>(z[u - 1], z[u], z_right, z[u], z_right);
-    const float bx = difference<beside>(above.x[u], x[u], below.x[u], z[u], z_below);
-    const float by = difference<beside>(above.y[u], y[u], below.y[u], z[u], z_below);
-    const float bz = difference<beside>(above.z[u], z[u], z_below, z[u], z_below);
-    const float nx = ay * bz - az * by, ny = az * bx - ax * bz, nz = ax * by - ay * bx;
-    const float length_n = std::sqrt(nx * nx + ny * ny + nz * nz);
-    const float a = length_n / ((ax * ax + ay * ay + az * az) * (bx * bx + by * by + bz * bz));
-    area[u] = choose(a < kInfinity, a, kUnknown);
+    const float ax = difference(x[u - 1], x[u], x[u + 1], z[u], z_right);
+    const float ay = difference(y[u - 1], y[u], y[u + 1], z[u], z_right);
+    const float az = difference(z[u - 1], z[u], z_right, z[u], z_right);
+    const float bx = difference(above.x[u], x[u], below.x[u], z[u], z_below);
+    const float by = difference(above.y[u], y[u], below.y[u], z[u], z_below);
+    const float bz = difference(above.z[u], z[u], z_below, z[u], z_below);
+    const float a = area_of(ax, ay, az, bx, by, bz);
+    area[u] = choose(a < kInfinity, a, 0.0F);
   }
 }
 
-struct Hessian {
-  float uu, vv, uv;
-};
-
-/// A of five rows around that of the pixel.
-struct AreaRows {
-  const float *up2, *up, *row, *down, *down2;
-};
-
-// Second differences of A at column u.
-template <Stencil stencil>
+// Second differences of A at column u, all times 4: the gradient of the gradient.
 MANIP3D_INLINE Hessian hessian(const AreaRows& a, std::int64_t u) {
-  const float center = a.row[u], left = a.row[u - 1], right = a.row[u + 1];
-  const float upper = a.up[u], lower = a.down[u];
-  const float left2 = a.row[u - 2], right2 = a.row[u + 2], upper2 = a.up2[u], lower2 = a.down2[u];
-  const float lower_right = a.down[u + 1], lower_left = a.down[u - 1];
-  const float upper_right = a.up[u + 1], upper_left = a.up[u - 1];
-  const float cross = lower_right - lower_left - upper_right + upper_left;
-  if constexpr (stencil == Stencil::kGradientOfGradient) {
-    const float middle = 2.0F * center;
-    return {right2 - middle + left2, lower2 - middle + upper2, cross};  // all times 4
-  } else if constexpr (stencil == Stencil::kCompact) {
-    const float middle = 2.0F * center;
-    return {right - middle + left, lower - middle + upper, 0.25F * cross};
-  } else if constexpr (stencil == Stencil::kForward) {
-    return {right2 - 2.0F * right + center, lower2 - 2.0F * lower + center,
-            lower_right - right - lower + center};
-  } else {
-    const float corners = lower_right + lower_left + upper_right + upper_left;
-    const float sides_u = right + left, sides_v = lower + upper;
-    const float middle = 4.0F * center;
-    return {corners + 2.0F * (sides_u - sides_v) - middle,
-            corners + 2.0F * (sides_v - sides_u) - middle, cross};
-  }
+  const float middle = 2.0F * a.row[u];
+  const float cross = a.down[u + 1] - a.down[u - 1] - a.up[u + 1] + a.up[u - 1];
+  return {a.row[u + 2] - middle + a.row[u - 2], a.down2[u] - middle + a.up2[u], cross};
 }
 
-// Omega(u); what cannot be known counts as flat.
 template <Cs3Importance importance>
-MANIP3D_INLINE float importance_of(const Hessian& m) {
-  float omega = m.uu + m.vv;
-  if constexpr (importance == Cs3Importance::kMinCurvature) {
-    const float mean = 0.5F * (m.uu + m.vv), half = 0.5F * (m.uu - m.vv);
-    omega = std::abs(mean - std::sqrt(half * half + m.uv * m.uv));
-  }
-  return choose(std::abs(omega) < kInfinity, omega + 0.0F, 0.0F);  // + 0: no negative zero
-}
-
-template <Stencil stencil, Cs3Importance importance>
 void importance_row(const AreaRows& areas, const float* __restrict z, std::int64_t width,
                     ImportanceKey* __restrict keys) {
   const AreaRows a = areas;
-  for (std::int64_t u = 0; u < width; ++u) {
-    const ImportanceKey key = to_key(importance_of<importance>(hessian<stencil>(a, u)));
-    keys[u] = key | (0U - static_cast<std::uint32_t>(z[u] != z[u]));  // kNoKey: all bits set
-  }
-}
-
-template <Stencil stencil>
-void hessian_row(const AreaRows& areas, std::int64_t width, std::int64_t slot, ImportanceMap& map) {
-  for (std::int64_t u = 0; u < width; ++u) {
-    const Hessian m = hessian<stencil>(areas, u);
-    const auto i = static_cast<std::size_t>(slot + u);
-    map.hessian_uu[i] = m.uu;
-    map.hessian_vv[i] = m.vv;
-    map.hessian_uv[i] = m.uv;
-  }
+  for (std::int64_t u = 0; u < width; ++u) keys[u] = key_of<importance>(hessian(a, u), z[u]);
 }
 
 // A power of two that brings coordinates of any unit to a size where the squares of A neither
 // overflow nor vanish; the significant bits of all results stay as they are.
 float unit_scale(const RangeImage& image, const PixelBox& box, std::vector<float>& scratch) {
   if (image.has_depth() || box.empty()) return 1.0F;
-  scratch.resize(static_cast<std::size_t>(3 * box.width));
+  scratch.resize(3 * box.width);
   float *x = scratch.data(), *y = x + box.width, *z = y + box.width;
   std::array<float, 3> low, high;
   low.fill(kInfinity);
@@ -166,10 +89,14 @@ class RowPipeline {
  public:
   RowPipeline(const RangeImage& image, const Cs3Options& options, float scale,
               std::vector<float>& scratch, ImportanceMap& map)
-      : image_(image), options_(options), scale_(scale), map_(map) {
+      : image_(image),
+        options_(options),
+        is_kept_(options.reading == Cs3Reading{}),
+        scale_(scale),
+        map_(map) {
     const std::int64_t length = map.box.width + 2 * kPad;
-    const bool unknown = options.reading.beside_invalid == BesideInvalid::kUnknown;
-    scratch.resize(static_cast<std::size_t>((3 * kPointRows + kAreaRows) * length));
+    const bool unknown = options.reading.beside_invalid == Cs3Reading::BesideInvalid::kUnknown;
+    scratch.resize((3 * kPointRows + kAreaRows) * length);
     float* next = scratch.data() + kPad;
     std::fill_n(scratch.data(), 3 * kPointRows * length, kNan);
     std::fill_n(scratch.data() + 3 * kPointRows * length, kAreaRows * length,
@@ -197,12 +124,8 @@ class RowPipeline {
   }
 
  private:
-  PointRow& points(std::int64_t v) {
-    return points_[static_cast<std::size_t>((v + kPointRows) % kPointRows)];
-  }
-  float*& area(std::int64_t v) {
-    return areas_[static_cast<std::size_t>((v + kAreaRows) % kAreaRows)];
-  }
+  PointRow& points(std::int64_t v) { return points_[(v + kPointRows) % kPointRows]; }
+  float*& area(std::int64_t v) { return areas_[(v + kAreaRows) % kAreaRows]; }
   [[nodiscard]] bool is_inside(std::int64_t v) const { return v >= 0 && v < map_.box.height; }
 
   void load(std::int64_t v) {
@@ -225,50 +148,38 @@ class RowPipeline {
   }
 
   void make_area(std::int64_t v) {
-    switch (options_.reading.beside_invalid) {
-      case BesideInvalid::kBackward:
-        return make<BesideInvalid::kBackward>(v);
-      case BesideInvalid::kZero:
-        return make<BesideInvalid::kZero>(v);
-      case BesideInvalid::kUnknown:
-        return make<BesideInvalid::kUnknown>(v);
+    const std::int64_t width = map_.box.width;
+    if (is_kept_) {
+      area_row(points(v - 1), points(v), points(v + 1), width, area(v));
+    } else {
+      area_row_by(options_.reading, points(v - 1), points(v), points(v + 1), width, area(v));
     }
-  }
-
-  template <BesideInvalid beside>
-  void make(std::int64_t v) {
-    area_row<beside>(points(v - 1), points(v), points(v + 1), map_.box.width, area(v));
   }
 
   void make_importance(std::int64_t v) {
-    switch (options_.reading.stencil) {
-      case Stencil::kGradientOfGradient:
-        return make<Stencil::kGradientOfGradient>(v);
-      case Stencil::kCompact:
-        return make<Stencil::kCompact>(v);
-      case Stencil::kForward:
-        return make<Stencil::kForward>(v);
-      case Stencil::kSobel:
-        return make<Stencil::kSobel>(v);
-    }
-  }
-
-  template <Stencil stencil>
-  void make(std::int64_t v) {
     const AreaRows rows{area(v - 2), area(v - 1), area(v), area(v + 1), area(v + 2)};
     const std::int64_t width = map_.box.width;
     ImportanceKey* keys = map_.keys.data() + v * map_.stride;
     const float* z = points(v).z;
-    if (options_.importance == Cs3Importance::kMinCurvature) {
-      importance_row<stencil, Cs3Importance::kMinCurvature>(rows, z, width, keys);
+    if (!is_kept_) {
+      importance_row_by(options_, rows, z, width, keys);
+    } else if (options_.importance == Cs3Importance::kMinCurvature) {
+      importance_row<Cs3Importance::kMinCurvature>(rows, z, width, keys);
     } else {
-      importance_row<stencil, Cs3Importance::kLaplacian>(rows, z, width, keys);
+      importance_row<Cs3Importance::kLaplacian>(rows, z, width, keys);
     }
-    if (!map_.hessian_uu.empty()) hessian_row<stencil>(rows, width, v * map_.stride, map_);
+    for (std::int64_t u = 0; u < width && !map_.hessian_uu.empty(); ++u) {
+      const Hessian m = is_kept_ ? hessian(rows, u) : hessian_by(options_.reading, rows, u);
+      const std::int64_t slot = v * map_.stride + u;
+      map_.hessian_uu[slot] = m.uu;
+      map_.hessian_vv[slot] = m.vv;
+      map_.hessian_uv[slot] = m.uv;
+    }
   }
 
   const RangeImage& image_;
   const Cs3Options& options_;
+  bool is_kept_;  ///< Is the reading the one that is kept?
   float scale_;
   ImportanceMap& map_;
   float max_depth_ = 0.0F;

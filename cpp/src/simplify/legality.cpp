@@ -7,8 +7,6 @@
 namespace manip3d {
 namespace {
 
-std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
-
 /// cos 78 deg: at 90 a face can turn over in two steps.
 constexpr double kLeastNormalCosine = 0.2;
 
@@ -103,7 +101,7 @@ bool Legality::breaks_link_condition(std::int32_t t) const {
 std::optional<Rejection> Legality::check_face(std::int32_t f, std::int32_t c, std::int32_t t,
                                               const WedgeMap& map) const {
   const auto& face = mesh_.face(f);
-  const auto own = index(c), next = index((c + 1) % 3), last = index((c + 2) % 3);
+  const auto own = c, next = (c + 1) % 3, last = (c + 2) % 3;
   const std::int32_t a = face[next], b = face[last];
   if (a == t || b == t) return std::nullopt;  // goes with the edge
   if (ring_t_.find(a) != nullptr && ring_t_.find(b) != nullptr && has_face(t, a, b)) {

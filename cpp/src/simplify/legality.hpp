@@ -16,8 +16,8 @@ class Legality {
   Legality(const CollapseMesh& mesh, const QemOptions& options)
       : mesh_(mesh),
         options_(options),
-        ring_v_(static_cast<std::size_t>(mesh.num_vertices())),
-        ring_t_(static_cast<std::size_t>(mesh.num_vertices())) {}
+        ring_v_(mesh.num_vertices()),
+        ring_t_(mesh.num_vertices()) {}
 
   /// Why v must not collapse onto its neighbour t, if so. Fills `map` as CollapseMesh::map_wedges.
   std::optional<Rejection> check(std::int32_t v, std::int32_t t, WedgeMap& map);

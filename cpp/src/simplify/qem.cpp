@@ -15,8 +15,6 @@
 namespace manip3d {
 namespace {
 
-std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
-
 /// On flat regions every cost is rounding noise. This fraction of the squared edge length (a
 /// deviation of 3e-5 of the edge) makes short edges go first there and changes nothing elsewhere.
 constexpr double kShortEdgePreference = 1e-9;
@@ -26,11 +24,11 @@ constexpr double kShortEdgePreference = 1e-9;
 class Quadrics {
  public:
   Quadrics(const CollapseMesh& mesh, const QemOptions& options)
-      : surface_(index(mesh.num_vertices())),
-        area_(index(mesh.num_vertices()), 0.0),
-        self_(index(mesh.num_vertices()), 0.0) {
+      : surface_(mesh.num_vertices()),
+        area_(mesh.num_vertices(), 0.0),
+        self_(mesh.num_vertices(), 0.0) {
     const bool textured = options.texture == TextureTerm::kQuadric5;
-    if (textured) texture_.resize(index(mesh.num_wedges()));
+    if (textured) texture_.resize(mesh.num_wedges());
     for_each_face(mesh, [&](std::int32_t f) { add_face(mesh, f, textured); });
     const std::vector<VertexClass> classes = classify(mesh);
     constraint_ = constraint_quadrics(mesh, classes, options);
@@ -42,38 +40,38 @@ class Quadrics {
   [[nodiscard]] double cost(const CollapseMesh& mesh, std::int32_t v, std::int32_t t,
                             const WedgeMap* map) const {
     const Eigen::Vector3d& x = mesh.position(t);
-    double cost = self_[index(t)];
+    double cost = self_[t];
     if (map != nullptr) {
       for (const WedgeMap::Pair& pair : map->pairs) {
-        cost += texture_[index(pair.from)](point5(mesh, x, pair.to));
+        cost += texture_[pair.from](point5(mesh, x, pair.to));
       }
     } else {
-      cost += surface_[index(v)](x);
+      cost += surface_[v](x);
     }
-    if (!constraint_.empty()) cost += constraint_[index(v)](x);
+    if (!constraint_.empty()) cost += constraint_[v](x);
     return cost;
   }
 
   /// Squared error of the surface alone: quadric / weight, in units of the diagonal.
   [[nodiscard]] double squared_error(const CollapseMesh& mesh, std::int32_t v,
                                      std::int32_t t) const {
-    const double area = area_[index(v)] + area_[index(t)];
+    const double area = area_[v] + area_[t];
     if (!(area > 0.0)) return 0.0;
     const Eigen::Vector3d& x = mesh.position(t);
-    return (surface_[index(v)](x) + surface_[index(t)](x)) / area;
+    return (surface_[v](x) + surface_[t](x)) / area;
   }
 
-  [[nodiscard]] double area(std::int32_t v) const { return area_[index(v)]; }
+  [[nodiscard]] double area(std::int32_t v) const { return area_[v]; }
   [[nodiscard]] bool is_textured() const { return !texture_.empty(); }
 
   /// Q_t += Q_v; call after the mesh has collapsed v onto t.
   void merge(const CollapseMesh& mesh, std::int32_t v, std::int32_t t, const WedgeMap& map) {
-    surface_[index(t)] += surface_[index(v)];
-    area_[index(t)] += area_[index(v)];
-    if (!constraint_.empty()) constraint_[index(t)] += constraint_[index(v)];
+    surface_[t] += surface_[v];
+    area_[t] += area_[v];
+    if (!constraint_.empty()) constraint_[t] += constraint_[v];
     if (is_textured()) {
       for (const WedgeMap::Pair& pair : map.pairs) {
-        if (pair.from != pair.to) texture_[index(pair.to)] += texture_[index(pair.from)];
+        if (pair.from != pair.to) texture_[pair.to] += texture_[pair.from];
       }
     }
     update_self(mesh, t);
@@ -90,11 +88,11 @@ class Quadrics {
   }
 
   static std::vector<VertexClass> classify(const CollapseMesh& mesh) {
-    std::vector<VertexClass> classes(index(mesh.num_vertices()));
+    std::vector<VertexClass> classes(mesh.num_vertices());
     Ring ring(classes.size());
     for (std::int32_t v = 0; v < mesh.num_vertices(); ++v) {
       mesh.gather_ring(v, ring);
-      classes[index(v)] = classify_vertex(mesh, ring, v);
+      classes[v] = classify_vertex(mesh, ring, v);
     }
     return classes;
   }
@@ -116,13 +114,13 @@ class Quadrics {
     const double area = 0.5 * length;
     const Quadric quadric = Quadric::plane(normal / length, p, area);
     for (const std::int32_t v : face) {
-      surface_[index(v)] += quadric;
-      area_[index(v)] += area;
+      surface_[v] += quadric;
+      area_[v] += area;
     }
     if (!textured) return;
     const TextureQuadric texture = TextureQuadric::plane(
         point5(mesh, p, wedges[0]), point5(mesh, q, wedges[1]), point5(mesh, r, wedges[2]), area);
-    for (const std::int32_t wedge : wedges) texture_[index(wedge)] += texture;
+    for (const std::int32_t wedge : wedges) texture_[wedge] += texture;
   }
 
   void weigh_seams(const std::vector<VertexClass>& classes, const QemOptions& options) {
@@ -143,16 +141,16 @@ class Quadrics {
     if (is_textured()) {
       seen_.clear();
       mesh.for_each_face(t, [&](std::int32_t f, std::int32_t c) {
-        const std::int32_t wedge = mesh.wedges(f)[index(c)];
+        const std::int32_t wedge = mesh.wedges(f)[c];
         if (std::find(seen_.begin(), seen_.end(), wedge) != seen_.end()) return;
         seen_.push_back(wedge);
-        self += texture_[index(wedge)](point5(mesh, x, wedge));
+        self += texture_[wedge](point5(mesh, x, wedge));
       });
     } else {
-      self = surface_[index(t)](x);
+      self = surface_[t](x);
     }
-    if (!constraint_.empty()) self += constraint_[index(t)](x);
-    self_[index(t)] = self;
+    if (!constraint_.empty()) self += constraint_[t](x);
+    self_[t] = self;
   }
 
   std::vector<Quadric> surface_;
@@ -178,8 +176,8 @@ class QemSimplifier {
         mesh_(input),
         quadrics_(mesh_, options),
         legality_(mesh_, options),
-        queue_(index(mesh_.num_vertices())),
-        ring_(index(mesh_.num_vertices())) {}
+        queue_(mesh_.num_vertices()),
+        ring_(mesh_.num_vertices()) {}
 
   QemResult run(const Progress& progress) {
     QemResult result;
@@ -298,7 +296,7 @@ class QemSimplifier {
     double worst = 1.0;
     mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
       const auto& face = mesh_.face(f);
-      const std::int32_t a = face[index((c + 1) % 3)], b = face[index((c + 2) % 3)];
+      const std::int32_t a = face[(c + 1) % 3], b = face[(c + 2) % 3];
       if (a == t || b == t) return;
       worst =
           std::min(worst, face_quality(mesh_.position(t), mesh_.position(a), mesh_.position(b)));
@@ -350,11 +348,11 @@ class QemSimplifier {
 
   QemResult finish(QemResult result) {
     if (mesh_.num_faces() <= options_.target_faces) {
-      result.stop = StopReason::kTargetReached;
+      result.stop = CollapseStop::kTargetReached;
     } else if (result.rejected[static_cast<std::size_t>(Rejection::kErrorLimit)] > 0) {
-      result.stop = StopReason::kErrorLimit;
+      result.stop = CollapseStop::kErrorLimit;
     } else {
-      result.stop = StopReason::kNoLegalCollapse;
+      result.stop = CollapseStop::kNoLegalCollapse;
     }
     result.dropped_faces = mesh_.num_dropped();
     for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
@@ -370,7 +368,7 @@ class QemSimplifier {
   /// Completes the map of the vertices that are left with those that moved onto them.
   static void follow_collapses(QemResult& result) {
     for (auto c = result.collapses.rbegin(); c != result.collapses.rend(); ++c) {
-      result.vertex_map[index(c->removed)] = result.vertex_map[index(c->kept)];
+      result.vertex_map[c->removed] = result.vertex_map[c->kept];
     }
   }
 
@@ -413,7 +411,7 @@ QemResult refuse(const MeshView& mesh, std::string message) {
   QemOptions untouched;
   untouched.target_faces = mesh.num_faces();
   QemResult result = QemSimplifier(mesh, untouched).run({});
-  result.stop = StopReason::kRefused;
+  result.stop = CollapseStop::kRefused;
   result.message = std::move(message);
   return result;
 }

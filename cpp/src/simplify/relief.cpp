@@ -103,7 +103,7 @@ struct Relief::Memory {
   void find_sight(const ReliefOptions& options);
   std::int32_t number_vertices(const Triangulation& of);
   void write(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
-  void write_triangles(const Triangulation& from, bool rows_up, Rows<std::int32_t, 3>& to);
+  void write_faces(const Triangulation& from, bool rows_up, Rows<std::int32_t, 3>& to);
   void move_points(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
 };
 
@@ -190,7 +190,7 @@ void Relief::Memory::build_meshes(const ReliefOptions& options, ReliefResult& re
 
 void Relief::Memory::find_sight(const ReliefOptions& options) {
   relief_detail::make_room(sight, mesh.num_slots());
-  sight.resize(static_cast<std::size_t>(mesh.num_slots()));
+  sight.resize(mesh.num_slots());
   const Vec3 center = (surface.center() / surface.unit()).cast<float>();
   const Vec3 parallel = surface.mean_normal();
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
@@ -201,7 +201,7 @@ void Relief::Memory::find_sight(const ReliefOptions& options) {
 std::int32_t Relief::Memory::number_vertices(const Triangulation& of) {
   of.sorted_vertices(order);
   relief_detail::make_room(number, of.num_slots());
-  number.resize(static_cast<std::size_t>(of.num_slots()));
+  number.resize(of.num_slots());
   const auto num_before = static_cast<std::int32_t>(placed.size());
   std::int32_t i = 0;
   for (const std::int32_t v : order) {
@@ -224,7 +224,7 @@ void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& optio
   for (std::size_t i = 0; i < levels.size(); ++i) {
     ReliefLevel& level = result.levels[levels.size() - 1 - i];
     level.num_vertices = number_vertices(levels[i]);
-    write_triangles(levels[i], grid.rows_up, level.triangles);
+    write_faces(levels[i], grid.rows_up, level.faces);
   }
   const Eigen::Index num_vertices = number_vertices(mesh);
   DepthMesh& out = result.mesh;
@@ -232,29 +232,29 @@ void Relief::Memory::write(const PointGridView& grid, const ReliefOptions& optio
   const auto width = static_cast<double>(grid.cols), height = static_cast<double>(grid.rows);
   out.vertices.resize(num_vertices, 3);
   out.pixels.resize(num_vertices, 2);
-  out.uvs.resize(num_vertices, 2);
+  out.texcoords.resize(num_vertices, 2);
   for (const auto& [pixel, i] : placed) {
     const std::int64_t u_in = surface.input_u(pixel), v_in = surface.input_v(pixel);
     previous.push_back(v_in * grid.cols + u_in);
     const float* point = grid.points + 3 * previous.back();
     out.vertices.row(i) << point[0], point[1], point[2];
     out.pixels.row(i) << static_cast<std::int32_t>(u_in), static_cast<std::int32_t>(v_in);
-    out.uvs.row(i) << static_cast<float>((static_cast<double>(u_in) + 0.5) / width),
+    out.texcoords.row(i) << static_cast<float>((static_cast<double>(u_in) + 0.5) / width),
         static_cast<float>(1.0 - (static_cast<double>(v_in) + 0.5) / height);
   }
-  write_triangles(mesh, grid.rows_up, out.triangles);
+  write_faces(mesh, grid.rows_up, out.faces);
   result.mean_move = result.max_move = 0.0;
   if (options.move_points) move_points(grid, options, result);
 }
 
-void Relief::Memory::write_triangles(const Triangulation& from, bool rows_up,
-                                     Rows<std::int32_t, 3>& to) {
-  Eigen::Index num_triangles = 0;
-  for (std::int32_t t = 0; t < from.num_triangle_slots(); ++t) num_triangles += from.is_triangle(t);
-  to.resize(num_triangles, 3);
+void Relief::Memory::write_faces(const Triangulation& from, bool rows_up,
+                                 Rows<std::int32_t, 3>& to) {
+  Eigen::Index num_faces = 0;
+  for (std::int32_t t = 0; t < from.num_face_slots(); ++t) num_faces += from.is_face(t);
+  to.resize(num_faces, 3);
   Eigen::Index row = 0;
-  for (std::int32_t t = 0; t < from.num_triangle_slots(); ++t) {
-    if (!from.is_triangle(t)) continue;
+  for (std::int32_t t = 0; t < from.num_face_slots(); ++t) {
+    if (!from.is_face(t)) continue;
     auto [a, b, c] = from.triangle(t);
     if (!rows_up) std::swap(b, c);
     to.row(row++) << number[a], number[b], number[c];
@@ -268,7 +268,7 @@ void Relief::Memory::move_points(const PointGridView& grid, const ReliefOptions&
   DepthMesh& out = result.mesh;
   double sum = 0.0;
   for (Eigen::Index i = 0; i < out.vertices.rows(); ++i) {
-    const std::int32_t v = order[static_cast<std::size_t>(i)];  // no levels: numbered in this order
+    const std::int32_t v = order[i];  // no levels: numbered in this order
     const Vec3 move = static_cast<float>(surface.unit()) * refiner.offset(v) * sight[v];
     out.vertices.row(i) += move.transpose();
     const double length = move.norm();
@@ -276,8 +276,8 @@ void Relief::Memory::move_points(const PointGridView& grid, const ReliefOptions&
     result.max_move = std::max(result.max_move, length);
     if (options.from_origin) continue;  // along the line of sight the pixel stays the same
     const Eigen::Vector2f step = surface.pixels_along(mesh.vertex(v).pixel, move);
-    out.uvs(i, 0) += step.x() / static_cast<float>(grid.cols);
-    out.uvs(i, 1) -= step.y() / static_cast<float>(grid.rows);
+    out.texcoords(i, 0) += step.x() / static_cast<float>(grid.cols);
+    out.texcoords(i, 1) -= step.y() / static_cast<float>(grid.rows);
   }
   if (out.vertices.rows() > 0) result.mean_move = sum / static_cast<double>(out.vertices.rows());
 }

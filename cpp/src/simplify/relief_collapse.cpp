@@ -44,7 +44,7 @@ void Collapser::assign(const Triangulation& mesh, std::span<const Keep> keep, fl
   boundary_.assign(mesh.num_slots(), {});
   spent_.assign(mesh.num_slots(), 0.0F);
   touched_.assign(mesh.num_slots(), kNever);
-  for (std::int32_t t = 0; t < mesh.num_triangle_slots(); ++t) {
+  for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     const Triangle& corners = mesh.triangle(t);
     const Vec3 a = mesh.vertex(corners[0]).point;
     const Vec3 normal =
@@ -166,26 +166,26 @@ std::int64_t drop_small_pieces(Triangulation& mesh, std::int64_t target,
   struct Piece {
     bool fixed = false;
     std::int64_t pixels = 0;  // twice the area
-    std::vector<std::int32_t> triangles;
+    std::vector<std::int32_t> faces;
   };
   const auto is_fixed = [&](std::int32_t v) {
     return !keep.empty() && keep[mesh.vertex(v).pixel] == Keep::kFixed;
   };
   std::vector<Piece> pieces;
-  std::vector<bool> seen(static_cast<std::size_t>(mesh.num_triangle_slots()));
-  for (std::int32_t t = 0; t < mesh.num_triangle_slots(); ++t) {
-    if (!mesh.is_triangle(t) || seen[t]) continue;
+  std::vector<bool> seen(mesh.num_face_slots());
+  for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
+    if (!mesh.is_face(t) || seen[t]) continue;
     Piece piece;
-    piece.triangles.push_back(t);
+    piece.faces.push_back(t);
     seen[t] = true;
-    for (std::size_t i = 0; i < piece.triangles.size(); ++i) {
-      const Triangle& f = mesh.triangle(piece.triangles[i]);
+    for (std::size_t i = 0; i < piece.faces.size(); ++i) {
+      const Triangle& f = mesh.triangle(piece.faces[i]);
       piece.pixels += mesh.orient(f[0], f[1], f[2]);
       piece.fixed = piece.fixed || std::any_of(f.begin(), f.end(), is_fixed);
-      for (const std::int32_t n : mesh.neighbors(piece.triangles[i])) {
+      for (const std::int32_t n : mesh.neighbors(piece.faces[i])) {
         if (n == Triangulation::kNone || seen[n]) continue;
         seen[n] = true;
-        piece.triangles.push_back(n);
+        piece.faces.push_back(n);
       }
     }
     pieces.push_back(std::move(piece));
@@ -196,7 +196,7 @@ std::int64_t drop_small_pieces(Triangulation& mesh, std::int64_t target,
   std::int64_t dropped = 0;
   for (auto piece = pieces.begin(); piece != pieces.end() && mesh.num_vertices() > target;
        ++piece) {
-    mesh.remove_piece(piece->triangles);
+    mesh.remove_piece(piece->faces);
     dropped += piece->pixels;
   }
   return (dropped + 1) / 2;

@@ -8,7 +8,7 @@
 namespace manip3d::relief_detail {
 
 /// Which pixels on a triangle's sides count as inside.
-enum class Edges : std::uint8_t {
+enum class SidePixels : std::uint8_t {
   kShared,  ///< Those of each side for one of the two triangles that meet there.
   kOpen,    ///< None.
   kClosed,  ///< All.
@@ -18,7 +18,7 @@ enum class Edges : std::uint8_t {
 /// Pixel (u, v) has the number v * cols + u. Exact in integers up to 16 384 pixels a side.
 template <typename Visit>
 void visit_pixels(int cols, std::array<std::int32_t, 2> a, std::array<std::int32_t, 2> b,
-                  std::array<std::int32_t, 2> c, Edges edges, Visit&& visit) {
+                  std::array<std::int32_t, 2> c, SidePixels edges, Visit&& visit) {
   // A pixel of row v is inside of a side that rises by dv if dv * u <= value, where value is affine
   // in v. Its quotient by |dv| and the remainder are carried from row to row.
   struct Side {
@@ -35,7 +35,7 @@ void visit_pixels(int cols, std::array<std::int32_t, 2> a, std::array<std::int32
     const std::int32_t du = q[0] - p[0], dv = q[1] - p[1];
     // Of two triangles on either side the one that goes down or, if level, to the right has it.
     const bool inside =
-        edges == Edges::kClosed || (edges == Edges::kShared && (dv < 0 || (dv == 0 && du > 0)));
+        edges == SidePixels::kClosed || (edges == SidePixels::kShared && (dv < 0 || (dv == 0 && du > 0)));
     const std::int32_t value = du * (v0 - p[1]) + dv * p[0] - (inside ? 0 : 1);
     Side s{dv, dv != 0 ? std::abs(dv) : 1, 0, 0, 0, 0};
     s.quotient = value / s.size;

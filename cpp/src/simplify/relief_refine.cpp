@@ -30,7 +30,7 @@ float triangle_error(const Surface& surface, const Corner& a, const Corner& b, c
   const Vec3 n = normal / length;
   const float d = n.dot(a.point);
   float sum = 0.0F;
-  visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, Edges::kShared,
+  visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, SidePixels::kShared,
                [&](std::int32_t p) {
                  const Sample& s = surface.sample(p);
                  sum += s.area * std::abs(n.x() * s.x + n.y() * s.y + n.z() * s.z - d);
@@ -50,8 +50,8 @@ void EdgeMemory::assign(const Surface& surface, const Triangulation& mesh) {
   const auto place = [&](std::int32_t v) {
     return std::uint64_t{surface.place(mesh.vertex(v).u, mesh.vertex(v).v)};
   };
-  for (std::int32_t t = 0; t < mesh.num_triangle_slots(); ++t) {
-    if (!mesh.is_triangle(t)) continue;
+  for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
+    if (!mesh.is_face(t)) continue;
     for (int i = 0; i < 3; ++i) {  // an inner edge is met from both sides
       const std::uint64_t a = place(mesh.triangle(t)[i]), b = place(mesh.triangle(t)[(i + 1) % 3]);
       if (a < b) edges_.push_back(a << 32 | b);
@@ -69,10 +69,10 @@ bool EdgeMemory::has(const Surface& surface, const Triangulation& mesh, std::int
 }
 
 void Refiner::assign(const Triangulation& mesh) {
-  make_room(errors_, mesh.num_triangle_slots());
-  for (auto* marks : {&dirty_, &next_dirty_}) make_room(*marks, mesh.num_triangle_slots());
-  errors_.assign(mesh.num_triangle_slots(), -1.0F);
-  dirty_.assign(mesh.num_triangle_slots(), 1);
+  make_room(errors_, mesh.num_face_slots());
+  for (auto* marks : {&dirty_, &next_dirty_}) make_room(*marks, mesh.num_face_slots());
+  errors_.assign(mesh.num_face_slots(), -1.0F);
+  dirty_.assign(mesh.num_face_slots(), 1);
 }
 
 float Refiner::error_of(const Surface& surface, const Triangulation& mesh, std::int32_t t) {
@@ -86,8 +86,8 @@ float Refiner::error_of(const Surface& surface, const Triangulation& mesh, std::
 float Refiner::mean_error(const Surface& surface, const Triangulation& mesh) {
   double sum = 0.0;
   std::int64_t count = 0;
-  for (std::int32_t t = 0; t < mesh.num_triangle_slots(); ++t) {
-    if (!mesh.is_triangle(t)) continue;
+  for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
+    if (!mesh.is_face(t)) continue;
     const float error = error_of(surface, mesh, t);
     if (!(error < kInfinity)) continue;
     sum += error;
@@ -104,8 +104,8 @@ int Refiner::flip_edges(const Surface& surface, Triangulation& mesh, int sweeps,
   for (int sweep = 0; sweep < sweeps; ++sweep) {
     int flips = 0;
     next_dirty_.assign(dirty_.size(), 0);
-    for (std::int32_t t = 0; t < mesh.num_triangle_slots(); ++t) {
-      if (!mesh.is_triangle(t)) continue;
+    for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
+      if (!mesh.is_face(t)) continue;
       for (int i = 0; i < 3; ++i) {
         const std::int32_t o = mesh.neighbors(t)[i];
         if (o == Triangulation::kNone || (dirty_[t] == 0 && dirty_[o] == 0)) continue;
@@ -147,7 +147,7 @@ int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radi
     if (!vertex.alive() || vertex.on_boundary || kept == Keep::kFixed || !mesh.fan(v, fan))
       continue;
     float now = 0.0F;
-    for (int i = 0; i < fan.size; ++i) now += error_of(surface, mesh, fan.triangles[i]);
+    for (int i = 0; i < fan.size; ++i) now += error_of(surface, mesh, fan.faces[i]);
     if (kept == Keep::kPrefer) now *= kKeptGain;
     const int u0 = vertex.u, v0 = vertex.v;
     std::int32_t best = -1;
@@ -179,7 +179,7 @@ int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radi
     if (best < 0) continue;
     mesh.move(v, surface, best);
     for (int i = 0; i < fan.size; ++i)
-      errors_[fan.triangles[i]] = best_errors[i], dirty_[fan.triangles[i]] = 1;
+      errors_[fan.faces[i]] = best_errors[i], dirty_[fan.faces[i]] = 1;
     ++moved;
   }
   return moved;
@@ -202,7 +202,7 @@ Refiner::Block Refiner::normal_equations(const Surface& surface, const Triangula
   const float inverse = 1.0F / static_cast<float>(mesh.orient(f[0], f[1], f[2]));
   const auto ub = static_cast<float>(b.u - a.u), vb = static_cast<float>(b.v - a.v);
   const auto uc = static_cast<float>(c.u - a.u), vc = static_cast<float>(c.v - a.v);
-  visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, Edges::kShared,
+  visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, SidePixels::kShared,
                [&](std::int32_t p) {
                  const Sample& s = surface.sample(p);
                  const auto du = static_cast<float>(surface.u(p) - a.u);
@@ -229,11 +229,11 @@ void Refiner::solve(const Surface& surface, const Triangulation& mesh,
                     const std::vector<Vec3>& directions) {
   constexpr int kSweeps = 4;  // Gauss-Seidel: the system is nearly diagonal
   make_room(offsets_, mesh.num_slots());
-  make_room(blocks_, mesh.num_triangle_slots());
-  offsets_.assign(static_cast<std::size_t>(mesh.num_slots()), 0.0F);
-  blocks_.resize(static_cast<std::size_t>(mesh.num_triangle_slots()));
-  for (std::int32_t t = 0; t < mesh.num_triangle_slots(); ++t) {
-    if (mesh.is_triangle(t)) blocks_[t] = normal_equations(surface, mesh, directions, t);
+  make_room(blocks_, mesh.num_face_slots());
+  offsets_.assign(mesh.num_slots(), 0.0F);
+  blocks_.resize(mesh.num_face_slots());
+  for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
+    if (mesh.is_face(t)) blocks_[t] = normal_equations(surface, mesh, directions, t);
   }
   // A tenth of a pixel's worth of evidence that a vertex stays: some have none of their own.
   const float ridge = 0.1F * surface.mean_area();
@@ -243,8 +243,8 @@ void Refiner::solve(const Surface& surface, const Triangulation& mesh,
       if (!mesh.vertex(v).alive() || !mesh.fan(v, fan)) continue;
       float right = 0.0F, own = ridge;
       for (int i = 0; i < fan.size; ++i) {
-        const Block& k = blocks_[fan.triangles[i]];
-        const auto [a, b, c] = mesh.triangle(fan.triangles[i]);
+        const Block& k = blocks_[fan.faces[i]];
+        const auto [a, b, c] = mesh.triangle(fan.faces[i]);
         if (a == v) {
           right += k.ra - k.ab * offsets_[b] - k.ca * offsets_[c], own += k.aa;
         } else if (b == v) {
@@ -270,7 +270,7 @@ void Refiner::accept(const Surface& surface, Triangulation& mesh,
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
     if (!mesh.vertex(v).alive() || offsets_[v] == 0.0F || !mesh.fan(v, fan)) continue;
     float now = 0.0F;
-    for (int i = 0; i < fan.size; ++i) now += error_of(surface, mesh, fan.triangles[i]);
+    for (int i = 0; i < fan.size; ++i) now += error_of(surface, mesh, fan.faces[i]);
     float best = 1.0F;
     for (const float share : {0.5F, 0.0F}) {
       Corner center = corner_of(mesh, v);
@@ -291,7 +291,7 @@ void Refiner::accept(const Surface& surface, Triangulation& mesh,
     if (best == 1.0F) continue;
     offsets_[v] *= best;
     mesh.slide(v, surface, offsets_[v] * directions[v]);
-    for (int i = 0; i < fan.size; ++i) errors_[fan.triangles[i]] = best_errors[i];
+    for (int i = 0; i < fan.size; ++i) errors_[fan.faces[i]] = best_errors[i];
   }
 }
 

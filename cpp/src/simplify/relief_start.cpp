@@ -138,11 +138,11 @@ void StartMesh::emit_cells(const Surface& surface, float threshold) {
       const bool first = errors_[at_bc ? b : a] >= threshold;
       const bool second = errors_[at_bc ? c : d] >= threshold;
       if (first && second) {
-        if ((cell & kFirst) != 0) triangles_.push_back(cell_triangle(cell, false, a, cols));
-        if ((cell & kSecond) != 0) triangles_.push_back(cell_triangle(cell, true, a, cols));
+        if ((cell & kFirst) != 0) faces_.push_back(cell_triangle(cell, false, a, cols));
+        if ((cell & kSecond) != 0) faces_.push_back(cell_triangle(cell, true, a, cols));
       } else if (first || second) {  // half of it; the other half is in a larger triangle
         const std::uint8_t cut = at_bc ? kFull : kFull | kCutFromBToC;
-        triangles_.push_back(cell_triangle(cut, second, a, cols));
+        faces_.push_back(cell_triangle(cut, second, a, cols));
       }
     }
   }
@@ -151,7 +151,7 @@ void StartMesh::emit_cells(const Surface& surface, float threshold) {
 void StartMesh::emit_fans(const Surface& surface, float threshold, int step) {
   const int cols = surface.cols(), rows = surface.rows();
   const auto emit = [&](std::int32_t p, std::int32_t q, std::int32_t r) {
-    triangles_.push_back({p, q, r});
+    faces_.push_back({p, q, r});
   };
   const auto is_flat = [&](std::int32_t p) { return errors_[p] >= 0.0F && errors_[p] < threshold; };
   // Around halved diagonals: the four quarters of the square whose outer side is not halved.
@@ -187,7 +187,7 @@ void StartMesh::emit_fans(const Surface& surface, float threshold, int step) {
 void StartMesh::emit(const Surface& surface, float threshold) {
   const int cols = surface.cols();
   const int half = kTile / 2;
-  triangles_.clear();
+  faces_.clear();
   for (int v = half; v < surface.rows(); v += kTile) {
     for (int u = half; u < cols; u += kTile) {
       const std::int32_t m = v * cols + u;
@@ -195,11 +195,11 @@ void StartMesh::emit(const Surface& surface, float threshold) {
       const std::int32_t a = m - half - half * cols, b = a + kTile, c = a + kTile * cols,
                          d = c + kTile;
       if (diagonal_direction(u, v, half) > 0) {
-        triangles_.push_back({a, b, d});
-        triangles_.push_back({a, d, c});
+        faces_.push_back({a, b, d});
+        faces_.push_back({a, d, c});
       } else {
-        triangles_.push_back({a, b, c});
-        triangles_.push_back({b, d, c});
+        faces_.push_back({a, b, c});
+        faces_.push_back({b, d, c});
       }
     }
   }
@@ -211,7 +211,7 @@ std::span<const Triangle> StartMesh::build(const Surface& surface, std::int64_t 
                                            std::span<const Keep> keep) {
   measure(surface, keep);
   emit(surface, threshold_for(num_vertices));
-  return triangles_;
+  return faces_;
 }
 
 }  // namespace manip3d::relief_detail

@@ -31,7 +31,7 @@ class StartMesh {
 
   std::vector<float> errors_;  ///< By pixel: of the bisection there, at least that of its parts.
   std::vector<std::int32_t> histogram_;
-  std::vector<Triangle> triangles_;
+  std::vector<Triangle> faces_;
 };
 
 }  // namespace manip3d::relief_detail

@@ -5,6 +5,7 @@
 #include <array>
 #include <limits>
 
+#include "geometry/cell_cut.hpp"
 #include "manip3d/geometry/parallel.hpp"
 
 namespace manip3d::relief_detail {
@@ -15,6 +16,13 @@ constexpr std::int64_t kRowsPerChunk = 16;
 int padded(int size) {
   const int tiles = std::max(1, (size - 2) / Surface::kTile + 1);
   return tiles * Surface::kTile + 1;
+}
+
+std::uint8_t cell_of(CellCut cut) {  // corners 0 to 3 are a, b, d, c
+  constexpr std::array<std::uint8_t, 7> kCells = {
+      0,     kCutFromBToC | kSecond, kSecond, kCutFromBToC | kFirst, kFirst,
+      kFull, kCutFromBToC | kFull};
+  return kCells[static_cast<std::size_t>(cut)];
 }
 
 float squared_distance(const Sample& p, const Sample& q) {
@@ -97,50 +105,38 @@ void Surface::cut_cells(double max_edge, int num_threads) {
     return squared_distance(p, q) <= max_squared && squared_distance(q, r) <= max_squared &&
            squared_distance(r, p) <= max_squared;
   };
-  parallel_chunks(used_rows_ - 1, kRowsPerChunk, num_threads,
-                  [&](std::int64_t begin, std::int64_t end) {
-                    for (std::int64_t v = begin; v < end; ++v) {
-                      for (int u = 0; u + 1 < used_cols_; ++u) {
-                        const auto a = static_cast<std::int32_t>(v * cols_ + u);
-                        const std::int32_t b = a + 1, c = a + cols_, d = c + 1;
-                        const int count = valid_[a] + valid_[b] + valid_[c] + valid_[d];
-                        if (count < 3) continue;
-                        std::uint8_t cell = kFull;
-                        if (count == 4) {
-                          if (squared_distance(samples_[a], samples_[d]) >
-                              squared_distance(samples_[b], samples_[c])) {
-                            cell |= kCutFromBToC;
-                          }
-                        } else if (valid_[a] == 0) {
-                          cell = kCutFromBToC | kSecond;
-                        } else if (valid_[b] == 0) {
-                          cell = kSecond;
-                        } else if (valid_[c] == 0) {
-                          cell = kFirst;
-                        } else {
-                          cell = kCutFromBToC | kFirst;
-                        }
-                        if ((cell & kFirst) != 0 && !keeps(cell_triangle(cell, false, a, cols_))) {
-                          cell &= static_cast<std::uint8_t>(~kFirst);
-                        }
-                        if ((cell & kSecond) != 0 && !keeps(cell_triangle(cell, true, a, cols_))) {
-                          cell &= static_cast<std::uint8_t>(~kSecond);
-                        }
-                        cells_[a] = (cell & kFull) == 0 ? std::uint8_t{0} : cell;
-                      }
-                    }
-                  });
+  parallel_chunks(
+      used_rows_ - 1, kRowsPerChunk, num_threads, [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t v = begin; v < end; ++v) {
+          for (int u = 0; u + 1 < used_cols_; ++u) {
+            const auto a = static_cast<std::int32_t>(v * cols_ + u);
+            const std::int32_t b = a + 1, c = a + cols_, d = c + 1;
+            const std::array<std::int32_t, 4> corner = {a, b, d, c};
+            const unsigned valid = valid_[a] | valid_[b] << 1U | valid_[d] << 2U | valid_[c] << 3U;
+            std::uint8_t cell = cell_of(cut_cell(valid, [&](int i, int j) {
+              return squared_distance(samples_[corner[i]], samples_[corner[j]]);
+            }));
+            if ((cell & kFirst) != 0 && !keeps(cell_triangle(cell, false, a, cols_))) {
+              cell &= static_cast<std::uint8_t>(~kFirst);
+            }
+            if ((cell & kSecond) != 0 && !keeps(cell_triangle(cell, true, a, cols_))) {
+              cell &= static_cast<std::uint8_t>(~kSecond);
+            }
+            cells_[a] = (cell & kFull) == 0 ? std::uint8_t{0} : cell;
+          }
+        }
+      });
 }
 
 void Surface::add_areas() {
   constexpr float kSixth = 1.0F / 6.0F;  // half a cross product for each of three corners
-  num_triangles_ = num_used_ = 0;
+  num_faces_ = num_used_ = 0;
   const auto add = [&](const std::array<std::int32_t, 3>& t) {
     const Vec3 p = samples_[t[0]].point();
     const Vec3 q = samples_[t[1]].point(), r = samples_[t[2]].point();
     const float third = kSixth * (q - p).cross(r - p).norm();
     for (const std::int32_t pixel : t) samples_[pixel].area += third;
-    ++num_triangles_;
+    ++num_faces_;
   };
   for (int v = 0; v + 1 < used_rows_; ++v) {
     for (int u = 0; u + 1 < used_cols_; ++u) {
@@ -160,7 +156,7 @@ void Surface::add_areas() {
 }
 
 void Surface::assign(const PointGridView& grid, double max_edge, int num_threads) {
-  num_triangles_ = num_used_ = 0;
+  num_faces_ = num_used_ = 0;
   if (!crop(grid)) return;
   cols_ = padded(used_cols_);
   rows_ = padded(used_rows_);

@@ -51,7 +51,7 @@ class Surface {
   /// The dense mesh is that of grid_mesh().
   void assign(const PointGridView& grid, double max_edge, int num_threads);
 
-  [[nodiscard]] bool empty() const { return num_triangles_ == 0; }
+  [[nodiscard]] bool empty() const { return num_faces_ == 0; }
   [[nodiscard]] int cols() const { return cols_; }
   [[nodiscard]] int rows() const { return rows_; }
   [[nodiscard]] std::size_t num_pixels() const { return samples_.size(); }
@@ -59,7 +59,7 @@ class Surface {
   [[nodiscard]] int v(std::int32_t pixel) const { return pixel / cols_; }
   [[nodiscard]] const Sample& sample(std::int32_t pixel) const { return samples_[pixel]; }
   [[nodiscard]] std::uint8_t cell(std::int32_t pixel) const { return cells_[pixel]; }
-  [[nodiscard]] std::int64_t num_triangles() const { return num_triangles_; }
+  [[nodiscard]] std::int64_t num_faces() const { return num_faces_; }
   /// Pixels that some dense triangle uses.
   [[nodiscard]] std::int64_t num_used() const { return num_used_; }
   /// Column and row of the input.
@@ -92,7 +92,7 @@ class Surface {
   std::vector<Sample> samples_;
   std::vector<std::uint8_t> valid_;
   std::vector<std::uint8_t> cells_;
-  std::int64_t num_triangles_ = 0, num_used_ = 0;
+  std::int64_t num_faces_ = 0, num_used_ = 0;
   float mean_area_ = 0.0F;
 };
 

@@ -7,18 +7,18 @@
 
 namespace manip3d::relief_detail {
 
-void Triangulation::link_neighbors(std::span<const Triangle> triangles) {
+void Triangulation::link_neighbors(std::span<const Triangle> faces) {
   // The sides of the triangles by the pixel where they start.
   std::fill(first_side_.begin(), first_side_.end(), 0);
-  for (const auto& [a, b, c] : triangles) {
+  for (const auto& [a, b, c] : faces) {
     ++first_side_[a + 1], ++first_side_[b + 1], ++first_side_[c + 1];
   }
   for (std::size_t p = 1; p < first_side_.size(); ++p) first_side_[p] += first_side_[p - 1];
-  const auto num_triangles = static_cast<std::int32_t>(triangles.size());
-  make_room(sides_, std::int64_t{3} * num_triangles);
-  sides_.resize(3 * triangles.size());
-  for (std::int32_t t = num_triangles - 1; t >= 0; --t) {
-    const auto [a, b, c] = triangles[t];
+  const auto num_faces = static_cast<std::int32_t>(faces.size());
+  make_room(sides_, std::int64_t{3} * num_faces);
+  sides_.resize(3 * faces.size());
+  for (std::int32_t t = num_faces - 1; t >= 0; --t) {
+    const auto [a, b, c] = faces[t];
     sides_[--first_side_[a + 1]] = {b, t};
     sides_[--first_side_[b + 1]] = {c, t};
     sides_[--first_side_[c + 1]] = {a, t};
@@ -30,26 +30,26 @@ void Triangulation::link_neighbors(std::span<const Triangle> triangles) {
     }
     return kNone;
   };
-  make_room(neighbors_, num_triangles);
-  neighbors_.resize(triangles.size());
-  for (std::int32_t t = 0; t < num_triangles; ++t) {
-    const auto [a, b, c] = triangles[t];
+  make_room(neighbors_, num_faces);
+  neighbors_.resize(faces.size());
+  for (std::int32_t t = 0; t < num_faces; ++t) {
+    const auto [a, b, c] = faces[t];
     neighbors_[t] = {triangle_of(c, b), triangle_of(a, c), triangle_of(b, a)};
   }
 }
 
-void Triangulation::split_fans(const Surface& surface, std::span<const Triangle> triangles) {
-  make_room(triangles_, static_cast<std::int64_t>(triangles.size()));
-  triangles_.assign(triangles.size(), {kNone, kNone, kNone});
+void Triangulation::split_fans(const Surface& surface, std::span<const Triangle> faces) {
+  make_room(faces_, static_cast<std::int64_t>(faces.size()));
+  faces_.assign(faces.size(), {kNone, kNone, kNone});
   vertices_.clear();
-  for (std::size_t i = 0; i < 3 * triangles.size(); ++i) {
-    if (triangles_[i / 3][i % 3] != kNone) continue;
-    const std::int32_t pixel = triangles[i / 3][i % 3];
+  for (std::size_t i = 0; i < 3 * faces.size(); ++i) {
+    if (faces_[i / 3][i % 3] != kNone) continue;
+    const std::int32_t pixel = faces[i / 3][i % 3];
     const auto id = static_cast<std::int32_t>(vertices_.size());
     auto first = static_cast<std::int32_t>(i / 3);
     bool on_boundary = true;
     for (const std::int32_t from = first;;) {  // backwards to where the fan starts
-      const std::int32_t before = neighbors_[first][(corner(triangles[first], pixel) + 2) % 3];
+      const std::int32_t before = neighbors_[first][(corner(faces[first], pixel) + 2) % 3];
       if (before == kNone) break;
       first = before;
       if (first == from) {
@@ -60,8 +60,8 @@ void Triangulation::split_fans(const Surface& surface, std::span<const Triangle>
     vertices_.push_back({pixel, first, surface.u(pixel), surface.v(pixel),
                          surface.sample(pixel).point(), on_boundary});
     for (std::int32_t t = first;;) {
-      const int k = corner(triangles[t], pixel);
-      triangles_[t][k] = id;
+      const int k = corner(faces[t], pixel);
+      faces_[t][k] = id;
       t = neighbors_[t][(k + 1) % 3];
       if (t == kNone || t == first) break;
     }
@@ -71,15 +71,15 @@ void Triangulation::split_fans(const Surface& surface, std::span<const Triangle>
   for (const Vertex& vertex : vertices_) ++num_at_[vertex.pixel];
 }
 
-void Triangulation::assign(const Surface& surface, std::span<const Triangle> triangles) {
+void Triangulation::assign(const Surface& surface, std::span<const Triangle> faces) {
   first_side_.resize(static_cast<std::size_t>(surface.cols()) * surface.rows() + 2);
-  link_neighbors(triangles);
-  split_fans(surface, triangles);
+  link_neighbors(faces);
+  split_fans(surface, faces);
 }
 
 void Triangulation::clear() {
   vertices_.clear();
-  triangles_.clear();
+  faces_.clear();
   neighbors_.clear();
   num_alive_ = 0;
 }
@@ -100,13 +100,13 @@ void Triangulation::remove_vertex(std::int32_t v) {
   --num_at_[vertices_[v].pixel];
 }
 
-void Triangulation::remove_piece(std::span<const std::int32_t> triangles) {
-  for (const std::int32_t t : triangles) {
-    for (const std::int32_t v : triangles_[t]) {
+void Triangulation::remove_piece(std::span<const std::int32_t> faces) {
+  for (const std::int32_t t : faces) {
+    for (const std::int32_t v : faces_[t]) {
       if (!vertices_[v].alive()) continue;
       remove_vertex(v);
     }
-    triangles_[t] = {kNone, kNone, kNone};
+    faces_[t] = {kNone, kNone, kNone};
   }
 }
 
@@ -117,12 +117,12 @@ bool Triangulation::fan(std::int32_t v, Fan& out) const {
   int k = 0;
   do {
     if (out.size == kMaxFan) return false;
-    k = corner(triangles_[t], v);
-    out.triangles[out.size] = t;
-    out.neighbors[out.size++] = triangles_[t][(k + 1) % 3];
+    k = corner(faces_[t], v);
+    out.faces[out.size] = t;
+    out.neighbors[out.size++] = faces_[t][(k + 1) % 3];
     const std::int32_t next = neighbors_[t][(k + 1) % 3];
     if (next == kNone) {
-      out.neighbors[out.size] = triangles_[t][(k + 2) % 3];
+      out.neighbors[out.size] = faces_[t][(k + 2) % 3];
       out.num_neighbors = out.size + 1;
       return true;
     }
@@ -138,12 +138,12 @@ bool Triangulation::fan(std::int32_t v, Fan& out) const {
 bool Triangulation::can_fill(const Surface& surface, std::int32_t first, std::int32_t v,
                              std::int32_t end) const {
   const Vertex &a = vertices_[first], &b = vertices_[v], &c = vertices_[end];
-  const auto visit = [&](Edges edges, auto&& see) {
+  const auto visit = [&](SidePixels edges, auto&& see) {
     visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, edges, see);
   };
   bool free = true;
-  visit(Edges::kOpen, [&](std::int32_t) { free = false; });
-  visit(Edges::kClosed, [&](std::int32_t p) {
+  visit(SidePixels::kOpen, [&](std::int32_t) { free = false; });
+  visit(SidePixels::kClosed, [&](std::int32_t p) {
     const int own = p == b.pixel ? 1 : 0;
     const bool at_end = p == a.pixel || p == c.pixel;
     free = free && surface.sample(p).area > 0.0F && (at_end || num_at_[p] == own);
@@ -187,7 +187,7 @@ void Triangulation::relink(std::int32_t t, std::int32_t from, std::int32_t to) {
 void Triangulation::find_first(std::int32_t v, std::int32_t t) {
   const std::int32_t from = t;
   for (;;) {
-    const std::int32_t before = neighbors_[t][(corner(triangles_[t], v) + 2) % 3];
+    const std::int32_t before = neighbors_[t][(corner(faces_[t], v) + 2) % 3];
     if (before == kNone || before == from) break;
     t = before;
   }
@@ -200,21 +200,21 @@ void Triangulation::collapse(std::int32_t v, const Fan& fan, int i) {
   std::array<std::int32_t, 2> side{}, at_side{};
   int sides = 0;
   for (int k = 0; k < fan.size; ++k) {
-    const std::int32_t t = fan.triangles[k];
+    const std::int32_t t = fan.faces[k];
     const std::int32_t a = fan.neighbors[k], b = fan.next(k);
     if (a != target && b != target) {
-      triangles_[t][corner(triangles_[t], v)] = target;
+      faces_[t][corner(faces_[t], v)] = target;
       stays = t;
       continue;
     }
     // Its two neighbours that remain become neighbours of each other.
-    const std::int32_t beyond = neighbors_[t][corner(triangles_[t], v)];
-    const std::int32_t within = neighbors_[t][corner(triangles_[t], target)];
+    const std::int32_t beyond = neighbors_[t][corner(faces_[t], v)];
+    const std::int32_t within = neighbors_[t][corner(faces_[t], target)];
     relink(beyond, t, within);
     relink(within, t, beyond);
     side[sides] = a == target ? b : a;
     at_side[sides++] = beyond != kNone ? beyond : within;
-    triangles_[t] = {kNone, kNone, kNone};
+    faces_[t] = {kNone, kNone, kNone};
   }
   remove_vertex(v);
   find_first(target, stays);
@@ -224,9 +224,8 @@ void Triangulation::collapse(std::int32_t v, const Fan& fan, int i) {
 bool Triangulation::quad(std::int32_t t, int i, std::array<std::int32_t, 4>& abcd) const {
   const std::int32_t across = neighbors_[t][i];
   if (across == kNone) return false;
-  const std::int32_t a = triangles_[t][i], b = triangles_[t][(i + 1) % 3],
-                     c = triangles_[t][(i + 2) % 3];
-  const Triangle& other = triangles_[across];
+  const std::int32_t a = faces_[t][i], b = faces_[t][(i + 1) % 3], c = faces_[t][(i + 2) % 3];
+  const Triangle& other = faces_[across];
   const std::int32_t d = other[0] != b && other[0] != c   ? other[0]
                          : other[1] != b && other[1] != c ? other[1]
                                                           : other[2];
@@ -240,11 +239,11 @@ void Triangulation::flip(std::int32_t t, int i) {
   quad(t, i, abcd);
   const auto [a, b, c, d] = abcd;
   const std::int32_t ca = neighbors_[t][(i + 1) % 3], ab = neighbors_[t][(i + 2) % 3];
-  const std::int32_t cd = neighbors_[o][corner(triangles_[o], b)];
-  const std::int32_t db = neighbors_[o][corner(triangles_[o], c)];
-  triangles_[t] = {a, b, d};
+  const std::int32_t cd = neighbors_[o][corner(faces_[o], b)];
+  const std::int32_t db = neighbors_[o][corner(faces_[o], c)];
+  faces_[t] = {a, b, d};
   neighbors_[t] = {db, o, ab};
-  triangles_[o] = {a, d, c};
+  faces_[o] = {a, d, c};
   neighbors_[o] = {cd, ca, t};
   relink(db, o, t);
   relink(ca, t, o);

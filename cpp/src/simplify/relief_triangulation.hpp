@@ -35,7 +35,7 @@ class Triangulation {
   /// boundary (the first and the last are then on the boundary too), else as many.
   struct Fan {
     int size = 0, num_neighbors = 0;
-    std::array<std::int32_t, kMaxFan> triangles;
+    std::array<std::int32_t, kMaxFan> faces;
     std::array<std::int32_t, kMaxFan + 1> neighbors;
     /// The vertex after neighbour i around the fan's centre.
     [[nodiscard]] std::int32_t next(int i) const {
@@ -44,11 +44,11 @@ class Triangulation {
   };
 
   /// Takes triangles whose corners are pixels.
-  void assign(const Surface& surface, std::span<const Triangle> triangles);
+  void assign(const Surface& surface, std::span<const Triangle> faces);
 
   void clear();
   /// Removes triangles that have no neighbours but each other.
-  void remove_piece(std::span<const std::int32_t> triangles);
+  void remove_piece(std::span<const std::int32_t> faces);
 
   [[nodiscard]] std::int32_t num_slots() const {
     return static_cast<std::int32_t>(vertices_.size());
@@ -57,11 +57,11 @@ class Triangulation {
   /// Vertices by pixel.
   void sorted_vertices(std::vector<std::int32_t>& out) const;
   [[nodiscard]] const Vertex& vertex(std::int32_t v) const { return vertices_[v]; }
-  [[nodiscard]] std::int32_t num_triangle_slots() const {
-    return static_cast<std::int32_t>(triangles_.size());
+  [[nodiscard]] std::int32_t num_face_slots() const {
+    return static_cast<std::int32_t>(faces_.size());
   }
-  [[nodiscard]] bool is_triangle(std::int32_t t) const { return triangles_[t][0] != kNone; }
-  [[nodiscard]] const Triangle& triangle(std::int32_t t) const { return triangles_[t]; }
+  [[nodiscard]] bool is_face(std::int32_t t) const { return faces_[t][0] != kNone; }
+  [[nodiscard]] const Triangle& triangle(std::int32_t t) const { return faces_[t]; }
   /// Triangles across the sides opposite to the three corners, or kNone.
   [[nodiscard]] const Triangle& neighbors(std::int32_t t) const { return neighbors_[t]; }
 
@@ -95,8 +95,8 @@ class Triangulation {
 
  private:
   static int corner(const Triangle& t, std::int32_t v) { return t[0] == v ? 0 : t[1] == v ? 1 : 2; }
-  void link_neighbors(std::span<const Triangle> triangles);
-  void split_fans(const Surface& surface, std::span<const Triangle> triangles);
+  void link_neighbors(std::span<const Triangle> faces);
+  void split_fans(const Surface& surface, std::span<const Triangle> faces);
   void relink(std::int32_t t, std::int32_t from, std::int32_t to);
   void find_first(std::int32_t v, std::int32_t t);
   [[nodiscard]] bool can_fill(const Surface& surface, std::int32_t first, std::int32_t v,
@@ -104,7 +104,7 @@ class Triangulation {
   void remove_vertex(std::int32_t v);
 
   std::vector<Vertex> vertices_;
-  std::vector<Triangle> triangles_, neighbors_;
+  std::vector<Triangle> faces_, neighbors_;
   std::int64_t num_alive_ = 0;
   std::vector<std::uint8_t> num_at_;  ///< By pixel: vertices.
   // Scratch of assign().

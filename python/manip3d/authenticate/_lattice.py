@@ -13,6 +13,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import rows as as_rows
+from manip3d._util.linear import line_fit
 from manip3d._util.options import threads_of
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
@@ -350,7 +351,7 @@ def _find_lines(clouds: Sequence[_Cloud]) -> tuple[Floats, Floats]:
     ring = _on_lines(rho, z, slope, offset)
     members = [np.flatnonzero(ring == k) for k in range(len(slope))]
     fits = [
-        np.polyfit(rho[rows], z[rows], 1)
+        line_fit(rho[rows], z[rows])
         if len(rows) >= FEWEST_POINTS and np.ptp(rho[rows]) > NARROW
         else (slope[k], offset[k])
         for k, rows in enumerate(members)
@@ -380,7 +381,7 @@ def _fit_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int]
         inside = ring[np.abs(error) < LINE_TOLERANCE]
         if 2 * len(inside) < len(ring):
             return None
-        slope[best], offset[best] = np.polyfit(cloud.rho[inside], cloud.points[inside, 2], 1)
+        slope[best], offset[best] = line_fit(cloud.rho[inside], cloud.points[inside, 2])
     return float(slope[best]), float(offset[best]), len(inside)
 
 
@@ -411,7 +412,7 @@ def _trust(
         spread = rho[rows] - rho[rows].mean()
         noise = z[rows] - slope[k] * rho[rows] - offset[k]
         center[k] = rho[rows].mean()
-        error[k] = math.sqrt(noise.var() / (spread @ spread))
+        error[k] = math.sqrt(noise.var() / (spread * spread).sum())
     return center, error
 
 
@@ -451,7 +452,7 @@ def _fit_encoder(rho: Floats, angle: Floats, steps: int) -> tuple[float, float]:
         near = np.abs(error) < LINE_TOLERANCE
         if near.sum() < 2:
             break
-        turn, shift = np.polyfit(rho[near], error[near], 1)
+        turn, shift = line_fit(rho[near], error[near])
         lateral, azimuth = lateral + shift, azimuth + turn
     return lateral, azimuth
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
+from manip3d._util.linear import product
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import regular_bytes
@@ -76,8 +77,8 @@ class KittiCalibration:
         if camera not in self.projections:
             raise InputError(f"camera: expected one of {sorted(self.projections)}, got {camera}")
         xyz = np.asarray(points, np.float64)
-        matrix = self.projections[camera] @ self.T_rect_velo
-        image = xyz @ matrix[:, :3].T + matrix[:, 3]
+        matrix = product(self.projections[camera], self.T_rect_velo)
+        image = product(xyz, matrix[:, :3].T) + matrix[:, 3]
         depth = image[:, 2]
         with np.errstate(divide="ignore", invalid="ignore"):
             pixels = image[:, :2] / depth[:, None]
@@ -307,7 +308,7 @@ def read_calibration(path: Path) -> KittiCalibration:
             for c, key in projections.items()
             if key in cameras
         },
-        rectify @ rigid_velo,
+        product(rectify, rigid_velo),
     )
 
 
@@ -332,8 +333,8 @@ def read_labels(path: Path, calibration: KittiCalibration) -> tuple[Box, ...]:
                 line=number,
             ) from None
         # The place is the middle of the bottom face, the turn about the camera's y (down).
-        bottom = velo_rect @ [x, y, z, 1.0]
-        heading = velo_rect[:3, :3] @ [np.cos(rotation), 0.0, -np.sin(rotation)]
+        bottom = product(velo_rect, [x, y, z, 1.0])
+        heading = product(velo_rect[:3, :3], [np.cos(rotation), 0.0, -np.sin(rotation)])
         boxes.append(
             Box(
                 (float(bottom[0]), float(bottom[1]), float(bottom[2]) + height / 2.0),

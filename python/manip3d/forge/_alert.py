@@ -11,6 +11,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import rows as as_rows
+from manip3d._util.linear import product
 from manip3d._util.options import threads_of
 from manip3d.errors import InputError
 from manip3d.forge._objects import nearest_object
@@ -165,7 +166,7 @@ def rotation(
     away = _away(target, origin_of(origin, scene))
     transform = np.eye(4)
     transform[:3, :3] = _core.rotation_about_z(angle)
-    transform[:3, 3] = center - transform[:3, :3] @ center
+    transform[:3, 3] = center - product(transform[:3, :3], center)
     transform[:2, 3] += sideways * np.array([-away[1], away[0]])
     return _moved(
         "rotation", scene, target, transform, threads, {"angle": angle, "sideways": sideways}
@@ -239,7 +240,7 @@ def _moved(
 def _away(box: Box, origin: NDArray[np.float64]) -> NDArray[np.float64]:
     """Horizontal unit vector from the scanner to the box."""
     line = np.asarray(box.center, np.float64)[:2] - origin[:2]
-    length = math.sqrt(float(line @ line))
+    length = float(np.linalg.norm(line, axis=-1))
     if not length > 0.0:
         raise InputError("box: expected one beside the scanner, got one around its axis")
     return line / length

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.linear import product
 from manip3d.camera import Intrinsics
 from manip3d.errors import InputError
 from manip3d.modify._smoothing import Preset, smoother_options
@@ -370,7 +371,7 @@ class BodyMirror:
 
     def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Mirror points (..., 3)."""
-        return points @ self.linear.T + self.offset
+        return product(points, self.linear.T) + self.offset
 
 
 def body_mirror(

@@ -117,7 +117,8 @@ def _experiments(results: Mapping[str, Any], folder: Path) -> Iterator[dict[str,
 def _why(verdict: Mapping[str, Any]) -> str:
     """Why there is no verdict, in a few words; ``""`` where there is one, or nothing applies."""
     if verdict["word"] == "undecided":
-        return "fails here, but not on the published files"
+        confirmed = any(f["holds"] and "published" in f["data"] for f in verdict["findings"])
+        return "holds on the published files" if confirmed else "the published files are not here"
     if verdict["word"] != "not applicable":
         return str(verdict["unjudged"])
     return next((f["unjudged"] for f in verdict["findings"] if f["unjudged"]), "")

@@ -12,6 +12,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import rows
+from manip3d._util.linear import product
 from manip3d._util.options import threads_of
 from manip3d.camera import Intrinsics, Registration, _depth_image
 from manip3d.errors import InputError
@@ -145,7 +146,7 @@ class _View:
     def world(self) -> NDArray[np.float64]:
         """(N, 3) points of the valid pixels, in row-major order."""
         local = self.points[self.valid].astype(np.float64)
-        moved: NDArray[np.float64] = local @ self.pose[:3, :3].T + self.pose[:3, 3]
+        moved: NDArray[np.float64] = product(local, self.pose[:3, :3].T) + self.pose[:3, 3]
         return moved
 
 
@@ -296,7 +297,9 @@ class _Joint:
         new = np.arange(len(self.vertices), len(self.vertices) + own.sum(), dtype=np.int32)
         vertex = np.concatenate([border[0], new])
         local = chosen.vertices[own].astype(np.float64)
-        vertices = np.concatenate([self.vertices, local @ view.pose[:3, :3].T + view.pose[:3, 3]])
+        vertices = np.concatenate(
+            [self.vertices, product(local, view.pose[:3, :3].T) + view.pose[:3, 3]]
+        )
         corners = _core.grid_delaunay(np.ascontiguousarray(pixels))
         centroids = (2 * pixels[corners].sum(axis=1) + 3) // 6
         corners = corners[open_pixels[centroids[:, 1], centroids[:, 0]]]
@@ -353,7 +356,7 @@ def _edge_keys(triangles: NDArray[np.int32]) -> NDArray[np.int64]:
 
 def _uvs(view: _View, world: NDArray[np.float64], pixels: NDArray[np.int32]) -> NDArray[np.float32]:
     if view.registration is not None:
-        local = (world - view.pose[:3, 3]) @ view.pose[:3, :3]
+        local = product(world - view.pose[:3, 3], view.pose[:3, :3])
         uvs: NDArray[np.float32] = _core.registered_uvs(
             np.ascontiguousarray(local, dtype=np.float32), view.registration
         )

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.linear import product
 from manip3d.rgbd import MIRRORED_JOINTS, PARENTS
 
 Array = NDArray[np.float64]
@@ -52,7 +53,7 @@ def _rest_joints() -> Array:
     joints = np.zeros((25, 3))
     for joint, position in _MIDDLE_AND_LEFT.items():
         joints[joint] = position
-        joints[MIRRORED_JOINTS[joint]] = MIRROR @ position
+        joints[MIRRORED_JOINTS[joint]] = product(MIRROR, position)
     return joints
 
 
@@ -200,19 +201,19 @@ def pose_figure(pose: Pose, ground: tuple[float, float, float]) -> PosedFigure:
     local = _local_rotations(pose)
     rotations = np.empty((len(FRAMES), 3, 3))
     origins = np.empty((len(FRAMES), 3))
-    rotations[0], origins[0] = PERSON_TO_CAMERA @ local[0], 0.0
+    rotations[0], origins[0] = product(PERSON_TO_CAMERA, local[0]), 0.0
     for frame in range(1, len(FRAMES)):
         parent = _FRAME_PARENT[frame]
         reach = FRAME_ORIGIN[frame] - FRAME_ORIGIN[parent]
-        origins[frame] = origins[parent] + rotations[parent] @ reach
-        rotations[frame] = rotations[parent] @ local[frame]
+        origins[frame] = origins[parent] + product(rotations[parent], reach)
+        rotations[frame] = product(rotations[parent], local[frame])
     lowest = max(origins[9, 1], origins[15, 1])  # of the ankles: y points down
     height = SITTING_HEIGHT if pose.sitting else lowest + SOLE
     origins += np.subtract(ground, (0.0, height, 0.0))
     from_frame = REST_JOINTS - FRAME_ORIGIN[BONE_FRAME]
     joints = origins[BONE_FRAME] + np.einsum("jab,jb->ja", rotations[BONE_FRAME], from_frame)
     joints[0] = origins[0]
-    orientations = quaternions(rotations[BONE_FRAME] @ _BONE_AXES)
+    orientations = quaternions(product(rotations[BONE_FRAME], _BONE_AXES))
     orientations[_WITHOUT_ORIENTATION] = 0.0
     return PosedFigure(rotations, origins, joints, orientations)
 
@@ -220,7 +221,9 @@ def pose_figure(pose: Pose, ground: tuple[float, float, float]) -> PosedFigure:
 def _local_rotations(pose: Pose) -> Array:
     """(16, 3, 3): of each frame within its parent."""
     left = _arm(pose.left_arm) + _leg(pose.left_leg)
-    right = [MIRROR @ r @ MIRROR for r in _arm(pose.right_arm) + _leg(pose.right_leg)]
+    right = [
+        product(product(MIRROR, r), MIRROR) for r in _arm(pose.right_arm) + _leg(pose.right_leg)
+    ]
     middle = [
         about("y", pose.turn),
         about("x", pose.lean),
@@ -231,12 +234,14 @@ def _local_rotations(pose: Pose) -> Array:
 
 
 def _arm(arm: Arm) -> list[Array]:
-    shoulder = about("z", arm.abduction) @ about("x", -arm.flexion) @ about("y", -arm.twist)
+    shoulder = product(
+        product(about("z", arm.abduction), about("x", -arm.flexion)), about("y", -arm.twist)
+    )
     return [shoulder, about("x", -arm.elbow), about("x", -arm.wrist)]
 
 
 def _leg(leg: Leg) -> list[Array]:
-    hip = about("z", leg.abduction) @ about("x", -leg.flexion)
+    hip = product(about("z", leg.abduction), about("x", -leg.flexion))
     return [hip, about("x", leg.knee), about("x", -leg.ankle)]
 
 

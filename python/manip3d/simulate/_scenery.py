@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.linear import product
 from manip3d.camera import Intrinsics
 from manip3d.simulate._figure import SITTING_HEIGHT, about
 from manip3d.simulate._raycast import CHUNK, RayCaster
@@ -131,7 +132,7 @@ def furnish(
     def add(box: Box, place: NDArray[np.float64] | None = None) -> None:
         corners, sides = box_mesh(box)
         if place is not None:
-            corners = (corners @ about("y", -turn).T + place).astype(np.float32)
+            corners = (product(corners, about("y", -turn).T) + place).astype(np.float32)
         faces.append(sides + 8 * len(vertices))
         vertices.append(corners)
         colours.append(np.repeat(np.array([box.colour], np.float32), len(sides), axis=0))

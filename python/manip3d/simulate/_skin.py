@@ -14,6 +14,7 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.linear import product
 from manip3d.rgbd import MIRRORED_JOINTS, PARENTS
 from manip3d.simulate._figure import (
     FRAME_ORIGIN,
@@ -575,6 +576,6 @@ def nearest_bone(points: Array, bones: Sequence[int], joints: Array) -> NDArray[
     for bone in bones:
         start, end = joints[PARENTS[bone]], joints[bone]
         along = end - start
-        way = np.clip((points - start) @ along / (along @ along), 0.0, 1.0)
+        way = np.clip(product(points - start, along) / product(along, along), 0.0, 1.0)
         distances.append(np.linalg.norm(points - start - way[:, None] * along, axis=1))
     return np.asarray(np.asarray(bones)[np.argmin(distances, axis=0)])

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.linear import product
 from manip3d.lidar import Box
 from manip3d.simulate._raycast import NO_FACE
 from manip3d.simulate._shading import Shader
@@ -160,7 +161,7 @@ class Stage:
     ) -> NDArray[np.int64]:
         """Rays that come within the mover's bounding sphere."""
         low, high = mover.model.vertices.min(axis=0), mover.model.vertices.max(axis=0)
-        radius = 0.5 * float(np.linalg.norm(high - low)) + 0.1
+        radius = 0.5 * float(np.linalg.norm(high - low, axis=-1)) + 0.1
         center = np.array(mover.start) + np.array([0.0, 0.0, 0.5 * (low[2] + high[2])])
         off = center.astype(np.float32) + _moved(mover, times)
         off -= origins
@@ -187,13 +188,15 @@ class Stage:
         shift = np.array(mover.start, np.float32) + _moved(mover, moment)
         key = id(mover.model)
         found = self._casters[key].cast(
-            (origin - shift) @ to_mover, directions[rays] @ to_mover, threads=threads
+            product(origin - shift, to_mover),
+            product(directions[rays], to_mover),
+            threads=threads,
         )
         nearer = found.distance < hits.distance[rays]
         mine = rays[nearer]
         hits.distance[mine] = found.distance[nearer]
         hits.face[mine] = found.face[nearer].astype(np.int64) + self._first_face[key]
-        hits.normal[mine] = found.normal[nearer] @ to_mover.T
+        hits.normal[mine] = product(found.normal[nearer], to_mover.T)
         hits.uv[mine] = found.uv[nearer]
         hits.object[mine] = self._first_mover + index
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from manip3d._util.linear import product
 from manip3d.mesh import Material, Mesh
 
 Points = NDArray[np.float64]
@@ -246,7 +247,7 @@ def waves(points: Points, count: int, wavelength: float, random: np.random.Gener
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     lengths = wavelength * random.uniform(0.7, 1.5, count)
     phases = random.uniform(0.0, 2.0 * np.pi, count)
-    angle = points @ (directions * (2.0 * np.pi / lengths)[:, None]).T + phases
+    angle = product(points, (directions * (2.0 * np.pi / lengths)[:, None]).T) + phases
     return np.asarray(np.sin(angle).sum(axis=-1) / np.sqrt(count / 2.0))
 
 

@@ -10,6 +10,7 @@ import functools
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from manip3d._util.linear import product
 from manip3d.simulate import _surfaces
 from manip3d.simulate import _textures as textures
 from manip3d.simulate._surfaces import Patch, Points, revolved, sheet, waves
@@ -37,8 +38,8 @@ TAIL_LAMP = Surface((0.55, 0.03, 0.03), 0.7)
 def quad(corners: ArrayLike) -> Patch:
     """A flat quad; corners counter-clockwise seen from the front; UV in metres along its sides."""
     points = np.asarray(corners, float)
-    width = float(np.linalg.norm(points[1] - points[0]))
-    height = float(np.linalg.norm(points[3] - points[0]))
+    width = float(np.linalg.norm(points[1] - points[0], axis=-1))
+    height = float(np.linalg.norm(points[3] - points[0], axis=-1))
     grid = points[[0, 1, 3, 2]].reshape(2, 2, 3)
     return sheet(grid, uv_box=(0.0, 0.0, width, height))
 
@@ -88,13 +89,13 @@ def ball(center: ArrayLike, radii: ArrayLike, surface: Surface, *, sectors: int 
 def rod(start: ArrayLike, end: ArrayLike, radius: float, surface: Surface) -> Parts:
     """A round bar between two points."""
     a, b = np.asarray(start, float), np.asarray(end, float)
-    along = (b - a) / np.linalg.norm(b - a)
+    along = (b - a) / np.linalg.norm(b - a, axis=-1)
     side = np.cross(along, (1.0, 0.0, 0.0) if abs(along[0]) < 0.9 else (0.0, 1.0, 0.0))
-    side /= np.linalg.norm(side)
+    side /= np.linalg.norm(side, axis=-1)
     frame = np.stack([along, side, np.cross(along, side)])
-    length = float(np.linalg.norm(b - a))
+    length = float(np.linalg.norm(b - a, axis=-1))
     tube = revolved([0, 0, length, length], [0, radius, radius, 0], 10, uv_box=(0, 0, 1, length))
-    return [(Patch(tube.vertices @ frame + a, tube.faces, tube.texcoords), surface)]
+    return [(Patch(product(tube.vertices, frame) + a, tube.faces, tube.texcoords), surface)]
 
 
 def pierced(

@@ -9,6 +9,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from manip3d._util.linear import product
 from manip3d.lidar import Box
 from manip3d.simulate._raycast import RayCaster
 from manip3d.simulate._surfaces import Patch, Points
@@ -176,7 +177,7 @@ def turned(points: Points, yaw: float) -> Points:
     """Points turned about z, counter-clockwise."""
     cosine, sine = np.cos(yaw), np.sin(yaw)
     matrix = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(points @ matrix)
+    return product(points, matrix)
 
 
 def placed(parts: Parts, *, at: ArrayLike = (0, 0, 0), yaw: float = 0.0) -> Parts:

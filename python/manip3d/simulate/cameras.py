@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.linear import product
 from manip3d._util.options import generator_of
 from manip3d.simulate._stage import Mover, Stage
 from manip3d.simulate.streets import Street
@@ -114,11 +115,11 @@ def stereo_pair(
     cosine, sine = np.cos(yaw[0]), np.sin(yaw[0])
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     rays, _ = _rays()
-    aim = rays @ turn.T.astype(np.float32)
+    aim = product(rays, turn.T.astype(np.float32))
     noise = [random.integers(0, 128, 3) for _ in range(2)]
     stage = street.stage
     eyes = [
-        position[0] + turn @ np.add(CAMERA_0, (0.0, side, 0.0))
+        position[0] + product(turn, np.add(CAMERA_0, (0.0, side, 0.0)))
         for side in (LEFT_OFFSET, LEFT_OFFSET - BASELINE)
     ]
 
@@ -185,7 +186,7 @@ _SUN = np.array([0.35, -0.5, 0.79], np.float32)  # unit length
 def _light(normal: Floats, facing: Floats) -> Floats:
     """Lambert's law with a sun and a sky; surfaces are lit on the side that is seen."""
     side = np.where(facing > 0, -1.0, 1.0).astype(np.float32)
-    lit = np.maximum((normal @ _SUN) * side, 0.0)
+    lit = np.maximum(product(normal, _SUN) * side, 0.0)
     up = normal[:, 2] * side
     return np.asarray(0.45 + 0.15 * up + 0.75 * lit)
 
@@ -210,8 +211,8 @@ def _pixels_of(mover: Mover, eye: Doubles, turn: Doubles, time: float) -> NDArra
     corner = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, -1).T
     cosine, sine = np.cos(mover.yaw), np.sin(mover.yaw)
     to_world = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    at = corner @ to_world.T + mover.start + mover.velocity * time
-    ahead, left, up = ((at - eye) @ turn).T
+    at = product(corner, to_world.T) + mover.start + mover.velocity * time
+    ahead, left, up = product(at - eye, turn).T
     if ahead.max() < 0.2:
         return np.empty(0, np.int64)
     if ahead.min() < 0.2:

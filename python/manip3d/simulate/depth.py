@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from manip3d import Intrinsics
+from manip3d._util.linear import product
 from manip3d._util.options import seed_of
 from manip3d.errors import InputError
 
@@ -177,7 +178,9 @@ class _Ellipsoid:
         scaled = rays / self.radii
         center = np.array(self.center) / self.radii
         depth = _first_root(
-            (scaled**2).sum(-1), -2.0 * scaled @ center, float(center @ center) - 1.0
+            (scaled**2).sum(-1),
+            -2.0 * product(scaled, center),
+            float(product(center, center)) - 1.0,
         )
         normal = (_at(rays, depth) - self.center) / np.square(self.radii)
         return depth, normal
@@ -194,20 +197,20 @@ class _Capsule:
 
     def cast(self, rays: Array) -> tuple[Array, Array]:
         start, axis = np.array(self.start), np.subtract(self.end, self.start)
-        length2 = float(axis @ axis)
-        along = rays @ axis
-        offset = float(start @ axis)
+        length2 = float(product(axis, axis))
+        along = product(rays, axis)
+        offset = float(product(start, axis))
         depth = _first_root(
             (rays**2).sum(-1) - along**2 / length2,
-            -2.0 * (rays @ start - along * offset / length2),
-            float(start @ start) - offset**2 / length2 - self.radius**2,
+            -2.0 * (product(rays, start) - along * offset / length2),
+            float(product(start, start)) - offset**2 / length2 - self.radius**2,
         )
         where = (depth * along - offset) / length2
         depth = np.where((where >= 0.0) & (where <= 1.0), depth, np.inf)
         for end in (self.start, self.end):
             depth = np.minimum(depth, _sphere(rays, np.array(end), self.radius))
         point = _at(rays, depth)
-        where = np.clip((point - start) @ axis / length2, 0.0, 1.0)
+        where = np.clip(product(point - start, axis) / length2, 0.0, 1.0)
         return depth, point - (start + where[..., None] * axis)
 
 
@@ -230,7 +233,9 @@ class _Box:
 
 
 def _sphere(rays: Array, center: Array, radius: float) -> Array:
-    return _first_root((rays**2).sum(-1), -2.0 * rays @ center, float(center @ center) - radius**2)
+    return _first_root(
+        (rays**2).sum(-1), -2.0 * product(rays, center), float(product(center, center)) - radius**2
+    )
 
 
 def _first_root(a: Array, b: Array, c: Array | float) -> Array:

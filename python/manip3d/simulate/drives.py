@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.linear import product
 from manip3d._util.options import generator_of, reporting
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError, MissingExtraError
@@ -310,7 +311,7 @@ def _label_line(box: Box) -> str:
             for sz in (box.center[2] - height / 2, box.center[2] + height / 2)
         ]
     )
-    image = np.column_stack([corners, np.ones(8)]) @ (matrices[2] @ rigid).T
+    image = product(np.column_stack([corners, np.ones(8)]), product(matrices[2], rigid).T)
     frame, truncated = np.zeros(4), 1.0
     if image[:, 2].min() > 0.1:
         pixels = image[:, :2] / image[:, 2:]
@@ -319,8 +320,8 @@ def _label_line(box: Box) -> str:
         frame = np.clip(whole, 0.0, np.tile(limit, 2))
         area = np.prod(whole[2:] - whole[:2])
         truncated = float(1.0 - np.prod(frame[2:] - frame[:2]) / area)
-    bottom = rigid @ [*box.center[:2], box.center[2] - height / 2, 1.0]
-    heading = rigid[:3, :3] @ [along[0], along[1], 0.0]
+    bottom = product(rigid, [*box.center[:2], box.center[2] - height / 2, 1.0])
+    heading = product(rigid[:3, :3], [along[0], along[1], 0.0])
     turn = math.atan2(-heading[2], heading[0])
     alpha = math.remainder(turn - math.atan2(bottom[0], bottom[2]), 2.0 * math.pi)
     numbers = [alpha, *frame, height, width, length, *bottom[:3], turn]

@@ -23,6 +23,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from manip3d._util.linear import product
 from manip3d.errors import InputError
 from manip3d.mesh import Material, Mesh, Texture
 from manip3d.simplify import clean
@@ -617,9 +618,12 @@ def _radial_engine(density: float) -> list[Patch]:
     fins = 0.085 + 0.02 * (np.arange(len(height)) % 2)
     finned = revolved(0.22 + 0.36 * height, fins, max(6, round(12 * density)), 1)
     for angle in np.arange(9) * 2.0 * np.pi / 9:
-        turned = finned.vertices @ np.array(
-            [[0.0, np.cos(angle), np.sin(angle)], [0.0, -np.sin(angle), np.cos(angle)], [1.0, 0, 0]]
-        )
+        turn = [
+            [0.0, np.cos(angle), np.sin(angle)],
+            [0.0, -np.sin(angle), np.cos(angle)],
+            [1.0, 0, 0],
+        ]
+        turned = product(finned.vertices, turn)
         parts.append(Patch(turned - np.array([4.05, 0.0, 0.0]), finned.faces, None, 1))
     s = np.linspace(0.0, 1.0, round(10 * density) + 1)
     parts.append(revolved(-4.65 + 0.75 * s, 0.02 + 0.26 * np.sqrt(s), round(20 * density), 1))
@@ -769,7 +773,7 @@ def _ellipsoid(p: Array, center: ArrayLike, radii: ArrayLike) -> Array:
 
 def _capsule(p: Array, start: ArrayLike, end: ArrayLike, radius: float) -> Array:
     a, axis = np.asarray(start, float), np.asarray(end, float) - np.asarray(start, float)
-    t = np.clip((p - a) @ axis / (axis @ axis), 0.0, 1.0)
+    t = np.clip(product(p - a, axis) / product(axis, axis), 0.0, 1.0)
     return np.asarray(np.linalg.norm(p - a - t[..., None] * axis, axis=-1) - radius)
 
 

@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.linear import product
 from manip3d.camera import Intrinsics, Registration
 from manip3d.errors import InputError
 from manip3d.mesh import Mesh
@@ -130,7 +131,7 @@ class BodyTruth:
         """What a phantom ``limb`` ought to be: the limb of the other side, reflected."""
         mesh = self.limb(opposite(limb))  # type: ignore[arg-type]
         origin, normal = self.mirror_plane(limb)
-        off = (mesh.vertices - origin) @ normal
+        off = product(mesh.vertices - origin, normal)
         return Mesh(mesh.vertices - 2.0 * off[:, None] * normal, mesh.faces[:, ::-1].copy())
 
 

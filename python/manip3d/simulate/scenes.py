@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.linear import product
 from manip3d._util.options import generator_of
 from manip3d.errors import InputError
 from manip3d.simulate import _things as things
@@ -553,7 +554,7 @@ def _square(builder: WorldBuilder, random: Random, plan: _Plan, relief: Relief) 
         yaw = quarter * np.pi / 2
         corner = np.array([-half, half])
         turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-        x, y = (turn @ corner).tolist()
+        x, y = product(turn, corner).tolist()
         _row_of_houses(builder, random, plan, relief, (x, y), yaw, 2 * half - 14, floors=(3, 7))
     base = things.block((-1, -1, 0), (1, 1, 1.2), things.CONCRETE)
     figure = placed(things.person(random), at=(0, 0, 1.2))

@@ -80,7 +80,7 @@ struct GenericResult {
 /// scanner. It is dropped, with all that stands on it.
 /// @param previous  the frame a turn earlier, or no points.
 /// @throws InputError  what check_points and check_lattice refuse; an option out of range.
-GenericResult generic_consistency(const PointsView& points, const RingLattice& lattice,
+GenericResult generic_consistency(const PointsView& points, const ScanLattice& lattice,
                                   const GenericOptions& options = {},
                                   const PointsView& previous = {});
 

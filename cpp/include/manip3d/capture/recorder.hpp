@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "manip3d/capture/rgbd_frame.hpp"
 #include "manip3d/capture/rgbd_source.hpp"
+#include "manip3d/geometry/rgbd_frame.hpp"
 
 /// @file
 /// Recordings of RGB-D frames as they are made.

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "manip3d/capture/frame_source.hpp"
-#include "manip3d/capture/rgbd_frame.hpp"
+#include "manip3d/geometry/rgbd_frame.hpp"
 
 /// @file
 /// RGB-D cameras and recordings, opened by a URI such as `folder:walk` or `openni2:`.

@@ -2,7 +2,7 @@
 
 #include <memory>
 
-#include "manip3d/capture/rgbd_frame.hpp"
+#include "manip3d/geometry/rgbd_frame.hpp"
 
 /// @file
 /// Images of sensors that show the world as a mirror does (the Kinect), turned round on entry.

@@ -21,7 +21,7 @@ enum class Translation : std::uint8_t {
 };
 
 /// p' = R s p + t.
-struct Placement {
+struct ObjectPlacement {
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  ///< P_object, in the scene's frame.
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
   double scale = 1.0;
@@ -32,7 +32,7 @@ struct Placement {
 /// @throws InputError  a number that is not finite, a scale not above 0, no rotation matrix, an
 ///                     empty object.
 Eigen::Matrix4d placement_transform(const PointsView& scene, const PointsView& object,
-                                    const Placement& placement, int num_threads = 0);
+                                    const ObjectPlacement& placement, int num_threads = 0);
 
 /// The points, transformed in double and rounded once.
 /// @throws InputError  a transformed coordinate is no finite float.
@@ -41,7 +41,7 @@ Points transformed(const Eigen::Ref<const Points>& points, const Eigen::Matrix4d
 /// Copy-Transform-Paste: the object's points, transformed and appended.
 /// @throws InputError  what check_points and placement_transform refuse.
 Forgery copy_transform_paste(const PointsView& scene, const PointsView& object,
-                             const Placement& placement, int num_threads = 0);
+                             const ObjectPlacement& placement, int num_threads = 0);
 
 enum class Resampling : std::uint8_t { kPoissonDisk, kUniform };
 

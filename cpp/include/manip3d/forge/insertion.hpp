@@ -26,7 +26,7 @@ struct InsertionOptions {
 /// @throws InputError  what check_points and placement_transform refuse; an object that surrounds
 ///                     the scanner or stands within 80 degrees of both sides of it.
 Forgery insert_occluding(const PointsView& scene, const PointsView& object,
-                         const Eigen::Ref<const Faces>& faces, const Placement& placement,
+                         const Eigen::Ref<const Faces>& faces, const ObjectPlacement& placement,
                          const InsertionOptions& options = {}, int num_threads = 0);
 
 }  // namespace manip3d

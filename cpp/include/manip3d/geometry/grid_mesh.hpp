@@ -9,10 +9,19 @@ namespace manip3d {
 
 /// A mesh whose vertices are pixels: 32-bit buffers as a GPU takes them.
 struct DepthMesh {
-  Rows<float, 3> vertices;          ///< (n, 3), unchanged points of the grid.
-  Rows<std::int32_t, 2> pixels;     ///< (n, 2) column u and row v of each.
-  Rows<float, 2> uvs;               ///< (n, 2) texture coordinates, v up.
-  Rows<std::int32_t, 3> triangles;  ///< (m, 3); front faces look at the sensor.
+  Rows<float, 3> vertices;       ///< (n, 3), unchanged points of the grid.
+  Rows<std::int32_t, 2> pixels;  ///< (n, 2) column u and row v of each.
+  Rows<float, 2> texcoords;      ///< (n, 2) texture coordinates, v up.
+  Rows<std::int32_t, 3> faces;   ///< (m, 3); front faces look at the sensor.
+};
+
+/// Caller-owned memory for a DepthMesh of up to `capacity` vertices and 2 * capacity faces.
+struct DepthMeshBuffers {
+  std::int64_t capacity = 0;
+  float* vertices = nullptr;       ///< (capacity, 3)
+  std::int32_t* pixels = nullptr;  ///< (capacity, 2)
+  float* texcoords = nullptr;      ///< (capacity, 2); v up; NaN behind the colour camera.
+  std::int32_t* faces = nullptr;   ///< (2 * capacity, 3)
 };
 
 struct GridMeshOptions {
@@ -22,26 +31,27 @@ struct GridMeshOptions {
 };
 
 /// The dense mesh of a grid: all valid pixels; two triangles for each 2x2 cell of four of them,
-/// cut along the shorter diagonal, and one where three are valid. UVs are those of
-/// registered_uv(), or of grid_uv() without a registration. The same for any number of threads.
+/// cut along the shorter diagonal, and one where three are valid. Texture coordinates are those of
+/// registered_texcoord(), or of grid_texcoord() without a registration. The same for any number of
+/// threads.
 /// @throws InputError  as check_point_grid; max_edge is not > 0.
 DepthMesh grid_mesh(const PointGridView& grid, const GridMeshOptions& options = {},
                     const Registration* registration = nullptr);
 
 /// Texture coordinates of the centre of pixel (u, v) in an image of the given size: ((u + 1/2) /
 /// width, 1 - (v + 1/2) / height).
-inline std::array<float, 2> grid_uv(double u, double v, double width, double height) {
+inline std::array<float, 2> grid_texcoord(double u, double v, double width, double height) {
   return {static_cast<float>((u + 0.5) / width), static_cast<float>(1.0 - (v + 0.5) / height)};
 }
 
 /// Texture coordinates of a point in a registered colour image; NaN behind the colour camera.
-inline std::array<float, 2> registered_uv(const std::array<float, 3>& point,
-                                          const Registration& registration) {
+inline std::array<float, 2> registered_texcoord(const std::array<float, 3>& point,
+                                                const Registration& registration) {
   const Eigen::Vector3d p(point[0], point[1], point[2]);
   const Eigen::Vector2d pixel =
       project(registration.colour, registration.rotation * p + registration.translation);
-  return grid_uv(pixel.x(), pixel.y(), static_cast<double>(registration.colour.width),
-                 static_cast<double>(registration.colour.height));
+  return grid_texcoord(pixel.x(), pixel.y(), static_cast<double>(registration.colour.width),
+                       static_cast<double>(registration.colour.height));
 }
 
 }  // namespace manip3d

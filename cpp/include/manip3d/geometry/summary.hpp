@@ -28,9 +28,9 @@ struct MeshSummary {
   std::int64_t unreferenced_vertices = 0;  ///< In no face.
   std::int64_t zero_area_faces = 0;  ///< Not degenerate, and of area zero in double precision.
   std::int64_t materials_used = 0;
-  std::int64_t faces_without_uv = 0;   ///< At least one corner has no texture coordinate.
-  std::int64_t multi_uv_vertices = 0;  ///< Welded vertices with several distinct UV values.
-  bool closed = false;                 ///< Has edges, and no boundary edge when welded.
+  std::int64_t faces_without_texcoords = 0;  ///< At least one corner has no texture coordinate.
+  std::int64_t multi_uv_vertices = 0;        ///< Welded vertices with several distinct UV values.
+  bool closed = false;                       ///< Has edges, and no boundary edge when welded.
   bool has_normals = false;
   bool has_colors = false;
   BoundingBox bounding_box;

@@ -25,8 +25,7 @@ struct Edges {
   [[nodiscard]] Eigen::Index size() const { return vertices.rows(); }
   [[nodiscard]] std::span<const std::int32_t> faces_of(Eigen::Index edge) const {
     const auto e = static_cast<std::size_t>(edge);
-    return std::span(faces).subspan(static_cast<std::size_t>(offsets[e]),
-                                    static_cast<std::size_t>(offsets[e + 1] - offsets[e]));
+    return std::span(faces).subspan(offsets[e], offsets[e + 1] - offsets[e]);
   }
   /// Used by exactly one face.
   [[nodiscard]] bool is_boundary(Eigen::Index edge) const { return faces_of(edge).size() == 1; }

@@ -7,16 +7,25 @@
 
 #include "manip3d/geometry/camera.hpp"
 #include "manip3d/geometry/depth_image.hpp"
+#include "manip3d/geometry/grid_mesh.hpp"
 #include "manip3d/geometry/skeleton.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
 #include "manip3d/modify/key_person.hpp"
 #include "manip3d/modify/limb.hpp"
 #include "manip3d/modify/mirror.hpp"
-#include "manip3d/modify/phantom_image.hpp"
-#include "manip3d/modify/phantom_mesh.hpp"
 #include "manip3d/modify/segmentation.hpp"
 
 namespace manip3d {
+
+enum class Texturing : std::uint8_t {
+  kSource,      ///< Each pixel's texture lies where its source pixel is.
+  kCalibration  ///< Where the colour camera sees the pixel's own point: wrong for the phantom.
+};
+
+struct PhantomMeshOptions {
+  double max_depth_step = 0.05;  ///< Metres: no triangle spans more [Pajarola et al., 2003].
+  Texturing texturing = Texturing::kSource;
+};
 
 struct PhantomOptions {
   Limb affected = Limb::kRightArm;
@@ -45,13 +54,23 @@ struct PhantomInput {
   std::int64_t time_ns = 0, number = 0;
 };
 
+enum class PixelKind : std::uint8_t {
+  kNone,        ///< Nothing here.
+  kBody,        ///< As measured.
+  kPhantom,     ///< A mirrored point whose surface faces the camera.
+  kAway,        ///< A mirrored point that shows the back of its surface.
+  kFilled,      ///< A hole of the phantom, from its neighbours.
+  kRootFilled,  ///< The gap at the root of the limb, from the intact side.
+  kBridged      ///< Between two mirrored points that were neighbours.
+};
+
 /// Caller-owned memory, written whole.
 struct PhantomBuffers {
   float* depth = nullptr;          ///< (rows, cols) metres: person and phantom; 0: nothing.
   std::uint8_t* label = nullptr;   ///< (rows, cols) bone, 1 to 24; 0: none.
   PixelKind* kind = nullptr;       ///< (rows, cols)
   std::int32_t* source = nullptr;  ///< (rows, cols, 2) row and column of the texture; -1: none.
-  PhantomMeshBuffers mesh;
+  DepthMeshBuffers mesh;
 };
 
 enum class PhantomState : std::uint8_t {
@@ -83,6 +102,10 @@ inline constexpr std::size_t kNumPhantomStages = 7;
 inline constexpr std::array<const char*, kNumPhantomStages> kPhantomStageNames = {
     "segmentation",     "removal",     "mirroring",    "hole filling",
     "phantom skeleton", "point cloud", "textured mesh"};
+
+struct PhantomMeshSize {
+  std::int64_t num_vertices = 0, num_faces = 0;
+};
 
 struct PhantomReport {
   PhantomState state = PhantomState::kLost;

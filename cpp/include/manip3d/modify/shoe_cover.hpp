@@ -6,8 +6,9 @@
 #include <optional>
 #include <vector>
 
-#include "manip3d/capture/rgbd_frame.hpp"
 #include "manip3d/geometry/camera.hpp"
+#include "manip3d/geometry/connected_runs.hpp"
+#include "manip3d/geometry/rgbd_frame.hpp"
 #include "manip3d/geometry/skeleton.hpp"
 
 namespace manip3d {
@@ -50,13 +51,15 @@ class ShoeCoverTracker {
 
  private:
   void mark(const RgbdFrame& frame, const PixelRays& rays, const Eigen::Vector3f& ankle);
-  void take_largest(std::int64_t rows, std::int64_t cols);
+  void take_largest(std::int64_t cols);
 
   ShoeCoverOptions options_;
   std::int64_t num_pixels_ = 0;
-  std::vector<std::uint8_t> blue_;   ///< By pixel.
-  std::vector<std::int64_t> seeds_;  ///< Blue pixels in order of rows.
-  std::vector<std::int64_t> patch_, largest_;
+  std::vector<std::uint8_t> blue_;                ///< By pixel.
+  std::int64_t first_blue_ = 0, last_blue_ = -1;  ///< Pixels.
+  ConnectedRuns patches_;
+  std::vector<std::int64_t> sizes_;    ///< Of the patches.
+  std::vector<std::int64_t> largest_;  ///< Its pixels.
   std::array<std::vector<float>, 3> coordinates_;
 };
 

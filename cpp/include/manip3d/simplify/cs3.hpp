@@ -8,6 +8,7 @@
 
 #include "manip3d/geometry/grid_mesh.hpp"
 #include "manip3d/geometry/range_image.hpp"
+#include "manip3d/simplify/cs3_reading.hpp"
 
 namespace manip3d {
 
@@ -21,31 +22,6 @@ enum class Cs3Sampling : std::uint8_t {
   kImportanceOrder,  ///< By decreasing importance; each point blocks a square (eq. 3.8).
 };
 
-/// What the text leaves open. The defaults are the reading that manip3d keeps; the others are here
-/// to show how much depends on it.
-struct Cs3Reading {
-  /// Second differences of A.
-  enum class Stencil : std::uint8_t {
-    kGradientOfGradient,  ///< Central differences, applied twice: (A(u+2) - 2 A(u) + A(u-2)) / 4.
-    kCompact,             ///< A(u+1) - 2 A(u) + A(u-1).
-    kForward,             ///< A(u+2) - 2 A(u+1) + A(u).
-    kSobel,               ///< kCompact, smoothed by (1, 2, 1) across.
-  };
-  /// A(u) where the next pixel to the right or below is not valid.
-  enum class BesideInvalid : std::uint8_t {
-    kBackward,  ///< The difference to the pixel before; 0 where that is not valid either.
-    kZero,      ///< 0, as a program does that fills invalid pixels with zeros.
-    kUnknown,   ///< Unknown, and so is the importance around it: the least.
-  };
-  /// The side of a blocked square is 2 Rd + 1 for Rd rounded so.
-  enum class Rounding : std::uint8_t { kDown, kNearest, kUp };
-
-  Stencil stencil = Stencil::kGradientOfGradient;
-  BesideInvalid beside_invalid = BesideInvalid::kBackward;
-  Rounding rounding = Rounding::kDown;
-  double outliers = 0.0;  ///< This share of the pixels may lie above Omega_max.
-};
-
 struct Cs3Options {
   std::int64_t target_points = 0;  ///< n: never more, and no fewer than 99 % of it.
   Cs3Importance importance = Cs3Importance::kMinCurvature;
@@ -54,7 +30,7 @@ struct Cs3Options {
   /// Triangles with a longer edge are dropped: the text's check for scenes.
   double max_edge = std::numeric_limits<double>::infinity();
   int num_threads = 1;
-  Cs3Reading reading;
+  Cs3Reading reading;  ///< Another one than the default takes its time.
 };
 
 /// How the number of points came about.
@@ -65,16 +41,6 @@ enum class Cs3Reached : std::uint8_t {
   kAllPixels,  ///< There are no more valid pixels than n.
 };
 
-/// Caller-owned memory for a mesh of up to `capacity` vertices and 2 * capacity triangles. It may
-/// be a mapped buffer of a GPU: it is written in order, and never read.
-struct DepthMeshBuffers {
-  std::int64_t capacity = 0;
-  float* vertices = nullptr;          ///< (capacity, 3)
-  std::int32_t* pixels = nullptr;     ///< (capacity, 2)
-  float* uvs = nullptr;               ///< (capacity, 2)
-  std::int32_t* triangles = nullptr;  ///< (2 * capacity, 3)
-};
-
 enum class Cs3Stage : std::uint8_t { kImportance, kOrder, kSampling, kTriangulation, kOutput };
 inline constexpr int kNumCs3Stages = 5;
 inline constexpr std::array<const char*, kNumCs3Stages> kCs3StageNames = {
@@ -82,7 +48,7 @@ inline constexpr std::array<const char*, kNumCs3Stages> kCs3StageNames = {
 
 struct Cs3Report {
   std::int64_t num_vertices = 0;
-  std::int64_t num_triangles = 0;
+  std::int64_t num_faces = 0;
   Cs3Reached reached = Cs3Reached::kFactor;
   double factor = 1.0;  ///< On Rd_max (s), as kept.
   /// Points by the formulas as printed: factor 1. Not counted if distance_dependent: those of eq.
@@ -128,7 +94,9 @@ class Cs3 {
   ~Cs3();
 
   /// @param registration  where UVs lie; null: in an image of the same size.
-  /// @param out           capacity: at least min(target_points, number of pixels).
+  /// @param out           capacity: at least min(target_points, number of pixels). It may be a
+  ///                      mapped buffer of a GPU: it is written in order, and vertices are read
+  ///                      only where there is a max_edge.
   /// @throws InputError   an option out of range, as RangeImage::load_row, a capacity too small.
   Cs3Report run(const RangeImage& image, const Cs3Options& options,
                 const Registration* registration, const DepthMeshBuffers& out);

@@ -42,31 +42,13 @@ class GridDelaunay {
   /// Makes room for this many pixels, so that triangulating no more allocates nothing.
   void reserve(std::int64_t num_pixels);
 
-  /// Adds one pixel and restores the Delaunay property.
-  /// @return  its vertex; an existing vertex if the pixel already is one; -1, and nothing is
-  ///          changed, if it lies outside of the convex hull (or there is no triangle).
-  std::int32_t insert(Pixel pixel);
-
-  /// The triangles that the last insert() made or changed: those around the new vertex. All other
-  /// triangles kept their numbers.
-  [[nodiscard]] std::span<const std::int32_t> changed() const { return changed_; }
-
-  /// The triangle that holds a pixel (on an edge: one of the two), or -1 outside of the hull, by a
-  /// walk that starts at triangle `start`.
-  [[nodiscard]] std::int32_t locate(Pixel pixel, std::int32_t start) const;
-
   [[nodiscard]] std::span<const Pixel> pixels() const { return pixels_; }
-  [[nodiscard]] std::int32_t num_triangles() const {
+  [[nodiscard]] std::int32_t num_faces() const {
     return static_cast<std::int32_t>(edges_.size() / kStride);
   }
   /// Vertices of triangle t, counter-clockwise for u to the right and v up.
   [[nodiscard]] std::array<std::int32_t, 3> triangle(std::int32_t t) const {
     return {edge(kStride * t).origin, edge(kStride * t + 1).origin, edge(kStride * t + 2).origin};
-  }
-  /// The triangle across the side from vertex i to vertex i + 1 of triangle t, or -1.
-  [[nodiscard]] std::int32_t neighbor(std::int32_t t, int i) const {
-    const std::int32_t twin = edge(kStride * t + i).twin;
-    return twin < 0 ? -1 : twin / kStride;
   }
 
  private:
@@ -79,19 +61,15 @@ class GridDelaunay {
   static constexpr std::int32_t kStride = 4;
   static std::int32_t next(std::int32_t e) { return (e & 3) == 2 ? e - 2 : e + 1; }
   static std::int32_t prev(std::int32_t e) { return (e & 3) == 0 ? e + 2 : e - 1; }
-  HalfEdge& edge(std::int32_t e) { return edges_[static_cast<std::size_t>(e)]; }
-  [[nodiscard]] const HalfEdge& edge(std::int32_t e) const {
-    return edges_[static_cast<std::size_t>(e)];
-  }
-  [[nodiscard]] const Pixel& pixel(std::int32_t vertex) const {
-    return pixels_[static_cast<std::size_t>(vertex)];
-  }
+  HalfEdge& edge(std::int32_t e) { return edges_[e]; }
+  [[nodiscard]] const HalfEdge& edge(std::int32_t e) const { return edges_[e]; }
+  [[nodiscard]] const Pixel& pixel(std::int32_t vertex) const { return pixels_[vertex]; }
   // The boundary is a ring of vertices, clockwise: the front from left to right, then below.
   struct BoundaryVertex {
     std::int32_t next, prev;
     std::int32_t edge;  ///< The half-edge from `next` to this vertex.
   };
-  BoundaryVertex& ring(std::int32_t vertex) { return ring_[static_cast<std::size_t>(vertex)]; }
+  BoundaryVertex& ring(std::int32_t vertex) { return ring_[vertex]; }
 
   [[nodiscard]] std::int64_t orient(std::int32_t a, std::int32_t b, std::int32_t c) const;
   [[nodiscard]] bool is_illegal(std::int32_t e) const;
@@ -115,17 +93,11 @@ class GridDelaunay {
   void smooth_right(std::int32_t p);
   void fill_bays();
 
-  void split_triangle(std::int32_t t, std::int32_t p);
-  void split_edge(std::int32_t e, std::int32_t p);
-  void collect_star(std::int32_t e);
-
   std::vector<Pixel> pixels_;
   std::vector<HalfEdge> edges_;
   std::vector<BoundaryVertex> ring_;
   std::vector<std::int32_t> stack_;
-  std::vector<std::int32_t> changed_;
   std::int32_t left_ = -1, right_ = -1, last_ = -1;  ///< Of the front; the last vertex added.
-  std::int32_t found_ = 0;  ///< The triangle of the last insert(), where the next walk starts.
 };
 
 }  // namespace manip3d

@@ -63,7 +63,7 @@ struct QemOptions {
       0.0;  ///< Divide the cost by min(worst new face quality, this); 0: off.
 };
 
-enum class StopReason : std::uint8_t {
+enum class CollapseStop : std::uint8_t {
   kTargetReached,
   kErrorLimit,       ///< Every collapse left is above max_error (or not legal).
   kNoLegalCollapse,  ///< Nothing left that keeps the mesh valid.
@@ -101,7 +101,7 @@ struct QemResult {
   std::vector<std::int32_t> face_map;    ///< Input face -> output face, or -1 if gone.
   std::vector<Collapse> collapses;       ///< In order; see replay_collapses().
   double max_error = 0.0;                ///< Largest error among the collapses made, input units.
-  StopReason stop = StopReason::kTargetReached;
+  CollapseStop stop = CollapseStop::kTargetReached;
   std::string message;                                  ///< For kRefused: why.
   std::array<std::int64_t, kNumRejections> rejected{};  ///< Candidates turned down, by Rejection.
   std::int64_t off_seam_collapses = 0;  ///< Of seam vertices that had to leave their seam.

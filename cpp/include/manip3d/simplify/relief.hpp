@@ -44,7 +44,7 @@ enum class ReliefStop : std::uint8_t {
 /// A mesh over the first vertices of a larger one.
 struct ReliefLevel {
   std::int64_t num_vertices = 0;
-  Rows<std::int32_t, 3> triangles;
+  Rows<std::int32_t, 3> faces;
 };
 
 struct ReliefResult {

@@ -49,8 +49,7 @@ class JsonPlace {
   }
 
   [[nodiscard]] JsonPlace item(std::int64_t index) const {
-    return {(*value_)[static_cast<std::size_t>(index)], pointer_ + "/" + std::to_string(index),
-            text_offset_};
+    return {(*value_)[index], pointer_ + "/" + std::to_string(index), text_offset_};
   }
 
   /// A whole number in [lowest, highest]; JSON writers may spell 3 as 3.0.

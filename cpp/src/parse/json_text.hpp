@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <string_view>
 
-#include "io/json_place.hpp"
+#include "parse/json_place.hpp"
 
 namespace manip3d {
 

@@ -19,10 +19,12 @@ namespace manip3d {
 /// share a bucket: what a visit gives holds all that is near, and a few points that are not.
 class CellList {
  public:
-  CellList(const PointsView& view, double cell_size, Ticker& ticker)
-      : cell_size_(cell_size),
+  /// @param origin  cells are counted from there.
+  CellList(const PointsView& view, double cell_size, const Eigen::Vector3d& origin, Ticker& ticker)
+      : origin_(origin),
+        cell_size_(cell_size),
         start_(std::bit_ceil(static_cast<std::size_t>(view.num_points()) / 2 + 1) + 1),
-        place_(static_cast<std::size_t>(view.num_points())),
+        place_(view.num_points()),
         points_(view.num_points(), 3) {
     const std::int64_t count = view.num_points();
     for (std::int64_t i = 0; i < count; ++i) {
@@ -79,7 +81,7 @@ class CellList {
   using Cell = Eigen::Matrix<std::int64_t, 3, 1>;
 
   [[nodiscard]] Cell cell_of(const Eigen::Vector3d& p) const {
-    return (p / cell_size_).array().floor().cast<std::int64_t>();
+    return ((p - origin_) / cell_size_).array().floor().cast<std::int64_t>();
   }
 
   [[nodiscard]] std::size_t bucket(const Cell& cell) const {
@@ -89,6 +91,7 @@ class CellList {
     return (row + bits(cell.x())) & (start_.size() - 2);
   }
 
+  Eigen::Vector3d origin_;
   double cell_size_;
   std::vector<std::int32_t> start_;  // of each bucket; a power of two of them
   std::vector<std::int32_t> place_;

@@ -1,4 +1,4 @@
-#include "io/input_buffer.hpp"
+#include "parse/input_buffer.hpp"
 
 #include <algorithm>
 #include <cstring>

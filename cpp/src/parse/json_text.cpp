@@ -1,4 +1,4 @@
-#include "io/json_text.hpp"
+#include "parse/json_text.hpp"
 
 #include <algorithm>
 #include <string>

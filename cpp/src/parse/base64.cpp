@@ -1,4 +1,4 @@
-#include "io/base64.hpp"
+#include "parse/base64.hpp"
 
 #include <cstdint>
 

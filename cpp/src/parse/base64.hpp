@@ -6,7 +6,7 @@
 #include <string_view>
 #include <vector>
 
-#include "io/json_place.hpp"
+#include "parse/json_place.hpp"
 
 namespace manip3d {
 

@@ -6,24 +6,12 @@
 
 #include "manip3d/geometry/camera.hpp"
 #include "manip3d/geometry/range_image.hpp"
-#include "manip3d/modify/limb.hpp"
-#include "manip3d/modify/mirror.hpp"
-#include "manip3d/modify/segmentation.hpp"
+#include "manip3d/modify/phantom_pipeline.hpp"
 
 /// @file
 /// The person with one limb taken away and the mirrored other one drawn in: dissertation section
 /// 4.3.1, and 4.7.1 for legs.
 namespace manip3d {
-
-enum class PixelKind : std::uint8_t {
-  kNone,        ///< Nothing here.
-  kBody,        ///< As measured.
-  kPhantom,     ///< A mirrored point whose surface faces the camera.
-  kAway,        ///< A mirrored point that shows the back of its surface.
-  kFilled,      ///< A hole of the phantom, from its neighbours.
-  kRootFilled,  ///< The gap at the root of the limb, from the intact side.
-  kBridged      ///< Between two mirrored points that were neighbours.
-};
 
 /// Borrowed images of one size, row by row.
 struct PhantomImage {
