@@ -214,7 +214,9 @@ def test_existing_outputs_are_refused_without_force(torus: Path, tmp_path: Path)
     assert manip3d(*arguments, "--force").returncode == 0
     assert output.read_bytes().startswith(b"ply")
     assert "--force" in error_line(manip3d("convert", torus, "-o", output))
-    assert "--force" in error_line(manip3d("view", torus, "-o", output))
+    page = tmp_path / "there.html"
+    page.write_text("mine")
+    assert "--force" in error_line(manip3d("view", torus, "-o", page))
 
 
 def test_a_folder_becomes_a_folder(torus: Path, tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def test_a_depth_image_becomes_an_upright_mesh(frame: Path, tmp_path: Path) -> N
     assert done.stdout == ""
     assert "points -> " in done.stderr
     mesh = read_mesh(output)
-    assert 190 <= mesh.num_vertices <= 200
+    assert 150 <= mesh.num_vertices <= 200  # noisy pixels are left with no face
     assert mesh.texcoords is not None
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     assert high[1] - low[1] > 1.5  # a person, metres
@@ -75,7 +75,7 @@ def test_other_formats_keep_the_camera_s_axes(frame: Path, tmp_path: Path) -> No
 def test_every_method_has_a_name(method: str, frame: Path, tmp_path: Path) -> None:
     output = tmp_path / f"{method}.glb"
     done = manip3d("cs3", frame, "-o", output, "--points", "300", "--intrinsics", FOCAL,
-                   "--method", method, "--json")  # fmt: skip
+                   "--method", method, "--depth-step", "0", "--json")  # fmt: skip
     record = json.loads(done.stdout)
     assert record["method"] == method
     assert 250 <= record["points"] <= 300
@@ -253,7 +253,7 @@ def test_folders_without_frames_and_with_too_few_colours(frames: Path, tmp_path:
     colours = tmp_path / "colours"
     colours.mkdir()
     done = manip3d("cs3", frames, *base, "--colour", colours)
-    assert "expected 4 images, found 0" in error_line(done)
+    assert "--colour: expected 4 images in" in error_line(done)
 
 
 def test_ctrl_c_leaves_whole_files(scene: simulated.DepthScene, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from itertools import pairwise
 from pathlib import Path
 
@@ -22,7 +23,7 @@ def wall_with_box() -> np.ndarray:
 
 
 def crosses(faces: np.ndarray, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Oracle: walk each edge pixel by pixel and compare neighbours."""
+    """Oracle: walk each edge pixel by pixel, compare neighbours, and the ends."""
     bad = np.zeros(len(faces), bool)
     for number, face in enumerate(faces):
         for a, b in ((0, 1), (1, 2), (2, 0)):
@@ -33,8 +34,9 @@ def crosses(faces: np.ndarray, pixels: np.ndarray, depth: np.ndarray) -> np.ndar
                 u, v = (p[i] + int(np.floor(k * (q[i] - p[i]) / n + 0.5)) for i in (0, 1))
                 if depth[v, u] > 0:
                     values.append(float(depth[v, u]))
-            for one, other in pairwise(values):
-                bad[number] |= abs(one - other) > 0.05 * min(one, other)
+            jumps = any(abs(x - y) > 0.05 * min(x, y) for x, y in pairwise(values))
+            first, last = values[0], values[-1]
+            bad[number] |= jumps and abs(first - last) > 0.05 * min(first, last)
     return bad
 
 
@@ -52,6 +54,20 @@ def test_no_face_is_left_across_a_step_and_no_other_is_lost(method: str) -> None
     assert type(cut) is type(uncut)
     same = simplify.simplify_depth(depth, CAMERA, DepthOptions(300, method=method))
     np.testing.assert_array_equal(same.triangles, cut.triangles)
+
+
+def test_one_noisy_pixel_before_an_edge_is_no_step() -> None:
+    depth = np.full((5, 7), 3000, np.uint16)
+    depth[2, 3] = 1500
+    corners = np.int32([[0, 2], [6, 2], [3, 4], [3, 2]])
+    mesh = dataclasses.replace(
+        dense_mesh(depth, Intrinsics(7, 5, 6.0, 6.0, 3.0, 2.0)),
+        pixels=corners,
+        vertices=np.zeros((4, 3), np.float32),
+        uvs=np.zeros((4, 2), np.float32),
+        triangles=np.int32([[0, 1, 2], [0, 3, 2]]),  # before it, and with it as a corner
+    )
+    assert cut_depth_steps(mesh, depth).triangles.tolist() == [[0, 1, 2]]
 
 
 def test_slopes_are_no_steps() -> None:
