@@ -1,4 +1,4 @@
-"""``manip3d report``."""
+"""``manip3d report``: a results folder as one page."""
 
 from __future__ import annotations
 
@@ -23,7 +23,15 @@ def report(
 
     Example: manip3d report results -o results.html
     """
-    from manip3d.cli import reproducing
-
     check_output(output, (".html", ".md", ".csv"), force=force)
-    reproducing.write_report(folder, output, Terminal(quiet=quiet))
+    write_page(folder, output, Terminal(quiet=quiet))
+
+
+def write_page(folder: Path, output: Path | None, terminal: Terminal) -> Path:
+    """Write the report of a results folder; say where it is."""
+    from manip3d import report
+
+    path = output or folder / "report.html"
+    report.write_report(folder, path)
+    terminal.say(f"report: {path.resolve()}")
+    return path

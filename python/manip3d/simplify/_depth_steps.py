@@ -117,4 +117,4 @@ def _has_step(depth: NDArray[np.float32], step: float) -> NDArray[np.bool_]:
 
 def _differ(one: NDArray[np.float32], other: NDArray[np.float32], step: float) -> NDArray[np.bool_]:
     """Whether two measured depths differ by more than ``step`` of the smaller one."""
-    return (np.abs(one - other) > step * np.minimum(one, other)) & (one > 0)
+    return np.asarray((np.abs(one - other) > step * np.minimum(one, other)) & (one > 0))
