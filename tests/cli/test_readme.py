@@ -212,6 +212,12 @@ def test_every_command_has_an_example_and_whole_help() -> None:
                 assert not re.match(r"(Of|So|That|How|Which|Where)\b", text), (name, text)
 
 
+def test_the_list_of_commands_is_not_cut() -> None:
+    done = CliRunner().invoke(app, ["--help"], terminal_width=80)
+    assert done.exit_code == 0
+    assert "..." not in done.output.partition("Commands:")[2]
+
+
 def test_every_extra_is_known_and_in_readme() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = set(project["optional-dependencies"]) - {"all", "dev", "peers"}

@@ -29,8 +29,9 @@ def demo(
     jobs: Processes = 0,
     seed: Seed = 0,
 ) -> None:
-    """Tell four stories with pictures and their commands, then the numbers; open the page.
+    """Show on one page what this is for, with pictures.
 
+    Tells stories with pictures and the commands that made them, then the numbers; opens the page.
     Needs no data and no network. Run again, it goes on where it stopped.
 
     Example: manip3d demo -o demo

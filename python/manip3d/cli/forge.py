@@ -24,7 +24,7 @@ from manip3d.lidar import Box, LidarFrame
 
 app = typer.Typer(
     name="forge",
-    help="Forge LiDAR scans, with the truth beside them, to test detectors.",
+    help="Forge LiDAR scans, with the truth beside them.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )

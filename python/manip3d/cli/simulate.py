@@ -142,7 +142,9 @@ def simulate(
     jobs: Jobs = 0,
     seed: Seed = 0,
 ) -> None:
-    """Make data with known truth: a drive in KITTI's layout, a terrestrial scan, or a mesh.
+    """Make drives, scans and meshes with known truth.
+
+    A drive is in KITTI's layout, a scene gives a terrestrial scan, a model gives a mesh.
 
     Another seed makes another street; in scenes and meshes it makes other noise.
 
