@@ -14,6 +14,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import rows as as_rows
 from manip3d._util.linear import product
+from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ class Box:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LidarFrame:
+class LidarFrame(Showable):
     """One scan: points and, row by row beside them, what the sensor or the file says of each.
 
     Attributes
@@ -320,6 +321,12 @@ def to_scan(values: ScanLike) -> Scan:
             None,
         )
     return Scan(as_rows(array, 3, np.float32, "scan"), none, None)
+
+
+def placed(scan: Scan, origin: NDArray[np.float64]) -> LidarFrame:
+    """The scan as a frame whose scanner stood at ``origin``."""
+    frame = LidarFrame(scan.points) if scan.frame is None else scan.frame
+    return frame.replace(origin=tuple(origin.tolist()))
 
 
 def place(values: ArrayLike, name: str) -> NDArray[np.float64]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,6 +13,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import index_rows, rows
+from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def _interop() -> ModuleType:
     return module
 
 
-class Mesh:
+class Mesh(Showable):
     """Triangle mesh with per-corner texture coordinates and normals, and per-face materials.
 
     Corner ``c`` of face ``f`` lies at ``vertices[faces[f, c]]`` and carries
@@ -314,14 +315,6 @@ class Mesh:
         if unknown:
             raise InputError(f"replace: no such array: {', '.join(sorted(unknown))}")
         return Mesh(**{name: changes.get(name, getattr(self, name)) for name in self.__slots__})
-
-    def _repr_mimebundle_(
-        self, include: Collection[str] | None = None, exclude: Collection[str] | None = None
-    ) -> dict[str, str | bytes]:
-        """What a notebook shows: the viewer, a picture, and text."""
-        from manip3d.viewer.notebook import mimebundle
-
-        return mimebundle(self)
 
     def __repr__(self) -> str:
         parts = [f"{self.num_vertices} vertices", f"{self.num_faces} faces"]

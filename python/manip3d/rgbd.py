@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.showing import Showable
 from manip3d.camera import Intrinsics, Registration
 from manip3d.errors import InputError
 
@@ -116,8 +117,8 @@ class RgbdCalibration:
                 raise InputError(f"calibration.{name}: expected a camera that is not mirrored")
 
 
-@dataclass(frozen=True, eq=False)
-class RgbdFrame:
+@dataclass(frozen=True, eq=False, repr=False)
+class RgbdFrame(Showable):
     """What an RGB-D camera sees at one moment.
 
     Attributes
@@ -160,6 +161,18 @@ class RgbdFrame:
             colour = registration.colour if registration else camera
             _check_image("colour", self.colour, np.uint8, (colour.height, colour.width, 3))
         object.__setattr__(self, "skeletons", tuple(self.skeletons))
+
+    def __repr__(self) -> str:
+        height, width = self.depth.shape
+        parts = [f"{width} x {height} pixels of depth"]
+        if self.colour is not None:
+            parts.append(f"{self.colour.shape[1]} x {self.colour.shape[0]} of colour")
+        if self.body_index is not None:
+            parts.append("people's pixels")
+        if self.skeletons:
+            parts.append(f"{len(self.skeletons)} skeleton{'s' if len(self.skeletons) > 1 else ''}")
+        parts.append(f"number {self.number}, t = {self.time / 1e9:.3f} s")
+        return f"<manip3d.RgbdFrame: {'; '.join(parts)}>"
 
 
 def _check_image(name: str, image: object, dtype: type, shape: tuple[int, ...]) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from manip3d import InputError, LidarFrame, capture, read_scan, viewer
+from manip3d import LidarFrame, capture, read_scan
 from manip3d.datasets import open_kitti
 from velodyne_packets import block, ethernet, packet, pcap, udp_frame
 
@@ -97,19 +97,6 @@ def test_a_recording_becomes_a_drive(tmp_path: Path) -> None:
     source = capture.open(f"kitti:{tmp_path / 'drive'}")
     assert [frame.timestamp for frame in source] == [f.timestamp for f in drive]
     assert "3 scans: name a folder" in run("convert", path, "-o", tmp_path / "a.bin", code=1)
-
-
-def test_scans_are_drawn_as_solids() -> None:
-    frame = scan(1000)
-    mesh = viewer.scan_mesh(frame)
-    assert mesh.num_faces == 4 * 999
-    middle = mesh.vertices.reshape(-1, 4, 3).mean(axis=1)
-    np.testing.assert_allclose(middle, frame.points[1:], atol=1e-6)
-    assert mesh.colors is not None
-    assert viewer.scan_mesh(frame, max_points=100).num_faces == 4 * 100
-    assert viewer.scan_mesh(LidarFrame(np.zeros((5, 3)))).num_faces == 0
-    with pytest.raises(InputError, match="max_points: expected > 0"):
-        viewer.scan_mesh(frame, max_points=0)
 
 
 def test_view_writes_a_picture(tmp_path: Path) -> None:

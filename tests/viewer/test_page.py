@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import base64
 import io
-import json
 import re
 import webbrowser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from page_content import content, reddish, screenshot
 
 import manip3d
 from manip3d import InputError, Material, Mesh, RenderError, Texture
@@ -21,12 +21,6 @@ pytestmark = pytest.mark.usefixtures("bundle")
 PAPER = np.array([245, 246, 248])
 
 
-def content(text: str) -> dict:
-    found = re.search(r'id="manip3d-page">(.*?)</script>', text, re.DOTALL)
-    assert found is not None
-    return json.loads(found[1])
-
-
 def png(color: tuple[int, int, int]) -> bytes:
     from PIL import Image
 
@@ -35,21 +29,9 @@ def png(color: tuple[int, int, int]) -> bytes:
     return stream.getvalue()
 
 
-def screenshot(tab: _chromium.Tab) -> np.ndarray:
-    from PIL import Image
-
-    tab.evaluate("new Promise(r => requestAnimationFrame(() => requestAnimationFrame(r)))")
-    data = base64.b64decode(tab.send("Page.captureScreenshot", format="png")["data"])
-    return np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(int)
-
-
 def press(tab: _chromium.Tab, *keys: str) -> None:
     for key in keys:
         tab.evaluate(f"document.dispatchEvent(new KeyboardEvent('keydown', {{key: '{key}'}}))")
-
-
-def reddish(image: np.ndarray) -> np.ndarray:
-    return (image[..., 0] > image[..., 1] + 80) & (image[..., 0] > image[..., 2] + 80)
 
 
 # ------------------------------------------------------------------------------- the text
@@ -189,11 +171,25 @@ def test_view_writes_a_picture(quad: Mesh, tmp_path: Path, several: bool) -> Non
 def test_view_opens_a_browser(quad: Mesh, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     opened: list[str] = []
     monkeypatch.setattr(webbrowser, "open", opened.append)
+    monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     path = view(quad)
     assert opened == [path.as_uri()]
     assert path.parent == tmp_path
     assert content(path.read_text())["models"][0]["detail"] == "2 faces"
+
+
+def test_view_opens_nothing_where_nobody_would_see_it(
+    quad: Mesh, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):
+        monkeypatch.delenv(name, raising=False)
+    assert view(quad).exists()
+    assert opened == []
 
 
 def test_view_refuses_other_suffixes(quad: Mesh, tmp_path: Path) -> None:

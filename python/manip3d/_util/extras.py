@@ -20,7 +20,6 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "ouster": ("ouster",),
     "pose": ("mediapipe",),
     "video": ("av",),
-    "record": ("av",),
     "dask": ("distributed",),
 }
 """Modules that each extra brings."""

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from manip3d import _core
 from manip3d._util.options import reporting, threads_of
+from manip3d._util.showing import Showable
 from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
 from manip3d.authenticate._verdict import Calibration, Verdict
 from manip3d.errors import InputError
-from manip3d.lidar import Box, to_scan
+from manip3d.lidar import Box, LidarFrame, placed, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -116,7 +117,7 @@ _CALIBRATIONS = (
 
 
 @dataclass(frozen=True, eq=False)
-class DensityResult:
+class DensityResult(Showable):
     """What `density_consistency` found.
 
     Attributes
@@ -144,6 +145,8 @@ class DensityResult:
     parameters : DensityParameters
     calibration : Calibration or None
         None: the thresholds are a publication's or a user's.
+    scan : LidarFrame or None
+        What was judged, so that the result can be shown.
     """
 
     verdict: Verdict
@@ -158,6 +161,7 @@ class DensityResult:
     score: float
     parameters: DensityParameters
     calibration: Calibration | None
+    scan: LidarFrame | None = field(default=None, repr=False)
 
 
 def density_consistency(
@@ -283,6 +287,7 @@ def density_consistency(
         score,
         parameters,
         _calibration(parameters),
+        placed(scene, np.asarray(place, np.float64)),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import rows as as_rows
 from manip3d._util.options import threads_of
+from manip3d._util.showing import Showable
 from manip3d.authenticate._lattice import SensorLattice, estimate_lattice
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
@@ -99,7 +100,7 @@ class SuspectRegion:
 
 
 @dataclass(frozen=True, eq=False)
-class GenericResult:
+class GenericResult(Showable):
     """What detector III says of a frame; see :func:`generic_consistency`.
 
     Attributes
@@ -125,6 +126,8 @@ class GenericResult:
         counter-clockwise from straight ahead.
     lattice : SensorLattice or None
         That the frame was judged by.
+    scan : LidarFrame or None
+        What was judged, so that the result can be shown.
     """
 
     verdict: Verdict
@@ -136,6 +139,7 @@ class GenericResult:
     suspected: NDArray[np.int64]
     evidence_map: NDArray[np.uint16]
     lattice: SensorLattice | None
+    scan: LidarFrame | None = field(default=None, repr=False)
 
 
 def generic_consistency(
@@ -210,7 +214,8 @@ def generic_consistency(
         _points_of(previous, "previous"),
         threads_of(threads),
     )
-    return _judged(found, len(cloud), lattice, false_alarm_rate)
+    scan = frame if isinstance(frame, LidarFrame) else LidarFrame(cloud, origin=(0.0, 0.0, 0.0))
+    return _judged(found, scan, lattice, false_alarm_rate)
 
 
 def _points_of(frame: LidarFrame | ArrayLike | None, name: str) -> NDArray[np.float32]:
@@ -237,8 +242,9 @@ def _log10_p(kind: str, strength: float, points: int) -> float:
 
 
 def _judged(
-    found: Mapping[str, Any], points: int, lattice: SensorLattice, false_alarm_rate: float
+    found: Mapping[str, Any], scan: LidarFrame, lattice: SensorLattice, false_alarm_rate: float
 ) -> GenericResult:
+    points = scan.num_points
     used = [
         kind
         for kind, (dropped, _, _) in zip(EVIDENCE, found["evidence"], strict=True)
@@ -272,6 +278,7 @@ def _judged(
         suspected,
         found["cells"].reshape(-1, _core.CELL_COLUMNS),
         lattice,
+        scan,
     )
 
 

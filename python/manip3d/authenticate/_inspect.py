@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d._util.options import reporting
+from manip3d._util.showing import Showable
 from manip3d.authenticate._density import PAPER_DENSITY, DensityResult, density_consistency
 from manip3d.authenticate._generic import GenericResult, generic_consistency
 from manip3d.authenticate._occlusion import (
@@ -84,7 +85,7 @@ class DetectorReport:
 
 
 @dataclass(frozen=True, eq=False)
-class Inspection:
+class Inspection(Showable):
     """What `inspect` found.
 
     Attributes
@@ -101,6 +102,8 @@ class Inspection:
         One report each of detectors I, II and III.
     density, occlusion, generic
         The detectors' own results with their maps; None where a detector did not run.
+    scan : LidarFrame or None
+        What was judged, so that the result can be shown.
     """
 
     verdict: Verdict
@@ -111,6 +114,7 @@ class Inspection:
     density: DensityResult | None = field(default=None, repr=False)
     occlusion: OcclusionResult | None = field(default=None, repr=False)
     generic: GenericResult | None = field(default=None, repr=False)
+    scan: LidarFrame | None = field(default=None, repr=False)
 
     def record(self) -> dict[str, Any]:
         """Return the result as JSON values, without the maps."""
@@ -219,10 +223,10 @@ def _judged(
     if occlusion.grid.elevation_strength == 0.0:
         generic = generic_consistency(_at_origin(frame, place), threads=threads)
     told(1.0)
-    reports = (_of_density(density), _of_occlusion(occlusion), _of_generic(generic))
+    reports = (_of_density(density), _of_occlusion(occlusion), _of_generic(generic, place))
     return Inspection(
         combined_verdict(reports), frame.num_points, place, source, reports, density, occlusion,
-        generic,
+        generic, frame.replace(origin=place),
     )  # fmt: skip
 
 
@@ -269,7 +273,7 @@ def _scanner(frame: LidarFrame, origin: ArrayLike | None, threads: int) -> tuple
 
 def _without_place(frame: LidarFrame, why: str) -> Inspection:
     reports = tuple(DetectorReport(name, "undecidable", why) for name in TITLES)
-    return Inspection("undecidable", frame.num_points, None, why, reports)
+    return Inspection("undecidable", frame.num_points, None, why, reports, scan=frame)
 
 
 def _at_origin(frame: LidarFrame, place: Place) -> LidarFrame:
@@ -293,15 +297,17 @@ def _of_occlusion(found: OcclusionResult) -> DetectorReport:
     )  # fmt: skip
 
 
-def _of_generic(found: GenericResult | None) -> DetectorReport:
+def _of_generic(found: GenericResult | None, place: Place) -> DetectorReport:
     if found is None:
         return DetectorReport("generic", "undecidable", "no scan of a spinning scanner")
     return DetectorReport(
         "generic", found.verdict, _GENERIC_REASONS[found.verdict], found.score, found.p_value,
-        found.suspected, tuple(_box(region.lower, region.upper) for region in found.regions),
+        found.suspected, tuple(_box(region.lower, region.upper, place) for region in found.regions),
     )  # fmt: skip
 
 
-def _box(lower: Sequence[float], upper: Sequence[float]) -> Box:
+def _box(lower: Sequence[float], upper: Sequence[float], place: Place) -> Box:
+    """The box between two corners, which are seen from the scanner, in the scan's own frame."""
     (a, b, c), (d, e, f) = lower, upper
-    return Box(((a + d) / 2, (b + e) / 2, (c + f) / 2), (d - a, e - b, f - c))
+    x, y, z = place
+    return Box((x + (a + d) / 2, y + (b + e) / 2, z + (c + f) / 2), (d - a, e - b, f - c))

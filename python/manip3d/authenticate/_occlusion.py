@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from manip3d import _core
 from manip3d._util.options import threads_of
+from manip3d._util.showing import Showable
 from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
 from manip3d.authenticate._verdict import Calibration, Verdict
 from manip3d.errors import InputError
-from manip3d.lidar import Box, Scan, origin_of, to_scan
+from manip3d.lidar import Box, LidarFrame, Scan, origin_of, placed, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -142,7 +143,7 @@ class OcclusionRegion:
 
 
 @dataclass(frozen=True, eq=False)
-class OcclusionResult:
+class OcclusionResult(Showable):
     """What `occlusion_consistency` found.
 
     Attributes
@@ -171,6 +172,8 @@ class OcclusionResult:
     parameters : OcclusionParameters
     calibration : Calibration or None
         None: the thresholds are a publication's or a user's.
+    scan : LidarFrame or None
+        What was judged, so that the result can be shown.
     """
 
     verdict: Verdict
@@ -185,6 +188,7 @@ class OcclusionResult:
     lowest_deg: float
     parameters: OcclusionParameters
     calibration: Calibration | None
+    scan: LidarFrame | None = field(default=None, repr=False)
 
     @property
     def boxes(self) -> tuple[Box, ...]:
@@ -322,6 +326,7 @@ def occlusion_consistency(
         _lowest(grid) + first * grid.elevation_deg,
         parameters,
         calibration,
+        placed(scene, np.asarray(place, np.float64)),
     )
 
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from manip3d.capture._lidar import DEFAULT_PORT, RETURN_TYPES, LidarSource, open_lidar
 from manip3d.capture._rgbd import Recording, RgbdSource, Scheme, from_frames, open_rgbd, record
-from manip3d.capture._sources import open, rgbd_uri, sources
+from manip3d.capture._sources import open, sources
 from manip3d.capture._velodyne_calibration import VelodyneCalibration, read_velodyne_calibration
 
 __all__ = [
@@ -35,6 +35,5 @@ __all__ = [
     "open_rgbd",
     "read_velodyne_calibration",
     "record",
-    "rgbd_uri",
     "sources",
 ]

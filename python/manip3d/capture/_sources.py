@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from manip3d.capture._lidar import LidarSource, open_lidar
@@ -88,24 +87,3 @@ def sources() -> tuple[Scheme, ...]:
         ),
         Scheme("kitti", "FOLDER", "drives in KITTI's layout", "lidar"),
     )
-
-
-def rgbd_uri(source: str) -> str:
-    """Return the address of an RGB-D recording for `open_rgbd`, from its path.
-
-    Parameters
-    ----------
-    source : str
-        A file that ends in ``.mkv``, a folder of images, or an address, which is left as it is.
-
-    Examples
-    --------
-    >>> rgbd_uri("sim:body?motion=wave")
-    'sim:body?motion=wave'
-    """
-    path = Path(source)
-    if path.is_file() and path.suffix == ".mkv":
-        return f"mkv:{source}"
-    if path.is_dir():
-        return f"tum:{source}" if (path / "depth.txt").is_file() else f"folder:{source}"
-    return source

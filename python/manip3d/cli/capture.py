@@ -64,16 +64,6 @@ def show_listing(console: Console, records: list[dict[str, Any]]) -> None:
         table(console, [(r["name"], r["reason"], r["cure"]) for r in absent])
 
 
-def is_recording(source: str) -> bool:
-    """Whether it is a recording of RGB-D frames, or the address of one."""
-    path = Path(source)
-    return (
-        source.startswith(("folder:", "mkv:", "tum:"))
-        or path.suffix == ".mkv"
-        or (path / "frames.jsonl").is_file()
-    )
-
-
 def open_source(
     source: str,
     terminal: Terminal,
@@ -90,13 +80,15 @@ def open_source(
         Nothing that can be opened.
     """
     from manip3d import capture
+    from manip3d.viewer import rgbd_address
 
     if not Path(source).is_dir():
         expect_kind(source, "recording", verb="capture")
-    uri = capture.rgbd_uri(source)
+    folder = f"folder:{source}" if Path(source).is_dir() else source
+    uri = rgbd_address(source) or folder
     options: dict[str, Any] = {"speed": speed} if speed else {}
     if intrinsics:
-        options["camera"] = _camera(intrinsics, uri)
+        options["camera"] = camera_of_folder(intrinsics, uri)
     if units_per_metre:
         options["units_per_metre"] = units_per_metre
     opened = capture.open_rgbd(uri, **options)
@@ -106,7 +98,7 @@ def open_source(
     return opened
 
 
-def _camera(text: str, uri: str) -> Intrinsics:
+def camera_of_folder(text: str, uri: str) -> Intrinsics:
     """``--intrinsics`` of a folder of images, whose first image says how large they are."""
     from manip3d.camera import read_intrinsics
     from manip3d.io import read_depth
@@ -195,6 +187,7 @@ def info(source: RgbdSource, terminal: Terminal) -> dict[str, Any]:
     times: list[int] = []
     numbers: list[int] = []
     found = dict.fromkeys(("colour", "body_index", "skeletons"), 0)
+    ranges: list[tuple[float, float]] = []
     begin = time.monotonic()
     with source, terminal.progress("read") as progress:
         for frame in source:
@@ -203,6 +196,8 @@ def info(source: RgbdSource, terminal: Terminal) -> dict[str, Any]:
             found["colour"] += frame.colour is not None
             found["body_index"] += frame.body_index is not None
             found["skeletons"] += bool(frame.skeletons)
+            if (measured := frame.depth[frame.depth > 0]).size:
+                ranges.append((measured.min() / 1000.0, measured.max() / 1000.0))
             if progress is not None and source.num_frames:
                 progress(len(times) / source.num_frames, "")
             if source.is_live and time.monotonic() - begin > _LIVE_SECONDS:
@@ -215,6 +210,7 @@ def info(source: RgbdSource, terminal: Terminal) -> dict[str, Any]:
         else None,
         "frames": len(times),
         "with": found,
+        "range": [min(r[0] for r in ranges), max(r[1] for r in ranges)] if ranges else None,
         **_times(times, numbers),
         "counters": source.counters,
     }
@@ -259,6 +255,8 @@ def show_info(console: Console, record: dict[str, Any]) -> None:
         )
     with_ = ", ".join(f"{count(n)} with {name}" for name, n in record["with"].items())
     console.print(f"frames  {count(record['frames'])}: {with_}")
+    if record["range"] is not None:
+        console.print("range   {:.3f}..{:.3f} m".format(*record["range"]))
     if record["frames_per_second"] is not None:
         console.print(
             f"times   {record['seconds']:.3f} s, {record['frames_per_second']:.2f} frames/s, "

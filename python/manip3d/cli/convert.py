@@ -53,10 +53,11 @@ def convert(
     Example: manip3d convert head.obj -o head.glb --unit mm --up z
     """
     from manip3d.io import SCAN_SUFFIXES, WRITABLE
+    from manip3d.viewer import kind_of
 
     shell = Terminal(quiet=quiet)
     expect_kind(source, "mesh", "scan", "range grid", "packets", "drive", verb="convert")
-    if scanning.is_scan(source):
+    if source != "-" and kind_of(source) == "scan":
         if unit is not None or up is not None:
             raise typer.BadParameter("--unit and --up are for meshes: scans know their units")
         check_output(output, SCAN_SUFFIXES, force=force, folder=True)

@@ -1,4 +1,4 @@
-"""``manip3d info``: what a mesh is made of."""
+"""``manip3d info``: what a mesh or a depth image is made of."""
 
 from __future__ import annotations
 
@@ -60,3 +60,29 @@ def _cell(value: int) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return count(value)
+
+
+def depth_summary(source: str, unit: str) -> dict[str, Any]:
+    """Size, unit, measured pixels and distances of a depth image."""
+    from manip3d.io import read_depth_guessing
+
+    reading = read_depth_guessing(source, unit=unit)
+    height, width = reading.depth.shape
+    return {
+        "file": source,
+        "width": width,
+        "height": height,
+        "measured": reading.num_measured,
+        "pixels": width * height,
+        "range": reading.range_m,
+        "unit": reading.unit,
+        "unit_guessed": reading.guessed,
+        "told": reading.sentence,
+    }
+
+
+def show_depth(console: Console, record: dict[str, Any]) -> None:
+    """Print the image's size, how much of it was measured, and how far away that is."""
+    share = record["measured"] / record["pixels"]
+    console.print(f"{record['width']} x {record['height']} pixels, {share:.0%} of them measured")
+    console.print(record["told"])

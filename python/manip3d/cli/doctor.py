@@ -66,16 +66,11 @@ def _version(module: str) -> str:
 
 
 def _recordings() -> dict[str, Any]:
-    """Whether mkv: can be read and written."""
     from manip3d import capture
 
-    scheme = next((found for found in capture.sources() if found.name == "mkv"), None)
-    what = "recordings (mkv:)"
-    if scheme is None:
-        return _check(what, "missing", "this build has no mkv:", "install manip3d again")
-    if scheme.reason:
-        return _check(what, "missing", scheme.reason, scheme.cure)
-    return _check(what, "ok", "can be read and written")
+    mkv = next(scheme for scheme in capture.sources() if scheme.name == "mkv")
+    state = "ok" if mkv.is_available else "missing"
+    return _check("recordings (mkv:)", state, mkv.reason or mkv.description, mkv.cure)
 
 
 def _pictures() -> dict[str, Any]:

@@ -3,31 +3,40 @@
 from __future__ import annotations
 
 from manip3d.cli import capture, describing, scanning
-from manip3d.cli.kinds import expect_kind
-from manip3d.cli.options import Calibration, Json, Quiet, Source
+from manip3d.cli.kinds import SHOWN, expect_kind
+from manip3d.cli.options import Calibration, DepthUnit, Json, Quiet, Source
 from manip3d.cli.terminal import Terminal
 
 
 def info(
     source: Source,
     calibration: Calibration = None,
+    unit: DepthUnit = "guess",
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Count what a mesh, a scan or a recording (LiDAR packets, RGB-D) is made of.
+    """Count what a mesh, a scan, a depth image or a recording is made of.
 
-    Example: manip3d info head.obj
+    Recordings are LiDAR packets (.pcap), drives in KITTI's layout, RGB-D frames (.mkv, folders) and
+    what 'capture list' names.
+
+    Example: manip3d info scan.bin
     """
-    expect_kind(source, "mesh", "scan", "range grid", "packets", "recording", "drive", verb="info")
+    from manip3d.viewer import kind_of
+
+    expect_kind(source, *SHOWN, verb="info")
     shell = Terminal(as_json=as_json, quiet=quiet)
-    if capture.is_recording(source):
+    kind = "mesh" if source == "-" else kind_of(source)
+    if kind == "rgbd":
         opened = capture.open_source(source, shell)
         told = capture.info(opened, shell)
         shell.result(told, lambda console: capture.show_info(console, told))
-        return
-    if scanning.is_scan(source):
+    elif kind == "scan":
         found = scanning.summary(source, shell, calibration)
         shell.result(found, lambda console: scanning.show(console, found))
-        return
-    record = describing.summary(source, shell)
-    shell.result(record, lambda console: describing.show(console, record))
+    elif kind == "depth":
+        image = describing.depth_summary(source, unit)
+        shell.result(image, lambda console: describing.show_depth(console, image))
+    else:
+        record = describing.summary(source, shell)
+        shell.result(record, lambda console: describing.show(console, record))

@@ -13,6 +13,9 @@ from manip3d.io import DEPTH_SUFFIXES, READABLE, SCAN_SUFFIXES, is_colour_png
 _HEADER_BYTES = 1 << 16  # where a PLY file names its elements
 _PICTURES = (".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".webp")
 
+SHOWN = ("mesh", "scan", "range grid", "depth", "packets", "recording", "drive")
+"""The kinds that info and view take."""
+
 NAMES = {
     "mesh": "a mesh",
     "scan": "a LiDAR scan",
@@ -30,9 +33,9 @@ VERBS = {
     "mesh": "simplify, compare, info, view, convert",
     "scan": "inspect, forge lidar, info, view, convert",
     "range grid": "depth, info, view, convert",
-    "depth": "depth",
-    "packets": "info, convert (into scans, which inspect takes)",
-    "recording": "capture play, capture info, info, phantom render",
+    "depth": "depth, info, view",
+    "packets": "info, view, convert (into scans, which inspect takes)",
+    "recording": "capture play, capture info, info, view, phantom render",
     "drive": "info, view, convert; inspect takes each of its scans",
     "picture": "depth, as --colour",
     "results": "report",
@@ -97,7 +100,8 @@ def _suffix(path: Path) -> str:
 def _kind_of_folder(path: Path) -> str:
     if (path / "results.json").is_file():
         return "results"
-    if (path / "frames.jsonl").is_file() or (path / "depth.txt").is_file():
+    names = ("frames.jsonl", "depth.txt", "depth")
+    if any((path / name).exists() for name in names):
         return "recording"
     is_drive = (path / "velodyne").is_dir() or (path / "velodyne_points").is_dir()
     return "drive" if is_drive else "folder"

@@ -12,7 +12,11 @@ MISSED = 4
 """Exit code: a target was missed under ``--strict``, or nothing can be decided."""
 
 Source = Annotated[
-    str, typer.Argument(metavar="SOURCE", help="A mesh, a scan or a recording; - reads stdin.")
+    str,
+    typer.Argument(
+        metavar="SOURCE",
+        help="A mesh, a scan, a depth image or a recording; - reads a mesh from stdin.",
+    ),
 ]
 Scan = Annotated[
     str,
@@ -49,6 +53,14 @@ FolderUnits = Annotated[
         "--units-per-metre",
         min=0,
         help="Depth units per metre of a folder of images; 0: the usual ones of its kind.",
+    ),
+]
+DepthUnit = Annotated[
+    str,
+    typer.Option(
+        "--unit",
+        help="Unit of a depth image, as for 'manip3d depth': mm, tum, m, kinect-raw, nyu, sun, a "
+        "number of units per metre, or guess.",
     ),
 ]
 MostFrames = Annotated[

@@ -1,4 +1,4 @@
-"""``info``, ``view`` and ``convert`` on scans and on recordings of LiDAR packets."""
+"""``info`` and ``convert`` on scans and on recordings of LiDAR packets."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import numpy as np
 
 from manip3d.cli.terminal import Terminal, count, table
 from manip3d.errors import InputError
-from manip3d.io._scan_files import SCAN_SUFFIXES
 from manip3d.io._scan_tables import scan_suffix
 from manip3d.lidar import LidarFrame
 
@@ -20,51 +19,15 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-_RECORDINGS = (".pcap", ".pcapng")
-_SCHEMES = ("pcap:", "ouster:", "kitti:")
-_HEADER_BYTES = 1 << 16  # where a PLY file names its elements
-
-
-def is_scan(source: str) -> bool:
-    """Whether it holds points: a recording, a drive, a scan's suffix, a PLY file without faces."""
-    if _recording(source) is not None:
-        return True
-    suffix = scan_suffix(source)
-    return suffix in SCAN_SUFFIXES and (suffix != ".ply" or not _has_faces(Path(source)))
-
-
-def _recording(source: str) -> str | None:
-    """The address of a recording or of a drive; None for anything else."""
-    if source.startswith(_SCHEMES):
-        return source
-    if scan_suffix(source) in _RECORDINGS:
-        return f"pcap:{source}"
-    path = Path(source)
-    is_drive = (path / "velodyne").is_dir() or (path / "velodyne_points").is_dir()
-    return f"kitti:{source}" if is_drive else None
-
-
-def _has_faces(path: Path) -> bool:
-    import gzip
-    import lzma
-
-    openers: dict[str, Any] = {".gz": gzip.open, ".xz": lzma.open}
-    try:
-        with openers.get(path.suffix, open)(path, "rb") as stream:
-            header = stream.read(_HEADER_BYTES).partition(b"end_header")[0]
-    except (OSError, EOFError, lzma.LZMAError):
-        return True  # the reader of meshes says what is wrong
-    elements = {line.split()[1] for line in header.splitlines() if line.startswith(b"element ")}
-    return not elements <= {b"vertex", b"camera"}
-
 
 def frames(
     source: str, terminal: Terminal, calibration: Path | None = None
 ) -> Iterator[LidarFrame]:
     """The scans of a file or the frames of a recording, one after the other."""
     from manip3d import capture, io
+    from manip3d.viewer import scan_address
 
-    uri = _recording(source)
+    uri = scan_address(source)
     if uri is not None:
         with capture.open_lidar(uri, calibration=calibration) as recording:
             yield from recording
@@ -83,14 +46,29 @@ _REFUSED = ("bad_length", "unknown_product", "other_product", "unknown_return_mo
 
 def summary(source: str, terminal: Terminal, calibration: Path | None = None) -> dict[str, Any]:
     """What the scans of a source are made of."""
-    uri = _recording(source)
-    if uri is not None:
-        from manip3d import capture
+    from manip3d import capture
+    from manip3d.viewer import scan_address
 
+    uri = scan_address(source)
+    if uri is not None:
         recording = capture.open_lidar(uri, calibration=calibration)
         scans = [_describe(frame) for frame in recording]
-        return {"file": source, "scans": scans, "counters": recording.counters}
-    return {"file": source, "scans": [_describe(frame) for frame in frames(source, terminal)]}
+        return _told(source, scans) | {"counters": recording.counters}
+    return _told(source, [_describe(frame) for frame in frames(source, terminal)])
+
+
+def _told(source: str, scans: list[dict[str, Any]]) -> dict[str, Any]:
+    """All scans, and how long they take together where each says when it began."""
+    record: dict[str, Any] = {"file": source, "unit": "m", "scans": scans}
+    times = [scan["timestamp"] for scan in scans]
+    if len(times) < 2 or None in times:
+        return record
+    return record | {
+        "seconds": times[-1] - times[0],
+        "frames_per_second": 1.0 / float(np.median(np.diff(times)))
+        if np.all(np.diff(times) > 0)
+        else None,
+    }
 
 
 def _describe(frame: LidarFrame) -> dict[str, Any]:
@@ -108,6 +86,7 @@ def _describe(frame: LidarFrame) -> dict[str, Any]:
         "range": [float(reach.min()), float(reach.max())] if reach.size else None,
         "intensity": _extent(frame.intensity),
         "ring": _extent(frame.ring),
+        "rings": None if frame.ring is None else len(np.unique(frame.ring)),
         "timestamp": frame.timestamp,
         "fields": {name: str(values.dtype) for name, values in frame.fields.items()},
     }
@@ -134,16 +113,32 @@ def show(console: Console, record: dict[str, Any]) -> None:
                 count(scan["points"]),
                 count(scan["no_return"] + scan["dropped"]),
                 "" if reach is None else f"{reach[0]:.2f}..{reach[1]:.2f} m",
+                "" if scan["rings"] is None else count(scan["rings"]),
                 " ".join(scan["fields"]),
             )
         )
-    header = (PurePath(record["file"]).name, "", "points", "without return", "range", "fields")
+    header = (
+        PurePath(record["file"]).name,
+        "",
+        "points",
+        "without return",
+        "range",
+        "rings",
+        "fields",
+    )
     table(console, rows, header)
     for scan in itertools.islice(record["scans"], 1):
         if scan["bounds"] is not None:
             low, high = scan["bounds"]
             pairs = zip(low, high, strict=True)
-            console.print("bounds  " + "  ".join(f"{a:.6g}..{b:.6g}" for a, b in pairs))
+            text = "  ".join(f"{a:.6g}..{b:.6g}" for a, b in pairs)
+            console.print(f"bounds  {text}  metres")
+        if scan["intensity"] is not None:
+            console.print("intensity  {:.6g}..{:.6g}".format(*scan["intensity"]))
+    if record.get("frames_per_second"):
+        console.print(
+            f"times   {record['seconds']:.3f} s, {record['frames_per_second']:.2f} frames/s"
+        )
     counters = record.get("counters", {})
     told = [f"{name.replace('_', ' ')} {count(value)}" for name, value in counters.items() if value]
     if told:
@@ -186,15 +181,3 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
     if times and None not in times:
         atomic_write(output / "times.txt", "".join(f"{time!r}\n" for time in times))
     terminal.say(f"wrote {len(times)} scans to {output}{os.sep}")
-
-
-def view(source: str, output: Path | None, terminal: Terminal) -> None:
-    """Show the first scan with most points of a source."""
-    from manip3d import viewer
-
-    scan = max(frames(source, terminal), key=lambda frame: frame.num_points, default=None)
-    if scan is None:
-        raise InputError(f"{source}: expected a scan, found none")
-    viewer.view_scan(scan, output)
-    if output is not None:
-        terminal.say(f"wrote {output}")

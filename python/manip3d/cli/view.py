@@ -1,26 +1,134 @@
-"""``manip3d view``."""
+"""``manip3d view``: the browser, an interactive page, or a picture."""
 
 from __future__ import annotations
 
-from manip3d.cli import scanning, viewing
-from manip3d.cli.kinds import expect_kind
-from manip3d.cli.options import Force, OptionalOutput, Quiet, Source
-from manip3d.cli.terminal import Terminal, check_output
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from manip3d.cli.kinds import SHOWN, expect_kind
+from manip3d.cli.options import Calibration, DepthUnit, Force, OptionalOutput, Quiet, Source
+from manip3d.cli.sources import open_mesh
+from manip3d.cli.terminal import Terminal, check_output, count, naming_options
+from manip3d.errors import InputError
+from manip3d.lidar import LidarFrame
+
+if TYPE_CHECKING:
+    from manip3d.camera import Intrinsics
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What the options say about the source."""
+
+    frame: int | None
+    intrinsics: str
+    unit: str
+    colour: Path | None
+    calibration: Path | None
 
 
 def view(
     source: Source,
     output: OptionalOutput = None,
+    frame: Annotated[
+        int | None,
+        typer.Option(
+            min=0, help="Scan or frame of a recording, from 0 on; default: the first whole one."
+        ),
+    ] = None,
+    colour_by: Annotated[
+        str | None,
+        typer.Option(
+            help="Colour points by height, intensity, ring, depth, colour, person or another "
+            "column of the source."
+        ),
+    ] = None,
+    intrinsics: Annotated[
+        str,
+        typer.Option(
+            help="Camera of a depth image, as for 'manip3d depth'; without it one is assumed."
+        ),
+    ] = "",
+    unit: DepthUnit = "guess",
+    colour: Annotated[
+        Path | None, typer.Option(help="Colour image of a depth image, of the same size.")
+    ] = None,
+    calibration: Calibration = None,
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Show a mesh or scan in the browser, or write a page (.html) or a picture (.png).
+    """Show a mesh, a scan, a depth image or a frame of a recording.
 
-    Example: manip3d view light.glb -o light.html
+    Opens the browser, or writes a page (.html) or a picture (.png). Scans and depth images are
+    shown as points; a depth image is first seen as its camera saw it.
+
+    Example: manip3d view scan.bin -o scan.html
     """
-    expect_kind(source, "mesh", "scan", "range grid", "drive", verb="view")
     check_output(output, (".html", ".png"), force=force)
-    if scanning.is_scan(source):
-        scanning.view(source, output, Terminal(quiet=quiet))
-        return
-    viewing.view(source, output, Terminal(quiet=quiet))
+    expect_kind(source, *SHOWN, verb="view")
+    terminal = Terminal(quiet=quiet)
+    choice = Choice(frame, intrinsics, unit, colour, calibration)
+    write(_open(source, choice, terminal), source, output, colour_by, terminal)
+
+
+def write(
+    thing: Any, source: str, output: Path | None, colour_by: str | None, terminal: Terminal
+) -> None:
+    """Show the thing, or write what the suffix of ``output`` tells."""
+    from manip3d import viewer
+
+    options: dict[str, Any] = {"color_by": colour_by}
+    if output is None or output.suffix.lower() == ".html":
+        options["title"] = "stdin" if source == "-" else Path(source).name
+    path = viewer.view(thing, output, **options)
+    if output is not None:
+        terminal.say(f"wrote {output}")
+    elif not viewer.has_display():
+        print(path)  # a result: somebody may open it elsewhere
+        terminal.say("There is no display here: open this page in a browser.")
+
+
+def _open(source: str, choice: Choice, terminal: Terminal) -> Any:
+    from manip3d import viewer
+
+    kind = "mesh" if source == "-" else viewer.kind_of(source)
+    if kind == "mesh":
+        if choice.frame:
+            raise InputError(f"--frame: expected none for a mesh, got {choice.frame}")
+        return open_mesh(source, terminal)
+    opened = viewer.open_thing(
+        source,
+        frame=choice.frame,
+        intrinsics=_camera(source, choice) if choice.intrinsics else None,
+        unit=choice.unit,
+        color=choice.colour,
+        calibration=choice.calibration,
+    )
+    note = f", {opened.note}" if opened.note else ""
+    terminal.say(f"read {source} ({opened.kind}{note}): {_size(opened.thing)}")
+    return opened.thing
+
+
+def _size(thing: Any) -> str:
+    if isinstance(thing, LidarFrame):
+        return f"{count(thing.num_points)} points"
+    height, width = thing.depth.shape
+    return f"{width} x {height} pixels"
+
+
+def _camera(source: str, choice: Choice) -> Intrinsics:
+    """``--intrinsics`` of a depth image, or of the images of a folder."""
+    from manip3d import viewer
+    from manip3d.camera import read_intrinsics
+    from manip3d.cli import capture
+    from manip3d.io import read_depth
+
+    uri = viewer.rgbd_address(source)
+    if uri is not None:
+        return capture.camera_of_folder(choice.intrinsics, uri)
+    height, width = read_depth(source).shape
+    with naming_options("intrinsics"):
+        return read_intrinsics(choice.intrinsics, width=width, height=height)

@@ -13,6 +13,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import rows
+from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, Scan
 from manip3d.mesh import Mesh
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Forgery:
+class Forgery(Showable):
     """A forged scan and what was done to it.
 
     Points that nobody touched keep their order and their bits; added ones come last.

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d import viewer
 from manip3d._util.json import finite
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
@@ -38,7 +39,8 @@ def write_evidence(
     inspection : Inspection
         The result of `manip3d.authenticate.inspect`.
     output : path
-        ``.html``: a self-contained page, with pictures where matplotlib is installed;
+        ``.html``: a self-contained page with the scan as points, and with pictures where
+        matplotlib is installed;
         ``.json``: the numbers. An existing file is replaced.
     source : str
         Name of the scan, for the title.
@@ -133,6 +135,7 @@ _STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}"
     ".wide{overflow-x:auto}table{border-collapse:collapse}td,th{padding:.2rem .8rem;"
     "text-align:left;border-bottom:1px solid #ccc}img{max-width:100%}"
+    "@media(max-width:40rem){body{margin:1rem auto}td,th{padding:.2rem .4rem}}"
     ".tampered{color:#b00020}.authentic{color:#1b5e20}.undecidable{color:#7a5c00}"
 )
 
@@ -148,6 +151,7 @@ def _page(inspection: Inspection, source: str) -> str:
         f"<h1 class={verdict}>{verdict}</h1>"
         f"<p>{html.escape(source)}, {points} points; {html.escape(place_sentence(inspection))}</p>"
         + _verdicts(inspection)
+        + _scene(inspection)
         + _boxes(inspection)
         + "".join(
             f'<h2>{html.escape(caption)}</h2><img alt="{html.escape(caption)}" '
@@ -182,6 +186,13 @@ def _verdict_row(report: DetectorReport) -> str:
         f"<td class={report.verdict}>{report.verdict}</td>"
         f"<td>{html.escape(report.reason)}</td><td>{len(report.suspected)}</td></tr>"
     )
+
+
+def _scene(inspection: Inspection) -> str:
+    """The scan as points, with suspected ones and boxes coloured by detector."""
+    if inspection.scan is None or not inspection.scan.num_points:
+        return ""
+    return viewer.figure(inspection, "The scan, with suspected points and boxes by detector")
 
 
 def _boxes(inspection: Inspection) -> str:

@@ -14,6 +14,7 @@ from manip3d import _core
 from manip3d._util.arrays import rows
 from manip3d._util.linear import product
 from manip3d._util.options import threads_of
+from manip3d._util.showing import Showable
 from manip3d.camera import Intrinsics, Registration, _depth_image
 from manip3d.errors import InputError
 from manip3d.mesh import Material, Mesh, Texture
@@ -65,7 +66,7 @@ class CameraView:
 
 
 @dataclass(frozen=True, eq=False)
-class JointSimplification:
+class JointSimplification(Showable):
     """One mesh of several views.
 
     Attributes

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, TypeVar, get_args
 
 from manip3d import _core
+from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ _LINK_CONDITIONS = {
 
 
 @dataclass(frozen=True)
-class CleanResult:
+class CleanResult(Showable):
     """A cleaned mesh, what became of each vertex and face, and what was removed.
 
     Attributes
@@ -155,7 +156,7 @@ class StopReason(enum.StrEnum):
 
 
 @dataclass(frozen=True)
-class SimplifyResult:
+class SimplifyResult(Showable):
     """A simplified mesh, how it came about and why it ended there.
 
     Attributes

@@ -15,6 +15,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import index_rows
 from manip3d._util.options import threads_of
+from manip3d._util.showing import Showable
 from manip3d.camera import Intrinsics, Registration, _depth_image
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.mesh import Material, Mesh, Texture
@@ -45,7 +46,7 @@ _VARIANTS = {
 
 
 @dataclass(frozen=True, eq=False)
-class DepthMesh:
+class DepthMesh(Showable):
     """A mesh whose vertices are pixels, in the 32-bit buffers that a GPU takes.
 
     Attributes

@@ -1,18 +1,57 @@
-"""Pictures and interactive views of meshes and scans."""
+"""Pictures and interactive views of meshes, scans, depth images, RGB-D frames and results."""
 
-from manip3d.viewer.page import html, iframe, view
-from manip3d.viewer.pictures import comparison, picture, png_bytes
-from manip3d.viewer.points import scan_mesh, view_scan
+from manip3d.viewer.evidence import evidence, forgery_points
+from manip3d.viewer.opening import Opened, kind_of, open_thing, rgbd_address, scan_address
+from manip3d.viewer.page import figure, has_display, html, iframe, view
+from manip3d.viewer.pictures import comparison, picture, png_bytes, points_picture
+from manip3d.viewer.points import (
+    Classes,
+    Colors,
+    DepthImage,
+    DrawnPoints,
+    Lines,
+    Scale,
+    box_lines,
+    depth_points,
+    drawn_points,
+    rgbd_points,
+    scan_points,
+    skeleton_lines,
+)
 from manip3d.viewer.renderer import renderer
+from manip3d.viewer.scene import Pose
+from manip3d.viewer.showing import shown
 
 __all__ = [
+    "Classes",
+    "Colors",
+    "DepthImage",
+    "DrawnPoints",
+    "Lines",
+    "Opened",
+    "Pose",
+    "Scale",
+    "box_lines",
     "comparison",
+    "depth_points",
+    "drawn_points",
+    "evidence",
+    "figure",
+    "forgery_points",
+    "has_display",
     "html",
     "iframe",
+    "kind_of",
+    "open_thing",
     "picture",
     "png_bytes",
+    "points_picture",
     "renderer",
-    "scan_mesh",
+    "rgbd_address",
+    "rgbd_points",
+    "scan_address",
+    "scan_points",
+    "shown",
+    "skeleton_lines",
     "view",
-    "view_scan",
 ]

@@ -27,6 +27,7 @@ from manip3d.viewer.scene import Camera, Style, downsampled, pillow
 
 if TYPE_CHECKING:
     from manip3d.mesh import Mesh
+    from manip3d.viewer.points import DrawnPoints
     from manip3d.viewer.scene import Image
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome-stable", "google-chrome")
@@ -163,12 +164,12 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-def draw(mesh: Mesh, camera: Camera, style: Style) -> Image:
-    """The picture of ``mesh`` that ``camera`` sees."""
+def draw(thing: Mesh | DrawnPoints, camera: Camera, style: Style) -> Image:
+    """The picture of a mesh or of points that ``camera`` sees."""
     from manip3d.viewer.page import still_page
 
     width, height = (SUPERSAMPLING * n for n in style.size)
-    with open_page(still_page(mesh, camera, style, SUPERSAMPLING), (width, height)) as tab:
+    with open_page(still_page(thing, camera, style, SUPERSAMPLING), (width, height)) as tab:
         url = tab.evaluate("manip3d")
     with pillow().open(io.BytesIO(base64.b64decode(url.partition(",")[2]))) as image:
         return downsampled(np.asarray(image.convert("RGB")), SUPERSAMPLING)

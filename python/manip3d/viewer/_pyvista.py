@@ -8,6 +8,7 @@ import numpy as np
 
 from manip3d.errors import MissingExtraError
 from manip3d.mesh import Mesh
+from manip3d.viewer.points import DrawnPoints
 from manip3d.viewer.renderer import egl_window
 from manip3d.viewer.scene import (
     Camera,
@@ -20,10 +21,13 @@ from manip3d.viewer.scene import (
 )
 
 if TYPE_CHECKING:
-    from manip3d.viewer.scene import Image
+    from manip3d.viewer.scene import Image, Points
 
 EDGE_COLOR = (0.10, 0.13, 0.18)
 BOUNDARY_COLOR = (0.90, 0.10, 0.20)
+SMALLEST = 1.6  # width of a point, pixels; as in points.js
+LARGEST = 40.0
+LINE_WIDTH = 2.5  # pixels
 SUPERSAMPLING = 2  # pixels drawn per pixel kept, each way: no jagged edges on any driver
 
 # Camera lights, position and intensity: key from the upper left, fill from the right, and some
@@ -31,8 +35,8 @@ SUPERSAMPLING = 2  # pixels drawn per pixel kept, each way: no jagged edges on a
 LIGHTS = (((-0.6, 0.9, 1.0), 0.78), ((1.0, -0.1, 0.8), 0.25), ((0.0, 0.0, 1.0), 0.25))
 
 
-def draw(mesh: Mesh, camera: Camera, style: Style) -> Image:
-    """The picture of ``mesh`` that ``camera`` sees."""
+def draw(thing: Mesh | DrawnPoints, camera: Camera, style: Style) -> Image:
+    """The picture of a mesh or of points that ``camera`` sees."""
     try:
         import pyvista
     except ImportError as error:
@@ -47,13 +51,16 @@ def draw(mesh: Mesh, camera: Camera, style: Style) -> Image:
         )
         try:
             plotter.set_background(style.background)
-            if mesh.num_faces:
-                _add_mesh(plotter, mesh, style)
+            if isinstance(thing, DrawnPoints):
+                _add_points(plotter, thing, camera, height)
+            elif thing.num_faces:
+                _add_mesh(plotter, thing, style)
                 if style.boundary:
-                    _add_boundary(plotter, mesh)
+                    _add_boundary(plotter, thing)
             _add_lights(plotter)
             _set_camera(plotter, camera)
-            plotter.enable_depth_peeling(number_of_peels=6)
+            if isinstance(thing, Mesh):
+                plotter.enable_depth_peeling(number_of_peels=6)
             plotter.render_window.SetMultiSamples(0)
             large = np.asarray(plotter.screenshot(return_img=True))
         finally:
@@ -150,3 +157,53 @@ def _add_boundary(plotter: Any, mesh: Mesh) -> None:
     # In front of the faces that they border, not behind half of their own pixels.
     actor.GetMapper().SetResolveCoincidentTopologyToPolygonOffset()
     actor.GetMapper().SetRelativeCoincidentTopologyLineOffsetParameters(-2.0, -2.0)
+
+
+def _add_points(plotter: Any, cloud: DrawnPoints, camera: Camera, height: int) -> None:
+    """Discs that face the camera, and lines."""
+    import pyvista
+
+    if cloud.num_points:
+        points: Any = pyvista.PolyData(cloud.points.astype(np.float64))
+        points.point_data["radius"] = 0.5 * _drawn_widths(cloud, camera, height)
+        points.point_data["tint"] = cloud.colors()
+        actor = plotter.add_mesh(
+            points,
+            style="points_gaussian",
+            scalars="tint",
+            rgb=True,
+            emissive=False,
+            lighting=False,
+            render_points_as_spheres=False,
+        )
+        actor.mapper.scale_array = "radius"
+        actor.mapper.SetSplatShaderCode(_DISC)
+    for lines in sorted(cloud.lines, key=lambda lines: lines.in_front):
+        ends = lines.ends.reshape(-1, 3)
+        cells: Any = np.column_stack(
+            [np.full(len(lines.ends), 2), np.arange(len(ends)).reshape(-1, 2)]
+        ).ravel()
+        actor = plotter.add_mesh(
+            pyvista.PolyData(ends, lines=cells),
+            color=tuple(channel / 255.0 for channel in lines.color),
+            line_width=LINE_WIDTH * SUPERSAMPLING,
+            lighting=False,
+        )
+        if lines.in_front:
+            actor.GetMapper().SetResolveCoincidentTopologyToPolygonOffset()
+            actor.GetMapper().SetRelativeCoincidentTopologyLineOffsetParameters(0.0, -1e6)
+
+
+_DISC = (
+    "//VTK::Color::Impl\nif (dot(offsetVCVSOutput.xy, offsetVCVSOutput.xy) > 1.0) { discard; }\n"
+)
+
+
+def _drawn_widths(cloud: DrawnPoints, camera: Camera, height: int) -> Points:
+    """(N,): how wide the points are drawn: neither less than a pixel nor a large part of all."""
+    ahead = camera.target - camera.position
+    ahead = ahead / np.linalg.norm(ahead)
+    depth = np.maximum((cloud.points - camera.position) @ ahead, camera.near)
+    pixel = depth * (2.0 * np.tan(np.radians(camera.view_angle / 2.0)) / height)
+    widths: Points = cloud.emphasis() * np.clip(cloud.widths(), SMALLEST * pixel, LARGEST * pixel)
+    return widths

@@ -1,34 +1,49 @@
-"""How a mesh shows itself in a notebook: the viewer, a picture, and text."""
+"""How things show themselves in a notebook: the viewer, a picture, and text."""
 
 from __future__ import annotations
 
-from manip3d.errors import MissingExtraError, RenderError
+from typing import Any
+
+from manip3d.errors import InputError, MissingExtraError, RenderError
 from manip3d.mesh import Mesh
-from manip3d.viewer.page import VIEW, displayed, iframe, page_of
+from manip3d.viewer.page import displayed, iframe, page_of, view_of
 from manip3d.viewer.pictures import picture, png_bytes
 from manip3d.viewer.scene import Style
+from manip3d.viewer.showing import Shown, shown, text_of
 
 SHOWN_FACES = 60_000  # 5 MB at most; a notebook holds many views
 MAX_FACES = 300_000  # a second to simplify them; more would hold up the notebook
+SHOWN_POINTS = 150_000  # 2 MB; a whole turn of most LiDARs
 
 
-def mimebundle(mesh: Mesh) -> dict[str, str | bytes]:
+def mimebundle(thing: Any) -> dict[str, str | bytes]:
     """What there is of text/plain, text/html and image/png; text always."""
-    text = repr(mesh)
-    if mesh.num_faces == 0:
+    text = text_of(thing)
+    try:
+        one = shown(thing)
+    except InputError:  # nothing to be seen, as of a scan that could not be judged
         return {"text/plain": text}
-    if mesh.num_faces > MAX_FACES:
+    if _is_empty(one):
+        return {"text/plain": text}
+    if isinstance(one, Mesh) and one.num_faces > MAX_FACES:
         return {"text/plain": f"{text}\nToo large to show here; manip3d.view(mesh) shows it."}
-    shown, detail = displayed(mesh, SHOWN_FACES)
-    if shown is not mesh:
+    fewer, detail = displayed(one, SHOWN_FACES, SHOWN_POINTS)
+    if fewer is not one:
         text += f"\n{detail}"
     bundle: dict[str, str | bytes] = {}
     try:
-        bundle["text/html"] = iframe(page_of([(shown, detail, "")], "", VIEW, Style()))
+        page = page_of([(fewer, detail, "")], "", view_of(one), Style())
+        bundle["text/html"] = iframe(page)
     except RenderError as error:  # the viewer is not built
         text += f"\n{error}"
     try:
-        bundle["image/png"] = png_bytes(picture(shown, size=(640, 480)))
+        bundle["image/png"] = png_bytes(picture(fewer, size=(640, 480)))
     except (RenderError, MissingExtraError) as error:
         text += "" if bundle else f"\n{error}"
     return {"text/plain": text, **bundle}
+
+
+def _is_empty(thing: Shown) -> bool:
+    if isinstance(thing, Mesh):
+        return thing.num_faces == 0
+    return thing.num_points == 0 and not thing.lines

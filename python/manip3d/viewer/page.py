@@ -1,4 +1,4 @@
-"""The interactive viewer: one HTML page that holds its meshes and loads nothing."""
+"""The interactive viewer: one HTML page that holds its meshes and points and loads nothing."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import hashlib
 import html as html_text
 import json
 import os
+import sys
 import tempfile
 import webbrowser
 from collections.abc import Sequence
@@ -19,27 +20,39 @@ import numpy as np
 
 from manip3d import simplify
 from manip3d._util.paths import path_of
-from manip3d.errors import InputError, RenderError
+from manip3d.errors import InputError, MissingExtraError, RenderError
 from manip3d.io import write_mesh
 from manip3d.io._files import atomic_write
 from manip3d.mesh import Material, Mesh, Texture
+from manip3d.viewer.legend import end_texts, number
 from manip3d.viewer.pictures import comparison, picture, png_bytes
+from manip3d.viewer.points import RAMP, Classes, Colors, Column, DrawnPoints, Scale
 from manip3d.viewer.scene import (
     CLAY,
+    OBLIQUE,
+    Pose,
     Style,
     boundary_edges,
-    check_view,
+    camera_place,
+    first_view,
     linear,
     texture_bytes,
     with_shading_normals,
 )
+from manip3d.viewer.showing import Shown, shown
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from manip3d.viewer.scene import Camera, Points, Shading, Up
 
 BUNDLE = Path(__file__).parent / "dist" / "viewer.js"
 VIEW = {"azimuth": 30.0, "elevation": 20.0, "up": "y"}
 MAX_FACES = 200_000  # 10 MB of page; a phone still turns it smoothly
+MAX_POINTS = 2_000_000  # 24 MB of page; while they turn, slow machines draw a part of them
+FIGURE_POINTS = 300_000  # 3 MB beside the other things of a page
+GRID = 65535.0  # steps of a point's place along each side of the scene
+FAR_OUT = 20.0  # times the bulk's extent: then single points would make the steps too large
 
 
 @functools.cache
@@ -88,12 +101,13 @@ class Placement:
     scale: float
 
     @classmethod
-    def of(cls, mesh: Mesh) -> Placement:
-        """That puts ``mesh`` there."""
-        if not mesh.num_faces:
+    def of(cls, thing: Shown) -> Placement:
+        """The one that puts ``thing`` there."""
+        if not (thing.num_faces if isinstance(thing, Mesh) else thing.num_points):
             return cls(np.zeros(3), 1.0)
-        low, high = mesh.bounds
-        return cls(0.5 * (low + high), 1.0 / (mesh.diagonal or 1.0))
+        low, high = thing.bounds
+        diagonal = float(np.linalg.norm(high - low))
+        return cls(0.5 * (low + high), 1.0 / (diagonal or 1.0))
 
     def __call__(self, points: Points) -> Points:
         return (points - self.center) * self.scale
@@ -129,21 +143,125 @@ def _glb(mesh: Mesh) -> bytes:
         return path.read_bytes()
 
 
-def model_entry(mesh: Mesh, placement: Placement, label: str, detail: str) -> dict[str, str]:
-    """One mesh as the page's script reads it."""
-    ends = placement(mesh.vertices[boundary_edges(mesh)].reshape(-1, 3))
-    placed = _dressed(mesh).replace(vertices=placement(mesh.vertices))
-    return {
-        "label": label,
-        "detail": detail,
+def model_entry(thing: Shown, placement: Placement, label: str, detail: str) -> dict[str, Any]:
+    """One mesh, or the points of one cloud, as the page's script reads it."""
+    entry = {"label": label, "detail": detail}
+    if isinstance(thing, DrawnPoints):
+        return entry | {"points": _points_entry(thing, placement)}
+    ends = placement(thing.vertices[boundary_edges(thing)].reshape(-1, 3))
+    placed = _dressed(thing).replace(vertices=placement(thing.vertices))
+    return entry | {
         "glb": _base64(_glb(with_shading_normals(placed, "smooth"))),
-        "boundary": _base64(ends.astype("<f4").tobytes()),
+        "boundary": _floats(ends),
     }
 
 
-def _looks(style: Style) -> dict[str, bool]:
+def _floats(values: Points) -> str:
+    return _base64(np.ascontiguousarray(values, "<f4").tobytes())
+
+
+def _points_entry(cloud: DrawnPoints, placement: Placement) -> dict[str, Any]:
+    # In an order by chance: the first n points are an even part of all.
+    order = np.random.default_rng(0).permutation(cloud.num_points)
+    placed = placement(cloud.points[order].astype(np.float64))
+    low = placed.min(axis=0) if len(placed) else np.zeros(3)
+    extent = np.ptp(placed, axis=0) if len(placed) else np.zeros(3)
+    exact = _has_far_points(placed, extent)
+    if exact:
+        positions = _floats(placed)
+    else:
+        steps = np.rint((placed - low) * (GRID / np.where(extent > 0.0, extent, 1.0)))
+        positions = _base64(steps.astype("<u2").tobytes())
+    return {
+        "positions": positions,
+        "exact": exact,
+        "low": low.tolist(),
+        "extent": extent.tolist(),
+        "origin": None if cloud.origin is None else placement(np.array(cloud.origin)).tolist(),
+        "spread": cloud.spread,
+        "least": cloud.least * placement.scale,
+        "columns": [_column_entry(column, order) for column in cloud.columns],
+        "lines": [
+            {
+                "name": lines.name,
+                "color": "#{:02x}{:02x}{:02x}".format(*lines.color),
+                "ends": _floats(placement(lines.ends)),
+                "in_front": lines.in_front,
+            }
+            for lines in cloud.lines
+        ],
+        "axes": _axes_entry(cloud, placement),
+    }
+
+
+def _has_far_points(placed: Points, extent: Points) -> bool:
+    """Whether single points lie so far away that 16 bits would not tell the others apart."""
+    if not len(placed):
+        return False
+    low, high = np.percentile(placed, [1.0, 99.0], axis=0)
+    return bool((extent > FAR_OUT * float((high - low).max())).any())
+
+
+def _column_entry(column: Column, order: NDArray[np.intp]) -> dict[str, Any]:
+    chosen = column.select(order)
+    if isinstance(chosen, Scale):
+        return _bytes_entry(chosen.name, "scale", chosen.levels()) | {"ends": end_texts(chosen)}
+    if isinstance(chosen, Colors):
+        return _bytes_entry(chosen.name, "colors", chosen.values)
+    return _bytes_entry(chosen.name, "classes", chosen.values) | _classes_entry(chosen)
+
+
+def _classes_entry(classes: Classes) -> dict[str, Any]:
+    return {
+        "labels": list(classes.labels),
+        "palette": [list(color) for color in classes.palette],
+        "emphasis": list(classes.emphasis),
+        "counts": classes.counts(),
+    }
+
+
+def _bytes_entry(name: str, kind: str, values: NDArray[np.uint8]) -> dict[str, Any]:
+    return {"name": name, "kind": kind, "values": _base64(np.ascontiguousarray(values).tobytes())}
+
+
+def _axes_entry(cloud: DrawnPoints, placement: Placement) -> dict[str, Any]:
+    """At the sensor, else at (0, 0, 0) where that is within the scene, else at its corner."""
+    low, high = cloud.bounds
+    place = np.zeros(3) if cloud.origin is None else np.array(cloud.origin)
+    if cloud.origin is None and not ((low <= place) & (place <= high)).all():
+        place = low
+    seen_from = cloud.poses[0].position if cloud.poses else high
+    distance = float(np.linalg.norm(seen_from - place)) or float(np.linalg.norm(high - low)) or 1.0
+    length = round_length(0.2 * distance)
+    return {
+        "place": placement(place).tolist(),
+        "length": length * placement.scale,
+        "label": f"axes: {number(length)} m each",
+    }
+
+
+def round_length(length: float) -> float:
+    """The largest of 1, 2 and 5 times a power of ten that is not larger."""
+    power = 10.0 ** np.floor(np.log10(length))
+    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= length * 1.001))
+
+
+def _place_entry(pose: Pose, placement: Placement) -> dict[str, Any]:
+    return {
+        "name": pose.name,
+        "position": placement(pose.position).tolist(),
+        "target": placement(pose.target).tolist(),
+        "view_angle": pose.view_angle,
+        "aspect": pose.aspect,
+    }
+
+
+def _looks(style: Style, *, axes: bool = True) -> dict[str, Any]:
     """What the toolbar switches, as the page's script reads it."""
     return {
+        "axes": axes,
+        "lines": True,
+        "size": 1.0,
         "texture": style.texture,
         "flat": style.shading == "flat",
         "wireframe": style.wireframe,
@@ -152,44 +270,53 @@ def _looks(style: Style) -> dict[str, bool]:
     }
 
 
-def displayed(mesh: Mesh, max_faces: int) -> tuple[Mesh, str]:
-    """The mesh, simplified where it has too many faces to show, and what to say of it."""
-    if mesh.num_faces <= max_faces:
-        return mesh, f"{mesh.num_faces:,} faces"
-    shown = simplify.qem4vr(mesh, target_faces=max_faces).mesh
-    return shown, f"{mesh.num_faces:,} faces, shown with {shown.num_faces:,}"
+def displayed(thing: Shown, max_faces: int, max_points: int = MAX_POINTS) -> tuple[Shown, str]:
+    """What is shown of a mesh or of points where they are too many, and what to say about it."""
+    if isinstance(thing, DrawnPoints):
+        fewer = thing.thinned(max_points)
+        return fewer, fewer.detail or f"{fewer.num_points:,} points"
+    if thing.num_faces <= max_faces:
+        return thing, f"{thing.num_faces:,} face{'s' if thing.num_faces != 1 else ''}"
+    light = simplify.qem4vr(thing, target_faces=max_faces).mesh
+    return light, f"{thing.num_faces:,} faces, shown with {light.num_faces:,}"
 
 
 def html(
-    mesh: Mesh | Sequence[Mesh],
+    thing: Any,
     *,
     title: str = "",
     labels: Sequence[str] | None = None,
-    azimuth: float = 30.0,
-    elevation: float = 20.0,
-    up: Up = "y",
+    azimuth: float | None = None,
+    elevation: float | None = None,
+    up: Up | None = None,
+    color_by: str | None = None,
     shading: Shading = "smooth",
     texture: bool = True,
     wireframe: bool = False,
     boundary: bool = False,
     backfaces: bool = True,
     max_faces: int = MAX_FACES,
+    max_points: int = MAX_POINTS,
 ) -> str:
-    """A page that shows one mesh, or several side by side from one camera.
+    """A page that shows one thing, or several side by side from one camera.
 
     The page holds all it needs; it can be mailed, put into an ``<iframe srcdoc>`` (`iframe` does
     that) or opened without a network. Its buttons switch what the options below set first.
 
     Parameters
     ----------
-    mesh : Mesh or sequence of Mesh
+    thing : Mesh, LidarFrame, RgbdFrame, DrawnPoints or a result, or a sequence of them
+        As for `manip3d.viewer.shown`.
     title : str
     labels : sequence of str, optional
-        A name below each mesh; its number of faces stands beside it.
-    azimuth, elevation, up, shading, texture, wireframe, boundary, backfaces
-        As for `picture`.
+        A name below each; its number of faces or points stands beside it.
+    azimuth, elevation, up, color_by, shading, texture, wireframe, boundary, backfaces
+        As for `picture`. Without the first three, scans are seen from behind and above the
+        scanner and depth images from their camera.
     max_faces : int
         Larger meshes are shown simplified, and say so.
+    max_points : int
+        Of more points as many are shown, and the page says so.
 
     Returns
     -------
@@ -198,7 +325,7 @@ def html(
     Raises
     ------
     InputError
-        An option out of range; the number of labels is not that of meshes.
+        An option out of range; the number of labels is not that of things.
     RenderError
         The viewer is not built; the message names the cure.
 
@@ -207,16 +334,15 @@ def html(
     UserWarning
         A texture cannot be read; its material's base colour is shown instead.
     """
-    meshes = [mesh] if isinstance(mesh, Mesh) else list(mesh)
-    labels = [""] * len(meshes) if labels is None else list(labels)
-    if not meshes or len(labels) != len(meshes):
+    things = _several(thing)
+    labels = [""] * len(things) if labels is None else list(labels)
+    if not things or len(labels) != len(things):
         raise InputError(
             f"labels: expected one for each of at least one mesh, got {len(labels)} labels "
-            f"for {len(meshes)} meshes"
+            f"for {len(things)} meshes"
         )
     if max_faces < 1:
         raise InputError(f"max_faces: expected at least 1, got {max_faces}")
-    check_view(azimuth, elevation, up)
     style = Style(
         shading=shading,
         texture=texture,
@@ -224,36 +350,77 @@ def html(
         boundary=boundary,
         backfaces=backfaces,
     )
-    shown = [displayed(mesh, max_faces) for mesh in meshes]
-    entries = [(*pair, label) for pair, label in zip(shown, labels, strict=True)]
-    view = {"azimuth": azimuth, "elevation": elevation, "up": up}
+    every = [shown(one) for one in things]
+    every = [one.colored_by(color_by) if isinstance(one, DrawnPoints) else one for one in every]
+    view = view_of(every[0], azimuth, elevation, up)
+    fewer = [displayed(one, max_faces, max_points) for one in every]
+    names = [_name(one, label) for one, label in zip(every, labels, strict=True)]
+    entries = [(*pair, name) for pair, name in zip(fewer, names, strict=True)]
     return page_of(entries, title, view, style)
 
 
+def _several(thing: Any) -> list[Any]:
+    return list(thing) if isinstance(thing, list | tuple) else [thing]
+
+
+def _name(thing: Shown, label: str) -> str:
+    return label or (thing.name if isinstance(thing, DrawnPoints) else "")
+
+
+def view_of(
+    thing: Shown,
+    azimuth: float | None = None,
+    elevation: float | None = None,
+    up: Up | None = None,
+) -> dict[str, Any]:
+    """How a thing is first seen; ``fits``: from a direction, not from one of its places."""
+    fits = azimuth is not None or elevation is not None or up is not None
+    if isinstance(thing, DrawnPoints):
+        seen = thing.direction.but(azimuth, elevation, up)
+    else:
+        seen = OBLIQUE.but(azimuth, elevation, up) if fits else first_view(thing)
+    return seen._asdict() | {"fits": fits}
+
+
+def poses_of(thing: Shown) -> tuple[Pose, ...]:
+    """The places to look from; of a depth image's mesh the one of its camera."""
+    if isinstance(thing, DrawnPoints):
+        return thing.poses
+    place = camera_place(thing)
+    return () if place is None else (place,)
+
+
 def page_of(
-    entries: Sequence[tuple[Mesh, str, str]], title: str, view: dict[str, Any], style: Style
+    entries: Sequence[tuple[Shown, str, str]], title: str, view: dict[str, Any], style: Style
 ) -> str:
-    """The page of meshes that are small enough, each with its detail and its label."""
-    placement = Placement.of(entries[0][0])
+    """The page of things that are small enough, each with its detail and its label."""
+    first = entries[0][0]
+    placement = Placement.of(first)
+    poses = () if view.get("fits") else poses_of(first)
     page = {
         "title": title,
-        "view": view,
-        "looks": _looks(style),
-        "models": [model_entry(mesh, placement, label, text) for mesh, text, label in entries],
+        "view": {name: view[name] for name in ("azimuth", "elevation", "up")},
+        "places": [_place_entry(pose, placement) for pose in poses],
+        "ramp": RAMP,
+        "looks": _looks(style, axes=not poses or poses[0].up != "-y"),
+        "models": [model_entry(thing, placement, label, text) for thing, text, label in entries],
     }
     return document(title or "manip3d", page)
 
 
-def still_page(mesh: Mesh, camera: Camera, style: Style, scale: int) -> str:
+def still_page(thing: Shown, camera: Camera, style: Style, scale: int) -> str:
     """A page whose ``manip3d`` becomes the data URL of one picture; `html` without its buttons."""
-    placement = Placement.of(mesh)
+    placement = Placement.of(thing)
     page = {
         "title": "",
         "view": VIEW,  # of no effect: the pose says where the camera stands
-        "looks": _looks(style),
-        "models": [model_entry(mesh, placement, "", "")],
+        "places": [],
+        "ramp": RAMP,
+        "looks": _looks(style, axes=False),
+        "models": [model_entry(thing, placement, "", "")],
         "still": {
             "size": [scale * side for side in style.size],
+            "scale": scale,
             "background": "#{:02x}{:02x}{:02x}".format(*style.background),
             "pose": {
                 "position": placement(camera.position).tolist(),
@@ -276,24 +443,56 @@ def iframe(page: str, *, height: int = 480) -> str:
     )
 
 
-def view(
-    mesh: Mesh | Sequence[Mesh], output: str | os.PathLike[str] | None = None, **options: Any
-) -> Path:
-    """Show a mesh, or several side by side: in the browser, or as an .html or .png file.
+def figure(
+    thing: Any, caption: str = "", *, height: int = 520, max_points: int = FIGURE_POINTS
+) -> str:
+    """A ``<figure>`` for a page of one's own: the viewer, else a picture, else why there is none.
 
     Parameters
     ----------
-    mesh : Mesh or sequence of Mesh
+    thing : Mesh, LidarFrame, RgbdFrame, DrawnPoints or a result
+        As for `manip3d.viewer.shown`.
+    caption : str
+    height : int, pixels
+    max_points : int
+        Of more points as many are shown, and the figure says so.
+    """
+    try:
+        inner = iframe(html(thing, max_points=max_points), height=height)
+    except RenderError as no_viewer:
+        try:
+            data = _base64(png_bytes(picture(thing, size=(960, height))))
+            inner = f'<img alt="{html_text.escape(caption)}" src="data:image/png;base64,{data}">'
+        except (RenderError, MissingExtraError) as no_picture:
+            inner = f"<p>{html_text.escape(f'{no_viewer}; {no_picture}')}</p>"
+    title = f"<figcaption>{html_text.escape(caption)}</figcaption>" if caption else ""
+    return f'<figure style="margin:1rem 0">{title}{inner}</figure>'
+
+
+def has_display() -> bool:
+    """Whether a browser that this process starts would be seen by somebody."""
+    if sys.platform in ("win32", "darwin"):
+        return True
+    return any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
+
+
+def view(thing: Any, output: str | os.PathLike[str] | None = None, **options: Any) -> Path:
+    """Show a thing, or several side by side: in the browser, or as an .html or .png file.
+
+    Parameters
+    ----------
+    thing : Mesh, LidarFrame, RgbdFrame, DrawnPoints or a result, or a sequence of them
+        As for `manip3d.viewer.shown`.
     output : path, optional
         Where to write; without it a page in the folder for temporary files is opened in the
-        browser.
+        browser, where there is a display.
     **options
-        Of `html`; for ``.png`` of `picture`, or of `comparison` for several meshes.
+        Of `html`; for ``.png`` of `picture`, or of `comparison` for several things.
 
     Returns
     -------
     Path
-        The file that shows the mesh.
+        The file that shows the thing.
 
     Raises
     ------
@@ -307,15 +506,17 @@ def view(
     if output is None:
         handle, name = tempfile.mkstemp(prefix="manip3d-", suffix=".html")
         os.close(handle)
-        path = view(mesh, name, **options)
-        webbrowser.open(path.as_uri())
+        path = view(thing, name, **options)
+        if has_display():
+            webbrowser.open(path.as_uri())
         return path
     path = path_of(output, "output")
     suffix = path.suffix.lower()
     if suffix == ".html":
-        atomic_write(path, html(mesh, **options))
+        atomic_write(path, html(thing, **options))
     elif suffix == ".png":
-        image = picture(mesh, **options) if isinstance(mesh, Mesh) else comparison(mesh, **options)
+        several = isinstance(thing, list | tuple)
+        image = comparison(thing, **options) if several else picture(thing, **options)
         atomic_write(path, png_bytes(image))
     else:
         raise InputError(f"output: expected a name that ends in .html or .png, got {str(path)!r}")

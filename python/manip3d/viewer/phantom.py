@@ -138,9 +138,10 @@ def render_phantom(
 def _opened(source: str | Iterable[RgbdFrame]) -> Any:
     if not isinstance(source, str):
         return nullcontext(source)
-    from manip3d.capture import open_rgbd, rgbd_uri
+    from manip3d.capture import open_rgbd
+    from manip3d.viewer.opening import rgbd_address
 
-    return open_rgbd(rgbd_uri(source))
+    return open_rgbd(rgbd_address(source) or source)
 
 
 class Sink(Protocol):

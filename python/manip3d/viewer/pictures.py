@@ -1,36 +1,61 @@
-"""Off-screen pictures of meshes, and contact sheets of several from one camera."""
+"""Off-screen pictures of meshes and points, and contact sheets of several from one camera."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from manip3d.errors import InputError
+from manip3d.lidar import LidarFrame
 from manip3d.mesh import Mesh
 from manip3d.viewer import _chromium, _pyvista
+from manip3d.viewer.legend import with_legend
+from manip3d.viewer.points import DrawnPoints, drawn_points, scan_points
 from manip3d.viewer.renderer import renderer
-from manip3d.viewer.scene import BACKGROUND, Camera, Style, frame, pillow, rgb
+from manip3d.viewer.scene import (
+    BACKGROUND,
+    OBLIQUE,
+    Camera,
+    Style,
+    camera_place,
+    frame,
+    frame_points,
+    pillow,
+    rgb,
+)
+from manip3d.viewer.showing import Shown, shown
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import ArrayLike
+
+    from manip3d.lidar import Box
     from manip3d.viewer.scene import Image, Rgb, Shading, Up
 
-DRAW: dict[str, Callable[[Mesh, Camera, Style], Image]] = {
+MAX_POINTS = 4_000_000
+"""More would not be told apart in a picture."""
+
+DRAW: dict[str, Callable[[Shown, Camera, Style], Image]] = {
     "pyvista": _pyvista.draw,
     "chromium": _chromium.draw,
 }
 
 
 def picture(
-    mesh: Mesh,
+    thing: Any,
     *,
     size: tuple[int, int] = (800, 600),
-    azimuth: float = 30.0,
-    elevation: float = 20.0,
+    azimuth: float | None = None,
+    elevation: float | None = None,
     zoom: float = 1.0,
-    up: Up = "y",
+    up: Up | None = None,
+    place: str | None = None,
+    color_by: str | None = None,
+    legend: bool = True,
     shading: Shading = "smooth",
     texture: bool = True,
     wireframe: bool = False,
@@ -38,20 +63,29 @@ def picture(
     backfaces: bool = True,
     background: str | Rgb = BACKGROUND,
 ) -> Image:
-    """Draw a mesh off-screen, lit from both sides, filling the picture.
+    """Draw a mesh or points off-screen, filling the picture.
 
     Parameters
     ----------
-    mesh : Mesh
+    thing : Mesh, LidarFrame, RgbdFrame, DrawnPoints or a result
+        As for `shown`.
     size : (width, height), pixels
     azimuth : float, degrees
-        0 looks at the mesh's front (from +z, or from -y if ``up='z'``), 90 from +x.
+        0 looks at the front (from +z; from -y if ``up='z'``; from -z if ``up='-y'``), 90 from +x.
+        30 for meshes. If neither this nor ``elevation`` nor ``up`` is given, the mesh of a depth
+        image is seen from its camera, and points are seen from ``place``.
     elevation : float, degrees in [-90, 90]
-        How far the camera stands above the horizon.
+        How far the camera stands above the horizon; 20 for meshes.
     zoom : float
         1 just holds the mesh; 2 shows its middle twice as large.
-    up : 'y' or 'z'
-        The mesh's upward axis.
+    up : 'y', 'z' or '-y'
+        The upward axis; ``-y`` is that of a camera (x right, y down, z ahead).
+    place : str, optional
+        Of points: the name of one of `DrawnPoints.poses`; the first one by default.
+    color_by : str, optional
+        Of points: the name of one of `DrawnPoints.columns`; the first one by default.
+    legend : bool
+        Of points: write what the colours mean into the lower left corner.
     shading : 'smooth' or 'flat'
         ``smooth`` uses the file's normals, else averages over edges flatter than 40 degrees;
         ``flat`` gives each triangle its own shade.
@@ -83,20 +117,95 @@ def picture(
         A texture cannot be read; its material's base colour is shown instead.
     """
     style = Style(size, shading, texture, wireframe, boundary, backfaces, rgb(background))
-    camera = frame(mesh, style.size, azimuth, elevation, zoom, up)
-    return DRAW[renderer()](mesh, camera, style)
+    one = _ready(thing, color_by)
+    camera = _camera(one, style.size, zoom, place, azimuth, elevation, up)
+    return _drawn(one, camera, style, legend=legend)
+
+
+def points_picture(
+    points: LidarFrame | ArrayLike,
+    *,
+    colors: ArrayLike | None = None,
+    boxes: Sequence[Box] | Mapping[str, Sequence[Box]] = (),
+    **options: Any,
+) -> Image:
+    """Draw points with colours and boxes off-screen.
+
+    Parameters
+    ----------
+    points : LidarFrame or (N, 3) numbers, metres
+        A frame is seen from behind and above its scanner.
+    colors : (N, 3) uint8, optional
+        R, G, B of each point; without them the height is shown.
+    boxes : sequence of Box, or mapping of str to sequence of Box
+        Drawn as lines, each label or key in its own colour.
+    **options
+        Of `picture`.
+
+    Raises
+    ------
+    InputError, RenderError
+        As `picture`; or ``colors`` has another shape.
+    """
+    if isinstance(points, LidarFrame):
+        if colors is None:
+            return picture(scan_points(points, boxes=boxes), **options)
+        cloud = drawn_points(points.points, colors=colors, boxes=boxes, origin=points.origin)
+    else:
+        cloud = drawn_points(points, colors=colors, boxes=boxes)
+    return picture(cloud, **options)
+
+
+def _ready(thing: Any, color_by: str | None) -> Shown:
+    one = shown(thing)
+    if isinstance(one, DrawnPoints):
+        return one.colored_by(color_by).thinned(MAX_POINTS)
+    return one
+
+
+def _camera(
+    thing: Shown,
+    size: tuple[int, int],
+    zoom: float,
+    place: str | None,
+    azimuth: float | None,
+    elevation: float | None,
+    up: Up | None,
+) -> Camera:
+    is_free = azimuth is None and elevation is None and up is None
+    if isinstance(thing, Mesh):
+        stood = camera_place(thing) if is_free else None
+        if stood is not None:
+            return stood.camera(thing.bounds, size, zoom)
+        seen = OBLIQUE.but(azimuth, elevation, up)
+        return frame(thing, size, *seen[:2], zoom, seen.up)
+    pose = thing.pose(place)
+    if is_free and pose is not None:
+        return pose.camera(thing.bounds, size, zoom)
+    seen = thing.direction.but(azimuth, elevation, up)
+    return frame_points(thing.bulk(), size, *seen[:2], zoom, seen.up)
+
+
+def _drawn(thing: Shown, camera: Camera, style: Style, *, legend: bool) -> Image:
+    image = DRAW[renderer()](thing, camera, style)
+    if legend and isinstance(thing, DrawnPoints):
+        return with_legend(image, thing, style.background)
+    return image
 
 
 def comparison(
-    meshes: Sequence[Mesh],
+    things: Sequence[Any],
     labels: Sequence[str] | None = None,
     *,
     columns: int | None = None,
     size: tuple[int, int] = (480, 400),
-    azimuth: float = 30.0,
-    elevation: float = 20.0,
+    azimuth: float | None = None,
+    elevation: float | None = None,
     zoom: float = 1.0,
-    up: Up = "y",
+    up: Up | None = None,
+    place: str | None = None,
+    color_by: str | None = None,
+    legend: bool = True,
     shading: Shading = "smooth",
     texture: bool = True,
     wireframe: bool = False,
@@ -104,19 +213,20 @@ def comparison(
     backfaces: bool = True,
     background: str | Rgb = BACKGROUND,
 ) -> Image:
-    """Pictures of several meshes side by side, all from the camera that frames the first.
+    """Pictures of several things side by side, all from the camera that frames the first.
 
     Parameters
     ----------
-    meshes : sequence of Mesh
+    things : sequence of Mesh, LidarFrame, RgbdFrame, DrawnPoints or results
         The first, usually the original, decides where the camera stands.
     labels : sequence of str, optional
-        A caption above each; default: the number of faces.
+        A caption above each; default: the number of faces or points.
     columns : int, optional
         Pictures per row; default: all in one row, at most four.
     size : (width, height), pixels
         Of one picture, without its caption.
-    azimuth, elevation, zoom, up, shading, texture, wireframe, boundary, backfaces, background
+    azimuth, elevation, zoom, up, place, color_by, legend, shading, texture, wireframe, boundary, \
+    backfaces, background
         As for `picture`.
 
     Returns
@@ -127,28 +237,32 @@ def comparison(
     Raises
     ------
     InputError, RenderError
-        As `picture`; or the number of labels is not that of meshes.
+        As `picture`; or the number of labels is not that of things.
     """
+    every = [_ready(thing, color_by) for thing in things]
     if labels is None:
-        labels = [f"{mesh.num_faces:,} faces" for mesh in meshes]
-    if not meshes or len(labels) != len(meshes):
+        labels = [_count(one) for one in every]
+    if not every or len(labels) != len(every):
         raise InputError(
             f"labels: expected one for each of at least one mesh, got {len(labels)} labels "
-            f"for {len(meshes)} meshes"
+            f"for {len(every)} meshes"
         )
-    columns = min(len(meshes), 4) if columns is None else columns
+    columns = min(len(every), 4) if columns is None else columns
     if columns < 1:
         raise InputError(f"columns: expected at least 1, got {columns}")
     style = Style(size, shading, texture, wireframe, boundary, backfaces, rgb(background))
-    camera = frame(meshes[0], style.size, azimuth, elevation, zoom, up)
-    draw = DRAW[renderer()]
+    camera = _camera(every[0], style.size, zoom, place, azimuth, elevation, up)
     cells = [
-        np.vstack([_caption(label, style), draw(mesh, camera, style)])
-        for mesh, label in zip(meshes, labels, strict=True)
+        np.vstack([_caption(label, style), _drawn(one, camera, style, legend=legend)])
+        for one, label in zip(every, labels, strict=True)
     ]
     blank = np.full_like(cells[0], style.background)
     cells += [blank] * (-len(cells) % columns)
     return np.vstack([np.hstack(cells[i : i + columns]) for i in range(0, len(cells), columns)])
+
+
+def _count(thing: Shown) -> str:
+    return f"{thing.num_faces:,} faces" if isinstance(thing, Mesh) else thing.detail
 
 
 def _caption(label: str, style: Style) -> Image:

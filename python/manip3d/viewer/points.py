@@ -1,112 +1,838 @@
-"""Scans for the viewer: a small solid for each point, so that meshes' renderers show them."""
+"""Points for the viewer: what they are coloured by, and from where they are seen."""
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from manip3d._util.paths import path_of
+from manip3d import _core
+from manip3d._util.arrays import rows
+from manip3d._util.options import threads_of
+from manip3d.camera import Intrinsics, Registration
 from manip3d.errors import InputError
-from manip3d.lidar import LidarFrame
-from manip3d.mesh import Mesh
+from manip3d.lidar import Box, LidarFrame
+from manip3d.rgbd import INFERRED, NO_BODY, PARENTS, RgbdFrame, Skeleton
+from manip3d.viewer.scene import Direction, Pose, Rgb
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
-MAX_POINTS = 50_000  # four triangles each: as many as the page takes
+    from manip3d.viewer.scene import Image, Points, Up
 
-# A regular tetrahedron about 0: seen from everywhere.
-_CORNERS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3.0)
-_FACES = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]], np.int32)
-_SPREAD = 4e-3  # size of a solid over its distance from the scanner: some 0.2 degrees
-_LEAST = 6e-4  # and at least this part of the scan's extent
+    Bytes = NDArray[np.uint8]
 
-# Blue, green, yellow, red: low to high.
-_COLORS = np.array([[56, 88, 190], [44, 160, 120], [240, 200, 60], [214, 60, 44]], np.float64)
+__all__ = [
+    "Classes",
+    "Colors",
+    "DepthImage",
+    "DrawnPoints",
+    "Lines",
+    "Scale",
+    "box_lines",
+    "depth_points",
+    "drawn_points",
+    "rgbd_points",
+    "scan_points",
+    "skeleton_lines",
+]
+
+RAMP: tuple[Rgb, ...] = (
+    (48, 62, 158), (38, 118, 190), (34, 152, 132), (116, 178, 66), (232, 178, 36), (226, 104, 36),
+    (178, 24, 43),
+)  # fmt: skip
+"""Colours from low to high; each shows on a light and on a dark page."""
+
+PALETTE: tuple[Rgb, ...] = (
+    (38, 118, 190), (214, 96, 20), (34, 140, 100), (160, 60, 160), (200, 150, 0), (90, 90, 200),
+)  # fmt: skip
+"""Colours of people and of other things that have no order."""
+
+QUIET: Rgb = (128, 138, 152)
+"""Colour of points that are nothing special."""
+
+ALARM: Rgb = (214, 40, 40)
+"""Colour of points that are suspected, added or moved."""
+
+CLEAR: Rgb = (34, 140, 100)
+"""Colour of what was found to be as it should be."""
+
+DOUBT: Rgb = (200, 140, 0)
+"""Colour of what cannot be decided."""
+
+BONE: Rgb = (230, 60, 40)
+GUESSED: Rgb = (240, 160, 40)
+
+SCAN_SPREAD = 4e-3  # width of a point over its distance from the scanner: some 0.2 degrees
+LEAST_SHARE = 5e-4  # a point is at least this part of the scene's extent wide
+KINECT_FOCAL = 525.0 / 640.0  # of a Kinect V1, over its image's width
+EMPHASIS = 2.5  # width of an emphasised point over that of another
+FULL_COLORS = 65535.0  # LAS and E57 store colours in 16 bits
 
 
-def scan_mesh(frame: LidarFrame, *, max_points: int = MAX_POINTS) -> Mesh:
-    """A tetrahedron for each point, coloured by height, larger farther from the scanner.
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """A number for each point, shown by colours from blue (low) to red (high).
+
+    Attributes
+    ----------
+    name : str
+        ``height``, ``intensity``, ...
+    values : (N,) numbers
+    unit : str
+        Written behind the numbers of the colour bar.
+    limits : (float, float), optional
+        Values of the first and the last colour; default: 1 and 99 of 100 points lie below.
+    """
+
+    name: str
+    values: NDArray[Any]
+    unit: str = ""
+    limits: tuple[float, float] | None = None
+
+    @cached_property
+    def ends(self) -> tuple[float, float]:
+        """Values of the first and of the last colour."""
+        if self.limits is not None:
+            return self.limits
+        if not len(self.values):
+            return 0.0, 1.0
+        low, high = (float(value) for value in np.percentile(self.values, [1.0, 99.0]))
+        return low, high
+
+    def levels(self) -> Bytes:
+        """(N,) uint8: 0 at the first colour, 255 at the last."""
+        low, high = self.ends
+        span = high - low
+        share = (np.asarray(self.values, np.float64) - low) / (span if span > 0.0 else 1.0)
+        levels: Bytes = np.rint(255.0 * np.clip(share, 0.0, 1.0)).astype(np.uint8)
+        return levels
+
+    def colors(self) -> Image:
+        """(N, 3) uint8."""
+        return ramp()[self.levels()]
+
+    def select(self, index: NDArray[Any]) -> Scale:
+        """The column of some of the points; the colours keep their meaning."""
+        return Scale(self.name, self.values[index], self.unit, self.ends)
+
+
+@dataclass(frozen=True, eq=False)
+class Classes:
+    """What each point is, one of a few things.
+
+    Attributes
+    ----------
+    name : str
+        ``verdict``, ``truth``, ...
+    values : (N,) uint8
+        Which of ``labels``.
+    labels : sequence of str
+    palette : sequence of (r, g, b) of 0 to 255
+        One for each label.
+    emphasis : sequence of int
+        Labels whose points are drawn larger.
+    """
+
+    name: str
+    values: Bytes
+    labels: Sequence[str]
+    palette: Sequence[Rgb]
+    emphasis: Sequence[int] = ()
+
+    def colors(self) -> Image:
+        """(N, 3) uint8."""
+        table = np.array(self.palette, np.uint8).reshape(-1, 3)
+        colors: Image = table[self.values]
+        return colors
+
+    def counts(self) -> list[int]:
+        """Points of each label."""
+        return [int(n) for n in np.bincount(self.values, minlength=len(self.labels))]
+
+    def is_emphasized(self) -> NDArray[np.bool_]:
+        """(N,) bool: whether the point is drawn larger."""
+        return np.isin(self.values, np.asarray(self.emphasis, np.uint8))
+
+    def select(self, index: NDArray[Any]) -> Classes:
+        """The column of some of the points."""
+        return replace(self, values=self.values[index])
+
+
+@dataclass(frozen=True, eq=False)
+class Colors:
+    """A colour for each point.
+
+    Attributes
+    ----------
+    name : str
+    values : (N, 3) uint8
+        R, G, B.
+    """
+
+    name: str
+    values: Image
+
+    def colors(self) -> Image:
+        """(N, 3) uint8."""
+        return self.values
+
+    def select(self, index: NDArray[Any]) -> Colors:
+        """The column of some of the points."""
+        return Colors(self.name, self.values[index])
+
+
+Column = Scale | Classes | Colors
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Straight lines of one kind: the edges of boxes, the bones of a person.
+
+    Attributes
+    ----------
+    name : str
+        For the legend.
+    ends : (E, 2, 3) float64
+    color : (r, g, b) of 0 to 255
+    in_front : bool
+        Drawn over the points, as bones are, which no camera sees.
+    """
+
+    name: str
+    ends: Points
+    color: Rgb
+    in_front: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnPoints:
+    """Points as the viewer shows them; `manip3d.viewer.view` and `picture` take it.
+
+    Attributes
+    ----------
+    points : (N, 3) float32 or float64, metres
+    columns : tuple of Scale, Classes or Colors
+        What the points can be coloured by; the first one is shown first.
+    lines : tuple of Lines
+    poses : tuple of Pose
+        Places of the camera; the first one is taken first. None: all points are seen obliquely.
+    up : 'y', 'z' or '-y'
+        The upward axis; ``-y`` is that of a camera (x right, y down, z ahead).
+    origin : (float, float, float), optional
+        Where the sensor stood. Points farther from it are drawn larger, by ``spread``.
+    spread : float
+        Width of a point over its distance from ``origin``.
+    least : float, metres
+        Width of a point at least.
+    name, detail : str
+        Written below the points: what they are, and how many.
+
+    Raises
+    ------
+    InputError
+        The points are not finite; a column has another length, or a value without a label.
+    """
+
+    points: NDArray[Any]
+    columns: tuple[Column, ...] = ()
+    lines: tuple[Lines, ...] = ()
+    poses: tuple[Pose, ...] = ()
+    up: Up = "z"
+    origin: tuple[float, float, float] | None = None
+    spread: float = 0.0
+    least: float = 0.0
+    name: str = ""
+    detail: str = ""
+
+    def __post_init__(self) -> None:
+        if self.points.ndim != 2 or self.points.shape[1] != 3 or self.points.dtype.kind != "f":
+            raise InputError(
+                f"points: expected (N, 3) floats, got {self.points.dtype} {self.points.shape}"
+            )
+        _check_finite(self.points)
+        for column in self.columns:
+            if len(column.values) != len(self.points):
+                raise InputError(
+                    f"{column.name}: expected {len(self.points)} values, as many as points, "
+                    f"got {len(column.values)}"
+                )
+            if isinstance(column, Classes):
+                _check_classes(column)
+
+    @property
+    def num_points(self) -> int:
+        """Number of points."""
+        return len(self.points)
+
+    @cached_property
+    def bounds(self) -> Points:
+        """(2, 3) float64: lowest and highest coordinates of points and lines."""
+        ends = [line.ends.reshape(-1, 3) for line in self.lines]
+        every = np.concatenate([self.points, *ends]) if ends else self.points
+        if not len(every):
+            return np.zeros((2, 3))
+        return np.array([every.min(axis=0), every.max(axis=0)], np.float64)
+
+    def column(self, name: str | None) -> Column | None:
+        """The column of that name; the first one for None, None where there is none.
+
+        Raises
+        ------
+        InputError
+            There is no column of that name; the message lists them.
+        """
+        if name is None:
+            return self.columns[0] if self.columns else None
+        for column in self.columns:
+            if column.name == name:
+                return column
+        known = ", ".join(column.name for column in self.columns) or "no column at all"
+        raise InputError(f"color_by: expected {known}, got {name!r}")
+
+    def pose(self, name: str | None) -> Pose | None:
+        """The pose of that name; the first one for None, None where there is none.
+
+        Raises
+        ------
+        InputError
+            There is no pose of that name; the message lists them.
+        """
+        if name is None:
+            return self.poses[0] if self.poses else None
+        for pose in self.poses:
+            if pose.name == name:
+                return pose
+        known = ", ".join(pose.name for pose in self.poses) or "no place at all"
+        raise InputError(f"place: expected {known}, got {name!r}")
+
+    def bulk(self) -> Points:
+        """(M, 3) float64, M > 0: points and ends of lines, without the 1 % farthest out."""
+        points = self.points.astype(np.float64)
+        if len(points):
+            low, high = np.percentile(points, [0.5, 99.5], axis=0)
+            points = points[((points >= low) & (points <= high)).all(axis=1)]
+        ends = [line.ends.reshape(-1, 3) for line in self.lines]
+        every = np.concatenate([points, *ends])
+        return every if len(every) else np.zeros((1, 3))
+
+    @property
+    def direction(self) -> Direction:
+        """From where all points are seen, where the camera stands in none of ``poses``."""
+        return Direction(-60.0, 30.0, self.up)
+
+    def colored_by(self, name: str | None) -> DrawnPoints:
+        """The same points with that column first.
+
+        Raises
+        ------
+        InputError
+            As `column`.
+        """
+        first = self.column(name)
+        if first is None or first is self.columns[0]:
+            return self
+        others = tuple(column for column in self.columns if column is not first)
+        return replace(self, columns=(first, *others))
+
+    def colors(self) -> Image:
+        """(N, 3) uint8: by the first column, grey without one."""
+        if not self.columns:
+            return np.full((self.num_points, 3), QUIET, np.uint8)
+        return self.columns[0].colors()
+
+    def widths(self) -> Points:
+        """(N,) float64: how wide the points are drawn, in their unit."""
+        width = np.full(self.num_points, self.least)
+        if self.origin is not None:
+            away = np.linalg.norm(self.points - np.asarray(self.origin), axis=1)
+            width = np.maximum(width, self.spread * away)
+        return width
+
+    def emphasis(self) -> Points:
+        """(N,) float64: how many times as wide the points are drawn for what they are."""
+        first = self.columns[0] if self.columns else None
+        if not isinstance(first, Classes):
+            return np.ones(self.num_points)
+        return np.where(first.is_emphasized(), EMPHASIS, 1.0)
+
+    def thinned(self, max_points: int) -> DrawnPoints:
+        """At most so many of the points, taken evenly by chance; emphasised ones stay first.
+
+        The same points are taken every time. ``detail`` says how many are shown.
+
+        Raises
+        ------
+        InputError
+            ``max_points`` is not positive.
+        """
+        if not max_points > 0:
+            raise InputError(f"max_points: expected > 0, got {max_points}")
+        if self.num_points <= max_points:
+            return self
+        order = np.random.default_rng(0).permutation(self.num_points)
+        special = np.zeros(self.num_points, np.bool_)
+        for column in self.columns:
+            if isinstance(column, Classes):
+                special |= column.is_emphasized()
+        order = np.concatenate([order[special[order]], order[~special[order]]])
+        kept = np.sort(order[:max_points])
+        fewer = self.points[kept]
+        wider = float(np.sqrt(self.num_points / max_points))  # as much of a surface is covered
+        return replace(
+            self,
+            points=fewer,
+            columns=tuple(column.select(kept) for column in self.columns),
+            spread=self.spread * wider,
+            least=self.least * wider,
+            detail=f"{self.detail or f'{self.num_points:,} points'}, {max_points:,} shown",
+        )
+
+    def __repr__(self) -> str:
+        parts = [f"{self.num_points} points", *(column.name for column in self.columns)]
+        return f"<manip3d.viewer.DrawnPoints: {', '.join(parts)}>"
+
+
+def _check_finite(points: NDArray[Any]) -> None:
+    if not np.isfinite(points).all():
+        raise InputError("points: expected finite coordinates")
+
+
+def _check_classes(column: Classes) -> None:
+    if len(column.labels) != len(column.palette):
+        raise InputError(
+            f"{column.name}: expected a colour for each of {len(column.labels)} labels, "
+            f"got {len(column.palette)}"
+        )
+    if len(column.values) and int(column.values.max()) >= len(column.labels):
+        raise InputError(
+            f"{column.name}: expected values below {len(column.labels)}, "
+            f"got {int(column.values.max())}"
+        )
+
+
+def ramp() -> Image:
+    """(256, 3) uint8: the colours from low to high."""
+    steps = np.linspace(0.0, 255.0, len(RAMP))
+    channels = [np.interp(np.arange(256), steps, channel) for channel in np.array(RAMP).T]
+    colors: Image = np.rint(np.column_stack(channels)).astype(np.uint8)
+    return colors
+
+
+# --- points of any kind -------------------------------------------------------------------------
+
+
+def drawn_points(
+    points: ArrayLike,
+    *,
+    colors: ArrayLike | None = None,
+    values: Mapping[str, ArrayLike] | None = None,
+    boxes: Sequence[Box] | Mapping[str, Sequence[Box]] = (),
+    up: Up = "z",
+    origin: Sequence[float] | None = None,
+    name: str = "",
+) -> DrawnPoints:
+    """Points with colours, numbers and boxes, for `manip3d.viewer.view` and `picture`.
+
+    Parameters
+    ----------
+    points : (N, 3) numbers, metres
+    colors : (N, 3) uint8, optional
+        R, G, B of each point.
+    values : mapping of str to (N,) numbers, optional
+        What the points can be coloured by instead. Without ``colors`` the first one is shown
+        first; without both the height is.
+    boxes : sequence of Box, or mapping of str to sequence of Box
+        Drawn as lines, each name in its own colour.
+    up : 'y', 'z' or '-y'
+        The upward axis.
+    origin : (x, y, z), optional
+        Where the sensor stood: it is seen from behind and above, and far points are drawn larger.
+    name : str
+        Written below the points.
+
+    Raises
+    ------
+    InputError
+        An array of another shape, coordinates that are not finite.
+    """
+    array = np.asarray(points)
+    place = rows(points, 3, np.float32 if array.dtype == np.float32 else np.float64, "points")
+    _check_finite(place)
+    columns: list[Column] = []
+    if colors is not None:
+        columns.append(Colors("colour", _colors(colors, len(place))))
+    for key, numbers in (values or {}).items():
+        columns.append(Scale(key, _numbers(numbers, key)))
+    if not columns:
+        axis = 2 if up == "z" else 1
+        upwards = place[:, axis].astype(np.float64) * (-1.0 if up == "-y" else 1.0)
+        columns.append(Scale("height", upwards, "m"))
+    stood = None if origin is None else _place(origin)
+    return DrawnPoints(
+        place,
+        tuple(columns),
+        box_lines(boxes),
+        overviews(place, stood, up),
+        up,
+        stood,
+        SCAN_SPREAD if stood is not None else 0.0,
+        _least(place),
+        name,
+        f"{len(place):,} points",
+    )
+
+
+def _place(origin: Sequence[float]) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in origin)
+    return x, y, z
+
+
+def _colors(colors: ArrayLike, count: int) -> Image:
+    array = np.asarray(colors)
+    if array.dtype != np.uint8 or array.shape != (count, 3):
+        raise InputError(
+            f"colors: expected uint8 of shape ({count}, 3), got {array.dtype} {array.shape}"
+        )
+    return array
+
+
+def _numbers(values: ArrayLike, name: str) -> NDArray[Any]:
+    array = np.asarray(values)
+    if array.ndim != 1 or array.dtype.kind not in "iufb":
+        raise InputError(
+            f"{name}: expected a number for each point, got {array.dtype} {array.shape}"
+        )
+    array = array.astype(np.float64)
+    if not np.isfinite(array).all():
+        raise InputError(f"{name}: expected finite numbers")
+    return array
+
+
+def _least(points: NDArray[Any]) -> float:
+    if not len(points):
+        return 0.0
+    low, high = np.percentile(points, [1.0, 99.0], axis=0)
+    return LEAST_SHARE * float(np.linalg.norm(high - low))
+
+
+_EDGES = np.array(
+    [[0, 1], [1, 3], [3, 2], [2, 0], [4, 5], [5, 7], [7, 6], [6, 4], [0, 4], [1, 5], [2, 6], [3, 7]]
+)
+
+
+def box_lines(
+    boxes: Sequence[Box] | Mapping[str, Sequence[Box]], colors: Mapping[str, Rgb] | None = None
+) -> tuple[Lines, ...]:
+    """The edges of boxes; boxes of one label, or of one key of a mapping, share a colour.
+
+    Parameters
+    ----------
+    boxes : sequence of Box, or mapping of str to sequence of Box
+    colors : mapping of str to (r, g, b), optional
+        Of labels or keys; the others take those of a palette in turn.
+    """
+    groups: dict[str, list[Box]] = {}
+    if isinstance(boxes, Mapping):
+        groups = {name: list(some) for name, some in boxes.items()}
+    else:
+        for box in boxes:
+            groups.setdefault(box.label or "box", []).append(box)
+    groups = {name: some for name, some in groups.items() if some}
+    return tuple(
+        Lines(
+            name,
+            np.concatenate([_corners(box)[_EDGES] for box in some]),
+            (colors or {}).get(name, PALETTE[(i + 1) % len(PALETTE)]),
+        )
+        for i, (name, some) in enumerate(groups.items())
+    )
+
+
+def _corners(box: Box) -> Points:
+    """(8, 3): the last axis changes first."""
+    signs = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    cosine, sine = np.cos(box.yaw), np.sin(box.yaw)
+    turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    corners: Points = signs * np.asarray(box.size) @ turn.T + np.asarray(box.center)
+    return corners
+
+
+# --- where to look from -------------------------------------------------------------------------
+
+
+def overviews(
+    points: NDArray[Any], origin: tuple[float, float, float] | None, up: Up
+) -> tuple[Pose, ...]:
+    """Where the camera may stand: behind and above the sensor, above it, in its place.
+
+    Without a place of the sensor, and for points whose z is not up, there is none.
+    """
+    if origin is None or up != "z" or not len(points):
+        return ()
+    place = np.asarray(origin, np.float64)
+    offset = points[:, :2] - place[:2]
+    near = float(np.percentile(np.hypot(offset[:, 0], offset[:, 1]), 75.0)) or 1.0
+    ahead = np.array([near, 0.0, 0.0])
+    right = np.array([0.0, -0.25 * near, 0.0])
+    above = np.array([0.0, 0.0, near])
+    behind = place - 1.5 * ahead + right + 0.8 * above
+    return (
+        Pose("Behind", behind, place + 0.25 * ahead, "z", 40.0, 1.4),
+        Pose("Above", place - 0.01 * ahead + 3.2 * above, place, "z", 40.0, 1.0),
+        Pose("Sensor", place, place + ahead - 0.06 * above, "z", 60.0, 1.4),
+    )
+
+
+def camera_poses(camera: Intrinsics, middle: float) -> tuple[Pose, ...]:
+    """Where the camera stood, and places from where its picture is seen obliquely.
+
+    Parameters
+    ----------
+    camera : Intrinsics
+    middle : float, metres
+        How far what it sees is.
+    """
+    tall = camera.height / abs(camera.fy)
+    wide = camera.width / abs(camera.fx)
+    # The middle of the image, which need not be the principal point.
+    across = (0.5 * (camera.width - 1) - camera.cx) / camera.fx
+    down = (0.5 * (camera.height - 1) - camera.cy) / camera.fy
+    target = middle * np.array([across, down, 1.0])
+    angle = 2.0 * float(np.degrees(np.arctan(0.5 * tall)))
+    shape = wide / tall
+    side = middle * np.array([-0.75, -0.25, 0.15])
+    return (
+        Pose("Camera", np.zeros(3), target, "-y", angle, shape),
+        Pose("Side", side, target, "-y", angle, shape),
+        Pose("Above", middle * np.array([0.0, -1.2, 0.35]), target, "-y", angle, shape),
+    )
+
+
+# --- scans --------------------------------------------------------------------------------------
+
+
+def scan_points(
+    frame: LidarFrame,
+    *,
+    boxes: Sequence[Box] | Mapping[str, Sequence[Box]] = (),
+    classes: Classes | None = None,
+) -> DrawnPoints:
+    """A scan by height, intensity, ring, and colour where it has them.
 
     Parameters
     ----------
     frame : LidarFrame
         Points at exactly (0, 0, 0), which say that nothing came back, are left out.
-    max_points : int
-        Of larger scans every n-th point is taken.
+    boxes : sequence of Box, or mapping of str to sequence of Box
+        As for `box_lines`.
+    classes : Classes, optional
+        What each point of the frame is; shown first.
+    """
+    returned = np.flatnonzero(frame.points.any(axis=1))
+    points = frame.points[returned]
+    columns: list[Column] = [] if classes is None else [classes.select(returned)]
+    colors = _stored_colors(frame)
+    if colors is not None:
+        columns.append(Colors("colour", colors[returned]))
+    columns.append(Scale("height", points[:, 2], "m"))
+    for name, values in (("intensity", frame.intensity), ("ring", frame.ring)):
+        if values is not None and len(points) and np.ptp(values[returned]) > 0:
+            columns.append(Scale(name, values[returned], limits=_ring_limits(name, values)))
+    empty = frame.num_points - len(points)
+    detail = f"{len(points):,} points"
+    return DrawnPoints(
+        points,
+        tuple(columns),
+        box_lines(boxes),
+        overviews(points, frame.origin, "z"),
+        "z",
+        frame.origin,
+        SCAN_SPREAD if frame.origin is not None else 0.0,
+        _least(points) if frame.origin is None else 0.2 * _least(points),
+        detail=f"{detail}, {empty:,} without return" if empty else detail,
+    )
 
-    Returns
-    -------
-    Mesh
-        Up to ``4 * max_points`` faces; z up.
+
+def _ring_limits(name: str, values: NDArray[Any]) -> tuple[float, float] | None:
+    return (float(values.min()), float(values.max())) if name == "ring" else None
+
+
+def _stored_colors(frame: LidarFrame) -> Image | None:
+    """(N, 3) uint8 of the file's red, green and blue; None where it has none."""
+    for names in (("red", "green", "blue"), ("colorRed", "colorGreen", "colorBlue")):
+        if all(name in frame.fields for name in names):
+            stored = np.column_stack([frame.fields[name] for name in names])
+            full = 255.0 if not len(stored) or stored.max() <= 255 else FULL_COLORS
+            scaled: Image = np.clip(np.rint(stored * (255.0 / full)), 0, 255).astype(np.uint8)
+            return scaled
+    return None
+
+
+# --- depth images and RGB-D frames ---------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class DepthImage:
+    """A depth image that nobody has a calibration for, or none yet.
+
+    Attributes
+    ----------
+    depth : (H, W) uint16 in millimetres or float32 in metres
+        0 and NaN mean no measurement.
+    intrinsics : Intrinsics, optional
+        Without it a camera is assumed that sees as much as a Kinect V1.
+    color : (H, W, 3) uint8, optional
+        Of the same pixels.
+    """
+
+    depth: NDArray[Any]
+    intrinsics: Intrinsics | None = None
+    color: NDArray[np.uint8] | None = None
+
+    @property
+    def camera(self) -> Intrinsics:
+        """The camera, or the one that is assumed."""
+        if self.intrinsics is not None:
+            return self.intrinsics
+        height, width = self.depth.shape
+        focal = KINECT_FOCAL * max(width, height)
+        return Intrinsics(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
+
+    @property
+    def note(self) -> str:
+        """What was assumed, in words; empty if nothing was."""
+        if self.intrinsics is not None:
+            return ""
+        return f"camera assumed: focal length {self.camera.fx:.0f} pixels"
+
+    def drawn(self) -> DrawnPoints:
+        """Its points, first seen as its camera saw them."""
+        cloud = depth_points(self.depth, self.camera, color=self.color)
+        return replace(cloud, detail=", ".join(filter(None, (cloud.detail, self.note))))
+
+    def __repr__(self) -> str:
+        height, width = self.depth.shape
+        return f"<manip3d.viewer.DepthImage: {width} x {height} pixels, {self.depth.dtype}>"
+
+
+def depth_points(
+    depth: NDArray[Any],
+    intrinsics: Intrinsics,
+    *,
+    color: NDArray[np.uint8] | None = None,
+    registration: Registration | None = None,
+) -> DrawnPoints:
+    """The points of a depth image, first seen as its camera saw them.
+
+    Parameters
+    ----------
+    depth : (H, W) uint16 in millimetres or float32 in metres
+        0 and NaN mean no measurement.
+    intrinsics : Intrinsics
+    color : (H', W', 3) uint8, optional
+        Of the depth image's pixels, or of ``registration``.
+    registration : Registration, optional
+        Where the colour camera stands.
 
     Raises
     ------
     InputError
-        ``max_points`` is not positive.
+        Images of other shapes than the cameras say.
     """
-    if not max_points > 0:
-        raise InputError(f"max_points: expected > 0, got {max_points}")
-    points = frame.points[frame.points.any(axis=1)].astype(np.float64)
-    points = points[:: max(1, -(-len(points) // max_points))]
-    if not len(points):
-        return Mesh(np.empty((0, 3)), np.empty((0, 3), np.int32))
-    place = frame.origin if frame.origin is not None else points.mean(axis=0)
-    low, high = np.percentile(points, [1, 99], axis=0)
-    size = np.maximum(
-        _SPREAD * np.linalg.norm(points - place, axis=1), _LEAST * np.linalg.norm(high - low)
+    if depth.shape != (intrinsics.height, intrinsics.width):
+        raise InputError(
+            f"depth: expected shape ({intrinsics.height}, {intrinsics.width}) as the intrinsics "
+            f"say, got {depth.shape}"
+        )
+    grid, valid, _ = _core.unproject(np.ascontiguousarray(depth), intrinsics, threads_of(0))
+    seen = np.flatnonzero(np.asarray(valid).ravel())
+    points = np.asarray(grid).reshape(-1, 3)[seen]
+    columns: list[Column] = []
+    if color is not None:
+        columns.append(Colors("colour", _pixel_colors(color, points, seen, depth, registration)))
+    columns.append(Scale("depth", points[:, 2], "m"))
+    middle = float(np.median(points[:, 2])) if len(points) else 1.0
+    return DrawnPoints(
+        points,
+        tuple(columns),
+        poses=camera_poses(intrinsics, middle),
+        up="-y",
+        origin=(0.0, 0.0, 0.0),
+        spread=1.3 / abs(intrinsics.fx),  # no gaps where the camera looks straight at it
+        detail=f"{len(points):,} points",
     )
-    vertices = points[:, None, :] + size[:, None, None] * _CORNERS
-    faces = 4 * np.arange(len(points), dtype=np.int32)[:, None, None] + _FACES
-    span = high[2] - low[2]
-    share = np.clip((points[:, 2] - low[2]) / (span if span > 0 else 1.0), 0.0, 1.0)
-    colors = np.repeat(_ramp(share), 4, axis=0)
-    return Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), colors=colors)
 
 
-def _ramp(share: NDArray[np.float64]) -> NDArray[np.uint8]:
-    steps = np.linspace(0.0, 1.0, len(_COLORS))
-    channels = [np.interp(share, steps, channel) for channel in _COLORS.T]
-    colors: NDArray[np.uint8] = np.rint(np.column_stack(channels)).astype(np.uint8)
-    return colors
+def _pixel_colors(
+    color: NDArray[np.uint8],
+    points: NDArray[np.float32],
+    seen: NDArray[np.intp],
+    depth: NDArray[Any],
+    registration: Registration | None,
+) -> Image:
+    if registration is None:
+        if color.shape[:2] != depth.shape:
+            raise InputError(
+                f"color: expected the depth image's {depth.shape} pixels, got {color.shape[:2]}"
+            )
+        return np.ascontiguousarray(color[..., :3].reshape(-1, 3)[seen])
+    uvs = _core.registered_uvs(np.ascontiguousarray(points, np.float32), registration)
+    height, width = color.shape[:2]
+    known = np.isfinite(uvs[:, 0])
+    at = np.where(known[:, None], uvs, np.float32(0.0))
+    column = np.clip((at[:, 0] * width).astype(np.int64), 0, width - 1)
+    row = np.clip(((1.0 - at[:, 1]) * height).astype(np.int64), 0, height - 1)
+    return np.where(known[:, None], color[row, column, :3], np.array(QUIET, np.uint8))
 
 
-def view_scan(
-    frame: LidarFrame,
-    output: str | os.PathLike[str] | None = None,
-    *,
-    max_points: int = MAX_POINTS,
-    **options: Any,
-) -> Path:
-    """Show a scan in the browser, or write a page (``.html``) or a picture (``.png``).
+def rgbd_points(frame: RgbdFrame) -> DrawnPoints:
+    """An RGB-D frame: its points by colour, depth and person, and its people's bones."""
+    calibration = frame.calibration
+    cloud = depth_points(
+        frame.depth,
+        calibration.depth,
+        color=frame.colour,
+        registration=calibration.registration,
+    )
+    columns = cloud.columns
+    if frame.body_index is not None and (frame.body_index != NO_BODY).any():
+        columns = (*columns, _people(frame.body_index, frame.depth > 0))
+    lines = skeleton_lines(frame.skeletons)
+    poses = cloud.poses
+    told = [cloud.detail] if cloud.num_points else []
+    if frame.skeletons:
+        count = len(frame.skeletons)
+        told.append(f"{count} skeleton{'s' if count > 1 else ''}")
+    if lines and not cloud.num_points:  # nothing but bones says how far people are
+        middle = float(np.median(np.concatenate([line.ends for line in lines])[..., 2]))
+        poses = camera_poses(calibration.depth, middle)
+        columns = ()
+    return replace(cloud, columns=columns, lines=lines, poses=poses, detail=", ".join(told))
 
-    Parameters
-    ----------
-    frame : LidarFrame
-    output : path, optional
-        As for `view`.
-    max_points : int
-        Of larger scans every n-th point is shown; the page says how many.
-    **options
-        Of `view`.
 
-    Raises
-    ------
-    InputError, RenderError, OSError
-        As `view`.
-    """
-    from manip3d.viewer.page import view
+def _people(body_index: Bytes, valid: NDArray[np.bool_]) -> Classes:
+    numbers, values = np.unique(body_index[valid], return_inverse=True)
+    labels = ["nobody" if n == NO_BODY else f"person {n}" for n in numbers]
+    palette = [QUIET if n == NO_BODY else PALETTE[i % len(PALETTE)] for i, n in enumerate(numbers)]
+    return Classes("person", values.astype(np.uint8), labels, palette)
 
-    mesh = scan_mesh(frame, max_points=max_points)
-    options = {"up": "z", "elevation": 35.0} | options
-    if output is None or path_of(output, "output").suffix.lower() == ".html":
-        shown = mesh.num_faces // 4
-        label = f"{frame.num_points:,} points"
-        if shown < frame.num_points:
-            label += f", {shown:,} shown"
-        options = {"labels": [label], "max_faces": 4 * max_points} | options
-        return view([mesh], output, **options)
-    return view(mesh, output, **({"zoom": 2.0} | options))
+
+def skeleton_lines(skeletons: Sequence[Skeleton]) -> tuple[Lines, ...]:
+    """The bones of people: those between tracked joints, and those with an inferred end."""
+    bones = np.array([(parent, joint) for joint, parent in enumerate(PARENTS) if joint != parent])
+    sure, guessed = np.empty((0, 2, 3)), np.empty((0, 2, 3))
+    for skeleton in skeletons:
+        states = skeleton.states[bones].min(axis=1)
+        ends = skeleton.positions[bones].astype(np.float64)
+        known = np.isfinite(ends).all(axis=(1, 2))
+        states, ends = states[known], ends[known]
+        sure = np.concatenate([sure, ends[states > INFERRED]])
+        guessed = np.concatenate([guessed, ends[states == INFERRED]])
+    groups = (("bones", sure, BONE), ("inferred bones", guessed, GUESSED))
+    return tuple(
+        Lines(name, ends, color, in_front=True) for name, ends, color in groups if len(ends)
+    )

@@ -7,7 +7,7 @@ import math
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     Image = NDArray[np.uint8]
     Points = NDArray[np.float64]
 
-Up = Literal["y", "z"]
+Up = Literal["y", "z", "-y"]
 Shading = Literal["smooth", "flat"]
 Rgb = tuple[int, int, int]
 
@@ -33,6 +33,8 @@ MAX_SIDE = 4096  # pixels
 CREASE_ANGLE = 40.0  # degrees: flatter edges are shaded smooth
 VIEW_ANGLE = 30.0  # degrees, vertical: a long lens, little perspective distortion
 MARGIN = 1.06  # picture over mesh
+WIDEST_VIEW = 3.0  # half the width of what a depth camera sees over its distance: 143 degrees
+SEEN_SHARE = 0.999  # of a depth image's faces; rounding turns single slivers away
 
 
 def rgb(color: str | Rgb) -> Rgb:
@@ -85,10 +87,87 @@ class Camera:
     far: float
 
 
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A place to look from.
+
+    Attributes
+    ----------
+    name : str
+        For the list of places.
+    position, target : (3,) float64
+        Where the camera stands, and what is in the middle of its picture.
+    up : 'y', 'z' or '-y'
+    view_angle : float, degrees
+        Vertical, of a picture as wide as ``aspect`` says.
+    aspect : float
+        Width over height; narrower pictures get a larger angle, so that the same is seen.
+    """
+
+    name: str
+    position: Points
+    target: Points
+    up: Up
+    view_angle: float
+    aspect: float
+
+    def camera(self, bounds: Points, size: tuple[int, int], zoom: float) -> Camera:
+        """The camera of a picture of ``size`` pixels that shows what lies within ``bounds``."""
+        if not (zoom > 0.0 and math.isfinite(zoom)):
+            raise InputError(f"zoom: expected a number > 0, got {zoom}")
+        tan = math.tan(math.radians(self.view_angle / 2.0)) / zoom
+        tan *= max(1.0, self.aspect * size[1] / size[0])
+        middle = 0.5 * (bounds[0] + bounds[1])
+        radius = 0.5 * float(np.linalg.norm(bounds[1] - bounds[0]))
+        far = float(np.linalg.norm(self.position - middle)) + radius
+        near = 1e-3 * float(np.linalg.norm(self.target - self.position))
+        return Camera(
+            position=self.position,
+            target=self.target,
+            up=up_vector(self.up),
+            view_angle=2.0 * math.degrees(math.atan(tan)),
+            near=near,
+            far=max(1.01 * far, 2.0 * near),
+        )
+
+
+class Direction(NamedTuple):
+    """From where a thing is seen that just fits into the picture; see `manip3d.viewer.picture`."""
+
+    azimuth: float
+    elevation: float
+    up: Up
+
+    def but(self, azimuth: float | None, elevation: float | None, up: Up | None) -> Direction:
+        """With what is given in place of its own.
+
+        Raises
+        ------
+        InputError
+            That is no direction.
+        """
+        chosen = Direction(
+            self.azimuth if azimuth is None else azimuth,
+            self.elevation if elevation is None else elevation,
+            self.up if up is None else up,
+        )
+        check_view(*chosen)
+        return chosen
+
+
+OBLIQUE = Direction(30.0, 20.0, "y")
+"""How meshes are first seen."""
+
+
+def up_vector(up: Up) -> Points:
+    """(3,): the upward axis."""
+    return np.array({"y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0), "-y": (0.0, -1.0, 0.0)}[up])
+
+
 def check_view(azimuth: float, elevation: float, up: Up) -> None:
     """Refuse directions that are none."""
-    if up not in ("y", "z"):
-        raise InputError(f"up: expected 'y' or 'z', got {up!r}")
+    if up not in ("y", "z", "-y"):
+        raise InputError(f"up: expected 'y', 'z' or '-y', got {up!r}")
     if not math.isfinite(azimuth):
         raise InputError(f"azimuth: expected degrees, got {azimuth}")
     if not -90.0 <= elevation <= 90.0:
@@ -104,6 +183,8 @@ def _axes(azimuth: float, elevation: float, up: Up) -> Points:
     axes = np.array([right, np.cross(backward, right), backward])
     if up == "z":  # y up to z up: (x, y, z) -> (x, -z, y)
         axes = axes[:, [0, 2, 1]] * [1.0, -1.0, 1.0]
+    if up == "-y":  # half a turn about x: y down, and the front is seen from -z
+        axes = axes * [1.0, -1.0, -1.0]
     return axes
 
 
@@ -111,10 +192,17 @@ def frame(
     mesh: Mesh, size: tuple[int, int], azimuth: float, elevation: float, zoom: float, up: Up
 ) -> Camera:
     """The camera in direction (azimuth, elevation) that just holds the mesh in the picture."""
+    used = mesh.vertices[np.unique(mesh.faces)] if mesh.num_faces else np.zeros((1, 3))
+    return frame_points(used, size, azimuth, elevation, zoom, up)
+
+
+def frame_points(
+    used: Points, size: tuple[int, int], azimuth: float, elevation: float, zoom: float, up: Up
+) -> Camera:
+    """The camera in direction (azimuth, elevation) that just holds (N, 3) points, N > 0."""
     if not (zoom > 0.0 and math.isfinite(zoom)):
         raise InputError(f"zoom: expected a number > 0, got {zoom}")
     axes = _axes(azimuth, elevation, up)
-    used = mesh.vertices[np.unique(mesh.faces)] if mesh.num_faces else np.zeros((1, 3))
     center = 0.5 * (used.min(axis=0) + used.max(axis=0))
     x, y, z = axes @ (used - center).T
     # At distance d a point is inside when |x| <= (d - z) tan_x and |y| <= (d - z) tan_y.
@@ -136,6 +224,42 @@ def frame(
         near=0.9 * (distance - float(z.max())),
         far=1.1 * (distance - float(z.min())),
     )
+
+
+def first_view(mesh: Mesh) -> Direction:
+    """The direction that a mesh is first seen from.
+
+    A mesh of one depth image shows all of its faces to the origin, where the camera stood, and lies
+    before it: it is seen as the camera saw it. Every other mesh is seen from its front, obliquely.
+    """
+    if not mesh.num_faces:
+        return OBLIQUE
+    a, b, c = (mesh.vertices[mesh.faces[:, corner]] for corner in range(3))
+    middle = (a + b + c) / 3.0
+    ahead = middle[:, 2]
+    if not ((ahead > 0.0).all() or (ahead < 0.0).all()):
+        return OBLIQUE
+    is_before = (np.abs(middle[:, :2]).max(axis=1) < WIDEST_VIEW * np.abs(ahead)).all()
+    towards = -np.einsum("ij,ij->i", np.cross(b - a, c - a), middle)
+    if not is_before or np.mean(towards >= 0.0) < SEEN_SHARE or not (towards > 0.0).any():
+        return OBLIQUE
+    return Direction(0.0, 0.0, "-y" if ahead[0] > 0.0 else "y")
+
+
+def camera_place(mesh: Mesh) -> Pose | None:
+    """Where the camera of the depth image stood that a mesh was made of; None for other meshes."""
+    seen = first_view(mesh)
+    if seen == OBLIQUE:
+        return None
+    used = mesh.vertices[np.unique(mesh.faces)]
+    slopes = used[:, :2] / np.abs(used[:, 2:])
+    low, high = slopes.min(axis=0), slopes.max(axis=0)
+    wide, tall = np.maximum(0.5 * MARGIN * (high - low), 1e-3)
+    ahead = float(np.median(used[:, 2]))
+    across, down = 0.5 * abs(ahead) * (low + high)
+    angle = 2.0 * math.degrees(math.atan(tall))
+    target = np.array([across, down, ahead])
+    return Pose("Camera", np.zeros(3), target, seen.up, angle, float(wide / tall))
 
 
 def with_shading_normals(mesh: Mesh, shading: Shading) -> Mesh:

@@ -1,6 +1,7 @@
 // The page: reads what Python wrote into it, builds the panes and the toolbar.
 
 import { Model } from "./model.js";
+import { Cloud, legend } from "./points.js";
 import { Stage } from "./stage.js";
 import css from "./viewer.css";
 
@@ -9,31 +10,48 @@ import css from "./viewer.css";
  * @typedef {object} Page
  * @property {string} title
  * @property {import("./stage.js").View} view
+ * @property {import("./stage.js").Place[]} places  to look from; none: all models fit
+ * @property {number[][]} ramp  r g b of numbers from low to high
  * @property {import("./model.js").Looks} looks
- * @property {{label: string, detail: string, glb: string, boundary: string}[]} models
- *   `glb`, and `boundary` (float32, x y z of both ends of each edge) in base64
- * @property {{size: number[], pose: import("./stage.js").Pose, background: string}} [still]
+ * @property {Entry[]} models
+ * @property {{size: number[], scale: number, pose: import("./stage.js").Pose, background: string}} [still]
  *   instead of a view, one picture: its PNG's data URL
  */
 
-const SWITCHES = /** @type {const} */ ([
+/**
+ * A mesh as `glb`, and `boundary` (float32, x y z of both ends of each edge) in base64; or `points`.
+ * @typedef {object} Entry
+ * @property {string} label
+ * @property {string} detail
+ * @property {string} [glb]
+ * @property {string} [boundary]
+ * @property {import("./points.js").Entry} [points]
+ */
+
+const MESH_SWITCHES = /** @type {const} */ ([
   ["texture", "t", "Texture", "Materials, textures and colours"],
   ["wireframe", "w", "Wireframe", "The triangles' edges"],
   ["flat", "f", "Flat", "One shade for each triangle"],
   ["boundary", "b", "Boundary", "Edges that exactly one face uses, in red"],
   ["backfaces", "k", "Back faces", "Faces seen from behind"],
 ]);
+const POINT_SWITCHES = /** @type {const} */ ([
+  ["axes", "a", "Axes", "The coordinate axes"],
+  ["lines", "l", "Lines", "Boxes and bones"],
+]);
 const HELP = [
   ["drag, arrow keys", "turn"],
   ["wheel, pinch, + −", "nearer, farther"],
   ["right drag, two fingers, shift + arrow keys", "move"],
   ["R", "first view"],
+  ["[ ]", "smaller, larger points"],
   ["D", "dark or light"],
   ["?", "this list"],
 ];
 const TURN = 0.1; // radians for each press of an arrow key
 const NEARER = 0.9; // times the distance
 const SHIFT = 30; // pixels
+const LARGER = 1.25; // times the width of points
 
 /**
  * @template {keyof HTMLElementTagNameMap} Tag
@@ -68,7 +86,8 @@ async function start(page) {
   );
   const area = element("div", { class: "area" }, canvas, ...panes, message);
   const bar = element("header", {}, element("h1", {}, page.title));
-  const help = helpDialog();
+  const switches = switchesOf(page.models);
+  const help = helpDialog(switches);
   document.head.append(element("style", {}, css));
   document.body.append(bar, area, help);
 
@@ -78,31 +97,51 @@ async function start(page) {
       "in its settings, or open the page in another browser.";
     return undefined;
   }
-  const models = await Promise.all(
-    page.models.map(({ glb, boundary }) => Model.load(bytes(glb), new Float32Array(bytes(boundary)))),
-  );
-  const stage = new Stage(canvas, panes, models, page.view);
+  const models = await Promise.all(page.models.map((entry) => load(entry, page.ramp)));
+  const stage = new Stage(canvas, panes, models, page.view, page.places);
   if (page.still) return still(stage, page.looks, page.still);
   message.remove();
-  addToolbar(bar, stage, page.looks, help);
+  addToolbar(bar, stage, page.looks, help, switches);
   addManners(area, stage);
   return undefined;
+}
+
+/** @param {Entry} entry @param {number[][]} ramp @returns {Promise<Model | Cloud>} */
+async function load({ glb, boundary, points }, ramp) {
+  if (points) return new Cloud(points, bytes, ramp);
+  return Model.load(bytes(glb ?? ""), new Float32Array(bytes(boundary ?? "")));
+}
+
+/** Those that have something to switch. @param {Entry[]} entries */
+function switchesOf(entries) {
+  const clouds = entries.flatMap(({ points }) => points ?? []);
+  const hasLines = clouds.some(({ lines }) => lines.length);
+  return [
+    ...(clouds.length < entries.length ? MESH_SWITCHES : []),
+    ...(clouds.length ? POINT_SWITCHES : []).filter(([name]) => name !== "lines" || hasLines),
+  ];
 }
 
 /**
  * @param {Stage} stage @param {import("./model.js").Looks} looks
  * @param {NonNullable<Page["still"]>} settings
  */
-function still(stage, looks, { size, pose, background }) {
-  for (const model of stage.models) model.show(looks);
+function still(stage, looks, { size, scale, pose, background }) {
+  for (const model of stage.models) {
+    if (model instanceof Cloud) model.ratio = scale;
+    model.show(looks);
+  }
   stage.setBackground(background);
   stage.setPose(pose);
   return stage.picture(size[0], size[1]);
 }
 
-function helpDialog() {
-  const switches = SWITCHES.map(([, key, , what]) => [key.toUpperCase(), what]);
-  const rows = [...switches, ...HELP].map(([keys, what]) =>
+/** @typedef {ReturnType<typeof switchesOf>} Switches */
+
+/** @param {Switches} switches */
+function helpDialog(switches) {
+  const keys = switches.map(([, key, , what]) => [key.toUpperCase(), what]);
+  const rows = [...keys, ...HELP].map(([keys, what]) =>
     element("tr", {}, element("th", {}, keys), element("td", {}, what)),
   );
   const close = element("button", {}, "Close");
@@ -113,16 +152,18 @@ function helpDialog() {
 
 /**
  * @param {HTMLElement} bar @param {Stage} stage @param {import("./model.js").Looks} looks
- * @param {HTMLDialogElement} help
+ * @param {HTMLDialogElement} help @param {Switches} switches
  */
-function addToolbar(bar, stage, looks, help) {
+function addToolbar(bar, stage, looks, help, switches) {
   /** @type {Record<string, () => void>} */
   const actions = {};
   const update = () => {
     for (const model of stage.models) model.show(looks);
+    showLegends(stage, looks);
     stage.requestDraw();
   };
-  for (const [name, key, label, what] of SWITCHES) {
+  addChoices(bar, stage, update);
+  for (const [name, key, label, what] of switches) {
     const button = element("button", { title: `${what} (${key.toUpperCase()})` }, label);
     actions[key] = () => {
       looks[name] = !looks[name];
@@ -132,6 +173,20 @@ function addToolbar(bar, stage, looks, help) {
     button.setAttribute("aria-pressed", String(looks[name]));
     button.addEventListener("click", actions[key]);
     bar.append(button);
+  }
+  if (stage.models.some((model) => model instanceof Cloud)) {
+    for (const [key, label, what, factor] of /** @type {const} */ ([
+      ["[", "•−", "Smaller points ([)", 1 / LARGER],
+      ["]", "•+", "Larger points (])", LARGER],
+    ])) {
+      const button = element("button", { title: what, "aria-label": what }, label);
+      actions[key] = () => {
+        looks.size = Math.min(Math.max(looks.size * factor, 0.2), 10);
+        update();
+      };
+      button.addEventListener("click", actions[key]);
+      bar.append(button);
+    }
   }
   actions.r = () => stage.fit();
   actions.d = () => setTheme(stage, theme() === "dark" ? "light" : "dark");
@@ -151,6 +206,43 @@ function addToolbar(bar, stage, looks, help) {
   update();
 }
 
+/** What points are coloured by, and from where they are seen. @param {HTMLElement} bar @param {Stage} stage @param {() => void} update */
+function addChoices(bar, stage, update) {
+  const clouds = stage.models.flatMap((model) => (model instanceof Cloud ? model : []));
+  const names = new Set(clouds.flatMap(({ columns }) => columns.map(({ name }) => name)));
+  if (names.size > 1) {
+    const choice = select("Show", [...names]);
+    choice.addEventListener("change", () => {
+      for (const cloud of clouds) cloud.colorBy(choice.value);
+      update();
+    });
+    bar.append(choice);
+  }
+  if (stage.places.length > 1) {
+    const choice = select("From", stage.places.map(({ name }) => name));
+    choice.addEventListener("change", () => {
+      stage.place = stage.places[choice.selectedIndex];
+      stage.fit();
+    });
+    bar.append(choice);
+  }
+}
+
+/** @param {string} what @param {string[]} names */
+function select(what, names) {
+  const options = names.map((name) => element("option", { value: name }, `${what}: ${name}`));
+  return element("select", { title: what, "aria-label": what }, ...options);
+}
+
+/** @param {Stage} stage @param {import("./model.js").Looks} looks */
+function showLegends(stage, looks) {
+  stage.models.forEach((model, index) => {
+    if (!(model instanceof Cloud)) return;
+    stage.panes[index].querySelector(".legend")?.remove();
+    stage.panes[index].append(legend(model, looks.axes, looks.lines, element));
+  });
+}
+
 /** @param {Stage} stage @param {Record<string, () => void>} actions  by key */
 function addKeys(stage, actions) {
   const { controls } = stage;
@@ -163,6 +255,7 @@ function addKeys(stage, actions) {
   };
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return; // the browser's own
+    if (event.target instanceof HTMLSelectElement) return; // it has keys of its own
     stage.held ||= event.key in arrows || "+=-".includes(event.key);
     if (event.key in arrows) {
       const [x, y] = arrows[event.key];

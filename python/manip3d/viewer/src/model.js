@@ -18,6 +18,9 @@ const BOUNDARY_COLOR = "#e6193c";
  * @property {boolean} wireframe
  * @property {boolean} boundary  edges that exactly one face uses
  * @property {boolean} backfaces  faces seen from behind
+ * @property {boolean} axes  of points: the coordinate axes at the sensor
+ * @property {boolean} lines  of points: boxes and bones
+ * @property {number} size  of points, times as wide as usual
  */
 
 export class Model {
@@ -69,6 +72,19 @@ export class Model {
     if (looks.wireframe && !this.edges.children.length) this.#addEdges();
     this.edges.visible = looks.wireframe;
     this.boundary.visible = looks.boundary;
+  }
+
+  /** @param {THREE.Matrix4} transform */
+  vertices(transform) {
+    const found = [];
+    for (const { geometry, matrixWorld } of this.surfaces) {
+      const { position } = geometry.attributes;
+      const matrix = transform.clone().multiply(matrixWorld);
+      for (let i = 0; i < position.count; i++) {
+        found.push(new THREE.Vector3().fromBufferAttribute(position, i).applyMatrix4(matrix));
+      }
+    }
+    return found;
   }
 
   #addEdges() {

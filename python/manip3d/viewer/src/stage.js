@@ -3,17 +3,25 @@
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { RoomEnvironment } from "three/addons/environments/RoomEnvironment.js";
+import { Cloud } from "./points.js";
 
 const VIEW_ANGLE = 30; // degrees, vertical; this and the margin as in scene.py
 const MARGIN = 1.06;
+const SLOW = 50; // ms for a picture: the camera's movement stutters
+const QUICK = 25;
+const FASTER = 1.25; // times the points of the picture before
+const LEAST_SHARE = 0.02; // of the points that are drawn while it moves
 
 /**
  * From where the models are seen.
  * @typedef {object} View
  * @property {number} azimuth  degrees; 0 looks at the front, 90 from +x
  * @property {number} elevation  degrees above the horizon
- * @property {"y" | "z"} up
+ * @property {"y" | "z" | "-y"} up
  */
+
+/** @type {Record<View["up"], number[]>} */
+const UPWARDS = { y: [0, 1, 0], z: [0, 0, 1], "-y": [0, -1, 0] };
 
 /** @param {View} view @returns {THREE.Vector3} from the models to the camera */
 function direction({ azimuth, elevation, up }) {
@@ -21,10 +29,20 @@ function direction({ azimuth, elevation, up }) {
   const e = THREE.MathUtils.degToRad(elevation);
   const front = Math.cos(a) * Math.cos(e);
   const side = Math.sin(a) * Math.cos(e);
-  return up === "y"
-    ? new THREE.Vector3(side, Math.sin(e), front)
-    : new THREE.Vector3(side, -front, Math.sin(e));
+  if (up === "z") return new THREE.Vector3(side, -front, Math.sin(e));
+  const turned = up === "y" ? 1 : -1; // half a turn about x
+  return new THREE.Vector3(side, turned * Math.sin(e), turned * front);
 }
+
+/**
+ * A place to look from, of points.
+ * @typedef {object} Place
+ * @property {string} name
+ * @property {number[]} position
+ * @property {number[]} target
+ * @property {number} view_angle  degrees, vertical, of a picture as wide as `aspect` says
+ * @property {number} aspect
+ */
 
 /**
  * A camera of Python's.
@@ -41,18 +59,22 @@ export class Stage {
   /**
    * @param {HTMLCanvasElement} canvas
    * @param {HTMLElement[]} panes  where on the canvas each model is drawn
-   * @param {import("./model.js").Model[]} models
+   * @param {(import("./model.js").Model | import("./points.js").Cloud)[]} models
    * @param {View} view
+   * @param {Place[]} places  the first is where the camera stands first, if there is one
    */
-  constructor(canvas, panes, models, view) {
+  constructor(canvas, panes, models, view, places) {
     this.canvas = canvas;
     this.panes = panes;
     this.models = models;
     this.view = view;
+    this.places = places;
+    /** @type {Place | undefined} */
+    this.place = places[0];
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
     this.renderer.setScissorTest(true);
     this.camera = new THREE.PerspectiveCamera(VIEW_ANGLE);
-    this.camera.up.set(0, Number(view.up === "y"), Number(view.up === "z"));
+    this.camera.up.fromArray(UPWARDS[view.up]);
     this.scene = new THREE.Scene().add(this.camera, ...models.map((model) => model.root));
     this.scene.updateMatrixWorld(true);
     this.#light();
@@ -60,9 +82,13 @@ export class Stage {
     const area = /** @type {HTMLElement} */ (canvas.parentElement);
     this.controls = new OrbitControls(this.camera, area);
     this.controls.addEventListener("change", () => this.requestDraw());
-    this.controls.addEventListener("start", () => (this.held = true));
+    this.controls.addEventListener("start", () => this.#startMoving());
+    this.controls.addEventListener("end", () => this.#stopMoving());
     this.held = false; // somebody chose where to look from
     this.drawRequested = false;
+    this.share = 1; // of the points, drawn while the camera moves
+    this.isMoving = false;
+    this.clouds = models.flatMap((model) => (model instanceof Cloud ? model : []));
     new ResizeObserver(() => this.resize()).observe(area);
     this.resize();
   }
@@ -73,6 +99,7 @@ export class Stage {
     this.scene.environment = generator.fromScene(new RoomEnvironment(), 0.04).texture;
     this.scene.environmentIntensity = 0.34;
     if (this.view.up === "z") this.scene.environmentRotation.set(Math.PI / 2, 0, 0);
+    if (this.view.up === "-y") this.scene.environmentRotation.set(Math.PI, 0, 0);
     generator.dispose();
     const key = new THREE.DirectionalLight("#ffffff", 1.1);
     key.position.set(-0.6, 0.9, 1);
@@ -93,9 +120,60 @@ export class Stage {
     this.draw(); // at once: a resized canvas is blank
   }
 
-  /** Moves the camera to the first view, where every model just fits into its pane. */
+  #startMoving() {
+    this.held = true;
+    this.isMoving = true;
+    clearTimeout(this.rest);
+  }
+
+  /** Draws all points again once the camera rests. */
+  #stopMoving() {
+    this.rest = setTimeout(() => {
+      this.isMoving = false;
+      this.requestDraw();
+    }, 150);
+  }
+
+  /** All points; fewer while the camera moves where all would take too long. */
+  #drawInTime() {
+    const share = this.isMoving ? this.share : 1;
+    for (const cloud of this.clouds) cloud.thin(share);
+    const begin = performance.now();
+    this.draw();
+    if (!this.clouds.length) return;
+    const gl = this.renderer.getContext();
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits for the GPU
+    const took = performance.now() - begin;
+    if (took > SLOW) this.share = Math.max((share * SLOW) / took, LEAST_SHARE);
+    else if (took < QUICK) this.share = Math.min(share * FASTER, 1);
+  }
+
+  /** Moves the camera to the place that somebody chose; else to where every model just fits. */
   fit() {
     this.held = false;
+    if (this.place) this.#goTo(this.place);
+    else this.#holdAll();
+    this.controls.update();
+    this.requestDraw();
+  }
+
+  /** @param {Place} place */
+  #goTo({ position, target, view_angle, aspect }) {
+    const { width, height } = this.panes[0].getBoundingClientRect();
+    const narrower = Math.max(1, (aspect * Math.max(height, 1)) / Math.max(width, 1));
+    const tan = Math.tan(THREE.MathUtils.degToRad(view_angle / 2)) * narrower;
+    this.camera.fov = 2 * THREE.MathUtils.radToDeg(Math.atan(tan));
+    this.camera.position.fromArray(position);
+    this.controls.target.fromArray(target);
+    this.camera.near = 1 / 2000;
+    this.camera.far = 30;
+    this.controls.minDistance = 1 / 1000;
+    this.controls.maxDistance = 20;
+  }
+
+  /** Moves the camera to the first view, where every model just fits into its pane. */
+  #holdAll() {
+    this.camera.fov = VIEW_ANGLE;
     const { width, height } = this.panes[0].getBoundingClientRect();
     const tanY = Math.tan(THREE.MathUtils.degToRad(VIEW_ANGLE / 2)) / MARGIN;
     const tanX = (tanY * Math.max(width, 1)) / Math.max(height, 1);
@@ -128,21 +206,11 @@ export class Stage {
     this.camera.far = size * 30;
     this.controls.minDistance = size / 100;
     this.controls.maxDistance = size * 20;
-    this.controls.update();
-    this.requestDraw();
   }
 
   /** @param {THREE.Matrix4} transform @returns {THREE.Vector3[]} of all models */
   #vertices(transform) {
-    const points = [];
-    for (const { geometry, matrixWorld } of this.models.flatMap((model) => model.surfaces)) {
-      const positions = geometry.attributes.position;
-      const matrix = transform.clone().multiply(matrixWorld);
-      for (let i = 0; i < positions.count; i++) {
-        points.push(new THREE.Vector3().fromBufferAttribute(positions, i).applyMatrix4(matrix));
-      }
-    }
-    return points;
+    return this.models.flatMap((model) => model.vertices(transform));
   }
 
   /** @param {Pose} pose */
@@ -173,7 +241,7 @@ export class Stage {
     this.drawRequested = true;
     requestAnimationFrame(() => {
       this.drawRequested = false;
-      this.draw();
+      this.#drawInTime();
     });
   }
 

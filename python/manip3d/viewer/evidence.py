@@ -1,0 +1,135 @@
+"""Forged and suspected points of scans, coloured by what was done to them or said about them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d.errors import InputError
+from manip3d.lidar import Box, LidarFrame
+from manip3d.viewer.points import (
+    ALARM,
+    CLEAR,
+    DOUBT,
+    QUIET,
+    Classes,
+    DrawnPoints,
+    box_lines,
+    scan_points,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from manip3d.forge import Forgery
+    from manip3d.viewer.scene import Rgb
+
+_SUSPECTED: tuple[Rgb, ...] = (ALARM, (232, 120, 20), (170, 40, 160), (120, 60, 20))
+_SEVERAL: Rgb = (110, 0, 10)
+_MOVED: Rgb = (232, 120, 20)
+_REMOVED: Rgb = (60, 110, 220)
+_VERDICTS: dict[str, Rgb] = {"tampered": QUIET, "undecidable": DOUBT}
+"""Colours of points that nobody suspects; every verdict but these is a good one."""
+
+
+def evidence(
+    scan: LidarFrame,
+    *,
+    verdict: str,
+    suspected: Mapping[str, ArrayLike],
+    boxes: Mapping[str, Sequence[Box]] | None = None,
+) -> DrawnPoints:
+    """A scan with suspected points and boxes coloured by who suspects them.
+
+    Parameters
+    ----------
+    scan : LidarFrame
+    verdict : str
+        About the whole scan: points that nobody suspects are grey in a ``tampered`` scan, amber in
+        an ``undecidable`` one, else green.
+    suspected : mapping of str to (K,) integers
+        Rows of the points that each detector suspects, by the detector's name.
+    boxes : mapping of str to sequence of Box, optional
+        By the same names.
+
+    Raises
+    ------
+    InputError
+        A row out of range.
+    """
+    values = np.zeros(scan.num_points, np.uint8)
+    labels, palette = ["not suspected"], [_VERDICTS.get(verdict, CLEAR)]
+    colors: dict[str, Rgb] = {}
+    several = len(suspected) + 1
+    for i, (name, given) in enumerate(suspected.items()):
+        rows = np.asarray(given, np.int64)
+        if rows.size and not (rows.min() >= 0 and rows.max() < scan.num_points):
+            raise InputError(
+                f"suspected: expected rows in [0, {scan.num_points - 1}] by {name}, "
+                f"got {rows.min()} to {rows.max()}"
+            )
+        values[rows] = np.where(values[rows] == 0, i + 1, several)
+        colors[name] = _SUSPECTED[i % len(_SUSPECTED)]
+        labels.append(f"suspected by {name}")
+        palette.append(colors[name])
+    labels.append("suspected by several")
+    palette.append(_SEVERAL)
+    classes = _used(Classes("verdict", values, labels, palette, range(1, len(labels))))
+    cloud = scan_points(scan, classes=classes)
+    return replace(cloud, lines=box_lines(boxes or {}, colors))
+
+
+def box_between(lower: Sequence[float], upper: Sequence[float]) -> Box:
+    """The upright box between two corners."""
+    low, high = np.asarray(lower, np.float64), np.asarray(upper, np.float64)
+    x, y, z = (0.5 * (low + high)).tolist()
+    length, width, height = (high - low).tolist()
+    return Box((x, y, z), (length, width, height))
+
+
+def forgery_points(forgery: Forgery) -> DrawnPoints:
+    """A forged scan: points that were added and moved, and, where known, that were removed."""
+    frame, label = forgery.frame, forgery.label
+    original = forgery.original
+    if original is not None and len(forgery.removed):
+        removed = original.points[forgery.removed]
+        frame = LidarFrame(
+            np.concatenate([frame.points, removed]),
+            _joined(frame.intensity, original.intensity, forgery),
+            origin=frame.origin,
+        )
+        label = np.concatenate([label, np.full(len(removed), 3, np.uint8)])
+    labels = ("untouched", "added", "moved", "removed")
+    palette = (QUIET, ALARM, _MOVED, _REMOVED)
+    truth = _used(Classes("truth", label, labels, palette, (1, 2, 3)))
+    cloud = scan_points(frame, classes=truth)
+    name = f"forged: {forgery.attack}"
+    detail = f"{len(forgery.points):,} points, {forgery.num_touched:,} touched"
+    lines = box_lines({"forged region": [forgery.box]}, {"forged region": ALARM})
+    return replace(cloud, lines=lines, name=name, detail=detail)
+
+
+def _joined(
+    forged: np.ndarray | None, original: np.ndarray | None, forgery: Forgery
+) -> np.ndarray | None:
+    if forged is None or original is None:
+        return None
+    joined: np.ndarray = np.concatenate([forged, original[forgery.removed]])
+    return joined
+
+
+def _used(classes: Classes) -> Classes:
+    """Without the labels that no point has."""
+    used = [i for i, count in enumerate(classes.counts()) if count or i == 0]
+    new = np.zeros(len(classes.labels), np.uint8)
+    new[used] = np.arange(len(used))
+    return Classes(
+        classes.name,
+        new[classes.values],
+        [classes.labels[i] for i in used],
+        [classes.palette[i] for i in used],
+        [int(new[i]) for i in used if i in classes.emphasis],
+    )

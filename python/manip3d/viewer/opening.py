@@ -1,0 +1,221 @@
+"""Opening whatever somebody names: a file, a folder of frames, or the address of a source."""
+
+from __future__ import annotations
+
+import gzip
+import itertools
+import lzma
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from manip3d import capture, io
+from manip3d.errors import FormatError, InputError
+from manip3d.io._scan_files import SCAN_SUFFIXES
+from manip3d.io._scan_tables import scan_suffix
+from manip3d.lidar import LidarFrame
+from manip3d.viewer.points import DepthImage
+from manip3d.viewer.scene import pillow
+
+if TYPE_CHECKING:
+    from manip3d.camera import Intrinsics
+    from manip3d.mesh import Mesh
+    from manip3d.rgbd import RgbdFrame
+    from manip3d.viewer.scene import Image
+
+__all__ = ["Kind", "Opened", "kind_of", "open_thing", "rgbd_address", "scan_address"]
+
+Kind = Literal["mesh", "scan", "depth", "rgbd"]
+
+_PACKETS = (".pcap", ".pcapng")
+_LIDAR_SCHEMES = ("pcap:", "ouster:", "kitti:", "velodyne:")
+_SCHEME = re.compile(r"[a-z][a-z0-9-]+:")  # of two characters at least: C:\scan.pcd is a file
+_HEADER_BYTES = 1 << 16  # where a PLY file names its elements
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """What was opened.
+
+    Attributes
+    ----------
+    kind : 'mesh', 'scan', 'depth' or 'rgbd'
+    thing : Mesh, LidarFrame, DepthImage or RgbdFrame
+    note : str
+        What was chosen or assumed, in words; empty if there was nothing to choose.
+    """
+
+    kind: Kind
+    thing: Mesh | LidarFrame | DepthImage | RgbdFrame
+    note: str = ""
+
+
+def kind_of(source: str | os.PathLike[str]) -> Kind:
+    """What a file, a folder or an address holds, by its name and by what stands there.
+
+    Anything that is no scan, no depth image and no source of RGB-D frames is a ``mesh``.
+    """
+    name = os.fspath(source)
+    if scan_address(name) is not None:
+        return "scan"
+    if rgbd_address(name) is not None:
+        return "rgbd"
+    if Path(name).suffix.lower() in io.DEPTH_SUFFIXES:
+        return "depth"
+    suffix = scan_suffix(name)
+    if suffix in SCAN_SUFFIXES and (suffix != ".ply" or not _has_faces(Path(name))):
+        return "scan"
+    return "mesh"
+
+
+def scan_address(source: str) -> str | None:
+    """The address of LiDAR packets or of a drive, for `manip3d.capture.open_lidar`; or None."""
+    if source.startswith(_LIDAR_SCHEMES):
+        return source
+    if scan_suffix(source) in _PACKETS:
+        return f"pcap:{source}"
+    path = Path(source)
+    is_drive = (path / "velodyne").is_dir() or (path / "velodyne_points").is_dir()
+    return f"kitti:{source}" if is_drive else None
+
+
+def rgbd_address(source: str) -> str | None:
+    """The address of RGB-D frames, for `manip3d.capture.open_rgbd`; None for anything else."""
+    path = Path(source)
+    if path.suffix.lower() == ".mkv":
+        return source if source.startswith("mkv:") else f"mkv:{source}"
+    if path.is_dir():
+        if (path / "depth.txt").is_file():
+            return f"tum:{source}"
+        is_recording = (path / "frames.jsonl").is_file() or (path / "depth").is_dir()
+        return f"folder:{source}" if is_recording else None
+    if _SCHEME.match(source) and not source.startswith(_LIDAR_SCHEMES) and not path.exists():
+        return source
+    return None
+
+
+def _has_faces(path: Path) -> bool:
+    """Whether a PLY file has more than points; True for a file that cannot be read."""
+    openers: dict[str, Any] = {".gz": gzip.open, ".xz": lzma.open}
+    try:
+        with openers.get(path.suffix, open)(path, "rb") as stream:
+            header = stream.read(_HEADER_BYTES).partition(b"end_header")[0]
+    except (OSError, EOFError, lzma.LZMAError):
+        return True  # the reader of meshes says what is wrong
+    elements = {line.split()[1] for line in header.splitlines() if line.startswith(b"element ")}
+    return not elements <= {b"vertex", b"camera"}
+
+
+def open_thing(
+    source: str | os.PathLike[str],
+    *,
+    frame: int | None = None,
+    intrinsics: Intrinsics | None = None,
+    unit: str | float = "guess",
+    color: str | os.PathLike[str] | None = None,
+    calibration: str | os.PathLike[str] | None = None,
+) -> Opened:
+    """Open a mesh, a scan, a depth image, or one frame of a recording.
+
+    Parameters
+    ----------
+    source : path or str
+        A file, a folder of frames, or an address as `manip3d.capture.open` takes it.
+    frame : int, optional
+        Which scan or frame, from 0 on; default: the first, of LiDAR packets the first whole turn.
+    intrinsics : Intrinsics, optional
+        Of a depth image or of a folder of them.
+    unit : str or float
+        Unit of a depth image, as `manip3d.io.read_depth_guessing` takes it.
+    color : path, optional
+        Colour image of a depth image, of the same size.
+    calibration : path, optional
+        Of an HDL-64E, for recordings of its packets.
+
+    Raises
+    ------
+    InputError
+        There is no such frame, or an option is not for this kind of source.
+    FormatError, DeviceError, MissingExtraError, OSError
+        As the readers.
+    """
+    name = os.fspath(source)
+    kind = kind_of(name)
+    if frame is not None and frame < 0:
+        raise InputError(f"frame: expected 0 or more, got {frame}")
+    if frame and kind in ("mesh", "depth"):
+        raise InputError(f"frame: expected none for a {kind} file, which holds one, got {frame}")
+    if kind == "scan":
+        scan, note = _scan(name, frame, calibration)
+        return Opened(kind, scan, note)
+    if kind == "rgbd":
+        return Opened(kind, *_rgbd_frame(name, frame or 0, intrinsics))
+    if kind == "depth":
+        reading = io.read_depth_guessing(name, unit=unit)
+        image = None if color is None else _color_image(Path(color))
+        depth = DepthImage(reading.depth, intrinsics, image)
+        return Opened(kind, depth, "; ".join(filter(None, (reading.sentence, depth.note))))
+    return Opened(kind, io.read_mesh(name))
+
+
+def _scan(
+    name: str, frame: int | None, calibration: str | os.PathLike[str] | None
+) -> tuple[LidarFrame, str]:
+    uri = scan_address(name)
+    if uri is None:
+        scans = io.read_scans(name)
+        chosen = _numbered(iter(scans), frame or 0, name)
+        return chosen, f"scan {frame or 0} of {len(scans)}" if len(scans) > 1 else ""
+    with capture.open_lidar(uri, calibration=calibration) as recording:
+        if frame is not None:
+            return _numbered(iter(recording), frame, name), f"frame {frame}"
+        return _first_whole(iter(recording), name)
+
+
+def _first_whole(scans: Iterator[LidarFrame], name: str) -> tuple[LidarFrame, str]:
+    """The first whole turn, the largest part of one where none is whole; and which it is."""
+    best: tuple[LidarFrame, int] | None = None
+    for number, scan in enumerate(scans):
+        header = {} if scan.format is None else scan.format.header
+        if header.get("is_complete", True):
+            note = "" if number == 0 else f", the first whole turn; {number} before it"
+            return scan, f"frame {number}{note}"
+        if best is None or scan.num_points > best[0].num_points:
+            best = scan, number
+    if best is None:
+        raise InputError(f"{name}: expected a scan, found none")
+    return best[0], f"frame {best[1]}, a part of a turn: no turn is whole"
+
+
+def _rgbd_frame(name: str, frame: int, intrinsics: Intrinsics | None) -> tuple[RgbdFrame, str]:
+    uri = rgbd_address(name)
+    assert uri is not None
+    options: dict[str, Any] = {} if intrinsics is None else {"camera": intrinsics}
+    with capture.open_rgbd(uri, **options) as source:
+        chosen = _numbered(iter(source), frame, name)
+        total = f" of {source.num_frames}" if source.num_frames else ""
+        return chosen, f"frame {frame}{total}"
+
+
+def _numbered(frames: Iterator[Any], number: int, name: str) -> Any:
+    found = 0
+    for found, frame in enumerate(itertools.islice(frames, number + 1), 1):
+        if found == number + 1:
+            return frame
+    if not found:
+        raise InputError(f"{name}: expected a frame, found none")
+    raise InputError(f"frame: expected at most {found - 1} of {name}, got {number}")
+
+
+def _color_image(path: Path) -> Image:
+    module = pillow()
+    try:
+        with module.open(path) as image:
+            return np.array(image.convert("RGB"))
+    except (module.UnidentifiedImageError, ValueError, module.DecompressionBombError) as error:
+        raise FormatError(f"expected a colour image: {error}", file=str(path)) from error

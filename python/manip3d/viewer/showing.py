@@ -1,0 +1,141 @@
+"""What is shown of each kind of thing: a mesh, or points."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+from typing import Any
+
+from manip3d.authenticate import DensityResult, GenericResult, Inspection, OcclusionResult
+from manip3d.errors import InputError
+from manip3d.forge import Forgery
+from manip3d.lidar import Box, LidarFrame
+from manip3d.mesh import Mesh
+from manip3d.rgbd import RgbdFrame
+from manip3d.simplify import CleanResult, DepthMesh, JointSimplification, SimplifyResult
+from manip3d.viewer.evidence import box_between, evidence, forgery_points
+from manip3d.viewer.points import DepthImage, DrawnPoints, rgbd_points, scan_points
+
+Shown = Mesh | DrawnPoints
+
+
+@singledispatch
+def shown(thing: Any) -> Shown:
+    """The mesh or the points that show a thing.
+
+    Parameters
+    ----------
+    thing : Mesh, DrawnPoints
+        Itself.
+    thing : LidarFrame, RgbdFrame, DepthImage
+        Its points, with the bones of people.
+    thing : SimplifyResult, CleanResult, DepthMesh, JointSimplification
+        Its mesh.
+    thing : Forgery
+        The forged scan; what was added, moved and removed stands out.
+    thing : Inspection, DensityResult, OcclusionResult, GenericResult
+        The scan that was judged, with suspected points and boxes.
+
+    Raises
+    ------
+    InputError
+        None of these, or a result without its scan.
+    """
+    raise InputError(
+        "thing: expected a Mesh, a LidarFrame, a RgbdFrame, a DrawnPoints, a Forgery or the result "
+        f"of a simplification, got {type(thing).__name__}"
+    )
+
+
+@shown.register
+def _(thing: Mesh) -> Shown:
+    return thing
+
+
+@shown.register
+def _(thing: DrawnPoints) -> Shown:
+    return thing
+
+
+@shown.register
+def _(thing: LidarFrame) -> Shown:
+    return scan_points(thing)
+
+
+@shown.register
+def _(thing: RgbdFrame) -> Shown:
+    return rgbd_points(thing)
+
+
+@shown.register
+def _(thing: DepthImage) -> Shown:
+    return thing.drawn()
+
+
+@shown.register
+def _(thing: Forgery) -> Shown:
+    return forgery_points(thing)
+
+
+@shown.register(SimplifyResult)
+@shown.register(CleanResult)
+@shown.register(DepthMesh)
+@shown.register(JointSimplification)
+def _(thing: Any) -> Shown:
+    mesh: Mesh = thing.mesh
+    return mesh
+
+
+@shown.register(DensityResult)
+@shown.register(OcclusionResult)
+@shown.register(GenericResult)
+def _(thing: DensityResult | OcclusionResult | GenericResult) -> Shown:
+    if thing.scan is None:
+        raise InputError(f"thing: {type(thing).__name__} without its scan cannot be shown")
+    boxes: tuple[Box, ...]
+    if isinstance(thing, GenericResult):
+        boxes = tuple(box_between(region.lower, region.upper) for region in thing.regions)
+    else:
+        boxes = thing.boxes
+    name = DETECTORS[type(thing)]
+    return evidence(
+        thing.scan,
+        verdict=thing.verdict,
+        suspected={name: thing.suspected},
+        boxes={name: boxes},
+    )
+
+
+@shown.register
+def _(thing: Inspection) -> Shown:
+    if thing.scan is None:
+        raise InputError("thing: an Inspection without its scan cannot be shown")
+    return evidence(
+        thing.scan,
+        verdict=thing.verdict,
+        suspected={NAMES[report.name]: report.suspected for report in thing.detectors},
+        boxes={NAMES[report.name]: report.boxes for report in thing.detectors},
+    )
+
+
+NAMES = {"density": "detector I", "occlusion": "detector II", "generic": "detector III"}
+
+
+def text_of(thing: Any) -> str:
+    """One line about a thing: its own, but for results that would print whole images."""
+    if isinstance(thing, Inspection):
+        told = [f"{report.title}: {report.verdict}" for report in thing.detectors]
+        return f"<manip3d.authenticate.Inspection: {'; '.join([thing.verdict, *told])}>"
+    if type(thing) not in DETECTORS:
+        return repr(thing)
+    count = len(thing.suspected)
+    told = [thing.verdict, f"{count:,} point{'s' if count != 1 else ''} suspected"]
+    if reason := getattr(thing, "reason", ""):
+        told.append(reason)
+    return f"<manip3d.authenticate.{type(thing).__name__}: {'; '.join(told)}>"
+
+
+DETECTORS: dict[type, str] = {
+    DensityResult: "detector I",
+    OcclusionResult: "detector II",
+    GenericResult: "detector III",
+}

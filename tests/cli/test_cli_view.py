@@ -1,0 +1,118 @@
+"""``manip3d view`` and ``info`` take everything that manip3d reads."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command_line import error_line, manip3d
+from manip3d import Intrinsics, LidarFrame, RgbdCalibration, RgbdFrame, Skeleton, capture
+from manip3d.viewer.page import BUNDLE
+
+CAMERA = Intrinsics(32, 24, 30.0, 30.0, 15.5, 11.5)
+
+
+@pytest.fixture
+def bundle() -> None:
+    if not BUNDLE.exists():
+        pytest.skip("the viewer is not built: make setup")
+
+
+@pytest.fixture
+def depth(tmp_path: Path) -> Path:
+    image = np.full((24, 32), 5000, np.uint16)
+    image[0] = 0
+    image[1] = 10000
+    np.save(tmp_path / "depth.npy", image)
+    return tmp_path / "depth.npy"
+
+
+def walk(folder: Path) -> Path:
+    body = Skeleton(np.ones((25, 3), np.float32))
+    frames = [
+        RgbdFrame(
+            np.full((24, 32), 1000 + 100 * n, np.uint16),
+            RgbdCalibration(CAMERA),
+            skeletons=(body,) if n else (),
+            number=n,
+            time=n * 50_000_000,
+        )
+        for n in range(3)
+    ]
+    capture.record(frames, folder)
+    return folder
+
+
+def test_info_tells_the_distances_of_a_depth_image(depth: Path) -> None:
+    done = manip3d("info", depth, "--unit", "tum", "--json")
+    assert done.returncode == 0, done.stderr
+    record = json.loads(done.stdout)
+    assert record["range"] == [1.0, 2.0]
+    assert (record["unit"], record["unit_guessed"]) == ("tum", False)
+    assert (record["measured"], record["pixels"]) == (23 * 32, 24 * 32)
+    text = manip3d("info", depth, "--unit", "mm").stdout
+    assert "32 x 24 pixels, 96% of them measured" in text
+    assert "depth 5.00 to 10.00 m, unit mm" in text
+
+
+def test_info_tells_what_a_recording_holds(tmp_path: Path) -> None:
+    folder = walk(tmp_path / "walk")
+    record = json.loads(manip3d("info", folder, "--json").stdout)
+    assert record["frames"] == 3
+    assert record["with"]["skeletons"] == 2
+    assert record["range"] == [1.0, 1.2]
+    assert record["seconds"] == pytest.approx(0.1)
+    assert record["frames_per_second"] == pytest.approx(20.0)
+    assert "range   1.000..1.200 m" in manip3d("info", folder).stdout
+
+
+def test_info_counts_the_rings_of_a_scan(tmp_path: Path) -> None:
+    rings = np.arange(12, dtype=np.uint16) // 4
+    LidarFrame(np.eye(3)[rings], ring=rings).write(tmp_path / "a.pcd")
+    record = json.loads(manip3d("info", tmp_path / "a.pcd", "--json").stdout)
+    assert record["scans"][0]["rings"] == 3
+    assert record["unit"] == "m"
+
+
+def test_view_takes_every_kind(bundle: None, tmp_path: Path, depth: Path) -> None:
+    LidarFrame(np.eye(3)).write(tmp_path / "scan.bin")
+    sources = [(tmp_path / "scan.bin", "3 points"), (depth, "camera assumed"),
+               (walk(tmp_path / "walk"), "rgbd, frame 0 of 3")]  # fmt: skip
+    for number, (source, said) in enumerate(sources):
+        page = tmp_path / f"{number}.html"
+        done = manip3d("view", source, "-o", page)
+        assert done.returncode == 0, done.stderr
+        assert said in done.stderr
+        assert f'"title": "{source.name}"' in page.read_text()
+
+
+def test_view_takes_a_frame_by_its_number(bundle: None, tmp_path: Path) -> None:
+    folder = walk(tmp_path / "walk")
+    done = manip3d("view", folder, "--frame", 2, "-o", tmp_path / "a.html")
+    assert "frame 2 of 3" in done.stderr
+    assert "1 skeleton" in (tmp_path / "a.html").read_text()
+    assert "frame: expected at most 2" in error_line(manip3d("view", folder, "--frame", 3))
+
+
+def test_view_takes_the_camera_of_a_depth_image(bundle: None, tmp_path: Path, depth: Path) -> None:
+    done = manip3d("view", depth, "--intrinsics", "30,30,15.5,11.5", "-o", tmp_path / "a.html")
+    assert done.returncode == 0, done.stderr
+    assert "assumed" not in done.stderr
+
+
+def test_without_a_display_view_says_where_the_page_is(bundle: None, depth: Path) -> None:
+    done = manip3d("view", depth, DISPLAY="", WAYLAND_DISPLAY="", BROWSER="")
+    assert done.returncode == 0, done.stderr
+    page = Path(done.stdout.strip())
+    assert "There is no display here" in done.stderr
+    assert page.read_text().startswith("<!DOCTYPE html>")
+    page.unlink()
+
+
+def test_other_outputs_are_refused_before_anything_is_read(tmp_path: Path) -> None:
+    done = manip3d("view", tmp_path / "not there.bin", "-o", tmp_path / "a.pdf")
+    assert ".html" in error_line(done)
+    assert ".png" in error_line(done)
