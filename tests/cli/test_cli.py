@@ -68,6 +68,18 @@ def test_data_get_shows_the_licence_first_and_honours_offline(tmp_path: Path) ->
     lines = done.stderr.splitlines()
     assert any("licence" in line for line in lines[:-1])
     assert "MANIP3D_OFFLINE" in lines[-1]
+    assert any("step 1   download https://" in line for line in lines)
+    assert any("again: it checks every byte" in line for line in lines)
+
+
+def test_data_get_ends_with_the_files_or_with_the_steps(tmp_path: Path) -> None:
+    here = {"MANIP3D_DATA": "", "MANIP3D_CACHE": str(tmp_path), "MANIP3D_OFFLINE": "1"}
+    done = manip3d("data", "get", "person_turning", "plane_holes", **here)
+    assert done.returncode == 1
+    lines = done.stderr.splitlines()
+    assert "person_turning: to be fetched by hand" in lines[-1]
+    assert [line.split()[1] for line in lines if line.startswith("  step")][:3] == ["1", "2", "3"]
+    assert f"400 files under {tmp_path / 'data'}" in done.stderr
 
 
 def test_unknown_data_set_is_one_line() -> None:

@@ -13,6 +13,8 @@ from manip3d.errors import Error
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from manip3d.datasets import DataSet
+
 app = typer.Typer(
     name="data",
     help="Public data sets: what is here, and fetching more.",
@@ -69,22 +71,33 @@ def get(names: list[str], terminal: Terminal) -> None:
     """Fetch data sets, each licence shown before its bytes; say where they are, or the steps."""
     from manip3d import datasets
 
-    by_hand = []
+    failed = []
     for data_set in [datasets.get(name) for name in names]:
         terminal.say(f"{data_set.name}: {data_set.title}\n  from     {data_set.origin}")
         terminal.say(f"  licence  {data_set.licence}\n  page     {data_set.page}")
-        steps = datasets.steps_by_hand(data_set)
-        for number, step in enumerate(steps, 1):
-            terminal.say(f"  step {number}   {step}")
-        if steps:
-            by_hand.append(data_set.name)
-            continue
+        reason = _fetch(data_set, terminal)
+        if reason:
+            failed.append(f"{data_set.name}: {reason}")
+            for number, step in enumerate(datasets.steps_by_hand(data_set), 1):
+                terminal.say(f"  step {number}   {step}")
+    if failed:
+        raise Error("; ".join(failed))
+
+
+def _fetch(data_set: DataSet, terminal: Terminal) -> str:
+    """Fetch one data set; return why that cannot be done, or an empty string."""
+    from manip3d import datasets
+
+    if not datasets.is_fetchable(data_set):
+        return "to be fetched by hand, with the steps above"
+    try:
         with terminal.progress(data_set.name) as progress:
             paths = datasets.fetch(data_set, progress=progress)
-        more = f" and {counted(len(paths) - 1, 'more file')}" if len(paths) > 1 else ""
-        terminal.say(f"  here     {paths[0]}{more}, checked")
-    if by_hand:
-        raise Error(f"{', '.join(by_hand)}: to be fetched by hand, with the steps above")
+    except datasets.FetchError as error:
+        return str(error).removeprefix(f"{data_set.name}: ")
+    more = f" and {counted(len(paths) - 1, 'more file')}" if len(paths) > 1 else ""
+    terminal.say(f"  here     {paths[0]}{more}, checked")
+    return ""
 
 
 @app.command("list")

@@ -9,7 +9,7 @@ Other packages add data sets through entry points of the group ``manip3d.dataset
 
 from __future__ import annotations
 
-from manip3d.datasets._fetch import FetchError, fetch, steps_by_hand
+from manip3d.datasets._fetch import FetchError, fetch, is_fetchable, steps_by_hand
 from manip3d.datasets._load import CLEANINGS, Cleaning, clean, load_mesh, provenance, source_of
 from manip3d.datasets._registry import (
     ENTRY_POINTS,
@@ -72,6 +72,7 @@ __all__ = [
     "file_sha256",
     "frame_names",
     "get",
+    "is_fetchable",
     "is_here",
     "load_frame",
     "load_kinect2_intrinsics",

@@ -258,7 +258,7 @@ _POINTS = 5000
 def _depth_commands(recorded: bool) -> list[str]:
     if recorded:
         return [
-            f"manip3d cs3 {_DESK}_depth.png --colour {_DESK}_color.png --units-per-metre 5000 "
+            f"manip3d cs3 {_DESK}_depth.png --colour {_DESK}_color.png --unit tum "
             f"--intrinsics 520.9,521.0,325.1,249.7 --points {_POINTS} --max-edge 0.2 -o scene.glb"
         ]
     return [
@@ -293,7 +293,8 @@ def _tell_depth(folder: Path, printed: Sequence[Any]) -> Shown:
     fact = (
         f"{counted(record['points_before'], 'measured pixel')} became "
         f"{counted(record['points'], 'point')} ({100 * share:.1f} %) in "
-        f"{record['seconds'] * 1e3:.0f} ms; every point is a pixel of the image, with its own colour."
+        f"{record['seconds'] * 1e3:.0f} ms; every point is a pixel of the image, with its own "
+        "colour."
     )
     return Shown(pictures, [fact])
 
