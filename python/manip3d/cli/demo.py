@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -65,6 +64,8 @@ def tell(folder: Path, *, data: Any, seed: int, jobs: int, terminal: Terminal) -
 
 def open_page(path: Path, terminal: Terminal) -> None:
     """Open the report where there is a screen and a browser."""
+    import webbrowser
+
     if terminal.quiet or not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return
     if not webbrowser.open(path.resolve().as_uri()):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import platform
 import sys
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,6 +56,8 @@ def _extras() -> list[dict[str, Any]]:
 
 
 def _version(module: str) -> str:
+    from importlib import metadata
+
     for name in DISTRIBUTIONS.get(module, (module,)):
         try:
             return metadata.version(name)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -17,10 +17,12 @@ from manip3d.cli.kinds import expect_kind
 from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Scan, Seed
 from manip3d.cli.terminal import Terminal, check_output, counted
 from manip3d.errors import InputError
-from manip3d.forge import Forgery
 from manip3d.io import SCAN_SUFFIXES
 from manip3d.io._files import atomic_write
 from manip3d.lidar import Box, LidarFrame
+
+if TYPE_CHECKING:
+    from manip3d.forge import Forgery
 
 app = typer.Typer(
     name="forge",
