@@ -211,8 +211,8 @@ def _boxes(inspection: Inspection) -> str:
 
 def _calibrations(inspection: Inspection) -> str:
     items = "".join(
-        f"<li>{html.escape(report.title)}: {html.escape(report.calibration.scenes)}; "
-        f"the thresholds were chosen on these {report.calibration.num_scans} clean scans so that "
+        f"<li>{html.escape(report.title)}: {html.escape(report.calibration.scenes)}; the "
+        f"thresholds were chosen on these {report.calibration.num_scans} clean scans so that "
         f"{report.calibration.false_alarms} of them alarm, which says nothing about how often "
         f"other clean scans do. {html.escape(report.calibration.note)}</li>"
         for report in inspection.detectors

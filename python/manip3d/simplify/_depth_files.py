@@ -421,7 +421,8 @@ def _frames(folder: Path, pattern: str) -> list[Path]:
     matching = sorted(p for p in folder.glob(pattern) if p.suffix.lower() in DEPTH_SUFFIXES)
     frames = [path for path in matching if not is_colour_png(path)]
     if not frames:
-        pictures = f" besides {len(matching)} colour pictures" if matching else ""
+        plural = "" if len(matching) == 1 else "s"
+        pictures = f" besides {len(matching)} colour picture{plural}" if matching else ""
         raise InputError(
             f"{folder}: expected depth images {pattern} ({', '.join(DEPTH_SUFFIXES)}), "
             f"found none{pictures}"
