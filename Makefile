@@ -15,7 +15,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 # The compiler and libraries, then what Open3D and VTK load to trace rays and to draw off screen.
 PACKAGES := g++ cmake ninja-build libeigen3-dev libnanoflann-dev libtbb-dev liblzma-dev zlib1g-dev \
-	libpng-dev nlohmann-json3-dev libturbojpeg0-dev \
+	libpng-dev nlohmann-json3-dev libsodium-dev libturbojpeg0-dev \
 	libegl1 libgl1 libgl1-mesa-dri libgomp1 libopengl0 libusb-1.0-0 libx11-6 libxrender1
 PACKAGES += $(if $(filter /usr/bin/python3,$(or $(shell command -v $(PYTHON)),/usr/bin/python3)),python3-dev python3-venv)
 # What `make demo` does without: C++ tests, recordings, cameras.

@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# aloud.sh TITLE COMMAND...: runs the command and says every five seconds for how long it has run
-# and what it printed last. Lines that match SAY (an extended regular expression) are shown at
+# aloud.sh TITLE COMMAND...: runs the command and says every EVERY (5) seconds for how long it has
+# run and what it printed last. Lines that match SAY (an extended regular expression) are shown at
 # once; everything is shown when the command fails.
 set -uo pipefail
 title=$1
 shift
-every=5
+every=${EVERY:-5}
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
 

@@ -1,20 +1,25 @@
 #!/usr/bin/env bash
 # build_wheel.sh BIN: dist/ gets the sdist and the wheel made of it, with the shared libraries
-# that a bare machine lacks (oneTBB, liblzma) inside and the lowest platform tag it is granted.
-# FFmpeg is not in it: it is loaded when a recording is opened. Drivers of cameras are left out.
+# that a bare machine lacks (FFmpeg as .ci/build_ffmpeg.sh makes it, oneTBB, liblzma ...) inside and
+# the lowest platform tag it is granted. Drivers of cameras are left out.
 set -euo pipefail
 bin=$1
 raw=build/wheel
+ffmpeg=$PWD/build/ffmpeg/install
 
+.ci/build_ffmpeg.sh
 rm -rf dist "$raw"
 "$bin/python" -m build --no-isolation --sdist --outdir dist . >/dev/null
-"$bin/pip" wheel --quiet --no-deps --no-build-isolation --wheel-dir "$raw" \
+CMAKE_PREFIX_PATH=$ffmpeg "$bin/pip" wheel --quiet --no-deps --no-build-isolation --wheel-dir "$raw" \
   --config-settings=cmake.define.MANIP3D_FFMPEG=ON \
+  --config-settings=cmake.define.MANIP3D_LICENSES="$ffmpeg/COPYING.LGPLv2.1.FFmpeg;$ffmpeg/NOTICE.FFmpeg" \
+  --config-settings=cmake.define.SODIUM_LIBRARY="$(g++ -print-file-name=libsodium.a)" \
   --config-settings=cmake.define.MANIP3D_OPENNI2=OFF \
   --config-settings=cmake.define.MANIP3D_FREENECT2=OFF \
   --config-settings=cmake.define.MANIP3D_REALSENSE=OFF \
   --config-settings=cmake.define.MANIP3D_ORBBEC=OFF dist/*.tar.gz
-PATH="$PWD/$bin:$PATH" "$bin/auditwheel" repair --wheel-dir dist "$raw"/*.whl
+LD_LIBRARY_PATH=$ffmpeg/lib PATH="$PWD/$bin:$PATH" \
+  "$bin/auditwheel" repair --wheel-dir dist "$raw"/*.whl
 
 limit=$((15 * 1024 * 1024))
 for wheel in dist/*.whl; do

@@ -24,12 +24,12 @@ settings.load_profile("ci")  # --hypothesis-profile=nightly chooses the other
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # What may be skipped where CI=true, since everything else is installed there: real data that are
-# absent, extras that cannot stand beside the others (pyproject.toml), makers' SDKs, and what the
-# machine does not allow.
+# absent, extras that cannot stand beside the others (pyproject.toml), makers' SDKs, a browser of
+# hundreds of megabytes, and what the machine does not allow.
 MAY_BE_SKIPPED = re.compile(
     r"^(Skipped: )?MANIP3D_DATA |the extra '(ouster|pose)' is not installed|"
     r"\(peers\)|librealsense2 is absent|no maker's SDK is built in|strace may not trace here|"
-    r"no mount namespaces here|no FFmpeg .* that stands alone"
+    r"no mount namespaces here|no FFmpeg .* that stands alone|none of chromium.* is installed"
 )
 
 GOLDEN = Path(__file__).parent / "golden" / "golden.json"

@@ -28,7 +28,8 @@ hill = models.hill(13)
 coarse = hill.replace(faces=hill.faces // 2 * 2)
 pipe = models.pipe(16, 6)
 coarse_pipe = pipe.replace(faces=pipe.faces // 2 * 2)
-dense = simplify.dense_mesh(DEPTH, CAMERA, threads=1).mesh
+found = simplify.dense_mesh(DEPTH, CAMERA, threads=1)
+dense = found.mesh
 
 cloud = (np.random.default_rng(1).integers(-8192, 8192, (3_000, 3)) / 512).astype(np.float32)
 hoax = (np.random.default_rng(2).integers(-512, 512, (300, 3)) / 512).astype(np.float32)
@@ -43,6 +44,7 @@ ground = np.float32(0.5) * cloud * np.float32([1, 1, 0]) - np.float32([0, 0, 1.7
 street = np.concatenate([ground, hoax + np.float32([6, 0, 0])])
 angles = authenticate.AngularGrid(2.0, 2.0)
 views = [simplify.CameraView(DEPTH, CAMERA), simplify.CameraView(DEPTH, CAMERA)]
+inspected = authenticate.inspect(cloud, origin=(0, 0, 0), threads=1)
 
 KERNELS: dict[str, Kernel] = {
     "simplify.clean": lambda _: simplify.clean(pipe),
@@ -66,6 +68,10 @@ KERNELS: dict[str, Kernel] = {
     "simplify.sample_depth_grid": lambda _: simplify.sample_depth_grid(
         GRID, None, 60, method="uniform"
     ),
+    "simplify.simplify_depth": lambda t: simplify.simplify_depth(
+        DEPTH, CAMERA, simplify.DepthOptions(60, threads=t)
+    ),
+    "simplify.cut_depth_steps": lambda _: simplify.cut_depth_steps(found, DEPTH),
     "simplify.grid_delaunay": lambda _: simplify.grid_delaunay(np.argwhere(DEPTH % 7 == 0)),
     "modify.repose": lambda t: modify.repose(hill.vertices, skeleton, threads=t),
     "modify.body_mirror": lambda _: modify.body_mirror(skeleton, "right_arm"),
@@ -104,6 +110,8 @@ KERNELS: dict[str, Kernel] = {
     "authenticate.estimate_origin": lambda t: authenticate.estimate_origin(scan, threads=t),
     "authenticate.estimate_grid": lambda t: authenticate.estimate_grid(scan, threads=t),
     "authenticate.estimate_lattice": lambda _: authenticate.estimate_lattice([scan]),
+    "authenticate.inspect": lambda t: authenticate.inspect(cloud, origin=(0, 0, 0), threads=t),
+    "authenticate.combined_verdict": lambda _: authenticate.combined_verdict(inspected.detectors),
     "authenticate.occlusion_consistency": lambda t: authenticate.occlusion_consistency(
         cloud, grid=angles, threads=t
     ),
@@ -135,6 +143,10 @@ KERNELS: dict[str, Kernel] = {
 }
 
 
+READ_FILES = {"simplify.simplify_depth_file", "simplify.simplify_depth_folder"}
+"""Readers, kernels and writers in one, or in processes of their own."""
+
+
 def public_functions() -> set[str]:
     """Names of what the packages of kernels export and is a function."""
     names: set[str] = set()
@@ -144,7 +156,7 @@ def public_functions() -> set[str]:
         names |= {
             f"{package}.{name}" for name, item in exported.items() if isfunction(unwrap(item))
         }
-    return names
+    return names - READ_FILES
 
 
 def _feed(digest: hashlib._Hash, value: object) -> None:

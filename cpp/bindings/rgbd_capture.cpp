@@ -22,6 +22,23 @@ using Source = Exclusive<std::unique_ptr<RgbdSource>>;
 using Recorder = Exclusive<std::unique_ptr<RgbdRecorder>>;
 using SharedCalibration = std::shared_ptr<const RgbdCalibration>;
 
+// The codec library out of manip3d._mkv, which is imported when it is first needed.
+FoundMkvCodec import_mkv() {
+  const py::gil_scoped_acquire gil;
+  try {
+    const py::object table = py::module_::import("manip3d._mkv").attr("codec");
+    return {table.cast<py::capsule>().get_pointer<const MkvCodec>(), "", ""};
+  } catch (const py::error_already_set& error) {
+    if (error.matches(PyExc_ModuleNotFoundError)) {
+      return {nullptr, "manip3d._mkv is not built: FFmpeg's development files were not found",
+              "apt-get install libavformat-dev libavcodec-dev libavutil-dev, then build again"};
+    }
+    if (!error.matches(PyExc_ImportError)) throw;
+    return {nullptr, "manip3d._mkv: " + std::string(py::str(error.value())),
+            "install the libraries of FFmpeg that manip3d was built with"};
+  }
+}
+
 SharedCalibration shared_calibration(const py::object& calibration) {
   if (calibration.is_none()) return nullptr;
   return std::make_shared<const RgbdCalibration>(to_calibration(calibration));
@@ -138,10 +155,6 @@ void bind_source(py::module_& m) {
         return std::make_unique<Source>(open_rgbd(place, options));
       },
       py::arg("uri"), py::arg("speed"), py::arg("units_per_metre"), py::arg("camera"));
-  m.def(
-      "set_ffmpeg_folder",
-      [](const py::bytes& folder) { ffmpeg_folder() = to_path(folder, "folder"); },
-      py::arg("folder"));
   m.def("rgbd_schemes", [] {
     std::vector<RgbdScheme> schemes;
     {
@@ -154,7 +167,6 @@ void bind_source(py::module_& m) {
       fields["name"] = scheme.name;
       fields["location"] = scheme.location;
       fields["description"] = scheme.description;
-      fields["is_built"] = static_cast<bool>(scheme.open);
       fields["reason"] = scheme.reason;
       fields["cure"] = scheme.cure;
       list.append(fields);
@@ -191,8 +203,10 @@ void bind_recorder(py::module_& m) {
       [](const py::bytes& path, const py::object& calibration, bool lossless_colour,
          int jpeg_quality, bool overwrite) {
         const RecorderOptions options{lossless_colour, jpeg_quality, overwrite};
-        return std::make_unique<Recorder>(
-            open_recorder(to_path(path, "path"), shared_calibration(calibration), options));
+        const SharedCalibration cameras = shared_calibration(calibration);
+        const std::filesystem::path place = to_path(path, "path");
+        const py::gil_scoped_release nogil;
+        return std::make_unique<Recorder>(open_recorder(place, cameras, options));
       },
       py::arg("path"), py::arg("calibration"), py::arg("lossless_colour"), py::arg("jpeg_quality"),
       py::arg("overwrite"));
@@ -201,6 +215,7 @@ void bind_recorder(py::module_& m) {
 }  // namespace
 
 void bind_rgbd_capture(py::module_& m) {
+  set_mkv_loader(&import_mkv);
   bind_source(m);
   bind_recorder(m);
 }

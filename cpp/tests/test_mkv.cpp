@@ -1,9 +1,11 @@
 #include <gtest/gtest.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <cstring>
@@ -14,8 +16,11 @@
 #include <map>
 #include <thread>
 
-#include "capture/ffmpeg.hpp"
+#include "capture/ffv1.hpp"
 #include "capture/matroska.hpp"
+#include "capture/mkv_library.hpp"
+#include "capture/sha256.hpp"
+#include "ffmpeg.hpp"
 #include "manip3d/capture/mkv.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/random.hpp"
@@ -29,7 +34,7 @@ using namespace std::chrono_literals;
 class Mkv : public ::testing::Test {
  protected:
   void SetUp() override {
-    if (!mkv_absence().empty()) GTEST_SKIP() << mkv_absence();
+    set_mkv_loader([] { return FoundMkvCodec{&ffmpeg_mkv_codec(), "", ""}; });
     folder_ = fs::temp_directory_path() / ("manip3d-mkv-" + std::to_string(::getpid()));
     fs::create_directories(folder_);
   }
@@ -289,8 +294,7 @@ TEST_F(Mkv, RefusesFramesOutOfOrderAndPathsInUse) {
   EXPECT_THROW(recorder->write(frame_of({.rows = 12}, 6, calibration)), InputError);
   EXPECT_THROW(recorder->write({}), InputError);
   const Shape flat{.rows = 3};  // FFmpeg's FFV1 would store zeros
-  const auto flat_recorder = record_mkv(folder_ / "flat.mkv", calibration_of(flat));
-  EXPECT_THROW(flat_recorder->write(frame_of(flat, 0, {})), InputError);
+  EXPECT_THROW(record_mkv(folder_ / "flat.mkv", calibration_of(flat)), InputError);
   recorder->write(frame_of(shape, 6, calibration));
   recorder->close();
   EXPECT_THROW(recorder->write(frame_of(shape, 7, calibration)), InputError);
@@ -502,43 +506,116 @@ TEST_F(Mkv, AFullDiskIsAnErrorAndLeavesWholeFrames) {
 
 TEST_F(Mkv, ImagesOfManySlicesAreRefusedBeforeTheyTakeMemory) {
   const ImageSize size{48, 64};
-  Ffv1Encoder encoder(PixelKind::kGray16, size);
   const fs::path path = folder_ / "slices.mkv";
-  {
-    MatroskaWriter writer(path, false);
-    writer.add_video(encoder.codec(), "depth");
-    writer.start();
-    writer.write(0, std::as_bytes(std::span("x")), 0);
-    writer.finish();
-  }
-  const MatroskaReader reader(path);
-  const AVCodecParameters& stream = reader.parameters(0);
-  EXPECT_EQ(ffv1_version(std::as_bytes(std::span(stream.extradata, 20))), 3);
-  EXPECT_EQ(ffv1_version({}), 0);
-  Ffv1Decoder decoder(stream, PixelKind::kGray16, size);
   std::vector<std::uint16_t> pixels(48 * 64);
   for (std::size_t i = 0; i < pixels.size(); ++i) pixels[i] = static_cast<std::uint16_t>(i * 31);
+  {
+    MatroskaWriter writer(path, false);
+    const int track = writer.add({.kind = MkvKind::kVideo,
+                                  .format = MkvFormat::kFfv1,
+                                  .pixels = MkvPixels::kGray16,
+                                  .width = 64,
+                                  .height = 48});
+    writer.start();
+    writer.write(track, writer.encode(track, pixels.data()), 0);
+    writer.finish();
+  }
+  MatroskaReader reader(path);
+  EXPECT_EQ(ffv1_version(from_mkv(reader.track(0).data)), 3);
+  EXPECT_EQ(ffv1_version({}), 0);
+  reader.open_decoder(0, MkvPixels::kGray16, size);
+  MatroskaPacket packet;
+  ASSERT_TRUE(reader.next(packet));
   const std::vector<std::uint16_t> expected = pixels;
-  const AVPacket& packet = encoder.encode(pixels.data());
   std::fill(pixels.begin(), pixels.end(), std::uint16_t{0});
-  decoder.decode(packet, pixels.data());
+  reader.decode(0, packet.bytes, pixels.data());
   EXPECT_EQ(pixels, expected);
 
-  std::vector<std::uint8_t> empty_slices(8 * 66, 0);
-  const PacketPtr many = new_packet();
-  many->data = empty_slices.data();
-  many->size = static_cast<int>(empty_slices.size());
+  const std::vector<std::byte> empty_slices(8 * 66);
   try {
-    decoder.decode(*many, pixels.data());
+    reader.decode(0, empty_slices, pixels.data());
     FAIL();
   } catch (const FormatError& error) {
     EXPECT_NE(error.reason().find("at most 64 slices"), std::string::npos);
   }
 }
 
+std::ptrdiff_t open_descriptors() {
+  return std::distance(fs::directory_iterator("/proc/self/fd"), fs::directory_iterator());
+}
+
+/// The library of this test, and another one of which something is wrong.
+template <auto Spoil>
+FoundMkvCodec spoiled() {
+  static const MkvCodec codec = [] {
+    MkvCodec copy = ffmpeg_mkv_codec();
+    Spoil(copy);
+    return copy;
+  }();
+  return {&codec, "", ""};
+}
+
+void expect_refused(MkvLoader loader, const fs::path& path, const std::string& reason) {
+  const std::vector<char> before = bytes_of_file(path);
+  const std::ptrdiff_t descriptors = open_descriptors();
+  set_mkv_loader(loader);
+  for (int trial = 0; trial < 3; ++trial) {
+    try {
+      record_mkv(path, calibration_of({}), {.overwrite = true});
+      ADD_FAILURE() << reason;
+    } catch (const DeviceError& error) {
+      EXPECT_NE(std::string(error.what()).find(reason), std::string::npos) << error.what();
+    }
+  }
+  EXPECT_EQ(open_descriptors(), descriptors);
+  EXPECT_EQ(bytes_of_file(path), before);
+}
+
+TEST_F(Mkv, ALibraryThatDoesNotFitIsRefusedBeforeAnythingIsTouched) {
+  const fs::path path = folder_ / "old.mkv";
+  record(path, {}, 3);
+  expect_refused(spoiled<[](MkvCodec& codec) { ++codec.version; }>, path,
+                 "the codec library has interface 2, expected 1 (install all of manip3d again)");
+  expect_refused(spoiled<[](MkvCodec& codec) { codec.size -= 8; }>, path, "the codec library has");
+  expect_refused(
+      spoiled<[](MkvCodec& codec) { codec.missing = [] { return "the muxer of Matroska"; }; }>,
+      path, "FFmpeg was built without the muxer of Matroska");
+  expect_refused(spoiled<[](MkvCodec& codec) {
+                   codec.open_writer = [](const MkvFile*, MkvWriter**) { return -EINVAL; };
+                 }>,
+                 path, "old.mkv: cannot write: Invalid argument");
+  expect_refused([] { return FoundMkvCodec{nullptr, "it is on the moon", "fly there"}; }, path,
+                 "mkv: it is on the moon (fly there)");
+  EXPECT_THROW(open_mkv(path), DeviceError);
+}
+
+TEST_F(Mkv, ARecordingStaysUntilTheFirstFrameOfTheNext) {
+  const fs::path path = folder_ / "old.mkv";
+  record(path, {}, 3);
+  const auto calibration = calibration_of({});
+  record_mkv(path, calibration, {.overwrite = true});  // killed before its first frame
+  EXPECT_EQ(replay(*open_mkv(path), {}).size(), 3U);
+  const auto recorder = record_mkv(path, calibration, {.overwrite = true});
+  EXPECT_THROW(record_mkv(path, calibration, {.overwrite = true}), InputError);
+  recorder->write(frame_of({}, 7, calibration));
+  EXPECT_EQ(replay(*open_mkv(path), {}), (std::vector<std::int64_t>{7}));
+}
+
+TEST(Sha256, IsTheOneOfTheStandard) {  // FIPS 180-4's examples
+  const std::string text = "abcdbcdecdefdefgefghfghighijhijkijkljklmklmnlmnomnopnopq";
+  EXPECT_EQ(sha256({}), "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855");
+  EXPECT_EQ(sha256(std::as_bytes(std::span(text))),
+            "248d6a61d20638b8e5c026930c3e6039a33ce45964ff2167f6ecedd419db06c1");
+}
+
 TEST_F(Mkv, RefusesWhatIsNoRecording) {
   EXPECT_THROW(open_mkv(folder_ / "absent.mkv"), fs::filesystem_error);
   EXPECT_THROW(open_mkv(folder_), fs::filesystem_error);
+  ASSERT_EQ(::mkfifo((folder_ / "pipe.mkv").c_str(), 0600), 0);
+  EXPECT_THROW(open_mkv(folder_ / "pipe.mkv"), FormatError);  // and nothing waits
+  EXPECT_THROW(record_mkv(folder_ / "pipe.mkv", calibration_of({}), {.overwrite = true}),
+               InputError);
+  EXPECT_THROW(open_mkv("/dev/zero"), FormatError);
   const fs::path path = folder_ / "text.mkv";
   write_bytes(path, "", 0);
   EXPECT_THROW(open_mkv(path), FormatError);

@@ -11,6 +11,7 @@
 
 #include "capture/azure_calibration.hpp"
 #include "capture/jpeg.hpp"
+#include "ffmpeg.hpp"
 #include "manip3d/capture/mkv.hpp"
 #include "manip3d/error.hpp"
 #include "parse/json_text.hpp"
@@ -112,6 +113,33 @@ TEST(AzureCalibration, BrownsModelIsNearTheColourLens) {
   EXPECT_NEAR(registration.rotation(1, 2), -0.09806, 1e-12);  // row by row
 }
 
+TEST(AzureCalibration, ARadiusOfZeroIsTheOneOfTheSdk) {
+  auto json = calibration_json();
+  for (auto& camera : json["CalibrationInformation"]["Cameras"]) camera["MetricRadius"] = 1.7;
+  const auto expected = calibration_of({576, 640}, ImageSize{720, 1280}, json);
+  for (auto& camera : json["CalibrationInformation"]["Cameras"]) camera["MetricRadius"] = 0;
+  const auto found = calibration_of({576, 640}, ImageSize{720, 1280}, json);
+  EXPECT_EQ(found->registration->colour.distortion, expected->registration->colour.distortion);
+  EXPECT_GT(std::abs(found->registration->colour.distortion[0]), 0.01);
+  EXPECT_TRUE(std::ranges::equal(found->ray_table, expected->ray_table, [](float a, float b) {
+    return a == b || (std::isnan(a) && std::isnan(b));
+  }));
+}
+
+TEST(AzureCalibration, ALensThatHoldsNowhereIsAnErrorAndNotNoDistortion) {
+  for (const std::size_t camera : {0U, 1U}) {
+    auto json = calibration_json();
+    json["CalibrationInformation"]["Cameras"][camera]["MetricRadius"] = 1e-3;
+    try {
+      calibration_of({576, 640}, ImageSize{720, 1280}, json);
+      FAIL() << camera;
+    } catch (const FormatError& error) {
+      EXPECT_NE(error.reason().find("the model of its lens holds for less than half"),
+                std::string::npos);
+    }
+  }
+}
+
 TEST(AzureCalibration, RefusesWhatItDoesNotKnow) {
   EXPECT_THROW(calibration_of({480, 640}, std::nullopt), FormatError);
   EXPECT_THROW(calibration_of({576, 640}, std::nullopt, JsonPlace::Json::object()), FormatError);
@@ -166,7 +194,7 @@ struct Block {
 };
 
 Bytes recording(const std::vector<Block>& blocks, ImageSize depth, ImageSize colour,
-                const char* colour_kind = "MJPG") {
+                const char* colour_kind = "MJPG", const char* offset_ns = "1000000500") {
   const Bytes tracks = element(0x1654AE6B, video_track(1, "COLOR", colour_kind, colour) +
                                                video_track(2, "DEPTH", "b16g", depth) +
                                                video_track(3, "IR", "b16g", depth));
@@ -178,7 +206,7 @@ Bytes recording(const std::vector<Block>& blocks, ImageSize depth, ImageSize col
   const Bytes tags = element(
       0x1254C367, element(0x7373, element(0x63C0, Bytes()) +
                                       element(0x67C8, element(0x45A3, "K4A_START_OFFSET_NS") +
-                                                          element(0x4487, "1000000500"))));
+                                                          element(0x4487, offset_ns))));
   Bytes clusters;
   for (const Block& block : blocks) {
     clusters += element(0x1F43B675, element(0xE7, block.time_us) +
@@ -202,7 +230,7 @@ Bytes depth_block(ImageSize size, int seed) {
 class AzureMkv : public ::testing::Test {
  protected:
   void SetUp() override {
-    if (!mkv_absence().empty()) GTEST_SKIP() << mkv_absence();
+    set_mkv_loader([] { return FoundMkvCodec{&ffmpeg_mkv_codec(), "", ""}; });
     path_ = fs::temp_directory_path() / ("manip3d-azure-" + std::to_string(::getpid()) + ".mkv");
     JpegEncoder encoder(90);
     const std::vector<std::uint8_t> grey(3 * 64 * 48, 90);
@@ -267,6 +295,27 @@ TEST_F(AzureMkv, PairsImagesByTheirTimes) {
   EXPECT_EQ(counted.at("damaged"), 3);
   EXPECT_EQ(source->calibration()->depth.width, 320);
   EXPECT_EQ(source->calibration()->registration->colour.width, 64);
+}
+
+TEST_F(AzureMkv, OffsetsOfTheClockNeverOverflow) {
+  const std::uint64_t latest = std::uint64_t{1} << 62;  // microseconds: later than times go
+  RgbdFrame frame;
+  for (const char* offset : {"2251799813685247000", "-2251799813685247000", "0"}) {
+    write(recording({{2, latest, depth_block(kDepth, 0)}}, kDepth, kColour, "MJPG", offset));
+    const auto source = open_mkv(path_);
+    ASSERT_EQ(source->read(frame, 0ms), ReadStatus::kFrame);
+    EXPECT_EQ(frame.time_ns, (std::int64_t{1} << 51) * 1000 + std::stoll(offset));
+  }
+  for (const char* offset : {"9223372036854775807", "-9223372036854775808", "1e9", "12 s",
+                             "99999999999999999999", "2251799813686000000"}) {
+    write(recording({{2, 0, depth_block(kDepth, 0)}}, kDepth, kColour, "MJPG", offset));
+    try {
+      open_mkv(path_);
+      FAIL() << offset;
+    } catch (const FormatError& error) {
+      EXPECT_NE(error.reason().find(std::string("got ") + offset), std::string::npos);
+    }
+  }
 }
 
 TEST_F(AzureMkv, RefusesOtherKindsOfImages) {

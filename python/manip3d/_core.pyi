@@ -16,6 +16,7 @@ __all__: list[str] = [
     "BoneRule",
     "BoundaryCurvature",
     "BoundaryTerm",
+    "CollapseStop",
     "ColliderTracker",
     "ComplexVertices",
     "Cs3BesideInvalid",
@@ -52,7 +53,6 @@ __all__: list[str] = [
     "RgbdRecorder",
     "RgbdSource",
     "ShoeCoverTracker",
-    "StopReason",
     "TextureTerm",
     "Texturing",
     "VelodyneOptions",
@@ -115,7 +115,6 @@ __all__: list[str] = [
     "sample_uniform",
     "segment_objects",
     "segment_person",
-    "set_ffmpeg_folder",
     "shading_normals",
     "simplify_qem",
     "snap_to_lattice",
@@ -739,7 +738,7 @@ class ComplexVertices:
     @property
     def value(self) -> int: ...
 
-class StopReason:
+class CollapseStop:
     """
     Members:
 
@@ -752,13 +751,13 @@ class StopReason:
       REFUSED
     """
 
-    ERROR_LIMIT: typing.ClassVar[StopReason]
-    NO_LEGAL_COLLAPSE: typing.ClassVar[StopReason]
-    REFUSED: typing.ClassVar[StopReason]
-    TARGET_REACHED: typing.ClassVar[StopReason]
-    __members__: typing.ClassVar[dict[str, StopReason]]
+    ERROR_LIMIT: typing.ClassVar[CollapseStop]
+    NO_LEGAL_COLLAPSE: typing.ClassVar[CollapseStop]
+    REFUSED: typing.ClassVar[CollapseStop]
+    TARGET_REACHED: typing.ClassVar[CollapseStop]
+    __members__: typing.ClassVar[dict[str, CollapseStop]]
     @typing.overload
-    def __eq__(self, other: StopReason) -> bool: ...
+    def __eq__(self, other: CollapseStop) -> bool: ...
     @typing.overload
     def __eq__(self, other: typing.Any) -> bool: ...
     def __getstate__(self) -> int: ...
@@ -767,7 +766,7 @@ class StopReason:
     def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
     def __int__(self) -> int: ...
     @typing.overload
-    def __ne__(self, other: StopReason) -> bool: ...
+    def __ne__(self, other: CollapseStop) -> bool: ...
     @typing.overload
     def __ne__(self, other: typing.Any) -> bool: ...
     def __repr__(self) -> str: ...
@@ -1637,7 +1636,6 @@ def segment_person(
     options: PersonMaskOptions,
     rule: BoneRule,
 ) -> tuple[numpy.ndarray, numpy.ndarray]: ...
-def set_ffmpeg_folder(folder: bytes) -> None: ...
 def shading_normals(
     mesh: typing.Any,
     crease_angle: typing.SupportsFloat | typing.SupportsIndex,

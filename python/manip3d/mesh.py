@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 
 AlphaMode = Literal["opaque", "mask", "blend"]
 
+_METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+# Turns +z up into +y up about x: (x, y, z) -> (x, z, -y).
+_Z_UP_TO_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+
 
 @dataclass(frozen=True)
 class Texture:
@@ -271,6 +275,39 @@ class Mesh(Showable):
         """
         mesh: Mesh = _interop().from_trimesh(source)
         return mesh
+
+    def oriented(
+        self, *, unit: Literal["m", "cm", "mm", "in", "ft"] = "m", up: Literal["y", "z"] = "y"
+    ) -> Mesh:
+        """Return the mesh in metres with +y up, as glTF wants it.
+
+        Parameters
+        ----------
+        unit : 'm', 'cm', 'mm', 'in' or 'ft'
+            Unit of this mesh's coordinates.
+        up : 'y' or 'z'
+            Axis that points up in this mesh.
+
+        Raises
+        ------
+        InputError
+            Another unit or axis.
+
+        Examples
+        --------
+        >>> mesh = Mesh([[0, 0, 0], [0, 0, 500], [1, 0, 0]], [[0, 1, 2]])
+        >>> mesh.oriented(unit="mm", up="z").vertices[1].tolist()
+        [0.0, 0.5, 0.0]
+        """
+        if unit not in _METRES:
+            raise InputError(f"unit: expected one of {', '.join(_METRES)}, got {unit!r}")
+        if up not in ("y", "z"):
+            raise InputError(f"up: expected 'y' or 'z', got {up!r}")
+        vertices = self.vertices * _METRES[unit]
+        if up == "y":
+            return self.replace(vertices=vertices)
+        normals = None if self.normals is None else self.normals @ _Z_UP_TO_Y_UP.T
+        return self.replace(vertices=vertices @ _Z_UP_TO_Y_UP.T + 0.0, normals=normals)
 
     def replace(self, **changes: Any) -> Mesh:
         """A mesh with some of the constructor's arguments changed; the other arrays are shared."""

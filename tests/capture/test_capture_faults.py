@@ -15,7 +15,15 @@ import numpy as np
 import pytest
 
 import rgbd_frames
-from manip3d import DeviceError, FormatError, InputError, Intrinsics, RgbdCalibration, capture
+from manip3d import (
+    DeviceError,
+    FormatError,
+    InputError,
+    Intrinsics,
+    RgbdCalibration,
+    RgbdFrame,
+    capture,
+)
 from rgbd_frames import COLS, ROWS, assert_same
 
 HAS_MKV = next(scheme for scheme in capture.sources() if scheme.name == "mkv").is_available
@@ -198,3 +206,120 @@ def test_a_wrong_calibration_is_refused(kind: str, tmp_path: Path) -> None:
         capture.record([frames[0], later], path, lossless_colour=True)
     (found,) = opened(kind, path)
     assert_same(frames[0], found)
+
+
+# --- recordings that are in use -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("given", ["address", "source", "generator"])
+@each_kind
+def test_a_recording_onto_itself_is_refused_before_it_is_touched(
+    kind: str, given: str, tmp_path: Path
+) -> None:
+    path = path_of(kind, tmp_path)
+    frames = list(rgbd_frames.frames(3))
+    capture.record(frames, path, lossless_colour=True)
+    source: Any = f"{kind}:{path}" if given == "address" else opened(kind, path)
+    if given == "generator":
+        source = (replace(frame, skeletons=()) for frame in source)
+    with pytest.raises(InputError, match=r"nobody has open, got .*walk.*, which is being read"):
+        capture.record(source, path, overwrite=True)
+    for frame, other in zip(frames, opened(kind, path), strict=True):
+        assert_same(frame, other)
+
+
+@each_kind
+def test_a_source_that_ended_or_was_stopped_lets_others_record(kind: str, tmp_path: Path) -> None:
+    path = path_of(kind, tmp_path)
+    capture.record(rgbd_frames.frames(3), path)
+    ended = opened(kind, path)
+    assert len(list(ended)) == 3
+    with opened(kind, path) as stopped:
+        stopped.read()
+    capture.record(rgbd_frames.frames(2), path, overwrite=True)
+    assert opened(kind, path).num_frames == 2
+    del ended, stopped
+
+
+ENDLESS = """
+import sys
+import rgbd_frames
+from manip3d import capture
+def endless():
+    for frame in rgbd_frames.frames(100_000):
+        yield frame
+        print("written", flush=True)
+capture.record(endless(), sys.argv[1])
+"""
+
+
+@each_kind
+def test_of_two_recorders_the_second_is_refused(kind: str, tmp_path: Path) -> None:
+    path = path_of(kind, tmp_path)
+    search = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    with subprocess.Popen(
+        [sys.executable, "-c", ENDLESS, path],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": search},
+    ) as first:
+        assert first.stdout is not None
+        assert first.stdout.readline() == "written\n"
+        with pytest.raises(InputError, match="which is being read or recorded"):
+            capture.record(rgbd_frames.frames(1), path, overwrite=True)
+        first.kill()
+    frames = list(opened(kind, path))  # as the first left it
+    for frame, other in zip(rgbd_frames.frames(len(frames)), frames, strict=True):
+        assert_same(frame, other, colour=False)
+    capture.record(rgbd_frames.frames(1), path, overwrite=True)
+    assert opened(kind, path).num_frames == 1
+
+
+@each_kind
+def test_what_is_killed_before_its_first_frame_can_be_replaced(kind: str, tmp_path: Path) -> None:
+    path = path_of(kind, tmp_path)
+    code = (
+        "import os, sys, rgbd_frames; from manip3d import _core\n"
+        "recorder = _core.open_recorder("
+        "os.fsencode(sys.argv[1]), rgbd_frames.CALIBRATION, False, 90, False)\n"
+        "os.kill(os.getpid(), 9)"
+    )
+    assert run([sys.executable, "-c", code, str(path)]).returncode == -9
+    assert path.exists()
+    capture.record(rgbd_frames.frames(2), path, overwrite=True)
+    assert opened(kind, path).num_frames == 2
+
+
+def test_a_folder_of_a_killed_recorder_is_told_from_other_folders(tmp_path: Path) -> None:
+    killed = tmp_path / "killed"
+    killed.mkdir()
+    (killed / "calibration.json").write_text("{}")
+    (killed / ".manip3d-abc123").write_text("half")
+    capture.record(rgbd_frames.frames(2), killed, overwrite=True)
+    assert sorted(p.name for p in killed.iterdir()) == [
+        "body_index",
+        "calibration.json",
+        "colour",
+        "depth",
+        "frames.jsonl",
+    ]
+    images = tmp_path / "images"  # somebody's own, with a camera
+    (images / "depth").mkdir(parents=True)
+    (images / "calibration.json").write_text("{}")
+    with pytest.raises(InputError, match="which holds files"):
+        capture.record(rgbd_frames.frames(2), images, overwrite=True)
+    assert (images / "depth").exists()
+    (killed / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match="which holds more than a recording"):
+        capture.record(rgbd_frames.frames(1), killed, overwrite=True)
+    assert len(list(opened("folder", killed))) == 2
+
+
+def test_ray_tables_that_no_reader_takes_are_refused(tmp_path: Path) -> None:
+    side = 2600  # 52 MiB; the reader takes 64 MiB of text
+    rays = np.zeros((side, side, 2), np.float32)
+    camera = Intrinsics(side, side, 1000.0, 1000.0, 1300.0, 1300.0, rays=rays)
+    frame = RgbdFrame(np.zeros((side, side), np.uint16), RgbdCalibration(camera))
+    with pytest.raises(InputError, match=r"calibration\.depth\.ray_table: expected at most 48 MiB"):
+        capture.record([frame], tmp_path / "walk")
+    assert not (tmp_path / "walk").exists()

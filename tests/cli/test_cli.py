@@ -68,6 +68,18 @@ def test_data_get_shows_the_licence_first_and_honours_offline(tmp_path: Path) ->
     lines = done.stderr.splitlines()
     assert any("licence" in line for line in lines[:-1])
     assert "MANIP3D_OFFLINE" in lines[-1]
+    assert any("step 1   download https://" in line for line in lines)
+    assert any("again: it checks every byte" in line for line in lines)
+
+
+def test_data_get_ends_with_the_files_or_with_the_steps(tmp_path: Path) -> None:
+    here = {"MANIP3D_DATA": "", "MANIP3D_CACHE": str(tmp_path), "MANIP3D_OFFLINE": "1"}
+    done = manip3d("data", "get", "person_turning", "plane_holes", **here)
+    assert done.returncode == 1
+    lines = done.stderr.splitlines()
+    assert "person_turning: to be fetched by hand" in lines[-1]
+    assert [line.split()[1] for line in lines if line.startswith("  step")][:3] == ["1", "2", "3"]
+    assert f"400 files under {tmp_path / 'data'}" in done.stderr
 
 
 def test_unknown_data_set_is_one_line() -> None:
@@ -86,22 +98,44 @@ def test_doctor_reports_state_and_cure(tmp_path: Path) -> None:
     done = manip3d(
         "doctor",
         "--json",
-        MANIP3D_DATA=str(tmp_path),
+        MANIP3D_DATA="",
         MANIP3D_RENDERER="none",
         MANIP3D_CACHE=str(tmp_path / "cache"),
     )
     assert done.returncode == 0
     checks = {check["what"]: check for check in json.loads(done.stdout)}
     assert checks["core"]["state"] == "ok"
+    mkv = checks["recordings (mkv:)"]  # not built: it says why
+    assert mkv["state"] == "ok" or mkv["cure"]
     assert checks["real data"]["state"] == "missing"
     assert "MANIP3D_DATA" in checks["real data"]["cure"]
     assert checks["off-screen pictures"]["state"] == "missing"
+    assert checks["recordings (mkv:)"]["state"] in ("ok", "missing")
 
 
-def test_doctor_finds_a_broken_setting(tmp_path: Path) -> None:
-    done = manip3d("doctor", MANIP3D_DATA=str(tmp_path / "absent"), MANIP3D_RENDERER="none")
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("absent", "does not exist"),
+        ("file", "is no folder"),
+        ("empty", "holds none of the folders"),
+    ],
+)
+def test_doctor_names_a_wrong_data_folder(name: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "empty").mkdir()
+    done = manip3d("doctor", "--json", MANIP3D_DATA=str(tmp_path / name), MANIP3D_RENDERER="none")
     assert done.returncode == 1
-    assert "BROKEN" in done.stdout
+    (check,) = [c for c in json.loads(done.stdout) if c["what"] == "MANIP3D_DATA"]
+    assert check["state"] == "broken"
+    assert message in check["detail"]
+
+
+def test_doctor_takes_a_data_folder_with_the_expected_layout(tmp_path: Path) -> None:
+    (tmp_path / "meshes").mkdir()
+    done = manip3d("doctor", MANIP3D_DATA=str(tmp_path), MANIP3D_RENDERER="none")
+    assert done.returncode == 0
+    assert "BROKEN" not in done.stdout
 
 
 def test_unknown_experiment_is_refused() -> None:
@@ -175,7 +209,7 @@ def test_a_missed_target_is_exit_4_under_strict(tmp_path: Path) -> None:
     arguments = ("simplify", path, "-o", tmp_path / "x.ply", "--faces", "1", "--force")
     done = manip3d(*arguments)
     assert done.returncode == 0
-    assert "target 1 missed" in done.stderr
+    assert "target of 1 face missed" in done.stderr
     assert manip3d(*arguments, "--strict").returncode == 4
 
 
@@ -194,7 +228,9 @@ def test_existing_outputs_are_refused_without_force(torus: Path, tmp_path: Path)
     assert manip3d(*arguments, "--force").returncode == 0
     assert output.read_bytes().startswith(b"ply")
     assert "--force" in error_line(manip3d("convert", torus, "-o", output))
-    assert "--force" in error_line(manip3d("view", torus, "-o", output))
+    page = tmp_path / "there.html"
+    page.write_text("mine")
+    assert "--force" in error_line(manip3d("view", torus, "-o", page))
 
 
 def test_a_folder_becomes_a_folder(torus: Path, tmp_path: Path) -> None:
@@ -241,7 +277,8 @@ def test_compare_measures_both_directions_and_samplings(torus: Path, tmp_path: P
             assert record["metro"][sampling][direction]["mean"] >= 0
     assert record["boundary_gap"]["cracks"] == 0
     text = manip3d("compare", torus, light).stdout
-    assert "Metro, area samples, <-" in text
+    assert "Metro, area samples, simplified to original" in text
+    assert "diagonal" in text
     assert "FMPD" in text
     same = json.loads(manip3d("compare", torus, torus, "--json").stdout)
     assert same["metro"]["vertex"]["forward"]["max"] == 0

@@ -50,7 +50,7 @@ def test_a_depth_image_becomes_an_upright_mesh(frame: Path, tmp_path: Path) -> N
     assert done.stdout == ""
     assert "points -> " in done.stderr
     mesh = read_mesh(output)
-    assert 190 <= mesh.num_vertices <= 200
+    assert 150 <= mesh.num_vertices <= 200  # noisy pixels are left with no face
     assert mesh.texcoords is not None
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     assert high[1] - low[1] > 1.5  # a person, metres
@@ -75,7 +75,7 @@ def test_other_formats_keep_the_camera_s_axes(frame: Path, tmp_path: Path) -> No
 def test_every_method_has_a_name(method: str, frame: Path, tmp_path: Path) -> None:
     output = tmp_path / f"{method}.glb"
     done = manip3d("cs3", frame, "-o", output, "--points", "300", "--intrinsics", FOCAL,
-                   "--method", method, "--json")  # fmt: skip
+                   "--method", method, "--depth-step", "0", "--json")  # fmt: skip
     record = json.loads(done.stdout)
     assert record["method"] == method
     assert 250 <= record["points"] <= 300
@@ -137,29 +137,29 @@ def test_bad_camera_files_are_one_line(
     content: str, message: str, frame: Path, tmp_path: Path
 ) -> None:
     from manip3d import FormatError
-    from manip3d.cli.depth import camera
+    from manip3d.camera import read_intrinsics
 
     path = tmp_path / "camera.json"
     path.write_text(content)
     with pytest.raises(FormatError, match=message) as caught:
-        camera(str(path), 120, 160)
+        read_intrinsics(path, width=160, height=120)
     assert str(path) in str(caught.value)
 
 
 def test_wrong_cameras_are_refused(frame: Path, tmp_path: Path) -> None:
     from manip3d import InputError
-    from manip3d.cli.depth import camera
+    from manip3d.camera import read_intrinsics
 
     base = ("cs3", frame, "-o", tmp_path / "x.glb", "--points", "99", "-q")
-    assert "--intrinsics: needed" in error_line(manip3d(*base))
+    assert "--intrinsics: expected the camera" in error_line(manip3d(*base))
     for text in ("1,2,3", "a,b,c,d", "kinect-v9"):
         with pytest.raises(InputError, match=f"got '{text}'"):
-            camera(text, 120, 160)
+            read_intrinsics(text, width=160, height=120)
     with pytest.raises(InputError, match="kinect-v2 is for 512 x 424 pixels, the image has 160"):
-        camera("kinect-v2", 120, 160)
+        read_intrinsics("kinect-v2", width=160, height=120)
     with pytest.raises(InputError, match="fx"):
-        camera("nan,1,1,1", 120, 160)
-    assert camera("kinect-v1", 240, 320).fx == 292.5
+        read_intrinsics("nan,1,1,1", width=160, height=120)
+    assert read_intrinsics("kinect-v1", width=320, height=240).fx == 292.5
 
 
 SCAN = """ply
@@ -239,7 +239,7 @@ def test_a_folder_becomes_a_folder_and_goes_on_where_it_stopped(
     (frames / "002.depth.png").write_bytes(whole)
     done = manip3d(*arguments)
     assert done.returncode == 0
-    assert "3 of 4 frames are there already" in done.stderr
+    assert "3 of 4 frames are there already; --force" in done.stderr
     after = {path.name: path.stat().st_mtime_ns for path in output.iterdir()}
     assert {name: after[name] for name in meshes} == meshes
     assert (output / "002.depth.glb").read_bytes() == (output / "001.depth.glb").read_bytes()
@@ -253,7 +253,7 @@ def test_folders_without_frames_and_with_too_few_colours(frames: Path, tmp_path:
     colours = tmp_path / "colours"
     colours.mkdir()
     done = manip3d("cs3", frames, *base, "--colour", colours)
-    assert "expected 4 images, found 0" in error_line(done)
+    assert "--colour: expected 4 images in" in error_line(done)
 
 
 def test_ctrl_c_leaves_whole_files(scene: simulated.DepthScene, tmp_path: Path) -> None:

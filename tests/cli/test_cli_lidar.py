@@ -74,7 +74,9 @@ def test_clean_forged_and_undecidable(scan: Path, hoax: Path, tmp_path: Path) ->
     assert "<iframe srcdoc=" in text  # the scan as points
     assert not re.search(r"""(src|href)\s*=\s*["']?https?:""", text)
     assert run("inspect", forged, "-o", page).exit_code == 1  # exists
-    assert run("inspect", forged, "-o", tmp_path / "x.pdf").exit_code == 1
+    refused = run("inspect", forged, "-o", tmp_path / "x.pdf")
+    assert refused.exit_code == 1
+    assert "-o" in str(refused.exception)
 
     fused = tmp_path / "fused.bin"
     manip3d.LidarFrame(np.concatenate([CAVE, CAVE + np.float32([2, 1, 0.3])])).write(fused)

@@ -67,7 +67,7 @@ def test_what_is_refused(tmp_path: Path) -> None:
     def message(*arguments: object) -> str:
         return str(run("phantom", "render", *arguments).exception)
 
-    assert "expected .mp4" in message(SOURCE, "-o", tmp_path / "x.gif")
+    assert "expected a name that ends in .mp4" in message(SOURCE, "-o", tmp_path / "x.gif")
     empty = message("sim:body?frames=0", "-o", tmp_path / "none")
     assert "expected frames, found none" in empty
     assert "unknown option" in message("sim:body?speed=3", "-o", tmp_path / "x")

@@ -38,9 +38,9 @@ def test_a_scene_becomes_a_scan(tmp_path: Path) -> None:
 def test_unknown_sources_and_suffixes_are_one_line(tmp_path: Path) -> None:
     line = error_line(manip3d("simulate", "sim:moon", "-o", tmp_path / "moon"))
     assert "sim:moon: expected sim:street or a scene" in line
-    assert "expected one of .bin" in error_line(
-        manip3d("simulate", "indoor-00", "-o", tmp_path / "a.odt")
-    )
+    line = error_line(manip3d("simulate", "indoor-00", "-o", tmp_path / "a.odt"))
+    assert "a.odt: expected one of " in line
+    assert " .bin, " in line
 
 
 def test_a_model_becomes_a_mesh_file(tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ def test_a_sabotaged_case_is_reported_and_claims_nothing(
     monkeypatch.setenv("MANIP3D_RENDERER", "none")
     monkeypatch.setattr("manip3d.experiments._runner._run_case", run_case)
     monkeypatch.setattr(
-        "manip3d.cli.reproducing.select",
+        "manip3d.experiments.select",
         lambda _: [dataclasses.replace(experiment, cases=lambda _: cases)],
     )
     results, page = tmp_path / "results", tmp_path / "report.html"

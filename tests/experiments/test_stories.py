@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +91,26 @@ def test_a_command_that_fails_is_named() -> None:
     broken = Case(case.run, {**case.options, "commands": [command]})
     with pytest.raises(Error, match=f"{command}: manip3d: error: absent.obj: No such file"):
         stories.run_story(broken)
+
+
+def test_commands_end_with_the_process_that_runs_them(tmp_path: Path) -> None:
+    """The runner kills its workers at Ctrl-C; what they started must not go on."""
+    code = (
+        "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        "from pathlib import Path; from manip3d.experiments import stories\n"
+        "stories._run('manip3d simulate sim:street -o drives --frames 500', Path.cwd())"
+    )
+    worker = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path)
+    children = Path(f"/proc/{worker.pid}/task/{worker.pid}/children")
+    deadline = time.monotonic() + 60
+    while not (started := children.read_text().split()) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    worker.kill()
+    worker.wait()
+    (child,) = started
+    while Path(f"/proc/{child}/cwd").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not Path(f"/proc/{child}/cwd").exists()
 
 
 @pytest.mark.parametrize("command", ["rm -rf x", "manip3d info $NOT_SET_AT_ALL/a.obj"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from manip3d import (
     forge,
     io,
     report,
+    simplify,
     simulate,
     viewer,
 )
@@ -34,6 +36,16 @@ NUL = "victim.obj\0.obj"
 mesh = exact_models.hill(5)
 scan = LidarFrame(np.random.default_rng(0).random((50, 3), np.float32))
 MISSING = Path("missing")
+
+OPTIONS = simplify.DepthOptions(points=10, intrinsics="kinect-v2")
+
+
+def depth_folder() -> Path:
+    """A folder with a depth image, outside of the one that is looked at."""
+    folder = Path(tempfile.mkdtemp())
+    np.save(folder / "a.npy", np.full((8, 8), 900, np.uint16))
+    return folder
+
 
 # By "function parameter"; the callable gets the path.
 ENTRIES: dict[str, Callable[[str], object]] = {
@@ -63,7 +75,29 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "report.write_report results_dir": lambda p: report.write_report(p, "a.md"),
     "report.write_report output": lambda p: report.write_report(".", p + ".md"),
     "viewer.view output": lambda p: viewer.view(mesh, p + ".html"),
-    "viewer.view_scan output": lambda p: viewer.view_scan(scan, p + ".html"),
+    "io.is_colour_png path": io.is_colour_png,
+    "io.read_depth_guessing path": io.read_depth_guessing,
+    "simplify.simplify_depth_file source": lambda p: simplify.simplify_depth_file(p, "a", OPTIONS),
+    "simplify.simplify_depth_file output": lambda p: simplify.simplify_depth_file("a", p, OPTIONS),
+    "simplify.simplify_depth_file colour": lambda p: simplify.simplify_depth_file(
+        "a", "b", OPTIONS, colour=p
+    ),
+    "simplify.simplify_depth_folder folder": lambda p: simplify.simplify_depth_folder(
+        p, "a", OPTIONS
+    ),
+    "simplify.simplify_depth_folder output": lambda p: simplify.simplify_depth_folder(
+        depth_folder(), p, OPTIONS
+    ),
+    "simplify.simplify_depth_folder colours": lambda p: simplify.simplify_depth_folder(
+        depth_folder(), "a", OPTIONS, colours=p
+    ),
+    "report.write_evidence output": lambda p: report.write_evidence(
+        authenticate.inspect(scan), p + ".json"
+    ),
+    "viewer.kind_of source": viewer.kind_of,
+    "viewer.open_thing source": viewer.open_thing,
+    "viewer.open_thing color": lambda p: viewer.open_thing(__file__, color=p),
+    "viewer.open_thing calibration": lambda p: viewer.open_thing(__file__, calibration=p),
     "experiments.run folder": lambda p: experiments.run([], folder=Path(p)),
 }
 

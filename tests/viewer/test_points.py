@@ -24,14 +24,14 @@ from manip3d import (
 from manip3d.viewer import (
     Classes,
     DepthImage,
-    PointCloud,
+    DrawnPoints,
     Scale,
     _chromium,
     box_lines,
     depth_points,
+    drawn_points,
     html,
     picture,
-    point_cloud,
     points_picture,
     renderer,
     rgbd_points,
@@ -41,7 +41,7 @@ from manip3d.viewer import (
 )
 from manip3d.viewer.page import round_length
 from manip3d.viewer.points import EMPHASIS, PALETTE, QUIET, RAMP
-from manip3d.viewer.scene import first_view
+from manip3d.viewer.scene import camera_place, first_view
 
 WHITE = (255, 255, 255)
 CAMERA = Intrinsics(8, 6, 10.0, 10.0, 3.5, 2.5)
@@ -60,7 +60,7 @@ def scan(**changes: object) -> LidarFrame:
     return frame.replace(**changes)
 
 
-def names(cloud: PointCloud) -> list[str]:
+def names(cloud: DrawnPoints) -> list[str]:
     return [column.name for column in cloud.columns]
 
 
@@ -118,7 +118,7 @@ def test_emphasised_points_are_wider_and_survive_thinning() -> None:
     values[[3, 500, 999]] = 1
     classes = Classes("verdict", values, ("no", "yes"), (QUIET, WHITE), (1,))
     points = np.random.default_rng(1).random((1000, 3))
-    cloud = PointCloud(points, (classes,), least=0.1)
+    cloud = DrawnPoints(points, (classes,), least=0.1)
     assert cloud.widths().tolist() == [0.1] * 1000
     np.testing.assert_array_equal(cloud.emphasis()[[2, 3]], [1.0, EMPHASIS])
     few = cloud.thinned(10)
@@ -152,14 +152,14 @@ def test_points_far_from_the_sensor_are_wider() -> None:
 )
 def test_columns_that_do_not_fit_are_named(options: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        point_cloud(np.eye(3), **options)
+        drawn_points(np.eye(3), **options)
 
 
 def test_points_that_are_none_are_refused() -> None:
     with pytest.raises(InputError, match="points: expected finite coordinates"):
-        point_cloud([[0, 0, np.inf]])
+        drawn_points([[0, 0, np.inf]])
     with pytest.raises(InputError, match="expected values below 1, got 2"):
-        PointCloud(np.eye(3), (Classes("x", np.array([0, 0, 2], np.uint8), ("a",), (QUIET,)),))
+        DrawnPoints(np.eye(3), (Classes("x", np.array([0, 0, 2], np.uint8), ("a",), (QUIET,)),))
 
 
 def test_an_unknown_column_or_place_is_answered_with_the_known_ones() -> None:
@@ -236,8 +236,8 @@ def test_a_depth_image_becomes_points_before_its_camera() -> None:
 def test_a_depth_image_without_a_camera_says_what_is_assumed() -> None:
     image = DepthImage(depth_image())
     assert image.camera.fx == pytest.approx(8 * 525 / 640)
-    assert image.cloud().detail == "47 points, camera assumed: focal length 7 pixels"
-    assert DepthImage(depth_image(), CAMERA).cloud().detail == "47 points"
+    assert image.drawn().detail == "47 points, camera assumed: focal length 7 pixels"
+    assert DepthImage(depth_image(), CAMERA).drawn().detail == "47 points"
 
 
 def test_a_frame_shows_its_people() -> None:
@@ -272,12 +272,18 @@ def depth_mesh(turn: object = (1, 1, 1)) -> Mesh:
 def test_the_mesh_of_a_depth_image_is_first_seen_as_its_camera_saw_it() -> None:
     assert first_view(depth_mesh()) == (0.0, 0.0, "-y")
     assert first_view(depth_mesh((1, -1, -1))) == (0.0, 0.0, "y")  # as glTF has it
+    place = camera_place(depth_mesh())
+    assert place is not None
+    assert place.position.tolist() == [0, 0, 0]
+    assert place.target == pytest.approx([0, 0, 2], abs=1e-6)
+    assert np.tan(np.radians(place.view_angle / 2)) == pytest.approx(1.06 * 0.25)
     away = Mesh(depth_mesh().vertices, depth_mesh().faces[:, ::-1])
     assert first_view(away) == (30.0, 20.0, "y")
     around = depth_mesh().replace(vertices=depth_mesh().vertices - [0, 0, 2])
     assert first_view(around) == (30.0, 20.0, "y")
     wide = depth_mesh((99, 99, 1))
     assert first_view(wide) == (30.0, 20.0, "y")
+    assert camera_place(wide) is None
 
 
 @pytest.mark.parametrize(("length", "rounded"), [(1.0, 1.0), (4.9, 2.0), (0.07, 0.05), (950, 500)])
@@ -305,7 +311,7 @@ def values(model: dict, name: str) -> np.ndarray:
 
 def test_points_travel_with_their_columns(bundle: None) -> None:
     points = np.random.default_rng(0).normal(size=(500, 3)) * [40, 40, 2] + 1e5
-    page = content(html(point_cloud(points, values={"heat": points[:, 0]})))
+    page = content(html(drawn_points(points, values={"heat": points[:, 0]})))
     (model,) = page["models"]
     low, high = points.min(axis=0), points.max(axis=0)
     found = placed(model) * np.linalg.norm(high - low) + 0.5 * (low + high)
@@ -320,9 +326,9 @@ def test_points_travel_with_their_columns(bundle: None) -> None:
 
 def test_far_points_do_not_blur_the_others(bundle: None) -> None:
     points = np.vstack([np.random.default_rng(0).random((1000, 3)), [[1e5, 0, 0]]])
-    (model,) = content(html(point_cloud(points)))["models"]
+    (model,) = content(html(drawn_points(points)))["models"]
     assert model["points"]["exact"]
-    (usual,) = content(html(point_cloud(points[:-1])))["models"]
+    (usual,) = content(html(drawn_points(points[:-1])))["models"]
     assert not usual["points"]["exact"]
 
 
@@ -362,7 +368,7 @@ def test_the_browser_colours_points_as_chosen(chromium: None) -> None:
     grid = np.stack(np.meshgrid(np.arange(40.0), np.arange(40.0), [0.0]), -1).reshape(-1, 3)
     red = np.tile(np.array([230, 20, 20], np.uint8), (len(grid), 1))
     box = Box((20, 20, 0), (44, 44, 2))
-    cloud = point_cloud(grid, colors=red, values={"x": grid[:, 0]}, boxes=[box])
+    cloud = drawn_points(grid, colors=red, values={"x": grid[:, 0]}, boxes=[box])
     with _chromium.open_page(html(cloud, elevation=90, azimuth=0), (700, 500)) as tab:
         tab.evaluate("manip3d")
         first = screenshot(tab)
@@ -396,7 +402,7 @@ def test_both_renderers_draw_the_same_points(
     covered = {}
     for name in ("pyvista", "chromium"):
         monkeypatch.setenv("MANIP3D_RENDERER", name)
-        cloud = point_cloud(grid, boxes=[Box((6, 4, 0), (14, 11, 2))])
+        cloud = drawn_points(grid, boxes=[Box((6, 4, 0), (14, 11, 2))])
         try:
             image = picture(cloud, size=(160, 120), background=WHITE, legend=False)
         except RenderError as error:

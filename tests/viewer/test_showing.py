@@ -25,7 +25,7 @@ from manip3d.lidar import ScanFormat
 from manip3d.viewer import (
     Classes,
     DepthImage,
-    PointCloud,
+    DrawnPoints,
     evidence,
     kind_of,
     notebook,
@@ -54,7 +54,7 @@ def forged() -> forge.Forgery:
 
 
 def truth(cloud: object) -> dict[str, int]:
-    assert isinstance(cloud, PointCloud)
+    assert isinstance(cloud, DrawnPoints)
     first = cloud.columns[0]
     assert isinstance(first, Classes)
     return dict(zip(first.labels, first.counts(), strict=True))
@@ -71,7 +71,7 @@ def bumps() -> np.ndarray:
 def test_a_forgery_shows_what_was_done(bundle: None) -> None:
     cloud = shown(forged())
     assert truth(cloud) == {"untouched": 1200, "added": 3}
-    assert isinstance(cloud, PointCloud)
+    assert isinstance(cloud, DrawnPoints)
     assert [line.name for line in cloud.lines] == ["forged region"]
     assert cloud.name == "forged: ctp"
 
@@ -81,7 +81,7 @@ def test_removed_points_are_shown_where_they_were() -> None:
     cloud = shown(cut)
     assert cut.removed.size > 0
     assert truth(cloud) == {"untouched": 1200 - len(cut.removed), "removed": len(cut.removed)}
-    assert isinstance(cloud, PointCloud)
+    assert isinstance(cloud, DrawnPoints)
     gone = cloud.points[1200 - len(cut.removed) :]
     np.testing.assert_array_equal(gone, street().points[cut.removed])
 
@@ -100,7 +100,7 @@ def test_results_of_detectors_show_the_scan_that_they_judged() -> None:
     assert found.scan is not None
     np.testing.assert_array_equal(found.scan.points, street().points)
     cloud = shown(found)
-    assert isinstance(cloud, PointCloud)
+    assert isinstance(cloud, DrawnPoints)
     assert cloud.num_points == 1200
     assert cloud.columns[0].name == "verdict"
 
@@ -231,7 +231,7 @@ def test_units_of_depth_images_are_respected(tmp_path: Path) -> None:
     for unit, metres in (("mm", 5.0), (5000.0, 1.0), ("tum", 1.0)):
         opened = open_thing(tmp_path / "d.npy", unit=unit)
         cloud = shown(opened.thing)
-        assert isinstance(cloud, PointCloud)
+        assert isinstance(cloud, DrawnPoints)
         np.testing.assert_allclose(cloud.points[:, 2], metres)
 
 

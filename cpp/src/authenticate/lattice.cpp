@@ -124,7 +124,7 @@ void check_step(double step, const char* name) {
 void check_readable(const ScanLattice& lattice) {
   check_lattice(lattice);
   if (lattice.num_rings() > kMaxRings) {
-    throw InputError("lattice: expected at most " + std::to_string(kMaxRings) + " rings, got " +
+    throw InputError("lattice: expected 1 to " + std::to_string(kMaxRings) + " rings, got " +
                      std::to_string(lattice.num_rings()));
   }
   for (int k = 0; k < lattice.num_rings(); ++k) {

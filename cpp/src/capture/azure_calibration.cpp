@@ -9,6 +9,7 @@
 namespace manip3d {
 namespace {
 
+constexpr double kUsualRadius = 1.7;  // of the SDK, where the calibration says 0
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
 /// x, y in units of the focal length, before and behind the lens: OpenCV's rational model.
@@ -79,7 +80,8 @@ StoredCamera read_camera(const JsonPlace& cameras, const std::string& location) 
     if (p[10] != 0.0 || p[11] != 0.0) intrinsics.fail("expected the centre of distortion 0, 0");
     StoredCamera camera{p[0], p[1], p[2], p[3], {}, {}, {}};
     camera.lens = {{p[4], p[5], p[6], p[7], p[8], p[9]}, p[13], p[12], 0.0};
-    camera.lens.max_radius = place.member("MetricRadius").number();
+    const double radius = place.member("MetricRadius").number();
+    camera.lens.max_radius = radius > 0.0 ? radius : kUsualRadius;
     Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rotation;
     read_numbers(place.member("Rt").member("Rotation"), 9, rotation.data());
     read_numbers(place.member("Rt").member("Translation"), 3, camera.translation.data());
@@ -130,21 +132,30 @@ Eigen::Vector2d normalized(const Intrinsics& camera, double u, double v) {
   return {(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy};
 }
 
+[[noreturn]] void refuse_lens(const std::string& camera) {
+  throw InputError(camera + ": the model of its lens holds for less than half of the image");
+}
+
+/// @throws InputError  the lens' model does not hold over half of the image or more.
 std::vector<float> ray_table(const Intrinsics& camera, const Lens& lens) {
   std::vector<float> rays;
   rays.reserve(static_cast<std::size_t>(2 * camera.width * camera.height));
+  std::size_t known = 0;
   for (std::int64_t v = 0; v < camera.height; ++v) {
     for (std::int64_t u = 0; u < camera.width; ++u) {
       const auto ray =
           lens.undistort(normalized(camera, static_cast<double>(u), static_cast<double>(v)));
       rays.push_back(ray ? static_cast<float>(ray->x()) : kNan);
       rays.push_back(ray ? static_cast<float>(ray->y()) : kNan);
+      known += ray ? 1 : 0;
     }
   }
+  if (4 * known < rays.size()) refuse_lens("depth");
   return rays;
 }
 
 /// Brown's k1, k2, p1, p2, k3 nearest to the lens over a lattice of the image's pixels.
+/// @throws InputError  the lens' model does not hold over half of the image or more.
 std::array<double, 5> brown_fit(const Intrinsics& camera, const Lens& lens) {
   constexpr int kAcross = 32, kDown = 24;
   std::vector<Eigen::Matrix<double, 1, 5>> rows;
@@ -161,8 +172,8 @@ std::array<double, 5> brown_fit(const Intrinsics& camera, const Lens& lens) {
     rest.push_back(seen.x() - x);
     rest.push_back(seen.y() - y);
   }
+  if (rest.size() < std::size_t{kAcross * kDown}) refuse_lens("colour");  // two rows a pixel
   std::array<double, 5> k{};
-  if (rows.size() < k.size()) return k;
   Eigen::Matrix<double, Eigen::Dynamic, 5> a(static_cast<Eigen::Index>(rows.size()), 5);
   for (std::size_t i = 0; i < rows.size(); ++i) a.row(static_cast<Eigen::Index>(i)) = rows[i];
   const Eigen::Map<const Eigen::VectorXd> b(rest.data(), a.rows());

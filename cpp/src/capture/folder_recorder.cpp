@@ -2,15 +2,19 @@
 #include <unistd.h>
 #include <zlib.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdio>
 #include <span>
 #include <string>
+#include <string_view>
 #include <system_error>
 #include <utility>
 
 #include "capture/image_codec.hpp"
+#include "capture/image_frames.hpp"
 #include "capture/jpeg.hpp"
+#include "capture/recording_lock.hpp"
 #include "capture/rgbd_json.hpp"
 #include "manip3d/capture/folder.hpp"
 #include "manip3d/error.hpp"
@@ -22,7 +26,9 @@ namespace {
 namespace fs = std::filesystem;
 using Json = JsonPlace::Json;
 
-constexpr const char* kImageFolders[] = {"depth", "body_index", "colour"};
+constexpr const char* kCalibrationFile = "calibration.json";
+constexpr const char* kFramesFile = "frames.jsonl";
+constexpr std::string_view kImageFolders[] = {"depth", "body_index", "colour"};
 
 /// A text file that grows by whole lines.
 class LineLog {
@@ -75,30 +81,58 @@ class LineLog {
   off_t size_ = 0;
 };
 
-bool is_recording(const fs::path& folder) {
-  return fs::exists(folder / "calibration.json") && fs::exists(folder / "frames.jsonl");
+bool holds_recording(const fs::path& folder) {
+  return fs::is_regular_file(folder / kCalibrationFile) &&
+         fs::is_regular_file(folder / kFramesFile);
 }
 
-/// Frames first, so that nothing stands in the list whose image is gone.
+/// Whether a recorder made everything in the folder, which may have been killed before it began the
+/// list of frames. What killed writers leave (.manip3d-XXXXXX) counts as its own.
+bool is_replaceable(const fs::path& folder) {
+  const bool is_begun = holds_recording(folder);
+  return std::ranges::all_of(fs::directory_iterator(folder), [&](const fs::directory_entry& entry) {
+    const std::string name = entry.path().filename();
+    return name == kCalibrationFile || name.starts_with(".manip3d-") ||
+           (is_begun && (name == kFramesFile || std::ranges::count(kImageFolders, name) > 0));
+  });
+}
+
+/// The list first, so that no frame stands in it whose images are gone. It stays until they are, as
+/// the mark of a recording, if this is killed.
 void remove_recording(const fs::path& folder) {
-  fs::remove(folder / "frames.jsonl");
-  for (const char* name : kImageFolders) fs::remove_all(folder / name);
-  fs::remove(folder / "calibration.json");
+  if (holds_recording(folder)) fs::resize_file(folder / kFramesFile, 0);
+  for (const std::string_view name : kImageFolders) fs::remove_all(folder / name);
+  fs::remove(folder / kFramesFile);
+  const std::vector<fs::directory_entry> rest{fs::directory_iterator(folder),
+                                              fs::directory_iterator()};
+  for (const fs::directory_entry& entry : rest) fs::remove(entry.path());
 }
 
-void prepare_folder(const fs::path& folder, bool overwrite) {
+/// Nothing is touched before all is checked.
+std::unique_ptr<RecordingLock> prepare_folder(const fs::path& folder, bool overwrite) {
   fs::create_directory(folder);  // a folder that is there is left as it is
-  if (overwrite && is_recording(folder)) remove_recording(folder);
-  if (!fs::is_empty(folder)) {
+  auto lock = std::make_unique<RecordingLock>(folder, RecordingLock::For::kWriting);
+  if (fs::is_empty(folder)) return lock;
+  if (!overwrite || !is_replaceable(folder)) {
+    const char* what = !holds_recording(folder) ? "files"
+                       : overwrite              ? "more than a recording"
+                                                : "a recording";
     throw InputError("path: expected a new or empty folder, got " + folder.string() +
-                     (is_recording(folder) ? ", which holds a recording" : ", which holds files"));
+                     ", which holds " + what);
   }
+  remove_recording(folder);
+  return lock;
 }
 
-void write_text(const fs::path& path, const std::string& text) {
-  AtomicFile file(path);
-  file.write(text.data(), text.size());
-  file.commit();
+std::string described(const RgbdCalibration& calibration) {
+  const Json json = {{"format", "manip3d-rgbd"},
+                     {"version", 1},
+                     {"calibration", calibration_to_json(calibration)}};
+  std::string text = json.dump(1) + "\n";
+  if (text.size() > kMaxFolderText) {
+    throw InputError("calibration.depth.ray_table: expected at most 48 MiB");
+  }
+  return text;
 }
 
 class FolderRecorder final : public RgbdRecorder {
@@ -106,12 +140,12 @@ class FolderRecorder final : public RgbdRecorder {
   FolderRecorder(const fs::path& folder, const RgbdCalibration& calibration,
                  const RecorderOptions& options)
       : folder_(folder), options_(options), jpeg_(options.jpeg_quality), checks_(calibration) {
-    prepare_folder(folder, options.overwrite);
-    const Json described = {{"format", "manip3d-rgbd"},
-                            {"version", 1},
-                            {"calibration", calibration_to_json(calibration)}};
-    write_text(folder / "calibration.json", described.dump(1) + "\n");
-    log_ = std::make_unique<LineLog>(folder / "frames.jsonl");
+    const std::string text = described(calibration);
+    lock_ = prepare_folder(folder, options.overwrite);
+    AtomicFile file(folder / kCalibrationFile);
+    file.write(text.data(), text.size());
+    file.commit();
+    log_ = std::make_unique<LineLog>(folder / kFramesFile);
   }
 
   void write(const RgbdFrame& frame) override {
@@ -136,6 +170,7 @@ class FolderRecorder final : public RgbdRecorder {
   void close() override {
     if (std::exchange(is_closed_, true)) return;
     log_->close();
+    lock_->release();
   }
 
   [[nodiscard]] Counters counters() const override {
@@ -176,6 +211,7 @@ class FolderRecorder final : public RgbdRecorder {
   RecorderOptions options_;
   JpegEncoder jpeg_;
   RecordingChecks checks_;
+  std::unique_ptr<RecordingLock> lock_;
   std::unique_ptr<LineLog> log_;
   std::vector<fs::path> written_;  // images of the frame in progress
   std::int64_t frames_ = 0, bytes_ = 0;

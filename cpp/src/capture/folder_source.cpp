@@ -17,14 +17,13 @@ namespace {
 namespace fs = std::filesystem;
 using Calibration = std::shared_ptr<const RgbdCalibration>;
 
-constexpr std::uint64_t kMaxTextBytes = std::uint64_t{64} << 20;
 constexpr double kMillimetres = 1000.0;
 constexpr double kTumUnits = 5000.0;
 
 /// Runs `parse` on the text of a file; its complaints get the file's name.
 template <typename Parse>
 auto parse_file(const fs::path& path, const Parse& parse) {
-  const std::vector<std::byte> bytes = read_small_file(path, kMaxTextBytes);
+  const std::vector<std::byte> bytes = read_small_file(path, kMaxFolderText);
   try {
     return parse(as_text(bytes));
   } catch (const FormatError& error) {
@@ -92,7 +91,8 @@ ImageFrames::Listing recorded_frames(const fs::path& folder) {
   const auto frames = std::make_shared<RecordedFrames>(folder, num_lines);
   return {[frames](FrameFiles& files) { return frames->next(files); },
           num_lines,
-          {{"incomplete", is_cut ? 1 : 0}}};
+          {{"incomplete", is_cut ? 1 : 0}},
+          std::make_shared<RecordingLock>(folder, RecordingLock::For::kReading)};
 }
 
 // --- plain folders ------------------------------------------------------------------------------

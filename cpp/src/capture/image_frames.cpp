@@ -88,6 +88,7 @@ ReadStatus ImageFrames::read(RgbdFrame& frame, std::chrono::milliseconds) {
     ++frames_;
     return ReadStatus::kFrame;
   }
+  stop();
   return ReadStatus::kEnd;
 }
 

@@ -10,9 +10,13 @@
 #include <utility>
 #include <vector>
 
+#include "capture/recording_lock.hpp"
 #include "manip3d/capture/rgbd_source.hpp"
 
 namespace manip3d {
+
+/// Longer text files of folders are refused.
+inline constexpr std::uint64_t kMaxFolderText = std::uint64_t{64} << 20;
 
 /// An image of a frame before it is read.
 struct ImageFile {
@@ -35,7 +39,8 @@ class ImageFrames final : public RgbdSource {
   struct Listing {
     NextFrameFiles next;
     std::int64_t num_frames = 0;
-    Counters counters;  ///< What the listing itself has counted.
+    Counters counters;                      ///< What the listing itself has counted.
+    std::shared_ptr<RecordingLock> lock{};  ///< Until `stop` or the end; of recordings.
   };
 
   /// @param stored  the cameras of the images as they are in the files.
@@ -54,7 +59,9 @@ class ImageFrames final : public RgbdSource {
   /// Frames that are not later than the one before are passed over and counted. After a FormatError
   /// the next call goes on behind the damaged frame.
   ReadStatus read(RgbdFrame& frame, std::chrono::milliseconds timeout) override;
-  void stop() override {}
+  void stop() override {
+    if (listing_.lock) listing_.lock->release();
+  }
 
  private:
   void load(RgbdFrame& frame);

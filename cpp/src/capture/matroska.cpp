@@ -6,11 +6,11 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <cstring>
-#include <limits>
 #include <system_error>
 #include <utility>
 
+#include "capture/ffv1.hpp"
+#include "capture/mkv_library.hpp"
 #include "manip3d/error.hpp"
 
 namespace manip3d {
@@ -18,289 +18,197 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kBufferBytes = 1 << 16;
-constexpr unsigned kMaxStreams = 64;  // recordings have five
-
-[[noreturn]] void refuse_file(const char* action, const fs::path& path, int error) {
-  throw fs::filesystem_error(action, path, std::error_code(error, std::generic_category()));
+int read_file(void* self, std::int64_t position, std::uint8_t* data, int size) {
+  MatroskaFile& file = *static_cast<MatroskaFile*>(self);
+  ssize_t got = 0;
+  do {
+    got = ::pread(file.descriptor.get(), data, static_cast<std::size_t>(size), position);
+  } while (got < 0 && errno == EINTR);
+  if (got < 0) file.error = errno;
+  return got < 0 ? -file.error : static_cast<int>(got);
 }
 
-int write_file(void* opaque, std::uint8_t* data, int size) {
-  MatroskaFile& file = *static_cast<MatroskaFile*>(opaque);
+int write_file(void* self, std::int64_t position, const std::uint8_t* data, int size) {
+  MatroskaFile& file = *static_cast<MatroskaFile*>(self);
   // After an error nothing may follow: the header would tell of an index that is not there.
   for (int done = 0; done < size && file.error == 0;) {
-    const ssize_t written = ::pwrite(file.descriptor, data + done,
-                                     static_cast<std::size_t>(size - done), file.position);
+    const ssize_t written = ::pwrite(file.descriptor.get(), data + done,
+                                     static_cast<std::size_t>(size - done), position + done);
     if (written < 0 && errno == EINTR) continue;
     if (written < 0) {
       file.error = errno;
       break;
     }
     done += static_cast<int>(written);
-    file.position += written;
-    file.end = std::max(file.end, file.position);
+    file.end = std::max(file.end, position + done);
   }
-  return file.error == 0 ? size : AVERROR(file.error);
-}
-
-int read_file(void* opaque, std::uint8_t* data, int size) {
-  MatroskaFile& file = *static_cast<MatroskaFile*>(opaque);
-  ssize_t got = 0;
-  do {
-    got = ::pread(file.descriptor, data, static_cast<std::size_t>(size), file.position);
-  } while (got < 0 && errno == EINTR);
-  if (got < 0) file.error = errno;
-  if (got < 0) return AVERROR(file.error);
-  file.position += got;
-  return got == 0 ? AVERROR_EOF : static_cast<int>(got);
-}
-
-std::int64_t seek_file(void* opaque, std::int64_t offset, int origin) {
-  MatroskaFile& file = *static_cast<MatroskaFile*>(opaque);
-  if ((origin & AVSEEK_SIZE) != 0) return file.end;
-  origin &= ~AVSEEK_FORCE;
-  if (origin != SEEK_SET && origin != SEEK_CUR && origin != SEEK_END) return AVERROR(EINVAL);
-  const std::int64_t from = origin == SEEK_CUR ? file.position : origin == SEEK_END ? file.end : 0;
-  const bool fits = offset <= std::numeric_limits<std::int64_t>::max() - from;
-  if (!fits || from + offset < 0) return AVERROR(EINVAL);
-  return file.position = from + offset;
-}
-
-AVIOContext* new_io(MatroskaFile& file, bool writes) {
-  const Ffmpeg& ff = ffmpeg();
-  auto* buffer = static_cast<unsigned char*>(allocated(ff.av_malloc(kBufferBytes)));
-  return allocated(ff.avio_alloc_context(buffer, kBufferBytes, writes ? 1 : 0, &file,
-                                         writes ? nullptr : read_file,
-                                         writes ? write_file : nullptr, seek_file));
-}
-
-void free_io(AVIOContext*& io) {
-  if (io == nullptr) return;
-  ffmpeg().av_free(io->buffer);
-  ffmpeg().avio_context_free(&io);
-}
-
-AVCodecParameters& parameters_of(const AVStream& stream) {
-  return *field<AVCodecParameters*>(stream, ffmpeg().layout.stream_codecpar);
-}
-
-AVRational& time_base_of(AVStream& stream) {
-  return field<AVRational>(stream, ffmpeg().layout.stream_time_base);
-}
-
-AVDictionary*& tags_of(AVStream& stream) {
-  return field<AVDictionary*>(stream, ffmpeg().layout.stream_metadata);
-}
-
-int index_of(const AVStream& stream) { return field<int>(stream, ffmpeg().layout.stream_index); }
-
-std::string value_of(const AVDictionary* tags, const char* name) {
-  const AVDictionaryEntry* entry = ffmpeg().av_dict_get(tags, name, nullptr, 0);
-  return entry == nullptr ? "" : entry->value;
+  return file.error == 0 ? size : -file.error;
 }
 
 }  // namespace
 
+MatroskaFile::MatroskaFile(fs::path path_, int flags)
+    : path(std::move(path_)), descriptor(::open(path.c_str(), flags | O_CLOEXEC, 0666)) {
+  if (!descriptor.is_open()) refuse("cannot open");
+}
+
+MkvFile MatroskaFile::functions() {
+  return {this, read_file, write_file,
+          [](void* self) { return static_cast<MatroskaFile*>(self)->end; }};
+}
+
+void MatroskaFile::check(const char* action) const {
+  if (error == 0) return;
+  errno = error;
+  refuse(action);
+}
+
+void MatroskaFile::refuse(const char* action) const {
+  throw fs::filesystem_error(action, path, std::error_code(errno, std::generic_category()));
+}
+
 // --- writing ------------------------------------------------------------------------------------
 
 MatroskaWriter::MatroskaWriter(const fs::path& path, bool overwrite)
-    : path_(path), packet_(new_packet()) {
-  const int how = O_WRONLY | O_CLOEXEC | O_CREAT | (overwrite ? O_TRUNC : O_EXCL);
-  file_.descriptor = ::open(path.c_str(), how, 0666);
-  if (file_.descriptor < 0) refuse_file("cannot create", path, errno);
-  const Ffmpeg& ff = ffmpeg();
-  io_ = new_io(file_, true);
-  check(ff.avformat_alloc_output_context2(&format_, nullptr, "matroska", nullptr), "cannot write");
-  format_->pb = io_;
-  // No random numbers, no date.
-  check(ff.av_opt_set(format_, "fflags", "+bitexact", 0), "cannot write");
+    : file_((static_cast<void>(mkv_codec()), path), O_WRONLY | O_CREAT | (overwrite ? 0 : O_EXCL)),
+      lock_(path, RecordingLock::For::kWriting),
+      writer_(nullptr, mkv_codec().close_writer) {
+  const MkvFile functions = file_.functions();
+  MkvWriter* writer = nullptr;
+  check(mkv_codec().open_writer(&functions, &writer));
+  writer_.reset(writer);
 }
 
-MatroskaWriter::~MatroskaWriter() {
-  if (format_ != nullptr) ffmpeg().avformat_free_context(format_);
-  free_io(io_);
-  if (file_.descriptor >= 0) ::close(file_.descriptor);
-}
-
-AVStream& MatroskaWriter::add_stream(AVMediaType type, AVCodecID codec, const char* title) {
-  AVStream* stream = allocated(ffmpeg().avformat_new_stream(format_, nullptr));
-  parameters_of(*stream).codec_type = type;
-  parameters_of(*stream).codec_id = codec;
-  time_base_of(*stream) = {1, 1000};
-  check(ffmpeg().av_dict_set(&tags_of(*stream), "title", title, 0), "cannot write");
-  return *stream;
-}
-
-int MatroskaWriter::add_video(const AVCodecContext& codec, const char* title) {
-  AVStream& stream = add_stream(AVMEDIA_TYPE_VIDEO, codec.codec_id, title);
-  check(ffmpeg().avcodec_parameters_from_context(&parameters_of(stream), &codec), "cannot write");
-  return index_of(stream);
-}
-
-int MatroskaWriter::add_jpeg(ImageSize size, const char* title) {
-  AVStream& stream = add_stream(AVMEDIA_TYPE_VIDEO, AV_CODEC_ID_MJPEG, title);
-  set_size(parameters_of(stream), size);
-  return index_of(stream);
-}
-
-int MatroskaWriter::add_text(const char* title) {
-  return index_of(add_stream(AVMEDIA_TYPE_SUBTITLE, AV_CODEC_ID_SUBRIP, title));
-}
-
-void MatroskaWriter::add_attachment(const char* name, const std::string& description,
-                                    const std::string& text) {
-  const Ffmpeg& ff = ffmpeg();
-  AVStream& stream = add_stream(AVMEDIA_TYPE_ATTACHMENT, AV_CODEC_ID_NONE, description.c_str());
-  check(ff.av_dict_set(&tags_of(stream), "filename", name, 0), "cannot write");
-  check(ff.av_dict_set(&tags_of(stream), "mimetype", "application/json", 0), "cannot write");
-  AVCodecParameters& parameters = parameters_of(stream);
-  parameters.extradata = static_cast<std::uint8_t*>(
-      allocated(ff.av_mallocz(text.size() + AV_INPUT_BUFFER_PADDING_SIZE)));
-  parameters.extradata_size = static_cast<int>(text.size());
-  std::memcpy(parameters.extradata, text.data(), text.size());
+int MatroskaWriter::add(const MkvTrack& track) {
+  return check(mkv_codec().add_track(writer_.get(), &track));
 }
 
 void MatroskaWriter::start() {
-  check(ffmpeg().avformat_write_header(format_, nullptr), "cannot write");
-  flush();
+  if (::ftruncate(file_.descriptor.get(), 0) != 0) file_.refuse("cannot write");
+  check(mkv_codec().start(writer_.get()));
+  whole_ = file_.end;
+}
+
+std::span<const std::byte> MatroskaWriter::encode(int track, const void* image) {
+  MkvBytes packet{};
+  check(mkv_codec().encode(writer_.get(), track, image, &packet));
+  return from_mkv(packet);
 }
 
 void MatroskaWriter::write(int track, std::span<const std::byte> bytes, std::int64_t time_ms) {
-  // Borrowed for this call: FFmpeg does not change packets that hold no reference.
-  packet_->data = const_cast<std::uint8_t*>(reinterpret_cast<const std::uint8_t*>(bytes.data()));
-  packet_->size = static_cast<int>(bytes.size());
-  packet_->stream_index = track;
-  packet_->flags = AV_PKT_FLAG_KEY;
-  packet_->pts = packet_->dts = time_ms;
-  packet_->duration = 1;  // so that even a single frame lasts (MatroskaReader::duration_ms)
-  check(ffmpeg().av_write_frame(format_, packet_.get()), "cannot write");
+  const MkvPacket packet{track, 1000 * time_ms, to_mkv(bytes)};
+  check(mkv_codec().write(writer_.get(), &packet));
 }
 
 void MatroskaWriter::flush() {
-  check(ffmpeg().av_write_frame(format_, nullptr), "cannot write");
-  ffmpeg().avio_flush(io_);
-  check(0, "cannot write");
+  check(mkv_codec().flush(writer_.get()));
   whole_ = file_.end;
 }
 
 void MatroskaWriter::finish() {
-  if (file_.descriptor < 0) return;
-  const int code = file_.error == 0 ? ffmpeg().av_write_trailer(format_) : 0;
-  if (file_.error == 0) ffmpeg().avio_flush(io_);
-  check(code, "cannot write");
-  if (::fsync(file_.descriptor) != 0) refuse_file("cannot sync", path_, errno);
-  if (::close(std::exchange(file_.descriptor, -1)) != 0) refuse_file("cannot close", path_, errno);
+  if (!file_.descriptor.is_open()) return;
+  check(file_.error == 0 ? mkv_codec().finish(writer_.get()) : 0);
+  if (::fsync(file_.descriptor.get()) != 0) file_.refuse("cannot sync");
+  lock_.release();
+  if (::close(file_.descriptor.release()) != 0) file_.refuse("cannot close");
 }
 
-void MatroskaWriter::check(int code, const char* action) {
+int MatroskaWriter::check(int code) {
   if (file_.error != 0) {
     // What cannot be cut off is passed over by readers: it is no whole cluster.
-    static_cast<void>(::ftruncate(file_.descriptor, whole_));
-    refuse_file(action, path_, file_.error);
+    static_cast<void>(::ftruncate(file_.descriptor.get(), whole_));
+    file_.check("cannot write");
   }
-  if (code < 0) throw DeviceError(path_.string() + ": " + action + ": " + ffmpeg_error(code));
+  if (code < 0) throw DeviceError(file_.path.string() + ": cannot write: " + mkv_error(code));
+  return code;
 }
 
 // --- reading ------------------------------------------------------------------------------------
 
-MatroskaReader::MatroskaReader(const fs::path& path) : path_(path) {
-  try {
-    open();
-  } catch (...) {
-    close();
-    throw;
-  }
-}
-
-MatroskaReader::~MatroskaReader() { close(); }
-
-void MatroskaReader::open() {
-  const Ffmpeg& ff = ffmpeg();
-  file_.descriptor = ::open(path_.c_str(), O_RDONLY | O_CLOEXEC);
+MatroskaReader::MatroskaReader(const fs::path& path)
+    : file_((static_cast<void>(mkv_codec()), path), O_RDONLY | O_NONBLOCK),
+      lock_(path, RecordingLock::For::kReading),
+      reader_(nullptr, mkv_codec().close_reader) {
   struct ::stat status{};
-  if (file_.descriptor < 0 || ::fstat(file_.descriptor, &status) != 0) {
-    refuse_file("cannot open", path_, errno);
+  if (::fstat(file_.descriptor.get(), &status) != 0) file_.refuse("cannot open");
+  if (!S_ISREG(status.st_mode) && !S_ISDIR(status.st_mode)) {  // folders: see what `read` says
+    throw FormatError("expected a regular file", {});
   }
   file_.end = status.st_size;
-  io_ = new_io(file_, false);
-  format_ = allocated(ff.avformat_alloc_context());
-  format_->pb = io_;
-  int code = ff.av_opt_set(format_, "fflags", "+nofillin+noparse", 0);
-  if (code >= 0) code = ff.av_opt_set_int(format_, "max_streams", kMaxStreams, 0);
-  if (code < 0) throw DeviceError(ffmpeg_error(code));
-  code = ff.avformat_open_input(&format_, "", ff.av_find_input_format("matroska"), nullptr);
-  if (file_.error != 0) refuse_file("cannot read", path_, file_.error);
-  if (code < 0) {
-    throw FormatError::at_byte(0, "expected a Matroska file: " + ffmpeg_error(code));
+  const MkvFile functions = file_.functions();
+  MkvReader* reader = nullptr;
+  const int code = mkv_codec().open_reader(&functions, &reader);
+  file_.check("cannot read");
+  if (code < 0) throw FormatError::at_byte(0, "expected a Matroska file: " + mkv_error(code));
+  reader_.reset(reader);
+  for (MkvTrack track; mkv_codec().track(reader, static_cast<int>(tracks_.size()), &track) != 0;) {
+    tracks_.push_back(track);
   }
 }
 
-void MatroskaReader::close() {
-  if (format_ != nullptr) ffmpeg().avformat_close_input(&format_);
-  free_io(io_);
-  if (file_.descriptor >= 0) ::close(std::exchange(file_.descriptor, -1));
+std::optional<int> MatroskaReader::find(std::string_view title, MkvKind kind) const {
+  const auto found = std::ranges::find_if(
+      tracks_, [&](const MkvTrack& track) { return track.kind == kind && track.title == title; });
+  if (found == tracks_.end()) return std::nullopt;
+  return static_cast<int>(found - tracks_.begin());
 }
 
-std::optional<int> MatroskaReader::find(const char* title, AVMediaType type) const {
-  for (AVStream* stream : streams()) {
-    if (parameters_of(*stream).codec_type == type && value_of(tags_of(*stream), "title") == title) {
-      return index_of(*stream);
-    }
-  }
-  return std::nullopt;
-}
-
-MatroskaReader::Attachment MatroskaReader::attachment(const char* name) const {
-  for (AVStream* stream : streams()) {
-    const AVCodecParameters& data = parameters_of(*stream);
-    if (data.codec_type != AVMEDIA_TYPE_ATTACHMENT ||
-        value_of(tags_of(*stream), "filename") != name) {
-      continue;
-    }
-    const auto* text = reinterpret_cast<const char*>(data.extradata);
-    return {{text, static_cast<std::size_t>(data.extradata_size)},
-            value_of(tags_of(*stream), "title")};
-  }
-  throw FormatError(std::string("expected an attached ") + name, {});
-}
-
-const AVCodecParameters& MatroskaReader::parameters(int track) const {
-  return parameters_of(stream(track));
-}
-
-AVRational MatroskaReader::frame_rate(int track) const {
-  return field<AVRational>(stream(track), ffmpeg().layout.stream_rate);
+const MkvTrack& MatroskaReader::attachment(const std::string& name) const {
+  const auto found = std::ranges::find_if(tracks_, [&](const MkvTrack& track) {
+    return track.kind == MkvKind::kAttachment && track.file_name == name;
+  });
+  if (found == tracks_.end()) throw FormatError("expected an attached " + name, {});
+  return *found;
 }
 
 std::string MatroskaReader::tag(const char* name) const {
-  return value_of(field<AVDictionary*>(*format_, ffmpeg().layout.format_metadata), name);
+  return mkv_codec().tag(reader_.get(), name);
 }
 
-std::int64_t MatroskaReader::time_ns(const AVPacket& packet) const {
-  constexpr std::int64_t kMost = std::int64_t{1} << 61;  // differences fit
-  const std::int64_t time = ffmpeg().av_rescale_q(
-      packet.pts, time_base_of(stream(packet.stream_index)), {1, 1'000'000'000});
-  return std::clamp(time, -kMost, kMost);
+std::int64_t MatroskaReader::duration_us() const { return mkv_codec().duration_us(reader_.get()); }
+
+void MatroskaReader::open_decoder(int number, MkvPixels pixels, ImageSize size) {
+  const MkvTrack& images = track(number);
+  if (images.format != MkvFormat::kFfv1) {
+    throw FormatError(std::string("expected FFV1, got ") + images.format_name, {});
+  }
+  if (images.width != size.cols || images.height != size.rows) {
+    throw FormatError("expected " + std::to_string(size.cols) + " x " + std::to_string(size.rows) +
+                          " pixels, as in the calibration, got " + std::to_string(images.width) +
+                          " x " + std::to_string(images.height),
+                      {});
+  }
+  // In version 2, an experiment, nothing bounds the slices but the header.
+  if (ffv1_version(from_mkv(images.data)) == 2) {
+    throw FormatError("expected FFV1 of another version than 2", {});
+  }
+  const int code = mkv_codec().open_decoder(reader_.get(), number, pixels);
+  if (code < 0) throw FormatError("FFV1 header: " + mkv_error(code), {});
 }
 
-std::int64_t MatroskaReader::duration_ms() const {
-  const auto duration = field<std::int64_t>(*format_, ffmpeg().layout.format_duration);
-  return std::max<std::int64_t>(duration, 0) / (AV_TIME_BASE / 1000);
+void MatroskaReader::decode(int track, std::span<const std::byte> packet, void* image) {
+  if (count_ffv1_slices(packet) > kMaxFfv1Slices) {
+    throw FormatError("FFV1: expected at most " + std::to_string(kMaxFfv1Slices) + " slices", {});
+  }
+  const int code = mkv_codec().decode(reader_.get(), track, to_mkv(packet), image);
+  if (code < 0) throw FormatError("FFV1: " + mkv_error(code), {});
 }
 
-bool MatroskaReader::next(AVPacket& packet) {
-  ffmpeg().av_packet_unref(&packet);
-  const int code = ffmpeg().av_read_frame(format_, &packet);
-  if (file_.error != 0) refuse_file("cannot read", path_, file_.error);
-  // The one time of a block; tracks of Video for Windows' codecs have it under the other name.
-  if (code >= 0 && packet.pts == AV_NOPTS_VALUE) packet.pts = packet.dts;
-  return code >= 0;
+bool MatroskaReader::next(MatroskaPacket& packet) {
+  MkvPacket from{};
+  const int code = mkv_codec().next(reader_.get(), &from);
+  file_.check("cannot read");
+  if (code < 0) return false;
+  const auto bytes = from_mkv(from.bytes);
+  packet.track = from.track;
+  packet.time_us = std::clamp(from.time_us, -MatroskaPacket::kMaxTime, MatroskaPacket::kMaxTime);
+  packet.bytes.assign(bytes.begin(), bytes.end());
+  return true;
 }
 
 bool MatroskaReader::seek_last(int track) {
-  constexpr std::int64_t kEnd = std::numeric_limits<std::int64_t>::max();
-  const int code = ffmpeg().av_seek_frame(format_, track, kEnd, AVSEEK_FLAG_BACKWARD);
-  if (file_.error != 0) refuse_file("cannot read", path_, file_.error);
+  const int code = mkv_codec().seek_last(reader_.get(), track);
+  file_.check("cannot read");
   return code >= 0;
 }
 

@@ -3,41 +3,56 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
-#include "capture/ffmpeg.hpp"
+#include "capture/jpeg.hpp"
+#include "capture/recording_lock.hpp"
+#include "manip3d/capture/mkv_codec.hpp"
+#include "manip3d/io/descriptor.hpp"
 
 /// @file
-/// Matroska files by FFmpeg, and what it leaves to its callers: exact errors of the file system,
-/// data that are in the file when `flush` returns, and an end that is whole after an error.
+/// Matroska files through the codec library, and what it leaves to its callers: exact errors of the
+/// file system, data that are in the file when `flush` returns, and an end that is whole after an
+/// error.
 namespace manip3d {
 
-/// A file as FFmpeg's callbacks know it.
-struct MatroskaFile {
-  int descriptor = -1;
-  std::int64_t position = 0, end = 0;
-  int error = 0;  ///< The first errno.
+/// A file as the codec library's callbacks know it.
+class MatroskaFile {
+ public:
+  MatroskaFile(std::filesystem::path path, int flags);
+  MatroskaFile(const MatroskaFile&) = delete;
+  MatroskaFile& operator=(const MatroskaFile&) = delete;
+
+  [[nodiscard]] MkvFile functions();
+  /// @throws std::filesystem::filesystem_error  an error of a callback.
+  void check(const char* action) const;
+  [[noreturn]] void refuse(const char* action) const;  ///< As errno says.
+
+  const std::filesystem::path path;
+  Descriptor descriptor;
+  std::int64_t end = 0;
+  int error = 0;  ///< The first errno of a callback.
 };
 
 class MatroskaWriter {
  public:
+  /// A file that exists stays as it is until `start`.
   /// @throws std::filesystem::filesystem_error  it exists (unless `overwrite`), and the like.
+  /// @throws InputError  somebody has it open to read or record.
   MatroskaWriter(const std::filesystem::path& path, bool overwrite);
-  MatroskaWriter(const MatroskaWriter&) = delete;
-  MatroskaWriter& operator=(const MatroskaWriter&) = delete;
-  ~MatroskaWriter();  ///< Without `finish`, what a killed process leaves.
 
-  /// Tracks, in their order; then `start`. Their numbers are for `write`.
-  int add_video(const AVCodecContext& codec, const char* title);
-  int add_jpeg(ImageSize size, const char* title);
-  int add_text(const char* title);
-  void add_attachment(const char* name, const std::string& description, const std::string& text);
+  /// Tracks, in their order; then `start`. Returns the track's number.
+  /// FFV1 stores zeros of images below 4 x 4 pixels (FFmpeg 6; 5.1 to 8 below 3).
+  int add(const MkvTrack& track);
   void start();
 
+  /// @param image  As MkvCodec has it. @return  valid until the next call.
+  std::span<const std::byte> encode(int track, const void* image);
   /// @param time_ms  Grows from one flush to the next.
   void write(int track, std::span<const std::byte> bytes, std::int64_t time_ms);
   /// Ends the cluster and hands it to the operating system. When that refuses, the file ends where
@@ -48,64 +63,63 @@ class MatroskaWriter {
   [[nodiscard]] std::int64_t size() const { return file_.end; }
 
  private:
-  AVStream& add_stream(AVMediaType type, AVCodecID codec, const char* title);
-  void check(int code, const char* action);
+  int check(int code);
 
-  std::filesystem::path path_;
   MatroskaFile file_;
+  RecordingLock lock_;
+  std::unique_ptr<MkvWriter, void (*)(MkvWriter*)> writer_;
   std::int64_t whole_ = 0;  // the bytes that hold whole clusters
-  AVIOContext* io_ = nullptr;
-  AVFormatContext* format_ = nullptr;
-  PacketPtr packet_;
 };
 
+/// A packet with its own memory.
+struct MatroskaPacket {
+  int track = -1;
+  std::int64_t time_us = 0;  ///< Within kMaxTime, so that differences fit.
+  std::vector<std::byte> bytes;
+
+  static constexpr std::int64_t kMaxTime = std::int64_t{1} << 61;
+};
+
+/// Reads as far as the file can be made sense of; memory is bounded by what FFmpeg allocates for
+/// elements of a file of this length.
 class MatroskaReader {
  public:
-  /// @throws FormatError  no Matroska file.
-  /// @throws std::filesystem::filesystem_error
+  /// @throws FormatError  no Matroska file. @throws std::filesystem::filesystem_error
   explicit MatroskaReader(const std::filesystem::path& path);
-  MatroskaReader(const MatroskaReader&) = delete;
-  MatroskaReader& operator=(const MatroskaReader&) = delete;
-  ~MatroskaReader();
 
-  [[nodiscard]] const AVCodecParameters& parameters(int track) const;
-  [[nodiscard]] AVRational frame_rate(int track) const;  ///< 0 / 1: the file does not say.
+  [[nodiscard]] const MkvTrack& track(int number) const {
+    return tracks_.at(static_cast<std::size_t>(number));
+  }
   /// The number of a track by its title and kind; none: there is no such track.
-  [[nodiscard]] std::optional<int> find(const char* title, AVMediaType type) const;
-  /// The attached file of this name, as long as this reader lives. @throws FormatError  none.
-  struct Attachment {
-    std::string_view text;
-    std::string description;
-  };
-  [[nodiscard]] Attachment attachment(const char* name) const;
+  [[nodiscard]] std::optional<int> find(std::string_view title, MkvKind kind) const;
+  /// The attached file of this name. @throws FormatError  none.
+  [[nodiscard]] const MkvTrack& attachment(const std::string& name) const;
   /// The value of a tag of the whole file, or empty.
   [[nodiscard]] std::string tag(const char* name) const;
-  /// When a packet's image was taken.
-  [[nodiscard]] std::int64_t time_ns(const AVPacket& packet) const;
-  /// When the last packet ends, milliseconds; 0: the writer was stopped before it could say so.
-  [[nodiscard]] std::int64_t duration_ms() const;
+  /// When the last packet ends; 0: the writer was stopped before it could say so.
+  [[nodiscard]] std::int64_t duration_us() const;
+
+  /// Decodes images of FFV1 from now on.
+  /// @throws FormatError  the track's header is damaged, of version 2, or of other pixels.
+  void open_decoder(int track, MkvPixels pixels, ImageSize size);
+  /// @param image  As MkvCodec has it.
+  /// @throws FormatError  damaged, of more slices than writers make, or of other pixels.
+  void decode(int track, std::span<const std::byte> packet, void* image);
 
   /// The next packet of any track; false at the end, or where the rest cannot be made sense of.
   /// @throws std::filesystem::filesystem_error
-  bool next(AVPacket& packet);
+  bool next(MatroskaPacket& packet);
   /// Goes on at the last packet of a track that the index of a finished file knows; false: there is
   /// no index. @throws std::filesystem::filesystem_error
   bool seek_last(int track);
+  /// Lets others record over the file.
+  void unlock() { lock_.release(); }
 
  private:
-  void open();
-  void close();
-  [[nodiscard]] std::span<AVStream* const> streams() const {
-    return {format_->streams, format_->nb_streams};
-  }
-  [[nodiscard]] AVStream& stream(int track) const {
-    return *streams()[static_cast<std::size_t>(track)];
-  }
-
-  std::filesystem::path path_;
   MatroskaFile file_;
-  AVIOContext* io_ = nullptr;
-  AVFormatContext* format_ = nullptr;
+  RecordingLock lock_;
+  std::unique_ptr<MkvReader, void (*)(MkvReader*)> reader_;
+  std::vector<MkvTrack> tracks_;
 };
 
 }  // namespace manip3d

@@ -1,6 +1,7 @@
 #include "capture/mkv_azure.hpp"
 
 #include <algorithm>
+#include <charconv>
 #include <cstdlib>
 #include <deque>
 #include <limits>
@@ -18,16 +19,29 @@ namespace {
 
 constexpr const char* kDepthTitle = "DEPTH";
 constexpr const char* kColourTitle = "COLOR";
-constexpr std::size_t kMaxWaiting = 8;                     // images of one kind
+constexpr std::uint32_t kBigEndianGray = 'b' | '1' << 8 | '6' << 16 | 'g' << 24;
+constexpr std::int64_t kMaxTime = std::int64_t{1}
+                                  << 51;  // microseconds; the nanoseconds of two fit
+constexpr std::size_t kMaxWaiting = 8;    // images of one kind
 constexpr std::int64_t kUsualPeriod = 1'000'000'000 / 30;  // of files that do not say
 
 /// The size of a track's images.
-ImageSize checked_size(const AVCodecParameters& images) {
-  const ImageSize size = size_of(images);
+ImageSize checked_size(const MkvTrack& images) {
+  const ImageSize size{images.height, images.width};
   if (const std::string reason = mkv::complaint(size); !reason.empty()) {
     throw FormatError(reason, {});
   }
   return size;
+}
+
+/// Device time of the file's time 0; nothing is added to the times of a file that does not say.
+std::int64_t start_offset_ns(const std::string& text) {
+  std::int64_t offset = 0;
+  if (text.empty()) return offset;
+  const char* end = text.data() + text.size();
+  const auto [stopped, error] = std::from_chars(text.data(), end, offset);
+  if (error == std::errc() && stopped == end && std::abs(offset / 1000) <= kMaxTime) return offset;
+  throw FormatError("K4A_START_OFFSET_NS: expected nanoseconds, at most 73 years, got " + text, {});
 }
 
 class AzureSource final : public RgbdSource {
@@ -42,13 +56,12 @@ class AzureSource final : public RgbdSource {
       throw InputError("calibration.depth: expected the size of the recording's depth images, " +
                        std::to_string(depth_size_.cols) + " x " + std::to_string(depth_size_.rows));
     }
-    // Device time of the file's time 0.
-    offset_ns_ = std::strtoll(file_->tag("K4A_START_OFFSET_NS").c_str(), nullptr, 10);
+    offset_ns_ = start_offset_ns(file_->tag("K4A_START_OFFSET_NS"));
   }
 
   [[nodiscard]] SourceCapabilities capabilities() const override { return {}; }
   void start() override {}
-  void stop() override {}
+  void stop() override { file_->unlock(); }
   [[nodiscard]] std::shared_ptr<const RgbdCalibration> calibration() const override {
     return calibration_;
   }
@@ -64,7 +77,7 @@ class AzureSource final : public RgbdSource {
       frame.number = number_++;
       frame.time_ns = depth.time_ns + offset_ns_;
       try {
-        fill(frame, *depth.packet, colour);
+        fill(frame, depth.bytes, colour);
       } catch (const FormatError&) {
         ++damaged_;
         continue;
@@ -73,42 +86,41 @@ class AzureSource final : public RgbdSource {
       ++frames_;
       return ReadStatus::kFrame;
     }
+    file_->unlock();
     return ReadStatus::kEnd;
   }
 
  private:
   struct Timed {
     std::int64_t time_ns;
-    PacketPtr packet;
+    std::vector<std::byte> bytes;
   };
 
   void open_depth() {
-    depth_track_ = *file_->find(kDepthTitle, AVMEDIA_TYPE_VIDEO);
-    const AVCodecParameters& images = file_->parameters(depth_track_);
+    depth_track_ = *file_->find(kDepthTitle, MkvKind::kVideo);
+    const MkvTrack& images = file_->track(depth_track_);
     depth_size_ = checked_size(images);
-    if (images.codec_tag != MKTAG('b', '1', '6', 'g')) {
+    if (images.four_cc != kBigEndianGray) {
       throw FormatError("DEPTH track: expected images of the kind b16g", {});
     }
-    const AVRational rate = file_->frame_rate(depth_track_);
-    period_ns_ =
-        rate.num > 0 && rate.den > 0 ? 1'000'000'000LL * rate.den / rate.num : kUsualPeriod;
+    if (images.period_ns > 0) period_ns_ = images.period_ns;
   }
 
   void open_colour() {
-    const auto track = file_->find(kColourTitle, AVMEDIA_TYPE_VIDEO);
+    const auto track = file_->find(kColourTitle, MkvKind::kVideo);
     if (!track) return;
-    const AVCodecParameters& images = file_->parameters(*track);
-    if (images.codec_id != AV_CODEC_ID_MJPEG) {
-      throw FormatError(std::string("COLOR track: expected MJPEG, got ") +
-                            ffmpeg().avcodec_get_name(images.codec_id),
-                        {});
+    const MkvTrack& images = file_->track(*track);
+    if (images.format != MkvFormat::kMjpeg) {
+      throw FormatError(std::string("COLOR track: expected MJPEG, got ") + images.format_name, {});
     }
     colour_track_ = *track;
     colour_size_ = checked_size(images);
   }
 
   [[nodiscard]] std::shared_ptr<const RgbdCalibration> read_calibration() const {
-    const JsonPlace::Json json = parse_json(file_->attachment(mkv::kCalibration).text, 0);
+    const MkvBytes text = file_->attachment(mkv::kCalibration).data;
+    const JsonPlace::Json json =
+        parse_json({reinterpret_cast<const char*>(text.data), text.size}, 0);
     return azure_calibration(JsonPlace(json, mkv::kCalibration, 0), depth_size_, colour_size_);
   }
 
@@ -118,13 +130,13 @@ class AzureSource final : public RgbdSource {
       return !depths_.empty() && (latest_ns_ > depths_.front().time_ns + period_ns_ / 2 ||
                                   depths_.size() > kMaxWaiting);
     };
-    while (!is_complete() && file_->next(*packet_)) {
-      const bool is_depth = packet_->stream_index == depth_track_;
-      if (!is_depth && packet_->stream_index != colour_track_) continue;
-      const std::int64_t time_ns = file_->time_ns(*packet_);
+    while (!is_complete() && file_->next(packet_)) {
+      const bool is_depth = packet_.track == depth_track_;
+      if (!is_depth && packet_.track != colour_track_) continue;
+      const std::int64_t time_ns = 1000 * std::clamp(packet_.time_us, -kMaxTime, kMaxTime);
       latest_ns_ = std::max(latest_ns_, time_ns);
       std::deque<Timed>& waiting = is_depth ? depths_ : colours_;
-      waiting.push_back({time_ns, std::exchange(packet_, new_packet())});
+      waiting.push_back({time_ns, std::exchange(packet_.bytes, {})});
       if (colours_.size() > kMaxWaiting) colours_.pop_front();
     }
     return !depths_.empty();
@@ -142,14 +154,15 @@ class AzureSource final : public RgbdSource {
     return nearest;
   }
 
-  void fill(RgbdFrame& frame, const AVPacket& depth, const Timed* colour) {
+  void fill(RgbdFrame& frame, const std::vector<std::byte>& depth, const Timed* colour) {
     const auto pixels = static_cast<std::size_t>(depth_size_.rows * depth_size_.cols);
-    if (static_cast<std::size_t>(depth.size) != 2 * pixels) throw FormatError("damaged", {});
+    if (depth.size() != 2 * pixels) throw FormatError("damaged", {});
     frame.rows = depth_size_.rows;
     frame.cols = depth_size_.cols;
     frame.depth.resize(pixels);
     for (std::size_t i = 0; i < pixels; ++i) {
-      frame.depth[i] = static_cast<std::uint16_t>(depth.data[2 * i] << 8 | depth.data[2 * i + 1]);
+      frame.depth[i] = static_cast<std::uint16_t>(std::to_integer<int>(depth[2 * i]) << 8 |
+                                                  std::to_integer<int>(depth[2 * i + 1]));
     }
     frame.body_index.clear();
     frame.skeletons.clear();
@@ -157,7 +170,7 @@ class AzureSource final : public RgbdSource {
     frame.colour_rows = frame.colour_cols = 0;
     if (colour != nullptr) {
       frame.colour.resize(static_cast<std::size_t>(3 * colour_size_->rows * colour_size_->cols));
-      jpeg_.decode(bytes_of(*colour->packet), *colour_size_, frame.colour.data());
+      jpeg_.decode(colour->bytes, *colour_size_, frame.colour.data());
       frame.colour_rows = colour_size_->rows;
       frame.colour_cols = colour_size_->cols;
     }
@@ -172,7 +185,7 @@ class AzureSource final : public RgbdSource {
   std::optional<ImageSize> colour_size_;
   std::int64_t period_ns_ = kUsualPeriod, offset_ns_ = 0;
   JpegDecoder jpeg_;
-  PacketPtr packet_ = new_packet();
+  MatroskaPacket packet_;
   std::deque<Timed> depths_, colours_;
   std::int64_t latest_ns_ = std::numeric_limits<std::int64_t>::min();
   std::int64_t number_ = 0, frames_ = 0, without_colour_ = 0, damaged_ = 0;
@@ -181,7 +194,7 @@ class AzureSource final : public RgbdSource {
 }  // namespace
 
 bool is_azure_recording(const MatroskaReader& file) {
-  return file.find(kDepthTitle, AVMEDIA_TYPE_VIDEO).has_value();
+  return file.find(kDepthTitle, MkvKind::kVideo).has_value();
 }
 
 std::unique_ptr<RgbdSource> open_azure(std::unique_ptr<MatroskaReader> file,

@@ -24,7 +24,7 @@ inline constexpr std::int64_t kMaxPixels = std::int64_t{1} << 24;
 
 /// What is wrong with an image of this size; empty: nothing.
 inline std::string complaint(ImageSize size) {
-  // Within FFmpeg's 32 bits the product of two sides fits.
+  // Sides have 32 bits in files and at most kMaxImageSide in calibrations: the product fits.
   if (size.rows > 0 && size.cols > 0 && size.rows * size.cols <= kMaxPixels) return "";
   return "expected images of 1 to " + std::to_string(kMaxPixels) + " pixels, got " +
          std::to_string(size.cols) + " x " + std::to_string(size.rows);

@@ -2,12 +2,13 @@
 #include <cstring>
 #include <fstream>
 #include <limits>
-#include <optional>
 #include <utility>
 
 #include "capture/matroska.hpp"
 #include "capture/mkv_layout.hpp"
+#include "capture/mkv_library.hpp"
 #include "capture/rgbd_json.hpp"
+#include "capture/sha256.hpp"
 #include "manip3d/capture/mkv.hpp"
 #include "manip3d/error.hpp"
 
@@ -17,6 +18,7 @@ namespace {
 namespace fs = std::filesystem;
 using Json = JsonPlace::Json;
 
+constexpr std::int64_t kMinSide = 4;                            // of FFV1 (MatroskaWriter)
 constexpr std::size_t kMaxAttachment = std::size_t{128} << 20;  // half of what FFmpeg reads
 
 bool is_matroska(const fs::path& path) {
@@ -38,7 +40,11 @@ void check_sizes(const RgbdCalibration& calibration) {
   const Intrinsics& depth = calibration.depth;
   const Intrinsics& colour = calibration.registration ? calibration.registration->colour : depth;
   for (const Intrinsics& camera : {depth, colour}) {
-    const std::string reason = mkv::complaint({camera.height, camera.width});
+    std::string reason = mkv::complaint({camera.height, camera.width});
+    if (camera.height < kMinSide || camera.width < kMinSide) {
+      reason = "expected at least 4 x 4 pixels for FFV1, got " + std::to_string(camera.width) +
+               " x " + std::to_string(camera.height);
+    }
     if (!reason.empty()) throw InputError("calibration: " + reason);
   }
 }
@@ -71,23 +77,22 @@ class MkvRecorder final : public RgbdRecorder {
     if (!is_started_) start(frame);
     const std::int64_t time_ms = container_time(frame.time_ns);
     Json packets = Json::object();
-    put(depth_track_, mkv::kDepth, bytes_of(depth_->encode(frame.depth.data())), time_ms, packets);
+    put(depth_track_, mkv::kDepth, encoded(depth_track_, frame.depth), time_ms, packets);
     if (!frame.body_index.empty()) {
-      put(body_track_, mkv::kBodyIndex, bytes_of(body_->encode(frame.body_index.data())), time_ms,
-          packets);
+      put(body_track_, mkv::kBodyIndex, encoded(body_track_, frame.body_index), time_ms, packets);
     }
     if (!frame.colour.empty()) {
-      put(colour_track_, mkv::kColour, encoded_colour(frame), time_ms, packets);
+      put(colour_track_, mkv::kColour,
+          options_.lossless_colour ? encoded(colour_track_, frame.colour)
+                                   : jpeg_.encode(frame.colour.data(), colour_size_),
+          time_ms, packets);
     }
     const Json record = {{"index", frames_},
                          {"number", frame.number},
                          {"time", frame.time_ns},
                          {"packets", std::move(packets)},
                          {"skeletons", skeletons_to_json(frame.skeletons)}};
-    std::string text = record.dump();
-    text = sha256(std::as_bytes(std::span(text))) + "\n" + text;
-    file_->write(frames_track_, std::as_bytes(std::span(text)), time_ms);
-    file_->flush();
+    write_record(record.dump(), time_ms);
     ++frames_;
   }
 
@@ -106,31 +111,45 @@ class MkvRecorder final : public RgbdRecorder {
   void start(const RgbdFrame& first) {
     const Intrinsics& depth = calibration_->depth;
     const ImageSize size{depth.height, depth.width};
-    depth_.emplace(PixelKind::kGray16, size);
-    depth_track_ = file_->add_video(depth_->codec(), mkv::kDepth);
+    depth_track_ = add_images(MkvFormat::kFfv1, MkvPixels::kGray16, size, mkv::kDepth);
     if (!first.body_index.empty()) {
-      body_.emplace(PixelKind::kGray8, size);
-      body_track_ = file_->add_video(body_->codec(), mkv::kBodyIndex);
+      body_track_ = add_images(MkvFormat::kFfv1, MkvPixels::kGray8, size, mkv::kBodyIndex);
     }
     if (!first.colour.empty()) {
       colour_size_ = {first.colour_rows, first.colour_cols};
-      if (options_.lossless_colour) colour_.emplace(PixelKind::kRgb, colour_size_);
-      colour_track_ = colour_ ? file_->add_video(colour_->codec(), mkv::kColour)
-                              : file_->add_jpeg(colour_size_, mkv::kColour);
+      const auto format = options_.lossless_colour ? MkvFormat::kFfv1 : MkvFormat::kMjpeg;
+      colour_track_ = add_images(format, MkvPixels::kRgb, colour_size_, mkv::kColour);
     }
-    frames_track_ = file_->add_text(mkv::kFrames);
-    file_->add_attachment(mkv::kCalibration, sha256(std::as_bytes(std::span(calibration_text_))),
-                          calibration_text_);
+    frames_track_ = file_->add({.kind = MkvKind::kText, .title = mkv::kFrames});
+    const std::span calibration = std::as_bytes(std::span(calibration_text_));
+    const std::string hash = sha256(calibration);
+    file_->add({.kind = MkvKind::kAttachment,
+                .data = to_mkv(calibration),
+                .title = hash.c_str(),
+                .file_name = mkv::kCalibration});
     file_->start();
     first_time_ = first.time_ns;
     is_started_ = true;
   }
 
+  int add_images(MkvFormat format, MkvPixels pixels, ImageSize size, const char* title) {
+    return file_->add({.kind = MkvKind::kVideo,
+                       .format = format,
+                       .pixels = pixels,
+                       .width = static_cast<std::int32_t>(size.cols),
+                       .height = static_cast<std::int32_t>(size.rows),
+                       .title = title});
+  }
+
   /// FFmpeg reads no file without a cluster. A record without text is no frame.
   void start_empty() {
     start({});
-    const std::string text = sha256({}) + "\n";
-    file_->write(frames_track_, std::as_bytes(std::span(text)), 0);
+    write_record("", 0);
+  }
+
+  void write_record(const std::string& json, std::int64_t time_ms) {
+    const std::string text = sha256(std::as_bytes(std::span(json))) + "\n" + json;
+    file_->write(frames_track_, std::as_bytes(std::span(text)), time_ms);
     file_->flush();
   }
 
@@ -143,9 +162,9 @@ class MkvRecorder final : public RgbdRecorder {
     return last_time_ms_ = std::max(last_time_ms_ + 1, rounded);
   }
 
-  std::span<const std::byte> encoded_colour(const RgbdFrame& frame) {
-    return colour_ ? bytes_of(colour_->encode(frame.colour.data()))
-                   : jpeg_.encode(frame.colour.data(), colour_size_);
+  template <typename Pixels>
+  std::span<const std::byte> encoded(int track, const Pixels& image) {
+    return file_->encode(track, image.data());
   }
 
   void put(int track, const char* name, std::span<const std::byte> bytes, std::int64_t time_ms,
@@ -159,7 +178,6 @@ class MkvRecorder final : public RgbdRecorder {
   RecordingChecks checks_;
   std::string calibration_text_;
   std::unique_ptr<MatroskaWriter> file_;
-  std::optional<Ffv1Encoder> depth_, body_, colour_;
   JpegEncoder jpeg_;
   ImageSize colour_size_;
   int depth_track_ = 0, body_track_ = 0, colour_track_ = 0, frames_track_ = 0;
@@ -168,8 +186,6 @@ class MkvRecorder final : public RgbdRecorder {
 };
 
 }  // namespace
-
-std::string mkv_absence() { return ffmpeg_absence(); }
 
 std::unique_ptr<RgbdRecorder> record_mkv(const fs::path& path,
                                          std::shared_ptr<const RgbdCalibration> calibration,

@@ -7,7 +7,9 @@
 #include "capture/matroska.hpp"
 #include "capture/mkv_azure.hpp"
 #include "capture/mkv_layout.hpp"
+#include "capture/mkv_library.hpp"
 #include "capture/rgbd_json.hpp"
+#include "capture/sha256.hpp"
 #include "manip3d/capture/grab_thread.hpp"
 #include "manip3d/capture/mkv.hpp"
 #include "manip3d/capture/unmirror.hpp"
@@ -19,7 +21,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kMaxRecordBytes = 1 << 20;  // 64 skeletons take 300 kB
+constexpr std::int64_t kLasting = 1000;  // microseconds that the writer says a packet lasts
+constexpr std::size_t kMaxRecordBytes = 1 << 20;  // 64 skeletons take 300 kB
 
 [[noreturn]] void refuse_track(const char* name, const std::string& reason) {
   throw FormatError(std::string(name) + " track: " + reason, {});
@@ -32,71 +35,69 @@ std::string_view text_of(std::span<const std::byte> bytes) {
 /// A track of images: its decoder, and the packet that came last.
 class ImageTrack {
  public:
-  ImageTrack(const char* name, int stream, const AVCodecParameters& parameters, PixelKind kind,
-             ImageSize size)
-      : name_(name), stream_(stream), size_(size), packet_(new_packet()) {
+  ImageTrack(const char* name, MatroskaReader& file, int number, MkvPixels pixels, ImageSize size)
+      : file_(file), number_(number), size_(size) {
     if (const std::string reason = mkv::complaint(size); !reason.empty()) {
       refuse_track(name, reason);
     }
-    if (kind == PixelKind::kRgb && parameters.codec_id == AV_CODEC_ID_MJPEG) {
+    if (pixels == MkvPixels::kRgb && file.track(number).format == MkvFormat::kMjpeg) {
       jpeg_ = std::make_unique<JpegDecoder>();  // each packet says its size
       return;
     }
     try {
-      ffv1_.emplace(parameters, kind, size);
+      file.open_decoder(number, pixels, size);
     } catch (const FormatError& error) {
       refuse_track(name, error.reason());
     }
   }
 
-  [[nodiscard]] int stream() const { return stream_; }
-  [[nodiscard]] const char* name() const { return name_; }
+  [[nodiscard]] int number() const { return number_; }
   [[nodiscard]] ImageSize size() const { return size_; }
-  [[nodiscard]] bool has_packet() const { return packet_->size > 0; }
+  [[nodiscard]] bool has_packet() const { return !packet_.bytes.empty(); }
 
   /// Takes over the packet; the one before is gone.
-  void take(PacketPtr& packet) { std::swap(packet_, packet); }
-  void drop() { ffmpeg().av_packet_unref(packet_.get()); }
+  void take(MatroskaPacket& packet) { std::swap(packet_, packet); }
+  void drop() { packet_.bytes.clear(); }
 
   /// The pixels of the packet that came last, if it is the one of this time and hash.
   /// @throws FormatError
   template <typename T>
-  void decode(std::int64_t time_ms, const std::string& hash, std::size_t channels,
+  void decode(std::int64_t time_us, const std::string& hash, std::size_t channels,
               std::vector<T>& pixels) {
-    if (!has_packet() || packet_->pts != time_ms) throw FormatError("packet missing", {});
-    if (sha256(bytes_of(*packet_)) != hash) throw FormatError("packet damaged", {});
+    if (!has_packet() || packet_.time_us != time_us) throw FormatError("packet missing", {});
+    if (sha256(packet_.bytes) != hash) throw FormatError("packet damaged", {});
     pixels.resize(static_cast<std::size_t>(size_.rows * size_.cols) * channels);
     if (jpeg_) {
-      jpeg_->decode(bytes_of(*packet_), size_, reinterpret_cast<std::uint8_t*>(pixels.data()));
+      jpeg_->decode(packet_.bytes, size_, reinterpret_cast<std::uint8_t*>(pixels.data()));
     } else {
-      ffv1_->decode(*packet_, pixels.data());
+      file_.decode(number_, packet_.bytes, pixels.data());
     }
   }
 
  private:
-  const char* name_;
-  int stream_;
+  MatroskaReader& file_;
+  int number_;
   ImageSize size_;
-  PacketPtr packet_;
-  std::optional<Ffv1Decoder> ffv1_;
+  MatroskaPacket packet_;
   std::unique_ptr<JpegDecoder> jpeg_;
 };
 
 /// The attached calibration, if it is the one that was written.
 std::shared_ptr<const RgbdCalibration> read_calibration(const MatroskaReader& file) {
-  const MatroskaReader::Attachment attached = file.attachment(mkv::kCalibration);
-  if (sha256(std::as_bytes(std::span(attached.text))) != attached.description) {
+  const MkvTrack& attached = file.attachment(mkv::kCalibration);
+  const std::span<const std::byte> bytes = from_mkv(attached.data);
+  if (sha256(bytes) != attached.title) {
     throw FormatError("calibration.json: damaged: its hash is another", {});
   }
-  const JsonPlace::Json json = parse_json(attached.text, 0);
+  const JsonPlace::Json json = parse_json(text_of(bytes), 0);
   const JsonPlace place(json, mkv::kCalibration, 0);
   return calibration_from_json(place);
 }
 
 /// @throws FormatError  a record that is not the one that was written.
-JsonPlace::Json checked_record(const AVPacket& packet) {
-  if (packet.size > kMaxRecordBytes) throw FormatError("record too long", {});
-  const std::string_view text = text_of(bytes_of(packet));
+JsonPlace::Json checked_record(const MatroskaPacket& packet) {
+  if (packet.bytes.size() > kMaxRecordBytes) throw FormatError("record too long", {});
+  const std::string_view text = text_of(packet.bytes);
   const std::string_view hash = text.substr(0, mkv::kHashDigits);
   const std::string_view json = text.substr(std::min(text.size(), mkv::kHashDigits + 1));
   if (sha256(std::as_bytes(std::span(json))) != hash) throw FormatError("record damaged", {});
@@ -111,13 +112,13 @@ std::int64_t index_of(const JsonPlace& record, std::int64_t least) {
 /// cut off or damaged.
 std::optional<std::int64_t> count_frames(const fs::path& path) try {
   MatroskaReader file(path);
-  const auto depth = file.find(mkv::kDepth, AVMEDIA_TYPE_VIDEO);
-  const auto frames = file.find(mkv::kFrames, AVMEDIA_TYPE_SUBTITLE);
-  if (file.duration_ms() == 0 || !depth || !frames || !file.seek_last(*depth)) return std::nullopt;
+  const auto depth = file.find(mkv::kDepth, MkvKind::kVideo);
+  const auto frames = file.find(mkv::kFrames, MkvKind::kText);
+  if (file.duration_us() == 0 || !depth || !frames || !file.seek_last(*depth)) return std::nullopt;
   std::optional<std::int64_t> count;
-  for (PacketPtr packet = new_packet(); file.next(*packet);) {
-    if (packet->stream_index != *frames || packet->pts + 1 < file.duration_ms()) continue;
-    const JsonPlace::Json json = checked_record(*packet);
+  for (MatroskaPacket packet; file.next(packet);) {
+    if (packet.track != *frames || packet.time_us + kLasting < file.duration_us()) continue;
+    const JsonPlace::Json json = checked_record(packet);
     count = index_of(JsonPlace(json, mkv::kFrames, 0), 0) + 1;
   }
   return count;
@@ -135,17 +136,17 @@ class MkvSource final : public RgbdSource {
     const Intrinsics& depth = calibration_->depth;
     const Intrinsics& colour =
         calibration_->registration ? calibration_->registration->colour : depth;
-    add_track(mkv::kDepth, PixelKind::kGray16, {depth.height, depth.width}, depth_);
-    add_track(mkv::kBodyIndex, PixelKind::kGray8, {depth.height, depth.width}, body_index_);
-    add_track(mkv::kColour, PixelKind::kRgb, {colour.height, colour.width}, colour_);
-    const auto frames = file_->find(mkv::kFrames, AVMEDIA_TYPE_SUBTITLE);
+    add_track(mkv::kDepth, MkvPixels::kGray16, {depth.height, depth.width}, depth_);
+    add_track(mkv::kBodyIndex, MkvPixels::kGray8, {depth.height, depth.width}, body_index_);
+    add_track(mkv::kColour, MkvPixels::kRgb, {colour.height, colour.width}, colour_);
+    const auto frames = file_->find(mkv::kFrames, MkvKind::kText);
     if (!depth_ || !frames) throw FormatError("expected the tracks 'depth' and 'frames'", {});
     frames_track_ = *frames;
   }
 
   [[nodiscard]] SourceCapabilities capabilities() const override { return {}; }
   void start() override {}
-  void stop() override {}
+  void stop() override { file_->unlock(); }
   [[nodiscard]] std::shared_ptr<const RgbdCalibration> calibration() const override {
     return calibration_;
   }
@@ -155,12 +156,12 @@ class MkvSource final : public RgbdSource {
             {"damaged", damaged_},
             {"lost", lost_},
             {"cut_short", cut_short_ ? 1 : 0},
-            {"unfinished", file_->duration_ms() > 0 ? 0 : 1}};
+            {"unfinished", file_->duration_us() > 0 ? 0 : 1}};
   }
 
   ReadStatus read(RgbdFrame& frame, std::chrono::milliseconds) override {
-    while (file_->next(*packet_)) {
-      if (packet_->stream_index != frames_track_) {
+    while (file_->next(packet_)) {
+      if (packet_.track != frames_track_) {
         keep_image();
       } else if (read_frame(frame)) {
         ++frames_;
@@ -171,21 +172,22 @@ class MkvSource final : public RgbdSource {
     for (const auto* track : {&depth_, &body_index_, &colour_}) {
       cut_short_ = cut_short_ || (*track && (*track)->has_packet());
     }
-    cut_short_ = cut_short_ || last_time_ms_ + 1 < file_->duration_ms();
+    cut_short_ = cut_short_ || last_time_us_ + kLasting < file_->duration_us();
+    file_->unlock();
     return ReadStatus::kEnd;
   }
 
  private:
-  void add_track(const char* name, PixelKind kind, ImageSize size,
+  void add_track(const char* name, MkvPixels pixels, ImageSize size,
                  std::optional<ImageTrack>& track) {
-    if (const auto index = file_->find(name, AVMEDIA_TYPE_VIDEO)) {
-      track.emplace(name, *index, file_->parameters(*index), kind, size);
+    if (const auto number = file_->find(name, MkvKind::kVideo)) {
+      track.emplace(name, *file_, *number, pixels, size);
     }
   }
 
   void keep_image() {
     for (auto* track : {&depth_, &body_index_, &colour_}) {
-      if (*track && (*track)->stream() == packet_->stream_index) (*track)->take(packet_);
+      if (*track && (*track)->number() == packet_.track) (*track)->take(packet_);
     }
   }
 
@@ -194,11 +196,11 @@ class MkvSource final : public RgbdSource {
   bool read_frame(RgbdFrame& frame) {
     bool is_known = false;  // the record can be believed, and the frame counted
     try {
-      const JsonPlace::Json json = checked_record(*packet_);
+      const JsonPlace::Json json = checked_record(packet_);
       const JsonPlace record(json, mkv::kFrames, 0);
       const std::int64_t index = index_of(record, next_index_);
       lost_ += index - std::exchange(next_index_, index + 1);
-      last_time_ms_ = packet_->pts;
+      last_time_us_ = packet_.time_us;
       is_known = true;
       fill(record, frame);
       drop_images();
@@ -242,7 +244,7 @@ class MkvSource final : public RgbdSource {
     const auto hash = packets.find(name);
     if (!hash) return;
     if (!track) hash->fail("expected no packet: there is no such track");
-    track->decode(packet_->pts, hash->text(), channels, pixels);
+    track->decode(packet_.time_us, hash->text(), channels, pixels);
   }
 
   std::unique_ptr<MatroskaReader> file_;
@@ -250,8 +252,8 @@ class MkvSource final : public RgbdSource {
   std::shared_ptr<const RgbdCalibration> stored_, calibration_;
   std::optional<ImageTrack> depth_, body_index_, colour_;
   int frames_track_ = -1;
-  PacketPtr packet_ = new_packet();
-  std::int64_t next_index_ = 0, last_time_ms_ = -1;
+  MatroskaPacket packet_;
+  std::int64_t next_index_ = 0, last_time_us_ = -kLasting;
   std::int64_t frames_ = 0, damaged_ = 0, lost_ = 0;
   bool cut_short_ = false;
 };

@@ -35,21 +35,6 @@ void check_grows(const char* name, std::int64_t value, std::int64_t before) {
 
 }  // namespace
 
-std::vector<RecordingFormat> recording_formats() {
-  return {
-      {"folder", "", record_folder, "", ""},
-#ifdef MANIP3D_FFMPEG
-      {"mkv", ".mkv", record_mkv, "", ""},
-#else
-      {"mkv",
-       ".mkv",
-       {},
-       "not built: FFmpeg's development files were not found",
-       "apt-get install libavformat-dev libavcodec-dev libavutil-dev, then build again"},
-#endif
-  };
-}
-
 std::unique_ptr<RgbdRecorder> open_recorder(const std::filesystem::path& path,
                                             std::shared_ptr<const RgbdCalibration> calibration,
                                             const RecorderOptions& options) {
@@ -57,16 +42,11 @@ std::unique_ptr<RgbdRecorder> open_recorder(const std::filesystem::path& path,
     throw InputError("jpeg_quality: expected 1 to 100, got " +
                      std::to_string(options.jpeg_quality));
   }
-  std::string known;
-  for (const RecordingFormat& format : recording_formats()) {
-    known += (known.empty() ? "" : ", ") + (format.suffix.empty() ? "none" : format.suffix);
-    if (path.extension() != format.suffix) continue;
-    if (!format.open) {
-      throw InputError("path: " + format.suffix + ": " + format.reason + " (" + format.cure + ")");
-    }
-    return format.open(path, std::move(calibration), options);
-  }
-  throw InputError("path: expected one of the suffixes " + known + ", got '" + path.string() + "'");
+  const std::filesystem::path suffix = path.extension();
+  if (suffix == ".mkv") return record_mkv(path, std::move(calibration), options);
+  if (suffix.empty()) return record_folder(path, std::move(calibration), options);
+  throw InputError("path: expected a folder or a file that ends in .mkv, got '" + path.string() +
+                   "'");
 }
 
 RecordingChecks::RecordingChecks(const RgbdCalibration& calibration)

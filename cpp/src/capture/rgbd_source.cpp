@@ -13,17 +13,12 @@ namespace manip3d {
 namespace {
 
 RgbdScheme mkv_scheme(bool probe) {
-  RgbdScheme scheme{"mkv", "FILE", "recordings of this library and of Azure Kinect (Matroska)",
-                    {},    "",     ""};
-#ifdef MANIP3D_FFMPEG
-  scheme.open = open_mkv;
-  if (probe) scheme.reason = mkv_absence();
-  if (!scheme.reason.empty()) scheme.cure = kMkvCure;
-#else
-  static_cast<void>(probe);
-  scheme.reason = "not built: FFmpeg's development files were not found";
-  scheme.cure = "apt-get install libavformat-dev libavcodec-dev libavutil-dev, then build again";
-#endif
+  RgbdScheme scheme{"mkv",    "FILE", "recordings of this library and of Azure Kinect (Matroska)",
+                    open_mkv, "",     ""};
+  if (!probe) return scheme;
+  const FoundMkvCodec found = find_mkv_codec();
+  scheme.reason = found.reason;
+  scheme.cure = found.cure;
   return scheme;
 }
 

@@ -512,10 +512,8 @@ void VelodyneDecoder::add_point(const Laser& laser, std::uint8_t number, double 
     range_y = range + (laser.range_offset - laser.range_offset_y) * (y - 1.93) / (25.04 - 1.93) +
               laser.range_offset_y;
   }
-  const double right =
-      (range_x * laser.cos_elevation - lift) * sin - laser.horizontal_offset * cos;
-  const double ahead =
-      (range_y * laser.cos_elevation - lift) * cos + laser.horizontal_offset * sin;
+  const double right = (range_x * laser.cos_elevation - lift) * sin - laser.horizontal_offset * cos;
+  const double ahead = (range_y * laser.cos_elevation - lift) * cos + laser.horizontal_offset * sin;
   const double up = range_y * laser.sin_elevation + laser.vertical_offset * laser.cos_elevation;
   const float xyz[3] = {static_cast<float>(ahead), static_cast<float>(-right),
                         static_cast<float>(up)};

@@ -34,8 +34,8 @@ void visit_pixels(int cols, std::array<std::int32_t, 2> a, std::array<std::int32
                         const std::array<std::int32_t, 2>& q) {
     const std::int32_t du = q[0] - p[0], dv = q[1] - p[1];
     // Of two triangles on either side the one that goes down or, if level, to the right has it.
-    const bool inside =
-        edges == SidePixels::kClosed || (edges == SidePixels::kShared && (dv < 0 || (dv == 0 && du > 0)));
+    const bool inside = edges == SidePixels::kClosed ||
+                        (edges == SidePixels::kShared && (dv < 0 || (dv == 0 && du > 0)));
     const std::int32_t value = du * (v0 - p[1]) + dv * p[0] - (inside ? 0 : 1);
     Side s{dv, dv != 0 ? std::abs(dv) : 1, 0, 0, 0, 0};
     s.quotient = value / s.size;

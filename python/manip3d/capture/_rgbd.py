@@ -6,7 +6,6 @@ import os
 import threading
 from collections.abc import Iterable, Mapping, Sized
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -23,10 +22,6 @@ if TYPE_CHECKING:
     from manip3d._util.options import Progress
 
 _PEOPLE = ("utd-mhad", "labanotation", "people")
-
-# The libraries in PyAV's wheel, if it is installed; the core loads them where the system has none.
-if (_pyav := find_spec("av")) is not None and _pyav.origin is not None:
-    _core.set_ffmpeg_folder(os.fsencode(Path(_pyav.origin).parents[1] / "av.libs"))
 
 
 @dataclass(frozen=True)
@@ -336,14 +331,14 @@ def record(
     jpeg_quality : int
         1 to 100.
     overwrite : bool
-        Replace a recording of the same kind.
+        Replace a recording of the same kind that nobody reads or records.
     progress : None, True or callable(fraction, message)
 
     Raises
     ------
     InputError
-        A path that exists, or with an unknown suffix; frames that do not fit the calibration or
-        each other, or whose times and numbers do not grow.
+        A path that exists, that is being read or recorded, or with an unknown suffix; frames that
+        do not fit the calibration or each other, or whose times and numbers do not grow.
     OSError
         The disk is full, and the like; the frames before are good.
     FormatError, DeviceError

@@ -41,6 +41,12 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+_SHORT = {
+    "info": "Count what a mesh, a scan or a recording is made of.",
+    "view": "Show a mesh or a scan, or write a page or a picture.",
+}
+"""Help that fits the list of commands, where the first line does not."""
+
 for verb in (
     simplify.simplify,
     depth.depth,
@@ -55,7 +61,7 @@ for verb in (
     reproduce.reproduce,
     report.report,
 ):
-    app.command()(verb)
+    app.command(short_help=_SHORT.get(verb.__name__))(verb)
 app.command("cs3", help="Same as 'depth', whose default method is CS3.")(depth.depth)
 for group in (data, forge, phantom, capture):
     app.add_typer(group.app)

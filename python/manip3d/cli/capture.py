@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from manip3d.cli.kinds import expect_kind
 from manip3d.cli.options import (
     FolderIntrinsics,
     FolderUnits,
@@ -21,7 +22,7 @@ from manip3d.cli.options import (
     Quiet,
     RgbdPlace,
 )
-from manip3d.cli.terminal import Terminal, count, naming_options, refuse_existing, table
+from manip3d.cli.terminal import Terminal, check_output, count, counted, naming_options, table
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.rgbd import RgbdFrame
 
@@ -81,6 +82,8 @@ def open_source(
     from manip3d import capture
     from manip3d.viewer import rgbd_address
 
+    if not Path(source).is_dir():
+        expect_kind(source, "recording", verb="capture")
     folder = f"folder:{source}" if Path(source).is_dir() else source
     uri = rgbd_address(source) or folder
     options: dict[str, Any] = {"speed": speed} if speed else {}
@@ -90,7 +93,7 @@ def open_source(
         options["units_per_metre"] = units_per_metre
     opened = capture.open_rgbd(uri, **options)
     camera = opened.calibration.depth
-    length = "" if opened.num_frames is None else f", {count(opened.num_frames)} frames"
+    length = "" if opened.num_frames is None else f", {counted(opened.num_frames, 'frame')}"
     terminal.say(f"opened {uri}: {camera.width} x {camera.height} pixels{length}")
     return opened
 
@@ -134,7 +137,7 @@ def write_recording(
             overwrite=force,
             progress=progress,
         )
-    terminal.say(f"wrote {output}: {count(done.frames)} frames, {done.seconds:.2f} s")
+    terminal.say(f"wrote {output}: {counted(done.frames, 'frame')}, {done.seconds:.2f} s")
     return {**asdict(done), "path": str(done.path), "source": source.uri}
 
 
@@ -173,7 +176,9 @@ def play(
 def show_play(console: Console, record: dict[str, Any]) -> None:
     """One line."""
     rate = record["frames_per_second"] or 0.0
-    console.print(f"{count(record['frames'])} frames in {record['seconds']:.2f} s, {rate:.1f} /s")
+    console.print(
+        f"{counted(record['frames'], 'frame')} in {record['seconds']:.2f} s, {rate:.1f} /s"
+    )
     _show_counters(console, record["counters"])
 
 
@@ -357,7 +362,10 @@ def _write_png(path: Path, image: NDArray[np.uint8]) -> None:
 
 @app.command("list")
 def capture_list(as_json: Json = False) -> None:
-    """List what can be opened here, and why the rest cannot."""
+    """List the cameras and recordings that can be opened here, and why others cannot.
+
+    Example: manip3d capture list
+    """
     records = listing()
     shell = Terminal(as_json=as_json)
     shell.result(records, lambda console: show_listing(console, records))
@@ -371,20 +379,25 @@ def capture_record(
     ],
     frames: MostFrames = None,
     seconds: Annotated[
-        float | None, typer.Option(help="Stop so long after the first frame.")
+        float | None, typer.Option(help="Stop this many seconds after the first frame.")
     ] = None,
     lossless_colour: Annotated[
-        bool, typer.Option("--lossless-colour", help="Colour exactly, not as JPEG.")
+        bool, typer.Option("--lossless-colour", help="Store colour exactly, not as JPEG.")
     ] = False,
-    quality: Annotated[int, typer.Option(min=1, max=100, help="Of JPEG.")] = 90,
+    quality: Annotated[int, typer.Option(min=1, max=100, help="Quality of JPEG, 1 to 100.")] = 90,
     intrinsics: FolderIntrinsics = "",
     units_per_metre: FolderUnits = 0.0,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write frames to a recording. Ctrl-C ends it; what was written is whole."""
-    refuse_existing(output, force=force)
+    """Write frames of a camera or another source to a recording.
+
+    Ctrl-C ends the recording; what was written is whole.
+
+    Example: manip3d capture record 'sim:body?motion=wave&frames=30' -o patient.mkv
+    """
+    check_output(output, (".mkv",), force=force, folder=True)
     shell = Terminal(as_json=as_json, quiet=quiet)
     opened = open_source(source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre)
     record = write_recording(
@@ -405,10 +418,12 @@ def capture_play(
     source: RgbdPlace,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", help="A sheet of pictures (.png), or a folder of them."),
+        typer.Option(
+            "-o", "--output", help="A sheet of pictures (.png), or a new folder of pictures."
+        ),
     ] = None,
     speed: Annotated[
-        float, typer.Option(min=0, help="1: by the frames' times; 0: as fast as they are read.")
+        float, typer.Option(min=0, help="Playback speed; 0: as fast as read, 1: real time.")
     ] = 1.0,
     frames: MostFrames = None,
     intrinsics: FolderIntrinsics = "",
@@ -417,8 +432,11 @@ def capture_play(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Read frame after frame and say how fast they come; pictures with -o."""
-    refuse_existing(output, force=force)
+    """Read frame after frame and print how fast they come; with -o, write pictures.
+
+    Example: manip3d capture play patient.mkv -o frames.png
+    """
+    check_output(output, (".png",), force=force, folder=True)
     shell = Terminal(as_json=as_json, quiet=quiet)
     opened = open_source(
         source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre, speed=speed
@@ -435,7 +453,10 @@ def capture_info(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Say what a recording holds: cameras, frames, times, gaps; reads it to the end."""
+    """Print what a recording holds: cameras, frames, times, gaps. Reads it to the end.
+
+    Example: manip3d capture info patient.mkv
+    """
     shell = Terminal(as_json=as_json, quiet=quiet)
     opened = open_source(source, shell, intrinsics=intrinsics, units_per_metre=units_per_metre)
     record = info(opened, shell)

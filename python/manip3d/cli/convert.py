@@ -3,41 +3,15 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from manip3d.cli import scanning
+from manip3d.cli.kinds import expect_kind
 from manip3d.cli.options import Calibration, Force, Output, Quiet, Source
 from manip3d.cli.sources import open_mesh
-from manip3d.cli.terminal import Terminal, refuse_existing
-from manip3d.mesh import Mesh
-
-METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-# Turns +z up into +y up about x: (x, y, z) -> (x, z, -y).
-_Z_UP_TO_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-
-
-def write_converted(
-    source: str, output: Path, *, unit: str | None, up: str | None, terminal: Terminal
-) -> None:
-    """Read, bring to metres and +y up where asked, write."""
-    mesh = to_metres_y_up(open_mesh(source, terminal), unit=unit, up=up)
-    mesh.write(output)
-    terminal.say(f"wrote {output}")
-
-
-def to_metres_y_up(mesh: Mesh, *, unit: str | None, up: str | None) -> Mesh:
-    """The mesh in metres if its ``unit`` is given, with +y up if its ``up`` axis is."""
-    vertices, normals = mesh.vertices, mesh.normals
-    if unit is not None:
-        vertices = vertices * METRES[unit]
-    if up == "z":
-        vertices = vertices @ _Z_UP_TO_Y_UP.T
-        normals = None if normals is None else normals @ _Z_UP_TO_Y_UP.T
-    return mesh.replace(vertices=vertices, normals=normals)
+from manip3d.cli.terminal import Terminal, check_output
 
 
 class Unit(StrEnum):
@@ -70,22 +44,28 @@ def convert(
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write a mesh or a scan in another format. Coordinates change only with --unit or --up.
+    """Write a mesh or a scan in another format.
 
-    Recordings of LiDAR packets (.pcap) become a folder of scans in KITTI's layout.
+    Meshes: .obj, .ply, .off, .stl, .gltf, .glb. Scans: .bin, .pcd, .ply, .3d, .las, .laz, .e57. A
+    recording of LiDAR packets (.pcap) becomes a folder of scans in KITTI's layout. Coordinates
+    change only with --unit or --up.
+
+    Example: manip3d convert head.obj -o head.glb --unit mm --up z
     """
+    from manip3d.io import SCAN_SUFFIXES, WRITABLE
     from manip3d.viewer import kind_of
 
-    refuse_existing(output, force=force)
+    shell = Terminal(quiet=quiet)
+    expect_kind(source, "mesh", "scan", "range grid", "packets", "drive", verb="convert")
     if source != "-" and kind_of(source) == "scan":
         if unit is not None or up is not None:
             raise typer.BadParameter("--unit and --up are for meshes: scans know their units")
-        scanning.convert(source, output, Terminal(quiet=quiet), calibration)
+        check_output(output, SCAN_SUFFIXES, force=force, folder=True)
+        scanning.convert(source, output, shell, calibration)
         return
-    write_converted(
-        source,
-        output,
-        unit=unit.value if unit else None,
-        up=up.value if up else None,
-        terminal=Terminal(quiet=quiet),
-    )
+    check_output(output, WRITABLE, force=force)
+    mesh = open_mesh(source, shell)
+    if unit is not None or up is not None:
+        mesh = mesh.oriented(unit=unit.value if unit else "m", up=up.value if up else "y")
+    mesh.write(output)
+    shell.say(f"wrote {output}")

@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from manip3d.cli.options import Json, Quiet
-from manip3d.cli.terminal import Terminal, table
+from manip3d.cli.terminal import Terminal, counted, table
+from manip3d.errors import Error
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from manip3d.datasets import DataSet
 
 app = typer.Typer(
     name="data",
@@ -65,20 +68,44 @@ def _state(record: dict[str, Any]) -> str:
 
 
 def get(names: list[str], terminal: Terminal) -> None:
-    """Fetch data sets, each licence shown before its bytes."""
+    """Fetch data sets, each licence shown before its bytes; say where they are, or the steps."""
     from manip3d import datasets
 
+    failed = []
     for data_set in [datasets.get(name) for name in names]:
         terminal.say(f"{data_set.name}: {data_set.title}\n  from     {data_set.origin}")
         terminal.say(f"  licence  {data_set.licence}\n  page     {data_set.page}")
+        reason = _fetch(data_set, terminal)
+        if reason:
+            failed.append(f"{data_set.name}: {reason}")
+            for number, step in enumerate(datasets.steps_by_hand(data_set), 1):
+                terminal.say(f"  step {number}   {step}")
+    if failed:
+        raise Error("; ".join(failed))
+
+
+def _fetch(data_set: DataSet, terminal: Terminal) -> str:
+    """Fetch one data set; return why that cannot be done, or an empty string."""
+    from manip3d import datasets
+
+    if not datasets.is_fetchable(data_set):
+        return "to be fetched by hand, with the steps above"
+    try:
         with terminal.progress(data_set.name) as progress:
             paths = datasets.fetch(data_set, progress=progress)
-        terminal.say(f"  here     {paths[0]}")
+    except datasets.FetchError as error:
+        return str(error).removeprefix(f"{data_set.name}: ")
+    more = f" and {counted(len(paths) - 1, 'more file')}" if len(paths) > 1 else ""
+    terminal.say(f"  here     {paths[0]}{more}, checked")
+    return ""
 
 
 @app.command("list")
 def data_list(as_json: Json = False) -> None:
-    """List the data sets: which are here, which are missing."""
+    """List the data sets: which are here, which are missing.
+
+    Example: manip3d data list
+    """
     records = listing()
     shell = Terminal(as_json=as_json)
     shell.result(records, lambda console: show(console, records))
@@ -86,8 +113,13 @@ def data_list(as_json: Json = False) -> None:
 
 @app.command("get")
 def data_get(
-    names: Annotated[list[str], typer.Argument(help="Data sets, as 'data list' names them.")],
+    names: Annotated[list[str], typer.Argument(help="Names of data sets, from 'data list'.")],
     quiet: Quiet = False,
 ) -> None:
-    """Fetch data sets from their official homes; shows each licence first."""
+    """Fetch data sets from their official homes; each licence is shown first.
+
+    A data set that may not be fetched by a program ends with the steps to get it by hand.
+
+    Example: manip3d data get spot
+    """
     get(names, Terminal(quiet=quiet))

@@ -1,33 +1,72 @@
-"""``manip3d demo``."""
+"""``manip3d demo``: what this is for, on one page."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from manip3d.cli.options import Processes, Quiet, Seed, Tier
+from manip3d.cli.reproduce import refuse_foreign_folder, say_what_was_done
 from manip3d.cli.terminal import Terminal
+
+if TYPE_CHECKING:
+    from manip3d.report.demo import Demo
 
 
 def demo(
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder.")] = Path("demo"),
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", help="Folder of the results and of the page."),
+    ] = Path("demo"),
     data: Annotated[
-        Tier, typer.Option(help="auto: recorded data where MANIP3D_DATA has them.")
+        Tier, typer.Option(help="Data to use; auto: recorded data where MANIP3D_DATA has them.")
     ] = Tier.auto,
     quiet: Quiet = False,
     jobs: Processes = 0,
     seed: Seed = 0,
 ) -> None:
-    """Tell four stories with pictures and their commands, then the numbers; open the page.
+    """Show on one page what this is for, with pictures.
 
+    Tells stories with pictures and the commands that made them, then the numbers; opens the page.
     Needs no data and no network. Run again, it goes on where it stopped.
-    """
-    from manip3d.cli import reproducing
 
+    Example: manip3d demo -o demo
+    """
+    from manip3d._util.extras import require
+
+    require("demo")
     shell = Terminal(quiet=quiet)
-    done = reproducing.demo(output, data=data.value, seed=seed, jobs=jobs, terminal=shell)
-    reproducing.open_report(done.page, shell)
+    done = tell(output, data=data.value, seed=seed, jobs=jobs, terminal=shell)
+    open_page(done.page, shell)
     if done.summary.failed or done.summary.problems:
         raise typer.Exit(1)
+
+
+def tell(folder: Path, *, data: Any, seed: int, jobs: int, terminal: Terminal) -> Demo:
+    """Run the demo into a folder, new or of an earlier demo; say where its page is."""
+    from manip3d.report.demo import run_demo
+
+    refuse_foreign_folder(folder, force=False)
+    terminal.say("four stories, then the tables; about two minutes on two cores")
+    try:
+        with terminal.progress("demo") as bar:
+            done = run_demo(folder, data=data, seed=seed, jobs=jobs, progress=bar or terminal.line)
+    except KeyboardInterrupt:
+        terminal.say(f"interrupted; what had finished is in {folder}, the same command goes on")
+        raise
+    say_what_was_done(done.summary, terminal)
+    terminal.say(f"page: {done.page.resolve()}")
+    return done
+
+
+def open_page(path: Path, terminal: Terminal) -> None:
+    """Open the report where there is a screen and a browser."""
+    import webbrowser
+
+    if terminal.quiet or not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return
+    if not webbrowser.open(path.resolve().as_uri()):
+        terminal.say("no browser found to open it with")

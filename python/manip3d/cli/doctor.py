@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import platform
 import sys
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
+from manip3d._util.extras import DISTRIBUTIONS, EXTRAS, missing_modules
 from manip3d.cli.options import Json
 from manip3d.cli.terminal import Terminal, table
 from manip3d.errors import Error
@@ -19,34 +18,13 @@ from manip3d.errors import Error
 if TYPE_CHECKING:
     from rich.console import Console
 
-_EXTRAS = {
-    "io": ("trimesh",),
-    "viz": ("pyvista", "vtk", "PIL"),
-    "simulate": ("open3d",),
-    "experiments": ("matplotlib", "jinja2", "scipy", "pooch"),
-    "notebook": ("ipykernel", "nbclient", "pandas"),
-    "velodyne": ("yaml",),
-    "las": ("laspy", "lazrs"),
-    "e57": ("pye57",),
-    "ouster": ("ouster",),
-    "pose": ("mediapipe",),
-    "video": ("av",),
-    "dask": ("distributed",),
-}
-_DISTRIBUTIONS = {
-    "PIL": ("pillow",),
-    "open3d": ("open3d-cpu", "open3d"),
-    "ouster": ("ouster-sdk",),
-    "yaml": ("pyyaml",),
-}
-
 
 def examine() -> list[dict[str, Any]]:
     """Checks in the order of a reader's questions.
 
     Each has ``what``, ``state`` ('ok', 'missing' or 'broken'), ``detail`` and ``cure``.
     """
-    return [_core(), *_extras(), _pictures(), _viewer(), *_data(), *_settings()]
+    return [_core(), *_extras(), _recordings(), _pictures(), _viewer(), *_data(), *_settings()]
 
 
 def _check(what: str, state: str, detail: str, cure: str = "") -> dict[str, Any]:
@@ -66,8 +44,8 @@ def _core() -> dict[str, Any]:
 
 def _extras() -> list[dict[str, Any]]:
     checks = []
-    for extra, modules in _EXTRAS.items():
-        absent = [name for name in modules if importlib.util.find_spec(name) is None]
+    for extra, modules in EXTRAS.items():
+        absent = missing_modules(extra)
         if absent:
             cure = f"pip install 'manip3d[{extra}]'"
             checks.append(_check(f"extra {extra}", "missing", f"no {', '.join(absent)}", cure))
@@ -78,12 +56,22 @@ def _extras() -> list[dict[str, Any]]:
 
 
 def _version(module: str) -> str:
-    for name in _DISTRIBUTIONS.get(module, (module,)):
+    from importlib import metadata
+
+    for name in DISTRIBUTIONS.get(module, (module,)):
         try:
             return metadata.version(name)
         except metadata.PackageNotFoundError:
             continue
     return "of unknown version"
+
+
+def _recordings() -> dict[str, Any]:
+    from manip3d import capture
+
+    mkv = next(scheme for scheme in capture.sources() if scheme.name == "mkv")
+    state = "ok" if mkv.is_available else "missing"
+    return _check("recordings (mkv:)", state, mkv.reason or mkv.description, mkv.cure)
 
 
 def _pictures() -> dict[str, Any]:
@@ -107,10 +95,9 @@ def _data() -> list[dict[str, Any]]:
 
     chosen = os.environ.get("MANIP3D_DATA")
     checks = []
-    if chosen and not Path(chosen).is_dir():
-        checks.append(
-            _check("MANIP3D_DATA", "broken", f"{chosen} is no folder", "set it to the data folder")
-        )
+    problem = datasets.data_folder_problem(Path(chosen)) if chosen else ""
+    if problem:
+        checks.append(_check("MANIP3D_DATA", "broken", problem, "set it to the data folder"))
     known = datasets.registry().values()
     absent = [data_set.name for data_set in known if not datasets.is_here(data_set)]
     if absent:
@@ -140,7 +127,12 @@ def show(console: Console, checks: list[dict[str, Any]]) -> None:
 
 
 def doctor(as_json: Json = False) -> None:
-    """Say what is here, what is missing, why, and the cure."""
+    """Print what is installed, what is missing, why, and the cure.
+
+    The exit code is 1 if something is broken.
+
+    Example: manip3d doctor
+    """
     checks = examine()
     shell = Terminal(as_json=as_json)
     shell.result(checks, lambda console: show(console, checks))

@@ -7,22 +7,26 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 
 from manip3d.cli.convert import Up
-from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Seed
-from manip3d.cli.terminal import Terminal, count, refuse_existing
+from manip3d.cli.kinds import expect_kind
+from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Scan, Seed
+from manip3d.cli.terminal import Terminal, check_output, counted
 from manip3d.errors import InputError
-from manip3d.forge import Forgery
+from manip3d.io import SCAN_SUFFIXES
 from manip3d.io._files import atomic_write
 from manip3d.lidar import Box, LidarFrame
 
+if TYPE_CHECKING:
+    from manip3d.forge import Forgery
+
 app = typer.Typer(
     name="forge",
-    help="Forged scans with their truth, for testing detectors.",
+    help="Forge LiDAR scans, with the truth beside them.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -64,7 +68,7 @@ def forge_scan(
     if truth.exists() and not force:
         raise InputError(f"{truth}: exists already; --force replaces it")
     frame = manip3d.read_scan(source)
-    terminal.say(f"read {source}: {count(frame.num_points)} points")
+    terminal.say(f"read {source}: {counted(frame.num_points, 'point')}")
     forged = ATTACKS[attack](frame, order)
     forged.write(output)
     record = truth_of(forged) | {"source": source, "output": str(output)}
@@ -250,27 +254,35 @@ class LidarAttack(StrEnum):
 @app.command("lidar")
 def forge_lidar(
     attack: Annotated[LidarAttack, typer.Argument(help="What is done to the scan.")],
-    source: Annotated[str, typer.Argument(metavar="SCAN", help="A scan file.")],
+    source: Scan,
     output: Output,
-    hoax: Annotated[str | None, typer.Option(help="Mesh or scan file to paste.")] = None,
+    hoax: Annotated[str | None, typer.Option(help="Mesh or scan to paste into the scan.")] = None,
     position: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(metavar="X Y Z", help="Where its centroid goes, metres."),
+        typer.Option(metavar="X Y Z", help="Position of the hoax's centroid, metres."),
     ] = None,
     box: Annotated[
         tuple[float, float, float, float, float, float, float] | None,
         typer.Option(
-            metavar="X Y Z L W H YAW", help="Centre, size, turn; else the nearest object's."
+            metavar="X Y Z L W H YAW",
+            help="Box of the object that is changed: centre, size (metres) and turn (radians); by "
+            "default that of the nearest object.",
         ),
     ] = None,
-    scale: Annotated[float, typer.Option(help="Of the hoax's units to metres.")] = 1.0,
-    yaw: Annotated[float, typer.Option(help="Turn about the vertical, radians.")] = 0.0,
-    amplitude: Annotated[float, typer.Option(help="Of a deformation, metres.")] = 0.1,
-    distance: Annotated[float, typer.Option(help="Of a translation, metres.")] = 3.0,
-    up: Annotated[Up, typer.Option(help="Axis of a hoax's mesh that is up.")] = Up.z,
-    range_noise: Annotated[float, typer.Option(help="Of inserted points, metres.")] = 0.0,
+    scale: Annotated[float, typer.Option(help="Factor from the hoax's units to metres.")] = 1.0,
+    yaw: Annotated[
+        float,
+        typer.Option(help="Turn of the hoax or the object about the vertical, radians."),
+    ] = 0.0,
+    amplitude: Annotated[float, typer.Option(help="Amplitude of a deformation, metres.")] = 0.1,
+    distance: Annotated[float, typer.Option(help="Length of a translation, metres.")] = 3.0,
+    up: Annotated[Up, typer.Option(help="Axis that is up in the hoax's mesh.")] = Up.z,
+    range_noise: Annotated[
+        float,
+        typer.Option(help="Standard deviation of the range of inserted points, metres."),
+    ] = 0.0,
     printed: Annotated[
-        bool, typer.Option("--printed", help="CTP's translation as printed.")
+        bool, typer.Option("--printed", help="Translate as the dissertation prints it for CTP.")
     ] = False,
     force: Force = False,
     as_json: Json = False,
@@ -278,8 +290,12 @@ def forge_lidar(
     jobs: Jobs = 0,
     seed: Seed = 0,
 ) -> None:
-    """Forge a LiDAR scan; the truth goes beside it, as OUT.truth.json."""
-    refuse_existing(output, force=force)
+    """Forge a LiDAR scan; the truth is written beside it, as OUT.truth.json.
+
+    Example: manip3d forge lidar ctp scan.bin -o forged.bin --hoax car.obj --position 8 2 -1
+    """
+    expect_kind(source, "scan", verb="forge lidar")
+    check_output(output, SCAN_SUFFIXES, force=force)
     shell = Terminal(as_json=as_json, quiet=quiet)
     order = Order(
         hoax,

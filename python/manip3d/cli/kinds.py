@@ -85,9 +85,10 @@ def expect_kind(source: str, *kinds: str, verb: str) -> str:
         There is no such file or folder.
     """
     kind = kind_of(source)
-    if kind in ("stream", *kinds) or (kind == "unknown" and not _suffix(Path(source))):
-        return kind
-    wanted = " or ".join(NAMES[name] for name in kinds)
+    if kind in ("stream", *kinds) or (kind == "unknown" and "mesh" in kinds):
+        return kind  # the reader of meshes looks into files of any name
+    *others, last = (NAMES[name] for name in kinds)
+    wanted = f"{', '.join(others)} or {last}" if others else last
     takers = f". Commands that take {NAMES[kind]}: {VERBS[kind]}" if kind in VERBS else ""
     raise InputError(f"{source} is {NAMES[kind]}; {verb} takes {wanted}{takers}")
 

@@ -1,4 +1,4 @@
-"""``manip3d report``."""
+"""``manip3d report``: a results folder as one page."""
 
 from __future__ import annotations
 
@@ -8,17 +8,30 @@ from typing import Annotated
 import typer
 
 from manip3d.cli.options import Force, OptionalOutput, Quiet
-from manip3d.cli.terminal import Terminal, refuse_existing
+from manip3d.cli.terminal import Terminal, check_output
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(help="A results folder of 'reproduce'.")],
+    folder: Annotated[Path, typer.Argument(help="A results folder that 'reproduce' has written.")],
     output: OptionalOutput = None,
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Turn a results folder into one page: .html (default), .md or .csv."""
-    from manip3d.cli import reproducing
+    """Turn a results folder into one page: .html, .md or .csv.
 
-    refuse_existing(output, force=force)
-    reproducing.write_report(folder, output, Terminal(quiet=quiet))
+    Without -o the page is report.html in the folder.
+
+    Example: manip3d report results -o results.html
+    """
+    check_output(output, (".html", ".md", ".csv"), force=force)
+    write_page(folder, output, Terminal(quiet=quiet))
+
+
+def write_page(folder: Path, output: Path | None, terminal: Terminal) -> Path:
+    """Write the report of a results folder; say where it is."""
+    from manip3d import report
+
+    path = output or folder / "report.html"
+    report.write_report(folder, path)
+    terminal.say(f"report: {path.resolve()}")
+    return path

@@ -1,46 +1,185 @@
-"""``manip3d reproduce``."""
+"""``manip3d reproduce``: the experiments behind published tables and figures."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from manip3d.cli.options import MISSED, Force, Json, Processes, Quiet, Scale, Seed, Tier
-from manip3d.cli.terminal import Terminal
+from manip3d.cli.terminal import Terminal, counted, table
+from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from manip3d.experiments import RunSummary
 
 
 def reproduce(
-    ids: Annotated[list[str] | None, typer.Argument(help="table-2.2 ...; none: all.")] = None,
-    list_only: Annotated[bool, typer.Option("--list", help="List the experiments.")] = False,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder.")] = Path("results"),
-    data: Annotated[Tier, typer.Option(help="auto: real data where it is here.")] = Tier.auto,
-    scale: Annotated[Scale, typer.Option(help="quick: a minute; full: minutes.")] = Scale.full,
+    ids: Annotated[
+        list[str] | None,
+        typer.Argument(help="Experiments, such as table-2.2; by default all."),
+    ] = None,
+    list_only: Annotated[
+        bool,
+        typer.Option("--list", help="List the experiments and the data they want."),
+    ] = False,
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", help="Folder of the results."),
+    ] = Path("results"),
+    data: Annotated[
+        Tier,
+        typer.Option(help="Data to use; auto: real data where it is here."),
+    ] = Tier.auto,
+    scale: Annotated[
+        Scale,
+        typer.Option(help="Amount of work; quick: about a minute, full: many minutes."),
+    ] = Scale.full,
     dask: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Dask scheduler to use; 'local' starts one.")
+        str,
+        typer.Option(
+            metavar="ADDRESS", help="Dask scheduler that distributes the work; local: start one."
+        ),
     ] = "",
     force: Force = False,
-    strict: Annotated[bool, typer.Option("--strict", help="Exit 4 when a claim fails.")] = False,
+    strict: Annotated[
+        bool,
+        typer.Option("--strict", help="Exit with code 4 when a claim does not hold."),
+    ] = False,
     as_json: Json = False,
     quiet: Quiet = False,
     jobs: Processes = 0,
     seed: Seed = 0,
 ) -> None:
-    """Run the experiments behind published tables and figures; an interrupted run resumes."""
-    from manip3d.cli import reproducing
+    """Run the experiments behind published tables and figures.
 
+    An interrupted run resumes when the same command is given again.
+
+    Example: manip3d reproduce table-2.2 --scale quick -o results
+    """
     shell = Terminal(as_json=as_json, quiet=quiet)
     if list_only:
-        records = reproducing.listing(ids or [])
-        shell.result(records, lambda console: reproducing.show_listing(console, records))
+        records = listing(ids or [])
+        shell.result(records, lambda console: show_listing(console, records))
         return
     plan = {"data": data.value, "scale": scale.value, "seed": seed}
-    summary = reproducing.reproduce(
-        ids or [], output, plan, shell, jobs=jobs, dask=dask, force=force
-    )
-    shell.result(reproducing.digest(summary), lambda console: reproducing.show(console, summary))
+    summary = run_experiments(ids or [], output, plan, shell, jobs=jobs, dask=dask, force=force)
+    shell.result(digest(summary), lambda console: show(console, summary))
     if summary.failed or summary.problems:
         raise typer.Exit(1)
-    if strict and reproducing.some_claim_fails(summary):
+    if strict and some_claim_fails(summary):
         raise typer.Exit(MISSED)
+
+
+def listing(ids: list[str]) -> list[dict[str, Any]]:
+    """The experiments: id, title, the data they want, and what of it is missing."""
+    from manip3d import datasets
+    from manip3d.experiments import select
+
+    return [
+        {
+            "id": experiment.id,
+            "title": experiment.title,
+            "data": list(experiment.data),
+            "missing": [n for n in experiment.data if not datasets.is_here(datasets.get(n))],
+        }
+        for experiment in select(ids)
+    ]
+
+
+def show_listing(console: Console, records: list[dict[str, Any]]) -> None:
+    """One line per experiment."""
+    rows = [(r["id"], r["title"], _data_state(r)) for r in records]
+    table(console, rows, ("id", "title", "real data"))
+
+
+def _data_state(record: dict[str, Any]) -> str:
+    missing, wanted = len(record["missing"]), len(record["data"])
+    if missing == 0:
+        return "all here"
+    if missing == wanted:
+        return "not here: simulated models stand in"
+    return f"{missing} of {wanted} missing: {', '.join(record['missing'])}"
+
+
+def run_experiments(
+    ids: list[str],
+    folder: Path,
+    plan: Mapping[str, Any],
+    terminal: Terminal,
+    *,
+    jobs: int,
+    dask: str,
+    force: bool,
+) -> RunSummary:
+    """Run experiments into a results folder, new or of an earlier run."""
+    from manip3d.experiments import Plan, run, select
+
+    experiments = select(ids)
+    refuse_foreign_folder(folder, force=force)
+    try:
+        with terminal.progress("experiments") as progress:
+            summary = run(
+                experiments, folder, plan=Plan(**plan), jobs=jobs, dask=dask, progress=progress
+            )
+    except KeyboardInterrupt:
+        terminal.say(f"interrupted; what had finished is in {folder}, the same command goes on")
+        raise
+    say_what_was_done(summary, terminal)
+    return summary
+
+
+def say_what_was_done(summary: RunSummary, terminal: Terminal) -> None:
+    terminal.say(
+        f"{counted(summary.cases, 'case')} ({summary.resumed} from an earlier run, "
+        f"{summary.failed} failed) in {summary.seconds:.1f} s; results in {summary.folder}"
+    )
+    for problem in summary.problems:
+        terminal.say(problem)
+
+
+def refuse_foreign_folder(folder: Path, *, force: bool) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: expected a folder, got a file")
+    ours = (folder / "cases").is_dir() or (folder / "results.json").is_file()
+    if folder.is_dir() and any(folder.iterdir()) and not ours and not force:
+        raise InputError(f"{folder}: not empty and no results folder; --force uses it all the same")
+
+
+def digest(summary: RunSummary) -> dict[str, Any]:
+    """What ``--json`` prints: counts and verdicts; the rows are in the folder."""
+    return {
+        "folder": str(summary.folder),
+        "cases": summary.cases,
+        "resumed": summary.resumed,
+        "failed": summary.failed,
+        "problems": summary.problems,
+        "seconds": round(summary.seconds, 3),
+        "verdicts": {
+            name: [{"claim": v["claim"], "verdict": v["word"]} for v in record["verdicts"]]
+            for name, record in summary.results["experiments"].items()
+        },
+    }
+
+
+def show(console: Console, summary: RunSummary) -> None:
+    """Every claim with its verdict."""
+    rows = [
+        (name, verdict["word"], verdict["claim"])
+        for name, record in summary.results["experiments"].items()
+        for verdict in record["verdicts"]
+    ]
+    if rows:
+        table(console, rows, ("experiment", "verdict", "claim"))
+    console.print(f"\n'manip3d report {summary.folder}' makes one page of it.")
+
+
+def some_claim_fails(summary: RunSummary) -> bool:
+    """Whether a claim does not hold, on the published files or on what stands in for them."""
+    records = summary.results["experiments"].values()
+    failing = ("does not hold", "undecided")
+    return any(v["word"] in failing for record in records for v in record["verdicts"])

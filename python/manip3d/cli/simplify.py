@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
+from manip3d.cli.kinds import expect_kind
 from manip3d.cli.options import (
     MISSED,
     FolderJobs,
@@ -23,7 +24,7 @@ from manip3d.cli.options import (
     Strict,
 )
 from manip3d.cli.sources import mesh_files, mesh_suffix, open_mesh
-from manip3d.cli.terminal import Progress, Terminal, count, refuse_existing
+from manip3d.cli.terminal import Progress, Terminal, check_output, count, counted, refuse_existing
 from manip3d.errors import Error, InputError
 from manip3d.io import WRITABLE
 
@@ -41,7 +42,7 @@ class Order:
 
     def __post_init__(self) -> None:
         if self.faces is None and self.ratio is None and self.max_error is None:
-            raise InputError("simplify: expected --faces, --ratio or --max-error, got none of them")
+            raise InputError("expected --faces, --ratio or --max-error, got none of them")
 
 
 def simplify_file(
@@ -95,9 +96,9 @@ def _sentence(record: dict[str, Any]) -> str:
         return f"refused: {record['message']}"
     removed = record["faces_before"] - record["faces_cleaned"]
     cleaned = f" (cleaning removed {count(removed)})" if removed else ""
-    missed = f"; target {count(record['target_faces'] or 0)} missed"
+    missed = f"; target of {counted(record['target_faces'] or 0, 'face')} missed"
     return (
-        f"{record['method']}: {count(record['faces_before'])} faces{cleaned} -> "
+        f"{record['method']}: {counted(record['faces_before'], 'face')}{cleaned} -> "
         f"{count(record['faces_after'])} in {record['seconds']:.2f} s, largest error "
         f"{record['max_error']:.3g} (units of the file), {record['stop'].replace('_', ' ')}"
         f"{missed if record['target_missed'] else ''}; wrote {record['output']}"
@@ -157,7 +158,7 @@ def fail_if_any(records: Sequence[dict[str, Any]]) -> None:
     """Raise when a file of a folder failed, after all were tried."""
     failed = [record for record in records if record.get("error")]
     if failed:
-        raise Error(f"{len(failed)} of {len(records)} files failed")
+        raise Error(f"{len(failed)} of {counted(len(records), 'file')} failed")
 
 
 class Method(StrEnum):
@@ -171,17 +172,27 @@ class Method(StrEnum):
 
 
 def simplify(
-    source: Annotated[str, typer.Argument(help="A mesh file, a folder of them, or - for stdin.")],
+    source: Annotated[
+        str,
+        typer.Argument(
+            help="A mesh (.obj, .ply, .off, .stl, .gltf, .glb; also as .gz or .xz), a folder of "
+            "meshes, or - for stdin."
+        ),
+    ],
     output: Output,
     faces: Annotated[int | None, typer.Option(min=1, help="Stop at this many faces.")] = None,
     ratio: Annotated[
-        float | None, typer.Option(help="Stop at this fraction of the faces as read.")
+        float | None, typer.Option(help="Stop at this fraction of the faces as read, 0 to 1.")
     ] = None,
     max_error: Annotated[
         float | None, typer.Option(help="Largest error of a collapse, in the file's units.")
     ] = None,
-    method: Annotated[Method, typer.Option(help="How.")] = Method.qem4vr,
-    no_clean: Annotated[bool, typer.Option("--no-clean", help="Do not clean first.")] = False,
+    method: Annotated[
+        Method, typer.Option(help="Simplification method of chapter 2.")
+    ] = Method.qem4vr,
+    no_clean: Annotated[
+        bool, typer.Option("--no-clean", help="Do not clean the mesh first.")
+    ] = False,
     force: Force = False,
     strict: Strict = False,
     as_json: Json = False,
@@ -189,9 +200,12 @@ def simplify(
     jobs: FolderJobs = 0,
     seed: Seed = 0,
 ) -> None:
-    """Reduce the faces of a mesh; cleans it first. The first target reached stops.
+    """Reduce the faces of a mesh.
 
-    A folder is simplified mesh by mesh into another folder, in parallel processes.
+    The mesh is cleaned first. The first target that is reached ends the run: --faces, --ratio or
+    --max-error. A folder is simplified mesh by mesh into another folder, in parallel processes.
+
+    Example: manip3d simplify head.obj -o light.glb --faces 5000
     """
     shell = Terminal(as_json=as_json, quiet=quiet)
     order = Order(method.value, faces, ratio, max_error, not no_clean, {})
@@ -200,7 +214,8 @@ def simplify(
         shell.result(records)
         fail_if_any(records)
     else:
-        refuse_existing(output, force=force)
+        expect_kind(source, "mesh", verb="simplify")
+        check_output(output, WRITABLE, force=force)
         with shell.progress("simplify") as progress:
             records = [simplify_file(source, output, order, shell, progress)]
         shell.result(records[0])

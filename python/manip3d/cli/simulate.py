@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Seed
-from manip3d.cli.terminal import Terminal, count, refuse_existing
+from manip3d.cli.terminal import Terminal, counted, refuse_existing
 from manip3d.errors import InputError
 
 
@@ -54,11 +54,11 @@ def _model(name: str, output: Path, terminal: Terminal, seed: int) -> dict[str, 
     from manip3d.simulate import models
 
     if output.suffix.lower() not in WRITABLE:  # before the work, not after it
-        raise InputError(f"{output}: expected one of {', '.join(WRITABLE)}")
+        raise InputError(f"-o {output}: expected a name that ends in {', '.join(WRITABLE)}")
     make = models.MODELS[name]
     mesh = make(rng=seed) if "rng" in inspect.signature(make).parameters else make()
     mesh.write(output)
-    terminal.say(f"wrote {output}: {count(mesh.num_faces)} faces")
+    terminal.say(f"wrote {output}: {counted(mesh.num_faces, 'face')}")
     return {"source": f"sim:{name}", "output": str(output), "faces": mesh.num_faces}
 
 
@@ -85,7 +85,7 @@ def _street(
             overwrite=force,
             progress=progress,
         )
-    terminal.say(f"wrote {drive}: {count(frames)} frames")
+    terminal.say(f"wrote {drive}: {counted(frames, 'frame')}")
     return {"source": "sim:street", "seed": seed, "drive": str(drive), "frames": frames}
 
 
@@ -97,7 +97,7 @@ def _scan(
     from manip3d.simulate import scenes, terrestrial_scan
 
     if scan_suffix(output) not in SCAN_SUFFIXES:  # before the work, not after it
-        raise InputError(f"{output}: expected one of {', '.join(SCAN_SUFFIXES)}")
+        raise InputError(f"-o {output}: expected a name that ends in {', '.join(SCAN_SUFFIXES)}")
     with terminal.progress("simulate") as progress:
         scan = terrestrial_scan(
             scenes.make(name),
@@ -107,7 +107,7 @@ def _scan(
             progress=progress,
         )
         scan.frame.write(output)
-    terminal.say(f"wrote {output}: {count(len(scan.points))} points")
+    terminal.say(f"wrote {output}: {counted(len(scan.points), 'point')}")
     return {
         "source": f"sim:{name}",
         "seed": seed,
@@ -121,15 +121,20 @@ def _scan(
 
 def simulate(
     source: Annotated[
-        str, typer.Argument(metavar="SOURCE", help="sim:street, sim:indoor-00, sim:airplane ...")
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            help="A drive (sim:street), a scene (sim:indoor-00 to -16, sim:outdoor-00 to -26) or a "
+            "mesh (sim:airplane, ...).",
+        ),
     ],
     output: Output,
-    frames: Annotated[int, typer.Option(min=1, help="Of a street: turns of the LiDAR.")] = 10,
+    frames: Annotated[int, typer.Option(min=1, help="Number of LiDAR turns of a drive.")] = 10,
     resolution: Annotated[
-        float, typer.Option(help="Of a scene: degrees between neighbouring rays.")
+        float, typer.Option(help="Angle between neighbouring rays in a scene, degrees.")
     ] = 0.06,
     no_pictures: Annotated[
-        bool, typer.Option("--no-pictures", help="Of a street: LiDAR only.")
+        bool, typer.Option("--no-pictures", help="Leave out the cameras of a drive: LiDAR only.")
     ] = False,
     force: Force = False,
     as_json: Json = False,
@@ -137,9 +142,13 @@ def simulate(
     jobs: Jobs = 0,
     seed: Seed = 0,
 ) -> None:
-    """Make data with known truth: a drive in KITTI's layout, a terrestrial scan, or a mesh.
+    """Make drives, scans and meshes with known truth.
 
-    Another seed is another street; for the others it is other noise.
+    A drive is in KITTI's layout, a scene gives a terrestrial scan, a model gives a mesh.
+
+    Another seed makes another street; in scenes and meshes it makes other noise.
+
+    Example: manip3d simulate sim:indoor-00 -o scan.pcd
     """
     refuse_existing(output, force=force)
     shell = Terminal(as_json=as_json, quiet=quiet)

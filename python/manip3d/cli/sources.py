@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from manip3d.cli.terminal import Terminal, count
+from manip3d.cli.terminal import Terminal, counted
 from manip3d.errors import InputError
 from manip3d.io import READABLE, read_mesh, read_mesh_bytes
 from manip3d.mesh import Mesh
@@ -24,8 +24,8 @@ def open_mesh(source: str, terminal: Terminal) -> Mesh:
     else:
         mesh, kind = read_mesh(source), mesh_suffix(Path(source)).lstrip(".")
     terminal.say(
-        f"read {source} ({kind}): {count(mesh.num_vertices)} vertices, "
-        f"{count(mesh.num_faces)} faces"
+        f"read {source} ({kind}): {counted(mesh.num_vertices, 'vertex', 'vertices')}, "
+        f"{counted(mesh.num_faces, 'face')}"
     )
     return mesh
 

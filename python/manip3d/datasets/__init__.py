@@ -9,7 +9,7 @@ Other packages add data sets through entry points of the group ``manip3d.dataset
 
 from __future__ import annotations
 
-from manip3d.datasets._fetch import FetchError, fetch
+from manip3d.datasets._fetch import FetchError, fetch, is_fetchable, steps_by_hand
 from manip3d.datasets._load import CLEANINGS, Cleaning, clean, load_mesh, provenance, source_of
 from manip3d.datasets._registry import (
     ENTRY_POINTS,
@@ -18,6 +18,7 @@ from manip3d.datasets._registry import (
     DataMissingError,
     DataSet,
     cache_folder,
+    data_folder_problem,
     data_root,
     file_sha256,
     get,
@@ -65,11 +66,13 @@ __all__ = [
     "StandIn",
     "cache_folder",
     "clean",
+    "data_folder_problem",
     "data_root",
     "fetch",
     "file_sha256",
     "frame_names",
     "get",
+    "is_fetchable",
     "is_here",
     "load_frame",
     "load_kinect2_intrinsics",
@@ -88,4 +91,5 @@ __all__ = [
     "scan_names",
     "scan_path",
     "source_of",
+    "steps_by_hand",
 ]

@@ -57,6 +57,40 @@ def fetch(data_set: DataSet, *, progress: Callable[[float, str], None] | None = 
     return [require(file, data_set.name) for file in data_set.files]
 
 
+def is_fetchable(data_set: DataSet) -> bool:
+    """Return whether `fetch` may bring all files that are not here."""
+    return all(file.url or file.text or locate(file) is not None for file in data_set.files)
+
+
+def steps_by_hand(data_set: DataSet) -> list[str]:
+    """Return the steps that bring a data set here without `fetch`.
+
+    Parameters
+    ----------
+    data_set : DataSet
+
+    Returns
+    -------
+    list of str
+        One sentence for each step; empty if all files are here.
+    """
+    absent = [file for file in data_set.files if locate(file) is None]
+    if not absent:
+        return []
+    root = Path(os.environ.get("MANIP3D_DATA") or cache_folder())
+    homeless = [file for file in absent if not (file.url or file.text)]
+    steps = [f"download {file.url} to {root / file.plain_path}" for file in absent if file.url]
+    if homeless:
+        shown = ", ".join(file.path for file in homeless[:3])
+        more = f" and {len(homeless) - 3} more" if homeless[3:] else ""
+        steps += [
+            f"open {data_set.page} and accept the licence: {data_set.licence}",
+            f"get the files of {data_set.origin}",
+            f"put {len(homeless)} file{'s' if homeless[1:] else ''} under {root}: {shown}{more}",
+        ]
+    return [*steps, f"run 'manip3d data get {data_set.name}' again: it checks every byte"]
+
+
 def _refuse_what_has_no_home(data_set: DataSet, absent: list[DataFile]) -> None:
     homeless = [file.path for file in absent if not (file.url or file.text)]
     if homeless:

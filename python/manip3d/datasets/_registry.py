@@ -158,6 +158,24 @@ def data_root() -> Path | None:
     return roots[0] if roots else None
 
 
+def data_folder_problem(folder: Path) -> str:
+    """Say what is wrong with a folder that ``MANIP3D_DATA`` names; empty: it can be used.
+
+    Parameters
+    ----------
+    folder : Path
+        It should hold the folders that the paths of the registered files begin with.
+    """
+    if not folder.exists():
+        return f"{folder} does not exist"
+    if not folder.is_dir():
+        return f"{folder} is no folder"
+    parts = {f.path.partition("/")[0] for data_set in registry().values() for f in data_set.files}
+    if any((folder / part).is_dir() for part in parts):
+        return ""
+    return f"{folder} holds none of the folders {', '.join(sorted(parts))}"
+
+
 def _roots() -> list[Path]:
     chosen = os.environ.get("MANIP3D_DATA")
     candidates = [Path(chosen)] if chosen else []

@@ -8,9 +8,11 @@ the runner stores and resumes them like all others.
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import shlex
+import signal
 import subprocess
 import sys
 import tempfile
@@ -88,6 +90,19 @@ def command_line(command: str) -> list[str]:
     return [sys.executable, "-m", "manip3d", *arguments]
 
 
+_LIBC = ctypes.CDLL(None)
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+
+def _end_with_parent() -> None:
+    """Between fork and exec: Ctrl-C ends the command, and so does the end of its parent.
+
+    The runner's workers ignore Ctrl-C and are killed, which their children would outlive.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
 def _run(command: str, folder: Path) -> Any:
     """The JSON value that the command prints with ``--json``."""
     done = subprocess.run(
@@ -96,6 +111,7 @@ def _run(command: str, folder: Path) -> Any:
         capture_output=True,
         text=True,
         check=False,
+        preexec_fn=_end_with_parent,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
     )
     if done.returncode not in _VERDICTS:
@@ -221,7 +237,11 @@ def _compared(light: Mapping[str, Any], plain: Mapping[str, Any]) -> str:
     for record, name in ((light, "QEM4VR"), (plain, "plain collapse")):
         forward = record["metro"]["area"]["forward"]["mean"] / diagonal
         texture = record.get("texture_error", {}).get("mean")
-        moved = "" if texture is None else f", and its texture moves by {texture:.2%} of an image"
+        moved = (
+            ""
+            if texture is None
+            else f", and its texture moves by {100 * texture:.2f} % of an image"
+        )
         sentences.append(
             f"{name} is {forward * 1e3:.3f} thousandths of the model's diagonal off{moved}"
         )
@@ -238,14 +258,14 @@ _POINTS = 5000
 def _depth_commands(recorded: bool) -> list[str]:
     if recorded:
         return [
-            f"manip3d cs3 {_DESK}_depth.png --colour {_DESK}_color.png --units-per-metre 5000 "
-            f"--intrinsics 520.9,521.0,325.1,249.7 --points {_POINTS} --max-edge 0.2 -o scene.glb"
+            f"manip3d depth {_DESK}_depth.png --colour {_DESK}_color.png --intrinsics tum-fr2 "
+            f"--points {_POINTS} -o scene.glb"
         ]
     return [
         "manip3d capture record 'sim:body?motion=wave&rate=8' --frames 8 --lossless-colour "
         "-o recording",
-        "manip3d cs3 recording/depth/000007.png --colour recording/colour/000007.png "
-        f"--intrinsics 365,365,255.5,211.5 --points {_POINTS} --max-edge 0.3 -o scene.glb",
+        "manip3d depth recording/depth/000007.png --colour recording/colour/000007.png "
+        f"--intrinsics 365,365,255.5,211.5 --points {_POINTS} -o scene.glb",
     ]
 
 
@@ -272,8 +292,9 @@ def _tell_depth(folder: Path, printed: Sequence[Any]) -> Shown:
     share = record["points"] / record["points_before"]
     fact = (
         f"{counted(record['points_before'], 'measured pixel')} became "
-        f"{counted(record['points'], 'point')} ({share:.1%}) in {record['seconds'] * 1e3:.0f} ms; "
-        "every point is a pixel of the image, with its own colour."
+        f"{counted(record['points'], 'point')} ({100 * share:.1f} %) in "
+        f"{record['seconds'] * 1e3:.0f} ms; every point is a pixel of the image, with its "
+        "own colour."
     )
     return Shown(pictures, [fact])
 

@@ -129,7 +129,7 @@ EXPERIMENT = Experiment(
         "compared. FMPD is cut off at 1, as the printed values are.",
         "Poisson disks are spread over the surface, by distances in space; the dissertation does "
         "not say how its own are spread. The relief is no part of the dissertation.",
-        "What CS3's text leaves open was chosen on the published scans (readings-3): that CS3 comes "
-        "near the printed errors there is a fit, and no confirmation.",
+        "What CS3's text leaves open was chosen on the published scans (readings-3): that CS3 "
+        "comes near the printed errors there is a fit, and no confirmation.",
     ),
 )

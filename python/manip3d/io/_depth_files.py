@@ -84,7 +84,7 @@ def read_stored_depth(
 
 def is_colour_png(path: str | os.PathLike[str]) -> bool:
     """Return whether a file is a PNG of at most 8 bits: a picture or a mask, no depth image."""
-    with open(path, "rb") as file:
+    with open_regular(path_of(path)) as file:
         header = file.read(26)
     return header.startswith(b"\x89PNG\r\n\x1a\n") and len(header) == 26 and header[24] <= 8
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from manip3d.metrics._boundary_gap import BoundaryGap, boundary_gap
+from manip3d.metrics._compare import Comparison, compare
 from manip3d.metrics._distances import (
     ClosestPoints,
     Deviation,
@@ -28,6 +29,7 @@ __all__ = [
     "BoundaryGap",
     "BoundaryNoise",
     "ClosestPoints",
+    "Comparison",
     "Deviation",
     "Flicker",
     "FmpdResult",
@@ -37,6 +39,7 @@ __all__ = [
     "boundary_gap",
     "boundary_noise",
     "closest_points",
+    "compare",
     "flicker",
     "fmpd",
     "metro",

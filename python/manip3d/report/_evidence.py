@@ -7,13 +7,13 @@ import html
 import io
 import json
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from manip3d import viewer
 from manip3d._util.json import finite
+from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
 
@@ -50,7 +50,7 @@ def write_evidence(
     InputError
         The suffix is neither of the two.
     """
-    path = Path(output)
+    path = path_of(output, "output")
     kind = path.suffix.lower()
     if kind not in EVIDENCE_KINDS:
         raise InputError(f"output: expected a name that ends in .html or .json, got {path.name}")
@@ -211,8 +211,8 @@ def _boxes(inspection: Inspection) -> str:
 
 def _calibrations(inspection: Inspection) -> str:
     items = "".join(
-        f"<li>{html.escape(report.title)}: {html.escape(report.calibration.scenes)}; "
-        f"the thresholds were chosen on these {report.calibration.num_scans} clean scans so that "
+        f"<li>{html.escape(report.title)}: {html.escape(report.calibration.scenes)}; the "
+        f"thresholds were chosen on these {report.calibration.num_scans} clean scans so that "
         f"{report.calibration.false_alarms} of them alarm, which says nothing about how often "
         f"other clean scans do. {html.escape(report.calibration.note)}</li>"
         for report in inspection.detectors

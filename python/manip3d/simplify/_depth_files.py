@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from manip3d._util.parallel import run_tasks
+from manip3d._util.paths import path_of
 from manip3d.camera import CAMERA_PRESETS, Intrinsics, read_intrinsics
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io import (
@@ -225,8 +226,8 @@ def simplify_depth_file(
     FormatError, OSError, MissingExtraError
         As `manip3d.io.read_depth_guessing`, `manip3d.io.read_range_grid` and `write_mesh`.
     """
-    path, target = Path(source), Path(output)
-    picture = None if colour is None else _colour_image(Path(colour))
+    path, target = path_of(source, "source"), path_of(output, "output")
+    picture = None if colour is None else _colour_image(path_of(colour, "colour"))
     if path.suffix.lower() in DEPTH_SUFFIXES:
         return _from_image(path, target, options, picture)
     return _from_scan(path, target, options, picture)
@@ -380,9 +381,9 @@ def simplify_depth_folder(
     InputError
         There is no frame, two frames have one name, or the colour images are not as many.
     """
-    frames = _frames(Path(folder), pattern)
+    frames = _frames(path_of(folder, "folder"), pattern)
     pictures = _pictures(colours, frames)
-    target = Path(output)
+    target = path_of(output, "output")
     targets = {frame: target / f"{frame.stem}.glb" for frame in frames}
     if len(set(targets.values())) < len(frames):
         raise InputError(f"{folder}: two frames have the same name but for their suffix")
@@ -420,7 +421,8 @@ def _frames(folder: Path, pattern: str) -> list[Path]:
     matching = sorted(p for p in folder.glob(pattern) if p.suffix.lower() in DEPTH_SUFFIXES)
     frames = [path for path in matching if not is_colour_png(path)]
     if not frames:
-        pictures = f" besides {len(matching)} colour pictures" if matching else ""
+        plural = "" if len(matching) == 1 else "s"
+        pictures = f" besides {len(matching)} colour picture{plural}" if matching else ""
         raise InputError(
             f"{folder}: expected depth images {pattern} ({', '.join(DEPTH_SUFFIXES)}), "
             f"found none{pictures}"
@@ -431,7 +433,7 @@ def _frames(folder: Path, pattern: str) -> list[Path]:
 def _pictures(colours: str | os.PathLike[str] | None, frames: Sequence[Path]) -> dict[Path, Path]:
     if colours is None:
         return {}
-    images = sorted(path for path in Path(colours).iterdir() if path.is_file())
+    images = sorted(path for path in path_of(colours, "colours").iterdir() if path.is_file())
     if len(images) != len(frames):
         raise InputError(
             f"colour: expected {len(frames)} images in {os.fspath(colours)}, found {len(images)}"

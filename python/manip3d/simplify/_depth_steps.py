@@ -34,8 +34,10 @@ def cut_depth_steps(
     depth : (H, W) uint16 or float32
         The image in any unit; 0 and NaN mean no measurement.
     step : float
-        A face is left out if, on the way along one of its edges through the image, depth changes
-        by more than this share of itself from one measured pixel to the next.
+        A face is left out if the depth at the ends of one of its edges differs by more than this
+        share of itself, and on the way from the one to the other, through the image, changes by
+        more than that from one measured pixel to the next: a step, not a slope. What only stands
+        in front of an edge, such as one noisy pixel, is no step.
 
     Returns
     -------
@@ -106,9 +108,13 @@ def _along(
 
 
 def _has_step(depth: NDArray[np.float32], step: float) -> NDArray[np.bool_]:
-    """Whether a row changes by more than ``step`` of itself between two measured samples."""
+    """Whether the ends of a row differ, and two of its measured samples in a row do."""
     last = np.where(depth > 0, np.arange(depth.shape[1]), 0)
     filled = np.take_along_axis(depth, np.maximum.accumulate(last, axis=1), axis=1)
-    before, after = filled[:, :-1], filled[:, 1:]
-    jump = np.abs(after - before) > step * np.minimum(before, after)
-    return np.asarray((jump & (before > 0)).any(axis=1))
+    jumps = _differ(filled[:, :-1], filled[:, 1:], step).any(axis=1)
+    return np.asarray(jumps & _differ(filled[:, 0], filled[:, -1], step))
+
+
+def _differ(one: NDArray[np.float32], other: NDArray[np.float32], step: float) -> NDArray[np.bool_]:
+    """Whether two measured depths differ by more than ``step`` of the smaller one."""
+    return np.asarray((np.abs(one - other) > step * np.minimum(one, other)) & (one > 0))

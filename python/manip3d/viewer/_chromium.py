@@ -27,7 +27,7 @@ from manip3d.viewer.scene import Camera, Style, downsampled, pillow
 
 if TYPE_CHECKING:
     from manip3d.mesh import Mesh
-    from manip3d.viewer.points import PointCloud
+    from manip3d.viewer.points import DrawnPoints
     from manip3d.viewer.scene import Image
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome-stable", "google-chrome")
@@ -164,7 +164,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-def draw(thing: Mesh | PointCloud, camera: Camera, style: Style) -> Image:
+def draw(thing: Mesh | DrawnPoints, camera: Camera, style: Style) -> Image:
     """The picture of a mesh or of points that ``camera`` sees."""
     from manip3d.viewer.page import still_page
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from manip3d.errors import MissingExtraError
 from manip3d.mesh import Mesh
-from manip3d.viewer.points import PointCloud
+from manip3d.viewer.points import DrawnPoints
 from manip3d.viewer.renderer import egl_window
 from manip3d.viewer.scene import (
     Camera,
@@ -35,7 +35,7 @@ SUPERSAMPLING = 2  # pixels drawn per pixel kept, each way: no jagged edges on a
 LIGHTS = (((-0.6, 0.9, 1.0), 0.78), ((1.0, -0.1, 0.8), 0.25), ((0.0, 0.0, 1.0), 0.25))
 
 
-def draw(thing: Mesh | PointCloud, camera: Camera, style: Style) -> Image:
+def draw(thing: Mesh | DrawnPoints, camera: Camera, style: Style) -> Image:
     """The picture of a mesh or of points that ``camera`` sees."""
     try:
         import pyvista
@@ -51,7 +51,7 @@ def draw(thing: Mesh | PointCloud, camera: Camera, style: Style) -> Image:
         )
         try:
             plotter.set_background(style.background)
-            if isinstance(thing, PointCloud):
+            if isinstance(thing, DrawnPoints):
                 _add_points(plotter, thing, camera, height)
             elif thing.num_faces:
                 _add_mesh(plotter, thing, style)
@@ -159,7 +159,7 @@ def _add_boundary(plotter: Any, mesh: Mesh) -> None:
     actor.GetMapper().SetRelativeCoincidentTopologyLineOffsetParameters(-2.0, -2.0)
 
 
-def _add_points(plotter: Any, cloud: PointCloud, camera: Camera, height: int) -> None:
+def _add_points(plotter: Any, cloud: DrawnPoints, camera: Camera, height: int) -> None:
     """Discs that face the camera, and lines."""
     import pyvista
 
@@ -199,7 +199,7 @@ _DISC = (
 )
 
 
-def _drawn_widths(cloud: PointCloud, camera: Camera, height: int) -> Points:
+def _drawn_widths(cloud: DrawnPoints, camera: Camera, height: int) -> Points:
     """(N,): how wide the points are drawn: neither less than a pixel nor a large part of all."""
     ahead = camera.target - camera.position
     ahead = ahead / np.linalg.norm(ahead)

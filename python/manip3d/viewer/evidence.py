@@ -16,7 +16,7 @@ from manip3d.viewer.points import (
     DOUBT,
     QUIET,
     Classes,
-    PointCloud,
+    DrawnPoints,
     box_lines,
     scan_points,
 )
@@ -41,7 +41,7 @@ def evidence(
     verdict: str,
     suspected: Mapping[str, ArrayLike],
     boxes: Mapping[str, Sequence[Box]] | None = None,
-) -> PointCloud:
+) -> DrawnPoints:
     """A scan with suspected points and boxes coloured by who suspects them.
 
     Parameters
@@ -90,7 +90,7 @@ def box_between(lower: Sequence[float], upper: Sequence[float]) -> Box:
     return Box((x, y, z), (length, width, height))
 
 
-def forgery_points(forgery: Forgery) -> PointCloud:
+def forgery_points(forgery: Forgery) -> DrawnPoints:
     """A forged scan: points that were added and moved, and, where known, that were removed."""
     frame, label = forgery.frame, forgery.label
     original = forgery.original

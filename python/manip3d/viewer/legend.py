@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from manip3d.viewer.points import Classes, PointCloud, Scale, ramp
+from manip3d.viewer.points import Classes, DrawnPoints, Scale, ramp
 from manip3d.viewer.scene import pillow
 
 if TYPE_CHECKING:
@@ -20,9 +20,9 @@ INSET = 8  # from the panel's border
 LEAST_SIZE = (240, 180)  # smaller pictures have no room for it
 
 
-def with_legend(image: Image, cloud: PointCloud, background: Rgb) -> Image:
+def with_legend(image: Image, points: DrawnPoints, background: Rgb) -> Image:
     """The picture with the legend in its lower left corner; as it is where that has no room."""
-    rows = _rows(cloud)
+    rows = _rows(points)
     if not rows or image.shape[1] < LEAST_SIZE[0] or image.shape[0] < LEAST_SIZE[1]:
         return image
     panel = _panel(rows, background)
@@ -44,16 +44,16 @@ def end_texts(scale: Scale) -> list[str]:
     return [f"{number(end)} {scale.unit}".strip() for end in scale.ends]
 
 
-def _rows(cloud: PointCloud) -> list[tuple[str, Any]]:
+def _rows(points: DrawnPoints) -> list[tuple[str, Any]]:
     """What stands in each line: its kind, and its content."""
     rows: list[tuple[str, Any]] = []
-    first = cloud.columns[0] if cloud.columns else None
+    first = points.columns[0] if points.columns else None
     if isinstance(first, Scale):
         rows += [("text", first.name), ("bar", None), ("ends", end_texts(first))]
     if isinstance(first, Classes):
         counted = zip(first.labels, first.palette, first.counts(), strict=True)
         rows += [("dot", (f"{label} ({n:,})", color)) for label, color, n in counted]
-    rows += [("line", (lines.name, lines.color)) for lines in cloud.lines]
+    rows += [("line", (lines.name, lines.color)) for lines in points.lines]
     return rows
 
 

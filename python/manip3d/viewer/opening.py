@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from manip3d import capture, io
+from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io._scan_files import SCAN_SUFFIXES
 from manip3d.io._scan_tables import scan_suffix
@@ -60,6 +61,7 @@ def kind_of(source: str | os.PathLike[str]) -> Kind:
 
     Anything that is no scan, no depth image and no source of RGB-D frames is a ``mesh``.
     """
+    path_of(source, "source")
     name = os.fspath(source)
     if scan_address(name) is not None:
         return "scan"
@@ -145,19 +147,21 @@ def open_thing(
         As the readers.
     """
     name = os.fspath(source)
-    kind = kind_of(name)
+    kind = kind_of(source)
+    beside = None if calibration is None else path_of(calibration, "calibration")
+    color = None if color is None else path_of(color, "color")
     if frame is not None and frame < 0:
         raise InputError(f"frame: expected 0 or more, got {frame}")
     if frame and kind in ("mesh", "depth"):
         raise InputError(f"frame: expected none for a {kind} file, which holds one, got {frame}")
     if kind == "scan":
-        scan, note = _scan(name, frame, calibration)
+        scan, note = _scan(name, frame, beside)
         return Opened(kind, scan, note)
     if kind == "rgbd":
         return Opened(kind, *_rgbd_frame(name, frame or 0, intrinsics))
     if kind == "depth":
         reading = io.read_depth_guessing(name, unit=unit)
-        image = None if color is None else _color_image(Path(color))
+        image = None if color is None else _color_image(color)
         depth = DepthImage(reading.depth, intrinsics, image)
         return Opened(kind, depth, "; ".join(filter(None, (reading.sentence, depth.note))))
     return Opened(kind, io.read_mesh(name))

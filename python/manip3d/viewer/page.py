@@ -26,13 +26,14 @@ from manip3d.io._files import atomic_write
 from manip3d.mesh import Material, Mesh, Texture
 from manip3d.viewer.legend import end_texts, number
 from manip3d.viewer.pictures import comparison, picture, png_bytes
-from manip3d.viewer.points import RAMP, Classes, Colors, Column, PointCloud, Scale
+from manip3d.viewer.points import RAMP, Classes, Colors, Column, DrawnPoints, Scale
 from manip3d.viewer.scene import (
     CLAY,
     OBLIQUE,
     Pose,
     Style,
     boundary_edges,
+    camera_place,
     first_view,
     linear,
     texture_bytes,
@@ -145,7 +146,7 @@ def _glb(mesh: Mesh) -> bytes:
 def model_entry(thing: Shown, placement: Placement, label: str, detail: str) -> dict[str, Any]:
     """One mesh, or the points of one cloud, as the page's script reads it."""
     entry = {"label": label, "detail": detail}
-    if isinstance(thing, PointCloud):
+    if isinstance(thing, DrawnPoints):
         return entry | {"points": _points_entry(thing, placement)}
     ends = placement(thing.vertices[boundary_edges(thing)].reshape(-1, 3))
     placed = _dressed(thing).replace(vertices=placement(thing.vertices))
@@ -159,7 +160,7 @@ def _floats(values: Points) -> str:
     return _base64(np.ascontiguousarray(values, "<f4").tobytes())
 
 
-def _points_entry(cloud: PointCloud, placement: Placement) -> dict[str, Any]:
+def _points_entry(cloud: DrawnPoints, placement: Placement) -> dict[str, Any]:
     # In an order by chance: the first n points are an even part of all.
     order = np.random.default_rng(0).permutation(cloud.num_points)
     placed = placement(cloud.points[order].astype(np.float64))
@@ -223,7 +224,7 @@ def _bytes_entry(name: str, kind: str, values: NDArray[np.uint8]) -> dict[str, A
     return {"name": name, "kind": kind, "values": _base64(np.ascontiguousarray(values).tobytes())}
 
 
-def _axes_entry(cloud: PointCloud, placement: Placement) -> dict[str, Any]:
+def _axes_entry(cloud: DrawnPoints, placement: Placement) -> dict[str, Any]:
     """At the sensor, else at (0, 0, 0) where that is within the scene, else at its corner."""
     low, high = cloud.bounds
     place = np.zeros(3) if cloud.origin is None else np.array(cloud.origin)
@@ -271,7 +272,7 @@ def _looks(style: Style, *, axes: bool = True) -> dict[str, Any]:
 
 def displayed(thing: Shown, max_faces: int, max_points: int = MAX_POINTS) -> tuple[Shown, str]:
     """What is shown of a mesh or of points where they are too many, and what to say about it."""
-    if isinstance(thing, PointCloud):
+    if isinstance(thing, DrawnPoints):
         fewer = thing.thinned(max_points)
         return fewer, fewer.detail or f"{fewer.num_points:,} points"
     if thing.num_faces <= max_faces:
@@ -304,7 +305,7 @@ def html(
 
     Parameters
     ----------
-    thing : Mesh, LidarFrame, RgbdFrame, PointCloud or a result, or a sequence of them
+    thing : Mesh, LidarFrame, RgbdFrame, DrawnPoints or a result, or a sequence of them
         As for `manip3d.viewer.shown`.
     title : str
     labels : sequence of str, optional
@@ -350,7 +351,7 @@ def html(
         backfaces=backfaces,
     )
     every = [shown(one) for one in things]
-    every = [one.colored_by(color_by) if isinstance(one, PointCloud) else one for one in every]
+    every = [one.colored_by(color_by) if isinstance(one, DrawnPoints) else one for one in every]
     view = view_of(every[0], azimuth, elevation, up)
     fewer = [displayed(one, max_faces, max_points) for one in every]
     names = [_name(one, label) for one, label in zip(every, labels, strict=True)]
@@ -363,7 +364,7 @@ def _several(thing: Any) -> list[Any]:
 
 
 def _name(thing: Shown, label: str) -> str:
-    return label or (thing.name if isinstance(thing, PointCloud) else "")
+    return label or (thing.name if isinstance(thing, DrawnPoints) else "")
 
 
 def view_of(
@@ -374,11 +375,19 @@ def view_of(
 ) -> dict[str, Any]:
     """How a thing is first seen; ``fits``: from a direction, not from one of its places."""
     fits = azimuth is not None or elevation is not None or up is not None
-    if isinstance(thing, PointCloud):
+    if isinstance(thing, DrawnPoints):
         seen = thing.direction.but(azimuth, elevation, up)
     else:
         seen = OBLIQUE.but(azimuth, elevation, up) if fits else first_view(thing)
     return seen._asdict() | {"fits": fits}
+
+
+def poses_of(thing: Shown) -> tuple[Pose, ...]:
+    """The places to look from; of a depth image's mesh the one of its camera."""
+    if isinstance(thing, DrawnPoints):
+        return thing.poses
+    place = camera_place(thing)
+    return () if place is None else (place,)
 
 
 def page_of(
@@ -387,7 +396,7 @@ def page_of(
     """The page of things that are small enough, each with its detail and its label."""
     first = entries[0][0]
     placement = Placement.of(first)
-    poses = () if isinstance(first, Mesh) or view.get("fits") else first.poses
+    poses = () if view.get("fits") else poses_of(first)
     page = {
         "title": title,
         "view": {name: view[name] for name in ("azimuth", "elevation", "up")},
@@ -441,7 +450,7 @@ def figure(
 
     Parameters
     ----------
-    thing : Mesh, LidarFrame, RgbdFrame, PointCloud or a result
+    thing : Mesh, LidarFrame, RgbdFrame, DrawnPoints or a result
         As for `manip3d.viewer.shown`.
     caption : str
     height : int, pixels
@@ -472,7 +481,7 @@ def view(thing: Any, output: str | os.PathLike[str] | None = None, **options: An
 
     Parameters
     ----------
-    thing : Mesh, LidarFrame, RgbdFrame, PointCloud or a result, or a sequence of them
+    thing : Mesh, LidarFrame, RgbdFrame, DrawnPoints or a result, or a sequence of them
         As for `manip3d.viewer.shown`.
     output : path, optional
         Where to write; without it a page in the folder for temporary files is opened in the

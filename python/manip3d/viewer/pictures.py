@@ -13,14 +13,14 @@ from manip3d.lidar import LidarFrame
 from manip3d.mesh import Mesh
 from manip3d.viewer import _chromium, _pyvista
 from manip3d.viewer.legend import with_legend
-from manip3d.viewer.points import PointCloud, point_cloud, scan_points
+from manip3d.viewer.points import DrawnPoints, drawn_points, scan_points
 from manip3d.viewer.renderer import renderer
 from manip3d.viewer.scene import (
     BACKGROUND,
     OBLIQUE,
     Camera,
     Style,
-    first_view,
+    camera_place,
     frame,
     frame_points,
     pillow,
@@ -67,7 +67,7 @@ def picture(
 
     Parameters
     ----------
-    thing : Mesh, LidarFrame, RgbdFrame, PointCloud or a result
+    thing : Mesh, LidarFrame, RgbdFrame, DrawnPoints or a result
         As for `shown`.
     size : (width, height), pixels
     azimuth : float, degrees
@@ -81,9 +81,9 @@ def picture(
     up : 'y', 'z' or '-y'
         The upward axis; ``-y`` is that of a camera (x right, y down, z ahead).
     place : str, optional
-        Of points: the name of one of `PointCloud.poses`; the first one by default.
+        Of points: the name of one of `DrawnPoints.poses`; the first one by default.
     color_by : str, optional
-        Of points: the name of one of `PointCloud.columns`; the first one by default.
+        Of points: the name of one of `DrawnPoints.columns`; the first one by default.
     legend : bool
         Of points: write what the colours mean into the lower left corner.
     shading : 'smooth' or 'flat'
@@ -150,15 +150,15 @@ def points_picture(
     if isinstance(points, LidarFrame):
         if colors is None:
             return picture(scan_points(points, boxes=boxes), **options)
-        cloud = point_cloud(points.points, colors=colors, boxes=boxes, origin=points.origin)
+        cloud = drawn_points(points.points, colors=colors, boxes=boxes, origin=points.origin)
     else:
-        cloud = point_cloud(points, colors=colors, boxes=boxes)
+        cloud = drawn_points(points, colors=colors, boxes=boxes)
     return picture(cloud, **options)
 
 
 def _ready(thing: Any, color_by: str | None) -> Shown:
     one = shown(thing)
-    if isinstance(one, PointCloud):
+    if isinstance(one, DrawnPoints):
         return one.colored_by(color_by).thinned(MAX_POINTS)
     return one
 
@@ -174,7 +174,10 @@ def _camera(
 ) -> Camera:
     is_free = azimuth is None and elevation is None and up is None
     if isinstance(thing, Mesh):
-        seen = first_view(thing) if is_free else OBLIQUE.but(azimuth, elevation, up)
+        stood = camera_place(thing) if is_free else None
+        if stood is not None:
+            return stood.camera(thing.bounds, size, zoom)
+        seen = OBLIQUE.but(azimuth, elevation, up)
         return frame(thing, size, *seen[:2], zoom, seen.up)
     pose = thing.pose(place)
     if is_free and pose is not None:
@@ -185,7 +188,7 @@ def _camera(
 
 def _drawn(thing: Shown, camera: Camera, style: Style, *, legend: bool) -> Image:
     image = DRAW[renderer()](thing, camera, style)
-    if legend and isinstance(thing, PointCloud):
+    if legend and isinstance(thing, DrawnPoints):
         return with_legend(image, thing, style.background)
     return image
 
@@ -214,7 +217,7 @@ def comparison(
 
     Parameters
     ----------
-    things : sequence of Mesh, LidarFrame, RgbdFrame, PointCloud or results
+    things : sequence of Mesh, LidarFrame, RgbdFrame, DrawnPoints or results
         The first, usually the original, decides where the camera stands.
     labels : sequence of str, optional
         A caption above each; default: the number of faces or points.

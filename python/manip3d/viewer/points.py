@@ -30,12 +30,12 @@ __all__ = [
     "Classes",
     "Colors",
     "DepthImage",
+    "DrawnPoints",
     "Lines",
-    "PointCloud",
     "Scale",
     "box_lines",
     "depth_points",
-    "point_cloud",
+    "drawn_points",
     "rgbd_points",
     "scan_points",
     "skeleton_lines",
@@ -210,7 +210,7 @@ class Lines:
 
 
 @dataclass(frozen=True, eq=False)
-class PointCloud(Showable):
+class DrawnPoints(Showable):
     """Points as the viewer shows them; `manip3d.viewer.view` and `picture` take it.
 
     Attributes
@@ -325,7 +325,7 @@ class PointCloud(Showable):
         """From where all points are seen, where the camera stands in none of ``poses``."""
         return Direction(-60.0, 30.0, self.up)
 
-    def colored_by(self, name: str | None) -> PointCloud:
+    def colored_by(self, name: str | None) -> DrawnPoints:
         """The same points with that column first.
 
         Raises
@@ -360,7 +360,7 @@ class PointCloud(Showable):
             return np.ones(self.num_points)
         return np.where(first.is_emphasized(), EMPHASIS, 1.0)
 
-    def thinned(self, max_points: int) -> PointCloud:
+    def thinned(self, max_points: int) -> DrawnPoints:
         """At most so many of the points, taken evenly by chance; emphasised ones stay first.
 
         The same points are taken every time. ``detail`` says how many are shown.
@@ -394,7 +394,7 @@ class PointCloud(Showable):
 
     def __repr__(self) -> str:
         parts = [f"{self.num_points} points", *(column.name for column in self.columns)]
-        return f"<manip3d.viewer.PointCloud: {', '.join(parts)}>"
+        return f"<manip3d.viewer.DrawnPoints: {', '.join(parts)}>"
 
 
 def _check_finite(points: NDArray[Any]) -> None:
@@ -426,7 +426,7 @@ def ramp() -> Image:
 # --- points of any kind -------------------------------------------------------------------------
 
 
-def point_cloud(
+def drawn_points(
     points: ArrayLike,
     *,
     colors: ArrayLike | None = None,
@@ -435,7 +435,7 @@ def point_cloud(
     up: Up = "z",
     origin: Sequence[float] | None = None,
     name: str = "",
-) -> PointCloud:
+) -> DrawnPoints:
     """Points with colours, numbers and boxes, for `manip3d.viewer.view` and `picture`.
 
     Parameters
@@ -473,7 +473,7 @@ def point_cloud(
         upwards = place[:, axis].astype(np.float64) * (-1.0 if up == "-y" else 1.0)
         columns.append(Scale("height", upwards, "m"))
     stood = None if origin is None else _place(origin)
-    return PointCloud(
+    return DrawnPoints(
         place,
         tuple(columns),
         box_lines(boxes),
@@ -621,7 +621,7 @@ def scan_points(
     *,
     boxes: Sequence[Box] | Mapping[str, Sequence[Box]] = (),
     classes: Classes | None = None,
-) -> PointCloud:
+) -> DrawnPoints:
     """A scan by height, intensity, ring, and colour where it has them.
 
     Parameters
@@ -645,7 +645,7 @@ def scan_points(
             columns.append(Scale(name, values[returned], limits=_ring_limits(name, values)))
     empty = frame.num_points - len(points)
     detail = f"{len(points):,} points"
-    return PointCloud(
+    return DrawnPoints(
         points,
         tuple(columns),
         box_lines(boxes),
@@ -710,7 +710,7 @@ class DepthImage(Showable):
             return ""
         return f"camera assumed: focal length {self.camera.fx:.0f} pixels"
 
-    def cloud(self) -> PointCloud:
+    def drawn(self) -> DrawnPoints:
         """Its points, first seen as its camera saw them."""
         cloud = depth_points(self.depth, self.camera, color=self.color)
         return replace(cloud, detail=", ".join(filter(None, (cloud.detail, self.note))))
@@ -726,7 +726,7 @@ def depth_points(
     *,
     color: NDArray[np.uint8] | None = None,
     registration: Registration | None = None,
-) -> PointCloud:
+) -> DrawnPoints:
     """The points of a depth image, first seen as its camera saw them.
 
     Parameters
@@ -757,7 +757,7 @@ def depth_points(
         columns.append(Colors("colour", _pixel_colors(color, points, seen, depth, registration)))
     columns.append(Scale("depth", points[:, 2], "m"))
     middle = float(np.median(points[:, 2])) if len(points) else 1.0
-    return PointCloud(
+    return DrawnPoints(
         points,
         tuple(columns),
         poses=camera_poses(intrinsics, middle),
@@ -790,7 +790,7 @@ def _pixel_colors(
     return np.where(known[:, None], color[row, column, :3], np.array(QUIET, np.uint8))
 
 
-def rgbd_points(frame: RgbdFrame) -> PointCloud:
+def rgbd_points(frame: RgbdFrame) -> DrawnPoints:
     """An RGB-D frame: its points by colour, depth and person, and its people's bones."""
     calibration = frame.calibration
     cloud = depth_points(

@@ -246,6 +246,22 @@ def first_view(mesh: Mesh) -> Direction:
     return Direction(0.0, 0.0, "-y" if ahead[0] > 0.0 else "y")
 
 
+def camera_place(mesh: Mesh) -> Pose | None:
+    """Where the camera of the depth image stood that a mesh was made of; None for other meshes."""
+    seen = first_view(mesh)
+    if seen == OBLIQUE:
+        return None
+    used = mesh.vertices[np.unique(mesh.faces)]
+    slopes = used[:, :2] / np.abs(used[:, 2:])
+    low, high = slopes.min(axis=0), slopes.max(axis=0)
+    wide, tall = np.maximum(0.5 * MARGIN * (high - low), 1e-3)
+    ahead = float(np.median(used[:, 2]))
+    across, down = 0.5 * abs(ahead) * (low + high)
+    angle = 2.0 * math.degrees(math.atan(tall))
+    target = np.array([across, down, ahead])
+    return Pose("Camera", np.zeros(3), target, seen.up, angle, float(wide / tall))
+
+
 def with_shading_normals(mesh: Mesh, shading: Shading) -> Mesh:
     """The mesh with a normal at every corner: its own, else smooth up to the crease angle."""
     if shading == "flat":

@@ -13,9 +13,9 @@ from manip3d.mesh import Mesh
 from manip3d.rgbd import RgbdFrame
 from manip3d.simplify import CleanResult, DepthMesh, JointSimplification, SimplifyResult
 from manip3d.viewer.evidence import box_between, evidence, forgery_points
-from manip3d.viewer.points import DepthImage, PointCloud, rgbd_points, scan_points
+from manip3d.viewer.points import DepthImage, DrawnPoints, rgbd_points, scan_points
 
-Shown = Mesh | PointCloud
+Shown = Mesh | DrawnPoints
 
 
 @singledispatch
@@ -24,7 +24,7 @@ def shown(thing: Any) -> Shown:
 
     Parameters
     ----------
-    thing : Mesh, PointCloud
+    thing : Mesh, DrawnPoints
         Itself.
     thing : LidarFrame, RgbdFrame, DepthImage
         Its points, with the bones of people.
@@ -41,7 +41,7 @@ def shown(thing: Any) -> Shown:
         None of these, or a result without its scan.
     """
     raise InputError(
-        "thing: expected a Mesh, a LidarFrame, a RgbdFrame, a PointCloud, a Forgery or the result "
+        "thing: expected a Mesh, a LidarFrame, a RgbdFrame, a DrawnPoints, a Forgery or the result "
         f"of a simplification, got {type(thing).__name__}"
     )
 
@@ -52,7 +52,7 @@ def _(thing: Mesh) -> Shown:
 
 
 @shown.register
-def _(thing: PointCloud) -> Shown:
+def _(thing: DrawnPoints) -> Shown:
     return thing
 
 
@@ -68,7 +68,7 @@ def _(thing: RgbdFrame) -> Shown:
 
 @shown.register
 def _(thing: DepthImage) -> Shown:
-    return thing.cloud()
+    return thing.drawn()
 
 
 @shown.register

@@ -3,10 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
-#include <functional>
 #include <memory>
-#include <string>
-#include <vector>
 
 #include "manip3d/capture/rgbd_source.hpp"
 #include "manip3d/geometry/rgbd_frame.hpp"
@@ -40,23 +37,10 @@ struct RecorderOptions {
   bool overwrite = false;        ///< Replace a recording of the same kind that is there.
 };
 
-/// A kind of recording, known by the suffix of its path.
-struct RecordingFormat {
-  std::string name;    ///< The scheme that reads it.
-  std::string suffix;  ///< `.mkv`; empty: a folder.
-  /// Empty: it was not built in.
-  std::function<std::unique_ptr<RgbdRecorder>(const std::filesystem::path& path,
-                                              std::shared_ptr<const RgbdCalibration> calibration,
-                                              const RecorderOptions& options)>
-      open;
-  std::string reason, cure;  ///< Why it was not built in, and what to do about it.
-};
-
-std::vector<RecordingFormat> recording_formats();
-
-/// Starts a recording of the kind that the suffix names.
-/// @throws InputError  an unknown suffix, a kind that was not built in (with reason and cure), a
-/// path that exists, an option or calibration out of range.
+/// Starts a recording: in a folder, or in Matroska for `.mkv`.
+/// @throws InputError  an unknown suffix, a path that exists or that somebody has open, an option
+/// or calibration out of range.
+/// @throws DeviceError  the codec library of Matroska is absent.
 /// @throws std::filesystem::filesystem_error  the operating system refused.
 std::unique_ptr<RgbdRecorder> open_recorder(const std::filesystem::path& path,
                                             std::shared_ptr<const RgbdCalibration> calibration,

@@ -1,0 +1,24 @@
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <string>
+
+#include "manip3d/capture/mkv_codec.hpp"
+
+namespace manip3d {
+
+/// The codec library. @throws DeviceError  find_mkv_codec() has none.
+const MkvCodec& mkv_codec();
+
+/// What the codec library calls an error code. @throws std::bad_alloc  if that is what it means.
+std::string mkv_error(int code);
+
+inline MkvBytes to_mkv(std::span<const std::byte> bytes) {
+  return {reinterpret_cast<const std::uint8_t*>(bytes.data()), bytes.size()};
+}
+inline std::span<const std::byte> from_mkv(MkvBytes bytes) {
+  return std::as_bytes(std::span(bytes.data, bytes.size));
+}
+
+}  // namespace manip3d

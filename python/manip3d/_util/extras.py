@@ -1,0 +1,59 @@
+"""The optional packages: which extra brings which module, and what to say where one is absent."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Mapping
+
+from manip3d.errors import MissingExtraError
+
+EXTRAS: Mapping[str, tuple[str, ...]] = {
+    "io": ("trimesh", "PIL"),
+    "viz": ("pyvista", "vtk", "PIL"),
+    "simulate": ("open3d", "PIL"),
+    "experiments": ("matplotlib", "jinja2", "scipy", "pooch", "PIL"),
+    "demo": ("pyvista", "vtk", "PIL", "open3d", "jinja2"),
+    "notebook": ("ipykernel", "nbclient", "pandas"),
+    "velodyne": ("yaml",),
+    "las": ("laspy", "lazrs"),
+    "e57": ("pye57",),
+    "ouster": ("ouster",),
+    "pose": ("mediapipe",),
+    "video": ("av",),
+    "dask": ("distributed",),
+}
+"""Modules that each extra brings."""
+
+DISTRIBUTIONS: Mapping[str, tuple[str, ...]] = {
+    "PIL": ("pillow",),
+    "open3d": ("open3d-cpu", "open3d"),
+    "ouster": ("ouster-sdk",),
+    "yaml": ("pyyaml",),
+}
+"""Names of packages whose module has another name."""
+
+
+def missing_modules(extra: str) -> list[str]:
+    """Return the modules of an extra that are not installed."""
+    return [name for name in EXTRAS[extra] if not _is_installed(name)]
+
+
+def _is_installed(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ModuleNotFoundError:
+        return False
+
+
+def require(extra: str) -> None:
+    """Check that everything of an extra is installed, before any work is done.
+
+    Raises
+    ------
+    MissingExtraError
+        A module is absent.
+    """
+    absent = missing_modules(extra)
+    if absent:
+        names = [DISTRIBUTIONS.get(name, (name,))[0] for name in absent]
+        raise MissingExtraError(", ".join(names), extra)

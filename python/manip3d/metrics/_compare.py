@@ -1,0 +1,122 @@
+"""All measures of one mesh against its original."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeVar
+
+from manip3d._util.options import reporting
+from manip3d.metrics._boundary_gap import BoundaryGap, boundary_gap
+from manip3d.metrics._distances import MetroResult, metro
+from manip3d.metrics._fmpd import FmpdResult, fmpd
+from manip3d.metrics._texture_error import TextureError, texture_error
+
+if TYPE_CHECKING:
+    from manip3d._util.options import Progress, Rng
+    from manip3d.mesh import Mesh
+
+_Found = TypeVar("_Found")
+_STAGES = 5
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What `compare` measured.
+
+    Attributes
+    ----------
+    faces : (int, int)
+        Of the original and of the other mesh.
+    metro_vertex, metro_area : MetroResult
+        Distances in both directions, from the vertices and from samples spread by area.
+    texture_error : TextureError or None
+        None: one of the meshes has no texture coordinates.
+    fmpd : FmpdResult
+        Perceptual distance.
+    boundary_gap : BoundaryGap
+        Cracks and moved boundaries.
+    """
+
+    faces: tuple[int, int]
+    metro_vertex: MetroResult
+    metro_area: MetroResult
+    texture_error: TextureError | None
+    fmpd: FmpdResult
+    boundary_gap: BoundaryGap
+
+
+def compare(
+    original: Mesh,
+    simplified: Mesh,
+    *,
+    rng: Rng = 0,
+    threads: int = 0,
+    progress: Progress = None,
+) -> Comparison:
+    """Measure a mesh against its original by every measure that the two meshes allow.
+
+    Parameters
+    ----------
+    original, simplified : Mesh
+        In the same units and place; at least one face each.
+    rng : int, numpy.random.Generator or None
+        Seed for samples by area.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores.
+    progress : None, True or callable(fraction, message)
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    InputError
+        A mesh without faces, or an original whose bounding box is a point.
+
+    Examples
+    --------
+    >>> import manip3d
+    >>> mesh = manip3d.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    >>> manip3d.metrics.compare(mesh, mesh).metro_vertex.max
+    0.0
+    """
+    stage = 0
+    with reporting(progress, "compare") as report:
+
+        def measured(function: Callable[[Callable[[float, str], object]], _Found]) -> _Found:
+            """Run one measure; its fraction is that part of the whole."""
+            nonlocal stage
+            begin = stage
+
+            def told(fraction: float, _: str = "") -> None:
+                if report is not None:
+                    report((begin + fraction) / _STAGES)
+
+            found = function(told)
+            stage += 1
+            told(1.0)
+            return found
+
+        has_uv = original.face_texcoords is not None and simplified.face_texcoords is not None
+        return Comparison(
+            faces=(original.num_faces, simplified.num_faces),
+            metro_vertex=measured(
+                lambda told: metro(original, simplified, threads=threads, progress=told)
+            ),
+            metro_area=measured(
+                lambda told: metro(
+                    original, simplified, sampling="area", rng=rng, threads=threads, progress=told
+                )
+            ),
+            texture_error=measured(
+                lambda told: (
+                    texture_error(original, simplified, rng=rng, threads=threads, progress=told)
+                    if has_uv
+                    else None
+                )
+            ),
+            fmpd=measured(lambda told: fmpd(original, simplified, threads=threads, progress=told)),
+            boundary_gap=measured(lambda told: boundary_gap(original, simplified, progress=told)),
+        )

@@ -1,0 +1,241 @@
+"""Films and folders of pictures of people with a phantom limb."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager, nullcontext
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+from urllib.parse import parse_qs, urlsplit
+
+import numpy as np
+
+from manip3d._util.options import reporting
+from manip3d.errors import InputError, MissingExtraError
+from manip3d.io._files import atomic_folder, atomic_path
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d._util.options import Progress
+    from manip3d.rgbd import RgbdFrame
+
+    Image = NDArray[np.uint8]
+
+RATE = 30
+"""Frames a second of the film."""
+
+_HELD = 64
+"""Colour images that are kept for phantoms that are held: two seconds."""
+
+
+@dataclass(frozen=True)
+class PhantomFilm:
+    """What `render_phantom` has drawn.
+
+    Attributes
+    ----------
+    path : Path
+    affected : str
+        The limb that was replaced, such as ``right_arm``.
+    frames : int
+    states : mapping of str to int
+        Number of frames in each state of the pipeline.
+    stage_ms : mapping of str to float
+        Mean time of each stage of the pipeline, milliseconds a frame.
+    """
+
+    path: Path
+    affected: str
+    frames: int
+    states: Mapping[str, int]
+    stage_ms: Mapping[str, float]
+
+
+def render_phantom(
+    source: str | Iterable[RgbdFrame],
+    output: str | os.PathLike[str],
+    *,
+    affected: str | None = None,
+    mode: Literal["reflection", "paper", "2d"] = "reflection",
+    segmentation: Literal["skin", "paper"] = "skin",
+    smoothing: Literal["default", "seated"] | None = "default",
+    azimuth: float = 35.0,
+    frames: int | None = None,
+    overwrite: bool = False,
+    threads: int = 0,
+    progress: Progress = None,
+) -> PhantomFilm:
+    """Draw people with a phantom limb: what was seen, the phantom, the mesh from the side.
+
+    Parameters
+    ----------
+    source : str or iterable of RgbdFrame
+        An address for `manip3d.capture.open_rgbd`, a recording's path, or frames with a skeleton.
+    output : path-like
+        ``.mp4``: a film of 30 frames a second. A name without a suffix: a folder of PNG pictures.
+    affected : str, optional
+        ``left_arm``, ``right_arm``, ``left_leg`` or ``right_leg``, the person's own; by default the
+        limb that a simulated person has lost, else the right arm.
+    mode, segmentation, smoothing
+        As `manip3d.modify.PhantomPipeline`.
+    azimuth : float, degrees
+        Direction from which the mesh is drawn.
+    frames : int, optional
+        Stop after this many.
+    overwrite : bool
+        Replace a film, or a folder that holds PNG pictures only.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores.
+    progress : None, True or callable(fraction, message)
+
+    Returns
+    -------
+    PhantomFilm
+
+    Raises
+    ------
+    InputError
+        An option is out of range, ``output`` has another suffix or exists, or there is no frame.
+    MissingExtraError
+        PyAV (films) or Pillow (pictures) is not installed.
+    """
+    from manip3d.modify import PhantomPipeline
+
+    limb = affected or (limb_of(source) if isinstance(source, str) else "right_arm")
+    options: dict[str, Any] = {"affected": limb, "mode": mode, "segmentation": segmentation}
+    pipeline = PhantomPipeline(smoothing=smoothing, **options)
+    states: Counter[str] = Counter()
+    seconds: Counter[str] = Counter()
+    path = Path(output)
+    with (
+        _opened(source) as stream,
+        _sink(path, overwrite=overwrite) as sink,
+        reporting(progress, "render") as report,
+    ):
+        total = frames or getattr(stream, "num_frames", None)
+        for picture, phantom in _pictures(
+            itertools.islice(stream, frames), pipeline, azimuth, threads
+        ):
+            sink.add(picture)
+            states[phantom.state.value] += 1
+            seconds.update(phantom.seconds)
+            if report is not None:
+                report(min(states.total() / total, 1.0) if total else 0.0)
+        if not states:
+            name = source if isinstance(source, str) else "source"
+            raise InputError(f"{name}: expected frames, found none")
+    number = states.total()
+    stage_ms = {name: 1e3 * spent / number for name, spent in seconds.items()}
+    return PhantomFilm(path, limb, number, dict(states), stage_ms)
+
+
+def _opened(source: str | Iterable[RgbdFrame]) -> Any:
+    if not isinstance(source, str):
+        return nullcontext(source)
+    from manip3d.capture import open_rgbd
+    from manip3d.viewer.opening import rgbd_address
+
+    return open_rgbd(rgbd_address(source) or source)
+
+
+class Sink(Protocol):
+    """Takes pictures one after the other."""
+
+    def add(self, picture: Image) -> None:
+        """The next picture."""
+
+
+def limb_of(source: str) -> str:
+    """Return the limb that a simulated person has lost; else the right arm."""
+    named = parse_qs(urlsplit(source).query).get("amputated", [])
+    return named[0].replace("-", "_") if named else "right_arm"
+
+
+def _pictures(
+    frames: Iterable[RgbdFrame], pipeline: Any, azimuth: float, threads: int
+) -> Iterator[tuple[Image, Any]]:
+    from manip3d.viewer import people
+
+    older: deque[tuple[int, Image]] = deque(maxlen=_HELD)
+    for frame in frames:
+        phantom = pipeline.process(frame)
+        if frame.colour is not None:
+            older.append((frame.number, frame.colour))
+        colour = dict(older).get(phantom.texture_number)
+        sheet = people.phantom_sheet(
+            frame, phantom, phantom_colour=colour, azimuth=azimuth, threads=threads
+        )
+        yield sheet, phantom
+
+
+@contextmanager
+def _sink(output: Path, *, overwrite: bool) -> Iterator[Sink]:
+    """A film or a folder that appears whole, or not at all."""
+    if output.suffix == ".mp4":
+        with atomic_path(output) as temporary, closing(_Film(temporary)) as film:
+            yield film
+        return
+    if output.suffix:
+        raise InputError(
+            f"output: expected .mp4, or a folder's name without a suffix, got {output}"
+        )
+    if output.exists() and not (overwrite and _holds_pictures_only(output)):
+        raise InputError(
+            f"output: expected a new folder, or one of pictures to overwrite, got {output}"
+        )
+    with atomic_folder(output) as new:
+        yield _Folder(new)
+
+
+def _holds_pictures_only(folder: Path) -> bool:
+    return folder.is_dir() and all(path.suffix == ".png" for path in folder.iterdir())
+
+
+class _Folder:
+    """``000000.png`` and so on."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._number = 0
+
+    def add(self, picture: Image) -> None:
+        from manip3d.viewer import png_bytes
+
+        (self._folder / f"{self._number:06d}.png").write_bytes(png_bytes(picture))
+        self._number += 1
+
+
+class _Film:
+    """H.264, or MPEG-4 where that encoder is missing; even sizes, as its colours need."""
+
+    def __init__(self, path: Path) -> None:
+        try:
+            import av
+        except ImportError as error:
+            raise MissingExtraError("av", "video") from error
+        self._av = av
+        self._container = av.open(os.fspath(path), "w", format="mp4")
+        self._stream: Any = None
+
+    def add(self, picture: Image) -> None:
+        height, width = (side - side % 2 for side in picture.shape[:2])
+        if self._stream is None:
+            codec = "libx264" if "libx264" in self._av.codecs_available else "mpeg4"
+            self._stream = self._container.add_stream(codec, rate=Fraction(RATE))
+            self._stream.width, self._stream.height = width, height
+            self._stream.pix_fmt = "yuv420p"
+            self._stream.bit_rate = 4_000_000
+        even = np.ascontiguousarray(picture[:height, :width])
+        frame = self._av.VideoFrame.from_ndarray(even, format="rgb24")
+        self._container.mux(self._stream.encode(frame))
+
+    def close(self) -> None:
+        if self._stream is not None:
+            self._container.mux(self._stream.encode(None))
+        self._container.close()

@@ -1,0 +1,125 @@
+"""A source of the wrong kind is named, with the commands that take it, before any work."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import manip3d
+from manip3d.cli import app
+from manip3d.cli.kinds import NAMES, VERBS, expect_kind, kind_of
+
+Image = pytest.importorskip("PIL.Image")
+
+RANGE_GRID = "ply\nformat ascii 1.0\nelement vertex 0\nelement range_grid 0\nend_header\n"
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """One small source of each kind."""
+    folder = tmp_path_factory.mktemp("kinds")
+    found = {
+        "mesh": folder / "mesh.ply", "scan": folder / "scan.bin", "range grid": folder / "grid.ply",
+        "depth": folder / "depth.png", "packets": folder / "lidar.pcap",
+        "recording": folder / "recording", "drive": folder / "drive",
+        "picture": folder / "picture.png", "results": folder / "results",
+        "folder": folder / "folder", "unknown": folder / "notes.xyzzy",
+    }  # fmt: skip
+    manip3d.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]).write(found["mesh"])
+    manip3d.LidarFrame(np.eye(3, dtype=np.float32)).write(found["scan"])
+    found["range grid"].write_text(RANGE_GRID)
+    Image.fromarray(np.full((4, 5), 1000, np.uint16)).save(found["depth"])
+    Image.fromarray(np.zeros((4, 5, 3), np.uint8)).save(found["picture"])
+    found["packets"].write_bytes(struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1))
+    for name in ("recording", "results", "folder"):
+        found[name].mkdir()
+    (found["recording"] / "frames.jsonl").touch()
+    (found["results"] / "results.json").touch()
+    (found["drive"] / "velodyne").mkdir(parents=True)
+    found["unknown"].write_text("nothing")
+    return found
+
+
+TAKEN = {
+    "simplify": ("mesh", "folder"),
+    "depth": ("depth", "range grid", "folder"),
+    "compare": ("mesh",),
+    "convert": ("mesh", "scan", "range grid", "packets", "drive"),
+    "inspect": ("scan",),
+    "forge lidar": ("scan",),
+    "phantom render": ("recording",),
+}
+
+
+def arguments(verb: str, source: Path, mesh: Path, folder: Path) -> list[str]:
+    """A whole command line for a verb on a source."""
+    out = str(folder / "out.glb")
+    lines = {
+        "simplify": [str(source), "-o", out, "--faces", "9"],
+        "depth": [str(source), "-o", out, "--points", "9", "--intrinsics", "5,5,2,2"],
+        "compare": [str(mesh), str(source)],
+        "convert": [str(source), "-o", str(folder / "out.ply")],
+        "inspect": [str(source)],
+        "forge lidar": ["translation", str(source), "-o", str(folder / "out.bin")],
+        "phantom render": [str(source), "-o", str(folder / "out")],
+    }
+    return [*verb.split(), *lines[verb]]
+
+
+def test_every_kind_is_told(files: dict[str, Path]) -> None:
+    assert set(files) == set(NAMES)
+    assert {kind: kind_of(str(path)) for kind, path in files.items()} == {k: k for k in files}
+    assert kind_of("-") == kind_of("sim:body?frames=2") == "stream"
+    with pytest.raises(FileNotFoundError):
+        kind_of("absent.obj")
+
+
+@pytest.mark.parametrize("verb", TAKEN)
+def test_other_kinds_name_their_commands(verb: str, files: dict[str, Path], tmp_path: Path) -> None:
+    for kind, path in files.items():
+        if kind in TAKEN[verb] or kind == "unknown" or path.is_dir():
+            continue
+        done = CliRunner().invoke(app, arguments(verb, path, files["mesh"], tmp_path))
+        message = str(done.exception)
+        assert done.exit_code == 1, (verb, kind)
+        assert f"{path} is {NAMES[kind]}; {verb} takes " in message
+        assert VERBS[kind] in message
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_commands_named_for_a_kind_take_it(files: dict[str, Path]) -> None:
+    for verb, kinds in TAKEN.items():
+        for kind in kinds:
+            assert verb in VERBS[kind], (verb, kind)
+
+
+def test_a_file_of_unknown_kind_is_refused_where_no_reader_looks_into_it(
+    files: dict[str, Path],
+) -> None:
+    with pytest.raises(manip3d.InputError, match="a file of unknown kind; inspect takes"):
+        expect_kind(str(files["unknown"]), "scan", verb="inspect")
+    assert expect_kind(str(files["unknown"]), "mesh", verb="simplify") == "unknown"
+
+
+def test_outputs_are_checked_before_the_source_is_read(
+    files: dict[str, Path], tmp_path: Path
+) -> None:
+    files["scan"].parent.joinpath("torn.bin").write_bytes(b"\0" * 7)
+    torn = files["scan"].parent / "torn.bin"
+
+    def message(*words: object) -> str:
+        done = CliRunner().invoke(app, [str(word) for word in words])
+        assert done.exit_code == 1
+        return str(done.exception)
+
+    assert message("inspect", torn, "-o", tmp_path / "x.pdf").startswith("-o ")
+    assert ".html, .json" in message("inspect", torn, "-o", tmp_path / "x.pdf")
+    absent = tmp_path / "absent" / "x.html"
+    assert f"there is no folder {absent.parent}" in message("inspect", torn, "-o", absent)
+    assert "torn.bin" in message("inspect", torn, "-o", tmp_path / "x.html")
+    assert ".glb" in message("simplify", files["mesh"], "-o", tmp_path / "x.png", "--faces", 9)
+    assert ".mp4" in message("phantom", "render", "sim:body", "-o", tmp_path / "x.gif")

@@ -1,0 +1,288 @@
+"""What README and ``--help`` show is what works: every line of them is run here."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+import manip3d
+from cave_scans import CAVE, ball
+from manip3d._util.extras import EXTRAS
+from manip3d.cli import app
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text()
+Image = pytest.importorskip("PIL.Image")
+
+SHORTER = (
+    (r"frames=\d+", "frames=3"),  # a second of a simulated person instead of three
+    (r"(reproduce \S+\b)(?: --scale quick)?", r"\1 --scale quick --data simulated"),
+    (r"sim:indoor-00", "sim:indoor-00 --resolution 1.5"),
+    (r"^MANIP3D_DATA=\S+ ", ""),
+)
+"""What is shorter here than in the text."""
+
+NOT_RUN = ("demo", "data get")
+"""The demo has tests of its own, and no test uses the network: these are parsed, not run."""
+
+EXIT_CODES = {"inspect scan.bin": 3}
+
+
+def blocks(language: str) -> list[str]:
+    """The code blocks of README in a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
+
+
+def readme_lines() -> list[str]:
+    """The lines of README's shell blocks."""
+    return [line for block in blocks("sh") for line in block.splitlines() if line.strip()]
+
+
+def commands(
+    command: click.Command | None = None, path: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], click.Command]]:
+    """Every command with its words, such as ``("capture", "record")``."""
+    command = command or typer.main.get_command(app)
+    for name, part in getattr(command, "commands", {}).items():
+        if hasattr(part, "commands"):
+            yield from commands(part, (*path, name))
+        else:
+            yield (*path, name), part
+
+
+def examples(command: click.Command) -> list[str]:
+    """The example lines of a command's help."""
+    text = " ".join((command.callback.__doc__ or "").split()) if command.callback else ""
+    return re.findall(r"Example: (manip3d .*)$", text)
+
+
+HELP_LINES = [line for _, command in commands() for line in examples(command)]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with small files of the names that README and the examples use."""
+    folder = tmp_path_factory.mktemp("readme")
+    (folder / "meshes").mkdir()  # what a data folder has
+    vertices, faces = sphere(24, 48)
+    manip3d.Mesh(vertices, faces).write(folder / "head.obj")
+    manip3d.Mesh(0.7 * vertices, faces).write(folder / "car.obj")
+    manip3d.Mesh(vertices, faces).write(folder / "light.glb")
+    hoax = np.concatenate([CAVE, ball(0.6, 20_000) + np.float32([3, 1, 0])])
+    manip3d.LidarFrame(hoax, np.zeros(len(hoax), np.float32)).write(folder / "scan.bin")
+    Image.fromarray(depth_image()).save(folder / "depth.png")
+    return folder
+
+
+def sphere(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
+    """A closed surface with rows of quadrilaterals between two poles."""
+    polar, around = np.meshgrid(
+        np.linspace(0, np.pi, rows + 1)[1:-1], np.arange(columns) * 2 * np.pi / columns,
+        indexing="ij",
+    )  # fmt: skip
+    ring = np.stack(
+        [np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], -1
+    )
+    vertices = np.vstack([ring.reshape(-1, 3), [[0, 0, 1], [0, 0, -1]]])
+    here = np.arange(len(ring) * columns).reshape(len(ring), columns)
+    beside = np.roll(here, -1, axis=1)
+    a, b, c, d = here[:-1], beside[:-1], beside[1:], here[1:]
+    top, bottom = len(vertices) - 2, len(vertices) - 1
+    parts = (
+        np.stack([a, d, c], -1).reshape(-1, 3),
+        np.stack([a, c, b], -1).reshape(-1, 3),
+        np.stack([np.full(columns, top), here[0], beside[0]], -1),
+        np.stack([np.full(columns, bottom), beside[-1], here[-1]], -1),
+    )
+    return vertices, np.vstack(parts).astype(np.int32)
+
+
+def depth_image() -> np.ndarray:
+    """A bump before a wall, in the Kinect V2's size."""
+    v, u = np.mgrid[:424, :512]
+    bump = np.hypot(u - 256, v - 212) < 120
+    return np.where(bump, 1500 + 0.2 * np.abs(u - 256), 3000 + 0.3 * v).astype(np.uint16)
+
+
+def shortened(line: str) -> list[str]:
+    """The words of a line behind ``manip3d``, with less work."""
+    for pattern, replacement in SHORTER:
+        line = re.sub(pattern, replacement, line)
+    return shlex.split(line, comments=True)[1:]
+
+
+def check(line: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run a line, or parse it where it is not to be run."""
+    monkeypatch.chdir(place)
+    monkeypatch.setenv("MANIP3D_DATA", str(place))
+    monkeypatch.delenv("DISPLAY", raising=False)
+    words = shortened(line)
+    if any(" ".join(words).startswith(name) for name in NOT_RUN):
+        command: click.Command = typer.main.get_command(app)
+        while hasattr(command, "commands"):
+            command = command.commands[words.pop(0)]
+        command.make_context(command.name, words)  # raises click.UsageError for a wrong option
+        return
+    if "light.html" in words and not any((ROOT / "python/manip3d/viewer/dist").glob("*.js")):
+        pytest.skip("the viewer's bundle is not built")
+    needs_recorder = any(word.endswith(".mkv") for word in words)
+    if needs_recorder and not mkv_is_here():
+        pytest.skip("this machine has no FFmpeg")
+    make_sources(words, place)
+    takes_force = words[0] not in ("info", "compare", "doctor", "data") and "list" not in words
+    takes_force = takes_force and words[:2] != ["capture", "info"]
+    done = CliRunner().invoke(app, [*words, *(["--force"] if takes_force else [])])
+    expected = next((code for name, code in EXIT_CODES.items() if name in line), 0)
+    assert done.exit_code == expected, (line, done.output, done.exception)
+    if "-o" in words:
+        assert (place / words[words.index("-o") + 1]).exists(), line
+
+
+def make_sources(words: list[str], place: Path) -> None:
+    """Make what an earlier line writes, so that each test stands alone."""
+    sources = " ".join(words).partition(" -o ")[0]
+    if "patient.mkv" in sources and not (place / "patient.mkv").exists():
+        manip3d.capture.record("sim:body?amputated=right-arm&frames=3", place / "patient.mkv")
+    if sources == "report results" and not (place / "results").exists():
+        line = "reproduce table-2.1 --scale quick --data simulated -q -o results"
+        assert CliRunner().invoke(app, line.split()).exit_code == 0
+
+
+def mkv_is_here() -> bool:
+    from manip3d import capture
+
+    return next(s.is_available for s in capture.sources() if s.name == "mkv")
+
+
+@pytest.mark.parametrize(
+    "line", [line for line in readme_lines() if "manip3d" in line.split()[0:2]]
+)
+def test_each_line_of_readme_runs(line: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    check(line, place, monkeypatch)
+
+
+def test_other_lines_of_readme_name_what_is_there() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    makefile = (ROOT / "Makefile").read_text()
+    others = [line for line in readme_lines() if "manip3d" not in line.split()[0:2]]
+    assert others
+    for line in others:
+        words = shlex.split(line, comments=True)
+        if words[0] == "make":
+            assert re.search(rf"^{words[1]}:", makefile, re.MULTILINE), line
+        else:
+            assert words[:2] == ["pip", "install"], line
+            extras = re.search(r"\[(.*)\]", words[2])
+            assert extras is not None
+            assert set(extras[1].split(",")) <= set(project["optional-dependencies"]), line
+
+
+def test_the_python_of_readme_runs(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(place)
+    (block,) = blocks("python")
+    exec(compile(block, "README.md", "exec"), {})
+
+
+@pytest.mark.parametrize("line", HELP_LINES)
+def test_each_example_of_help_runs(line: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    check(line, place, monkeypatch)
+
+
+def test_every_command_has_an_example_and_whole_help() -> None:
+    for words, command in commands():
+        name = " ".join(words)
+        if name != "cs3":  # another name of depth
+            assert examples(command), name
+        for parameter in command.params:
+            text = getattr(parameter, "help", None)
+            if text and parameter.name != "help":
+                assert text[0].isupper() or text.split()[0].rstrip(":") in ("guess",), (name, text)
+                assert text.endswith("."), (name, text)
+                assert not re.match(r"(Of|So|That|How|Which|Where)\b", text), (name, text)
+
+
+def test_the_list_of_commands_is_not_cut() -> None:
+    done = CliRunner().invoke(app, ["--help"], terminal_width=80)
+    assert done.exit_code == 0
+    assert "..." not in done.output.partition("Commands:")[2]
+
+
+def test_every_extra_is_known_and_in_readme() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = set(project["optional-dependencies"]) - {"all", "dev", "peers"}
+    assert set(EXTRAS) == extras
+    table = "".join(line for line in README.splitlines() if line.startswith("| `"))
+    assert {extra for extra in extras if f"`{extra}`" not in table} == set()
+
+
+WITHOUT_EXTRAS = """\
+import sys
+
+class Blind:
+    def __init__(self, finder):
+        self.finder = finder
+
+    def find_spec(self, name, path=None, target=None):
+        absent = name.partition(".")[0] in {modules!r}
+        return None if absent else self.finder.find_spec(name, path, target)
+
+    def __getattr__(self, name):
+        return getattr(self.finder, name)
+
+sys.meta_path[:] = [Blind(finder) for finder in sys.meta_path]
+from manip3d.cli import main
+main({arguments!r})
+"""
+
+
+def run_without_extras(arguments: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    """The command as it is with no optional package installed."""
+    modules = sorted({module for modules in EXTRAS.values() for module in modules})
+    program = WITHOUT_EXTRAS.format(modules=modules, arguments=arguments)
+    return subprocess.run(
+        [sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        line
+        for line in readme_lines()
+        if line.startswith("manip3d ") and not re.search("mkv:| view | report ", line)
+    ],
+)
+def test_lines_of_readme_need_the_extra_that_they_name(
+    line: str, place: Path, tmp_path: Path
+) -> None:
+    named = re.search(r"# (\w+)$", line.replace("# exit code 3: tampered", ""))
+    words = shortened(line)
+    if "-o" in words:
+        at = words.index("-o") + 1
+        words[at] = str(tmp_path / words[at])
+    done = run_without_extras(words, place)
+    if named is None:
+        assert done.returncode in (0, 3), done.stderr
+    else:
+        assert done.returncode == 1
+        assert f"pip install 'manip3d[{named[1]}]'" in done.stderr.splitlines()[-1]
+
+
+def test_a_demo_without_its_extra_is_one_sentence(tmp_path: Path) -> None:
+    done = run_without_extras(["demo", "-o", "demo"], tmp_path)
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("manip3d: error: ")
+    assert line.endswith("pip install 'manip3d[demo]'")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,128 @@
+"""Units of depth images: what is guessed, what is known, what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from manip3d import InputError
+from manip3d.io import (
+    DEPTH_UNITS,
+    describe_unit,
+    guess_depth_unit,
+    is_colour_png,
+    read_depth_guessing,
+)
+from real_data import RealData
+
+
+def ramp(near: float, far: float) -> np.ndarray:
+    """Depth in metres from near to far, a tenth of it without a measurement."""
+    depth = np.linspace(near, far, 4800).reshape(60, 80)
+    depth[:6] = 0
+    return depth
+
+
+def stored(unit: str, metres: np.ndarray) -> np.ndarray:
+    """The numbers that a sensor of that unit would store."""
+    there = metres > 0
+    if unit == "m":
+        return metres.astype(np.float32)
+    if unit in ("kinect-raw", "nyu"):
+        disparity = 1092.5 - 351.3 / np.where(there, metres, 1.0)
+        whole = np.where(there, np.rint(disparity), 2047).astype(np.uint16)
+        return whole.byteswap() if unit == "nyu" else whole
+    if unit == "sun":
+        millimetres = np.rint(1000 * metres).astype(np.uint16)
+        return (millimetres << 3) | (millimetres >> 13)
+    return np.rint({"mm": 1000, "tum": 5000}[unit] * metres).astype(np.uint16)
+
+
+@pytest.mark.parametrize(
+    ("unit", "name"),
+    [
+        *((unit, "image.npy") for unit in DEPTH_UNITS),
+        *((unit, "image.pgm") for unit in DEPTH_UNITS if unit != "m"),  # whole numbers only
+    ],
+)
+def test_each_unit_is_guessed_and_undone(unit: str, name: str, tmp_path: Path) -> None:
+    metres = ramp(0.9, 5.0)
+    numbers = stored(unit, metres)
+    path = tmp_path / name
+    if name.endswith(".npy"):
+        np.save(path, numbers)
+    else:
+        path.write_bytes(b"P5\n80 60\n65535\n" + numbers.astype(">u2").tobytes())
+    found = read_depth_guessing(path)
+    assert found.unit == unit
+    assert found.guessed
+    scale = 1e-3 if found.depth.dtype == np.uint16 else 1.0
+    # half a step of the coarsest coding: disparity at 5 m
+    np.testing.assert_allclose(found.depth * scale, metres, atol=0.5 * 5.0**2 / 351.3)
+    assert found.range_m == pytest.approx((metres[metres > 0].min(), 5.0), abs=0.05)
+    assert found.num_measured == (metres > 0).sum()
+    assert unit in found.sentence
+    assert "guessed" in found.sentence
+    known = read_depth_guessing(path, unit=unit)
+    assert not known.guessed
+    assert "guessed" not in known.sentence
+    np.testing.assert_array_equal(known.depth, found.depth)
+
+
+def test_wrong_guesses_are_those_that_are_documented() -> None:
+    assert guess_depth_unit(stored("mm", ramp(5.0, 9.0)))[0] == "tum"  # a hall, in millimetres
+    assert guess_depth_unit(stored("tum", ramp(0.3, 0.7)))[0] == "mm"  # a hand, in 1/5000 m
+
+
+def test_fractions_in_the_hundreds_are_millimetres() -> None:
+    unit, reason = guess_depth_unit(1000 * ramp(0.9, 5.0).astype(np.float32))
+    assert unit == "mm"
+    assert "beyond" in reason
+
+
+def test_images_without_a_measurement_have_the_unit_of_their_type() -> None:
+    assert guess_depth_unit(np.zeros((2, 3), np.uint16))[0] == "mm"
+    assert guess_depth_unit(np.full((2, 3), np.nan, np.float32))[0] == "m"
+
+
+def test_numbers_of_units_and_wrong_ones(tmp_path: Path) -> None:
+    path = tmp_path / "image.npy"
+    np.save(path, np.full((2, 2), 512, np.uint16))
+    found = read_depth_guessing(path, unit="256")
+    assert found.range_m == (2.0, 2.0)
+    assert found.unit == "256"
+    assert describe_unit("256") == "1/256 m"
+    assert read_depth_guessing(path, unit=1000.0).unit == "mm"
+    for unit in ("yard", "0", "-5", "nan", "inf"):
+        with pytest.raises(InputError, match="unit: expected guess, mm"):
+            read_depth_guessing(path, unit=unit)
+    np.save(path, np.full((2, 2), 1.5, np.float32))
+    with pytest.raises(InputError, match="unit: sun is of whole numbers"):
+        read_depth_guessing(path, unit="sun")
+
+
+def test_infinite_and_negative_numbers_are_no_measurements(tmp_path: Path) -> None:
+    path = tmp_path / "image.npy"
+    np.save(path, np.float32([[np.inf, -1.0], [np.nan, 2.0]]))
+    found = read_depth_guessing(path)
+    assert found.depth.tolist() == [[0, 0], [0, 2]]
+
+
+def truth(path: Path) -> str:
+    """The unit that the publishers of the recordings state."""
+    known = {
+        "scene_icl_nuim_livingroom": "tum", "scene_tum_fr2_desk": "tum", "TUM_depth": "tum",
+        "NYU_depth": "nyu", "SUN_depth": "sun",
+    }  # fmt: skip
+    return next((unit for name, unit in known.items() if name in str(path)), "mm")
+
+
+def test_every_recorded_image_is_guessed_rightly(realdata: RealData) -> None:
+    folder = realdata("rgbd")
+    images = [*folder.rglob("*.png"), *folder.rglob("*.pgm")]
+    depth = [path for path in images if path.suffix == ".pgm" or not is_colour_png(path)]
+    assert len(depth) > 500
+    wrong = [path for path in depth if read_depth_guessing(path).unit != truth(path)]
+    assert wrong == []

@@ -1,0 +1,134 @@
+"""Faces across depth steps, and depth images from file to file."""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from manip3d import InputError, Intrinsics, read_mesh, simplify
+from manip3d.simplify import DepthOptions, cut_depth_steps, dense_mesh, simplify_depth_folder
+
+CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+
+
+def wall_with_box() -> np.ndarray:
+    """A wall at 3 m, a box at 2 m before it in columns 20 to 39."""
+    depth = np.full((48, 64), 3000, np.uint16)
+    depth[10:40, 20:40] = 2000
+    return depth
+
+
+def crosses(faces: np.ndarray, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Oracle: walk each edge pixel by pixel, compare neighbours, and the ends."""
+    bad = np.zeros(len(faces), bool)
+    for number, face in enumerate(faces):
+        for a, b in ((0, 1), (1, 2), (2, 0)):
+            p, q = pixels[face[a]].astype(int), pixels[face[b]].astype(int)
+            n = max(abs(q - p).max(), 1)
+            values = []
+            for k in range(n + 1):
+                u, v = (p[i] + int(np.floor(k * (q[i] - p[i]) / n + 0.5)) for i in (0, 1))
+                if depth[v, u] > 0:
+                    values.append(float(depth[v, u]))
+            jumps = any(abs(x - y) > 0.05 * min(x, y) for x, y in pairwise(values))
+            first, last = values[0], values[-1]
+            bad[number] |= jumps and abs(first - last) > 0.05 * min(first, last)
+    return bad
+
+
+@pytest.mark.parametrize("method", ["cs3", "relief", "uniform", "poisson", "ssa"])
+def test_no_face_is_left_across_a_step_and_no_other_is_lost(method: str) -> None:
+    depth = wall_with_box()
+    depth[0, 5] = depth[30:33, 25:30] = 0  # holes
+    options = DepthOptions(300, method=method, depth_step=0.0)
+    uncut = simplify.simplify_depth(depth, CAMERA, options)
+    cut = cut_depth_steps(uncut, depth)
+    expected = ~crosses(uncut.triangles, uncut.pixels, depth)
+    np.testing.assert_array_equal(cut.triangles, uncut.triangles[expected])
+    assert 0 < cut.num_faces <= uncut.num_faces
+    assert method == "relief" or expected.sum() < len(expected)  # relief makes none itself
+    assert cut.num_vertices == uncut.num_vertices
+    assert type(cut) is type(uncut)
+    same = simplify.simplify_depth(depth, CAMERA, DepthOptions(300, method=method))
+    np.testing.assert_array_equal(same.triangles, cut.triangles)
+
+
+def test_one_noisy_pixel_before_an_edge_is_no_step() -> None:
+    depth = np.full((5, 7), 3000, np.uint16)
+    depth[2, 3] = 1500
+    corners = np.int32([[0, 2], [6, 2], [3, 4], [3, 2]])
+    mesh = dataclasses.replace(
+        dense_mesh(depth, Intrinsics(7, 5, 6.0, 6.0, 3.0, 2.0)),
+        pixels=corners,
+        vertices=np.zeros((4, 3), np.float32),
+        uvs=np.zeros((4, 2), np.float32),
+        triangles=np.int32([[0, 1, 2], [0, 3, 2]]),  # before it, and with it as a corner
+    )
+    assert cut_depth_steps(mesh, depth).triangles.tolist() == [[0, 1, 2]]
+
+
+def test_slopes_are_no_steps() -> None:
+    v, u = np.mgrid[:48, :64]
+    floor = (1000 + 40 * v + 0 * u).astype(np.uint16)  # 4 % of the depth from row to row, at most
+    mesh = dense_mesh(floor, CAMERA)
+    assert cut_depth_steps(mesh, floor).num_faces == mesh.num_faces
+    assert cut_depth_steps(mesh, floor, step=0.01).num_faces == 0
+
+
+def test_what_is_refused() -> None:
+    mesh = dense_mesh(wall_with_box(), CAMERA)
+    with pytest.raises(InputError, match="step: expected > 0"):
+        cut_depth_steps(mesh, wall_with_box(), step=0.0)
+    with pytest.raises(InputError, match="depth: expected the image of the mesh"):
+        cut_depth_steps(mesh, np.zeros((4, 4), np.uint16))
+    with pytest.raises(InputError, match="method: expected one of cs3"):
+        DepthOptions(10, method="magic")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="depth_step"):
+        DepthOptions(10, depth_step=-1.0)
+
+
+def options(**more: object) -> DepthOptions:
+    return DepthOptions(200, intrinsics="60,60,31.5,23.5", **more)  # type: ignore[arg-type]
+
+
+def test_a_folder_has_one_unit(tmp_path: Path) -> None:
+    """Frames nearer than 0.8 m alone look like millimetres; the others of the folder tell."""
+    for number, metres in enumerate((2.0, 2.0, 0.6)):
+        image = (wall_with_box().astype(np.float64) / 2 * metres * 5).astype(np.uint16)
+        np.save(tmp_path / f"{number}.npy", image)
+    results = simplify_depth_folder(tmp_path, tmp_path / "out", options(), jobs=1)
+    assert [result.unit for result in results] == ["tum"] * 3
+    for result, metres in zip(results, (2.0, 2.0, 0.6), strict=True):
+        assert -read_mesh(result.output).vertices[:, 2].max() == pytest.approx(metres, rel=1e-3)
+
+
+def test_colour_pictures_of_a_folder_are_left_out(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    image.fromarray(wall_with_box()).save(tmp_path / "a_depth.png")
+    image.fromarray(np.zeros((48, 64, 3), np.uint8)).save(tmp_path / "a_color.png")
+    (result,) = simplify_depth_folder(tmp_path, tmp_path / "out", options(), jobs=1)
+    assert result.source.name == "a_depth.png"
+    assert result.error == ""
+    (tmp_path / "a_depth.png").unlink()
+    with pytest.raises(InputError, match="found none besides 1 colour picture"):
+        simplify_depth_folder(tmp_path, tmp_path / "out", options(), jobs=1)
+
+
+def test_a_camera_that_knows_its_unit_is_believed_and_doubts_are_said(tmp_path: Path) -> None:
+    depth = np.full((480, 640), 2000, np.uint16)
+    np.save(tmp_path / "depth.npy", depth)
+    asked = DepthOptions(50, intrinsics="tum")
+    result = simplify.simplify_depth_file(tmp_path / "depth.npy", tmp_path / "x.ply", asked)
+    assert result.unit == "tum"
+    assert "0.40 to 0.40 m" in result.depth
+    assert "the numbers look like mm" in result.depth
+    given = DepthOptions(50, intrinsics="tum", unit="mm")
+    result = simplify.simplify_depth_file(tmp_path / "depth.npy", tmp_path / "y.ply", given)
+    assert result.depth.startswith("depth 2.00 to 2.00 m, unit mm")
+    np.save(tmp_path / "depth.npy", depth.astype(np.float32) / 1000)
+    result = simplify.simplify_depth_file(tmp_path / "depth.npy", tmp_path / "z.ply", asked)
+    assert result.unit == "m"  # fractions are metres, whatever the camera

