@@ -79,7 +79,7 @@ def test_convert(tmp_path: Path) -> None:
     assert np.array_equal(read_scan(tmp_path / "b.pcd").points, scan().points)
     assert "exists already" in run("convert", tmp_path / "a.bin", "-o", tmp_path / "b.pcd", code=1)
     run("convert", tmp_path / "a.bin", "-o", tmp_path / "c.pcd", "--up", "z", code=2)
-    assert "expected a point file" in run(
+    assert "expected a name that ends in .pcd.bin" in run(
         "convert", tmp_path / "a.bin", "-o", tmp_path / "c.obj", code=1
     )
 

@@ -18,7 +18,7 @@ double rho_of(const Vector3d& p) { return std::sqrt(p.x() * p.x() + p.y() * p.y(
 
 // Turned about the vertical to the nearest azimuth that is measured.
 Vector3d to_azimuth_step(const Vector3d& p, const ScanLattice& lattice) {
-  const double phase = lattice.rings[nearest_ring(lattice, rho_of(p), p.z())].azimuth;
+  const double phase = lattice.rings.front().azimuth;
   const double azimuth = arc_tangent(p.y(), p.x());
   const double steps = (azimuth - phase) / lattice.azimuth_step;
   const double measured = phase + std::nearbyint(steps) * lattice.azimuth_step;
@@ -60,8 +60,9 @@ void check_azimuths(const ScanLattice& lattice) {
                      std::to_string(step));
   }
   for (const ScanLattice::Ring& ring : lattice.rings) {
-    if (std::abs(ring.azimuth) <= 1e3) continue;
-    throw InputError("lattice: expected a phase in radians, got " + std::to_string(ring.azimuth));
+    if (std::abs(ring.azimuth) <= 1e3 && ring.azimuth == lattice.rings.front().azimuth) continue;
+    throw InputError("lattice: expected one phase of all rings in radians, got " +
+                     std::to_string(ring.azimuth));
   }
 }
 

@@ -35,6 +35,7 @@ void for_faces_of_row(const PointGridView& grid, std::int64_t v, double max_edge
     };
     unsigned valid = 0;
     for (int i = 0; i < 4; ++i) valid |= (grid.valid[corner[i]] != 0 ? 1U : 0U) << i;
+    if (valid == 0) continue;
     for (const auto& [i, j, k] : cell_triangles(cut_cell(valid, distance))) {
       const bool keeps =
           !limited || (distance(i, j) <= max_squared && distance(j, k) <= max_squared &&

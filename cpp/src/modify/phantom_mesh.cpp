@@ -69,6 +69,7 @@ class MeshWriter {
     for (int i = 0; i < 4; ++i) {
       valid |= (image_.kind[corner[i]] != PixelKind::kNone ? 1U : 0U) << i;
     }
+    if (valid == 0) return;
     const CellCut cut =
         cut_cell(valid, [&](int i, int j) { return squared_distance(corner[i], corner[j]); });
     for (const auto& [i, j, k] : cell_triangles(cut)) keep({corner[i], corner[j], corner[k]});

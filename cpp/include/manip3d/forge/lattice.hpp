@@ -20,7 +20,8 @@ struct SnapOptions {
 };
 
 /// check_lattice, and what attacks need: an azimuth step of 0 or 1e-4 to 1 radian (a finer one
-/// would give a turn columns without end, a coarser one none), azimuths up to 1000 radians.
+/// would give a turn columns without end, a coarser one none), one azimuth of all rings, up to 1000
+/// radians.
 /// @throws InputError  no such lattice.
 void check_azimuths(const ScanLattice& lattice);
 
