@@ -59,7 +59,7 @@ def verdicts(name: str, rows: list[Row]) -> dict[str, bool | None]:
 def test_as_many_forgeries_as_published() -> None:
     rows = perfect()
     printed = Counter[str]()
-    for line in _published.rows("table_6_1_lidar_forensics"):
+    for line in _published.published_rows("table_6_1_lidar_forensics"):
         printed[line["class"]] += int(line["count"])
     assert {a: len(_forensics.entries(rows, a)) for a in printed} == printed
     numbers = {
@@ -83,7 +83,7 @@ def test_accuracies_of_three_streets_are_the_printed_ones() -> None:
     for case in streets:
         options = dict(case.options) | {"resolution_deg": 0.4}
         rows.append(options | {"error": ""} | _forensics.judge_scene(Case(case.run, options)))
-    for line in _published.rows("table_6_2_lidar_forensics_accuracy_percent")[:3]:
+    for line in _published.published_rows("table_6_2_lidar_forensics_accuracy_percent")[:3]:
         found = _forensics.entries(rows, line["class"])
         assert len(found) >= 3
         for detector in ("I", "II"):

@@ -13,6 +13,7 @@
 #include <vector>
 #else
 #include <pthread.h>
+#include <tbb/info.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
 
@@ -29,6 +30,8 @@ namespace {
 using ChunkBody = std::function<void(std::int64_t chunk_index)>;
 
 #ifdef MANIP3D_STD_THREADS
+int available_threads() { return static_cast<int>(std::thread::hardware_concurrency()); }
+
 void run_batch(std::int64_t first, std::int64_t last, int num_threads, const ChunkBody& body) {
   std::atomic<std::int64_t> next{first};
   std::exception_ptr error;
@@ -51,6 +54,10 @@ void run_batch(std::int64_t first, std::int64_t last, int num_threads, const Chu
   if (error) std::rethrow_exception(error);
 }
 #else
+/// The processors that this process may use. hardware_concurrency() counts those of the machine,
+/// and oneTBB prints a warning where more threads are asked for than may run.
+int available_threads() { return tbb::info::default_concurrency(); }
+
 /// Arenas that wait for their next call, by number of threads. oneTBB 2021.8 loses 14 to 29 KB with
 /// each arena that is destroyed, so none is. Each call has an arena of its own: calls at the same
 /// time do not share threads, and there are as many arenas as there were calls at one time.
@@ -133,7 +140,7 @@ void parallel_chunks(std::int64_t count, std::int64_t chunk, int num_threads,
   if (num_threads < 0) {
     throw InputError("num_threads: expected >= 0, got " + std::to_string(num_threads));
   }
-  const int available = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  const int available = std::max(1, available_threads());
   if (num_threads == 0 || num_threads > available) num_threads = available;
 
   const std::int64_t num_chunks = (count + chunk - 1) / chunk;

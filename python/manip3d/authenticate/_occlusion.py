@@ -128,7 +128,8 @@ class OcclusionRegion:
     area : float, square metres
         Solid angle times squared range.
     rows, columns : (int, int)
-        First and last, in the mask; ``columns[0] > columns[1]``: it goes round the back.
+        First and last row and column in `OcclusionResult.mask`; ``columns[0] > columns[1]``: the
+        region crosses azimuth 180 degrees.
     box : Box
         Around its suspected points.
     """
@@ -299,7 +300,7 @@ def occlusion_consistency(
             threads_of(threads),
         )
     )
-    every = tuple(_region(values) for values in found)
+    every = tuple(_region(values, first) for values in found)
     regions = tuple(region for region in every if region.area >= parameters.min_area)
     suspected = suspected[component < len(regions)]  # the largest come first
     if first_echoes is not None:
@@ -363,7 +364,8 @@ def _radians(grid: AngularGrid) -> tuple[float, float, float, float, float, floa
     )
 
 
-def _region(values: tuple[Any, ...]) -> OcclusionRegion:
+def _region(values: tuple[Any, ...], first: int) -> OcclusionRegion:
+    """The core counts rows of the whole grid; the mask begins with row ``first`` of that."""
     cells, solid_angle, distance, area, row0, row1, column0, column1, box = values
     center, size, yaw = box
     return OcclusionRegion(
@@ -371,7 +373,7 @@ def _region(values: tuple[Any, ...]) -> OcclusionRegion:
         solid_angle,
         distance,
         area,
-        (row0, row1),
+        (row0 - first, row1 - first),
         (column0, column1),
         Box(tuple(center), tuple(size), yaw),
     )

@@ -17,6 +17,7 @@ from manip3d.experiments._model import (
     Verdict,
     counted,
 )
+from manip3d.experiments._published import published_rows
 from manip3d.experiments._registry import ENTRY_POINTS, registry, select
 from manip3d.experiments._runner import RESULTS_FORMAT, RunSummary, run
 from manip3d.experiments._store import Store, pack_mesh, unpack_mesh
@@ -37,6 +38,7 @@ __all__ = [
     "Verdict",
     "counted",
     "pack_mesh",
+    "published_rows",
     "registry",
     "run",
     "select",

@@ -434,7 +434,7 @@ def measures(image: RangeInput, mesh: Mesh, options: Mapping[str, Any]) -> Row:
 def _printed(table: str, row: Row, column: str) -> float | None:
     """A cell of table 3.4, whose rows are model and method."""
     name = _PRINTED.get(row["method"], row["method"])
-    for printed in _published.rows(table):
+    for printed in _published.published_rows(table):
         if printed["model"] == row["stands_in_for"] and printed["method"] == name:
             return _number(printed[column])
     return None
@@ -444,7 +444,7 @@ def printed_time(table: str, row: Row) -> float | None:
     """A cell of tables 3.2 and 3.3, whose columns are methods."""
     method: str = row["method"]
     name = _PRINTED.get(method, method) if "3_3" in table else method.upper()
-    for printed in _published.rows(table):
+    for printed in _published.published_rows(table):
         if printed["model"] == row["stands_in_for"]:
             return _number(printed.get(name, ""))
     return None

@@ -6,6 +6,8 @@ import csv
 from functools import cache
 from importlib.resources import files
 
+from manip3d.errors import InputError
+
 METHOD_NAMES = {
     "qem-orig": "QEM_ORIG",
     "qem-bp": "QEM_BP",
@@ -17,15 +19,34 @@ METHOD_NAMES = {
 
 
 @cache
-def rows(name: str) -> tuple[dict[str, str], ...]:
-    """The rows of a published table; ``name`` without ``.csv``."""
+def published_rows(name: str) -> tuple[dict[str, str], ...]:
+    """Return the rows of a published table, with the text of each cell by its column.
+
+    Parameters
+    ----------
+    name : str
+        As `Experiment.published` has it, such as ``table_6_1_lidar_forensics``.
+
+    Raises
+    ------
+    InputError
+        There is no such table.
+
+    Examples
+    --------
+    >>> from manip3d.experiments import published_rows
+    >>> published_rows("table_6_1_lidar_forensics")[2]["II_forged"]
+    '13'
+    """
     path = files("manip3d.experiments").joinpath("published", f"{name}.csv")
+    if not path.is_file():
+        raise InputError(f"name: expected a published table, got {name!r}")
     return tuple(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
 
 
 def value(table: str, model: str, method: str, column: str) -> float | str | None:
     """One cell: a number, ``"fail"`` where the method failed, None where nothing is printed."""
-    for row in rows(table):
+    for row in published_rows(table):
         if row["model"] == model and row["method"] == METHOD_NAMES.get(method, method):
             text = row[column]
             if text == "fail":

@@ -26,7 +26,7 @@ _TABLE = "figures_3_13_3_14_texture_error"
 
 
 def _complete(row: Row) -> Row:
-    for printed in _published.rows(_TABLE):
+    for printed in _published.published_rows(_TABLE):
         here = (printed["model"], printed["method"])
         if here == (row["stands_in_for"], _PRINTED.get(row["method"])):
             return row | {
@@ -40,7 +40,7 @@ def _printed_ratio(model: str) -> float:
     """CS3's printed texture error over that of texture-preserving QEM."""
     printed = {
         row["method"]: float(row["texture_error_1e-6"])
-        for row in _published.rows(_TABLE)
+        for row in _published.published_rows(_TABLE)
         if row["model"] == model
     }
     return printed["CS3"] / printed["texture-preserving QEM"]

@@ -133,7 +133,7 @@ def _complete(row: Row) -> Row:
     published = row["stands_in_for"]
     printed = next(
         r
-        for r in _published.rows("table_3_4_quality_at_5_percent")
+        for r in _published.published_rows("table_3_4_quality_at_5_percent")
         if (r["model"], r["method"]) == (published, "CS3")
     )
     return row | {"published_metro": float(printed["metro_1e-3"]) * 1e-3}

@@ -33,7 +33,9 @@ def _cases(plan: Plan) -> list[Case]:
 
 def _complete(row: Row) -> Row:
     printed = next(
-        r for r in _published.rows("table_3_1_datasets") if r["model"] == row["stands_in_for"]
+        r
+        for r in _published.published_rows("table_3_1_datasets")
+        if r["model"] == row["stands_in_for"]
     )
     return row | {f"published_{n}": int(printed[n]) for n in _COUNTS}
 
@@ -46,7 +48,7 @@ def _same_counts(rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def _possible(_: Sequence[Row]) -> Iterator[Finding]:
-    for row in _published.rows("table_3_1_datasets"):
+    for row in _published.published_rows("table_3_1_datasets"):
         faces, vertices = int(row["faces"]), int(row["vertices"])
         numbers = f"{faces} faces on {vertices} vertices"
         yield Finding(row["model"], faces < 2 * vertices, numbers)

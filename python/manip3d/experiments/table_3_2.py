@@ -34,7 +34,9 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def _complete(row: Row) -> Row:
-    printed = next(r for r in _published.rows(_TABLE) if r["model"] == row["stands_in_for"])
+    printed = next(
+        r for r in _published.published_rows(_TABLE) if r["model"] == row["stands_in_for"]
+    )
     return row | {
         "published_time": printed_time(_TABLE, row),
         "published_points": int(printed["output_points"]),

@@ -96,7 +96,7 @@ def time_steps(case: Case) -> Row:
 
 def _complete(row: Row) -> Row:
     column = f"at_{row['feet']}_feet"
-    lines = {line["step"]: float(line[column]) for line in _published.rows(_TABLE)}
+    lines = {line["step"]: float(line[column]) for line in _published.published_rows(_TABLE)}
     said: dict[str, Any] = {f"published {name}": lines[step] for name, step in _STEPS.items()}
     return row | said | {"published whole": lines["total"]}
 

@@ -10,7 +10,7 @@ from manip3d.experiments._model import Claim, Experiment, Finding, Row
 
 def _as_many_right(detector: str, classes: tuple[str, ...]) -> Claim:
     def judge(rows: Sequence[Row]) -> Iterator[Finding]:
-        for line in _published.rows("table_6_1_lidar_forensics"):
+        for line in _published.published_rows("table_6_1_lidar_forensics"):
             if line["class"] not in classes:
                 continue
             found = _forensics.entries(rows, line["class"], kind=line["scene"])
@@ -35,7 +35,7 @@ def _as_many_right(detector: str, classes: tuple[str, ...]) -> Claim:
 
 
 def _same_number(rows: Sequence[Row]) -> Iterator[Finding]:
-    for line in _published.rows("table_6_1_lidar_forensics"):
+    for line in _published.published_rows("table_6_1_lidar_forensics"):
         found = _forensics.entries(rows, line["class"], kind=line["scene"])
         short = any(row["scale"] == "quick" for row in rows)
         holds = None if short else len(found) == int(line["count"])

@@ -18,7 +18,7 @@ _TABLE = "table_6_2_lidar_forensics_accuracy_percent"
 
 
 def _printed() -> dict[str, dict[str, str]]:
-    return {line["class"]: line for line in _published.rows(_TABLE)}
+    return {line["class"]: line for line in _published.published_rows(_TABLE)}
 
 
 def _reaches(rows: Sequence[Row], detector: str, classes: Sequence[str]) -> Iterator[Finding]:

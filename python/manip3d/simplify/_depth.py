@@ -45,7 +45,7 @@ _VARIANTS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DepthMesh(Showable):
     """A mesh whose vertices are pixels, in the 32-bit buffers that a GPU takes.
 
@@ -68,6 +68,10 @@ class DepthMesh(Showable):
     pixels: NDArray[np.int32] = field(repr=False)
     uvs: NDArray[np.float32] = field(repr=False)
     colour: NDArray[np.uint8] | None = field(repr=False)
+
+    def __repr__(self) -> str:
+        sizes = f"{self.num_vertices} vertices, {self.num_faces} faces"
+        return f"<manip3d.simplify.{type(self).__name__}: {sizes}>"
 
     @property
     def num_vertices(self) -> int:
@@ -185,7 +189,7 @@ class Reached(enum.StrEnum):
     ALL_PIXELS = "all_pixels"  #: there are no more valid pixels than asked for
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DepthSimplification(DepthMesh):
     """A sparse mesh of a depth image, and how it came about.
 

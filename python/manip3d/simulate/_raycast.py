@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import functools
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,6 +86,21 @@ class RayCaster:
         )
 
 
+@contextmanager
+def _without_web_visualizer() -> Iterator[None]:
+    """In a notebook, importing Open3D prints a banner and starts a server, unless this is set."""
+    name = "OPEN3D_DISABLE_WEB_VISUALIZER"
+    before = os.environ.get(name)
+    os.environ[name] = "true"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[name]
+        else:
+            os.environ[name] = before
+
+
 @functools.cache
 def _open3d() -> Any:
     """Open3D, once it has proved that its rays hit.
@@ -95,7 +113,8 @@ def _open3d() -> Any:
         Rays come back without hits, as from Debian's package.
     """
     try:
-        import open3d as o3d
+        with _without_web_visualizer():
+            import open3d as o3d
     except ImportError as error:
         raise MissingExtraError("open3d", "simulate") from error
     scene = o3d.t.geometry.RaycastingScene()

@@ -12,6 +12,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.arrays import rows
 from manip3d._util.options import threads_of
+from manip3d._util.showing import Showable
 from manip3d.camera import Intrinsics, Registration
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
@@ -209,7 +210,7 @@ class Lines:
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnPoints:
+class DrawnPoints(Showable):
     """Points as the viewer shows them; `manip3d.viewer.view` and `picture` take it.
 
     Attributes
@@ -676,7 +677,7 @@ def _stored_colors(frame: LidarFrame) -> Image | None:
 
 
 @dataclass(frozen=True, eq=False)
-class DepthImage:
+class DepthImage(Showable):
     """A depth image that nobody has a calibration for, or none yet.
 
     Attributes
