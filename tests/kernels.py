@@ -138,6 +138,7 @@ KERNELS: dict[str, Kernel] = {
     "metrics.boundary_gap": lambda t: metrics.boundary_gap(pipe, coarse_pipe, threads=t),
     "metrics.closest_points": lambda t: metrics.closest_points(hill, cloud, threads=t),
     "metrics.nearest_distances": lambda t: metrics.nearest_distances(cloud, threads=t),
+    "metrics.compare": lambda t: metrics.compare(hill, coarse, threads=t),
     "metrics.metro": lambda t: metrics.metro(hill, coarse, threads=t),
     "metrics.fmpd": lambda t: metrics.fmpd(hill, coarse, threads=t),
 }

@@ -48,6 +48,6 @@ def test_a_model_becomes_a_mesh_file(tmp_path: Path) -> None:
     done = manip3d("simulate", "sim:jet", "-o", output, "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["faces"] == read_mesh(output).num_faces > 30_000
-    assert "expected one of .obj" in error_line(
+    assert "expected a name that ends in .obj, " in error_line(
         manip3d("simulate", "sim:jet", "-o", tmp_path / "jet.bin")
     )

@@ -50,7 +50,8 @@ def test_no_face_is_left_across_a_step_and_no_other_is_lost(method: str) -> None
     expected = ~crosses(uncut.triangles, uncut.pixels, depth)
     np.testing.assert_array_equal(cut.triangles, uncut.triangles[expected])
     assert 0 < cut.num_faces <= uncut.num_faces
-    assert method == "relief" or expected.sum() < len(expected)  # relief makes none itself
+    if method not in ("relief", "ssa"):  # which make none themselves in this image
+        assert expected.sum() < len(expected)
     assert cut.num_vertices == uncut.num_vertices
     assert type(cut) is type(uncut)
     same = simplify.simplify_depth(depth, CAMERA, DepthOptions(300, method=method))

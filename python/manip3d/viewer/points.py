@@ -600,9 +600,10 @@ def camera_poses(camera: Intrinsics, middle: float) -> tuple[Pose, ...]:
     tall = camera.height / abs(camera.fy)
     wide = camera.width / abs(camera.fx)
     # The middle of the image, which need not be the principal point.
-    across = (0.5 * (camera.width - 1) - camera.cx) / camera.fx
-    down = (0.5 * (camera.height - 1) - camera.cy) / camera.fy
-    target = middle * np.array([across, down, 1.0])
+    pixel = (0.5 * (camera.width - 1), 0.5 * (camera.height - 1))
+    target = camera.unproject(middle, pixels=pixel)
+    if not np.isfinite(target).all():  # a table of rays may have none there
+        target = np.array([0.0, 0.0, middle])
     angle = 2.0 * float(np.degrees(np.arctan(0.5 * tall)))
     shape = wide / tall
     side = middle * np.array([-0.75, -0.25, 0.15])
