@@ -89,6 +89,11 @@ def _density_figure(figure_type: type[Figure], density: DensityResult) -> Figure
     for low, high in density.offending:
         axes.axvspan(low, high, color="#D55E00", alpha=0.3)
     axes.set(xlabel="range, m", ylabel="nearest neighbour, mm")
+    measured = np.flatnonzero(np.isfinite(density.signal))
+    if measured.size:  # beyond the last point only the fit goes on
+        last = measured[-1]
+        axes.set_xlim(0.0, 1.05 * density.ranges[last])
+        axes.set_ylim(0.0, 1.5e3 * max(density.fit[last], np.nanmax(density.signal)))
     axes.legend()
     return figure
 
