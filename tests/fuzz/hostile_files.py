@@ -175,7 +175,7 @@ def calibrations() -> list[Files]:
 
 
 def drives() -> list[Files]:
-    sys.path.insert(0, str(TESTS / "datasets"))
+    sys.path[:0] = [str(TESTS), str(TESTS / "datasets")]
     import test_kitti as kitti
 
     return [folder_of(lambda p: kitti.write_raw(p.parent)), folder_of(kitti.write_object)]
