@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
-import json
 import multiprocessing
 import os
 import resource
@@ -182,10 +181,14 @@ def drives() -> list[Files]:
 
 
 def tum_folder() -> list[Files]:
-    image = depth_images()[2]["a.png"]
+    from PIL import Image
+
+    size = (640, 480)  # as the benchmark's cameras
+    gray = Image.fromarray(np.full(size[::-1], 5000, np.uint16))
+    image = written(gray.save, "a.png")["a.png"]
     lists = "# time file\n1.0 depth/1.png\n1.1 depth/2.png\n"
     colour = "# time file\n1.0 rgb/1.png\n1.1 rgb/2.png\n"
-    png = written(lambda p: __import__("PIL.Image").Image.new("RGB", (16, 12)).save(p), "a.png")
+    png = written(Image.new("RGB", size).save, "a.png")
     return [
         {
             "depth.txt": lists.encode(),
@@ -211,19 +214,15 @@ def recordings(suffix: str) -> list[Files]:
 
 
 def results() -> list[Files]:
-    document = {
-        "format": 1,
-        "manip3d": "0.1.0",
-        "experiments": [
-            {
-                "id": "table-2.2",
-                "title": "t",
-                "rows": [{"model": "Head", "metro": 1.0}],
-                "claims": [],
-            }
-        ],
-    }
-    return [{"results.json": json.dumps(document).encode(), "results.csv": b"a,b\n1,2\n"}]
+    sys.path.insert(0, str(TESTS))
+    from manip3d.experiments import run as run_experiments
+    from toy_experiments import experiment
+
+    def write(path: Path) -> None:
+        run_experiments([experiment(1, 2)], path.parent, jobs=1)
+
+    found = folder_of(write)
+    return [{name: found[name] for name in ("results.json", "results.csv")}]
 
 
 # --- reading -------------------------------------------------------------------------------------
@@ -416,9 +415,7 @@ def run_case(kind: str, seed: int, folder: Path) -> str:
     example = dict(examples_of(kind)[int(rng.integers(len(examples_of(kind))))])
     name = sorted(example)[int(rng.integers(len(example)))]
     example[name] = damage(example[name], rng)
-    for path, data in example.items():
-        (folder / path).parent.mkdir(parents=True, exist_ok=True)
-        (folder / path).write_bytes(data)
+    lay_out(example, folder)
     start = time.process_time()
     finding = ""
     try:
@@ -447,8 +444,9 @@ def _work(kind: str, first: int, count: int, current: Any, pipe: Any) -> None:
     with tempfile.TemporaryDirectory() as root:
         folder = Path(root) / "case"
         examples_of(kind)
-        with contextlib.suppress(Exception):
-            KINDS[kind].read(_laid_out(kind, folder), "")
+        lay_out(examples_of(kind)[0], folder)
+        with contextlib.suppress(manip3d.Error):  # imports what is imported when it is used
+            KINDS[kind].read(folder, min(examples_of(kind)[0]))
         devnull = os.open(os.devnull, os.O_WRONLY)
         os.dup2(devnull, 2)  # what libraries of others print
         _limit_memory()
@@ -460,11 +458,11 @@ def _work(kind: str, first: int, count: int, current: Any, pipe: Any) -> None:
     pipe.send(None)
 
 
-def _laid_out(kind: str, folder: Path) -> Path:
-    for path, data in examples_of(kind)[0].items():
+def lay_out(example: Files, folder: Path) -> None:
+    """Write the files of an example below a folder."""
+    for path, data in example.items():
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         (folder / path).write_bytes(data)
-    return folder
 
 
 def run(kind: str, first: int, count: int) -> Iterator[tuple[int, str]]:

@@ -2,14 +2,34 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import sys
+from pathlib import Path
 
 import hostile_files
 import pytest
 
+from manip3d import FormatError
+
 CASES = 400
 """For each kind: 8 800 in all; the long run is for the night."""
+
+
+@pytest.mark.parametrize("kind", hostile_files.KINDS)
+def test_undamaged_examples_are_read(kind: str, tmp_path: Path) -> None:
+    """Damage to what is refused anyway would prove nothing."""
+    for module in hostile_files.NEEDS.get(kind, ()):
+        pytest.importorskip(module)
+    num_read = 0
+    for number, example in enumerate(hostile_files.examples_of(kind)):
+        folder = tmp_path / str(number)
+        hostile_files.lay_out(example, folder)
+        name = max(example)  # of a.bin and a.gltf the latter
+        with contextlib.suppress(FormatError, OSError):  # a corpus has damaged files too
+            hostile_files.KINDS[kind].read(folder, name)
+            num_read += 1
+    assert num_read >= 1
 
 
 @pytest.mark.parametrize("kind", hostile_files.KINDS)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from manip3d._util.paths import path_of
-from manip3d.errors import FormatError, InputError
+from manip3d.errors import Error, FormatError, InputError
 from manip3d.experiments import RESULTS_FORMAT
 from manip3d.io._files import atomic_write
 from manip3d.report._evidence import EVIDENCE_KINDS, place_sentence, write_evidence
@@ -43,17 +43,27 @@ def write_report(results_dir: str | os.PathLike[str], output: str | os.PathLike[
         raise InputError(f"output: expected a name ending in {', '.join(_KINDS)}, got {path.name}")
     folder = path_of(results_dir, "results_dir")
     results = _load(folder)
-    if path.suffix.lower() == ".csv":
-        text = (folder / "results.csv").read_text(encoding="utf-8")
-    elif path.suffix.lower() == ".md":
+    try:
+        text = _text(results, folder, path.suffix.lower())
+    except (Error, OSError, MemoryError):
+        raise
+    except Exception as error:  # templates fail in many ways on results that are damaged
+        raise FormatError(
+            f"damaged results: {type(error).__name__}: {error}", file=str(folder)
+        ) from error
+    atomic_write(path, text)
+
+
+def _text(results: dict[str, Any], folder: Path, kind: str) -> str:
+    if kind == ".csv":
+        return (folder / "results.csv").read_text(encoding="utf-8")
+    if kind == ".md":
         from manip3d.report._markdown import markdown
 
-        text = markdown(results)
-    else:
-        from manip3d.report._html import html
+        return markdown(results)
+    from manip3d.report._html import html
 
-        text = html(results, folder)
-    atomic_write(path, text)
+    return html(results, folder)
 
 
 def _load(folder: Path) -> dict[str, Any]:
@@ -62,7 +72,7 @@ def _load(folder: Path) -> dict[str, Any]:
         raise InputError(f"{folder}: expected a results folder, found no results.json in it")
     try:
         results = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FormatError(f"not JSON: {error}", file=str(path)) from error
     if not isinstance(results, dict) or results.get("format") != RESULTS_FORMAT:
         raise FormatError(
