@@ -15,7 +15,7 @@ struct OcclusionOptions {
   Eigen::Vector3d origin = Eigen::Vector3d::Zero();  ///< The scanner's.
   ScanGrid grid;                ///< Cells of the image; see estimate_scan_grid.
   double min_gap = 0.1;         ///< Metres between nearest and farthest point of a cell that count.
-  bool accumulate = false;      ///< As printed: the gap is the sum over the points in their order.
+  bool accumulate = false;      ///< The gap is summed over the points in order, as printed.
   std::int64_t min_cells = 40;  ///< A_th in cells; smaller components are not reported.
   double min_area = 0.01;       ///< A_th in square metres at the component's own range.
   /// Metres; components farther away are not reported.

@@ -13,9 +13,9 @@ namespace manip3d {
 /// Grows when anything in this file changes.
 inline constexpr std::uint32_t kMkvVersion = 1;
 
-enum class MkvPixels : std::int32_t { kGray8, kGray16, kRgb };  ///< As they lie in memory.
+enum class MkvPixels : std::int32_t { kGray8, kGray16, kRgb };  ///< Layout of pixels in memory.
 enum class MkvKind : std::int32_t { kVideo, kText, kAttachment, kOther };
-enum class MkvFormat : std::int32_t { kFfv1, kMjpeg, kOther };  ///< Of video.
+enum class MkvFormat : std::int32_t { kFfv1, kMjpeg, kOther };  ///< Video codec.
 
 struct MkvBytes {
   const std::uint8_t* data;
@@ -35,13 +35,13 @@ struct MkvTrack {
   MkvKind kind = MkvKind::kOther;
   MkvFormat format = MkvFormat::kOther;
   MkvPixels pixels = MkvPixels::kGray8;  ///< Of FFV1; of tracks that are read: the caller's to say.
-  std::int32_t width = 0, height = 0;    ///< Of images.
+  std::int32_t width = 0, height = 0;    ///< Size of the images.
   std::uint32_t four_cc = 0;             ///< Of Video for Windows, the first letter lowest.
   std::int64_t period_ns = 0;            ///< From image to image; 0: the file does not say.
   MkvBytes data{};                       ///< The codec's header, or the attached file.
   const char* title = "";
-  const char* file_name = "";    ///< Of attachments.
-  const char* format_name = "";  ///< Of tracks that are read.
+  const char* file_name = "";    ///< Name of an attachment.
+  const char* format_name = "";  ///< Codec of a track being read.
 };
 
 struct MkvPacket {
@@ -75,7 +75,7 @@ struct MkvCodec {
 
   int (*open_reader)(const MkvFile* file, MkvReader** reader);
   int (*track)(MkvReader* reader, int number, MkvTrack* track);  ///< 1: it is there; 0: it is not.
-  const char* (*tag)(MkvReader* reader, const char* name);       ///< Of the whole file; or empty.
+  const char* (*tag)(MkvReader* reader, const char* name);       ///< Value of a tag of the file.
   std::int64_t (*duration_us)(MkvReader* reader);                ///< 0: the file does not say.
   int (*next)(MkvReader* reader, MkvPacket* packet);
   int (*seek_last)(MkvReader* reader, int track);  ///< Goes to the last packet of the index.
