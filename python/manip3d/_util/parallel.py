@@ -12,10 +12,13 @@ import os
 import signal
 import traceback
 from collections.abc import Callable, Generator, Hashable, Iterator, Mapping
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from queue import SimpleQueue
 from typing import Any, TypeVar
 
 from manip3d.errors import MissingExtraError
@@ -23,6 +26,9 @@ from manip3d.errors import MissingExtraError
 _Key = TypeVar("_Key", bound=Hashable)
 Task = tuple[Callable[..., Any], tuple[Any, ...]]
 """A function that can be imported by name, and its arguments."""
+
+_DASK_WINDOW = 1000
+"""Tasks that a Dask scheduler has at once: enough for hundreds of workers, and little memory."""
 
 _log = logging.getLogger("manip3d")
 
@@ -43,11 +49,14 @@ def run_tasks(
     Parameters
     ----------
     tasks : mapping
+        Read as the work proceeds: only a window of it is with the workers at any time.
     jobs : int
         Processes; 1: in this one, in order. Each worker's ``MANIP3D_THREADS`` is its share of
         the cores.
     dask : str
         Address of a Dask scheduler to use instead; ``"local"`` starts one with ``jobs`` workers.
+        A task whose worker is lost runs again on another one. Workers that do not set
+        ``MANIP3D_THREADS`` run each task with one thread, as Dask counts threads.
 
     Notes
     -----
@@ -56,17 +65,60 @@ def run_tasks(
     if jobs == 1 and not dask:
         yield from ((key, _attempt(*task)) for key, task in tasks.items())
         return
-    pending = dict(tasks)
+    workers = min(jobs, max(1, len(tasks)))
+    attempt, window = (_attempt_on_dask, _DASK_WINDOW) if dask else (_attempt, 2 * workers)
+    waiting = iter(tasks.items())
+    is_done = False
+    while not is_done:
+        running: dict[_Key, Task] = {}
+        try:
+            with _executor(workers, dask) as executor:
+                submit = partial(executor.submit, attempt)
+                yield from _outcomes(submit, waiting, running, window)
+            is_done = True
+        except BrokenProcessPool:  # one task took its worker down: find out which, each on its own
+            for key, task in running.items():
+                yield key, _isolated(task)
+
+
+def _outcomes(
+    submit: Callable[..., Future[Outcome]],
+    waiting: Iterator[tuple[_Key, Task]],
+    running: dict[_Key, Task],
+    window: int,
+) -> Generator[tuple[_Key, Outcome]]:
+    """Keep ``window`` tasks with the workers until none waits; ``running`` says which they are."""
+    finished: SimpleQueue[tuple[_Key, Future[Outcome]]] = SimpleQueue()
+
+    def start(key: _Key, task: Task) -> None:
+        running[key] = task
+        function, arguments = task
+        future = submit(function, arguments)
+        future.add_done_callback(lambda done: finished.put((key, done)))
+
+    for key, task in islice(waiting, window):
+        start(key, task)
+    while running:
+        key, future = finished.get()
+        outcome = _outcome_of(future)
+        del running[key]
+        for following in islice(waiting, 1):
+            start(*following)
+        yield key, outcome
+
+
+def _outcome_of(future: Future[Outcome]) -> Outcome:
     try:
-        with _executor(min(jobs, max(1, len(tasks))), dask) as executor:
-            futures = {executor.submit(_attempt, *task): key for key, task in tasks.items()}
-            for future in as_completed(futures):
-                outcome = future.result()
-                del pending[futures[future]]
-                yield futures[future], outcome
-    except BrokenProcessPool:  # one task took its worker down: find out which, each on its own
-        for key, task in pending.items():
-            yield key, _isolated(task)
+        return future.result()
+    except BrokenProcessPool:
+        raise
+    except Exception as error:  # Dask gave the task up, or its result cannot be sent
+        return Outcome(error=f"{type(error).__name__}: {error}")
+
+
+def _attempt_on_dask(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Outcome:
+    os.environ.setdefault("MANIP3D_THREADS", "1")
+    return _attempt(function, arguments)
 
 
 def _attempt(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Outcome:
@@ -90,7 +142,7 @@ def _isolated(task: Task) -> Outcome:
 def _executor(workers: int, dask: str) -> Iterator[Executor]:
     if dask:
         with _dask_client(workers, dask) as client:
-            yield client.get_executor()
+            yield client.get_executor(pure=False)  # a task that failed may be tried again
         return
     others = set(multiprocessing.active_children())
     executor = ProcessPoolExecutor(

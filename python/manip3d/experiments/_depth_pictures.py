@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.json import canonical_json
 from manip3d.experiments import _pictures
 from manip3d.experiments._depth import SHORT, RangeInput, open_input
-from manip3d.experiments._model import Row, Sheet, canonical_json
+from manip3d.experiments._model import Row, Sheet
 from manip3d.experiments._store import unpack_mesh
 from manip3d.io._files import atomic_write
 from manip3d.mesh import Mesh

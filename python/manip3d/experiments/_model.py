@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
+
+from manip3d._util.json import canonical_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -68,11 +69,6 @@ class Case:
             "code": code,
         }
         return hashlib.sha256(canonical_json(record)).hexdigest()[:32]
-
-
-def canonical_json(value: Any) -> bytes:
-    """The one spelling of a JSON value that hashes are taken of; NaN stays NaN."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":")).encode()
 
 
 DATA_KINDS: dict[str, str] = {

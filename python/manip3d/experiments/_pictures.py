@@ -8,7 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from manip3d.experiments._model import Row, Sheet, canonical_json
+from manip3d._util.json import canonical_json
+from manip3d.experiments._model import Row, Sheet
 from manip3d.experiments._simplification import METHOD_TITLES, open_model
 from manip3d.experiments._store import unpack_mesh
 from manip3d.io._files import atomic_write

@@ -16,11 +16,11 @@ import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from manip3d.experiments._model import Row, canonical_json
+from manip3d._util.json import sealed, unsealed
+from manip3d.experiments._model import Row
 from manip3d.io._files import atomic_write
 from manip3d.mesh import Mesh
 
@@ -66,9 +66,7 @@ class Store:
                 self.write(relative, data)
                 files[relative] = hashlib.sha256(data).hexdigest()
                 plain[name] = relative
-        record = {"key": key, "row": plain, "files": files}
-        record["sha256"] = hashlib.sha256(canonical_json(record)).hexdigest()
-        text = json.dumps(record, indent=1)
+        text = json.dumps(sealed({"key": key, "row": plain, "files": files}), indent=1)
         self.write(f"cases/{key}.json", text)
         stored: Row = json.loads(text)["row"]  # what a resumed run would read: no tuples
         return stored
@@ -76,17 +74,18 @@ class Store:
     def load(self, key: str) -> Row | None:
         """The stored row, or None where there is none or a byte of it has changed."""
         try:
-            record: dict[str, Any] = json.loads((self.folder / f"cases/{key}.json").read_bytes())
-            claimed = record.pop("sha256")
-            if claimed != hashlib.sha256(canonical_json(record)).hexdigest():
-                return None
-            if record["key"] != key or not all(
-                hashlib.sha256((self.folder / name).read_bytes()).hexdigest() == digest
-                for name, digest in record["files"].items()
+            record = unsealed((self.folder / f"cases/{key}.json").read_bytes())
+            if (
+                record is None
+                or record["key"] != key
+                or not all(
+                    hashlib.sha256((self.folder / name).read_bytes()).hexdigest() == digest
+                    for name, digest in record["files"].items()
+                )
             ):
                 return None
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
-            return None  # torn, truncated or foreign: the case runs again
+        except (OSError, KeyError, TypeError, AttributeError):
+            return None  # foreign: the case runs again
         row: Row = record["row"]
         return row
 
