@@ -22,6 +22,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from manip3d import datasets
+from manip3d._util.checked import checked
 from manip3d._util.parallel import run_tasks
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
@@ -70,6 +71,7 @@ class RunSummary:
     results: dict[str, Any]
 
 
+@checked
 def run(
     experiments: Sequence[Experiment],
     folder: Path,

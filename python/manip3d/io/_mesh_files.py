@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.mesh import Mesh, Texture
@@ -81,6 +82,7 @@ def _report(result: tuple[Mesh, str, int, int, list[str]], source: str | None) -
     return ReadReport(mesh, kind, num_polygons, num_skipped, tuple(warnings))
 
 
+@checked
 def read_report(
     path: str | os.PathLike[str], *, allow_outside: bool = False, max_bytes: int | None = None
 ) -> ReadReport:
@@ -89,6 +91,7 @@ def read_report(
     return _report(_core.read_mesh(os.fsencode(name), bool(allow_outside), _limit(max_bytes)), name)
 
 
+@checked
 def read_mesh(
     path: str | os.PathLike[str], *, allow_outside: bool = False, max_bytes: int | None = None
 ) -> Mesh:
@@ -127,6 +130,7 @@ def read_mesh(
     return read_report(path, allow_outside=allow_outside, max_bytes=max_bytes).mesh
 
 
+@checked
 def read_mesh_bytes(
     data: bytes, format: str | None = None, *, max_bytes: int | None = None
 ) -> Mesh:
@@ -154,6 +158,7 @@ def read_mesh_bytes(
     return _report(_core.read_mesh_bytes(bytes(data), suffix, _limit(max_bytes)), None).mesh
 
 
+@checked
 def write_mesh(mesh: Mesh, path: str | os.PathLike[str]) -> None:
     """Write a mesh file: one of `WRITABLE`, alone or followed by ``.gz`` or ``.xz``.
 
@@ -179,6 +184,7 @@ def write_mesh(mesh: Mesh, path: str | os.PathLike[str]) -> None:
         _logger.warning("%s: %s", name, text)
 
 
+@checked
 def texture_path(mesh: Mesh, texture: Texture) -> Path | None:
     """Where the image of a texture lies.
 
@@ -208,6 +214,7 @@ def texture_path(mesh: Mesh, texture: Texture) -> Path | None:
     return path if path.is_file() else None
 
 
+@checked
 def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> RangeGrid:
     """Read the pixels of a range scan (PLY with a ``range_grid``, as Stanford's single scans).
 

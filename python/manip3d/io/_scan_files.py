@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io import _scan_tables as tables
@@ -20,6 +21,7 @@ SCAN_SUFFIXES: tuple[str, ...] = (*tables.TABLE_SUFFIXES, ".las", ".laz", ".e57"
 """Suffixes that `read_scan` and `write_scan` know; LAS, LAZ and E57 need an extra."""
 
 
+@checked
 def read_scan(
     path: str | os.PathLike[str],
     *,
@@ -66,6 +68,7 @@ def read_scan(
     return frames[0] if origin is None else frames[0].replace(origin=tuple(origin))
 
 
+@checked
 def read_scans(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> list[LidarFrame]:
     """Read all scans of a file: E57 may hold many positions, other formats hold one.
 
@@ -86,6 +89,7 @@ def read_scans(path: str | os.PathLike[str], *, max_bytes: int | None = None) ->
     return [tables.read_table(path, byte_limit(max_bytes))]
 
 
+@checked
 def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     """Write a scan in the format that the suffix says, then ``.gz`` or ``.xz`` if wanted.
 
@@ -115,6 +119,7 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     return tables.write_table(frame, name)
 
 
+@checked
 def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> None:
     """Write several scan positions to one E57 file, each with the pose it was read with.
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d._util.parallel import run_tasks
 from manip3d._util.paths import path_of
 from manip3d.camera import CAMERA_PRESETS, Intrinsics, read_intrinsics
@@ -145,6 +146,7 @@ class DepthFileResult:
         return self.points < 0.99 * min(self.options.points, self.points_before)
 
 
+@checked
 def simplify_depth(
     depth: ArrayLike,
     intrinsics: Intrinsics,
@@ -195,6 +197,7 @@ def simplify_depth(
     return cut_depth_steps(found, depth, step=options.depth_step) if options.depth_step else found
 
 
+@checked
 def simplify_depth_file(
     source: str | os.PathLike[str],
     output: str | os.PathLike[str],
@@ -338,6 +341,7 @@ def _colour_image(path: Path) -> NDArray[np.uint8]:
 # --- folders --------------------------------------------------------------------------------------
 
 
+@checked
 def simplify_depth_folder(
     folder: str | os.PathLike[str],
     output: str | os.PathLike[str],
