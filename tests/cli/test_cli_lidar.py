@@ -188,4 +188,4 @@ def test_many_scans_have_one_table_and_the_gravest_exit_code(
     assert "3 from an earlier run" in done.stderr
     named = run("inspect", folder / "mesh.ply", folder / "clean.bin", "-q", "--jobs", 1)
     assert named.exit_code == 1  # what is named must be what the command takes
-    assert "InputError" in named.stdout
+    assert "OtherKindError" in named.stdout
