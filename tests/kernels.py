@@ -144,8 +144,12 @@ KERNELS: dict[str, Kernel] = {
 }
 
 
-READ_FILES = {"simplify.simplify_depth_file", "simplify.simplify_depth_folder"}
-"""Readers, kernels and writers in one, or in processes of their own."""
+READ_FILES = {
+    "simplify.simplify_depth_file",
+    "simplify.common_depth_unit",
+    "simplify.colours_of_frames",
+}
+"""Readers, or readers, kernels and writers in one."""
 
 
 def public_functions() -> set[str]:

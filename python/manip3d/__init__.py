@@ -46,6 +46,7 @@ __all__ = [
     "Texture",
     "__version__",
     "authenticate",
+    "batch",
     "camera",
     "capture",
     "datasets",
@@ -67,6 +68,7 @@ __all__ = [
 _LAZY = frozenset(
     {
         "authenticate",
+        "batch",
         "camera",
         "capture",
         "datasets",

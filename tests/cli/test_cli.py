@@ -241,7 +241,7 @@ def test_a_folder_becomes_a_folder(torus: Path, tmp_path: Path) -> None:
     (source / "broken.ply").write_text("ply\nnonsense\n")
     done = manip3d("simplify", source, "-o", tmp_path / "out", "--ratio", "0.5", "--json")
     assert done.returncode == 1  # one of three failed, and the others are there
-    records = {Path(record["input"]).name: record for record in json.loads(done.stdout)}
+    records = {Path(record["source"]).name: record for record in json.loads(done.stdout)}
     assert "FormatError" in records["broken.ply"]["error"]
     assert read_mesh(tmp_path / "out" / "deep" / "a.ply").num_faces <= 576
     assert read_mesh(tmp_path / "out" / "b.obj").num_faces <= 576
@@ -354,3 +354,40 @@ def test_real_data_that_is_missing_is_one_line(tmp_path: Path) -> None:
         MANIP3D_CACHE=str(tmp_path / "cache"),
     )
     assert "manip3d data get" in error_line(done)
+
+
+def test_many_meshes_are_counted_converted_and_compared(torus: Path, tmp_path: Path) -> None:
+    source = tmp_path / "in"
+    source.mkdir()
+    torus.rename(source / "a.ply")
+    read_mesh(source / "a.ply").write(source / "b.obj")
+    listed = manip3d("info", source / "*", "--jobs", "1", "-q")
+    assert listed.returncode == 0
+    header, *rows = listed.stdout.splitlines()
+    assert header.startswith("source,")
+    assert [row.split(",")[0] for row in rows] == [f"{source}/a.ply", f"{source}/b.obj"]
+    done = manip3d("convert", source, "-o", tmp_path / "glb", "--to", ".glb", "--jobs", "1")
+    assert done.returncode == 0, done.stderr
+    assert read_mesh(tmp_path / "glb" / "a.glb").num_faces == 1152
+    assert "--to: expected one of" in error_line(
+        manip3d("convert", source, "-o", tmp_path / "x", "--to", ".xyz")
+    )
+    done = manip3d("compare", source, tmp_path / "glb", "--json", "--jobs", "1")
+    assert done.returncode == 0, done.stderr
+    records = json.loads(done.stdout)
+    assert [record["original"] for record in records] == [f"{source}/a.ply", f"{source}/b.obj"]
+    assert all(record["metro"]["vertex"]["forward"]["max"] < 1e-6 for record in records)
+    (source / "b.obj").unlink()
+    done = manip3d("compare", source, tmp_path / "glb", "--jobs", "1")
+    assert "expected one original of" in error_line(done)
+
+
+def test_a_url_is_a_source_and_an_output(torus: Path, tmp_path: Path) -> None:
+    url = f"file://{torus}"
+    done = manip3d("info", url, "--json", "-q")
+    record = json.loads(done.stdout)
+    assert (record["file"], record["faces"]) == (url, 1152)
+    done = manip3d("convert", url, "-o", f"file://{tmp_path}/out/x.glb")
+    assert done.returncode == 0, done.stderr
+    assert "manip3d-" not in done.stderr  # no temporary name is shown
+    assert read_mesh(tmp_path / "out" / "x.glb").num_faces == 1152

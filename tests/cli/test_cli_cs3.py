@@ -226,21 +226,23 @@ def test_a_folder_becomes_a_folder_and_goes_on_where_it_stopped(
     (frames / "notes.txt").write_text("no frame")
     (frames / "002.depth.png").write_bytes(b"torn")
     output = tmp_path / "out"
+    Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(frames / "000.color.png")
     arguments = ("cs3", frames, "-o", output, "--points", "150", "--intrinsics", FOCAL,
-                 "--frames", "*.depth.png", "--jobs", "2")  # fmt: skip
+                 "--jobs", "2")  # fmt: skip
     done = manip3d(*arguments, "--json")
     assert done.returncode == 1  # one frame is torn, and the others are there
     records = json.loads(done.stdout)
-    assert [bool(record.get("error")) for record in records] == [False, False, True, False]
-    assert "FormatError" in records[2]["error"]
-    meshes = {path.name: path.stat().st_mtime_ns for path in output.iterdir()}
+    assert [bool(record["error"]) for record in records] == [False, False, False, True, False]
+    assert records[0]["skipped"] == "a colour picture"
+    assert "FormatError" in records[3]["error"]
+    meshes = {path.name: path.stat().st_mtime_ns for path in output.glob("*.glb")}
     assert sorted(meshes) == ["000.depth.glb", "001.depth.glb", "003.depth.glb"]
     whole = (frames / "001.depth.png").read_bytes()
     (frames / "002.depth.png").write_bytes(whole)
     done = manip3d(*arguments)
     assert done.returncode == 0
-    assert "3 of 4 frames are there already; --force" in done.stderr
-    after = {path.name: path.stat().st_mtime_ns for path in output.iterdir()}
+    assert "5 files (4 from an earlier run, 1 skipped, of another kind)" in done.stderr
+    after = {path.name: path.stat().st_mtime_ns for path in output.glob("*.glb")}
     assert {name: after[name] for name in meshes} == meshes
     assert (output / "002.depth.glb").read_bytes() == (output / "001.depth.glb").read_bytes()
     assert manip3d(*arguments, "--force", "-q").returncode == 0
@@ -249,7 +251,7 @@ def test_a_folder_becomes_a_folder_and_goes_on_where_it_stopped(
 
 def test_folders_without_frames_and_with_too_few_colours(frames: Path, tmp_path: Path) -> None:
     base = ("-o", tmp_path / "out", "--points", "9", "--intrinsics", FOCAL, "-q")
-    assert "found none" in error_line(manip3d("cs3", frames, *base, "--frames", "*.tif"))
+    assert "found none" in error_line(manip3d("cs3", frames / "*.tif", *base))
     colours = tmp_path / "colours"
     colours.mkdir()
     done = manip3d("cs3", frames, *base, "--colour", colours)
@@ -273,7 +275,7 @@ def test_ctrl_c_leaves_whole_files(scene: simulated.DepthScene, tmp_path: Path) 
     _, errors = process.communicate(timeout=20)
     assert process.returncode == 130
     assert b"Traceback" not in errors
-    written = sorted(output.iterdir())
+    written = sorted(path for path in output.iterdir() if path.name != "results.rows")
     assert 3 <= len(written) < 300
     assert all(path.suffix == ".glb" and path.name[0] != "." for path in written)
     for path in written[-2:]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 from pathlib import Path
@@ -205,3 +206,36 @@ def test_y_up_turns_and_does_not_mirror(scan: Path, tmp_path: Path) -> None:
     x, y, z = manip3d.read_scan(output).points[len(CAVE) :].astype(float)
     np.testing.assert_allclose(y - x, [-1, 0, 2], atol=1e-5)  # the mesh's y became z
     np.testing.assert_allclose(z - x, [-1, -4, 0], atol=1e-5)  # and its z became -y
+
+
+def test_many_scans_have_one_table_and_the_gravest_exit_code(
+    scan: Path, hoax: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "scans"
+    folder.mkdir()
+    scan.rename(folder / "clean.bin")
+    made = run("forge", "lidar", "ctp", folder, "-o", tmp_path / "forged", "--hoax", hoax,
+               "--position", 3, 1, 0, "-q", "--jobs", 1)  # fmt: skip
+    assert made.exit_code == 0, made.output
+    assert (tmp_path / "forged" / "clean.bin.truth.json").is_file()
+    (tmp_path / "forged" / "clean.bin").rename(folder / "forged.bin")
+    (folder / "torn.bin").write_bytes(b"123")
+    (folder / "mesh.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\n"
+                                      b"element face 0\nend_header\n")  # fmt: skip
+    table = tmp_path / "verdicts.csv"
+    done = run("inspect", folder, "--table", table, "-q", "--jobs", 1)
+    assert done.exit_code == 1
+    with table.open(newline="") as stream:
+        rows = {Path(row["source"]).name: row for row in csv.DictReader(stream)}
+    assert {name: row["verdict"] for name, row in rows.items()} == {
+        "clean.bin": "authentic", "forged.bin": "tampered", "torn.bin": "", "mesh.ply": "",
+    }  # fmt: skip
+    assert "FormatError" in rows["torn.bin"]["error"]
+    assert rows["mesh.ply"]["skipped"] == "a mesh"
+    (folder / "torn.bin").unlink()
+    done = run("inspect", folder, "--table", table, "--jobs", 1)
+    assert done.exit_code == 3
+    assert "3 from an earlier run" in done.stderr
+    named = run("inspect", folder / "mesh.ply", folder / "clean.bin", "-q", "--jobs", 1)
+    assert named.exit_code == 1  # what is named must be what the command takes
+    assert "OtherKindError" in named.stdout

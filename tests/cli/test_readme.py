@@ -78,6 +78,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     vertices, faces = sphere(24, 48)
     manip3d.Mesh(vertices, faces).write(folder / "head.obj")
     manip3d.Mesh(0.7 * vertices, faces).write(folder / "car.obj")
+    (folder / "models").mkdir()
+    manip3d.Mesh(vertices, faces).write(folder / "models" / "ball.obj")
     manip3d.Mesh(vertices, faces).write(folder / "light.glb")
     hoax = np.concatenate([CAVE, ball(0.6, 20_000) + np.float32([3, 1, 0])])
     manip3d.LidarFrame(hoax, np.zeros(len(hoax), np.float32)).write(folder / "scan.bin")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from manip3d import (
     Texture,
     _core,
     authenticate,
+    batch,
     capture,
     datasets,
     experiments,
@@ -38,13 +38,6 @@ scan = LidarFrame(np.random.default_rng(0).random((50, 3), np.float32))
 MISSING = Path("missing")
 
 OPTIONS = simplify.DepthOptions(points=10, intrinsics="kinect-v2")
-
-
-def depth_folder() -> Path:
-    """A folder with a depth image, outside of the one that is looked at."""
-    folder = Path(tempfile.mkdtemp())
-    np.save(folder / "a.npy", np.full((8, 8), 900, np.uint16))
-    return folder
 
 
 # By "function parameter"; the callable gets the path.
@@ -82,15 +75,8 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "simplify.simplify_depth_file colour": lambda p: simplify.simplify_depth_file(
         "a", "b", OPTIONS, colour=p
     ),
-    "simplify.simplify_depth_folder folder": lambda p: simplify.simplify_depth_folder(
-        p, "a", OPTIONS
-    ),
-    "simplify.simplify_depth_folder output": lambda p: simplify.simplify_depth_folder(
-        depth_folder(), p, OPTIONS
-    ),
-    "simplify.simplify_depth_folder colours": lambda p: simplify.simplify_depth_folder(
-        depth_folder(), "a", OPTIONS, colours=p
-    ),
+    "simplify.colours_of_frames colours": lambda p: simplify.colours_of_frames([], p),
+    "batch.find_files sources": batch.find_files,
     "report.write_evidence output": lambda p: report.write_evidence(
         authenticate.inspect(scan), p + ".json"
     ),

@@ -10,7 +10,13 @@ import numpy as np
 import pytest
 
 from manip3d import InputError, Intrinsics, read_mesh, simplify
-from manip3d.simplify import DepthOptions, cut_depth_steps, dense_mesh, simplify_depth_folder
+from manip3d.simplify import (
+    DepthOptions,
+    common_depth_unit,
+    cut_depth_steps,
+    dense_mesh,
+    simplify_depth_file,
+)
 
 CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
 
@@ -101,22 +107,15 @@ def test_a_folder_has_one_unit(tmp_path: Path) -> None:
     for number, metres in enumerate((2.0, 2.0, 0.6)):
         image = (wall_with_box().astype(np.float64) / 2 * metres * 5).astype(np.uint16)
         np.save(tmp_path / f"{number}.npy", image)
-    results = simplify_depth_folder(tmp_path, tmp_path / "out", options(), jobs=1)
-    assert [result.unit for result in results] == ["tum"] * 3
-    for result, metres in zip(results, (2.0, 2.0, 0.6), strict=True):
-        assert -read_mesh(result.output).vertices[:, 2].max() == pytest.approx(metres, rel=1e-3)
-
-
-def test_colour_pictures_of_a_folder_are_left_out(tmp_path: Path) -> None:
-    image = pytest.importorskip("PIL.Image")
-    image.fromarray(wall_with_box()).save(tmp_path / "a_depth.png")
-    image.fromarray(np.zeros((48, 64, 3), np.uint8)).save(tmp_path / "a_color.png")
-    (result,) = simplify_depth_folder(tmp_path, tmp_path / "out", options(), jobs=1)
-    assert result.source.name == "a_depth.png"
-    assert result.error == ""
-    (tmp_path / "a_depth.png").unlink()
-    with pytest.raises(InputError, match="found none besides 1 colour picture"):
-        simplify_depth_folder(tmp_path, tmp_path / "out", options(), jobs=1)
+    frames = sorted(tmp_path.glob("*.npy"))
+    assert common_depth_unit(frames[2:]) == "mm"
+    assert common_depth_unit(frames) == "tum"
+    assert common_depth_unit(frames, "m") == "m"
+    assert common_depth_unit(frames, "guess", "tum") == "guess"  # the camera knows
+    for frame, metres in zip(frames, (2.0, 2.0, 0.6), strict=True):
+        output = tmp_path / f"{frame.stem}.glb"
+        simplify_depth_file(frame, output, options(unit=common_depth_unit(frames)))
+        assert -read_mesh(output).vertices[:, 2].max() == pytest.approx(metres, rel=1e-3)
 
 
 def test_a_camera_that_knows_its_unit_is_believed_and_doubts_are_said(tmp_path: Path) -> None:

@@ -21,6 +21,8 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "pose": ("mediapipe",),
     "video": ("av",),
     "dask": ("distributed",),
+    "remote": ("fsspec", "s3fs", "aiohttp"),
+    "parquet": ("pyarrow",),
 }
 """Modules that each extra brings."""
 

@@ -16,7 +16,6 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from itertools import islice
 from queue import SimpleQueue
 from typing import Any, TypeVar
@@ -73,8 +72,9 @@ def run_tasks(
         running: dict[_Key, Task] = {}
         try:
             with _executor(workers, dask) as executor:
-                submit = partial(executor.submit, attempt)
-                yield from _outcomes(submit, waiting, running, window)
+                yield from _outcomes(
+                    lambda *task: executor.submit(attempt, *task), waiting, running, window
+                )
             is_done = True
         except BrokenProcessPool:  # one task took its worker down: find out which, each on its own
             for key, task in running.items():
@@ -87,8 +87,13 @@ def _outcomes(
     running: dict[_Key, Task],
     window: int,
 ) -> Generator[tuple[_Key, Outcome]]:
-    """Keep ``window`` tasks with the workers until none waits; ``running`` says which they are."""
+    """Keep ``window`` tasks with the workers until none waits; ``running`` says which they are.
+
+    Dask gives up all tasks that were with a worker that died once too often: they run again one
+    after the other, so that only the one that is to blame has an error.
+    """
     finished: SimpleQueue[tuple[_Key, Future[Outcome]]] = SimpleQueue()
+    given_up: dict[_Key, Task] = {}
 
     def start(key: _Key, task: Task) -> None:
         running[key] = task
@@ -100,20 +105,20 @@ def _outcomes(
         start(key, task)
     while running:
         key, future = finished.get()
-        outcome = _outcome_of(future)
-        del running[key]
+        error = future.exception()
+        if isinstance(error, BrokenProcessPool):
+            raise error
+        task = running.pop(key)
         for following in islice(waiting, 1):
             start(*following)
-        yield key, outcome
-
-
-def _outcome_of(future: Future[Outcome]) -> Outcome:
-    try:
-        return future.result()
-    except BrokenProcessPool:
-        raise
-    except Exception as error:  # Dask gave the task up, or its result cannot be sent
-        return Outcome(error=f"{type(error).__name__}: {error}")
+        if error is None:
+            yield key, future.result()
+        elif window == 1:
+            yield key, Outcome(error=f"{type(error).__name__}: {error}")
+        else:
+            given_up[key] = task
+    if given_up:
+        yield from _outcomes(submit, iter(given_up.items()), running, 1)
 
 
 def _attempt_on_dask(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Outcome:

@@ -3,24 +3,55 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from manip3d.cli.kinds import expect_kind
+from manip3d.cli.many import over_files
 from manip3d.cli.options import Jobs, Json, Quiet, Seed
 from manip3d.cli.sources import open_mesh
 from manip3d.cli.terminal import Terminal, count, table
+from manip3d.errors import InputError
+from manip3d.io import READABLE
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from manip3d.batch import SourceFile
     from manip3d.metrics import Comparison
 
 
+def _originals(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
+    """The original of each file: one for all, or that of its name in a folder of originals."""
+    from manip3d.batch import find_files, is_folder
+
+    original = options.pop("original")
+    if not is_folder(original):
+        return {file.name: {"original": original} for file in files}
+    known: dict[str, list[str]] = {}
+    for file in find_files(original, suffixes=READABLE):
+        known.setdefault(_stem(file.relative), []).append(file.name)
+    wrong = [file.name for file in files if len(known.get(_stem(file.relative), ())) != 1]
+    if wrong:
+        raise InputError(f"{original}: expected one original of {wrong[0]}, by its name")
+    return {file.name: {"original": known[_stem(file.relative)][0]} for file in files}
+
+
+def _stem(relative: str) -> str:
+    name = relative.lower().removesuffix(".xz").removesuffix(".gz")
+    return name.removesuffix(PurePosixPath(name).suffix)
+
+
+@over_files(lambda: READABLE, argument="simplified", prepare=_originals)
 def compare(
     original: Annotated[
-        str, typer.Argument(help="The original mesh: .obj, .ply, .off, .stl, .gltf or .glb.")
+        str,
+        typer.Argument(
+            help="The original mesh: .obj, .ply, .off, .stl, .gltf or .glb; or a folder of them, "
+            "one for each name."
+        ),
     ],
     simplified: Annotated[str, typer.Argument(help="The mesh that is compared with it.")],
     as_json: Json = False,
@@ -31,7 +62,7 @@ def compare(
     """Measure how far a mesh is from its original.
 
     Prints Metro (distances, in both directions), texture error, FMPD (perceptual) and boundary
-    gaps.
+    gaps. Several meshes make a table: printed, or written with --table.
 
     Example: manip3d compare head.obj light.glb
     """

@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from manip3d.cli import scanning
+from manip3d.cli import kinds, scanning
 from manip3d.cli.kinds import expect_kind
+from manip3d.cli.many import over_files
 from manip3d.cli.options import Calibration, Force, Output, Quiet, Source
 from manip3d.cli.sources import open_mesh
 from manip3d.cli.terminal import Terminal, check_output
@@ -31,6 +32,7 @@ class Up(StrEnum):
     z = "z"
 
 
+@over_files(kinds.converted_suffixes, writable=kinds.converted_suffixes)
 def convert(
     source: Source,
     output: Output,
@@ -48,7 +50,7 @@ def convert(
 
     Meshes: .obj, .ply, .off, .stl, .gltf, .glb. Scans: .bin, .pcd, .ply, .3d, .las, .laz, .e57. A
     recording of LiDAR packets (.pcap) becomes a folder of scans in KITTI's layout. Coordinates
-    change only with --unit or --up.
+    change only with --unit or --up. Several files go to a folder, in the format of --to.
 
     Example: manip3d convert head.obj -o head.glb --unit mm --up z
     """

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from manip3d.cli.kinds import expect_kind
+from manip3d.cli.many import over_files
 from manip3d.cli.options import (
     MISSED,
     FolderJobs,
@@ -20,10 +20,11 @@ from manip3d.cli.options import (
     Strict,
 )
 from manip3d.cli.terminal import Terminal, check_output, count, counted, naming_options
-from manip3d.errors import Error
+from manip3d.io import DEPTH_SUFFIXES, WRITABLE
 
 if TYPE_CHECKING:
-    from manip3d.simplify import DepthFileResult, DepthOptions
+    from manip3d.batch import SourceFile
+    from manip3d.simplify import DepthFileResult
 
 
 class DepthMethod(StrEnum):
@@ -49,12 +50,29 @@ _OPTIONS = ("intrinsics", "unit", "variant", "by-distance", "move-points", "max-
             "colour", "points", "method")  # fmt: skip
 
 
+def _of_frames(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
+    """One unit for all frames, and the colour image of each."""
+    from manip3d import simplify
+    from manip3d.io import is_colour_png, is_url
+
+    names = [f.name for f in files if is_url(f.name) or not is_colour_png(f.name)]
+    with naming_options("colour", "unit"):
+        options["unit"] = simplify.common_depth_unit(names, options["unit"], options["intrinsics"])
+        colours = options.pop("colour")
+        images = simplify.colours_of_frames(names, colours) if colours else {}
+    return {file.name: {"colour": images.get(file.name, "")} for file in files}
+
+
+@over_files(
+    lambda: (*DEPTH_SUFFIXES, ".ply"), writable=lambda: WRITABLE, otherwise=".glb",
+    prepare=_of_frames,
+)  # fmt: skip
 def depth(
     source: Annotated[
         str,
         typer.Argument(
-            help="A depth image (16-bit .png, .pgm, .tif, or .npy), a range scan (.ply with "
-            "range_grid), or a folder of depth images."
+            help="A depth image (16-bit .png, .pgm, .tif, or .npy), or a range scan (.ply with "
+            "range_grid)."
         ),
     ],
     output: Output,
@@ -102,16 +120,10 @@ def depth(
     colour: Annotated[
         str,
         typer.Option(
-            help="Colour image of the same size, which becomes the texture; for a folder, a "
-            "folder of them."
+            help="Colour image of the same size, which becomes the texture; for several depth "
+            "images, a folder of as many, in the order of their names."
         ),
     ] = "",
-    frames: Annotated[
-        str,
-        typer.Option(
-            metavar="PATTERN", help="Names of the depth images in a folder, such as '*_depth.png'."
-        ),
-    ] = "*",
     force: Force = False,
     strict: Strict = False,
     as_json: Json = False,
@@ -121,14 +133,13 @@ def depth(
 ) -> None:
     """Turn a depth image or a range scan into a sparse textured mesh.
 
-    A folder becomes a folder of .glb files, in parallel processes; run again, it goes on where it
-    stopped. The result is in metres, with +y up in glTF (.glb, .gltf) and in the camera's axes in
-    .ply, .obj, .stl and .off. The depth range and its unit are printed: check them.
+    Several depth images become a folder of .glb files and have one unit. The result is in metres,
+    with +y up in glTF (.glb, .gltf) and in the camera's axes in .ply, .obj, .stl and .off. The
+    depth range and its unit are printed: check them.
 
     Example: manip3d depth depth.png --intrinsics kinect-v2 --points 5000 -o person.glb
     """
     from manip3d import simplify
-    from manip3d.io import WRITABLE
 
     shell = Terminal(as_json=as_json, quiet=quiet)
     with naming_options(*_OPTIONS):
@@ -145,64 +156,16 @@ def depth(
             seed,
             jobs,
         )
-        if Path(source).is_dir():
-            results = _folder(Path(source), output, options, frames, colour, shell, jobs, force)
-        else:
-            expect_kind(source, "depth", "range grid", verb="depth")
-            check_output(output, WRITABLE, force=force)
-            results = [simplify.simplify_depth_file(source, output, options, colour=colour or None)]
-            _tell(shell, results[0])
-    records = [_record(result) for result in results]
-    shell.result(records if Path(source).is_dir() else records[0])
-    failed = sum(bool(result.error) for result in results)
-    if failed:
-        raise Error(f"{failed} of {counted(len(results), 'frame')} failed")
-    if strict and any(result.target_missed for result in results):
+        expect_kind(source, "depth", "range grid", verb="depth")
+        check_output(output, WRITABLE, force=force)
+        result = simplify.simplify_depth_file(source, output, options, colour=colour or None)
+    _tell(shell, result)
+    shell.result(_record(result))
+    if strict and result.target_missed:
         raise typer.Exit(MISSED)
 
 
-def _folder(
-    source: Path,
-    output: Path,
-    options: DepthOptions,
-    pattern: str,
-    colours: str,
-    shell: Terminal,
-    jobs: int,
-    force: bool,
-) -> list[DepthFileResult]:
-    from manip3d import simplify
-
-    with shell.progress("depth") as progress:
-
-        def told(result: DepthFileResult, fraction: float) -> None:
-            _tell(shell, result)
-            if progress is not None:
-                progress(fraction, str(result.source))
-
-        results = simplify.simplify_depth_folder(
-            source,
-            output,
-            options,
-            pattern=pattern,
-            colours=colours or None,
-            jobs=jobs,
-            overwrite=force,
-            on_result=told,
-        )
-    kept = sum(result.was_kept for result in results)
-    if kept:
-        shell.say(
-            f"{kept} of {counted(len(results), 'frame')} {'is' if kept == 1 else 'are'} there "
-            "already; --force makes them again"
-        )
-    return results
-
-
 def _tell(shell: Terminal, result: DepthFileResult) -> None:
-    if result.error:
-        shell.say(f"{result.source}: {result.error}")
-        return
     if result.depth:
         override = "" if result.options.unit != "guess" else "; --unit overrides it"
         shell.say(f"read {result.source}: {result.depth}{override}")
@@ -225,10 +188,6 @@ def _sentence(result: DepthFileResult) -> str:
 def _record(result: DepthFileResult) -> dict[str, Any]:
     """The result for ``--json``."""
     files = {"input": str(result.source), "output": str(result.output)}
-    if result.error:
-        return files | {"error": result.error}
-    if result.was_kept:
-        return files | {"kept": True, "target_missed": False}
     is_cs3 = result.options.method == "cs3"
     return files | {
         "method": result.options.method,

@@ -14,6 +14,7 @@ import typer
 
 from manip3d.cli.convert import Up
 from manip3d.cli.kinds import expect_kind
+from manip3d.cli.many import over_files
 from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Scan, Seed
 from manip3d.cli.terminal import Terminal, check_output, counted
 from manip3d.errors import InputError
@@ -256,6 +257,7 @@ class LidarAttack(StrEnum):
 
 
 @app.command("lidar")
+@over_files(lambda: SCAN_SUFFIXES, writable=lambda: SCAN_SUFFIXES)
 def forge_lidar(
     attack: Annotated[LidarAttack, typer.Argument(help="What is done to the scan.")],
     source: Scan,

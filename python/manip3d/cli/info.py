@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from manip3d.cli import capture, describing, scanning
+from manip3d.cli import capture, describing, kinds, scanning
 from manip3d.cli.kinds import SHOWN, expect_kind
+from manip3d.cli.many import over_files
 from manip3d.cli.options import Calibration, DepthUnit, Json, Quiet, Source
 from manip3d.cli.terminal import Terminal
 
 
+@over_files(kinds.shown_suffixes)
 def info(
     source: Source,
     calibration: Calibration = None,
@@ -18,7 +20,7 @@ def info(
     """Count what a mesh, a scan, a depth image or a recording is made of.
 
     Recordings are LiDAR packets (.pcap), drives in KITTI's layout, RGB-D frames (.mkv, folders) and
-    what 'capture list' names.
+    what 'capture list' names. Several files make a table: printed, or written with --table.
 
     Example: manip3d info scan.bin
     """

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from manip3d.cli.kinds import expect_kind
+from manip3d.cli.many import over_files
 from manip3d.cli.options import MISSED, Force, Jobs, Json, OptionalOutput, Quiet, Scan
 from manip3d.cli.terminal import Terminal, check_output, counted, table
+from manip3d.io import SCAN_SUFFIXES
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -19,6 +21,7 @@ EXIT_CODES = {"authentic": 0, "tampered": 3, "undecidable": MISSED}
 """Exit code of each verdict."""
 
 
+@over_files(lambda: SCAN_SUFFIXES, writable=lambda: (".html", ".json"), otherwise=".html")
 def inspect(
     source: Scan,
     output: OptionalOutput = None,

@@ -74,12 +74,29 @@ def kind_of(source: str) -> str:
     return "picture" if suffix in _PICTURES else "unknown"
 
 
+class OtherKindError(InputError):
+    """A source of a kind that the command does not take.
+
+    Attributes
+    ----------
+    kind : str
+        Its kind, in words of `NAMES`.
+    """
+
+    def __init__(self, message: str, kind: str) -> None:
+        super().__init__(message)
+        self.kind = kind
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (str(self), self.kind)
+
+
 def expect_kind(source: str, *kinds: str, verb: str) -> str:
     """Return the kind of a source that the command takes.
 
     Raises
     ------
-    InputError
+    OtherKindError
         The source is of another kind; the message says which commands take that.
     OSError
         There is no such file or folder.
@@ -90,7 +107,8 @@ def expect_kind(source: str, *kinds: str, verb: str) -> str:
     *others, last = (NAMES[name] for name in kinds)
     wanted = f"{', '.join(others)} or {last}" if others else last
     takers = f". Commands that take {NAMES[kind]}: {VERBS[kind]}" if kind in VERBS else ""
-    raise InputError(f"{source} is {NAMES[kind]}; {verb} takes {wanted}{takers}")
+    message = f"{source} is {NAMES[kind]}; {verb} takes {wanted}{takers}"
+    raise OtherKindError(message, NAMES[kind])
 
 
 def _suffix(path: Path) -> str:
@@ -119,4 +137,16 @@ def _kind_of_ply(path: Path) -> str:
     elements = {line[1] for line in words if line[:1] == [b"element"] and len(line) > 1}
     if b"range_grid" in elements:
         return "range grid"
+    if not elements:
+        return "unknown"  # damaged
     return "scan" if elements <= {b"vertex", b"camera"} else "mesh"
+
+
+def shown_suffixes() -> tuple[str, ...]:
+    """Return the suffixes of files that info and view take from a folder."""
+    return (*READABLE, *SCAN_SUFFIXES, *DEPTH_SUFFIXES, ".pcap", ".pcapng", ".mkv")
+
+
+def converted_suffixes() -> tuple[str, ...]:
+    """Return the suffixes of meshes and scans."""
+    return (*READABLE, *SCAN_SUFFIXES)

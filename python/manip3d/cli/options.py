@@ -75,11 +75,33 @@ Jobs = Annotated[
 FolderJobs = Annotated[
     int,
     typer.Option(
-        "--jobs", "-j", min=0, help="Number of threads, or of processes for a folder; 0: all cores."
+        "--jobs",
+        "-j",
+        min=0,
+        help="Number of threads, or of processes for several files; 0: all cores.",
     ),
 ]
 Processes = Annotated[
     int, typer.Option("--jobs", "-j", min=0, help="Number of processes; 0: all cores.")
+]
+Dask = Annotated[
+    str,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Dask scheduler that distributes the files; local: start one (extra dask).",
+    ),
+]
+Table = Annotated[
+    str,
+    typer.Option(
+        metavar="FILE",
+        help="Table of the results, .csv or .parquet, one row a file; a run that was stopped goes "
+        "on by it. With -o it is results.csv in that folder.",
+    ),
+]
+To = Annotated[
+    str,
+    typer.Option(metavar="SUFFIX", help="Format of the outputs of several files, such as .glb."),
 ]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of every random choice.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace existing outputs.")]

@@ -1,10 +1,8 @@
-"""``manip3d simplify``: one file, or every mesh of a folder in parallel processes."""
+"""``manip3d simplify``."""
 
 from __future__ import annotations
 
-import os
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -13,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from manip3d.cli.kinds import expect_kind
+from manip3d.cli.many import over_files
 from manip3d.cli.options import (
     MISSED,
     FolderJobs,
@@ -23,10 +22,10 @@ from manip3d.cli.options import (
     Seed,
     Strict,
 )
-from manip3d.cli.sources import mesh_files, mesh_suffix, open_mesh
-from manip3d.cli.terminal import Progress, Terminal, check_output, count, counted, refuse_existing
-from manip3d.errors import Error, InputError
-from manip3d.io import WRITABLE
+from manip3d.cli.sources import open_mesh
+from manip3d.cli.terminal import Progress, Terminal, check_output, count, counted
+from manip3d.errors import InputError
+from manip3d.io import READABLE, WRITABLE
 
 
 @dataclass(frozen=True)
@@ -105,62 +104,6 @@ def _sentence(record: dict[str, Any]) -> str:
     )
 
 
-def simplify_folder(
-    folder: Path, output: Path, order: Order, terminal: Terminal, *, jobs: int, force: bool
-) -> list[dict[str, Any]]:
-    """Simplify every mesh below a folder into the same places below another.
-
-    Formats that cannot be written become ``.glb``. A file that fails is reported and the others
-    go on.
-    """
-    work = [(path, _target(path, folder, output)) for path in mesh_files(folder)]
-    _refuse_collisions([target for _, target in work])
-    for _, target in work:
-        refuse_existing(target, force=force)
-    from manip3d._util.parallel import run_tasks
-
-    records: list[dict[str, Any]] = []
-    tasks = {str(source): (_one_of_many, (source, target, order)) for source, target in work}
-    with terminal.progress("simplify") as progress:
-        for source, outcome in run_tasks(tasks, jobs or len(os.sched_getaffinity(0))):
-            record = (
-                outcome.value if not outcome.error else {"input": source, "error": outcome.error}
-            )
-            records.append(record)
-            terminal.say(f"{source}: {outcome.error}" if outcome.error else _sentence(record))
-            if progress is not None:
-                progress(len(records) / len(work), source)
-    return sorted(records, key=lambda record: str(record["input"]))
-
-
-def _one_of_many(source: Path, target: Path, order: Order) -> dict[str, Any]:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    return simplify_file(str(source), target, order, Terminal(quiet=True))
-
-
-def _target(path: Path, folder: Path, output: Path) -> Path:
-    suffix = mesh_suffix(path)
-    stem = path.name[: path.name.lower().rindex(suffix)]
-    return output / path.relative_to(folder).with_name(
-        stem + (suffix if suffix in WRITABLE else ".glb")
-    )
-
-
-def _refuse_collisions(targets: Sequence[Path]) -> None:
-    seen: set[Path] = set()
-    for target in targets:
-        if target in seen:
-            raise InputError(f"{target}: two inputs would be written there")
-        seen.add(target)
-
-
-def fail_if_any(records: Sequence[dict[str, Any]]) -> None:
-    """Raise when a file of a folder failed, after all were tried."""
-    failed = [record for record in records if record.get("error")]
-    if failed:
-        raise Error(f"{len(failed)} of {counted(len(records), 'file')} failed")
-
-
 class Method(StrEnum):
     """The five methods of chapter 2."""
 
@@ -171,12 +114,12 @@ class Method(StrEnum):
     qem_btp = "qem-btp"
 
 
+@over_files(lambda: READABLE, writable=lambda: WRITABLE, otherwise=".glb")
 def simplify(
     source: Annotated[
         str,
         typer.Argument(
-            help="A mesh (.obj, .ply, .off, .stl, .gltf, .glb; also as .gz or .xz), a folder of "
-            "meshes, or - for stdin."
+            help="A mesh (.obj, .ply, .off, .stl, .gltf, .glb; also as .gz or .xz), or - for stdin."
         ),
     ],
     output: Output,
@@ -203,23 +146,18 @@ def simplify(
     """Reduce the faces of a mesh.
 
     The mesh is cleaned first. The first target that is reached ends the run: --faces, --ratio or
-    --max-error. A folder is simplified mesh by mesh into another folder, in parallel processes.
+    --max-error. Several files are simplified one by one into a folder, in parallel processes.
 
     Example: manip3d simplify head.obj -o light.glb --faces 5000
     """
     shell = Terminal(as_json=as_json, quiet=quiet)
     order = Order(method.value, faces, ratio, max_error, not no_clean, {})
-    if Path(source).is_dir():
-        records = simplify_folder(Path(source), output, order, shell, jobs=jobs, force=force)
-        shell.result(records)
-        fail_if_any(records)
-    else:
-        expect_kind(source, "mesh", verb="simplify")
-        check_output(output, WRITABLE, force=force)
-        with shell.progress("simplify") as progress:
-            records = [simplify_file(source, output, order, shell, progress)]
-        shell.result(records[0])
-        if records[0]["stop"] == "refused":
-            raise typer.Exit(MISSED if strict else 1)
-    if strict and any(record["target_missed"] for record in records):
+    expect_kind(source, "mesh", verb="simplify")
+    check_output(output, WRITABLE, force=force)
+    with shell.progress("simplify") as progress:
+        record = simplify_file(source, output, order, shell, progress)
+    shell.result(record)
+    if record["stop"] == "refused":
+        raise typer.Exit(MISSED if strict else 1)
+    if strict and record["target_missed"]:
         raise typer.Exit(MISSED)

@@ -6,8 +6,7 @@ import sys
 from pathlib import Path
 
 from manip3d.cli.terminal import Terminal, counted
-from manip3d.errors import InputError
-from manip3d.io import READABLE, read_mesh, read_mesh_bytes
+from manip3d.io import read_mesh, read_mesh_bytes
 from manip3d.mesh import Mesh
 
 
@@ -34,17 +33,3 @@ def mesh_suffix(path: Path) -> str:
     """The suffix that tells the format: ``.obj`` for ``head.obj.xz``."""
     name = path.name.lower().removesuffix(".xz").removesuffix(".gz")
     return Path(name).suffix
-
-
-def mesh_files(folder: Path) -> list[Path]:
-    """The readable mesh files below a folder, sorted.
-
-    Raises
-    ------
-    InputError
-        There is none.
-    """
-    found = sorted(path for path in folder.rglob("*") if mesh_suffix(path) in READABLE)
-    if not found:
-        raise InputError(f"{folder}: expected mesh files ({', '.join(READABLE)}), found none")
-    return found

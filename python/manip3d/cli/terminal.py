@@ -6,8 +6,9 @@ import json
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,39 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 Progress = Callable[[float, str], None]
+
+_collected: ContextVar[list[Any] | None] = ContextVar("collected", default=None)
+_names: ContextVar[Mapping[str, str] | None] = ContextVar("names", default=None)
+
+
+@contextmanager
+def collecting() -> Iterator[list[Any]]:
+    """Gather the results of verbs in a list instead of printing them."""
+    found: list[Any] = []
+    token = _collected.set(found)
+    try:
+        yield found
+    finally:
+        _collected.reset(token)
+
+
+@contextmanager
+def showing_as(names: Mapping[str, str]) -> Iterator[None]:
+    """Show other names for some files: the URLs of temporary copies."""
+    token = _names.set({ours: shown for ours, shown in names.items() if ours != shown})
+    try:
+        yield
+    finally:
+        _names.reset(token)
+
+
+def _shown(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _shown(item) for key, item in value.items()}
+    if isinstance(value, str):
+        for ours, shown in (_names.get() or {}).items():
+            value = value.replace(ours, shown)
+    return value
 
 
 class Terminal:
@@ -45,12 +79,15 @@ class Terminal:
     def say(self, message: str) -> None:
         """A message about what is being done."""
         if not self.quiet:
-            print(message, file=sys.stderr)
+            print(_shown(message), file=sys.stderr)
 
     def result(self, value: Any, show: Callable[[Console], None] | None = None) -> None:
         """The verb's result: ``value`` under ``--json``, else what ``show`` prints."""
-        if self.as_json:
-            print(json.dumps(finite(value), indent=1))
+        found = _collected.get()
+        if found is not None:
+            found.append(value)
+        elif self.as_json:
+            print(json.dumps(finite(_shown(value)), indent=1))
         elif show is not None:
             show(self.out)
 

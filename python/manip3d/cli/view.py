@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from manip3d.cli import kinds
 from manip3d.cli.kinds import SHOWN, expect_kind
+from manip3d.cli.many import over_files
 from manip3d.cli.options import Calibration, DepthUnit, Force, OptionalOutput, Quiet, Source
 from manip3d.cli.sources import open_mesh
 from manip3d.cli.terminal import Terminal, check_output, count, naming_options
@@ -30,6 +32,7 @@ class Choice:
     calibration: Path | None
 
 
+@over_files(kinds.shown_suffixes, writable=lambda: (".html", ".png"), otherwise=".html")
 def view(
     source: Source,
     output: OptionalOutput = None,

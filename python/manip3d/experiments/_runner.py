@@ -6,7 +6,6 @@ its inputs, options and code are the same and none of its bytes has changed.
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 import logging
@@ -23,10 +22,13 @@ import numpy as np
 
 from manip3d import datasets
 from manip3d._util.checked import checked
+from manip3d._util.fingerprint import code_fingerprint
 from manip3d._util.parallel import run_tasks
 from manip3d._util.paths import path_of
+from manip3d.batch import run_stored
+from manip3d.batch._table import csv_text
 from manip3d.errors import InputError
-from manip3d.experiments._environment import code_fingerprint, environment
+from manip3d.experiments._environment import environment
 from manip3d.experiments._model import DATA_KINDS, Case, Experiment, Plan, Row, Sheet
 from manip3d.experiments._store import Store
 
@@ -124,23 +126,18 @@ def run(
 
     cases = {experiment.id: _keyed(experiment.cases(plan)) for experiment in experiments}
     todo = {key: case for keyed in cases.values() for key, case in keyed.items()}
-    done = {key: row for key in todo if (row := store.load(key)) is not None}
-    resumed = len(done)
-    failed: dict[str, str] = {}
-    waiting = {key: case for key, case in todo.items() if key not in done}
-    tasks = {key: (_run_case, (case,)) for key, case in waiting.items()}
-    with closing(run_tasks(tasks, jobs, dask=dask)) as outcomes:
-        for key, outcome in outcomes:
-            if outcome.error:
-                failed[key] = outcome.error
-                _log.error("%s: %s", describe(todo[key]), outcome.error)
-            else:
-                done[key] = store.save(key, outcome.value)
-            if progress is not None:
-                progress((len(done) + len(failed)) / len(todo), describe(todo[key]))
+    found = run_stored(
+        {key: (_run_case, (case,)) for key, case in todo.items()},
+        store,
+        jobs,
+        dask=dask,
+        progress=progress,
+        describe=lambda key: describe(todo[key]),
+        on_error=lambda key, error: _log.error("%s: %s", describe(todo[key]), error),
+    )
 
     rows = {
-        experiment.id: _rows(experiment, cases[experiment.id], done, failed)
+        experiment.id: _rows(experiment, cases[experiment.id], found.done, found.failed)
         for experiment in experiments
     }
     records = {e.id: _record(e, rows[e.id], store) for e in experiments}
@@ -151,7 +148,7 @@ def run(
         "environment": environment() | {"jobs": jobs, "executor": dask or "processes"},
         "plan": asdict(plan),
         "wall_time_s": round(time.perf_counter() - started, 3),
-        "cases": {"all": len(todo), "resumed": resumed, "failed": len(bad)},
+        "cases": {"all": len(todo), "resumed": found.resumed, "failed": len(bad)},
         "data": _provenance(todo.values()),
         "experiments": records,
         "pictures": _draw_pictures(experiments, rows, folder, jobs, problems),
@@ -162,7 +159,7 @@ def run(
         folder,
         [e.id for e in experiments],
         len(todo),
-        resumed,
+        found.resumed,
         len(bad),
         time.perf_counter() - started,
         problems,
@@ -329,8 +326,4 @@ def _csv(rows_by_experiment: Mapping[str, list[Row]]) -> str:
     rows = [row for rows in rows_by_experiment.values() for row in rows]
     nested = {k for row in rows for k, value in row.items() if isinstance(value, dict | list)}
     names = [name for name in dict.fromkeys(k for row in rows for k in row) if name not in nested]
-    stream = io.StringIO()
-    writer = csv.DictWriter(stream, names, lineterminator="\n", extrasaction="ignore")
-    writer.writeheader()
-    writer.writerows(rows)
-    return stream.getvalue()
+    return csv_text(rows, names)

@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import datasets
+from manip3d._util.fingerprint import presentation_fingerprint
 from manip3d.errors import Error
-from manip3d.experiments._environment import presentation_fingerprint
 from manip3d.experiments._model import Case, Experiment, Plan, Row, counted
 from manip3d.experiments._pictures import webp
 

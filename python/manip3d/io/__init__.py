@@ -26,6 +26,7 @@ from manip3d.io._mesh_files import (
     texture_path,
     write_mesh,
 )
+from manip3d.io._remote import is_url, local_copy, local_output
 from manip3d.io._scan_files import SCAN_SUFFIXES, read_scan, read_scans, write_scan, write_scans
 
 __all__ = [
@@ -40,6 +41,9 @@ __all__ = [
     "describe_unit",
     "guess_depth_unit",
     "is_colour_png",
+    "is_url",
+    "local_copy",
+    "local_output",
     "read_depth",
     "read_depth_guessing",
     "read_mesh",

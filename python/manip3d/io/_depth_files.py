@@ -14,6 +14,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import Error, FormatError, InputError, MissingExtraError
 from manip3d.io._files import open_regular
+from manip3d.io._remote import local_copy
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,7 +38,7 @@ def read_depth(
 
     Parameters
     ----------
-    path : path-like
+    path : path-like or URL
         16-bit grey PNG, PGM or TIFF, or ``.npy``; the content decides, not the suffix.
     units_per_metre : float
         Of whole-number images: 1000 for Kinect and most others, 5000 for TUM and ICL-NUIM.
@@ -72,8 +73,8 @@ def read_stored_depth(
     """Read a depth image's numbers as they are stored, in whatever unit; as `read_depth`."""
     if not max_pixels > 0:
         raise InputError(f"max_pixels: expected > 0, got {max_pixels}")
-    name = os.fspath(path_of(path))
-    with open_regular(name) as file:
+    name = os.fspath(path)
+    with local_copy(path) as local, open_regular(local) as file:
         data = file.read(8 * max_pixels + _HEADER_BYTES + 1)
     try:
         if len(data) > 8 * max_pixels + _HEADER_BYTES:

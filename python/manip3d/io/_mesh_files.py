@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,8 @@ from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
+from manip3d.io._files import regular_bytes
+from manip3d.io._remote import is_url, local_copy, local_output
 from manip3d.mesh import Mesh, Texture
 
 if TYPE_CHECKING:
@@ -87,8 +89,22 @@ def read_report(
     path: str | os.PathLike[str], *, allow_outside: bool = False, max_bytes: int | None = None
 ) -> ReadReport:
     """Read a mesh file and tell what was seen; see `read_mesh`."""
-    name = os.fspath(path_of(path))
-    return _report(_core.read_mesh(os.fsencode(name), bool(allow_outside), _limit(max_bytes)), name)
+    with local_copy(path, max_bytes=max_bytes) as local:
+        found = _core.read_mesh(os.fsencode(local), bool(allow_outside), _limit(max_bytes))
+        report = _report(found, os.fspath(path))
+        if is_url(path):
+            _take_textures(report.mesh, local)
+    return report
+
+
+def _take_textures(mesh: Mesh, local: Path) -> None:
+    """Put the textures beside the copy of a remote file into the mesh, before the copy goes."""
+    beside = mesh.replace(source=os.fspath(local))
+    for material in mesh.materials:
+        for role, texture in material.textures.items():
+            path = texture_path(beside, texture) if texture.data is None else None
+            if path is not None:
+                material.textures[role] = replace(texture, data=regular_bytes(path))
 
 
 @checked
@@ -99,7 +115,7 @@ def read_mesh(
 
     Parameters
     ----------
-    path : path-like
+    path : path-like or URL
         The format is what the suffix says, else what the content shows.
     allow_outside : bool
         Let an OBJ or glTF file name materials and textures outside of its own folder.
@@ -178,10 +194,11 @@ def write_mesh(mesh: Mesh, path: str | os.PathLike[str]) -> None:
     -----
     What the format cannot hold goes to the logger ``manip3d``.
     """
-    folder = "" if mesh.source is None else str(Path(mesh.source).parent)
-    name = os.fspath(path_of(path))
-    for text in _core.write_mesh(mesh, os.fsencode(name), os.fsencode(folder)):
-        _logger.warning("%s: %s", name, text)
+    inside = mesh.source is None or is_url(mesh.source)
+    folder = "" if inside else str(Path(str(mesh.source)).parent)
+    with local_output(path) as local:
+        for text in _core.write_mesh(mesh, os.fsencode(local), os.fsencode(folder)):
+            _logger.warning("%s: %s", os.fspath(path), text)
 
 
 @checked
@@ -206,7 +223,7 @@ def texture_path(mesh: Mesh, texture: Texture) -> Path | None:
         return None
     path = path_of(texture.path, "texture.path")
     if not path.is_absolute():
-        if mesh.source is None:
+        if mesh.source is None or is_url(mesh.source):
             return None
         folder = Path(mesh.source).parent
         inside = _core.resolve_inside(os.fsencode(folder), os.fsencode(texture.path))
@@ -225,9 +242,8 @@ def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = Non
     OSError
         `FileNotFoundError` and the like.
     """
-    rows, cols, vertex, vertices = _core.read_range_grid(
-        os.fsencode(path_of(path)), _limit(max_bytes)
-    )
+    with local_copy(path, max_bytes=max_bytes) as local:
+        rows, cols, vertex, vertices = _core.read_range_grid(os.fsencode(local), _limit(max_bytes))
     valid = vertex >= 0
     points = np.full((rows * cols, 3), np.nan)
     points[valid] = vertices[vertex[valid]]

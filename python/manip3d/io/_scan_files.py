@@ -5,17 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io import _scan_tables as tables
+from manip3d.io._remote import is_url, local_copy, local_output
 from manip3d.io._scan_tables import byte_limit, scan_suffix
 from manip3d.lidar import LidarFrame
-
-if TYPE_CHECKING:
-    pass
 
 SCAN_SUFFIXES: tuple[str, ...] = (*tables.TABLE_SUFFIXES, ".las", ".laz", ".e57")
 """Suffixes that `read_scan` and `write_scan` know; LAS, LAZ and E57 need an extra."""
@@ -32,7 +29,7 @@ def read_scan(
 
     Parameters
     ----------
-    path : path-like
+    path : path-like or URL
     origin : (3,) float, optional
         Where the scanner stood, if the file does not say.
     max_bytes : int, optional
@@ -77,15 +74,21 @@ def read_scans(path: str | os.PathLike[str], *, max_bytes: int | None = None) ->
     FormatError, InputError, MissingExtraError, OSError
         As `read_scan`.
     """
-    suffix = scan_suffix(path_of(path))
+    with local_copy(path, max_bytes=max_bytes) as local:
+        frames = _read_local(local, max_bytes)
+    return [frame.replace(source=path) for frame in frames] if is_url(path) else frames
+
+
+def _read_local(path: Path, max_bytes: int | None) -> list[LidarFrame]:
+    suffix = scan_suffix(path)
     if suffix in (".las", ".laz"):
         from manip3d.io import _scan_las
 
-        return [_scan_las.read(Path(path), max_bytes)]
+        return [_scan_las.read(path, max_bytes)]
     if suffix == ".e57":
         from manip3d.io import _scan_e57
 
-        return _scan_e57.read_all(Path(path), max_bytes)
+        return _scan_e57.read_all(path, max_bytes)
     return [tables.read_table(path, byte_limit(max_bytes))]
 
 
@@ -108,15 +111,14 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     OSError
         The operating system refused; the old file is whole.
     """
-    name = os.fspath(path_of(path))
-    suffix = scan_suffix(name)
-    if suffix in (".las", ".laz"):
-        from manip3d.io import _scan_las
+    if scan_suffix(path_of(path)) == ".e57":
+        return write_scans([frame], path)
+    with local_output(path) as local:
+        if scan_suffix(local) in (".las", ".laz"):
+            from manip3d.io import _scan_las
 
-        return _scan_las.write(frame, Path(name))
-    if suffix == ".e57":
-        return write_scans([frame], name)
-    return tables.write_table(frame, name)
+            return _scan_las.write(frame, local)
+        return tables.write_table(frame, os.fspath(local))
 
 
 @checked
@@ -133,7 +135,8 @@ def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> N
     if scan_suffix(path_of(path)) == ".e57":
         from manip3d.io import _scan_e57
 
-        return _scan_e57.write_all(frames, Path(path))
+        with local_output(path) as local:
+            return _scan_e57.write_all(frames, local)
     if len(frames) != 1:
         raise InputError(f"frames: only E57 holds several scans, got {len(frames)}")
     return write_scan(frames[0], path)

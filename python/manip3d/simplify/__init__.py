@@ -35,9 +35,10 @@ from manip3d.simplify._depth_files import (
     DepthFileResult,
     DepthMethod,
     DepthOptions,
+    colours_of_frames,
+    common_depth_unit,
     simplify_depth,
     simplify_depth_file,
-    simplify_depth_folder,
 )
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
 from manip3d.simplify._relief import (
@@ -76,6 +77,8 @@ __all__ = [
     "StopReason",
     "Variant",
     "clean",
+    "colours_of_frames",
+    "common_depth_unit",
     "cs3",
     "cs3_cameras",
     "cs3_grid",
@@ -94,5 +97,4 @@ __all__ = [
     "sample_depth_grid",
     "simplify_depth",
     "simplify_depth_file",
-    "simplify_depth_folder",
 ]

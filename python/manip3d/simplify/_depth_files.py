@@ -1,4 +1,4 @@
-"""Depth images and range scans from files to sparse meshes in files, one or a folder of them."""
+"""Depth images and range scans from files to sparse meshes in files."""
 
 from __future__ import annotations
 
@@ -13,14 +13,12 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d._util.parallel import run_tasks
 from manip3d._util.paths import path_of
 from manip3d.camera import CAMERA_PRESETS, Intrinsics, read_intrinsics
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io import (
     DEPTH_SUFFIXES,
     DepthReading,
-    is_colour_png,
     read_depth_guessing,
     read_range_grid,
     write_mesh,
@@ -117,10 +115,6 @@ class DepthFileResult:
         Points that the printed formulas give (``cs3``).
     seconds : float
         Time of the method alone: without reading, leaving out faces, and writing.
-    was_kept : bool
-        The output was there already and was left as it is.
-    error : str
-        Why the file failed; empty if it did not.
     """
 
     source: Path
@@ -135,14 +129,10 @@ class DepthFileResult:
     reached: str | None = None
     literal_count: int | None = None
     seconds: float = 0.0
-    was_kept: bool = False
-    error: str = ""
 
     @property
     def target_missed(self) -> bool:
         """Fewer than 99 % of the points that were asked for and are there."""
-        if self.was_kept or self.error:
-            return False
         return self.points < 0.99 * min(self.options.points, self.points_before)
 
 
@@ -338,118 +328,49 @@ def _colour_image(path: Path) -> NDArray[np.uint8]:
         raise FormatError(f"expected a colour image: {error}", file=str(path)) from error
 
 
-# --- folders --------------------------------------------------------------------------------------
-
-
 @checked
-def simplify_depth_folder(
-    folder: str | os.PathLike[str],
-    output: str | os.PathLike[str],
-    options: DepthOptions,
-    *,
-    pattern: str = "*",
-    colours: str | os.PathLike[str] | None = None,
-    jobs: int = 0,
-    overwrite: bool = False,
-    on_result: Callable[[DepthFileResult, float], object] | None = None,
-) -> list[DepthFileResult]:
-    """Turn every depth image of a folder into a ``.glb`` file of another folder.
-
-    Outputs that are there already are kept, so an interrupted run goes on where it stopped. A
-    frame that fails is part of the result, and the others go on. The unit is guessed once for all
-    frames, by the majority of up to nine of them.
+def colours_of_frames(
+    frames: Sequence[str | os.PathLike[str]], folder: str | os.PathLike[str]
+) -> dict[str, str]:
+    """Return the colour image of each depth image: both in the order of their names.
 
     Parameters
     ----------
-    folder, output : path-like
-    options : DepthOptions
-        ``threads`` is not looked at: each frame has one thread.
-    pattern : str
-        Names of the depth images, such as ``*_depth.png``. Colour pictures are left out.
-    colours : path-like, optional
-        A folder of as many colour images, in the order of their names.
-    jobs : int
-        Number of processes; 0: all cores.
-    overwrite : bool
-        Make outputs again that are there.
-    on_result : callable(DepthFileResult, fraction), optional
-        Called after each frame.
-
-    Returns
-    -------
-    list of DepthFileResult
-        In the order of the frames' names.
+    frames : sequence of path-like
+    folder : path-like
+        As many colour images.
 
     Raises
     ------
     InputError
-        There is no frame, two frames have one name, or the colour images are not as many.
+        They are not as many.
     """
-    frames = _frames(path_of(folder, "folder"), pattern)
-    pictures = _pictures(colours, frames)
-    target = path_of(output, "output")
-    targets = {frame: target / f"{frame.stem}.glb" for frame in frames}
-    if len(set(targets.values())) < len(frames):
-        raise InputError(f"{folder}: two frames have the same name but for their suffix")
-    target.mkdir(parents=True, exist_ok=True)
-    alone = replace(options, threads=1)
-    results = [
-        DepthFileResult(frame, targets[frame], alone, was_kept=True)
-        for frame in frames
-        if targets[frame].exists() and not overwrite
-    ]
-    kept = {result.source for result in results}
-    waiting = [frame for frame in frames if frame not in kept]
-    if waiting:
-        alone = replace(alone, unit=_common_unit(waiting, alone))
-    tasks = {
-        frame: (simplify_depth_file_of_many, (frame, targets[frame], alone, pictures.get(frame)))
-        for frame in waiting
-    }
-    for frame, outcome in run_tasks(tasks, jobs or len(os.sched_getaffinity(0))):
-        failed = DepthFileResult(frame, targets[frame], alone, error=outcome.error)
-        results.append(failed if outcome.error else outcome.value)
-        if on_result is not None:
-            on_result(results[-1], (len(results) - len(kept)) / len(waiting))
-    return sorted(results, key=lambda result: result.source)
-
-
-def simplify_depth_file_of_many(
-    source: Path, output: Path, options: DepthOptions, colour: Path | None
-) -> DepthFileResult:
-    """`simplify_depth_file` by position, for worker processes."""
-    return simplify_depth_file(source, output, options, colour=colour)
-
-
-def _frames(folder: Path, pattern: str) -> list[Path]:
-    matching = sorted(p for p in folder.glob(pattern) if p.suffix.lower() in DEPTH_SUFFIXES)
-    frames = [path for path in matching if not is_colour_png(path)]
-    if not frames:
-        plural = "" if len(matching) == 1 else "s"
-        pictures = f" besides {len(matching)} colour picture{plural}" if matching else ""
-        raise InputError(
-            f"{folder}: expected depth images {pattern} ({', '.join(DEPTH_SUFFIXES)}), "
-            f"found none{pictures}"
-        )
-    return frames
-
-
-def _pictures(colours: str | os.PathLike[str] | None, frames: Sequence[Path]) -> dict[Path, Path]:
-    if colours is None:
-        return {}
-    images = sorted(path for path in path_of(colours, "colours").iterdir() if path.is_file())
+    images = sorted(path for path in path_of(folder, "colours").iterdir() if path.is_file())
     if len(images) != len(frames):
         raise InputError(
-            f"colour: expected {len(frames)} images in {os.fspath(colours)}, found {len(images)}"
+            f"colour: expected {len(frames)} images in {os.fspath(folder)}, found {len(images)}"
         )
-    return dict(zip(frames, images, strict=True))
+    names = sorted(os.fspath(frame) for frame in frames)
+    return dict(zip(names, map(str, images), strict=True))
 
 
-def _common_unit(frames: Sequence[Path], options: DepthOptions) -> str:
-    """The unit that most frames seem to have; each frame's own guess could differ."""
-    preset = CAMERA_PRESETS.get(options.intrinsics)
-    if options.unit != "guess" or (preset is not None and preset.depth_unit != "guess"):
-        return options.unit
+def common_depth_unit(
+    frames: Sequence[str | os.PathLike[str]], unit: str = "guess", intrinsics: str = ""
+) -> str:
+    """Return the unit that most depth images seem to have; each one's own guess could differ.
+
+    Parameters
+    ----------
+    frames : sequence of path-like or URL
+        Up to nine of them are looked at.
+    unit : str
+        Returned as it is unless it is ``"guess"``.
+    intrinsics : str
+        A camera that knows its unit leaves ``"guess"``: each image asks the camera.
+    """
+    preset = CAMERA_PRESETS.get(intrinsics)
+    if unit != "guess" or (preset is not None and preset.depth_unit != "guess"):
+        return unit
     guesses: Counter[str] = Counter()
     for number in np.linspace(0, len(frames) - 1, min(len(frames), _FRAMES_FOR_A_GUESS)):
         try:

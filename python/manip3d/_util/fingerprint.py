@@ -1,0 +1,36 @@
+"""A fingerprint of the code that makes results: stale ones are never reused."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+from manip3d import __version__, _core
+
+# Modules that show results but do not make them: a change there keeps stored results valid.
+_PRESENTATION = {"cli", "report", "viewer", "_environment.py"}
+
+
+@cache
+def code_fingerprint() -> str:
+    """Version and a hash of the package's binary and sources: stale results are never reused."""
+    core = Path(_core.__file__).read_bytes()
+    return f"{__version__}+{_fingerprint(core, lambda parts: not _PRESENTATION & parts)}"
+
+
+@cache
+def presentation_fingerprint() -> str:
+    """A hash of the command line and the viewer, which `code_fingerprint` leaves out."""
+    return _fingerprint(b"", lambda parts: bool({"cli", "viewer"} & parts))
+
+
+def _fingerprint(start: bytes, wanted: Callable[[set[str]], bool]) -> str:
+    package = Path(__file__).parents[1]
+    digest = hashlib.sha256(start)
+    for path in sorted(package.rglob("*.py")):
+        relative = path.relative_to(package)
+        if wanted(set(relative.parts)):
+            digest.update(relative.as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]

@@ -1,0 +1,89 @@
+"""Rows of a batch on disk or behind a URL, as they finish: many in a file, few files in all.
+
+::
+
+    TABLE.rows/run.json        what was asked for, so that another run is not mixed in
+    TABLE.rows/000001.jsonl    a row in each line, with a checksum of itself
+
+Files are written whole and never changed, which object stores can do, too.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import Any
+
+from manip3d._util.json import sealed, unsealed
+from manip3d.batch._places import Place
+from manip3d.errors import InputError
+
+_FLUSH_S = 1.0
+
+
+class Rows:
+    """The rows of a batch, stored once a second; a `manip3d.batch` store.
+
+    Parameters
+    ----------
+    folder : path or URL
+        Made if it is absent.
+    asked : dict
+        Function and options of the run, as JSON values.
+    overwrite : bool
+        Forget the rows that are there.
+
+    Raises
+    ------
+    InputError
+        The rows that are there are those of another function or of other options.
+    """
+
+    def __init__(self, folder: str, asked: dict[str, Any], *, overwrite: bool = False) -> None:
+        self._place = Place(folder)
+        self._waiting: list[str] = []
+        self._flushed_s = time.monotonic()
+        self._rows: dict[str, dict[str, Any]] = {}
+        parts = sorted(name for name in self._place.names() if name.endswith(".jsonl"))
+        self._next = 1 + max((int(p[:-6]) for p in parts if p[:-6].isdecimal()), default=0)
+        self.is_new = overwrite or not self._holds(asked)
+        if self.is_new:
+            self._place.write("run.json", json.dumps(sealed({"asked": asked}), indent=1))
+            self._place.remove(parts)
+            return
+        for name in parts:
+            for line in self._place.read(name).splitlines():
+                record = unsealed(line)
+                if record is not None:
+                    self._rows[record["key"]] = record["row"]
+
+    def _holds(self, asked: dict[str, Any]) -> bool:
+        """Whether rows are there, all of what is asked for now."""
+        if "run.json" not in self._place.names():
+            return False
+        record = unsealed(self._place.read("run.json"))
+        if record is not None and record.get("asked") != asked:
+            raise InputError(
+                f"{self._place}: holds results of another command or of other options; "
+                "--force (overwrite=True) makes them again"
+            )
+        return record is not None
+
+    def load(self, key: str) -> dict[str, Any] | None:
+        """Return the row of a key, or None."""
+        return self._rows.get(key)
+
+    def save(self, key: str, row: dict[str, Any]) -> dict[str, Any]:
+        """Keep a row; it is on disk within a second, or after `flush`."""
+        self._waiting.append(json.dumps(sealed({"key": key, "row": row}), separators=(",", ":")))
+        if time.monotonic() - self._flushed_s >= _FLUSH_S:
+            self.flush()
+        return row
+
+    def flush(self) -> None:
+        """Store the rows that are not yet."""
+        if self._waiting:
+            self._place.write(f"{self._next:06d}.jsonl", "\n".join(self._waiting) + "\n")
+            self._next += 1
+            self._waiting = []
+        self._flushed_s = time.monotonic()

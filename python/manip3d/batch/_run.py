@@ -1,0 +1,319 @@
+"""`run`: one function over many files."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d._util.fingerprint import code_fingerprint
+from manip3d._util.json import canonical_json, finite
+from manip3d._util.options import reporting
+from manip3d._util.paths import path_of
+from manip3d.batch._places import Place
+from manip3d.batch._rows import Rows
+from manip3d.batch._sources import SourceFile, find_files
+from manip3d.batch._stored import Row, run_stored
+from manip3d.batch._table import TABLE_SUFFIXES, write_table
+from manip3d.errors import InputError
+from manip3d.io._remote import is_url, local_copy, local_output
+
+if TYPE_CHECKING:
+    from manip3d._util.options import Progress
+
+Work = Callable[..., Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What became of a batch.
+
+    Attributes
+    ----------
+    rows : list of dict
+        One for each file, in the order of their names: ``source``, ``output``, ``error`` (empty
+        where there is none), ``seconds``, ``output_bytes``, and what the function returned.
+    resumed : int
+        Rows that an earlier run had made.
+    failed : int
+        Rows with an error.
+    seconds : float
+        Wall time.
+    table : str or None
+        Where the table was written.
+    """
+
+    rows: list[Row]
+    resumed: int
+    failed: int
+    seconds: float
+    table: str | None
+
+
+def run(
+    function: Work,
+    sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str] | SourceFile],
+    output: str | os.PathLike[str] | None = None,
+    *,
+    options: Mapping[str, Any] | None = None,
+    options_of: Callable[[SourceFile], Mapping[str, Any]] | None = None,
+    rename: Callable[[str], str] | None = None,
+    suffixes: Sequence[str] | None = None,
+    table: str | os.PathLike[str] | None = None,
+    jobs: int = 0,
+    dask: str = "",
+    overwrite: bool = False,
+    progress: Progress = None,
+    on_error: Callable[[str, str], object] = lambda source, error: None,
+) -> Summary:
+    """Call a function for each of many files, in parallel, and gather its results in one table.
+
+    Parameters
+    ----------
+    function : callable(source, output, **options) -> mapping
+        What is done with one file: reads the path ``source``, writes the path ``output`` (None
+        without one) and returns the columns of its row. Workers import it by its name.
+    sources : path, URL, or sequence of them
+        Files, folders and patterns, as `find_files` takes them, or what it returned.
+    output : path or URL, optional
+        Folder of the outputs, which stand there as the sources stand in theirs.
+    options : mapping, optional
+        Keyword arguments of the function, values that JSON knows.
+    options_of : callable(SourceFile) -> mapping, optional
+        Further ones for each file.
+    rename : callable(str) -> str, optional
+        Name of an output from the relative name of its source; default: the same.
+    suffixes : sequence of str, optional
+        Files of a folder that are taken, as for `find_files`.
+    table : path or URL, optional
+        ``.csv`` or ``.parquet``; default: ``results.csv`` in ``output``. Rows are stored beside it
+        as they come, in a folder that ends in ``.rows``; a run without a table cannot be resumed.
+    jobs : int
+        Processes; 0: one per core; 1: in this process.
+    dask : str
+        Address of a Dask scheduler whose workers see the same files; ``"local"`` starts one here.
+    overwrite : bool
+        Make rows and outputs again that are there.
+    progress : None, True or callable(fraction, message)
+    on_error : callable(source, error)
+        Called for each file that fails.
+
+    Returns
+    -------
+    Summary
+
+    Raises
+    ------
+    InputError
+        No file is found; two files have one output; an output or a table exists that no earlier
+        run of this call has made; the table's suffix is another one.
+    OSError
+        A source, the table or the output folder cannot be reached.
+    KeyboardInterrupt
+        After stopping the workers; what had finished is stored.
+
+    Notes
+    -----
+    A stored row is used again if the source's size and time of change, the options, the library
+    and the size of the output are what they were.
+
+    Examples
+    --------
+    >>> import manip3d
+    >>> from manip3d import batch
+    >>> def count(source, output):
+    ...     return {"points": manip3d.read_scan(source).num_points}
+    >>> summary = batch.run(count, "scans", table="points.csv", jobs=4)  # doctest: +SKIP
+    """
+    if jobs < 0:
+        raise InputError(f"jobs: expected >= 0, got {jobs}")
+    started = time.perf_counter()
+    folder = None if output is None else Place(os.fspath(output))
+    files = _listed(sources, suffixes, folder)
+    targets = _targets(files, folder, rename or (lambda name: name))
+    tasks, names = {}, {}
+    for file in files:
+        asked = dict(options or {}) | dict(options_of(file) if options_of else {})
+        arguments = (function, file.name, targets[file.name], asked)
+        key = _key(file, targets[file.name], options_of(file) if options_of else {})
+        tasks[key], names[key] = (one_file, arguments), file.name
+    place = _table_of(table, folder)
+    store = _store(function, options or {}, place, folder, targets, overwrite)
+    try:
+        with reporting(progress, "files") as told:
+            found = run_stored(
+                tasks,
+                store,
+                jobs or len(os.sched_getaffinity(0)),
+                dask=dask,
+                progress=progress if callable(progress) else _fraction_only(told),
+                describe=names.__getitem__,
+                on_error=lambda key, error: on_error(names[key], error),
+            )
+    finally:
+        store.flush()
+    rows = [
+        found.done[key]
+        if key in found.done
+        else {"source": name, "output": targets[name], "error": found.failed[key]}
+        for key, name in names.items()
+    ]
+    if place is not None:
+        write_table(rows, place)
+    seconds = time.perf_counter() - started
+    return Summary(rows, found.resumed, len(found.failed), seconds, place)
+
+
+def one_file(function: Work, source: str, output: str | None, options: Mapping[str, Any]) -> Row:
+    """Fetch a source, do the work, send the output, and return the row; runs on a worker."""
+    started = time.perf_counter()
+    target = nullcontext() if output is None else local_output(output)
+    with local_copy(source) as local, target as written:
+        if written is not None:
+            written.parent.mkdir(parents=True, exist_ok=True)
+        columns = dict(function(local, written, **options))
+        is_file = written is not None and written.is_file()
+        num_bytes = written.stat().st_size if written is not None and is_file else None
+        names = {str(local): source} | ({str(written): output} if written is not None else {})
+    fixed = {"source": source, "output": output, "error": "", "output_bytes": num_bytes}
+    row = fixed | {"seconds": round(time.perf_counter() - started, 4)}
+    plain: Row = finite(json.loads(json.dumps(row | columns, default=_plain)))
+    return {
+        key: names.get(value, value) if isinstance(value, str) else value
+        for key, value in plain.items()
+    }
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)
+
+
+def _fraction_only(told: Callable[[float], object] | None) -> Callable[[float, str], object] | None:
+    return None if told is None else lambda fraction, message: told(fraction)
+
+
+def _listed(sources: Any, suffixes: Sequence[str] | None, output: Place | None) -> list[SourceFile]:
+    """The files; not what an earlier run has put into an output folder below the sources."""
+    several = [sources] if isinstance(sources, str | os.PathLike) else list(sources)
+    listed = [file for file in several if isinstance(file, SourceFile)]
+    rest = [source for source in several if not isinstance(source, SourceFile)]
+    found = listed + (find_files(rest, suffixes=suffixes) if rest else [])
+    if output is None:
+        return found
+    within = output.of("")
+    kept = [file for file in found if file.is_named or not file.name.startswith(within)]
+    if not kept:
+        raise InputError("sources: expected files, found those of the output only")
+    return kept
+
+
+def _targets(
+    files: Sequence[SourceFile], output: Place | None, rename: Callable[[str], str]
+) -> dict[str, str | None]:
+    if output is None:
+        return {file.name: None for file in files}
+    targets: dict[str, str | None] = {}
+    taken: dict[str, str] = {}
+    for file in files:
+        if file.relative.startswith(".."):
+            raise InputError(f"{file.name}: expected a file below the folder it was found by")
+        target = output.of(rename(file.relative))
+        if target in taken:
+            raise InputError(
+                f"{target}: two inputs would be written there: {taken[target]} and {file.name}"
+            )
+        taken[target] = file.name
+        targets[file.name] = target
+    return targets
+
+
+def _key(file: SourceFile, target: str | None, options: Mapping[str, Any]) -> str:
+    identity = [file.name, file.stamp, target, _json_of(options), code_fingerprint()]
+    return hashlib.sha256(canonical_json(identity)).hexdigest()[:32]
+
+
+def _json_of(options: Mapping[str, Any]) -> Any:
+    return json.loads(json.dumps(dict(options), default=_plain))
+
+
+def _table_of(table: str | os.PathLike[str] | None, output: Place | None) -> str | None:
+    if table is None:
+        return None if output is None else output.of("results.csv")
+    name = os.fspath(table) if is_url(table) else str(path_of(table, "table"))
+    if not name.endswith(TABLE_SUFFIXES):
+        raise InputError(f"table: expected a name that ends in {' or '.join(TABLE_SUFFIXES)}")
+    return name
+
+
+class _Memory:
+    """A store of a batch that is not to be resumed."""
+
+    def load(self, key: str) -> Row | None:
+        return None
+
+    def save(self, key: str, row: Row) -> Row:
+        return row
+
+    def flush(self) -> None:
+        """Nothing waits."""
+
+
+class _Checked:
+    """Stored rows, each only as long as its output is there in its size."""
+
+    def __init__(self, rows: Rows, output: Place | None, sizes: Mapping[str, int]) -> None:
+        self._rows, self._output, self._sizes = rows, output, sizes
+
+    def load(self, key: str) -> Row | None:
+        row = self._rows.load(key)
+        if row is None or self._output is None or row["output_bytes"] is None:
+            return row
+        name = str(row["output"]).removeprefix(self._output.of(""))
+        return row if self._sizes.get(name) == row["output_bytes"] else None
+
+    def save(self, key: str, row: Row) -> Row:
+        return self._rows.save(key, row)
+
+    def flush(self) -> None:
+        self._rows.flush()
+
+
+def _store(
+    function: Work,
+    options: Mapping[str, Any],
+    table: str | None,
+    output: Place | None,
+    targets: Mapping[str, str | None],
+    overwrite: bool,
+) -> _Checked | _Memory:
+    """The rows of earlier runs, after a look that nothing of others would be replaced."""
+    sizes = {} if output is None else output.sizes()
+    if table is None:
+        return _Memory()
+    asked = {
+        "function": f"{function.__module__}:{function.__qualname__}",
+        "options": _json_of(options),
+    }
+    stem = table[: -len(PurePosixPath(table).suffix)]
+    folder = f"{stem}.rows"
+    if not overwrite and not Place(folder).names():
+        _refuse_existing(table, output, sizes, targets)
+    return _Checked(Rows(folder, asked, overwrite=overwrite), output, sizes)
+
+
+def _refuse_existing(
+    table: str, output: Place | None, sizes: Mapping[str, int], targets: Mapping[str, str | None]
+) -> None:
+    there = set() if output is None else {output.of(name) for name in sizes}
+    taken = [target for target in targets.values() if target in there]
+    is_here = Path(table).exists() if not is_url(table) else table in there
+    if taken or is_here:
+        raise InputError(f"{taken[0] if taken else table}: exists already; --force replaces it")

@@ -1,0 +1,154 @@
+"""The files that folders, patterns and URLs stand for."""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from manip3d._util.paths import path_of
+from manip3d.errors import InputError
+from manip3d.io._remote import filesystem, is_url, naming_remote
+
+_MAGIC = re.compile(r"[*?\[]")
+_STAMPS = ("ETag", "etag", "md5Hash", "checksum", "LastModified", "mtime", "modified", "created")
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """One file of a batch.
+
+    Attributes
+    ----------
+    name : str
+        Path or URL.
+    relative : str
+        Its place below the folder or the fixed part of the pattern that it was found by.
+    stamp : str
+        Changes when the content does: size and time of change, or what the store keeps.
+    is_named : bool
+        Named itself, or by a pattern; False for what was found in a folder.
+    """
+
+    name: str
+    relative: str
+    stamp: str
+    is_named: bool = True
+
+
+def is_pattern(source: str) -> bool:
+    """Return whether the source is a pattern such as ``scans/*.bin``, and no file of that name."""
+    return _MAGIC.search(source) is not None and (is_url(source) or not Path(source).exists())
+
+
+def is_folder(source: str) -> bool:
+    """Return whether the source is a folder, here or behind a URL.
+
+    Raises
+    ------
+    OSError
+        It is a URL that cannot be asked.
+    """
+    if not is_url(source):
+        return Path(source).is_dir()
+    system, path = filesystem(source)
+    with naming_remote(source):
+        return source.endswith("/") or bool(system.isdir(path))
+
+
+def find_files(
+    sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    *,
+    suffixes: Sequence[str] | None = None,
+) -> list[SourceFile]:
+    """Return the files that sources stand for, sorted by name, each once.
+
+    Parameters
+    ----------
+    sources : path, URL or sequence of them
+        Files, folders (all files below them), and patterns (``*``, ``?``, ``[...]``, ``**``).
+    suffixes : sequence of str, optional
+        Of a folder only files with one of these are taken, alone or followed by ``.gz`` or
+        ``.xz``. Files that are named, or that a pattern matches, are taken in any case.
+
+    Raises
+    ------
+    InputError
+        A folder or a pattern stands for no file.
+    OSError
+        There is no such file.
+    """
+    named = [sources] if isinstance(sources, str | os.PathLike) else list(sources)
+    found: dict[str, SourceFile] = {}
+    for source in named:
+        name = source if is_url(source) else os.fspath(path_of(source, "sources"))
+        for file in _remote(str(name), suffixes) if is_url(source) else _local(str(name), suffixes):
+            found.setdefault(file.name, file)
+    return [found[name] for name in sorted(found)]
+
+
+def _local(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]:
+    path = Path(source)
+    if is_pattern(source):
+        matched = [Path(p) for p in glob.glob(source, recursive=True)]
+        files, root = [p for p in matched if p.is_file()], _fixed_part(source)
+    elif path.is_dir():
+        walked = (Path(top) / name for top, _, names in os.walk(path) for name in names)
+        files, root = [p for p in walked if _is_wanted(p.name, suffixes)], str(path)
+    else:
+        path.stat()  # a missing file is an OSError that names it
+        files, root = [path], str(path.parent)
+    _refuse_none(files, source, suffixes)
+    for file in files:
+        status = file.stat()
+        stamp = f"{status.st_size} {status.st_mtime_ns}"
+        yield SourceFile(str(file), os.path.relpath(file, root), stamp, not path.is_dir())
+
+
+def _remote(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]:
+    system, path = filesystem(source)
+    in_folder = False
+    with naming_remote(source):
+        if _MAGIC.search(path):
+            infos, root = system.glob(path, detail=True), _fixed_part(path)
+        elif source.endswith("/") or system.isdir(path):
+            infos, root, in_folder = system.find(path, detail=True), path, True
+        else:
+            infos, root = {path: system.info(path)}, str(PurePosixPath(path).parent)
+    files = {
+        str(name): info
+        for name, info in infos.items()
+        if info.get("type") == "file" and (not in_folder or _is_wanted(str(name), suffixes))
+    }
+    _refuse_none(files, source, suffixes)
+    for name, info in files.items():
+        relative = str(PurePosixPath(name).relative_to(root)) if root else name
+        yield SourceFile(str(system.unstrip_protocol(name)), relative, _stamp(info), not in_folder)
+
+
+def _stamp(info: dict[str, Any]) -> str:
+    """The size and the first thing that the store says of the content or the time."""
+    told = next((str(info[name]) for name in _STAMPS if info.get(name)), "")
+    return f"{info.get('size')} {told}"
+
+
+def _is_wanted(name: str, suffixes: Sequence[str] | None) -> bool:
+    plain = name.lower().removesuffix(".xz").removesuffix(".gz")
+    return suffixes is None or plain.endswith(tuple(suffixes))
+
+
+def _fixed_part(pattern: str) -> str:
+    """The folder that all matches of a pattern lie below."""
+    parts = PurePosixPath(pattern).parts
+    fixed = [part for part in parts[: next(i for i, p in enumerate(parts) if _MAGIC.search(p))]]
+    return str(PurePosixPath(*fixed)) if fixed else ""
+
+
+def _refuse_none(files: Iterable[Any], source: str, suffixes: Sequence[str] | None) -> None:
+    if not list(files):
+        wanted = f" ({', '.join(suffixes)})" if suffixes and not is_pattern(source) else ""
+        raise InputError(f"{source}: expected files{wanted}, found none")

@@ -1,0 +1,86 @@
+"""The loop that experiments and batches share: what is stored is taken, the rest is run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from manip3d._util.parallel import Task, run_tasks
+
+Row = dict[str, Any]
+
+
+class Store(Protocol):
+    """Where rows are kept under keys."""
+
+    def load(self, key: str) -> Row | None:
+        """Return the row of a key, or None where there is none that can be trusted."""
+
+    def save(self, key: str, row: Row) -> Row:
+        """Keep a row, and return it as a later `load` will."""
+
+
+@dataclass
+class Finished:
+    """The rows and errors of a run, by key.
+
+    Attributes
+    ----------
+    done : dict of str to dict
+    failed : dict of str to str
+        Errors. They are not stored: the next run tries these tasks again.
+    resumed : int
+        Number of rows that an earlier run had stored.
+    """
+
+    done: dict[str, Row] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)
+    resumed: int = 0
+
+
+def run_stored(
+    tasks: Mapping[str, Task],
+    store: Store,
+    jobs: int,
+    *,
+    dask: str = "",
+    progress: Callable[[float, str], object] | None = None,
+    describe: Callable[[str], str] = str,
+    on_error: Callable[[str, str], object] = lambda key, error: None,
+) -> Finished:
+    """Run the tasks whose rows are not in the store, and store each row as it comes.
+
+    Parameters
+    ----------
+    tasks : mapping of str to Task
+        By key; each returns a row.
+    store : Store
+    jobs, dask
+        As for `manip3d._util.parallel.run_tasks`.
+    progress : callable(fraction, message), optional
+    describe : callable
+        Words for the task of a key, as the message of ``progress``.
+    on_error : callable(key, error)
+        Called for each task that fails.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        After stopping the workers; what had finished stays stored.
+    """
+    loaded = ((key, store.load(key)) for key in tasks)
+    found = Finished({key: row for key, row in loaded if row is not None})
+    found.resumed = len(found.done)
+    waiting = {key: task for key, task in tasks.items() if key not in found.done}
+    with closing(run_tasks(waiting, jobs, dask=dask)) as outcomes:
+        for key, outcome in outcomes:
+            if outcome.error:
+                found.failed[key] = outcome.error
+                on_error(key, outcome.error)
+            else:
+                found.done[key] = store.save(key, outcome.value)
+            if progress is not None:
+                progress((len(found.done) + len(found.failed)) / len(tasks), describe(key))
+    return found

@@ -1,0 +1,95 @@
+"""Rows as one table: CSV, or Parquet where pyarrow is installed."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from manip3d.errors import InputError, MissingExtraError
+from manip3d.io._files import atomic_write
+from manip3d.io._remote import local_output
+
+TABLE_SUFFIXES = (".csv", ".parquet")
+_MOST_ITEMS = 16
+
+
+def write_table(rows: Sequence[Mapping[str, Any]], path: str | os.PathLike[str]) -> None:
+    """Write rows as one table, whole or not at all.
+
+    Nested values become columns of their own, such as ``metro.vertex.mean`` and ``bounds.0``;
+    lists of more than 16 items are left out.
+
+    Parameters
+    ----------
+    rows : sequence of mappings
+        A column that a row does not have is empty in it.
+    path : path or URL
+        ``.csv`` or ``.parquet``.
+
+    Raises
+    ------
+    InputError
+        Another suffix.
+    MissingExtraError
+        Parquet, and pyarrow is not installed.
+    OSError
+        The operating system refused; the old file is whole.
+    """
+    name = os.fspath(path)
+    flat = [dict(_flat(row)) for row in rows]
+    columns = list(dict.fromkeys(column for row in flat for column in row))
+    if name.endswith(".csv"):
+        content = csv_text(flat, columns).encode()
+    elif name.endswith(".parquet"):
+        content = _parquet(flat, columns)
+    else:
+        raise InputError(f"{name}: expected a name that ends in {' or '.join(TABLE_SUFFIXES)}")
+    with local_output(path) as local:
+        atomic_write(local, content)
+
+
+def table_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the rows as CSV."""
+    flat = [dict(_flat(row)) for row in rows]
+    return csv_text(flat, list(dict.fromkeys(column for row in flat for column in row)))
+
+
+def csv_text(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
+    """Return one line a row, after a line with the names of the columns."""
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, columns, lineterminator="\n", extrasaction="ignore")
+    writer.writeheader()
+    writer.writerows(rows)
+    return stream.getvalue()
+
+
+def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _flat(item, f"{name}.{key}" if name else str(key))
+    elif isinstance(value, list | tuple):
+        for number, item in enumerate(value if len(value) <= _MOST_ITEMS else ()):
+            yield from _flat(item, f"{name}.{number}")
+    else:
+        yield name, value
+
+
+def _parquet(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> bytes:
+    try:
+        import pyarrow as arrow
+        from pyarrow import parquet
+    except ImportError:
+        raise MissingExtraError("pyarrow", "parquet") from None
+    arrays = {}
+    for column in columns:
+        values = [row.get(column) for row in rows]
+        try:
+            arrays[column] = arrow.array(values)
+        except (arrow.ArrowInvalid, arrow.ArrowTypeError):  # numbers in one row, words in another
+            arrays[column] = arrow.array([None if v is None else str(v) for v in values])
+    stream = io.BytesIO()
+    parquet.write_table(arrow.table(arrays), stream)
+    return stream.getvalue()

@@ -1,0 +1,298 @@
+"""Verbs over many files: several sources, folders, patterns, URLs; the mapping that all share.
+
+`over_files` gives a verb that takes one file its many-file form: the verb's own function runs on
+each file, in worker processes or on Dask, and what it would print under ``--json`` is its row.
+"""
+
+from __future__ import annotations
+
+import copy
+import functools
+import importlib
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+
+import typer
+
+from manip3d.cli import kinds
+from manip3d.cli.options import Dask, FolderJobs, Table, To
+from manip3d.cli.terminal import Terminal, collecting, count, counted, showing_as
+from manip3d.errors import Error, InputError
+from manip3d.io import is_url, local_copy, local_output
+
+if TYPE_CHECKING:
+    from manip3d.batch import SourceFile, Summary
+
+Verb = Callable[..., None]
+_GRAVEST_FIRST = (1, 3, 4)
+
+
+@dataclass(frozen=True)
+class Many:
+    """How a verb takes many files.
+
+    Attributes
+    ----------
+    suffixes : sequence of str
+        Files of a folder that are taken.
+    to : str
+        Suffix of the outputs; empty: that of the source.
+    writable : sequence of str
+        Suffixes that the verb writes; a source with another one becomes ``otherwise``.
+    otherwise : str
+    """
+
+    suffixes: Sequence[str]
+    to: str = ""
+    writable: Sequence[str] = ()
+    otherwise: str = ""
+
+    def files(self, sources: Sequence[str]) -> list[SourceFile]:
+        """The files that the sources stand for.
+
+        Raises
+        ------
+        InputError
+            There is none, or `to` is no suffix that the verb writes.
+        OSError
+            A source is not there.
+        """
+        from manip3d.batch import find_files
+
+        if self.to and self.to not in self.writable:
+            raise InputError(f"--to: expected one of {', '.join(self.writable)}, got {self.to}")
+        return find_files(sources, suffixes=self.suffixes)
+
+    def rename(self, relative: str) -> str:
+        """The name of an output from that of its source."""
+        path = PurePosixPath(relative)
+        plain = path.name.lower().removesuffix(".xz").removesuffix(".gz")
+        suffix = next((s for s in sorted(self.suffixes, key=len)[::-1] if plain.endswith(s)), "")
+        stem = path.name[: plain.rindex(suffix)] if suffix else path.name
+        new = self.to or (suffix if suffix in self.writable else self.otherwise)
+        return str(path.with_name(stem + new)) if new else relative
+
+
+def over_files(
+    suffixes: Callable[[], Sequence[str]],
+    *,
+    argument: str = "source",
+    writable: Callable[[], Sequence[str]] = tuple,
+    otherwise: str = "",
+    prepare: Callable[[list[SourceFile], dict[str, Any]], Mapping[str, Mapping[str, Any]]]
+    | None = None,
+) -> Callable[[Verb], Verb]:
+    """Make a verb of one file (and ``output``) a verb of many.
+
+    Parameters
+    ----------
+    argument : str
+        The verb's argument that becomes many.
+    suffixes, writable : callable
+        As of `Many`; called when a command runs.
+    otherwise : str
+        As of `Many`.
+    prepare : callable(files, options), optional
+        Returns options of single files by their names, and may change those of all.
+    """
+
+    def decorate(verb: Verb) -> Verb:
+        signature = _signature(verb, argument)
+
+        has_jobs = "jobs" in inspect.signature(verb).parameters
+
+        @functools.wraps(verb)
+        def command(**given: Any) -> None:
+            sources: list[str] = given.pop(argument)
+            to, table, dask = given.pop("to", ""), given.pop("table"), given.pop("dask")
+            jobs = given["jobs"] if has_jobs else given.pop("jobs")
+            if not table and not dask and _is_one(sources):
+                _one(verb, argument, sources[0], given)
+                return
+            many = Many(suffixes(), to, writable(), otherwise)
+            files = many.files(sources)
+            each = {} if prepare is None else prepare(files, given)
+            work = {"module": verb.__module__, "verb": verb.__name__, "argument": argument}
+            _many(work, files, given, many, each, table=table, dask=dask, jobs=jobs)
+
+        command.__signature__ = signature  # type: ignore[attr-defined]
+        command.__annotations__ = {p.name: p.annotation for p in signature.parameters.values()}
+        return command
+
+    return decorate
+
+
+def _signature(verb: Verb, name: str) -> inspect.Signature:
+    """The verb's, with several sources and with the options of many files."""
+    hints = get_type_hints(verb, include_extras=True)
+    parameters = {
+        n: parameter.replace(annotation=hints[n])
+        for n, parameter in inspect.signature(verb).parameters.items()
+    }
+    one_file = parameters[name].annotation.__metadata__[0].help.rstrip(".")
+    several = typer.Argument(
+        metavar=name.upper(), help=f"{one_file}; several of them, folders, patterns or URLs."
+    )
+    parameters[name] = parameters[name].replace(annotation=Annotated[list[str], several])
+    more: dict[str, tuple[Any, Any]] = {"jobs": (FolderJobs, 0)}
+    if "output" in parameters:
+        more["to"] = (To, "")
+        option = copy.copy(parameters["output"].annotation.__metadata__[0])
+        option.parser = _path_or_url
+        kind = parameters["output"].annotation.__origin__
+        parameters["output"] = parameters["output"].replace(annotation=Annotated[kind, option])
+    more |= {"table": (Table, ""), "dask": (Dask, "")}
+    for option, (annotation, default) in more.items():
+        if option in parameters:
+            parameters[option] = parameters[option].replace(annotation=annotation)
+        else:
+            parameters[option] = inspect.Parameter(
+                option, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+            )
+    parameters = {n: p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for n, p in parameters.items()}
+    return inspect.Signature(list(parameters.values()), return_annotation=None)
+
+
+def _path_or_url(text: str) -> Any:
+    """A `Path`, which would make one slash of the two of a URL, or the URL."""
+    return text if is_url(text) else Path(text)
+
+
+def _is_one(sources: Sequence[str]) -> bool:
+    """Whether the sources are one file, or a folder that is one recording."""
+    from manip3d.batch import is_folder, is_pattern
+
+    if len(sources) > 1 or is_pattern(sources[0]):
+        return False
+    (source,) = sources
+    if is_url(source):
+        return not is_folder(source)
+    return not Path(source).is_dir() or kinds.kind_of(source) != "folder"
+
+
+def _one(verb: Verb, argument: str, source: str, given: dict[str, Any]) -> None:
+    """The verb on one file; a remote one is fetched, a remote output is sent when it is whole."""
+    output = given.get("output")
+    opened = local_copy(source) if is_url(source) else nullcontext(source)
+    target = local_output(str(output)) if is_url(str(output)) else nullcontext(output)
+    with opened as local, target as written:
+        names = {str(local): source} | ({} if output is None else {str(written): str(output)})
+        more = {} if "output" not in given else {"output": written and Path(written)}
+        code = 0
+        with showing_as(names):
+            try:
+                verb(**(given | more | {argument: str(local)}))
+            except typer.Exit as done:  # the output is sent all the same
+                code = done.exit_code
+    if code:
+        raise typer.Exit(code)
+
+
+def _many(
+    work: Mapping[str, str],
+    files: Sequence[SourceFile],
+    given: dict[str, Any],
+    many: Many,
+    each: Mapping[str, Mapping[str, Any]],
+    *,
+    table: str,
+    dask: str,
+    jobs: int,
+) -> None:
+    """Run the verb on each file, print the rows, and end with the exit code of them all."""
+    from manip3d import batch
+
+    shell = Terminal(as_json=given.get("as_json", False), quiet=given.get("quiet", False))
+    output = given.pop("output", None)
+    options = {name: value for name, value in given.items() if name not in _SHARED}
+    with shell.progress(work["verb"]) as progress:
+        summary = batch.run(
+            on_file,
+            files,
+            None if output is None else str(output),
+            options={**work, "options": options},
+            options_of=lambda file: {"named": file.is_named, "more": each.get(file.name, {})},
+            rename=many.rename,
+            table=table or None,
+            jobs=jobs,
+            dask=dask,
+            overwrite=given.get("force", False),
+            progress=progress,
+            on_error=lambda source, error: shell.say(f"{source}: {error}"),
+        )
+    _tell(shell, summary)
+    _exit(summary)
+
+
+_SHARED = ("as_json", "quiet", "force", "jobs")
+
+
+def on_file(
+    source: Path,
+    output: Path | None,
+    *,
+    module: str,
+    verb: str,
+    argument: str,
+    options: Mapping[str, Any],
+    named: bool,
+    more: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Run a verb on one file of many; returns what it prints under ``--json``, and its exit code.
+
+    A file of a folder that is of a kind the verb does not take is no error: its row says so.
+    """
+    function = inspect.unwrap(getattr(importlib.import_module(module), verb))
+    parameters = inspect.signature(function).parameters
+    fixed = {"as_json": True, "quiet": True, "force": True, "jobs": 0}
+    given: dict[str, Any] = {n: value for n, value in fixed.items() if n in parameters}
+    given |= {**options, **more}
+    if "output" in parameters:
+        given["output"] = output
+    code = 0
+    with collecting() as results:
+        try:
+            function(**given, **{argument: str(source)})
+        except typer.Exit as done:
+            code = done.exit_code
+        except kinds.OtherKindError as error:
+            if named:
+                raise
+            return {"skipped": error.kind, "exit_code": 0}
+    record = results[0] if results else {}
+    paths = (str(source), str(output))
+    return {k: v for k, v in record.items() if v not in paths} | {"exit_code": code}
+
+
+def _tell(shell: Terminal, summary: Summary) -> None:
+    from manip3d.batch._table import table_text
+
+    skipped = sum(bool(row.get("skipped")) for row in summary.rows)
+    parts = {
+        "from an earlier run": summary.resumed,
+        "skipped, of another kind": skipped,
+        "failed": summary.failed,
+    }
+    told = ", ".join(f"{count(number)} {words}" for words, number in parts.items() if number)
+    table = f"; table in {summary.table}" if summary.table else ""
+    shell.say(
+        f"{counted(len(summary.rows), 'file')}{f' ({told})' if told else ''} in "
+        f"{summary.seconds:.1f} s{table}"
+    )
+    shell.result(
+        summary.rows, None if summary.table else lambda _: print(table_text(summary.rows), end="")
+    )
+
+
+def _exit(summary: Summary) -> None:
+    """End with 1 if a file failed, else with the gravest code of a single file."""
+    if summary.failed:
+        raise Error(f"{count(summary.failed)} of {counted(len(summary.rows), 'file')} failed")
+    codes = {row["exit_code"] for row in summary.rows}
+    for code in _GRAVEST_FIRST:
+        if code in codes:
+            raise typer.Exit(code)

@@ -1,0 +1,232 @@
+"""Files behind a URL that fsspec opens (extra ``remote``): fetched before reading, sent when whole.
+
+Readers and writers work on local files, with what lies beside them: a URL becomes a temporary
+folder for as long as it is read or written.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import shutil
+import tempfile
+import urllib.parse
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from manip3d._util.paths import path_of
+from manip3d.errors import Error, FormatError, InputError, MissingExtraError
+
+_URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(://|::)")
+_CODES = {FileNotFoundError: errno.ENOENT, PermissionError: errno.EACCES}
+# Where a folder is nothing but a part of a name, and making one could make a bucket.
+_OBJECT_STORES = frozenset(
+    {"abfs", "abfss", "adl", "az", "gcs", "gs", "memory", "oss", "r2", "s3", "s3a"}
+)
+_BLOCK = 1 << 20
+_MOST_COMPANIONS = 256
+# What a file names beside it: material libraries and textures, buffers and images.
+_NAMED: dict[str, re.Pattern[bytes]] = {
+    ".obj": re.compile(rb"^\s*mtllib\s+(.+?)\s*$", re.MULTILINE),
+    ".mtl": re.compile(rb"^\s*(?:map_\w+|bump|disp|decal|refl|norm)\s+(.+?)\s*$", re.MULTILINE),
+    ".gltf": re.compile(rb'"uri"\s*:\s*"([^"]+)"'),
+}
+
+
+def is_url(source: str | os.PathLike[str]) -> bool:
+    """Return whether the source is a URL such as ``s3://bucket/scan.bin``.
+
+    Addresses of sources (``kitti:``, ``sim:``) are not: their colon is followed by no slashes.
+    """
+    return isinstance(source, str) and _URL.match(source) is not None
+
+
+def filesystem(url: str) -> tuple[Any, str]:
+    """Return fsspec's file system of a URL, and the path in it.
+
+    Raises
+    ------
+    MissingExtraError
+        fsspec is not installed.
+    InputError
+        fsspec does not know the protocol.
+    Error
+        The package for the protocol is not installed.
+    """
+    try:
+        from fsspec.core import url_to_fs
+    except ImportError:
+        raise MissingExtraError("fsspec", "remote") from None
+    path_of(url, "url")  # no NUL characters, no bytes that are not UTF-8
+    try:
+        # An instance of its own: a transaction belongs to one writer.
+        system, path = url_to_fs(url, skip_instance_cache=True, use_listings_cache=False)
+    except ImportError as error:
+        raise Error(f"{url}: {error}") from error
+    except ValueError as error:
+        raise InputError(f"{url}: {error}") from error
+    return system, str(path)
+
+
+@contextlib.contextmanager
+def local_copy(source: str | os.PathLike[str], *, max_bytes: int | None = None) -> Iterator[Path]:
+    """Yield a local file with the content of ``source``; a local source is yielded as it is.
+
+    The copy has the name of the source, and what the source names beside it (material libraries,
+    textures, buffers) beside it. It is removed when the block ends.
+
+    Parameters
+    ----------
+    source : path or URL
+    max_bytes : int, optional
+        Refuse a remote file that has more.
+
+    Raises
+    ------
+    InputError, MissingExtraError
+        As `filesystem`.
+    FormatError
+        The file has more than ``max_bytes``. One that is raised within the block names the URL.
+    OSError
+        There is no such file, or it cannot be fetched; ``filename`` is the URL.
+    """
+    if not is_url(source):
+        yield path_of(source)
+        return
+    url = str(source)
+    with _temporary_folder(url) as folder:
+        system, remote = filesystem(url)
+        copy = folder / PurePosixPath(remote).name
+        with naming_remote(url):
+            _fetch(system, remote, copy, max_bytes, url)
+            _fetch_companions(system, PurePosixPath(remote).parent, copy, max_bytes, url)
+        yield copy
+
+
+@contextlib.contextmanager
+def local_output(output: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a local path to write to, whose files go to ``output`` when the block ends.
+
+    A local output is yielded as it is. All files of a remote one appear at the end of the block,
+    in one transaction, the named one last; none does if the block raises.
+
+    Raises
+    ------
+    InputError, MissingExtraError
+        As `filesystem`; the file system can only be read.
+    OSError
+        It cannot be written; ``filename`` is the URL.
+    """
+    if not is_url(output):
+        yield path_of(output)
+        return
+    url = str(output)
+    with _temporary_folder(url) as folder:
+        system, remote = filesystem(url)
+        local = folder / PurePosixPath(remote).name
+        yield local
+        files = sorted(path for path in folder.rglob("*") if path.is_file() and path != local)
+        files += [local] if local.is_file() else []
+        place = PurePosixPath(remote).parent
+        with naming_remote(url):
+            _send(system, {str(place / path.relative_to(folder)): path for path in files})
+
+
+@contextlib.contextmanager
+def _temporary_folder(url: str) -> Iterator[Path]:
+    """A folder; errors that name a file in it name the one beside ``url`` instead."""
+    with tempfile.TemporaryDirectory(prefix="manip3d-") as name:
+        ours, theirs = f"{name}{os.sep}", url.rpartition("/")[0] + "/"
+        try:
+            yield Path(name)
+        except OSError as error:
+            if isinstance(error.filename, str) and error.filename.startswith(ours):
+                error.filename = theirs + error.filename.removeprefix(ours)
+            raise
+        except Error as error:
+            if isinstance(error, FormatError):
+                error.file = error.file.replace(ours, theirs)
+            error.args = tuple(a.replace(ours, theirs) if isinstance(a, str) else a
+                               for a in error.args)  # fmt: skip
+            raise
+
+
+@contextlib.contextmanager
+def naming_remote(url: str) -> Iterator[None]:
+    """Turn whatever a remote file system raises into an OSError that names the URL."""
+    try:
+        yield
+    except Error:
+        raise
+    except NotImplementedError as error:
+        raise InputError(f"{url}: expected files that can be written, got {error}") from error
+    except OSError as error:
+        kind = next((code for kind, code in _CODES.items() if isinstance(error, kind)), errno.EIO)
+        code = error.errno or kind
+        raise OSError(code, error.strerror or os.strerror(code), url) from error
+    except Exception as error:  # each has errors of its own: missing credentials, a lost network
+        raise OSError(errno.EIO, f"{type(error).__name__}: {error}", url) from error
+
+
+def _fetch(system: Any, remote: str, local: Path, max_bytes: int | None, url: str) -> None:
+    num_bytes = 0
+    with system.open(remote, "rb") as source, local.open("wb") as copy:
+        while block := source.read(_BLOCK):
+            num_bytes += len(block)
+            if max_bytes is not None and num_bytes > max_bytes:
+                raise FormatError(f"more than max_bytes = {max_bytes}", file=url)
+            copy.write(block)
+
+
+def _fetch_companions(
+    system: Any, place: PurePosixPath, copy: Path, max_bytes: int | None, url: str
+) -> None:
+    """Fetch what the copy names beside it; readers warn of what is not there."""
+    waiting, seen = [copy], {copy}
+    while waiting:
+        for name in _companions(waiting.pop()):
+            local = copy.parent / name
+            if local in seen or len(seen) > _MOST_COMPANIONS:
+                continue
+            seen.add(local)
+            local.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                _fetch(system, str(place / name), local, max_bytes, url)
+            except FileNotFoundError:
+                continue
+            waiting.append(local)
+
+
+def _companions(path: Path) -> Iterator[PurePosixPath]:
+    """The files that a file names, as far as they lie below its folder."""
+    suffix = path.suffix.lower()
+    if suffix == ".3d":
+        yield PurePosixPath(path.with_suffix(".pose").name)
+    if suffix not in _NAMED:
+        return
+    for found in _NAMED[suffix].finditer(path.read_bytes()):
+        text = found[1].decode("utf-8", "replace").replace("\\", "/")
+        options = [text.rpartition(" ")[2]] if suffix == ".mtl" else []  # -bm 0.5 image.png
+        for name in [text, *options]:
+            plain = urllib.parse.unquote(name) if suffix == ".gltf" else name
+            relative = PurePosixPath(plain)
+            is_below = not relative.is_absolute() and ".." not in relative.parts
+            if is_below and ":" not in plain and "\0" not in plain and relative.name:
+                yield relative
+
+
+def _send(system: Any, files: dict[str, Path]) -> None:
+    """Write files in one transaction: what the file system can do to have all or none."""
+    if not files:
+        return
+    protocols = {system.protocol} if isinstance(system.protocol, str) else set(system.protocol)
+    if not protocols & _OBJECT_STORES:
+        for folder in {str(PurePosixPath(remote).parent) for remote in files}:
+            system.makedirs(folder, exist_ok=True)
+    with system.transaction:
+        for remote, local in files.items():
+            with local.open("rb") as content, system.open(remote, "wb") as target:
+                shutil.copyfileobj(content, target, _BLOCK)
