@@ -140,6 +140,9 @@ KERNELS: dict[str, Kernel] = {
     "metrics.nearest_distances": lambda t: metrics.nearest_distances(cloud, threads=t),
     "metrics.compare": lambda t: metrics.compare(hill, coarse, threads=t),
     "metrics.metro": lambda t: metrics.metro(hill, coarse, threads=t),
+    "metrics.hausdorff_bound": lambda t: metrics.hausdorff_bound(
+        hill, coarse, tolerance=1e-2, threads=t
+    ),
     "metrics.fmpd": lambda t: metrics.fmpd(hill, coarse, threads=t),
 }
 

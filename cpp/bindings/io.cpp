@@ -1,5 +1,8 @@
+#include <pybind11/stl.h>
+
 #include <cstddef>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -72,11 +75,19 @@ void bind_io(py::module_& m) {
       py::arg("data"), py::arg("suffix"), py::arg("max_bytes"));
   m.def(
       "write_mesh",
-      [](const py::object& mesh, const py::bytes& path, const py::bytes& texture_folder) {
+      [](const py::object& mesh, const py::bytes& path, const py::bytes& texture_folder,
+         std::int64_t max_vertices, const py::list& coarser, const std::vector<double>& coverages) {
         const BorrowedMesh borrowed(mesh);
+        std::vector<std::unique_ptr<BorrowedMesh>> levels;
         const std::vector<Material> materials = materials_of(mesh);
         const auto file = to_path(path, "path");
-        const WriteOptions options{to_path(texture_folder, "texture_folder")};
+        WriteOptions options{
+            to_path(texture_folder, "texture_folder"), max_vertices, {}, coverages};
+        for (const py::handle level : coarser) {
+          levels.push_back(
+              std::make_unique<BorrowedMesh>(py::reinterpret_borrow<py::object>(level)));
+          options.coarser.push_back(levels.back()->view());
+        }
         std::vector<std::string> warnings;
         {
           const py::gil_scoped_release nogil;
@@ -84,7 +95,8 @@ void bind_io(py::module_& m) {
         }
         return to_list(warnings);
       },
-      py::arg("mesh"), py::arg("path"), py::arg("texture_folder"));
+      py::arg("mesh"), py::arg("path"), py::arg("texture_folder"), py::arg("max_vertices"),
+      py::arg("coarser"), py::arg("coverages"));
   m.def(
       "read_range_grid",
       [](const py::bytes& path, std::uint64_t max_bytes) {

@@ -4,6 +4,7 @@
 #include "manip3d/geometry/bvh.hpp"
 #include "manip3d/metrics/boundary_gap.hpp"
 #include "manip3d/metrics/fmpd.hpp"
+#include "manip3d/metrics/hausdorff.hpp"
 #include "manip3d/metrics/metro.hpp"
 #include "manip3d/metrics/texture_error.hpp"
 #include "mesh.hpp"
@@ -58,6 +59,23 @@ void bind_metrics(py::module_& m) {
       },
       py::arg("original"), py::arg("simplified"), py::arg("area"), py::arg("samples"),
       py::arg("seed"), py::arg("threads"), py::arg("progress"));
+  m.def(
+      "hausdorff_bound",
+      [](const py::object& original, const py::object& simplified, double tolerance, int threads,
+         const py::object& progress) {
+        const BorrowedMesh a(original);
+        const BorrowedMesh b(simplified);
+        const Progress report = interruptible(progress);
+        HausdorffResult r;
+        {
+          const py::gil_scoped_release nogil;
+          r = hausdorff_bound(a.view(), b.view(), {tolerance, threads}, report);
+        }
+        return py::make_tuple(std::pair(r.forward.lower, r.forward.upper),
+                              std::pair(r.backward.lower, r.backward.upper), r.diagonal);
+      },
+      py::arg("original"), py::arg("simplified"), py::arg("tolerance"), py::arg("threads"),
+      py::arg("progress"));
   m.def(
       "texture_error",
       [](const py::object& original, const py::object& simplified, std::int64_t samples,

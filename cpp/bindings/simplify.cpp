@@ -3,6 +3,7 @@
 
 #include "interruptible.hpp"
 #include "manip3d/simplify/clean.hpp"
+#include "manip3d/simplify/collapse_record.hpp"
 #include "manip3d/simplify/qem.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
@@ -75,6 +76,7 @@ Fields to_fields(QemResult&& r, const py::object& source) {
   result["collapses"] = to_numpy(std::move(collapses.vertices));
   result["collapse_errors"] = to_numpy(std::move(collapses.errors));
   result["max_error"] = r.max_error;
+  result["distance_bound"] = r.distance_bound;
   result["stop"] = r.stop;
   result["message"] = r.message;
   result["rejected"] = rejected;
@@ -110,12 +112,14 @@ void bind_options(py::module_& m) {
   py::enum_<CollapseStop>(m, "CollapseStop")
       .value("TARGET_REACHED", CollapseStop::kTargetReached)
       .value("ERROR_LIMIT", CollapseStop::kErrorLimit)
+      .value("DISTANCE_LIMIT", CollapseStop::kDistanceLimit)
       .value("NO_LEGAL_COLLAPSE", CollapseStop::kNoLegalCollapse)
       .value("REFUSED", CollapseStop::kRefused);
   py::class_<QemOptions>(m, "QemOptions")
       .def(py::init<>())
       .def_readwrite("target_faces", &QemOptions::target_faces)
       .def_readwrite("max_error", &QemOptions::max_error)
+      .def_readwrite("max_distance", &QemOptions::max_distance)
       .def_readwrite("boundary", &QemOptions::boundary)
       .def_readwrite("boundary_weight", &QemOptions::boundary_weight)
       .def_readwrite("curvature", &QemOptions::curvature)
@@ -141,6 +145,23 @@ void bind_qem(py::module_& m) {
         return to_fields(std::move(result), mesh);
       },
       py::arg("mesh"), py::arg("options"), py::arg("progress") = py::none());
+  m.def(
+      "faces_left",
+      [](const py::object& mesh, const CArray<std::int32_t>& collapses) {
+        const BorrowedMesh borrowed(mesh);
+        const auto vertices = rows<Rows<std::int32_t, 2>>(collapses, "collapses");
+        std::vector<std::pair<std::int32_t, std::int32_t>> record;
+        for (Eigen::Index i = 0; i < vertices.rows(); ++i) {
+          record.emplace_back(vertices(i, 0), vertices(i, 1));
+        }
+        std::vector<std::int64_t> left;
+        {
+          const py::gil_scoped_release nogil;
+          left = faces_left(borrowed.view(), record);
+        }
+        return to_numpy(std::move(left));
+      },
+      py::arg("mesh"), py::arg("collapses").noconvert());
   m.def(
       "replay_collapses",
       [](const py::object& mesh, const QemOptions& options, const CArray<std::int32_t>& collapses,

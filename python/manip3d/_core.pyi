@@ -72,10 +72,12 @@ __all__: list[str] = [
     "density_levels",
     "estimate_scan_grid",
     "estimate_scan_origin",
+    "faces_left",
     "fmpd",
     "generic_consistency",
     "grid_delaunay",
     "grid_mesh",
+    "hausdorff_bound",
     "insert_occluding",
     "is_posable",
     "joint_names",
@@ -746,11 +748,14 @@ class CollapseStop:
 
       ERROR_LIMIT
 
+      DISTANCE_LIMIT
+
       NO_LEGAL_COLLAPSE
 
       REFUSED
     """
 
+    DISTANCE_LIMIT: typing.ClassVar[CollapseStop]
     ERROR_LIMIT: typing.ClassVar[CollapseStop]
     NO_LEGAL_COLLAPSE: typing.ClassVar[CollapseStop]
     REFUSED: typing.ClassVar[CollapseStop]
@@ -788,6 +793,10 @@ class QemOptions:
     def boundary_weight(self) -> float: ...
     @boundary_weight.setter
     def boundary_weight(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def max_distance(self) -> float: ...
+    @max_distance.setter
+    def max_distance(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def max_error(self) -> float: ...
     @max_error.setter
@@ -1368,6 +1377,7 @@ def estimate_scan_origin(
     known: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"] | None,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> tuple[bool, tuple[float, float, float], int, float, float, float, float, float]: ...
+def faces_left(mesh: typing.Any, collapses: numpy.typing.NDArray[numpy.int32]) -> numpy.ndarray: ...
 def fmpd(
     original: typing.Any,
     simplified: typing.Any,
@@ -1394,6 +1404,13 @@ def grid_mesh(
     registration: typing.Any,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> dict[str, typing.Any]: ...
+def hausdorff_bound(
+    original: typing.Any,
+    simplified: typing.Any,
+    tolerance: typing.SupportsFloat | typing.SupportsIndex,
+    threads: typing.SupportsInt | typing.SupportsIndex,
+    progress: typing.Any,
+) -> tuple[tuple[float, float], tuple[float, float], float]: ...
 def insert_occluding(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],
@@ -1690,7 +1707,14 @@ def unproject_pixels(
 ) -> numpy.ndarray: ...
 def welded_boundary(mesh: typing.Any) -> numpy.ndarray: ...
 def writable_suffixes() -> list[typing.Any]: ...
-def write_mesh(mesh: typing.Any, path: bytes, texture_folder: bytes) -> list[typing.Any]: ...
+def write_mesh(
+    mesh: typing.Any,
+    path: bytes,
+    texture_folder: bytes,
+    max_vertices: typing.SupportsInt | typing.SupportsIndex,
+    coarser: list[typing.Any],
+    coverages: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+) -> list[typing.Any]: ...
 def write_points(
     path: bytes,
     fields: list[typing.Any],

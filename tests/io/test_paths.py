@@ -130,7 +130,7 @@ def test_methods_refuse_a_nul(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         lambda: forged.write("a.bin\0.bin"),
         lambda: lattice.load(NUL),
         lambda: io.texture_path(mesh.replace(source="a.obj"), Texture("a.png\0.png")),
-        lambda: _core.write_mesh(mesh, b"a.off\0.off", b""),
+        lambda: _core.write_mesh(mesh, b"a.off\0.off", b"", 0, [], []),
         lambda: _core.make_temporary_folder(b"a\0b"),
     ]
     for call in calls:

@@ -7,6 +7,8 @@
 #include <cstring>
 #include <limits>
 #include <map>
+#include <numeric>
+#include <string>
 #include <tuple>
 #include <utility>
 
@@ -64,13 +66,14 @@ std::vector<Group> group_faces(const MeshView& mesh, std::size_t num_materials) 
   return groups;
 }
 
-/// sRGB to linear light (IEC 61966-2-1) in 16 bits: enough to come back as the same byte.
-std::array<std::uint16_t, 256> linear_light() {
-  std::array<std::uint16_t, 256> table{};
+/// sRGB to linear light (IEC 61966-2-1), in steps of 1 / 65535: enough to come back as the same
+/// byte, and coarse enough to be the same number with every libm.
+std::array<float, 256> linear_light() {
+  std::array<float, 256> table{};
   for (std::size_t i = 0; i < table.size(); ++i) {
     const double y = static_cast<double>(i) / 255.0;
     const double x = y <= 0.04045 ? y / 12.92 : std::pow((y + 0.055) / 1.055, 2.4);
-    table[i] = static_cast<std::uint16_t>(std::lround(65535.0 * x));
+    table[i] = static_cast<float>(static_cast<double>(std::lround(65535.0 * x)) / 65535.0);
   }
   return table;
 }
@@ -103,43 +106,74 @@ Eigen::Vector3d origin_for_float32(const MeshView& mesh) {
 class SceneBuilder {
  public:
   SceneBuilder(const MeshView& mesh, const std::vector<Material>& materials,
-               const GltfTextureReader& read_texture, std::vector<std::string>& warnings)
-      : mesh_(mesh), materials_(materials), read_texture_(read_texture), warnings_(warnings) {}
+               const GltfTextureReader& read_texture, std::vector<std::string>& warnings,
+               const WriteOptions& options)
+      : materials_(materials),
+        read_texture_(read_texture),
+        warnings_(warnings),
+        options_(options),
+        origin_(origin_of(mesh)) {
+    levels_.push_back(&mesh);
+    for (const MeshView& level : options.coarser) levels_.push_back(&level);
+  }
 
   GltfScene build() {
-    check_mesh(mesh_);
-    if (mesh_.num_faces() == 0) throw InputError("mesh: glTF cannot hold a mesh without faces");
+    if (options_.max_vertices != 0 && options_.max_vertices < 3) {
+      throw InputError("max_vertices: expected at least 3, got " +
+                       std::to_string(options_.max_vertices));
+    }
     scene_.json["asset"] = {{"version", "2.0"}, {"generator", "manip3d " MANIP3D_VERSION}};
+    if (levels_.size() > 1) scene_.json["extensionsUsed"] = {"MSFT_lod"};
     scene_.json["scene"] = 0;
     scene_.json["scenes"] = Json::array({{{"nodes", {0}}}});
-    write_node();
+    for (std::size_t level = 0; level < levels_.size(); ++level) write_node(level);
     for (const Material& material : materials_) write_material(material);
-    Json primitives = Json::array();
-    chains_.assign(mesh_.num_vertices(), -1);
-    for (const Group& group : group_faces(mesh_, materials_.size())) {
-      primitives.push_back(write_primitive(group));
-    }
-    scene_.json["meshes"] = Json::array({{{"primitives", std::move(primitives)}}});
+    for (const MeshView* level : levels_) write_mesh(*level);
     return std::move(scene_);
   }
 
  private:
-  void write_node() {
-    origin_ = origin_for_float32(mesh_);
-    Json node = {{"mesh", 0}};
+  static Eigen::Vector3d origin_of(const MeshView& mesh) {
+    check_mesh(mesh);
+    return origin_for_float32(mesh);
+  }
+
+  void write_node(std::size_t level) {
+    Json node = {{"mesh", level}};
     if (!origin_.isZero(0.0)) node["translation"] = {origin_.x(), origin_.y(), origin_.z()};
-    scene_.json["nodes"] = Json::array({std::move(node)});
+    if (level == 0 && levels_.size() > 1) {
+      std::vector<std::size_t> ids(levels_.size() - 1);
+      std::iota(ids.begin(), ids.end(), std::size_t{1});
+      node["extensions"] = {{"MSFT_lod", {{"ids", ids}}}};
+      node["extras"] = {{"MSFT_screencoverage", options_.coverages}};
+    }
+    scene_.json["nodes"].push_back(std::move(node));
+  }
+
+  void write_mesh(const MeshView& mesh) {
+    check_mesh(mesh);
+    if (mesh.num_faces() == 0) throw InputError("mesh: glTF cannot hold a mesh without faces");
+    mesh_ = &mesh;
+    chains_.assign(mesh.num_vertices(), -1);
+    Json primitives = Json::array();
+    for (const Group& group : group_faces(mesh, materials_.size())) {
+      for (std::size_t face = 0; face < group.faces.size();) {
+        primitives.push_back(write_primitive(group, face));
+      }
+    }
+    scene_.json["meshes"].push_back({{"primitives", std::move(primitives)}});
   }
 
   // --- Primitives ------------------------------------------------------------------------
 
-  Json write_primitive(const Group& group) {
-    const std::vector<std::uint32_t> indices = split_vertices(group);
+  /// The faces of a group from `face` on, as many as the limit of vertices allows.
+  Json write_primitive(const Group& group, std::size_t& face) {
+    const std::vector<std::uint32_t> indices = split_vertices(group, face);
     Json attributes;
     attributes["POSITION"] = write_positions();
     if (group.has_normals) attributes["NORMAL"] = write_normals();
     if (group.has_texcoords) attributes["TEXCOORD_0"] = write_texcoords();
-    if (mesh_.colors.rows() > 0) attributes["COLOR_0"] = write_colors();
+    if (mesh_->colors.rows() > 0) attributes["COLOR_0"] = write_colors();
     Json primitive = {{"attributes", std::move(attributes)}, {"indices", write_indices(indices)}};
     if (group.material >= 0) {
       primitive["material"] = group.has_texcoords ? group.material : untextured(group.material);
@@ -147,16 +181,20 @@ class SceneBuilder {
     return primitive;
   }
 
-  /// Fills `splits_`; the indices of the group's corners into it.
-  std::vector<std::uint32_t> split_vertices(const Group& group) {
+  /// Fills `splits_`; the indices of the corners into it.
+  std::vector<std::uint32_t> split_vertices(const Group& group, std::size_t& face) {
     splits_.clear();
+    const std::size_t most = options_.max_vertices > 0
+                                 ? static_cast<std::size_t>(options_.max_vertices)
+                                 : std::numeric_limits<std::size_t>::max();
     std::vector<std::uint32_t> indices;
-    indices.reserve(3 * group.faces.size());
-    for (const std::int32_t f : group.faces) {
+    indices.reserve(3 * (group.faces.size() - face));
+    for (; face < group.faces.size() && splits_.size() <= most - 3; ++face) {
+      const std::int32_t f = group.faces[face];
       for (int c = 0; c < 3; ++c) {
-        indices.push_back(split_of(mesh_.faces(f, c),
-                                   group.has_texcoords ? mesh_.face_texcoords(f, c) : -1,
-                                   group.has_normals ? mesh_.face_normals(f, c) : -1));
+        indices.push_back(split_of(mesh_->faces(f, c),
+                                   group.has_texcoords ? mesh_->face_texcoords(f, c) : -1,
+                                   group.has_normals ? mesh_->face_normals(f, c) : -1));
       }
     }
     for (const Split& split : splits_) chains_[split.vertex] = -1;
@@ -177,12 +215,11 @@ class SceneBuilder {
   }
 
   std::size_t write_accessor(std::string_view bytes, GltfType type, std::size_t count,
-                             const char* shape, bool normalized = false) {
+                             const char* shape) {
     Json accessor = {{"bufferView", scene_.add_buffer_view(bytes)},
                      {"componentType", static_cast<int>(type)},
                      {"count", count},
                      {"type", shape}};
-    if (normalized) accessor["normalized"] = true;
     scene_.json["accessors"].push_back(std::move(accessor));
     return scene_.json["accessors"].size() - 1;
   }
@@ -195,7 +232,7 @@ class SceneBuilder {
     Eigen::Vector3f high = -low;
     for (const Split& split : splits_) {
       const Eigen::Vector3f p =
-          (mesh_.vertices.row(split.vertex).transpose() - origin_).cast<float>();
+          (mesh_->vertices.row(split.vertex).transpose() - origin_).cast<float>();
       values.insert(values.end(), p.data(), p.data() + 3);
       low = low.cwiseMin(p);
       high = high.cwiseMax(p);
@@ -212,7 +249,7 @@ class SceneBuilder {
     std::vector<float> values;
     values.reserve(3 * splits_.size());
     for (const Split& split : splits_) {
-      const Eigen::Vector3d normal = mesh_.normals.row(split.normal).transpose();
+      const Eigen::Vector3d normal = mesh_->normals.row(split.normal).transpose();
       const Eigen::Vector3f unit = normal.stableNormalized().cast<float>();
       values.insert(values.end(), unit.data(), unit.data() + 3);
     }
@@ -223,22 +260,23 @@ class SceneBuilder {
     std::vector<float> values;
     values.reserve(2 * splits_.size());
     for (const Split& split : splits_) {
-      values.push_back(static_cast<float>(mesh_.texcoords(split.texcoord, 0)));
-      values.push_back(static_cast<float>(1.0 - mesh_.texcoords(split.texcoord, 1)));
+      values.push_back(static_cast<float>(mesh_->texcoords(split.texcoord, 0)));
+      values.push_back(static_cast<float>(1.0 - mesh_->texcoords(split.texcoord, 1)));
     }
     check_float32(values, "texcoords");
     return write_accessor(bytes_of(values), GltfType::kFloat, splits_.size(), "VEC2");
   }
 
+  // Floats: trimesh 5 takes 16 bits modulo 256, and 8 bits of linear light hold 183 of the 256 sRGB
+  // values.
   std::size_t write_colors() {
-    static const std::array<std::uint16_t, 256> kLinear = linear_light();
-    std::vector<std::uint16_t> values;  // RGBA: three would not be 4-byte aligned
-    values.reserve(4 * splits_.size());
+    static const std::array<float, 256> kLinear = linear_light();
+    std::vector<float> values;
+    values.reserve(3 * splits_.size());
     for (const Split& split : splits_) {
-      for (int c = 0; c < 3; ++c) values.push_back(kLinear[mesh_.colors(split.vertex, c)]);
-      values.push_back(std::numeric_limits<std::uint16_t>::max());
+      for (int c = 0; c < 3; ++c) values.push_back(kLinear[mesh_->colors(split.vertex, c)]);
     }
-    return write_accessor(bytes_of(values), GltfType::kUnsignedShort, splits_.size(), "VEC4", true);
+    return write_accessor(bytes_of(values), GltfType::kFloat, splits_.size(), "VEC3");
   }
 
   std::size_t write_indices(const std::vector<std::uint32_t>& indices) {
@@ -322,12 +360,14 @@ class SceneBuilder {
     return nullptr;
   }
 
-  const MeshView& mesh_;
+  std::vector<const MeshView*> levels_;
+  const MeshView* mesh_ = nullptr;  ///< The level that is being written.
   const std::vector<Material>& materials_;
   const GltfTextureReader& read_texture_;
   std::vector<std::string>& warnings_;
+  const WriteOptions& options_;
+  Eigen::Vector3d origin_;
   GltfScene scene_;
-  Eigen::Vector3d origin_ = Eigen::Vector3d::Zero();
   std::vector<Split> splits_;
   std::vector<std::int32_t> chains_;  ///< Per vertex of the mesh: its latest split, or -1.
   std::map<std::int32_t, std::size_t> untextured_;
@@ -344,8 +384,9 @@ std::size_t GltfScene::add_buffer_view(std::string_view bytes) {
 }
 
 GltfScene build_gltf(const MeshView& mesh, const std::vector<Material>& materials,
-                     const GltfTextureReader& read_texture, std::vector<std::string>& warnings) {
-  return SceneBuilder(mesh, materials, read_texture, warnings).build();
+                     const GltfTextureReader& read_texture, std::vector<std::string>& warnings,
+                     const WriteOptions& options) {
+  return SceneBuilder(mesh, materials, read_texture, warnings, options).build();
 }
 
 }  // namespace manip3d

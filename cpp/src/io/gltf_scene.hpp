@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "manip3d/geometry/mesh.hpp"
+#include "manip3d/io/mesh_file.hpp"
 
 namespace manip3d {
 
@@ -39,10 +40,11 @@ using GltfTextureReader = std::function<std::string(const Texture& texture)>;
 /// stored around the centre and the node moves them back. Materials are double-sided: other
 /// formats know no sides. A textured material of faces without UV is written a second time without
 /// its textures, because glTF forbids the pair; its `extras` name the first, so that parse_gltf
-/// makes one of the two again.
+/// makes one of the two again. Coarser levels are further nodes, named by the first (MSFT_lod).
 /// @throws InputError  no faces, material index out of range, values beyond float32.
 GltfScene build_gltf(const MeshView& mesh, const std::vector<Material>& materials,
-                     const GltfTextureReader& read_texture, std::vector<std::string>& warnings);
+                     const GltfTextureReader& read_texture, std::vector<std::string>& warnings,
+                     const WriteOptions& options = {});
 
 /// Puts the images into the buffer and gives all bytes of a GLB file that precede the buffer.
 /// @throws InputError  more than 4 GiB.

@@ -47,7 +47,7 @@ void write_in_pieces(Output& output, std::string_view bytes) {
 GltfScene build(const WriteJob& job, CompanionFiles& files) {
   return build_gltf(
       job.mesh, job.materials, [&](const Texture& texture) { return files.image(texture); },
-      job.warnings);
+      job.warnings, job.options);
 }
 
 std::string image_name(const GltfImage& image, const std::string& stem, std::size_t index) {

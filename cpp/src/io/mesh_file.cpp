@@ -158,6 +158,11 @@ std::vector<std::string> write_mesh(const fs::path& path, const MeshView& mesh,
   if (entry == nullptr || entry->write == nullptr) {
     throw InputError("path: expected one of " + known_suffixes() + ", got '" + path.string() + "'");
   }
+  const bool is_gltf = entry->format == MeshFormat::kGltf || entry->format == MeshFormat::kGlb;
+  if (!is_gltf && (options.max_vertices != 0 || !options.coarser.empty())) {
+    throw InputError("path: levels of detail and parts of limited size need .glb or .gltf, got '" +
+                     path.string() + "'");
+  }
   std::vector<std::string> warnings;
   Output output(path, compression_of(path), progress);
   entry->write(output, {mesh, materials, options, path, warnings});

@@ -293,6 +293,7 @@ class PlyReader {
     }
     builder_.reserve_faces(sure);
     const bool has_texnumber = e.has(kTexnumber);
+    const bool has_flag = e.has(kHasTexcoord);
     has_material_index_ = e.has(kMaterial);
     for (std::int64_t i = 0; i < e.count; ++i) {
       row.read(e);
@@ -300,7 +301,7 @@ class PlyReader {
       for (const double value : row.indices) {
         corners_.push_back(corner_of(row.index(value, "vertex_indices")));
       }
-      set_texcoords(row);
+      if (!has_flag || row.scalars[kHasTexcoord] != 0.0) set_texcoords(row);
       const std::int32_t texture = has_texnumber ? number(row, kTexnumber) : MeshBuilder::kNone;
       std::int32_t material = texture;
       if (has_material_index_) {
@@ -321,7 +322,8 @@ class PlyReader {
     return index;
   }
 
-  // MeshLab's convention: u, v of each corner; an empty list means none.
+  // MeshLab's convention: u, v of each corner; an empty list means none, and so does our property
+  // has_texcoord where it is 0.
   void set_texcoords(const RowReader& row) {
     if (row.texcoord.empty()) return;
     if (row.texcoord.size() != 2 * corners_.size()) {
@@ -478,6 +480,13 @@ Vertices vertex_normals(const MeshView& mesh, std::vector<std::string>& warnings
   return normals;
 }
 
+bool lacks_texcoords(const MeshView& mesh) {
+  for (Eigen::Index f = 0; f < mesh.faces.rows(); ++f) {
+    if (!mesh.face_has_texcoords(f)) return true;
+  }
+  return false;
+}
+
 class PlyWriter {
  public:
   PlyWriter(Output& out, const WriteJob& job)
@@ -485,7 +494,8 @@ class PlyWriter {
         job_(job),
         mesh_(job.mesh),
         normals_(vertex_normals(mesh_, job.warnings)),
-        wide_positions_(!fits_float(mesh_.vertices)) {}
+        wide_positions_(!fits_float(mesh_.vertices)),
+        some_lack_texcoords_(mesh_.has_texcoords() && lacks_texcoords(mesh_)) {}
 
   void write() {
     find_textures();
@@ -530,6 +540,7 @@ class PlyWriter {
       // 32 bits: MeshLab overlooks a list of doubles.
       out_.text("property list uchar float texcoord\n");
     }
+    if (some_lack_texcoords_) out_.text("property uchar has_texcoord\n");
     if (!texture_names_.empty()) out_.text("property int texnumber\n");
     if (mesh_.has_materials()) out_.text("property int material_index\n");
     out_.text("end_header\n");
@@ -553,6 +564,7 @@ class PlyWriter {
     out_.binary(std::uint8_t{3});
     for (int c = 0; c < 3; ++c) out_.binary(mesh_.faces(f, c));
     if (mesh_.has_texcoords()) write_texcoords(f);
+    if (some_lack_texcoords_) out_.binary(std::uint8_t{mesh_.face_has_texcoords(f)});
     const std::int32_t material = mesh_.has_materials() ? mesh_.face_material[f] : -1;
     if (!texture_names_.empty()) {
       const auto index = static_cast<std::size_t>(material);
@@ -562,12 +574,13 @@ class PlyWriter {
     if (mesh_.has_materials()) out_.binary(material);
   }
 
+  // Lists of one length: readers in use (trimesh, VTK) refuse or garble a face list of several.
   void write_texcoords(Eigen::Index f) {
     const bool has = mesh_.face_has_texcoords(f);
-    out_.binary(static_cast<std::uint8_t>(has ? 6 : 0));
-    for (int c = 0; has && c < 3; ++c) {
+    out_.binary(std::uint8_t{6});
+    for (int c = 0; c < 3; ++c) {
       for (int k = 0; k < 2; ++k) {
-        real(mesh_.texcoords(mesh_.face_texcoords(f, c), k), false);
+        real(has ? mesh_.texcoords(mesh_.face_texcoords(f, c), k) : 0.0, false);
       }
     }
   }
@@ -577,6 +590,7 @@ class PlyWriter {
   const MeshView& mesh_;
   Vertices normals_;
   bool wide_positions_;
+  bool some_lack_texcoords_;
   std::vector<std::string> texture_names_;
   std::vector<std::int32_t> texture_of_material_;
 };

@@ -46,11 +46,9 @@ constexpr RoleName kVertexRoles[] = {{"x", kX},
                                      {"texture_v", kT},
                                      {"texture_s", kS},
                                      {"texture_t", kT}};
-constexpr RoleName kFaceRoles[] = {{"vertex_indices", kIndices},
-                                   {"vertex_index", kIndices},
-                                   {"texcoord", kTexcoord},
-                                   {"texnumber", kTexnumber},
-                                   {"material_index", kMaterial}};
+constexpr RoleName kFaceRoles[] = {{"vertex_indices", kIndices},  {"vertex_index", kIndices},
+                                   {"texcoord", kTexcoord},       {"texnumber", kTexnumber},
+                                   {"material_index", kMaterial}, {"has_texcoord", kHasTexcoord}};
 
 class HeaderReader {
  public:

@@ -33,7 +33,8 @@ enum Role : std::uint8_t {
   kS,
   kT,  // of a vertex
   kTexnumber,
-  kMaterial,  // of a face
+  kMaterial,
+  kHasTexcoord,  // of a face
   kNumScalars,
   kIndices,
   kTexcoord,  // lists

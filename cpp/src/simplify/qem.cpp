@@ -3,12 +3,15 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <optional>
 #include <string>
 
 #include "manip3d/error.hpp"
 #include "simplify/collapse_mesh.hpp"
 #include "simplify/collapse_queue.hpp"
 #include "simplify/constraints.hpp"
+#include "simplify/distance_guard.hpp"
 #include "simplify/legality.hpp"
 #include "simplify/quadric.hpp"
 
@@ -177,7 +180,11 @@ class QemSimplifier {
         quadrics_(mesh_, options),
         legality_(mesh_, options),
         queue_(mesh_.num_vertices()),
-        ring_(mesh_.num_vertices()) {}
+        ring_(mesh_.num_vertices()) {
+    if (options.max_distance < std::numeric_limits<double>::infinity()) {
+      guard_.emplace(input, options.max_distance);
+    }
+  }
 
   QemResult run(const Progress& progress) {
     QemResult result;
@@ -315,8 +322,9 @@ class QemSimplifier {
     const double squared = quadrics_.squared_error(mesh_, v, t);
     if (squared < 0.0) ++result.clamped_costs;
     const double error = mesh_.scale() * std::sqrt(std::max(0.0, squared));
-    const std::optional<Rejection> rejection =
+    std::optional<Rejection> rejection =
         error > options_.max_error ? Rejection::kErrorLimit : legality_.check(v, t, map_);
+    if (!rejection && guard_ && !keeps_distance(v, t)) rejection = Rejection::kDistanceLimit;
     if (rejection) {
       ++result.rejected[static_cast<std::size_t>(*rejection)];
       propose(v, &candidate);
@@ -328,6 +336,35 @@ class QemSimplifier {
     result.max_error = std::max(result.max_error, error);
   }
 
+  /// Asks the guard of max_distance; call after the legality check, which gathers the ring.
+  [[nodiscard]] bool keeps_distance(std::int32_t v, std::int32_t t) {
+    touched_.clear();
+    changed_.clear();
+    around_.clear();
+    const auto has = [&](std::int32_t f, std::int32_t vertex) {
+      const auto& face = mesh_.face(f);
+      return std::find(face.begin(), face.end(), vertex) != face.end();
+    };
+    mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t) {
+      touched_.push_back(f);
+      if (has(f, t)) return;
+      DistanceGuard::Change change{f, {}};
+      for (int k = 0; k < 3; ++k) {
+        const std::int32_t vertex = mesh_.face(f)[k];
+        change.corners[k] = input_.vertices.row(vertex == v ? t : vertex);
+      }
+      changed_.push_back(change);
+    });
+    for (const RingEdge& edge : legality_.ring().edges()) {
+      mesh_.for_each_face(edge.vertex, [&](std::int32_t f, std::int32_t) {
+        if (!has(f, v)) around_.push_back(f);
+      });
+    }
+    std::sort(around_.begin(), around_.end());
+    around_.erase(std::unique(around_.begin(), around_.end()), around_.end());
+    return guard_->allows(touched_, changed_, around_);
+  }
+
   [[nodiscard]] bool leaves_seam(std::int32_t v, std::int32_t t) {
     const Ring& ring = legality_.ring();
     const VertexClass vertex = classify_vertex(mesh_, ring, v);
@@ -337,6 +374,7 @@ class QemSimplifier {
   void collapse(std::int32_t v, std::int32_t t) {
     neighbours_.clear();
     for (const RingEdge& edge : legality_.ring().edges()) neighbours_.push_back(edge.vertex);
+    if (guard_) guard_->commit();
     mesh_.collapse(v, t, map_);
     quadrics_.merge(mesh_, v, t, map_);
     queue_.remove(v);
@@ -351,9 +389,12 @@ class QemSimplifier {
       result.stop = CollapseStop::kTargetReached;
     } else if (result.rejected[static_cast<std::size_t>(Rejection::kErrorLimit)] > 0) {
       result.stop = CollapseStop::kErrorLimit;
+    } else if (result.rejected[static_cast<std::size_t>(Rejection::kDistanceLimit)] > 0) {
+      result.stop = CollapseStop::kDistanceLimit;
     } else {
       result.stop = CollapseStop::kNoLegalCollapse;
     }
+    if (guard_) result.distance_bound = guard_->bound();
     result.dropped_faces = mesh_.num_dropped();
     for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
       if (mesh_.is_isolated(v)) continue;
@@ -381,6 +422,9 @@ class QemSimplifier {
   Ring ring_;
   WedgeMap map_;
   std::vector<std::int32_t> neighbours_;
+  std::optional<DistanceGuard> guard_;  ///< Of max_distance.
+  std::vector<std::int32_t> touched_, around_;
+  std::vector<DistanceGuard::Change> changed_;
   bool may_leave_seams_ = false;
 };
 
@@ -392,6 +436,7 @@ void check_options(const QemOptions& options) {
   check(options.target_faces >= 0, "target_faces", ">= 0",
         static_cast<double>(options.target_faces));
   check(options.max_error >= 0.0, "max_error", ">= 0", options.max_error);
+  check(options.max_distance >= 0.0, "max_distance", ">= 0", options.max_distance);
   check(options.boundary_weight >= 0.0 && std::isfinite(options.boundary_weight), "boundary_weight",
         "a finite number >= 0", options.boundary_weight);
   check(options.seam_weight >= 1.0 && std::isfinite(options.seam_weight), "seam_weight",
@@ -437,6 +482,7 @@ QemResult replay_collapses(const MeshView& mesh, const QemOptions& options,
   check_mesh(mesh);
   QemOptions replayed = options;
   replayed.target_faces = target_faces;
+  replayed.max_distance = std::numeric_limits<double>::infinity();
   check_options(replayed);
   return QemSimplifier(mesh, replayed).replay(collapses);
 }

@@ -23,6 +23,7 @@ from manip3d.cli import (
     forge,
     info,
     inspect,
+    lod,
     phantom,
     report,
     reproduce,
@@ -49,6 +50,7 @@ _SHORT = {
 
 for verb in (
     simplify.simplify,
+    lod.lod,
     depth.depth,
     compare.compare,
     info.info,

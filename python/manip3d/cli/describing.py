@@ -24,7 +24,7 @@ _LABELS = {
 
 def summary(source: str, terminal: Terminal) -> dict[str, Any]:
     """All counts of the mesh, its materials and their textures."""
-    mesh = open_mesh(source, terminal)
+    mesh = open_mesh(source, terminal, may_be_empty=True)
     materials = [
         {"name": m.name, "textures": {role: t.path for role, t in m.textures.items()}}
         for m in mesh.materials

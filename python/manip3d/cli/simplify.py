@@ -36,12 +36,16 @@ class Order:
     faces: int | None
     ratio: float | None
     max_error: float | None
+    max_distance: float | None
     clean: bool
     options: dict[str, Any]
 
     def __post_init__(self) -> None:
-        if self.faces is None and self.ratio is None and self.max_error is None:
-            raise InputError("expected --faces, --ratio or --max-error, got none of them")
+        targets = (self.faces, self.ratio, self.max_error, self.max_distance)
+        if all(target is None for target in targets):
+            raise InputError(
+                "expected --faces, --ratio, --max-error or --max-distance, got none of them"
+            )
 
 
 def simplify_file(
@@ -69,6 +73,7 @@ def simplify_file(
         cleaned,
         target_faces=target,
         max_error=order.max_error,
+        max_distance=order.max_distance,
         progress=progress,
         **order.options,
     )
@@ -78,12 +83,15 @@ def simplify_file(
         "faces_after": result.mesh.num_faces,
         "target_faces": target,
         "max_error": result.max_error,
+        "distance_bound": result.distance_bound,
         "stop": stop,
         "rejected": dict(result.rejected),
         "message": result.message,
         "seconds": round(seconds, 4),
-        "target_missed": stop not in ("target_reached", "error_limit"),
+        "target_missed": stop not in ("target_reached", "error_limit", "distance_limit"),
     }
+    if result.mesh.num_faces == 0:
+        raise InputError(f"{source}: nothing is left of it at this target; {output} is not written")
     if stop != "refused":
         result.mesh.write(output)
     terminal.say(_sentence(record))
@@ -95,11 +103,15 @@ def _sentence(record: dict[str, Any]) -> str:
         return f"refused: {record['message']}"
     removed = record["faces_before"] - record["faces_cleaned"]
     cleaned = f" (cleaning removed {count(removed)})" if removed else ""
+    distance = ""
+    if record["distance_bound"] is not None:
+        distance = f", at most {record['distance_bound']:.3g} from the input"
     missed = f"; target of {counted(record['target_faces'] or 0, 'face')} missed"
     return (
         f"{record['method']}: {counted(record['faces_before'], 'face')}{cleaned} -> "
         f"{count(record['faces_after'])} in {record['seconds']:.2f} s, largest error "
-        f"{record['max_error']:.3g} (units of the file), {record['stop'].replace('_', ' ')}"
+        f"{record['max_error']:.3g}{distance} (units of the file), "
+        f"{record['stop'].replace('_', ' ')}"
         f"{missed if record['target_missed'] else ''}; wrote {record['output']}"
     )
 
@@ -128,7 +140,18 @@ def simplify(
         float | None, typer.Option(help="Stop at this fraction of the faces as read, 0 to 1.")
     ] = None,
     max_error: Annotated[
-        float | None, typer.Option(help="Largest error of a collapse, in the file's units.")
+        float | None,
+        typer.Option(
+            help="Largest quadric error of a collapse, in the file's units; it bounds no distance."
+        ),
+    ] = None,
+    max_distance: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="Largest distance between the surfaces, boundaries included, in the file's units; "
+            "0: only collapses that leave the surface exactly as it is.",
+        ),
     ] = None,
     method: Annotated[
         Method, typer.Option(help="Simplification method of chapter 2.")
@@ -145,13 +168,14 @@ def simplify(
 ) -> None:
     """Reduce the faces of a mesh.
 
-    The mesh is cleaned first. The first target that is reached ends the run: --faces, --ratio or
-    --max-error. Several files are simplified one by one into a folder, in parallel processes.
+    The mesh is cleaned first. The first target that is reached ends the run: --faces, --ratio,
+    --max-error or --max-distance. Several files are simplified one by one into a folder, in
+    parallel processes.
 
     Example: manip3d simplify head.obj -o light.glb --faces 5000
     """
     shell = Terminal(as_json=as_json, quiet=quiet)
-    order = Order(method.value, faces, ratio, max_error, not no_clean, {})
+    order = Order(method.value, faces, ratio, max_error, max_distance, not no_clean, {})
     expect_kind(source, "mesh", verb="simplify")
     check_output(output, WRITABLE, force=force)
     with shell.progress("simplify") as progress:

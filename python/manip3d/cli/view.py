@@ -101,7 +101,7 @@ def _open(source: str, choice: Choice, terminal: Terminal) -> Any:
     if kind == "mesh":
         if choice.frame:
             raise InputError(f"--frame: expected none for a mesh, got {choice.frame}")
-        return open_mesh(source, terminal)
+        return open_mesh(source, terminal, may_be_empty=True)
     opened = viewer.open_thing(
         source,
         frame=choice.frame,

@@ -14,6 +14,8 @@ from manip3d.io._depth_units import (
     guess_depth_unit,
     read_depth_guessing,
 )
+from manip3d.io._images import texture_path
+from manip3d.io._lods import write_lods
 from manip3d.io._mesh_files import (
     READABLE,
     WRITABLE,
@@ -23,7 +25,6 @@ from manip3d.io._mesh_files import (
     read_mesh_bytes,
     read_range_grid,
     read_report,
-    texture_path,
     write_mesh,
 )
 from manip3d.io._remote import is_url, local_copy, local_output
@@ -53,6 +54,7 @@ __all__ = [
     "read_scan",
     "read_scans",
     "texture_path",
+    "write_lods",
     "write_mesh",
     "write_scan",
     "write_scans",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import io
 import tempfile
 from collections.abc import Iterator
@@ -12,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from manip3d.errors import InputError, MissingExtraError
+from manip3d.errors import InputError
+from manip3d.io._images import image_bytes, require, with_common_images
 from manip3d.mesh import AlphaMode, Material, Mesh, Texture
 
 if TYPE_CHECKING:
@@ -26,13 +26,6 @@ _ROLES = {
     "emissive": "emissiveTexture",
 }
 _ALPHA_MODES: dict[str, AlphaMode] = {"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}
-
-
-def _require(package: str, extra: str, distribution: str | None = None) -> Any:
-    try:
-        return importlib.import_module(package)
-    except ImportError as error:
-        raise MissingExtraError(distribution or package, extra) from error
 
 
 # --- What both need ---------------------------------------------------------------------------
@@ -61,22 +54,12 @@ def _texture_table(
     return texcoords, face_texcoords
 
 
-def _image_bytes(mesh: Mesh, texture: Texture) -> bytes | None:
-    """Content of an image file, or ``None`` where it is not to be found."""
-    if texture.data is not None:
-        return texture.data
-    from manip3d.io import texture_path
-
-    path = texture_path(mesh, texture)
-    return None if path is None else path.read_bytes()
-
-
 # --- Open3D -----------------------------------------------------------------------------------
 
 
 def to_open3d(mesh: Mesh) -> Any:
     """See `Mesh.to_open3d`."""
-    o3d = _require("open3d", "simulate")
+    o3d = require("open3d", "simulate")
     result = o3d.geometry.TriangleMesh(
         o3d.utility.Vector3dVector(mesh.vertices), o3d.utility.Vector3iVector(mesh.faces)
     )
@@ -91,6 +74,7 @@ def to_open3d(mesh: Mesh) -> Any:
     normals = _vertex_normals(mesh)
     if normals is not None:
         result.vertex_normals = o3d.utility.Vector3dVector(normals)
+    mesh = with_common_images(mesh)
     images = [_open3d_image(o3d, mesh, material) for material in mesh.materials]
     if any(not image.is_empty() for image in images):
         result.textures = images
@@ -99,7 +83,7 @@ def to_open3d(mesh: Mesh) -> Any:
 
 def _open3d_image(o3d: Any, mesh: Mesh, material: Material) -> Any:
     texture = material.textures.get("base_color")
-    data = None if texture is None else _image_bytes(mesh, texture)
+    data = None if texture is None else image_bytes(mesh, texture)
     if data is None:
         return o3d.geometry.Image()
     with tempfile.TemporaryDirectory() as folder:
@@ -157,7 +141,7 @@ def _open3d_materials(source: Any, face_material: NDArray[np.int32] | None) -> l
 
 
 def _open3d_png(image: Any) -> bytes:
-    o3d = _require("open3d", "simulate")
+    o3d = require("open3d", "simulate")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "image.png"
         if not o3d.io.write_image(str(path), image.flip_vertical()):
@@ -200,7 +184,7 @@ def _parts(mesh: Mesh) -> Iterator[_Part]:
 
 def to_trimesh(mesh: Mesh, *, geometry_only: bool = False) -> Any:
     """See `Mesh.to_trimesh`."""
-    trimesh = _require("trimesh", "io")
+    trimesh = require("trimesh", "io")
     if geometry_only:
         return trimesh.Trimesh(
             vertices=mesh.vertices,
@@ -255,9 +239,9 @@ def _trimesh_part(
 def _trimesh_material(trimesh: Any, mesh: Mesh, material: Material) -> Any:
     images = {}
     for role, texture in material.textures.items():
-        data = _image_bytes(mesh, texture)
+        data = image_bytes(mesh, texture)
         if data is not None:
-            image = _require("PIL.Image", "io", "pillow").open(io.BytesIO(data))
+            image = require("PIL.Image", "io", "pillow").open(io.BytesIO(data))
             image.load()
             images[_ROLES[role]] = image
     return trimesh.visual.material.PBRMaterial(
@@ -274,7 +258,7 @@ def _trimesh_material(trimesh: Any, mesh: Mesh, material: Material) -> Any:
 
 def from_trimesh(source: Any) -> Mesh:
     """See `Mesh.from_trimesh`."""
-    trimesh = _require("trimesh", "io")
+    trimesh = require("trimesh", "io")
     if isinstance(source, trimesh.Trimesh):
         placed = [(source, np.eye(4))]
     elif isinstance(source, trimesh.Scene):

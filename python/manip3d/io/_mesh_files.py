@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,8 +16,9 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._files import regular_bytes
+from manip3d.io._images import texture_path, with_common_images
 from manip3d.io._remote import is_url, local_copy, local_output
-from manip3d.mesh import Mesh, Texture
+from manip3d.mesh import Mesh
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -175,60 +177,79 @@ def read_mesh_bytes(
 
 
 @checked
-def write_mesh(mesh: Mesh, path: str | os.PathLike[str]) -> None:
+def write_mesh(
+    mesh: Mesh, path: str | os.PathLike[str], *, max_vertices: int | None = None
+) -> None:
     """Write a mesh file: one of `WRITABLE`, alone or followed by ``.gz`` or ``.xz``.
 
-    The file appears whole or not at all: it is written under a temporary name, synced and renamed.
-    Textures and the OBJ material library are put beside it first, under names that do not change
-    what an existing file of that folder refers to. Positions read back as the same doubles; STL
-    rounds them to 32 bits, PLY rounds texture coordinates (MeshLab's convention).
+    Parameters
+    ----------
+    mesh : Mesh
+    path : path-like
+        glTF takes PNG and JPEG images only: others (TGA, BMP, ...) are converted to PNG.
+    max_vertices : int, optional
+        glTF: a primitive with more vertices than this is split. With 65535 every index fits in 16
+        bits (65535 itself is no index).
 
     Raises
     ------
     InputError
-        Unknown suffix, or the mesh is not valid.
+        Unknown suffix, the mesh is not valid, or ``max_vertices`` is below 3 or for another format.
+    MissingExtraError
+        An image must be converted and Pillow is not installed (extra ``io``).
     OSError
         The operating system refused; the old file is whole.
 
     Notes
     -----
+    The file appears whole or not at all: it is written under a temporary name, synced and renamed.
+    Textures and the OBJ material library are put beside it first, under names that do not change
+    what an existing file of that folder refers to. Positions read back as the same doubles; STL
+    rounds them to 32 bits, PLY rounds texture coordinates (MeshLab's convention).
+
     What the format cannot hold goes to the logger ``manip3d``.
     """
-    inside = mesh.source is None or is_url(mesh.source)
-    folder = "" if inside else str(Path(str(mesh.source)).parent)
+    if _is_gltf(path):
+        write_gltf([mesh], path, [], max_vertices)
+    else:
+        _write([mesh], path, [], max_vertices)
+
+
+def write_gltf(
+    levels: Sequence[Mesh],
+    path: str | os.PathLike[str],
+    coverages: Sequence[float],
+    max_vertices: int | None,
+) -> None:
+    """Write a glTF file with the levels of detail of a mesh; see `write_lods`."""
+    _write([with_common_images(levels[0]), *levels[1:]], path, coverages, max_vertices)
+
+
+def _is_gltf(path: str | os.PathLike[str]) -> bool:
+    name = os.fspath(path_of(path)).lower().removesuffix(".gz").removesuffix(".xz")
+    return name.endswith((".glb", ".gltf"))
+
+
+def _write(
+    levels: Sequence[Mesh],
+    path: str | os.PathLike[str],
+    coverages: Sequence[float],
+    max_vertices: int | None,
+) -> None:
+    finest = levels[0]
+    inside = finest.source is None or is_url(finest.source)
+    folder = "" if inside else str(Path(str(finest.source)).parent)
     with local_output(path) as local:
-        for text in _core.write_mesh(mesh, os.fsencode(local), os.fsencode(folder)):
+        warnings = _core.write_mesh(
+            finest,
+            os.fsencode(local),
+            os.fsencode(folder),
+            0 if max_vertices is None else max_vertices,
+            list(levels[1:]),
+            list(coverages),
+        )
+        for text in warnings:
             _logger.warning("%s: %s", os.fspath(path), text)
-
-
-@checked
-def texture_path(mesh: Mesh, texture: Texture) -> Path | None:
-    """Where the image of a texture lies.
-
-    A relative path starts in the folder of ``mesh.source`` and never leaves it, not even through
-    symbolic links; an absolute one is taken as it is (files cannot bring one in, unless read with
-    ``allow_outside=True``).
-
-    Returns
-    -------
-    Path or None
-        ``None`` when the texture has no path, or there is no such file.
-
-    Raises
-    ------
-    InputError
-        A relative path leads out of the folder.
-    """
-    if texture.path is None:
-        return None
-    path = path_of(texture.path, "texture.path")
-    if not path.is_absolute():
-        if mesh.source is None or is_url(mesh.source):
-            return None
-        folder = Path(mesh.source).parent
-        inside = _core.resolve_inside(os.fsencode(folder), os.fsencode(texture.path))
-        path = Path(os.fsdecode(inside))
-    return path if path.is_file() else None
 
 
 @checked

@@ -7,8 +7,10 @@ from manip3d.metrics._compare import Comparison, compare
 from manip3d.metrics._distances import (
     ClosestPoints,
     Deviation,
+    HausdorffBound,
     MetroResult,
     closest_points,
+    hausdorff_bound,
     metro,
     nearest_distances,
 )
@@ -33,6 +35,7 @@ __all__ = [
     "Deviation",
     "Flicker",
     "FmpdResult",
+    "HausdorffBound",
     "MetroResult",
     "RangeImageError",
     "TextureError",
@@ -42,6 +45,7 @@ __all__ = [
     "compare",
     "flicker",
     "fmpd",
+    "hausdorff_bound",
     "metro",
     "nearest_distances",
     "range_image_error",

@@ -238,6 +238,89 @@ def metro(
     return MetroResult(Deviation(*forward), Deviation(*backward), diagonal, sampling)
 
 
+@dataclass(frozen=True)
+class HausdorffBound:
+    """The Hausdorff distance of two surfaces between two bounds; see :func:`hausdorff_bound`.
+
+    Attributes
+    ----------
+    forward : (lower, upper) float
+        Largest distance of a point of the original from the simplified surface, in the meshes'
+        units.
+    backward : (lower, upper) float
+        Largest distance of a point of the simplified surface from the original.
+    diagonal : float
+        Of the original's bounding box, in the meshes' units.
+    """
+
+    forward: tuple[float, float]
+    backward: tuple[float, float]
+    diagonal: float
+
+    @property
+    def lower(self) -> float:
+        """The two-sided distance is at least this, in the meshes' units."""
+        return max(self.forward[0], self.backward[0])
+
+    @property
+    def upper(self) -> float:
+        """The two-sided distance is at most this, in the meshes' units."""
+        return max(self.forward[1], self.backward[1])
+
+
+def hausdorff_bound(
+    original: Mesh,
+    simplified: Mesh,
+    *,
+    tolerance: float = 1e-4,
+    threads: int = 0,
+    progress: Progress = None,
+) -> HausdorffBound:
+    """Enclose the two-sided Hausdorff distance of two surfaces between two bounds.
+
+    Samples, however many, bound this distance from below only; the upper bound here is proved.
+
+    Parameters
+    ----------
+    original, simplified : Mesh
+        In the same units and place; at least one face each.
+    tolerance : float
+        Largest gap between the bounds, in diagonals of the original's bounding box. The time grows
+        as it shrinks.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result is the same, bit for bit, for any number.
+    progress : None, True or callable(fraction, message)
+
+    Returns
+    -------
+    HausdorffBound
+
+    Raises
+    ------
+    InputError
+        A mesh without faces; an original whose bounding box is a point; ``tolerance`` not above 0.
+
+    Notes
+    -----
+    Branch and bound over the triangles of each surface: M. Tang, M. Lee, Y. J. Kim: Interactive
+    Hausdorff distance computation for general polygonal models, SIGGRAPH 2009. The distance from a
+    triangle is a convex function, so over a part of another triangle it is largest at a corner.
+
+    Examples
+    --------
+    >>> import manip3d
+    >>> large = manip3d.Mesh([[0, 0, 0], [4, 0, 0], [0, 3, 0]], [[0, 1, 2]])
+    >>> small = manip3d.Mesh([[0, 0, 0], [2, 0, 0], [0, 3, 0]], [[0, 1, 2]])
+    >>> bound = manip3d.metrics.hausdorff_bound(large, small, tolerance=1e-3)
+    >>> bound.lower <= 2.0 <= bound.upper <= bound.lower + 1e-3 * bound.diagonal
+    True
+    """
+    with reporting(progress, "hausdorff") as report:
+        return HausdorffBound(
+            *_core.hausdorff_bound(original, simplified, tolerance, threads_of(threads), report)
+        )
+
+
 def _checked_samples(samples: int | None) -> int:
     """The core's number of samples: 0 stands for its default."""
     if samples is None:

@@ -41,6 +41,7 @@ from manip3d.simplify._depth_files import (
     simplify_depth_file,
 )
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
+from manip3d.simplify._lod import LodChain, LodLevel, SharedBudget, lod_chain, share_budget
 from manip3d.simplify._relief import (
     Effort,
     Relief,
@@ -68,11 +69,14 @@ __all__ = [
     "Effort",
     "JointSimplification",
     "LinkCondition",
+    "LodChain",
+    "LodLevel",
     "Reached",
     "Relief",
     "ReliefStream",
     "SamplingMethod",
     "SeamMode",
+    "SharedBudget",
     "SimplifyResult",
     "StopReason",
     "Variant",
@@ -86,6 +90,7 @@ __all__ = [
     "dense_mesh",
     "dense_mesh_grid",
     "grid_delaunay",
+    "lod_chain",
     "qem4vr",
     "qem_bp",
     "qem_btp",
@@ -95,6 +100,7 @@ __all__ = [
     "relief_grid",
     "sample_depth",
     "sample_depth_grid",
+    "share_budget",
     "simplify_depth",
     "simplify_depth_file",
 ]

@@ -153,6 +153,7 @@ class StopReason(enum.StrEnum):
 
     TARGET_REACHED = "target_reached"
     ERROR_LIMIT = "error_limit"  #: every collapse left is above ``max_error`` or not legal
+    DISTANCE_LIMIT = "distance_limit"  #: no collapse left is known to keep ``max_distance``
     NO_LEGAL_COLLAPSE = "no_legal_collapse"  #: nothing left that keeps the mesh valid
     REFUSED = "refused"  #: the method cannot work on this mesh; see ``message``
 
@@ -170,6 +171,9 @@ class SimplifyResult(Showable):
     max_error : float
         Largest error of a collapse made, in the file's unit: sqrt(surface quadric / its weight).
         It bounds the quadric, not the Hausdorff distance.
+    distance_bound : float or None
+        Upper bound of the two-sided Hausdorff distance from the input, in the file's unit; at most
+        ``max_distance``. ``None`` where no ``max_distance`` was given.
     vertex_map : (V,) int32
         Input vertex -> the output vertex it became; -1 if no face of the output is left there.
     kept : (V',) int32
@@ -196,6 +200,7 @@ class SimplifyResult(Showable):
     mesh: Mesh
     stop: StopReason
     max_error: float
+    distance_bound: float | None
     vertex_map: NDArray[np.int32] = field(repr=False)
     kept: NDArray[np.int32] = field(repr=False)
     face_map: NDArray[np.int32] = field(repr=False)
@@ -228,11 +233,19 @@ class SimplifyResult(Showable):
 
 
 def _target(
-    mesh: Mesh, target_faces: int | None, ratio: float | None, max_error: float | None
-) -> tuple[int, float]:
-    """The face count and error at which to stop; the first one reached stops."""
-    if target_faces is None and ratio is None and max_error is None:
-        raise InputError("target_faces, ratio or max_error: expected at least one, got none")
+    mesh: Mesh,
+    target_faces: int | None,
+    ratio: float | None,
+    max_error: float | None,
+    max_distance: float | None,
+) -> tuple[int, float, float]:
+    """The face count, error and distance at which to stop; the first one reached stops."""
+    if mesh.num_faces == 0:
+        raise InputError("mesh: expected at least one face, got none")
+    if target_faces is None and ratio is None and max_error is None and max_distance is None:
+        raise InputError(
+            "target_faces, ratio, max_error or max_distance: expected at least one, got none"
+        )
     targets = [0]
     if target_faces is not None:
         if target_faces < 0:
@@ -242,7 +255,11 @@ def _target(
         if not 0.0 <= ratio <= 1.0:
             raise InputError(f"ratio: expected a number in [0, 1], got {ratio}")
         targets.append(math.floor(ratio * mesh.num_faces))
-    return max(targets), math.inf if max_error is None else max_error
+    return (
+        max(targets),
+        math.inf if max_error is None else max_error,
+        math.inf if max_distance is None else max_distance,
+    )
 
 
 def _choice(name: str, value: str, choices: Mapping[str, _Choice]) -> _Choice:
@@ -258,11 +275,14 @@ def _simplify(
     target_faces: int | None,
     ratio: float | None,
     max_error: float | None,
+    max_distance: float | None,
     quality_threshold: float,
     link_condition: LinkCondition,
     progress: Callable[[float], object] | None,
 ) -> SimplifyResult:
-    options.target_faces, options.max_error = _target(mesh, target_faces, ratio, max_error)
+    options.target_faces, options.max_error, options.max_distance = _target(
+        mesh, target_faces, ratio, max_error, max_distance
+    )
     options.quality_threshold = quality_threshold
     options.link_condition = _choice("link_condition", link_condition, _LINK_CONDITIONS)
     fields = _core.simplify_qem(mesh, options, progress)
@@ -277,6 +297,7 @@ def qem4vr(
     target_faces: int | None = None,
     ratio: float | None = None,
     max_error: float | None = None,
+    max_distance: float | None = None,
     boundary_weight: float = 5.0,
     seam_weight: float = 100.0,
     curvature: Curvature = "turning",
@@ -300,7 +321,14 @@ def qem4vr(
     ratio : float in [0, 1], optional
         The fraction of the input's faces that stays.
     max_error : float, optional
-        No collapse with a larger error (see ``SimplifyResult.max_error``), in the file's unit.
+        No collapse with a larger error (see ``SimplifyResult.max_error``), in the file's unit. It
+        bounds how far planes of the removed faces are from the vertex that stays, on average: not
+        the distance of the surfaces, and nothing at all at boundaries.
+    max_distance : float, optional
+        The two-sided Hausdorff distance of the surfaces, boundaries included, stays at or below
+        this, in the file's unit, by construction; see ``SimplifyResult.distance_bound``. 0 allows
+        only collapses that leave the surface exactly as it is. Faces with a repeated vertex do
+        not count. Slower: the distance is proved anew at each collapse.
         Targets combine; the first one reached stops. One is needed.
     boundary_weight : float
         W_b of eq. 2.6.
@@ -334,7 +362,7 @@ def qem4vr(
     Raises
     ------
     InputError
-        No target, or an option out of its range.
+        A mesh without faces, no target, or an option out of its range.
 
     Notes
     -----
@@ -361,7 +389,15 @@ def qem4vr(
     options.seam_weight = seam_weight
     options.complex_vertices = _choice("complex_vertices", complex_vertices, _COMPLEX_VERTICES)
     return _simplify(
-        mesh, options, target_faces, ratio, max_error, quality_threshold, link_condition, progress
+        mesh,
+        options,
+        target_faces,
+        ratio,
+        max_error,
+        max_distance,
+        quality_threshold,
+        link_condition,
+        progress,
     )
 
 
@@ -372,6 +408,7 @@ def _baseline(
     target_faces: int | None,
     ratio: float | None,
     max_error: float | None,
+    max_distance: float | None,
     quality_threshold: float,
     link_condition: LinkCondition,
     progress: Callable[[float], object] | None,
@@ -381,7 +418,15 @@ def _baseline(
     options.boundary_weight = 1.0
     options.texture = texture
     return _simplify(
-        mesh, options, target_faces, ratio, max_error, quality_threshold, link_condition, progress
+        mesh,
+        options,
+        target_faces,
+        ratio,
+        max_error,
+        max_distance,
+        quality_threshold,
+        link_condition,
+        progress,
     )
 
 
@@ -392,6 +437,7 @@ def qem_orig(
     target_faces: int | None = None,
     ratio: float | None = None,
     max_error: float | None = None,
+    max_distance: float | None = None,
     quality_threshold: float = 0.0,
     link_condition: LinkCondition = "manifold",
     progress: Callable[[float], object] | None = None,
@@ -408,6 +454,7 @@ def qem_orig(
         target_faces,
         ratio,
         max_error,
+        max_distance,
         quality_threshold,
         link_condition,
         progress,
@@ -421,6 +468,7 @@ def qem_bp(
     target_faces: int | None = None,
     ratio: float | None = None,
     max_error: float | None = None,
+    max_distance: float | None = None,
     boundary: Boundary = "freeze",
     quality_threshold: float = 0.0,
     link_condition: LinkCondition = "manifold",
@@ -443,6 +491,7 @@ def qem_bp(
         target_faces,
         ratio,
         max_error,
+        max_distance,
         quality_threshold,
         link_condition,
         progress,
@@ -456,6 +505,7 @@ def qem_tp(
     target_faces: int | None = None,
     ratio: float | None = None,
     max_error: float | None = None,
+    max_distance: float | None = None,
     quality_threshold: float = 0.0,
     link_condition: LinkCondition = "manifold",
     progress: Callable[[float], object] | None = None,
@@ -473,6 +523,7 @@ def qem_tp(
         target_faces,
         ratio,
         max_error,
+        max_distance,
         quality_threshold,
         link_condition,
         progress,
@@ -486,6 +537,7 @@ def qem_btp(
     target_faces: int | None = None,
     ratio: float | None = None,
     max_error: float | None = None,
+    max_distance: float | None = None,
     boundary: Boundary = "freeze",
     quality_threshold: float = 0.0,
     link_condition: LinkCondition = "manifold",
@@ -499,6 +551,7 @@ def qem_btp(
         target_faces,
         ratio,
         max_error,
+        max_distance,
         quality_threshold,
         link_condition,
         progress,

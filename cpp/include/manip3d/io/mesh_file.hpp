@@ -55,11 +55,18 @@ struct WriteOptions {
   /// Where relative texture paths of the materials start; empty: nowhere, such textures are left
   /// out with a warning.
   std::filesystem::path texture_folder;
+  /// glTF: most vertices of a primitive, which is split where it has more; 0: any number. 65 535
+  /// is what 16-bit indices reach (65 535 itself is no index).
+  std::int64_t max_vertices = 0;
+  /// glTF: coarser levels of detail of the mesh, with the same materials (MSFT_lod); and for all
+  /// levels, the mesh included, the least share of the screen that they are made for.
+  std::vector<MeshView> coarser;
+  std::vector<double> coverages;
 };
 
 /// Writes a mesh in the format that the suffix says (then `.gz` or `.xz`), whole or not at all.
 /// @return what the format cannot hold and was left out, for the user.
-/// @throws InputError  unknown suffix, invalid mesh.
+/// @throws InputError  unknown suffix, invalid mesh, an option that the format does not know.
 /// @throws std::filesystem::filesystem_error  the operating system refused.
 std::vector<std::string> write_mesh(const std::filesystem::path& path, const MeshView& mesh,
                                     const std::vector<Material>& materials,

@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -52,6 +53,9 @@ enum class ComplexVertices : std::uint8_t {
 struct QemOptions {
   std::int64_t target_faces = 0;  ///< Stop at this many faces or fewer; 0: as few as possible.
   double max_error = std::numeric_limits<double>::infinity();  ///< Of one collapse, input units.
+  /// Of the two surfaces from each other (Hausdorff, boundaries included), input units; kept by
+  /// construction. 0: only collapses that leave the surface exactly as it is.
+  double max_distance = std::numeric_limits<double>::infinity();
   BoundaryTerm boundary = BoundaryTerm::kCurvature;
   double boundary_weight = 5.0;  ///< W_b.
   BoundaryCurvature curvature = BoundaryCurvature::kTurning;
@@ -66,6 +70,7 @@ struct QemOptions {
 enum class CollapseStop : std::uint8_t {
   kTargetReached,
   kErrorLimit,       ///< Every collapse left is above max_error (or not legal).
+  kDistanceLimit,    ///< No collapse left is known to keep max_distance (or is legal).
   kNoLegalCollapse,  ///< Nothing left that keeps the mesh valid.
   kRefused,          ///< The method cannot work on this mesh; the mesh is returned as it came.
 };
@@ -81,11 +86,12 @@ enum class Rejection : std::uint8_t {
   kTextureFlip,    ///< A face would flip in texture space.
   kAttribute,      ///< A corner would find no texture coordinate of its material to continue with.
   kErrorLimit,     ///< Above max_error.
+  kDistanceLimit,  ///< Not known to keep max_distance.
 };
-inline constexpr int kNumRejections = 9;
+inline constexpr int kNumRejections = 10;
 inline constexpr std::array<const char*, kNumRejections> kRejectionNames = {
     "flip",           "degenerate",   "duplicate", "link_condition", "boundary_loop",
-    "complex_vertex", "texture_flip", "attribute", "error_limit"};
+    "complex_vertex", "texture_flip", "attribute", "error_limit",    "distance_limit"};
 
 /// One collapse: `removed` moved onto `kept` (input vertex indices), at this error (input units).
 struct Collapse {
@@ -101,6 +107,9 @@ struct QemResult {
   std::vector<std::int32_t> face_map;    ///< Input face -> output face, or -1 if gone.
   std::vector<Collapse> collapses;       ///< In order; see replay_collapses().
   double max_error = 0.0;                ///< Largest error among the collapses made, input units.
+  /// Upper bound of the Hausdorff distance from the input, input units; where max_distance is
+  /// given.
+  std::optional<double> distance_bound;
   CollapseStop stop = CollapseStop::kTargetReached;
   std::string message;                                  ///< For kRefused: why.
   std::array<std::int64_t, kNumRejections> rejected{};  ///< Candidates turned down, by Rejection.

@@ -1,0 +1,44 @@
+#include "manip3d/simplify/collapse_record.hpp"
+
+#include <algorithm>
+#include <string>
+
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+
+std::vector<std::int64_t> faces_left(
+    const MeshView& mesh, const std::vector<std::pair<std::int32_t, std::int32_t>>& collapses) {
+  check_mesh(mesh);
+  Faces faces = mesh.faces;
+  const auto is_gone = [&](std::int32_t f) {
+    return faces(f, 0) == faces(f, 1) || faces(f, 1) == faces(f, 2) || faces(f, 2) == faces(f, 0);
+  };
+  std::vector<std::vector<std::int32_t>> faces_of(mesh.num_vertices());
+  std::int64_t count = 0;
+  for (Eigen::Index f = 0; f < faces.rows(); ++f) {
+    if (is_gone(static_cast<std::int32_t>(f))) continue;
+    ++count;
+    for (int c = 0; c < 3; ++c) faces_of[faces(f, c)].push_back(static_cast<std::int32_t>(f));
+  }
+  std::vector<std::int64_t> left;
+  left.reserve(collapses.size());
+  const auto is_vertex = [&](std::int32_t v) { return v >= 0 && v < mesh.num_vertices(); };
+  for (const auto& [removed, kept] : collapses) {
+    if (!is_vertex(removed) || !is_vertex(kept) || removed == kept) {
+      throw InputError("collapses: expected two vertices of the mesh, got " +
+                       std::to_string(removed) + " -> " + std::to_string(kept));
+    }
+    std::vector<std::int32_t>& of_kept = faces_of[kept];
+    for (const std::int32_t f : faces_of[removed]) {
+      if (is_gone(f)) continue;
+      std::replace(faces.row(f).begin(), faces.row(f).end(), removed, kept);
+      is_gone(f) ? void(--count) : of_kept.push_back(f);
+    }
+    faces_of[removed] = {};
+    left.push_back(count);
+  }
+  return left;
+}
+
+}  // namespace manip3d

@@ -1,0 +1,85 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "manip3d/geometry/mesh.hpp"
+#include "manip3d/geometry/patch_distance.hpp"
+
+namespace manip3d {
+
+/// Keeps the two-sided Hausdorff distance between a mesh and its simplification below a limit, by
+/// construction, whatever the simplifier: it is asked before each change of some faces.
+///
+/// Two proofs are carried along. Every original face is *hosted* by the faces of the simplified
+/// mesh near which it provably lies; a change proves the guests of the changed faces again, against
+/// their other hosts and the changed faces. Every simplified face has a bound of its distance from
+/// the original surface: from the bounds of the faces that it replaces, and, once these have added
+/// up to the limit, from the original faces themselves. So boundaries are included: a rim that
+/// moves inwards leaves original faces behind.
+///
+/// With limit 0 a change must leave the surface as a set of points as it is, decided by exact
+/// predicates. Faces with a repeated vertex are no surface. A refusal proves nothing: a change
+/// within the limit may be refused where near faces alone do not show it.
+class DistanceGuard {
+ public:
+  /// @param limit  >= 0, in the mesh's units.
+  DistanceGuard(const MeshView& original, double limit);
+
+  /// A face that a change leaves, and where its corners then are, in the mesh's units.
+  struct Change {
+    std::int32_t face;
+    Triangle3 corners;
+  };
+
+  /// Whether a change keeps the limit; if so, commit() makes it.
+  /// @param touched  faces that move or go.
+  /// @param changed  those of them that stay.
+  /// @param around   other faces near, which may help the proof.
+  bool allows(std::span<const std::int32_t> touched, std::span<const Change> changed,
+              std::span<const std::int32_t> around);
+  void commit();
+
+  /// Upper bound of the Hausdorff distance after the changes made, in the mesh's units.
+  [[nodiscard]] double bound() const;
+
+ private:
+  struct Proof {
+    std::int32_t original;
+    double bound;
+    std::vector<std::int32_t> hosts;
+  };
+
+  [[nodiscard]] Triangle3 to_unit(const Triangle3& corners) const;
+  bool keeps_points(std::span<const std::int32_t> touched, std::span<const Change> changed) const;
+  void gather_guests(std::span<const std::int32_t> touched);
+  bool prove_changed(std::span<const std::int32_t> touched, std::span<const std::int32_t> around);
+  bool prove_guests(std::span<const std::int32_t> around);
+  bool prove_guest(std::int32_t original, std::span<const std::int32_t> others);
+
+  double limit_;  // in the unit of the coordinates below, less the margin for rounding
+  double margin_ = 0.0;
+  double unit_ = 1.0;  // of the coordinates below, in the mesh's units
+  Eigen::Vector3d center_ = Eigen::Vector3d::Zero();
+  bool is_exact_ = false;
+  bool is_changed_ = false;
+  std::vector<Triangle3> original_;
+  std::vector<PatchTriangle> current_;  // of the simplified mesh, by face of the original
+  std::vector<std::vector<std::int32_t>> guests_;  // of a face; may hold some that have left
+  std::vector<std::vector<std::int32_t>> hosts_;   // of an original face
+  std::vector<double> bounds_;                     // of an original face from its hosts
+
+  // The change in question.
+  std::vector<std::int32_t> touched_;
+  std::vector<Change> changed_;
+  std::vector<double> errors_;  // of changed_
+  std::vector<Proof> proofs_;   // of the guests
+  std::vector<std::int32_t> affected_;
+  std::vector<bool> is_touched_, is_affected_;
+  std::vector<PatchTriangle> patch_;
+  std::vector<std::int32_t> patch_faces_;
+  PatchDistance distance_;
+};
+
+}  // namespace manip3d

@@ -1,0 +1,87 @@
+"""``manip3d lod``: levels of detail of a mesh, from one run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from manip3d.cli.kinds import expect_kind
+from manip3d.cli.options import Force, Json, Output, Quiet
+from manip3d.cli.simplify import Method
+from manip3d.cli.sources import open_mesh
+from manip3d.cli.terminal import Terminal, check_output, counted, table
+
+SUFFIXES = (".glb", ".gltf")
+
+
+def lod(
+    source: Annotated[
+        str, typer.Argument(help="A mesh (.obj, .ply, .off, .stl, .gltf, .glb), or - for stdin.")
+    ],
+    output: Output,
+    levels: Annotated[int, typer.Option(min=2, help="Levels in all, the mesh included.")] = 4,
+    ratio: Annotated[
+        float, typer.Option(help="Faces of a level over those of the one before, 0 to 1.")
+    ] = 0.5,
+    max_vertices: Annotated[
+        int | None,
+        typer.Option(
+            min=3, help="Most vertices of a primitive; 65535 lets every index fit in 16 bits."
+        ),
+    ] = None,
+    method: Annotated[
+        Method, typer.Option(help="Simplification method of chapter 2.")
+    ] = Method.qem4vr,
+    no_clean: Annotated[
+        bool, typer.Option("--no-clean", help="Do not clean the mesh first.")
+    ] = False,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write levels of detail of a mesh, all from one run.
+
+    An output that ends in .glb or .gltf holds all levels (MSFT_lod); a folder's name without a
+    suffix gives one .glb for each, and lods.json.
+
+    Example: manip3d lod head.obj -o head.glb --levels 4
+    """
+    from manip3d import simplify
+
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    expect_kind(source, "mesh", verb="lod")
+    check_output(output, SUFFIXES, force=force, folder=True)
+    mesh = open_mesh(source, shell)
+    if not no_clean:
+        mesh = simplify.clean(mesh).mesh
+    with shell.progress("lod") as progress:
+        chain = simplify.lod_chain(
+            mesh,
+            levels,
+            ratio=ratio,
+            simplifier=simplify.METHODS[method.value],
+            progress=progress,
+        )
+    chain.write(output, max_vertices=max_vertices)
+    record = _record(source, output, chain)
+    rows = [
+        (str(i), str(level["faces"]), f"{level['max_error']:.3g}")
+        for i, level in enumerate(record["levels"])
+    ]
+    shell.result(record, lambda console: table(console, rows, ("level", "faces", "largest error")))
+    if len(chain.levels) < levels:
+        shell.say(f"warning: no more than {counted(len(chain.levels), 'level')} could be made")
+    shell.say(f"wrote {output}")
+
+
+def _record(source: str, output: Path, chain: Any) -> dict[str, Any]:
+    return {
+        "input": source,
+        "output": str(output),
+        "stop": str(chain.result.stop),
+        "levels": [
+            {"faces": level.num_faces, "max_error": level.max_error} for level in chain.levels
+        ],
+    }

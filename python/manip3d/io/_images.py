@@ -1,0 +1,130 @@
+"""Images of textures: where they lie, their bytes, and conversion to what glTF holds."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import io
+import logging
+import os
+from pathlib import Path
+from typing import Any
+
+from manip3d import _core
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d.errors import MissingExtraError
+from manip3d.io._remote import is_url
+from manip3d.mesh import Mesh, Texture
+
+_COMMON = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")  # how PNG and JPEG files start
+
+_logger = logging.getLogger("manip3d")
+
+
+def require(package: str, extra: str, distribution: str | None = None) -> Any:
+    """Import a package that an extra brings.
+
+    Raises
+    ------
+    MissingExtraError
+        It is not installed.
+    """
+    try:
+        return importlib.import_module(package)
+    except ImportError as error:
+        raise MissingExtraError(distribution or package, extra) from error
+
+
+@checked
+def texture_path(mesh: Mesh, texture: Texture) -> Path | None:
+    """Where the image of a texture lies.
+
+    A relative path starts in the folder of ``mesh.source`` and never leaves it, not even through
+    symbolic links; an absolute one is taken as it is (files cannot bring one in, unless read with
+    ``allow_outside=True``).
+
+    Returns
+    -------
+    Path or None
+        ``None`` when the texture has no path, or there is no such file.
+
+    Raises
+    ------
+    InputError
+        A relative path leads out of the folder.
+    """
+    if texture.path is None:
+        return None
+    path = path_of(texture.path, "texture.path")
+    if not path.is_absolute():
+        if mesh.source is None or is_url(mesh.source):
+            return None
+        folder = Path(mesh.source).parent
+        inside = _core.resolve_inside(os.fsencode(folder), os.fsencode(texture.path))
+        path = Path(os.fsdecode(inside))
+    return path if path.is_file() else None
+
+
+def image_bytes(mesh: Mesh, texture: Texture) -> bytes | None:
+    """Return the content of a texture's image file, or ``None`` where it is not to be found."""
+    if texture.data is not None:
+        return texture.data
+    path = texture_path(mesh, texture)
+    return None if path is None else path.read_bytes()
+
+
+def with_common_images(mesh: Mesh) -> Mesh:
+    """Return the mesh with all images that are neither PNG nor JPEG converted to PNG.
+
+    Images that are missing or that Pillow cannot read stay as they are; the latter are named in the
+    log ``manip3d``.
+
+    Raises
+    ------
+    MissingExtraError
+        There is something to convert and Pillow is not installed.
+    """
+    converted: dict[Texture, Texture] = {}
+    for texture in {t for material in mesh.materials for t in material.textures.values()}:
+        if not _is_common(mesh, texture):
+            converted[texture] = _as_png(mesh, texture)
+    if not converted:
+        return mesh
+    materials = [
+        dataclasses.replace(
+            material,
+            textures={role: converted.get(t, t) for role, t in material.textures.items()},
+        )
+        for material in mesh.materials
+    ]
+    return mesh.replace(materials=materials)
+
+
+def _is_common(mesh: Mesh, texture: Texture) -> bool:
+    """Whether it is PNG, JPEG or absent."""
+    if texture.data is not None:
+        return not texture.data or texture.data.startswith(_COMMON)
+    path = texture_path(mesh, texture)
+    if path is None:
+        return True
+    with path.open("rb") as file:
+        start = file.read(8)
+    return not start or start.startswith(_COMMON)
+
+
+def _as_png(mesh: Mesh, texture: Texture) -> Texture:
+    image_module = require("PIL.Image", "io", "pillow")
+    content = image_bytes(mesh, texture)
+    assert content is not None  # _is_common: there is one
+    stream = io.BytesIO()
+    try:
+        image = image_module.open(io.BytesIO(content))
+        if image.mode not in ("1", "L", "LA", "P", "RGB", "RGBA", "I;16"):
+            image = image.convert("RGB")
+        image.save(stream, format="PNG")
+    except (OSError, ValueError, SyntaxError) as error:  # Pillow raises any of them
+        _logger.warning("texture %r cannot be converted to PNG: %s", texture.path, error)
+        return texture
+    path = None if texture.path is None else str(Path(texture.path).with_suffix(".png"))
+    return Texture(path=path, data=stream.getvalue())

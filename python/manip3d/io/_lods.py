@@ -1,0 +1,94 @@
+"""Levels of detail in files: one glTF with MSFT_lod, or a folder with a manifest."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from manip3d.errors import InputError
+from manip3d.io._files import atomic_folder
+from manip3d.io._mesh_files import write_gltf, write_mesh
+from manip3d.mesh import Mesh
+
+
+def write_lods(
+    levels: Sequence[Mesh],
+    path: str | os.PathLike[str],
+    *,
+    coverages: Sequence[float] | None = None,
+    errors: Sequence[float] | None = None,
+    max_vertices: int | None = None,
+) -> None:
+    """Write levels of detail: one ``.glb`` or ``.gltf``, or a folder with a GLB for each.
+
+    Parameters
+    ----------
+    levels : sequence of Mesh
+        Finest first, all with the same materials.
+    path : path-like
+        A name that ends in ``.glb`` or ``.gltf`` (the extension ``MSFT_lod``: readers that do not
+        know it show the finest level), or a folder's: ``level_0.glb`` and so on, and ``lods.json``,
+        which names them with faces, vertices, coverages and errors.
+    coverages : sequence of float in [0, 1], optional
+        The least share of the screen that each level is made for, descending. By default a level
+        serves until the next has as many faces for each pixel as the first at full screen.
+    errors : sequence of float, optional
+        Of each level, in the file's unit; for the manifest.
+    max_vertices : int, optional
+        As for `write_mesh`.
+
+    Raises
+    ------
+    InputError
+        No levels, coverages that do not fit them, another suffix, and what `write_mesh` refuses.
+    OSError
+        The operating system refused; what was there is whole.
+
+    Notes
+    -----
+    glTF files are read as one mesh with one transform for each node: nodes, instances and their
+    names are not kept, and neither are skins, animations and quantised attributes.
+    """
+    if not levels:
+        raise InputError("levels: expected at least one, got none")
+    if coverages is None:
+        finest = max(1, levels[0].num_faces)
+        coverages = [*(level.num_faces / finest for level in levels[1:]), 0.0]
+    shares = [float(share) for share in coverages]
+    if len(shares) != len(levels) or not all(0.0 <= share <= 1.0 for share in shares):
+        raise InputError(f"coverages: expected {len(levels)} numbers in [0, 1], got {shares}")
+    suffix = Path(path).suffix.lower()
+    if suffix in (".glb", ".gltf"):
+        write_gltf(levels, path, shares, max_vertices)
+    elif suffix:
+        raise InputError(
+            f"path: expected .glb, .gltf or a folder's name without suffix, got {path}"
+        )
+    else:
+        with atomic_folder(path) as folder:
+            _write_folder(levels, folder, shares, errors, max_vertices)
+
+
+def _write_folder(
+    levels: Sequence[Mesh],
+    folder: Path,
+    coverages: Sequence[float],
+    errors: Sequence[float] | None,
+    max_vertices: int | None,
+) -> None:
+    manifest = []
+    for i, (mesh, coverage) in enumerate(zip(levels, coverages, strict=True)):
+        name = f"level_{i}.glb"
+        write_mesh(mesh, folder / name, max_vertices=max_vertices)
+        level = {
+            "file": name,
+            "faces": mesh.num_faces,
+            "vertices": mesh.num_vertices,
+            "screen_coverage": coverage,
+        }
+        if errors is not None:
+            level["max_error"] = float(errors[i])
+        manifest.append(level)
+    (folder / "lods.json").write_text(json.dumps({"levels": manifest}, indent=1) + "\n")

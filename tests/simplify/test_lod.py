@@ -1,0 +1,187 @@
+"""Levels of detail from one run, the files they go to, and a budget that models share."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from command_line import manip3d
+from gltf_files import PNG
+from manip3d import InputError, Material, Mesh, Texture, io, read_mesh, simplify
+from manip3d.simplify import lod_chain, qem4vr, qem_orig, share_budget
+from zoo import grid, sphere
+
+
+def hills(columns: int = 20) -> Mesh:
+    vertices, faces = grid(columns, columns)
+    vertices[:, 2] = np.sin(vertices[:, 0] * 0.6) + np.cos(vertices[:, 1] * 0.5)
+    return Mesh(
+        vertices,
+        faces,
+        texcoords=vertices[:, :2] / columns,
+        face_texcoords=faces,
+        face_material=np.zeros(len(faces), np.int32),
+        materials=[Material("grass", textures={"base_color": Texture(data=PNG)})],
+    )
+
+
+def document_of(path: Path) -> dict[str, Any]:
+    content = path.read_bytes()
+    size = struct.unpack_from("<I", content, 12)[0]
+    document: dict[str, Any] = json.loads(content[20 : 20 + size])
+    return document
+
+
+def test_levels_equal_runs_of_their_own() -> None:
+    mesh = hills()
+    chain = lod_chain(mesh, 4, ratio=0.4)
+    assert [level.num_faces for level in chain.levels] == [800, 320, 128, 51]
+    assert chain.levels[0].mesh is mesh
+    for level, target in zip(chain.levels[1:], (320, 128, 51), strict=True):
+        own = qem4vr(mesh, target_faces=target)
+        np.testing.assert_array_equal(level.mesh.faces, own.mesh.faces)
+        np.testing.assert_array_equal(level.mesh.vertices, own.mesh.vertices)
+        assert level.max_error == own.max_error
+
+
+def test_levels_that_cannot_be_reached_are_left_out() -> None:
+    ball = Mesh(*sphere(12, 6))
+    chain = lod_chain(ball, [60, 20, 1], simplifier=qem_orig)
+    assert [level.num_faces for level in chain.levels] == [144, 60, 20]
+    assert chain.result.stop == "no_legal_collapse"
+
+
+@pytest.mark.parametrize(
+    ("levels", "ratio", "message"),
+    [
+        (1, 0.5, "levels"),
+        (3, 1.0, "ratio"),
+        (3, 0.0, "ratio"),
+        ([], 0.5, "levels"),
+        ([9, 9], 0.5, "levels"),
+        ([3, 0], 0.5, "levels"),
+    ],
+)
+def test_bad_levels_are_refused(levels: int | list[int], ratio: float, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        lod_chain(hills(4), levels, ratio=ratio)
+
+
+def test_one_glb_holds_all_levels(tmp_path: Path) -> None:
+    chain = lod_chain(hills(), 3)
+    chain.write(tmp_path / "hills.glb")
+    document = document_of(tmp_path / "hills.glb")
+    node = document["nodes"][0]
+    assert document["extensionsUsed"] == ["MSFT_lod"]
+    assert document["scenes"] == [{"nodes": [0]}]
+    assert node["extensions"] == {"MSFT_lod": {"ids": [1, 2]}}
+    assert node["extras"]["MSFT_screencoverage"] == [0.5, 0.25, 0.0]
+    assert len(document["nodes"]) == len(document["meshes"]) == 3
+    assert len(document["materials"]) == len(document["images"]) == 1
+    counts = [
+        document["accessors"][mesh["primitives"][0]["indices"]]["count"] // 3
+        for mesh in document["meshes"]
+    ]
+    assert counts == [800, 400, 200]
+    back = read_mesh(tmp_path / "hills.glb")  # who does not know the extension sees the finest
+    assert back.num_faces == 800
+    assert back.materials == hills().materials
+
+
+def test_other_readers_show_the_finest_level(tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    lod_chain(hills(), 3).write(tmp_path / "hills.glb")
+    scene = trimesh.load(tmp_path / "hills.glb", force="scene")
+    placed = {scene.graph[name][1] for name in scene.graph.nodes_geometry}
+    assert 800 in {len(scene.geometry[name].faces) for name in placed}
+
+
+def test_a_folder_holds_a_glb_for_each_level_and_a_manifest(tmp_path: Path) -> None:
+    chain = lod_chain(hills(), [400, 100])
+    chain.write(tmp_path / "hills")
+    manifest = json.loads((tmp_path / "hills" / "lods.json").read_text())
+    assert [level["faces"] for level in manifest["levels"]] == [800, 400, 99]
+    assert [level["screen_coverage"] for level in manifest["levels"]] == [0.5, 0.12375, 0.0]
+    for level, made in zip(manifest["levels"], chain.levels, strict=True):
+        assert read_mesh(tmp_path / "hills" / level["file"]).num_faces == level["faces"]
+        assert level["max_error"] == made.max_error
+
+
+@pytest.mark.parametrize("most", [3, 64, 65535])
+def test_primitives_of_limited_size(most: int, tmp_path: Path) -> None:
+    mesh = Mesh(*grid(300, 300)) if most == 65535 else hills()
+    io.write_mesh(mesh, tmp_path / "mesh.glb", max_vertices=most)
+    document = document_of(tmp_path / "mesh.glb")
+    primitives = document["meshes"][0]["primitives"]
+    assert len(primitives) > 1
+    for primitive in primitives:
+        count = document["accessors"][primitive["attributes"]["POSITION"]]["count"]
+        assert count <= most
+        assert document["accessors"][primitive["indices"]]["componentType"] == 5123
+    back = read_mesh(tmp_path / "mesh.glb")
+    np.testing.assert_array_equal(
+        back.vertices[back.faces], mesh.vertices.astype(np.float32)[mesh.faces]
+    )
+
+
+def test_limits_are_for_gltf_only(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="glb"):
+        io.write_mesh(hills(4), tmp_path / "mesh.ply", max_vertices=65535)
+    with pytest.raises(InputError, match="max_vertices"):
+        io.write_mesh(hills(4), tmp_path / "mesh.glb", max_vertices=2)
+    with pytest.raises(InputError, match="suffix"):
+        io.write_lods([hills(4)], tmp_path / "mesh.ply")
+    with pytest.raises(InputError, match="coverages"):
+        io.write_lods([hills(4)], tmp_path / "mesh.glb", coverages=[1.0, 0.5])
+
+
+def test_a_budget_goes_where_the_error_is() -> None:
+    rough = hills()
+    smooth = rough.replace(vertices=rough.vertices * [1, 1, 0.1])
+    shared = share_budget([rough, smooth], 400)
+    assert shared.reached
+    assert 398 <= shared.num_faces <= 400
+    first, second = shared.levels
+    assert first.num_faces > 2 * second.num_faces
+    assert shared.num_faces == first.num_faces + second.num_faces
+    # No collapse of either record would have been cheaper than those made.
+    assert qem4vr(rough, target_faces=first.num_faces).max_error == first.max_error
+    assert shared.max_error == max(first.max_error, second.max_error)
+
+
+def test_a_budget_that_is_no_limit_changes_nothing_and_one_that_is_too_small_is_missed() -> None:
+    mesh = hills(4)
+    assert share_budget([mesh, mesh], 64).levels[0].mesh is mesh
+    missed = share_budget([mesh, mesh], 3)
+    assert not missed.reached
+    with pytest.raises(InputError, match="meshes"):
+        share_budget([], 3)
+    with pytest.raises(InputError, match="faces"):
+        share_budget([mesh], 0)
+
+
+def test_faces_left_agree_with_replays() -> None:
+    mesh = hills(8)
+    result = qem4vr(mesh, target_faces=10)
+    left = simplify._lod._faces_left(mesh, result)
+    assert left[-1] == result.mesh.num_faces
+    for count in left[:: len(left) // 7]:
+        assert result.level_of_detail(int(count)).num_faces == count
+
+
+def test_the_command_writes_levels(tmp_path: Path) -> None:
+    hills().write(tmp_path / "hills.obj")
+    done = manip3d("lod", str(tmp_path / "hills.obj"), "-o", str(tmp_path / "out.glb"), "--json")
+    assert done.returncode == 0
+    assert [level["faces"] for level in json.loads(done.stdout)["levels"]] == [800, 400, 200, 99]
+    assert len(document_of(tmp_path / "out.glb")["meshes"]) == 4
+    done = manip3d(
+        "lod", str(tmp_path / "hills.obj"), "-o", str(tmp_path / "levels"), "--levels", "2"
+    )
+    assert done.returncode == 0
+    assert (tmp_path / "levels" / "lods.json").exists()
