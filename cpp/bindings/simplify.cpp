@@ -1,6 +1,6 @@
 #include <pybind11/stl.h>
-#include <pybind11/typing.h>
 
+#include "fields.hpp"
 #include "interruptible.hpp"
 #include "manip3d/simplify/clean.hpp"
 #include "manip3d/simplify/collapse_record.hpp"
@@ -11,19 +11,49 @@
 namespace manip3d::bindings {
 namespace {
 
-using Fields = py::typing::Dict<py::str, py::object>;
+constexpr std::tuple kCleanFields{
+    Field{"vertex_map", &CleanResult::vertex_map},
+    Field{"face_map", &CleanResult::face_map},
+    Field{"merged_vertices", &CleanResult::merged_vertices},
+    Field{"unreferenced_vertices", &CleanResult::unreferenced_vertices},
+    Field{"degenerate_faces", &CleanResult::degenerate_faces},
+    Field{"duplicate_faces", &CleanResult::duplicate_faces},
+    Field{"changed_faces", &CleanResult::changed_faces},
+    Field{"changed_vertices", &CleanResult::changed_vertices},
+};
+
+constexpr std::tuple kQemFields{
+    Field{"vertex_map", &QemResult::vertex_map},
+    Field{"kept", &QemResult::kept},
+    Field{"face_map", &QemResult::face_map},
+    Field{"max_error", &QemResult::max_error},
+    Field{"distance_bound", &QemResult::distance_bound},
+    Field{"stop", &QemResult::stop},
+    Field{"message", &QemResult::message},
+    Field{"off_seam_collapses", &QemResult::off_seam_collapses},
+    Field{"locked_vertices", &QemResult::locked_vertices},
+    Field{"dropped_faces", &QemResult::dropped_faces},
+    Field{"clamped_costs", &QemResult::clamped_costs},
+};
+
+constexpr std::tuple kQemOptions{
+    Field{"target_faces", &QemOptions::target_faces},
+    Field{"max_error", &QemOptions::max_error},
+    Field{"max_distance", &QemOptions::max_distance},
+    Field{"boundary", &QemOptions::boundary},
+    Field{"boundary_weight", &QemOptions::boundary_weight},
+    Field{"curvature", &QemOptions::curvature},
+    Field{"texture", &QemOptions::texture},
+    Field{"seam_weight", &QemOptions::seam_weight},
+    Field{"complex_vertices", &QemOptions::complex_vertices},
+    Field{"link_condition", &QemOptions::link_condition},
+    Field{"quality_threshold", &QemOptions::quality_threshold},
+};
 
 Fields to_fields(CleanResult&& result, const py::object& source) {
-  Fields fields;
-  fields["mesh"] = to_python(std::move(result.mesh), source);
-  fields["vertex_map"] = to_numpy(std::move(result.vertex_map));
-  fields["face_map"] = to_numpy(std::move(result.face_map));
-  fields["merged_vertices"] = result.merged_vertices;
-  fields["unreferenced_vertices"] = result.unreferenced_vertices;
-  fields["degenerate_faces"] = result.degenerate_faces;
-  fields["duplicate_faces"] = result.duplicate_faces;
-  fields["changed_faces"] = result.changed_faces;
-  fields["changed_vertices"] = result.changed_vertices;
+  py::object mesh = to_python(std::move(result.mesh), source);
+  Fields fields = to_fields(std::move(result), kCleanFields);
+  fields["mesh"] = std::move(mesh);
   return fields;
 }
 
@@ -68,22 +98,12 @@ Fields to_fields(QemResult&& r, const py::object& source) {
   for (std::size_t i = 0; i < r.rejected.size(); ++i) {
     if (r.rejected[i] > 0) rejected[kRejectionNames[i]] = r.rejected[i];
   }
-  Fields result;
-  result["mesh"] = to_python(std::move(r.mesh), source);
-  result["vertex_map"] = to_numpy(std::move(r.vertex_map));
-  result["kept"] = to_numpy(std::move(r.kept));
-  result["face_map"] = to_numpy(std::move(r.face_map));
+  py::object mesh = to_python(std::move(r.mesh), source);
+  Fields result = to_fields(std::move(r), kQemFields);
+  result["mesh"] = std::move(mesh);
   result["collapses"] = to_numpy(std::move(collapses.vertices));
   result["collapse_errors"] = to_numpy(std::move(collapses.errors));
-  result["max_error"] = r.max_error;
-  result["distance_bound"] = r.distance_bound;
-  result["stop"] = r.stop;
-  result["message"] = r.message;
   result["rejected"] = rejected;
-  result["off_seam_collapses"] = r.off_seam_collapses;
-  result["locked_vertices"] = r.locked_vertices;
-  result["dropped_faces"] = r.dropped_faces;
-  result["clamped_costs"] = r.clamped_costs;
   return result;
 }
 
@@ -115,19 +135,9 @@ void bind_options(py::module_& m) {
       .value("DISTANCE_LIMIT", CollapseStop::kDistanceLimit)
       .value("NO_LEGAL_COLLAPSE", CollapseStop::kNoLegalCollapse)
       .value("REFUSED", CollapseStop::kRefused);
-  py::class_<QemOptions>(m, "QemOptions")
-      .def(py::init<>())
-      .def_readwrite("target_faces", &QemOptions::target_faces)
-      .def_readwrite("max_error", &QemOptions::max_error)
-      .def_readwrite("max_distance", &QemOptions::max_distance)
-      .def_readwrite("boundary", &QemOptions::boundary)
-      .def_readwrite("boundary_weight", &QemOptions::boundary_weight)
-      .def_readwrite("curvature", &QemOptions::curvature)
-      .def_readwrite("texture", &QemOptions::texture)
-      .def_readwrite("seam_weight", &QemOptions::seam_weight)
-      .def_readwrite("complex_vertices", &QemOptions::complex_vertices)
-      .def_readwrite("link_condition", &QemOptions::link_condition)
-      .def_readwrite("quality_threshold", &QemOptions::quality_threshold);
+  py::class_<QemOptions> options(m, "QemOptions");
+  options.def(py::init<>());
+  bind_fields(options, kQemOptions);
 }
 
 void bind_qem(py::module_& m) {

@@ -788,7 +788,22 @@ class QemOptions:
     curvature: BoundaryCurvature
     link_condition: LinkCondition
     texture: TextureTerm
+    def __getstate__(
+        self,
+    ) -> tuple[
+        int,
+        float,
+        BoundaryTerm,
+        float,
+        BoundaryCurvature,
+        TextureTerm,
+        float,
+        ComplexVertices,
+        LinkCondition,
+        float,
+    ]: ...
     def __init__(self) -> None: ...
+    def __setstate__(self, arg0: tuple) -> None: ...
     @property
     def boundary_weight(self) -> float: ...
     @boundary_weight.setter

@@ -6,7 +6,6 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from dataclasses import replace as _replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -15,6 +14,7 @@ from manip3d import _core
 from manip3d._util.arrays import rows as as_rows
 from manip3d._util.arrays import vector
 from manip3d._util.linear import product
+from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 
@@ -166,7 +166,7 @@ class LidarFrame(Showable):
             ("intensity", intensity),
             ("exact", exact),
             ("ring", ring),
-            ("fields", MappingProxyType(fields)),
+            ("fields", ReadOnlyMapping(fields)),
         ):
             object.__setattr__(self, name, value)
 

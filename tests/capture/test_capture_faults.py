@@ -323,3 +323,21 @@ def test_ray_tables_that_no_reader_takes_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"calibration\.depth\.ray_table: expected at most 48 MiB"):
         capture.record([frame], tmp_path / "walk")
     assert not (tmp_path / "walk").exists()
+
+
+@pytest.mark.parametrize(
+    ("uri", "options"),
+    [
+        ("kitti:nowhere", {"model": "hdl64e"}),
+        ("kitti:nowhere", {"max_bytes": 10}),
+        ("ouster:nowhere.pcap", {"cut_azimuth": 90.0}),
+        ("pcap:nowhere.pcap", {"sender": "127.0.0.1"}),
+        ("pcap:nowhere.pcap", {"metadata": "a.json"}),
+        ("velodyne:0", {"port": 2368}),
+        ("velodyne:0", {"max_bytes": 10}),
+    ],
+)
+def test_options_that_a_scheme_does_not_use_are_refused(uri: str, options: dict[str, Any]) -> None:
+    (name,) = options
+    with pytest.raises(InputError, match=f"{name}: expected none for {uri.split(':')[0]}:"):
+        capture.open_lidar(uri, **options)

@@ -31,6 +31,8 @@ def seed_of(rng: Rng) -> int:
 
 def threads_of(threads: int) -> int:
     """``threads``, or ``MANIP3D_THREADS`` for 0; 0 where neither says how many: all cores."""
+    if not 0 <= threads < 1 << 31:
+        raise InputError(f"threads: expected 0 to 2147483647, got {threads}")
     if threads != 0:
         return threads
     text = os.environ.get("MANIP3D_THREADS", "") or "0"

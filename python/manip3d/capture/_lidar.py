@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import inspect
 import os
 import threading
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,10 +19,6 @@ from manip3d.capture._frame_source import FrameSource
 from manip3d.capture._velodyne_calibration import VelodyneCalibration, read_velodyne_calibration
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame, ScanFormat
-
-if TYPE_CHECKING:
-    pass
-
 
 RETURN_TYPES: tuple[str, ...] = ("unknown", "strongest", "last", "both")
 """What the values of ``fields["return_type"]`` mean; both: the last return is the strongest."""
@@ -169,7 +166,8 @@ def open_lidar(
     Raises
     ------
     InputError
-        An unknown scheme, an option out of range, an HDL-64E without calibration (when read).
+        An unknown scheme, an option out of range or of another scheme, an HDL-64E without
+        calibration (when read).
     FormatError
         The recording is damaged.
     DeviceError
@@ -177,6 +175,8 @@ def open_lidar(
     MissingExtraError
         ouster-sdk is not installed: ``pip install 'manip3d[ouster]'``.
     """
+    scheme, colon, rest = uri.partition(":")
+    _refuse_unused(scheme, locals())
     if isinstance(calibration, str | os.PathLike):
         calibration = read_velodyne_calibration(calibration)
     options = _core.VelodyneOptions(
@@ -188,7 +188,6 @@ def open_lidar(
         min_range=min_range,
         max_range=max_range,
     )
-    scheme, colon, rest = uri.partition(":")
     if colon and scheme == "pcap":
         from manip3d.io._scan_tables import byte_limit
 
@@ -216,6 +215,27 @@ def open_lidar(
     raise InputError(
         f"uri: expected pcap:FILE, ouster:FILE or velodyne:[ADDRESS:]PORT, got {uri!r}"
     )
+
+
+_VELODYNE = frozenset(
+    ("model", "calibration", "cut_azimuth", "interpolate_azimuth", "min_range", "max_range")
+)
+_USED = {
+    "pcap": _VELODYNE | {"port", "max_bytes"},
+    "velodyne": _VELODYNE | {"sender", "ring_packets"},
+    "ouster": frozenset({"metadata"}),
+    "kitti": frozenset[str](),
+}
+"""The options of `open_lidar` that each scheme uses."""
+
+
+def _refuse_unused(scheme: str, arguments: Mapping[str, Any]) -> None:
+    """Raise where an option is given that the scheme would ignore."""
+    parameters = inspect.signature(open_lidar).parameters
+    for name in sorted(set(parameters) - {"uri"} - _USED.get(scheme, frozenset(parameters))):
+        value = arguments[name]
+        if value is not parameters[name].default and value != parameters[name].default:
+            raise InputError(f"{name}: expected none for {scheme}:, got {value!r}")
 
 
 class _Drive:

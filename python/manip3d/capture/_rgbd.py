@@ -286,6 +286,8 @@ class Recording:
     ----------
     path : Path
     frames : int
+    frames_with_skeleton : int
+        Frames in which the source has a person's skeleton; the phantom limb needs one.
     seconds : float
         From the first frame's time to the last's.
     stop : str
@@ -298,6 +300,7 @@ class Recording:
 
     path: Path
     frames: int
+    frames_with_skeleton: int
     seconds: float
     stop: str
     counters: dict[str, int]
@@ -362,34 +365,36 @@ def record(
     )
     try:
         with reporting(progress, "record") as report:
-            count, first, last, stop = _copy(opened, recorder, frames, seconds, report)
+            copied = _copy(opened, recorder, frames, seconds, report)
     finally:
         recorder.close()
         if isinstance(source, str):
             opened.stop()
-    return Recording(
-        Path(path), count, (last - first) / 1e9, stop, recorder.counters(), opened.counters
-    )
+    return Recording(Path(path), *copied, recorder.counters(), opened.counters)
 
 
 def _copy(
     source: RgbdSource, recorder: Any, frames: int | None, seconds: float | None, report: Any
-) -> tuple[int, int, int, str]:
-    """Write frame after frame; their count, first and last time, and why it ended."""
-    count, first, last = 0, 0, 0
+) -> tuple[int, int, float, str]:
+    """Write frame after frame; counts of all and of those with a skeleton, seconds, the end."""
+    count, with_skeleton, first, last = 0, 0, 0, 0
+    stop = "end"
     expected = min((n for n in (frames, source.num_frames) if n), default=None)
     for frame in source:
         if count == 0:
             first = last = frame.time
         if seconds is not None and frame.time - first >= seconds * 1e9:
-            return count, first, last, "seconds"
+            stop = "seconds"
+            break
         recorder.write(frame)
         count, last = count + 1, frame.time
+        with_skeleton += bool(frame.skeletons)
         if report is not None:
             done = count / expected if expected else 0.0
             if seconds is not None:
                 done = max(done, (last - first) / 1e9 / seconds)
             report(min(done, 1.0))
         if count == frames:
-            return count, first, last, "frames"
-    return count, first, last, "end"
+            stop = "frames"
+            break
+    return count, with_skeleton, (last - first) / 1e9, stop

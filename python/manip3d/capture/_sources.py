@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from manip3d._util.checked import checked
 from manip3d.capture._lidar import LidarSource, open_lidar
@@ -12,10 +12,6 @@ from manip3d.capture._rgbd import (
     core_schemes,
     open_rgbd,
 )
-
-if TYPE_CHECKING:
-    pass
-
 
 _LIDAR = ("pcap", "velodyne", "ouster", "kitti")
 

@@ -6,9 +6,11 @@ the verb that needs them, so that ``manip3d --help`` is quick.
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 import sys
-from typing import Annotated, NoReturn
+from typing import Annotated, NoReturn, TextIO
 
 import typer
 
@@ -84,11 +86,17 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line; ends the process with its exit code."""
     from manip3d.errors import Error
 
+    _prepare_streams()
     try:
-        _start_logging(sys.argv[1:] if arguments is None else arguments)
-        app(arguments, prog_name="manip3d")
+        try:
+            _start_logging(sys.argv[1:] if arguments is None else arguments)
+            app(arguments, prog_name="manip3d")
+        finally:
+            _flush(sys.stdout)
     except KeyboardInterrupt:
         sys.exit(130)
+    except BrokenPipeError:  # who read the output has read enough
+        sys.exit(1)
     except (Error, OSError) as error:
         _fail(error, _one_line(error))
     except MemoryError as error:
@@ -96,6 +104,36 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     except Exception as error:  # a bug of ours: say so in one line too
         _fail(error, f"internal error: {type(error).__name__}: {error} (MANIP3D_LOG=debug: where)")
     sys.exit(0)
+
+
+def _prepare_streams() -> None:
+    """Make the standard streams print any file name, and stand in for those that are closed.
+
+    What is printed to a closed stdout is lost, which is an error; a closed stdin is empty. The
+    numbers of closed streams are taken, lest an output file gets one and is printed into.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            flags = os.O_WRONLY if name == "stderr" else os.O_RDONLY
+            opened = os.open(os.devnull, flags)
+            if opened != number:
+                os.dup2(opened, number)
+                os.close(opened)
+            setattr(sys, name, os.fdopen(number, "r" if name == "stdin" else "w", closefd=False))
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _flush(stream: TextIO) -> None:
+    """Write out what is buffered; after a failure forget it: Python would try again at exit."""
+    try:
+        stream.flush()
+    except OSError:
+        devnull = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(devnull, stream.fileno())
+        os.close(devnull)
+        raise
 
 
 def _start_logging(arguments: list[str]) -> None:
@@ -117,5 +155,7 @@ def _fail(error: BaseException, message: str) -> NoReturn:
         import traceback
 
         traceback.print_exception(error)
-    print("manip3d: error: " + " ".join(message.split()), file=sys.stderr)
+    with contextlib.suppress(OSError):
+        print("manip3d: error: " + " ".join(message.split()), file=sys.stderr)
+        _flush(sys.stderr)
     sys.exit(1)

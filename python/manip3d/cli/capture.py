@@ -137,7 +137,8 @@ def write_recording(
             overwrite=force,
             progress=progress,
         )
-    terminal.say(f"wrote {output}: {counted(done.frames, 'frame')}, {done.seconds:.2f} s")
+    told = "" if done.frames_with_skeleton else "; no frame of the source has a skeleton"
+    terminal.say(f"wrote {output}: {counted(done.frames, 'frame')}, {done.seconds:.2f} s{told}")
     return {**asdict(done), "path": str(done.path), "source": source.uri}
 
 

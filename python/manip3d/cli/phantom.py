@@ -125,13 +125,17 @@ def phantom_render(
             threads=jobs,
             progress=progress,
         )
-    shell.say(f"wrote {output}: {counted(film.frames, 'frame')}, {film.affected.replace('_', ' ')}")
+    told = film.affected.replace("_", " ")
+    if not film.frames_with_skeleton:
+        told += "; no frame of the source has a skeleton, so there is no phantom limb"
+    shell.say(f"wrote {output}: {counted(film.frames, 'frame')}, {told}")
     shell.result(
         {
             "source": source,
             "output": str(output),
             "limb": film.affected,
             "frames": film.frames,
+            "frames_with_skeleton": film.frames_with_skeleton,
             "states": dict(film.states),
             "stage_ms": dict(film.stage_ms),
         }

@@ -19,7 +19,6 @@ from manip3d.cli.options import (
     Json,
     Output,
     Quiet,
-    Seed,
     Strict,
 )
 from manip3d.cli.sources import open_mesh
@@ -164,7 +163,6 @@ def simplify(
     as_json: Json = False,
     quiet: Quiet = False,
     jobs: FolderJobs = 0,
-    seed: Seed = 0,
 ) -> None:
     """Reduce the faces of a mesh.
 

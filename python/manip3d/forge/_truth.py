@@ -6,13 +6,13 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import rows
+from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, Scan
@@ -187,14 +187,14 @@ def to_forgery(
         Box(tuple(center), tuple(size), yaw),
         transform,
         attack,
-        MappingProxyType(dict(parameters)),
+        ReadOnlyMapping(parameters),
         scan.frame,
     )
 
 
 def renamed(forgery: Forgery, attack: str, parameters: Mapping[str, Any]) -> Forgery:
     """The forgery of one attack as a part of another."""
-    return replace(forgery, attack=attack, parameters=MappingProxyType(dict(parameters)))
+    return replace(forgery, attack=attack, parameters=ReadOnlyMapping(parameters))
 
 
 def box_arguments(box: Box) -> tuple[tuple[float, float, float], tuple[float, float, float], float]:

@@ -44,6 +44,8 @@ class PhantomFilm:
     affected : str
         The limb that was replaced, such as ``right_arm``.
     frames : int
+    frames_with_skeleton : int
+        Frames in which the source has a person's skeleton; without any there is no phantom.
     states : mapping of str to int
         Number of frames in each state of the pipeline.
     stage_ms : mapping of str to float
@@ -53,6 +55,7 @@ class PhantomFilm:
     path: Path
     affected: str
     frames: int
+    frames_with_skeleton: int
     states: Mapping[str, int]
     stage_ms: Mapping[str, float]
 
@@ -112,6 +115,7 @@ def render_phantom(
     pipeline = PhantomPipeline(smoothing=smoothing, **options)
     states: Counter[str] = Counter()
     seconds: Counter[str] = Counter()
+    with_skeleton = 0
     path = Path(output)
     with (
         _opened(source) as stream,
@@ -119,10 +123,11 @@ def render_phantom(
         reporting(progress, "render") as report,
     ):
         total = frames or getattr(stream, "num_frames", None)
-        for picture, phantom in _pictures(
+        for frame, picture, phantom in _pictures(
             itertools.islice(stream, frames), pipeline, azimuth, threads
         ):
             sink.add(picture)
+            with_skeleton += bool(frame.skeletons)
             states[phantom.state.value] += 1
             seconds.update(phantom.seconds)
             if report is not None:
@@ -132,7 +137,7 @@ def render_phantom(
             raise InputError(f"{name}: expected frames, found none")
     number = states.total()
     stage_ms = {name: 1e3 * spent / number for name, spent in seconds.items()}
-    return PhantomFilm(path, limb, number, dict(states), stage_ms)
+    return PhantomFilm(path, limb, number, with_skeleton, dict(states), stage_ms)
 
 
 def _opened(source: str | Iterable[RgbdFrame]) -> Any:
@@ -159,7 +164,7 @@ def limb_of(source: str) -> str:
 
 def _pictures(
     frames: Iterable[RgbdFrame], pipeline: Any, azimuth: float, threads: int
-) -> Iterator[tuple[Image, Any]]:
+) -> Iterator[tuple[RgbdFrame, Image, Any]]:
     from manip3d.viewer import people
 
     older: deque[tuple[int, Image]] = deque(maxlen=_HELD)
@@ -171,7 +176,7 @@ def _pictures(
         sheet = people.phantom_sheet(
             frame, phantom, phantom_colour=colour, azimuth=azimuth, threads=threads
         )
-        yield sheet, phantom
+        yield frame, sheet, phantom
 
 
 @contextmanager

@@ -1,0 +1,127 @@
+"""Streams, numbers and names that are not as usual end in a message and an exit code."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rgbd_frames
+from command_line import error_line, manip3d
+from manip3d import Mesh, capture
+
+MESH = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], [[0, 1, 2], [1, 3, 2]])
+
+
+@pytest.fixture
+def mesh(tmp_path: Path) -> Path:
+    path = tmp_path / "square.obj"
+    MESH.write(path)
+    return path
+
+
+def in_shell(command: str, *arguments: object) -> subprocess.CompletedProcess[bytes]:
+    """Run a line of bash, in which ``manip3d`` is the command and ``$1`` an argument."""
+    program = f'manip3d() {{ "{sys.executable}" -m manip3d "$@"; }}; {command}'
+    return subprocess.run(
+        ["bash", "-c", program, "bash", *map(str, arguments)], capture_output=True, check=False
+    )
+
+
+@pytest.mark.parametrize("number", ["99999999999999999999999", str(2**63 - 1), "-1", "0"])
+@pytest.mark.parametrize("option", ["--faces", "--jobs"])
+def test_huge_numbers(option: str, number: str, mesh: Path, tmp_path: Path) -> None:
+    done = manip3d("simplify", mesh, "-o", tmp_path / "o.obj", "--ratio", 1, option, number)
+    assert done.returncode in (0, 1, 2), done
+    assert "internal error" not in done.stderr
+    if done.returncode:
+        assert option in done.stderr or option.strip("-") in done.stderr
+
+
+@pytest.mark.parametrize("number", [2**31, 2**63, 10**30])
+def test_huge_numbers_of_threads(number: int, mesh: Path) -> None:
+    line = error_line(manip3d("compare", mesh, mesh, "--jobs", str(number), "-q"))
+    assert "threads: expected" in line
+
+
+def test_stdout_that_is_closed(mesh: Path, tmp_path: Path) -> None:
+    done = in_shell('manip3d info "$1" -q >&-', mesh)
+    assert done.returncode == 1
+    assert done.stderr.decode() == "manip3d: error: Bad file descriptor\n"
+    out = tmp_path / "out.obj"
+    done = in_shell('manip3d simplify "$1" -o "$2" --ratio 1 >&-', mesh, out)
+    assert done.returncode == 0
+    assert out.read_bytes().startswith(b"v ")  # nothing was printed into it
+
+
+def test_stderr_that_is_closed(tmp_path: Path) -> None:
+    done = in_shell('manip3d info "$1" 2>&-', tmp_path / "nothing.obj")
+    assert (done.returncode, done.stdout, done.stderr) == (1, b"", b"")
+
+
+def test_stdin_that_is_closed() -> None:
+    done = in_shell("manip3d info - <&-")
+    assert done.returncode == 1
+    assert done.stderr.startswith(b"manip3d: error: ")
+    assert b"internal" not in done.stderr
+
+
+@pytest.mark.parametrize("option", ["", "--json"])
+@pytest.mark.parametrize("stream", [">/dev/full", "| exec false"])
+def test_readers_of_stdout_that_fail(stream: str, option: str, mesh: Path) -> None:
+    done = in_shell(f'manip3d info "$1" -q {option} {stream}; exit "${{PIPESTATUS[0]}}"', mesh)
+    assert done.returncode == 1, done
+    full = b"manip3d: error: No space left on device\n"
+    assert done.stderr == (full if "full" in stream else b"")
+
+
+def test_verdicts_that_nobody_reads(tmp_path: Path) -> None:
+    """The exit code of a verdict is not that of a success when its text is lost."""
+    np.random.default_rng(0).random((100, 4), np.float32).tofile(tmp_path / "scan.bin")
+    done = in_shell('manip3d inspect "$1" -q --json >/dev/full', tmp_path / "scan.bin")
+    assert done.returncode == 1, done
+
+
+@pytest.mark.parametrize("option", ["", "--json"])
+@pytest.mark.parametrize("encoding", ["utf-8:strict", "ascii:strict"])
+def test_names_that_no_encoding_has(encoding: str, option: str, mesh: Path) -> None:
+    odd = mesh.with_name(os.fsdecode(b"a\xff\xc3.obj"))
+    mesh.rename(odd)
+    environment = f"PYTHONIOENCODING={encoding}"
+    done = in_shell(f'export {environment}; manip3d info "$1" {option}', odd)
+    assert done.returncode == 0, done.stderr
+    assert b"\\udcff" in done.stdout
+    if option:
+        assert json.loads(done.stdout)["faces"] == 2
+    done = in_shell(f'export {environment}; manip3d info "$1".gone {option}', odd)
+    assert done.returncode == 1
+    assert b"No such file" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "text", ["", "null", "[]", "{", "{}", '{"experiments": 3}', "\xff", "[" * 9000], ids=range(8)
+)
+def test_results_that_are_none(text: str, tmp_path: Path) -> None:
+    (tmp_path / "results.json").write_text(text, encoding="latin-1")
+    line = error_line(manip3d("report", tmp_path))
+    assert "results.json" in line
+    assert "internal error" not in line
+
+
+def test_recording_tells_frames_and_skeletons(tmp_path: Path) -> None:
+    first, *others = rgbd_frames.frames(3)
+    nobody = [dataclasses.replace(frame, skeletons=()) for frame in others]
+    done = capture.record([first, *nobody], tmp_path / "one")
+    assert (done.frames, done.frames_with_skeleton) == (3, 1)
+    capture.record(nobody, tmp_path / "none")
+    for name, count in (("one", "3 frames"), ("none", "2 frames")):
+        told = manip3d("capture", "record", tmp_path / name, "-o", tmp_path / f"{name}-again")
+        assert told.returncode == 0, told.stderr
+        assert count in told.stderr
+        assert ("no frame of the source has a skeleton" in told.stderr) == (name == "none")

@@ -1,0 +1,155 @@
+"""Results can be pickled and deep-copied: process pools and caches take them."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import importlib
+import inspect
+import pickle
+from collections.abc import Callable, Iterator, Mapping
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import kernels
+import manip3d
+import rgbd_frames
+from manip3d import (
+    LidarFrame,
+    Material,
+    Texture,
+    authenticate,
+    capture,
+    forge,
+    io,
+    modify,
+    simplify,
+)
+from manip3d.lidar import ScanFormat
+
+COPIES: dict[str, Callable[[Any], Any]] = {
+    "pickle": lambda value: pickle.loads(pickle.dumps(value)),
+    "deepcopy": copy.deepcopy,
+    "copy": copy.copy,
+}
+
+
+def scan() -> LidarFrame:
+    return LidarFrame(
+        kernels.cloud[:50],
+        np.ones(50, np.float32),
+        ring=np.arange(50, dtype=np.uint8),
+        origin=(0, 0, 1),
+        fields={"range": np.arange(50.0)},
+        format=ScanFormat("kitti", header={"a": 1}),
+    )
+
+
+def files(folder: Path) -> Iterator[object]:
+    kernels.hill.write(folder / "a.ply")
+    yield io.read_report(folder / "a.ply")
+    scan().write(folder / "a.pcd")
+    yield io.read_scan(folder / "a.pcd")
+    np.save(folder / "a.npy", kernels.DEPTH)
+    yield io.read_depth_guessing(folder / "a.npy")
+    grid = b"ply\nformat ascii 1.0\nobj_info num_cols 2\nobj_info num_rows 1\nelement vertex 1\n"
+    grid += b"property float x\nproperty float y\nproperty float z\nelement range_grid 2\n"
+    grid += b"property list uchar int vertex_indices\nend_header\n1 2 3\n1 0\n0\n"
+    (folder / "g.ply").write_bytes(grid)
+    yield io.read_range_grid(folder / "g.ply")
+    yield capture.record(rgbd_frames.frames(2), folder / "recording")
+
+
+def streams() -> Iterator[object]:
+    person = kernels.person
+    yield modify.PhantomPipeline(affected="right_arm").process(person)
+    tracker = modify.ColliderTracker()
+    yield tracker.update(person.skeletons[0])
+
+
+def values() -> Iterator[object]:
+    yield from (manip3d.Box((0, 0, 0), (1, 1, 1)), scan(), kernels.person, kernels.rings)
+    yield manip3d.Mesh([[0, 0, 0]], [], materials=[Material("a", textures={"n": Texture("b")})])
+    yield from (kernels.views, kernels.scanner, forge.segment(kernels.cloud))
+    yield from (rgbd_frames.full_calibration(), kernels.hill.summary())
+    yield from (authenticate.PAPER_DENSITY, authenticate.PAPER_OCCLUSION)
+    yield simplify.DepthOptions(60)
+    for kind in (
+        authenticate.LatticeReading,
+        authenticate.SuspectRegion,
+        modify.Hits,
+        modify.Placement,
+        simplify.DepthFileResult,
+    ):  # plain values, whatever they hold
+        yield kind(**{field.name: np.arange(3.0) for field in dataclasses.fields(kind)})
+    yield manip3d.FormatError("a", file="b", line=3)
+
+
+def same(one: object, other: object) -> bool:
+    return type(one) is type(other) and kernels.hash_of(one) == kernels.hash_of(other)
+
+
+@pytest.mark.parametrize("how", COPIES)
+@pytest.mark.parametrize("name", kernels.KERNELS)
+def test_results_of_kernels(name: str, how: str) -> None:
+    result = kernels.KERNELS[name](1)
+    assert same(COPIES[how](result), result)
+
+
+@pytest.mark.parametrize("how", COPIES)
+def test_other_values(how: str, tmp_path: Path) -> None:
+    for value in (*values(), *files(tmp_path), *streams()):
+        assert same(COPIES[how](value), value), type(value)
+
+
+def types_in(value: object, found: set[type]) -> set[type]:
+    """The types of a value and of what it holds."""
+    if type(value) not in found or isinstance(value, list | tuple | Mapping):
+        found.add(type(value))
+        inner: Any = ()
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            inner = [getattr(value, field.name) for field in dataclasses.fields(value)]
+        elif isinstance(value, Mapping):
+            inner = value.values()
+        elif isinstance(value, list | tuple):
+            inner = value
+        for each in inner:
+            types_in(each, found)
+    return found
+
+
+def test_every_public_result_was_there(tmp_path: Path) -> None:
+    found: set[type] = set()
+    for value in (*values(), *files(tmp_path), *streams()):
+        types_in(value, found)
+    for kernel in kernels.KERNELS.values():
+        types_in(kernel(1), found)
+    public: set[type] = set()
+    for package in (
+        "simplify",
+        "modify",
+        "forge",
+        "authenticate",
+        "metrics",
+        "io",
+        "rgbd",
+        "lidar",
+    ):
+        module = importlib.import_module(f"manip3d.{package}")
+        public |= {
+            item
+            for name in module.__all__
+            if dataclasses.is_dataclass(item := getattr(module, name)) and inspect.isclass(item)
+        }
+    assert {item.__name__ for item in public - found if not issubclass(item, Enum)} == set()
+
+
+def test_a_mapping_of_a_result_cannot_be_changed() -> None:
+    frame = pickle.loads(pickle.dumps(scan()))
+    with pytest.raises(TypeError):
+        frame.fields["range"] = 1
+    assert repr(dict(frame.fields)) == repr(frame.fields)
