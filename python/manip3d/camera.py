@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from manip3d import _core
-from manip3d._util.arrays import rows
+from manip3d._util.arrays import rows, vector
+from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d.errors import FormatError, InputError
 
@@ -222,9 +223,7 @@ class Registration:
         if not isinstance(self.colour, Intrinsics):
             raise InputError(f"registration.colour: expected Intrinsics, got {self.colour!r}")
         rotation = rows(self.rotation, 3, np.float64, "registration.rotation")
-        translation = rows(
-            np.asarray(self.translation)[None], 3, np.float64, "registration.translation"
-        )[0]
+        translation = vector(self.translation, 3, "registration.translation")
         if rotation.shape != (3, 3):
             raise InputError(f"registration.rotation: expected shape (3, 3), got {rotation.shape}")
         object.__setattr__(self, "rotation", rotation)
@@ -348,6 +347,7 @@ CAMERA_PRESETS: Mapping[str, CameraPreset] = {
 _MOST_JSON_BYTES = 1 << 20
 
 
+@checked
 def read_intrinsics(camera: str | os.PathLike[str], *, width: int, height: int) -> Intrinsics:
     """Return the depth camera that a text names, for an image of a size.
 

@@ -7,22 +7,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from dataclasses import replace as _replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import rows as as_rows
+from manip3d._util.arrays import vector
 from manip3d._util.linear import product
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
-    from typing import TypeAlias
-
     from numpy.typing import ArrayLike, NDArray
 
-    ScanLike: TypeAlias = "LidarFrame | ArrayLike"
+ScanLike: TypeAlias = "LidarFrame | ArrayLike"
 
 __all__ = ["Box", "LidarFrame", "ScanFormat"]
 
@@ -293,10 +292,7 @@ def _column(values: ArrayLike, name: str) -> NDArray[np.float32]:
 
 
 def _place(values: Any, name: str) -> tuple[float, float, float]:
-    place = np.asarray(values, dtype=np.float64)
-    if place.shape != (3,) or not np.isfinite(place).all():
-        raise InputError(f"{name}: expected three finite numbers, got {values!r}")
-    x, y, z = place.tolist()
+    x, y, z = vector(values, 3, name).tolist()
     return x, y, z
 
 
@@ -331,10 +327,7 @@ def placed(scan: Scan, origin: NDArray[np.float64]) -> LidarFrame:
 
 def place(values: ArrayLike, name: str) -> NDArray[np.float64]:
     """Three finite numbers."""
-    array = np.asarray(values, np.float64)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise InputError(f"{name}: expected three finite numbers, got {values!r}")
-    return array
+    return vector(values, 3, name)
 
 
 def origin_of(origin: ArrayLike | None, scan: Scan) -> NDArray[np.float64]:

@@ -6,14 +6,19 @@ import csv
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from typer.testing import CliRunner, Result
 
 import manip3d
 from cave_scans import CAVE, ball
 from manip3d.cli import app
+from manip3d.cli.forge import ATTACKS
+
+Points = NDArray[np.float32]
 
 
 def run(*arguments: object) -> Result:
@@ -115,9 +120,54 @@ def test_every_attack_writes_a_scan_and_its_truth(
     forged = manip3d.read_scan(output)
     assert forged.num_points == truth["points"]
     assert len(truth["added"]) + len(truth["moved"]) + len(truth["removed"]) > 0
-    kept = np.setdiff1d(np.arange(len(CAVE)), truth["removed"] + truth["moved_from"])
-    rest = np.setdiff1d(np.arange(forged.num_points), truth["added"] + truth["moved"])
-    np.testing.assert_array_equal(forged.points[rest], CAVE[kept])
+    check_truth(truth, CAVE, forged.points)
+
+
+def check_truth(truth: dict[str, Any], before: Points, after: Points) -> None:
+    """Hold a truth file to the points in the files: it names each change, and nothing else."""
+    kept = np.setdiff1d(np.arange(len(before)), truth["removed"])
+    source = np.concatenate([kept, np.full(len(truth["added"]), -1)])
+    assert len(source) == len(after)
+    assert truth["added"] == np.flatnonzero(source < 0).tolist()
+    old = source >= 0
+    changed = np.flatnonzero((after[old] != before[source[old]]).any(axis=1))
+    assert truth["moved"] == changed.tolist()
+    assert truth["moved_from"] == source[changed].tolist()
+
+
+@pytest.mark.parametrize("suffix", [".bin", ".ply"])
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_truth_files_tell_what_the_bytes_say(
+    attack: str, suffix: str, scan: Path, hoax: Path, tmp_path: Path
+) -> None:
+    source = tmp_path / f"scan{suffix}"
+    manip3d.read_scan(scan).write(source)
+    output = tmp_path / f"forged{suffix}"
+    place = CAVE[len(CAVE) // 2] if attack == "crtp" else (3, 1, 0)
+    done = run(
+        "forge", "lidar", attack, source, "-o", output, "--hoax", hoax, "--position", *place,
+        "--box", 6, 0, 0, 4, 4, 4, 0.2, "-q",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    truth = json.loads(output.with_name(output.name + ".truth.json").read_text())
+    before, after = manip3d.read_scan(source).points, manip3d.read_scan(output).points
+    assert len(truth["added"]) + len(truth["moved"]) + len(truth["removed"]) > 0
+    check_truth(truth, before, after)
+
+
+@pytest.mark.parametrize(
+    ("attack", "option"),
+    [("rotation", "--yaw"), ("translation", "--distance"), ("dent", "--amplitude")],
+)
+def test_an_attack_that_changes_nothing_is_refused(
+    attack: str, option: str, scan: Path, tmp_path: Path
+) -> None:
+    output = tmp_path / "forged.bin"
+    done = run(
+        "forge", "lidar", attack, scan, "-o", output, "--box", 6, 0, 0, 4, 4, 4, 0.2, option, 0
+    )
+    assert "no point would change" in str(done.exception)
+    assert list(tmp_path.iterdir()) == [scan]
 
 
 def test_missing_options_are_named(scan: Path, tmp_path: Path) -> None:
@@ -188,4 +238,4 @@ def test_many_scans_have_one_table_and_the_gravest_exit_code(
     assert "3 from an earlier run" in done.stderr
     named = run("inspect", folder / "mesh.ply", folder / "clean.bin", "-q", "--jobs", 1)
     assert named.exit_code == 1  # what is named must be what the command takes
-    assert "InputError" in named.stdout
+    assert "OtherKindError" in named.stdout

@@ -192,7 +192,7 @@ Forgery copy_transform_paste(const PointsView& scene, const PointsView& object,
   Edit edit;
   edit.added = transformed(object.points, transform);
   edit.added_intensity = object.intensity;
-  Forgery forged = apply_edit(scene, edit, num_threads);
+  Forgery forged = apply_edit(scene, std::move(edit), num_threads);
   forged.transform = transform;
   return forged;
 }
@@ -224,7 +224,7 @@ double local_spacing(const PointsView& scene, const Vector3d& position, double r
 Forgery subtract(const PointsView& scene, const OrientedBox& box, int num_threads) {
   Edit edit;
   edit.removed = points_in_box(scene, box, num_threads);
-  return apply_edit(scene, edit, num_threads);
+  return apply_edit(scene, std::move(edit), num_threads);
 }
 
 Forgery replace_rows(const PointsView& scene, std::vector<std::int32_t> rows,
@@ -235,7 +235,7 @@ Forgery replace_rows(const PointsView& scene, std::vector<std::int32_t> rows,
   edit.removed = checked_rows(std::move(rows), scene.num_points());
   edit.added = added.points;
   edit.added_intensity = added.intensity;
-  return apply_edit(scene, edit, num_threads);
+  return apply_edit(scene, std::move(edit), num_threads);
 }
 
 Forgery deform(const PointsView& scene, const OrientedBox& box, const DeformOptions& options,
@@ -252,7 +252,7 @@ Forgery deform(const PointsView& scene, const OrientedBox& box, const DeformOpti
     edit.moved_to.row(row) = p.cast<float>();
   }
   if (!edit.moved_to.allFinite()) throw InputError("amplitude: takes points beyond finite floats");
-  return apply_edit(scene, edit, num_threads);
+  return apply_edit(scene, std::move(edit), num_threads);
 }
 
 Forgery move_box(const PointsView& scene, const OrientedBox& box, const Matrix4d& transform,
@@ -264,7 +264,7 @@ Forgery move_box(const PointsView& scene, const OrientedBox& box, const Matrix4d
   Edit edit;
   edit.moved = points_in_box(scene, box, num_threads);
   edit.moved_to = transformed(rows_of(scene, edit.moved), transform);
-  Forgery forged = apply_edit(scene, edit, num_threads);
+  Forgery forged = apply_edit(scene, std::move(edit), num_threads);
   forged.transform = transform;
   return forged;
 }

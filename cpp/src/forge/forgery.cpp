@@ -4,6 +4,7 @@
 #include <cstring>
 #include <limits>
 #include <string>
+#include <utility>
 
 #include "geometry/select_rows.hpp"
 #include "manip3d/error.hpp"
@@ -72,6 +73,19 @@ void append_points(const PointsView& scan, const Edit& edit, std::int64_t first,
 
 PointsView view_of(const Points& points) { return PointsView({points.data(), points.rows(), 3}); }
 
+// Leaves out the moves that end where they began: the truth tells what changed.
+void drop_idle_moves(const PointsView& scan, Edit& edit) {
+  Eigen::Index kept = 0;
+  for (std::size_t i = 0; i < edit.moved.size(); ++i) {
+    const auto row = static_cast<Eigen::Index>(i);
+    if (edit.moved_to.row(row) == scan.points.row(edit.moved[i])) continue;
+    edit.moved[kept] = edit.moved[i];
+    edit.moved_to.row(kept++) = edit.moved_to.row(row);
+  }
+  edit.moved.resize(kept);
+  edit.moved_to.conservativeResize(kept, 3);
+}
+
 OrientedBox box_of(const PointsView& scan, const Edit& edit) {
   if (edit.added.rows() + edit.moved_to.rows() == 0) return box_around(scan, edit.removed);
   Points touched(edit.added.rows() + edit.moved_to.rows(), 3);
@@ -83,7 +97,8 @@ OrientedBox box_of(const PointsView& scan, const Edit& edit) {
 
 }  // namespace
 
-Forgery apply_edit(const PointsView& scan, const Edit& edit, int num_threads) {
+Forgery apply_edit(const PointsView& scan, Edit edit, int num_threads) {
+  drop_idle_moves(scan, edit);
   const std::int64_t kept = scan.num_points() - static_cast<std::int64_t>(edit.removed.size());
   const std::int64_t count = kept + edit.added.rows();
   if (count > std::numeric_limits<std::int32_t>::max()) {
@@ -96,8 +111,8 @@ Forgery apply_edit(const PointsView& scan, const Edit& edit, int num_threads) {
   copy_kept(scan, edit.removed, num_threads, forged);
   move_points(edit, forged);
   append_points(scan, edit, kept, forged);
-  forged.removed = edit.removed;
   forged.box = box_of(scan, edit);
+  forged.removed = std::move(edit.removed);
   return forged;
 }
 

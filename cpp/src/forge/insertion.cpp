@@ -377,7 +377,7 @@ Forgery insert_occluding(const PointsView& scene, const PointsView& object,
     throw InputError("range_noise: takes points beyond the finite floats, got " +
                      std::to_string(options.range_noise));
   }
-  Forgery forged = apply_edit(scene, edit, num_threads);
+  Forgery forged = apply_edit(scene, std::move(edit), num_threads);
   forged.transform = transform;
   return forged;
 }

@@ -79,7 +79,7 @@ Forgery snap_to_lattice(const PointsView& scene, std::vector<std::int32_t> rows,
     edit.moved_to.row(static_cast<Eigen::Index>(i)) =
         snapped(p, lattice, options).cast<float>().transpose();
   }
-  return apply_edit(scene, edit, num_threads);
+  return apply_edit(scene, std::move(edit), num_threads);
 }
 
 }  // namespace manip3d

@@ -44,6 +44,15 @@ def rows(values: ArrayLike, columns: int, dtype: type[_Scalar], name: str) -> ND
     return np.ascontiguousarray(array, dtype=dtype)
 
 
+def vector(values: ArrayLike, size: int, name: str) -> NDArray[np.float64]:
+    """A (size,) float64 array of finite numbers."""
+    array = np.asarray(values)
+    if array.shape != (size,) or array.dtype.kind not in "biuf" or not np.isfinite(array).all():
+        words = {2: "two", 3: "three"}.get(size, str(size))
+        raise InputError(f"{name}: expected {words} finite numbers, got {values!r}")
+    return array.astype(np.float64)
+
+
 def index_rows(values: ArrayLike, columns: int | None, name: str) -> NDArray[np.int32]:
     """An (N, columns) or (N,) C-contiguous int32 array; other integer dtypes are range-checked."""
     array = _shaped(np.asarray(values), columns, name)

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
 def generator_of(rng: Rng) -> np.random.Generator:
     """``numpy.random.default_rng(rng)``."""
-    try:
-        return np.random.default_rng(rng)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"rng: expected a seed, a Generator or None, got {rng!r}") from error
+    is_seed = isinstance(rng, int | np.integer) and rng >= 0
+    if not (rng is None or is_seed or isinstance(rng, np.random.Generator)):
+        raise InputError(f"rng: expected a seed >= 0, a Generator or None, got {rng!r}")
+    return np.random.default_rng(rng)
 
 
 def seed_of(rng: Rng) -> int:

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d._util.options import reporting, threads_of
 from manip3d._util.showing import Showable
 from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
 from manip3d.authenticate._verdict import Calibration, Verdict
 from manip3d.errors import InputError
-from manip3d.lidar import Box, LidarFrame, placed, to_scan
+from manip3d.lidar import Box, LidarFrame, ScanLike, placed, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from manip3d._util.options import Progress
-    from manip3d.lidar import ScanLike
 
     Floats = NDArray[np.float64]
 
@@ -164,6 +164,7 @@ class DensityResult(Showable):
     scan: LidarFrame | None = field(default=None, repr=False)
 
 
+@checked
 def density_consistency(
     scan: ScanLike,
     *,

@@ -11,6 +11,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import rows as as_rows
+from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
 from manip3d.authenticate._lattice import SensorLattice, estimate_lattice
@@ -142,6 +143,7 @@ class GenericResult(Showable):
     scan: LidarFrame | None = field(default=None, repr=False)
 
 
+@checked
 def generic_consistency(
     frame: LidarFrame | ArrayLike,
     *,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d._util.showing import Showable
 from manip3d.authenticate._density import PAPER_DENSITY, DensityResult, density_consistency
@@ -20,7 +21,8 @@ from manip3d.authenticate._occlusion import (
 )
 from manip3d.authenticate._origin import estimate_origin
 from manip3d.authenticate._verdict import Calibration, Verdict
-from manip3d.lidar import Box, LidarFrame, to_scan
+from manip3d.errors import InputError
+from manip3d.lidar import Box, LidarFrame, ScanLike, to_scan
 from manip3d.lidar import place as place_of
 
 if TYPE_CHECKING:
@@ -29,7 +31,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from manip3d._util.options import Progress
-    from manip3d.lidar import ScanLike
 
     Place = tuple[float, float, float]
 
@@ -149,6 +150,7 @@ class Inspection(Showable):
         return values
 
 
+@checked
 def inspect(
     scan: ScanLike,
     *,
@@ -230,6 +232,7 @@ def _judged(
     )  # fmt: skip
 
 
+@checked
 def combined_verdict(reports: Sequence[DetectorReport]) -> Verdict:
     """Combine the verdicts of detectors I, II and III.
 
@@ -244,6 +247,8 @@ def combined_verdict(reports: Sequence[DetectorReport]) -> Verdict:
         no single position explains the scan; then only detector III can say ``tampered``.
     """
     verdicts = {report.name: report.verdict for report in reports}
+    if "occlusion" not in verdicts:
+        raise InputError(f"reports: expected that of occlusion among them, got {list(verdicts)}")
     if verdicts["occlusion"] == "undecidable":
         return "tampered" if verdicts["generic"] == "tampered" else "undecidable"
     return "tampered" if "tampered" in verdicts.values() else "authentic"

@@ -13,6 +13,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import rows as as_rows
+from manip3d._util.checked import checked
 from manip3d._util.linear import line_fit
 from manip3d._util.options import threads_of
 from manip3d._util.paths import path_of
@@ -225,6 +226,7 @@ class LatticeReading:
     range_error: NDArray[np.float32]
 
 
+@checked
 def estimate_lattice(
     frames: LidarFrame | ArrayLike | Iterable[LidarFrame | ArrayLike],
 ) -> SensorLattice:
@@ -328,7 +330,9 @@ def _listed(
 ) -> Sequence[LidarFrame | ArrayLike]:
     if isinstance(frames, LidarFrame) or (isinstance(frames, np.ndarray) and frames.ndim == 2):
         return [frames]
-    return list(frames)  # type: ignore[arg-type]
+    if not isinstance(frames, Iterable):
+        raise InputError(f"frames: expected scans, got {frames!r}")
+    return list(frames)
 
 
 def _find_lines(clouds: Sequence[_Cloud]) -> tuple[Floats, Floats]:

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
 from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
 from manip3d.authenticate._verdict import Calibration, Verdict
 from manip3d.errors import InputError
-from manip3d.lidar import Box, LidarFrame, Scan, origin_of, placed, to_scan
+from manip3d.lidar import Box, LidarFrame, Scan, ScanLike, origin_of, placed, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from manip3d.lidar import ScanLike
 
 FEWEST_POINTS = 1000
 """Below, a scan covers too little of the sphere."""
@@ -197,6 +197,7 @@ class OcclusionResult(Showable):
         return tuple(region.box for region in self.regions)
 
 
+@checked
 def estimate_grid(
     scan: ScanLike, *, origin: ArrayLike | None = None, threads: int = 0
 ) -> AngularGrid:
@@ -229,6 +230,7 @@ def estimate_grid(
     )
 
 
+@checked
 def occlusion_consistency(
     scan: ScanLike,
     *,

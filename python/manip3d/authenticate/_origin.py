@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d.authenticate._generic import generic_consistency
-from manip3d.lidar import place, to_scan
+from manip3d.lidar import ScanLike, place, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from manip3d.lidar import Scan, ScanLike
+    from manip3d.lidar import Scan
 
 LEAST_EXPLAINED = 0.94
 """Share of a scan that one grid explains; below, several positions were fused. Of the scenes
@@ -57,6 +58,7 @@ class OriginEstimate:
     reason: str
 
 
+@checked
 def estimate_origin(
     scan: ScanLike, *, known: ArrayLike | None = None, threads: int = 0
 ) -> OriginEstimate:

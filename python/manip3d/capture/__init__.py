@@ -16,6 +16,7 @@ Drivers of RGB-D cameras, each where its library was at build time, and what it 
 
 from __future__ import annotations
 
+from manip3d.capture._joints import ExportedJoints, export_joints
 from manip3d.capture._lidar import DEFAULT_PORT, RETURN_TYPES, LidarSource, open_lidar
 from manip3d.capture._rgbd import Recording, RgbdSource, Scheme, from_frames, open_rgbd, record
 from manip3d.capture._sources import open, sources
@@ -24,11 +25,13 @@ from manip3d.capture._velodyne_calibration import VelodyneCalibration, read_velo
 __all__ = [
     "DEFAULT_PORT",
     "RETURN_TYPES",
+    "ExportedJoints",
     "LidarSource",
     "Recording",
     "RgbdSource",
     "Scheme",
     "VelodyneCalibration",
+    "export_joints",
     "from_frames",
     "open",
     "open_lidar",

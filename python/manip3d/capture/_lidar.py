@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.capture._frame_source import FrameSource
 from manip3d.capture._velodyne_calibration import VelodyneCalibration, read_velodyne_calibration
@@ -107,6 +108,7 @@ class LidarSource(FrameSource[LidarFrame]):
             self._source.stop()
 
 
+@checked
 def open_lidar(
     uri: str,
     *,

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
 from manip3d.camera import Intrinsics, Registration
@@ -201,6 +202,7 @@ def _to_calibration(found: Any) -> RgbdCalibration:
     return RgbdCalibration(Intrinsics(**found["depth"]), registration)
 
 
+@checked
 def from_frames(frames: Iterable[RgbdFrame], *, uri: str = "frames") -> RgbdSource:
     """A source of frames that are there already, or that a generator makes.
 
@@ -212,6 +214,7 @@ def from_frames(frames: Iterable[RgbdFrame], *, uri: str = "frames") -> RgbdSour
     return RgbdSource(uri, _Iterated(frames, getattr(frames, "calibration", None)))
 
 
+@checked
 def open_rgbd(
     uri: str,
     *,
@@ -301,6 +304,7 @@ class Recording:
     source_counters: dict[str, int]
 
 
+@checked
 def record(
     source: str | Iterable[RgbdFrame],
     path: str | os.PathLike[str],

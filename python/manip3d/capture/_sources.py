@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from manip3d._util.checked import checked
 from manip3d.capture._lidar import LidarSource, open_lidar
 from manip3d.capture._rgbd import (
     RgbdSource,
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 _LIDAR = ("pcap", "velodyne", "ouster", "kitti")
 
 
+@checked
 def open(uri: str, **options: Any) -> LidarSource | RgbdSource:
     """Open a sensor or a recording by its address; `sources` lists the kinds.
 

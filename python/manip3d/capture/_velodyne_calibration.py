@@ -12,6 +12,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, MissingExtraError
 from manip3d.io._text_files import bounded_bytes, parse_xml
@@ -83,6 +84,7 @@ class VelodyneCalibration:
         return np.ascontiguousarray(np.column_stack(columns), np.float64)
 
 
+@checked
 def read_velodyne_calibration(path: str | os.PathLike[str]) -> VelodyneCalibration:
     """Read an HDL-64E's calibration: Velodyne's ``db.xml``, or the YAML that ROS makes of it.
 

@@ -1,4 +1,4 @@
-"""``manip3d capture``: what can be opened, recording, playing, looking into recordings."""
+"""``manip3d capture``: what can be opened; recording, playing, exporting, looking inside."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="capture",
-    help="RGB-D cameras and recordings: list, record, play, info.",
+    help="RGB-D cameras and recordings: list, record, play, export, info.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -443,6 +443,34 @@ def capture_play(
     )
     record = play(opened, output, shell, frames=frames, force=force)
     shell.result(record, lambda console: show_play(console, record))
+
+
+@app.command("export")
+def capture_export(
+    source: RgbdPlace,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="A table (.csv) or a motion (.bvh) of joints.")
+    ],
+    person: Annotated[
+        int | None, typer.Option(help="Id of the person; a motion has the first one by default.")
+    ] = None,
+    frames: MostFrames = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write the joints of a recording for other programs.
+
+    Example: manip3d capture export 'sim:body?motion=wave&frames=30' -o wave.bvh
+    """
+    from manip3d import capture
+
+    check_output(output, (".csv", ".bvh"), force=force)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    with open_source(source, shell) as opened, naming_options("output"):
+        done = capture.export_joints(opened, output, person=person, frames=frames, overwrite=force)
+    shell.say(f"wrote {output}: {counted(done.frames, 'skeleton')}")
+    shell.result({**asdict(done), "path": str(done.path), "source": opened.uri})
 
 
 @app.command("info")

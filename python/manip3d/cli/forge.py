@@ -41,7 +41,7 @@ class Order:
     position: Sequence[float] | None
     box: Sequence[float] | None
     scale: float
-    yaw: float
+    yaw: float | None
     amplitude: float
     distance: float
     range_noise: float
@@ -59,7 +59,8 @@ def forge_scan(
     Raises
     ------
     InputError
-        An option that the attack needs is missing; the truth file exists without ``force``.
+        An option that the attack needs is missing; the attack would change nothing; the truth
+        file exists without ``force``.
     FormatError, OSError
         As `manip3d.read_scan`.
     """
@@ -71,6 +72,8 @@ def forge_scan(
     frame = manip3d.read_scan(source)
     terminal.say(f"read {source}: {counted(frame.num_points, 'point')}")
     forged = ATTACKS[attack](frame, order)
+    if not forged.num_touched:
+        raise InputError(f"{attack}: expected a change of {source}, but no point would change")
     forged.write(output)
     record = truth_of(forged) | {"source": source, "output": str(output)}
     atomic_write(truth, (json.dumps(record) + "\n").encode())
@@ -103,7 +106,7 @@ def _ctp(frame: LidarFrame, order: Order) -> Forgery:
         frame,
         _hoax(order),
         position=_position(order),
-        rotation=order.yaw,
+        rotation=order.yaw or 0.0,
         scale=order.scale,
         translation="paper" if order.paper else "centroid",
         threads=order.threads,
@@ -117,7 +120,7 @@ def _crtp(frame: LidarFrame, order: Order) -> Forgery:
         frame,
         _hoax(order),
         position=_position(order),
-        rotation=order.yaw,
+        rotation=order.yaw or 0.0,
         scale=order.scale,
         translation="paper" if order.paper else "centroid",
         rng=order.seed,
@@ -132,7 +135,7 @@ def _insert(frame: LidarFrame, order: Order) -> Forgery:
         frame,
         _hoax(order),
         position=_position(order),
-        rotation=order.yaw,
+        rotation=order.yaw or 0.0,
         scale=order.scale,
         range_noise=order.range_noise,
         rng=order.seed,
@@ -180,7 +183,8 @@ def _translate(frame: LidarFrame, order: Order) -> Forgery:
 def _rotate(frame: LidarFrame, order: Order) -> Forgery:
     from manip3d import forge
 
-    return forge.rotation(frame, _box(order), angle=order.yaw, threads=order.threads)
+    angle = {} if order.yaw is None else {"angle": order.yaw}
+    return forge.rotation(frame, _box(order), threads=order.threads, **angle)
 
 
 def _replace(frame: LidarFrame, order: Order) -> Forgery:
@@ -273,9 +277,12 @@ def forge_lidar(
     ] = None,
     scale: Annotated[float, typer.Option(help="Factor from the hoax's units to metres.")] = 1.0,
     yaw: Annotated[
-        float,
-        typer.Option(help="Turn of the hoax or the object about the vertical, radians."),
-    ] = 0.0,
+        float | None,
+        typer.Option(
+            help="Turn about the vertical, radians: of a hoax (default: 0), or of the object that "
+            "'rotation' turns (default: -10 degrees)."
+        ),
+    ] = None,
     amplitude: Annotated[float, typer.Option(help="Amplitude of a deformation, metres.")] = 0.1,
     distance: Annotated[float, typer.Option(help="Length of a translation, metres.")] = 3.0,
     up: Annotated[Up, typer.Option(help="Axis that is up in the hoax's mesh.")] = Up.z,

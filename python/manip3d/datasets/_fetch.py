@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from manip3d._util.checked import checked
 from manip3d.datasets._registry import DataFile, DataSet, cache_folder, locate, require
 from manip3d.errors import Error, MissingExtraError
 from manip3d.io._files import atomic_write
@@ -18,6 +19,7 @@ class FetchError(Error, OSError):
     """A data set that could not be fetched. The message says why and where to look."""
 
 
+@checked
 def fetch(data_set: DataSet, *, progress: Callable[[float, str], None] | None = None) -> list[Path]:
     """Bring every file of a data set to this machine and check its bytes.
 
@@ -57,11 +59,13 @@ def fetch(data_set: DataSet, *, progress: Callable[[float, str], None] | None = 
     return [require(file, data_set.name) for file in data_set.files]
 
 
+@checked
 def is_fetchable(data_set: DataSet) -> bool:
     """Return whether `fetch` may bring all files that are not here."""
     return all(file.url or file.text or locate(file) is not None for file in data_set.files)
 
 
+@checked
 def steps_by_hand(data_set: DataSet) -> list[str]:
     """Return the steps that bring a data set here without `fetch`.
 

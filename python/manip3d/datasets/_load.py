@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d.datasets._registry import file_sha256, get, is_here, require
 from manip3d.errors import InputError
 from manip3d.io import read_mesh
@@ -33,6 +34,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
 }
 
 
+@checked
 def clean(mesh: Mesh, cleaning: Cleaning) -> Mesh:
     """The mesh after one of `CLEANINGS`."""
     if cleaning not in CLEANINGS:
@@ -61,11 +63,13 @@ DERIVED: dict[str, tuple[str, Callable[[Mesh], Mesh]]] = {
 """Meshes made from a data set on loading: name -> the data set and what is done to it."""
 
 
+@checked
 def source_of(name: str) -> str:
     """The data set that a mesh name stands on: itself, or what it is `DERIVED` from."""
     return DERIVED[name][0] if name in DERIVED else name
 
 
+@checked
 def load_mesh(name: str, *, cleaning: Cleaning = "stored") -> Mesh:
     """Open a registered mesh after checking its bytes.
 
@@ -98,6 +102,7 @@ def load_mesh(name: str, *, cleaning: Cleaning = "stored") -> Mesh:
     return clean(derive(mesh) if derive else mesh, cleaning)
 
 
+@checked
 def provenance(name: str) -> dict[str, Any]:
     """Where a data set comes from, for the record: origin, licence, checksums of its files."""
     data_set = get(source_of(name))

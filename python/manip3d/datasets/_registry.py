@@ -11,6 +11,7 @@ from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 
+from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import Error, InputError
 
@@ -126,6 +127,7 @@ def _data_sets(group: object) -> Iterable[DataSet]:
     return data_sets
 
 
+@checked
 def get(name: str) -> DataSet:
     """The data set of that name, whatever its case.
 
@@ -158,6 +160,7 @@ def data_root() -> Path | None:
     return roots[0] if roots else None
 
 
+@checked
 def data_folder_problem(folder: Path) -> str:
     """Say what is wrong with a folder that ``MANIP3D_DATA`` names; empty: it can be used.
 
@@ -182,6 +185,7 @@ def _roots() -> list[Path]:
     return [path for path in [*candidates, cache_folder()] if path.is_dir()]
 
 
+@checked
 def locate(file: DataFile) -> Path | None:
     """Where the file lies on this machine, compressed or plain; None if it does not."""
     for root in _roots():
@@ -191,11 +195,13 @@ def locate(file: DataFile) -> Path | None:
     return None
 
 
+@checked
 def is_here(data_set: DataSet) -> bool:
     """Whether all files of the data set lie on this machine (their bytes are not checked)."""
     return all(locate(file) is not None for file in data_set.files)
 
 
+@checked
 def require(file: DataFile, name: str) -> Path:
     """Where the file lies, its bytes checked.
 
@@ -219,6 +225,7 @@ def require(file: DataFile, name: str) -> Path:
     return path
 
 
+@checked
 def file_sha256(path: Path) -> str:
     """Hexadecimal SHA-256 of a file's bytes; computed once while its size and time stay."""
     status = path_of(path).stat()

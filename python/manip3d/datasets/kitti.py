@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
@@ -243,6 +244,7 @@ class KittiDrive:
         return f"<manip3d.datasets.KittiDrive: {self.path}, {len(self)} frames>"
 
 
+@checked
 def open_kitti(
     path: str | os.PathLike[str], *, calibration: str | os.PathLike[str] | None = None
 ) -> KittiDrive:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d.camera import Intrinsics
 from manip3d.datasets._registry import DataFile, DataSet, get, require
 from manip3d.datasets._tables import data_file, table
@@ -152,6 +153,7 @@ def _sequences(data_set: str, pattern: str) -> list[str]:
     return sorted(names, key=lambda name: [int(n) for n in re.findall(r"\d+", name)])
 
 
+@checked
 def open_people(uri: str) -> RgbdSequence:
     """Open a recording of people after checking its bytes.
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.datasets.kitti import parse_time
 from manip3d.errors import FormatError
@@ -164,6 +165,7 @@ class RangeImageFolder(Sequence[LidarFrame]):
         return f"<manip3d.datasets.RangeImageFolder: {self.path}, {len(self)} turns>"
 
 
+@checked
 def open_range_images(path: str | os.PathLike[str]) -> RangeImageFolder:
     """Open a folder with ``velodyne_config.txt`` and ``data/*.png``.
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import Intrinsics
+from manip3d._util.checked import checked
 from manip3d.datasets._registry import DataSet, get, require
 from manip3d.datasets._tables import data_file, table
 from manip3d.errors import FormatError, InputError, MissingExtraError
@@ -346,6 +347,7 @@ def _recording(name: str) -> tuple[DataSet, _Recording]:
     return data_set, _RECORDINGS[data_set.name]
 
 
+@checked
 @cache
 def frame_names(name: str) -> tuple[str, ...]:
     """The frames of an RGB-D recording, in order.
@@ -359,6 +361,7 @@ def frame_names(name: str) -> tuple[str, ...]:
     return _frames_of(recording, [file.path.removeprefix("rgbd/") for file in data_set.files])
 
 
+@checked
 def load_frame(name: str, frame: str | int = 0) -> DepthFrame:
     """Open one frame of an RGB-D recording after checking its bytes.
 

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.datasets._registry import DataFile, DataSet, get, locate, require
 from manip3d.datasets._tables import data_file, table
@@ -22,7 +23,6 @@ from manip3d.io._text_files import text_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -95,6 +95,7 @@ def _sets_of_scans() -> Mapping[str, tuple[DataSet, DataFile]]:
     }
 
 
+@checked
 def scan_names(data_set: str = "") -> tuple[str, ...]:
     """Names of the scans of a data set of kind ``scan``; of all of them without one.
 
@@ -109,18 +110,21 @@ def scan_names(data_set: str = "") -> tuple[str, ...]:
     return tuple(n for n, (of, _) in _sets_of_scans().items() if wanted in (None, of))
 
 
+@checked
 def scan_path(name: str) -> Path:
     """Where the file of a scan lies, its bytes checked; errors as `load_scan`."""
     data_set, file = _find(name)
     return require(file, data_set.name)
 
 
+@checked
 def scan_is_here(name: str) -> bool:
     """Whether a scan and the poses of its set lie on this machine."""
     data_set, file = _find(name)
     return locate(file) is not None and locate(_poses_file(data_set)) is not None
 
 
+@checked
 def load_scan(name: str) -> RangeScan:
     """Open a range scan after checking its bytes.
 
@@ -153,6 +157,7 @@ def _poses_file(data_set: DataSet) -> DataFile:
     return next(file for file in data_set.files if file.path.endswith(".conf"))
 
 
+@checked
 def read_poses(path: Path) -> dict[str, NDArray[np.float64]]:
     """The poses of a Stanford ``.conf`` file: ``bmesh FILE tx ty tz qx qy qz qw``.
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
+from manip3d._util.checked import checked
 from manip3d._util.json import canonical_json
 
 if TYPE_CHECKING:
@@ -243,6 +244,7 @@ def _subject(row: Row) -> str:
     return " ".join(str(word) for word in words if word not in (None, ""))
 
 
+@checked
 def counted(number: int, noun: str, plural: str = "") -> str:
     """A number with its noun: ``1 face``, ``2 faces``; thousands in groups."""
     text = f"{number:,}".replace(",", "\u202f")

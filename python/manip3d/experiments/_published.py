@@ -6,6 +6,7 @@ import csv
 from functools import cache
 from importlib.resources import files
 
+from manip3d._util.checked import checked
 from manip3d.errors import InputError
 
 METHOD_NAMES = {
@@ -18,6 +19,7 @@ METHOD_NAMES = {
 """This package's names of the methods, and the tables' names."""
 
 
+@checked
 @cache
 def published_rows(name: str) -> tuple[dict[str, str], ...]:
     """Return the rows of a published table, with the text of each cell by its column.

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import entry_points
 
+from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.experiments._model import Experiment
 
@@ -82,6 +83,7 @@ def registry() -> Mapping[str, Experiment]:
     return found
 
 
+@checked
 def select(ids: list[str]) -> list[Experiment]:
     """The experiments of these ids, in the registry's order; all of them for an empty list.
 

@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from manip3d import datasets
+from manip3d._util.checked import checked
 from manip3d._util.fingerprint import code_fingerprint
 from manip3d._util.parallel import run_tasks
 from manip3d._util.paths import path_of
@@ -72,6 +73,7 @@ class RunSummary:
     results: dict[str, Any]
 
 
+@checked
 def run(
     experiments: Sequence[Experiment],
     folder: Path,

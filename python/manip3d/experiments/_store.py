@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d._util.json import sealed, unsealed
 from manip3d.experiments._model import Row
 from manip3d.io._files import atomic_write
@@ -36,6 +37,7 @@ _ARRAYS = (
 )
 
 
+@checked
 def pack_mesh(mesh: Mesh) -> bytes:
     """A mesh's arrays as an npz archive; materials stay with the mesh it was made from."""
     stream = io.BytesIO()
@@ -44,6 +46,7 @@ def pack_mesh(mesh: Mesh) -> bytes:
     return stream.getvalue()
 
 
+@checked
 def unpack_mesh(data: bytes, like: Mesh) -> Mesh:
     """The mesh that `pack_mesh` packed, with the materials of ``like``."""
     with np.load(io.BytesIO(data), allow_pickle=False) as arrays:

@@ -10,23 +10,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
-from manip3d._util.arrays import rows as as_rows
+from manip3d._util.arrays import vector
+from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.options import threads_of
 from manip3d.errors import InputError
 from manip3d.forge._objects import nearest_object
 from manip3d.forge._truth import Forgery, box_arguments, renamed, to_forgery
-from manip3d.lidar import Box, LidarFrame, Scan, origin_of, to_scan
+from manip3d.lidar import Box, LidarFrame, Scan, ScanLike, origin_of, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from manip3d.lidar import ScanLike
 
 CLEARANCE = 0.3
 """Metres above an object's lowest point from where on scene points count as a collision."""
 
 
+@checked
 def additive(
     scan: ScanLike,
     object_points: ArrayLike | LidarFrame,
@@ -60,6 +61,7 @@ def additive(
     return _edited("additive", scene, np.empty(0, np.int32), added, threads)
 
 
+@checked
 def subtractive(
     scan: ScanLike, box: Box | None = None, *, origin: ArrayLike | None = None, threads: int = 0
 ) -> Forgery:
@@ -71,6 +73,7 @@ def subtractive(
     return to_forgery(parts, scene, "subtractive", {"box": target})
 
 
+@checked
 def additive_subtractive(
     scan: ScanLike,
     object_points: ArrayLike | LidarFrame,
@@ -90,6 +93,7 @@ def additive_subtractive(
     return _edited("additive_subtractive", scene, gone, added, threads)
 
 
+@checked
 def replacement(
     scan: ScanLike,
     object_points: ArrayLike | LidarFrame,
@@ -111,6 +115,7 @@ def replacement(
     return _edited("replacement", scene, gone, _shifted(pasted, offset), threads)
 
 
+@checked
 def translation(
     scan: ScanLike,
     box: Box | None = None,
@@ -137,6 +142,7 @@ def translation(
     return _moved("translation", scene, target, transform, threads, {"distance": distance})
 
 
+@checked
 def rotation(
     scan: ScanLike,
     box: Box | None = None,
@@ -191,7 +197,7 @@ def _target(scan: ScanLike, box: Box | None, origin: ArrayLike | None) -> tuple[
 
 
 def _shifted(added: Scan, offset: ArrayLike) -> Scan:
-    shift = as_rows(np.asarray(offset)[None], 3, np.float64, "offset")
+    shift = vector(offset, 3, "offset")
     if not len(added.points):
         raise InputError("object_points: expected points, got none")
     return added._replace(points=(added.points + shift).astype(np.float32))

@@ -9,6 +9,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import index_rows
+from manip3d._util.checked import checked
 from manip3d._util.options import seed_of, threads_of
 from manip3d.errors import InputError
 from manip3d.forge._truth import (
@@ -16,24 +17,24 @@ from manip3d.forge._truth import (
     Forgery,
     Hoax,
     Lattice,
+    ObjectLike,
     box_arguments,
     rotation_matrix,
     to_forgery,
     to_hoax,
 )
-from manip3d.lidar import Box, Scan, origin_of, place, to_scan
+from manip3d.lidar import Box, Scan, ScanLike, origin_of, place, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from manip3d._util.options import Rng
-    from manip3d.forge._truth import ObjectLike
-    from manip3d.lidar import ScanLike
 
 NEIGHBOURHOOD = 1.0
 """Metres around the position whose points give the scene's spacing (MID)."""
 
 
+@checked
 def ctp(
     scan: ScanLike,
     hoax: ObjectLike,
@@ -90,6 +91,7 @@ def ctp(
     )
 
 
+@checked
 def crtp(
     scan: ScanLike,
     hoax: ObjectLike,
@@ -148,6 +150,7 @@ def crtp(
     return replace(forgery, parameters={**forgery.parameters, "spacing": float(spacing)})
 
 
+@checked
 def resample(
     hoax: ObjectLike,
     *,
@@ -170,6 +173,7 @@ def resample(
     )
 
 
+@checked
 def range_scale(scan: ScanLike, hoax: ObjectLike) -> float:
     """Scale that gives the hoax the range of coordinates of the scan (largest extent).
 
@@ -188,6 +192,7 @@ def range_scale(scan: ScanLike, hoax: ObjectLike) -> float:
     return float(np.ptp(scene.points, axis=0).max()) / extent
 
 
+@checked
 def subtract(
     scan: ScanLike, box: Box | None = None, *, rows: ArrayLike | None = None, threads: int = 0
 ) -> Forgery:
@@ -223,6 +228,7 @@ def subtract(
     return to_forgery(parts, scene, "subtract", {"rows": len(gone)})
 
 
+@checked
 def deform(
     scan: ScanLike,
     box: Box,
@@ -272,6 +278,7 @@ def deform(
     )
 
 
+@checked
 def insert_occluding(
     scan: ScanLike,
     hoax: ObjectLike,
@@ -338,6 +345,7 @@ def insert_occluding(
     )
 
 
+@checked
 def snap_to_lattice(
     forgery: Forgery,
     lattice: Lattice,
@@ -380,15 +388,19 @@ def snap_to_lattice(
         max_move,
         threads_of(threads),
     )
-    center, size, yaw = parts[6]
     return replace(
         forgery,
         points=parts[0],
         intensity=parts[1],
-        box=Box(tuple(center), tuple(size), yaw) if len(touched) else forgery.box,
+        box=_box_around(parts[0][touched]) if len(touched) else forgery.box,
         attack=f"{forgery.attack}+snap",
         parameters={**forgery.parameters, "snapped": along},
     )
+
+
+def _box_around(points: NDArray[np.float32]) -> Box:
+    low, high = (side.astype(np.float64) for side in (points.min(axis=0), points.max(axis=0)))
+    return Box(tuple((0.5 * (low + high)).tolist()), tuple((high - low).tolist()))
 
 
 def _paste(

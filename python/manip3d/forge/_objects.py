@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d.errors import InputError
-from manip3d.lidar import Box, origin_of, to_scan
+from manip3d.lidar import Box, ScanLike, origin_of, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from manip3d.lidar import ScanLike
 
 GROUND = -1
 OTHER = -2
@@ -40,6 +40,7 @@ class Segmentation:
         return np.flatnonzero(self.label == index).astype(np.int32)
 
 
+@checked
 def segment(
     scan: ScanLike,
     *,
@@ -96,6 +97,7 @@ def segment(
     )
 
 
+@checked
 def nearest_object(scan: ScanLike, *, origin: ArrayLike | None = None) -> Box:
     """The box of the object that is nearest to the scanner, as `segment` finds it.
 

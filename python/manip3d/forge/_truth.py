@@ -21,10 +21,10 @@ from manip3d.mesh import Mesh
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    ObjectLike: TypeAlias = Mesh | LidarFrame | ArrayLike
-
     Points: TypeAlias = NDArray[np.float32]
     Rows: TypeAlias = NDArray[np.int32]
+
+ObjectLike: TypeAlias = "Mesh | LidarFrame | ArrayLike"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

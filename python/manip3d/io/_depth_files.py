@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import Error, FormatError, InputError, MissingExtraError
 from manip3d.io._files import open_regular
@@ -26,6 +27,7 @@ MOST_PIXELS = 1 << 25
 _HEADER_BYTES = 1 << 20  # beside the pixels: headers, colour profiles, text
 
 
+@checked
 def read_depth(
     path: str | os.PathLike[str],
     *,
@@ -83,6 +85,7 @@ def read_stored_depth(
         raise FormatError(error.reason, file=name, byte_offset=offset) from error.__cause__
 
 
+@checked
 def is_colour_png(path: str | os.PathLike[str]) -> bool:
     """Return whether a file is a PNG of at most 8 bits: a picture or a mask, no depth image."""
     with open_regular(path_of(path)) as file:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.io._depth_files import MILLIMETRES, MOST_PIXELS, read_stored_depth
 
@@ -122,11 +123,13 @@ DEPTH_UNITS = tuple(_UNITS)
 _WHOLE_ONLY = ("kinect-raw", "nyu", "sun")
 
 
+@checked
 def describe_unit(unit: str) -> str:
     """Describe a unit in words: ``1/5000 m: TUM RGB-D, ICL-NUIM``."""
     return _UNITS[unit][0] if unit in _UNITS else f"1/{unit} m"
 
 
+@checked
 def read_depth_guessing(
     path: str | os.PathLike[str], *, unit: str | float = "guess", max_pixels: int = MOST_PIXELS
 ) -> DepthReading:
@@ -178,6 +181,7 @@ def _checked_unit(unit: str | float) -> str:
     return {1.0: "m", 1000.0: "mm", 5000.0: "tum"}.get(number, f"{number:g}")
 
 
+@checked
 def guess_depth_unit(stored: NDArray[Any]) -> tuple[str, str]:
     """Guess the unit of a depth image from its stored numbers.
 

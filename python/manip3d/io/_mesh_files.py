@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._files import regular_bytes
@@ -83,6 +84,7 @@ def _report(result: tuple[Mesh, str, int, int, list[str]], source: str | None) -
     return ReadReport(mesh, kind, num_polygons, num_skipped, tuple(warnings))
 
 
+@checked
 def read_report(
     path: str | os.PathLike[str], *, allow_outside: bool = False, max_bytes: int | None = None
 ) -> ReadReport:
@@ -105,6 +107,7 @@ def _take_textures(mesh: Mesh, local: Path) -> None:
                 material.textures[role] = replace(texture, data=regular_bytes(path))
 
 
+@checked
 def read_mesh(
     path: str | os.PathLike[str], *, allow_outside: bool = False, max_bytes: int | None = None
 ) -> Mesh:
@@ -143,6 +146,7 @@ def read_mesh(
     return read_report(path, allow_outside=allow_outside, max_bytes=max_bytes).mesh
 
 
+@checked
 def read_mesh_bytes(
     data: bytes, format: str | None = None, *, max_bytes: int | None = None
 ) -> Mesh:
@@ -170,6 +174,7 @@ def read_mesh_bytes(
     return _report(_core.read_mesh_bytes(bytes(data), suffix, _limit(max_bytes)), None).mesh
 
 
+@checked
 def write_mesh(mesh: Mesh, path: str | os.PathLike[str]) -> None:
     """Write a mesh file: one of `WRITABLE`, alone or followed by ``.gz`` or ``.xz``.
 
@@ -196,6 +201,7 @@ def write_mesh(mesh: Mesh, path: str | os.PathLike[str]) -> None:
             _logger.warning("%s: %s", os.fspath(path), text)
 
 
+@checked
 def texture_path(mesh: Mesh, texture: Texture) -> Path | None:
     """Where the image of a texture lies.
 
@@ -225,6 +231,7 @@ def texture_path(mesh: Mesh, texture: Texture) -> Path | None:
     return path if path.is_file() else None
 
 
+@checked
 def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> RangeGrid:
     """Read the pixels of a range scan (PLY with a ``range_grid``, as Stanford's single scans).
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io import _scan_tables as tables
@@ -17,6 +18,7 @@ SCAN_SUFFIXES: tuple[str, ...] = (*tables.TABLE_SUFFIXES, ".las", ".laz", ".e57"
 """Suffixes that `read_scan` and `write_scan` know; LAS, LAZ and E57 need an extra."""
 
 
+@checked
 def read_scan(
     path: str | os.PathLike[str],
     *,
@@ -63,6 +65,7 @@ def read_scan(
     return frames[0] if origin is None else frames[0].replace(origin=tuple(origin))
 
 
+@checked
 def read_scans(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> list[LidarFrame]:
     """Read all scans of a file: E57 may hold many positions, other formats hold one.
 
@@ -89,6 +92,7 @@ def _read_local(path: Path, max_bytes: int | None) -> list[LidarFrame]:
     return [tables.read_table(path, byte_limit(max_bytes))]
 
 
+@checked
 def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     """Write a scan in the format that the suffix says, then ``.gz`` or ``.xz`` if wanted.
 
@@ -117,6 +121,7 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
         return tables.write_table(frame, os.fspath(local))
 
 
+@checked
 def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> None:
     """Write several scan positions to one E57 file, each with the pose it was read with.
 

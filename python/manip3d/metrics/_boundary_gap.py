@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d._util.options import reporting, threads_of
 from manip3d.metrics._distances import Deviation
 
@@ -40,6 +41,7 @@ class BoundaryGap:
     diagonal: float
 
 
+@checked
 def boundary_gap(
     original: Mesh,
     simplified: Mesh,

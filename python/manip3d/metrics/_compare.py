@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
+from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d.metrics._boundary_gap import BoundaryGap, boundary_gap
 from manip3d.metrics._distances import MetroResult, metro
@@ -46,6 +47,7 @@ class Comparison:
     boundary_gap: BoundaryGap
 
 
+@checked
 def compare(
     original: Mesh,
     simplified: Mesh,

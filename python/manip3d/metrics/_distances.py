@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from manip3d import _core
-from manip3d._util.arrays import rows
+from manip3d._util.arrays import rows, vector
+from manip3d._util.checked import checked
 from manip3d._util.options import reporting, seed_of, threads_of
 from manip3d.errors import InputError
 
@@ -88,6 +89,7 @@ class MetroResult:
         return self.forward.max / self.diagonal
 
 
+@checked
 def closest_points(
     mesh: Mesh, points: ArrayLike, *, threads: int = 0, progress: Progress = None
 ) -> ClosestPoints:
@@ -125,6 +127,7 @@ def closest_points(
         return ClosestPoints(*_core.closest_points(mesh, queries, threads_of(threads), report))
 
 
+@checked
 def nearest_distances(
     points: ArrayLike,
     *,
@@ -167,11 +170,12 @@ def nearest_distances(
     cloud = rows(points, 3, np.float32, "points")
     place = None
     if origin is not None:
-        place = rows(np.asarray(origin)[None], 3, np.float64, "origin")[0]
+        place = vector(origin, 3, "origin")
     with reporting(progress, "nearest distances") as report:
         return _core.nearest_distances(cloud, place, resolution, threads_of(threads), report)
 
 
+@checked
 def metro(
     original: Mesh,
     simplified: Mesh,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d._util.options import reporting, threads_of
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ class FmpdResult:
     non_manifold: bool
 
 
+@checked
 def fmpd(
     original: Mesh,
     simplified: Mesh,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d._util.options import reporting, threads_of
 from manip3d.camera import Intrinsics, _depth_image
 from manip3d.errors import InputError
@@ -110,6 +111,7 @@ class BoundaryNoise:
     flying: int
 
 
+@checked
 def render_depth(
     mesh: Mesh | DepthMesh, intrinsics: Intrinsics, *, threads: int = 0, progress: Progress = None
 ) -> NDArray[np.float64]:
@@ -139,6 +141,7 @@ def render_depth(
     return _render(mesh, points, valid, rows_up, intrinsics, threads, progress)
 
 
+@checked
 def range_image_error(
     depth: ArrayLike,
     intrinsics: Intrinsics,
@@ -187,6 +190,7 @@ def range_image_error(
     return _error(mesh, points, valid, rows_up, intrinsics, threads, progress)
 
 
+@checked
 def range_image_error_grid(
     points: ArrayLike,
     valid: ArrayLike | None,
@@ -223,6 +227,7 @@ def range_image_error_grid(
     return _error(mesh, grid, mask, rows_up, None, threads, progress)
 
 
+@checked
 def flicker(
     frames: Iterable[Mesh | DepthMesh],
     intrinsics: Intrinsics,
@@ -261,6 +266,8 @@ def flicker(
     before: NDArray[np.bool_] | None = None
     count = 0
     for count, frame in enumerate(frames, start=1):
+        if not isinstance(frame, Mesh | DepthMesh):
+            raise InputError(f"frames: expected meshes, got {frame!r}")
         depth = render_depth(frame, intrinsics, threads=threads)
         step = depth - mean  # Welford: no difference of large sums
         covered += np.isfinite(depth)
@@ -293,6 +300,7 @@ def flicker(
     )
 
 
+@checked
 def boundary_noise(
     depth: ArrayLike,
     intrinsics: Intrinsics,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d._util.options import reporting, seed_of, threads_of
 from manip3d.metrics._distances import _checked_samples
 
@@ -43,6 +44,7 @@ class TextureError:
     material_mismatch_rate: float
 
 
+@checked
 def texture_error(
     original: Mesh,
     simplified: Mesh,

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from manip3d._util.arrays import rows
+from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.rgbd import INFERRED, JOINTS, NO_BODY, NOT_TRACKED, TRACKED, Skeleton
 
@@ -77,6 +78,7 @@ def _rules(layout: str) -> tuple[_Rule, ...]:
     return tuple(rules)
 
 
+@checked
 def skeleton_from(
     joints: ArrayLike,
     states: ArrayLike | None = None,

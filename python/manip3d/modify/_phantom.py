@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d.camera import Intrinsics
 from manip3d.errors import InputError
@@ -374,6 +375,7 @@ class BodyMirror:
         return product(points, self.linear.T) + self.offset
 
 
+@checked
 def body_mirror(
     skeleton: Skeleton, affected: Limb, *, mode: MirrorMode = "reflection"
 ) -> BodyMirror | None:
@@ -417,6 +419,7 @@ class BodySegmentation:
     distances: NDArray[np.float32]
 
 
+@checked
 def segment_body(
     depth: NDArray[np.uint16 | np.float32],
     intrinsics: Intrinsics,
@@ -460,9 +463,11 @@ def segment_body(
     tenth, and joints are off, 1 cm; beyond three of them in metres.
     """
     image = np.ascontiguousarray(depth)
-    index = None if body_index is None else np.ascontiguousarray(body_index, np.uint8)
-    if index is not None and index.shape != image.shape:
-        raise InputError(f"body_index: expected shape {image.shape}, got {index.shape}")
+    index = None if body_index is None else np.ascontiguousarray(body_index)
+    if index is not None and (index.shape != image.shape or index.dtype != np.uint8):
+        raise InputError(
+            f"body_index: expected uint8 of shape {image.shape}, got {index.dtype} {index.shape}"
+        )
     labels, distances = _core.segment_person(
         image, index, intrinsics, skeleton, _mask(near, far, margin), _bone_rule(segmentation)
     )

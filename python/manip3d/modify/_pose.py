@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.modify._joints import joint_layouts, skeleton_from
 from manip3d.rgbd import INFERRED, NO_BODY, NOT_TRACKED, TRACKED, RgbdFrame, Skeleton
@@ -31,6 +32,7 @@ _RADIUS = {  # metres from the skin that the camera sees to the joint, of an adu
 }
 
 
+@checked
 def lift_landmarks(
     pixels: ArrayLike,
     visibility: ArrayLike,

@@ -10,6 +10,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import rows
+from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d.errors import InputError
 from manip3d.rgbd import JOINTS, Skeleton
@@ -40,6 +41,7 @@ class Reposed:
     skeleton: Skeleton
 
 
+@checked
 def repose(
     vertices: ArrayLike,
     skeleton: Skeleton,

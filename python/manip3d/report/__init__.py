@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import Error, FormatError, InputError
 from manip3d.experiments import RESULTS_FORMAT
@@ -18,6 +19,7 @@ __all__ = ["EVIDENCE_KINDS", "place_sentence", "write_evidence", "write_report"]
 _KINDS = (".html", ".md", ".csv")
 
 
+@checked
 def write_report(results_dir: str | os.PathLike[str], output: str | os.PathLike[str]) -> None:
     """Write the report of a results folder as one file.
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d import viewer
+from manip3d._util.checked import checked
 from manip3d._util.json import finite
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
@@ -29,6 +30,7 @@ EVIDENCE_KINDS = (".html", ".json")
 _MOST_ROWS, _MOST_COLUMNS = 600, 1600
 
 
+@checked
 def write_evidence(
     inspection: Inspection, output: str | os.PathLike[str], *, source: str = "scan"
 ) -> None:
@@ -168,6 +170,7 @@ def _page(inspection: Inspection, source: str) -> str:
     )
 
 
+@checked
 def place_sentence(inspection: Inspection) -> str:
     """Say where the scanner stood and who states it."""
     if inspection.origin is None:

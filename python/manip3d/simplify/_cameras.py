@@ -12,6 +12,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import rows
+from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
@@ -367,6 +368,7 @@ def _uvs(view: _View, world: NDArray[np.float64], pixels: NDArray[np.int32]) -> 
     return np.column_stack([(u + 0.5) / width, 1 - (v + 0.5) / height]).astype(np.float32)
 
 
+@checked
 def cs3_cameras(
     views: Sequence[CameraView],
     target_points: int,
@@ -408,7 +410,7 @@ def cs3_cameras(
     where the pixel at its centroid is not covered. Dissertation section 8.3 names this as future
     work.
     """
-    if not views:
+    if not len(views):
         raise InputError("views: expected at least one")
     remaining = _count(target_points, "target_points")
     if tolerance is not None and not tolerance > 0:

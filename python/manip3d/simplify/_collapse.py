@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, TypeVar, get_args
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 
@@ -100,6 +101,7 @@ class CleanResult(Showable):
     changed_vertices: int
 
 
+@checked
 def clean(mesh: Mesh, *, weld: bool = True, duplicates: Duplicates = "same") -> CleanResult:
     """Remove what no simplification can use, and weld what belongs together.
 
@@ -268,6 +270,7 @@ def _simplify(
     return SimplifyResult(**fields, _source=mesh, _options=options)
 
 
+@checked
 def qem4vr(
     mesh: Mesh,
     *,
@@ -382,6 +385,7 @@ def _baseline(
     )
 
 
+@checked
 def qem_orig(
     mesh: Mesh,
     *,
@@ -410,6 +414,7 @@ def qem_orig(
     )
 
 
+@checked
 def qem_bp(
     mesh: Mesh,
     *,
@@ -444,6 +449,7 @@ def qem_bp(
     )
 
 
+@checked
 def qem_tp(
     mesh: Mesh,
     *,
@@ -473,6 +479,7 @@ def qem_tp(
     )
 
 
+@checked
 def qem_btp(
     mesh: Mesh,
     *,

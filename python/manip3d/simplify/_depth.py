@@ -14,6 +14,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import index_rows
+from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
 from manip3d.camera import Intrinsics, Registration, _depth_image
@@ -212,6 +213,7 @@ class DepthSimplification(DepthMesh):
     timings: dict[str, float] = field(repr=False)
 
 
+@checked
 def dense_mesh(
     depth: ArrayLike,
     intrinsics: Intrinsics,
@@ -263,6 +265,7 @@ def dense_mesh(
     return DepthMesh(**fields, colour=picture)
 
 
+@checked
 def dense_mesh_grid(
     points: ArrayLike,
     valid: ArrayLike | None = None,
@@ -482,6 +485,7 @@ class Cs3Stream:
             return _result(report, buffers, picture)
 
 
+@checked
 def cs3(
     depth: ArrayLike,
     intrinsics: Intrinsics,
@@ -562,6 +566,7 @@ def cs3(
     return stream.simplify(depth, intrinsics, colour=colour, registration=registration)
 
 
+@checked
 def cs3_grid(
     points: ArrayLike,
     valid: ArrayLike | None,
@@ -600,6 +605,7 @@ def cs3_grid(
     return stream.simplify_grid(points, valid, colour=colour, rows_up=rows_up)
 
 
+@checked
 def grid_delaunay(pixels: ArrayLike) -> NDArray[np.int32]:
     """Delaunay triangulation of distinct pixels: exact, and unique although many are cocircular.
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.camera import CAMERA_PRESETS, Intrinsics, read_intrinsics
 from manip3d.errors import FormatError, InputError, MissingExtraError
@@ -135,6 +136,7 @@ class DepthFileResult:
         return self.points < 0.99 * min(self.options.points, self.points_before)
 
 
+@checked
 def simplify_depth(
     depth: ArrayLike,
     intrinsics: Intrinsics,
@@ -185,6 +187,7 @@ def simplify_depth(
     return cut_depth_steps(found, depth, step=options.depth_step) if options.depth_step else found
 
 
+@checked
 def simplify_depth_file(
     source: str | os.PathLike[str],
     output: str | os.PathLike[str],
@@ -325,6 +328,7 @@ def _colour_image(path: Path) -> NDArray[np.uint8]:
         raise FormatError(f"expected a colour image: {error}", file=str(path)) from error
 
 
+@checked
 def colours_of_frames(
     frames: Sequence[str | os.PathLike[str]], folder: str | os.PathLike[str]
 ) -> dict[str, str]:
@@ -350,6 +354,7 @@ def colours_of_frames(
     return dict(zip(names, map(str, images), strict=True))
 
 
+@checked
 def common_depth_unit(
     frames: Sequence[str | os.PathLike[str]], unit: str = "guess", intrinsics: str = ""
 ) -> str:

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.simplify._depth import DepthMesh
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    AnyDepthMesh = TypeVar("AnyDepthMesh", bound=DepthMesh)
+AnyDepthMesh = TypeVar("AnyDepthMesh", bound=DepthMesh)
 
 DEPTH_STEP = 0.05
 """Change of depth from one pixel to the next that is no slope any more, as a share of the depth. At
@@ -22,6 +23,7 @@ f = 525 pixels a surface would have to be turned by 87.8 degrees (arctan 0.05 f)
 _BLOCK = 1 << 21  # samples that are looked at together
 
 
+@checked
 def cut_depth_steps(
     found: AnyDepthMesh, depth: ArrayLike, *, step: float = DEPTH_STEP
 ) -> AnyDepthMesh:
@@ -59,9 +61,13 @@ def cut_depth_steps(
     >>> mesh.num_faces, simplify.cut_depth_steps(mesh, depth).num_faces
     (30, 24)
     """
-    if not step > 0:
-        raise InputError(f"step: expected > 0, got {step}")
-    image = np.nan_to_num(np.asarray(depth, np.float32), posinf=0.0, neginf=0.0)
+    if not 0 < step <= float(np.finfo(np.float32).max):
+        raise InputError(f"step: expected > 0 and finite, got {step}")
+    image = np.asarray(depth)
+    if image.ndim != 2:
+        raise InputError(f"depth: expected shape (H, W), got {image.shape}")
+    with np.errstate(over="ignore"):  # beyond float32: as infinite as beyond float64
+        image = np.nan_to_num(image.astype(np.float32), posinf=0.0, neginf=0.0)
     pixels = found.pixels
     if len(pixels) and (pixels.min() < 0 or (pixels.max(axis=0) >= image.shape[::-1]).any()):
         raise InputError(f"depth: expected the image of the mesh, got shape {image.shape}")

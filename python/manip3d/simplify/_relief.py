@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d.camera import _depth_image
 from manip3d.errors import InputError
@@ -125,6 +126,7 @@ def _run(
     return Relief(**fields, colour=colour)
 
 
+@checked
 def relief(
     depth: ArrayLike,
     intrinsics: Intrinsics,
@@ -211,6 +213,7 @@ def relief(
     )
 
 
+@checked
 def relief_grid(
     points: ArrayLike,
     valid: ArrayLike | None,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d._util.options import seed_of, threads_of
 from manip3d.camera import _depth_image
 from manip3d.errors import InputError
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 SamplingMethod = Literal["uniform", "poisson", "ssa"]
 
 
+@checked
 def sample_depth(
     depth: ArrayLike,
     intrinsics: Intrinsics,
@@ -97,6 +99,7 @@ def sample_depth(
     return DepthMesh(mesh.vertices, mesh.triangles, mesh.pixels, uvs, picture)
 
 
+@checked
 def sample_depth_grid(
     points: ArrayLike,
     valid: ArrayLike | None,
@@ -135,10 +138,11 @@ def sample_depth_grid(
         raise InputError(f"method: expected one of {expected}, got {method!r}")
     grid, mask = _point_grid(points, valid)
     picture = _colour_image(colour, mask.shape, None)
+    seed = seed_of(rng)
     if method == "uniform":
         pixels = _core.sample_uniform(grid, mask, target_points)
     elif method == "poisson":
-        pixels, _ = _core.sample_poisson_disk(grid, mask, target_points, seed_of(rng))
+        pixels, _ = _core.sample_poisson_disk(grid, mask, target_points, seed)
     else:
         pixels, _ = _core.sample_scale_space(grid, mask, target_points)
     return _meshed(grid, mask, pixels, rows_up, _max_edge(max_edge), picture)

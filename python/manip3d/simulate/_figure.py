@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d.rgbd import MIRRORED_JOINTS, PARENTS
 
@@ -308,6 +309,7 @@ LIMBS: Mapping[str, tuple[int, ...]] = {
 """Joints of each limb, the root first; the limb's bones are those that end at the others."""
 
 
+@checked
 def opposite(limb: str) -> str:
     """The limb on the other side."""
     side, _, kind = limb.partition("_")

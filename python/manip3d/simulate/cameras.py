@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.options import generator_of
 from manip3d.simulate._stage import Mover, Stage
@@ -83,6 +84,7 @@ def projections() -> tuple[dict[int, Doubles], Doubles]:
     return matrices, rigid
 
 
+@checked
 def stereo_pair(
     street: Street,
     time: float = 0.0,

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.options import generator_of, reporting
 from manip3d._util.paths import path_of
@@ -79,6 +80,7 @@ class DriveFrame:
     boxes: tuple[Box, ...]
 
 
+@checked
 def drive(
     street: Street,
     frames: int,
@@ -123,6 +125,7 @@ def drive(
         yield DriveFrame(time, scan, pair, boxes)
 
 
+@checked
 def write_drive(
     street: Street,
     folder: str | os.PathLike[str],

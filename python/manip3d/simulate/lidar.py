@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.checked import checked
 from manip3d._util.options import generator_of
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
@@ -133,6 +134,7 @@ def lasers() -> Lasers:
     return Lasers(*table.T[1:])
 
 
+@checked
 def hdl64e(
     street: Street,
     time: float = 0.0,

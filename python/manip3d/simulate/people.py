@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d.camera import Intrinsics, Registration
 from manip3d.errors import InputError
@@ -474,6 +475,7 @@ def _seen(joints: NDArray[np.float64], view: _View, number: int) -> NDArray[np.b
     return np.asarray(inside & ~hidden)
 
 
+@checked
 def cast_mesh(mesh: Mesh, camera: Intrinsics, *, threads: int = 0) -> Floats:
     """Depth of a mesh, (H, W) float32 in metres, by an ideal camera at the origin; 0: nothing."""
     shape = camera.height, camera.width

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, TypeVar
 from urllib.parse import parse_qsl, urlsplit
 
+from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 from manip3d.simulate import scenes
@@ -20,6 +21,7 @@ __all__ = ["open_source"]
 _Number = TypeVar("_Number", int, float)
 
 
+@checked
 def open_source(address: str, *, threads: int = 0) -> Iterator[LidarFrame] | BodySimulator:
     """Simulated scans or RGB-D frames of a person by their address, one after the other.
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from manip3d._util.checked import checked
 from manip3d._util.options import generator_of
 from manip3d.errors import InputError
 from manip3d.lidar import Box
@@ -110,6 +111,7 @@ class Street:
         return tuple(seen)
 
 
+@checked
 def street(rng: Rng = 0) -> Street:
     """A street of 420 m with houses, parked cars, trees, lamps, people and traffic.
 

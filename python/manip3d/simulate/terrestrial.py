@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from manip3d._util.checked import checked
 from manip3d._util.options import generator_of, reporting
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
@@ -84,6 +85,7 @@ class TerrestrialScan:
         )
 
 
+@checked
 def terrestrial_scan(
     scene: Scene,
     *,

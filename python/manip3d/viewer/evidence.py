@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
 from manip3d.viewer.points import (
@@ -35,6 +36,7 @@ _VERDICTS: dict[str, Rgb] = {"tampered": QUIET, "undecidable": DOUBT}
 """Colours of points that nobody suspects; every verdict but these is a good one."""
 
 
+@checked
 def evidence(
     scan: LidarFrame,
     *,
@@ -90,6 +92,7 @@ def box_between(lower: Sequence[float], upper: Sequence[float]) -> Box:
     return Box((x, y, z), (length, width, height))
 
 
+@checked
 def forgery_points(forgery: Forgery) -> DrawnPoints:
     """A forged scan: points that were added and moved, and, where known, that were removed."""
     frame, label = forgery.frame, forgery.label

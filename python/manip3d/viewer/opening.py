@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from manip3d import capture, io
+from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io._scan_files import SCAN_SUFFIXES
@@ -56,6 +57,7 @@ class Opened:
     note: str = ""
 
 
+@checked
 def kind_of(source: str | os.PathLike[str]) -> Kind:
     """What a file, a folder or an address holds, by its name and by what stands there.
 
@@ -75,6 +77,7 @@ def kind_of(source: str | os.PathLike[str]) -> Kind:
     return "mesh"
 
 
+@checked
 def scan_address(source: str) -> str | None:
     """The address of LiDAR packets or of a drive, for `manip3d.capture.open_lidar`; or None."""
     if source.startswith(_LIDAR_SCHEMES):
@@ -86,6 +89,7 @@ def scan_address(source: str) -> str | None:
     return f"kitti:{source}" if is_drive else None
 
 
+@checked
 def rgbd_address(source: str) -> str | None:
     """The address of RGB-D frames, for `manip3d.capture.open_rgbd`; None for anything else."""
     path = Path(source)
@@ -113,6 +117,7 @@ def _has_faces(path: Path) -> bool:
     return not elements <= {b"vertex", b"camera"}
 
 
+@checked
 def open_thing(
     source: str | os.PathLike[str],
     *,

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import simplify
+from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError, MissingExtraError, RenderError
 from manip3d.io import write_mesh
@@ -281,6 +282,7 @@ def displayed(thing: Shown, max_faces: int, max_points: int = MAX_POINTS) -> tup
     return light, f"{thing.num_faces:,} faces, shown with {light.num_faces:,}"
 
 
+@checked
 def html(
     thing: Any,
     *,
@@ -435,6 +437,7 @@ def still_page(thing: Shown, camera: Camera, style: Style, scale: int) -> str:
     return document("", page)
 
 
+@checked
 def iframe(page: str, *, height: int = 480) -> str:
     """An HTML element that shows ``page`` inside another page, kept apart from it."""
     return (
@@ -443,6 +446,7 @@ def iframe(page: str, *, height: int = 480) -> str:
     )
 
 
+@checked
 def figure(
     thing: Any, caption: str = "", *, height: int = 520, max_points: int = FIGURE_POINTS
 ) -> str:
@@ -476,6 +480,7 @@ def has_display() -> bool:
     return any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
 
 
+@checked
 def view(thing: Any, output: str | os.PathLike[str] | None = None, **options: Any) -> Path:
     """Show a thing, or several side by side: in the browser, or as an .html or .png file.
 

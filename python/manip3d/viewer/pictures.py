@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 from manip3d.mesh import Mesh
@@ -45,6 +46,7 @@ DRAW: dict[str, Callable[[Shown, Camera, Style], Image]] = {
 }
 
 
+@checked
 def picture(
     thing: Any,
     *,
@@ -122,6 +124,7 @@ def picture(
     return _drawn(one, camera, style, legend=legend)
 
 
+@checked
 def points_picture(
     points: LidarFrame | ArrayLike,
     *,
@@ -193,6 +196,7 @@ def _drawn(thing: Shown, camera: Camera, style: Style, *, legend: bool) -> Image
     return image
 
 
+@checked
 def comparison(
     things: Sequence[Any],
     labels: Sequence[str] | None = None,
@@ -283,6 +287,7 @@ def _caption(label: str, style: Style) -> Image:
     return np.asarray(strip)
 
 
+@checked
 def png_bytes(image: Image) -> bytes:
     """The PNG file of an (H, W, 3) uint8 picture."""
     stream = io.BytesIO()

@@ -11,6 +11,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import rows
+from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
 from manip3d.camera import Intrinsics, Registration
@@ -426,6 +427,7 @@ def ramp() -> Image:
 # --- points of any kind -------------------------------------------------------------------------
 
 
+@checked
 def drawn_points(
     points: ArrayLike,
     *,
@@ -525,6 +527,7 @@ _EDGES = np.array(
 )
 
 
+@checked
 def box_lines(
     boxes: Sequence[Box] | Mapping[str, Sequence[Box]], colors: Mapping[str, Rgb] | None = None
 ) -> tuple[Lines, ...]:
@@ -617,6 +620,7 @@ def camera_poses(camera: Intrinsics, middle: float) -> tuple[Pose, ...]:
 # --- scans --------------------------------------------------------------------------------------
 
 
+@checked
 def scan_points(
     frame: LidarFrame,
     *,
@@ -721,6 +725,7 @@ class DepthImage(Showable):
         return f"<manip3d.viewer.DepthImage: {width} x {height} pixels, {self.depth.dtype}>"
 
 
+@checked
 def depth_points(
     depth: NDArray[Any],
     intrinsics: Intrinsics,
@@ -791,6 +796,7 @@ def _pixel_colors(
     return np.where(known[:, None], color[row, column, :3], np.array(QUIET, np.uint8))
 
 
+@checked
 def rgbd_points(frame: RgbdFrame) -> DrawnPoints:
     """An RGB-D frame: its points by colour, depth and person, and its people's bones."""
     calibration = frame.calibration
@@ -823,6 +829,7 @@ def _people(body_index: Bytes, valid: NDArray[np.bool_]) -> Classes:
     return Classes("person", values.astype(np.uint8), labels, palette)
 
 
+@checked
 def skeleton_lines(skeletons: Sequence[Skeleton]) -> tuple[Lines, ...]:
     """The bones of people: those between tracked joints, and those with an inferred end."""
     bones = np.array([(parent, joint) for joint, parent in enumerate(PARENTS) if joint != parent])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import singledispatch
 from typing import Any
 
+from manip3d._util.checked import checked
 from manip3d.authenticate import DensityResult, GenericResult, Inspection, OcclusionResult
 from manip3d.errors import InputError
 from manip3d.forge import Forgery
@@ -18,6 +19,7 @@ from manip3d.viewer.points import DepthImage, DrawnPoints, rgbd_points, scan_poi
 Shown = Mesh | DrawnPoints
 
 
+@checked
 @singledispatch
 def shown(thing: Any) -> Shown:
     """The mesh or the points that show a thing.

@@ -34,8 +34,9 @@ struct Forgery {
   Eigen::Matrix4d transform = Eigen::Matrix4d::Identity();  ///< Of the object, where it has one.
 };
 
-/// Carries out an edit: one pass over the scan. The same bytes for any number of threads.
+/// Carries out an edit: one pass over the scan. The same bytes for any number of threads. A point
+/// that is moved to where it is stays untouched.
 /// @throws InputError  more than 2^31 - 1 points. Does not look for NaN among the scan's points.
-Forgery apply_edit(const PointsView& scan, const Edit& edit, int num_threads = 0);
+Forgery apply_edit(const PointsView& scan, Edit edit, int num_threads = 0);
 
 }  // namespace manip3d

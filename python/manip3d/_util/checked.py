@@ -1,0 +1,221 @@
+"""Arguments of public functions against their annotations."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import collections.abc
+import functools
+import inspect
+import os
+import sys
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, TypeVar, cast
+
+import numpy as np
+
+from manip3d.errors import InputError
+
+_Checked = TypeVar("_Checked", bound=Callable[..., Any])
+
+_INT64 = range(-(2**63), 2**63)
+
+
+def checked(function: _Checked) -> _Checked:
+    """Refuse arguments that are not of the annotated kinds, before the function runs.
+
+    The decorated function raises an `InputError` that names the argument, what is expected and
+    what came. Of a class, the constructor is decorated.
+
+    Parameters
+    ----------
+    function : callable
+        A function, method or class.
+
+    Notes
+    -----
+    Annotations of numbers, texts, paths, containers and classes are understood, as are unions of
+    them, ``ArrayLike`` (an array of numbers) and aliases. An argument whose annotation has another
+    part is left to the function.
+    """
+    if isinstance(function, type):
+        function.__init__ = checked(function.__init__)  # type: ignore[misc]
+        return function
+    names = tuple(inspect.signature(function).parameters)
+
+    @functools.cache  # at the first call, when all names of the module are there
+    def kinds() -> Mapping[str, _Kind]:
+        return _kinds_of(function)
+
+    @functools.wraps(function)
+    def wrapper(*args: Any, **kwargs: Any) -> Any:
+        expected = kinds()
+        for name, value in (*zip(names, args, strict=False), *kwargs.items()):
+            kind = expected.get(name)
+            if kind is not None and not kind.accepts(value):
+                raise InputError(f"{name}: expected {kind}, got {_shown(value)}")
+        return function(*args, **kwargs)
+
+    return cast("_Checked", wrapper)
+
+
+class _Kind:
+    """What an annotation accepts: some of these."""
+
+    def __init__(self, text: str, accepts: Callable[[Any], bool]) -> None:
+        self.text = text
+        self.accepts = accepts
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def _is_number(value: Any) -> bool:
+    if isinstance(value, np.ndarray):
+        return value.ndim == 0 and value.dtype.kind in "iuf"
+    if isinstance(value, int) and not isinstance(value, bool):
+        return value in _INT64
+    return isinstance(value, float | np.integer | np.floating)
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and value in _INT64
+
+
+def _is_array(value: Any) -> bool:
+    try:
+        return np.asarray(value).dtype.kind in "biuf"
+    except (TypeError, ValueError, OverflowError):  # rows of different lengths, among others
+        return False
+
+
+_ARRAY = _Kind("an array of numbers", _is_array)
+_NUMPY_ARRAY = _Kind(
+    "a NumPy array of numbers", lambda value: isinstance(value, np.ndarray) and _is_array(value)
+)
+_SIMPLE: dict[Any, _Kind] = {
+    None: _Kind("None", lambda value: value is None),
+    bool: _Kind("True or False", lambda value: isinstance(value, bool | np.bool_)),
+    int: _Kind("a whole number of 64 bits", _is_whole),
+    float: _Kind("a number", _is_number),
+    str: _Kind("a text", lambda value: isinstance(value, str)),
+    bytes: _Kind("bytes", lambda value: isinstance(value, bytes)),
+    os.PathLike: _Kind("a path", lambda value: isinstance(value, os.PathLike)),
+}
+
+
+def _kinds_of(function: Callable[..., Any]) -> dict[str, _Kind]:
+    # Modules may import types for annotations alone; the package has those that everybody shares.
+    shared = vars(builtins) | vars(collections.abc) | vars(sys.modules["manip3d"])
+    names = shared | getattr(inspect.unwrap(function), "__globals__", {})
+    found = {}
+    for name, parameter in inspect.signature(function).parameters.items():
+        note = parameter.annotation
+        if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+            continue
+        if isinstance(note, str):
+            kind = _kind_of(ast.parse(note, mode="eval").body, names)
+            if kind is not None:
+                found[name] = kind
+    return found
+
+
+def _kind_of(note: ast.expr, names: Mapping[str, Any]) -> _Kind | None:
+    """The kind of an annotation; None: something that only the function can check."""
+    if isinstance(note, ast.Name) and note.id == "ArrayLike":
+        return _ARRAY
+    if isinstance(note, ast.BinOp):
+        return _either(_kind_of(note.left, names), _kind_of(note.right, names))
+    if isinstance(note, ast.Constant):
+        if isinstance(note.value, str):  # an annotation in quotes
+            return _kind_of(ast.parse(note.value, mode="eval").body, names)
+        return _SIMPLE[None] if note.value is None else None
+    if isinstance(note, ast.Subscript):
+        if isinstance(note.value, ast.Name) and note.value.id == "NDArray":
+            return _NUMPY_ARRAY
+        return _kind_of_generic(_resolved(note.value, names), note.slice, names)
+    found = _resolved(note, names)
+    if isinstance(found, TypeVar):
+        found = getattr(found.__bound__, "__forward_arg__", found.__bound__)
+    if isinstance(found, str):  # an alias
+        return _kind_of(ast.parse(found, mode="eval").body, names)
+    return _kind_of_class(found)
+
+
+def _either(left: _Kind | None, right: _Kind | None) -> _Kind | None:
+    if left is None or right is None:
+        return None
+    return _Kind(f"{left} or {right}", lambda value: left.accepts(value) or right.accepts(value))
+
+
+def _resolved(note: ast.expr, names: Mapping[str, Any]) -> Any:
+    """The thing that a dotted name means at run time, or None."""
+    if isinstance(note, ast.Attribute):
+        return getattr(_resolved(note.value, names), note.attr, None)
+    return names.get(note.id) if isinstance(note, ast.Name) else None
+
+
+def _kind_of_class(found: Any) -> _Kind | None:
+    if found in _SIMPLE and found is not None:
+        return _SIMPLE[found]
+    if getattr(found, "__origin__", None) is Literal:
+        return _SIMPLE[str]  # the function knows which words, and says so
+    if isinstance(found, type) and found not in (object, Any):
+        return _Kind(f"a {found.__name__}", lambda value: isinstance(value, found))
+    return None
+
+
+def _kind_of_generic(origin: Any, inner: ast.expr, names: Mapping[str, Any]) -> _Kind | None:
+    if origin is Literal:
+        return _SIMPLE[str]
+    if origin is os.PathLike:
+        return _SIMPLE[os.PathLike]
+    if origin is type or origin is None:
+        return None
+    if origin is tuple:
+        return _kind_of_tuple(inner, names)
+    if origin in (collections.abc.Sequence, list):
+        item = _kind_of(inner, names)
+        return _Kind(
+            "a sequence" if item is None else f"a sequence, each {item}",
+            lambda value: (
+                _is_sequence(value) and (item is None or all(item.accepts(each) for each in value))
+            ),
+        )
+    if isinstance(origin, type):
+        return _Kind(
+            f"a {origin.__name__.lower()}",
+            lambda value: isinstance(value, origin) and not isinstance(value, str | bytes),
+        )
+    return None
+
+
+def _is_sequence(value: Any) -> bool:
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, collections.abc.Sequence) and not isinstance(value, str | bytes)
+
+
+def _kind_of_tuple(inner: ast.expr, names: Mapping[str, Any]) -> _Kind | None:
+    parts = inner.elts if isinstance(inner, ast.Tuple) else [inner]
+    if isinstance(parts[-1], ast.Constant) and parts[-1].value is Ellipsis:
+        return _kind_of_generic(collections.abc.Sequence, parts[0], names)
+    items = [_kind_of(part, names) for part in parts]
+    return _Kind(
+        f"{len(items)} values: " + ", ".join(str(item or "any") for item in items),
+        lambda value: (
+            _is_sequence(value)
+            and len(value) == len(items)
+            and all(
+                item is None or item.accepts(each) for item, each in zip(items, value, strict=True)
+            )
+        ),
+    )
+
+
+def _shown(value: Any) -> str:
+    """A value in a message: short, and safe for a terminal."""
+    if isinstance(value, np.ndarray) and value.ndim:
+        return f"an array of {value.dtype} of shape {value.shape}"
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."

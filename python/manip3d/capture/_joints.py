@@ -1,0 +1,218 @@
+"""Joints of a recording as tables and motion files that other programs read."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d._util.linear import product
+from manip3d._util.paths import path_of
+from manip3d.capture._rgbd import open_rgbd
+from manip3d.errors import InputError
+from manip3d.io._files import atomic_path
+from manip3d.rgbd import JOINTS, NOT_TRACKED, PARENTS, RgbdFrame, Skeleton
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+_TO_BVH = np.array([100.0, -100.0, -100.0])  # metres, y down, z ahead -> centimetres, y up
+_CHILDREN = [[j for j in range(1, 25) if PARENTS[j] == parent] for parent in range(25)]
+
+
+@dataclass(frozen=True)
+class ExportedJoints:
+    """What `export_joints` has written.
+
+    Attributes
+    ----------
+    path : Path
+    frames : int
+        With a skeleton of the person.
+    people : int
+        Different ids in them.
+    """
+
+    path: Path
+    frames: int
+    people: int
+
+
+def export_joints(
+    source: str | Iterable[RgbdFrame],
+    path: str | os.PathLike[str],
+    *,
+    person: int | None = None,
+    frames: int | None = None,
+    overwrite: bool = False,
+) -> ExportedJoints:
+    """Write the joints of a recording as a table (``.csv``) or as a motion (``.bvh``).
+
+    A table has a row for each joint, in the camera's frame and in metres: ``frame``, ``time_ns``,
+    ``id``, ``joint``, ``name``, ``x``, ``y``, ``z``, ``state`` (0 not tracked, 1 inferred, 2
+    tracked). A motion has one person, y up, in centimetres: bones keep their median lengths, and
+    each joint turns so that the bones which hang from it point where they were seen.
+
+    Parameters
+    ----------
+    source : str or iterable of RgbdFrame
+        A URI for `open`, or what gives frames.
+    path : path-like
+        Ends in ``.csv`` or ``.bvh``.
+    person : int, optional
+        `Skeleton.id`. Without it a table has everybody, and a motion whoever is seen first.
+    frames : int, optional
+        Stop after so many.
+    overwrite : bool
+        Replace a file that exists.
+
+    Raises
+    ------
+    InputError
+        Another suffix, a file that exists, no skeleton of the person in the source.
+    FormatError, DeviceError
+        Of the source.
+    """
+    target = Path(path_of(path))
+    if target.suffix not in (".csv", ".bvh"):
+        raise InputError(f"path: expected a name that ends in .csv or .bvh, got {target}")
+    if target.exists() and not overwrite:
+        raise InputError(f"path: expected a new file, {target} exists already")
+    if frames is not None and not frames > 0:
+        raise InputError(f"frames: expected > 0, got {frames}")
+    found: list[tuple[RgbdFrame, Skeleton]] = []
+    for number, frame in enumerate(open_rgbd(source) if isinstance(source, str) else source):
+        if number == frames:
+            break
+        for skeleton in frame.skeletons:
+            if target.suffix == ".bvh" and person is None:
+                person = skeleton.id
+            if person is None or skeleton.id == person:
+                found.append((frame, skeleton))
+    if not found:
+        who = "a skeleton" if person is None else f"a skeleton with id {person}"
+        raise InputError(f"source: expected {who} in some frame, found none")
+    text = _table(found) if target.suffix == ".csv" else _motion(found)
+    with atomic_path(target) as temporary:
+        temporary.write_text(text, encoding="ascii", newline="\n")
+    return ExportedJoints(target, len(found), len({skeleton.id for _, skeleton in found}))
+
+
+def _table(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> str:
+    lines = ["frame,time_ns,id,joint,name,x,y,z,state"]
+    for frame, skeleton in found:
+        for joint, (name, place) in enumerate(zip(JOINTS, skeleton.positions, strict=True)):
+            x, y, z = (f"{value:.6f}" for value in place)
+            state = skeleton.states[joint]
+            lines.append(
+                f"{frame.number},{frame.time},{skeleton.id},{joint},{name},{x},{y},{z},{state}"
+            )
+    return "\n".join(lines) + "\n"
+
+
+# --- BVH ------------------------------------------------------------------------------------------
+
+
+def _motion(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> str:
+    places = _without_gaps(found) * _TO_BVH
+    bones = places[:, 1:] - places[:, list(PARENTS)[1:]]
+    lengths = np.median(np.linalg.norm(bones, axis=2), axis=0)
+    first = bones[0] / np.maximum(np.linalg.norm(bones[0], axis=1, keepdims=True), 1e-9)
+    offsets = np.concatenate([np.zeros((1, 3)), first * lengths[:, None]])
+    times = np.array([frame.time for frame, _ in found], np.float64) / 1e9
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    lines = ["HIERARCHY", *_hierarchy(0, offsets, "", "ROOT")]
+    lines += ["MOTION", f"Frames: {len(found)}", f"Frame Time: {step if step > 0 else 1 / 30:.7f}"]
+    order = _depth_first(0)
+    for now in places:
+        angles = _angles(now, offsets)
+        numbers = [*now[0], *(value for joint in order for value in angles[joint])]
+        lines.append(" ".join(f"{value:.5f}" for value in numbers))
+    return "\n".join(lines) + "\n"
+
+
+def _without_gaps(found: Sequence[tuple[RgbdFrame, Skeleton]]) -> Floats:
+    """(F, 25, 3); a joint that is not tracked stays where it was seen last, or first."""
+    places = np.array([skeleton.positions for _, skeleton in found], np.float64)
+    seen = np.array([skeleton.states != NOT_TRACKED for _, skeleton in found])
+    for joint in range(25):
+        known = np.flatnonzero(seen[:, joint])
+        if not len(known):
+            places[:, joint] = places[:, PARENTS[joint]]  # a bone of no length
+            continue
+        last = np.searchsorted(known, np.arange(len(found)), side="right") - 1
+        places[:, joint] = places[known[np.maximum(last, 0)], joint]
+    return places
+
+
+def _hierarchy(joint: int, offsets: Floats, indent: str, kind: str) -> list[str]:
+    channels = "Zrotation Xrotation Yrotation"
+    channels = f"6 Xposition Yposition Zposition {channels}" if joint == 0 else f"3 {channels}"
+    inner = indent + "  "
+    offset = "OFFSET {:.5f} {:.5f} {:.5f}".format(*offsets[joint])
+    lines = [f"{indent}{kind} {JOINTS[joint]}", indent + "{", inner + offset]
+    lines.append(f"{inner}CHANNELS {channels}")
+    for child in _CHILDREN[joint]:
+        lines += _hierarchy(child, offsets, inner, "JOINT")
+    if not _CHILDREN[joint]:
+        lines += [f"{inner}End Site", inner + "{", f"{inner}  OFFSET 0 0 0", inner + "}"]
+    return [*lines, indent + "}"]
+
+
+def _depth_first(joint: int) -> list[int]:
+    return [joint, *(j for child in _CHILDREN[joint] for j in _depth_first(child))]
+
+
+def _angles(places: Floats, offsets: Floats) -> Floats:
+    """(25, 3) degrees about z, x, y, applied in this order from the parent's frame on."""
+    turned = np.tile(np.eye(3), (25, 1, 1))
+    angles = np.zeros((25, 3))
+    for joint in _depth_first(0):
+        before = turned[PARENTS[joint]] if joint else np.eye(3)
+        children = _CHILDREN[joint]
+        rest = product(offsets[children], before.T)
+        seen = places[children] - places[joint]
+        turned[joint] = product(_rotation(rest, seen), before)
+        angles[joint] = _zxy(product(before.T, turned[joint]))
+    return angles
+
+
+def _rotation(rest: Floats, seen: Floats) -> Floats:
+    """The smallest rotation that turns directions onto others.
+
+    Of one direction it is the shortest arc, of several the least-squares rotation [Kabsch, Acta
+    Crystallographica A32, 1976].
+    """
+    if len(rest) == 0:
+        return np.eye(3)
+    if len(rest) == 1:
+        return _shortest_arc(_unit(rest[0]), _unit(seen[0]))
+    left, _, right = np.linalg.svd(product(seen.T, rest))
+    sign = np.sign(np.linalg.det(product(left, right)))
+    return np.asarray(product(left * (1.0, 1.0, sign), right))
+
+
+def _unit(vector: Floats) -> Floats:
+    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-9))
+
+
+def _shortest_arc(a: Floats, b: Floats) -> Floats:
+    axis, cosine = np.cross(a, b), float(a @ b)
+    if cosine < -1.0 + 1e-9 or not (a.any() and b.any()):
+        return np.eye(3)  # opposite directions have no shortest arc
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.asarray(np.eye(3) + cross + product(cross, cross) / (1.0 + cosine))
+
+
+def _zxy(rotation: Floats) -> Floats:
+    """Angles of Rz Rx Ry = rotation, degrees."""
+    x = np.arcsin(np.clip(rotation[2, 1], -1.0, 1.0))
+    z = np.arctan2(-rotation[0, 1], rotation[1, 1])
+    y = np.arctan2(-rotation[2, 0], rotation[2, 2])
+    return np.degrees([z, x, y])
