@@ -12,7 +12,7 @@ import os
 import signal
 import traceback
 from collections.abc import Callable, Generator, Hashable, Iterator, Mapping
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -86,14 +86,17 @@ def _outcomes(
     waiting: Iterator[tuple[_Key, Task]],
     running: dict[_Key, Task],
     window: int,
+    attempts: int = 3,
 ) -> Generator[tuple[_Key, Outcome]]:
     """Keep ``window`` tasks with the workers until none waits; ``running`` says which they are.
 
     Dask gives up all tasks that were with a worker that died once too often: they run again one
-    after the other, so that only the one that is to blame has an error.
+    after the other, so that only the one that is to blame has an error. Tasks that are lost
+    because the connection to the scheduler broke run again, too.
     """
     finished: SimpleQueue[tuple[_Key, Future[Outcome]]] = SimpleQueue()
     given_up: dict[_Key, Task] = {}
+    lost: dict[_Key, Task] = {}
 
     def start(key: _Key, task: Task) -> None:
         running[key] = task
@@ -105,7 +108,7 @@ def _outcomes(
         start(key, task)
     while running:
         key, future = finished.get()
-        error = future.exception()
+        error = CancelledError() if future.cancelled() else future.exception()
         if isinstance(error, BrokenProcessPool):
             raise error
         task = running.pop(key)
@@ -113,12 +116,16 @@ def _outcomes(
             start(*following)
         if error is None:
             yield key, future.result()
-        elif window == 1:
-            yield key, Outcome(error=f"{type(error).__name__}: {error}")
-        else:
+        elif isinstance(error, CancelledError) and attempts > 1:
+            lost[key] = task
+        elif window > 1:
             given_up[key] = task
+        else:
+            yield key, Outcome(error=f"{type(error).__name__}: {error}")
+    if lost:
+        yield from _outcomes(submit, iter(lost.items()), running, window, attempts - 1)
     if given_up:
-        yield from _outcomes(submit, iter(given_up.items()), running, 1)
+        yield from _outcomes(submit, iter(given_up.items()), running, 1, 1)
 
 
 def _attempt_on_dask(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Outcome:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d._util.fingerprint import code_fingerprint
 from manip3d._util.json import canonical_json, finite
 from manip3d._util.options import reporting
@@ -58,6 +59,7 @@ class Summary:
     table: str | None
 
 
+@checked
 def run(
     function: Work,
     sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str] | SourceFile],

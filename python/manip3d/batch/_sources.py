@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._remote import filesystem, is_url, naming_remote
@@ -40,11 +41,13 @@ class SourceFile:
     is_named: bool = True
 
 
+@checked
 def is_pattern(source: str) -> bool:
     """Return whether the source is a pattern such as ``scans/*.bin``, and no file of that name."""
     return _MAGIC.search(source) is not None and (is_url(source) or not Path(source).exists())
 
 
+@checked
 def is_folder(source: str) -> bool:
     """Return whether the source is a folder, here or behind a URL.
 
@@ -60,6 +63,7 @@ def is_folder(source: str) -> bool:
         return source.endswith("/") or bool(system.isdir(path))
 
 
+@checked
 def find_files(
     sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     *,

@@ -8,6 +8,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from manip3d._util.checked import checked
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.io._files import atomic_write
 from manip3d.io._remote import local_output
@@ -16,6 +17,7 @@ TABLE_SUFFIXES = (".csv", ".parquet")
 _MOST_ITEMS = 16
 
 
+@checked
 def write_table(rows: Sequence[Mapping[str, Any]], path: str | os.PathLike[str]) -> None:
     """Write rows as one table, whole or not at all.
 

@@ -354,6 +354,7 @@ def colours_of_frames(
     return dict(zip(names, map(str, images), strict=True))
 
 
+@checked
 def common_depth_unit(
     frames: Sequence[str | os.PathLike[str]], unit: str = "guess", intrinsics: str = ""
 ) -> str:
