@@ -53,6 +53,8 @@ KERNELS: dict[str, Kernel] = {
     "simplify.qem_bp": lambda _: simplify.qem_bp(hill, ratio=0.3),
     "simplify.qem_tp": lambda _: simplify.qem_tp(pipe, ratio=0.3),
     "simplify.qem_btp": lambda _: simplify.qem_btp(pipe, ratio=0.3),
+    "simplify.lod_chain": lambda _: simplify.lod_chain(hill, 3),
+    "simplify.share_budget": lambda _: simplify.share_budget([hill, pipe], 200),
     "simplify.cs3_cameras": lambda t: simplify.cs3_cameras(views, 60, threads=t),
     "simplify.dense_mesh": lambda t: simplify.dense_mesh(DEPTH, CAMERA, threads=t),
     "simplify.dense_mesh_grid": lambda t: simplify.dense_mesh_grid(GRID, threads=t),

@@ -185,3 +185,12 @@ def test_the_command_writes_levels(tmp_path: Path) -> None:
     )
     assert done.returncode == 0
     assert (tmp_path / "levels" / "lods.json").exists()
+
+
+def test_the_command_takes_many(tmp_path: Path) -> None:
+    for name in ("a.obj", "b.obj"):
+        hills(8).write(tmp_path / name)
+    done = manip3d("lod", *(str(tmp_path / n) for n in ("a.obj", "b.obj")), "-o", f"{tmp_path}/out")
+    assert done.returncode == 0
+    for name in ("a.glb", "b.glb"):
+        assert len(document_of(tmp_path / "out" / name)["meshes"]) == 4

@@ -8,14 +8,17 @@ from typing import Annotated, Any
 import typer
 
 from manip3d.cli.kinds import expect_kind
+from manip3d.cli.many import over_files
 from manip3d.cli.options import Force, Json, Output, Quiet
 from manip3d.cli.simplify import Method
 from manip3d.cli.sources import open_mesh
 from manip3d.cli.terminal import Terminal, check_output, counted, table
+from manip3d.io import READABLE
 
 SUFFIXES = (".glb", ".gltf")
 
 
+@over_files(lambda: READABLE, writable=lambda: SUFFIXES, otherwise=".glb")
 def lod(
     source: Annotated[
         str, typer.Argument(help="A mesh (.obj, .ply, .off, .stl, .gltf, .glb), or - for stdin.")
@@ -44,7 +47,7 @@ def lod(
     """Write levels of detail of a mesh, all from one run.
 
     An output that ends in .glb or .gltf holds all levels (MSFT_lod); a folder's name without a
-    suffix gives one .glb for each, and lods.json.
+    suffix gives one .glb for each, and lods.json. Several meshes become one .glb each in a folder.
 
     Example: manip3d lod head.obj -o head.glb --levels 4
     """

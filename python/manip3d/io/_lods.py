@@ -7,12 +7,14 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_folder
 from manip3d.io._mesh_files import write_gltf, write_mesh
 from manip3d.mesh import Mesh
 
 
+@checked
 def write_lods(
     levels: Sequence[Mesh],
     path: str | os.PathLike[str],

@@ -268,6 +268,7 @@ class HausdorffBound:
         return max(self.forward[1], self.backward[1])
 
 
+@checked
 def hausdorff_bound(
     original: Mesh,
     simplified: Mesh,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.simplify._collapse import SimplifyResult, qem4vr
 
@@ -67,6 +68,7 @@ class LodChain:
         )
 
 
+@checked
 def lod_chain(
     mesh: Mesh,
     levels: int | Sequence[int] = 4,
@@ -169,6 +171,7 @@ class SharedBudget:
     reached: bool
 
 
+@checked
 def share_budget(
     meshes: Sequence[Mesh],
     faces: int,
