@@ -62,6 +62,32 @@ PhantomBuffers to_buffers(const py::object& out, py::ssize_t rows, py::ssize_t c
   return buffers;
 }
 
+CArray<double> vector(const Eigen::Vector3d& v) {
+  CArray<double> array(3);
+  std::copy_n(v.data(), 3, array.mutable_data());
+  return array;
+}
+
+Fields quality_fields(const PhantomQuality& quality) {
+  Fields fields;
+  fields["fit"] = py::float_(quality.fit);
+  fields["plane_deg"] = py::float_(quality.plane_deg);
+  fields["leap"] = py::float_(quality.leap);
+  fields["gap"] = py::float_(quality.gap);
+  fields["largest"] = py::float_(quality.largest);
+  fields["lost"] = py::float_(quality.lost);
+  fields["num_left"] = py::int_(quality.num_left);
+  fields["score"] = py::float_(quality.score);
+  return fields;
+}
+
+Fields plane_fields(const BodyFrame& frame) {
+  Fields fields;
+  fields["origin"] = vector(frame.origin);
+  fields["normal"] = vector(frame.n);
+  return fields;
+}
+
 Fields to_fields(const PhantomReport& report) {
   py::typing::Dict<py::str, double> seconds;
   for (std::size_t i = 0; i < kNumPhantomStages; ++i) {
@@ -72,6 +98,8 @@ Fields to_fields(const PhantomReport& report) {
   fields["reason"] = py::cast(report.reason);
   fields["opacity"] = py::float_(report.opacity);
   fields["visible"] = py::float_(report.visible);
+  fields["quality"] = quality_fields(report.quality);
+  fields["plane"] = report.plane ? py::object(plane_fields(*report.plane)) : py::none();
   fields["texture_number"] = py::int_(report.texture_number);
   fields["num_person"] = py::int_(report.num_person);
   fields["num_removed"] = py::int_(report.num_removed);
@@ -121,6 +149,7 @@ class PipelineRunner {
     return to_fields(report);
   }
 
+  void select(std::int64_t id) { pipeline_.select(id); }
   void reset() { pipeline_.reset(); }
 
  private:
@@ -138,6 +167,9 @@ void bind_enums(py::module_& m) {
       .value("REFLECTION", MirrorMode::kReflection)
       .value("PAPER", MirrorMode::kPaper)
       .value("IMAGE", MirrorMode::kImage);
+  py::enum_<PlaneRule>(m, "PlaneRule")
+      .value("TRUNK", PlaneRule::kTrunk)
+      .value("JOINTS", PlaneRule::kJoints);
   py::enum_<BoneRule>(m, "BoneRule")
       .value("SKIN", BoneRule::kSkin)
       .value("PAPER", BoneRule::kPaper);
@@ -146,6 +178,7 @@ void bind_enums(py::module_& m) {
       .value("CALIBRATION", Texturing::kCalibration);
   py::enum_<PhantomState>(m, "PhantomState")
       .value("TRACKING", PhantomState::kTracking)
+      .value("DEGRADED", PhantomState::kDegraded)
       .value("HOLDING", PhantomState::kHolding)
       .value("FADING", PhantomState::kFading)
       .value("LOST", PhantomState::kLost)
@@ -155,7 +188,15 @@ void bind_enums(py::module_& m) {
       .value("NO_PERSON", PhantomReason::kNoPerson)
       .value("NO_PLANE", PhantomReason::kNoPlane)
       .value("OCCLUDED", PhantomReason::kOccluded)
-      .value("INFERRED", PhantomReason::kInferred);
+      .value("INFERRED", PhantomReason::kInferred)
+      .value("NO_SKELETON", PhantomReason::kNoSkeleton)
+      .value("CALIBRATION", PhantomReason::kCalibration)
+      .value("SHAKY", PhantomReason::kShaky)
+      .value("LEAP", PhantomReason::kLeap)
+      .value("DETACHED", PhantomReason::kDetached)
+      .value("SHREDDED", PhantomReason::kShredded)
+      .value("CUT", PhantomReason::kCut)
+      .value("DOUBLED", PhantomReason::kDoubled);
 }
 
 void bind_joints(py::module_& m) {
@@ -195,6 +236,7 @@ void bind_joints(py::module_& m) {
             return self.with([&](KeyPerson& key) { return key.find(skeletons, intrinsics, time); });
           },
           py::arg("people"), py::arg("camera"), py::arg("time"))
+      .def("select", exclusively(&KeyPerson::select), py::arg("id"))
       .def("reset", exclusively(&KeyPerson::reset));
 }
 
@@ -207,6 +249,7 @@ void bind_pipeline(py::module_& m) {
       .def(py::init<>())
       .def_readwrite("affected", &PhantomOptions::affected)
       .def_readwrite("mode", &PhantomOptions::mode)
+      .def_readwrite("plane", &PhantomOptions::plane)
       .def_readwrite("smooths", &PhantomOptions::smooths)
       .def_readwrite("smoothing", &PhantomOptions::smoothing)
       .def_readwrite("key_person", &PhantomOptions::key_person)
@@ -226,6 +269,7 @@ void bind_pipeline(py::module_& m) {
       .def("process", exclusively(&PipelineRunner::process), py::arg("depth"),
            py::arg("body_index").noconvert(), py::arg("camera"), py::arg("registration"),
            py::arg("people"), py::arg("time_ns"), py::arg("number"), py::arg("out"))
+      .def("select", exclusively(&PipelineRunner::select), py::arg("id"))
       .def("reset", exclusively(&PipelineRunner::reset));
 }
 
@@ -271,11 +315,6 @@ void bind_kernels(py::module_& m) {
         const auto frame = body_frame(person, affected);
         if (!frame) return py::none();
         const Mirror mirror = make_mirror(*frame, mode);
-        const auto vector = [](const Eigen::Vector3d& v) {
-          CArray<double> array(3);
-          std::copy_n(v.data(), 3, array.mutable_data());
-          return array;
-        };
         CArray<double> linear({3, 3});
         for (int i = 0; i < 9; ++i) linear.mutable_at(i / 3, i % 3) = mirror.linear(i / 3, i % 3);
         Fields fields;

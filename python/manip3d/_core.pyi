@@ -44,6 +44,7 @@ __all__: list[str] = [
     "PhantomReason",
     "PhantomState",
     "PlacementEstimator",
+    "PlaneRule",
     "QemOptions",
     "ReliefEffort",
     "ReliefOptions",
@@ -1040,6 +1041,39 @@ class MirrorMode:
     @property
     def value(self) -> int: ...
 
+class PlaneRule:
+    """
+    Members:
+
+      TRUNK
+
+      JOINTS
+    """
+
+    JOINTS: typing.ClassVar[PlaneRule]
+    TRUNK: typing.ClassVar[PlaneRule]
+    __members__: typing.ClassVar[dict[str, PlaneRule]]
+    @typing.overload
+    def __eq__(self, other: PlaneRule) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: PlaneRule) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
 class BoneRule:
     """
     Members:
@@ -1112,6 +1146,8 @@ class PhantomState:
 
       TRACKING
 
+      DEGRADED
+
       HOLDING
 
       FADING
@@ -1121,6 +1157,7 @@ class PhantomState:
       LATE
     """
 
+    DEGRADED: typing.ClassVar[PhantomState]
     FADING: typing.ClassVar[PhantomState]
     HOLDING: typing.ClassVar[PhantomState]
     LATE: typing.ClassVar[PhantomState]
@@ -1161,13 +1198,37 @@ class PhantomReason:
       OCCLUDED
 
       INFERRED
+
+      NO_SKELETON
+
+      CALIBRATION
+
+      SHAKY
+
+      LEAP
+
+      DETACHED
+
+      SHREDDED
+
+      CUT
+
+      DOUBLED
     """
 
+    CALIBRATION: typing.ClassVar[PhantomReason]
+    CUT: typing.ClassVar[PhantomReason]
+    DETACHED: typing.ClassVar[PhantomReason]
+    DOUBLED: typing.ClassVar[PhantomReason]
     INFERRED: typing.ClassVar[PhantomReason]
+    LEAP: typing.ClassVar[PhantomReason]
     NONE: typing.ClassVar[PhantomReason]
     NO_PERSON: typing.ClassVar[PhantomReason]
     NO_PLANE: typing.ClassVar[PhantomReason]
+    NO_SKELETON: typing.ClassVar[PhantomReason]
     OCCLUDED: typing.ClassVar[PhantomReason]
+    SHAKY: typing.ClassVar[PhantomReason]
+    SHREDDED: typing.ClassVar[PhantomReason]
     __members__: typing.ClassVar[dict[str, PhantomReason]]
     @typing.overload
     def __eq__(self, other: PhantomReason) -> bool: ...
@@ -1244,6 +1305,7 @@ class KeyPerson:
         time: typing.SupportsFloat | typing.SupportsIndex,
     ) -> int | None: ...
     def reset(self) -> None: ...
+    def select(self, id: typing.SupportsInt | typing.SupportsIndex) -> None: ...
 
 class PersonMaskOptions:
     def __init__(self) -> None: ...
@@ -1275,6 +1337,7 @@ class PhantomOptions:
     mask: PersonMaskOptions
     mesh: PhantomMeshOptions
     mode: MirrorMode
+    plane: PlaneRule
     segmentation: BoneRule
     smoothing: JointSmootherOptions
     smooths: bool
@@ -1322,6 +1385,7 @@ class PhantomPipeline:
         out: typing.Any,
     ) -> dict[str, typing.Any]: ...
     def reset(self) -> None: ...
+    def select(self, id: typing.SupportsInt | typing.SupportsIndex) -> None: ...
 
 def body_mirror(skeleton: typing.Any, affected: Limb, mode: MirrorMode) -> typing.Any: ...
 def boundary_gap(

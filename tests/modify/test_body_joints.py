@@ -136,7 +136,8 @@ def found(key: KeyPerson, people: list[Skeleton], time: float) -> int | None:
 def test_key_person_is_the_one_in_the_middle() -> None:
     key = KeyPerson()
     assert found(key, [person(4, 0.8), person(9, 0.1), person(2, -0.6)], 0.0) == 9
-    assert found(key, [person(4, 0.0), person(9, 0.9)], 0.1) == 9  # and stays so
+    assert found(key, [person(4, 0.9), person(9, 0.3)], 0.1) == 9  # and stays so
+    assert found(key, [person(4, 0.0), person(9, 0.9)], 1.0) == 9
     assert found(KeyPerson(), [person(7, 0.3), person(3, -0.3)], 0.0) == 3  # ties: the lower id
 
 
@@ -151,13 +152,43 @@ def test_a_lost_key_person_is_waited_for() -> None:
     assert found(key, [person(1, 0.0), helper], 2.0) == 5
 
 
-def test_nobody_far_away_takes_over_until_all_is_forgotten() -> None:
+def test_ids_that_are_swapped_move_nobody() -> None:
+    key = KeyPerson()
+    assert found(key, [person(1, 0.0), person(2, 0.7)], 0.0) == 1
+    assert found(key, [person(2, 0.02), person(1, 0.72)], 0.033) == 2
+    assert found(key, [person(2, 0.04), person(1, 0.74)], 0.067) == 2
+    # A new id at the same place is the same person, somebody else's is not.
+    assert found(key, [person(8, 0.05), person(1, 0.74)], 0.1) == 8
+    assert found(key, [person(1, 0.2)], 0.133) is None
+
+
+def test_who_comes_back_alone_is_known_at_once() -> None:
     key = KeyPerson()
     assert found(key, [person(1, 0.0)], 0.0) == 1
+    assert found(key, [], 0.5) is None
+    assert found(key, [person(2, 1.0)], 0.6) == 2
+    small = person(3, 0.0)
+    child = replace(small, positions=small.positions * np.float32(0.6))
+    assert found(key, [child], 1.2) is None
+
+
+def test_nobody_known_takes_over_until_all_is_forgotten() -> None:
+    key = KeyPerson()
+    assert found(key, [person(1, 0.0), person(2, 0.9)], 0.0) == 1
     assert found(key, [person(2, 0.6)], 5.0) is None
     assert found(key, [person(2, 0.6)], 10.0) == 2
     key.reset()
     assert found(key, [person(3, 0.0), person(2, 0.6)], 10.1) == 3
+
+
+def test_the_therapist_selects() -> None:
+    key = KeyPerson()
+    both = [person(1, 0.0), person(2, 0.9)]
+    assert found(key, both, 0.0) == 1
+    key.select(2)
+    assert found(key, both[:1], 0.1) == 1  # until then
+    assert found(key, both, 0.2) == 2
+    assert found(key, both, 0.3) == 2
 
 
 def test_people_without_a_place_are_not_chosen() -> None:

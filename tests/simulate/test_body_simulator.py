@@ -364,3 +364,40 @@ def test_bad_options_are_named(address: str, text: str) -> None:
 def test_a_time_before_the_beginning_is_refused() -> None:
     with pytest.raises(InputError, match="time: expected seconds >= 0"):
         BodySimulator().capture(-1.0)
+
+
+def test_trackers_are_wrong_in_their_own_way() -> None:
+    """Sway turns the body; jitter remembers; bias turns with its bone; missing joints fly."""
+    scene = {"motion": "still", "room": False, "colour": "none", "amputated": "right_arm"}
+    exact = BodySimulator(**scene)
+    truth = exact.capture(0.5).truth
+    swayed = BodySimulator(**scene, sway=20.0).capture(0.5).truth
+    cosine = float(truth.lateral[1] @ swayed.lateral[1])
+    assert np.rad2deg(np.arccos(cosine)) == pytest.approx(20.0, abs=0.1)
+
+    def errors(**options: object) -> np.ndarray:
+        simulator = BodySimulator(**scene, **options)  # type: ignore[arg-type]
+        captures = [simulator.capture(1.0 + k / 30.0) for k in range(3)]
+        return np.array([c.frame.skeletons[0].positions - c.truth.joints for c in captures])
+
+    seen = [0, 1, 2, 3, 4, 5, 6, 20]
+    slow = errors(jitter=0.01, correlation=0.9)[:, seen]
+    fast = errors(jitter=0.01)[:, seen]
+    assert np.abs(np.diff(slow, axis=0)).mean() < 0.6 * np.abs(np.diff(fast, axis=0)).mean()
+    biased = errors(bias=0.02)[:, seen]
+    np.testing.assert_allclose(np.linalg.norm(biased, axis=2), 0.02, atol=1e-4)
+    np.testing.assert_allclose(biased[0], biased[1], atol=1e-4)
+    flying = BodySimulator(**scene, tracker="kinect-v1").capture(1.0).frame.skeletons[0]
+    assert (flying.states[[9, 10, 11]] == 2).all()
+    with pytest.raises(InputError, match="tracker"):
+        BodySimulator(tracker="eyes")
+
+
+def test_a_tracker_may_swap_ids() -> None:
+    simulator = BodySimulator(
+        motion="still", room=False, colour="none", visitor=0.0, swapped=(2.5, 3.0)
+    )
+    before = {s.body: s.id for s in simulator.frame(2.4).skeletons}
+    during = {s.body: s.id for s in simulator.frame(2.7).skeletons}
+    assert before == {0: 1, 1: 2}
+    assert during == {0: 2, 1: 1}

@@ -17,6 +17,14 @@ ConnectedRuns::ConnectedRuns(ConnectedRuns&&) noexcept = default;
 ConnectedRuns& ConnectedRuns::operator=(ConnectedRuns&&) noexcept = default;
 ConnectedRuns::~ConnectedRuns() = default;
 
+void ConnectedRuns::reserve(std::int64_t rows, std::int64_t columns) {
+  const auto most = static_cast<std::size_t>(rows * ((columns + 1) / 2));
+  runs_.reserve(most);
+  memory_->row_start.reserve(static_cast<std::size_t>(rows) + 1);
+  memory_->number.reserve(most);
+  memory_->sets.reset(static_cast<std::int32_t>(most));
+}
+
 // Joins the runs of a row with those of the row before, and round the back with each other.
 void ConnectedRuns::join_rows(std::int64_t row, std::int64_t columns, bool goes_round) {
   UnionFind& sets = memory_->sets;

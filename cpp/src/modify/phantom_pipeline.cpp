@@ -8,7 +8,9 @@
 #include <vector>
 
 #include "manip3d/error.hpp"
+#include "manip3d/modify/trunk_tracker.hpp"
 #include "modify/phantom_mesh.hpp"
+#include "modify/phantom_quality.hpp"
 #include "modify/pixel_bounds.hpp"
 
 namespace manip3d {
@@ -130,7 +132,10 @@ class BodyMotion {
 class PhantomPipeline::Workspace {
  public:
   explicit Workspace(const PhantomOptions& options)
-      : options_(options), smoother_(options.smoothing), key_person_(options.key_person) {
+      : options_(options),
+        smoother_(options.smoothing),
+        key_person_(options.key_person),
+        trunk_(options.affected) {
     check_all_options(options);
   }
 
@@ -145,17 +150,26 @@ class PhantomPipeline::Workspace {
     report.late_frames = late_frames_;
     StageClock clock(report.seconds);
     follow_camera(input.camera);
-    const double time_s = seconds_of(input.time_ns);
+    const double time_s = seconds_of(clock_ns_);
     const PhantomImage image = image_of(input, out);
     const std::optional<Skeleton> person = find_key_person(input, time_s);
     segment(person, input, image, report);
     if (points_.count == 0) {  // a phantom without a person would float in the air
-      report.reason = PhantomReason::kNoPerson;
+      report.reason = lacks_skeletons() ? PhantomReason::kNoSkeleton : PhantomReason::kNoPerson;
       return report;
+    }
+    report.plane = frame_;
+    if (is_here_) {
+      const PixelProjector projector(*camera_, rays_);
+      report.quality.fit = joint_fit(*person, options_.affected, projector, image);
+      // Without a body index, furniture within the person's depths is far from all bones too.
+      if (input.body_index != nullptr) {
+        report.quality.fit = std::min(report.quality.fit, bone_fit(points_));
+      }
     }
     clock.end(PhantomStage::kSegmentation);
     if (!options_.keep_residual) {
-      report.num_removed = remove_limb(points_, options_.affected, radius(), image);
+      report.num_removed = remove_limb(points_, options_.affected, removal_radius(), image);
     }
     clock.end(PhantomStage::kRemoval);
     judge(*person, time_s, image, report);
@@ -164,6 +178,7 @@ class PhantomPipeline::Workspace {
     const PixelBox all = fill(phantom, image, report);
     clock.end(PhantomStage::kHoleFilling);
     report.skeleton = phantom_skeleton(*person, report.state);
+    inspect(*person, image, report);
     clock.end(PhantomStage::kSkeleton);
     report.num_points = write_points(image, all, rays_, out.mesh, vertex_of_);
     clock.end(PhantomStage::kPointCloud);
@@ -172,6 +187,8 @@ class PhantomPipeline::Workspace {
     clock.end(PhantomStage::kMesh);
     return report;
   }
+
+  void select(std::int64_t id) { key_person_.select(id); }
 
   void reset() {
     late_frames_ = 0;
@@ -192,8 +209,11 @@ class PhantomPipeline::Workspace {
   }
 
   bool is_late(const PhantomInput& input) {
-    constexpr std::int64_t kNewRecording = 1'000'000'000;
-    if (!has_time_ || input.time_ns > last_time_ns_) {
+    constexpr std::int64_t kNewRecording = 1'000'000'000, kNominalPeriod = 33'333'333;
+    const bool has_clock = !has_time_ || input.time_ns != 0 || last_time_ns_ != 0;
+    if (!has_time_ || input.time_ns > last_time_ns_ || !has_clock) {
+      clock_ns_ = has_clock ? input.time_ns : clock_ns_ + kNominalPeriod;
+      if (!has_time_) first_ns_ = clock_ns_;
       has_time_ = true;
       last_time_ns_ = input.time_ns;
       return false;
@@ -202,12 +222,12 @@ class PhantomPipeline::Workspace {
     if (last_time_ns_ - input.time_ns <= kNewRecording) return true;
     start_anew();
     has_time_ = true;
-    last_time_ns_ = input.time_ns;
+    last_time_ns_ = clock_ns_ = first_ns_ = input.time_ns;
     return false;
   }
 
   void start_anew() {
-    has_time_ = false;
+    has_time_ = has_skeleton_ = false;
     key_person_.reset();
     start_person(std::nullopt);
   }
@@ -217,7 +237,9 @@ class PhantomPipeline::Workspace {
     person_.reset();
     smoother_.reset();
     inferred_.reset();
+    trunk_.reset();
     frame_.reset();
+    ends_.reset();
     forget_phantom();
   }
 
@@ -237,6 +259,7 @@ class PhantomPipeline::Workspace {
     for (auto* list : {&mirrored_, &moved_}) list->reserve(size);
     for (auto* list : {&root_, &moved_root_}) list->reserve(size);
     fills_.reserve(size);
+    picture_.reserve(camera.height, camera.width);
     camera_ = camera;
     forget_phantom();
   }
@@ -256,10 +279,21 @@ class PhantomPipeline::Workspace {
       return person_;
     }
     const Skeleton& raw = input.people[*index];
-    if (person_id_ != raw.id) start_person(raw.id);
+    has_skeleton_ = true;
+    if (person_id_ != raw.id && !is_at_same_place(raw)) start_person(raw.id);
+    person_id_ = raw.id;
+    raw_ = raw;
     person_ = smoother_.add(raw);
     if (!options_.smooths) restore_positions(raw);
     return person_;
+  }
+
+  /// A tracker may give the same person another id.
+  [[nodiscard]] bool is_at_same_place(const Skeleton& raw) const {
+    constexpr float kSamePlace = 0.3F;  // metres
+    constexpr Joint kBase = Joint::kSpineBase;
+    return person_ && is_usable(*person_, kBase) && is_usable(raw, kBase) &&
+           ((*person_)[kBase] - raw[kBase]).norm() < kSamePlace;
   }
 
   void restore_positions(const Skeleton& raw) {
@@ -270,28 +304,53 @@ class PhantomPipeline::Workspace {
     }
   }
 
+  /// Has the source had time to show a skeleton, and has not?
+  [[nodiscard]] bool lacks_skeletons() const {
+    constexpr std::int64_t kPatience = 1'000'000'000;
+    return !has_skeleton_ && clock_ns_ - first_ns_ >= kPatience;
+  }
+
   [[nodiscard]] double radius() const {
     return is_arm(options_.affected) ? options_.arm_radius : options_.leg_radius;
+  }
+
+  /// By skins, what is nearest to the limb belongs to it even where the joints are off.
+  [[nodiscard]] double removal_radius() const {
+    constexpr double kOff = 0.08;  // metres
+    return options_.segmentation == BoneRule::kSkin ? radius() + kOff : radius();
   }
 
   void segment(const std::optional<Skeleton>& person, const PhantomInput& input,
                const PhantomImage& image, PhantomReport& report) {
     points_.count = 0;
     if (person) {
-      update_frame(*person);
+      update_frame(*person, input);
       find_person(input.depth, input.body_index, *person, rays_, options_.mask, points_);
       const BoneRule rule = options_.segmentation;
       segment_bones(frame_ ? body_bones(*person, rule, options_.affected, mirror_)
                            : body_bones(*person, rule),
                     points_);
+      if (follows_trunk()) {
+        trunk_.learn(points_, input.depth, rays_, input.camera);
+        if (const auto learnt = trunk_.frame()) frame_ = learnt;
+        if (frame_) mirror_ = make_mirror(*frame_, options_.mode);
+      }
     }
     draw_person(points_, image);
     report.num_person = points_.count;
+    if (follows_trunk()) report.quality.plane_deg = trunk_.deviation_deg();
+  }
+
+  [[nodiscard]] bool follows_trunk() const {
+    return options_.plane == PlaneRule::kTrunk && options_.mode == MirrorMode::kReflection;
   }
 
   /// The axes of the body; those of the last frame where they cannot be told.
-  void update_frame(const Skeleton& person) {
-    if (auto frame = body_frame(person, options_.affected)) {
+  void update_frame(const Skeleton& person, const PhantomInput& input) {
+    const auto frame = follows_trunk() ? trunk_.update(is_here_ ? &raw_ : nullptr, input.depth,
+                                                       rays_, input.camera, seconds_of(clock_ns_))
+                                       : body_frame(person, options_.affected);
+    if (frame) {
       frame_ = frame;
     } else if (frame_) {
       const Joint origin = is_arm(options_.affected) ? Joint::kSpineMid : Joint::kSpineBase;
@@ -317,6 +376,9 @@ class PhantomPipeline::Workspace {
     } else if (report.visible < options_.least_visible) {
       report.reason = PhantomReason::kOccluded;
     }
+    // Joints beside the person explain all else.
+    const bool misses = report.reason != PhantomReason::kNone && is_here_;
+    if (misses && report.quality.fit < kLeastFit) report.reason = PhantomReason::kCalibration;
     if (report.reason == PhantomReason::kNone) {
       report.state = PhantomState::kTracking;
       report.opacity = 1.0;
@@ -331,6 +393,27 @@ class PhantomPipeline::Workspace {
     const double faded = std::max(0.0, age - options_.hold_seconds);
     report.state = faded > 0.0 ? PhantomState::kFading : PhantomState::kHolding;
     report.opacity = faded > 0.0 ? 1.0 - faded / options_.fade_seconds : 1.0;
+  }
+
+  /// Measures what was drawn; what nobody would believe is not called tracking.
+  void inspect(const Skeleton& person, const PhantomImage& image, PhantomReport& report) {
+    if (report.state != PhantomState::kTracking) {
+      ends_.reset();
+      return;
+    }
+    const Limb affected = options_.affected;
+    picture_.measure(points_, report.skeleton, *frame_, options_, rays_, image, report.quality);
+    const Joint end = limb_chain(affected)[kNumMainJoints - 1];
+    const Joint intact_end = limb_chain(opposite(affected))[kNumMainJoints - 1];
+    const Ends ends{report.skeleton[end], person[intact_end]};
+    if (ends_) {
+      const float mine = (ends.phantom - ends_->phantom).norm();
+      const float intact = (ends.intact - ends_->intact).norm();
+      report.quality.leap = std::max(0.0, static_cast<double>(mine - intact));
+    }
+    ends_ = ends;
+    report.reason = worst_of(affected, report.quality);
+    if (report.reason != PhantomReason::kNone) report.state = PhantomState::kDegraded;
   }
 
   PixelBox mirror(const Skeleton& person, const PhantomInput& input, const PhantomImage& image,
@@ -418,6 +501,10 @@ class PhantomPipeline::Workspace {
     return result;
   }
 
+  struct Ends {  ///< Of the phantom and of the intact limb.
+    Eigen::Vector3f phantom, intact;
+  };
+
   struct Held {
     BodyFrame frame;    ///< Of the body when the intact limb was last seen.
     Skeleton skeleton;  ///< With the phantom's joints.
@@ -428,11 +515,16 @@ class PhantomPipeline::Workspace {
   JointSmoother smoother_;
   KeyPerson key_person_;
   InferredClock inferred_;
+  TrunkTracker trunk_;
+  PictureJudge picture_;
+  std::optional<Ends> ends_;  ///< In the last frame with a phantom of its own.
   std::optional<Intrinsics> camera_;
   PixelRays rays_;
 
-  bool has_time_ = false, is_here_ = false;
+  bool has_time_ = false, is_here_ = false, has_skeleton_ = false;
   std::int64_t last_time_ns_ = 0, late_frames_ = 0;
+  std::int64_t clock_ns_ = 0, first_ns_ = 0;  ///< The source's clock, or a nominal one.
+  Skeleton raw_;                              ///< As the tracker told it, in this frame.
   std::optional<std::int64_t> person_id_;
   std::optional<Skeleton> person_;  ///< As last seen, smoothed.
   std::optional<BodyFrame> frame_;
@@ -456,6 +548,8 @@ PhantomPipeline::~PhantomPipeline() = default;
 PhantomReport PhantomPipeline::process(const PhantomInput& input, const PhantomBuffers& out) {
   return workspace_->process(input, out);
 }
+
+void PhantomPipeline::select(std::int64_t id) { workspace_->select(id); }
 
 void PhantomPipeline::reset() { workspace_->reset(); }
 

@@ -44,6 +44,13 @@ class Segmenting(StrEnum):
     paper = "paper"
 
 
+class Plane(StrEnum):
+    """The plane of symmetry: the trunk's, followed from frame to frame, or that of four joints."""
+
+    trunk = "trunk"
+    joints = "joints"
+
+
 class Smoothing(StrEnum):
     """Presets of the filter of joints."""
 
@@ -91,6 +98,16 @@ def phantom_render(
     smoothing: Annotated[
         Smoothing, typer.Option(help="Smoothing filter of the joints.")
     ] = Smoothing.default,
+    plane: Annotated[
+        Plane | None,
+        typer.Option(
+            help="Plane of symmetry: the trunk's, which holds still while joints shake, or that of "
+            "four joints of each frame; by default the trunk's, without smoothing the joints'."
+        ),
+    ] = None,
+    pose: Annotated[
+        bool, typer.Option("--pose", help="Find the joints in the colour image with MediaPipe.")
+    ] = False,
     azimuth: Annotated[
         float, typer.Option(help="Direction from which the mesh is drawn, degrees.")
     ] = 35.0,
@@ -119,6 +136,8 @@ def phantom_render(
             mode=mode.value,
             segmentation=segmentation.value,
             smoothing=_FILTERS[smoothing],
+            plane=plane.value if plane else None,
+            pose=pose,
             azimuth=azimuth,
             frames=frames,
             overwrite=force,
@@ -129,6 +148,8 @@ def phantom_render(
     if not film.frames_with_skeleton:
         told += "; no frame of the source has a skeleton, so there is no phantom limb"
     shell.say(f"wrote {output}: {counted(film.frames, 'frame')}, {told}")
+    for message, number in film.messages.items():
+        shell.say(f"{counted(number, 'frame')}: {message}")
     shell.result(
         {
             "source": source,
@@ -137,6 +158,7 @@ def phantom_render(
             "frames": film.frames,
             "frames_with_skeleton": film.frames_with_skeleton,
             "states": dict(film.states),
+            "messages": dict(film.messages),
             "stage_ms": dict(film.stage_ms),
         }
     )

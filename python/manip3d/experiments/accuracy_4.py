@@ -158,7 +158,7 @@ def surface_error(case: Case) -> Row:
         found["median_error"].append(_phantom.errors(outcome, limb))
         found["sensor"].append(_phantom.sensor_errors(outcome, limb))
         found["length"].append(_length_error(outcome, limb))
-        found["source"].append(_source_misses(outcome, limb))
+        found["source"].append(_source_misses(outcome))
         wanted = (outcome.truth.people == 0) | _phantom.true_cover(outcome, limb)
         found["holes"] += _phantom.hole_sizes(outcome.phantom.kinds > 0, wanted)
         found["mirrored"].append(len(found["median_error"][-1]))
@@ -190,14 +190,12 @@ def _length_error(outcome: _phantom.Outcome, limb: str) -> float:
     return mine / true - 1.0
 
 
-def _source_misses(outcome: _phantom.Outcome, limb: Any) -> Any:
+def _source_misses(outcome: _phantom.Outcome) -> Any:
     """Pixels from where each unfilled point is to where its source pixel's reflection is.
 
-    The plane is that of the joints as the pipeline used them.
+    The plane is the one that the pipeline used.
     """
-    from manip3d.modify import body_mirror
-
-    mirror = body_mirror(outcome.phantom.skeleton, limb)
+    mirror = outcome.phantom.plane
     camera = outcome.frame.calibration.depth
     row, column = np.nonzero(_phantom.drawn(outcome.phantom, "PHANTOM", "AWAY"))
     source = outcome.phantom.source[row, column]

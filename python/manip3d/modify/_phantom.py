@@ -26,6 +26,7 @@ Limb = Literal["left_arm", "right_arm", "left_leg", "right_leg"]
 MirrorMode = Literal["reflection", "paper", "2d"]
 Texturing = Literal["source", "calibration"]
 Segmentation = Literal["skin", "paper"]
+PlaneRule = Literal["trunk", "joints"]
 _MODES = {
     "reflection": _core.MirrorMode.REFLECTION,
     "paper": _core.MirrorMode.PAPER,
@@ -49,6 +50,7 @@ class PhantomState(enum.StrEnum):
     """What became of the phantom in one frame."""
 
     TRACKING = "tracking"  #: the intact limb is seen, and mirrored
+    DEGRADED = "degraded"  #: the same, but the picture is not to be believed
     HOLDING = "holding"  #: it is not; the last phantom moves with the body
     FADING = "fading"  #: the same, with less and less opacity
     LOST = "lost"  #: there is no phantom
@@ -63,6 +65,93 @@ class PhantomReason(enum.StrEnum):
     NO_PLANE = "no_plane"  #: the axes of the body never were there
     OCCLUDED = "occluded"  #: too little of the limb is seen
     INFERRED = "inferred"  #: a joint of it was guessed for too long
+    NO_SKELETON = "no_skeleton"  #: no skeleton has been seen at all
+    CALIBRATION = "calibration"  #: the joints do not lie on the person's pixels
+    SHAKY = "shaky"  #: the plane of symmetry is not known well enough
+    LEAP = "leap"  #: the phantom moved much farther than the intact limb did
+    DETACHED = "detached"  #: the phantom does not hang at the body
+    SHREDDED = "shredded"  #: the phantom is in pieces
+    CUT = "cut"  #: too much of the person's silhouette is gone
+    DOUBLED = "doubled"  #: too much of the affected limb is left
+
+    @property
+    def message(self) -> str:
+        """What an operator can do about it, in a sentence."""
+        return _MESSAGES[self]
+
+
+_MESSAGES = {
+    PhantomReason.NONE: "The phantom limb follows the intact limb.",
+    PhantomReason.NO_PERSON: "The patient is not in view.",
+    PhantomReason.NO_PLANE: "The shoulders or hips were not seen: let the patient face the camera.",
+    PhantomReason.OCCLUDED: "Something hides the intact limb.",
+    PhantomReason.INFERRED: "The tracker only guesses where the intact limb is.",
+    PhantomReason.NO_SKELETON: "There is no skeleton in this source: it needs a body tracker.",
+    PhantomReason.CALIBRATION: "The joints do not fit the depth image: check the calibration.",
+    PhantomReason.SHAKY: "The middle of the body is not known well: let the patient face the "
+    "camera.",
+    PhantomReason.LEAP: "The phantom limb jumped.",
+    PhantomReason.DETACHED: "The phantom limb is not attached to the body.",
+    PhantomReason.SHREDDED: "The phantom limb is in pieces.",
+    PhantomReason.CUT: "Too much of the body was cut out with the limb.",
+    PhantomReason.DOUBLED: "Part of the affected limb is still in the picture.",
+}
+
+
+@dataclass(frozen=True)
+class PhantomQuality:
+    """How far a frame with a phantom is from what nobody would believe.
+
+    Attributes
+    ----------
+    fit : float
+        Share of the tracked joints that lie on the person's pixels.
+    plane_deg : float, degrees
+        Standard deviation of the plane of symmetry's normal; 0 with ``plane="joints"``.
+    leap : float, metres
+        How much farther than the intact limb's end the phantom's end moved since the last frame.
+    gap : float, metres
+        From the root to the largest connected piece of the phantom.
+    largest : float
+        Share of the phantom's pixels that are in that piece.
+    lost : float
+        Share of the person's pixels that show nothing now: of those below the hips for legs, of
+        those of the trunk for arms.
+    num_left : int
+        Pixels of the affected limb that are left, farther than 10 cm from its root.
+    score : float
+        The worst of these over its limit; above 1 the state is not ``tracking``.
+    """
+
+    fit: float
+    plane_deg: float
+    leap: float
+    gap: float
+    largest: float
+    lost: float
+    num_left: int
+    score: float
+
+
+@dataclass(frozen=True, eq=False)
+class BodyPlane:
+    """The plane that a limb was mirrored at.
+
+    Attributes
+    ----------
+    origin : (3,) float64, metres
+        A point of it, in the trunk.
+    normal : (3,) float64
+        Of length 1, towards the person's left.
+    """
+
+    origin: NDArray[np.float64]
+    normal: NDArray[np.float64]
+
+    def __call__(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Reflect points (..., 3)."""
+        off = product(points - self.origin, self.normal)
+        return np.asarray(points - 2.0 * off[..., None] * self.normal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +187,9 @@ class PhantomFrame:
         To draw the phantom with: less than 1 while it fades.
     visible : float
         Share of the intact limb, by length, that the camera sees.
+    quality : PhantomQuality
+    plane : BodyPlane or None
+        The plane of symmetry; None before it was ever known.
     texture_number : int
         `RgbdFrame.number` of the frame whose colours belong to the phantom: an older one while
         the phantom is held.
@@ -106,6 +198,10 @@ class PhantomFrame:
         away from the camera, and filled as holes.
     late_frames : int
         Frames passed over so far because they were not newer than the one before.
+    colour : (H', W', 3) uint8 or None
+        The frame's own, for the body.
+    phantom_colour : (H', W', 3) uint8 or None
+        Of frame ``texture_number``, for the phantom.
     seconds : dict of str to float
         By stage, in the order of table 4.1; wall time.
     """
@@ -124,6 +220,8 @@ class PhantomFrame:
     reason: PhantomReason
     opacity: float
     visible: float
+    quality: PhantomQuality
+    plane: BodyPlane | None
     texture_number: int
     num_person: int
     num_removed: int
@@ -132,14 +230,47 @@ class PhantomFrame:
     num_filled: int
     late_frames: int
     seconds: dict[str, float] = field(repr=False)
+    colour: NDArray[np.uint8] | None = field(default=None, repr=False)
+    phantom_colour: NDArray[np.uint8] | None = field(default=None, repr=False)
 
     @property
     def phantom(self) -> NDArray[np.bool_]:
         """(H, W) bool: pixels that show the phantom."""
         return self.kinds >= PixelKind.PHANTOM
 
+    @property
+    def message(self) -> str:
+        """The state and its reason as a sentence for an operator."""
+        return self.reason.message
+
+    @property
+    def phantom_triangles(self) -> NDArray[np.bool_]:
+        """(m,) bool: triangles that show the phantom, with its texture and opacity."""
+        column, row = self.pixels.T
+        is_phantom = self.phantom[row, column]
+        is_phantom[self.num_points :] = True  # body pixels again, with the phantom's texture
+        return np.asarray(is_phantom[self.triangles].any(axis=1))
+
+    def parts(self) -> tuple[DepthMesh, DepthMesh]:
+        """Body and phantom as two meshes on the same vertices, each with the colours of its frame.
+
+        The body is drawn as it is, the phantom with ``opacity``: while it is held, its texture is
+        that of the frame in which the intact limb was seen last.
+        """
+        from manip3d.simplify import DepthMesh
+
+        chosen = self.phantom_triangles
+        body, phantom = (
+            DepthMesh(self.vertices, self.triangles[which], self.pixels, self.uvs, colour)
+            for which, colour in ((~chosen, self.colour), (chosen, self.phantom_colour))
+        )
+        return body, phantom
+
     def mesh(self, colour: NDArray[np.uint8] | None = None) -> DepthMesh:
-        """The textured mesh as a `manip3d.simplify.DepthMesh`; ``colour`` is the frame's."""
+        """The textured mesh as a `manip3d.simplify.DepthMesh`; ``colour`` is the frame's.
+
+        One mesh has one texture: where the phantom is held, `parts` has the right ones.
+        """
         from manip3d.simplify import DepthMesh
 
         return DepthMesh(self.vertices, self.triangles, self.pixels, self.uvs, colour)
@@ -186,6 +317,15 @@ def _mode(mode: MirrorMode) -> _core.MirrorMode:
     return _MODES[mode]
 
 
+def _plane_rule(plane: PlaneRule | None, smooths: bool) -> _core.PlaneRule:
+    members = _core.PlaneRule.__members__
+    if plane is None:
+        return members["TRUNK" if smooths else "JOINTS"]
+    if str(plane).upper() not in members:
+        raise InputError(f"plane: expected one of {', '.join(members).lower()}, got {plane!r}")
+    return members[plane.upper()]
+
+
 def _bone_rule(segmentation: Segmentation) -> _core.BoneRule:
     members = _core.BoneRule.__members__
     if str(segmentation).upper() not in members:
@@ -211,7 +351,8 @@ class PhantomPipeline:
     joints is inferred for more than ``inferred_seconds``, or the skeleton is gone - the last
     phantom moves with the body for ``hold_seconds``, then fades in ``fade_seconds``. A frame that
     is not newer than the last one is counted and passed over, unless it is more than a second
-    older: then a new recording begins.
+    older: then a new recording begins. Where all times are 0, frames count as 30 a second. A frame
+    whose phantom nobody would believe is ``degraded``: see `PhantomQuality`.
 
     Parameters
     ----------
@@ -220,6 +361,10 @@ class PhantomPipeline:
     mode : {"reflection", "paper", "2d"}
         At the person's plane of symmetry; as printed (oblique where shoulders or hips tilt
         against the spine); or left to right in the image, for comparison.
+    plane : {"trunk", "joints"}, optional
+        The plane of symmetry: of the trunk, whose surface and joints are followed from frame to
+        frame; or of four joints of each frame, as in the source. By default ``trunk``, without
+        smoothing ``joints``. The other modes take the joints'.
     smoothing : {"default", "seated"} or None
         Preset of `JointSmoother`; None: joints are taken as they come.
     segmentation : {"skin", "paper"}
@@ -253,6 +398,7 @@ class PhantomPipeline:
         affected: Limb = "right_arm",
         *,
         mode: MirrorMode = "reflection",
+        plane: PlaneRule | None = None,
         smoothing: Preset | None = "default",
         segmentation: Segmentation = "skin",
         arm_radius: float = 0.13,
@@ -273,6 +419,7 @@ class PhantomPipeline:
         options.affected = _limb(affected)
         options.mode = _mode(mode)
         options.smooths = smoothing is not None
+        options.plane = _plane_rule(plane, options.smooths)
         if smoothing is not None:
             options.smoothing = smoother_options(smoothing)
         options.mask = _mask(near, far, margin)
@@ -290,6 +437,7 @@ class PhantomPipeline:
         options.mesh.texturing = _core.Texturing.__members__[texturing.upper()]
         self._core = _core.PhantomPipeline(options)
         self._last: PhantomFrame | None = None
+        self._phantom_colour: NDArray[np.uint8] | None = None
         self._lock = threading.RLock()
 
     def process(self, frame: RgbdFrame) -> PhantomFrame:
@@ -318,19 +466,34 @@ class PhantomPipeline:
             if report["state"] == _core.PhantomState.LATE and self._last is not None:
                 late = report["late_frames"]
                 return replace(self._last, state=PhantomState.LATE, late_frames=late)
-            self._last = _frame(report, buffers)
+            if report["state"] in (_core.PhantomState.TRACKING, _core.PhantomState.DEGRADED):
+                self._phantom_colour = frame.colour
+            self._last = replace(
+                _frame(report, buffers), colour=frame.colour, phantom_colour=self._phantom_colour
+            )
             return self._last
+
+    def select(self, person: int) -> Self:
+        """Make a person the patient, by `Skeleton.id`, as soon as that id is in view.
+
+        Until then the present one stays; without a selection the pipeline finds the patient
+        itself.
+        """
+        with self._lock:
+            self._core.select(int(person))
+        return self
 
     def reset(self) -> Self:
         """Forget all frames: for another person, or another recording."""
         with self._lock:
             self._core.reset()
-            self._last = None
+            self._last = self._phantom_colour = None
         return self
 
 
 def _frame(report: dict[str, Any], buffers: _Buffers) -> PhantomFrame:
     vertices, triangles = report.pop("num_vertices"), report.pop("num_triangles")
+    plane = report.pop("plane")
     return PhantomFrame(
         depth=buffers.depth,
         labels=buffers.labels,
@@ -343,6 +506,8 @@ def _frame(report: dict[str, Any], buffers: _Buffers) -> PhantomFrame:
         skeleton=Skeleton(**report.pop("skeleton")),
         state=PhantomState(report.pop("state").name.lower()),
         reason=PhantomReason(report.pop("reason").name.lower()),
+        quality=PhantomQuality(**report.pop("quality")),
+        plane=None if plane is None else BodyPlane(**plane),
         **report,
     )
 

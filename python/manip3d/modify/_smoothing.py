@@ -125,8 +125,10 @@ class JointSmoother:
 class KeyPerson:
     """Holds on to one of the people in view, whoever else walks through the picture.
 
-    At first the one whose SpineBase projects nearest to the image centre, then whoever has its id.
-    Once lost for ``patience``, the body nearest to where it was last seen, within ``reach``.
+    At first the one whose SpineBase projects nearest to the image centre, then whoever has its id,
+    unless it jumped away while somebody else stands where it was a moment ago: trackers swap ids.
+    Once lost, a newcomer of the same size who is alone in view is taken at once; after ``patience``
+    the body nearest to where it was last seen, within ``reach``.
 
     Parameters
     ----------
@@ -150,6 +152,11 @@ class KeyPerson:
         """The key person among ``people``, or none while it is lost; ``time`` (s) grows."""
         index = self._core.find(people, camera, float(time))
         return None if index is None else people[index]
+
+    def select(self, person: int) -> Self:
+        """Take the person of this `Skeleton.id` as soon as it is among the people."""
+        self._core.select(int(person))
+        return self
 
     def reset(self) -> Self:
         """Choose anew at the next frame."""

@@ -72,6 +72,14 @@ CAMERA_HEIGHT = 0.95
 """Of the camera above the floor, metres."""
 
 _VISITOR = Clothes(shirt=(150, 62, 58), trousers=(96, 88, 70), hair=(120, 96, 60))
+_SWAY_PERIOD = 2.0  # seconds
+_FLIGHT = 0.35  # metres that joints of a missing limb fly
+_MEMORY = 64  # frames after which jitter is forgotten: 0.9 ** 64 is 0.001
+# Orders of magnitude of the public recordings of people who stand still; not of one device.
+_TRACKERS: dict[str, dict[str, float]] = {
+    "kinect-v1": {"jitter": 0.010, "correlation": 0.8, "bias": 0.020},
+    "kinect-v2": {"jitter": 0.006, "correlation": 0.6, "bias": 0.015},
+}
 _HIDDEN = 0.18  # metres of body in front of a joint that is still seen
 _EYES = np.zeros(3, np.float32)
 
@@ -168,6 +176,8 @@ class BodySimulator:
         From the camera to the base of the spine, along the optical axis.
     turn, turning : float, degrees; degrees per second
         Of the whole body to the person's left; ``turning`` goes on with the time.
+    sway : float, degrees
+        The whole body turns to and fro by so much, once in two seconds.
     shoulder_tilt : float, degrees
         Of the shoulders within the chest; the left one goes up.
     stripes : bool
@@ -180,8 +190,20 @@ class BodySimulator:
         Seconds from and until which a board stands before the intact (else the left) limb.
     lost : (float, float), optional
         Seconds from and until which the sensor sees the person and does not know it.
+    swapped : (float, float), optional
+        Seconds from and until which the tracker mistakes the person and the visitor for each other.
     jitter : float, metres
         Standard deviation of each coordinate of a tracked joint; of an inferred one, five times.
+    correlation : float
+        Of the jitter from frame to frame, 0 (white) to 0.99.
+    bias : float, metres
+        Length of each joint's error that turns with its bone: trackers are wrong in the same way
+        wherever they see the same pose.
+    flying : bool
+        The tracker claims to see the joints of a missing limb, and they fly about.
+    tracker : str
+        ``kinect-v1`` or ``kinect-v2``: jitter, correlation and bias of such a tracker where they
+        are 0, and flying joints.
     noise : float
         Scale of the depth sensor's faults; 0: exact depth in whole millimetres.
     colour : str
@@ -224,13 +246,19 @@ class BodySimulator:
     distance: float = 8.0 * FEET
     turn: float = 0.0
     turning: float = 0.0
+    sway: float = 0.0
     shoulder_tilt: float = 0.0
     stripes: bool = False
     cover: str = "none"
     visitor: float | None = None
     occluder: Interval | None = None
     lost: Interval | None = None
+    swapped: Interval | None = None
     jitter: float = 0.0
+    correlation: float = 0.0
+    bias: float = 0.0
+    flying: bool = False
+    tracker: str = ""
     noise: float = 1.0
     colour: str = "depth"
     room: bool = True
@@ -243,6 +271,7 @@ class BodySimulator:
         if self.amputated is not None:  # addresses are spelt with hyphens
             object.__setattr__(self, "amputated", self.amputated.replace("-", "_"))
         for name, value, choices in (
+            ("tracker", self.tracker, ["", *_TRACKERS]),
             ("motion", self.motion, list(MOTIONS)),
             ("side", self.side, ["", "left", "right", "both"]),
             ("amputated", self.amputated, [None, *LIMBS]),
@@ -257,6 +286,9 @@ class BodySimulator:
             ("girth", 0.6, 1.8),
             ("distance", 0.8, 4.5),
             ("jitter", 0.0, 1.0),
+            ("correlation", 0.0, 0.99),
+            ("bias", 0.0, 1.0),
+            ("sway", 0.0, 90.0),
             ("noise", 0.0, 100.0),
             ("rate", 1.0, 1000.0),
             ("frames", 0, 1 << 31),
@@ -268,6 +300,11 @@ class BodySimulator:
             number = getattr(self, name)
             if not low <= number <= high:
                 raise InputError(f"{name}: expected {low:g} to {high:g}, got {number!r}")
+        if self.tracker:
+            object.__setattr__(self, "flying", True)
+            for name, value in _TRACKERS[self.tracker].items():
+                if not getattr(self, name):
+                    object.__setattr__(self, name, value)
 
     @functools.cached_property
     def calibration(self) -> RgbdCalibration:
@@ -312,7 +349,7 @@ class BodySimulator:
             self.calibration,
             self._colour(cast, view),
             index,
-            self._skeletons(cast, view, lost, random),
+            self._skeletons(cast, view, time, random),
             time=nanoseconds,
             number=round(time * self.rate),
         )
@@ -370,7 +407,9 @@ class BodySimulator:
             time,
             moving=self._moving,
             sitting=self._is_sitting,
-            turn=self.turn + self.turning * time,
+            turn=self.turn
+            + self.turning * time
+            + self.sway * float(np.sin(2.0 * np.pi * time / _SWAY_PERIOD)),
             shoulder_tilt=self.shoulder_tilt,
         )
         figures = [pose_figure(pose, (0.0, CAMERA_HEIGHT, self.distance))]
@@ -407,9 +446,10 @@ class BodySimulator:
     # --- The tracker --------------------------------------------------------------------------
 
     def _skeletons(
-        self, cast: _Cast, view: _View, lost: bool, random: np.random.Generator
+        self, cast: _Cast, view: _View, time: float, random: np.random.Generator
     ) -> tuple[Skeleton, ...]:
         found = []
+        lost, swapped = _within(self.lost, time), _within(self.swapped, time)
         for number, figure in enumerate(cast.figures):
             joints = figure.joints.copy()
             is_seen = _seen(joints, view, number)
@@ -419,7 +459,14 @@ class BodySimulator:
                 joints[missing] = self._guess(figure, random)
             orientations = figure.orientations.astype(np.float32)
             sigma = np.where(is_seen, self.jitter, 5.0 * self.jitter)[:, None]
-            joints += sigma * random.standard_normal((25, 3))
+            white = random.standard_normal((25, 3))
+            joints += sigma * (self._correlated(time, number) if self.correlation else white)
+            if self.bias:
+                joints += self.bias * _bone_errors(figure, number)
+            if self.flying and self.amputated and number == 0:
+                flight = self._correlated(time, 2, memory=0.8)[self._missing]
+                joints[self._missing] += _FLIGHT * flight
+                is_seen[self._missing] = True
             if (number == 0 and lost) or not (view.people == number).any():
                 continue
             found.append(
@@ -427,11 +474,23 @@ class BodySimulator:
                     joints.astype(np.float32),
                     orientations,
                     np.where(is_seen, TRACKED, INFERRED).astype(np.uint8),
-                    id=number + 1,
+                    id=2 - number if swapped and number < 2 else number + 1,
                     body=number,
                 )
             )
         return tuple(found)
+
+    def _correlated(
+        self, time: float, stream: int, memory: float | None = None
+    ) -> NDArray[np.float64]:
+        """(25, 3) numbers of variance 1 that a first-order process has at a time."""
+        rho = self.correlation if memory is None else memory
+        last = round(time * self.rate)
+        sums = np.zeros((25, 3))
+        for frame in range(last - _MEMORY, last + 1):
+            random = np.random.default_rng([self.seed, stream, frame + _MEMORY])
+            sums = rho * sums + np.sqrt(1.0 - rho * rho) * random.standard_normal((25, 3))
+        return sums
 
     @functools.cached_property
     def _missing(self) -> list[int]:
@@ -445,6 +504,21 @@ class BodySimulator:
         way = figure.joints[first] - figure.joints[root]
         end = figure.joints[root] + way * (self.stump / np.linalg.norm(way))
         return np.asarray(end + 0.03 * random.standard_normal((len(self._missing), 3)))
+
+
+def _bone_errors(figure: PosedFigure, number: int) -> NDArray[np.float64]:
+    """(25, 3) unit vectors, the same ones in the frames of the bones for every pose."""
+    fixed = np.random.default_rng([25, number]).standard_normal((25, 3))
+    fixed /= np.linalg.norm(fixed, axis=1, keepdims=True)
+    bones = figure.joints - figure.joints[list(PARENTS)]
+    errors = np.empty((25, 3))
+    for joint, bone in enumerate(bones):
+        along = bone if np.linalg.norm(bone) > 1e-6 else figure.joints[1] - figure.joints[0]
+        along = along / np.linalg.norm(along)
+        side = np.cross(along, np.cross(figure.lateral[0], along))
+        side /= max(float(np.linalg.norm(side)), 1e-6)
+        errors[joint] = product(fixed[joint], np.stack([along, side, np.cross(along, side)]))
+    return errors
 
 
 @functools.cache

@@ -70,8 +70,10 @@ def textured_picture(
     with_phantom : bool
         Without it, the person as measured, less the affected limb.
     phantom_colour : (H', W', 3) uint8, optional
-        Of frame ``phantom.texture_number`` while the phantom is held.
+        Of frame ``phantom.texture_number`` while the phantom is held; by default the result's own.
     """
+    if phantom_colour is None and colour is not None:
+        phantom_colour = phantom.phantom_colour
     count = phantom.num_points
     column, row = phantom.pixels[:count].T
     colours = _looked_up(phantom.uvs[:count], colour)

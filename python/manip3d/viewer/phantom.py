@@ -50,6 +50,8 @@ class PhantomFilm:
         Number of frames in each state of the pipeline.
     stage_ms : mapping of str to float
         Mean time of each stage of the pipeline, milliseconds a frame.
+    messages : mapping of str to int
+        Why frames were not ``tracking``, in sentences for an operator, and in how many frames.
     """
 
     path: Path
@@ -58,6 +60,7 @@ class PhantomFilm:
     frames_with_skeleton: int
     states: Mapping[str, int]
     stage_ms: Mapping[str, float]
+    messages: Mapping[str, int]
 
 
 def render_phantom(
@@ -68,6 +71,8 @@ def render_phantom(
     mode: Literal["reflection", "paper", "2d"] = "reflection",
     segmentation: Literal["skin", "paper"] = "skin",
     smoothing: Literal["default", "seated"] | None = "default",
+    plane: Literal["trunk", "joints"] | None = None,
+    pose: bool = False,
     azimuth: float = 35.0,
     frames: int | None = None,
     overwrite: bool = False,
@@ -85,8 +90,10 @@ def render_phantom(
     affected : str, optional
         ``left_arm``, ``right_arm``, ``left_leg`` or ``right_leg``, the person's own; by default the
         limb that a simulated person has lost, else the right arm.
-    mode, segmentation, smoothing
+    mode, segmentation, smoothing, plane
         As `manip3d.modify.PhantomPipeline`.
+    pose : bool
+        Find the person's joints with `manip3d.modify.PoseTracker`, for sources without skeletons.
     azimuth : float, degrees
         Direction from which the mesh is drawn.
     frames : int, optional
@@ -106,14 +113,15 @@ def render_phantom(
     InputError
         An option is out of range, ``output`` has another suffix or exists, or there is no frame.
     MissingExtraError
-        PyAV (films) or Pillow (pictures) is not installed.
+        PyAV (films), Pillow (pictures) or MediaPipe (``pose``) is not installed.
     """
-    from manip3d.modify import PhantomPipeline
+    from manip3d.modify import PhantomPipeline, PoseTracker
 
     limb = affected or (limb_of(source) if isinstance(source, str) else "right_arm")
     options: dict[str, Any] = {"affected": limb, "mode": mode, "segmentation": segmentation}
-    pipeline = PhantomPipeline(smoothing=smoothing, **options)
+    pipeline = PhantomPipeline(smoothing=smoothing, plane=plane, **options)
     states: Counter[str] = Counter()
+    messages: Counter[str] = Counter()
     seconds: Counter[str] = Counter()
     with_skeleton = 0
     path = Path(output)
@@ -121,14 +129,18 @@ def render_phantom(
         _opened(source) as stream,
         _sink(path, overwrite=overwrite) as sink,
         reporting(progress, "render") as report,
+        PoseTracker() if pose else nullcontext() as tracker,
     ):
         total = frames or getattr(stream, "num_frames", None)
-        for frame, picture, phantom in _pictures(
-            itertools.islice(stream, frames), pipeline, azimuth, threads
-        ):
+        taken: Iterable[RgbdFrame] = itertools.islice(stream, frames)
+        if tracker is not None:
+            taken = map(tracker.annotate, taken)
+        for frame, picture, phantom in _pictures(taken, pipeline, azimuth, threads):
             sink.add(picture)
             with_skeleton += bool(frame.skeletons)
             states[phantom.state.value] += 1
+            if phantom.state != "tracking":
+                messages[phantom.message] += 1
             seconds.update(phantom.seconds)
             if report is not None:
                 report(min(states.total() / total, 1.0) if total else 0.0)
@@ -137,7 +149,7 @@ def render_phantom(
             raise InputError(f"{name}: expected frames, found none")
     number = states.total()
     stage_ms = {name: 1e3 * spent / number for name, spent in seconds.items()}
-    return PhantomFilm(path, limb, number, with_skeleton, dict(states), stage_ms)
+    return PhantomFilm(path, limb, number, with_skeleton, dict(states), stage_ms, dict(messages))
 
 
 def _opened(source: str | Iterable[RgbdFrame]) -> Any:

@@ -25,6 +25,8 @@ class ConnectedRuns {
   /// @param goes_round  Column 0 is the neighbour of the last one.
   const std::vector<MarkedRun>& find(const std::uint8_t* cells, std::int64_t rows,
                                      std::int64_t columns, bool goes_round);
+  /// Makes room for images of so many cells.
+  void reserve(std::int64_t rows, std::int64_t columns);
   [[nodiscard]] std::int32_t num_components() const { return num_components_; }
 
  private:

@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 
 #include "manip3d/geometry/camera.hpp"
@@ -22,6 +23,12 @@ enum class Texturing : std::uint8_t {
   kCalibration  ///< Where the colour camera sees the pixel's own point: wrong for the phantom.
 };
 
+/// Where the body's plane of symmetry comes from.
+enum class PlaneRule : std::uint8_t {
+  kTrunk,  ///< The trunk, followed by its surface and all of its joints (TrunkTracker).
+  kJoints  ///< Four joints of the frame alone, dissertation eq. 4.2 and 4.8.
+};
+
 struct PhantomMeshOptions {
   double max_depth_step = 0.05;  ///< Metres: no triangle spans more [Pajarola et al., 2003].
   Texturing texturing = Texturing::kSource;
@@ -30,7 +37,8 @@ struct PhantomMeshOptions {
 struct PhantomOptions {
   Limb affected = Limb::kRightArm;
   MirrorMode mode = MirrorMode::kReflection;
-  bool smooths = true;  ///< Else joints are taken as they come.
+  PlaneRule plane = PlaneRule::kTrunk;  ///< Of kReflection; the other modes take the joints'.
+  bool smooths = true;                  ///< Else joints are taken as they come.
   JointSmootherOptions smoothing;
   KeyPersonOptions key_person;
   PersonMaskOptions mask;
@@ -75,6 +83,7 @@ struct PhantomBuffers {
 
 enum class PhantomState : std::uint8_t {
   kTracking,  ///< The intact limb is seen, and mirrored.
+  kDegraded,  ///< The same, but what came out is not whole: `reason` says what is wrong.
   kHolding,   ///< It is not; the last phantom moves with the body.
   kFading,    ///< The same, with less and less opacity.
   kLost,      ///< There is no phantom.
@@ -82,10 +91,31 @@ enum class PhantomState : std::uint8_t {
 };
 enum class PhantomReason : std::uint8_t {
   kNone,
-  kNoPerson,  ///< The key person's skeleton is not there.
-  kNoPlane,   ///< The axes of the body never were there.
-  kOccluded,  ///< Too little of the intact limb is seen.
-  kInferred,  ///< A joint of the intact limb was guessed for too long.
+  kNoPerson,     ///< The key person's skeleton is not there.
+  kNoPlane,      ///< The axes of the body never were there.
+  kOccluded,     ///< Too little of the intact limb is seen.
+  kInferred,     ///< A joint of the intact limb was guessed for too long.
+  kNoSkeleton,   ///< No skeleton has been seen at all.
+  kCalibration,  ///< The joints do not lie on the person's pixels.
+  kShaky,        ///< The plane of symmetry is not known well enough.
+  kLeap,         ///< The phantom moved much farther than the intact limb did.
+  kDetached,     ///< The phantom does not hang at the body.
+  kShredded,     ///< The phantom is in pieces.
+  kCut,          ///< Too much of the person's silhouette is gone.
+  kDoubled,      ///< Too much of the affected limb is left.
+};
+
+/// How far a frame with a phantom is from what nobody would believe.
+struct PhantomQuality {
+  double fit = 1.0;        ///< Share of the tracked joints that lie on the person's pixels.
+  double plane_deg = 0.0;  ///< Standard deviation of the plane's normal.
+  double leap = 0.0;       ///< Metres that the phantom's end moved farther than the intact one's.
+  double gap = 0.0;        ///< Metres from the root to the largest piece of the phantom.
+  double largest = 1.0;    ///< Share of the phantom's pixels that are in that piece.
+  double lost = 0.0;       ///< Share of the silhouette (below the hips, or of the trunk) gone.
+  std::int64_t num_left = 0;  ///< Pixels of the affected limb that are left.
+  /// The worst of these over its limit: above 1 the state is not kTracking.
+  double score = 0.0;
 };
 
 /// The rows of table 4.1.
@@ -112,6 +142,8 @@ struct PhantomReport {
   PhantomReason reason = PhantomReason::kNone;
   double opacity = 0.0;             ///< To draw the phantom with: 1, or less while it fades.
   double visible = 0.0;             ///< Share of the intact limb that is seen, by length.
+  PhantomQuality quality;           ///< As if all were well while there is no phantom.
+  std::optional<BodyFrame> plane;   ///< The axes that were mirrored at.
   std::int64_t texture_number = 0;  ///< Frame whose colours the phantom's sources refer to.
   std::int64_t num_person = 0, num_removed = 0, num_mirrored = 0, num_filled = 0;  ///< Pixels.
   std::int64_t num_away = 0;    ///< Of the mirrored ones: those whose surface faces away.
@@ -130,8 +162,9 @@ struct PhantomReport {
 /// is inferred for more than `inferred_seconds`, or the skeleton is gone) the last phantom is held
 /// in the body's frame, then fades; where no pixel of the person is left, it is not drawn.
 /// Degenerate body axes keep those of the last frame. A frame that is no newer than the last one is
-/// counted and passed over, unless it is more than a second older: then a new recording begins. An
-/// object keeps its memory and allocates nothing after the first frame of a camera.
+/// counted and passed over, unless it is more than a second older: then a new recording begins.
+/// Where all times are 0, there is no clock: frames count as 30 a second. An object keeps its
+/// memory and allocates nothing after the first frame of a camera.
 class PhantomPipeline {
  public:
   /// @throws InputError  an option out of range.
@@ -144,6 +177,8 @@ class PhantomPipeline {
   ///                     registration out of range, a mesh capacity too small. The next frame is
   ///                     not affected.
   PhantomReport process(const PhantomInput& input, const PhantomBuffers& out);
+  /// Makes the person of an id the key person from the next frame on that has it.
+  void select(std::int64_t id);
   void reset();
 
  private:

@@ -1,0 +1,113 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "manip3d/geometry/camera.hpp"
+#include "manip3d/geometry/depth_image.hpp"
+#include "manip3d/geometry/skeleton.hpp"
+#include "manip3d/modify/limb.hpp"
+#include "manip3d/modify/mirror.hpp"
+#include "manip3d/modify/segmentation.hpp"
+
+namespace manip3d {
+
+/// The axes of a body from all usable joints of its trunk: y along the line through the middle
+/// ones, x the mean of the directions from right to left (shoulders count most for arms, hips for
+/// legs), n = x made square to y, for legs with most of its sideways tilt against the camera's
+/// vertical taken out. The origin is at the height of SpineMid for arms, of SpineBase for legs. A
+/// shoulder or hip that is missing is replaced by the middle of the spine there.
+///
+/// None with fewer than two joints in the middle or no pair, or axes as in body_frame().
+std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb);
+
+/// Follows the trunk of one person, and with it the plane of symmetry, from frame to frame.
+///
+/// Joints shake by centimetres, the surface of the trunk by millimetres. The motion of the trunk is
+/// therefore that of its surface: points of a key frame are laid onto the depth image, point to
+/// plane [Chen & Medioni, "Object modelling by registration of multiple range images", 1992], with
+/// projective association [Blais & Levine, 1995]. The joints say where the plane lies within the
+/// trunk: each one's place there is a mean over its last 3 seconds; and so does the surface, which
+/// is laid onto its own mirror image. Motion and joints are one least-squares
+/// estimate with a prior from constant velocity; residuals of surface and joints are weighted as
+/// those of heavy-tailed distributions (Geman-McClure, Cauchy), so that an arm before the trunk or
+/// a joint that jumps does not count. `update` and `learn` allocate nothing after the first frame.
+class TrunkTracker {
+ public:
+  explicit TrunkTracker(Limb affected);
+
+  /// The trunk in a new frame.
+  /// @param joints  unfiltered; null while there are none: the surface alone is followed.
+  /// @return  the axes of the body; none until the joints told them once.
+  std::optional<BodyFrame> update(const Skeleton* joints, const DepthView& depth,
+                                  const PixelRays& rays, const Intrinsics& camera, double time_s);
+
+  /// Renews the key frame where the last one no longer fits.
+  /// @param points  of the person, labelled, from the frame of the last update.
+  void learn(const PersonPoints& points, const DepthView& depth, const PixelRays& rays,
+             const Intrinsics& camera);
+
+  /// The axes as known now: learning may have changed them.
+  [[nodiscard]] std::optional<BodyFrame> frame() const;
+
+  void reset();
+
+  /// Standard deviation of the plane's normal, degrees; infinite before the first frame.
+  [[nodiscard]] double deviation_deg() const { return deviation_deg_; }
+  /// Share of the key frame's points that the last frame agreed with.
+  [[nodiscard]] double surface_share() const { return surface_share_; }
+
+ private:
+  struct Pose {  ///< Trunk to camera.
+    Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();
+    Eigen::Vector3d translation = Eigen::Vector3d::Zero();
+    [[nodiscard]] Eigen::Vector3d operator()(const Eigen::Vector3d& p) const {
+      return rotation * p + translation;
+    }
+  };
+  struct SurfacePoint {
+    Eigen::Vector3d place, normal;  ///< In the trunk.
+  };
+  struct JointMean {
+    std::array<Eigen::Vector3d, 2> last;  ///< In the camera, the latest one first.
+    int num_last = 0;
+    Eigen::Vector3d place = Eigen::Vector3d::Zero();  ///< In the trunk.
+    double weight = 0.0;                              ///< Frames, at most those of the window.
+  };
+  struct PlaneMean {  ///< In the trunk.
+    Eigen::Vector3d normal = Eigen::Vector3d::Zero();
+    double offset = 0.0, weight = 0.0;
+  };
+  using Vector6 = Eigen::Matrix<double, 6, 1>;
+  using Matrix6 = Eigen::Matrix<double, 6, 6>;
+
+  void start(const BodyFrame& frame);
+  void fit(const Skeleton* joints, const DepthView& depth, const PixelRays& rays,
+           const Intrinsics& camera);
+  void measure_jitter(const Skeleton& joints);
+  void average_joints(const Skeleton& joints);
+  [[nodiscard]] bool contradicts(const Skeleton& joints) const;
+  [[nodiscard]] Skeleton mean_skeleton() const;
+  void measure_symmetry(const DepthView& depth, const PixelRays& rays, const Intrinsics& camera);
+  void judge(const Matrix6& information);
+
+  Limb affected_;
+  std::optional<Pose> pose_;
+  Vector6 velocity_ = Vector6::Zero();  ///< Rotation vector and translation, per second.
+  double time_s_ = 0.0, contradicted_since_ = 0.0;
+  bool is_contradicted_ = false;
+  std::array<JointMean, kNumJoints> joints_{};
+  PlaneMean plane_;
+  std::vector<SurfacePoint> surface_;
+  Eigen::Quaterniond key_rotation_ = Eigen::Quaterniond::Identity();
+  double residual_ = 0.0;  ///< Mean distance of the surface from the key frame, metres.
+  double jitter_ = 0.0;    ///< Variance of the joints' white noise, square metres.
+  double surface_share_ = 0.0;
+  double deviation_deg_ = 0.0;
+};
+
+}  // namespace manip3d

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "manip3d/geometry/connected_runs.hpp"
+#include "manip3d/modify/phantom_pipeline.hpp"
+#include "modify/phantom_image.hpp"
+
+/// @file
+/// Would a patient believe the picture? Measures of one frame, and their limits.
+namespace manip3d {
+
+/// Share of the tracked joints outside the affected limb that project into the person's pixels or
+/// next to them; 1 with fewer than five of them.
+double joint_fit(const Skeleton& person, Limb affected, const PixelProjector& projector,
+                 const PhantomImage& image);
+
+/// Share of the person's points that lie within reach of some bone; 1 without points.
+double bone_fit(const PersonPoints& points);
+
+/// Below it, joints and depth do not belong together.
+inline constexpr double kLeastFit = 0.7;
+
+/// Measures what was drawn. Keeps its memory.
+class PictureJudge {
+ public:
+  void reserve(std::int64_t rows, std::int64_t cols);
+
+  /// Fills in gap, largest, lost and num_left.
+  /// @param points    of the person, as segmented.
+  /// @param phantom   its joints in place of the affected limb's.
+  void measure(const PersonPoints& points, const Skeleton& phantom, const BodyFrame& frame,
+               const PhantomOptions& options, const PixelRays& rays, const PhantomImage& image,
+               PhantomQuality& quality);
+
+ private:
+  void measure_pieces(const Eigen::Vector3f& root, const PixelRays& rays, const PhantomImage& image,
+                      PhantomQuality& quality);
+
+  std::vector<std::uint8_t> cells_;
+  ConnectedRuns pieces_;
+  struct Piece {
+    std::int64_t pixels = 0;
+    float nearest = 0.0F;  ///< To the root, squared metres.
+  };
+  std::vector<Piece> sizes_;
+};
+
+/// The measure that is worst against its limit, if it is beyond; sets the score.
+PhantomReason worst_of(Limb affected, PhantomQuality& quality);
+
+}  // namespace manip3d

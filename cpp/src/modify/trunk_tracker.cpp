@@ -1,0 +1,524 @@
+#include "manip3d/modify/trunk_tracker.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <initializer_list>
+#include <limits>
+
+#include "manip3d/modify/joint_smoother.hpp"
+#include "modify/phantom_image.hpp"
+#include "modify/ray_at.hpp"
+
+namespace manip3d {
+namespace {
+
+using enum Joint;
+
+constexpr std::size_t kMostSurface = 500;  // points of a key frame: more do not steady it
+constexpr std::size_t kLeastSurface = 60;  // with fewer the joints alone are followed
+constexpr int kIterations = 4;             // steps fall below 0.1 mm by the third
+constexpr double kWindow = 90.0;           // frames over which joints are averaged
+// Of a pixel against a key frame. Neighbours share their noise, so that 500 points tell as much as
+// some thirty: the mean residual, four times, at least 1 cm (a Kinect V1 steps by 2 cm).
+constexpr double kSurfaceNoise = 0.010, kSharedNoise = 4.0;
+constexpr double kSurfaceScale = 0.02;  // metres: of the Geman-McClure weight
+// Metres: of a trunk's joint. Jitter is measured; below 1 cm what joints show is slow, and wrong.
+constexpr double kJointNoise = 0.01, kMostJointNoise = 0.04;
+constexpr double kJointScale = 0.05;  // metres: of the Cauchy weight
+// What the trunk's motion changes by in a frame: radians and metres of the Cauchy prior.
+constexpr double kTurnNoise = 0.010, kMoveNoise = 0.006;
+constexpr double kStepMemory = 0.7;         // of the velocity, from frame to frame
+constexpr double kContradiction = 0.15;     // metres: joints off by so much are another trunk's
+constexpr double kContradictionTime = 0.3;  // seconds until joints are believed
+constexpr double kNewKeyTurn = 0.99;  // cosine of half the turn after which points are renewed
+constexpr double kNewKeyShare = 0.55;
+constexpr double kSymmetryWindow = 45.0;  // frames over which the plane of the surface is averaged
+constexpr double kSymmetryNoise = 0.02;   // metres: what left and right differ by, and its clothes
+// How far the plane of the joints may be off: roll and yaw in radians, and metres aside.
+const Eigen::Vector3d kPlaneBias(0.03, 0.04, 0.012);
+constexpr double kLegRoll = 0.005;  // a leaning trunk says little about the roll of the pelvis
+
+constexpr std::array kTrunkJoints = {kSpineBase,    kSpineMid,      kSpineShoulder, kNeck,
+                                     kShoulderLeft, kShoulderRight, kHipLeft,       kHipRight};
+constexpr std::array kMiddle = {kSpineBase, kSpineMid, kSpineShoulder, kNeck};
+
+/// The rotation by a small vector, without transcendental functions: exact to third order.
+Eigen::Quaterniond small_turn(const Eigen::Vector3d& w) {
+  return Eigen::Quaterniond(1.0, 0.5 * w.x(), 0.5 * w.y(), 0.5 * w.z()).normalized();
+}
+
+Eigen::Matrix3d axes_of(const BodyFrame& frame) {
+  Eigen::Matrix3d axes;
+  axes << frame.n, frame.y, frame.z;
+  return axes;
+}
+
+/// Standard deviation of the plane's normal: of the trunk's turn (its variance, square radians) and
+/// of the mean of shoulders that shake, over so many frames.
+double normal_deviation_deg(double turn, double frames) {
+  constexpr double kShoulders = 0.35, kJitter = 0.02;  // metres
+  constexpr double kDegrees = 57.29577951308232;
+  return kDegrees * std::sqrt(turn + 2.0 * kJitter * kJitter / (kShoulders * kShoulders * frames));
+}
+
+struct Line {
+  Eigen::Vector3d point = Eigen::Vector3d::Zero(), direction = Eigen::Vector3d::Zero();
+};
+
+/// The least-squares line through the joints of the middle, up the spine.
+std::optional<Line> middle_line(const Skeleton& skeleton) {
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  double count = 0.0;
+  for (const Joint joint : kMiddle) {
+    if (!is_usable(skeleton, joint)) continue;
+    sum += skeleton[joint].cast<double>();
+    count += 1.0;
+  }
+  if (count < 2.0) return std::nullopt;
+  Line line;
+  line.point = sum / count;
+  // The heights along the spine weigh the joints: those farther from the mean tell more.
+  constexpr std::array kHeights = {0.0, 0.31, 0.535, 0.61};  // of the middle joints, metres
+  double mean = 0.0;
+  for (std::size_t i = 0; i < kMiddle.size(); ++i) {
+    if (is_usable(skeleton, kMiddle[i])) mean += kHeights[i] / count;
+  }
+  for (std::size_t i = 0; i < kMiddle.size(); ++i) {
+    if (!is_usable(skeleton, kMiddle[i])) continue;
+    line.direction += (kHeights[i] - mean) * (skeleton[kMiddle[i]].cast<double>() - line.point);
+  }
+  constexpr double kShortest = 1e-3;  // square metres
+  if (!(line.direction.norm() > kShortest)) return std::nullopt;
+  line.direction.normalize();
+  return line;
+}
+
+/// From right to left; a joint that is missing is replaced by the middle of the spine.
+std::optional<Eigen::Vector3d> across(const Skeleton& skeleton, Joint left, Joint right,
+                                      Joint middle) {
+  const bool has_left = is_usable(skeleton, left), has_right = is_usable(skeleton, right);
+  if (!has_left && !has_right) return std::nullopt;
+  if (has_left && has_right) return (skeleton[left] - skeleton[right]).cast<double>();
+  if (!is_usable(skeleton, middle)) return std::nullopt;
+  return 2.0 * (has_left ? skeleton[left] - skeleton[middle] : skeleton[middle] - skeleton[right])
+                   .cast<double>();
+}
+
+/// Takes most of the sideways tilt out of a plane for legs: a pelvis stays level on a seat and over
+/// two feet where the spine leans, and a sensor stands upright. What tilts by more is believed, as
+/// a sensor may lie on its side.
+void level(BodyFrame& frame) {
+  constexpr double kShare = 0.8, kBelieved = 0.25;  // of the tilt; its sine
+  const double tilt = frame.n.y();
+  const double share = kShare / (1.0 + (tilt * tilt) / (kBelieved * kBelieved));
+  frame.n = (frame.n - share * tilt * Eigen::Vector3d::UnitY()).normalized();
+  frame.x = frame.n;
+  frame.y = (frame.y - frame.y.dot(frame.n) * frame.n).normalized();
+  frame.z = frame.n.cross(frame.y);
+}
+
+float depth_at(const DepthView& depth, std::int32_t pixel) {
+  return depth.millimetres != nullptr ? static_cast<float>(depth.millimetres[pixel]) / 1000.0F
+                                      : depth.metres[pixel];
+}
+
+/// The normal of the plane through the depths around a pixel, towards the camera; none on edges.
+/// Depth of a plane is linear in the pixel over its depth, and nearly in the pixel itself.
+std::optional<Eigen::Vector3d> normal_at(const DepthView& depth, const PixelRays& rays,
+                                         std::int32_t pixel) {
+  constexpr double kReach = 0.05;        // metres: wide, as one step of a Kinect V1 is 2 cm
+  constexpr double kSameSurface = 0.08;  // metres
+  constexpr double kLeastCosine = 0.3;   // surfaces seen at a slant are edges
+  const std::int64_t u = pixel % depth.cols, v = pixel / depth.cols;
+  if (u < 1 || v < 1 || u + 1 >= depth.cols || v + 1 >= depth.rows) return std::nullopt;
+  const double z = depth_at(depth, pixel);
+  const Eigen::Vector3d p = lift(rays, u, v, static_cast<float>(z)).cast<double>();
+  const double pitch = (lift(rays, u + 1, v, 1.0F) - lift(rays, u - 1, v, 1.0F)).norm() * 0.5 * z;
+  if (!(pitch > 1e-5)) return std::nullopt;
+  const auto reach = static_cast<std::int64_t>(std::clamp(kReach / pitch, 2.0, 24.0));
+  const std::int64_t step = std::max<std::int64_t>(1, reach / 4);
+  Eigen::Matrix3d moments = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d sums = Eigen::Vector3d::Zero();
+  int used = 0, asked = 0;
+  for (std::int64_t dv = -reach; dv <= reach; dv += step) {
+    for (std::int64_t du = -reach; du <= reach; du += step) {
+      ++asked;
+      if (u + du < 0 || v + dv < 0 || u + du >= depth.cols || v + dv >= depth.rows) continue;
+      const auto other = static_cast<std::int32_t>((v + dv) * depth.cols + u + du);
+      const float there = depth_at(depth, other);
+      if (!(std::abs(there - z) < kSameSurface) || !has_ray(rays, u + du, v + dv)) continue;
+      const Eigen::Vector3d q = lift(rays, u + du, v + dv, there).cast<double>() - p;
+      const Eigen::Vector3d row(q.x(), q.y(), 1.0);
+      moments += row * row.transpose();
+      sums += q.z() * row;
+      ++used;
+    }
+  }
+  if (4 * used < 3 * asked) return std::nullopt;
+  const Eigen::Vector3d slope = moments.ldlt().solve(sums);
+  const Eigen::Vector3d normal = Eigen::Vector3d(slope.x(), slope.y(), -1.0).normalized();
+  if (!(-normal.dot(p) > kLeastCosine * p.norm())) return std::nullopt;
+  return normal;
+}
+
+bool is_trunk_bone(std::uint8_t bone) {
+  switch (static_cast<Joint>(bone)) {
+    case kSpineMid:
+    case kSpineShoulder:
+    case kShoulderLeft:
+    case kShoulderRight:
+    case kHipLeft:
+    case kHipRight:
+      return true;
+    default:
+      return false;
+  }
+}
+
+}  // namespace
+
+std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb) {
+  const auto line = middle_line(skeleton);
+  if (!line) return std::nullopt;
+  const bool arm = is_arm(limb);
+  // Shoulders are twice as far apart as hips, so halved they count as much: for legs.
+  constexpr double kOtherPair = 0.5;
+  Eigen::Vector3d x = Eigen::Vector3d::Zero();
+  if (const auto shoulders = across(skeleton, kShoulderLeft, kShoulderRight, kSpineShoulder)) {
+    x += (arm ? 1.0 : kOtherPair) * *shoulders;
+  }
+  if (const auto hips = across(skeleton, kHipLeft, kHipRight, kSpineBase)) {
+    x += (arm ? kOtherPair : 1.0) * *hips;
+  }
+  constexpr double kShortest = 0.05, kLeastSine = 0.1, kNearest = 0.1;
+  if (!(x.norm() > kShortest)) return std::nullopt;
+  BodyFrame frame;
+  frame.x = x.normalized();
+  frame.y = line->direction;
+  frame.z = frame.x.cross(frame.y);
+  if (!(frame.z.norm() > kLeastSine)) return std::nullopt;
+  frame.z.normalize();
+  frame.n = frame.y.cross(frame.z);
+  const Joint height = arm ? kSpineMid : kSpineBase;
+  if (!arm) level(frame);
+  frame.origin = line->point;
+  if (is_usable(skeleton, height)) {
+    const Eigen::Vector3d joint = skeleton[height].cast<double>();
+    frame.origin = joint - frame.n.dot(joint - line->point) * frame.n;
+  }
+  if (!(frame.origin.z() > kNearest)) return std::nullopt;
+  return frame;
+}
+
+TrunkTracker::TrunkTracker(Limb affected) : affected_(affected) {
+  surface_.reserve(kMostSurface);
+  reset();
+}
+
+void TrunkTracker::reset() {
+  pose_.reset();
+  velocity_.setZero();
+  is_contradicted_ = false;
+  joints_ = {};
+  surface_.clear();
+  plane_ = {};
+  residual_ = 0.0;
+  jitter_ = kMostJointNoise * kMostJointNoise;
+  surface_share_ = 0.0;
+  deviation_deg_ = std::numeric_limits<double>::infinity();
+}
+
+void TrunkTracker::start(const BodyFrame& frame) {
+  reset();
+  pose_ = Pose{Eigen::Quaterniond(axes_of(frame)), frame.origin};
+  deviation_deg_ = normal_deviation_deg(0.0, 1.0);
+}
+
+std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const DepthView& depth,
+                                              const PixelRays& rays, const Intrinsics& camera,
+                                              double time_s) {
+  if (joints != nullptr) measure_jitter(*joints);
+  if (pose_ && joints != nullptr && contradicts(*joints)) {
+    if (!is_contradicted_) contradicted_since_ = time_s;
+    is_contradicted_ = true;
+    if (time_s - contradicted_since_ > kContradictionTime) pose_.reset();
+  } else {
+    is_contradicted_ = false;
+  }
+  if (pose_) {
+    const Pose before = *pose_;
+    const double elapsed = std::clamp(time_s - time_s_, 1e-3, 0.2);
+    pose_->rotation = (small_turn(elapsed * velocity_.head<3>()) * pose_->rotation).normalized();
+    pose_->translation += elapsed * velocity_.tail<3>();
+    fit(is_contradicted_ ? nullptr : joints, depth, rays, camera);
+    const Eigen::Quaterniond turn = pose_->rotation * before.rotation.conjugate();
+    Vector6 seen;
+    seen << (turn.w() < 0.0 ? -2.0 : 2.0) * turn.vec(), pose_->translation - before.translation;
+    velocity_ = kStepMemory * velocity_ + (1.0 - kStepMemory) * seen / elapsed;
+  } else if (joints != nullptr) {
+    const auto frame = trunk_frame(*joints, affected_);
+    if (!frame) return std::nullopt;
+    start(*frame);
+  } else {
+    return std::nullopt;
+  }
+  time_s_ = time_s;
+  if (joints != nullptr && !is_contradicted_) average_joints(*joints);
+  measure_symmetry(depth, rays, camera);
+  return frame();
+}
+
+/// The axes of the joints' means, with the plane that the surface has told.
+std::optional<BodyFrame> TrunkTracker::frame() const {
+  if (!pose_) return std::nullopt;
+  auto frame = trunk_frame(mean_skeleton(), affected_);
+  if (!frame || plane_.weight == 0.0) return frame;
+  const Eigen::Vector3d n = (pose_->rotation * plane_.normal).normalized();
+  frame->origin += (plane_.offset - n.dot(frame->origin - pose_->translation)) * n;
+  frame->n = frame->x = n;
+  frame->y = (frame->y - frame->y.dot(n) * n).normalized();
+  frame->z = n.cross(frame->y);
+  return frame;
+}
+
+/// Lays the mirrored points of the key frame onto the depth image: the plane that fits best, with
+/// that of the joints as a prior.
+///
+/// With n, o the plane, s = n (p - o), the mirror image p' = p - 2 s n and its normal m', a turn of
+/// n by a y + b z and a shift of o by c n move p' by -2 (a y (p - o) + b z (p - o) - c) n -
+/// 2 s (a y + b z).
+void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& rays,
+                                    const Intrinsics& camera) {
+  const auto axes = trunk_frame(mean_skeleton(), affected_);
+  if (!axes || surface_.size() < kLeastSurface) return;
+  const PixelProjector projector(camera, rays);
+  const Eigen::Matrix3d rotation = pose_->rotation.toRotationMatrix();
+  Eigen::Vector3d bias = kPlaneBias;
+  if (!is_arm(affected_)) bias[0] = kLegRoll;
+  const Eigen::Vector3d prior = bias.cwiseProduct(bias).cwiseInverse();
+  Eigen::Vector3d moved = Eigen::Vector3d::Zero();
+  std::size_t agreed = 0;
+  Eigen::Vector3d n = axes->n, o = axes->origin;
+  for (int iteration = 0; iteration < 2; ++iteration) {
+    Eigen::Matrix3d information = prior.asDiagonal();
+    Eigen::Vector3d gradient = -prior.cwiseProduct(moved);
+    agreed = 0;
+    for (const SurfacePoint& point : surface_) {
+      const Eigen::Vector3d from = rotation * point.place + pose_->translation - o;
+      const double s = n.dot(from);
+      const Eigen::Vector3d p = from + o - 2.0 * s * n;
+      const Eigen::Vector3d turned = rotation * point.normal;
+      const Eigen::Vector3d normal = turned - 2.0 * n.dot(turned) * n;
+      constexpr double kLeastCosine = 0.3;  // of surfaces that the camera sees
+      if (!(-normal.dot(p) > kLeastCosine * p.norm())) continue;
+      const std::int32_t pixel = projector.pixel(
+          static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z()));
+      if (pixel < 0) continue;
+      const float z = depth_at(depth, pixel);
+      if (!(z > 0.0F)) continue;
+      const Eigen::Vector3d q =
+          lift(rays, pixel % depth.cols, pixel / depth.cols, z).cast<double>();
+      const double off = normal.dot(q - p);
+      const double share = 1.0 + (off * off) / (kSurfaceScale * kSurfaceScale);
+      if (share < 4.0) ++agreed;
+      const double weight = 1.0 / (kSymmetryNoise * kSymmetryNoise * share * share);
+      const double across = -2.0 * normal.dot(n);
+      const Eigen::Vector3d row(across * axes->y.dot(from) - 2.0 * s * normal.dot(axes->y),
+                                across * axes->z.dot(from) - 2.0 * s * normal.dot(axes->z),
+                                -across);
+      information += weight * row * row.transpose();
+      gradient += weight * off * row;
+    }
+    moved += information.ldlt().solve(gradient);
+    n = (axes->n + moved[0] * axes->y + moved[1] * axes->z).normalized();
+    o = axes->origin + moved[2] * axes->n;
+  }
+  if (agreed < kLeastSurface) return;
+  plane_.weight = std::min(plane_.weight + 1.0, kSymmetryWindow);
+  const double gain = 1.0 / plane_.weight;
+  plane_.normal += gain * (pose_->rotation.conjugate() * n - plane_.normal);
+  plane_.offset += gain * (n.dot(o - pose_->translation) - plane_.offset);
+}
+
+/// Are most joints far from where they are in the trunk?
+bool TrunkTracker::contradicts(const Skeleton& joints) const {
+  int off = 0, all = 0;
+  for (const Joint joint : kTrunkJoints) {
+    const JointMean& mean = joints_[static_cast<std::size_t>(joint)];
+    if (mean.weight == 0.0 || !is_usable(joints, joint)) continue;
+    ++all;
+    if ((joints[joint].cast<double>() - (*pose_)(mean.place)).norm() > kContradiction) ++off;
+  }
+  return 2 * off > all;
+}
+
+/// Gauss-Newton steps about the predicted pose.
+void TrunkTracker::fit(const Skeleton* joints, const DepthView& depth, const PixelRays& rays,
+                       const Intrinsics& camera) {
+  const PixelProjector projector(camera, rays);
+  const double joint_noise = std::clamp(std::sqrt(jitter_), kJointNoise, kMostJointNoise);
+  const double surface_noise = std::max(kSurfaceNoise, kSharedNoise * residual_);
+  Vector6 moved = Vector6::Zero();
+  Matrix6 information = Matrix6::Zero();
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    const Eigen::Vector3d centre = pose_->translation;
+    const Eigen::Matrix3d rotation = pose_->rotation.toRotationMatrix();
+    const double turn2 = kTurnNoise * kTurnNoise + moved.head<3>().squaredNorm();
+    const double move2 = kMoveNoise * kMoveNoise + moved.tail<3>().squaredNorm();
+    Vector6 prior;
+    prior << Eigen::Vector3d::Constant(1.0 / turn2), Eigen::Vector3d::Constant(1.0 / move2);
+    information = prior.asDiagonal();
+    Vector6 gradient = -prior.cwiseProduct(moved);
+    std::size_t agreed = 0;
+    double within = 0.0;
+    for (const SurfacePoint& point : surface_) {
+      const Eigen::Vector3d p = rotation * point.place + centre;
+      const std::int32_t pixel = projector.pixel(
+          static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z()));
+      if (pixel < 0) continue;
+      const float z = depth_at(depth, pixel);
+      if (!(z > 0.0F)) continue;
+      const Eigen::Vector3d q =
+          lift(rays, pixel % depth.cols, pixel / depth.cols, z).cast<double>();
+      const Eigen::Vector3d normal = rotation * point.normal;
+      const double off = normal.dot(q - p);
+      const double share = 1.0 + (off * off) / (kSurfaceScale * kSurfaceScale);
+      if (share < 4.0) {
+        ++agreed;
+        within += std::abs(off);
+      }
+      const double weight = 1.0 / (surface_noise * surface_noise * share * share);
+      Vector6 row;
+      row << (p - centre).cross(normal), normal;
+      information += weight * row * row.transpose();
+      gradient += weight * off * row;
+    }
+    if (iteration + 1 == kIterations && agreed >= kLeastSurface) {
+      constexpr double kMemory = 0.9;  // from frame to frame
+      residual_ = kMemory * residual_ + (1.0 - kMemory) * within / static_cast<double>(agreed);
+    }
+    surface_share_ =
+        surface_.empty() ? 0.0 : static_cast<double>(agreed) / static_cast<double>(surface_.size());
+    for (const Joint joint : kTrunkJoints) {
+      const JointMean& mean = joints_[static_cast<std::size_t>(joint)];
+      if (joints == nullptr || mean.weight == 0.0 || !is_usable(*joints, joint)) continue;
+      const Eigen::Vector3d arm = rotation * mean.place;
+      const Eigen::Vector3d off = (*joints)[joint].cast<double>() - arm - centre;
+      const double share = 1.0 + off.squaredNorm() / (kJointScale * kJointScale);
+      const double weight = 1.0 / (joint_noise * joint_noise * share);
+      Eigen::Matrix<double, 3, 6> rows;
+      rows << 0.0, arm.z(), -arm.y(), 1.0, 0.0, 0.0,  //
+          -arm.z(), 0.0, arm.x(), 0.0, 1.0, 0.0,      //
+          arm.y(), -arm.x(), 0.0, 0.0, 0.0, 1.0;
+      information += weight * rows.transpose() * rows;
+      gradient += weight * rows.transpose() * off;
+    }
+    const Vector6 step = information.ldlt().solve(gradient);
+    moved += step;
+    pose_->rotation = (small_turn(step.head<3>()) * pose_->rotation).normalized();
+    pose_->translation += step.tail<3>();
+  }
+  judge(information);
+}
+
+void TrunkTracker::judge(const Matrix6& information) {
+  const Matrix6 covariance = information.ldlt().solve(Matrix6::Identity());
+  const double frames = joints_[static_cast<std::size_t>(kSpineShoulder)].weight;
+  deviation_deg_ =
+      normal_deviation_deg(covariance.topLeftCorner<3, 3>().trace() / 3.0, std::max(frames, 1.0));
+}
+
+/// The variance of white noise that would make the joints' second differences.
+void TrunkTracker::measure_jitter(const Skeleton& joints) {
+  double sum = 0.0, count = 0.0;
+  for (const Joint joint : kTrunkJoints) {
+    JointMean& mean = joints_[static_cast<std::size_t>(joint)];
+    if (!is_usable(joints, joint)) {
+      mean.num_last = 0;
+      continue;
+    }
+    const Eigen::Vector3d now = joints[joint].cast<double>();
+    if (mean.num_last == 2) {
+      constexpr double kMost = 0.1;  // metres: what jumps farther is no jitter
+      const Eigen::Vector3d second = now - 2.0 * mean.last[0] + mean.last[1];
+      sum += std::min(second.squaredNorm(), 6.0 * kMost * kMost) / 18.0;
+      count += 1.0;
+    }
+    mean.last[1] = mean.last[0];
+    mean.last[0] = now;
+    mean.num_last = std::min(mean.num_last + 1, 2);
+  }
+  constexpr double kMemory = 0.9;  // from frame to frame
+  if (count > 0.0) jitter_ = kMemory * jitter_ + (1.0 - kMemory) * sum / count;
+}
+
+void TrunkTracker::average_joints(const Skeleton& joints) {
+  const Eigen::Quaterniond back = pose_->rotation.conjugate();
+  for (const Joint joint : kTrunkJoints) {
+    if (!is_usable(joints, joint)) continue;
+    JointMean& mean = joints_[static_cast<std::size_t>(joint)];
+    const Eigen::Vector3d place = back * (joints[joint].cast<double>() - pose_->translation);
+    // A guess counts as a quarter of a measurement.
+    const double trust = joints.state(joint) == TrackingState::kTracked ? 1.0 : 0.25;
+    mean.weight = std::min(mean.weight + trust, kWindow);
+    const Eigen::Vector3d off = place - mean.place;
+    const double distance = off.norm();
+    const double bounded =
+        mean.weight > 1.0 && distance > kJointScale ? kJointScale / distance : 1.0;
+    mean.place += std::min(1.0, trust / mean.weight) * bounded * off;
+  }
+}
+
+/// The means where the trunk is now.
+Skeleton TrunkTracker::mean_skeleton() const {
+  Skeleton skeleton;
+  for (const Joint joint : kTrunkJoints) {
+    const auto i = static_cast<std::size_t>(joint);
+    if (joints_[i].weight == 0.0) continue;
+    skeleton.positions[i] = (*pose_)(joints_[i].place).cast<float>();
+    skeleton.states[i] = TrackingState::kTracked;
+  }
+  return skeleton;
+}
+
+void TrunkTracker::learn(const PersonPoints& points, const DepthView& depth, const PixelRays& rays,
+                         const Intrinsics& camera) {
+  if (!pose_) return;
+  const double half_turn = std::abs(pose_->rotation.dot(key_rotation_));
+  const bool fits =
+      surface_.size() >= kLeastSurface && surface_share_ > kNewKeyShare && half_turn > kNewKeyTurn;
+  if (fits) return;
+  // Points of the trunk between the hips and the shoulders, not of what hangs beside it.
+  const Eigen::Quaterniond back = pose_->rotation.conjugate();
+  double low = 0.0, high = 0.0, half = 0.17;
+  for (const Joint joint : kTrunkJoints) {
+    const JointMean& mean = joints_[static_cast<std::size_t>(joint)];
+    if (mean.weight == 0.0) continue;
+    low = std::min(low, mean.place.y());
+    high = std::max(high, mean.place.y());
+    half = std::max(half, std::abs(mean.place.x()));
+  }
+  const auto is_candidate = [&](std::size_t i) {
+    if (!is_trunk_bone(points.label[i])) return false;
+    const Eigen::Vector3d place =
+        back * (Eigen::Vector3d(points.x[i], points.y[i], points.z[i]) - pose_->translation);
+    return place.y() > low - 0.02 && place.y() < high + 0.02 && std::abs(place.x()) < half;
+  };
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) count += is_candidate(i);
+  const std::size_t stride = std::max<std::size_t>(1, (count + kMostSurface - 1) / kMostSurface);
+  surface_.clear();
+  std::size_t seen = 0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+    if (!is_candidate(i) || seen++ % stride != 0) continue;
+    const auto normal = normal_at(depth, rays, points.pixel[i]);
+    if (!normal || surface_.size() == kMostSurface) continue;
+    const Eigen::Vector3d p(points.x[i], points.y[i], points.z[i]);
+    surface_.push_back({back * (p - pose_->translation), back * *normal});
+  }
+  key_rotation_ = pose_->rotation;
+  if (plane_.weight == 0.0) measure_symmetry(depth, rays, camera);
+}
+
+}  // namespace manip3d
