@@ -31,6 +31,8 @@ Fields to_fields(ReliefResult&& result) {
   fields["levels"] = py::tuple(levels);
   fields["stop"] = result.stop;
   fields["dropped_pixels"] = result.dropped_pixels;
+  fields["coverage"] = result.cover.coverage;
+  fields["bridges"] = result.cover.bridges;
   fields["mean_move"] = result.mean_move;
   fields["max_move"] = result.max_move;
   return fields;
@@ -76,6 +78,19 @@ void bind_relief(py::module_& m) {
           },
           py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("rows_up"),
           py::arg("options"));
+  m.def(
+      "depth_coverage",
+      [](const CArray<float>& points, const CArray<bool>& valid, const CArray<std::int32_t>& pixels,
+         const CArray<std::int32_t>& faces, double max_edge) {
+        const BorrowedGrid grid(points, valid, true);
+        const auto at = rows<Rows<std::int32_t, 2>>(pixels, "pixels");
+        const auto triangles = rows<Rows<std::int32_t, 3>>(faces, "faces");
+        const py::gil_scoped_release nogil;
+        const DepthCoverage cover = depth_coverage(grid.view, at, triangles, max_edge);
+        return std::pair(cover.coverage, cover.bridges);
+      },
+      py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("pixels").noconvert(),
+      py::arg("faces").noconvert(), py::arg("max_edge"));
   py::class_<Exclusive<DepthSmoother>>(m, "DepthSmoother")
       .def(py::init([](double newest_share, double gate) {
              return std::make_unique<Exclusive<DepthSmoother>>(

@@ -71,6 +71,7 @@ __all__: list[str] = [
     "copy_transform_paste",
     "deform",
     "density_levels",
+    "depth_coverage",
     "estimate_scan_grid",
     "estimate_scan_origin",
     "faces_left",
@@ -1446,6 +1447,13 @@ def density_levels(
     level_out: bool,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> tuple[int, numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
+def depth_coverage(
+    points: numpy.typing.NDArray[numpy.float32],
+    valid: numpy.typing.NDArray[numpy.bool],
+    pixels: numpy.typing.NDArray[numpy.int32],
+    faces: numpy.typing.NDArray[numpy.int32],
+    max_edge: typing.SupportsFloat | typing.SupportsIndex,
+) -> tuple[float, float]: ...
 def estimate_scan_grid(
     points: numpy.typing.NDArray[numpy.float32],
     origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],

@@ -40,13 +40,16 @@ def doubled_areas(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
-def covering(triangles: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """How many triangles hold each point (u, v) strictly inside."""
+def covering(
+    triangles: NDArray[np.int64], points: NDArray[np.float64], *, closed: bool = False
+) -> NDArray[np.int64]:
+    """How many triangles hold each point (u, v), strictly inside unless closed."""
     inside = np.ones((len(points), len(triangles)), bool)
     for i in range(3):
         p, q = triangles[:, i], triangles[:, (i + 1) % 3]
         edge, to = (q - p)[None], points[:, None] - p[None]
-        inside &= edge[..., 0] * to[..., 1] - edge[..., 1] * to[..., 0] > 0
+        side = edge[..., 0] * to[..., 1] - edge[..., 1] * to[..., 0]
+        inside &= side >= 0 if closed else side > 0
     return inside.sum(axis=1)
 
 
@@ -64,6 +67,23 @@ def check_promises(
         assert np.array_equal(result.uvs[:, 0], ((u + 0.5) / width).astype(np.float32))
         assert np.array_equal(result.uvs[:, 1], (1 - (v + 0.5) / height).astype(np.float32))
     check_surface(result, valid)
+    check_coverage(result, points, valid)
+
+
+def check_coverage(
+    result: simplify.Relief, points: NDArray[np.float32], valid: NDArray[np.bool_]
+) -> None:
+    """Each pixel of the dense mesh against each triangle."""
+    dense = simplify.dense_mesh_grid(points, valid)
+    used = dense.pixels[np.unique(dense.triangles)].astype(float)
+    if not len(used):
+        return
+    covered = covering(corners(result), used, closed=True) > 0
+    assert result.coverage == pytest.approx(covered.mean(), abs=1e-12)
+    v, u = np.nonzero(~valid)
+    over = covering(corners(result), np.column_stack([u, v]).astype(float), closed=True) > 0
+    assert 0 <= result.bridges <= 1
+    assert result.bridges > 0 or not over.any()
 
 
 def check_surface(result: simplify.DepthMesh, valid: NDArray[np.bool_]) -> None:
@@ -74,11 +94,7 @@ def check_surface(result: simplify.DepthMesh, valid: NDArray[np.bool_]) -> None:
     edges = Counter((f[i], f[(i + 1) % 3]) for f in faces for i in range(3))
     assert not edges or max(edges.values()) == 1
     assert set(range(result.num_vertices)) == set(result.triangles.ravel().tolist())
-    # It lies over valid pixels, and over each place once.
-    v, u = np.mgrid[0 : valid.shape[0], 0 : valid.shape[1]]
-    pixels = np.column_stack([u.ravel(), v.ravel()]).astype(float)
-    over = covering(triangles, pixels)
-    assert np.all(valid.ravel()[over > 0])
+    # It lies over each place once.
     between = np.random.default_rng(1).uniform((0, 0), valid.shape[::-1], (500, 2))
     assert covering(triangles, between).max(initial=0) <= 1
 
@@ -322,6 +338,50 @@ def test_hostile_depths() -> None:
     for scale in (1e-9, 1e9):
         result = simplify.relief_grid(bumps(30, 30) * np.float32(scale), None, 50)
         assert result.num_vertices == 50
+
+
+def test_closes_a_hole_of_one_pixel_where_points_are_few() -> None:
+    points = np.zeros((21, 21, 3), np.float32)
+    points[..., 0], points[..., 1] = np.meshgrid(np.arange(21), np.arange(21))
+    valid = np.ones((21, 21), bool)
+    valid[10, 10] = False
+    result = simplify.relief_grid(points, valid, 4, effort="best")
+    assert result.pixels.tolist() == [[0, 0], [20, 0], [0, 20], [20, 20]]
+
+
+@pytest.mark.parametrize("effort", EFFORTS)
+def test_no_target_is_too_small(effort: simplify.Effort) -> None:
+    """Each hole once kept a loop of three vertices, and then the only piece was dropped."""
+    points = bumps(60, 80)
+    valid = np.ones((60, 80), bool)
+    valid[5::10, 5::10] = False  # 48 holes
+    valid[22:38, 32:48] = False
+    for target in (3, 4, 5, 10, 50, 150):
+        result = simplify.relief_grid(points, valid, target, effort=effort)
+        assert result.num_vertices == target
+        check_promises(result, points, valid, target)
+
+
+def test_bridges_are_the_area_over_missing_pixels() -> None:
+    points = np.zeros((21, 21, 3), np.float32)
+    points[..., 0], points[..., 1] = np.meshgrid(np.arange(21), np.arange(21))
+    valid = np.ones((21, 21), bool)
+    valid[10, 10] = False
+    whole = simplify.relief_grid(points, valid, 4, effort="best")
+    assert whole.coverage == 1
+    # One pixel and the four cells around it, of which each triangle holds two, in half of 441.
+    assert 1 / 441 < whole.bridges < 6 / 231
+    assert simplify.relief_grid(points, np.ones_like(valid), 4).bridges == 0
+
+
+def test_a_small_piece_gives_way_to_the_shape_of_a_large_one() -> None:
+    points = bumps(60, 80)
+    valid = np.zeros((60, 80), bool)
+    valid[:, :70] = valid[30:32, 74:76] = True
+    assert simplify.relief_grid(points, valid, 2000).pixels[:, 0].max() == 75
+    few = simplify.relief_grid(points, valid, 40)
+    assert few.pixels[:, 0].max() < 70
+    assert (few.stop, few.dropped_pixels, few.num_vertices) == ("small_pieces", 1, 40)
 
 
 def test_pieces_left_out() -> None:

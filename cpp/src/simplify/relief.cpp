@@ -8,6 +8,7 @@
 
 #include "manip3d/error.hpp"
 #include "simplify/relief_collapse.hpp"
+#include "simplify/relief_coverage.hpp"
 #include "simplify/relief_refine.hpp"
 #include "simplify/relief_start.hpp"
 #include "simplify/relief_surface.hpp"
@@ -91,6 +92,7 @@ struct Relief::Memory {
   std::vector<Placed> placed;          ///< Output vertices by pixel.
   std::vector<std::int64_t> previous;  ///< Input pixels of the frame before.
   EdgeMemory before;                   ///< Edges of the frame before.
+  std::vector<std::uint8_t> covered;   ///< Scratch.
   std::vector<Keep> keep;              ///< By pixel of the surface; or empty.
   std::vector<Triangulation> levels;   ///< The smaller meshes, smallest first.
 
@@ -137,11 +139,8 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
   result.dropped_pixels = 0;
   if (mesh.num_vertices() <= target) return;
   collapser.assign(mesh, keep, static_cast<float>(options.stability));
-  collapser.run(surface, mesh, target, budget.round_share);
-  if (mesh.num_vertices() > target) {
-    result.stop = ReliefStop::kSmallPieces;
-    result.dropped_pixels = relief_detail::drop_small_pieces(mesh, target, keep);
-  }
+  result.dropped_pixels = collapser.run(surface, mesh, target, budget.round_share);
+  if (result.dropped_pixels > 0) result.stop = ReliefStop::kSmallPieces;
 }
 
 void Relief::Memory::refine(const Budget& budget) {
@@ -303,6 +302,8 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
     m.build_meshes(options, result);
   }
   m.write(grid, options, result);
+  result.cover =
+      relief_detail::coverage_of(m.surface, result.mesh.pixels, result.mesh.faces, m.covered);
   if (options.stability > 1.0) m.before.assign(m.surface, m.mesh);
 }
 

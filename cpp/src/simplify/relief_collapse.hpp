@@ -31,46 +31,70 @@ struct LocalQuadric {
   }
 };
 
-/// Removes vertices from a triangulation by collapsing edges onto one of their ends, where that
-/// adds least to the sum of distances between the surface and the mesh.
+/// Removes vertices from a triangulation, always what adds least to the sum of distances between
+/// the surface and the mesh.
 ///
-/// The quadric of a vertex [Garland & Heckbert 1997] holds the planes of the surface near it, of
-/// total weight w (their area). The mean distance is a sum of distances, not of squares, so the
-/// price of a collapse is how much sqrt(w Q) grows, an estimate of area times distance. Boundary
-/// edges add the area that is lost beside them.
+/// - An edge collapses onto one of its ends. The quadric of a vertex [Garland & Heckbert 1997]
+///   holds the planes of the surface near it, of total weight w (their area). The mean distance is
+///   a sum of distances, not of squares, so the price of a collapse is how much sqrt(w Q) grows, an
+///   estimate of area times distance. Boundary edges add the area that is lost beside them.
+/// - A hole that is down to three vertices is closed: they are interior ones then. Its price is the
+///   area times the mean distance of that triangle from its sides, where the surface is.
+/// - A piece that is down to one triangle is left out: its area times the distance to the nearest
+///   vertex of another piece, for three vertices at once. The largest piece always stays.
 class Collapser {
  public:
   /// @param keep  by pixel, may be empty: vertices there cost `keep_factor` times as much, or stay.
   void assign(const Triangulation& mesh, std::span<const Keep> keep, float keep_factor);
-  /// Stops at `target` vertices or when no edge can collapse. Best first in rounds, each of which
-  /// removes at most the share `round_share` of the vertices.
-  void run(const Surface& surface, Triangulation& mesh, std::int64_t target, float round_share);
+  /// Stops at `target` vertices, or with more where vertices that stay leave no other way. Best
+  /// first in rounds, each of which removes at most the share `round_share` of the vertices.
+  /// @return  pixels of the pieces left out.
+  std::int64_t run(const Surface& surface, Triangulation& mesh, std::int64_t target,
+                   float round_share);
 
  private:
+  static constexpr std::int32_t kCloseHole = -1, kLeaveOut = -2;
   struct Move {
-    float price;
+    float price;  ///< Per vertex that it removes.
     std::int32_t vertex, to;
   };
-  [[nodiscard]] float price(const Triangulation& mesh, std::int32_t v, std::int32_t to) const;
+  struct Piece {
+    std::int64_t doubled_pixels = 0;  ///< Twice the area in pixels.
+    double area = 0.0;
+    bool fixed = false;  ///< Some vertex stays.
+  };
+  [[nodiscard]] bool is_fixed(std::int32_t v) const;
+  void find_pieces(const Triangulation& mesh);
+  /// @param cut  at least so much is lost beside the boundary.
+  [[nodiscard]] float price(const Triangulation& mesh, std::int32_t v, std::int32_t to,
+                            float cut) const;
+  [[nodiscard]] float price_of_piece(const Surface& surface, const Triangulation& mesh,
+                                     std::int32_t t) const;
   /// The number in `fan` of the neighbour that v merges into at the lowest price, of those not
-  /// touched in this round; -1 if there is none. `legal_on`: only where that is legal.
-  int cheapest(const Triangulation& mesh, std::int32_t v, const Triangulation::Fan& fan,
-               const Surface* legal_on, std::int32_t round, float& lowest) const;
-  void find_moves(const Triangulation& mesh);
+  /// touched in this round; -1 if there is none. `legal`: only where that is legal.
+  int cheapest(const Surface& surface, const Triangulation& mesh, std::int32_t v,
+               const Triangulation::Fan& fan, bool legal, std::int32_t round, float& lowest) const;
+  void find_moves(const Surface& surface, const Triangulation& mesh);
   void sort_moves(std::size_t count);
+  bool make(const Surface& surface, Triangulation& mesh, const Move& move, std::int32_t round,
+            std::int64_t target);
   bool collapse(const Surface& surface, Triangulation& mesh, const Move& move, std::int32_t round);
+  bool leave_out_least(Triangulation& mesh);
+  void leave_out(Triangulation& mesh, std::int32_t piece, std::span<const std::int32_t> faces);
 
   std::vector<LocalQuadric> surface_;   ///< By vertex.
   std::vector<LocalQuadric> boundary_;  ///< By vertex.
   std::vector<float> spent_;            ///< By vertex: sqrt(w Q) at the vertex itself.
   std::vector<float> factor_;           ///< By vertex: on its price; infinite: it stays.
+  std::vector<std::int32_t> piece_;     ///< By vertex.
+  std::vector<Piece> pieces_;
+  std::int32_t largest_ = 0;
+  std::int64_t left_out_ = 0;  ///< Twice the pixels of the pieces left out.
+  bool has_fixed_ = false;
   std::vector<Move> moves_;
   std::vector<std::int32_t> touched_;  ///< The round in which a vertex last changed.
+  std::vector<std::int32_t> stack_;
+  std::vector<std::uint8_t> seen_;
 };
-
-/// Removes the pieces with the fewest pixels, those without fixed vertices first, until at most
-/// `target` vertices are left; returns the pixels that they held.
-std::int64_t drop_small_pieces(Triangulation& mesh, std::int64_t target,
-                               std::span<const Keep> keep);
 
 }  // namespace manip3d::relief_detail

@@ -1,11 +1,18 @@
 #include "simplify/relief_triangulation.hpp"
 
 #include <algorithm>
+#include <limits>
 #include <utility>
 
 #include "simplify/relief_raster.hpp"
 
 namespace manip3d::relief_detail {
+
+float price_of_cover(const Vec3& a, const Vec3& b, const Vec3& c) {
+  const float area = 0.5F * (b - a).cross(c - a).norm();
+  const float perimeter = (b - a).norm() + (c - b).norm() + (a - c).norm();
+  return perimeter > 0.0F ? area * (2.0F / 3.0F) * area / perimeter : 0.0F;
+}
 
 void Triangulation::link_neighbors(std::span<const Triangle> faces) {
   // The sides of the triangles by the pixel where they start.
@@ -100,6 +107,22 @@ void Triangulation::remove_vertex(std::int32_t v) {
   --num_at_[vertices_[v].pixel];
 }
 
+void Triangulation::keep_one(std::int32_t t) {
+  for (std::int32_t other = 0; other < num_face_slots(); ++other) {
+    if (other != t) faces_[other] = {kNone, kNone, kNone};
+  }
+  for (std::int32_t v = 0; v < num_slots(); ++v) {
+    if (!vertices_[v].alive()) continue;
+    if (corner(faces_[t], v) == 2 && faces_[t][2] != v) {
+      remove_vertex(v);
+    } else {
+      vertices_[v].triangle = t;
+      vertices_[v].on_boundary = true;
+    }
+  }
+  neighbors_[t] = {kNone, kNone, kNone};
+}
+
 void Triangulation::remove_piece(std::span<const std::int32_t> faces) {
   for (const std::int32_t t : faces) {
     for (const std::int32_t v : faces_[t]) {
@@ -108,6 +131,43 @@ void Triangulation::remove_piece(std::span<const std::int32_t> faces) {
     }
     faces_[t] = {kNone, kNone, kNone};
   }
+}
+
+float Triangulation::distance_to_others(const Surface& surface, std::int32_t t,
+                                        const Vec3& point) const {
+  std::array<std::int32_t, 2> low = {surface.cols(), surface.rows()}, high = {-1, -1};
+  for (const std::int32_t v : faces_[t]) {
+    low = {std::min(low[0], vertices_[v].u), std::min(low[1], vertices_[v].v)};
+    high = {std::max(high[0], vertices_[v].u), std::max(high[1], vertices_[v].v)};
+  }
+  float nearest = std::numeric_limits<float>::infinity();
+  const auto look = [&](int u, int v) {
+    const std::int32_t pixel = v * surface.cols() + u;
+    int others = num_at_[pixel];
+    if (others == 0) return;
+    for (const std::int32_t own : faces_[t]) others -= vertices_[own].pixel == pixel ? 1 : 0;
+    if (others > 0) nearest = std::min(nearest, (surface.sample(pixel).point() - point).norm());
+  };
+  for (int v = low[1]; v <= high[1]; ++v) {
+    for (int u = low[0]; u <= high[0]; ++u) look(u, v);
+  }
+  // Ring by ring around that.
+  for (int ring = 1; !(nearest < 1.0F); ++ring) {
+    const int left = low[0] - ring, right = high[0] + ring;
+    const int below = low[1] - ring, above = high[1] + ring;
+    if (left < 0 && below < 0 && right >= surface.cols() && above >= surface.rows()) return 1.0F;
+    const int from_u = std::max(left, 0), to_u = std::min(right, surface.cols() - 1);
+    const int from_v = std::max(below, 0), to_v = std::min(above, surface.rows() - 1);
+    for (int u = from_u; u <= to_u; ++u) {
+      if (below >= 0) look(u, below);
+      if (above < surface.rows()) look(u, above);
+    }
+    for (int v = from_v; v <= to_v; ++v) {
+      if (left >= 0) look(left, v);
+      if (right < surface.cols()) look(right, v);
+    }
+  }
+  return nearest;
 }
 
 bool Triangulation::fan(std::int32_t v, Fan& out) const {
@@ -132,23 +192,28 @@ bool Triangulation::fan(std::int32_t v, Fan& out) const {
   return true;
 }
 
-// A bay that is filled must hold no pixel: it would have no surface, or another one. On its sides
-// lies no vertex but its corners, and no other fan meets its middle one: so no vertex ever lies on
-// an edge of others, and whatever reached into the bay would have to cross its edges.
-bool Triangulation::can_fill(const Surface& surface, std::int32_t first, std::int32_t v,
-                             std::int32_t end) const {
-  const Vertex &a = vertices_[first], &b = vertices_[v], &c = vertices_[end];
-  const auto visit = [&](SidePixels edges, auto&& see) {
-    visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, edges, see);
-  };
-  bool free = true;
-  visit(SidePixels::kOpen, [&](std::int32_t) { free = false; });
-  visit(SidePixels::kClosed, [&](std::int32_t p) {
-    const int own = p == b.pixel ? 1 : 0;
-    const bool at_end = p == a.pixel || p == c.pixel;
-    free = free && surface.sample(p).area > 0.0F && (at_end || num_at_[p] == own);
-  });
-  return free;
+// On the sides of a bay lies no vertex but its corners, and no other fan meets its middle one: so
+// no vertex ever lies on an edge of others, and whatever reached into the bay would have to cross
+// its edges.
+Triangulation::Bay Triangulation::bay(const Surface& surface, std::int32_t v,
+                                      const Fan& fan) const {
+  const Vertex& b = vertices_[v];
+  const Vertex& a = vertices_[fan.neighbors[0]];
+  const Vertex& c = vertices_[fan.neighbors[fan.num_neighbors - 1]];
+  Bay bay;
+  int without = 0, pixels = 0;
+  visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, SidePixels::kClosed,
+               [&](std::int32_t p) {
+                 const int own = p == b.pixel ? 1 : 0;
+                 const bool at_end = p == a.pixel || p == c.pixel;
+                 bay.free = bay.free && (at_end || num_at_[p] == own);
+                 without += surface.sample(p).area > 0.0F ? 0 : 1;
+                 ++pixels;
+               });
+  if (!bay.free || without == 0) return bay;
+  bay.price = price_of_cover(a.point, b.point, c.point) * static_cast<float>(without) /
+              static_cast<float>(pixels);
+  return bay;
 }
 
 bool Triangulation::can_collapse(const Surface& surface, std::int32_t v, const Fan& fan,
@@ -159,9 +224,11 @@ bool Triangulation::can_collapse(const Surface& surface, std::int32_t v, const F
     if (a != target && b != target && orient(target, a, b) <= 0) return false;
   }
   if (!vertices_[v].on_boundary) return true;
-  // Along the boundary only, never the last triangle of a component, never closing a hole.
+  // A single triangle is cut off where there is another one behind it.
+  if (fan.size == 1) return across(fan.faces[0], v) != kNone;
+  // Along the boundary only, and never closing a hole.
   const int last = fan.num_neighbors - 1;
-  if ((i != 0 && i != last) || fan.size < 2) return false;
+  if (i != 0 && i != last) return false;
   const std::int32_t first = fan.neighbors[0], end = fan.neighbors[last];
   Fan around;
   if (!this->fan(target, around)) return false;
@@ -171,7 +238,7 @@ bool Triangulation::can_collapse(const Surface& surface, std::int32_t v, const F
   }
   const std::int64_t turn = orient(v, first, end);
   if (turn == 0) return num_at_[vertices_[v].pixel] == 1;
-  return turn > 0 || can_fill(surface, first, v, end);
+  return turn > 0 || bay(surface, v, fan).free;
 }
 
 void Triangulation::relink(std::int32_t t, std::int32_t from, std::int32_t to) {
@@ -217,8 +284,39 @@ void Triangulation::collapse(std::int32_t v, const Fan& fan, int i) {
     faces_[t] = {kNone, kNone, kNone};
   }
   remove_vertex(v);
-  find_first(target, stays);
+  find_first(target, stays != kNone ? stays : at_side[0]);
   for (int k = 0; k < sides; ++k) find_first(side[k], at_side[k]);
+}
+
+std::array<std::int32_t, 2> Triangulation::hole_of_three(const Surface& surface,
+                                                         std::int32_t v) const {
+  constexpr std::array<std::int32_t, 2> kNoHole = {kNone, kNone};
+  // Each boundary edge goes from a vertex to its first neighbour, around a hole clockwise.
+  const std::int32_t second = first_neighbor(v), first = first_neighbor(second);
+  if (first_neighbor(first) != v || orient(v, first, second) <= 0) return kNoHole;
+  const Vertex &a = vertices_[v], &b = vertices_[first], &c = vertices_[second];
+  // A piece within has a vertex off the corners, or is one triangle over all three of them.
+  bool free = std::min({num_at_[a.pixel], num_at_[b.pixel], num_at_[c.pixel]}) == 1;
+  visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, SidePixels::kClosed,
+               [&](std::int32_t p) {
+                 const bool at_corner = p == a.pixel || p == b.pixel || p == c.pixel;
+                 free = free && (at_corner || num_at_[p] == 0);
+               });
+  return free ? std::array<std::int32_t, 2>{first, second} : kNoHole;
+}
+
+void Triangulation::close_hole(std::int32_t v, const std::array<std::int32_t, 2>& others) {
+  const auto t = static_cast<std::int32_t>(faces_.size());
+  const Triangle hole = {v, others[0], others[1]};
+  faces_.push_back(hole);
+  neighbors_.emplace_back();
+  for (int i = 0; i < 3; ++i) {
+    // The first triangle of a corner's fan lies behind the side to the corner before it.
+    const std::int32_t behind = vertices_[hole[i]].triangle;
+    neighbors_[t][(i + 1) % 3] = behind;
+    neighbors_[behind][(corner(faces_[behind], hole[i]) + 2) % 3] = t;
+  }
+  for (const std::int32_t at : hole) vertices_[at].on_boundary = false;
 }
 
 bool Triangulation::quad(std::int32_t t, int i, std::array<std::int32_t, 4>& abcd) const {

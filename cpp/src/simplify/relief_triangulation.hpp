@@ -11,6 +11,10 @@ namespace manip3d::relief_detail {
 
 using Triangle = std::array<std::int32_t, 3>;
 
+/// Area times mean distance of a triangle from its own sides (a third of the inradius): what it
+/// costs to cover a place where there is no surface.
+float price_of_cover(const Vec3& a, const Vec3& b, const Vec3& c);
+
 /// A triangulation of some pixels in the pixel plane, with neighbours across edges, that vertices
 /// are removed from and whose edges are flipped. All triangles are counter-clockwise with v up, so
 /// it never folds over as seen from the sensor.
@@ -50,6 +54,9 @@ class Triangulation {
   /// Removes triangles that have no neighbours but each other.
   void remove_piece(std::span<const std::int32_t> faces);
 
+  /// Removes all triangles but one.
+  void keep_one(std::int32_t t);
+
   [[nodiscard]] std::int32_t num_slots() const {
     return static_cast<std::int32_t>(vertices_.size());
   }
@@ -65,6 +72,16 @@ class Triangulation {
   /// Triangles across the sides opposite to the three corners, or kNone.
   [[nodiscard]] const Triangle& neighbors(std::int32_t t) const { return neighbors_[t]; }
 
+  /// Is t a piece of its own?
+  [[nodiscard]] bool is_alone(std::int32_t t) const {
+    return neighbors_[t] == Triangle{kNone, kNone, kNone};
+  }
+  /// How far a point is from the nearest vertex of other pieces than t, a piece of its own: of
+  /// those in the least square of pixels around t that holds any. 1 (the whole surface) if there is
+  /// none.
+  [[nodiscard]] float distance_to_others(const Surface& surface, std::int32_t t,
+                                         const Vec3& point) const;
+
   /// False if there are more than kMaxFan triangles.
   bool fan(std::int32_t v, Fan& out) const;
 
@@ -74,11 +91,30 @@ class Triangulation {
     return std::int64_t{q.u - p.u} * (r.v - p.v) - std::int64_t{q.v - p.v} * (r.u - p.u);
   }
 
+  /// The triangle outside of a boundary vertex, between its outer neighbours, where the boundary
+  /// turns inwards: it is filled where v merges into one of them.
+  struct Bay {
+    bool free = true;    ///< Nothing else lies in it.
+    float price = 0.0F;  ///< Of covering its pixels that have no surface.
+  };
+  [[nodiscard]] bool has_bay(std::int32_t v, const Fan& fan) const {
+    return vertices_[v].on_boundary &&
+           orient(v, fan.neighbors[0], fan.neighbors[fan.num_neighbors - 1]) < 0;
+  }
+  [[nodiscard]] Bay bay(const Surface& surface, std::int32_t v, const Fan& fan) const;
+
   /// May `fan`'s centre v merge into its neighbour number i?
   [[nodiscard]] bool can_collapse(const Surface& surface, std::int32_t v, const Fan& fan,
                                   int i) const;
   /// Merges v into its neighbour number i of `fan`.
   void collapse(std::int32_t v, const Fan& fan, int i);
+
+  /// The other two vertices of a hole of three that v lies on, so that the triangle (v, first,
+  /// second) closes it; {kNone, kNone} if there is no such hole, or something lies in it.
+  [[nodiscard]] std::array<std::int32_t, 2> hole_of_three(const Surface& surface,
+                                                          std::int32_t v) const;
+  /// Fills a hole of three: its vertices become interior ones.
+  void close_hole(std::int32_t v, const std::array<std::int32_t, 2>& others);
 
   /// The quadrilateral around the side of t opposite to its corner i: corners a (that one), b, c
   /// (the side's ends), d (across). False on the boundary, or if it is not strictly convex.
@@ -95,12 +131,18 @@ class Triangulation {
 
  private:
   static int corner(const Triangle& t, std::int32_t v) { return t[0] == v ? 0 : t[1] == v ? 1 : 2; }
+  /// The triangle across the side of t opposite to its corner v, or kNone.
+  [[nodiscard]] std::int32_t across(std::int32_t t, std::int32_t v) const {
+    return neighbors_[t][corner(faces_[t], v)];
+  }
   void link_neighbors(std::span<const Triangle> faces);
   void split_fans(const Surface& surface, std::span<const Triangle> faces);
   void relink(std::int32_t t, std::int32_t from, std::int32_t to);
   void find_first(std::int32_t v, std::int32_t t);
-  [[nodiscard]] bool can_fill(const Surface& surface, std::int32_t first, std::int32_t v,
-                              std::int32_t end) const;
+  [[nodiscard]] std::int32_t first_neighbor(std::int32_t v) const {
+    const std::int32_t t = vertices_[v].triangle;
+    return faces_[t][(corner(faces_[t], v) + 1) % 3];
+  }
   void remove_vertex(std::int32_t v);
 
   std::vector<Vertex> vertices_;

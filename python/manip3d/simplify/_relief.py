@@ -39,10 +39,16 @@ class Relief(DepthMesh):
     Attributes
     ----------
     stop : 'target', 'all_points' or 'small_pieces'
-        Reduced to the target; the surface has no more points than that; or so many separate pieces
-        that the smallest had to be left out.
+        Reduced to the target; the surface has no more points than that; or small separate pieces
+        were left out, whose points serve better elsewhere.
     dropped_pixels : int
         Pixels of the pieces left out.
+    coverage : float
+        Share of the dense surface's pixels that lie in or on a triangle of the mesh (before points
+        move).
+    bridges : float
+        Share of the mesh's area that lies where the dense surface has no triangle: closed holes
+        and filled bays.
     mean_move, max_move : float
         How far vertices moved from their measured points (``move_points``), in the points' unit.
     levels : tuple of (num_vertices, (m, 3) int32)
@@ -52,6 +58,8 @@ class Relief(DepthMesh):
 
     stop: Literal["target", "all_points", "small_pieces"]
     dropped_pixels: int
+    coverage: float
+    bridges: float
     mean_move: float
     max_move: float
     levels: tuple[tuple[int, NDArray[np.int32]], ...] = field(repr=False)
@@ -163,7 +171,7 @@ def relief(
     effort : 'live', 'fast', 'balanced', 'fine' or 'best'
         Each is slower and nearer to the surface than the one before.
     max_edge : float, metres, optional
-        Triangles of the dense surface with a longer edge are left out of it; nothing bridges them.
+        Triangles of the dense surface with a longer edge are left out of it.
     levels : sequence of int
         Sizes of smaller meshes over the first of the same vertices: strictly decreasing, below
         ``target_points``; `Relief.prefix` returns them. The smallest is what a call of its own
@@ -186,7 +194,9 @@ def relief(
     Longest-edge bisection down to the pixels where the surface ends, edge collapses priced by the
     growth of sqrt(area x quadric), then edge flips and moves to other measured points nearby that
     lower the sum of distances between the pixels and their triangles' planes. Silhouettes and
-    depth discontinuities (``max_edge``) are boundaries of the mesh from the start.
+    depth discontinuities (``max_edge``) are boundaries of the mesh from the start. Any target is
+    met: where it costs less than the next collapse, holes are closed, bays of the silhouette
+    filled and small pieces left out; ``coverage`` and ``bridges`` say how much.
 
     Examples
     --------

@@ -7,6 +7,7 @@
 
 #include "manip3d/geometry/depth_image.hpp"
 #include "manip3d/geometry/grid_mesh.hpp"
+#include "manip3d/simplify/depth_coverage.hpp"
 
 namespace manip3d {
 
@@ -38,7 +39,7 @@ struct ReliefOptions {
 enum class ReliefStop : std::uint8_t {
   kTarget,       ///< Reduced to the target.
   kAllPoints,    ///< The surface has no more points than the target.
-  kSmallPieces,  ///< So many separate pieces that small ones had to be left out.
+  kSmallPieces,  ///< Small separate pieces were left out: their points serve better elsewhere.
 };
 
 /// A mesh over the first vertices of a larger one.
@@ -52,6 +53,7 @@ struct ReliefResult {
   std::vector<ReliefLevel> levels;  ///< As ReliefOptions::levels; at most so many vertices each.
   ReliefStop stop = ReliefStop::kTarget;
   std::int64_t dropped_pixels = 0;  ///< kSmallPieces: pixels of the pieces left out.
+  DepthCoverage cover;              ///< Of the dense surface, by the mesh before points move.
   double mean_move = 0.0;           ///< move_points: of the vertices, in units of the points.
   double max_move = 0.0;
 };
@@ -61,8 +63,11 @@ struct ReliefResult {
 ///
 /// 1. An adaptive triangulation by longest-edge bisection, down to single pixels where the surface
 ///    ends or is cut: silhouettes and depth discontinuities are boundaries of the mesh from the
-///    start, and no triangle ever bridges them.
-/// 2. Edges collapse onto one of their ends, priced by how much sqrt(area x quadric) grows: an
+///    start.
+/// 2. Holes down to three vertices are closed, bays of pixels without surface filled and pieces
+/// down
+///    to one triangle left out where that costs less than the next collapse, so that any target is
+///    met. Edges collapse onto one of their ends, priced by how much sqrt(area x quadric) grows: an
 ///    estimate of area times distance, what the mean measures, where quadrics alone
 ///    [Garland & Heckbert 1997] measure squares.
 /// 3. Edges are flipped and vertices moved to other measured points nearby while that lowers the

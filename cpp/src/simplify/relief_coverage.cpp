@@ -1,0 +1,104 @@
+#include "simplify/relief_coverage.hpp"
+
+#include <algorithm>
+#include <array>
+#include <string>
+#include <utility>
+
+#include "manip3d/error.hpp"
+#include "simplify/relief_raster.hpp"
+
+namespace manip3d {
+namespace relief_detail {
+namespace {
+
+using Corner = std::array<std::int32_t, 2>;
+using Corners = std::array<Corner, 3>;
+
+std::int64_t orient(const Corner& a, const Corner& b, const Corner& c) {
+  return std::int64_t{b[0] - a[0]} * (c[1] - a[1]) - std::int64_t{b[1] - a[1]} * (c[0] - a[0]);
+}
+
+bool holds(const Corners& t, const Corner& p) {
+  return orient(t[0], t[1], p) >= 0 && orient(t[1], t[2], p) >= 0 && orient(t[2], t[0], p) >= 0;
+}
+
+/// Whether the cell above and right of a pixel lies in the triangle and lacks a dense triangle.
+bool holds_cut_cell(const Surface& surface, const Corners& t, std::int32_t pixel) {
+  const int u = surface.u(pixel), v = surface.v(pixel);
+  if (u + 1 >= surface.cols() || v + 1 >= surface.rows()) return false;
+  return (surface.cell(pixel) & kFull) != kFull && holds(t, {u + 1, v}) && holds(t, {u, v + 1}) &&
+         holds(t, {u + 1, v + 1});
+}
+
+float area_of(const Surface& surface, const Corners& t) {
+  const auto point = [&](const Corner& p) {
+    return surface.sample(p[1] * surface.cols() + p[0]).point();
+  };
+  return 0.5F * (point(t[1]) - point(t[0])).cross(point(t[2]) - point(t[0])).norm();
+}
+
+}  // namespace
+
+DepthCoverage coverage_of(const Surface& surface,
+                          const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                          const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
+                          std::vector<std::uint8_t>& covered) {
+  DepthCoverage result;
+  if (surface.empty()) return result;
+  covered.assign(surface.num_pixels(), 0);
+  double area = 0.0, bridges = 0.0;
+  for (Eigen::Index f = 0; f < faces.rows(); ++f) {
+    Corners t{};
+    for (int i = 0; i < 3; ++i) {
+      const std::int32_t vertex = faces(f, i);
+      t[i] = {pixels(vertex, 0) - surface.input_u(0), pixels(vertex, 1) - surface.input_v(0)};
+    }
+    if (orient(t[0], t[1], t[2]) < 0) std::swap(t[1], t[2]);
+    if (orient(t[0], t[1], t[2]) == 0) continue;
+    std::int64_t inside = 0, without = 0;
+    visit_pixels(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed, [&](std::int32_t p) {
+      covered[p] = 1;
+      ++inside;
+      without += !(surface.sample(p).area > 0.0F) || holds_cut_cell(surface, t, p) ? 1 : 0;
+    });
+    const double own = area_of(surface, t);
+    area += own;
+    bridges += own * static_cast<double>(without) / static_cast<double>(inside);
+  }
+  std::int64_t both = 0;
+  for (std::size_t p = 0; p < covered.size(); ++p) {
+    both += covered[p] != 0 && surface.sample(static_cast<std::int32_t>(p)).area > 0.0F ? 1 : 0;
+  }
+  result.coverage = static_cast<double>(both) / static_cast<double>(surface.num_used());
+  result.bridges = area > 0.0 ? bridges / area : 0.0;
+  return result;
+}
+
+}  // namespace relief_detail
+
+DepthCoverage depth_coverage(const PointGridView& grid,
+                             const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                             const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
+                             double max_edge) {
+  check_point_grid(grid);
+  if (!(max_edge > 0.0)) {
+    throw InputError("max_edge: expected > 0, got " + std::to_string(max_edge));
+  }
+  for (const std::int32_t i : faces.reshaped<Eigen::RowMajor>()) {
+    if (i < 0 || i >= pixels.rows()) {
+      throw InputError("faces: index out of range: " + std::to_string(i));
+    }
+    const std::int32_t u = pixels(i, 0), v = pixels(i, 1);
+    if (u < 0 || v < 0 || u >= grid.cols || v >= grid.rows || grid.valid[v * grid.cols + u] == 0) {
+      throw InputError("pixels: expected valid pixels of the grid, got (" + std::to_string(u) +
+                       ", " + std::to_string(v) + ")");
+    }
+  }
+  relief_detail::Surface surface;
+  surface.assign(grid, max_edge, 1);
+  std::vector<std::uint8_t> covered;
+  return relief_detail::coverage_of(surface, pixels, faces, covered);
+}
+
+}  // namespace manip3d

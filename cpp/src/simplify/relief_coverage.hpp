@@ -1,0 +1,18 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <vector>
+
+#include "manip3d/simplify/depth_coverage.hpp"
+#include "simplify/relief_surface.hpp"
+
+namespace manip3d::relief_detail {
+
+/// As depth_coverage(), of a surface that is there already; `covered` is scratch.
+DepthCoverage coverage_of(const Surface& surface,
+                          const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                          const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
+                          std::vector<std::uint8_t>& covered);
+
+}  // namespace manip3d::relief_detail
