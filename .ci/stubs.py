@@ -24,7 +24,7 @@ def generate() -> str:
         text = (Path(folder) / "manip3d" / "_core.pyi").read_text()
     # py::tuple and the like come without their type arguments, which mypy --strict wants.
     for bare, full in (("tuple", "tuple[typing.Any, ...]"), ("list", "list[typing.Any]")):
-        text = re.sub(rf"(?<=[\[ ]){bare}(?=[],:])", full, text)
+        text = re.sub(rf"(?<=[\[ ]){bare}(?=[],:)])", full, text)
     for action in (["check", "--quiet", "--fix-only"], ["format", "--quiet"]):
         command = [sys.executable, "-m", "ruff", *action, "--stdin-filename", str(STUB), "-"]
         text = subprocess.run(

@@ -795,6 +795,7 @@ class QemOptions:
     ) -> tuple[
         int,
         float,
+        float,
         BoundaryTerm,
         float,
         BoundaryCurvature,
@@ -805,7 +806,7 @@ class QemOptions:
         float,
     ]: ...
     def __init__(self) -> None: ...
-    def __setstate__(self, arg0: tuple) -> None: ...
+    def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None: ...
     @property
     def boundary_weight(self) -> float: ...
     @boundary_weight.setter

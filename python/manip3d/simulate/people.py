@@ -302,9 +302,9 @@ class BodySimulator:
                 raise InputError(f"{name}: expected {low:g} to {high:g}, got {number!r}")
         if self.tracker:
             object.__setattr__(self, "flying", True)
-            for name, value in _TRACKERS[self.tracker].items():
+            for name, number in _TRACKERS[self.tracker].items():
                 if not getattr(self, name):
-                    object.__setattr__(self, name, value)
+                    object.__setattr__(self, name, number)
 
     @functools.cached_property
     def calibration(self) -> RgbdCalibration:
