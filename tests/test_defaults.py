@@ -64,6 +64,7 @@ FACADES: dict[str, list[Callable[..., Any]]] = {
     "FmpdOptions": [metrics.fmpd],
     "GenericOptions": [authenticate.generic_consistency],
     "GridMeshOptions": [simplify.dense_mesh, simplify.dense_mesh_grid],
+    "HausdorffOptions": [metrics.hausdorff_bound],
     "InsertionOptions": [forge.insert_occluding],
     "JointSmootherOptions": [],  # JointSmoother() names a preset, which the core makes
     "KeyPersonOptions": [modify.KeyPerson],

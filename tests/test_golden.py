@@ -39,6 +39,10 @@ pytestmark = pytest.mark.golden
 Case = Callable[[int], object]
 
 
+_LATER = ("distance_bound",)
+"""Fields that came after the hashes were made, left out where nothing asked for them."""
+
+
 def feed(digest: hashlib._Hash, value: object) -> None:
     """Add a value to the hash: arrays with type and shape, results field by field."""
     if isinstance(value, np.ndarray):
@@ -49,8 +53,9 @@ def feed(digest: hashlib._Hash, value: object) -> None:
             feed(digest, getattr(value, name))
     elif dataclasses.is_dataclass(value) and not isinstance(value, type):
         for field in dataclasses.fields(value):
-            if not field.name.startswith("_"):
-                feed(digest, getattr(value, field.name))
+            member = getattr(value, field.name)
+            if not (field.name.startswith("_") or (field.name in _LATER and member is None)):
+                feed(digest, member)
     elif isinstance(value, dict):
         feed(digest, sorted(value.items()))
     elif isinstance(value, tuple | list):
