@@ -78,6 +78,8 @@ def values() -> Iterator[object]:
     yield from (rgbd_frames.full_calibration(), kernels.hill.summary())
     yield from (authenticate.PAPER_DENSITY, authenticate.PAPER_OCCLUSION)
     yield simplify.DepthOptions(60)
+    yield simplify.lod_chain(kernels.hill, 2)
+    yield simplify.share_budget([kernels.hill, kernels.pipe], 80)
     for kind in (
         authenticate.LatticeReading,
         authenticate.SuspectRegion,
