@@ -75,7 +75,11 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "simplify.simplify_depth_file colour": lambda p: simplify.simplify_depth_file(
         "a", "b", OPTIONS, colour=p
     ),
+    "simplify.colours_of_frames frames": lambda p: simplify.colours_of_frames([p], "."),
     "simplify.colours_of_frames colours": lambda p: simplify.colours_of_frames([], p),
+    "simplify.common_depth_unit frames": lambda p: simplify.common_depth_unit([p]),
+    "io.local_copy source": lambda p: io.local_copy(p).__enter__(),
+    "io.local_output output": lambda p: io.local_output(p).__enter__(),
     "batch.find_files sources": batch.find_files,
     "report.write_evidence output": lambda p: report.write_evidence(
         authenticate.inspect(scan), p + ".json"
@@ -102,7 +106,7 @@ def public_path_parameters() -> Iterator[str]:
                     yield f"{room}.{name} {parameter}"
 
 
-NO_PATHS = {"capture.from_frames uri"}  # a name for messages
+NO_PATHS = {"capture.from_frames uri", "io.is_url source"}  # names that nothing is opened by
 
 
 def test_the_list_of_entries_is_complete() -> None:

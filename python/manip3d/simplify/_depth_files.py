@@ -330,26 +330,28 @@ def _colour_image(path: Path) -> NDArray[np.uint8]:
 
 @checked
 def colours_of_frames(
-    frames: Sequence[str | os.PathLike[str]], folder: str | os.PathLike[str]
+    frames: Sequence[str | os.PathLike[str]], colours: str | os.PathLike[str]
 ) -> dict[str, str]:
     """Return the colour image of each depth image: both in the order of their names.
 
     Parameters
     ----------
     frames : sequence of path-like
-    folder : path-like
-        As many colour images.
+    colours : path-like
+        Folder of as many colour images.
 
     Raises
     ------
     InputError
         They are not as many.
     """
-    images = sorted(path for path in path_of(folder, "colours").iterdir() if path.is_file())
+    images = sorted(path for path in path_of(colours, "colours").iterdir() if path.is_file())
     if len(images) != len(frames):
         raise InputError(
-            f"colour: expected {len(frames)} images in {os.fspath(folder)}, found {len(images)}"
+            f"colour: expected {len(frames)} images in {os.fspath(colours)}, found {len(images)}"
         )
+    for frame in frames:
+        path_of(frame, "frames")
     names = sorted(os.fspath(frame) for frame in frames)
     return dict(zip(names, map(str, images), strict=True))
 
