@@ -13,7 +13,7 @@ import pytest
 from command_line import manip3d
 from gltf_files import PNG
 from manip3d import InputError, Material, Mesh, Texture, io, read_mesh, simplify
-from manip3d.simplify import lod_chain, qem4vr, qem_orig, share_budget
+from manip3d.simplify import lod_chain, qem4vr, share_budget
 from zoo import grid, sphere
 
 
@@ -51,9 +51,20 @@ def test_levels_equal_runs_of_their_own() -> None:
 
 def test_levels_that_cannot_be_reached_are_left_out() -> None:
     ball = Mesh(*sphere(12, 6))
-    chain = lod_chain(ball, [60, 20, 1], simplifier=qem_orig)
+    chain = lod_chain(ball, [60, 20, 1], method="qem-orig")
     assert [level.num_faces for level in chain.levels] == [144, 60, 20]
     assert chain.result.stop == "no_legal_collapse"
+
+
+def test_options_go_to_the_method() -> None:
+    mesh = hills()
+    chain = lod_chain(mesh, [400, 2], options={"max_distance": 0.1})
+    assert chain.result.stop == "distance_limit"
+    assert [level.num_faces for level in chain.levels] in ([800, 400], [800, 399])
+    with pytest.raises(InputError, match=r"options: .*got colour"):
+        lod_chain(mesh, options={"colour": 1})
+    with pytest.raises(InputError, match="method"):
+        share_budget([mesh], 9, method="best")
 
 
 @pytest.mark.parametrize(

@@ -463,7 +463,7 @@ def test_targets_combine_to_the_first_reached() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({}, "target_faces, ratio or max_error: expected at least one, got none"),
+        ({}, "target_faces, ratio, max_error or max_distance: expected at least one, got none"),
         ({"ratio": 1.5}, r"ratio: expected a number in \[0, 1\], got 1.5"),
         ({"ratio": float("nan")}, "ratio: expected a number"),
         ({"target_faces": -1}, "target_faces: expected >= 0, got -1"),

@@ -64,7 +64,7 @@ def lod(
             mesh,
             levels,
             ratio=ratio,
-            simplifier=simplify.METHODS[method.value],
+            method=method.value,
             progress=progress,
         )
     chain.write(output, max_vertices=max_vertices)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
-from manip3d.simplify._collapse import SimplifyResult, qem4vr
+from manip3d.simplify._collapse import METHODS, SimplifyResult
 
 if TYPE_CHECKING:
     from manip3d.mesh import Mesh
@@ -74,8 +75,9 @@ def lod_chain(
     levels: int | Sequence[int] = 4,
     *,
     ratio: float = 0.5,
-    simplifier: Callable[..., SimplifyResult] = qem4vr,
-    **options: Any,
+    method: str = "qem4vr",
+    options: Mapping[str, Any] | None = None,
+    progress: Callable[[float], object] | None = None,
 ) -> LodChain:
     """Simplify once and take every level of detail from the record of that run.
 
@@ -87,10 +89,12 @@ def lod_chain(
         How many levels there are in all, or the numbers of faces of the coarser ones, descending.
     ratio : float in (0, 1)
         Faces of a level over those of the one before, where ``levels`` is a number.
-    simplifier : callable
-        One of the functions of this package that return a `SimplifyResult`.
-    **options
-        For the simplifier.
+    method : str
+        One of `METHODS`.
+    options : dict of str, optional
+        Arguments of the method, such as ``{"max_distance": 0.1}``.
+    progress : callable, optional
+        As of the method.
 
     Returns
     -------
@@ -115,7 +119,7 @@ def lod_chain(
     [4, 2]
     """
     targets = _targets(mesh.num_faces, levels, ratio)
-    result = simplifier(mesh, target_faces=targets[-1], **options)
+    result = _run(mesh, targets[-1], method, options, progress)
     left = _faces_left(mesh, result)
     found = [LodLevel(mesh, 0.0)]
     for target in targets:
@@ -128,6 +132,22 @@ def lod_chain(
         if level.num_faces < found[-1].num_faces:
             found.append(LodLevel(level, float(result.collapse_errors[: reached[0] + 1].max())))
     return LodChain(tuple(found), result)
+
+
+def _run(
+    mesh: Mesh,
+    target_faces: int,
+    method: str,
+    options: Mapping[str, Any] | None,
+    progress: Callable[[float], object] | None,
+) -> SimplifyResult:
+    if method not in METHODS:
+        raise InputError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
+    run = METHODS[method]
+    known = set(inspect.signature(run).parameters) - {"mesh", "target_faces", "progress"}
+    if unknown := sorted(str(name) for name in set(options or {}) - known):
+        raise InputError(f"options: expected arguments of {method}, got {', '.join(unknown)}")
+    return run(mesh, target_faces=target_faces, progress=progress, **(options or {}))
 
 
 def _targets(num_faces: int, levels: int | Sequence[int], ratio: float) -> list[int]:
@@ -176,8 +196,9 @@ def share_budget(
     meshes: Sequence[Mesh],
     faces: int,
     *,
-    simplifier: Callable[..., SimplifyResult] = qem4vr,
-    **options: Any,
+    method: str = "qem4vr",
+    options: Mapping[str, Any] | None = None,
+    progress: Callable[[float], object] | None = None,
 ) -> SharedBudget:
     """Simplify several models to a number of faces in all, every one up to the same error.
 
@@ -187,10 +208,12 @@ def share_budget(
         In one unit: their errors are compared. Models seen from farther away may be scaled down.
     faces : int
         The budget.
-    simplifier : callable
-        One of the functions of this package that return a `SimplifyResult`.
-    **options
-        For the simplifier.
+    method : str
+        One of `METHODS`.
+    options : dict of str, optional
+        Arguments of the method, such as ``{"max_distance": 0.1}``.
+    progress : callable, optional
+        As of the method.
 
     Returns
     -------
@@ -219,11 +242,11 @@ def share_budget(
     >>> [level.num_faces for level in shared.levels]
     [96, 4]
     """
-    if not meshes:
+    if len(meshes) == 0:
         raise InputError("meshes: expected at least one, got none")
     if faces < 1:
         raise InputError(f"faces: expected >= 1, got {faces}")
-    results = [simplifier(mesh, target_faces=_FEWEST, **options) for mesh in meshes]
+    results = [_run(mesh, _FEWEST, method, options, progress) for mesh in meshes]
     left = [_faces_left(mesh, r) for mesh, r in zip(meshes, results, strict=True)]
     errors = [np.maximum.accumulate(r.collapse_errors) for r in results]
     model = np.repeat(np.arange(len(meshes)), [len(e) for e in errors])
