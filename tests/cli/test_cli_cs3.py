@@ -213,11 +213,33 @@ def test_a_missed_target_is_exit_4_under_strict(tmp_path: Path) -> None:
     base = ("cs3", path, "--points", "3", "--intrinsics", FOCAL, "-q", "--force")
     done = manip3d(*base, "-o", tmp_path / "x.ply", "--json", "--strict")
     record = json.loads(done.stdout)
-    assert done.returncode == (4 if record["target_missed"] else 0)
+    assert record["coverage_missed"]  # three points cover next to nothing
+    assert done.returncode == 4
     everything = ("cs3", path, "--points", "999999", "--intrinsics", FOCAL, "-q", "--json")
     done = manip3d(*everything, "-o", tmp_path / "y.ply", "--strict")
     assert done.returncode == 0  # all points there are: nothing is missed
     assert json.loads(done.stdout)["points"] == np.isfinite(scene.depth).sum()
+
+
+def test_low_coverage_is_exit_4_under_strict(frame: Path, tmp_path: Path) -> None:
+    base = ("depth", frame, "--points", "300", "--intrinsics", FOCAL, "--json", "--strict")
+    shares = {}
+    for method in ("relief", "cs3"):
+        asked = (*base, "--method", method, "--depth-step", "0", "--force", "-o")
+        done = manip3d(*asked, tmp_path / "x.ply", "--min-coverage", "0")
+        record = json.loads(done.stdout)
+        assert not record["coverage_missed"]
+        assert f"covers {100 * record['coverage']:.1f} %" in done.stderr
+        assert 0 <= record["bridges"] < 1
+        faces = read_mesh(tmp_path / "x.ply").faces
+        assert record["points"] == len(np.unique(faces))
+        shares[method] = record["coverage"]
+        done = manip3d(*asked, tmp_path / "x.ply", "--min-coverage", "0.9999")
+        assert done.returncode == 4
+        assert json.loads(done.stdout)["coverage_missed"]
+    assert 0.5 < shares["relief"] < 0.9999
+    bad = manip3d(*base, "-o", tmp_path / "y.ply", "--min-coverage", "1.5")
+    assert bad.returncode == 2
 
 
 def test_a_folder_becomes_a_folder_and_goes_on_where_it_stopped(

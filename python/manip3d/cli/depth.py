@@ -47,7 +47,8 @@ class Variant(StrEnum):
 
 
 _OPTIONS = ("intrinsics", "unit", "variant", "by-distance", "move-points", "max-edge", "depth-step",
-            "colour", "points", "method")  # fmt: skip
+            "colour", "points", "method",
+            "min-coverage")  # fmt: skip
 
 
 def _of_frames(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
@@ -124,6 +125,12 @@ def depth(
             "images, a folder of as many, in the order of their names."
         ),
     ] = "",
+    min_coverage: Annotated[
+        float,
+        typer.Option(
+            min=0, max=1, help="--strict: exit 4 if less of the surface's pixels is covered."
+        ),
+    ] = 0.9,
     force: Force = False,
     strict: Strict = False,
     as_json: Json = False,
@@ -155,13 +162,14 @@ def depth(
             move_points,
             seed,
             jobs,
+            min_coverage,
         )
         expect_kind(source, "depth", "range grid", verb="depth")
         check_output(output, WRITABLE, force=force)
         result = simplify.simplify_depth_file(source, output, options, colour=colour or None)
     _tell(shell, result)
     shell.result(_record(result))
-    if strict and result.target_missed:
+    if strict and (result.target_missed or result.coverage_missed):
         raise typer.Exit(MISSED)
 
 
@@ -177,10 +185,13 @@ def _sentence(result: DepthFileResult) -> str:
     variant = f" ({options.variant})" if options.method == "cs3" else ""
     cut = f", {counted(result.faces_cut, 'face')} across depth steps left out"
     missed = f"; target of {counted(options.points, 'point')} missed"
+    low = f", less than {100 * options.min_coverage:.0f} %"
     return (
         f"{options.method}{variant}: {counted(result.points_before, 'point')} -> "
         f"{count(result.points)}, {counted(result.faces, 'face')}{cut if result.faces_cut else ''} "
-        f"in {result.seconds * 1000:.1f} ms{missed if result.target_missed else ''}; "
+        f"in {result.seconds * 1000:.1f} ms; covers {100 * result.coverage:.1f} % of the surface's "
+        f"pixels{low if result.coverage_missed else ''}, {100 * result.bridges:.2f} % of its area "
+        f"bridges gaps{missed if result.target_missed else ''}; "
         f"wrote {result.output}"
     )
 
@@ -202,5 +213,8 @@ def _record(result: DepthFileResult) -> dict[str, Any]:
         "reached": result.reached,
         "literal_count": result.literal_count,
         "seconds": round(result.seconds, 4),
+        "coverage": round(result.coverage, 6),
+        "bridges": round(result.bridges, 6),
         "target_missed": result.target_missed,
+        "coverage_missed": result.coverage_missed,
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections import Counter
@@ -12,9 +13,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.camera import CAMERA_PRESETS, Intrinsics, read_intrinsics
+from manip3d.camera import CAMERA_PRESETS, Intrinsics, _depth_image, read_intrinsics
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io import (
     DEPTH_SUFFIXES,
@@ -65,6 +67,8 @@ class DepthOptions:
     seed : int
     threads : int
         0: all cores.
+    min_coverage : float
+        Share of the dense surface's pixels, 0 to 1, below which a result counts as missed.
     """
 
     points: int
@@ -78,6 +82,7 @@ class DepthOptions:
     move_points: bool = False
     seed: int = 0
     threads: int = 1
+    min_coverage: float = 0.9
 
     def __post_init__(self) -> None:
         if self.method not in _METHODS:
@@ -90,6 +95,8 @@ class DepthOptions:
             raise InputError(f"move_points: expected with method relief only, got {self.method}")
         if not self.depth_step >= 0:
             raise InputError(f"depth_step: expected >= 0, got {self.depth_step}")
+        if not 0 <= self.min_coverage <= 1:
+            raise InputError(f"min_coverage: expected 0 to 1, got {self.min_coverage}")
 
 
 @dataclass(frozen=True)
@@ -105,7 +112,7 @@ class DepthFileResult:
     unit : str
         The unit that was used; empty for scans.
     points_before, points : int
-        Measured points, and vertices of the mesh.
+        Measured points, and vertices that some face uses.
     faces : int
     faces_cut : int
         Faces that were left out because they spanned a step in depth.
@@ -115,6 +122,11 @@ class DepthFileResult:
         Points that the printed formulas give (``cs3``).
     seconds : float
         Time of the method alone: without reading, leaving out faces, and writing.
+    coverage : float
+        Share of the dense mesh's pixels in or on a face, whose triangles have no edge longer than
+        ``max_edge``.
+    bridges : float
+        Share of the faces' area that lies over no triangle of that dense mesh.
     """
 
     source: Path
@@ -129,6 +141,13 @@ class DepthFileResult:
     reached: str | None = None
     literal_count: int | None = None
     seconds: float = 0.0
+    coverage: float = 1.0
+    bridges: float = 0.0
+
+    @property
+    def coverage_missed(self) -> bool:
+        """Less than ``options.min_coverage`` of the dense mesh's pixels are covered."""
+        return self.coverage < self.options.min_coverage
 
     @property
     def target_missed(self) -> bool:
@@ -248,8 +267,11 @@ def _from_image(
         # cameras look along +z, y down; glTF has +y up
         mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
     write_mesh(mesh, output)
+    points, valid, _ = _core.unproject(_depth_image(reading.depth, camera), camera, options.threads)
+    shape = reading.depth.shape
     return _result(
         path, output, options, found, reading.num_measured, seconds,
+        (points.reshape(*shape, 3), valid.reshape(shape).view(np.bool_)),
         depth=words, unit=reading.unit, faces_cut=uncut.num_faces - found.num_faces,
     )  # fmt: skip
 
@@ -289,7 +311,8 @@ def _from_scan(
     found = function(grid.points, grid.valid, options.points, **asked)
     seconds = time.perf_counter() - started
     write_mesh(found.mesh, output)
-    return _result(path, output, options, found, int(grid.valid.sum()), seconds)
+    dense = np.ascontiguousarray(grid.points, np.float32), grid.valid
+    return _result(path, output, options, found, int(grid.valid.sum()), seconds, dense)
 
 
 def _result(
@@ -299,19 +322,24 @@ def _result(
     found: DepthMesh,
     measured: int,
     seconds: float,
+    dense: tuple[NDArray[np.float32], NDArray[np.bool_]],
     **more: Any,
 ) -> DepthFileResult:
     reached = getattr(found, "reached", None)
+    longest = math.inf if options.max_edge is None else options.max_edge
+    coverage, bridges = _core.depth_coverage(*dense, found.pixels, found.triangles, longest)
     return DepthFileResult(
         source=path,
         output=output,
         options=options,
         points_before=measured,
-        points=found.num_vertices,
+        points=len(np.unique(found.triangles)),
         faces=found.num_faces,
         reached=None if reached is None else str(reached),
         literal_count=getattr(found, "literal_count", None),
         seconds=seconds,
+        coverage=coverage,
+        bridges=bridges,
         **more,
     )
 
