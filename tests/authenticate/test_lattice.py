@@ -373,6 +373,30 @@ def test_previous_frames_of_any_kind_do_no_harm(clean: np.ndarray) -> None:
         judged(clean, previous=np.full((3, 3), np.nan))
 
 
+def test_hole_between_two_answered_frames(clean: np.ndarray) -> None:
+    def without(middle: float) -> np.ndarray:
+        apart = np.abs(np.arctan2(clean[:, 1], clean[:, 0]) - middle)
+        return clean[~((apart < 0.06) & (clean[:, 2] > -1.0))]
+
+    forged = without(1.0)
+    lost = len(clean) - len(forged)
+    found = judged(forged, previous=clean, following=clean)
+    assert found.verdict == "tampered"
+    assert 0.8 * lost < found.evidence["time"].strength <= 1.2 * lost
+    # A dark car that moves by leaves a hole in each frame.
+    passing = judged(forged, previous=without(0.9), following=without(1.1))
+    assert passing.evidence["time"].strength < 0.3 * lost
+
+
+def test_minus_zero_ends_a_ring(clean: np.ndarray) -> None:
+    scan = clean.copy()
+    ring = LATTICE.read(scan).ring
+    ends = np.flatnonzero(np.diff(ring) == 1)[10:14]
+    scan[ends, 1] = -0.0
+    assert LATTICE.read(scan).azimuth[ends] == pytest.approx(2.0 * math.pi)
+    assert judged(scan).evidence["order"].share == 0.0
+
+
 def test_options_and_lattices_are_checked(clean: np.ndarray) -> None:
     with pytest.raises(manip3d.InputError, match="false_alarm_rate"):
         judged(clean, false_alarm_rate=math.nan)
