@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d.authenticate._generic import generic_consistency
+from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._verdict import Power
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
@@ -17,7 +19,6 @@ from manip3d.lidar import LidarFrame
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from manip3d.authenticate._lattice import SensorLattice
     from manip3d.authenticate._sensors import Sensor
 
     Points = NDArray[np.float32]
@@ -141,6 +142,7 @@ EDITS: Mapping[str, Edit] = MappingProxyType(
 """Classes of edits that are planted, by an attacker who writes whole millimetres in file order."""
 
 
+@checked
 def measure_power(
     frames: Iterable[LidarFrame],
     lattice: SensorLattice,

@@ -12,15 +12,14 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d.authenticate._lattice import LINE_TOLERANCE, SensorLattice, estimate_lattice
 from manip3d.authenticate._occlusion import estimate_grid
 from manip3d.errors import InputError
-from manip3d.lidar import LidarFrame, to_scan
+from manip3d.lidar import LidarFrame, ScanLike, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from manip3d.lidar import ScanLike
 
     Floats: TypeAlias = NDArray[np.float64]
 
@@ -112,6 +111,7 @@ def kitti_lattice() -> SensorLattice:
         return SensorLattice.load(Path(path))
 
 
+@checked
 def identify_sensor(
     scan: ScanLike, *, lattice: SensorLattice | None = None, threads: int = 0
 ) -> Sensor:

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from manip3d import __version__
+from manip3d._util.checked import checked
 from manip3d._util.json import finite
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError
@@ -21,6 +22,7 @@ _FIRST = "0" * 64
 """In the place of the hash of the line before the first."""
 
 
+@checked
 def append_log(
     path: str | os.PathLike[str], inspection: Inspection, *, source: str, source_sha256: str = ""
 ) -> str:
@@ -66,6 +68,7 @@ def append_log(
     return str(entry["hash"])
 
 
+@checked
 def read_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     """Read a log of inspections and check its chain of hashes.
 
