@@ -14,7 +14,18 @@ import numpy as np
 import capsule_body
 import exact_models as models
 import lattice_scans
-from manip3d import Box, Intrinsics, Mesh, _core, authenticate, forge, metrics, modify, simplify
+from manip3d import (
+    Box,
+    Intrinsics,
+    LidarFrame,
+    Mesh,
+    _core,
+    authenticate,
+    forge,
+    metrics,
+    modify,
+    simplify,
+)
 
 Kernel = Callable[[int], object]
 """Of the number of threads; those that take none ignore it."""
@@ -112,6 +123,11 @@ KERNELS: dict[str, Kernel] = {
     "authenticate.estimate_origin": lambda t: authenticate.estimate_origin(scan, threads=t),
     "authenticate.estimate_grid": lambda t: authenticate.estimate_grid(scan, threads=t),
     "authenticate.estimate_lattice": lambda _: authenticate.estimate_lattice([scan]),
+    "authenticate.identify_sensor": lambda t: authenticate.identify_sensor(scan, threads=t),
+    "authenticate.kitti_lattice": lambda _: authenticate.kitti_lattice(),
+    "authenticate.measure_power": lambda t: authenticate.measure_power(
+        [LidarFrame(cloud)], scanner, planted=1, threads=t
+    ),
     "authenticate.inspect": lambda t: authenticate.inspect(cloud, origin=(0, 0, 0), threads=t),
     "authenticate.combined_verdict": lambda _: authenticate.combined_verdict(inspected.detectors),
     "authenticate.occlusion_consistency": lambda t: authenticate.occlusion_consistency(

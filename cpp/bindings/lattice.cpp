@@ -76,20 +76,24 @@ void bind_lattice(py::module_& m) {
   m.def(
       "generic_consistency",
       [](const CArray<float>& points, const CArray<double>& rings, int steps, double range_step,
-         double coordinate_step, double tolerance, const CArray<float>& previous, int threads) {
+         double coordinate_step, double tolerance, const CArray<float>& previous,
+         const CArray<float>& following, int threads) {
         const PointsView view(rows<Points>(points, "points"));
         const ScanLattice lattice = to_lattice(rings, steps, range_step, coordinate_step);
         const PointsView earlier(rows<Points>(previous, "previous"));
+        const PointsView later(rows<Points>(following, "following"));
         GenericOptions options;
         options.tolerance = tolerance;
         options.num_threads = threads;
         GenericResult result;
         {
           const py::gil_scoped_release nogil;
-          result = generic_consistency(view, lattice, options, earlier);
+          result = generic_consistency(view, lattice, options, earlier, later);
         }
         Fields fields;
         fields["evidence"] = to_list(result.evidence);
+        fields["turns"] = result.num_turns;
+        fields["directions"] = result.num_directions;
         fields["regions"] = to_list(result.regions);
         fields["flags"] = to_numpy(std::move(result.flags));
         fields["region_of_point"] = to_numpy(std::move(result.region_of_point));
@@ -98,7 +102,7 @@ void bind_lattice(py::module_& m) {
       },
       py::arg("points").noconvert(), py::arg("rings").noconvert(), py::arg("steps"),
       py::arg("range_step"), py::arg("coordinate_step"), py::arg("tolerance"),
-      py::arg("previous").noconvert(), py::arg("threads"));
+      py::arg("previous").noconvert(), py::arg("following").noconvert(), py::arg("threads"));
   m.attr("CELL_COLUMNS") = kCellColumns;
   m.attr("CELL_RINGS") = kCellRings;
 }

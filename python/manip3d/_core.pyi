@@ -1481,6 +1481,7 @@ def generic_consistency(
     coordinate_step: typing.SupportsFloat | typing.SupportsIndex,
     tolerance: typing.SupportsFloat | typing.SupportsIndex,
     previous: numpy.typing.NDArray[numpy.float32],
+    following: numpy.typing.NDArray[numpy.float32],
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> dict[str, typing.Any]: ...
 def grid_delaunay(pixels: numpy.typing.NDArray[numpy.int32]) -> numpy.ndarray: ...

@@ -45,7 +45,7 @@ def test_attacker_who_emulates_the_scanner_leaves_its_lattice_alone(target: Targ
     assert found.verdict == "tampered"
     result = generic_consistency(exact, calibration=LATTICE)
     assert all(report.strength == 0.0 for report in result.evidence.values())
-    assert result.verdict == "authentic"
+    assert result.verdict == "no_trace"
 
 
 def test_points_lie_where_the_lattice_says() -> None:
@@ -106,7 +106,7 @@ def test_claims_are_read_off_the_rows() -> None:
             "scene": scene,
             "frames": len(scores),
             "scores": scores,
-            "verdicts": ["tampered" if s >= 2.0 else "authentic" for s in scores],
+            "verdicts": ["tampered" if s >= 2.0 else "no_trace" for s in scores],
             "dropped": [],
             "data": "simulated" if "simulated" in model else "recorded",
             "found": float(np.mean([s >= 2.0 for s in scores])),

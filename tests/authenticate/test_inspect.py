@@ -4,33 +4,45 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import lattice_scans as scans
 from cave_scans import CAVE, ball
-from manip3d import InputError, LidarFrame, authenticate, report
-from manip3d.authenticate import DetectorReport, combined_verdict
+from manip3d import FormatError, InputError, LidarFrame, authenticate, report
+from manip3d.authenticate import (
+    DetectorReport,
+    Inspection,
+    Power,
+    Processing,
+    combined_verdict,
+)
 
+LATTICE = scans.lattice()
 FORGED = np.concatenate([CAVE, ball(0.6, 20_000) + np.float32([3, 1, 0])])
 
 
 def test_every_combination_of_verdicts() -> None:
-    words = ("authentic", "tampered", "undecidable")
-    for density, occlusion, generic in product(words, repeat=3):
-        reports = [
-            DetectorReport(name, verdict, "")  # type: ignore[arg-type]
-            for name, verdict in (
-                ("density", density), ("occlusion", occlusion), ("generic", generic),
-            )
-        ]  # fmt: skip
-        if occlusion == "undecidable":
-            expected = "tampered" if generic == "tampered" else "undecidable"
-        else:
-            expected = "tampered" if "tampered" in (density, occlusion, generic) else "authentic"
-        assert combined_verdict(reports) == expected
+    words = ("no_trace", "tampered", "processed", "undecidable")
+    shuffled = Processing("shuffled", "")
+    for verdicts in product(words, repeat=3):
+        for found, done in product((0, 9, 10), ((), (shuffled,))):
+            reports = [
+                DetectorReport(name, verdict, "", power={"moved": Power(found, 20)})
+                for name, verdict in zip(("density", "occlusion", "generic"), verdicts, strict=True)
+            ]
+            expected = "undecidable"
+            if "no_trace" in verdicts and found == 10:  # a detector that finds half of them
+                expected = "no_trace"
+            if "processed" in verdicts or done:
+                expected = "processed"
+            if "tampered" in verdicts:
+                expected = "tampered"
+            assert combined_verdict(reports, done) == expected
 
 
 def test_a_clean_and_a_forged_scan() -> None:
@@ -38,7 +50,7 @@ def test_a_clean_and_a_forged_scan() -> None:
     clean = authenticate.inspect(
         LidarFrame(CAVE), origin=(0, 0, 0), progress=lambda fraction, message: told.append(fraction)
     )
-    assert clean.verdict == "authentic"
+    assert clean.verdict == "no_trace"
     assert clean.origin == (0.0, 0.0, 0.0)
     assert clean.origin_from == "argument"
     assert told == sorted(told)
@@ -53,6 +65,127 @@ def test_a_clean_and_a_forged_scan() -> None:
     np.testing.assert_allclose(occlusion.boxes[0].center, (3, 1, 0), atol=0.1)
     assert (occlusion.suspected >= len(CAVE)).mean() > 0.95
     assert json.loads(json.dumps(found.record()))["detectors"]["occlusion"]["verdict"] == "tampered"
+
+
+def street_with(edit: Callable[[np.ndarray], np.ndarray] | None = None) -> Inspection:
+    """What is said of a street of a scanner on a lattice, and of what an attacker made of it."""
+    points = scans.scan(np.random.default_rng(5))
+    reading = LATTICE.read(points)
+    for ring, reach in ((0, 79.0), (63, 2.0)):  # something far, and the scanner's own car
+        row = np.flatnonzero(reading.ring == ring)[100:101]
+        beam = scans.beam_points(LATTICE, reading.ring[row], reading.count[row], np.full(1, reach))
+        points[row] = scans.rounded(beam)
+    return authenticate.inspect(
+        points if edit is None else edit(points), origin=(0, 0, 0), lattice=LATTICE
+    )
+
+
+def test_no_trace_states_the_power_and_what_it_is_blind_to() -> None:
+    found = street_with()
+    assert (found.verdict, found.processing) == ("no_trace", ())
+    assert found.power["moved"].share == 1.0
+    assert found.power["removed"].share < 0.5
+    assert any("white-box" in name for name in found.blind)
+    assert found.p_value == 1.0
+    assert "authentic" not in json.dumps(found.record())
+
+
+ROTATION = np.array([[0.9, 0.19**0.5, 0.0], [-(0.19**0.5), 0.9, 0.0], [0.0, 0.0, 1.0]])
+LAUNDERING: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "shuffled": lambda p: p[np.random.default_rng(0).permutation(len(p))],
+    "reversed": lambda p: p[::-1].copy(),
+    "centimetres": lambda p: np.float32(np.round(p.astype(float) * 100) / 100),
+    "float16": lambda p: p.astype(np.float16).astype(np.float32),
+    "noise": lambda p: p + np.random.default_rng(0).normal(0, 0.005, p.shape).astype(np.float32),
+    "deskewed": lambda p: p + np.outer(np.arctan2(p[:, 1], p[:, 0]), [0.1, 0, 0]).astype("f4"),
+    "turned": lambda p: np.float32(p @ ROTATION),
+    "halved": lambda p: p[np.random.default_rng(0).random(len(p)) < 0.5],
+    "camera view": lambda p: p[np.abs(np.arctan2(p[:, 1], p[:, 0])) < 0.7],
+    "near": lambda p: p[np.hypot(p[:, 0], p[:, 1]) < 20.0],
+    "low": lambda p: p[p[:, 2] < 0.0],
+    "voxels": lambda p: p[np.unique(np.floor(p / 0.1), axis=0, return_index=True)[1]],
+    "twice": lambda p: np.concatenate([p, p]),
+}
+
+
+@pytest.mark.parametrize("name", LAUNDERING)
+def test_processed_scans_are_neither_accused_nor_cleared(name: str) -> None:
+    found = street_with(LAUNDERING[name])
+    assert found.verdict == "processed", found.record()
+    assert found.processing
+    assert found.reason == "; ".join(f"{s.kind}: {s.detail}" for s in found.processing)
+
+
+def test_moved_object_is_found_with_a_tight_box() -> None:
+    def move(points: np.ndarray) -> np.ndarray:
+        rows = np.all(np.abs(points - [12.0, 3.0, -0.9]) < [3.0, 1.0, 0.6], axis=1)
+        assert np.count_nonzero(rows) > 30
+        moved.append(points[rows] + np.float32([1.3, 0.7, 0.0]))
+        edited = points.copy()
+        edited[rows] = np.round(moved[0] * 1000) / 1000
+        return edited[scans.in_file_order(LATTICE, edited)]
+
+    moved: list[np.ndarray] = []
+    found = street_with(move)
+    assert found.verdict == "tampered"
+    assert found.p_value is not None
+    assert found.p_value < 1e-9
+    box = found.regions[0].box
+    low, high = moved[0].min(axis=0), moved[0].max(axis=0)
+    assert np.prod(box.size[:2]) <= 1.2 * np.prod((high - low)[:2])
+    assert box.contains(moved[0]).mean() > 0.8
+    assert len(found.regions[0].rows)
+
+
+@pytest.mark.parametrize("sensor", ["auto", "lattice", "terrestrial", "other"])
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.zeros((0, 3)),
+        np.zeros((5000, 3)),
+        np.ones((5000, 3)),
+        np.random.default_rng(0).normal(size=(3000, 3)),
+        LATTICE.points_at(np.full(5000, 30), np.full(5000, 7), np.full(5000, 9.0)),
+    ],
+    ids=["empty", "zeros", "copies", "cloud", "on the lattice"],
+)
+def test_degenerate_scans_are_undecidable(points: np.ndarray, sensor: str) -> None:
+    scan = points.astype(np.float32)
+    found = authenticate.inspect(scan, origin=(0, 0, 0), lattice=LATTICE, sensor=sensor)
+    assert found.verdict in ("undecidable", "processed")
+    assert found.verdict == "undecidable" or sensor != "auto"
+
+
+def test_unknown_scanner_is_refused() -> None:
+    with pytest.raises(InputError, match="sensor: expected one of auto, lattice"):
+        authenticate.inspect(CAVE, sensor="VLP-16")
+
+
+def test_log_shows_what_was_changed(tmp_path: Path) -> None:
+    log = tmp_path / "case.jsonl"
+    found = authenticate.inspect(np.zeros((0, 3), np.float32))
+    hashes = [report.append_log(log, found, source=f"scan {i}") for i in range(3)]
+    assert [entry["hash"] for entry in report.read_log(log)] == hashes
+    lines = log.read_bytes().splitlines(keepends=True)
+    for damaged in (
+        [lines[0].replace(b"undecidable", b"tampered"), *lines[1:]],
+        [lines[0], lines[2]],
+        [*lines[:2], lines[1], lines[2]],
+        [b"no JSON\n"],
+    ):
+        log.write_bytes(b"".join(damaged))
+        with pytest.raises(FormatError, match="line"):
+            report.read_log(log)
+        with pytest.raises(FormatError, match="line"):
+            report.append_log(log, found, source="another")
+
+
+def test_suspected_rows_are_a_table(tmp_path: Path) -> None:
+    found = authenticate.inspect(FORGED, origin=(0, 0, 0))
+    report.write_suspected_rows(found, tmp_path / "rows.csv")
+    lines = (tmp_path / "rows.csv").read_text().splitlines()
+    assert lines[0] == "row,x,y,z,detector,region,p_value"
+    assert {int(line.split(",")[0]) for line in lines[1:]} == set(found.suspected.tolist())
 
 
 def test_a_scan_without_a_position_is_undecidable() -> None:
@@ -75,7 +208,8 @@ def test_the_evidence_is_one_page_or_json(tmp_path: Path) -> None:
     page, numbers = tmp_path / "evidence.html", tmp_path / "evidence.json"
     report.write_evidence(found, page, source="<b>cave</b>")
     text = page.read_text()
-    assert text.count("data:image/png;base64,") == 2
+    assert text.count("data:image/png;base64,") == 3  # both detectors' maps, and the regions
+    assert "manip3d " in text
     assert "&lt;b&gt;cave" in text
     assert "<b>cave" not in text
     loads = re.compile(r"""(src|href)\s*=\s*(["']|&quot;|&#x27;)?https?:""")

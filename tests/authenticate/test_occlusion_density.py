@@ -119,7 +119,7 @@ def test_mask_is_that_of_the_formulas(turn: float) -> None:
 
 def test_region_is_the_object() -> None:
     result = occlusion_consistency(FORGED.points)
-    assert occlusion_consistency(CAVE).verdict == "authentic"
+    assert occlusion_consistency(CAVE).verdict == "no_trace"
     assert result.verdict == "tampered"
     box = result.boxes[0]
     np.testing.assert_allclose(box.center, (3, 1, 0), atol=0.1)
@@ -137,7 +137,7 @@ def test_region_is_the_object() -> None:
 def test_an_object_with_a_shadow_passes() -> None:
     forged = forge.insert_occluding(CAVE, ball(0.6, 20_000), position=(3, 1, 0))
     assert len(forged.moved) > 100
-    assert occlusion_consistency(forged.points).verdict == "authentic"
+    assert occlusion_consistency(forged.points).verdict == "no_trace"
 
 
 def test_threads_and_order_do_not_matter() -> None:
@@ -180,8 +180,8 @@ def test_second_echoes_are_left_out() -> None:
     index = np.ones(len(scan), np.uint8)
     index[len(CAVE) :] = 2
     frame = LidarFrame(scan, fields={"target_index": index})
-    assert occlusion_consistency(frame).verdict == "authentic"
-    assert occlusion_consistency(scan).verdict != "authentic"
+    assert occlusion_consistency(frame).verdict == "no_trace"
+    assert occlusion_consistency(scan).verdict != "no_trace"
 
 
 def test_origin_of_the_frame_is_used() -> None:
@@ -221,9 +221,9 @@ def test_levels_are_the_means_of_the_formulas(sector: int) -> None:
 
 
 def test_a_dense_object_is_found_and_a_resampled_one_is_not() -> None:
-    assert density_consistency(CAVE).verdict == "authentic"
+    assert density_consistency(CAVE).verdict == "no_trace"
     finer = DensityParameters(sector=10, level_width=0.1, fall=0.6)
-    assert density_consistency(CAVE, parameters=finer).verdict == "authentic"
+    assert density_consistency(CAVE, parameters=finer).verdict == "no_trace"
     hoax = ball(0.35, 8000)
     forged = forge.ctp(CAVE, hoax, position=(3.5, 1, 0))
     dense = density_consistency(forged.points, parameters=finer)
@@ -233,7 +233,7 @@ def test_a_dense_object_is_found_and_a_resampled_one_is_not() -> None:
     assert low < math.hypot(3.5, 1) < high
     assert dense.score >= 1.0
     same = forge.crtp(CAVE, hoax, position=(3.5, 1, 0), spacing=3.6 * math.radians(STEP))
-    assert density_consistency(same.points, parameters=finer).verdict == "authentic"
+    assert density_consistency(same.points, parameters=finer).verdict == "no_trace"
     assert occlusion_consistency(same.points).verdict == "tampered"
 
 
@@ -291,7 +291,8 @@ Outcome = tuple[str, str]
 FEW: Outcome = ("undecidable", "fewer than 1000 points")
 LEVELS: Outcome = ("undecidable", "too few levels of range")
 SEVERAL: Outcome = ("undecidable", "no single position")
-NOTHING: Outcome = ("authentic", "nothing is seen behind anything")
+NOTHING: Outcome = ("no_trace", "nothing is seen behind anything")
+COPIES: Outcome = ("undecidable", "all points lie in 1 directions")
 
 
 # --- both ---------------------------------------------------------------------------------------
@@ -303,9 +304,9 @@ NOTHING: Outcome = ("authentic", "nothing is seen behind anything")
     [
         (np.zeros((0, 3)), FEW, FEW),
         (np.ones((1, 3)), FEW, FEW),
-        (np.ones((5000, 3)), LEVELS, NOTHING),
-        (np.zeros((5000, 3)), LEVELS, NOTHING),
-        (np.full((5000, 3), 1e9), LEVELS, NOTHING),
+        (np.ones((5000, 3)), LEVELS, COPIES),
+        (np.zeros((5000, 3)), LEVELS, COPIES),
+        (np.full((5000, 3), 1e9), LEVELS, COPIES),
         (np.outer(np.linspace(1, 100, 5000), [1.0, 2.0, 3.0]), LEVELS, SEVERAL),
         (np.repeat(CAVE[:2000], 3, axis=0), LEVELS, NOTHING),
         (CAVE * 1e9, LEVELS, NOTHING),
@@ -355,4 +356,4 @@ def test_bad_parameters() -> None:
 )
 def test_rings_that_share_no_cell_accuse_nobody(realdata: RealData, name: str) -> None:
     path = realdata(f"lidar/kitti_{name}.bin.xz")
-    assert occlusion_consistency(read_scan(path)).verdict == "authentic"
+    assert occlusion_consistency(read_scan(path)).verdict == "no_trace"

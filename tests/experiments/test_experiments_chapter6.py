@@ -29,12 +29,12 @@ def perfect(seed: int = 0) -> list[Row]:
     rows = []
     for case in _forensics.cases(Plan(data="simulated")):
         kind, number = case.options["kind"], case.options["number"]
-        judged = [entry("original", "authentic")]
+        judged = [entry("original", "no_trace")]
         for attack in ("CTP", "CRTP"):
             if number < _forensics._FORGED[kind, attack]:
                 judged += [entry(attack, "tampered", front=f) for f in (False, True)] * 2
         if number < len(_forensics._EDITED[kind]):
-            judged.append(entry(_forensics._EDITED[kind][number], "authentic"))
+            judged.append(entry(_forensics._EDITED[kind][number], "no_trace"))
         rows.append(row(kind, number, judged))
     return rows
 
@@ -96,7 +96,7 @@ def test_claims_notice_what_is_wrong() -> None:
     text = "Detector II reaches the published accuracy on original, CTP, CRTP"
     assert verdicts("table-6.2", rows)[text] is True
     ctp = next(e for r in rows for e in r["judged"] if e["attack"] == "CTP" and not e["front"])
-    ctp["II"] = "authentic"
+    ctp["II"] = "no_trace"
     assert verdicts("table-6.2", rows)[text] is False
     assert verdicts("table-6.2", rows)["Detector I misses most CRTP forgeries"] is False
     assert verdicts("table-6.1", rows[1:])["As many scans as published are judged"] is False
@@ -140,5 +140,5 @@ def test_one_small_scene_through_both_detectors() -> None:
     options = dict(case.options) | {"resolution_deg": 0.4}
     judged = _forensics.judge_scene(type(case)(case.run, options))["judged"]
     assert [e["attack"] for e in judged] == ["original", *["CTP"] * 4, *["CRTP"] * 4, "subtractive"]
-    assert judged[0]["II"] == "authentic"
+    assert judged[0]["II"] == "no_trace"
     assert [e["II"] for e in judged if e["attack"] == "CTP" and not e["front"]] == ["tampered"] * 2

@@ -108,7 +108,7 @@ def check_forensics(notebook: Any, pictures: list[Any]) -> None:
     ]
     words = {line.split()[0]: line.split() for line in verdicts.splitlines()[1:]}
     assert words["CTP"][1:] == ["tampered", "tampered", "1"]
-    assert words["CRTP"][1:] == ["authentic", "tampered", "1"]
+    assert words["CRTP"][1:] == ["no_trace", "tampered", "1"]
 
 
 def longest_run(dark: NDArray[np.bool_]) -> int:

@@ -140,7 +140,7 @@ def test_points_are_coloured_by_who_suspects_them() -> None:
 
 
 @pytest.mark.parametrize(
-    ("verdict", "color"), [("tampered", QUIET), ("undecidable", DOUBT), ("authentic", CLEAR)]
+    ("verdict", "color"), [("tampered", QUIET), ("undecidable", DOUBT), ("no_trace", CLEAR)]
 )
 def test_the_verdict_colours_the_points_that_nobody_suspects(verdict: str, color: tuple) -> None:
     cloud = evidence(street(), verdict=verdict, suspected={})

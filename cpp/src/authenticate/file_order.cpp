@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
+#include <numbers>
 
 namespace manip3d {
 namespace {
@@ -9,21 +11,52 @@ namespace {
 // Half a millimetre of rounding in x and y turns a point 1 m away by this much at most.
 constexpr float kAzimuthRounding = 1e-3F;
 
+constexpr float kFullTurn = 2.0F * std::numbers::pi_v<float>;
+
+// The rings of a file begin at about one azimuth: within this, of most rings.
+constexpr int kStartBins = 360;
+constexpr std::size_t kFewestStarts = 8;
+
+// Azimuth at which the rings of the file begin: 0 in KITTI's files, the angle of the turn where the
+// frame was turned about the vertical afterwards. 0 where no angle is that of most rings.
+float first_azimuth(const LatticeReading& reading) {
+  std::vector<float> starts;
+  for (Eigen::Index i = 1; i < reading.ring.size(); ++i) {
+    if (reading.ring(i - 1) >= 0 && reading.ring(i) == reading.ring(i - 1) + 1) {
+      starts.push_back(reading.azimuth(i));
+    }
+  }
+  if (starts.size() < kFewestStarts) return 0.0F;
+  const auto bin_of = [](float azimuth) {
+    return std::min(static_cast<int>(azimuth * (kStartBins / kFullTurn)), kStartBins - 1);
+  };
+  std::vector<std::size_t> bins(kStartBins, 0);
+  for (const float azimuth : starts) ++bins[bin_of(azimuth)];
+  const auto most = std::max_element(bins.begin(), bins.end());
+  if (2 * *most < starts.size() || most == bins.begin()) return 0.0F;
+  float first = kFullTurn;
+  for (const float azimuth : starts) {
+    if (bin_of(azimuth) == most - bins.begin()) first = std::min(first, azimuth);
+  }
+  return first;
+}
+
 // Orders by ring, then by azimuth: the bits of a float that is not negative ascend with it.
-std::uint64_t place_of(const LatticeReading& reading, std::int32_t i) {
+std::uint64_t place_of(const LatticeReading& reading, std::int32_t i, float first) {
   const auto ring = static_cast<std::uint64_t>(reading.ring(i));
-  return ring << 32U | std::bit_cast<std::uint32_t>(reading.azimuth(i));
+  const float ahead = reading.azimuth(i) - first;
+  return ring << 32U | std::bit_cast<std::uint32_t>(ahead < 0.0F ? ahead + kFullTurn : ahead);
 }
 
 // The longest non-descending subsequence of the points that have a ring [Fredman 1975].
-std::vector<std::int32_t> longest_in_order(const LatticeReading& reading) {
+std::vector<std::int32_t> longest_in_order(const LatticeReading& reading, float first) {
   const auto n = static_cast<std::int32_t>(reading.ring.size());
   std::vector<std::uint64_t> ends;  // ends[k]: the lowest last place of a subsequence of k + 1
   std::vector<std::int32_t> last;   // the point with that place
   std::vector<std::int32_t> previous(n, -1);
   for (std::int32_t i = 0; i < n; ++i) {
     if (reading.ring(i) < 0) continue;
-    const std::uint64_t place = place_of(reading, i);
+    const std::uint64_t place = place_of(reading, i, first);
     auto at = ends.end();
     if (!ends.empty() && place < ends.back()) at = std::upper_bound(ends.begin(), at, place);
     const auto k = static_cast<std::size_t>(at - ends.begin());
@@ -45,9 +78,21 @@ std::vector<std::int32_t> longest_in_order(const LatticeReading& reading) {
   return chain;
 }
 
+// The same where rings may begin elsewhere: what explains more of the file holds.
+std::vector<std::int32_t> longest_in_order(const LatticeReading& reading) {
+  std::vector<std::int32_t> chain = longest_in_order(reading, 0.0F);
+  const float first = first_azimuth(reading);
+  if (first > 0.0F) {
+    std::vector<std::int32_t> turned = longest_in_order(reading, first);
+    if (turned.size() > chain.size()) return turned;
+  }
+  return chain;
+}
+
 bool is_rounding(const LatticeReading& reading, std::int32_t i, std::int32_t neighbour) {
+  const float apart = std::abs(reading.azimuth(i) - reading.azimuth(neighbour));
   return reading.ring(i) == reading.ring(neighbour) &&
-         std::abs(reading.azimuth(i) - reading.azimuth(neighbour)) < kAzimuthRounding;
+         std::min(apart, std::abs(kFullTurn - apart)) < kAzimuthRounding;
 }
 
 }  // namespace

@@ -27,6 +27,14 @@ constexpr double kWindowThreshold = 18.0;
 // Where the turn before was answered, fewer answers beside a gap will do: 6 of 8.
 constexpr int kAnsweredBesideInTime = 6;
 
+// Sectors of 5 degrees in which evidence is told from what was done to the whole frame; one is
+// spoiled by the stray points of 2 in 100, which rounding and resampling leave everywhere.
+constexpr std::size_t kSectors = 72;
+constexpr std::int64_t kFewestOfSector = 100;
+constexpr std::int64_t kFewestSectors = 8;
+constexpr double kSpoiledShare = 0.02;
+constexpr double kFullTurn = 2.0 * std::numbers::pi;
+
 constexpr std::size_t index_of(Evidence evidence) { return static_cast<std::size_t>(evidence); }
 
 using Strength = std::array<double, kNumEvidence>;
@@ -35,15 +43,18 @@ using Strength = std::array<double, kNumEvidence>;
 class Examination {
  public:
   Examination(const PointsView& points, const ScanLattice& lattice, const GenericOptions& options,
-              const PointsView& previous)
+              const PointsView& previous, const PointsView& following)
       : points_(points),
-        previous_(previous),
+        beside_{&previous, &following},
         lattice_(lattice),
         options_(options),
         reading_(read_lattice(points, lattice, options.num_threads)),
         cells_((lattice.num_rings() + kCellRings - 1) / kCellRings, kCellColumns, Strength{}) {
     result_.flags.assign(points.num_points(), 0);
     num_read_ = (reading_.ring.array() >= 0).count();
+    for (std::int32_t i = 0; i < points.num_points(); ++i) {
+      if (reading_.ring(i) >= 0) ++sectors_[sector(i)];
+    }
   }
 
   GenericResult run() {
@@ -86,11 +97,33 @@ class Examination {
   void flag_points(Evidence evidence, const std::vector<std::int32_t>& found) {
     const auto total = static_cast<double>(std::max<std::int64_t>(num_read_, 1));
     report(evidence).share = static_cast<double>(found.size()) / total;
-    if (report(evidence).share > options_.dropped_share) {
+    if (report(evidence).share > options_.dropped_share || is_everywhere(found)) {
       report(evidence).dropped = Dropped::kContradicted;
       return;
     }
     for (const std::int32_t i : found) flag(i, evidence);
+  }
+
+  // Whether more than half of the sectors of the horizon that hold points hold a share of these: an
+  // edit is somewhere, what was done to the whole frame is everywhere.
+  [[nodiscard]] bool is_everywhere(const std::vector<std::int32_t>& found) const {
+    if (found.size() < kSectors) return false;
+    std::array<std::int64_t, kSectors> contradicting{};
+    for (const std::int32_t i : found) ++contradicting[sector(i)];
+    std::int64_t looked = 0;
+    std::int64_t spoiled = 0;
+    for (std::size_t s = 0; s < kSectors; ++s) {
+      if (sectors_[s] < kFewestOfSector) continue;
+      ++looked;
+      const double share = static_cast<double>(contradicting[s]) / static_cast<double>(sectors_[s]);
+      spoiled += share > kSpoiledShare ? 1 : 0;
+    }
+    return looked >= kFewestSectors && 2 * spoiled > looked;
+  }
+
+  [[nodiscard]] std::size_t sector(std::int32_t i) const {
+    const auto s = static_cast<std::size_t>(reading_.azimuth(i) * (kSectors / kFullTurn));
+    return std::min(s, kSectors - 1);
   }
 
   void flag(std::int32_t i, Evidence evidence) {
@@ -144,20 +177,23 @@ class Examination {
     schedule_ = find_firings(reading_, lattice_);
     flag_points(Evidence::kFiring, [&](std::int32_t i) {
       const std::int32_t count = reading_.count(i);
-      return count >= 0 && schedule_.order[count] < 0;
+      return count >= 0 && schedule_.judged[count] != 0 && schedule_.order[count] < 0;
     });
   }
 
   void examine_duplicates() {
+    result_.num_directions = num_read_;
     if (!usable(Evidence::kDuplicate, lattice_.steps > 0, {Evidence::kLine, Evidence::kStep})) {
       return;
     }
     RingImage<std::uint8_t> returns(lattice_.num_rings(), lattice_.steps, 0);
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
       if (reading_.count(i) < 0) continue;
-      std::uint8_t& seen = returns(reading_.ring(i), reading_.count(i));
-      seen = static_cast<std::uint8_t>(std::min(seen + 1, 2));
+      std::uint8_t& number = returns(reading_.ring(i), reading_.count(i));
+      number = static_cast<std::uint8_t>(std::min(number + 1, 2));
     }
+    const auto& seen = returns.values();
+    result_.num_directions = std::count_if(seen.begin(), seen.end(), [](auto n) { return n > 0; });
     flag_points(Evidence::kDuplicate, [&](std::int32_t i) {
       return reading_.count(i) >= 0 && returns(reading_.ring(i), reading_.count(i)) > 1;
     });
@@ -220,37 +256,44 @@ class Examination {
       return;
     }
     const Answers answers = sort_answers(points_, reading_, lattice_, schedule_, *ground);
-    VoidOptions options{options_.min_ground_range, options_.max_ground_range};
+    VoidOptions options;
+    options.min_ground_range = options_.min_ground_range;
+    options.max_ground_range = options_.max_ground_range;
     add_voids(Evidence::kVoid, find_voids(points_, answers, lattice_, *ground, options));
 
-    const auto earlier = earlier_answers(*ground);
-    if (!earlier) {
+    std::vector<Answers> turns;
+    for (const PointsView* turn : beside_) {
+      if (auto answered = answers_of(*turn, *ground)) turns.push_back(std::move(*answered));
+    }
+    if (turns.empty()) {
       report(Evidence::kTime).dropped = Dropped::kNoPrevious;
       return;
     }
-    options.earlier = &*earlier;
+    for (const Answers& turn : turns) options.beside.push_back(&turn);
+    result_.num_turns = static_cast<int>(turns.size());
     options.answered_beside = kAnsweredBesideInTime;
     add_voids(Evidence::kTime, find_voids(points_, answers, lattice_, *ground, options));
   }
 
-  // Of the previous frame, if it is on the same lattice.
-  [[nodiscard]] std::optional<Answers> earlier_answers(const GroundPlane& ground) const {
-    if (previous_.num_points() == 0) return std::nullopt;
-    LatticeReading reading = read_lattice(previous_, lattice_, options_.num_threads);
-    std::int64_t beside = 0;
-    for (std::int32_t i = 0; i < previous_.num_points(); ++i) {
+  // Of another turn, if it is on the same lattice.
+  [[nodiscard]] std::optional<Answers> answers_of(const PointsView& turn,
+                                                  const GroundPlane& ground) const {
+    if (turn.num_points() == 0) return std::nullopt;
+    LatticeReading reading = read_lattice(turn, lattice_, options_.num_threads);
+    std::int64_t off = 0;
+    for (std::int32_t i = 0; i < turn.num_points(); ++i) {
       if (reading.ring(i) < 0) continue;
       const double error =
           std::max(std::abs(reading.line_error(i)), std::abs(reading.step_error(i)));
       if (error <= options_.tolerance) continue;
       reading.count(i) = -1;
-      ++beside;
+      ++off;
     }
-    const auto total = static_cast<double>(previous_.num_points());
-    if (static_cast<double>(beside) > options_.dropped_share * total) return std::nullopt;
+    const auto total = static_cast<double>(turn.num_points());
+    if (static_cast<double>(off) > options_.dropped_share * total) return std::nullopt;
     const FiringSchedule schedule = find_firings(reading, lattice_);
     if (2 * schedule.firings < schedule_.firings) return std::nullopt;
-    return sort_answers(previous_, reading, lattice_, schedule, ground);
+    return sort_answers(turn, reading, lattice_, schedule, ground);
   }
 
   void add_voids(Evidence evidence, std::vector<Void> voids) {
@@ -258,7 +301,8 @@ class Examination {
     for (const Void& found : voids) {
       firings += found.cells.size();
       for (const Void::Cell& cell : found.cells) {
-        cells_(cell.ring / kCellRings, cell_column(cell.azimuth))[index_of(evidence)] += 1.0;
+        cells_(cell.ring / kCellRings, cell_column(cell.azimuth))[index_of(evidence)] +=
+            found.weight;
       }
     }
     report(evidence).share =
@@ -269,7 +313,7 @@ class Examination {
   [[nodiscard]] int cell_row(std::int32_t i) const { return reading_.ring(i) / kCellRings; }
 
   static int cell_column(double azimuth) {
-    const auto column = static_cast<int>(azimuth * (kCellColumns / (2.0 * std::numbers::pi)));
+    const auto column = static_cast<int>(azimuth * (kCellColumns / kFullTurn));
     return std::min(column, kCellColumns - 1);
   }
 
@@ -377,7 +421,7 @@ class Examination {
   }
 
   const PointsView& points_;
-  const PointsView& previous_;
+  std::array<const PointsView*, 2> beside_;  // the turn before and the one behind
   const ScanLattice& lattice_;
   const GenericOptions& options_;
   LatticeReading reading_;
@@ -385,6 +429,7 @@ class Examination {
   FiringSchedule schedule_;
   std::vector<Void> voids_;
   std::int64_t num_read_ = 0;
+  std::array<std::int64_t, kSectors> sectors_{};  // points that were read
   GenericResult result_;
 };
 
@@ -409,9 +454,10 @@ void check_options(const GenericOptions& options) {
 }  // namespace
 
 GenericResult generic_consistency(const PointsView& points, const ScanLattice& lattice,
-                                  const GenericOptions& options, const PointsView& previous) {
+                                  const GenericOptions& options, const PointsView& previous,
+                                  const PointsView& following) {
   check_options(options);
-  return Examination(points, lattice, options, previous).run();
+  return Examination(points, lattice, options, previous, following).run();
 }
 
 }  // namespace manip3d

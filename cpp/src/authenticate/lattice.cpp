@@ -82,7 +82,9 @@ class Reader {
   void read(std::int64_t i, double x, double y, double z, double rho, int k) const {
     const Beam& ring = beams_[k];
     const double angle = arc_tangent(y, x);
-    reading_.azimuth(i) = static_cast<float>(angle < 0.0 ? angle + kFullTurn : angle);
+    // y = -0.0 is what rounding leaves of the last point of a turn, not of the first.
+    const bool below = angle < 0.0 || (angle == 0.0 && std::signbit(y));
+    reading_.azimuth(i) = static_cast<float>(below ? angle + kFullTurn : angle);
     if (!(rho > 2.0 * std::abs(ring.lateral))) return;  // inside the circle of the beams
     reading_.ring(i) = k;
     reading_.line_error(i) = static_cast<float>(ring.height_above(rho, z) * ring.cos);

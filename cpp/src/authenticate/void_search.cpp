@@ -22,6 +22,8 @@ constexpr double kFullTurn = 2.0 * std::numbers::pi;
 constexpr double kFiredShare = 0.6;
 constexpr double kSparseShare = 0.8;  // of all steps; KITTI's frames have firings at 0.54
 constexpr int kNeighbours = 2;
+// At the border of a frame that was cropped only few lasers look into what is left of it.
+constexpr int kFewestVotes = 16;
 
 // Ground is taken for ground where it is this near to the plane: roads are crowned and climb.
 double ground_band(double range) { return 0.35 + 0.015 * range; }
@@ -42,6 +44,10 @@ constexpr int kLongestGap = 250;
 // An earlier turn answered at a firing where at least so many of the nearest five did.
 constexpr int kEarlierSpan = 2;
 constexpr int kEarlierAnswers = 4;
+
+// What moves by turns by at most so many firings (8 degrees) and lasers from one frame to the next.
+constexpr int kHoleColumns = 48;
+constexpr int kHoleRings = 2;
 
 // Horizontal distance at which a laser that looks along a column meets the plane; 0: nowhere.
 double ground_range(const ScanLattice& lattice, int ring, const GroundPlane& ground,
@@ -146,19 +152,42 @@ class Gaps {
   RingImage<Support> support_;
 };
 
-// Whether a firing and its neighbours were answered a turn earlier, in which the scanner may have
+// Whether a firing and its neighbours were answered in another turn, in which the scanner may have
 // fired a little more or less often.
-bool was_answered(const Answers& earlier, int ring, int column, int columns) {
-  const int there = earlier.kind.columns();
+bool was_answered(const Answers& other, int ring, int column, int columns) {
+  const int there = other.kind.columns();
   if (there == 0) return false;
   const auto middle =
       static_cast<int>((static_cast<std::int64_t>(column) * there + there / 2) / columns);
   int answered = 0;
   for (int d = -kEarlierSpan; d <= kEarlierSpan; ++d) {
-    const int beside = earlier.kind.wrapped(earlier.kind.wrapped(middle) + d);
-    answered += earlier.kind(ring, beside) == Answer::kNone ? 0 : 1;
+    const int near = other.kind.wrapped(other.kind.wrapped(middle) + d);
+    answered += other.kind(ring, near) == Answer::kNone ? 0 : 1;
   }
   return answered >= kEarlierAnswers;
+}
+
+bool was_answered(const std::vector<const Answers*>& beside, int ring, int column, int columns) {
+  return std::all_of(beside.begin(), beside.end(), [&](const Answers* other) {
+    return was_answered(*other, ring, column, columns);
+  });
+}
+
+// Firings without a return between two turns that both had one there.
+RingImage<std::uint8_t> lost_between(const Answers& answers, const ScanLattice& lattice,
+                                     const GroundPlane& ground, const VoidOptions& options) {
+  const RingImage<Answer>& kind = answers.kind;
+  RingImage<std::uint8_t> lost(kind.rings(), kind.columns(), 0);
+  for (int column = 0; column < lost.columns(); ++column) {
+    const SinCos azimuth = sin_cos(kFullTurn * (column + 0.5) / lost.columns());
+    for (int ring = 0; ring < lost.rings(); ++ring) {
+      if (kind(ring, column) != Answer::kNone) continue;
+      const double range = ground_range(lattice, ring, ground, azimuth);
+      if (range > 0.0 && range < options.min_ground_range) continue;
+      lost(ring, column) = was_answered(options.beside, ring, column, lost.columns());
+    }
+  }
+  return lost;
 }
 
 // From the lowest laser upwards: runs without a return that begin directly above ground.
@@ -180,8 +209,7 @@ RingImage<std::uint8_t> runs_above_ground(const Answers& answers, const ScanLatt
         if (!(range > options.min_ground_range && range < options.max_ground_range)) continue;
         const Support support = gaps.support(r, column);
         if (support == Support::kNone || (support == Support::kAnswers && !closed)) continue;
-        runs(r, column) =
-            options.earlier == nullptr || was_answered(*options.earlier, r, column, runs.columns());
+        runs(r, column) = was_answered(options.beside, r, column, runs.columns());
       }
     }
   }
@@ -219,9 +247,62 @@ RingImage<std::uint8_t> opened(const RingImage<std::uint8_t>& image) {
   return kept;
 }
 
-// Horizontal distance of the return below a cell of a run: there is one, or no run had begun.
+// Cells around a void that got no return in another turn and got one in this: a dark car that moves
+// by leaves a hole of about its size in every turn; what was edited in one turn leaves none.
+int holes_beside(const std::vector<RingCell>& component, const Answers& answers,
+                 const Answers& other) {
+  const int rings = answers.kind.rings();
+  const int columns = answers.kind.columns();
+  int top = rings - 1;
+  int bottom = 0;
+  std::vector<std::uint8_t> around(columns, 0);
+  for (const auto& [ring, column] : component) {
+    top = std::min(top, ring);
+    bottom = std::max(bottom, ring);
+    around[column] = 1;
+  }
+  const std::vector<std::uint8_t> own = around;
+  const int half = std::min(kHoleColumns, (columns - 1) / 2);
+  for (int column = 0; column < columns; ++column) {
+    if (own[column] == 0) continue;
+    for (int d = -half; d <= half; ++d) around[answers.kind.wrapped(column + d)] = 1;
+  }
+  int holes = 0;
+  for (int column = 0; column < columns; ++column) {
+    if (around[column] == 0) continue;
+    const auto there = static_cast<std::int64_t>(column) * other.kind.columns() / columns;
+    for (int r = std::max(0, top - kHoleRings); r <= std::min(rings - 1, bottom + kHoleRings);
+         ++r) {
+      const bool closed = answers.kind(r, column) != Answer::kNone;
+      holes += closed && other.kind(r, static_cast<int>(there)) == Answer::kNone ? 1 : 0;
+    }
+  }
+  return holes;
+}
+
+// Share of a void that is no hole which moved.
+double unexplained(const std::vector<RingCell>& component, const Answers& answers,
+                   const std::vector<const Answers*>& beside) {
+  int holes = 0;
+  for (const Answers* other : beside) {
+    holes = std::max(holes, holes_beside(component, answers, *other));
+  }
+  const auto size = static_cast<double>(component.size());
+  return std::max(0.0, 1.0 - holes / size);
+}
+
+// Horizontal distance of the return below a cell without one; where there is none, of the one above
+// it, or 0.
 double contact_distance(const Answers& answers, const PointsView& points, int ring, int column) {
-  while (answers.point(ring, column) < 0) ++ring;
+  const int last = answers.point.rings() - 1;
+  int below = ring;
+  while (below < last && answers.point(below, column) < 0) ++below;
+  if (answers.point(below, column) >= 0) {
+    ring = below;
+  } else {
+    while (ring > 0 && answers.point(ring, column) < 0) --ring;
+  }
+  if (answers.point(ring, column) < 0) return 0.0;
   const auto p = points.points.row(answers.point(ring, column)).cast<double>();
   return std::sqrt(p.x() * p.x() + p.y() * p.y());
 }
@@ -234,12 +315,14 @@ FiringSchedule find_firings(const LatticeReading& reading, const ScanLattice& la
   for (const std::int32_t count : reading.count) {
     if (count >= 0) ++votes[count];
   }
-  FiringSchedule schedule{std::vector<std::int32_t>(steps, -1), 0};
+  FiringSchedule schedule{std::vector<std::int32_t>(steps, -1), std::vector<std::uint8_t>(steps, 0),
+                          0};
   for (int k = 0; k < steps; ++k) {
     int busiest = 1;
     for (int d = -kNeighbours; d <= kNeighbours; ++d) {
       busiest = std::max(busiest, votes[(k + d + steps) % steps]);
     }
+    schedule.judged[k] = busiest >= std::min(kFewestVotes, lattice.num_rings() / 2) ? 1 : 0;
     if (votes[k] < kFiredShare * busiest) continue;
     schedule.order[k] = schedule.firings++;
   }
@@ -272,7 +355,9 @@ std::vector<Void> find_voids(const PointsView& points, const Answers& answers,
                              const VoidOptions& options) {
   const int columns = answers.kind.columns();
   if (columns < std::max(kBlockColumns, kSide)) return {};
-  const auto runs = runs_above_ground(answers, lattice, ground, options);
+  const auto runs = options.beside.size() > 1
+                        ? lost_between(answers, lattice, ground, options)
+                        : runs_above_ground(answers, lattice, ground, options);
   auto lost = opened(widened(runs));
   std::vector<Void> voids;
   for (const auto& component : connected_components(lost)) {
@@ -284,6 +369,8 @@ std::vector<Void> find_voids(const PointsView& points, const Answers& answers,
       distances.push_back(contact_distance(answers, points, ring, column));
     }
     found.distance = median(std::span(distances));
+    if (options.beside.size() > 1) found.weight = unexplained(component, answers, options.beside);
+    if (!(found.weight > 0.0)) continue;
     voids.push_back(std::move(found));
   }
   return voids;

@@ -11,7 +11,8 @@ namespace manip3d {
 
 /// Steps of the encoder at which a scanner fired, and their order.
 struct FiringSchedule {
-  std::vector<std::int32_t> order;  ///< (steps,): number of the firing at a count; -1: none.
+  std::vector<std::int32_t> order;   ///< (steps,): number of the firing at a count; -1: none.
+  std::vector<std::uint8_t> judged;  ///< (steps,): 1 where enough lasers answer nearby to tell.
   int firings = 0;
 };
 
@@ -46,15 +47,19 @@ struct Void {
     double azimuth;  ///< Radians, in [0, 2 pi).
   };
   std::vector<Cell> cells;
-  double distance;  ///< Metres: median horizontal distance of the ground below.
+  double distance;      ///< Metres: median horizontal distance of the ground below.
+  double weight = 1.0;  ///< Of each cell: the share of the void that no hole nearby explains, which
+                        ///< another turn has and this one has not: what swallows light moves on.
 };
 
 struct VoidOptions {
   double min_ground_range = 8.0;
   double max_ground_range = 80.0;
   int answered_beside = 7;  ///< Of the eight firings to each side of the lost ones in their ring.
-  /// Where given: only firings that were answered, with their neighbours, in this earlier turn.
-  const Answers* earlier = nullptr;
+  /// Only firings that were answered, with their neighbours, in all of these turns: one beside this
+  /// one, or the one before and the one behind. Two of them tell a hole by themselves: it need not
+  /// begin above ground then.
+  std::vector<const Answers*> beside;
 };
 
 std::vector<Void> find_voids(const PointsView& points, const Answers& answers,

@@ -35,11 +35,14 @@ from manip3d.authenticate._occlusion import (
     occlusion_consistency,
 )
 from manip3d.authenticate._origin import OriginEstimate, estimate_origin
-from manip3d.authenticate._verdict import Calibration, Verdict
+from manip3d.authenticate._power import EDITS, measure_power
+from manip3d.authenticate._sensors import Sensor, identify_sensor, kitti_lattice
+from manip3d.authenticate._verdict import Calibration, Power, Processing, Region, Verdict
 
 __all__ = [
     "CALIBRATED_DENSITY",
     "CALIBRATED_OCCLUSION",
+    "EDITS",
     "PAPER_DENSITY",
     "PAPER_OCCLUSION",
     "RINGS_OCCLUSION",
@@ -57,6 +60,10 @@ __all__ = [
     "OcclusionRegion",
     "OcclusionResult",
     "OriginEstimate",
+    "Power",
+    "Processing",
+    "Region",
+    "Sensor",
     "SensorLattice",
     "SuspectRegion",
     "Verdict",
@@ -66,6 +73,9 @@ __all__ = [
     "estimate_lattice",
     "estimate_origin",
     "generic_consistency",
+    "identify_sensor",
     "inspect",
+    "kitti_lattice",
+    "measure_power",
     "occlusion_consistency",
 ]

@@ -122,7 +122,7 @@ class DensityResult(Showable):
 
     Attributes
     ----------
-    verdict : 'authentic', 'tampered' or 'undecidable'
+    verdict : 'no_trace', 'tampered' or 'undecidable'
     reason : str
         In words.
     ranges : (L,) float64, metres
@@ -273,7 +273,7 @@ def density_consistency(
             MAX_RANGE,
             threads_of(threads),
         )
-    verdict: Verdict = "tampered" if off.any() else "authentic"
+    verdict: Verdict = "tampered" if off.any() else "no_trace"
     reason = f"spacing off its range's over at least {parameters.run} levels"
     return DensityResult(
         verdict,

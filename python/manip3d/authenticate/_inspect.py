@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,8 @@ from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d._util.showing import Showable
 from manip3d.authenticate._density import PAPER_DENSITY, DensityResult, density_consistency
-from manip3d.authenticate._generic import GenericResult, generic_consistency
+from manip3d.authenticate._generic import EVIDENCE, MISSING, GenericResult, generic_consistency
+from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._occlusion import (
     PAPER_OCCLUSION,
     OcclusionResult,
@@ -20,7 +22,10 @@ from manip3d.authenticate._occlusion import (
     occlusion_consistency,
 )
 from manip3d.authenticate._origin import estimate_origin
-from manip3d.authenticate._verdict import Calibration, Verdict
+from manip3d.authenticate._power import BLIND, known_power
+from manip3d.authenticate._processing import find_processing
+from manip3d.authenticate._sensors import Sensor, identify_sensor
+from manip3d.authenticate._verdict import Calibration, Power, Processing, Region, Verdict
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, ScanLike, to_scan
 from manip3d.lidar import place as place_of
@@ -41,10 +46,22 @@ TITLES = {
 }
 """What each detector tests, by its name."""
 
+SENSORS = ("auto", "lattice", "terrestrial", "other")
+"""What a caller can say of the scanner; ``auto``: `identify_sensor` tells."""
+
+FALSE_ALARM_RATE = 0.01
+"""Of clean frames that detector III may call tampered."""
+
+
+def _no_power() -> Mapping[str, Power]:
+    return MappingProxyType({})
+
+
 _GENERIC_REASONS = {
-    "authentic": "points lie where the sensor can measure",
+    "no_trace": "points lie where the sensor can measure",
     "tampered": "points lie where the sensor cannot measure",
-    "undecidable": "no lattice of a spinning scanner in this scan",
+    "processed": "the whole scan contradicts a part of the sensor's lattice",
+    "undecidable": "the scan does not stand on the lattice of a spinning scanner",
 }
 
 
@@ -55,17 +72,20 @@ class DetectorReport:
     Attributes
     ----------
     name : 'density', 'occlusion' or 'generic'
-    verdict : 'authentic', 'tampered' or 'undecidable'
+    verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
     reason : str
         The verdict's reason in words.
     score : float or None
         The detector's own measure, larger is more suspicious; None: it could not judge.
     p_value : float or None
         Probability, at most, that a clean scan shows as much; None: the detector states none.
+    regions : tuple of Region
+        Places with evidence, the most significant first.
     suspected : (K,) int64
         Rows of the suspected points.
-    boxes : tuple of Box
-        Boxes around the suspected points, metres.
+    power : mapping of str to Power
+        Share of the edits of each class that the detector finds in clean scans of this scanner;
+        empty: not measured for this scanner.
     calibration : Calibration or None
         Where the thresholds come from; None: a publication, a user, or the detector needs none.
     """
@@ -75,14 +95,25 @@ class DetectorReport:
     reason: str
     score: float | None = None
     p_value: float | None = None
+    regions: tuple[Region, ...] = ()
     suspected: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64), repr=False)
-    boxes: tuple[Box, ...] = ()
+    power: Mapping[str, Power] = field(default_factory=_no_power, repr=False)
     calibration: Calibration | None = None
 
     @property
     def title(self) -> str:
         """The test that the detector makes."""
         return TITLES[self.name]
+
+    @property
+    def boxes(self) -> tuple[Box, ...]:
+        """Boxes around the suspected points, metres."""
+        return tuple(region.box for region in self.regions)
+
+    @property
+    def could_object(self) -> bool:
+        """Whether the detector finds half of the edits of some class at least, as measured."""
+        return any(power.share >= 0.5 for power in self.power.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,16 +122,24 @@ class Inspection(Showable):
 
     Attributes
     ----------
-    verdict : 'authentic', 'tampered' or 'undecidable'
+    verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
         The verdict of all detectors together, see `combined_verdict`.
+    reason : str
+        The verdict's reason in words.
     num_points : int
         Points of the scan.
+    sensor : Sensor or None
+        Which scanner made it; None: its position is not known.
+    processing : tuple of Processing
+        What was done to the scan as a whole.
     origin : (float, float, float) or None
         Position of the scanner, metres; None: it is not known, and nothing can be judged.
     origin_from : str
         ``argument``, ``file``, the words of `estimate_origin`, or why the position is not known.
     detectors : tuple of DetectorReport
         One report each of detectors I, II and III.
+    blind : tuple of str
+        Classes of edits that no detector finds in scans of this scanner.
     density, occlusion, generic
         The detectors' own results with their maps; None where a detector did not run.
     scan : LidarFrame or None
@@ -108,20 +147,77 @@ class Inspection(Showable):
     """
 
     verdict: Verdict
+    reason: str
     num_points: int
+    sensor: Sensor | None
+    processing: tuple[Processing, ...]
     origin: Place | None
     origin_from: str
     detectors: tuple[DetectorReport, ...]
+    blind: tuple[str, ...] = BLIND
     density: DensityResult | None = field(default=None, repr=False)
     occlusion: OcclusionResult | None = field(default=None, repr=False)
     generic: GenericResult | None = field(default=None, repr=False)
     scan: LidarFrame | None = field(default=None, repr=False)
 
+    @property
+    def accusing(self) -> DetectorReport | None:
+        """The detector that says ``tampered``; None: no detector does."""
+        return next((r for r in reversed(self.detectors) if r.verdict == "tampered"), None)
+
+    @property
+    def score(self) -> float | None:
+        """The largest score that a detector with the common verdict gives."""
+        return max((r.score for r in self._deciding() if r.score is not None), default=None)
+
+    @property
+    def p_value(self) -> float | None:
+        """The smallest p-value that a detector with the common verdict states."""
+        return min((r.p_value for r in self._deciding() if r.p_value is not None), default=None)
+
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        """Places with evidence, of all detectors that accuse."""
+        return tuple(region for report in self._deciding() for region in report.regions)
+
+    @property
+    def suspected(self) -> NDArray[np.int64]:
+        """Rows of the points that an accusing detector suspects, ascending."""
+        rows = [report.suspected for report in self._deciding()]
+        return np.unique(np.concatenate(rows)) if rows else np.empty(0, np.int64)
+
+    @property
+    def power(self) -> Mapping[str, Power]:
+        """By class of edit: of the detector that finds most of them."""
+        best: dict[str, Power] = {}
+        for report in self.detectors:
+            for name, power in report.power.items():
+                if name not in best or power.share > best[name].share:
+                    best[name] = power
+        return MappingProxyType(best)
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """Of the accusing detector, or of the first that could have objected."""
+        return next((r.calibration for r in self._deciding() if r.calibration is not None), None)
+
+    def _deciding(self) -> tuple[DetectorReport, ...]:
+        return tuple(report for report in self.detectors if report.verdict == self.verdict)
+
     def record(self) -> dict[str, Any]:
         """Return the result as JSON values, without the maps."""
         return {
             "verdict": self.verdict,
+            "reason": self.reason,
+            "score": self.score,
+            "p_value": self.p_value,
             "points": self.num_points,
+            "sensor": None if self.sensor is None else self.sensor.name,
+            "sensor_reason": None if self.sensor is None else self.sensor.reason,
+            "processing": [vars(step) for step in self.processing],
+            "regions": [region.record() for region in self.regions],
+            "power": {name: _power_record(power) for name, power in self.power.items()},
+            "blind": list(self.blind),
             "origin": None if self.origin is None else list(self.origin),
             "origin_from": self.origin_from,
             "detectors": {report.name: self._detector(report) for report in self.detectors},
@@ -138,6 +234,7 @@ class Inspection(Showable):
                 {"center": list(box.center), "size": list(box.size), "yaw": box.yaw}
                 for box in report.boxes
             ],
+            "power": {name: _power_record(power) for name, power in report.power.items()},
             "calibration": None if report.calibration is None else vars(report.calibration),
         }
         if report.name == "density" and self.density is not None:
@@ -150,26 +247,46 @@ class Inspection(Showable):
         return values
 
 
+def _power_record(power: Power) -> dict[str, Any]:
+    return {**vars(power), "share": power.share}
+
+
 @checked
 def inspect(
-    scan: ScanLike,
+    frame: ScanLike,
     *,
+    previous: ScanLike | None = None,
+    following: ScanLike | None = None,
+    lattice: SensorLattice | None = None,
+    sensor: str = "auto",
     origin: ArrayLike | None = None,
+    power: bool = True,
     printed: bool = False,
     threads: int = 0,
     progress: Progress = None,
 ) -> Inspection:
-    """Judge whether a LiDAR scan was edited, by all detectors that can judge it.
+    """Judge whether a LiDAR scan was edited, by the detectors that can judge its scanner.
 
     Parameters
     ----------
-    scan : LidarFrame, (N, 3) or (N, 4) float32
+    frame : LidarFrame, (N, 3) or (N, 4) float32
         One scan of one scanner, metres.
+    previous, following : the same, optional
+        The frames a turn earlier and later: what was answered then is missed now.
+    lattice : SensorLattice, optional
+        Of the scanner, from `estimate_lattice` on clean scans; else that of KITTI's scanner is
+        tried, and one is estimated from the frame.
+    sensor : 'auto', 'lattice', 'terrestrial' or 'other'
+        The scanner: told from the scan; one on a lattice (HDL-64E); a terrestrial one; another,
+        which no detector is calibrated for.
     origin : (3,), optional
         Position of the scanner, metres; by default that of the frame, else what
         `estimate_origin` finds.
+    power : bool
+        State the share of edits of each class that are found in scans of this scanner.
     printed : bool
-        Use the thresholds printed in the dissertation instead of the calibrated ones.
+        Ask detectors I and II with the thresholds printed in the dissertation, whatever the
+        scanner is.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
     progress : None, True or callable(fraction, message)
@@ -181,12 +298,14 @@ def inspect(
     Raises
     ------
     InputError
-        A shape is wrong, or a coordinate is not finite.
+        A shape is wrong, a coordinate is not finite, an unknown word for ``sensor``.
 
     Notes
     -----
-    Detector III runs where the scan has no regular elevation grid: only spinning scanners have the
-    lattice that it tests.
+    Detector III judges scanners whose lattice is known, detectors I and II the terrestrial scanners
+    that they are calibrated for; scans of other scanners are ``undecidable``. No verdict says that
+    a scan is authentic: an attacker who rewrites ranges of existing firings leaves no trace in it.
+    Only a keyed watermark proves that nothing was changed.
 
     Examples
     --------
@@ -195,63 +314,179 @@ def inspect(
     >>> manip3d.authenticate.inspect(np.zeros((0, 3), np.float32)).verdict
     'undecidable'
     """
-    frame = _as_frame(scan)
+    if sensor not in SENSORS:
+        raise InputError(f"sensor: expected one of {', '.join(SENSORS)}, got {sensor!r}")
+    scan = _as_frame(frame)
     with reporting(progress, "inspect") as report:
         told = report or (lambda _: None)
-        place, source = _scanner(frame, origin, threads)
+        place, source = _scanner(scan, origin, threads)
         told(0.1)
         if place is None:
-            return _without_place(frame, source)
-        return _judged(frame, place, source, printed, threads, told)
-
-
-def _judged(
-    frame: LidarFrame,
-    place: Place,
-    source: str,
-    printed: bool,
-    threads: int,
-    told: Callable[[float], object],
-) -> Inspection:
-    density = density_consistency(
-        frame, parameters=PAPER_DENSITY if printed else None, origin=place, threads=threads
-    )
-    told(0.5)
-    occlusion = occlusion_consistency(
-        frame, parameters=PAPER_OCCLUSION if printed else None, origin=place, threads=threads
-    )
-    told(0.7)
-    generic = None
-    if occlusion.grid.elevation_strength == 0.0:
-        generic = generic_consistency(_at_origin(frame, place), threads=threads)
-    told(1.0)
-    reports = (_of_density(density), _of_occlusion(occlusion), _of_generic(generic, place))
-    return Inspection(
-        combined_verdict(reports), frame.num_points, place, source, reports, density, occlusion,
-        generic, frame.replace(origin=place),
-    )  # fmt: skip
+            return _without_place(scan, source)
+        found = _identified(_at_origin(scan, place), sensor, lattice, threads)
+        told(0.3)
+        if found.kind == "lattice" and not printed:
+            before, after = (_neighbour(other, place) for other in (previous, following))
+            result = _by_lattice(scan, place, source, found, (before, after), threads)
+        elif found.kind == "terrestrial" or printed:
+            result = _by_angles(scan, place, source, found, printed, threads, told)
+        else:
+            result = _not_judged(scan, place, source, found)
+        told(1.0)
+        if power:
+            return result
+        bare = tuple(replace(report, power=_no_power()) for report in result.detectors)
+        return replace(result, detectors=bare)
 
 
 @checked
-def combined_verdict(reports: Sequence[DetectorReport]) -> Verdict:
+def combined_verdict(
+    reports: Sequence[DetectorReport], processing: Sequence[Processing] = ()
+) -> Verdict:
     """Combine the verdicts of detectors I, II and III.
 
     Parameters
     ----------
     reports : sequence of DetectorReport
+    processing : sequence of Processing
+        What was done to the scan as a whole.
 
     Returns
     -------
-    'authentic', 'tampered' or 'undecidable'
-        ``tampered`` if a detector says so. ``undecidable`` where detector II cannot judge, because
-        no single position explains the scan; then only detector III can say ``tampered``.
+    'no_trace', 'tampered', 'processed' or 'undecidable'
+        ``tampered`` if a detector has localised evidence. Else ``processed`` if something was done
+        to the whole scan, which can hide an edit. Else ``no_trace`` if a detector that finds edits
+        of some class, as measured on clean scans of this scanner, looked and found none. Else
+        ``undecidable``.
     """
-    verdicts = {report.name: report.verdict for report in reports}
-    if "occlusion" not in verdicts:
-        raise InputError(f"reports: expected that of occlusion among them, got {list(verdicts)}")
-    if verdicts["occlusion"] == "undecidable":
-        return "tampered" if verdicts["generic"] == "tampered" else "undecidable"
-    return "tampered" if "tampered" in verdicts.values() else "authentic"
+    verdicts = {report.verdict for report in reports}
+    if "tampered" in verdicts:
+        return "tampered"
+    if processing or "processed" in verdicts:
+        return "processed"
+    if any(report.verdict == "no_trace" and report.could_object for report in reports):
+        return "no_trace"
+    return "undecidable"
+
+
+def _identified(
+    scan: LidarFrame, sensor: str, lattice: SensorLattice | None, threads: int
+) -> Sensor:
+    if sensor == "auto":
+        return identify_sensor(scan, lattice=lattice, threads=threads)
+    if sensor == "terrestrial":
+        return Sensor("terrestrial scanner", "terrestrial", "stated by the caller")
+    if sensor == "other":
+        return Sensor("another scanner", "unknown", "stated by the caller")
+    found = identify_sensor(scan, lattice=lattice, threads=threads)
+    if found.kind == "lattice":
+        return found
+    return Sensor("unknown", "unknown", "the scan does not stand on the lattice that was stated")
+
+
+def _neighbour(scan: ScanLike | None, place: Place) -> LidarFrame | None:
+    return None if scan is None else _at_origin(_as_frame(scan), place)
+
+
+def _by_lattice(
+    scan: LidarFrame,
+    place: Place,
+    source: str,
+    sensor: Sensor,
+    beside: tuple[LidarFrame | None, LidarFrame | None],
+    threads: int,
+) -> Inspection:
+    """Judge by detector III."""
+    centred = _at_origin(scan, place)
+    before, after = beside
+    generic = None
+    if sensor.off_lattice == 0.0:
+        generic = generic_consistency(
+            centred,
+            calibration=sensor.lattice,
+            previous=before,
+            following=after,
+            false_alarm_rate=FALSE_ALARM_RATE,
+            threads=threads,
+        )
+    processing = find_processing(centred.points, sensor, generic)
+    if generic is not None and processing:
+        generic = generic.without(EVIDENCE if generic.values_changed else MISSING)
+    why = f"detector III judges the {sensor.name}"
+    reports = (
+        DetectorReport("density", "undecidable", why),
+        DetectorReport("occlusion", "undecidable", why),
+        _of_generic(generic, place, sensor),
+    )
+    return _combined(scan, place, source, sensor, reports, processing, generic=generic)
+
+
+def _by_angles(
+    scan: LidarFrame,
+    place: Place,
+    source: str,
+    sensor: Sensor,
+    printed: bool,
+    threads: int,
+    told: Callable[[float], object],
+) -> Inspection:
+    """Judge by detectors I and II."""
+    if source in ("argument", "file") and _fused(scan, place, threads):
+        return _without_place(scan, "several positions fused, or the scanner stood elsewhere")
+    density = density_consistency(
+        scan, parameters=PAPER_DENSITY if printed else None, origin=place, threads=threads
+    )
+    told(0.6)
+    occlusion = occlusion_consistency(
+        scan, parameters=PAPER_OCCLUSION if printed else None, origin=place, threads=threads
+    )
+    told(0.9)
+    reports = (
+        _of_angles("density", density, sensor),
+        _of_angles("occlusion", occlusion, sensor),
+        DetectorReport("generic", "undecidable", "no scan of a spinning scanner"),
+    )
+    processing = find_processing(_at_origin(scan, place).points, sensor, None)
+    return _combined(
+        scan, place, source, sensor, reports, processing, density=density, occlusion=occlusion
+    )
+
+
+def _not_judged(scan: LidarFrame, place: Place, source: str, sensor: Sensor) -> Inspection:
+    why = f"{sensor.name} ({sensor.reason}): no detector is calibrated for it"
+    reports = tuple(DetectorReport(name, "undecidable", why) for name in TITLES)
+    points = _at_origin(scan, place).points
+    processing = () if scan.num_points < 1000 else find_processing(points, sensor, None)
+    if sensor.kind == "unknown":
+        processing = ()
+    return _combined(scan, place, source, sensor, reports, processing)
+
+
+def _combined(
+    scan: LidarFrame,
+    place: Place,
+    source: str,
+    sensor: Sensor,
+    reports: tuple[DetectorReport, ...],
+    processing: tuple[Processing, ...],
+    **results: Any,
+) -> Inspection:
+    verdict = combined_verdict(reports, processing)
+    return Inspection(
+        verdict, _reason(verdict, reports, processing), scan.num_points, sensor, processing, place,
+        source, reports, scan=scan.replace(origin=place), **results,
+    )  # fmt: skip
+
+
+def _reason(
+    verdict: Verdict, reports: Sequence[DetectorReport], processing: Sequence[Processing]
+) -> str:
+    if verdict == "processed" and processing:
+        return "; ".join(f"{step.kind}: {step.detail}" for step in processing)
+    if verdict == "undecidable":
+        return reports[-1].reason if reports[-1].score is not None else reports[0].reason
+    told = next(r for r in reports if r.verdict == verdict)
+    return f"detector {told.title.split(':')[0]}: {told.reason}"
 
 
 def _as_frame(scan: ScanLike) -> LidarFrame:
@@ -265,54 +500,62 @@ def _scanner(frame: LidarFrame, origin: ArrayLike | None, threads: int) -> tuple
     """The scanner's position and who states it; or None and why the scan cannot be judged."""
     stated = origin if origin is not None else frame.origin
     if stated is None:
+        if frame.num_points and identify_sensor(frame, threads=threads).kind == "lattice":
+            return (0.0, 0.0, 0.0), "the lattice of a spinning scanner"
         found = estimate_origin(frame, threads=threads)
         return found.position, found.reason
-    grid = estimate_grid(frame, origin=stated, threads=threads)
-    if grid.elevation_strength > 0.0:  # there is a grid: does it hold for the whole scan?
-        known = estimate_origin(frame, known=stated, threads=threads)
-        if known.position is None:
-            return None, "several positions fused, or the scanner stood elsewhere"
     x, y, z = (float(value) for value in place_of(stated, "origin"))
     return (x, y, z), "argument" if origin is not None else "file"
 
 
+def _fused(scan: LidarFrame, place: Place, threads: int) -> bool:
+    """Whether a scan with a grid has one that does not hold around the stated position."""
+    grid = estimate_grid(scan, origin=place, threads=threads)
+    return (
+        grid.elevation_strength > 0.0
+        and estimate_origin(scan, known=place, threads=threads).position is None
+    )
+
+
 def _without_place(frame: LidarFrame, why: str) -> Inspection:
     reports = tuple(DetectorReport(name, "undecidable", why) for name in TITLES)
-    return Inspection("undecidable", frame.num_points, None, why, reports, scan=frame)
+    return Inspection(
+        "undecidable", why, frame.num_points, None, (), None, why, reports, scan=frame
+    )
 
 
 def _at_origin(frame: LidarFrame, place: Place) -> LidarFrame:
     """The frame with the scanner in (0, 0, 0), as detector III takes it."""
     if not any(place):
         return frame
-    return LidarFrame((frame.points - np.asarray(place)).astype(np.float32), frame.intensity)
+    moved = (frame.points - np.asarray(place)).astype(np.float32)
+    return frame.replace(points=moved, exact=None, format=None, origin=(0.0, 0.0, 0.0))
 
 
-def _of_density(found: DensityResult) -> DetectorReport:
+def _of_angles(name: str, found: DensityResult | OcclusionResult, sensor: Sensor) -> DetectorReport:
+    regions = tuple(Region(box, found.suspected.astype(np.int64)) for box in found.boxes)
     return DetectorReport(
-        "density", found.verdict, found.reason, found.score, None,
-        found.suspected.astype(np.int64), found.boxes, found.calibration,
+        name, found.verdict, found.reason, found.score, None, regions,
+        found.suspected.astype(np.int64), known_power(name, sensor), found.calibration,
     )  # fmt: skip
 
 
-def _of_occlusion(found: OcclusionResult) -> DetectorReport:
-    return DetectorReport(
-        "occlusion", found.verdict, found.reason, found.score, None,
-        found.suspected.astype(np.int64), found.boxes, found.calibration,
-    )  # fmt: skip
-
-
-def _of_generic(found: GenericResult | None, place: Place) -> DetectorReport:
+def _of_generic(found: GenericResult | None, place: Place, sensor: Sensor) -> DetectorReport:
     if found is None:
-        return DetectorReport("generic", "undecidable", "no scan of a spinning scanner")
+        return DetectorReport(
+            "generic", "processed", "the points were moved off the lattice of the scanner"
+        )
+    regions = tuple(
+        Region(_moved(region.box, place), region.rows, region.p_value, region.strength)
+        for region in found.regions
+    )
     return DetectorReport(
         "generic", found.verdict, _GENERIC_REASONS[found.verdict], found.score, found.p_value,
-        found.suspected, tuple(_box(region.lower, region.upper, place) for region in found.regions),
+        regions, found.suspected, known_power("generic", sensor),
     )  # fmt: skip
 
 
-def _box(lower: Sequence[float], upper: Sequence[float], place: Place) -> Box:
-    """The box between two corners, which are seen from the scanner, in the scan's own frame."""
-    (a, b, c), (d, e, f) = lower, upper
-    x, y, z = place
-    return Box((x + (a + d) / 2, y + (b + e) / 2, z + (c + f) / 2), (d - a, e - b, f - c))
+def _moved(box: Box, place: Place) -> Box:
+    """The box in the scan's own frame, which is seen from the scanner."""
+    x, y, z = box.center
+    return replace(box, center=(x + place[0], y + place[1], z + place[2]))

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 FEWEST_POINTS = 1000
 """Below, a scan covers too little of the sphere."""
 
+FEWEST_CELLS = 500
+"""Cells with points, of a scan that can be judged: copies of a few points hide nothing."""
+
 
 @dataclass(frozen=True)
 class AngularGrid:
@@ -92,9 +95,10 @@ PAPER_OCCLUSION = OcclusionParameters(accumulate=True, min_cells=200, min_area=0
 CALIBRATED_OCCLUSION = OcclusionParameters()
 """For scanners whose points stand on a grid of azimuth and elevation."""
 
-RINGS_OCCLUSION = OcclusionParameters(min_gap=1.0, min_cells=60, min_area=0.5, max_range=25.0)
+RINGS_OCCLUSION = OcclusionParameters(min_gap=1.0, min_cells=60, min_area=2.0, max_range=25.0)
 """For scanners whose rows are no lines of equal elevation (HDL-64E): neighbouring rows share
-cells, so only larger gaps and objects count."""
+cells, so only larger gaps and objects count. With an area of 0.5 m2 three of 332 clean frames of
+KITTI that chose nothing were accused, by areas of 0.54 to 0.97 m2; 2 m2 is twice the largest."""
 
 RING_ROW = 0.6
 """Height of a cell over the mean spacing of rings. KITTI's HDL-64E has rings as close as 0.59 of
@@ -149,7 +153,7 @@ class OcclusionResult(Showable):
 
     Attributes
     ----------
-    verdict : 'authentic', 'tampered' or 'undecidable'
+    verdict : 'no_trace', 'tampered' or 'undecidable'
     reason : str
         In words.
     mask : (H, W) uint8
@@ -308,9 +312,12 @@ def occlusion_consistency(
     if first_echoes is not None:
         suspected = first_echoes[suspected].astype(np.int32)
     share = multiple / max(occupied, 1)
-    verdict: Verdict = "tampered" if regions else "authentic"
+    verdict: Verdict = "tampered" if regions else "no_trace"
     reason = "nothing is seen behind anything"
-    if share > parameters.fused:
+    if occupied < FEWEST_CELLS:
+        verdict = "undecidable"
+        reason = f"all points lie in {occupied} directions"
+    elif share > parameters.fused:
         verdict = "undecidable"
         reason = f"{share:.0%} of the directions hold several ranges: no single position"
     elif regions:

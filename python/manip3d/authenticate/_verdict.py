@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-Verdict: TypeAlias = Literal["authentic", "tampered", "undecidable"]
-"""``undecidable``: the scan gives the detector nothing to judge by (several positions fused, too
-few points); never a guess."""
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d.lidar import Box
+
+Verdict: TypeAlias = Literal["no_trace", "tampered", "processed", "undecidable"]
+"""``no_trace``: no evidence was found by a detector that could have objected; it is not a proof of
+authenticity, which only a keyed watermark gives. ``tampered``: localised evidence of an edit at a
+stated false-alarm rate. ``processed``: the whole scan was changed (shuffled, rounded, cropped,
+deskewed ...). ``undecidable``: the scan gives the detector nothing to judge by; never a guess."""
 
 
 @dataclass(frozen=True)
@@ -29,3 +40,78 @@ class Calibration:
     num_scans: int
     false_alarms: int
     note: str = ""
+
+
+@dataclass(frozen=True)
+class Power:
+    """How many edits of one class a detector finds.
+
+    Attributes
+    ----------
+    found, planted : int
+        Edits found, of so many planted in clean frames of this scanner.
+    here_found, here_planted : int
+        The same in copies of the inspected scan itself; 0 of 0: not tried.
+    source : str
+        The clean frames of the first numbers.
+    """
+
+    found: int
+    planted: int
+    here_found: int = 0
+    here_planted: int = 0
+    source: str = ""
+
+    @property
+    def share(self) -> float:
+        """Share found in clean frames of the scanner."""
+        return self.found / self.planted if self.planted else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """A place with evidence of an edit.
+
+    Attributes
+    ----------
+    box : Box
+        The smallest box, turned about the vertical, around its suspected points, metres.
+    rows : (K,) int64
+        Rows of its suspected points; none where points were removed.
+    p_value : float or None
+        Probability, at most, that a clean scan has a region with as much; None: not stated.
+    evidence : mapping of str to float
+        Strength by kind of evidence.
+    """
+
+    box: Box
+    rows: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64), repr=False)
+    p_value: float | None = None
+    evidence: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}), repr=False)
+
+    def record(self) -> dict[str, Any]:
+        """Return the region as JSON values."""
+        return {
+            "center": list(self.box.center),
+            "size": list(self.box.size),
+            "yaw": self.box.yaw,
+            "points": len(self.rows),
+            "p_value": self.p_value,
+            "evidence": dict(self.evidence),
+        }
+
+
+@dataclass(frozen=True)
+class Processing:
+    """Something that was done to a scan as a whole.
+
+    Attributes
+    ----------
+    kind : str
+        ``shuffled``, ``rounded``, ``float16``, ``cropped``, ``thinned``, ``turned`` or ``moved``.
+    detail : str
+        In words, with numbers.
+    """
+
+    kind: str
+    detail: str

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
     from manip3d.authenticate import Inspection
 
-EXIT_CODES = {"authentic": 0, "tampered": 3, "undecidable": MISSED}
+EXIT_CODES = {"no_trace": 0, "tampered": 3, "processed": MISSED, "undecidable": MISSED}
 """Exit code of each verdict."""
 
 
@@ -25,6 +26,19 @@ EXIT_CODES = {"authentic": 0, "tampered": 3, "undecidable": MISSED}
 def inspect(
     source: Scan,
     output: OptionalOutput = None,
+    previous: Annotated[
+        Path | None, typer.Option(help="Scan of the same scanner a turn earlier.")
+    ] = None,
+    following: Annotated[
+        Path | None, typer.Option(help="Scan of the same scanner a turn later.")
+    ] = None,
+    lattice: Annotated[
+        Path | None,
+        typer.Option(help="Lattice of the scanner, as SensorLattice.save writes it (.json)."),
+    ] = None,
+    sensor: Annotated[
+        str, typer.Option(help="Scanner: auto, lattice (HDL-64E), terrestrial or other.")
+    ] = "auto",
     origin: Annotated[
         tuple[float, float, float] | None,
         typer.Option(
@@ -39,48 +53,112 @@ def inspect(
             "--printed", help="Use the thresholds printed in the dissertation, not calibrated ones."
         ),
     ] = False,
+    power: Annotated[
+        bool,
+        typer.Option(
+            "--power/--no-power",
+            help="State the share of edits of each class that are found on this scanner.",
+        ),
+    ] = True,
+    policy: Annotated[
+        str,
+        typer.Option(metavar="VERDICT=CODE,...", help="Other exit codes, for example processed=0."),
+    ] = "",
+    rows: Annotated[
+        Path | None, typer.Option(help="Write the rows of the suspected points to this .csv file.")
+    ] = None,
+    log: Annotated[
+        Path | None,
+        typer.Option(help="Append the result to this .jsonl file, whose lines are hash-chained."),
+    ] = None,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
     jobs: Jobs = 0,
 ) -> None:
-    """Judge whether a LiDAR scan was edited.
+    """Look for edits of a LiDAR scan.
 
-    The exit code is 0 for authentic, 3 for tampered and 4 for undecidable. With -o the evidence is
-    written: a page with pictures and boxes (.html), or the numbers (.json).
+    The exit code is 0 for no_trace, 3 for tampered, 4 for processed and undecidable. No verdict
+    says that a scan is authentic: only a keyed watermark does. With -o the evidence is written: a
+    page with pictures and boxes (.html), or the numbers (.json).
 
     Example: manip3d inspect scan.bin -o evidence.html
     """
-    from manip3d import authenticate, read_scan, report
+    from manip3d import authenticate, datasets, read_scan, report
 
+    codes = _exit_codes(policy)
     expect_kind(source, "scan", verb="inspect")
     check_output(output, report.EVIDENCE_KINDS, force=force)
+    check_output(rows, (".csv",), force=force)
     shell = Terminal(as_json=as_json, quiet=quiet)
     frame = read_scan(source)
     shell.say(f"read {source}: {counted(frame.num_points, 'point')}")
     with shell.progress("inspect") as progress:
         found = authenticate.inspect(
-            frame, origin=origin, printed=printed, threads=jobs, progress=progress
+            frame,
+            previous=None if previous is None else read_scan(previous),
+            following=None if following is None else read_scan(following),
+            lattice=None if lattice is None else authenticate.SensorLattice.load(lattice),
+            sensor=sensor,
+            origin=origin,
+            power=power,
+            printed=printed,
+            threads=jobs,
+            progress=progress,
         )
     if output is not None:
         report.write_evidence(found, output, source=source)
         shell.say(f"wrote {output}")
+    if rows is not None:
+        report.write_suspected_rows(found, rows)
+        shell.say(f"wrote {rows}")
+    if log is not None:
+        digest = report.append_log(
+            log, found, source=source, source_sha256=datasets.file_sha256(Path(source))
+        )
+        shell.say(f"appended to {log}: {digest}")
     shell.result({"source": source} | found.record(), lambda console: show(console, found))
-    raise typer.Exit(EXIT_CODES[found.verdict])
+    raise typer.Exit(codes[found.verdict])
+
+
+def _exit_codes(policy: str) -> dict[str, int]:
+    """The exit codes, with those of a policy such as ``processed=0,undecidable=0``."""
+    codes = dict(EXIT_CODES)
+    for part in filter(None, policy.split(",")):
+        verdict, _, code = part.partition("=")
+        if verdict not in codes or not code.isdecimal() or int(code) > 255:
+            raise typer.BadParameter(
+                f"expected VERDICT=CODE with one of {', '.join(codes)} and 0 to 255, got {part!r}",
+                param_hint="--policy",
+            )
+        codes[verdict] = int(code)
+    return codes
 
 
 def show(console: Console, found: Inspection) -> None:
-    """Print the verdicts with their reasons, and the boxes."""
+    """Print the verdicts with their reasons, the power, and the boxes."""
     from manip3d.report import place_sentence
 
-    console.print(found.verdict)
+    console.print(f"{found.verdict}: {found.reason}", soft_wrap=True)
     console.print(place_sentence(found))
+    if found.sensor is not None:
+        console.print(f"scanner: {found.sensor.name}; {found.sensor.reason}", soft_wrap=True)
     console.print()
     table(console, [(r.title, r.verdict, r.reason) for r in found.detectors])
+    if found.power:
+        console.print()
+        cells = [
+            (name, f"{power.share:.0%}", f"{power.found} of {power.planted}")
+            for name, power in found.power.items()
+        ]
+        cells += [(name, "0%", "not looked for") for name in found.blind]
+        table(console, cells, ("edits of this class", "found", "planted in clean scans"))
     boxes = [(report.name, box) for report in found.detectors for box in report.boxes]
     if boxes:
         console.print()
-        cells = [
-            (name, *(f"{value:.2f}" for value in (*box.center, *box.size))) for name, box in boxes
+        rows = [
+            (name, *(f"{value:.2f}" for value in (*box.center, *box.size, box.yaw)))
+            for name, box in boxes
         ]
-        table(console, cells, ("box, metres", "x", "y", "z", "length", "width", "height"))
+        heads = ("box, metres", "x", "y", "z", "length", "width", "height", "yaw, rad")
+        table(console, rows, heads)

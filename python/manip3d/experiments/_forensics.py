@@ -279,7 +279,7 @@ def entries(
 
 def is_right(entry: dict[str, Any], detector: str) -> bool:
     """Whether a verdict is the truth; undecidable never is."""
-    return bool(entry[detector] == ("authentic" if entry["attack"] == "original" else "tampered"))
+    return bool(entry[detector] == ("no_trace" if entry["attack"] == "original" else "tampered"))
 
 
 def accuracy(found: Sequence[dict[str, Any]], detector: str) -> float:

@@ -63,7 +63,7 @@ EXPERIMENT = Experiment(
     notes=(
         _forensics.resolution_note,
         _forensics.NOTE,
-        'A cell says how many verdicts are right: "authentic" on originals, "tampered" on '
+        'A cell says how many verdicts are right: "no_trace" on originals, "tampered" on '
         "forgeries. Hoaxes are whole, as published; those of which only the front was pasted stand "
         "in the results file and in table 6.2.",
     ),

@@ -12,9 +12,23 @@ from manip3d._util.paths import path_of
 from manip3d.errors import Error, FormatError, InputError
 from manip3d.experiments import RESULTS_FORMAT
 from manip3d.io._files import atomic_write
-from manip3d.report._evidence import EVIDENCE_KINDS, place_sentence, write_evidence
+from manip3d.report._case_log import append_log, read_log
+from manip3d.report._evidence import (
+    EVIDENCE_KINDS,
+    place_sentence,
+    write_evidence,
+    write_suspected_rows,
+)
 
-__all__ = ["EVIDENCE_KINDS", "place_sentence", "write_evidence", "write_report"]
+__all__ = [
+    "EVIDENCE_KINDS",
+    "append_log",
+    "place_sentence",
+    "read_log",
+    "write_evidence",
+    "write_report",
+    "write_suspected_rows",
+]
 
 _KINDS = (".html", ".md", ".csv")
 

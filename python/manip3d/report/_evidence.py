@@ -6,19 +6,23 @@ import base64
 import html
 import io
 import json
+import math
 import os
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from manip3d import viewer
+from manip3d import __version__, viewer
 from manip3d._util.checked import checked
 from manip3d._util.json import finite
 from manip3d._util.paths import path_of
+from manip3d.datasets import file_sha256
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
@@ -28,6 +32,7 @@ EVIDENCE_KINDS = (".html", ".json")
 """Suffixes that `write_evidence` knows."""
 
 _MOST_ROWS, _MOST_COLUMNS = 600, 1600
+_MOST_REGIONS = 6
 
 
 @checked
@@ -64,6 +69,40 @@ def write_evidence(
     atomic_write(path, text.encode())
 
 
+@checked
+def write_suspected_rows(inspection: Inspection, output: str | os.PathLike[str]) -> None:
+    """Write the rows of the suspected points of a scan as a table.
+
+    Parameters
+    ----------
+    inspection : Inspection
+        The result of `manip3d.authenticate.inspect`.
+    output : path
+        ``.csv``: row (from 0), x, y, z in metres, detector, region (from 1), p-value. An existing
+        file is replaced.
+
+    Raises
+    ------
+    InputError
+        The suffix is another, or the inspection is without its scan.
+    """
+    path = path_of(output, "output")
+    if path.suffix.lower() != ".csv":
+        raise InputError(f"output: expected a name that ends in .csv, got {path.name}")
+    if inspection.scan is None:
+        raise InputError("inspection: expected one with its scan")
+    lines = ["row,x,y,z,detector,region,p_value"]
+    for report in inspection.detectors:
+        for number, region in enumerate(report.regions, 1):
+            p_value = "" if region.p_value is None else f"{region.p_value:.3e}"
+            points = inspection.scan.points[region.rows].tolist()
+            lines += [
+                f"{row},{x:.4f},{y:.4f},{z:.4f},{report.name},{number},{p_value}"
+                for row, (x, y, z) in zip(region.rows.tolist(), points, strict=True)
+            ]
+    atomic_write(path, "\n".join(lines) + "\n")
+
+
 # --- pictures -------------------------------------------------------------------------------------
 
 
@@ -77,9 +116,12 @@ def _pictures(inspection: Inspection) -> dict[str, str]:
     if inspection.density is not None and len(inspection.density.ranges):
         caption = "Spacing of points over range; ranges that are off are marked"
         pictures[caption] = _png(_density_figure(Figure, inspection.density))
-    if inspection.occlusion is not None and inspection.occlusion.mask.size:
+    if inspection.occlusion is not None and inspection.occlusion.mask.any():
         caption = "Directions in which something is seen behind something else"
         pictures[caption] = _png(_occlusion_figure(Figure, inspection.occlusion))
+    regions = _region_figure(Figure, inspection)
+    if regions is not None:
+        pictures["Regions of the accusing detector: suspected points in orange"] = _png(regions)
     return pictures
 
 
@@ -130,6 +172,54 @@ def _shrunk(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(blocks.max(axis=(1, 3)))
 
 
+def _region_figure(figure_type: type[Figure], inspection: Inspection) -> Figure | None:
+    """Crops of the range image around the first regions of the accusing detector."""
+    report, scan = inspection.accusing, inspection.scan
+    if report is None or scan is None:
+        return None
+    shown = [region for region in report.regions if len(region.rows)][:_MOST_REGIONS]
+    if not shown:
+        return None
+    figure = figure_type(figsize=(8, 2.6 * len(shown)), layout="constrained")
+    seen = scan.points.astype(np.float64) - np.asarray(inspection.origin or (0.0, 0.0, 0.0))
+    rho = np.hypot(seen[:, 0], seen[:, 1])
+    azimuth, height = np.arctan2(seen[:, 1], seen[:, 0]), np.arctan2(seen[:, 2], rho)
+    pairs = figure.subplots(len(shown), 2, squeeze=False)
+    for number, (region, (across, along)) in enumerate(zip(shown, pairs, strict=True)):
+        middle = float(np.angle(np.exp(1j * azimuth[region.rows]).mean()))
+        turned = np.angle(np.exp(1j * (azimuth - middle)))
+        half = 1.5 * float(np.abs(turned[region.rows]).max()) + np.radians(1.0)
+        low, high = height[region.rows].min() - 0.02, height[region.rows].max() + 0.02
+        near = (np.abs(turned) < half) & (height > low) & (height < high)
+        suspected = np.zeros(len(rho), np.bool_)
+        suspected[region.rows] = True
+        for rows, color, size in ((near & ~suspected, "#999999", 2), (suspected, "#D55E00", 5)):
+            degrees = np.degrees(middle + turned[rows])
+            across.scatter(degrees, np.degrees(height[rows]), s=size, color=color, linewidths=0)
+            along.scatter(rho[rows], seen[rows, 2], s=size, color=color, linewidths=0)
+        _draw_lattice(along, inspection, rho[region.rows], seen[region.rows, 2])
+        said = "" if region.p_value is None else f", p <= {region.p_value:.1e}"
+        across.set(
+            title=f"region {number + 1}{said}", xlabel="azimuth, deg", ylabel="elevation, deg"
+        )
+        along.set(title="points against the lattice", xlabel="distance, m", ylabel="height, m")
+    return figure
+
+
+def _draw_lattice(
+    axes: Axes, inspection: Inspection, rho: NDArray[np.float64], z: NDArray[np.float64]
+) -> None:
+    """The lines on which points of this scanner can lie, around those of a region."""
+    low, high = float(rho.min()) - 0.5, float(rho.max()) + 0.5
+    bottom, top = float(z.min()) - 0.2, float(z.max()) + 0.2
+    axes.set(xlim=(low, high), ylim=(bottom, top))
+    lattice = None if inspection.generic is None else inspection.generic.lattice
+    if lattice is None:
+        return
+    for slope, offset in zip(lattice.slope, lattice.offset, strict=True):
+        axes.plot([low, high], [slope * low + offset, slope * high + offset], "b-", lw=0.4)
+
+
 def _png(figure: Figure) -> str:
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=110)
@@ -143,7 +233,7 @@ _STYLE = (
     ".wide{overflow-x:auto}table{border-collapse:collapse}td,th{padding:.2rem .8rem;"
     "text-align:left;border-bottom:1px solid #ccc}img{max-width:100%}"
     "@media(max-width:40rem){body{margin:1rem auto}td,th{padding:.2rem .4rem}}"
-    ".tampered{color:#b00020}.authentic{color:#1b5e20}.undecidable{color:#7a5c00}"
+    ".tampered{color:#b00020}.no_trace{color:#1b5e20}.undecidable,.processed{color:#7a5c00}"
 )
 
 
@@ -156,10 +246,13 @@ def _page(inspection: Inspection, source: str) -> str:
         '<meta name=viewport content="width=device-width">'
         f"<title>{html.escape(source)}: {verdict}</title><style>{_STYLE}</style>"
         f"<h1 class={verdict}>{verdict}</h1>"
+        f"<p>{html.escape(inspection.reason)}</p>"
         f"<p>{html.escape(source)}, {points} points; {html.escape(place_sentence(inspection))}</p>"
+        + _facts(inspection, source)
         + _verdicts(inspection)
+        + _regions(inspection)
+        + _power(inspection)
         + _scene(inspection)
-        + _boxes(inspection)
         + "".join(
             f'<h2>{html.escape(caption)}</h2><img alt="{html.escape(caption)}" '
             f'src="data:image/png;base64,{data}">'
@@ -203,18 +296,64 @@ def _scene(inspection: Inspection) -> str:
     return viewer.figure(inspection, "The scan, with suspected points and boxes by detector")
 
 
-def _boxes(inspection: Inspection) -> str:
+def _facts(inspection: Inspection, source: str) -> str:
+    """What was judged, by what, and by which limits."""
+    facts = [f"manip3d {__version__}"]
+    if Path(source).is_file():
+        facts.append(f"SHA-256 of the file: {file_sha256(Path(source))}")
+    if inspection.sensor is not None:
+        facts.append(f"scanner: {inspection.sensor.name}; {inspection.sensor.reason}")
+    facts += [f"{step.kind}: {step.detail}" for step in inspection.processing]
+    generic = inspection.generic
+    if generic is not None:
+        facts.append(
+            f"detector III: p-values up to {generic.false_alarm_rate:g} alarm; smallest of this "
+            f"scan {generic.p_value:.2g}"
+        )
+        used = [kind for kind, said in generic.evidence.items() if said.used]
+        facts.append(f"kinds of evidence that were used: {', '.join(used) or 'none'}")
+    return "<ul>" + "".join(f"<li>{html.escape(fact)}</li>" for fact in facts) + "</ul>"
+
+
+def _regions(inspection: Inspection) -> str:
     rows = "".join(
         f"<tr><td>{html.escape(report.title)}</td>"
-        + "".join(f"<td>{value:.2f}</td>" for value in (*box.center, *box.size))
+        + "".join(f"<td>{v:.2f}</td>" for v in (*region.box.center, *region.box.size))
+        + f"<td>{math.degrees(region.box.yaw):.0f}</td><td>{len(region.rows)}</td>"
+        + f"<td>{'' if region.p_value is None else f'{region.p_value:.1e}'}</td>"
+        + f"<td>{html.escape(', '.join(f'{k} {v:.0f}' for k, v in region.evidence.items()))}</td>"
         + "</tr>"
         for report in inspection.detectors
-        for box in report.boxes
+        for region in report.regions
     )
     if not rows:
         return ""
-    header = "<tr><th>detector<th>x<th>y<th>z<th>length<th>width<th>height</tr>"
-    return f"<h2>Boxes, metres</h2><div class=wide><table>{header}{rows}</table></div>"
+    header = (
+        "<tr><th>detector<th>x<th>y<th>z<th>length<th>width<th>height<th>yaw, deg<th>points"
+        "<th>p at most<th>evidence</tr>"
+    )
+    return f"<h2>Regions, metres</h2><div class=wide><table>{header}{rows}</table></div>"
+
+
+def _power(inspection: Inspection) -> str:
+    if not inspection.power:
+        return ""
+    rows = "".join(
+        f"<tr><td>{html.escape(name)}</td><td>{power.share:.0%}</td>"
+        f"<td>{power.found} of {power.planted}</td></tr>"
+        for name, power in inspection.power.items()
+    )
+    rows += "".join(
+        f"<tr><td>{html.escape(name)}</td><td>0%</td><td>cannot be seen in a scan alone; only a "
+        "watermark tells</td></tr>"
+        for name in inspection.blind
+    )
+    sources = {power.source for power in inspection.power.values() if power.source}
+    return (
+        "<h2>What would have been found</h2><div class=wide><table><tr><th>edits of this class"
+        f"<th>found<th>planted in clean scans</tr>{rows}</table></div>"
+        f"<p>{html.escape('; '.join(sorted(sources)))}</p>"
+    )
 
 
 def _calibrations(inspection: Inspection) -> str:

@@ -32,7 +32,7 @@ _SUSPECTED: tuple[Rgb, ...] = (ALARM, (232, 120, 20), (170, 40, 160), (120, 60, 
 _SEVERAL: Rgb = (110, 0, 10)
 _MOVED: Rgb = (232, 120, 20)
 _REMOVED: Rgb = (60, 110, 220)
-_VERDICTS: dict[str, Rgb] = {"tampered": QUIET, "undecidable": DOUBT}
+_VERDICTS: dict[str, Rgb] = {"tampered": QUIET, "undecidable": DOUBT, "processed": DOUBT}
 """Colours of points that nobody suspects; every verdict but these is a good one."""
 
 
@@ -51,7 +51,7 @@ def evidence(
     scan : LidarFrame
     verdict : str
         About the whole scan: points that nobody suspects are grey in a ``tampered`` scan, amber in
-        an ``undecidable`` one, else green.
+        an ``undecidable`` or ``processed`` one, else green.
     suspected : mapping of str to (K,) integers
         Rows of the points that each detector suspects, by the detector's name.
     boxes : mapping of str to sequence of Box, optional
@@ -82,14 +82,6 @@ def evidence(
     classes = _used(Classes("verdict", values, labels, palette, range(1, len(labels))))
     cloud = scan_points(scan, classes=classes)
     return replace(cloud, lines=box_lines(boxes or {}, colors))
-
-
-def box_between(lower: Sequence[float], upper: Sequence[float]) -> Box:
-    """The upright box between two corners."""
-    low, high = np.asarray(lower, np.float64), np.asarray(upper, np.float64)
-    x, y, z = (0.5 * (low + high)).tolist()
-    length, width, height = (high - low).tolist()
-    return Box((x, y, z), (length, width, height))
 
 
 @checked

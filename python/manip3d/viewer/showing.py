@@ -13,7 +13,7 @@ from manip3d.lidar import Box, LidarFrame
 from manip3d.mesh import Mesh
 from manip3d.rgbd import RgbdFrame
 from manip3d.simplify import CleanResult, DepthMesh, JointSimplification, SimplifyResult
-from manip3d.viewer.evidence import box_between, evidence, forgery_points
+from manip3d.viewer.evidence import evidence, forgery_points
 from manip3d.viewer.points import DepthImage, DrawnPoints, rgbd_points, scan_points
 
 Shown = Mesh | DrawnPoints
@@ -95,7 +95,7 @@ def _(thing: DensityResult | OcclusionResult | GenericResult) -> Shown:
         raise InputError(f"thing: {type(thing).__name__} without its scan cannot be shown")
     boxes: tuple[Box, ...]
     if isinstance(thing, GenericResult):
-        boxes = tuple(box_between(region.lower, region.upper) for region in thing.regions)
+        boxes = tuple(region.box for region in thing.regions)
     else:
         boxes = thing.boxes
     name = DETECTORS[type(thing)]

@@ -22,7 +22,7 @@ enum class Evidence : std::uint8_t {
   kOrder,      ///< Points at the wrong place in the file.
   kRange,      ///< Windows whose ranges are not whole numbers of the range step.
   kVoid,       ///< Firings that got no return although they went to the ground.
-  kTime,       ///< Firings into the ground that were answered in the turn before.
+  kTime,       ///< Firings that got no return and were answered in the turns beside this one.
 };
 inline constexpr int kNumEvidence = 9;
 
@@ -44,7 +44,7 @@ enum class Dropped : std::uint8_t {
   kContradicted,  ///< Too large a share of the whole frame contradicts it: it was processed.
   kDepends,       ///< It stands on evidence that was dropped.
   kNoGround,      ///< No ground plane was found.
-  kNoPrevious,    ///< No earlier frame on the same lattice was given.
+  kNoPrevious,    ///< No earlier or later frame on the same lattice was given.
 };
 
 struct EvidenceReport {
@@ -70,6 +70,9 @@ struct GenericResult {
   std::vector<std::uint16_t> cells;           ///< (rows x kCellColumns): items of evidence.
   std::vector<std::int32_t> region_of_point;  ///< (N,): of a point with flags; else -1.
   std::vector<SuspectRegion> regions;         ///< In the order of their first cells.
+  int num_turns = 0;  ///< Before and behind this one, that kTime was judged by.
+  std::int64_t num_directions =
+      0;  ///< Lasers and steps (without an encoder: points) that answered.
   [[nodiscard]] int num_cell_rows() const { return static_cast<int>(cells.size()) / kCellColumns; }
 };
 
@@ -78,10 +81,11 @@ struct GenericResult {
 /// A kind of evidence that a large share of the whole frame contradicts is no evidence of an edit:
 /// somebody processed the frame as a whole (motion compensation, another unit), or it is of another
 /// scanner. It is dropped, with all that stands on it.
-/// @param previous  the frame a turn earlier, or no points.
+/// @param previous, following  the frames a turn earlier and later, or no points.
 /// @throws InputError  what check_points and check_lattice refuse; an option out of range.
 GenericResult generic_consistency(const PointsView& points, const ScanLattice& lattice,
                                   const GenericOptions& options = {},
-                                  const PointsView& previous = {});
+                                  const PointsView& previous = {},
+                                  const PointsView& following = {});
 
 }  // namespace manip3d

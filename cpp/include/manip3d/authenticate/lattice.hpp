@@ -12,7 +12,7 @@ namespace manip3d {
 struct LatticeReading {
   Indices ring;                 ///< The nearest line; -1: on the scanner's axis or at its centre.
   Indices count;                ///< The encoder's, in [0, steps); -1: no ring or no steps.
-  Eigen::VectorXf azimuth;      ///< atan2(y, x) in [0, 2 pi): what files are ordered by.
+  Eigen::VectorXf azimuth;      ///< atan2(y, x) in [0, 2 pi]; 2 pi where y is -0.
   Eigen::VectorXf line_error;   ///< Metres from the line, upwards.
   Eigen::VectorXf step_error;   ///< Metres from the middle of the step, along the arc.
   Eigen::VectorXf range_error;  ///< Metres from the nearest range that the scanner can print.

@@ -1,0 +1,155 @@
+"""What was done to a scan as a whole: shuffled, rounded, cropped, turned, deskewed?"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d.authenticate._verdict import Processing
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d.authenticate._generic import GenericResult
+    from manip3d.authenticate._sensors import Sensor
+
+ROUNDINGS = (0.1, 0.05, 0.02, 0.01, 0.005)
+"""Metres that files are rounded to, the coarsest first; scanners write 2 mm and less."""
+
+WIDEST_GAP = 10.0
+"""Degrees of azimuth without any point. Whole frames of an HDL-64E have 0.2 at most: its lower
+lasers always meet the road, or its own car."""
+
+LEAST_RANGE, NEAREST_RANGE = 75.0, 2.5
+"""Metres: whole frames of KITTI (15 of six drives were looked at) reach from 1.5 m, the scanner's
+own car, to 79.9 m."""
+
+FACE, MOST_ON_FACE = 0.05, 200
+"""Metres, points: where a frame was cut at a height, many points lie next to the cut; the lowest
+and highest 5 cm of KITTI's whole frames hold 42 at most. A flat street has many, too, but not at a
+round height."""
+
+ROUND_HEIGHT, OFF_ROUND = 0.1, 0.002
+"""Metres: heights that people cut at, and how near to the cut the next point lies."""
+
+FIRST_AZIMUTH = 1.0
+"""Degrees from straight ahead at which rings of whole frames begin at most."""
+
+LEAST_FILL = 0.6
+"""Share of the firings of the lower half of the lasers that return. Whole frames of KITTI have 0.77
+to 0.95, every second point of one 0.48."""
+
+
+def find_processing(
+    points: NDArray[np.float32], sensor: Sensor, generic: GenericResult | None
+) -> tuple[Processing, ...]:
+    """Say what was done to the scan as a whole; nothing where nothing can be told.
+
+    Parameters
+    ----------
+    points : (N, 3) float32
+    sensor : Sensor
+    generic : GenericResult or None
+        What detector III says by the sensor's lattice.
+    """
+    found = list(_of_coordinates(points))
+    if sensor.off_lattice > 0.0:
+        found.append(
+            Processing(
+                "moved",
+                f"points lie {1000 * sensor.off_lattice:.1f} mm beside the lines of the scanner in "
+                "the median: deskewed, averaged, rounded, or noise was added",
+            )
+        )
+    elif generic is not None and generic.lattice is not None:
+        found += _of_lattice(points, sensor, generic)
+    return tuple(found)
+
+
+def _of_coordinates(points: NDArray[np.float32]) -> list[Processing]:
+    if len(points) == 0:
+        return []
+    with np.errstate(over="ignore"):
+        half = points.astype(np.float16).astype(np.float32)
+    if np.array_equal(half, points):
+        return [Processing("float16", "all coordinates are numbers of 16 bits")]
+    wide = points.astype(np.float64)
+    for step in ROUNDINGS:
+        off = np.abs(wide / step - np.round(wide / step)) * step
+        if np.mean(off < 1e-5 + 1e-6 * np.abs(wide)) > 0.999:
+            return [Processing("rounded", f"coordinates are whole numbers of {1000 * step:g} mm")]
+    return []
+
+
+def _of_lattice(
+    points: NDArray[np.float32], sensor: Sensor, generic: GenericResult
+) -> list[Processing]:
+    found = []
+    contradicted = generic.contradicted
+    if "line" in contradicted:
+        return [Processing("moved", "points lie beside the lines of the scanner everywhere")]
+    if "order" in contradicted:
+        found.append(Processing("shuffled", "the points are not in the order of the scanner"))
+    if contradicted & {"grid", "step", "range"}:
+        names = ", ".join(sorted(contradicted & {"grid", "step", "range"}))
+        found.append(
+            Processing("turned", f"coordinates were changed everywhere (contradicted: {names})")
+        )
+    if "duplicate" in contradicted:
+        found.append(Processing("fused", "most directions hold several returns"))
+    return found + _of_extent(points, sensor, generic)
+
+
+def _of_extent(
+    points: NDArray[np.float32], sensor: Sensor, generic: GenericResult
+) -> list[Processing]:
+    if sensor.lattice is None or len(points) == 0:
+        return []
+    found = []
+    reading = sensor.lattice.read(points)
+    azimuth = np.sort(reading.azimuth[reading.ring >= 0])
+    gap = math.degrees(float(np.diff(np.r_[azimuth, azimuth[:1] + 2.0 * math.pi]).max(initial=0.0)))
+    if gap > WIDEST_GAP:
+        found.append(Processing("cropped", f"no points in {gap:.0f} degrees of azimuth"))
+    wide = points.astype(np.float64)
+    distance = np.sqrt((wide * wide).sum(axis=1))
+    if distance.max() < LEAST_RANGE:
+        found.append(Processing("cropped", f"no points beyond {distance.max():.1f} m"))
+    if distance.min() > NEAREST_RANGE:
+        found.append(Processing("cropped", f"no points nearer than {distance.min():.1f} m"))
+    for name, height in (("above", wide[:, 2]), ("below", -wide[:, 2])):
+        top = float(height.max())
+        off = abs(top - ROUND_HEIGHT * round(top / ROUND_HEIGHT))
+        if off < OFF_ROUND and np.count_nonzero(height > top - FACE) > MOST_ON_FACE:
+            cut = top if name == "above" else -top
+            found.append(Processing("cropped", f"no points {name} a height of {cut:.2f} m"))
+    if gap <= WIDEST_GAP and _is_thin(reading.ring, reading.count, len(sensor.lattice.slope)):
+        found.append(Processing("thinned", "fewer returns from the ground than a whole frame has"))
+    first = _first_azimuth(reading.ring, reading.azimuth)
+    if gap <= WIDEST_GAP and abs(first) > FIRST_AZIMUTH and "order" not in generic.contradicted:
+        found.append(Processing("turned", f"the rings begin at {first:.0f} degrees of azimuth"))
+    return found
+
+
+def _first_azimuth(ring: NDArray[np.int32], azimuth: NDArray[np.float32]) -> float:
+    """Degrees in (-180, 180] at which the rings of the file begin, in the median."""
+    starts = np.flatnonzero((ring[1:] == ring[:-1] + 1) & (ring[:-1] >= 0)) + 1
+    if len(starts) < 8:
+        return 0.0
+    return float(np.median(180.0 - np.mod(180.0 - np.degrees(azimuth[starts]), 360.0)))
+
+
+def _is_thin(ring: NDArray[np.int32], count: NDArray[np.int32], rings: int) -> bool:
+    """Whether the firings of the lower half of the lasers have too few returns."""
+    known = (ring >= 0) & (count >= 0)
+    if not known.any():
+        return False
+    votes = np.bincount(count[known])
+    around = np.max([np.roll(votes, k) for k in range(-2, 3)], axis=0)
+    fired = np.count_nonzero((votes > 0) & (votes >= 0.6 * around))
+    low, high = (3 * rings) // 8, (7 * rings) // 8
+    below = known & (ring >= low) & (ring < high)
+    cells = np.unique(ring[below].astype(np.int64) * (len(votes) + 1) + count[below]).size
+    return bool(cells < LEAST_FILL * fired * (high - low))

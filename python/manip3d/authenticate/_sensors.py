@@ -1,0 +1,257 @@
+"""Which scanner made this scan? Told from the angles of its points."""
+
+from __future__ import annotations
+
+import functools
+import importlib.resources
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import numpy as np
+
+from manip3d._util.checked import checked
+from manip3d.authenticate._lattice import LINE_TOLERANCE, SensorLattice, estimate_lattice
+from manip3d.authenticate._occlusion import estimate_grid
+from manip3d.errors import InputError
+from manip3d.lidar import LidarFrame, ScanLike, to_scan
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats: TypeAlias = NDArray[np.float64]
+
+SensorKind: TypeAlias = Literal["lattice", "spinning", "terrestrial", "non-repetitive", "unknown"]
+
+HDL64E = "HDL-64E"
+
+_VLP_32C = (
+    *(-25.0, -15.639, -11.31, -8.843, -7.254, -6.148, -5.333, -4.667, -4.0),
+    *(k / 3.0 for k in range(-11, 6)),
+    *(7.0 / 3.0, 10.0 / 3.0, 14.0 / 3.0, 7.0, 10.333, 15.0),
+)
+_PANDAR_40P = (
+    *(-25.0, -19.0, *range(-14, -6), *(k / 3.0 for k in range(-18, 7)), 3.0, 5.0, 8.0, 11.0, 15.0),
+)
+BEAMS: Mapping[str, Floats] = MappingProxyType(
+    {
+        "VLP-16": np.arange(-15.0, 15.1, 2.0),
+        "HDL-32E": -30.667 + 4.0 / 3.0 * np.arange(32.0),
+        "VLP-32C": np.array(_VLP_32C),
+        "Hesai Pandar40P": np.array(_PANDAR_40P),
+        "Hesai PandarXT-32": np.arange(-16.0, 15.1, 1.0),
+    }
+)
+"""Elevations of the lasers in degrees, as the makers' manuals print them."""
+
+BEAM_WIDTH = 0.12
+"""Degrees around a nominal elevation: calibrations of single units differ by less."""
+
+FEWEST_POINTS, FEWEST_RINGS = 1000, 16
+"""Of a scan on a lattice."""
+
+NEAR_LINES = 0.02
+"""Metres: a cloud of the scanner that was moved, rounded or deskewed stays as near to the lines."""
+
+TERRESTRIAL_ROWS = 160
+"""A spinning scanner has 128 lasers at most; a terrestrial one looks along more elevations."""
+
+TERRESTRIAL_STEP = 0.35
+"""Degrees between rows; detectors I and II are calibrated for finer grids."""
+
+MOST_LASERS = 128
+
+LARGEST_SLOPE_ERROR = 2e-4
+"""Standard error of a line's slope, of a lattice that is estimated from one scan and accuses it.
+Whole frames of KITTI reach 9e-5; camera crops, whose lattices accuse clean points, 2e-4 to 1e-3."""
+
+FEWEST_LINES = 60
+"""Of the 64 lasers of the only scanner whose encoder's steps its clouds keep."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """What `identify_sensor` found.
+
+    Attributes
+    ----------
+    name : str
+        ``HDL-64E``, another model, ``terrestrial scanner``, or ``unknown``.
+    kind : str
+        ``lattice``: a spinning scanner whose lattice is known, which detector III judges;
+        ``spinning``: another one; ``terrestrial``: a grid of azimuth and elevation, which detectors
+        I and II are calibrated for; ``non-repetitive``; ``unknown``.
+    reason : str
+        What tells it.
+    lattice : SensorLattice or None
+        Of the scanner, where it is known.
+    off_lattice : float
+        Metres: median distance of the points from the lines of the lattice, where they were moved
+        off them; 0: they lie on it.
+    """
+
+    name: str
+    kind: SensorKind
+    reason: str
+    lattice: SensorLattice | None = field(default=None, repr=False)
+    off_lattice: float = 0.0
+
+
+UNKNOWN = Sensor("unknown", "unknown", "the angles are those of no scanner that is known here")
+
+
+@functools.cache
+def kitti_lattice() -> SensorLattice:
+    """Return the lattice of KITTI's HDL-64E, estimated from ten frames of drive 2011_09_26_0002."""
+    with importlib.resources.as_file(
+        importlib.resources.files("manip3d.authenticate") / "kitti_hdl64e.json"
+    ) as path:
+        return SensorLattice.load(Path(path))
+
+
+@checked
+def identify_sensor(
+    scan: ScanLike, *, lattice: SensorLattice | None = None, threads: int = 0
+) -> Sensor:
+    """Tell which scanner made a scan.
+
+    Parameters
+    ----------
+    scan : LidarFrame, (N, 3) or (N, 4) float32
+        Metres, the scanner at the origin, in any order.
+    lattice : SensorLattice, optional
+        The scanner's, if it is known: is the scan on it? Else that of KITTI's HDL-64E is tried, and
+        one is estimated.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+
+    Returns
+    -------
+    Sensor
+
+    Raises
+    ------
+    InputError
+        A shape is wrong, a coordinate is not finite.
+    """
+    scene = to_scan(scan)
+    frame = scene.frame if scene.frame is not None else LidarFrame(scene.points)
+    if frame.num_points < FEWEST_POINTS:
+        return Sensor("unknown", "unknown", f"fewer than {FEWEST_POINTS} points")
+    if len(np.unique(frame.points[:: max(1, frame.num_points // 20_000)], axis=0)) < 500:
+        return Sensor("unknown", "unknown", "nearly all points are copies of a few")
+    given = [] if lattice is None else [lattice]
+    for known in (*given, kitti_lattice()):
+        found = _on_lattice(frame.points, known, threads)
+        if found is not None:
+            return found
+    return _by_own_lattice(frame, threads) or _by_grid(frame, threads) or _by_beams(frame.points)
+
+
+def _on_lattice(points: NDArray[np.float32], lattice: SensorLattice, threads: int) -> Sensor | None:
+    """The scanner of the lattice, if most points lie on its lines or were moved off them a bit."""
+    reading = lattice.read(points, threads=threads)
+    error = np.abs(reading.line_error)
+    on = (reading.ring >= 0) & (error < LINE_TOLERANCE)
+    crowded = np.bincount(reading.ring[on], minlength=1) >= 20
+    name = HDL64E if len(lattice.slope) == 64 else f"scanner of {len(lattice.slope)} lasers"
+    if 2 * np.count_nonzero(on) > len(points) and np.count_nonzero(crowded) >= FEWEST_RINGS:
+        return Sensor(name, "lattice", "its points lie on the lines of the lattice", lattice)
+    rho = np.hypot(points[:, 0], points[:, 1])
+    middle = (rho > 8.0) & (rho < 25.0)  # where lines are apart by more than they are blurred
+    if np.count_nonzero(middle) < FEWEST_POINTS:
+        return None
+    if np.mean(error[middle] < NEAR_LINES) < 0.7 or np.unique(reading.ring[middle]).size < 32:
+        return None
+    off = float(np.median(error[middle]))
+    return Sensor(
+        name, "lattice", "its points lie near the lines of the lattice", lattice, max(off, 1e-4)
+    )
+
+
+def _by_own_lattice(frame: LidarFrame, threads: int) -> Sensor | None:
+    """An HDL-64E whose lattice the scan itself tells, well enough to judge the scan by it."""
+    try:
+        lattice = estimate_lattice(frame)
+    except InputError:
+        return None
+    if len(lattice.slope) < FEWEST_LINES or not lattice.steps or not lattice.range_step:
+        return None
+    if lattice.slope_error.max() > LARGEST_SLOPE_ERROR:
+        return None
+    return Sensor(HDL64E, "lattice", "its points tell the lattice themselves", lattice)
+
+
+def _by_grid(frame: LidarFrame, threads: int) -> Sensor | None:
+    """A terrestrial scanner: a regular grid of more rows than a spinning one has lasers."""
+    grid = estimate_grid(frame, origin=(0.0, 0.0, 0.0), threads=threads)
+    if grid.elevation_strength < 0.5 or grid.elevation_deg > TERRESTRIAL_STEP:
+        return None
+    elevation = _elevations(frame.points)
+    rows = np.unique(np.round((elevation - grid.elevation_phase_deg) / grid.elevation_deg)).size
+    if rows < TERRESTRIAL_ROWS:
+        return None
+    return Sensor(
+        "terrestrial scanner",
+        "terrestrial",
+        f"{rows} rows of elevation, {grid.elevation_deg:.3f} degrees apart",
+    )
+
+
+def _by_beams(points: NDArray[np.float32]) -> Sensor:
+    """A spinning scanner by the elevations of its lasers, one without rings by their absence."""
+    elevation = _elevations(points)
+    if elevation.size < FEWEST_POINTS:
+        return UNKNOWN
+    best, share = max(
+        ((name, _share_on(elevation, beams)) for name, beams in BEAMS.items()),
+        key=lambda found: found[1],
+    )
+    if share > 0.9:
+        return Sensor(best, "spinning", f"{share:.0%} of the points at its lasers' elevations")
+    peaks = _peaks(elevation)
+    if len(peaks) and len(peaks) <= MOST_LASERS:
+        return Sensor(
+            "spinning scanner", "spinning", f"the points stand on {len(peaks)} elevations"
+        )
+    azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
+    if np.ptp(azimuth) < 150.0:
+        return Sensor(
+            "non-repetitive scanner", "non-repetitive", "a part of the turn, no rows of elevation"
+        )
+    return UNKNOWN
+
+
+def _elevations(points: NDArray[np.float32]) -> Floats:
+    """Degrees, of the points 2 m away and farther: nearer, offsets of the lasers blur them."""
+    xyz = points.astype(np.float64)
+    distance = np.sqrt((xyz * xyz).sum(axis=1))
+    far = distance > 2.0
+    elevation: Floats = np.degrees(np.arcsin(xyz[far, 2] / distance[far]))
+    return elevation
+
+
+def _share_on(elevation: Floats, beams: Floats) -> float:
+    """Share of points at the elevations of beams, beyond what chance puts there; 0 where fewer than
+    half of the beams within the field of view have any."""
+    order = np.sort(np.asarray(beams, np.float64))
+    nearest = np.searchsorted((order[1:] + order[:-1]) / 2.0, elevation)
+    on = np.abs(elevation - order[nearest]) < BEAM_WIDTH
+    used = np.unique(nearest[on]).size
+    if 2 * used < order.size or used < 8:
+        return 0.0
+    width = float(np.mean(np.minimum(np.diff(order), 4.0)))
+    chance = min(0.9, 2.0 * BEAM_WIDTH / width)
+    return float((np.mean(on) - chance) / (1.0 - chance))
+
+
+def _peaks(elevation: Floats) -> Floats:
+    """Elevations, in degrees, on which nine tenths of the points stand; none where they do not."""
+    count, edges = np.histogram(elevation, np.arange(-90.0, 90.01, 0.05))
+    high = np.flatnonzero(count > 0.002 * elevation.size)
+    if count[high].sum() < 0.9 * elevation.size:
+        return np.empty(0)
+    starts = high[np.r_[True, np.diff(high) > 1]]
+    return edges[starts]
