@@ -59,6 +59,8 @@ inspected = authenticate.inspect(cloud, origin=(0, 0, 0), threads=1)
 
 KERNELS: dict[str, Kernel] = {
     "simplify.clean": lambda _: simplify.clean(pipe),
+    "simplify.quality": lambda _: simplify.quality(hill, ratio=0.3),
+    "simplify.simplify": lambda _: simplify.simplify(pipe, ratio=0.3),
     "simplify.qem4vr": lambda _: simplify.qem4vr(hill, ratio=0.3),
     "simplify.qem_orig": lambda _: simplify.qem_orig(hill, ratio=0.3),
     "simplify.qem_bp": lambda _: simplify.qem_bp(hill, ratio=0.3),

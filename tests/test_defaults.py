@@ -76,6 +76,7 @@ FACADES: dict[str, list[Callable[..., Any]]] = {
     "PhantomOptions": [modify.PhantomPipeline],
     "PlacementOptions": [modify.PlacementEstimator],
     "QemOptions": [simplify.qem4vr],
+    "QualityOptions": [simplify.quality],
     "ReadOptions": [manip3d.read_mesh],
     "ReadPointsOptions": [],  # max_bytes=None there, 0 here
     "RecorderOptions": [capture.record],

@@ -5,6 +5,7 @@
 #include "manip3d/simplify/clean.hpp"
 #include "manip3d/simplify/collapse_record.hpp"
 #include "manip3d/simplify/qem.hpp"
+#include "manip3d/simplify/quality.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
 
@@ -92,18 +93,39 @@ CollapseArrays to_arrays(const std::vector<Collapse>& collapses) {
   return arrays;
 }
 
+using Counts = py::typing::Dict<py::str, std::int64_t>;
+
+Counts rejections(const std::array<std::int64_t, kNumRejections>& counts) {
+  Counts rejected;
+  for (std::size_t i = 0; i < counts.size(); ++i) {
+    if (counts[i] > 0) rejected[kRejectionNames[i]] = counts[i];
+  }
+  return rejected;
+}
+
 Fields to_fields(QemResult&& r, const py::object& source) {
   CollapseArrays collapses = to_arrays(r.collapses);
-  py::typing::Dict<py::str, std::int64_t> rejected;
-  for (std::size_t i = 0; i < r.rejected.size(); ++i) {
-    if (r.rejected[i] > 0) rejected[kRejectionNames[i]] = r.rejected[i];
-  }
+  Counts rejected = rejections(r.rejected);
   py::object mesh = to_python(std::move(r.mesh), source);
   Fields result = to_fields(std::move(r), kQemFields);
   result["mesh"] = std::move(mesh);
   result["collapses"] = to_numpy(std::move(collapses.vertices));
   result["collapse_errors"] = to_numpy(std::move(collapses.errors));
-  result["rejected"] = rejected;
+  result["rejected"] = std::move(rejected);
+  return result;
+}
+
+Fields to_fields(QualityResult&& r, const py::object& source) {
+  Fields result;
+  result["mesh"] = to_python(std::move(r.mesh), source);
+  result["vertex_map"] = to_numpy(std::move(r.vertex_map));
+  result["face_map"] = to_numpy(std::move(r.face_map));
+  result["max_error"] = r.max_error;
+  result["stop"] = r.stop;
+  result["rejected"] = rejections(r.rejected);
+  result["removed_pieces"] = r.removed_pieces;
+  result["relaxed_collapses"] = r.relaxed_collapses;
+  result["dropped_faces"] = r.dropped_faces;
   return result;
 }
 
@@ -198,11 +220,35 @@ void bind_qem(py::module_& m) {
       py::arg("collapse_errors").noconvert(), py::arg("target_faces"));
 }
 
+void bind_quality(py::module_& m) {
+  py::class_<QualityOptions>(m, "QualityOptions")
+      .def(py::init<>())
+      .def_readwrite("target_faces", &QualityOptions::target_faces)
+      .def_readwrite("max_error", &QualityOptions::max_error)
+      .def_readwrite("boundary_weight", &QualityOptions::boundary_weight)
+      .def_readwrite("seam_weight", &QualityOptions::seam_weight)
+      .def_readwrite("texture_weight", &QualityOptions::texture_weight);
+  m.def(
+      "simplify_quality",
+      [](const py::object& mesh, const QualityOptions& options, const py::object& progress) {
+        const BorrowedMesh borrowed(mesh);
+        QualityResult result;
+        const Progress report = interruptible(progress);
+        {
+          const py::gil_scoped_release nogil;
+          result = simplify_quality(borrowed.view(), options, report);
+        }
+        return to_fields(std::move(result), mesh);
+      },
+      py::arg("mesh"), py::arg("options"), py::arg("progress") = py::none());
+}
+
 }  // namespace
 
 void bind_simplify(py::module_& m) {
   bind_clean(m);
   bind_qem(m);
+  bind_quality(m);
 }
 
 }  // namespace manip3d::bindings

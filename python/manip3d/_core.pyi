@@ -46,6 +46,7 @@ __all__: list[str] = [
     "PlacementEstimator",
     "PlaneRule",
     "QemOptions",
+    "QualityOptions",
     "ReliefEffort",
     "ReliefOptions",
     "ReliefSolver",
@@ -121,6 +122,7 @@ __all__: list[str] = [
     "segment_person",
     "shading_normals",
     "simplify_qem",
+    "simplify_quality",
     "snap_to_lattice",
     "subtract",
     "summarize",
@@ -831,6 +833,29 @@ class QemOptions:
     def target_faces(self) -> int: ...
     @target_faces.setter
     def target_faces(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+
+class QualityOptions:
+    def __init__(self) -> None: ...
+    @property
+    def boundary_weight(self) -> float: ...
+    @boundary_weight.setter
+    def boundary_weight(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def max_error(self) -> float: ...
+    @max_error.setter
+    def max_error(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def seam_weight(self) -> float: ...
+    @seam_weight.setter
+    def seam_weight(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def target_faces(self) -> int: ...
+    @target_faces.setter
+    def target_faces(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    @property
+    def texture_weight(self) -> float: ...
+    @texture_weight.setter
+    def texture_weight(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
 
 class ColliderTracker:
     def __init__(
@@ -1749,6 +1774,9 @@ def shading_normals(
 ) -> tuple[numpy.ndarray, numpy.ndarray]: ...
 def simplify_qem(
     mesh: typing.Any, options: QemOptions, progress: typing.Any = None
+) -> dict[str, typing.Any]: ...
+def simplify_quality(
+    mesh: typing.Any, options: QualityOptions, progress: typing.Any = None
 ) -> dict[str, typing.Any]: ...
 def snap_to_lattice(
     points: numpy.typing.NDArray[numpy.float32],

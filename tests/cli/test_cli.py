@@ -191,6 +191,16 @@ def test_every_method_has_a_name(torus: Path, tmp_path: Path, method: str) -> No
         assert record["target_missed"] is False
 
 
+def test_quality_is_the_mode_of_users(torus: Path, tmp_path: Path) -> None:
+    output = tmp_path / "light.ply"
+    base = ("simplify", torus, "-o", output, "--ratio", "0.5", "--json", "--force")
+    assert json.loads(manip3d(*base).stdout)["method"] == "quality"
+    assert json.loads(manip3d(*base, "--mode", "quality").stdout)["method"] == "quality"
+    assert json.loads(manip3d(*base, "--mode", "published").stdout)["method"] == "qem4vr"
+    clash = manip3d(*base, "--mode", "quality", "--method", "qem-bp")
+    assert "--mode published" in error_line(clash)
+
+
 def test_targets_refer_to_the_faces_as_read(torus: Path, tmp_path: Path) -> None:
     mesh = read_mesh(torus)
     doubled = tmp_path / "doubled.ply"

@@ -382,6 +382,18 @@ SurfacePoint TriangleBvh::closest_point(const Vector3d& query, std::int32_t near
   return to_surface_point(best, query);
 }
 
+SurfacePoint TriangleBvh::closest_point_where(
+    const Vector3d& query, const std::function<bool(std::int32_t face)>& accept) const {
+  Candidate best{std::numeric_limits<double>::infinity(), 0.0, 0.0, -1, -1};
+  traverse(make_query(query), best.squared_distance, [&](const Candidate& candidate) {
+    if (!candidate.before(best) || !accept(candidate.face)) return false;
+    best = candidate;
+    return true;
+  });
+  if (best.face < 0) return {-1, std::numeric_limits<double>::infinity(), {}, {}};
+  return to_surface_point(best, query);
+}
+
 void TriangleBvh::faces_within(const Vector3d& query, double distance,
                                std::vector<SurfacePoint>& found) const {
   found.clear();

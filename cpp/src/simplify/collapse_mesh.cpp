@@ -15,14 +15,15 @@ bool has_repeated_vertex(const std::array<std::int32_t, 3>& f) {
 
 CollapseMesh::CollapseMesh(const MeshView& mesh)
     : positions_(mesh.num_vertices()),
+      moved_(mesh.num_vertices(), false),
       faces_(mesh.num_faces()),
       first_corner_(mesh.num_vertices(), -1),
       next_corner_(3 * mesh.num_faces(), -1) {
   const BoundingBox box = bounding_box(mesh);
   if (box.diagonal() > 0.0) scale_ = box.diagonal();
-  const Eigen::Vector3d center = box.center();
+  center_ = box.center();
   for (std::int32_t v = 0; v < num_vertices(); ++v) {
-    positions_[v] = (mesh.vertices.row(v).transpose() - center) / scale_;
+    positions_[v] = (mesh.vertices.row(v).transpose() - center_) / scale_;
   }
   // From the last corner to the first, so that the lists start in order of the faces.
   for (auto f = static_cast<std::int32_t>(faces_.size()) - 1; f >= 0; --f) {
@@ -167,6 +168,13 @@ void CollapseMesh::unlink(std::int32_t vertex, std::int32_t corner) {
   *link = next_corner_[corner];
 }
 
+void CollapseMesh::remove_face(std::int32_t f) {
+  Triple& face = faces_[f];
+  for (std::int32_t c = 0; c < 3; ++c) unlink(face[c], 3 * f + c);
+  face[0] = -1;
+  --num_faces_;
+}
+
 void CollapseMesh::collapse(std::int32_t v, std::int32_t t, const WedgeMap& map) {
   if (!normal_indices_.empty()) {  // while t still has all its faces
     for_each_face(v, [&](std::int32_t f, std::int32_t c) {
@@ -268,9 +276,37 @@ TriangleMesh CollapseMesh::extract(const MeshView& input, std::vector<std::int32
   if (out.texcoords.rows() == 0) out.face_texcoords.resize(0, 3);
   kept.clear();
   for (std::int32_t v = 0; v < num_vertices(); ++v) {
-    if (output_vertex[v] >= 0) kept.push_back(v);
+    if (output_vertex[v] < 0) continue;
+    kept.push_back(v);
+    if (moved_[v])
+      out.vertices.row(output_vertex[v]) = (center_ + scale_ * positions_[v]).transpose();
   }
+  if (any_moved_ && out.face_texcoords.rows() > 0) extract_texcoords(out);
   return out;
+}
+
+/// One row for each wedge that is in use, in the order of the faces.
+void CollapseMesh::extract_texcoords(TriangleMesh& out) const {
+  std::vector<std::int32_t> row_of(num_wedges(), -1);
+  std::vector<std::int32_t> used;
+  std::int32_t row = 0;
+  for (std::int32_t f = 0; f < static_cast<std::int32_t>(faces_.size()); ++f) {
+    if (!is_alive(f)) continue;
+    for (int c = 0; c < 3; ++c) {
+      const std::int32_t wedge = wedges_[f][c];
+      if (!has_texture(wedge)) continue;
+      if (row_of[wedge] < 0) {
+        row_of[wedge] = static_cast<std::int32_t>(used.size());
+        used.push_back(wedge);
+      }
+      out.face_texcoords(row, c) = row_of[wedge];
+    }
+    ++row;
+  }
+  out.texcoords.resize(static_cast<Eigen::Index>(used.size()), 2);
+  for (std::size_t i = 0; i < used.size(); ++i) {
+    out.texcoords.row(static_cast<Eigen::Index>(i)) = texcoords_[used[i]];
+  }
 }
 
 }  // namespace manip3d

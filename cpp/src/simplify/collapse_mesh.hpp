@@ -92,6 +92,8 @@ class CollapseMesh {
     return static_cast<std::int32_t>(first_corner_.size());
   }
   [[nodiscard]] std::int64_t num_faces() const { return num_faces_; }
+  /// Faces of the input; is_alive() tells which of them are left.
+  [[nodiscard]] std::int32_t num_slots() const { return static_cast<std::int32_t>(faces_.size()); }
   [[nodiscard]] std::int64_t num_dropped() const { return num_dropped_; }
   [[nodiscard]] std::int32_t num_wedges() const {
     return static_cast<std::int32_t>(surface_.size());
@@ -120,6 +122,8 @@ class CollapseMesh {
   }
 
   [[nodiscard]] bool is_isolated(std::int32_t v) const { return first_corner_[v] < 0; }
+  /// A face of a vertex that is not isolated.
+  [[nodiscard]] std::int32_t first_face(std::int32_t v) const { return first_corner_[v] / 3; }
 
   void gather_ring(std::int32_t v, Ring& ring) const;
 
@@ -131,6 +135,18 @@ class CollapseMesh {
   /// Moves v onto t: faces on the edge go, the others continue with the mapped wedges.
   void collapse(std::int32_t v, std::int32_t t, const WedgeMap& map);
 
+  /// Takes a face away.
+  void remove_face(std::int32_t f);
+
+  /// Puts a vertex (in the coordinates of position()) or a texture coordinate elsewhere.
+  void move(std::int32_t v, const Eigen::Vector3d& position) {
+    positions_[v] = position;
+    moved_[v] = true;
+    any_moved_ = true;
+  }
+  [[nodiscard]] bool any_moved() const { return any_moved_; }
+  void set_uv(std::int32_t wedge, const Eigen::Vector2d& uv) { texcoords_[wedge] = uv; }
+
   /// The mesh as it is now, compact, vertices and faces in input order; fills the maps.
   TriangleMesh extract(const MeshView& input, std::vector<std::int32_t>& kept,
                        std::vector<std::int32_t>& output_vertex,
@@ -138,12 +154,16 @@ class CollapseMesh {
 
  private:
   void make_wedges(const MeshView& mesh);
+  void extract_texcoords(TriangleMesh& out) const;
   void unlink(std::int32_t vertex, std::int32_t corner);
   [[nodiscard]] std::int32_t nearest_normal(std::int32_t normal, std::int32_t t) const;
   [[nodiscard]] std::int32_t nearest_wedge(std::int32_t wedge, std::int32_t t) const;
 
   std::vector<Eigen::Vector3d> positions_;
+  Eigen::Vector3d center_ = Eigen::Vector3d::Zero();
   double scale_ = 1.0;
+  std::vector<bool> moved_;  // vertices that are no longer where the input has them
+  bool any_moved_ = false;
   std::vector<Triple> faces_;
   std::vector<Triple> wedges_;
   std::vector<Triple> normal_indices_;  // of a face; empty when the mesh has no normals

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -31,7 +32,7 @@ from manip3d.io import READABLE, WRITABLE
 class Order:
     """What one simplification is asked for."""
 
-    method: str
+    method: str  # "quality", or one of chapter 2
     faces: int | None
     ratio: float | None
     max_error: float | None
@@ -68,14 +69,12 @@ def simplify_file(
             raise InputError(f"--ratio: expected a number in (0, 1], got {order.ratio}")
         fraction = int(mesh.num_faces * order.ratio)
         target = fraction if target is None else max(target, fraction)
-    result = simplify.METHODS[order.method](
-        cleaned,
-        target_faces=target,
-        max_error=order.max_error,
-        max_distance=order.max_distance,
-        progress=progress,
-        **order.options,
-    )
+    limits: dict[str, Any] = {"target_faces": target, "max_error": order.max_error}
+    method: Callable[..., simplify.QualityResult | simplify.SimplifyResult] = simplify.quality
+    if order.method != "quality":
+        method = simplify.METHODS[order.method]
+        limits["max_distance"] = order.max_distance
+    result = method(cleaned, progress=progress, **limits, **order.options)
     seconds = time.perf_counter() - started
     stop = str(result.stop)
     record |= {
@@ -115,6 +114,13 @@ def _sentence(record: dict[str, Any]) -> str:
     )
 
 
+class Mode(StrEnum):
+    """What a simplification is for."""
+
+    quality = "quality"
+    published = "published"
+
+
 class Method(StrEnum):
     """The five methods of chapter 2."""
 
@@ -152,9 +158,17 @@ def simplify(
             "0: only collapses that leave the surface exactly as it is.",
         ),
     ] = None,
+    mode: Annotated[
+        Mode | None,
+        typer.Option(
+            help="quality: least error, vertices move (the default); published: the method of "
+            "chapter 2, vertices of the input."
+        ),
+    ] = None,
     method: Annotated[
-        Method, typer.Option(help="Simplification method of chapter 2.")
-    ] = Method.qem4vr,
+        Method | None,
+        typer.Option(help="Method of chapter 2; implies --mode published, whose own is qem4vr."),
+    ] = None,
     no_clean: Annotated[
         bool, typer.Option("--no-clean", help="Do not clean the mesh first.")
     ] = False,
@@ -173,7 +187,13 @@ def simplify(
     Example: manip3d simplify head.obj -o light.glb --faces 5000
     """
     shell = Terminal(as_json=as_json, quiet=quiet)
-    order = Order(method.value, faces, ratio, max_error, max_distance, not no_clean, {})
+    if max_distance is not None and mode is None:
+        mode = Mode.published  # the mode that promises distances
+    if mode == Mode.quality and (method is not None or max_distance is not None):
+        named = "--max-distance" if method is None else f"--method {method}"
+        raise InputError(f"{named}: expected --mode published, got quality")
+    name = "quality" if method is None and mode != Mode.published else (method or Method.qem4vr)
+    order = Order(str(name), faces, ratio, max_error, max_distance, not no_clean, {})
     expect_kind(source, "mesh", verb="simplify")
     check_output(output, WRITABLE, force=force)
     with shell.progress("simplify") as progress:

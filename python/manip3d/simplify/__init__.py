@@ -42,6 +42,7 @@ from manip3d.simplify._depth_files import (
 )
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
 from manip3d.simplify._lod import LodChain, LodLevel, SharedBudget, lod_chain, share_budget
+from manip3d.simplify._quality import Mode, QualityResult, quality, simplify
 from manip3d.simplify._relief import (
     Effort,
     Relief,
@@ -71,6 +72,8 @@ __all__ = [
     "LinkCondition",
     "LodChain",
     "LodLevel",
+    "Mode",
+    "QualityResult",
     "Reached",
     "Relief",
     "ReliefStream",
@@ -96,11 +99,13 @@ __all__ = [
     "qem_btp",
     "qem_orig",
     "qem_tp",
+    "quality",
     "relief",
     "relief_grid",
     "sample_depth",
     "sample_depth_grid",
     "share_budget",
+    "simplify",
     "simplify_depth",
     "simplify_depth_file",
 ]

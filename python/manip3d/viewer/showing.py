@@ -12,7 +12,13 @@ from manip3d.forge import Forgery
 from manip3d.lidar import Box, LidarFrame
 from manip3d.mesh import Mesh
 from manip3d.rgbd import RgbdFrame
-from manip3d.simplify import CleanResult, DepthMesh, JointSimplification, SimplifyResult
+from manip3d.simplify import (
+    CleanResult,
+    DepthMesh,
+    JointSimplification,
+    QualityResult,
+    SimplifyResult,
+)
 from manip3d.viewer.evidence import evidence, forgery_points
 from manip3d.viewer.points import DepthImage, DrawnPoints, rgbd_points, scan_points
 
@@ -30,7 +36,7 @@ def shown(thing: Any) -> Shown:
         Itself.
     thing : LidarFrame, RgbdFrame, DepthImage
         Its points, with the bones of people.
-    thing : SimplifyResult, CleanResult, DepthMesh, JointSimplification
+    thing : SimplifyResult, QualityResult, CleanResult, DepthMesh, JointSimplification
         Its mesh.
     thing : Forgery
         The forged scan; what was added, moved and removed stands out.
@@ -78,6 +84,7 @@ def _(thing: Forgery) -> Shown:
     return forgery_points(thing)
 
 
+@shown.register(QualityResult)
 @shown.register(SimplifyResult)
 @shown.register(CleanResult)
 @shown.register(DepthMesh)

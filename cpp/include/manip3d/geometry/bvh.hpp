@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <vector>
 
 #include "manip3d/geometry/mesh.hpp"
@@ -39,6 +40,10 @@ class TriangleBvh {
   /// @throws InputError  query not finite, or too far away for its distance to be a double.
   [[nodiscard]] SurfacePoint closest_point(const Eigen::Vector3d& query,
                                            std::int32_t near_face = 0) const;
+
+  /// The nearest point among the faces that `accept` takes; `face` is -1 when there is none.
+  [[nodiscard]] SurfacePoint closest_point_where(
+      const Eigen::Vector3d& query, const std::function<bool(std::int32_t face)>& accept) const;
 
   /// Every face no farther than `distance` from the query, by face index.
   void faces_within(const Eigen::Vector3d& query, double distance,

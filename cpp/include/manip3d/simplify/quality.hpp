@@ -1,0 +1,52 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+#include "manip3d/geometry/mesh.hpp"
+#include "manip3d/progress.hpp"
+#include "manip3d/simplify/qem.hpp"
+
+namespace manip3d {
+
+struct QualityOptions {
+  std::int64_t target_faces = 0;  ///< Stop at this many faces or fewer; 0: as few as possible.
+  double max_error = std::numeric_limits<double>::infinity();  ///< Of one step, input units.
+  double boundary_weight = 1.0;  ///< Of a strip along a boundary, beside a shifted surface.
+  double seam_weight = 1.0;      ///< The same along borders of materials and texture charts.
+  double texture_weight = 0.3;   ///< Of a shifted texture, beside a shifted surface.
+};
+
+struct QualityResult {
+  TriangleMesh mesh;                     ///< Compact; materials are left to the caller.
+  std::vector<std::int32_t> vertex_map;  ///< Input vertex -> the output vertex it became, or -1.
+  std::vector<std::int32_t> face_map;    ///< Input face -> output face, or -1 if gone.
+  double max_error = 0.0;                ///< Largest error among the steps made, input units.
+  CollapseStop stop = CollapseStop::kTargetReached;
+  std::array<std::int64_t, kNumRejections> rejected{};  ///< Candidates turned down, by Rejection.
+  std::int64_t removed_pieces = 0;     ///< Pieces that vanished because that cost least.
+  std::int64_t relaxed_collapses = 0;  ///< Made against the rules, to reach the target.
+  std::int64_t dropped_faces = 0;      ///< Input faces with a repeated vertex, left out.
+};
+
+/// Edge collapse with vertices where the error is least, on any triangle soup: boundaries,
+/// non-manifold edges, many pieces, several materials and texture coordinates per vertex, faces
+/// without any. Vertices at the same place are different ones: weld first.
+///
+/// Each step has a price in the unit of volume, the integral over the surface of how far it is
+/// shifted: of the faces around the edge [Lindstrom & Turk 1998: as they are now, memoryless], of
+/// the strips that boundaries and seams sweep, and of the texture [Hoppe 1999]. What costs least
+/// per face comes next. A new vertex lies where the squared distances are least, with the volume
+/// kept. A piece (faces joined by vertices) may vanish as a whole, for the distance of its surface
+/// to the rest. In the end the vertices are fitted to the original surface.
+///
+/// No face turns over, none is degenerate or double, and no edge gets a third face, as long as the
+/// target can be reached so. Deterministic for any number of threads. O(E log E) time, O(V + F)
+/// memory.
+/// @throws InputError  as check_mesh(); an option out of range.
+QualityResult simplify_quality(const MeshView& mesh, const QualityOptions& options,
+                               const Progress& progress = {});
+
+}  // namespace manip3d

@@ -1,0 +1,662 @@
+#include "manip3d/simplify/quality.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <queue>
+#include <string>
+#include <tuple>
+#include <utility>
+
+#include "manip3d/error.hpp"
+#include "simplify/attribute_quadric.hpp"
+#include "simplify/collapse_mesh.hpp"
+#include "simplify/pieces.hpp"
+#include "simplify/surface_fit.hpp"
+
+namespace manip3d {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+/// cos 78 deg: at 90 a face can turn over in two steps.
+constexpr double kLeastNormalCosine = 0.2;
+
+/// Sine of the angle that counts as no area: below it the normal is rounding noise.
+constexpr double kLeastSine = 1e-10;
+
+/// Pull of the middle of an edge on the new vertex, beside the quadrics: it decides only where
+/// they do not (RockerArm: 1e-3 costs 5 % of error, 1e-6 none, but then vertices wander).
+constexpr double kTowardsMiddle = 1e-5;
+
+/// On flat regions every price is rounding noise: short edges go first there.
+constexpr double kShortEdgePreference = 1e-5;
+
+/// The faces around an edge, counted in full, against a price that counts each face once: measured
+/// on the many-part models, where 1 removes pieces too early.
+constexpr double kSurfaceShare = 0.2;
+
+/// A strip of width d along a border is d / 2 away from the border on average.
+constexpr double kStripDistance = 0.5;
+
+/// A piece that vanishes is missed more than its distance says.
+constexpr double kPieceFactor = 2.0;
+
+/// What is forbidden. Later ones hold only when the target was out of reach before.
+enum class Rules : std::uint8_t {
+  kAll,       // no new edge with more than two faces, no flip, no degenerate or duplicate face
+  kAnyEdges,  // edges may get more faces
+  kFlips,     // faces may turn over
+};
+
+struct Entry {
+  double price;                                            // per face that goes
+  std::int32_t a, b;                                       // an edge; b < 0: the piece a
+  std::uint32_t version;                                   // of the edge: the sum of its ends'
+  friend bool operator<(const Entry& x, const Entry& y) {  // the cheapest is on top
+    return std::tie(x.price, x.a, x.b) > std::tie(y.price, y.a, y.b);
+  }
+};
+
+/// A collapse: where the new vertex lies and what it costs.
+struct Plan {
+  double price = 0.0;  // per face that goes
+  Vector3d position = Vector3d::Zero();
+  double owed = 0.0;  // for borders and texture, since the beginning
+};
+
+enum class Place : std::uint8_t { kBest, kFirst, kSecond, kMiddle };
+
+/// What the faces around an edge are like now: their quadric and area, and the plane
+/// normal.p = offset on which the volume below them stays the same [Lindstrom & Turk 1998].
+struct Star {
+  Quadric quadric;
+  double area = 0.0;
+  Vector3d normal = Vector3d::Zero();
+  double offset = 0.0;
+};
+
+class QualitySimplifier {
+ public:
+  QualitySimplifier(const MeshView& input, const QualityOptions& options, const Progress& progress)
+      : input_(input),
+        options_(options),
+        progress_(progress),
+        mesh_(input),
+        fit_(mesh_),
+        pieces_(input, mesh_.scale(), part_of(progress, 0.0, 0.1)),
+        ring_v_(mesh_.num_vertices()),
+        ring_t_(mesh_.num_vertices()),
+        surface_(mesh_.num_vertices()),
+        borders_(mesh_.num_vertices()),
+        area_(mesh_.num_vertices(), 0.0),
+        border_(mesh_.num_vertices(), 0.0),
+        owed_(mesh_.num_vertices(), 0.0),
+        version_(mesh_.num_vertices(), 0),
+        blocked_(mesh_.num_vertices(), false),
+        into_(mesh_.num_vertices(), -1),
+        is_textured_(input.has_texcoords() && options.texture_weight > 0.0) {
+    if (is_textured_) measure_texture();
+    for (std::int32_t f = 0; f < mesh_.num_slots(); ++f) {
+      if (mesh_.is_alive(f)) add_face(f);
+    }
+    for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) add_borders(v);
+    for (Eigen::Index v = 0; v < input.colors.rows(); ++v) {
+      colors_.emplace_back(input.colors.row(v).cast<double>().transpose());
+    }
+  }
+
+  QualityResult run() {
+    const auto start = static_cast<double>(mesh_.num_faces());
+    const auto target = static_cast<double>(options_.target_faces);
+    if (mesh_.num_faces() > options_.target_faces) {
+      for (std::int32_t i = 0; i < pieces_.size(); ++i) push_piece(i);
+      push_all_edges();
+    }
+    for (std::int64_t step = 0; mesh_.num_faces() > options_.target_faces; ++step) {
+      if (queue_.empty()) {
+        if (!relax_rules()) break;
+        push_all_edges();
+        continue;
+      }
+      const Entry entry = queue_.top();
+      queue_.pop();
+      entry.b < 0 ? try_piece(entry) : try_edge(entry);
+      if (progress_ && step % 512 == 0) {
+        const double gone = start - static_cast<double>(mesh_.num_faces());
+        progress_(0.2 + 0.6 * gone / std::max(1.0, start - target));
+      }
+    }
+    return finish();
+  }
+
+ private:
+  // --- The original surface ------------------------------------------------------------------
+
+  [[nodiscard]] Vector3d area_vector(std::int32_t f) const {
+    const auto& face = mesh_.face(f);
+    const Vector3d& p = mesh_.position(face[0]);
+    return (mesh_.position(face[1]) - p).cross(mesh_.position(face[2]) - p);
+  }
+
+  /// The length on the surface of a unit of texture, on average.
+  void measure_texture() {
+    double on_surface = 0.0, in_texture = 0.0;
+    for (std::int32_t f = 0; f < mesh_.num_slots(); ++f) {
+      if (!mesh_.is_alive(f)) continue;
+      const auto& w = mesh_.wedges(f);
+      if (!mesh_.has_texture(w[0])) continue;
+      on_surface += area_vector(f).norm();
+      const Vector2d e1 = mesh_.uv(w[1]) - mesh_.uv(w[0]), e2 = mesh_.uv(w[2]) - mesh_.uv(w[0]);
+      in_texture += std::abs(e1.x() * e2.y() - e1.y() * e2.x());
+    }
+    texture_length_ = in_texture > 0.0 ? std::sqrt(on_surface / in_texture) : 0.0;
+    texture_.resize(mesh_.num_wedges());
+  }
+
+  /// Each corner stands for a third of the face.
+  void add_face(std::int32_t f) {
+    const auto& face = mesh_.face(f);
+    const Vector3d normal = area_vector(f);
+    const double length = normal.norm();
+    if (!(length > 0.0)) return;
+    const double area = length / 6.0;
+    const Quadric plane = Quadric::plane(normal / length, mesh_.position(face[0]), area);
+    for (const std::int32_t v : face) {
+      surface_[v] += plane;
+      area_[v] += area;
+    }
+    const auto& wedges = mesh_.wedges(f);
+    if (!is_textured_ || !mesh_.has_texture(wedges[0])) return;
+    const AttributeQuadric texture = AttributeQuadric::triangle(
+        {mesh_.position(face[0]), mesh_.position(face[1]), mesh_.position(face[2])},
+        {mesh_.uv(wedges[0]), mesh_.uv(wedges[1]), mesh_.uv(wedges[2])}, area);
+    for (const std::int32_t wedge : wedges) texture_[wedge] += texture;
+  }
+
+  /// Planes through boundaries and seams, perpendicular to their faces; each end stands for half
+  /// of an edge. A corner of a border has two planes and is dear, a straight one is cheap along it.
+  void add_borders(std::int32_t v) {
+    mesh_.gather_ring(v, ring_v_);
+    mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+      for (const std::size_t other : {(c + 1) % 3, (c + 2) % 3}) {
+        const std::int32_t t = mesh_.face(f)[other];
+        const RingEdge& edge = *ring_v_.find(t);
+        const bool is_boundary = edge.num_faces == 1;
+        if (t < v || (!is_boundary && !edge.is_seam)) continue;
+        const Vector3d along = mesh_.position(t) - mesh_.position(v);
+        const Vector3d across = along.cross(area_vector(f));
+        const double length = across.norm();
+        if (!(length > 0.0)) continue;
+        const double weight =
+            is_boundary ? options_.boundary_weight : options_.seam_weight / edge.num_faces;
+        const Quadric plane =
+            Quadric::plane(across / length, mesh_.position(v), 0.5 * weight * along.norm());
+        borders_[v] += plane;
+        borders_[t] += plane;
+        border_[v] += 0.5 * weight * along.norm();
+        border_[t] += 0.5 * weight * along.norm();
+      }
+    });
+  }
+
+  // --- The price of a collapse ---------------------------------------------------------------
+
+  [[nodiscard]] Star star_of(std::int32_t v, std::int32_t t) const {
+    Star star;
+    const auto add = [&](std::int32_t from, std::int32_t seen) {
+      mesh_.for_each_face(from, [&](std::int32_t f, std::int32_t c) {
+        const auto& face = mesh_.face(f);
+        if (face[(c + 1) % 3] == seen || face[(c + 2) % 3] == seen) return;
+        const Vector3d& p = mesh_.position(from);
+        const Vector3d normal = area_vector(f);
+        star.normal += normal;
+        star.offset += normal.dot(p);
+        const double length = normal.norm();
+        if (!(length > 0.0)) return;
+        star.quadric += Quadric::plane(normal / length, p, 0.5 * length);
+        star.area += 0.5 * length;
+      });
+    };
+    add(v, -1);
+    add(t, v);
+    return star;
+  }
+
+  /// Which wedge of t each wedge of v becomes: that across a face on the edge; others stay.
+  void map_wedges(std::int32_t v, std::int32_t t) {
+    map_.pairs.clear();
+    mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+      const std::int32_t from = mesh_.wedges(f)[c];
+      for (const std::size_t other : {(c + 1) % 3, (c + 2) % 3}) {
+        if (mesh_.face(f)[other] == t && map_.at(from) < 0) {
+          map_.pairs.push_back({from, mesh_.wedges(f)[other]});
+        }
+      }
+    });
+    mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+      const std::int32_t from = mesh_.wedges(f)[c];
+      if (map_.at(from) < 0) map_.pairs.push_back({from, from});
+    });
+  }
+
+  /// The textured wedges of the vertex that v and t become, with their quadrics.
+  void gather_wedges(std::int32_t v, std::int32_t t) {
+    map_wedges(v, t);
+    wedges_.clear();
+    const auto find = [&](std::int32_t wedge) {
+      return std::find_if(wedges_.begin(), wedges_.end(),
+                          [&](const auto& known) { return known.first == wedge; });
+    };
+    mesh_.for_each_face(t, [&](std::int32_t f, std::int32_t c) {
+      const std::int32_t wedge = mesh_.wedges(f)[c];
+      if (mesh_.has_texture(wedge) && find(wedge) == wedges_.end()) {
+        wedges_.emplace_back(wedge, texture_[wedge]);
+      }
+    });
+    for (const WedgeMap::Pair& pair : map_.pairs) {
+      if (!mesh_.has_texture(pair.from)) continue;
+      const auto known = find(pair.to);
+      if (known == wedges_.end()) {
+        wedges_.emplace_back(pair.to, texture_[pair.from]);
+      } else {
+        known->second += texture_[pair.from];
+      }
+    }
+  }
+
+  /// Area times root mean square, a bound of the integral of the distance.
+  static double integral(double squares, double area) {
+    return std::sqrt(std::max(0.0, squares) * area);
+  }
+
+  Plan plan(std::int32_t v, std::int32_t t, std::int32_t num_edge_faces, Place place) {
+    if (is_textured_) gather_wedges(v, t);
+    Quadric borders = borders_[v];
+    borders += borders_[t];
+    const Star star = star_of(v, t);
+    const double length = (mesh_.position(t) - mesh_.position(v)).norm();
+    Plan plan;
+    plan.position = position(v, t, place, star, borders, length);
+    const Vector3d& p = plan.position;
+    plan.owed = kStripDistance * std::max(0.0, borders(p));
+    if (is_textured_) {
+      for (const auto& [wedge, quadric] : wedges_) {
+        plan.owed += texture_factor() * integral(quadric(p), quadric.weight);
+      }
+    }
+    plan.price = kSurfaceShare * integral(star.quadric(p), star.area) +
+                 std::max(0.0, plan.owed - owed_[v] - owed_[t]) +
+                 kShortEdgePreference * (area_[v] + area_[t]) * length;
+    plan.price /= num_edge_faces;
+    return plan;
+  }
+
+  [[nodiscard]] double texture_factor() const { return options_.texture_weight * texture_length_; }
+
+  [[nodiscard]] Vector3d position(std::int32_t v, std::int32_t t, Place place, const Star& star,
+                                  const Quadric& borders, double length) const {
+    const Vector3d &first = mesh_.position(v), &second = mesh_.position(t);
+    const Vector3d middle = 0.5 * (first + second);
+    if (place == Place::kFirst) return first;
+    if (place == Place::kSecond) return second;
+    if (place == Place::kMiddle) return middle;
+    LeastSquares squares;
+    squares.add(star.quadric, 1.0);
+    squares.add(borders, length);
+    if (is_textured_) {
+      const double weight = texture_factor() * texture_factor();
+      for (const auto& [wedge, quadric] : wedges_) squares.add(quadric, weight);
+    }
+    squares.add(middle, kTowardsMiddle * (area_[v] + area_[t]) + 1e-9 * length * length);
+    const Vector3d best = squares.solve(star.normal, star.offset);
+    return best.allFinite() ? best : middle;
+  }
+
+  // --- The queue -----------------------------------------------------------------------------
+
+  void push_edge(std::int32_t v, std::int32_t t, std::int32_t num_faces) {
+    const Plan best = plan(v, t, num_faces, Place::kBest);
+    queue_.push({best.price, v, t, version_[v] + version_[t]});
+  }
+
+  void push_edges(std::int32_t v) {
+    mesh_.gather_ring(v, ring_v_);
+    for (const RingEdge& edge : ring_v_.edges()) {
+      push_edge(std::max(v, edge.vertex), std::min(v, edge.vertex), edge.num_faces);
+    }
+  }
+
+  void push_all_edges() {
+    Ticker ticker(part_of(progress_, 0.1, 0.2));
+    for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
+      ticker.tick();
+      if (mesh_.is_isolated(v)) continue;
+      mesh_.gather_ring(v, ring_v_);
+      for (const RingEdge& edge : ring_v_.edges()) {
+        if (edge.vertex < v) push_edge(v, edge.vertex, edge.num_faces);
+      }
+    }
+  }
+
+  void push_piece(std::int32_t i) {
+    if (!pieces_.is_there(i) || !std::isfinite(pieces_.cost(i))) return;
+    queue_.push({piece_price(i), i, -1, 0});
+  }
+
+  [[nodiscard]] double piece_price(std::int32_t i) const {
+    return kPieceFactor * pieces_.cost(i) / static_cast<double>(pieces_.num_faces(i));
+  }
+
+  /// Something else has become cheaper than what was on top.
+  [[nodiscard]] bool is_overtaken(double price, double expected) const {
+    return price > expected && !queue_.empty() && price > queue_.top().price;
+  }
+
+  bool relax_rules() {
+    const bool error_limit = count(Rejection::kErrorLimit) > 0;
+    if (options_.target_faces == 0 || error_limit || rules_ == Rules::kFlips) return false;
+    rules_ = rules_ == Rules::kAll ? Rules::kAnyEdges : Rules::kFlips;
+    return true;
+  }
+
+  void try_edge(const Entry& entry) {
+    const std::int32_t v = entry.a, t = entry.b;
+    if (version_[v] + version_[t] != entry.version) return;
+    if (mesh_.is_isolated(v) || mesh_.is_isolated(t)) return;
+    mesh_.gather_ring(v, ring_v_);
+    mesh_.gather_ring(t, ring_t_);
+    const RingEdge* edge = ring_v_.find(t);
+    if (edge == nullptr) return;
+    if (faces_left(t) <= edge->num_faces) return refuse(v, t, Rejection::kDegenerate);
+    if (makes_edge_of_three(v, t)) return refuse(v, t, Rejection::kLink);
+    Plan best = plan(v, t, edge->num_faces, Place::kBest);
+    std::optional<Rejection> refusal = check_faces(v, t, best.position);
+    if (refusal) {
+      const Rejection reason = *refusal;
+      for (const Place place : {Place::kFirst, Place::kSecond, Place::kMiddle}) {
+        const Plan other = plan(v, t, edge->num_faces, place);
+        if (!refusal && !(other.price < best.price)) continue;
+        if (check_faces(v, t, other.position)) continue;
+        best = other;
+        refusal.reset();
+      }
+      if (refusal) return refuse(v, t, reason);
+    }
+    if (is_overtaken(best.price, entry.price)) {
+      queue_.push({best.price, v, t, entry.version});
+      return;
+    }
+    const double error = mesh_.scale() * error_of(v, t, best.position);
+    if (error > options_.max_error) return refuse(v, t, Rejection::kErrorLimit);
+    collapse(v, t, best);
+    result_.max_error = std::max(result_.max_error, error);
+    if (rules_ != Rules::kAll) ++result_.relaxed_collapses;
+  }
+
+  /// Root mean square distance to the planes of the original faces, or to those of the borders.
+  [[nodiscard]] double error_of(std::int32_t v, std::int32_t t, const Vector3d& p) const {
+    const auto mean = [](double squares, double weight) {
+      return weight > 0.0 ? std::max(0.0, squares) / weight : 0.0;
+    };
+    return std::sqrt(std::max(mean(surface_[v](p) + surface_[t](p), area_[v] + area_[t]),
+                              mean(borders_[v](p) + borders_[t](p), border_[v] + border_[t])));
+  }
+
+  [[nodiscard]] std::int64_t& count(Rejection reason) {
+    return result_.rejected[static_cast<std::size_t>(reason)];
+  }
+
+  void refuse(std::int32_t v, std::int32_t t, Rejection reason) {
+    ++count(reason);
+    blocked_[v] = blocked_[t] = true;  // to be tried again when something near them changes
+  }
+
+  // --- What is legal -------------------------------------------------------------------------
+  //
+  // Nothing is locked: boundaries may shrink, holes may close, seams may be left, all at their
+  // price. What may not happen, by Rules:
+  //   three faces on one edge, where neither of the edges that meet had them   kLink
+  //   a face that turns by more than 78 degrees                                kFlip
+  //   a face without area, the last faces of a piece                           kDegenerate
+  //   two faces on the same vertices                                           kDuplicate
+
+  /// Of the piece with this vertex: only try_piece() takes the last ones.
+  [[nodiscard]] std::int64_t faces_left(std::int32_t v) const {
+    return pieces_.size() > 0 ? pieces_.num_faces(pieces_.of_vertex(v)) : mesh_.num_faces();
+  }
+
+  [[nodiscard]] bool makes_edge_of_three(std::int32_t v, std::int32_t t) const {
+    if (rules_ != Rules::kAll) return false;
+    return std::any_of(ring_v_.edges().begin(), ring_v_.edges().end(), [&](const RingEdge& edge) {
+      const RingEdge* other = ring_t_.find(edge.vertex);
+      if (other == nullptr) return false;
+      // The faces v t w go; the other ones on v w and on t w meet on one edge.
+      const std::int32_t left =
+          edge.num_faces + other->num_faces - 2 * count_faces(edge.vertex, v, t);
+      return left > std::max({2, edge.num_faces, other->num_faces});
+    });
+  }
+
+  [[nodiscard]] std::int32_t count_faces(std::int32_t w, std::int32_t a, std::int32_t b) const {
+    std::int32_t faces = 0;
+    mesh_.for_each_face(w, [&](std::int32_t f, std::int32_t) {
+      const auto& face = mesh_.face(f);
+      const auto has = [&](std::int32_t x) { return face[0] == x || face[1] == x || face[2] == x; };
+      faces += has(a) && has(b) ? 1 : 0;
+    });
+    return faces;
+  }
+
+  [[nodiscard]] std::optional<Rejection> check_faces(std::int32_t v, std::int32_t t,
+                                                     const Vector3d& p) const {
+    std::optional<Rejection> refusal;
+    const auto check = [&](std::int32_t from, std::int32_t other) {
+      mesh_.for_each_face(from, [&](std::int32_t f, std::int32_t c) {
+        const std::int32_t a = mesh_.face(f)[(c + 1) % 3], b = mesh_.face(f)[(c + 2) % 3];
+        if (refusal || a == other || b == other) return;  // those on the edge go
+        refusal = check_face(from, a, b, p);
+        const bool meets = from == v && ring_t_.find(a) != nullptr && ring_t_.find(b) != nullptr;
+        if (!refusal && meets && count_faces(t, a, b) > 0) refusal = Rejection::kDuplicate;
+      });
+    };
+    check(v, t);
+    check(t, v);
+    return refusal;
+  }
+
+  /// The face (from, a, b) when its first vertex is at p.
+  [[nodiscard]] std::optional<Rejection> check_face(std::int32_t from, std::int32_t a,
+                                                    std::int32_t b, const Vector3d& p) const {
+    const Vector3d &pa = mesh_.position(a), &pb = mesh_.position(b), &old = mesh_.position(from);
+    const Vector3d before = (pa - old).cross(pb - old), after = (pa - p).cross(pb - p);
+    const double longest =
+        std::max({(pa - p).squaredNorm(), (pb - p).squaredNorm(), (pb - pa).squaredNorm()});
+    if (!(after.norm() > kLeastSine * longest)) return Rejection::kDegenerate;
+    if (rules_ == Rules::kFlips || !(before.squaredNorm() > 0.0)) return std::nullopt;
+    if (!(before.dot(after) > kLeastNormalCosine * before.norm() * after.norm())) {
+      return Rejection::kFlip;
+    }
+    return std::nullopt;
+  }
+
+  // --- Steps ---------------------------------------------------------------------------------
+
+  void collapse(std::int32_t v, std::int32_t t, const Plan& plan) {
+    neighbours_.clear();
+    for (const Ring* ring : {&ring_v_, &ring_t_}) {
+      for (const RingEdge& edge : ring->edges()) neighbours_.push_back(edge.vertex);
+    }
+    if (is_textured_) {
+      gather_wedges(v, t);
+      set_texture(v, t, plan.position);
+    } else {
+      map_wedges(v, t);
+    }
+    if (!colors_.empty()) colors_[t] = color_at(v, t, plan.position);
+    const std::int64_t before = mesh_.num_faces();
+    mesh_.collapse(v, t, map_);
+    mesh_.move(t, plan.position);
+    surface_[t] += surface_[v];
+    borders_[t] += borders_[v];
+    area_[t] += area_[v];
+    border_[t] += border_[v];
+    owed_[t] = plan.owed;
+    into_[v] = t;
+    ++version_[t];
+    if (pieces_.size() > 0) {
+      pieces_.remove_faces(pieces_.of_vertex(t), before - mesh_.num_faces());
+    }
+    if (!mesh_.is_isolated(t)) push_edges(t);
+    for (const std::int32_t w : neighbours_) {
+      if (w == t || !blocked_[w] || mesh_.is_isolated(w)) continue;
+      blocked_[w] = false;
+      push_edges(w);
+    }
+  }
+
+  /// The best texture coordinate of each wedge, within those around it: a linear continuation of
+  /// a narrow face can be anywhere.
+  void set_texture(std::int32_t v, std::int32_t t, const Vector3d& p) {
+    uvs_.clear();
+    for (const auto& [wedge, quadric] : wedges_) {
+      texture_[wedge] = quadric;
+      if (!(quadric.weight > 0.0)) continue;
+      Vector2d low = Vector2d::Constant(std::numeric_limits<double>::infinity()), high = -low;
+      for (const std::int32_t from : {v, t}) {
+        mesh_.for_each_face(from, [&](std::int32_t f, std::int32_t c) {
+          const auto& corners = mesh_.wedges(f);
+          if ((from == v ? map_.at(corners[c]) : corners[c]) != wedge) return;
+          for (const std::int32_t corner : corners) {
+            low = low.cwiseMin(mesh_.uv(corner));
+            high = high.cwiseMax(mesh_.uv(corner));
+          }
+        });
+      }
+      uvs_.emplace_back(wedge, quadric.best(p).cwiseMax(low).cwiseMin(high));
+    }
+    for (const auto& [wedge, uv] : uvs_) mesh_.set_uv(wedge, uv);
+  }
+
+  /// Between the colours of v and t, as p lies between them.
+  [[nodiscard]] Vector3d color_at(std::int32_t v, std::int32_t t, const Vector3d& p) const {
+    const Vector3d edge = mesh_.position(t) - mesh_.position(v);
+    const double squared = edge.squaredNorm();
+    const double share =
+        squared > 0.0 ? std::clamp((p - mesh_.position(v)).dot(edge) / squared, 0.0, 1.0) : 1.0;
+    return (1.0 - share) * colors_[v] + share * colors_[t];
+  }
+
+  void try_piece(const Entry& entry) {
+    const std::int32_t i = entry.a;
+    if (!pieces_.is_there(i)) return;
+    if (pieces_.refresh(i) || is_overtaken(piece_price(i), entry.price)) return push_piece(i);
+    const double error = mesh_.scale() * pieces_.mean_distance(i);
+    if (error > options_.max_error) {
+      ++count(Rejection::kErrorLimit);
+      return;
+    }
+    result_.max_error = std::max(result_.max_error, error);
+    for (const std::int32_t v : pieces_.vertices(i)) {
+      while (!mesh_.is_isolated(v)) mesh_.remove_face(mesh_.first_face(v));
+    }
+    pieces_.remove_faces(i, pieces_.num_faces(i));
+    ++result_.removed_pieces;
+  }
+
+  // --- The result ----------------------------------------------------------------------------
+
+  QualityResult finish() {
+    if (mesh_.num_faces() > 0 && mesh_.any_moved()) {
+      fit_.run(
+          mesh_,
+          [&](std::int32_t v) {
+            return pieces_.size() == 0 || pieces_.is_there(pieces_.of_vertex(v));
+          },
+          [&](std::int32_t v, const Vector3d& p) {
+            bool fits = true;
+            mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
+              const auto& face = mesh_.face(f);
+              fits = fits && !check_face(v, face[(c + 1) % 3], face[(c + 2) % 3], p);
+            });
+            return fits;
+          },
+          part_of(progress_, 0.8, 1.0));
+    }
+    if (mesh_.num_faces() <= options_.target_faces) {
+      result_.stop = CollapseStop::kTargetReached;
+    } else if (count(Rejection::kErrorLimit) > 0) {
+      result_.stop = CollapseStop::kErrorLimit;
+    } else {
+      result_.stop = CollapseStop::kNoLegalCollapse;
+    }
+    result_.dropped_faces = mesh_.num_dropped();
+    std::vector<std::int32_t> kept;
+    result_.mesh = mesh_.extract(input_, kept, result_.vertex_map, result_.face_map);
+    for (std::size_t i = 0; i < kept.size() && !colors_.empty(); ++i) {
+      const Vector3d rounded = (colors_[kept[i]].array() + 0.5).floor();
+      result_.mesh.colors.row(static_cast<Eigen::Index>(i)) =
+          rounded.cast<std::uint8_t>().transpose();
+    }
+    for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
+      std::int32_t end = v;
+      while (into_[end] >= 0) end = into_[end];
+      result_.vertex_map[v] = result_.vertex_map[end];
+    }
+    return std::move(result_);
+  }
+
+  const MeshView& input_;
+  const QualityOptions& options_;
+  const Progress& progress_;
+  CollapseMesh mesh_;
+  SurfaceFit fit_;
+  Pieces pieces_;
+  Ring ring_v_, ring_t_;
+  std::vector<Quadric> surface_;           // of a vertex: the original faces it stands for
+  std::vector<Quadric> borders_;           // of a vertex: the boundaries and seams
+  std::vector<AttributeQuadric> texture_;  // of a wedge
+  std::vector<double> area_;               // of a vertex: of those faces
+  std::vector<double> border_;             // of a vertex: weighted length of those borders
+  std::vector<double> owed_;               // of a vertex: Plan::owed of the collapses so far
+  std::vector<std::uint32_t> version_;     // of a vertex: how often it moved
+  std::vector<bool> blocked_;              // vertices with an edge that was refused
+  std::vector<std::int32_t> into_;         // what a vertex collapsed onto, or -1
+  std::vector<Vector3d> colors_;           // of a vertex; empty: none
+  bool is_textured_;
+  double texture_length_ = 0.0;  // on the surface, of a unit of texture
+  std::priority_queue<Entry> queue_;
+  Rules rules_ = Rules::kAll;
+  WedgeMap map_;
+  std::vector<std::pair<std::int32_t, AttributeQuadric>> wedges_;
+  std::vector<std::pair<std::int32_t, Vector2d>> uvs_;
+  std::vector<std::int32_t> neighbours_;
+  QualityResult result_;
+};
+
+void check_options(const QualityOptions& options) {
+  const auto check = [](const char* name, double value, bool may_be_infinite) {
+    if (value >= 0.0 && (may_be_infinite || std::isfinite(value))) return;
+    throw InputError(std::string(name) + ": expected a number >= 0, got " + std::to_string(value));
+  };
+  check("target_faces", static_cast<double>(options.target_faces), false);
+  check("max_error", options.max_error, true);
+  check("boundary_weight", options.boundary_weight, false);
+  check("seam_weight", options.seam_weight, false);
+  check("texture_weight", options.texture_weight, false);
+}
+
+}  // namespace
+
+QualityResult simplify_quality(const MeshView& mesh, const QualityOptions& options,
+                               const Progress& progress) {
+  check_mesh(mesh);
+  check_options(options);
+  return QualitySimplifier(mesh, options, progress).run();
+}
+
+}  // namespace manip3d
