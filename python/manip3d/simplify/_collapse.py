@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal, TypeVar, get_args
 
 from manip3d import _core
 from manip3d._util.checked import checked
+from manip3d._util.options import reporting
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from manip3d._util.options import Progress
     from manip3d.mesh import Mesh
 
 __all__ = [
@@ -278,14 +280,15 @@ def _simplify(
     max_distance: float | None,
     quality_threshold: float,
     link_condition: LinkCondition,
-    progress: Callable[[float], object] | None,
+    progress: Progress,
 ) -> SimplifyResult:
     options.target_faces, options.max_error, options.max_distance = _target(
         mesh, target_faces, ratio, max_error, max_distance
     )
     options.quality_threshold = quality_threshold
     options.link_condition = _choice("link_condition", link_condition, _LINK_CONDITIONS)
-    fields = _core.simplify_qem(mesh, options, progress)
+    with reporting(progress, "simplify") as report:
+        fields = _core.simplify_qem(mesh, options, report)
     fields["stop"] = StopReason(fields["stop"].name.lower())
     return SimplifyResult(**fields, _source=mesh, _options=options)
 
@@ -305,7 +308,7 @@ def qem4vr(
     complex_vertices: ComplexVertices = "keep",
     quality_threshold: float = 0.0,
     link_condition: LinkCondition = "manifold",
-    progress: Callable[[float], object] | None = None,
+    progress: Progress = None,
 ) -> SimplifyResult:
     """QEM4VR: edge collapse that keeps boundaries, material seams and texture coordinates.
 
@@ -352,8 +355,8 @@ def qem4vr(
     link_condition : 'manifold', 'always' or 'never'
         Where a collapse must not change the topology: where both ends of the edge have a
         manifold neighbourhood, everywhere, or nowhere.
-    progress : callable, optional
-        Called with the fraction done, at most ten times a second.
+    progress : None, True or callable
+        ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
 
     Returns
     -------
@@ -411,7 +414,7 @@ def _baseline(
     max_distance: float | None,
     quality_threshold: float,
     link_condition: LinkCondition,
-    progress: Callable[[float], object] | None,
+    progress: Progress,
 ) -> SimplifyResult:
     options = _core.QemOptions()
     options.boundary = boundary
@@ -440,7 +443,7 @@ def qem_orig(
     max_distance: float | None = None,
     quality_threshold: float = 0.0,
     link_condition: LinkCondition = "manifold",
-    progress: Callable[[float], object] | None = None,
+    progress: Progress = None,
 ) -> SimplifyResult:
     """QEM_ORIG: quadrics of the faces alone [Garland & Heckbert 1997], subset placement.
 
@@ -472,7 +475,7 @@ def qem_bp(
     boundary: Boundary = "freeze",
     quality_threshold: float = 0.0,
     link_condition: LinkCondition = "manifold",
-    progress: Callable[[float], object] | None = None,
+    progress: Progress = None,
 ) -> SimplifyResult:
     """QEM_BP: :func:`qem_orig` with preserved boundaries.
 
@@ -508,7 +511,7 @@ def qem_tp(
     max_distance: float | None = None,
     quality_threshold: float = 0.0,
     link_condition: LinkCondition = "manifold",
-    progress: Callable[[float], object] | None = None,
+    progress: Progress = None,
 ) -> SimplifyResult:
     """QEM_TP: quadrics over (x, y, z, u, v) for each texture coordinate of a vertex (eq. 2.7).
 
@@ -541,7 +544,7 @@ def qem_btp(
     boundary: Boundary = "freeze",
     quality_threshold: float = 0.0,
     link_condition: LinkCondition = "manifold",
-    progress: Callable[[float], object] | None = None,
+    progress: Progress = None,
 ) -> SimplifyResult:
     """QEM_BTP: :func:`qem_tp` with the preserved boundaries of :func:`qem_bp`."""
     return _baseline(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ from manip3d.errors import InputError
 from manip3d.simplify._collapse import METHODS, SimplifyResult
 
 if TYPE_CHECKING:
+    from manip3d._util.options import Progress
     from manip3d.mesh import Mesh
 
 _FEWEST = 4  # faces that a shared budget leaves to each model
@@ -77,7 +78,7 @@ def lod_chain(
     ratio: float = 0.5,
     method: str = "qem4vr",
     options: Mapping[str, Any] | None = None,
-    progress: Callable[[float], object] | None = None,
+    progress: Progress = None,
 ) -> LodChain:
     """Simplify once and take every level of detail from the record of that run.
 
@@ -93,8 +94,8 @@ def lod_chain(
         One of `METHODS`.
     options : dict of str, optional
         Arguments of the method, such as ``{"max_distance": 0.1}``.
-    progress : callable, optional
-        As of the method.
+    progress : None, True or callable
+        ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
 
     Returns
     -------
@@ -139,7 +140,7 @@ def _run(
     target_faces: int,
     method: str,
     options: Mapping[str, Any] | None,
-    progress: Callable[[float], object] | None,
+    progress: Progress,
 ) -> SimplifyResult:
     if method not in METHODS:
         raise InputError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
@@ -198,7 +199,7 @@ def share_budget(
     *,
     method: str = "qem4vr",
     options: Mapping[str, Any] | None = None,
-    progress: Callable[[float], object] | None = None,
+    progress: Progress = None,
 ) -> SharedBudget:
     """Simplify several models to a number of faces in all, every one up to the same error.
 
@@ -212,8 +213,8 @@ def share_budget(
         One of `METHODS`.
     options : dict of str, optional
         Arguments of the method, such as ``{"max_distance": 0.1}``.
-    progress : callable, optional
-        As of the method.
+    progress : None, True or callable
+        ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
 
     Returns
     -------

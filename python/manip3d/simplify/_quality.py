@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.checked import checked
+from manip3d._util.options import reporting
 from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 from manip3d.simplify._collapse import SimplifyResult, StopReason, _target, clean, qem4vr
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
+    from manip3d._util.options import Progress
     from manip3d.mesh import Mesh
 
 __all__ = ["Mode", "QualityResult", "quality", "simplify"]
@@ -80,6 +81,7 @@ def _follow(first: NDArray[np.int32], second: NDArray[np.int32]) -> NDArray[np.i
     return np.where(first < 0, gone, second[first])
 
 
+@checked
 def quality(
     mesh: Mesh,
     *,
@@ -89,7 +91,7 @@ def quality(
     boundary_weight: float = 1.0,
     seam_weight: float = 1.0,
     texture_weight: float = 0.3,
-    progress: Callable[[float], object] | None = None,
+    progress: Progress = None,
 ) -> QualityResult:
     """Edge collapse with vertices where the error is least, on any mesh, textured or not.
 
@@ -112,8 +114,8 @@ def quality(
     texture_weight : float
         How much a shifted texture counts beside a shifted surface; 0: texture coordinates are
         carried along, for nothing.
-    progress : callable, optional
-        Called with the fraction done, at most ten times a second.
+    progress : None, True or callable
+        ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
 
     Returns
     -------
@@ -158,7 +160,8 @@ def quality(
     options.seam_weight = seam_weight
     options.texture_weight = texture_weight
     cleaned = clean(mesh)
-    fields = _core.simplify_quality(cleaned.mesh, options, progress)
+    with reporting(progress, "simplify") as report:
+        fields = _core.simplify_quality(cleaned.mesh, options, report)
     fields["stop"] = StopReason(fields["stop"].name.lower())
     fields["vertex_map"] = _follow(cleaned.vertex_map, fields["vertex_map"])
     fields["face_map"] = _follow(cleaned.face_map, fields["face_map"])
@@ -166,6 +169,7 @@ def quality(
     return QualityResult(**fields)
 
 
+@checked
 def simplify(
     mesh: Mesh,
     mode: Mode = "quality",
@@ -173,7 +177,7 @@ def simplify(
     target_faces: int | None = None,
     ratio: float | None = None,
     max_error: float | None = None,
-    progress: Callable[[float], object] | None = None,
+    progress: Progress = None,
 ) -> QualityResult | SimplifyResult:
     """Simplify a mesh: the function to start with.
 
@@ -191,8 +195,8 @@ def simplify(
     max_error : float, optional
         No step with a larger error, in the file's unit; each mode says what it measures. Targets
         combine; the first one reached stops. One is needed.
-    progress : callable, optional
-        Called with the fraction done, at most ten times a second.
+    progress : None, True or callable
+        ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
 
     Returns
     -------
