@@ -75,7 +75,7 @@ _VISITOR = Clothes(shirt=(150, 62, 58), trousers=(96, 88, 70), hair=(120, 96, 60
 _SWAY_PERIOD = 2.0  # seconds
 _FLIGHT = 0.35  # metres that joints of a missing limb fly
 _MEMORY = 64  # frames after which jitter is forgotten: 0.9 ** 64 is 0.001
-# Orders of magnitude of the public recordings of people who stand still; not of one device.
+# Orders of magnitude that were guessed, not measured on a device.
 _TRACKERS: dict[str, dict[str, float]] = {
     "kinect-v1": {"jitter": 0.010, "correlation": 0.8, "bias": 0.020},
     "kinect-v2": {"jitter": 0.006, "correlation": 0.6, "bias": 0.015},
