@@ -132,6 +132,7 @@ def forgery() -> np.ndarray:
 
 
 scanner, forged_scan = lattice_scans.lattice(), forgery()
+nothing = np.zeros((0, 3), np.float32)
 
 # In whole millimetres: waves from libm would differ in the last bits between CPUs.
 V, U = np.mgrid[0:90, 0:120]
@@ -257,7 +258,15 @@ CASES: dict[str, Case] = {
     "detectors of chapter 6": judged,
     "lattice reading": lambda threads: scanner.read(forged_scan, threads=threads),
     "generic consistency": lambda threads: _core.generic_consistency(
-        forged_scan, scanner.table, 4000, 0.002, 0.001, 0.002, forged_scan[::-1].copy(), threads
+        forged_scan,
+        scanner.table,
+        4000,
+        0.002,
+        0.001,
+        0.002,
+        forged_scan[::-1].copy(),
+        np.zeros((0, 3), np.float32),
+        threads,
     ),
     **{
         f"velodyne {model}": lambda _, model=model: velodyne(model)

@@ -76,7 +76,7 @@ def test_clean_forged_and_undecidable(scan: Path, hoax: Path, tmp_path: Path) ->
     )
     text = page.read_text()
     assert "tampered" in text
-    assert text.count("data:image/png;base64,") == 2
+    assert text.count("data:image/png;base64,") == 3
     assert "<iframe srcdoc=" in text  # the scan as points
     assert not re.search(r"""(src|href)\s*=\s*["']?https?:""", text)
     assert run("inspect", forged, "-o", page).exit_code == 1  # exists
@@ -228,7 +228,7 @@ def test_many_scans_have_one_table_and_the_gravest_exit_code(
     with table.open(newline="") as stream:
         rows = {Path(row["source"]).name: row for row in csv.DictReader(stream)}
     assert {name: row["verdict"] for name, row in rows.items()} == {
-        "clean.bin": "authentic", "forged.bin": "tampered", "torn.bin": "", "mesh.ply": "",
+        "clean.bin": "no_trace", "forged.bin": "tampered", "torn.bin": "", "mesh.ply": "",
     }  # fmt: skip
     assert "FormatError" in rows["torn.bin"]["error"]
     assert rows["mesh.ply"]["skipped"] == "a mesh"

@@ -36,7 +36,7 @@ SHORTER = (
 NOT_RUN = ("demo", "data get")
 """The demo has tests of its own, and no test uses the network: these are parsed, not run."""
 
-EXIT_CODES = {"inspect scan.bin": 3}
+EXIT_CODES = {"inspect scan.bin": 3, "inspect b.bin": 3}
 
 
 def blocks(language: str) -> list[str]:
@@ -82,7 +82,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     manip3d.Mesh(vertices, faces).write(folder / "models" / "ball.obj")
     manip3d.Mesh(vertices, faces).write(folder / "light.glb")
     hoax = np.concatenate([CAVE, ball(0.6, 20_000) + np.float32([3, 1, 0])])
-    manip3d.LidarFrame(hoax, np.zeros(len(hoax), np.float32)).write(folder / "scan.bin")
+    for name in ("scan", "a", "b", "c"):
+        manip3d.LidarFrame(hoax, np.zeros(len(hoax), np.float32)).write(folder / f"{name}.bin")
     Image.fromarray(depth_image()).save(folder / "depth.png")
     return folder
 

@@ -84,6 +84,15 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "report.write_evidence output": lambda p: report.write_evidence(
         authenticate.inspect(scan), p + ".json"
     ),
+    "report.append_log path": lambda p: report.append_log(
+        p, authenticate.inspect(scan), source="x"
+    ),
+    "report.read_log path": report.read_log,
+    "report.write_suspected_rows output": lambda p: report.write_suspected_rows(
+        authenticate.inspect(scan), p
+    ),
+    "capture.export_joints path": lambda p: capture.export_joints(rgbd_frames.frames(1), p),
+    "io.write_lods path": lambda p: io.write_lods([mesh], p + ".glb"),
     "viewer.kind_of source": viewer.kind_of,
     "viewer.open_thing source": viewer.open_thing,
     "viewer.open_thing color": lambda p: viewer.open_thing(__file__, color=p),

@@ -159,7 +159,7 @@ def test_refuses_bad_input() -> None:
     for samples in (0, -1, 2**41):
         with pytest.raises(manip3d.InputError, match="samples: expected 1"):
             metro(mesh, mesh, sampling="area", samples=samples)
-    with pytest.raises(manip3d.InputError, match="num_threads"):
+    with pytest.raises(manip3d.InputError, match="threads: expected 0"):
         metro(mesh, mesh, threads=-1)
     empty = manip3d.Mesh(mesh.vertices, [])
     with pytest.raises(manip3d.InputError, match="original: expected at least one face"):

@@ -114,11 +114,11 @@ def test_bad_arguments() -> None:
         nearest_distances([[0, 0, 0], [np.nan, 0, 0]])
     with pytest.raises(InputError, match="origin"):
         nearest_distances([[0, 0, 0]], origin=(0, 0))
-    with pytest.raises(InputError, match="origin: expected finite"):
+    with pytest.raises(InputError, match="origin: expected three finite"):
         nearest_distances([[0, 0, 0]], origin=(0, 0, np.inf))
     with pytest.raises(InputError, match="resolution"):
         nearest_distances([[0, 0, 0]], resolution=np.nan)
-    with pytest.raises(InputError, match="num_threads"):
+    with pytest.raises(InputError, match="threads: expected 0"):
         nearest_distances([[0, 0, 0]], threads=-2)
 
 

@@ -58,7 +58,7 @@ def check_promises(
 ) -> None:
     assert result.num_vertices <= target
     if result.stop == "target":
-        assert result.num_vertices == target
+        assert target - 2 <= result.num_vertices  # the last step can free two vertices more
     u, v = result.pixels.T
     assert np.all(valid[v, u])
     if result.max_move == 0:
@@ -358,7 +358,7 @@ def test_no_target_is_too_small(effort: simplify.Effort) -> None:
     valid[22:38, 32:48] = False
     for target in (3, 4, 5, 10, 50, 150):
         result = simplify.relief_grid(points, valid, target, effort=effort)
-        assert result.num_vertices == target
+        assert target - 2 <= result.num_vertices  # the last step can free two vertices more
         check_promises(result, points, valid, target)
 
 
@@ -400,7 +400,7 @@ def test_pieces_left_out() -> None:
     ("options", "message"),
     [
         ({"target_points": 2}, "target_points: expected at least 3, got 2"),
-        ({"target_points": 2.5}, r"target_points: expected a whole number, got 2\.5"),
+        ({"target_points": 2.5}, r"target_points: expected a whole number of 64 bits, got 2\.5"),
         ({"effort": "most"}, "effort: expected one of live, fast, balanced, fine, best"),
         ({"max_edge": 0.0}, "max_edge: expected > 0"),
         ({"max_edge": float("nan")}, "max_edge: expected > 0"),
@@ -408,7 +408,10 @@ def test_pieces_left_out() -> None:
         ({"levels": [20]}, "levels: expected sizes of at least 3, strictly decreasing from 20"),
         ({"levels": [9, 2]}, "levels: .* got 2"),
         ({"levels": [9, 9]}, "levels: .* got 9"),
-        ({"levels": [9.5]}, r"levels: expected a whole number, got 9\.5"),
+        (
+            {"levels": [9.5]},
+            r"levels: expected a sequence, each a whole number of 64 bits, got \[9\.5\]",
+        ),
         ({"levels": [9], "move_points": True}, "levels: expected none with move_points"),
     ],
 )

@@ -156,7 +156,7 @@ def test_other_streets_differ(streets: list[Street]) -> None:
         ({"laser_bias": -0.1}, "laser_bias"),
         ({"drop_out": 1.0}, "drop_out"),
         ({"max_range": 0.0}, "max_range"),
-        ({"rng": "x"}, "rng: expected a seed, a Generator or None, got 'x'"),
+        ({"rng": "x"}, "rng: expected a seed >= 0, a Generator or None, got 'x'"),
         ({"time": 1e4}, "times: expected the car on the street"),
         ({"time": float("nan")}, "times: expected the car on the street"),
     ],

@@ -362,7 +362,7 @@ def combined_verdict(
     verdicts = {report.verdict for report in reports}
     if "tampered" in verdicts:
         return "tampered"
-    if processing or "processed" in verdicts:
+    if len(processing) or "processed" in verdicts:
         return "processed"
     if any(report.verdict == "no_trace" and report.could_object for report in reports):
         return "no_trace"

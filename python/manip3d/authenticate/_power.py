@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.options import generator_of
 from manip3d.authenticate._generic import generic_consistency
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._verdict import Power
@@ -183,9 +184,12 @@ def measure_power(
     """
     if planted < 1:
         raise InputError(f"planted: expected at least 1, got {planted}")
-    random = np.random.default_rng(rng)
+    random = generator_of(rng)
     found, tried = dict.fromkeys(EDITS, 0), dict.fromkeys(EDITS, 0)
-    clouds = [frame.points for frame in frames]
+    listed = list(frames)
+    if not all(isinstance(frame, LidarFrame) for frame in listed):
+        raise InputError("frames: expected LidarFrames")
+    clouds = [frame.points for frame in listed]
     for i, points in enumerate(clouds):
         before = clouds[i - 1] if neighbours and i > 0 else None
         after = clouds[i + 1] if neighbours and i + 1 < len(clouds) else None

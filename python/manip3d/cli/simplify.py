@@ -161,8 +161,8 @@ def simplify(
     mode: Annotated[
         Mode | None,
         typer.Option(
-            help="quality: least error, vertices move (the default); published: the method of "
-            "chapter 2, vertices of the input."
+            help="The rules: quality (least error, vertices move; the default) or published (the "
+            "method of chapter 2, vertices of the input)."
         ),
     ] = None,
     method: Annotated[
