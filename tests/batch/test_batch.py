@@ -364,6 +364,6 @@ def test_a_batch_over_an_object_store(bucket: str) -> None:
     rows = store.cat("scans/out/results.csv").decode().splitlines()
     assert len(rows) == 4
     store.pipe("scans/in/b.txt", b"mended")
-    again = batch.run(upper, f"{bucket}/in/**.txt", f"{bucket}/out", **arguments)
+    again = batch.run(upper, f"{bucket}/in/**/*.txt", f"{bucket}/out", **arguments)
     assert (again.resumed, again.failed) == (2, 0)
     assert store.cat("scans/out/b.txt") == b"MENDED"

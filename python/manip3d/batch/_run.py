@@ -181,7 +181,14 @@ def one_file(function: Work, source: str, output: str | None, options: Mapping[s
     with local_copy(source) as local, target as written:
         if written is not None:
             written.parent.mkdir(parents=True, exist_ok=True)
-        columns = dict(function(local, written, **options))
+        try:
+            columns = dict(function(local, written, **options))
+        except Exception as error:  # names the file, not the copy of it that was read
+            error.args = tuple(
+                part.replace(str(local), source) if isinstance(part, str) else part
+                for part in error.args
+            )
+            raise
         is_file = written is not None and written.is_file()
         num_bytes = written.stat().st_size if written is not None and is_file else None
         names = {str(local): source} | ({str(written): output} if written is not None else {})
