@@ -290,7 +290,7 @@ def generic_consistency(
         threads_of(threads),
     )
     scan = frame if isinstance(frame, LidarFrame) else LidarFrame(cloud, origin=(0.0, 0.0, 0.0))
-    return _judged(found, scan, lattice, false_alarm_rate)
+    return _judged(found, scan, lattice, false_alarm_rate, is_stated=calibration is not None)
 
 
 def _points_of(frame: LidarFrame | ArrayLike | None, name: str) -> NDArray[np.float32]:
@@ -319,7 +319,12 @@ def _log10_p(kind: str, strength: float, points: int) -> float:
 
 
 def _judged(
-    found: Mapping[str, Any], scan: LidarFrame, lattice: SensorLattice, false_alarm_rate: float
+    found: Mapping[str, Any],
+    scan: LidarFrame,
+    lattice: SensorLattice,
+    false_alarm_rate: float,
+    *,
+    is_stated: bool,
 ) -> GenericResult:
     points = scan.num_points
     rules = {kind: kind for kind in EVIDENCE}
@@ -349,7 +354,7 @@ def _judged(
     )
     suspected = np.flatnonzero(np.isin(found["region_of_point"], alarming))
     return GenericResult(
-        "tampered" if alarming else _quiet_verdict(evidence, found["directions"]),
+        "tampered" if alarming else _quiet_verdict(evidence, found["directions"], is_stated),
         10.0 ** min(logs, default=0.0),
         abs(min(best, default=0.0)),
         false_alarm_rate,
@@ -362,12 +367,18 @@ def _judged(
     )
 
 
-def _quiet_verdict(evidence: Mapping[str, EvidenceReport], directions: int) -> Verdict:
-    """What a frame without evidence is: only kinds of evidence that were used could object."""
+def _quiet_verdict(
+    evidence: Mapping[str, EvidenceReport], directions: int, is_stated: bool
+) -> Verdict:
+    """What a frame without evidence is: only kinds of evidence that were used could object.
+
+    A lattice that was read off the frame itself does not know the order of the scanner's files, for
+    one: what contradicts it is no sign of processing.
+    """
     if not evidence["line"].used or directions < FEWEST_DIRECTIONS:
         return "undecidable"
     contradicted = any(said.reason == REASONS["contradicted"] for said in evidence.values())
-    return "processed" if contradicted else "no_trace"
+    return "processed" if contradicted and is_stated else "no_trace"
 
 
 OFF_LATTICE = sum(1 << EVIDENCE.index(kind) for kind in ("grid", "line", "step", "firing"))
