@@ -128,7 +128,7 @@ def depth(
     min_coverage: Annotated[
         float,
         typer.Option(
-            min=0, max=1, help="--strict: exit 4 if less of the surface's pixels is covered."
+            min=0, max=1, help="Under --strict: exit 4 if less of the surface's pixels is covered."
         ),
     ] = 0.9,
     force: Force = False,
