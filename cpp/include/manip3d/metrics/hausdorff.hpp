@@ -7,7 +7,7 @@ namespace manip3d {
 
 struct HausdorffOptions {
   double tolerance = 1e-4;  ///< Largest gap between the bounds, in diagonals of the original; > 0.
-  int num_threads = 0;      ///< As in parallel_chunks.
+  int num_threads = 0;      ///< Number of threads; 0: all cores.
 };
 
 /// A distance lies between these, in the meshes' units.
@@ -17,9 +17,9 @@ struct DistanceBounds {
 };
 
 struct HausdorffResult {
-  DistanceBounds forward;   ///< Of the original's points from the simplified surface.
-  DistanceBounds backward;  ///< Of the simplified surface's points from the original.
-  double diagonal = 0.0;    ///< Of the original's bounding box (vertices that a face uses).
+  DistanceBounds forward;   ///< From the original's points to the simplified surface.
+  DistanceBounds backward;  ///< From the simplified surface's points to the original.
+  double diagonal = 0.0;  ///< Diagonal of the original's bounding box (vertices that a face uses).
 };
 
 /// The Hausdorff distance of two surfaces, as sets of points, between two bounds.

@@ -23,7 +23,7 @@ enum class Texturing : std::uint8_t {
   kCalibration  ///< Where the colour camera sees the pixel's own point: wrong for the phantom.
 };
 
-/// Where the body's plane of symmetry comes from.
+/// The source of the body's plane of symmetry.
 enum class PlaneRule : std::uint8_t {
   kTrunk,  ///< The trunk, followed by its surface and all of its joints (TrunkTracker).
   kJoints  ///< Four joints of the frame alone, dissertation eq. 4.2 and 4.8.
@@ -37,7 +37,7 @@ struct PhantomMeshOptions {
 struct PhantomOptions {
   Limb affected = Limb::kRightArm;
   MirrorMode mode = MirrorMode::kReflection;
-  PlaneRule plane = PlaneRule::kTrunk;  ///< Of kReflection; the other modes take the joints'.
+  PlaneRule plane = PlaneRule::kTrunk;  ///< Used by kReflection; other modes take the joints.
   bool smooths = true;                  ///< Else joints are taken as they come.
   JointSmootherOptions smoothing;
   KeyPersonOptions key_person;
@@ -142,7 +142,7 @@ struct PhantomReport {
   PhantomReason reason = PhantomReason::kNone;
   double opacity = 0.0;             ///< To draw the phantom with: 1, or less while it fades.
   double visible = 0.0;             ///< Share of the intact limb that is seen, by length.
-  PhantomQuality quality;           ///< As if all were well while there is no phantom.
+  PhantomQuality quality;           ///< Without a phantom, that of a perfect frame.
   std::optional<BodyFrame> plane;   ///< The axes that were mirrored at.
   std::int64_t texture_number = 0;  ///< Frame whose colours the phantom's sources refer to.
   std::int64_t num_person = 0, num_removed = 0, num_mirrored = 0, num_filled = 0;  ///< Pixels.
@@ -163,7 +163,7 @@ struct PhantomReport {
 /// in the body's frame, then fades; where no pixel of the person is left, it is not drawn.
 /// Degenerate body axes keep those of the last frame. A frame that is no newer than the last one is
 /// counted and passed over, unless it is more than a second older: then a new recording begins.
-/// Where all times are 0, there is no clock: frames count as 30 a second. An object keeps its
+/// A stream whose times are all 0 has no clock: frames count as 30 a second. An object keeps its
 /// memory and allocates nothing after the first frame of a camera.
 class PhantomPipeline {
  public:

@@ -53,7 +53,7 @@ enum class ComplexVertices : std::uint8_t {
 struct QemOptions {
   std::int64_t target_faces = 0;  ///< Stop at this many faces or fewer; 0: as few as possible.
   double max_error = std::numeric_limits<double>::infinity();  ///< Of one collapse, input units.
-  /// Of the two surfaces from each other (Hausdorff, boundaries included), input units; kept by
+  /// Largest distance of the two surfaces (Hausdorff, boundaries included), input units; kept by
   /// construction. 0: only collapses that leave the surface exactly as it is.
   double max_distance = std::numeric_limits<double>::infinity();
   BoundaryTerm boundary = BoundaryTerm::kCurvature;

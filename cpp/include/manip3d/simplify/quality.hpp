@@ -13,10 +13,10 @@ namespace manip3d {
 
 struct QualityOptions {
   std::int64_t target_faces = 0;  ///< Stop at this many faces or fewer; 0: as few as possible.
-  double max_error = std::numeric_limits<double>::infinity();  ///< Of one step, input units.
-  double boundary_weight = 1.0;  ///< Of a strip along a boundary, beside a shifted surface.
+  double max_error = std::numeric_limits<double>::infinity();  ///< Limit of a step, input units.
+  double boundary_weight = 1.0;  ///< Price of a strip along a boundary; a shifted surface has 1.
   double seam_weight = 1.0;      ///< The same along borders of materials and texture charts.
-  double texture_weight = 0.3;   ///< Of a shifted texture, beside a shifted surface.
+  double texture_weight = 0.3;   ///< Price of a shifted texture; a shifted surface has 1.
 };
 
 struct QualityResult {
