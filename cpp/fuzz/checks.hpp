@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstdio>
 #include <cstdlib>
 
 #include "manip3d/error.hpp"
@@ -8,8 +9,11 @@
 /// What fuzz targets of kernels hold against them.
 namespace manip3d::fuzzing {
 
-inline void require(bool condition) {
-  if (!condition) std::abort();
+/// Ends the program where `condition` does not hold, and says at which line of the target.
+inline void require(bool condition, int line = __builtin_LINE()) {
+  if (condition) return;
+  std::fprintf(stderr, "line %d of the target does not hold\n", line);
+  std::abort();
 }
 
 /// Bad input is refused; nothing else may be thrown.

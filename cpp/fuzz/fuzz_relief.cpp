@@ -1,5 +1,6 @@
 // The relief on any grid of points, frame after frame: an InputError, or meshes of no more than the
-// points asked for, planar over valid pixels; the same for one thread and for two.
+// points asked for, planar, that say whether they bridge pixels without depth; the same for one
+// thread and for two.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -21,6 +22,7 @@ using fuzzing::require;
 struct Grid {
   std::int64_t rows, cols;
   bool rows_up;
+  bool any_bits;
   std::vector<float> points;
   std::vector<std::uint8_t> valid;
   [[nodiscard]] PointGridView view() const {
@@ -29,13 +31,14 @@ struct Grid {
 };
 
 // Heights of any bits, or small whole numbers, of which planes and steps are made.
-void fill(fuzzing::Bytes& bytes, bool any_bits, Grid& grid) {
+void fill(fuzzing::Bytes& bytes, Grid& grid) {
   for (std::size_t i = 0; i < grid.valid.size(); ++i) {
     const auto byte = bytes.take<std::uint8_t>();
     grid.valid[i] = byte % 4 != 0 ? 1 : 0;
     grid.points[3 * i] = static_cast<float>(i % static_cast<std::size_t>(grid.cols));
     grid.points[3 * i + 1] = static_cast<float>(i / static_cast<std::size_t>(grid.cols));
-    grid.points[3 * i + 2] = any_bits ? bytes.take<float>() : 50.0F + static_cast<float>(byte / 16);
+    grid.points[3 * i + 2] =
+        grid.any_bits ? bytes.take<float>() : 50.0F + static_cast<float>(byte / 16);
   }
 }
 
@@ -67,10 +70,12 @@ MANIP3D_UNCOUNTED bool is_inside(const Pixels& p, const Faces& faces, Eigen::Ind
   return true;
 }
 
-/// All vertices are used; triangles turn the right way, share edges as a surface does, lie over
-/// valid pixels and over no place twice.
-MANIP3D_UNCOUNTED void check_surface(const Grid& grid, const Pixels& pixels, Faces faces,
+/// All vertices are used; triangles turn the right way, share edges as a surface does and lie over
+/// no place twice.
+/// @returns whether a triangle lies over a pixel that is not valid, as where a hole was closed.
+MANIP3D_UNCOUNTED bool check_surface(const Grid& grid, const Pixels& pixels, Faces faces,
                                      std::int64_t num_vertices) {
+  bool bridges = false;
   std::set<std::pair<std::int32_t, std::int32_t>> edges;
   std::vector<bool> used(num_vertices);
   const std::int64_t width = 2 * grid.cols;
@@ -92,11 +97,12 @@ MANIP3D_UNCOUNTED void check_surface(const Grid& grid, const Pixels& pixels, Fac
         if (!is_inside(pixels, faces, t, u, v)) continue;
         require(++covered[v * width + u] == 1);
         const bool at_pixel = u % 2 == 0 && v % 2 == 0;
-        require(!at_pixel || grid.valid[v / 2 * grid.cols + u / 2] != 0);
+        bridges = bridges || (at_pixel && grid.valid[v / 2 * grid.cols + u / 2] == 0);
       }
     }
   }
   require(std::all_of(used.begin(), used.end(), [](bool is) { return is; }));
+  return bridges;
 }
 
 MANIP3D_UNCOUNTED void check(const Grid& grid, const ReliefOptions& options,
@@ -112,7 +118,8 @@ MANIP3D_UNCOUNTED void check(const Grid& grid, const ReliefOptions& options,
       require(mesh.vertices(i, k) == grid.points[3 * at + static_cast<std::size_t>(k)]);
     }
   }
-  check_surface(grid, mesh.pixels, mesh.faces, mesh.vertices.rows());
+  const bool bridges = check_surface(grid, mesh.pixels, mesh.faces, mesh.vertices.rows());
+  require(!bridges || result.cover.bridges > 0.0 || grid.any_bits);  // areas may overflow
   require(result.levels.size() == options.levels.size());
   for (std::size_t i = 0; i < result.levels.size(); ++i) {
     require(result.levels[i].num_vertices <= options.levels[i]);
@@ -129,7 +136,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const auto kind = bytes.take<std::uint8_t>();
   const ReliefOptions options = take_options(bytes);
   const auto count = static_cast<std::size_t>(rows * cols);
-  Grid grid{rows, cols, kind % 2 == 0, std::vector<float>(3 * count),
+  Grid grid{rows,
+            cols,
+            kind % 2 == 0,
+            kind / 8 % 4 == 0,
+            std::vector<float>(3 * count),
             std::vector<std::uint8_t>(count)};
   Relief one, two;
   ReliefOptions threads = options;
@@ -138,7 +149,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const int num_frames = kind / 2 % 4 == 0 ? 2 : 1;
   try {
     for (int frame = 0; frame < num_frames; ++frame) {
-      fill(bytes, kind / 8 % 4 == 0, grid);
+      fill(bytes, grid);
       one.run(grid.view(), options, result);
       check(grid, options, result);
       if (kind / 32 != 0) continue;

@@ -58,7 +58,7 @@ enum class TrackingState : std::uint8_t { kNotTracked, kInferred, kTracked };
 
 /// One person's pose in the frame of the camera that sees it: metres, x right, y down, z ahead.
 struct Skeleton {
-  std::array<Eigen::Vector3f, kNumJoints> positions{};
+  std::array<Eigen::Vector3f, kNumJoints> positions = all_at_origin();
   /// Unit quaternions w, x, y, z: from the bone that ends at the joint to the camera frame; 0 where
   /// there is none.
   std::array<std::array<float, 4>, kNumJoints> orientations{};
@@ -71,6 +71,14 @@ struct Skeleton {
   }
   [[nodiscard]] TrackingState state(Joint joint) const {
     return states[static_cast<std::size_t>(joint)];
+  }
+
+ private:
+  /// Eigen leaves `{}` uninitialized.
+  static std::array<Eigen::Vector3f, kNumJoints> all_at_origin() {
+    std::array<Eigen::Vector3f, kNumJoints> positions;
+    positions.fill(Eigen::Vector3f::Zero());
+    return positions;
   }
 };
 
