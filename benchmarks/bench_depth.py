@@ -89,7 +89,7 @@ def run_one(name: str, model: str, target: int, output: str) -> None:
     from peers import PEERS as KNOWN
     from peers import NotInstalledError, RefusedError
 
-    image = replace(load(model)[0], colour=None)
+    image = replace(load(model)[0], color=None)
     if name in OURS:
         options = dict(OURS[name])
         method = options.pop("method")
@@ -98,7 +98,7 @@ def run_one(name: str, model: str, target: int, output: str) -> None:
         for _ in range(REPEATS if cost.cpu_s < 1 else 0):
             result, again = measure(work)
             cost = min(cost, again, key=lambda one: one.cpu_s)
-        mesh, before = Mesh(result.vertices, result.triangles), 0.0
+        mesh, before = Mesh(result.vertices, result.faces), 0.0
     else:
         image.dense()
         dense, dense_cost = measure(image.dense)

@@ -38,7 +38,7 @@ class Profile:
     """Milliseconds of one recording."""
 
     points: float
-    triangles: float
+    faces: float
     stages: dict[str, float]
     mean: float
     p99: float
@@ -49,7 +49,7 @@ class Profile:
             "whole call, mean": f"{self.mean:.2f}",
             "whole call, p99": f"{self.p99:.2f}",
             "points": f"{self.points:,.0f}",
-            "triangles": f"{self.triangles:,.0f}",
+            "faces": f"{self.faces:,.0f}",
         }
 
 
@@ -59,7 +59,7 @@ def recording(limb: str, feet: int, frames: int) -> list[RgbdFrame]:
 
     motion = "arm-raise" if limb.endswith("arm") else "stepping"
     simulator = BodySimulator(
-        motion=motion, amputated=limb, distance=0.3048 * feet, colour="full", frames=frames
+        motion=motion, amputated=limb, distance=0.3048 * feet, color="full", frames=frames
     )
     return list(simulator)
 
@@ -74,7 +74,7 @@ def profile(limb: str, frames: list[RgbdFrame], rounds: int) -> Profile:
     pipeline = PhantomPipeline(limb)  # type: ignore[arg-type]
     buffers = _Buffers.of_size(*frames[0].depth.shape)
     stages = {name: np.full(len(frames), np.inf) for name in ROWS.values()}
-    calls, points, triangles = [], 0, 0
+    calls, points, faces = [], 0, 0
     for _ in range(rounds):
         pipeline.reset()
         for k, frame in enumerate(frames):
@@ -93,10 +93,10 @@ def profile(limb: str, frames: list[RgbdFrame], rounds: int) -> Profile:
             for name, seconds in report["seconds"].items():
                 stages[name][k] = min(stages[name][k], seconds)
             points += report["num_points"]
-            triangles += report["num_triangles"]
+            faces += report["num_faces"]
     least = {name: 1e3 * float(seconds.mean()) for name, seconds in stages.items()}
     mean, p99 = 1e3 * float(np.mean(calls)), 1e3 * float(np.quantile(calls, 0.99))
-    return Profile(points / len(calls), triangles / len(calls), least, mean, p99)
+    return Profile(points / len(calls), faces / len(calls), least, mean, p99)
 
 
 def published() -> dict[str, list[float]]:

@@ -170,7 +170,7 @@ KERNELS: dict[str, Kernel] = {
 READ_FILES = {
     "simplify.simplify_depth_file",
     "simplify.common_depth_unit",
-    "simplify.colours_of_frames",
+    "simplify.colors_of_frames",
 }
 """Readers, or readers, kernels and writers in one."""
 

@@ -29,24 +29,24 @@ def full_calibration() -> RgbdCalibration:
     rays = np.stack(np.meshgrid(np.linspace(-1, 1, COLS), np.linspace(-1, 1, ROWS)), -1)
     rays[0, 0] = np.nan
     depth = Intrinsics(COLS, ROWS, 15.0, 15.5, 7.25, 6.5, rays=rays.astype(np.float32))
-    colour = Intrinsics(20, 10, 18.0, 18.5, 9.1, 5.2, distortion=(0.1, -0.02, 1e-3, 2e-3, 1 / 3))
+    color = Intrinsics(20, 10, 18.0, 18.5, 9.1, 5.2, distortion=(0.1, -0.02, 1e-3, 2e-3, 1 / 3))
     turn = np.array([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
-    return RgbdCalibration(depth, Registration(colour, turn, np.array([0.05, 0.0, 1 / 3])))
+    return RgbdCalibration(depth, Registration(color, turn, np.array([0.05, 0.0, 1 / 3])))
 
 
 def frames(
-    count: int, calibration: RgbdCalibration = CALIBRATION, *, colour: bool = True, seed: int = 0
+    count: int, calibration: RgbdCalibration = CALIBRATION, *, color: bool = True, seed: int = 0
 ) -> Iterator[RgbdFrame]:
     """Random images, two bodies, one skeleton; every third number is missing."""
     rng = np.random.default_rng(seed)
     camera = calibration.depth
-    seen = calibration.registration.colour if calibration.registration else camera
+    seen = calibration.registration.color if calibration.registration else camera
     for i in range(count):
         yield RgbdFrame(
             rng.integers(0, 65536, (camera.height, camera.width), dtype=np.uint16),
             calibration,
-            colour=rng.integers(0, 256, (seen.height, seen.width, 3), dtype=np.uint8)
-            if colour
+            color=rng.integers(0, 256, (seen.height, seen.width, 3), dtype=np.uint8)
+            if color
             else None,
             body_index=rng.choice(np.array([0, 2, 255], np.uint8), (camera.height, camera.width)),
             skeletons=(skeleton(rng),),
@@ -55,10 +55,10 @@ def frames(
         )
 
 
-def assert_same(a: RgbdFrame, b: RgbdFrame, *, colour: bool = True) -> None:
+def assert_same(a: RgbdFrame, b: RgbdFrame, *, color: bool = True) -> None:
     """Bit for bit."""
     assert (a.time, a.number) == (b.time, b.number)
-    images = ["depth", "body_index", *(["colour"] if colour else [])]
+    images = ["depth", "body_index", *(["colour"] if color else [])]
     for name in images:
         first, second = getattr(a, name), getattr(b, name)
         if first is None or second is None:

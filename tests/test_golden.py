@@ -83,7 +83,7 @@ def written(mesh: Mesh, suffix: str) -> list[bytes]:
         return [path.read_bytes() for path in sorted(Path(folder).iterdir())]
 
 
-_TRUSTED = ("quality", "plane", "colour", "phantom_colour")
+_TRUSTED = ("quality", "plane", "color", "phantom_color")
 """Fields of a phantom that the published method does not have."""
 
 
@@ -145,7 +145,7 @@ CAMERA = Intrinsics(120, 90, 110.0, 110.0, 59.5, 44.5, distortion=(0.1, -0.05, 0
 
 def depth_mesh(mesh: simplify.DepthMesh) -> list[object]:
     """What a depth mesh is, without the seconds it took."""
-    return [mesh.vertices, mesh.triangles, mesh.pixels, mesh.uvs]
+    return [mesh.vertices, mesh.faces, mesh.pixels, mesh.texcoords]
 
 
 # Whole numbers over 512: no sine of NumPy's, whose last bits differ between CPUs.

@@ -34,14 +34,14 @@ def test_every_joint_hangs_from_the_root() -> None:
 def test_a_frame_of_wrong_images_is_refused() -> None:
     calibration = manip3d.RgbdCalibration(CAMERA)
     depth = np.zeros((4, 6), np.uint16)
-    frame = manip3d.RgbdFrame(depth, calibration, colour=np.zeros((4, 6, 3), np.uint8))
+    frame = manip3d.RgbdFrame(depth, calibration, color=np.zeros((4, 6, 3), np.uint8))
     assert frame.skeletons == ()
     with pytest.raises(manip3d.InputError, match=r"frame\.depth: expected uint16 \(4, 6\)"):
         manip3d.RgbdFrame(depth.T, calibration)
     with pytest.raises(manip3d.InputError, match=r"frame\.body_index"):
         manip3d.RgbdFrame(depth, calibration, body_index=depth)
-    with pytest.raises(manip3d.InputError, match=r"frame\.colour"):
-        manip3d.RgbdFrame(depth, calibration, colour=np.zeros((4, 5, 3), np.uint8))
+    with pytest.raises(manip3d.InputError, match=r"frame\.color"):
+        manip3d.RgbdFrame(depth, calibration, color=np.zeros((4, 5, 3), np.uint8))
 
 
 def test_a_mirrored_camera_is_refused() -> None:

@@ -67,7 +67,7 @@ DepthView depth_view(const py::array& depth) {
 Registration to_registration(const py::object& registration) {
   Registration result;
   py::object no_rays;
-  result.colour = to_intrinsics(registration.attr("colour"), no_rays);
+  result.color = to_intrinsics(registration.attr("color"), no_rays);
   const auto rotation = registration.attr("rotation").cast<CArray<double>>();
   const auto translation = registration.attr("translation").cast<CArray<double>>();
   for (int i = 0; i < 3; ++i) {
@@ -97,8 +97,8 @@ Fields to_fields(DepthMesh&& mesh) {
   Fields fields;
   fields["vertices"] = to_numpy(std::move(mesh.vertices));
   fields["pixels"] = to_numpy(std::move(mesh.pixels));
-  fields["uvs"] = to_numpy(std::move(mesh.texcoords));
-  fields["triangles"] = to_numpy(std::move(mesh.faces));
+  fields["texcoords"] = to_numpy(std::move(mesh.texcoords));
+  fields["faces"] = to_numpy(std::move(mesh.faces));
   return fields;
 }
 
@@ -110,9 +110,9 @@ struct OutputArrays {
 
   explicit OutputArrays(const py::object& out)
       : vertices(take<float>(out, "vertices", 3)),
-        texcoords(take<float>(out, "uvs", 2)),
+        texcoords(take<float>(out, "texcoords", 2)),
         pixels(take<std::int32_t>(out, "pixels", 2)),
-        faces(take<std::int32_t>(out, "triangles", 3)) {
+        faces(take<std::int32_t>(out, "faces", 3)) {
     const py::ssize_t capacity =
         std::min({vertices.shape(0), texcoords.shape(0), pixels.shape(0), faces.shape(0) / 2});
     buffers = {capacity, vertices.mutable_data(), pixels.mutable_data(), texcoords.mutable_data(),
@@ -141,7 +141,7 @@ Fields to_fields(const Cs3Report& report) {
   }
   Fields fields;
   fields["num_vertices"] = report.num_vertices;
-  fields["num_triangles"] = report.num_faces;
+  fields["num_faces"] = report.num_faces;
   fields["reached"] = report.reached;
   fields["factor"] = report.factor;
   fields["literal_count"] = py::cast(report.literal_count);
@@ -174,11 +174,11 @@ class Cs3Runner {
   Fields run(const RangeImage& image, const Cs3Options& options, const py::object& registration,
              const py::object& out) {
     OutputArrays arrays(out);
-    const OptionalRegistration colour(registration);
+    const OptionalRegistration color(registration);
     Cs3Report report;
     {
       const py::gil_scoped_release nogil;
-      report = cs3_.run(image, options, colour.get(), arrays.buffers);
+      report = cs3_.run(image, options, color.get(), arrays.buffers);
     }
     return to_fields(report);
   }
@@ -339,7 +339,7 @@ void bind_depth(py::module_& m) {
       py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("rows_up"),
       py::arg("max_edge"), py::arg("registration"), py::arg("threads"));
   m.def(
-      "registered_uvs",
+      "registered_texcoords",
       [](const CArray<float>& vertices, const py::object& registration) {
         const auto points = rows<Rows<float, 3>>(vertices, "vertices");
         const Registration camera = to_registration(registration);

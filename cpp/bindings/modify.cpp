@@ -57,8 +57,8 @@ PhantomBuffers to_buffers(const py::object& out, py::ssize_t rows, py::ssize_t c
   buffers.source = output<std::int32_t>(out, "source", {rows, cols, 2});
   buffers.mesh = {capacity, output<float>(out, "vertices", {capacity, 3}),
                   output<std::int32_t>(out, "pixels", {capacity, 2}),
-                  output<float>(out, "uvs", {capacity, 2}),
-                  output<std::int32_t>(out, "triangles", {2 * capacity, 3})};
+                  output<float>(out, "texcoords", {capacity, 2}),
+                  output<std::int32_t>(out, "faces", {2 * capacity, 3})};
   return buffers;
 }
 
@@ -108,7 +108,7 @@ Fields to_fields(const PhantomReport& report) {
   fields["num_filled"] = py::int_(report.num_filled);
   fields["num_points"] = py::int_(report.num_points);
   fields["num_vertices"] = py::int_(report.mesh.num_vertices);
-  fields["num_triangles"] = py::int_(report.mesh.num_faces);
+  fields["num_faces"] = py::int_(report.mesh.num_faces);
   fields["late_frames"] = py::int_(report.late_frames);
   fields["skeleton"] = from_skeleton(report.skeleton);
   fields["seconds"] = seconds;
@@ -133,9 +133,9 @@ class PipelineRunner {
       input.body_index = body_index->data();
     }
     input.camera = to_intrinsics(camera, rays_);
-    std::optional<Registration> colour;
-    if (!registration.is_none()) colour = to_registration(registration);
-    input.registration = colour ? &*colour : nullptr;
+    std::optional<Registration> color;
+    if (!registration.is_none()) color = to_registration(registration);
+    input.registration = color ? &*color : nullptr;
     const std::vector<Skeleton> skeletons = to_skeletons(people);
     input.people = skeletons;
     input.time_ns = time_ns;

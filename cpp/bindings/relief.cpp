@@ -22,8 +22,8 @@ Fields to_fields(ReliefResult&& result) {
   Fields fields;
   fields["vertices"] = to_numpy(std::move(result.mesh.vertices));
   fields["pixels"] = to_numpy(std::move(result.mesh.pixels));
-  fields["uvs"] = to_numpy(std::move(result.mesh.texcoords));
-  fields["triangles"] = to_numpy(std::move(result.mesh.faces));
+  fields["texcoords"] = to_numpy(std::move(result.mesh.texcoords));
+  fields["faces"] = to_numpy(std::move(result.mesh.faces));
   py::list levels;
   for (ReliefLevel& level : result.levels) {
     levels.append(py::make_tuple(level.num_vertices, to_numpy(std::move(level.faces))));

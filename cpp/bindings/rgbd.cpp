@@ -81,10 +81,10 @@ void to_frame(const py::handle& from, RgbdFrame& frame) {
   frame.cols = depth.shape(1);
   copy_image<std::uint16_t>(depth, frame.depth);
   copy_image<std::uint8_t>(from.attr("body_index"), frame.body_index);
-  const py::object colour = from.attr("colour");
-  copy_image<std::uint8_t>(colour, frame.colour);
-  frame.colour_rows = colour.is_none() ? 0 : colour.attr("shape")[py::int_(0)].cast<std::int64_t>();
-  frame.colour_cols = colour.is_none() ? 0 : colour.attr("shape")[py::int_(1)].cast<std::int64_t>();
+  const py::object color = from.attr("color");
+  copy_image<std::uint8_t>(color, frame.color);
+  frame.color_rows = color.is_none() ? 0 : color.attr("shape")[py::int_(0)].cast<std::int64_t>();
+  frame.color_cols = color.is_none() ? 0 : color.attr("shape")[py::int_(1)].cast<std::int64_t>();
   frame.skeletons.clear();
   for (const py::handle skeleton : from.attr("skeletons")) {
     frame.skeletons.push_back(to_skeleton(skeleton));

@@ -68,7 +68,7 @@ py::object calibration_fields(const SharedCalibration& calibration) {
   fields["depth"] = camera_fields(calibration->depth);
   if (const auto& registration = calibration->registration) {
     const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rotation = registration->rotation;
-    fields["colour"] = camera_fields(registration->colour);
+    fields["color"] = camera_fields(registration->color);
     fields["rotation"] = py::array_t<double>({3, 3}, rotation.data());
     fields["translation"] = py::array_t<double>(3, registration->translation.data());
   }
@@ -86,7 +86,7 @@ Fields frame_fields(RgbdFrame&& frame) {
   Fields fields;
   fields["depth"] = image(std::move(frame.depth), {frame.rows, frame.cols});
   fields["body_index"] = image(std::move(frame.body_index), {frame.rows, frame.cols});
-  fields["colour"] = image(std::move(frame.colour), {frame.colour_rows, frame.colour_cols, 3});
+  fields["color"] = image(std::move(frame.color), {frame.color_rows, frame.color_cols, 3});
   py::list skeletons;
   for (const Skeleton& skeleton : frame.skeletons) skeletons.append(from_skeleton(skeleton));
   fields["skeletons"] = std::move(skeletons);
@@ -200,15 +200,15 @@ void bind_recorder(py::module_& m) {
       });
   m.def(
       "open_recorder",
-      [](const py::bytes& path, const py::object& calibration, bool lossless_colour,
+      [](const py::bytes& path, const py::object& calibration, bool lossless_color,
          int jpeg_quality, bool overwrite) {
-        const RecorderOptions options{lossless_colour, jpeg_quality, overwrite};
+        const RecorderOptions options{lossless_color, jpeg_quality, overwrite};
         const SharedCalibration cameras = shared_calibration(calibration);
         const std::filesystem::path place = to_path(path, "path");
         const py::gil_scoped_release nogil;
         return std::make_unique<Recorder>(open_recorder(place, cameras, options));
       },
-      py::arg("path"), py::arg("calibration"), py::arg("lossless_colour"), py::arg("jpeg_quality"),
+      py::arg("path"), py::arg("calibration"), py::arg("lossless_color"), py::arg("jpeg_quality"),
       py::arg("overwrite"));
 }
 

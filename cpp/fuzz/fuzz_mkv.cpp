@@ -18,9 +18,9 @@ using manip3d::RgbdFrame;
 bool is_whole(const RgbdFrame& frame) {
   const manip3d::RgbdCalibration& calibration = *frame.calibration;
   const auto pixels = static_cast<std::size_t>(frame.rows * frame.cols);
-  const auto colours = static_cast<std::size_t>(3 * frame.colour_rows * frame.colour_cols);
+  const auto colors = static_cast<std::size_t>(3 * frame.color_rows * frame.color_cols);
   return frame.rows == calibration.depth.height && frame.cols == calibration.depth.width &&
-         frame.depth.size() == pixels && frame.colour.size() == colours &&
+         frame.depth.size() == pixels && frame.color.size() == colors &&
          (frame.body_index.empty() || frame.body_index.size() == pixels);
 }
 

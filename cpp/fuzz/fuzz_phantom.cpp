@@ -105,7 +105,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
           kCols,   kRows,           35.0, (style & 1) != 0 ? -35.0 : 35.0, 19.5, 17.5, {},
           nullptr, (style & 2) != 0};
       Registration registration;
-      registration.colour = {64, 48, 50.0, 50.0, 30.0, 20.0, {}, nullptr, false};
+      registration.color = {64, 48, 50.0, 50.0, 30.0, 20.0, {}, nullptr, false};
       if ((style & 4) != 0) input.registration = &registration;
       if ((style & 48) == 16) input.camera.distortion[0] = bytes.take<float>();
       std::vector<Skeleton> people;

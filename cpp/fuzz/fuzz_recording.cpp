@@ -33,7 +33,7 @@ void calibration(std::string_view text) {
 void frame_line(std::string_view text) {
   FrameFiles files;
   parse_frame_line(text, 1, "folder", files);
-  for (const ImageFile* image : {&files.depth, &files.body_index, &files.colour}) {
+  for (const ImageFile* image : {&files.depth, &files.body_index, &files.color}) {
     check_inside(image->path);
   }
   for (const Skeleton& skeleton : files.skeletons) {

@@ -50,7 +50,7 @@ TEST(Cs3, AllocatesNothingAfterTheTenthFrame) {
   constexpr std::int64_t kWidth = 320, kHeight = 240;
   const PixelRays rays({kWidth, kHeight, 290.0, 290.0, 160.0, 120.0, {}, nullptr, false});
   Registration registration;
-  registration.colour = {640, 480, 525.0, 525.0, 320.0, 240.0, {}, nullptr, false};
+  registration.color = {640, 480, 525.0, 525.0, 320.0, 240.0, {}, nullptr, false};
   std::vector<std::vector<std::uint16_t>> frames;
   for (int frame = 0; frame < 30; ++frame) frames.push_back(sway(frame, kWidth, kHeight));
   Arrays out(1000);

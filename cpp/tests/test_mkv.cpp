@@ -46,7 +46,7 @@ class Mkv : public ::testing::Test {
 
 struct Shape {
   std::int64_t rows = 24, cols = 32;
-  std::int64_t colour_rows = 0, colour_cols = 0;  // 0: no colour
+  std::int64_t color_rows = 0, color_cols = 0;  // 0: no colour
   bool body_index = true;
   int skeletons = 1;
 };
@@ -61,9 +61,9 @@ std::shared_ptr<const RgbdCalibration> calibration_of(const Shape& shape, bool r
     calibration->ray_table[7] = std::numeric_limits<float>::quiet_NaN();
     calibration->depth.ray_table = calibration->ray_table.data();
   }
-  if (shape.colour_rows > 0) {
+  if (shape.color_rows > 0) {
     Registration registration;
-    registration.colour = {shape.colour_cols, shape.colour_rows, 1081.37, 1081.5, 959.5, 539.5};
+    registration.color = {shape.color_cols, shape.color_rows, 1081.37, 1081.5, 959.5, 539.5};
     registration.translation = {0.052, 1.0 / 3.0, 0.0};
     calibration->registration = registration;
   }
@@ -89,10 +89,10 @@ RgbdFrame frame_of(const Shape& shape, std::int64_t number,
       if (shape.body_index) frame.body_index.push_back(inside ? 0 : kNoBody);
     }
   }
-  frame.colour_rows = shape.colour_rows;
-  frame.colour_cols = shape.colour_cols;
-  for (std::int64_t i = 0; i < 3 * shape.colour_rows * shape.colour_cols; ++i) {
-    frame.colour.push_back(static_cast<std::uint8_t>(i / 7 + number + (i % 3) * 40));
+  frame.color_rows = shape.color_rows;
+  frame.color_cols = shape.color_cols;
+  for (std::int64_t i = 0; i < 3 * shape.color_rows * shape.color_cols; ++i) {
+    frame.color.push_back(static_cast<std::uint8_t>(i / 7 + number + (i % 3) * 40));
   }
   for (int s = 0; s < shape.skeletons; ++s) {
     Skeleton skeleton;
@@ -115,15 +115,15 @@ bool same_bits(const T& a, const T& b) {
   return std::memcmp(&a, &b, sizeof(T)) == 0;
 }
 
-void expect_same_but_colour(const RgbdFrame& a, const RgbdFrame& b) {
+void expect_same_but_color(const RgbdFrame& a, const RgbdFrame& b) {
   EXPECT_EQ(a.number, b.number);
   EXPECT_EQ(a.time_ns, b.time_ns);
   EXPECT_EQ(a.rows, b.rows);
   EXPECT_EQ(a.cols, b.cols);
   EXPECT_TRUE(a.depth == b.depth);
   EXPECT_TRUE(a.body_index == b.body_index);
-  EXPECT_EQ(a.colour_rows, b.colour_rows);
-  EXPECT_EQ(a.colour_cols, b.colour_cols);
+  EXPECT_EQ(a.color_rows, b.color_rows);
+  EXPECT_EQ(a.color_cols, b.color_cols);
   ASSERT_EQ(a.skeletons.size(), b.skeletons.size());
   for (std::size_t s = 0; s < a.skeletons.size(); ++s) {
     EXPECT_TRUE(same_bits(a.skeletons[s].positions, b.skeletons[s].positions));
@@ -137,10 +137,10 @@ void expect_same_but_colour(const RgbdFrame& a, const RgbdFrame& b) {
 /// What the colour of a frame becomes.
 std::vector<std::uint8_t> through_jpeg(const RgbdFrame& frame, int quality) {
   JpegEncoder encoder(quality);
-  std::vector<std::uint8_t> colour(frame.colour.size());
-  const ImageSize size{frame.colour_rows, frame.colour_cols};
-  JpegDecoder().decode(encoder.encode(frame.colour.data(), size), size, colour.data());
-  return colour;
+  std::vector<std::uint8_t> color(frame.color.size());
+  const ImageSize size{frame.color_rows, frame.color_cols};
+  JpegDecoder().decode(encoder.encode(frame.color.data(), size), size, color.data());
+  return color;
 }
 
 void record(const fs::path& path, const Shape& shape, std::int64_t count,
@@ -161,7 +161,7 @@ std::vector<std::int64_t> replay(RgbdSource& source, const Shape& shape) {
   std::vector<std::int64_t> numbers;
   RgbdFrame frame;
   while (source.read(frame, 0ms) == ReadStatus::kFrame) {
-    expect_same_but_colour(frame, frame_of(shape, frame.number, {}));
+    expect_same_but_color(frame, frame_of(shape, frame.number, {}));
     numbers.push_back(frame.number);
   }
   return numbers;
@@ -179,11 +179,11 @@ void write_bytes(const fs::path& path, const char* data, std::size_t size) {
 TEST_F(Mkv, ReplaysWhatWasRecordedBitForBit) {
   const Shape shapes[] = {
       {},
-      {.colour_rows = 24, .colour_cols = 32},
-      {.colour_rows = 54, .colour_cols = 96, .skeletons = 6},
-      {.rows = 7, .cols = 13, .colour_rows = 5, .colour_cols = 4, .body_index = false},
-      {.rows = 4, .cols = 4, .colour_rows = 4, .colour_cols = 4, .skeletons = 0},
-      {.rows = 424, .cols = 512, .colour_rows = 424, .colour_cols = 512},
+      {.color_rows = 24, .color_cols = 32},
+      {.color_rows = 54, .color_cols = 96, .skeletons = 6},
+      {.rows = 7, .cols = 13, .color_rows = 5, .color_cols = 4, .body_index = false},
+      {.rows = 4, .cols = 4, .color_rows = 4, .color_cols = 4, .skeletons = 0},
+      {.rows = 424, .cols = 512, .color_rows = 424, .color_cols = 512},
   };
   int file = 0;
   for (const Shape& shape : shapes) {
@@ -192,7 +192,7 @@ TEST_F(Mkv, ReplaysWhatWasRecordedBitForBit) {
       const fs::path path = folder_ / (std::to_string(file++) + ".mkv");
       const auto calibration = calibration_of(shape);
       const auto recorder =
-          record_mkv(path, calibration, {.lossless_colour = lossless, .jpeg_quality = 80});
+          record_mkv(path, calibration, {.lossless_color = lossless, .jpeg_quality = 80});
       for (int n = 0; n < 5; ++n) recorder->write(frame_of(shape, n, calibration));
       recorder->close();
       recorder->close();
@@ -202,10 +202,10 @@ TEST_F(Mkv, ReplaysWhatWasRecordedBitForBit) {
       for (int n = 0; n < 5; ++n) {
         ASSERT_EQ(source->read(frame, 0ms), ReadStatus::kFrame);
         const RgbdFrame expected = frame_of(shape, n, calibration);
-        expect_same_but_colour(frame, expected);
+        expect_same_but_color(frame, expected);
         EXPECT_TRUE(
-            frame.colour ==
-            (lossless || expected.colour.empty() ? expected.colour : through_jpeg(expected, 80)));
+            frame.color ==
+            (lossless || expected.color.empty() ? expected.color : through_jpeg(expected, 80)));
         EXPECT_EQ(frame.calibration, source->calibration());
       }
       EXPECT_EQ(source->read(frame, 0ms), ReadStatus::kEnd);
@@ -235,13 +235,13 @@ void expect_same_calibration(const RgbdCalibration& a, const RgbdCalibration& b)
   }
   ASSERT_EQ(a.registration.has_value(), b.registration.has_value());
   if (!a.registration) return;
-  expect_same(a.registration->colour, b.registration->colour);
+  expect_same(a.registration->color, b.registration->color);
   EXPECT_EQ(a.registration->rotation, b.registration->rotation);
   EXPECT_EQ(a.registration->translation, b.registration->translation);
 }
 
 TEST_F(Mkv, KeepsTheCalibrationWithItsRayTable) {
-  const Shape shape{.colour_rows = 54, .colour_cols = 96};
+  const Shape shape{.color_rows = 54, .color_cols = 96};
   const auto calibration = calibration_of(shape, true);
   const fs::path path = folder_ / "rays.mkv";
   const auto recorder = record_mkv(path, calibration);
@@ -254,8 +254,8 @@ TEST_F(Mkv, KeepsTheCalibrationWithItsRayTable) {
   EXPECT_EQ(open_mkv(path, {.calibration = other})->calibration(), other);
 }
 
-TEST_F(Mkv, FramesMayLackColourAndTimesMayBeAnything) {
-  const Shape shape{.colour_rows = 24, .colour_cols = 32};
+TEST_F(Mkv, FramesMayLackColorAndTimesMayBeAnything) {
+  const Shape shape{.color_rows = 24, .color_cols = 32};
   const auto calibration = calibration_of(shape);
   const fs::path path = folder_ / "gaps.mkv";
   const auto recorder = record_mkv(path, calibration);
@@ -266,7 +266,7 @@ TEST_F(Mkv, FramesMayLackColourAndTimesMayBeAnything) {
     RgbdFrame frame = frame_of(shape, 3, calibration);
     frame.time_ns = time;
     frame.number = number++;
-    if (time == 0) frame.colour.clear();
+    if (time == 0) frame.color.clear();
     if (time == 1) frame.body_index.clear();
     recorder->write(frame);
   }
@@ -276,7 +276,7 @@ TEST_F(Mkv, FramesMayLackColourAndTimesMayBeAnything) {
   for (const std::int64_t time : times) {
     ASSERT_EQ(source->read(frame, 0ms), ReadStatus::kFrame);
     EXPECT_EQ(frame.time_ns, time);
-    EXPECT_EQ(frame.colour.empty(), time == 0);
+    EXPECT_EQ(frame.color.empty(), time == 0);
     EXPECT_EQ(frame.body_index.empty(), time == 1);
   }
   EXPECT_EQ(source->read(frame, 0ms), ReadStatus::kEnd);
@@ -309,7 +309,7 @@ TEST_F(Mkv, RefusesFramesOutOfOrderAndPathsInUse) {
 }
 
 TEST_F(Mkv, TheSameFramesGiveTheSameFile) {
-  const Shape shape{.colour_rows = 24, .colour_cols = 32};
+  const Shape shape{.color_rows = 24, .color_cols = 32};
   record(folder_ / "a.mkv", shape, 4);
   record(folder_ / "b.mkv", shape, 4);
   EXPECT_EQ(bytes_of_file(folder_ / "a.mkv"), bytes_of_file(folder_ / "b.mkv"));
@@ -330,7 +330,7 @@ std::vector<std::uintmax_t> record_with_sizes(const fs::path& path, const Shape&
 }
 
 TEST_F(Mkv, CutFilesGiveAllWholeFrames) {
-  const Shape shape{.rows = 12, .cols = 16, .colour_rows = 12, .colour_cols = 16};
+  const Shape shape{.rows = 12, .cols = 16, .color_rows = 12, .color_cols = 16};
   for (const bool closed : {true, false}) {
     const fs::path whole = folder_ / "whole.mkv", cut = folder_ / "cut.mkv";
     fs::remove(whole);
@@ -376,7 +376,7 @@ TEST_F(Mkv, CutFilesGiveAllWholeFrames) {
 }
 
 TEST_F(Mkv, FlippedBitsAreCountedAndNeverShown) {
-  const Shape shape{.rows = 12, .cols = 16, .colour_rows = 12, .colour_cols = 16};
+  const Shape shape{.rows = 12, .cols = 16, .color_rows = 12, .color_cols = 16};
   constexpr std::int64_t kFrames = 6;
   const auto calibration = calibration_of(shape);
   const fs::path path = folder_ / "flipped.mkv";
@@ -402,8 +402,8 @@ TEST_F(Mkv, FlippedBitsAreCountedAndNeverShown) {
       std::int64_t before = -1;
       while (source->read(frame, 0ms) == ReadStatus::kFrame) {
         const RgbdFrame expected = frame_of(shape, frame.number, {});
-        expect_same_but_colour(frame, expected);
-        EXPECT_TRUE(frame.colour == through_jpeg(expected, 90));
+        expect_same_but_color(frame, expected);
+        EXPECT_TRUE(frame.color == through_jpeg(expected, 90));
         EXPECT_GT(frame.number, before);
         before = frame.number;
       }
@@ -425,7 +425,7 @@ TEST_F(Mkv, FlippedBitsAreCountedAndNeverShown) {
 }
 
 TEST_F(Mkv, AKilledRecorderLosesNoFrameThatItAcknowledged) {
-  const Shape shape{.rows = 96, .cols = 128, .colour_rows = 96, .colour_cols = 128};
+  const Shape shape{.rows = 96, .cols = 128, .color_rows = 96, .color_cols = 128};
   std::vector<std::size_t> kept;
   for (int trial = 0; trial < 8; ++trial) {
     const fs::path path = folder_ / ("killed" + std::to_string(trial) + ".mkv");
@@ -466,7 +466,7 @@ TEST_F(Mkv, AKilledRecorderLosesNoFrameThatItAcknowledged) {
 }
 
 TEST_F(Mkv, AFullDiskIsAnErrorAndLeavesWholeFrames) {
-  const Shape shape{.rows = 96, .cols = 128, .colour_rows = 96, .colour_cols = 128};
+  const Shape shape{.rows = 96, .cols = 128, .color_rows = 96, .color_cols = 128};
   const auto calibration = calibration_of(shape);
   const auto ignored = std::signal(SIGXFSZ, SIG_IGN);
   ::rlimit before{};

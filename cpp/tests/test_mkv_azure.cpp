@@ -25,9 +25,9 @@ using namespace std::chrono_literals;
 // Numbers of a real sensor, rounded.
 constexpr double kDepthLens[] = {0.50127, 0.50320, 0.49252, 0.49259, 6.08415, 4.37549,  0.23619,
                                  6.40873, 6.41830, 1.22029, 0.0,     0.0,     6.503e-5, -5.530e-5};
-constexpr double kColourLens[] = {0.49866,  0.50207, 0.47819,    0.63736,  0.58438,
-                                  -2.49425, 1.36028, 0.46476,    -2.33625, 1.30116,
-                                  0.0,      0.0,     -1.7651e-4, 6.5308e-4};
+constexpr double kColorLens[] = {0.49866,  0.50207, 0.47819,    0.63736,  0.58438,
+                                 -2.49425, 1.36028, 0.46476,    -2.33625, 1.30116,
+                                 0.0,      0.0,     -1.7651e-4, 6.5308e-4};
 
 JsonPlace::Json camera_json(const char* location, const double (&lens)[14],
                             const std::vector<double>& rotation,
@@ -44,7 +44,7 @@ JsonPlace::Json camera_json(const char* location, const double (&lens)[14],
 JsonPlace::Json calibration_json() {
   const JsonPlace::Json cameras = {camera_json("CALIBRATION_CameraLocationD0", kDepthLens,
                                                {1, 0, 0, 0, 1, 0, 0, 0, 1}, {0, 0, 0}),
-                                   camera_json("CALIBRATION_CameraLocationPV0", kColourLens,
+                                   camera_json("CALIBRATION_CameraLocationPV0", kColorLens,
                                                {1, 0, 0, 0, 0.99518, -0.09806, 0, 0.09806, 0.99518},
                                                {-0.0320, -0.0021, 0.0039})};
   return {{"CalibrationInformation", {{"Cameras", cameras}}}};
@@ -62,9 +62,9 @@ Eigen::Vector2d pixel_of(const double (&l)[14], double width, double height, dou
   return {(l[2] * xd + l[0]) * width - left - 0.5, (l[3] * yd + l[1]) * height - top - 0.5};
 }
 
-std::shared_ptr<RgbdCalibration> calibration_of(ImageSize depth, std::optional<ImageSize> colour,
+std::shared_ptr<RgbdCalibration> calibration_of(ImageSize depth, std::optional<ImageSize> color,
                                                 const JsonPlace::Json& json = calibration_json()) {
-  return azure_calibration(JsonPlace(json, "calibration.json", 0), depth, colour);
+  return azure_calibration(JsonPlace(json, "calibration.json", 0), depth, color);
 }
 
 TEST(AzureCalibration, RaysOfTheDepthCameraSeeTheirPixels) {
@@ -92,18 +92,18 @@ TEST(AzureCalibration, RaysOfTheDepthCameraSeeTheirPixels) {
   }
 }
 
-TEST(AzureCalibration, BrownsModelIsNearTheColourLens) {
+TEST(AzureCalibration, BrownsModelIsNearTheColorLens) {
   const ImageSize size{720, 1280};
   const auto calibration = calibration_of({576, 640}, size);
   const Registration& registration = *calibration->registration;
   double most = 0.0;
   for (double x = -0.7; x <= 0.7; x += 0.02) {
     for (double y = -0.4; y <= 0.4; y += 0.02) {
-      const Eigen::Vector2d expected = pixel_of(kColourLens, 1280, 960, 0, 120, {x, y});
+      const Eigen::Vector2d expected = pixel_of(kColorLens, 1280, 960, 0, 120, {x, y});
       if (expected.x() < 0 || expected.y() < 0 || expected.x() > 1279 || expected.y() > 719) {
         continue;
       }
-      const Eigen::Vector2d pixel = project(registration.colour, {x, y, 1.0});
+      const Eigen::Vector2d pixel = project(registration.color, {x, y, 1.0});
       most = std::max(most, (pixel - expected).norm());
     }
   }
@@ -119,8 +119,8 @@ TEST(AzureCalibration, ARadiusOfZeroIsTheOneOfTheSdk) {
   const auto expected = calibration_of({576, 640}, ImageSize{720, 1280}, json);
   for (auto& camera : json["CalibrationInformation"]["Cameras"]) camera["MetricRadius"] = 0;
   const auto found = calibration_of({576, 640}, ImageSize{720, 1280}, json);
-  EXPECT_EQ(found->registration->colour.distortion, expected->registration->colour.distortion);
-  EXPECT_GT(std::abs(found->registration->colour.distortion[0]), 0.01);
+  EXPECT_EQ(found->registration->color.distortion, expected->registration->color.distortion);
+  EXPECT_GT(std::abs(found->registration->color.distortion[0]), 0.01);
   EXPECT_TRUE(std::ranges::equal(found->ray_table, expected->ray_table, [](float a, float b) {
     return a == b || (std::isnan(a) && std::isnan(b));
   }));
@@ -193,9 +193,9 @@ struct Block {
   Bytes data;
 };
 
-Bytes recording(const std::vector<Block>& blocks, ImageSize depth, ImageSize colour,
-                const char* colour_kind = "MJPG", const char* offset_ns = "1000000500") {
-  const Bytes tracks = element(0x1654AE6B, video_track(1, "COLOR", colour_kind, colour) +
+Bytes recording(const std::vector<Block>& blocks, ImageSize depth, ImageSize color,
+                const char* color_kind = "MJPG", const char* offset_ns = "1000000500") {
+  const Bytes tracks = element(0x1654AE6B, video_track(1, "COLOR", color_kind, color) +
                                                video_track(2, "DEPTH", "b16g", depth) +
                                                video_track(3, "IR", "b16g", depth));
   const Bytes attached =
@@ -234,7 +234,7 @@ class AzureMkv : public ::testing::Test {
     path_ = fs::temp_directory_path() / ("manip3d-azure-" + std::to_string(::getpid()) + ".mkv");
     JpegEncoder encoder(90);
     const std::vector<std::uint8_t> grey(3 * 64 * 48, 90);
-    const auto packet = encoder.encode(grey.data(), kColour);
+    const auto packet = encoder.encode(grey.data(), kColor);
     jpeg_.assign(reinterpret_cast<const char*>(packet.data()), packet.size());
   }
   void TearDown() override {
@@ -243,7 +243,7 @@ class AzureMkv : public ::testing::Test {
   void write(const Bytes& bytes) { std::ofstream(path_, std::ios::binary) << bytes; }
 
   static constexpr ImageSize kDepth{288, 320};
-  static constexpr ImageSize kColour{48, 64};
+  static constexpr ImageSize kColor{48, 64};
   fs::path path_;
   Bytes jpeg_;
 };
@@ -265,12 +265,12 @@ TEST_F(AzureMkv, PairsImagesByTheirTimes) {
           {1, 166'000, jpeg_.substr(0, 300)},       // cut short
           {2, 200'123, depth_block(kDepth, 65535)}  //
       },
-      kDepth, kColour));
+      kDepth, kColor));
   const auto source = open_mkv(path_);
   RgbdFrame frame;
   struct Expected {
     std::int64_t number, time_us;
-    bool has_colour;
+    bool has_color;
     int seed;
   };
   for (const Expected& expected :
@@ -279,36 +279,36 @@ TEST_F(AzureMkv, PairsImagesByTheirTimes) {
     ASSERT_EQ(source->read(frame, 0ms), ReadStatus::kFrame);
     EXPECT_EQ(frame.number, expected.number);
     EXPECT_EQ(frame.time_ns, expected.time_us * 1000 + 1'000'000'500);
-    EXPECT_EQ(!frame.colour.empty(), expected.has_colour);
+    EXPECT_EQ(!frame.color.empty(), expected.has_color);
     ASSERT_EQ(std::ssize(frame.depth), kDepth.rows * kDepth.cols);
     for (std::size_t i = 0; i < frame.depth.size(); ++i) {
       ASSERT_EQ(frame.depth[i],
                 static_cast<std::uint16_t>(i * 7 + static_cast<unsigned>(expected.seed)));
     }
-    EXPECT_EQ(expected.has_colour ? frame.colour.at(0) : 90, 90);
+    EXPECT_EQ(expected.has_color ? frame.color.at(0) : 90, 90);
   }
   EXPECT_EQ(source->read(frame, 0ms), ReadStatus::kEnd);
   const Counters counters = source->counters();
   const std::map<std::string, std::int64_t> counted(counters.begin(), counters.end());
   EXPECT_EQ(counted.at("frames"), 4);
-  EXPECT_EQ(counted.at("without_colour"), 2);
+  EXPECT_EQ(counted.at("without_color"), 2);
   EXPECT_EQ(counted.at("damaged"), 3);
   EXPECT_EQ(source->calibration()->depth.width, 320);
-  EXPECT_EQ(source->calibration()->registration->colour.width, 64);
+  EXPECT_EQ(source->calibration()->registration->color.width, 64);
 }
 
 TEST_F(AzureMkv, OffsetsOfTheClockNeverOverflow) {
   const std::uint64_t latest = std::uint64_t{1} << 62;  // microseconds: later than times go
   RgbdFrame frame;
   for (const char* offset : {"2251799813685247000", "-2251799813685247000", "0"}) {
-    write(recording({{2, latest, depth_block(kDepth, 0)}}, kDepth, kColour, "MJPG", offset));
+    write(recording({{2, latest, depth_block(kDepth, 0)}}, kDepth, kColor, "MJPG", offset));
     const auto source = open_mkv(path_);
     ASSERT_EQ(source->read(frame, 0ms), ReadStatus::kFrame);
     EXPECT_EQ(frame.time_ns, (std::int64_t{1} << 51) * 1000 + std::stoll(offset));
   }
   for (const char* offset : {"9223372036854775807", "-9223372036854775808", "1e9", "12 s",
                              "99999999999999999999", "2251799813686000000"}) {
-    write(recording({{2, 0, depth_block(kDepth, 0)}}, kDepth, kColour, "MJPG", offset));
+    write(recording({{2, 0, depth_block(kDepth, 0)}}, kDepth, kColor, "MJPG", offset));
     try {
       open_mkv(path_);
       FAIL() << offset;
@@ -319,11 +319,11 @@ TEST_F(AzureMkv, OffsetsOfTheClockNeverOverflow) {
 }
 
 TEST_F(AzureMkv, RefusesOtherKindsOfImages) {
-  write(recording({{2, 0, depth_block(kDepth, 0)}}, kDepth, kColour, "NV12"));
+  write(recording({{2, 0, depth_block(kDepth, 0)}}, kDepth, kColor, "NV12"));
   EXPECT_THROW(open_mkv(path_), FormatError);
-  write(recording({{2, 0, depth_block(kDepth, 0)}}, {100, 100}, kColour));
+  write(recording({{2, 0, depth_block(kDepth, 0)}}, {100, 100}, kColor));
   EXPECT_THROW(open_mkv(path_), FormatError);
-  write(recording({{2, 0, depth_block(kDepth, 0)}}, {100'000, 100'000}, kColour));
+  write(recording({{2, 0, depth_block(kDepth, 0)}}, {100'000, 100'000}, kColor));
   EXPECT_THROW(open_mkv(path_), FormatError);
 }
 

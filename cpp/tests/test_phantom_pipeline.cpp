@@ -43,7 +43,7 @@ struct Images {
 class Recording {
  public:
   Recording() : camera_(testing::small_kinect()) {
-    registration_.colour = {640, 480, 525.0, 525.0, 320.0, 240.0, {}, nullptr, false};
+    registration_.color = {640, 480, 525.0, 525.0, 320.0, 240.0, {}, nullptr, false};
     for (int i = 0; i < kFrames; ++i) {
       people_.push_back(testing::standing_person(0.01F * static_cast<float>(i % 9)));
       people_.back().states[6] = people_.back().states[14] =

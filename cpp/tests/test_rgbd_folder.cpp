@@ -37,13 +37,13 @@ TEST(RgbdJson, CalibrationsAndSkeletonsAreExact) {
   calibration->ray_table.resize(30, 1.0F / 3.0F);
   calibration->depth.ray_table = calibration->ray_table.data();
   Registration& registration = calibration->registration.emplace();
-  registration.colour = small_camera()->depth;
-  registration.colour.distortion = {0.1, -0.2, 1e-300, 4.0, 5.0};
+  registration.color = small_camera()->depth;
+  registration.color.distortion = {0.1, -0.2, 1e-300, 4.0, 5.0};
   registration.translation = {0.1, 0.2, 1.0 / 3.0};
   const auto json = JsonPlace::Json::parse(calibration_to_json(*calibration).dump());
   const auto read = calibration_from_json(JsonPlace(json, "", 0));
   EXPECT_EQ(read->depth.fx, calibration->depth.fx);
-  EXPECT_EQ(read->registration->colour.distortion, registration.colour.distortion);
+  EXPECT_EQ(read->registration->color.distortion, registration.color.distortion);
   EXPECT_EQ(read->registration->translation, registration.translation);
   ASSERT_EQ(read->depth.ray_table, read->ray_table.data());
   ASSERT_EQ(read->ray_table.size(), 30U);
@@ -78,9 +78,9 @@ TEST(ImageCodec, PngRoundTripsAndKindsAreKept) {
   EXPECT_EQ(decode_grey(small, 6).pixels, grey);
   EXPECT_EQ(decode_depth(small, 6).pixels, (std::vector<std::uint16_t>{0, 1, 2, 3, 254, 255}));
   const std::vector<std::uint8_t> rgb = {1, 2, 3, 4, 5, 6};
-  const auto colour = encode_png(rgb, 2, 3);
-  EXPECT_EQ(decode_rgb(colour, 2).pixels, rgb);
-  EXPECT_THROW(decode_depth(colour, 2), FormatError);
+  const auto color = encode_png(rgb, 2, 3);
+  EXPECT_EQ(decode_rgb(color, 2).pixels, rgb);
+  EXPECT_THROW(decode_depth(color, 2), FormatError);
   EXPECT_EQ(decode_rgb(small, 6).pixels.size(), 18U);  // grey becomes colour
 }
 
@@ -97,13 +97,13 @@ TEST(Unmirror, ColumnsAndPrincipalPointsTurnTogether) {
   stored->depth.mirrored = true;
   const auto turned = unmirrored(stored);
   RgbdFrame frame;
-  frame.rows = frame.colour_rows = 1;
-  frame.cols = frame.colour_cols = 5;
+  frame.rows = frame.color_rows = 1;
+  frame.cols = frame.color_cols = 5;
   frame.depth = {1, 2, 3, 4, 5};
-  frame.colour = {1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4, 5, 5, 6};
+  frame.color = {1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4, 5, 5, 6};
   unmirror_images(*stored, frame);
   EXPECT_EQ(frame.depth, (std::vector<std::uint16_t>{5, 4, 3, 2, 1}));
-  EXPECT_EQ(frame.colour[2], 6);  // R, G, B stay in order
+  EXPECT_EQ(frame.color[2], 6);  // R, G, B stay in order
   EXPECT_FALSE(turned->depth.mirrored);
   // The same point is seen in the pixel that was turned round.
   const Eigen::Vector3d point(0.3, 0.1, 1.0);

@@ -109,12 +109,12 @@ TEST_F(SdkFile, DepthIsBroughtToMillimetres) {
   EXPECT_EQ(frames[1].depth, (std::vector<std::uint16_t>{0, 1, 0, 0, 0, 65535}));
   EXPECT_EQ(frames[0].number, 7);
   EXPECT_EQ(frames[0].time_ns, 7000);
-  EXPECT_TRUE(frames[0].colour.empty());
+  EXPECT_TRUE(frames[0].color.empty());
   EXPECT_EQ(frames[0].calibration->depth.cx, 0.75);
   EXPECT_FALSE(source_->capabilities().is_live);
 }
 
-TEST_F(SdkFile, ColourIsRedGreenBlue) {
+TEST_F(SdkFile, ColorIsRedGreenBlue) {
   std::vector<std::uint8_t> bytes(40);
   for (std::size_t i = 0; i < bytes.size(); ++i) bytes[i] = static_cast<std::uint8_t>(i);
   const struct {
@@ -127,11 +127,11 @@ TEST_F(SdkFile, ColourIsRedGreenBlue) {
   for (const auto& kind : kinds) {
     constexpr std::int64_t kRow = 17;
     SdkFrame frame = frame_of(0);
-    frame.colour = {bytes.data(), 2, 3, kRow, kind.pixels};
+    frame.color = {bytes.data(), 2, 3, kRow, kind.pixels};
     script_.frames = {frame};
     const auto frames = play();
     ASSERT_EQ(frames.size(), 1U);
-    EXPECT_EQ(frames[0].colour_cols, 3);
+    EXPECT_EQ(frames[0].color_cols, 3);
     std::vector<std::uint8_t> expected;
     for (std::size_t v = 0; v < 2; ++v) {
       for (std::size_t u = 0; u < 3; ++u) {
@@ -141,7 +141,7 @@ TEST_F(SdkFile, ColourIsRedGreenBlue) {
         }
       }
     }
-    EXPECT_EQ(frames[0].colour, expected);
+    EXPECT_EQ(frames[0].color, expected);
   }
 }
 
@@ -149,26 +149,26 @@ TEST_F(SdkFile, MirroredImagesAreTurnedRound) {
   script_.mirrored = true;
   const std::uint8_t grey[] = {1, 1, 1, 2, 2, 2, 3, 3, 3, 4, 4, 4, 5, 5, 5, 6, 6, 6};
   SdkFrame frame = frame_of(0);
-  frame.colour = {grey, 2, 3, 9, SdkPixels::kRgb};
+  frame.color = {grey, 2, 3, 9, SdkPixels::kRgb};
   script_.frames = {frame};
   const auto frames = play();
   ASSERT_EQ(frames.size(), 1U);
   EXPECT_EQ(frames[0].depth, (std::vector<std::uint16_t>{6, 5, 4, 7, 65535, 0}));
-  EXPECT_EQ(frames[0].colour[0], 3);
+  EXPECT_EQ(frames[0].color[0], 3);
   EXPECT_FALSE(frames[0].calibration->depth.mirrored);
   EXPECT_EQ(frames[0].calibration->depth.cx, 2.0 - 0.75);
 }
 
 TEST_F(SdkFile, WhatDoesNotFitIsCounted) {
-  SdkFrame large = frame_of(3), none = frame_of(4), colour = frame_of(7);
+  SdkFrame large = frame_of(3), none = frame_of(4), color = frame_of(7);
   large.depth.rows = 3;
   none.depth.data = nullptr;
-  colour.colour = {kDepth, 1, 2, 6, SdkPixels::kRgb};
-  script_.frames = {frame_of(2), large, none, colour};
+  color.color = {kDepth, 1, 2, 6, SdkPixels::kRgb};
+  script_.frames = {frame_of(2), large, none, color};
   EXPECT_EQ(play().size(), 2U);
   EXPECT_EQ(counted(),
             (std::map<std::string, std::int64_t>{
-                {"frames", 2}, {"lost_by_camera", 4}, {"without_colour", 2}, {"damaged", 2}}));
+                {"frames", 2}, {"lost_by_camera", 4}, {"without_color", 2}, {"damaged", 2}}));
 }
 
 TEST_F(SdkFile, TheGivenCameraIsTaken) {

@@ -12,7 +12,7 @@
 namespace manip3d {
 namespace {
 
-TEST(Hsv, KnownColoursAreOpenCvs) {
+TEST(Hsv, KnownColorsAreOpenCvs) {
   struct Case {
     std::uint8_t r, g, b;
     int h, s, v;
@@ -35,7 +35,7 @@ TEST(Hsv, KnownColoursAreOpenCvs) {
   }
 }
 
-TEST(Hsv, AllColoursAreOpenCvs) {
+TEST(Hsv, AllColorsAreOpenCvs) {
   // FNV-1a of cv::cvtColor's output (OpenCV 4.11, COLOR_RGB2HSV) over red, green, blue.
   std::uint64_t hash = 0xcbf29ce484222325U;
   const auto add = [&](int byte) {
@@ -62,10 +62,10 @@ RgbdFrame wall() {
   calibration->depth = {
       .width = kCols, .height = kRows, .fx = 70, .fy = 70, .cx = 39.5, .cy = 29.5};
   RgbdFrame frame;
-  frame.rows = frame.colour_rows = kRows;
-  frame.cols = frame.colour_cols = kCols;
+  frame.rows = frame.color_rows = kRows;
+  frame.cols = frame.color_cols = kCols;
   frame.depth.assign(kRows * kCols, 2000);
-  frame.colour.assign(3 * kRows * kCols, 128);
+  frame.color.assign(3 * kRows * kCols, 128);
   frame.calibration = calibration;
   return frame;
 }
@@ -73,7 +73,7 @@ RgbdFrame wall() {
 void paint(RgbdFrame& frame, int v0, int u0, int height, int width, bool blue = true) {
   for (int v = v0; v < v0 + height; ++v) {
     for (int u = u0; u < u0 + width; ++u) {
-      std::uint8_t* rgb = frame.colour.data() + 3 * (v * frame.colour_cols + u);
+      std::uint8_t* rgb = frame.color.data() + 3 * (v * frame.color_cols + u);
       rgb[0] = 30, rgb[1] = 60, rgb[2] = blue ? 200 : 60;
     }
   }
@@ -125,16 +125,16 @@ TEST_F(ShoeCover, TooFewPixelsOrNoDepthAreNoFoot) {
   EXPECT_FALSE(tracker_.find(wall(), rays_, {nan, nan, nan}));
 }
 
-TEST_F(ShoeCover, ColourIsLookedUpWhereItsCameraSeesThePoint) {
+TEST_F(ShoeCover, ColorIsLookedUpWhereItsCameraSeesThePoint) {
   auto calibration = std::make_shared<RgbdCalibration>(*frame_.calibration);
   Registration registration;
-  registration.colour = {.width = 160, .height = 120, .fx = 140, .fy = 140, .cx = 79.5, .cy = 59.5};
+  registration.color = {.width = 160, .height = 120, .fx = 140, .fy = 140, .cx = 79.5, .cy = 59.5};
   registration.translation = {0.2, 0, 0};  // 14 pixels at 2 m
   calibration->registration = registration;
   frame_.calibration = calibration;
-  frame_.colour_rows = 120;
-  frame_.colour_cols = 160;
-  frame_.colour.assign(3 * 120 * 160, 128);
+  frame_.color_rows = 120;
+  frame_.color_cols = 160;
+  frame_.color.assign(3 * 120 * 160, 128);
   paint(frame_, 52, 86, 16, 16);  // its centre is the ankle's, 14 pixels to the right
   const auto foot = tracker_.find(frame_, rays_, kAnkle);
   ASSERT_TRUE(foot);
@@ -165,7 +165,7 @@ TEST_F(ShoeCover, FramesAllocateNothing) {
 
 TEST_F(ShoeCover, WrongFramesAndOptionsAreRefused) {
   RgbdFrame grey = frame_;
-  grey.colour.clear();
+  grey.color.clear();
   EXPECT_THROW((void)tracker_.find(grey, rays_, kAnkle), InputError);
   RgbdFrame small = frame_;
   small.rows = 10;

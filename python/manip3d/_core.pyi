@@ -1615,7 +1615,7 @@ def occlusion_consistency(
 def open_recorder(
     path: bytes,
     calibration: typing.Any,
-    lossless_colour: bool,
+    lossless_color: bool,
     jpeg_quality: typing.SupportsInt | typing.SupportsIndex,
     overwrite: bool,
 ) -> RgbdRecorder: ...

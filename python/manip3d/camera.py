@@ -203,7 +203,7 @@ class Registration:
 
     Attributes
     ----------
-    colour : Intrinsics
+    color : Intrinsics
         Of the colour camera; without a ray table.
     rotation : (3, 3) float64
         Takes points of the depth camera to the colour camera.
@@ -215,13 +215,13 @@ class Registration:
         ``rotation`` is no rotation, or a number is not finite.
     """
 
-    colour: Intrinsics
+    color: Intrinsics
     rotation: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
     translation: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
-        if not isinstance(self.colour, Intrinsics):
-            raise InputError(f"registration.colour: expected Intrinsics, got {self.colour!r}")
+        if not isinstance(self.color, Intrinsics):
+            raise InputError(f"registration.color: expected Intrinsics, got {self.color!r}")
         rotation = rows(self.rotation, 3, np.float64, "registration.rotation")
         translation = vector(self.translation, 3, "registration.translation")
         if rotation.shape != (3, 3):

@@ -111,7 +111,7 @@ class RgbdCalibration:
     def __post_init__(self) -> None:
         for name, camera in (
             ("depth", self.depth),
-            ("registration.colour", self.registration.colour if self.registration else None),
+            ("registration.color", self.registration.color if self.registration else None),
         ):
             if camera is not None and camera.mirrored:
                 raise InputError(f"calibration.{name}: expected a camera that is not mirrored")
@@ -126,7 +126,7 @@ class RgbdFrame(Showable):
     depth : (H, W) uint16
         Millimetres along the optical axis; 0: no measurement.
     calibration : RgbdCalibration
-    colour : (H', W', 3) uint8, optional
+    color : (H', W', 3) uint8, optional
         R, G, B.
     body_index : (H, W) uint8, optional
         Number of the person that the pixel belongs to, or `NO_BODY`.
@@ -145,7 +145,7 @@ class RgbdFrame(Showable):
 
     depth: NDArray[np.uint16]
     calibration: RgbdCalibration
-    colour: NDArray[np.uint8] | None = None
+    color: NDArray[np.uint8] | None = None
     body_index: NDArray[np.uint8] | None = None
     skeletons: tuple[Skeleton, ...] = ()
     time: int = 0
@@ -156,17 +156,17 @@ class RgbdFrame(Showable):
         _check_image("depth", self.depth, np.uint16, (camera.height, camera.width))
         if self.body_index is not None:
             _check_image("body_index", self.body_index, np.uint8, self.depth.shape)
-        if self.colour is not None:
+        if self.color is not None:
             registration = self.calibration.registration
-            colour = registration.colour if registration else camera
-            _check_image("colour", self.colour, np.uint8, (colour.height, colour.width, 3))
+            color = registration.color if registration else camera
+            _check_image("color", self.color, np.uint8, (color.height, color.width, 3))
         object.__setattr__(self, "skeletons", tuple(self.skeletons))
 
     def __repr__(self) -> str:
         height, width = self.depth.shape
         parts = [f"{width} x {height} pixels of depth"]
-        if self.colour is not None:
-            parts.append(f"{self.colour.shape[1]} x {self.colour.shape[0]} of colour")
+        if self.color is not None:
+            parts.append(f"{self.color.shape[1]} x {self.color.shape[0]} of colour")
         if self.body_index is not None:
             parts.append("people's pixels")
         if self.skeletons:

@@ -66,7 +66,7 @@ KILLED = textwrap.dedent(
                     yield frame
                     os.write(tell, b".")  # asked for the next one, so this one is written
                 signal.pause()
-            capture.record(frames(), path, lossless_colour=True)
+            capture.record(frames(), path, lossless_color=True)
         os.close(tell)
         written, enough = 0, rng.randrange(40)
         while written < enough:  # frames, not seconds: machines differ, and what else they do
@@ -108,7 +108,7 @@ FULL_DISK = textwrap.dedent(
     from manip3d import capture
     kind, path = sys.argv[1:]
     try:
-        capture.record(rgbd_frames.frames(10_000), path, lossless_colour=True)
+        capture.record(rgbd_frames.frames(10_000), path, lossless_color=True)
     except OSError as error:
         assert error.errno == errno.ENOSPC and error.filename.startswith(path), error
     else:
@@ -148,7 +148,7 @@ def test_an_unplugged_source_leaves_the_frames_before(kind: str, tmp_path: Path)
         raise DeviceError("camera: unplugged")
 
     with pytest.raises(DeviceError, match="camera: unplugged"):
-        capture.record(unplugged(), path_of(kind, tmp_path), lossless_colour=True)
+        capture.record(unplugged(), path_of(kind, tmp_path), lossless_color=True)
     source = opened(kind, path_of(kind, tmp_path))
     assert source.num_frames == 5  # it was finished
     for frame, other in zip(frames, source, strict=True):
@@ -164,7 +164,7 @@ def test_frames_out_of_order_are_refused(kind: str, tmp_path: Path) -> None:
     ):
         path = path_of(kind, tmp_path, name)
         with pytest.raises(InputError, match=rf"frame\.{name}: expected more than the frame bef"):
-            capture.record([first, wrong], path, lossless_colour=True)
+            capture.record([first, wrong], path, lossless_color=True)
         (found,) = opened(kind, path)
         assert_same(first, found)
 
@@ -182,9 +182,9 @@ def test_images_of_size_zero_are_refused(kind: str, tmp_path: Path) -> None:
     path = path_of(kind, tmp_path)
     if kind == "mkv":
         with pytest.raises(InputError, match="expected at least 4 x 4 pixels for FFV1, got 1 x 1"):
-            capture.record(pixel, path, lossless_colour=True)
+            capture.record(pixel, path, lossless_color=True)
     else:
-        capture.record(pixel, path, lossless_colour=True)
+        capture.record(pixel, path, lossless_color=True)
         (found,) = opened(kind, path)
         assert_same(pixel[0], found)
 
@@ -193,7 +193,7 @@ def test_images_of_size_zero_are_refused(kind: str, tmp_path: Path) -> None:
 def test_a_wrong_calibration_is_refused(kind: str, tmp_path: Path) -> None:
     frames = list(rgbd_frames.frames(2))
     path = path_of(kind, tmp_path)
-    capture.record(frames, path, lossless_colour=True)
+    capture.record(frames, path, lossless_color=True)
     wrong = Intrinsics(COLS, ROWS - 1, 15.0, 15.0, 7.0, 6.0)
     with pytest.raises(FormatError, match=r"expected 16 x 11 pixels.* calibration") as error:
         opened(kind, path, camera=wrong).read()
@@ -203,7 +203,7 @@ def test_a_wrong_calibration_is_refused(kind: str, tmp_path: Path) -> None:
     later = replace(alien, time=frames[0].time + 1, number=frames[0].number + 1)
     path = path_of(kind, tmp_path, "changed")
     with pytest.raises(InputError, match=r"frame\.depth: expected 16 x 12 pixels, got 17 x 12"):
-        capture.record([frames[0], later], path, lossless_colour=True)
+        capture.record([frames[0], later], path, lossless_color=True)
     (found,) = opened(kind, path)
     assert_same(frames[0], found)
 
@@ -218,7 +218,7 @@ def test_a_recording_onto_itself_is_refused_before_it_is_touched(
 ) -> None:
     path = path_of(kind, tmp_path)
     frames = list(rgbd_frames.frames(3))
-    capture.record(frames, path, lossless_colour=True)
+    capture.record(frames, path, lossless_color=True)
     source: Any = f"{kind}:{path}" if given == "address" else opened(kind, path)
     if given == "generator":
         source = (replace(frame, skeletons=()) for frame in source)
@@ -270,7 +270,7 @@ def test_of_two_recorders_the_second_is_refused(kind: str, tmp_path: Path) -> No
         first.kill()
     frames = list(opened(kind, path))  # as the first left it
     for frame, other in zip(rgbd_frames.frames(len(frames)), frames, strict=True):
-        assert_same(frame, other, colour=False)
+        assert_same(frame, other, color=False)
     capture.record(rgbd_frames.frames(1), path, overwrite=True)
     assert opened(kind, path).num_frames == 1
 

@@ -20,8 +20,8 @@ from manip3d.camera import Intrinsics, Registration
 
 DATA = os.environ.get("MANIP3D_DATA", "")
 CAMERA = Intrinsics(96, 72, 80.0, 80.0, 47.5, 35.5)
-COLOUR = Registration(Intrinsics(64, 48, 50.0, 50.0, 31.5, 23.5), np.eye(3), np.zeros(3))
-CALIBRATION = manip3d.RgbdCalibration(CAMERA, COLOUR)
+COLOR = Registration(Intrinsics(64, 48, 50.0, 50.0, 31.5, 23.5), np.eye(3), np.zeros(3))
+CALIBRATION = manip3d.RgbdCalibration(CAMERA, COLOR)
 
 pytestmark = pytest.mark.skipif(
     not next(s for s in capture.sources() if s.name == "mkv").is_available,
@@ -36,14 +36,14 @@ def frame_of(number: int) -> manip3d.RgbdFrame:
     body = np.full((72, 96), manip3d.rgbd.NO_BODY, np.uint8)
     body[20:60, number % 80 : number % 80 + 16] = 0
     depth[body == 0] -= 1000
-    colour = np.zeros((48, 64, 3), np.uint8)
-    colour[..., 0] = np.arange(64) * 3
-    colour[..., 1] = number % 200
+    color = np.zeros((48, 64, 3), np.uint8)
+    color[..., 0] = np.arange(64) * 3
+    color[..., 1] = number % 200
     joints = random.normal(size=(25, 3)).astype(np.float32)
     return manip3d.RgbdFrame(
         depth=depth,
         calibration=CALIBRATION,
-        colour=colour,
+        color=color,
         body_index=body,
         skeletons=(manip3d.Skeleton(positions=joints, id=7, body=0),),
         time=1_700_000_000_000_000_001 + number * 33_333_333,
@@ -63,14 +63,14 @@ def assert_same(frame: manip3d.RgbdFrame, expected: manip3d.RgbdFrame) -> None:
 
 def test_three_hundred_frames_replay_bit_for_bit(tmp_path: Path) -> None:
     path = tmp_path / "walk.mkv"
-    capture.record((frame_of(n) for n in range(300)), path, lossless_colour=True)
+    capture.record((frame_of(n) for n in range(300)), path, lossless_color=True)
     source = capture.open(f"mkv:{path}")
     frames = list(source)
     assert len(frames) == 300
     for frame in frames:
         expected = frame_of(frame.number)
         assert_same(frame, expected)
-        np.testing.assert_array_equal(frame.colour, expected.colour)
+        np.testing.assert_array_equal(frame.color, expected.color)
     assert source.counters == {
         "frames": 300,
         "damaged": 0,
@@ -218,13 +218,13 @@ def test_ffmpeg_is_loaded_when_it_is_needed_and_its_log_level_left_alone(tmp_pat
 
 @pytest.mark.realdata
 @pytest.mark.skipif(not DATA, reason="MANIP3D_DATA is not set")
-def test_the_colour_lens_of_a_real_azure_kinect(capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_color_lens_of_a_real_azure_kinect(capfd: pytest.CaptureFixture[str]) -> None:
     """Its MetricRadius is 0: the lens holds as far as Microsoft's reader takes it, 1.7."""
     path = Path(DATA) / "rgbd" / "recording_azure_kinect" / "pyk4a_recording.mkv"
     with capture.open(f"mkv:{path}") as source:
         assert len(list(source)) == 1
     assert capfd.readouterr() == ("", "")  # nothing about tracks that FFmpeg does not know
-    colour = source.calibration.registration.colour
+    color = source.calibration.registration.color
     content = path.read_bytes()
     start = content.rindex(b"{", 0, content.index(b"CalibrationInformation"))
     stored, _ = json.JSONDecoder().raw_decode(content[start:].decode("latin-1"))
@@ -233,13 +233,13 @@ def test_the_colour_lens_of_a_real_azure_kinect(capfd: pytest.CaptureFixture[str
     assert lens["MetricRadius"] == 0
     k1, k2, k3, k4, k5, k6, _, _, p2, p1 = lens["Intrinsics"]["ModelParameters"][4:]
 
-    half = np.array([colour.width / colour.fx, colour.height / colour.fy]) / 2
+    half = np.array([color.width / color.fx, color.height / color.fy]) / 2
     x, y = np.meshgrid(*(np.linspace(-0.95 * h, 0.95 * h, 41) for h in half))
     r2 = x * x + y * y
     real = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-    b1, b2, q1, q2, b3 = colour.distortion
+    b1, b2, q1, q2, b3 = color.distortion
     brown = 1 + r2 * (b1 + r2 * (b2 + r2 * b3))
     off_u = x * (brown - real) + 2 * x * y * (q1 - p1) + (r2 + 2 * x * x) * (q2 - p2)
     off_v = y * (brown - real) + 2 * x * y * (q2 - p2) + (r2 + 2 * y * y) * (q1 - p1)
-    off = np.hypot(off_u * colour.fx, off_v * colour.fy)
-    assert off.max() < colour.width / 1000  # without distortion it is thirty times as much
+    off = np.hypot(off_u * color.fx, off_v * color.fy)
+    assert off.max() < color.width / 1000  # without distortion it is thirty times as much

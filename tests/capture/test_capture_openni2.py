@@ -17,11 +17,11 @@ def test_the_dummy_device_streams() -> None:
     with capture.open_rgbd("openni2:Dummy", camera=CAMERA) as source:
         assert source.is_live
         frames = [source.read(timeout=20.0) for _ in range(8)]
-        while len(frames) < 300 and all(frame and frame.colour is None for frame in frames):
+        while len(frames) < 300 and all(frame and frame.color is None for frame in frames):
             frames.append(source.read(timeout=20.0))
         counters = source.counters
     numbers: list[int] = []
-    coloured = 0
+    colored = 0
     for frame in frames:
         assert frame is not None
         assert (frame.depth[0] == 2000).all()  # the driver draws a bar at the top
@@ -30,14 +30,14 @@ def test_the_dummy_device_streams() -> None:
         assert abs(int(spot[spot > 0].mean()) - 1000) < 1000
         assert frame.time == frame.number * 33_000_000
         # The driver's two clocks drift: colour that is too old is left out, and counted.
-        coloured += frame.colour is not None
-        if frame.colour is not None:
-            assert frame.colour.shape == (240, 320, 3)
-            assert frame.colour[0, 0].tolist() == [0, 0, 255]  # blue in the corner: R, G, B
+        colored += frame.color is not None
+        if frame.color is not None:
+            assert frame.color.shape == (240, 320, 3)
+            assert frame.color[0, 0].tolist() == [0, 0, 255]  # blue in the corner: R, G, B
         numbers.append(frame.number)
     assert (np.diff(numbers) > 0).all()
-    assert coloured > 0
-    assert len(frames) - coloured <= counters["without_colour"]
+    assert colored > 0
+    assert len(frames) - colored <= counters["without_color"]
     missed = numbers[-1] - numbers[0] + 1 - len(numbers)
     assert counters["dropped"] + counters["lost_by_camera"] >= missed
     assert source.calibration.depth.fx == 285.0

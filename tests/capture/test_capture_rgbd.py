@@ -35,7 +35,7 @@ from rgbd_frames import CALIBRATION, CAMERA, COLS, ROWS, STEP, assert_same
 
 def recorded(folder: Path, count: int = 5, **options: Any) -> list[RgbdFrame]:
     frames = list(rgbd_frames.frames(count))
-    capture.record(frames, folder, **{"lossless_colour": True, **options})
+    capture.record(frames, folder, **{"lossless_color": True, **options})
     return frames
 
 
@@ -49,7 +49,7 @@ def opened(folder: Path, **options: Any) -> capture.RgbdSource:
 @pytest.mark.parametrize("calibration", [CALIBRATION, rgbd_frames.full_calibration()])
 def test_a_folder_replays_bit_for_bit(tmp_path: Path, calibration: Any) -> None:
     frames = list(rgbd_frames.frames(5, calibration))
-    done = capture.record(frames, tmp_path / "walk", lossless_colour=True)
+    done = capture.record(frames, tmp_path / "walk", lossless_color=True)
     assert (done.frames, done.stop, done.counters["frames"]) == (5, "end", 5)
     assert done.seconds == pytest.approx(4 * STEP / 1e9)
     with opened(tmp_path / "walk") as source:
@@ -65,23 +65,23 @@ def test_a_folder_replays_bit_for_bit(tmp_path: Path, calibration: Any) -> None:
     if calibration.registration:
         registration = source.calibration.registration
         assert registration is not None
-        assert registration.colour.distortion == calibration.registration.colour.distortion
+        assert registration.color.distortion == calibration.registration.color.distortion
         np.testing.assert_array_equal(registration.rotation, calibration.registration.rotation)
         np.testing.assert_array_equal(source.calibration.depth.rays, calibration.depth.rays)
 
 
-def test_colour_is_jpeg_by_default(tmp_path: Path) -> None:
+def test_color_is_jpeg_by_default(tmp_path: Path) -> None:
     rows, cols = np.mgrid[:ROWS, :COLS]
     smooth = np.stack([10 * rows, 10 * cols, 0 * rows + 90], -1).astype(np.uint8)
-    frame = RgbdFrame(np.ones((ROWS, COLS), np.uint16), CALIBRATION, colour=smooth)
+    frame = RgbdFrame(np.ones((ROWS, COLS), np.uint16), CALIBRATION, color=smooth)
     capture.record([frame], tmp_path / "a")
     (path,) = (tmp_path / "a" / "colour").iterdir()
     assert path.suffix == ".jpg"
     (found,) = opened(tmp_path / "a")
-    assert found.colour is not None
-    assert np.abs(found.colour.astype(int) - smooth).max() < 25
+    assert found.color is not None
+    assert np.abs(found.color.astype(int) - smooth).max() < 25
     with Image.open(path) as image:
-        assert np.abs(found.colour.astype(int) - np.asarray(image)).max() <= 4  # other upsampling
+        assert np.abs(found.color.astype(int) - np.asarray(image)).max() <= 4  # other upsampling
 
 
 def test_images_are_not_copied(tmp_path: Path) -> None:
@@ -105,11 +105,11 @@ def test_images_are_not_copied(tmp_path: Path) -> None:
     np.testing.assert_array_equal(first.depth, kept)
 
 
-def test_a_frame_without_colour_or_people(tmp_path: Path) -> None:
+def test_a_frame_without_color_or_people(tmp_path: Path) -> None:
     depth = np.arange(ROWS * COLS, dtype=np.uint16).reshape(ROWS, COLS)
     capture.record([RgbdFrame(depth, CALIBRATION)], tmp_path / "a")
     (found,) = opened(tmp_path / "a")
-    assert (found.colour, found.body_index, found.skeletons) == (None, None, ())
+    assert (found.color, found.body_index, found.skeletons) == (None, None, ())
     np.testing.assert_array_equal(found.depth, depth)
 
 
@@ -126,7 +126,7 @@ def test_record_takes_sources_generators_and_addresses(tmp_path: Path) -> None:
     assert done.frames == len(said) == 6
     for name, count in (("b", 4), ("c", 3), ("d", 6)):
         for frame, other in zip(frames, opened(tmp_path / name), strict=False):
-            assert_same(frame, other, colour=False)
+            assert_same(frame, other, color=False)
         assert opened(tmp_path / name).num_frames == count
 
 
@@ -137,7 +137,7 @@ def test_recorders_refuse_what_does_not_fit(tmp_path: Path) -> None:
             capture.record([frames[i] for i in order], tmp_path / str(order))
         assert opened(tmp_path / str(order)).num_frames == 1  # what came before is good
     other = next(rgbd_frames.frames(1, rgbd_frames.full_calibration()))
-    with pytest.raises(InputError, match=r"frame\.colour: expected 16 x 12 pixels, got 20 x 10"):
+    with pytest.raises(InputError, match=r"frame\.color: expected 16 x 12 pixels, got 20 x 10"):
         capture.record([frames[0], other], tmp_path / "size")
     bare = RgbdFrame(frames[0].depth, CALIBRATION)
     with pytest.raises(InputError, match=r"body_index: expected none, as in the first frame"):
@@ -185,7 +185,7 @@ WRITER = textwrap.dedent(
         for i, frame in enumerate(rgbd_frames.frames(10_000)):
             print(i, flush=True)  # frames before this one are written
             yield frame
-    capture.record(endless(), sys.argv[1], lossless_colour=True)
+    capture.record(endless(), sys.argv[1], lossless_color=True)
     """
 )
 
@@ -240,7 +240,7 @@ def test_a_recorder_goes_on_when_there_is_room_again(tmp_path: Path) -> None:
         import rgbd_frames
         from manip3d import _core
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        frames = list(rgbd_frames.frames(3, colour=False))
+        frames = list(rgbd_frames.frames(3, color=False))
         recorder = _core.open_recorder(
             os.fsencode(sys.argv[1]), frames[0].calibration, False, 90, False)
         recorder.write(frames[0])
@@ -259,7 +259,7 @@ def test_a_recorder_goes_on_when_there_is_room_again(tmp_path: Path) -> None:
     with started(code, tmp_path / "a") as process:
         out, errors = process.communicate(timeout=60)
     assert out == f"{errno.EFBIG}\n", errors
-    frames = list(rgbd_frames.frames(3, colour=False))
+    frames = list(rgbd_frames.frames(3, color=False))
     first, last = opened(tmp_path / "a")
     assert_same(frames[0], first)
     assert_same(frames[2], last)
@@ -271,7 +271,7 @@ FAILING = textwrap.dedent(
     import rgbd_frames
     from manip3d import capture
     try:
-        capture.record(rgbd_frames.frames(4), sys.argv[1], lossless_colour=True)
+        capture.record(rgbd_frames.frames(4), sys.argv[1], lossless_color=True)
     except OSError as error:
         sys.exit(error.errno)
     """
@@ -464,13 +464,13 @@ def images(folder: Path, name: str, count: int, image: NDArray[Any], suffix: str
 
 
 DEPTH = (1000 + np.arange(ROWS * COLS, dtype=np.uint16)).reshape(ROWS, COLS)
-COLOUR = np.arange(ROWS * COLS * 3, dtype=np.uint16).reshape(ROWS, COLS, 3).astype(np.uint8)
+COLOR = np.arange(ROWS * COLS * 3, dtype=np.uint16).reshape(ROWS, COLS, 3).astype(np.uint8)
 
 
 @pytest.mark.parametrize("name", ["color", "colour", "rgb"])
 def test_plain_folders_of_images(tmp_path: Path, name: str) -> None:
     images(tmp_path, "depth", 4, DEPTH)
-    images(tmp_path, name, 4, COLOUR)
+    images(tmp_path, name, 4, COLOR)
     with pytest.raises(InputError, match=r"has no calibration\.json"):
         opened(tmp_path)
     found = list(opened(tmp_path, camera=CAMERA))
@@ -478,7 +478,7 @@ def test_plain_folders_of_images(tmp_path: Path, name: str) -> None:
     assert found[3].time == 10**8  # 30 a second
     for i, frame in enumerate(found):
         np.testing.assert_array_equal(frame.depth, DEPTH + i)
-        np.testing.assert_array_equal(frame.colour, COLOUR + np.uint8(i))
+        np.testing.assert_array_equal(frame.color, COLOR + np.uint8(i))
     (tmp_path / name / "003.png").unlink()
     with pytest.raises(FormatError, match="as many colour as depth images, got 3 and 4"):
         opened(tmp_path, camera=CAMERA)
@@ -499,32 +499,32 @@ def test_units_of_plain_folders(tmp_path: Path) -> None:
 
 def test_mirrored_images_are_turned_round(tmp_path: Path) -> None:
     images(tmp_path, "depth", 1, DEPTH)
-    images(tmp_path, "color", 1, COLOUR)
+    images(tmp_path, "color", 1, COLOR)
     mirrored = Intrinsics(COLS, ROWS, 15.0, 15.5, 7.25, 6.5, mirrored=True)
     source = opened(tmp_path, camera=mirrored)
     (frame,) = source
     np.testing.assert_array_equal(frame.depth, DEPTH[:, ::-1])
-    np.testing.assert_array_equal(frame.colour, COLOUR[:, ::-1])
+    np.testing.assert_array_equal(frame.color, COLOR[:, ::-1])
     assert source.calibration.depth.cx == COLS - 1 - 7.25
     assert not source.calibration.depth.mirrored
 
 
-def test_8_bit_and_colour_pngs_of_all_kinds(tmp_path: Path) -> None:
+def test_8_bit_and_color_pngs_of_all_kinds(tmp_path: Path) -> None:
     grey = (DEPTH % 256).astype(np.uint8)
     images(tmp_path, "depth", 1, grey)
     (tmp_path / "rgb").mkdir()
     for kind in ("L", "P", "RGBA", "LA", "1"):
-        Image.fromarray(COLOUR).convert(kind).save(tmp_path / "rgb" / "0.png")
+        Image.fromarray(COLOR).convert(kind).save(tmp_path / "rgb" / "0.png")
         (frame,) = opened(tmp_path, camera=CAMERA)
         np.testing.assert_array_equal(frame.depth, grey)
         expected = Image.open(tmp_path / "rgb" / "0.png").convert("RGB")
-        np.testing.assert_array_equal(frame.colour, np.asarray(expected))
+        np.testing.assert_array_equal(frame.color, np.asarray(expected))
 
 
-def tum(folder: Path, depth_times: list[str], colour_times: list[str], comment: str = "#") -> None:
+def tum(folder: Path, depth_times: list[str], color_times: list[str], comment: str = "#") -> None:
     images(folder, "depth", len(depth_times), DEPTH)
-    images(folder, "rgb", len(colour_times), COLOUR)
-    for name, file, times in (("depth", "depth", depth_times), ("rgb", "rgb", colour_times)):
+    images(folder, "rgb", len(color_times), COLOR)
+    for name, file, times in (("depth", "depth", depth_times), ("rgb", "rgb", color_times)):
         lines = [f"{time} {file}/{i:03}.png\n" for i, time in enumerate(times)]
         text = f"{comment} {name} maps\n# file: 'x.bag'\n# timestamp filename\n" + "".join(lines)
         (folder / f"{name}.txt").write_text(text)
@@ -536,12 +536,12 @@ def test_tum_sequences(tmp_path: Path) -> None:
     source = capture.open_rgbd(f"tum:{tmp_path}", camera=CAMERA)
     found = list(source)
     assert source.num_frames == len(found) == 4
-    assert source.counters["without_colour"] == 1
+    assert source.counters["without_color"] == 1
     for frame, text in zip(found, depth, strict=True):
         assert abs(frame.time - int(text.replace(".", "")) * 1000) < 1000
     for i, frame in enumerate(found):
         np.testing.assert_array_equal(frame.depth, np.floor((DEPTH + i) / 5 + 0.5))
-    chosen = [None if f.colour is None else int(f.colour[0, 0, 0]) for f in found]
+    chosen = [None if f.color is None else int(f.color[0, 0, 0]) for f in found]
     assert chosen == [0, 1, 1, None]  # 15, 17, 16 ms apart; the last one 57
     assert capture.open_rgbd(f"tum:{tmp_path}").calibration.depth.fx == 525.0
     with pytest.raises(FormatError, match="expected 640 x 480 pixels as the calibration says"):
@@ -576,8 +576,8 @@ def test_real_folders(realdata: RealData) -> None:
             with Image.open(path) as image:
                 expected = np.asarray(image).astype(float) * 1000 / units
             assert np.abs(frame.depth - expected).max() <= 0.5
-            assert frame.colour is not None
-            assert frame.colour.std() > 10
+            assert frame.color is not None
+            assert frame.color.std() > 10
 
 
 # --- replay ---------------------------------------------------------------------------------------

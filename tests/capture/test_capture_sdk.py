@@ -33,8 +33,8 @@ def test_a_camera_that_is_not_there(name: str) -> None:
 
 @pytest.mark.parametrize("name", BUILT)
 def test_unknown_options_are_named(name: str) -> None:
-    with pytest.raises(InputError, match=rf"options of {name}: .* got 'colour=3'"):
-        capture.open(f"{name}:?colour=3")
+    with pytest.raises(InputError, match=rf"options of {name}: .* got 'color=3'"):
+        capture.open(f"{name}:?color=3")
 
 
 @pytest.mark.parametrize("name", sorted({"realsense", "orbbec"} & set(BUILT)))
@@ -59,8 +59,8 @@ def test_a_recording_of_a_d435(realdata: RealData) -> None:
     # Colour is where both cameras see, and shows the same wall as the colour image does.
     with Image.open(folder / "extracted_color.png") as image:
         whole = np.asarray(image.convert("RGB"), float).reshape(-1, 3)
-    assert frame.colour is not None
-    seen = frame.colour[frame.colour.any(axis=-1)].astype(float)
+    assert frame.color is not None
+    seen = frame.color[frame.color.any(axis=-1)].astype(float)
     assert 0.2 < len(seen) / frame.depth.size < 0.6
     np.testing.assert_allclose(seen.mean(axis=0), whole.mean(axis=0), atol=15.0)
     assert 380 < source.calibration.depth.fx < 400

@@ -143,7 +143,7 @@ def test_unknown_experiment_is_refused() -> None:
 
 
 @pytest.mark.parametrize("as_json", [False, True])
-def test_colour_and_control_codes_stay_out_of_pipes(as_json: bool) -> None:
+def test_color_and_control_codes_stay_out_of_pipes(as_json: bool) -> None:
     done = manip3d("data", "list", *(["--json"] if as_json else []))
     assert "\x1b" not in done.stdout
 

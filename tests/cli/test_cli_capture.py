@@ -29,7 +29,7 @@ def manip3d(*arguments: object) -> subprocess.CompletedProcess[str]:
 @pytest.fixture
 def walk(tmp_path: Path) -> Path:
     folder = tmp_path / "walk"
-    capture.record(rgbd_frames.frames(9), folder, lossless_colour=True)
+    capture.record(rgbd_frames.frames(9), folder, lossless_color=True)
     return folder
 
 

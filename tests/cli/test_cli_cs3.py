@@ -192,18 +192,18 @@ def test_scans_need_no_camera(tmp_path: Path) -> None:
     assert "--by-distance" in error_line(again)
 
 
-def test_colour_becomes_the_texture(
+def test_color_becomes_the_texture(
     frame: Path, scene: simulated.DepthScene, tmp_path: Path
 ) -> None:
-    colour = tmp_path / "colour.png"
-    Image.fromarray(scene.colour).save(colour)
+    color = tmp_path / "colour.png"
+    Image.fromarray(scene.color).save(color)
     output = tmp_path / "out.glb"
     base = ("cs3", frame, "-o", output, "--points", "200", "--intrinsics", FOCAL, "-q", "--force")
-    assert manip3d(*base, "--colour", colour).returncode == 0
+    assert manip3d(*base, "--color", color).returncode == 0
     (material,) = read_mesh(output).materials
     assert material.textures["base_color"].data.startswith(b"\x89PNG")
-    colour.write_bytes(b"nothing")
-    assert "expected a colour image" in error_line(manip3d(*base, "--colour", colour))
+    color.write_bytes(b"nothing")
+    assert "expected a colour image" in error_line(manip3d(*base, "--color", color))
 
 
 def test_a_missed_target_is_exit_4_under_strict(tmp_path: Path) -> None:
@@ -271,13 +271,13 @@ def test_a_folder_becomes_a_folder_and_goes_on_where_it_stopped(
     assert (output / "000.depth.glb").stat().st_mtime_ns > meshes["000.depth.glb"]
 
 
-def test_folders_without_frames_and_with_too_few_colours(frames: Path, tmp_path: Path) -> None:
+def test_folders_without_frames_and_with_too_few_colors(frames: Path, tmp_path: Path) -> None:
     base = ("-o", tmp_path / "out", "--points", "9", "--intrinsics", FOCAL, "-q")
     assert "found none" in error_line(manip3d("cs3", frames / "*.tif", *base))
-    colours = tmp_path / "colours"
-    colours.mkdir()
-    done = manip3d("cs3", frames, *base, "--colour", colours)
-    assert "--colour: expected 4 images in" in error_line(done)
+    colors = tmp_path / "colours"
+    colors.mkdir()
+    done = manip3d("cs3", frames, *base, "--color", colors)
+    assert "--color: expected 4 images in" in error_line(done)
 
 
 def test_ctrl_c_leaves_whole_files(scene: simulated.DepthScene, tmp_path: Path) -> None:

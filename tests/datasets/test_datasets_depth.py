@@ -111,18 +111,18 @@ def test_other_data_sets_are_no_recordings() -> None:
 @pytest.mark.parametrize("name", RECORDINGS)
 def test_frames_have_their_units_and_companions(realdata: RealData, name: str) -> None:
     realdata.needs(name)
-    _, shape, (near, far), colour, mask, pose = RECORDINGS[name]
+    _, shape, (near, far), color, mask, pose = RECORDINGS[name]
     frame = datasets.load_frame(name)
     assert frame.depth.shape == shape == (frame.intrinsics.height, frame.intrinsics.width)
     metres = frame.depth / 1000.0 if frame.depth.dtype == np.uint16 else frame.depth
     measured = metres[metres > 0]
     assert near <= measured.min()
     assert measured.max() <= far
-    assert (frame.colour is not None, frame.mask is not None, frame.pose is not None) == (
-        colour, mask, pose,
+    assert (frame.color is not None, frame.mask is not None, frame.pose is not None) == (
+        color, mask, pose,
     )  # fmt: skip
-    if frame.colour is not None:
-        assert frame.colour.shape == (*shape, 3)
+    if frame.color is not None:
+        assert frame.color.shape == (*shape, 3)
         assert frame.is_registered == (name != "scene_kitchen")
     if frame.mask is not None:
         assert 0.05 < (frame.person > 0).mean() < 0.5
@@ -151,7 +151,7 @@ def test_poses_bring_the_frames_of_a_scene_together(
         if f.pose is not None
     ]
     mesh = dense_mesh(first.depth, first.intrinsics, max_edge=0.1)
-    surface = Mesh(world[0], mesh.triangles)
+    surface = Mesh(world[0], mesh.faces)
     assert np.median(closest_points(surface, world[1][::200]).distance) < 0.02
 
 

@@ -104,7 +104,7 @@ class TestRealData:
         frames = datasets.open_people(f"people:{name}")
         assert len(frames) == count
         frame = frames[0]
-        assert frame.colour is not None
+        assert frame.color is not None
         share = np.mean(frame.body_index == 0)
         assert 0.03 < share < 0.3
         assert np.mean(frame.depth[frame.body_index == 0] > 0) > 0.8
@@ -113,7 +113,7 @@ class TestRealData:
         frame = datasets.open_people("people:person_normalgan")[0]
         raw = datasets.load_frame("person_normalgan", 0)
         np.testing.assert_array_equal(frame.depth, raw.depth[:, ::-1])
-        np.testing.assert_array_equal(frame.colour, raw.colour[:, ::-1])
+        np.testing.assert_array_equal(frame.color, raw.color[:, ::-1])
         assert frame.calibration.depth.cx == 511 - 256.512
         straight = datasets.open_people("people:person_normalgan")[1]
         assert straight.calibration.depth.cx == 256.512
@@ -129,7 +129,7 @@ def phantom_states(uri: str) -> dict[str, int]:
             phantom = pipeline.process(frame)
             states[phantom.state] = states.get(phantom.state, 0) + 1
             assert np.isfinite(phantom.vertices).all()
-            assert phantom.triangles.max() < len(phantom.vertices)
+            assert phantom.faces.max() < len(phantom.vertices)
             assert (phantom.depth > 0).sum() >= phantom.num_person - phantom.num_removed
     assert sum(states.values()) == 4 * len(frames)
     return states

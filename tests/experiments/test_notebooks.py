@@ -127,14 +127,14 @@ def write_depth(folder: Path) -> str:
     scene = simulate.depth.person(width=64, height=48)
     depth = scene.capture(flying=0, rng=0).depth
     Image.fromarray(depth).save(folder / "depth.png")
-    Image.fromarray(scene.colour).save(folder / "colour.png")
+    Image.fromarray(scene.color).save(folder / "colour.png")
     camera = scene.intrinsics
     numbers = f"{camera.fx},{camera.fy},{camera.cx},{camera.cy}"
     return "\n".join(
         [
             f"MY_FILE = {str(folder / 'depth.png')!r}",
             f"CAMERA = {numbers!r}",
-            f"COLOUR = {str(folder / 'colour.png')!r}",
+            f"COLOR = {str(folder / 'colour.png')!r}",
         ]
     )
 

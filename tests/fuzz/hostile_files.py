@@ -187,12 +187,12 @@ def tum_folder() -> list[Files]:
     gray = Image.fromarray(np.full(size[::-1], 5000, np.uint16))
     image = written(gray.save, "a.png")["a.png"]
     lists = "# time file\n1.0 depth/1.png\n1.1 depth/2.png\n"
-    colour = "# time file\n1.0 rgb/1.png\n1.1 rgb/2.png\n"
+    color = "# time file\n1.0 rgb/1.png\n1.1 rgb/2.png\n"
     png = written(Image.new("RGB", size).save, "a.png")
     return [
         {
             "depth.txt": lists.encode(),
-            "rgb.txt": colour.encode(),
+            "rgb.txt": color.encode(),
             "depth/1.png": image,
             "depth/2.png": image,
             "rgb/1.png": png["a.png"],

@@ -67,12 +67,12 @@ def test_a_small_largest_value_does_not_stretch_the_numbers(tmp_path: Path) -> N
     np.testing.assert_array_equal(read_depth(path), [[7, 2047]])
 
 
-def png(width: int, height: int, bits: int = 16, colour: int = 0, rows: bytes = b"") -> bytes:
+def png(width: int, height: int, bits: int = 16, color: int = 0, rows: bytes = b"") -> bytes:
     def chunk(kind: bytes, data: bytes) -> bytes:
         body = kind + data
         return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))
 
-    header = struct.pack(">IIBBBBB", width, height, bits, colour, 0, 0, 0)
+    header = struct.pack(">IIBBBBB", width, height, bits, color, 0, 0, 0)
     return (
         b"\x89PNG\r\n\x1a\n"
         + chunk(b"IHDR", header)

@@ -12,7 +12,7 @@ from manip3d.io import (
     DEPTH_UNITS,
     describe_unit,
     guess_depth_unit,
-    is_colour_png,
+    is_color_png,
     read_depth_guessing,
 )
 from real_data import RealData
@@ -122,7 +122,7 @@ def truth(path: Path) -> str:
 def test_every_recorded_image_is_guessed_rightly(realdata: RealData) -> None:
     folder = realdata("rgbd")
     images = [*folder.rglob("*.png"), *folder.rglob("*.pgm")]
-    depth = [path for path in images if path.suffix == ".pgm" or not is_colour_png(path)]
+    depth = [path for path in images if path.suffix == ".pgm" or not is_color_png(path)]
     assert len(depth) > 500
     wrong = [path for path in depth if read_depth_guessing(path).unit != truth(path)]
     assert wrong == []

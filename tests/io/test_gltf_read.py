@@ -239,7 +239,7 @@ def test_normals_follow_the_inverse_transpose() -> None:
     np.testing.assert_array_equal(mesh.face_normals, mesh.faces)
 
 
-def test_colours_are_srgb_if_every_primitive_has_them(tmp_path: Path) -> None:
+def test_colors_are_srgb_if_every_primitive_has_them(tmp_path: Path) -> None:
     scene = Scene()
     position = scene.accessor(SQUARE)
     linear = np.array([[0, 0, 0], [1, 1, 1], [0.5, 0.2158605, 0.001], [2, -1, 0.0031308]])

@@ -26,7 +26,7 @@ def corners(mesh: Mesh) -> NDArray[np.float64]:
     return mesh.vertices[mesh.faces]
 
 
-def corner_uvs(mesh: Mesh) -> NDArray[np.float64]:
+def corner_texcoords(mesh: Mesh) -> NDArray[np.float64]:
     """(F, 3, 2), NaN where there are none."""
     if mesh.texcoords is None or mesh.face_texcoords is None:
         return np.full((mesh.num_faces, 3, 2), np.nan)
@@ -83,7 +83,7 @@ def test_round_trip(mesh: Mesh, tmp_path: Path, name: str) -> None:
     mesh.write(tmp_path / name)
     again = manip3d.read_mesh(tmp_path / name)
     np.testing.assert_array_equal(corners(again), corners(mesh))
-    np.testing.assert_array_equal(corner_uvs(again), corner_uvs(mesh))
+    np.testing.assert_array_equal(corner_texcoords(again), corner_texcoords(mesh))
     assert again.colors is not None
     assert mesh.colors is not None
     np.testing.assert_array_equal(again.colors[again.faces], mesh.colors[mesh.faces])
@@ -278,7 +278,7 @@ def test_trimesh_reads_the_same(mesh: Mesh, tmp_path: Path) -> None:
     read = Mesh.from_trimesh(scene)
     ours = manip3d.read_mesh(tmp_path / "m.glb")
     np.testing.assert_array_equal(corners(read), corners(ours))
-    np.testing.assert_allclose(corner_uvs(read), corner_uvs(ours), atol=1e-7)
+    np.testing.assert_allclose(corner_texcoords(read), corner_texcoords(ours), atol=1e-7)
     assert [m.name for m in read.materials] == ["skin", "glass", "skin"]
 
 
@@ -309,7 +309,9 @@ def test_real_models_come_back(realdata: RealData, tmp_path: Path, name: str) ->
     np.testing.assert_array_equal(again.face_material, expected.face_material)
     tolerance = 1e-6 * original.diagonal
     np.testing.assert_allclose(corners(again), corners(expected), atol=tolerance, rtol=0)
-    np.testing.assert_allclose(corner_uvs(again), corner_uvs(expected), rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(
+        corner_texcoords(again), corner_texcoords(expected), rtol=1e-6, atol=1e-6
+    )
     assert again.num_faces == original.num_faces
     assert [m.name for m in again.materials] == [m.name for m in original.materials]
     for ours, theirs in zip(again.materials, original.materials, strict=True):

@@ -28,7 +28,7 @@ def pixels(texture: Texture) -> NDArray[np.uint8]:
     return np.asarray(image.open(io.BytesIO(texture.data)))
 
 
-def corner_uvs(mesh: Mesh) -> NDArray[np.float64]:
+def corner_texcoords(mesh: Mesh) -> NDArray[np.float64]:
     assert mesh.texcoords is not None
     assert mesh.face_texcoords is not None
     with_none: NDArray[np.float64] = np.vstack([mesh.texcoords, [[np.nan, np.nan]]])
@@ -72,7 +72,7 @@ class TestOpen3d:
         again = Mesh.from_open3d(mesh.to_open3d())
         np.testing.assert_array_equal(again.vertices, mesh.vertices)
         np.testing.assert_array_equal(again.faces, mesh.faces)
-        np.testing.assert_array_equal(corner_uvs(again), corner_uvs(mesh))
+        np.testing.assert_array_equal(corner_texcoords(again), corner_texcoords(mesh))
         np.testing.assert_array_equal(again.face_material, mesh.face_material)
         np.testing.assert_array_equal(again.colors, mesh.colors)
         assert [m.name for m in again.materials] == ["material_0", "material_1"]
@@ -134,7 +134,7 @@ class TestTrimesh:
         again = Mesh.from_trimesh(scene)
         order = [2, 0, 1, 3]
         np.testing.assert_array_equal(again.vertices[again.faces], mesh.vertices[mesh.faces][order])
-        np.testing.assert_array_equal(corner_uvs(again), corner_uvs(mesh)[order])
+        np.testing.assert_array_equal(corner_texcoords(again), corner_texcoords(mesh)[order])
         np.testing.assert_array_equal(again.face_material, [0, 0, 1, 1])
         assert again.colors is not None
         assert mesh.colors is not None
@@ -163,7 +163,7 @@ class TestTrimesh:
         again = Mesh.from_trimesh(mesh.to_trimesh())
         assert again.materials == ()
         assert again.face_material is None
-        np.testing.assert_array_equal(corner_uvs(again), corner_uvs(mesh))
+        np.testing.assert_array_equal(corner_texcoords(again), corner_texcoords(mesh))
 
     def test_geometry_only(self) -> None:
         mesh = make(colors=COLORS)

@@ -91,7 +91,7 @@ def linear(color: np.ndarray) -> np.ndarray:
     return np.where(y <= 0.04045, y / 12.92, ((y + 0.055) / 1.055) ** 2.4)
 
 
-def test_vertex_colours_of_a_glb_are_right_elsewhere(tmp_path: Path) -> None:
+def test_vertex_colors_of_a_glb_are_right_elsewhere(tmp_path: Path) -> None:
     """Linear light, as glTF wants it: 16 bits came out modulo 256 in trimesh."""
     trimesh = pytest.importorskip("trimesh")
     open3d = pytest.importorskip("open3d")

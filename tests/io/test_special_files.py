@@ -85,7 +85,7 @@ def test_readers_refuse_it(kind: str, tmp_path: Path) -> None:
 
 
 def recording_with(victim: str, kind: str, path: Path) -> Case:
-    capture.record(rgbd_frames.frames(2), path, lossless_colour=True)
+    capture.record(rgbd_frames.frames(2), path, lossless_color=True)
     place = path / victim
     if place.is_dir():
         place = sorted(place.iterdir())[1]

@@ -90,8 +90,8 @@ def test_the_error_of_a_shifted_mesh_is_its_shift() -> None:
 def test_holes_lower_the_coverage_and_are_no_error() -> None:
     depth = np.full((48, 64), 2.0, np.float32)
     dense = dense_mesh(depth, CAMERA)
-    left = (dense.pixels[:, 0] < 32)[dense.triangles].all(axis=1)
-    error = metrics.range_image_error(depth, CAMERA, Mesh(dense.vertices, dense.triangles[left]))
+    left = (dense.pixels[:, 0] < 32)[dense.faces].all(axis=1)
+    error = metrics.range_image_error(depth, CAMERA, Mesh(dense.vertices, dense.faces[left]))
     assert error.coverage == 0.5
     assert error.mean_square == pytest.approx(0.0, abs=1e-14)
     assert error.max == pytest.approx(0.0, abs=1e-6)
@@ -129,7 +129,7 @@ def test_a_scanner_on_a_stage_is_no_pinhole_and_is_recognised() -> None:
     assert error.coverage == 1.0
     assert error.max < 1e-6
     # Pushed 1 mm away from the sensor, as its lines of sight run (here: mostly z).
-    moved = Mesh(dense.vertices + np.array([0.0, 0.0, 1e-3]), dense.triangles)
+    moved = Mesh(dense.vertices + np.array([0.0, 0.0, 1e-3]), dense.faces)
     error = metrics.range_image_error_grid(points, None, moved)
     assert error.mean_absolute == pytest.approx(1e-3, rel=0.05)
     assert error.coverage > 0.95
@@ -142,7 +142,7 @@ def test_a_sheared_grid_of_parallel_lines_sees_the_shift_along_them() -> None:
     points = np.stack([0.1 * u + 0.5 * height, 0.1 * v, height], axis=-1)
     dense = dense_mesh_grid(points)
     direction = np.array([0.5, 0.0, 1.0]) / np.hypot(0.5, 1.0)
-    moved = Mesh(dense.vertices + 0.01 * direction, dense.triangles)
+    moved = Mesh(dense.vertices + 0.01 * direction, dense.faces)
     error = metrics.range_image_error_grid(points, None, moved)
     assert error.mean_absolute == pytest.approx(0.01, rel=1e-3)
 
@@ -242,7 +242,7 @@ def test_scans_see_their_own_dense_mesh(realdata: RealData, name: str) -> None:
     error = metrics.range_image_error_grid(scan.points, scan.valid, dense)
     assert error.coverage > 0.995  # where pixels have no neighbour there is no triangle
     assert np.sqrt(error.mse) < 1e-4
-    moved = Mesh(dense.vertices + np.array([0.0, 0.0, 1e-4]), dense.triangles)
+    moved = Mesh(dense.vertices + np.array([0.0, 0.0, 1e-4]), dense.faces)
     shift = metrics.range_image_error_grid(scan.points, scan.valid, moved)
     assert shift.mean_absolute == pytest.approx(1e-4, rel=0.15)
     assert isinstance(dense, DepthMesh)

@@ -68,19 +68,19 @@ def test_labels_come_with_distances() -> None:
         modify.ColliderTracker(percentile=float("nan"))
 
 
-def picture(colour: np.ndarray) -> manip3d.RgbdFrame:
+def picture(color: np.ndarray) -> manip3d.RgbdFrame:
     depth = np.full((60, 80), 2000, np.uint16)
-    return manip3d.RgbdFrame(depth, manip3d.RgbdCalibration(CAMERA), colour=colour)
+    return manip3d.RgbdFrame(depth, manip3d.RgbdCalibration(CAMERA), color=color)
 
 
 def test_the_foot_goes_where_the_shoe_cover_is() -> None:
-    colour = np.full((60, 80, 3), 128, np.uint8)
-    colour[30:37, 40:49] = (30, 60, 200)
+    color = np.full((60, 80, 3), 128, np.uint8)
+    color[30:37, 40:49] = (30, 60, 200)
     positions = np.zeros((25, 3), np.float32)
     positions[14] = (0, 0, 2)
     skeleton = manip3d.Skeleton(positions, id=5, body=0)
     tracker = modify.ShoeCoverTracker()
-    found = tracker.update(picture(colour), skeleton, "left")
+    found = tracker.update(picture(color), skeleton, "left")
     assert found is not None
     assert (found.id, found.body, tracker.num_pixels) == (5, 0, 63)
     np.testing.assert_allclose(
@@ -88,12 +88,12 @@ def test_the_foot_goes_where_the_shoe_cover_is() -> None:
     )
     np.testing.assert_array_equal(found.positions[:15], positions[:15])
     green = modify.ShoeCoverTracker(hue=(50, 70))
-    assert green.update(picture(colour), skeleton, "left") is None
+    assert green.update(picture(color), skeleton, "left") is None
     with pytest.raises(manip3d.InputError, match="side: expected 'left' or 'right', got 'up'"):
-        tracker.update(picture(colour), skeleton, "up")
+        tracker.update(picture(color), skeleton, "up")
     with pytest.raises(manip3d.InputError, match=r"expected colour of shape \(60, 80, 3\)"):
         tracker.update(
-            manip3d.RgbdFrame(picture(colour).depth, manip3d.RgbdCalibration(CAMERA)),
+            manip3d.RgbdFrame(picture(color).depth, manip3d.RgbdCalibration(CAMERA)),
             skeleton,
             "left",
         )

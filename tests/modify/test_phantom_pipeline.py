@@ -433,27 +433,27 @@ def test_mesh_of_the_body_is_the_dense_mesh_without_steps() -> None:
     dense = dense_mesh(hidden.depth, SMALL)
     np.testing.assert_array_equal(result.vertices, dense.vertices)
     np.testing.assert_array_equal(result.pixels, dense.pixels)
-    np.testing.assert_array_equal(result.uvs, dense.uvs)
-    z = dense.vertices[dense.triangles, 2]
-    kept = dense.triangles[np.ptp(z, axis=1) <= np.float32(0.05)]
-    np.testing.assert_array_equal(result.triangles, kept)
+    np.testing.assert_array_equal(result.texcoords, dense.texcoords)
+    z = dense.vertices[dense.faces, 2]
+    kept = dense.faces[np.ptp(z, axis=1) <= np.float32(0.05)]
+    np.testing.assert_array_equal(result.faces, kept)
 
 
 @pytest.mark.parametrize("limb", LIMBS)
 def test_mesh_is_whole_and_its_texture_comes_from_the_source(limb: Limb) -> None:
     result = once(frame(pose(turn_deg=5), KINECT), limb)
-    assert result.triangles.min() >= 0
-    assert result.triangles.max() < len(result.vertices)
-    a, b, c = np.moveaxis(result.vertices[result.triangles].astype(float), 1, 0)
+    assert result.faces.min() >= 0
+    assert result.faces.max() < len(result.vertices)
+    a, b, c = np.moveaxis(result.vertices[result.faces].astype(float), 1, 0)
     normal = np.cross(b - a, c - a)
     assert ((normal * a).sum(1) < 0).all()  # front faces look at the camera
-    assert np.ptp(result.vertices[result.triangles, 2], axis=1).max() <= np.float32(0.05)
+    assert np.ptp(result.vertices[result.faces, 2], axis=1).max() <= np.float32(0.05)
     u, v = result.pixels[: result.num_points].T
     rows, cols = result.source[v, u].T
     expected = np.stack([(cols + 0.5) / 512, 1 - (rows + 0.5) / 424], axis=1)
-    np.testing.assert_allclose(result.uvs[: result.num_points], expected, atol=1e-6)
+    np.testing.assert_allclose(result.texcoords[: result.num_points], expected, atol=1e-6)
     # No triangle's texture leaps across the picture from one side of the body to the other.
-    span = np.ptp(result.uvs[result.triangles], axis=1).max(axis=1)
+    span = np.ptp(result.texcoords[result.faces], axis=1).max(axis=1)
     assert np.quantile(span, 0.999) < 12 / 424
     extra = result.vertices[result.num_points :]
     assert len(extra) > 0
@@ -466,14 +466,14 @@ def test_mesh_is_whole_and_its_texture_comes_from_the_source(limb: Limb) -> None
 def registration() -> Registration:
     c, s = np.cos(0.02), np.sin(0.02)
     turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
-    colour = Intrinsics(1920, 1080, 1060.0, 1060.0, 960.0, 540.0)
-    return Registration(colour, turn, np.array([0.052, 0.001, 0.002]))
+    color = Intrinsics(1920, 1080, 1060.0, 1060.0, 960.0, 540.0)
+    return Registration(color, turn, np.array([0.052, 0.001, 0.002]))
 
 
 @pytest.mark.parametrize("distortion", [(0, 0, 0, 0, 0), (0.05, -0.02, 0.001, 0.0, 0.0)])
 def test_registered_texture(distortion: tuple[float, ...]) -> None:
     r = registration()
-    r = replace(r, colour=replace(r.colour, distortion=distortion))
+    r = replace(r, color=replace(r.color, distortion=distortion))
     seen = replace(frame(pose(), KINECT), calibration=RgbdCalibration(KINECT, r))
     result = once(seen)
     u, v = result.pixels[: result.num_points].T
@@ -481,14 +481,18 @@ def test_registered_texture(distortion: tuple[float, ...]) -> None:
     depth = seen.depth / np.float32(1000)
     exact = kinds_of_points(result) < PixelKind.FILLED
     points = (pixel_rays(KINECT) * depth[..., None])[rows, cols].astype(np.float32)
-    expected = _core.registered_uvs(np.ascontiguousarray(points), r)
-    np.testing.assert_allclose(result.uvs[: result.num_points][exact], expected[exact], atol=1e-5)
+    expected = _core.registered_texcoords(np.ascontiguousarray(points), r)
+    np.testing.assert_allclose(
+        result.texcoords[: result.num_points][exact], expected[exact], atol=1e-5
+    )
     calibrated = once(seen, texturing="calibration")
-    own = _core.registered_uvs(np.ascontiguousarray(calibrated.vertices), r)
-    np.testing.assert_allclose(calibrated.uvs, own, atol=1e-6)
+    own = _core.registered_texcoords(np.ascontiguousarray(calibrated.vertices), r)
+    np.testing.assert_allclose(calibrated.texcoords, own, atol=1e-6)
     # Figure 4.4: the calibration puts the texture of whatever is behind on the phantom.
     phantom = np.isin(kinds_of_points(result), MIRRORED)
-    leap = np.abs(calibrated.uvs[: result.num_points] - result.uvs[: result.num_points]).max(1)
+    leap = np.abs(
+        calibrated.texcoords[: result.num_points] - result.texcoords[: result.num_points]
+    ).max(1)
     assert leap[phantom].min() > 0.05
     assert leap[kinds_of_points(result) == PixelKind.BODY].max() < 1e-5
 
@@ -496,7 +500,7 @@ def test_registered_texture(distortion: tuple[float, ...]) -> None:
 def test_mesh_for_pictures_and_graphics_cards() -> None:
     result = once(frame(pose()))
     mesh = result.mesh()
-    assert mesh.num_faces == len(result.triangles)
+    assert mesh.num_faces == len(result.faces)
     assert len(mesh.gpu_buffers()[0]) == len(result.vertices)
 
 
@@ -533,7 +537,7 @@ def test_other_lenses_find_their_pixels(kind: str) -> None:
     ray = table[drawn]
     off = np.abs(again[:, :2] / again[:, 2:] - ray[:, :2]) * 365
     assert np.quantile(off, 0.99) < 0.56  # the pixel's width varies with the lens
-    a, b, c = np.moveaxis(result.vertices[result.triangles].astype(float), 1, 0)
+    a, b, c = np.moveaxis(result.vertices[result.faces].astype(float), 1, 0)
     assert ((np.cross(b - a, c - a) * a).sum(1) < 0).all()
 
 
@@ -670,7 +674,7 @@ def test_nobody_is_nothing() -> None:
     result = PhantomPipeline("left_leg").process(empty)
     assert result.state is PhantomState.LOST
     assert result.reason is PhantomReason.NO_PERSON
-    assert len(result.vertices) == len(result.triangles) == 0
+    assert len(result.vertices) == len(result.faces) == 0
     assert not result.depth.any()
 
 

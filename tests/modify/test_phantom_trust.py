@@ -242,16 +242,16 @@ def test_textures_belong_to_their_frames() -> None:
     pipeline = PhantomPipeline("right_arm")
     for number in range(6):
         image = seen(pose(), number)
-        colour = np.full((*image.depth.shape, 3), 10 * number, np.uint8)
+        color = np.full((*image.depth.shape, 3), 10 * number, np.uint8)
         skeletons = image.skeletons if number < 4 else ()
-        result = pipeline.process(replace(image, colour=colour, skeletons=skeletons))
+        result = pipeline.process(replace(image, color=color, skeletons=skeletons))
     assert result.state is PhantomState.HOLDING
     body, phantom = result.parts()
-    assert body.colour is not None
-    assert phantom.colour is not None
-    assert (body.colour == 50).all()
-    assert (phantom.colour == 30).all()
-    assert len(body.triangles) + len(phantom.triangles) == len(result.triangles)
-    assert len(phantom.triangles) > 100
-    shown = result.phantom[tuple(result.pixels[body.triangles].reshape(-1, 2).T[::-1])]
+    assert body.color is not None
+    assert phantom.color is not None
+    assert (body.color == 50).all()
+    assert (phantom.color == 30).all()
+    assert len(body.faces) + len(phantom.faces) == len(result.faces)
+    assert len(phantom.faces) > 100
+    shown = result.phantom[tuple(result.pixels[body.faces].reshape(-1, 2).T[::-1])]
     assert not shown.any()

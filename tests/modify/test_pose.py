@@ -18,7 +18,7 @@ KNEE, NOSE, HIP = (NAMES.index(name) for name in ("KneeLeft", "Nose", "HipRight"
 
 def picture(depth: np.ndarray, body: np.ndarray | None = None) -> manip3d.RgbdFrame:
     return manip3d.RgbdFrame(
-        depth, manip3d.RgbdCalibration(CAMERA), colour=np.zeros((48, 64, 3), np.uint8),
+        depth, manip3d.RgbdCalibration(CAMERA), color=np.zeros((48, 64, 3), np.uint8),
         body_index=body,
     )  # fmt: skip
 
@@ -165,5 +165,5 @@ class TestMediaPipe:
             assert tracker.find(frame) is None
             assert tracker.annotate(frame).skeletons == ()
             tracker.reset()
-            with pytest.raises(manip3d.InputError, match=r"frame\.colour: expected colour"):
+            with pytest.raises(manip3d.InputError, match=r"frame\.color: expected colour"):
                 tracker.find(manip3d.RgbdFrame(wall(2.0), manip3d.RgbdCalibration(CAMERA)))

@@ -101,7 +101,7 @@ def test_a_real_person_s_elbow_bends_by_30_degrees_more_without_tearing(realdata
         skeleton, vertices = frame.skeletons[0], shown.vertices.astype(np.float64)
         column, row = shown.pixels.T
         labels = shown.labels[row, column]
-        corners = shown.triangles[np.isin(labels[shown.triangles], arm).all(axis=1)]
+        corners = shown.faces[np.isin(labels[shown.faces], arm).all(axis=1)]
         assert len(corners) > 500
         angle = elbow_angle(skeleton, "Right")
         before = sides(vertices, corners)
@@ -115,6 +115,6 @@ def test_a_real_person_s_elbow_bends_by_30_degrees_more_without_tearing(realdata
         assert stretch[False] > 2.0
 
 
-def sides(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    corners = points[triangles]
+def sides(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    corners = points[faces]
     return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)

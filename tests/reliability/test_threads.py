@@ -99,8 +99,8 @@ SKELETONS = [frame.skeletons[0] for frame in PEOPLE]
 GRIDS = [_core.unproject(depth, kernels.CAMERA, 1) for depth in DEPTHS]
 
 
-IN_COLOUR = [
-    replace(frame, colour=np.full((*frame.depth.shape, 3), (20, 60, 90 + 60 * i), np.uint8))
+IN_COLOR = [
+    replace(frame, color=np.full((*frame.depth.shape, 3), (20, 60, 90 + 60 * i), np.uint8))
     for i, frame in enumerate(PEOPLE)
 ]
 
@@ -169,7 +169,7 @@ OBJECTS: dict[str, tuple[Callable[[], Any], list[Callable[[Any], object]]]] = {
     ),
     "ShoeCoverTracker": (
         modify.ShoeCoverTracker,
-        [lambda t, f=f: t.update(f, f.skeletons[0], "left") is None for f in IN_COLOUR],
+        [lambda t, f=f: t.update(f, f.skeletons[0], "left") is None for f in IN_COLOR],
     ),
 }
 
@@ -229,7 +229,7 @@ def read_all(source: Any) -> list[Any]:
 @pytest.fixture
 def recording(tmp_path: Path) -> tuple[Path, list[RgbdFrame]]:
     frames = list(rgbd_frames.frames(40))
-    capture.record(frames, tmp_path / "walk", lossless_colour=True)
+    capture.record(frames, tmp_path / "walk", lossless_color=True)
     return tmp_path / "walk", frames
 
 

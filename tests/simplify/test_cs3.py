@@ -263,7 +263,7 @@ def test_distance_dependent_radii() -> None:
 
 
 def signed_areas(result: DepthSimplification) -> NDArray[np.int64]:
-    a, b, c = (result.pixels[result.triangles[:, i]].astype(np.int64) for i in range(3))
+    a, b, c = (result.pixels[result.faces[:, i]].astype(np.int64) for i in range(3))
     return (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
 
 
@@ -276,15 +276,15 @@ def check(result: DepthSimplification, points: Map, valid: NDArray[np.bool_], n:
     assert result.num_vertices >= min(n - n // 100, valid.sum())
     np.testing.assert_array_equal(result.vertices, points[v, u])  # points never move
     exact = np.column_stack([(u + 0.5) / width, 1 - (v + 0.5) / height])
-    np.testing.assert_array_equal(result.uvs, exact.astype(np.float32))
-    centroids = (2 * result.pixels[result.triangles].sum(axis=1) + 3) // 6
+    np.testing.assert_array_equal(result.texcoords, exact.astype(np.float32))
+    centroids = (2 * result.pixels[result.faces].sum(axis=1) + 3) // 6
     assert valid[centroids[:, 1], centroids[:, 0]].all()
     # What is dropped is dropped for its centroid, what stays is of the Delaunay triangulation.
     full = simplify.grid_delaunay(result.pixels)
     ends = (2 * result.pixels[full].sum(axis=1) + 3) // 6
     kept = full[valid[ends[:, 1], ends[:, 0]]]
     assert {tuple(sorted(t)) for t in kept.tolist()} == {
-        tuple(sorted(t)) for t in result.triangles.tolist()
+        tuple(sorted(t)) for t in result.faces.tolist()
     }
 
 
@@ -318,7 +318,7 @@ def test_grids_are_like_depth_images() -> None:
     np.testing.assert_array_equal(grid.pixels, plain.pixels)
     assert (signed_areas(grid) > 0).all()  # rows go up
     down = simplify.cs3_grid(points, None, 100, rows_up=False)
-    np.testing.assert_array_equal(down.triangles, plain.triangles)
+    np.testing.assert_array_equal(down.faces, plain.faces)
 
 
 @pytest.mark.parametrize("power", [-100, -40, 40, 100])
@@ -327,7 +327,7 @@ def test_the_unit_does_not_matter(power: int) -> None:
     one = simplify.cs3_grid(points, None, 100)
     other = simplify.cs3_grid(points * np.float32(2.0**power), None, 100)
     np.testing.assert_array_equal(one.pixels, other.pixels)
-    np.testing.assert_array_equal(one.triangles, other.triangles)
+    np.testing.assert_array_equal(one.faces, other.faces)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -339,7 +339,7 @@ def test_same_bytes_for_any_number_of_threads(variant: Variant) -> None:
         for t in (1, 2, 4, 0)
     ]
     for other in results[1:]:
-        for name in ("vertices", "triangles", "pixels", "uvs"):
+        for name in ("vertices", "faces", "pixels", "texcoords"):
             assert getattr(results[0], name).tobytes() == getattr(other, name).tobytes()
 
 
@@ -349,21 +349,19 @@ def test_long_edges_are_dropped() -> None:
     plain = simplify.cs3(depth, CAMERA, 200)
     scene = simplify.cs3(depth, CAMERA, 200, max_edge=0.5)
     assert 0 < scene.num_faces < plain.num_faces
-    corners = scene.vertices[scene.triangles].astype(float)
+    corners = scene.vertices[scene.faces].astype(float)
     assert np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max() <= 0.5
-    assert {tuple(t) for t in scene.triangles.tolist()} < {
-        tuple(t) for t in plain.triangles.tolist()
-    }
+    assert {tuple(t) for t in scene.faces.tolist()} < {tuple(t) for t in plain.faces.tolist()}
 
 
-def test_registered_colour() -> None:
+def test_registered_color() -> None:
     depth = bumpy()
     registration = Registration(Intrinsics(32, 24, 30.0, 29.0, 15.0, 12.0))
-    colour = np.full((24, 32, 3), 128, np.uint8)
-    result = simplify.cs3(depth, CAMERA, 100, colour=colour, registration=registration)
+    color = np.full((24, 32, 3), 128, np.uint8)
+    result = simplify.cs3(depth, CAMERA, 100, color=color, registration=registration)
     dense = simplify.dense_mesh(depth, CAMERA, registration=registration)
-    uv_of = dict(zip(map(tuple, dense.pixels.tolist()), dense.uvs.tolist(), strict=True))
-    assert [uv_of[tuple(p)] for p in result.pixels.tolist()] == result.uvs.tolist()
+    uv_of = dict(zip(map(tuple, dense.pixels.tolist()), dense.texcoords.tolist(), strict=True))
+    assert [uv_of[tuple(p)] for p in result.pixels.tolist()] == result.texcoords.tolist()
     assert result.mesh.materials[0].textures["base_color"].data is not None
 
 
@@ -417,7 +415,7 @@ def test_a_stream_gives_what_single_calls_give() -> None:
         single = simplify.cs3(depth, CAMERA, 150)
         results.append(stream.simplify(depth, CAMERA))
         for other in (results[-1], pooled.simplify(depth, CAMERA)):
-            for name in ("vertices", "triangles", "pixels", "uvs"):
+            for name in ("vertices", "faces", "pixels", "texcoords"):
                 assert getattr(single, name).tobytes() == getattr(other, name).tobytes()
     for seed, result in enumerate(results):  # fresh arrays by default
         expected = simplify.cs3(bumpy(seed=seed, holes=0.1 * seed), CAMERA, 150)

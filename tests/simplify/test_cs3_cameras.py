@@ -58,7 +58,7 @@ def test_one_view_is_cs3() -> None:
     joint = cs3_cameras(VIEWS[:1], 400)
     assert VIEWS[0].depth is not None
     single = simplify.cs3(VIEWS[0].depth, CAMERA, 400)
-    np.testing.assert_array_equal(joint.triangles, single.triangles)
+    np.testing.assert_array_equal(joint.faces, single.faces)
     np.testing.assert_array_equal(joint.pixels, single.pixels)
     np.testing.assert_allclose(joint.vertices, single.vertices + VIEWS[0].pose[:3, 3])  # type: ignore[index]
 
@@ -72,7 +72,7 @@ def layers_of(joint: JointSimplification, views: list[CameraView]) -> tuple[floa
     rng = np.random.default_rng(0)
     directions = rng.normal(size=(4000, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    inverse = np.linalg.inv(np.swapaxes(joint.vertices[joint.triangles], 1, 2))
+    inverse = np.linalg.inv(np.swapaxes(joint.vertices[joint.faces], 1, 2))
     layers = (np.einsum("fij,dj->dfi", inverse, directions) >= 0).all(axis=2).sum(axis=1)
     seen = np.zeros(len(directions), bool)
     for view in views:
@@ -96,13 +96,13 @@ def test_the_overlap_is_sampled_once(count: int) -> None:
     np.testing.assert_allclose(np.linalg.norm(joint.vertices, axis=1), 1, atol=1e-6)
     summary = joint.mesh.summary()
     assert summary.non_manifold_edges == 0
-    used = np.unique(joint.triangles)
+    used = np.unique(joint.faces)
     assert len(used) >= 0.99 * joint.num_vertices
     normals = np.cross(
-        joint.vertices[joint.triangles[:, 1]] - joint.vertices[joint.triangles[:, 0]],
-        joint.vertices[joint.triangles[:, 2]] - joint.vertices[joint.triangles[:, 0]],
+        joint.vertices[joint.faces[:, 1]] - joint.vertices[joint.faces[:, 0]],
+        joint.vertices[joint.faces[:, 2]] - joint.vertices[joint.faces[:, 0]],
     )
-    assert (np.einsum("ij,ij->i", normals, joint.vertices[joint.triangles[:, 0]]) > 0).all()
+    assert (np.einsum("ij,ij->i", normals, joint.vertices[joint.faces[:, 0]]) > 0).all()
     doubled, holes = layers_of(joint, VIEWS[:count])
     assert doubled < 0.002
     assert holes < 0.01
@@ -141,10 +141,10 @@ def test_textures_stay_with_their_views() -> None:
             depth=v.depth,
             intrinsics=CAMERA,
             pose=v.pose,
-            colour=colour,
+            color=color,
             registration=registration,
         )
-        for v, colour, registration in zip(
+        for v, color, registration in zip(
             VIEWS[:2], (red, blue), (None, Registration(CAMERA)), strict=True
         )
     ]
@@ -157,8 +157,8 @@ def test_textures_stay_with_their_views() -> None:
     # where its vertex projects to in the view that the triangle was made in.
     for index, view in enumerate(views):
         pose = np.asarray(view.pose)
-        triangles = joint.triangles[joint.triangle_view == index]
-        local = (joint.vertices[triangles] - pose[:3, 3]) @ pose[:3, :3]
+        faces = joint.faces[joint.triangle_view == index]
+        local = (joint.vertices[faces] - pose[:3, 3]) @ pose[:3, :3]
         u = CAMERA.fx * local[..., 0] / local[..., 2] + CAMERA.cx
         v = CAMERA.fy * local[..., 1] / local[..., 2] + CAMERA.cy
         expected = np.stack([(u + 0.5) / 160, 1 - (v + 0.5) / 120], axis=-1)
@@ -168,7 +168,7 @@ def test_textures_stay_with_their_views() -> None:
 
 def test_same_bytes_for_any_number_of_threads() -> None:
     one, two = (cs3_cameras(VIEWS, 700, threads=threads) for threads in (1, 2))
-    for name in ("vertices", "triangles", "pixels", "vertex_view", "triangle_view", "corner_uvs"):
+    for name in ("vertices", "faces", "pixels", "vertex_view", "triangle_view", "corner_uvs"):
         assert getattr(one, name).tobytes() == getattr(two, name).tobytes()
 
 
@@ -221,8 +221,8 @@ def test_bunny_scans(realdata: RealData, names: tuple[str, ...]) -> None:
     # No doubled layer: what a later view adds does not lie on what the earlier ones made.
     doubled = total = 0.0
     for index in range(1, len(scans)):
-        before = Mesh(joint.vertices, joint.triangles[joint.triangle_view < index])
-        added = joint.triangles[joint.triangle_view == index]
+        before = Mesh(joint.vertices, joint.faces[joint.triangle_view < index])
+        added = joint.faces[joint.triangle_view == index]
         size = areas(joint.vertices, added)
         closest = metrics.closest_points(before, joint.vertices[added].mean(axis=1))
         foot = before.faces[closest.face]
@@ -231,7 +231,7 @@ def test_bunny_scans(realdata: RealData, names: tuple[str, ...]) -> None:
         # Triangles of the seam touch the border; their centroids are further from it.
         doubled += size[(closest.distance < 0.3e-3) & same_side].sum()
         total += size.sum()
-    everything = areas(joint.vertices, joint.triangles).sum()
+    everything = areas(joint.vertices, joint.faces).sum()
     assert doubled < 0.01 * everything
     assert total > 0.05 * everything
     if len(scans) > 2:
@@ -239,7 +239,7 @@ def test_bunny_scans(realdata: RealData, names: tuple[str, ...]) -> None:
     # Density, in points near the surface of both scans.
     single = joint.views[0].vertices.astype(float)
     dense = [
-        Mesh(d.vertices.astype(float) @ s.pose[:3, :3].T + s.pose[:3, 3], d.triangles)
+        Mesh(d.vertices.astype(float) @ s.pose[:3, :3].T + s.pose[:3, 3], d.faces)
         for s in scans
         for d in [simplify.dense_mesh_grid(s.points, s.valid)]
     ]

@@ -20,7 +20,7 @@ CAMERA = Intrinsics(8, 6, 10.0, 11.0, 3.5, 2.5)
 
 def facing(mesh: simplify.DepthMesh) -> NDArray[np.float64]:
     """Of each triangle: normal times the direction from the camera to it; < 0 = looks at it."""
-    p, q, r = (mesh.vertices[mesh.triangles[:, i]].astype(float) for i in range(3))
+    p, q, r = (mesh.vertices[mesh.faces[:, i]].astype(float) for i in range(3))
     return np.einsum("ij,ij->i", np.cross(q - p, r - p), p)
 
 
@@ -54,10 +54,10 @@ def test_bad_registration() -> None:
         Registration(CAMERA, np.diag([1.0, 1.0, -1.0]))
     with pytest.raises(InputError, match=r"registration\.translation"):
         Registration(CAMERA, np.eye(3), np.array([0.0, np.nan, 0.0]))
-    with pytest.raises(InputError, match=r"registration\.colour: expected Intrinsics"):
+    with pytest.raises(InputError, match=r"registration\.color: expected Intrinsics"):
         Registration(None)  # type: ignore[arg-type]
     rays = Intrinsics(2, 2, 1.0, 1.0, 0.0, 0.0, rays=np.zeros((2, 2, 2), np.float32))
-    with pytest.raises(InputError, match=r"registration\.colour: expected a lens model"):
+    with pytest.raises(InputError, match=r"registration\.color: expected a lens model"):
         Registration(rays)
 
 
@@ -70,7 +70,7 @@ def test_pixels_are_lifted_along_their_rays() -> None:
     np.testing.assert_allclose(mesh.vertices, expected, rtol=1e-6)
     assert mesh.vertices.dtype == np.float32
     np.testing.assert_array_equal(
-        mesh.uvs, np.column_stack([(u + 0.5) / 8, 1 - (v + 0.5) / 6]).astype(np.float32)
+        mesh.texcoords, np.column_stack([(u + 0.5) / 8, 1 - (v + 0.5) / 6]).astype(np.float32)
     )
     assert (facing(mesh) < 0).all()
 
@@ -103,7 +103,9 @@ def test_distorted_pixels_project_back_to_themselves() -> None:
         camera = Intrinsics(64, 48, 60.0, 55.0, 30.2, 24.9, mirrored=mirrored, **lens)
         depth = RNG.uniform(0.5, 4.0, (48, 64)).astype(np.float32)
         mesh = simplify.dense_mesh(depth, camera, registration=Registration(camera))
-        pixels = np.column_stack([mesh.uvs[:, 0] * 64 - 0.5, (1 - mesh.uvs[:, 1]) * 48 - 0.5])
+        pixels = np.column_stack(
+            [mesh.texcoords[:, 0] * 64 - 0.5, (1 - mesh.texcoords[:, 1]) * 48 - 0.5]
+        )
         np.testing.assert_allclose(pixels, mesh.pixels, atol=2e-4)
         straight = (mesh.pixels[:, 0] - 30.2) / 60 * mesh.vertices[:, 2] * (-1) ** mirrored
         assert np.abs(mesh.vertices[:, 0] - straight).max() > 0.02
@@ -130,37 +132,37 @@ def test_ray_table() -> None:
 
 def test_registration_moves_texture_coordinates_only() -> None:
     depth = RNG.uniform(1.0, 3.0, (6, 8)).astype(np.float32)
-    colour = Intrinsics(16, 12, 20.0, 21.0, 7.5, 5.5)
+    color = Intrinsics(16, 12, 20.0, 21.0, 7.5, 5.5)
     angle = 0.1
     rotation = np.array(
         [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
     )
-    registration = Registration(colour, rotation, np.array([0.05, 0.0, 0.01]))
+    registration = Registration(color, rotation, np.array([0.05, 0.0, 0.01]))
     image = np.zeros((12, 16, 3), np.uint8)
-    mesh = simplify.dense_mesh(depth, CAMERA, colour=image, registration=registration)
+    mesh = simplify.dense_mesh(depth, CAMERA, color=image, registration=registration)
     plain = simplify.dense_mesh(depth, CAMERA)
     np.testing.assert_array_equal(mesh.vertices, plain.vertices)
     q = mesh.vertices @ rotation.T + [0.05, 0.0, 0.01]
     u, v = 20 * q[:, 0] / q[:, 2] + 7.5, 21 * q[:, 1] / q[:, 2] + 5.5
     np.testing.assert_allclose(
-        mesh.uvs, np.column_stack([(u + 0.5) / 16, 1 - (v + 0.5) / 12]), atol=1e-6
+        mesh.texcoords, np.column_stack([(u + 0.5) / 16, 1 - (v + 0.5) / 12]), atol=1e-6
     )
 
 
-def test_what_the_colour_camera_cannot_see_has_no_texture() -> None:
+def test_what_the_color_camera_cannot_see_has_no_texture() -> None:
     behind = Registration(CAMERA, np.diag([-1.0, 1.0, -1.0]), np.array([0.0, 0.0, 2.0]))
     depth = np.ones((6, 8), np.float32)
     depth[:, 4:] = 3.0
     result = simplify.dense_mesh(depth, CAMERA, registration=behind)
-    assert np.isnan(result.uvs).any(axis=1).sum() == 24
-    unseen = np.isnan(result.uvs[:, 0])[result.triangles]
+    assert np.isnan(result.texcoords).any(axis=1).sum() == 24
+    unseen = np.isnan(result.texcoords[:, 0])[result.faces]
     np.testing.assert_array_equal(result.mesh.face_texcoords == -1, unseen)
 
 
-def test_colour_becomes_a_texture(tmp_path: Path) -> None:
+def test_color_becomes_a_texture(tmp_path: Path) -> None:
     depth = np.ones((6, 8), np.float32)
     image = RNG.integers(0, 256, (6, 8, 3), dtype=np.uint8)
-    mesh = simplify.dense_mesh(depth, CAMERA, colour=image).mesh
+    mesh = simplify.dense_mesh(depth, CAMERA, color=image).mesh
     mesh.write(tmp_path / "m.glb")
     read = manip3d.read_mesh(tmp_path / "m.glb")
     assert read.num_faces == 70
@@ -173,15 +175,15 @@ def test_colour_becomes_a_texture(tmp_path: Path) -> None:
 
 def test_buffers_for_a_gpu() -> None:
     mesh = simplify.dense_mesh(np.ones((6, 8), np.float32), CAMERA)
-    positions, uvs, indices = mesh.gpu_buffers()
+    positions, texcoords, indices = mesh.gpu_buffers()
     assert positions is mesh.vertices
-    assert uvs.dtype == np.float32
+    assert texcoords.dtype == np.float32
     np.testing.assert_allclose(
-        uvs[0], [0.5 / 8, 0.5 / 6], rtol=1e-6
+        texcoords[0], [0.5 / 8, 0.5 / 6], rtol=1e-6
     )  # the upper left pixel, v down
-    np.testing.assert_allclose(mesh.uvs[0], [0.5 / 8, 1 - 0.5 / 6])
+    np.testing.assert_allclose(mesh.texcoords[0], [0.5 / 8, 1 - 0.5 / 6])
     assert indices.dtype == np.uint16
-    np.testing.assert_array_equal(indices.reshape(-1, 3), mesh.triangles)
+    np.testing.assert_array_equal(indices.reshape(-1, 3), mesh.faces)
     camera = Intrinsics(256, 256, 200.0, 200.0, 127.5, 127.5)
     for rows, dtype in ((255, np.uint16), (256, np.uint32)):
         depth = np.ones((256, 256), np.float32)
@@ -189,7 +191,7 @@ def test_buffers_for_a_gpu() -> None:
         large = simplify.dense_mesh(depth, camera)
         indices = large.gpu_buffers()[2]
         assert indices.dtype == dtype
-        np.testing.assert_array_equal(indices.reshape(-1, 3), large.triangles)
+        np.testing.assert_array_equal(indices.reshape(-1, 3), large.faces)
 
 
 def test_cells_of_four_three_and_two() -> None:
@@ -200,18 +202,18 @@ def test_cells_of_four_three_and_two() -> None:
     mesh = simplify.dense_mesh_grid(points)
     assert mesh.num_vertices == 6
     assert mesh.num_faces == 1 + 2 + 1 + 0
-    up = simplify.dense_mesh_grid(points).triangles
-    down = simplify.dense_mesh_grid(points, rows_up=False).triangles
+    up = simplify.dense_mesh_grid(points).faces
+    down = simplify.dense_mesh_grid(points, rows_up=False).faces
     assert {tuple(t) for t in np.sort(up, axis=1)} == {tuple(t) for t in np.sort(down, axis=1)}
-    p, q, r = (mesh.vertices[mesh.triangles[:, i]] for i in range(3))
+    p, q, r = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
     assert (np.cross(q - p, r - p)[:, 2] > 0).all()
 
 
 def test_cells_are_cut_along_the_shorter_diagonal() -> None:
     points = np.array([[[0, 0, 0], [1, 0, 0]], [[0, 1, 0], [2, 2, 0]]], dtype=float)
-    assert simplify.dense_mesh_grid(points).triangles.tolist() == [[1, 3, 2], [1, 2, 0]]
+    assert simplify.dense_mesh_grid(points).faces.tolist() == [[1, 3, 2], [1, 2, 0]]
     points[1, 1] = [0.5, 0.5, 0]
-    assert simplify.dense_mesh_grid(points).triangles.tolist() == [[0, 1, 3], [0, 3, 2]]
+    assert simplify.dense_mesh_grid(points).faces.tolist() == [[0, 1, 3], [0, 3, 2]]
 
 
 def test_long_edges_are_left_out() -> None:
@@ -246,7 +248,7 @@ def test_same_bytes_for_any_number_of_threads() -> None:
     one = simplify.dense_mesh(depth, camera)
     for threads in (2, 4):
         other = simplify.dense_mesh(depth, camera, threads=threads)
-        for name in ("vertices", "triangles", "pixels", "uvs"):
+        for name in ("vertices", "faces", "pixels", "texcoords"):
             assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
 
 
@@ -264,7 +266,7 @@ def test_bad_depth(depth: NDArray[np.float32], message: str) -> None:
         simplify.dense_mesh(depth, CAMERA)
 
 
-def test_bad_grids_and_colours() -> None:
+def test_bad_grids_and_colors() -> None:
     points = np.ones((6, 8, 3))
     with pytest.raises(InputError, match=r"points: expected \(H, W, 3\) floats"):
         simplify.dense_mesh_grid(points[0])
@@ -274,8 +276,8 @@ def test_bad_grids_and_colours() -> None:
     with pytest.raises(InputError, match=r"points: .* at row 2, column 3"):
         simplify.dense_mesh_grid(points, np.ones((6, 8), bool))
     assert simplify.dense_mesh_grid(points).num_vertices == 47
-    with pytest.raises(InputError, match=r"colour: expected uint8 of shape \(6, 8, 3 or 4\)"):
-        simplify.dense_mesh(np.ones((6, 8), np.float32), CAMERA, colour=np.zeros((6, 8, 3)))
+    with pytest.raises(InputError, match=r"color: expected uint8 of shape \(6, 8, 3 or 4\)"):
+        simplify.dense_mesh(np.ones((6, 8), np.float32), CAMERA, color=np.zeros((6, 8, 3)))
     with pytest.raises(InputError, match="intrinsics: expected Intrinsics"):
         simplify.dense_mesh(np.ones((6, 8), np.float32), None)  # type: ignore[arg-type]
 
@@ -290,9 +292,7 @@ def test_a_range_scan_reads_like_its_grid() -> None:
     text = header + "0 0 0\n1 0 0\n0 1 0\n1 1.5 0\n1 0\n1 1\n1 2\n1 3\n"
     mesh = read_mesh_bytes(text.encode())
     dense = simplify.dense_mesh_grid(mesh.vertices.reshape(2, 2, 3))
-    canonical = [
-        sorted(map(tuple, np.sort(f, axis=1).tolist())) for f in (mesh.faces, dense.triangles)
-    ]
+    canonical = [sorted(map(tuple, np.sort(f, axis=1).tolist())) for f in (mesh.faces, dense.faces)]
     assert canonical[0] == canonical[1]
 
 

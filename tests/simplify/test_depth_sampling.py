@@ -47,10 +47,12 @@ def test_vertices_are_points_of_the_image_and_triangles_lie_over_it(
     z = depth[v, u] / 1000.0
     np.testing.assert_allclose(mesh.vertices[:, 2], z, rtol=1e-6)
     np.testing.assert_allclose(mesh.vertices[:, 0], (u - camera.cx) / camera.fx * z, rtol=1e-5)
-    np.testing.assert_allclose(mesh.uvs, np.c_[(u + 0.5) / 320, 1 - (v + 0.5) / 240], rtol=1e-6)
-    center = np.rint(mesh.pixels[mesh.triangles].mean(axis=1)).astype(int)
+    np.testing.assert_allclose(
+        mesh.texcoords, np.c_[(u + 0.5) / 320, 1 - (v + 0.5) / 240], rtol=1e-6
+    )
+    center = np.rint(mesh.pixels[mesh.faces].mean(axis=1)).astype(int)
     assert (depth[center[:, 1], center[:, 0]] > 0).all()
-    a, b, c = mesh.vertices[mesh.triangles].astype(float).transpose(1, 0, 2)
+    a, b, c = mesh.vertices[mesh.faces].astype(float).transpose(1, 0, 2)
     facing = (np.cross(b - a, c - a) * a).sum(axis=1)
     assert (facing < 0).mean() > 0.99  # front faces look at the sensor
 
@@ -123,18 +125,18 @@ def test_texture_coordinates_in_another_camera_are_those_of_the_dense_mesh(
     method: str, person: tuple
 ) -> None:
     depth, camera = person
-    colour = Intrinsics(640, 480, 500.0, 500.0, 320.0, 240.0)
-    beside = Registration(colour, translation=(0.05, 0.0, 0.0))
+    color = Intrinsics(640, 480, 500.0, 500.0, 320.0, 240.0)
+    beside = Registration(color, translation=(0.05, 0.0, 0.0))
     mesh = sample_depth(depth, camera, 300, method=method, registration=beside)
     x, y, z = (mesh.vertices.astype(float) + np.array([0.05, 0.0, 0.0])).T
     expected = np.c_[(500 * x / z + 320.5) / 640, 1 - (500 * y / z + 240.5) / 480]
-    np.testing.assert_allclose(mesh.uvs, expected, atol=1e-5)
+    np.testing.assert_allclose(mesh.texcoords, expected, atol=1e-5)
 
 
 def test_long_edges_are_dropped(person: tuple) -> None:
     depth, camera = person
     mesh = sample_depth(depth, camera, 300, max_edge=0.08)
-    sides = np.diff(mesh.vertices[mesh.triangles[:, [0, 1, 2, 0]]], axis=1)
+    sides = np.diff(mesh.vertices[mesh.faces[:, [0, 1, 2, 0]]], axis=1)
     assert np.linalg.norm(sides, axis=2).max() <= 0.08 * (1 + 1e-6)
     assert 0 < mesh.num_faces < sample_depth(depth, camera, 300).num_faces
 
@@ -159,7 +161,7 @@ def test_golden(method: str, golden: Callable[..., None]) -> None:
     points = np.stack([4 * u, 4 * v, relief], axis=-1).astype(np.float32)
     valid = random.random((90, 120)) < 0.95
     mesh = sample_depth_grid(points, valid, 700, method=method, rng=3)
-    bits = hashlib.sha256(mesh.pixels.tobytes() + mesh.triangles.tobytes()).hexdigest()
+    bits = hashlib.sha256(mesh.pixels.tobytes() + mesh.faces.tobytes()).hexdigest()
     golden(f"sample_depth {method}", bits)
 
 

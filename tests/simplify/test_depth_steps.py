@@ -53,15 +53,15 @@ def test_no_face_is_left_across_a_step_and_no_other_is_lost(method: str) -> None
     options = DepthOptions(300, method=method, depth_step=0.0)
     uncut = simplify.simplify_depth(depth, CAMERA, options)
     cut = cut_depth_steps(uncut, depth)
-    expected = ~crosses(uncut.triangles, uncut.pixels, depth)
-    np.testing.assert_array_equal(cut.triangles, uncut.triangles[expected])
+    expected = ~crosses(uncut.faces, uncut.pixels, depth)
+    np.testing.assert_array_equal(cut.faces, uncut.faces[expected])
     assert 0 < cut.num_faces <= uncut.num_faces
     if method not in ("relief", "ssa"):  # which make none themselves in this image
         assert expected.sum() < len(expected)
     assert cut.num_vertices == uncut.num_vertices
     assert type(cut) is type(uncut)
     same = simplify.simplify_depth(depth, CAMERA, DepthOptions(300, method=method))
-    np.testing.assert_array_equal(same.triangles, cut.triangles)
+    np.testing.assert_array_equal(same.faces, cut.faces)
 
 
 def test_one_noisy_pixel_before_an_edge_is_no_step() -> None:
@@ -72,10 +72,10 @@ def test_one_noisy_pixel_before_an_edge_is_no_step() -> None:
         dense_mesh(depth, Intrinsics(7, 5, 6.0, 6.0, 3.0, 2.0)),
         pixels=corners,
         vertices=np.zeros((4, 3), np.float32),
-        uvs=np.zeros((4, 2), np.float32),
-        triangles=np.int32([[0, 1, 2], [0, 3, 2]]),  # before it, and with it as a corner
+        texcoords=np.zeros((4, 2), np.float32),
+        faces=np.int32([[0, 1, 2], [0, 3, 2]]),  # before it, and with it as a corner
     )
-    assert cut_depth_steps(mesh, depth).triangles.tolist() == [[0, 1, 2]]
+    assert cut_depth_steps(mesh, depth).faces.tolist() == [[0, 1, 2]]
 
 
 def test_slopes_are_no_steps() -> None:

@@ -56,22 +56,22 @@ def on_a_line(points: Pixels) -> bool:
 
 def check(points: Pixels) -> None:
     """Everything that makes it the Delaunay triangulation with our rule for ties."""
-    triangles = simplify.grid_delaunay(points)
+    faces = simplify.grid_delaunay(points)
     if on_a_line(points):
-        assert len(triangles) == 0
+        assert len(faces) == 0
         return
-    a, b, c = (points[triangles[:, i]] for i in range(3))
+    a, b, c = (points[faces[:, i]] for i in range(3))
     areas = turn(a, b, c)
     assert (areas > 0).all()
     area, border = hull_area(points)
     assert areas.sum() == 2 * area  # with the next: planar, and covers the hull
-    assert len(triangles) == 2 * len(points) - 2 - border
-    assert len(np.unique(triangles)) == len(points)
+    assert len(faces) == 2 * len(points) - 2 - border
+    assert len(np.unique(faces)) == len(points)
     # A point that is on the circle counts as outside if it is later than all three corners:
     # then it is raised most. If a corner is the latest, the sign of what raising that corner does.
     rank = np.empty(len(points), int)
     rank[np.lexsort((points[:, 0], points[:, 1]))] = np.arange(len(points))
-    for corners, p, q, r in zip(triangles, a, b, c, strict=True):
+    for corners, p, q, r in zip(faces, a, b, c, strict=True):
         inside = in_circle(p, q, r, points)
         assert (inside <= 0).all()
         for d in np.flatnonzero(inside == 0):
@@ -106,13 +106,13 @@ def test_brute_force_on_small_grids(width: int, height: int, data: st.DataObject
 def test_brute_force_at_full_range(chosen: list[tuple[int, int]]) -> None:
     """Differences up to 16 383: in_circle needs 60 bits."""
     points = np.array(chosen, dtype=np.int64)
-    triangles = simplify.grid_delaunay(points)
+    faces = simplify.grid_delaunay(points)
     if on_a_line(points):
-        assert len(triangles) == 0
+        assert len(faces) == 0
         return
-    assert turn(*(points[triangles[:, i]] for i in range(3))).sum() == 2 * hull_area(points)[0]
+    assert turn(*(points[faces[:, i]] for i in range(3))).sum() == 2 * hull_area(points)[0]
     exact = points.astype(object)  # Python's integers cannot overflow
-    for p, q, r in exact[triangles]:
+    for p, q, r in exact[faces]:
         assert all(in_circle(p, q, r, d) <= 0 for d in exact)
 
 
@@ -123,10 +123,8 @@ def test_full_lattices(shape: tuple[int, int]) -> None:
 
 def test_a_lattice_is_cut_one_way() -> None:
     """The last pixel of each square is cut off: all diagonals run alike."""
-    triangles = simplify.grid_delaunay(pixels_of(np.arange(20), 5))
-    edges = {
-        tuple(sorted(pair)) for t in triangles.tolist() for pair in itertools.combinations(t, 2)
-    }
+    faces = simplify.grid_delaunay(pixels_of(np.arange(20), 5))
+    edges = {tuple(sorted(pair)) for t in faces.tolist() for pair in itertools.combinations(t, 2)}
     assert {b - a for a, b in edges} == {1, 5, 4}
 
 

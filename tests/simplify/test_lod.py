@@ -62,7 +62,7 @@ def test_options_go_to_the_method() -> None:
     assert chain.result.stop == "distance_limit"
     assert [level.num_faces for level in chain.levels] in ([800, 400], [800, 399])
     with pytest.raises(InputError, match=r"options: .*got colour"):
-        lod_chain(mesh, options={"colour": 1})
+        lod_chain(mesh, options={"color": 1})
     with pytest.raises(InputError, match="method"):
         share_budget([mesh], 9, method="best")
 

@@ -181,7 +181,7 @@ def test_maps_lead_to_what_is_left() -> None:
     np.testing.assert_array_equal(mapped, result.mesh.faces[result.face_map[kept]])
 
 
-def test_colours_lie_between_those_of_the_ends() -> None:
+def test_colors_lie_between_those_of_the_ends() -> None:
     xy, faces = grid(10)
     red = np.column_stack([np.round(200 * xy[:, 0]), np.zeros((len(xy), 2))]).astype(np.uint8)
     mesh = Mesh(np.column_stack([xy, np.zeros(len(xy))]), faces, colors=red)

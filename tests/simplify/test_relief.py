@@ -30,23 +30,23 @@ def bumps(height: int, width: int, seed: int = 0) -> NDArray[np.float32]:
 
 def corners(result: simplify.DepthMesh) -> NDArray[np.int64]:
     """(m, 3, 2): u and v of the corners of each triangle."""
-    return result.pixels[result.triangles].astype(np.int64)
+    return result.pixels[result.faces].astype(np.int64)
 
 
-def doubled_areas(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+def doubled_areas(faces: NDArray[np.int64]) -> NDArray[np.int64]:
     """Twice the signed areas in pixels; > 0: counter-clockwise with v up."""
-    p, q, r = triangles[:, 0], triangles[:, 1], triangles[:, 2]
+    p, q, r = faces[:, 0], faces[:, 1], faces[:, 2]
     a, b = q - p, r - p
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
 def covering(
-    triangles: NDArray[np.int64], points: NDArray[np.float64], *, closed: bool = False
+    faces: NDArray[np.int64], points: NDArray[np.float64], *, closed: bool = False
 ) -> NDArray[np.int64]:
     """How many triangles hold each point (u, v), strictly inside unless closed."""
-    inside = np.ones((len(points), len(triangles)), bool)
+    inside = np.ones((len(points), len(faces)), bool)
     for i in range(3):
-        p, q = triangles[:, i], triangles[:, (i + 1) % 3]
+        p, q = faces[:, i], faces[:, (i + 1) % 3]
         edge, to = (q - p)[None], points[:, None] - p[None]
         side = edge[..., 0] * to[..., 1] - edge[..., 1] * to[..., 0]
         inside &= side >= 0 if closed else side > 0
@@ -64,8 +64,8 @@ def check_promises(
     if result.max_move == 0:
         assert np.array_equal(result.vertices, points[v, u])
         height, width = valid.shape
-        assert np.array_equal(result.uvs[:, 0], ((u + 0.5) / width).astype(np.float32))
-        assert np.array_equal(result.uvs[:, 1], (1 - (v + 0.5) / height).astype(np.float32))
+        assert np.array_equal(result.texcoords[:, 0], ((u + 0.5) / width).astype(np.float32))
+        assert np.array_equal(result.texcoords[:, 1], (1 - (v + 0.5) / height).astype(np.float32))
     check_surface(result, valid)
     check_coverage(result, points, valid)
 
@@ -75,7 +75,7 @@ def check_coverage(
 ) -> None:
     """Each pixel of the dense mesh against each triangle."""
     dense = simplify.dense_mesh_grid(points, valid)
-    used = dense.pixels[np.unique(dense.triangles)].astype(float)
+    used = dense.pixels[np.unique(dense.faces)].astype(float)
     if not len(used):
         return
     covered = covering(corners(result), used, closed=True) > 0
@@ -87,16 +87,16 @@ def check_coverage(
 
 
 def check_surface(result: simplify.DepthMesh, valid: NDArray[np.bool_]) -> None:
-    triangles = corners(result)
-    assert np.all(doubled_areas(triangles) > 0)
+    faces = corners(result)
+    assert np.all(doubled_areas(faces) > 0)
     # Each edge has one face on each side, or one face: a surface.
-    faces = result.triangles.tolist()
+    faces = result.faces.tolist()
     edges = Counter((f[i], f[(i + 1) % 3]) for f in faces for i in range(3))
     assert not edges or max(edges.values()) == 1
-    assert set(range(result.num_vertices)) == set(result.triangles.ravel().tolist())
+    assert set(range(result.num_vertices)) == set(result.faces.ravel().tolist())
     # It lies over each place once.
     between = np.random.default_rng(1).uniform((0, 0), valid.shape[::-1], (500, 2))
-    assert covering(triangles, between).max(initial=0) <= 1
+    assert covering(faces, between).max(initial=0) <= 1
 
 
 @settings(max_examples=60)
@@ -198,9 +198,9 @@ def test_levels_of_any_sizes_share_their_vertices(
         assert count <= size
         check_surface(result.prefix(count), valid)
     alone = simplify.relief_grid(points, valid, sizes[-1], effort=effort)
-    count, triangles = result.levels[-1]
+    count, faces = result.levels[-1]
     assert np.array_equal(result.pixels[:count], alone.pixels)
-    assert np.array_equal(triangles, alone.triangles)
+    assert np.array_equal(faces, alone.faces)
 
 
 def test_a_plane_needs_its_corners_only() -> None:
@@ -219,7 +219,7 @@ def test_nothing_bridges_a_discontinuity() -> None:
     depth[front] = 1000
     result = simplify.relief(depth, camera, 120, max_edge=0.5)
     u, v = result.pixels.T
-    in_front = front[v, u][result.triangles]
+    in_front = front[v, u][result.faces]
     assert np.all(in_front.all(axis=1) | ~in_front.any(axis=1))
     assert in_front.all(axis=1).any()
 
@@ -245,7 +245,7 @@ def test_front_faces_look_at_the_sensor() -> None:
     camera = Intrinsics(40, 30, 35.0, 35.0, 19.5, 14.5)
     depth = 2000 + np.arange(40 * 30).reshape(30, 40) % 7
     result = simplify.relief(depth.astype(np.uint16), camera, 60)
-    p, q, r = (result.vertices[result.triangles[:, i]].astype(float) for i in range(3))
+    p, q, r = (result.vertices[result.faces[:, i]].astype(float) for i in range(3))
     assert np.all(np.einsum("ij,ij->i", np.cross(q - p, r - p), p) < 0)
 
 
@@ -257,7 +257,7 @@ def test_moved_points_stay_on_their_line_of_sight_and_lower_the_error() -> None:
     still = simplify.relief(depth, camera, 300, effort="fast")
     moved = simplify.relief(depth, camera, 300, effort="fast", move_points=True)
     assert np.array_equal(still.pixels, moved.pixels)
-    assert np.array_equal(still.uvs, moved.uvs)
+    assert np.array_equal(still.texcoords, moved.texcoords)
     assert 0 < moved.mean_move < moved.max_move < 0.1
     directions = np.cross(still.vertices, moved.vertices)
     assert np.abs(directions).max() < 1e-5
@@ -293,7 +293,7 @@ def test_uvs_of_a_moved_scan_follow_along_the_surface() -> None:
     dense = simplify.dense_mesh_grid(points).mesh
     still = simplify.relief_grid(points, None, 200, effort="fast")
     moved = simplify.relief_grid(points, None, 200, effort="fast", move_points=True)
-    shift = (moved.uvs - still.uvs) * [80, 60]
+    shift = (moved.texcoords - still.texcoords) * [80, 60]
     assert 0 < np.abs(shift).max() < 2
     before, after = (
         manip3d.metrics.texture_error(dense, result.mesh).mean for result in (still, moved)
@@ -429,7 +429,7 @@ def test_same_bytes_for_any_number_of_threads(effort: simplify.Effort) -> None:
     )
     for other in (two, four):
         assert np.array_equal(one.vertices, other.vertices)
-        assert np.array_equal(one.triangles, other.triangles)
+        assert np.array_equal(one.faces, other.faces)
 
 
 @pytest.mark.golden
@@ -440,7 +440,7 @@ def test_golden(effort: simplify.Effort, golden: Callable[..., None]) -> None:
     valid[20:50, 60:61] = valid[70:90, 10:40] = False
     result = simplify.relief_grid(points, valid, 400, effort=effort, move_points=True)
     digest = hashlib.sha256()
-    for array in (result.vertices, result.pixels, result.uvs, result.triangles):
+    for array in (result.vertices, result.pixels, result.texcoords, result.faces):
         digest.update(np.ascontiguousarray(array).tobytes())
     golden(f"relief {effort}", digest.hexdigest())
 
@@ -492,7 +492,7 @@ def test_a_stream_keeps_its_edges() -> None:
             first, second = (
                 {
                     edge
-                    for face in r.pixels[r.triangles].tolist()
+                    for face in r.pixels[r.faces].tolist()
                     for i in range(3)
                     if set(edge := tuple(sorted((tuple(face[i]), tuple(face[i - 1]))))) <= both
                 }

@@ -335,17 +335,17 @@ def test_texture_quadrics_price_texture_coordinates() -> None:
     assert metrics.metro(mesh, textured).mean > metrics.metro(mesh, plain).mean  # its price
 
 
-def test_normals_and_colours_follow_their_vertices() -> None:
+def test_normals_and_colors_follow_their_vertices() -> None:
     mesh = models.ball()
     unit = mesh.vertices / np.linalg.norm(mesh.vertices, axis=1, keepdims=True)
-    colours = np.arange(3 * mesh.num_vertices).reshape(-1, 3) % 251
-    mesh = mesh.replace(normals=unit, face_normals=mesh.faces, colors=colours)
+    colors = np.arange(3 * mesh.num_vertices).reshape(-1, 3) % 251
+    mesh = mesh.replace(normals=unit, face_normals=mesh.faces, colors=colors)
     result = simplify.qem4vr(mesh, ratio=0.3)
     out = result.mesh
     assert out.normals is not None
     assert out.face_normals is not None
     assert out.colors is not None
-    np.testing.assert_array_equal(out.colors, colours[result.kept])
+    np.testing.assert_array_equal(out.colors, colors[result.kept])
     np.testing.assert_array_equal(out.normals[out.face_normals], unit[result.kept][out.faces])
 
 

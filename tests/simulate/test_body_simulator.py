@@ -190,7 +190,7 @@ def test_frames_depend_on_the_seed_and_the_time_only() -> None:
     frames = list(first)
     again = second.frame(2 / 30)  # out of order
     np.testing.assert_array_equal(frames[2].depth, again.depth)
-    np.testing.assert_array_equal(frames[2].colour, again.colour)
+    np.testing.assert_array_equal(frames[2].color, again.color)
     np.testing.assert_array_equal(frames[2].skeletons[0].positions, again.skeletons[0].positions)
     other = BodySimulator(frames=3, jitter=0.01, seed=1).frame(2 / 30)
     assert (other.depth != again.depth).mean() > 0.3
@@ -282,44 +282,44 @@ def test_a_lost_person_has_no_skeleton_and_no_index() -> None:
 
 
 def test_jitter_has_the_size_asked_for() -> None:
-    simulator = BodySimulator(motion="still", jitter=0.01, colour="none")
+    simulator = BodySimulator(motion="still", jitter=0.01, color="none")
     truth = simulator.capture(0.0).truth.joints
     found = np.array([simulator.frame(i / 30).skeletons[0].positions for i in range(60)])
     assert (found - truth)[:, [0, 1, 4, 8, 13]].std() == pytest.approx(0.01, rel=0.1)
 
 
-def test_colour_has_its_own_camera_or_the_pixels_of_depth() -> None:
-    full = BodySimulator(colour="full", noise=0.0)
+def test_color_has_its_own_camera_or_the_pixels_of_depth() -> None:
+    full = BodySimulator(color="full", noise=0.0)
     frame = full.frame(1.0)
     registration = full.calibration.registration
     assert registration is not None
-    assert frame.colour is not None
-    assert frame.colour.shape == (1080, 1920, 3)
+    assert frame.color is not None
+    assert frame.color.shape == (1080, 1920, 3)
     small = BodySimulator(noise=0.0).frame(1.0)
-    assert small.colour is not None
+    assert small.color is not None
     joints = frame.skeletons[0].positions[[1, 13]].astype(float)  # shirt, trousers
     seen = joints + registration.translation
-    camera = registration.colour
+    camera = registration.color
     column = np.rint(camera.cx + camera.fx * seen[:, 0] / seen[:, 2]).astype(int)
     row = np.rint(camera.cy + camera.fy * seen[:, 1] / seen[:, 2]).astype(int)
-    expected = small.colour[pixels(joints)].astype(float)
-    np.testing.assert_allclose(frame.colour[row, column], expected, atol=12.0)
-    assert BodySimulator(colour="none").frame(0.0).colour is None
+    expected = small.color[pixels(joints)].astype(float)
+    np.testing.assert_allclose(frame.color[row, column], expected, atol=12.0)
+    assert BodySimulator(color="none").frame(0.0).color is None
 
 
 def test_shirts_and_shoes() -> None:
     def shirt(stripes: bool) -> np.ndarray:
         capture = BodySimulator(stripes=stripes, motion="still").capture(0.0)
-        assert capture.frame.colour is not None
-        return capture.frame.colour[capture.truth.bones == 20].astype(int)
+        assert capture.frame.color is not None
+        return capture.frame.color[capture.truth.bones == 20].astype(int)
 
     assert 0.3 < (shirt(True).min(axis=1) > 120).mean() < 0.6
     assert (shirt(False).min(axis=1) > 120).mean() < 0.05
     capture = BodySimulator(cover="left", motion="dorsiflexion").capture(0.0)
-    assert capture.frame.colour is not None
-    r, g, b = capture.frame.colour[capture.truth.bones == 15].astype(int).T
+    assert capture.frame.color is not None
+    r, g, b = capture.frame.color[capture.truth.bones == 15].astype(int).T
     assert (b - np.maximum(r, g) > 40).mean() > 0.8
-    r, g, b = capture.frame.colour[capture.truth.bones == 19].astype(int).T
+    r, g, b = capture.frame.color[capture.truth.bones == 19].astype(int).T
     assert not (b - np.maximum(r, g) > 40).any()
 
 
@@ -368,7 +368,7 @@ def test_a_time_before_the_beginning_is_refused() -> None:
 
 def test_trackers_are_wrong_in_their_own_way() -> None:
     """Sway turns the body; jitter remembers; bias turns with its bone; missing joints fly."""
-    scene = {"motion": "still", "room": False, "colour": "none", "amputated": "right_arm"}
+    scene = {"motion": "still", "room": False, "color": "none", "amputated": "right_arm"}
     exact = BodySimulator(**scene)
     truth = exact.capture(0.5).truth
     swayed = BodySimulator(**scene, sway=20.0).capture(0.5).truth
@@ -395,7 +395,7 @@ def test_trackers_are_wrong_in_their_own_way() -> None:
 
 def test_a_tracker_may_swap_ids() -> None:
     simulator = BodySimulator(
-        motion="still", room=False, colour="none", visitor=0.0, swapped=(2.5, 3.0)
+        motion="still", room=False, color="none", visitor=0.0, swapped=(2.5, 3.0)
     )
     before = {s.body: s.id for s in simulator.frame(2.4).skeletons}
     during = {s.body: s.id for s in simulator.frame(2.7).skeletons}

@@ -145,7 +145,7 @@ def shader(texture: NDArray[np.uint8] | None, size: float = 1.0) -> Shader:
     return Shader([surface], np.zeros(1, np.int32), texcoords)
 
 
-def test_plain_surfaces_have_their_own_colour() -> None:
+def test_plain_surfaces_have_their_own_color() -> None:
     uv, one = np.zeros((1, 2), np.float32), np.ones(1, np.float32)
     color = shader(None).colors(np.zeros(1, np.int64), uv, 0.01 * one, one)
     np.testing.assert_allclose(color, [[127.5, 255.0, 63.75]], rtol=1e-6)

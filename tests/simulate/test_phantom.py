@@ -27,7 +27,7 @@ CASES = [
 
 
 def simulated(**options: Any) -> BodySimulator:
-    return BodySimulator(colour="none", room=False, **options)
+    return BodySimulator(color="none", room=False, **options)
 
 
 def with_true_joints(capture: BodyCapture) -> BodyCapture:

@@ -28,41 +28,41 @@ def test_near_is_light_and_nothing_is_black() -> None:
     assert people.depth_picture(np.zeros((2, 2), np.uint16)).max() == 0
 
 
-def test_bones_have_colours_of_their_own() -> None:
+def test_bones_have_colors_of_their_own() -> None:
     picture = people.label_picture(np.arange(25, dtype=np.uint8)[None])
     assert picture[0, 0].tolist() == [0, 0, 0]
     assert len(np.unique(picture[0], axis=0)) == 25
 
 
-def test_the_person_has_the_colours_of_the_frame(scene: tuple[BodyCapture, PhantomFrame]) -> None:
+def test_the_person_has_the_colors_of_the_frame(scene: tuple[BodyCapture, PhantomFrame]) -> None:
     capture, phantom = scene
-    colour = capture.frame.colour
-    assert colour is not None
-    picture = people.textured_picture(phantom, colour)
+    color = capture.frame.color
+    assert color is not None
+    picture = people.textured_picture(phantom, color)
     body = (phantom.kinds > 0) & ~phantom.phantom
-    np.testing.assert_array_equal(picture[body], colour[body])
+    np.testing.assert_array_equal(picture[body], color[body])
     np.testing.assert_array_equal(picture[phantom.kinds == 0], 255)
     row, column = np.nonzero(phantom.phantom)
     source = phantom.source[row, column].T
-    np.testing.assert_array_equal(picture[row, column], colour[source[0], source[1]])
-    without = people.textured_picture(phantom, colour, with_phantom=False)
+    np.testing.assert_array_equal(picture[row, column], color[source[0], source[1]])
+    without = people.textured_picture(phantom, color, with_phantom=False)
     np.testing.assert_array_equal(without[phantom.phantom], 255)
-    older = people.textured_picture(phantom, colour, phantom_colour=np.zeros_like(colour))
+    older = people.textured_picture(phantom, color, phantom_color=np.zeros_like(color))
     assert (older[phantom.phantom] == 0).all()
-    np.testing.assert_array_equal(older[body], colour[body])
+    np.testing.assert_array_equal(older[body], color[body])
     assert set(np.unique(people.textured_picture(phantom, None))) == {200, 255}
 
 
 def test_the_mesh_from_the_front_is_the_person(scene: tuple[BodyCapture, PhantomFrame]) -> None:
     capture, phantom = scene
-    colour = capture.frame.colour
+    color = capture.frame.color
     camera = capture.frame.calibration.depth
-    front = people.mesh_picture(phantom, colour, camera, azimuth=0.0)
-    flat = people.textured_picture(phantom, colour)
+    front = people.mesh_picture(phantom, color, camera, azimuth=0.0)
+    flat = people.textured_picture(phantom, color)
     inside = (front < 255).any(axis=2) & (flat < 255).any(axis=2)
     assert inside.sum() > 0.85 * (phantom.kinds > 0).sum()
     assert np.abs(front[inside].astype(int) - flat[inside]).mean() < 10.0
-    side = people.mesh_picture(phantom, colour, camera, azimuth=35.0)
+    side = people.mesh_picture(phantom, color, camera, azimuth=35.0)
     assert 0.3 < (side < 255).any(axis=2).sum() / inside.sum() < 1.3
     bare = people.mesh_picture(phantom, None, camera)
     assert np.ptp(bare.astype(int), axis=2).max() == 0
@@ -72,8 +72,8 @@ def test_a_sheet_has_three_pictures(scene: tuple[BodyCapture, PhantomFrame]) -> 
     capture, phantom = scene
     sheet = people.phantom_sheet(capture.frame, phantom)
     assert sheet.shape == (424, 3 * 512, 3)
-    np.testing.assert_array_equal(sheet[:, :512], capture.frame.colour)
-    grey = people.phantom_sheet(replace(capture.frame, colour=None), phantom)
+    np.testing.assert_array_equal(sheet[:, :512], capture.frame.color)
+    grey = people.phantom_sheet(replace(capture.frame, color=None), phantom)
     np.testing.assert_array_equal(grey[:, :512], people.depth_picture(capture.frame.depth))
     other = replace(phantom, depth=phantom.depth[:100])
     with pytest.raises(InputError, match="phantom: expected images of"):

@@ -87,7 +87,7 @@ def test_textures_are_upright_and_each_on_its_own_faces() -> None:
 
 
 @draws
-def test_faces_without_texture_coordinates_show_the_base_colour() -> None:
+def test_faces_without_texture_coordinates_show_the_base_color() -> None:
     textured = Material(
         base_color=(0.0, 0.0, 1.0, 1.0), textures={"base_color": Texture(data=png([[WHITE] * 2]))}
     )
@@ -99,7 +99,7 @@ def test_faces_without_texture_coordinates_show_the_base_colour() -> None:
 
 
 @draws
-def test_a_missing_texture_warns_and_shows_the_base_colour(tmp_path: Path) -> None:
+def test_a_missing_texture_warns_and_shows_the_base_color(tmp_path: Path) -> None:
     material = Material(
         base_color=(1.0, 0.0, 0.0, 1.0), textures={"base_color": Texture(path="gone.png")}
     )
@@ -122,13 +122,13 @@ def test_a_texture_path_starts_in_the_folder_of_the_mesh(tmp_path: Path) -> None
 
 
 @draws
-def test_vertex_colours() -> None:
+def test_vertex_colors() -> None:
     image = front(square().replace(colors=[[255, 0, 0]] * 4))
     assert looks(image[50, 60], "red")
 
 
 @draws
-def test_base_colour_is_linear() -> None:
+def test_base_color_is_linear() -> None:
     grey = front(square(materials=(Material(base_color=(0.2140, 0.2140, 0.2140, 1.0)),),
                       face_material=[0, 0]))[50, 60]  # fmt: skip
     white = front(square(materials=(Material(),), face_material=[0, 0]))[50, 60]

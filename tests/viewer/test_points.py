@@ -87,7 +87,7 @@ def test_a_column_that_is_the_same_everywhere_is_left_out() -> None:
 
 
 @pytest.mark.parametrize(("full", "dtype"), [(255, np.uint8), (65535, np.uint16)])
-def test_stored_colours_are_brought_to_eight_bits(full: int, dtype: type) -> None:
+def test_stored_colors_are_brought_to_eight_bits(full: int, dtype: type) -> None:
     red = np.linspace(0, full, 10).astype(dtype)
     none = np.zeros(10, dtype)
     cloud = scan_points(scan(fields={"red": red, "green": none, "blue": none}))
@@ -96,7 +96,7 @@ def test_stored_colours_are_brought_to_eight_bits(full: int, dtype: type) -> Non
     assert not cloud.colors()[:, 1:].any()
 
 
-def test_numbers_become_colours_between_their_ends() -> None:
+def test_numbers_become_colors_between_their_ends() -> None:
     column = Scale("x", np.array([0.0, 5.0, 10.0, 99.0]), limits=(0.0, 10.0))
     assert column.levels().tolist() == [0, 128, 255, 255]
     assert column.colors()[0].tolist() == list(RAMP[0])
@@ -104,12 +104,12 @@ def test_numbers_become_colours_between_their_ends() -> None:
     assert column.select(np.array([1])).levels().tolist() == [128]  # the ends stay
 
 
-def test_a_single_stray_point_does_not_take_the_colours() -> None:
+def test_a_single_stray_point_does_not_take_the_colors() -> None:
     values = np.append(np.linspace(0, 1, 1000), 1e6)
     assert Scale("x", values).ends[1] < 1.1
 
 
-def test_one_value_everywhere_is_the_first_colour() -> None:
+def test_one_value_everywhere_is_the_first_color() -> None:
     assert Scale("x", np.full(4, 7.0)).levels().tolist() == [0, 0, 0, 0]
 
 
@@ -183,7 +183,7 @@ def test_the_edges_of_a_box_are_its_own() -> None:
     np.testing.assert_allclose(lines.ends.reshape(-1, 3).max(axis=0), [2, 4, 3.5], atol=1e-12)
 
 
-def test_boxes_of_one_name_share_a_colour() -> None:
+def test_boxes_of_one_name_share_a_color() -> None:
     car, bike = Box((0, 0, 0), (1, 1, 1), label="Car"), Box((9, 0, 0), (1, 1, 1), label="Cyclist")
     lines = box_lines([car, bike, car])
     assert [(one.name, len(one.ends)) for one in lines] == [("Car", 24), ("Cyclist", 12)]
@@ -364,7 +364,7 @@ def test_points_and_meshes_stand_side_by_side(bundle: None, quad: Mesh) -> None:
     ]
 
 
-def test_the_browser_colours_points_as_chosen(chromium: None) -> None:
+def test_the_browser_colors_points_as_chosen(chromium: None) -> None:
     grid = np.stack(np.meshgrid(np.arange(40.0), np.arange(40.0), [0.0]), -1).reshape(-1, 3)
     red = np.tile(np.array([230, 20, 20], np.uint8), (len(grid), 1))
     box = Box((20, 20, 0), (44, 44, 2))
@@ -414,7 +414,7 @@ def test_both_renderers_draw_the_same_points(
     assert both > 0.75 * either
 
 
-def test_a_picture_of_points_shows_their_colours_and_boxes(tmp_path: Path) -> None:
+def test_a_picture_of_points_shows_their_colors_and_boxes(tmp_path: Path) -> None:
     need_renderer()
     grid = np.stack(np.meshgrid(np.arange(60.0), np.arange(40.0), [0.0]), -1).reshape(-1, 3)
     colors = np.zeros((len(grid), 3), np.uint8)
@@ -447,7 +447,7 @@ def test_a_depth_image_is_drawn_as_its_camera_saw_it() -> None:
     assert (image[4:-4, 4:-4, 1:] < 250).all(axis=2).mean() > 0.99  # no gaps
 
 
-def test_the_legend_says_what_the_colours_mean() -> None:
+def test_the_legend_says_what_the_colors_mean() -> None:
     need_renderer()
     bare = picture(scan(), size=(300, 220), legend=False)
     full = picture(scan(), size=(300, 220))

@@ -116,7 +116,7 @@ def test_what_cannot_be_shown_is_named() -> None:
 # ------------------------------------------------------------------------------- evidence
 
 
-def test_points_are_coloured_by_who_suspects_them() -> None:
+def test_points_are_colored_by_who_suspects_them() -> None:
     box = Box((4.0, 0.0, -1.7), (1.0, 1.0, 1.0))
     cloud = evidence(
         street(),
@@ -142,7 +142,7 @@ def test_points_are_coloured_by_who_suspects_them() -> None:
 @pytest.mark.parametrize(
     ("verdict", "color"), [("tampered", QUIET), ("undecidable", DOUBT), ("no_trace", CLEAR)]
 )
-def test_the_verdict_colours_the_points_that_nobody_suspects(verdict: str, color: tuple) -> None:
+def test_the_verdict_colors_the_points_that_nobody_suspects(verdict: str, color: tuple) -> None:
     cloud = evidence(street(), verdict=verdict, suspected={})
     assert cloud.colors()[0].tolist() == list(color)
 

@@ -123,7 +123,7 @@ Intrinsics depth_camera(const StoredCamera& stored, ImageSize size, const JsonPl
 }
 
 /// Every colour mode shows the sensor's whole width; its sides are as 4 to 3.
-Intrinsics colour_camera(const StoredCamera& stored, ImageSize size) {
+Intrinsics color_camera(const StoredCamera& stored, ImageSize size) {
   const auto width = static_cast<double>(size.cols), height = width * 3.0 / 4.0;
   return crop(stored, width, height, 0.0, (height - static_cast<double>(size.rows)) / 2.0, size);
 }
@@ -184,7 +184,7 @@ std::array<double, 5> brown_fit(const Intrinsics& camera, const Lens& lens) {
 }  // namespace
 
 std::shared_ptr<RgbdCalibration> azure_calibration(const JsonPlace& place, ImageSize depth_size,
-                                                   const std::optional<ImageSize>& colour_size) {
+                                                   const std::optional<ImageSize>& color_size) {
   const JsonPlace cameras = place.member("CalibrationInformation").member("Cameras");
   const StoredCamera depth = read_camera(cameras, "CALIBRATION_CameraLocationD0");
   auto calibration = std::make_shared<RgbdCalibration>();
@@ -193,14 +193,14 @@ std::shared_ptr<RgbdCalibration> azure_calibration(const JsonPlace& place, Image
     check_intrinsics(calibration->depth, "depth");
     calibration->ray_table = ray_table(calibration->depth, depth.lens);
     calibration->depth.ray_table = calibration->ray_table.data();
-    if (!colour_size) return calibration;
-    const StoredCamera colour = read_camera(cameras, "CALIBRATION_CameraLocationPV0");
+    if (!color_size) return calibration;
+    const StoredCamera color = read_camera(cameras, "CALIBRATION_CameraLocationPV0");
     Registration registration;
-    registration.colour = colour_camera(colour, *colour_size);
-    check_intrinsics(registration.colour, "colour");
-    registration.colour.distortion = brown_fit(registration.colour, colour.lens);
-    registration.rotation = colour.rotation * depth.rotation.transpose();
-    registration.translation = colour.translation - registration.rotation * depth.translation;
+    registration.color = color_camera(color, *color_size);
+    check_intrinsics(registration.color, "color");
+    registration.color.distortion = brown_fit(registration.color, color.lens);
+    registration.rotation = color.rotation * depth.rotation.transpose();
+    registration.translation = color.translation - registration.rotation * depth.translation;
     check_registration(registration);
     calibration->registration = registration;
   } catch (const InputError& error) {

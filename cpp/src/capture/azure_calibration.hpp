@@ -19,6 +19,6 @@ namespace manip3d {
 /// transformation/mode_specific_calibration.c and intrinsic_transformation.c.
 /// @throws FormatError  at its place.
 std::shared_ptr<RgbdCalibration> azure_calibration(const JsonPlace& place, ImageSize depth,
-                                                   const std::optional<ImageSize>& colour);
+                                                   const std::optional<ImageSize>& color);
 
 }  // namespace manip3d

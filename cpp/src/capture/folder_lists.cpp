@@ -59,12 +59,12 @@ void parse_frame_line(std::string_view text, std::int64_t line, const std::files
     files.number = root.member("number").integer(kLeast, kMost);
     files.time_ns = root.member("time_ns").integer(kLeast, kMost);
     files.depth = image_file(root.member("depth"), folder / "depth");
-    files.body_index = files.colour = {};
+    files.body_index = files.color = {};
     if (const auto image = root.find("body_index")) {
       files.body_index = image_file(*image, folder / "body_index");
     }
     if (const auto image = root.find("colour")) {
-      files.colour = image_file(*image, folder / "colour");
+      files.color = image_file(*image, folder / "colour");
     }
     skeletons_from_json(root.member("skeletons"), files.skeletons);
   } catch (const FormatError& error) {

@@ -184,13 +184,12 @@ class FolderRecorder final : public RgbdRecorder {
       line["body_index"] =
           write_image("body_index", ".png", encode_png(frame.body_index, frame.cols, 1));
     }
-    if (frame.colour.empty()) return;
+    if (frame.color.empty()) return;
     line["colour"] =
-        options_.lossless_colour
-            ? write_image("colour", ".png", encode_png(frame.colour, frame.colour_cols, 3))
-            : write_image(
-                  "colour", ".jpg",
-                  jpeg_.encode(frame.colour.data(), {frame.colour_rows, frame.colour_cols}));
+        options_.lossless_color
+            ? write_image("colour", ".png", encode_png(frame.color, frame.color_cols, 3))
+            : write_image("colour", ".jpg",
+                          jpeg_.encode(frame.color.data(), {frame.color_rows, frame.color_cols}));
   }
 
   Json write_image(const char* kind, const char* suffix, std::span<const std::byte> data) {

@@ -111,7 +111,7 @@ std::vector<fs::path> images_in(const fs::path& folder) {
   return images;
 }
 
-std::vector<fs::path> colour_images_in(const fs::path& folder) {
+std::vector<fs::path> color_images_in(const fs::path& folder) {
   for (const char* name : {"color", "colour", "rgb"}) {
     if (auto images = images_in(folder / name); !images.empty()) return images;
   }
@@ -120,24 +120,24 @@ std::vector<fs::path> colour_images_in(const fs::path& folder) {
 
 ImageFrames::Listing plain_frames(const fs::path& folder) {
   const std::vector<fs::path> depth = images_in(folder / "depth");
-  const std::vector<fs::path> colour = colour_images_in(folder);
+  const std::vector<fs::path> color = color_images_in(folder);
   if (depth.empty()) {
     throw FormatError("expected frames.jsonl, or images in " + (folder / "depth").string(), {})
         .in_file(folder.string());
   }
-  if (!colour.empty() && colour.size() != depth.size()) {
+  if (!color.empty() && color.size() != depth.size()) {
     throw FormatError("expected as many colour as depth images, got " +
-                          std::to_string(colour.size()) + " and " + std::to_string(depth.size()),
+                          std::to_string(color.size()) + " and " + std::to_string(depth.size()),
                       {})
         .in_file(folder.string());
   }
-  const auto next = [depth, colour, i = std::size_t{0}](FrameFiles& files) mutable {
+  const auto next = [depth, color, i = std::size_t{0}](FrameFiles& files) mutable {
     if (i == depth.size()) return false;
     files = {};
     files.number = static_cast<std::int64_t>(i);
     files.time_ns = files.number * 1'000'000'000 / kFolderRate;
     files.depth.path = depth[i];
-    if (!colour.empty()) files.colour.path = colour[i];
+    if (!color.empty()) files.color.path = color[i];
     ++i;
     return true;
   };
@@ -160,19 +160,19 @@ Calibration tum_calibration() {
 ImageFrames::Listing tum_frames(const fs::path& folder) {
   constexpr std::int64_t kMostApart = 20'000'000;  // associate.py of the benchmark: 0.02 s
   const std::vector<TimedFile> depth = parse_file(folder / "depth.txt", parse_tum_list);
-  const std::vector<TimedFile> colour = parse_file(folder / "rgb.txt", parse_tum_list);
-  const std::vector<std::int64_t> nearest = associate(depth, colour, kMostApart);
-  const auto next = [folder, depth, colour, nearest, i = std::size_t{0}](FrameFiles& f) mutable {
+  const std::vector<TimedFile> color = parse_file(folder / "rgb.txt", parse_tum_list);
+  const std::vector<std::int64_t> nearest = associate(depth, color, kMostApart);
+  const auto next = [folder, depth, color, nearest, i = std::size_t{0}](FrameFiles& f) mutable {
     if (i == depth.size()) return false;
     f = {};
     f.number = static_cast<std::int64_t>(i);
     f.time_ns = depth[i].time_ns;
     f.depth.path = folder / depth[i].name;
-    if (nearest[i] >= 0) f.colour.path = folder / colour[static_cast<std::size_t>(nearest[i])].name;
+    if (nearest[i] >= 0) f.color.path = folder / color[static_cast<std::size_t>(nearest[i])].name;
     ++i;
     return true;
   };
-  return {next, std::ssize(depth), {{"without_colour", std::ranges::count(nearest, -1)}}};
+  return {next, std::ssize(depth), {{"without_color", std::ranges::count(nearest, -1)}}};
 }
 
 }  // namespace

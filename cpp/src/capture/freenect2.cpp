@@ -63,11 +63,11 @@ class KinectV2 final : public SdkDevice {
       return ReadStatus::kTimeout;
     }
     const Frame& depth = *images[Frame::Depth];
-    const Frame& colour = *images[Frame::Color];
-    registration_->apply(&colour, &depth, &undistorted_, &registered_);
+    const Frame& color = *images[Frame::Color];
+    registration_->apply(&color, &depth, &undistorted_, &registered_);
     frame.depth = image_of(undistorted_, SdkPixels::kDepthFloat);
-    frame.colour =
-        image_of(registered_, colour.format == Frame::RGBX ? SdkPixels::kRgbx : SdkPixels::kBgrx);
+    frame.color =
+        image_of(registered_, color.format == Frame::RGBX ? SdkPixels::kRgbx : SdkPixels::kBgrx);
     frame.number = depth.sequence;
     ticks_ += static_cast<std::uint32_t>(depth.timestamp - last_ticks_);  // it starts anew at 2^32
     last_ticks_ = depth.timestamp;

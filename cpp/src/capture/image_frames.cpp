@@ -104,14 +104,14 @@ void ImageFrames::load(RgbdFrame& frame) try {
   if (!files_.body_index.path.empty()) {
     frame.body_index = load_image(files_.body_index, depth_camera, decode_grey).pixels;
   }
-  frame.colour.clear();
-  frame.colour_rows = frame.colour_cols = 0;
-  if (!files_.colour.path.empty()) {
+  frame.color.clear();
+  frame.color_rows = frame.color_cols = 0;
+  if (!files_.color.path.empty()) {
     const auto& registration = stored_->registration;
-    const Intrinsics& camera = registration ? registration->colour : depth_camera;
-    frame.colour = load_image(files_.colour, camera, decode_rgb).pixels;
-    frame.colour_rows = camera.height;
-    frame.colour_cols = camera.width;
+    const Intrinsics& camera = registration ? registration->color : depth_camera;
+    frame.color = load_image(files_.color, camera, decode_rgb).pixels;
+    frame.color_rows = camera.height;
+    frame.color_cols = camera.width;
   }
   frame.skeletons = files_.skeletons;
   frame.calibration = calibration_;

@@ -26,7 +26,7 @@ struct ImageFile {
 
 struct FrameFiles {
   std::int64_t number = 0, time_ns = 0;
-  ImageFile depth, body_index, colour;
+  ImageFile depth, body_index, color;
   std::vector<Skeleton> skeletons;
 };
 

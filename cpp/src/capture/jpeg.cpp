@@ -35,13 +35,13 @@ JpegEncoder::JpegEncoder(int quality) : handle_(or_no_memory(tjInitCompress())),
 
 JpegEncoder::~JpegEncoder() { tjDestroy(handle_); }
 
-std::span<const std::byte> JpegEncoder::encode(const std::uint8_t* colour, ImageSize size) {
+std::span<const std::byte> JpegEncoder::encode(const std::uint8_t* color, ImageSize size) {
   const int cols = static_cast<int>(size.cols), rows = static_cast<int>(size.rows);
   packet_.resize(tjBufSize(cols, rows, TJSAMP_420));
   unsigned char* packet = packet_.data();
   unsigned long length = packet_.size();
   // NOREALLOC: the buffer is as large as an image of this size can become.
-  if (tjCompress2(handle_, colour, cols, 0, rows, TJPF_RGB, &packet, &length, TJSAMP_420, quality_,
+  if (tjCompress2(handle_, color, cols, 0, rows, TJPF_RGB, &packet, &length, TJSAMP_420, quality_,
                   TJFLAG_NOREALLOC | TJFLAG_ACCURATEDCT) != 0) {
     throw InputError(std::string("colour: cannot be made a JPEG image: ") +
                      tjGetErrorStr2(handle_));
@@ -56,9 +56,9 @@ JpegDecoder::~JpegDecoder() {
 }
 
 ImageSize JpegDecoder::size(std::span<const std::byte> packet) {
-  int cols = 0, rows = 0, sampling = 0, colours = 0;
+  int cols = 0, rows = 0, sampling = 0, colors = 0;
   if (tjDecompressHeader3(handle_, bytes(packet), packet.size(), &cols, &rows, &sampling,
-                          &colours) != 0) {
+                          &colors) != 0) {
     refuse("no JPEG image");
   }
   if (cols > kMaxImageSide || rows > kMaxImageSide) {
@@ -70,7 +70,7 @@ ImageSize JpegDecoder::size(std::span<const std::byte> packet) {
 }
 
 void JpegDecoder::decode(std::span<const std::byte> packet, ImageSize expected,
-                         std::uint8_t* colour) {
+                         std::uint8_t* color) {
   const ImageSize found = size(packet);
   if (found.rows != expected.rows || found.cols != expected.cols) {
     throw FormatError("JPEG image: expected " + std::to_string(expected.cols) + " x " +
@@ -78,7 +78,7 @@ void JpegDecoder::decode(std::span<const std::byte> packet, ImageSize expected,
                           std::to_string(found.cols) + " x " + std::to_string(found.rows),
                       {});
   }
-  if (tjDecompress2(handle_, bytes(packet), packet.size(), colour, static_cast<int>(found.cols), 0,
+  if (tjDecompress2(handle_, bytes(packet), packet.size(), color, static_cast<int>(found.cols), 0,
                     static_cast<int>(found.rows), TJPF_RGB, kSafely | TJFLAG_ACCURATEDCT) != 0) {
     refuse("damaged JPEG image");
   }

@@ -23,7 +23,7 @@ class JpegEncoder {
 
   /// @param colour  (rows, cols, 3) R, G, B.
   /// @return  valid until the next call.
-  std::span<const std::byte> encode(const std::uint8_t* colour, ImageSize size);
+  std::span<const std::byte> encode(const std::uint8_t* color, ImageSize size);
 
  private:
   void* handle_;
@@ -44,7 +44,7 @@ class JpegDecoder {
   ImageSize size(std::span<const std::byte> packet);
   /// @param colour  (rows, cols, 3) R, G, B.
   /// @throws FormatError  no JPEG image, damaged, or not of `size`.
-  void decode(std::span<const std::byte> packet, ImageSize size, std::uint8_t* colour);
+  void decode(std::span<const std::byte> packet, ImageSize size, std::uint8_t* color);
 
  private:
   [[noreturn]] void refuse(const char* action);

@@ -18,7 +18,7 @@ namespace manip3d {
 namespace {
 
 constexpr const char* kDepthTitle = "DEPTH";
-constexpr const char* kColourTitle = "COLOR";
+constexpr const char* kColorTitle = "COLOR";
 constexpr std::uint32_t kBigEndianGray = 'b' | '1' << 8 | '6' << 16 | 'g' << 24;
 constexpr std::int64_t kMaxTime = std::int64_t{1}
                                   << 51;  // microseconds; the nanoseconds of two fit
@@ -49,7 +49,7 @@ class AzureSource final : public RgbdSource {
   AzureSource(std::unique_ptr<MatroskaReader> file, const RgbdOptions& options)
       : file_(std::move(file)) {
     open_depth();
-    open_colour();
+    open_color();
     stored_ = options.calibration ? options.calibration : read_calibration();
     calibration_ = unmirrored(stored_);
     if (stored_->depth.height != depth_size_.rows || stored_->depth.width != depth_size_.cols) {
@@ -66,23 +66,23 @@ class AzureSource final : public RgbdSource {
     return calibration_;
   }
   [[nodiscard]] Counters counters() const override {
-    return {{"frames", frames_}, {"without_colour", without_colour_}, {"damaged", damaged_}};
+    return {{"frames", frames_}, {"without_color", without_color_}, {"damaged", damaged_}};
   }
 
   ReadStatus read(RgbdFrame& frame, std::chrono::milliseconds) override {
     while (fetch()) {
       const Timed depth = std::move(depths_.front());
       depths_.pop_front();
-      const Timed* colour = nearest_colour(depth.time_ns);
+      const Timed* color = nearest_color(depth.time_ns);
       frame.number = number_++;
       frame.time_ns = depth.time_ns + offset_ns_;
       try {
-        fill(frame, depth.bytes, colour);
+        fill(frame, depth.bytes, color);
       } catch (const FormatError&) {
         ++damaged_;
         continue;
       }
-      without_colour_ += colour == nullptr ? 1 : 0;
+      without_color_ += color == nullptr ? 1 : 0;
       ++frames_;
       return ReadStatus::kFrame;
     }
@@ -106,22 +106,22 @@ class AzureSource final : public RgbdSource {
     if (images.period_ns > 0) period_ns_ = images.period_ns;
   }
 
-  void open_colour() {
-    const auto track = file_->find(kColourTitle, MkvKind::kVideo);
+  void open_color() {
+    const auto track = file_->find(kColorTitle, MkvKind::kVideo);
     if (!track) return;
     const MkvTrack& images = file_->track(*track);
     if (images.format != MkvFormat::kMjpeg) {
       throw FormatError(std::string("COLOR track: expected MJPEG, got ") + images.format_name, {});
     }
-    colour_track_ = *track;
-    colour_size_ = checked_size(images);
+    color_track_ = *track;
+    color_size_ = checked_size(images);
   }
 
   [[nodiscard]] std::shared_ptr<const RgbdCalibration> read_calibration() const {
     const MkvBytes text = file_->attachment(mkv::kCalibration).data;
     const JsonPlace::Json json =
         parse_json({reinterpret_cast<const char*>(text.data), text.size}, 0);
-    return azure_calibration(JsonPlace(json, mkv::kCalibration, 0), depth_size_, colour_size_);
+    return azure_calibration(JsonPlace(json, mkv::kCalibration, 0), depth_size_, color_size_);
   }
 
   /// Reads on until the oldest depth image has all colour images that could be its own.
@@ -132,29 +132,29 @@ class AzureSource final : public RgbdSource {
     };
     while (!is_complete() && file_->next(packet_)) {
       const bool is_depth = packet_.track == depth_track_;
-      if (!is_depth && packet_.track != colour_track_) continue;
+      if (!is_depth && packet_.track != color_track_) continue;
       const std::int64_t time_ns = 1000 * std::clamp(packet_.time_us, -kMaxTime, kMaxTime);
       latest_ns_ = std::max(latest_ns_, time_ns);
-      std::deque<Timed>& waiting = is_depth ? depths_ : colours_;
+      std::deque<Timed>& waiting = is_depth ? depths_ : colors_;
       waiting.push_back({time_ns, std::exchange(packet_.bytes, {})});
-      if (colours_.size() > kMaxWaiting) colours_.pop_front();
+      if (colors_.size() > kMaxWaiting) colors_.pop_front();
     }
     return !depths_.empty();
   }
 
-  [[nodiscard]] const Timed* nearest_colour(std::int64_t time_ns) const {
+  [[nodiscard]] const Timed* nearest_color(std::int64_t time_ns) const {
     const Timed* nearest = nullptr;
     std::int64_t least = period_ns_ / 2 + 1;
-    for (const Timed& colour : colours_) {
-      const std::int64_t apart = std::abs(colour.time_ns - time_ns);
+    for (const Timed& color : colors_) {
+      const std::int64_t apart = std::abs(color.time_ns - time_ns);
       if (apart >= least) continue;
       least = apart;
-      nearest = &colour;
+      nearest = &color;
     }
     return nearest;
   }
 
-  void fill(RgbdFrame& frame, const std::vector<std::byte>& depth, const Timed* colour) {
+  void fill(RgbdFrame& frame, const std::vector<std::byte>& depth, const Timed* color) {
     const auto pixels = static_cast<std::size_t>(depth_size_.rows * depth_size_.cols);
     if (depth.size() != 2 * pixels) throw FormatError("damaged", {});
     frame.rows = depth_size_.rows;
@@ -166,13 +166,13 @@ class AzureSource final : public RgbdSource {
     }
     frame.body_index.clear();
     frame.skeletons.clear();
-    frame.colour.clear();
-    frame.colour_rows = frame.colour_cols = 0;
-    if (colour != nullptr) {
-      frame.colour.resize(static_cast<std::size_t>(3 * colour_size_->rows * colour_size_->cols));
-      jpeg_.decode(colour->bytes, *colour_size_, frame.colour.data());
-      frame.colour_rows = colour_size_->rows;
-      frame.colour_cols = colour_size_->cols;
+    frame.color.clear();
+    frame.color_rows = frame.color_cols = 0;
+    if (color != nullptr) {
+      frame.color.resize(static_cast<std::size_t>(3 * color_size_->rows * color_size_->cols));
+      jpeg_.decode(color->bytes, *color_size_, frame.color.data());
+      frame.color_rows = color_size_->rows;
+      frame.color_cols = color_size_->cols;
     }
     frame.calibration = calibration_;
     unmirror_images(*stored_, frame);
@@ -180,15 +180,15 @@ class AzureSource final : public RgbdSource {
 
   std::unique_ptr<MatroskaReader> file_;
   std::shared_ptr<const RgbdCalibration> stored_, calibration_;
-  int depth_track_ = -1, colour_track_ = -1;
+  int depth_track_ = -1, color_track_ = -1;
   ImageSize depth_size_;
-  std::optional<ImageSize> colour_size_;
+  std::optional<ImageSize> color_size_;
   std::int64_t period_ns_ = kUsualPeriod, offset_ns_ = 0;
   JpegDecoder jpeg_;
   MatroskaPacket packet_;
-  std::deque<Timed> depths_, colours_;
+  std::deque<Timed> depths_, colors_;
   std::int64_t latest_ns_ = std::numeric_limits<std::int64_t>::min();
-  std::int64_t number_ = 0, frames_ = 0, without_colour_ = 0, damaged_ = 0;
+  std::int64_t number_ = 0, frames_ = 0, without_color_ = 0, damaged_ = 0;
 };
 
 }  // namespace

@@ -13,7 +13,7 @@ namespace manip3d::mkv {
 
 inline constexpr const char* kDepth = "depth";
 inline constexpr const char* kBodyIndex = "body index";
-inline constexpr const char* kColour = "colour";
+inline constexpr const char* kColor = "colour";
 inline constexpr const char* kFrames = "frames";
 inline constexpr const char* kCalibration = "calibration.json";
 inline constexpr std::size_t kHashDigits = 64;

@@ -38,8 +38,8 @@ void check_target(const fs::path& path, bool overwrite) {
 
 void check_sizes(const RgbdCalibration& calibration) {
   const Intrinsics& depth = calibration.depth;
-  const Intrinsics& colour = calibration.registration ? calibration.registration->colour : depth;
-  for (const Intrinsics& camera : {depth, colour}) {
+  const Intrinsics& color = calibration.registration ? calibration.registration->color : depth;
+  for (const Intrinsics& camera : {depth, color}) {
     std::string reason = mkv::complaint({camera.height, camera.width});
     if (camera.height < kMinSide || camera.width < kMinSide) {
       reason = "expected at least 4 x 4 pixels for FFV1, got " + std::to_string(camera.width) +
@@ -81,10 +81,10 @@ class MkvRecorder final : public RgbdRecorder {
     if (!frame.body_index.empty()) {
       put(body_track_, mkv::kBodyIndex, encoded(body_track_, frame.body_index), time_ms, packets);
     }
-    if (!frame.colour.empty()) {
-      put(colour_track_, mkv::kColour,
-          options_.lossless_colour ? encoded(colour_track_, frame.colour)
-                                   : jpeg_.encode(frame.colour.data(), colour_size_),
+    if (!frame.color.empty()) {
+      put(color_track_, mkv::kColor,
+          options_.lossless_color ? encoded(color_track_, frame.color)
+                                  : jpeg_.encode(frame.color.data(), color_size_),
           time_ms, packets);
     }
     const Json record = {{"index", frames_},
@@ -115,10 +115,10 @@ class MkvRecorder final : public RgbdRecorder {
     if (!first.body_index.empty()) {
       body_track_ = add_images(MkvFormat::kFfv1, MkvPixels::kGray8, size, mkv::kBodyIndex);
     }
-    if (!first.colour.empty()) {
-      colour_size_ = {first.colour_rows, first.colour_cols};
-      const auto format = options_.lossless_colour ? MkvFormat::kFfv1 : MkvFormat::kMjpeg;
-      colour_track_ = add_images(format, MkvPixels::kRgb, colour_size_, mkv::kColour);
+    if (!first.color.empty()) {
+      color_size_ = {first.color_rows, first.color_cols};
+      const auto format = options_.lossless_color ? MkvFormat::kFfv1 : MkvFormat::kMjpeg;
+      color_track_ = add_images(format, MkvPixels::kRgb, color_size_, mkv::kColor);
     }
     frames_track_ = file_->add({.kind = MkvKind::kText, .title = mkv::kFrames});
     const std::span calibration = std::as_bytes(std::span(calibration_text_));
@@ -179,8 +179,8 @@ class MkvRecorder final : public RgbdRecorder {
   std::string calibration_text_;
   std::unique_ptr<MatroskaWriter> file_;
   JpegEncoder jpeg_;
-  ImageSize colour_size_;
-  int depth_track_ = 0, body_track_ = 0, colour_track_ = 0, frames_track_ = 0;
+  ImageSize color_size_;
+  int depth_track_ = 0, body_track_ = 0, color_track_ = 0, frames_track_ = 0;
   std::int64_t first_time_ = 0, last_time_ms_ = -1, frames_ = 0;
   bool is_started_ = false, is_closed_ = false;
 };

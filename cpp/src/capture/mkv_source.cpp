@@ -134,11 +134,11 @@ class MkvSource final : public RgbdSource {
     stored_ = options.calibration ? options.calibration : read_calibration(*file_);
     calibration_ = unmirrored(stored_);
     const Intrinsics& depth = calibration_->depth;
-    const Intrinsics& colour =
-        calibration_->registration ? calibration_->registration->colour : depth;
+    const Intrinsics& color =
+        calibration_->registration ? calibration_->registration->color : depth;
     add_track(mkv::kDepth, MkvPixels::kGray16, {depth.height, depth.width}, depth_);
     add_track(mkv::kBodyIndex, MkvPixels::kGray8, {depth.height, depth.width}, body_index_);
-    add_track(mkv::kColour, MkvPixels::kRgb, {colour.height, colour.width}, colour_);
+    add_track(mkv::kColor, MkvPixels::kRgb, {color.height, color.width}, color_);
     const auto frames = file_->find(mkv::kFrames, MkvKind::kText);
     if (!depth_ || !frames) throw FormatError("expected the tracks 'depth' and 'frames'", {});
     frames_track_ = *frames;
@@ -169,7 +169,7 @@ class MkvSource final : public RgbdSource {
       }
     }
     // Images without their record are the frame in progress when the recorder was killed.
-    for (const auto* track : {&depth_, &body_index_, &colour_}) {
+    for (const auto* track : {&depth_, &body_index_, &color_}) {
       cut_short_ = cut_short_ || (*track && (*track)->has_packet());
     }
     cut_short_ = cut_short_ || last_time_us_ + kLasting < file_->duration_us();
@@ -186,7 +186,7 @@ class MkvSource final : public RgbdSource {
   }
 
   void keep_image() {
-    for (auto* track : {&depth_, &body_index_, &colour_}) {
+    for (auto* track : {&depth_, &body_index_, &color_}) {
       if (*track && (*track)->number() == packet_.track) (*track)->take(packet_);
     }
   }
@@ -213,7 +213,7 @@ class MkvSource final : public RgbdSource {
   }
 
   void drop_images() {
-    for (auto* track : {&depth_, &body_index_, &colour_}) {
+    for (auto* track : {&depth_, &body_index_, &color_}) {
       if (*track) (*track)->drop();
     }
   }
@@ -227,11 +227,11 @@ class MkvSource final : public RgbdSource {
     if (!packets.has(mkv::kDepth)) packets.fail("expected a packet of depth");
     fill_image(packets, depth_, mkv::kDepth, 1, frame.depth);
     fill_image(packets, body_index_, mkv::kBodyIndex, 1, frame.body_index);
-    fill_image(packets, colour_, mkv::kColour, 3, frame.colour);
+    fill_image(packets, color_, mkv::kColor, 3, frame.color);
     frame.rows = depth_->size().rows;
     frame.cols = depth_->size().cols;
-    frame.colour_rows = frame.colour.empty() ? 0 : colour_->size().rows;
-    frame.colour_cols = frame.colour.empty() ? 0 : colour_->size().cols;
+    frame.color_rows = frame.color.empty() ? 0 : color_->size().rows;
+    frame.color_cols = frame.color.empty() ? 0 : color_->size().cols;
     skeletons_from_json(record.member("skeletons"), frame.skeletons);
     frame.calibration = calibration_;
     unmirror_images(*stored_, frame);
@@ -250,7 +250,7 @@ class MkvSource final : public RgbdSource {
   std::unique_ptr<MatroskaReader> file_;
   std::optional<std::int64_t> num_frames_;
   std::shared_ptr<const RgbdCalibration> stored_, calibration_;
-  std::optional<ImageTrack> depth_, body_index_, colour_;
+  std::optional<ImageTrack> depth_, body_index_, color_;
   int frames_track_ = -1;
   MatroskaPacket packet_;
   std::int64_t next_index_ = 0, last_time_us_ = -kLasting;

@@ -66,36 +66,36 @@ class Device {
   Device& operator=(const Device&) = delete;
   ~Device() {
     depth_.stop();
-    if (colour_.isValid()) colour_.stop();
+    if (color_.isValid()) color_.stop();
     // The Dummy's streams end some time after they were stopped, and must not be gone by then.
     std::this_thread::sleep_for(milliseconds(100));
     depth_.destroy();
-    colour_.destroy();
+    color_.destroy();
     device_.close();
   }
 
   void start_depth() { check(depth_.start(), "cannot start depth"); }
 
   /// @param as_it_is  without registration, too.
-  void start_colour(bool as_it_is) {
+  void start_color(bool as_it_is) {
     constexpr auto kRegistered = openni::IMAGE_REGISTRATION_DEPTH_TO_COLOR;
     if (!device_.hasSensor(openni::SENSOR_COLOR)) return;
     const bool is_registered = device_.isImageRegistrationModeSupported(kRegistered) &&
                                device_.setImageRegistrationMode(kRegistered) == openni::STATUS_OK;
     if (!is_registered && !as_it_is) return;
-    if (colour_.create(device_, openni::SENSOR_COLOR) != openni::STATUS_OK) return;
-    colour_.setMirroringEnabled(false);
-    openni::VideoMode mode = colour_.getVideoMode();
+    if (color_.create(device_, openni::SENSOR_COLOR) != openni::STATUS_OK) return;
+    color_.setMirroringEnabled(false);
+    openni::VideoMode mode = color_.getVideoMode();
     const openni::VideoMode depth = depth_.getVideoMode();
     const bool same_size = mode.getResolutionX() == depth.getResolutionX() &&
                            mode.getResolutionY() == depth.getResolutionY();
     if (mode.getPixelFormat() != openni::PIXEL_FORMAT_RGB888 || (!same_size && !as_it_is)) {
       mode.setPixelFormat(openni::PIXEL_FORMAT_RGB888);
       mode.setResolution(depth.getResolutionX(), depth.getResolutionY());
-      if (colour_.setVideoMode(mode) != openni::STATUS_OK) return colour_.destroy();
+      if (color_.setVideoMode(mode) != openni::STATUS_OK) return color_.destroy();
     }
     device_.setDepthColorSyncEnabled(true);  // not all can
-    check(colour_.start(), "cannot start colour");
+    check(color_.start(), "cannot start colour");
   }
 
   [[nodiscard]] RgbdCalibration calibration() const {
@@ -114,13 +114,13 @@ class Device {
     return calibration;
   }
 
-  [[nodiscard]] bool has_colour() const { return colour_.isValid(); }
+  [[nodiscard]] bool has_color() const { return color_.isValid(); }
 
   /// The next image of any kind; null: none in time.
   openni::VideoStream* wait(milliseconds timeout) {
     // The first that is ready wins: of two that wait, colour must not grow older.
-    openni::VideoStream* streams[] = {&colour_, &depth_};
-    const int first = has_colour() ? 0 : 1;
+    openni::VideoStream* streams[] = {&color_, &depth_};
+    const int first = has_color() ? 0 : 1;
     int ready = 0;
     const openni::Status status = openni::OpenNI::waitForAnyStream(
         streams + first, 2 - first, &ready, static_cast<int>(timeout.count()));
@@ -136,7 +136,7 @@ class Device {
   Session session_;
   Unplugged unplugged_;
   openni::Device device_;
-  openni::VideoStream depth_, colour_;
+  openni::VideoStream depth_, color_;
 };
 
 template <typename T>
@@ -163,7 +163,7 @@ class OpenNi2Camera final : public RgbdSource {
   [[nodiscard]] Counters counters() const override {
     return {{"frames", frames_},
             {"lost_by_camera", lost_},
-            {"without_colour", without_colour_},
+            {"without_color", without_color_},
             {"damaged", damaged_}};
   }
 
@@ -172,11 +172,11 @@ class OpenNi2Camera final : public RgbdSource {
     auto device = std::make_unique<Device>(uri_);
     stored_ = given_ ? given_ : told_by(*device);
     calibration_ = unmirrored(stored_);
-    device->start_colour(given_ != nullptr);
+    device->start_color(given_ != nullptr);
     device->start_depth();
     device_ = std::move(device);
     last_number_ = 0;
-    colour_time_us_ = -1;
+    color_time_us_ = -1;
   }
 
   void stop() override { device_.reset(); }
@@ -188,10 +188,10 @@ class OpenNi2Camera final : public RgbdSource {
     openni::VideoFrameRef image;
     check(stream->readFrame(&image), "cannot read");
     if (!device_->is_depth(stream)) {
-      take_colour(image);
+      take_color(image);
       return ReadStatus::kTimeout;
     }
-    if (device_->has_colour() && colour_time_us_ < 0) return ReadStatus::kTimeout;  // starting up
+    if (device_->has_color() && color_time_us_ < 0) return ReadStatus::kTimeout;  // starting up
     return take_depth(image, frame) ? ReadStatus::kFrame : ReadStatus::kTimeout;
   }
 
@@ -207,16 +207,16 @@ class OpenNi2Camera final : public RgbdSource {
     return told;
   }
 
-  void take_colour(const openni::VideoFrameRef& image) {
+  void take_color(const openni::VideoFrameRef& image) {
     const auto& registration = stored_->registration;
-    const Intrinsics& camera = registration ? registration->colour : stored_->depth;
+    const Intrinsics& camera = registration ? registration->color : stored_->depth;
     if (image.getWidth() != camera.width || image.getHeight() != camera.height ||
         image.getVideoMode().getPixelFormat() != openni::PIXEL_FORMAT_RGB888) {
       ++damaged_;
       return;
     }
-    copy_rows(image, 3, colour_);
-    colour_time_us_ = static_cast<std::int64_t>(image.getTimestamp());
+    copy_rows(image, 3, color_);
+    color_time_us_ = static_cast<std::int64_t>(image.getTimestamp());
   }
 
   bool take_depth(const openni::VideoFrameRef& image, RgbdFrame& frame) {
@@ -236,7 +236,7 @@ class OpenNi2Camera final : public RgbdSource {
     if (is_fine) {
       for (std::uint16_t& value : frame.depth) value = static_cast<std::uint16_t>((value + 5) / 10);
     }
-    add_colour(time_us, frame);
+    add_color(time_us, frame);
     frame.body_index.clear();
     frame.skeletons.clear();
     frame.calibration = calibration_;
@@ -249,28 +249,28 @@ class OpenNi2Camera final : public RgbdSource {
     return true;
   }
 
-  void add_colour(std::int64_t time_us, RgbdFrame& frame) {
+  void add_color(std::int64_t time_us, RgbdFrame& frame) {
     constexpr std::int64_t kMostApart = 40'000;  // microseconds; images come every 33
-    frame.colour.clear();
-    frame.colour_rows = frame.colour_cols = 0;
-    if (!device_->has_colour()) return;
-    if (std::abs(colour_time_us_ - time_us) > kMostApart) {
-      ++without_colour_;
+    frame.color.clear();
+    frame.color_rows = frame.color_cols = 0;
+    if (!device_->has_color()) return;
+    if (std::abs(color_time_us_ - time_us) > kMostApart) {
+      ++without_color_;
       return;
     }
     const auto& registration = stored_->registration;
-    const Intrinsics& camera = registration ? registration->colour : stored_->depth;
-    frame.colour = colour_;
-    frame.colour_rows = camera.height;
-    frame.colour_cols = camera.width;
+    const Intrinsics& camera = registration ? registration->color : stored_->depth;
+    frame.color = color_;
+    frame.color_rows = camera.height;
+    frame.color_cols = camera.width;
   }
 
   std::string uri_;
   std::shared_ptr<const RgbdCalibration> given_, stored_, calibration_;
   std::unique_ptr<Device> device_;
-  std::vector<std::uint8_t> colour_;  // the latest image
-  std::int64_t colour_time_us_ = -1, last_number_ = 0;
-  std::int64_t frames_ = 0, lost_ = 0, without_colour_ = 0, damaged_ = 0;
+  std::vector<std::uint8_t> color_;  // the latest image
+  std::int64_t color_time_us_ = -1, last_number_ = 0;
+  std::int64_t frames_ = 0, lost_ = 0, without_color_ = 0, damaged_ = 0;
 };
 
 }  // namespace

@@ -54,7 +54,7 @@ Device open_device(ob_context* context, const std::string& serial) {
                                       serial.c_str()));
 }
 
-bool has_colour(const ob_device* device) {
+bool has_color(const ob_device* device) {
   const Handle<ob_sensor_list, ob_delete_sensor_list> sensors(
       call(ob_device_get_sensor_list, device));
   for (std::uint32_t i = 0; i < call(ob_sensor_list_get_count, sensors.get()); ++i) {
@@ -107,7 +107,7 @@ class Orbbec final : public SdkDevice {
     };
     call(ob_config_enable_video_stream, config.get(), OB_STREAM_DEPTH, option("width"),
          option("height"), option("rate"), OB_FORMAT_Y16);
-    if (has_colour(device_.get())) {
+    if (has_color(device_.get())) {
       call(ob_config_enable_video_stream, config.get(), OB_STREAM_COLOR, 0U, 0U, option("rate"),
            OB_FORMAT_RGB);
       call(ob_pipeline_enable_frame_sync, pipeline_.get());
@@ -152,10 +152,10 @@ class Orbbec final : public SdkDevice {
     const Frame aligned(call(ob_filter_process, align_.get(), images.get()));
     const ob_frame* set = aligned ? aligned.get() : images.get();
     depth_.reset(call(ob_frameset_get_depth_frame, set));
-    colour_.reset(call(ob_frameset_get_color_frame, set));
+    color_.reset(call(ob_frameset_get_color_frame, set));
     if (!depth_) return ReadStatus::kTimeout;
     frame.depth = image_of(depth_.get());
-    if (colour_) frame.colour = image_of(colour_.get());
+    if (color_) frame.color = image_of(color_.get());
     frame.millimetres = static_cast<double>(call(ob_depth_frame_get_value_scale, depth_.get()));
     frame.number = static_cast<std::int64_t>(call(ob_frame_get_index, depth_.get()));
     frame.time_ns = 1000 * static_cast<std::int64_t>(call(ob_frame_get_timestamp_us, depth_.get()));
@@ -173,7 +173,7 @@ class Orbbec final : public SdkDevice {
   Device device_;
   Handle<ob_pipeline, ob_delete_pipeline> pipeline_;
   Handle<ob_filter, ob_delete_filter> align_;
-  Frame depth_, colour_;
+  Frame depth_, color_;
 };
 
 }  // namespace

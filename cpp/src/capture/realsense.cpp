@@ -152,8 +152,8 @@ class RealSense final : public SdkDevice {
       rs2_format format{};
       const rs2_stream stream = stream_of(call(rs2_get_frame_stream_profile, image.get()), format);
       if (stream == RS2_STREAM_COLOR) {
-        frame.colour = image_of(image.get(), format);
-        colour_ = std::move(image);
+        frame.color = image_of(image.get(), format);
+        color_ = std::move(image);
       } else if (stream == RS2_STREAM_DEPTH) {
         frame.depth = image_of(image.get(), format);
         frame.millimetres =
@@ -197,7 +197,7 @@ class RealSense final : public SdkDevice {
   Handle<rs2_frame_queue, rs2_delete_frame_queue> queue_;
   Handle<rs2_processing_block, rs2_delete_processing_block> align_;
   Profile profile_;
-  Frame depth_, colour_;
+  Frame depth_, color_;
 };
 
 }  // namespace

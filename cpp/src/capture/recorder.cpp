@@ -52,16 +52,16 @@ std::unique_ptr<RgbdRecorder> open_recorder(const std::filesystem::path& path,
 RecordingChecks::RecordingChecks(const RgbdCalibration& calibration)
     : rows_(calibration.depth.height), cols_(calibration.depth.width) {
   check_intrinsics(calibration.depth, "calibration.depth");
-  const Intrinsics* colour = &calibration.depth;
+  const Intrinsics* color = &calibration.depth;
   if (calibration.registration) {
     check_registration(*calibration.registration);
-    colour = &calibration.registration->colour;
+    color = &calibration.registration->color;
   }
-  if (calibration.depth.mirrored || colour->mirrored) {
+  if (calibration.depth.mirrored || color->mirrored) {
     throw InputError("calibration: expected cameras that are not mirrored");
   }
-  colour_rows_ = colour->height;
-  colour_cols_ = colour->width;
+  color_rows_ = color->height;
+  color_cols_ = color->width;
 }
 
 void RecordingChecks::check(const RgbdFrame& frame) {
@@ -72,9 +72,9 @@ void RecordingChecks::check(const RgbdFrame& frame) {
   check_size("depth", frame.rows, frame.cols, rows_, cols_);
   check_length("depth", frame.depth.size(), rows_ * cols_);
   if (!frame.body_index.empty()) check_length("body_index", frame.body_index.size(), rows_ * cols_);
-  if (!frame.colour.empty()) {
-    check_size("colour", frame.colour_rows, frame.colour_cols, colour_rows_, colour_cols_);
-    check_length("colour", frame.colour.size(), 3 * colour_rows_ * colour_cols_);
+  if (!frame.color.empty()) {
+    check_size("color", frame.color_rows, frame.color_cols, color_rows_, color_cols_);
+    check_length("color", frame.color.size(), 3 * color_rows_ * color_cols_);
   }
   if (!is_first_) {
     check_grows("number", frame.number, number_);
@@ -82,12 +82,12 @@ void RecordingChecks::check(const RgbdFrame& frame) {
     if (!frame.body_index.empty() && !has_body_index_) {
       throw InputError("frame.body_index: expected none, as in the first frame");
     }
-    if (!frame.colour.empty() && !has_colour_) {
-      throw InputError("frame.colour: expected none, as in the first frame");
+    if (!frame.color.empty() && !has_color_) {
+      throw InputError("frame.color: expected none, as in the first frame");
     }
   } else {
     has_body_index_ = !frame.body_index.empty();
-    has_colour_ = !frame.colour.empty();
+    has_color_ = !frame.color.empty();
   }
   is_first_ = false;
   number_ = frame.number;

@@ -82,7 +82,7 @@ std::vector<float> rays_from_json(const JsonPlace& place, const Intrinsics& came
 
 Registration registration_from_json(const JsonPlace& place) {
   Registration registration;
-  registration.colour = camera_from_json(place.member("colour"));
+  registration.color = camera_from_json(place.member("colour"));
   Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rotation;
   read_list(place.member("rotation"), rotation.data(), 9);
   registration.rotation = rotation;
@@ -136,7 +136,7 @@ Json calibration_to_json(const RgbdCalibration& calibration) {
   }
   if (const auto& registration = calibration.registration) {
     const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> rotation = registration->rotation;
-    json["registration"] = {{"colour", camera_to_json(registration->colour)},
+    json["registration"] = {{"colour", camera_to_json(registration->color)},
                             {"rotation", exact_list(rotation.data(), 9)},
                             {"translation", exact_list(registration->translation.data(), 3)}};
   }

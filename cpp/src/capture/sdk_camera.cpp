@@ -43,7 +43,7 @@ void convert_depth(const SdkImage& from, double millimetres, std::uint16_t* to) 
   }
 }
 
-void convert_colour(const SdkImage& from, std::uint8_t* to) {
+void convert_color(const SdkImage& from, std::uint8_t* to) {
   const bool has_pad = from.pixels == SdkPixels::kRgbx || from.pixels == SdkPixels::kBgrx;
   const bool is_bgr = from.pixels == SdkPixels::kBgr || from.pixels == SdkPixels::kBgrx;
   const int red = is_bgr ? 2 : 0;
@@ -74,7 +74,7 @@ class SdkCamera final : public RgbdSource {
   [[nodiscard]] Counters counters() const override {
     return {{"frames", frames_},
             {"lost_by_camera", lost_},
-            {"without_colour", without_colour_},
+            {"without_color", without_color_},
             {"damaged", damaged_}};
   }
 
@@ -132,7 +132,7 @@ class SdkCamera final : public RgbdSource {
     } else {
       convert_depth<float>(images.depth, images.millimetres, frame.depth.data());
     }
-    fill_colour(images.colour, frame);
+    fill_color(images.color, frame);
     frame.body_index.clear();
     frame.skeletons.clear();
     frame.calibration = calibration_;
@@ -143,17 +143,17 @@ class SdkCamera final : public RgbdSource {
     return true;
   }
 
-  void fill_colour(const SdkImage& image, RgbdFrame& frame) {
-    frame.colour.clear();
-    frame.colour_rows = frame.colour_cols = 0;
+  void fill_color(const SdkImage& image, RgbdFrame& frame) {
+    frame.color.clear();
+    frame.color_rows = frame.color_cols = 0;
     if (image.data == nullptr || !fits(image, false)) {
-      ++without_colour_;
+      ++without_color_;
       return;
     }
-    frame.colour_rows = image.rows;
-    frame.colour_cols = image.cols;
-    frame.colour.resize(static_cast<std::size_t>(3 * image.rows * image.cols));
-    convert_colour(image, frame.colour.data());
+    frame.color_rows = image.rows;
+    frame.color_cols = image.cols;
+    frame.color.resize(static_cast<std::size_t>(3 * image.rows * image.cols));
+    convert_color(image, frame.color.data());
   }
 
   std::string scheme_;
@@ -163,7 +163,7 @@ class SdkCamera final : public RgbdSource {
   std::unique_ptr<SdkDevice> device_;
   Clock::time_point last_image_;
   std::optional<std::int64_t> last_number_;
-  std::int64_t frames_ = 0, lost_ = 0, without_colour_ = 0, damaged_ = 0;
+  std::int64_t frames_ = 0, lost_ = 0, without_color_ = 0, damaged_ = 0;
 };
 
 }  // namespace

@@ -35,7 +35,7 @@ struct SdkImage {
 
 struct SdkFrame {
   SdkImage depth;
-  SdkImage colour;           ///< With the pixels of depth.
+  SdkImage color;            ///< With the pixels of depth.
   double millimetres = 1.0;  ///< One unit of depth.
   std::int64_t number = 0, time_ns = 0;
 };
@@ -69,7 +69,7 @@ using SdkOpener = std::function<std::unique_ptr<SdkDevice>()>;
 
 /// A camera gives its latest frames, from a thread of its own; one that gives none for kSdkSilence
 /// is taken as unplugged. Counters: `frames`, `lost_by_camera` (gaps in their numbers),
-/// `without_colour`, `damaged` (images of another size or kind than the camera's).
+/// `without_color`, `damaged` (images of another size or kind than the camera's).
 std::unique_ptr<RgbdSource> open_sdk_camera(const std::string& scheme, SdkOpener open,
                                             const RgbdOptions& options,
                                             std::chrono::milliseconds silence);

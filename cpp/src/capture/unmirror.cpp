@@ -36,7 +36,7 @@ std::shared_ptr<const RgbdCalibration> unmirrored(
     const std::shared_ptr<const RgbdCalibration>& calibration) {
   const auto& registration = calibration->registration;
   const bool turn_depth = is_mirrored(calibration->depth);
-  if (!turn_depth && !(registration && registration->colour.mirrored)) return calibration;
+  if (!turn_depth && !(registration && registration->color.mirrored)) return calibration;
   auto turned = std::make_shared<RgbdCalibration>();
   turned->depth = calibration->depth;
   turned->registration = registration;
@@ -46,7 +46,7 @@ std::shared_ptr<const RgbdCalibration> unmirrored(
     if (turn_depth) reverse_columns(turned->ray_table, turned->depth.width, 2);
     turned->depth.ray_table = turned->ray_table.data();
   }
-  if (turned->registration) turn_round(turned->registration->colour);
+  if (turned->registration) turn_round(turned->registration->color);
   return turned;
 }
 
@@ -57,8 +57,8 @@ void unmirror_images(const RgbdCalibration& stored, RgbdFrame& frame) {
     reverse_columns(frame.depth, frame.cols, 1);
     reverse_columns(frame.body_index, frame.cols, 1);
   }
-  if (registration ? registration->colour.mirrored : turn_depth) {
-    reverse_columns(frame.colour, frame.colour_cols, 3);
+  if (registration ? registration->color.mirrored : turn_depth) {
+    reverse_columns(frame.color, frame.color_cols, 3);
   }
 }
 

@@ -48,9 +48,9 @@ void check_intrinsics(const Intrinsics& camera, const char* name) {
 }
 
 void check_registration(const Registration& registration) {
-  check_intrinsics(registration.colour, "registration.colour");
-  if (registration.colour.ray_table != nullptr) {
-    throw InputError("registration.colour: expected a lens model, got a ray table");
+  check_intrinsics(registration.color, "registration.color");
+  if (registration.color.ray_table != nullptr) {
+    throw InputError("registration.color: expected a lens model, got a ray table");
   }
   const Eigen::Matrix3d& r = registration.rotation;
   const double defect = (r * r.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();

@@ -14,13 +14,13 @@ namespace manip3d {
 namespace {
 
 /// registered_texcoord() with the matrices of an undistorted camera multiplied beforehand.
-class ColourCamera {
+class ColorCamera {
  public:
-  explicit ColourCamera(const Registration& registration)
+  explicit ColorCamera(const Registration& registration)
       : registration_(registration),
-        width_(static_cast<double>(registration.colour.width)),
-        height_(static_cast<double>(registration.colour.height)) {
-    const Intrinsics& k = registration.colour;
+        width_(static_cast<double>(registration.color.width)),
+        height_(static_cast<double>(registration.color.height)) {
+    const Intrinsics& k = registration.color;
     for (const double coefficient : k.distortion) distorted_ |= coefficient != 0.0;
     const double fx = k.mirrored ? -k.fx : k.fx;
     Eigen::Matrix3d camera;
@@ -148,7 +148,7 @@ void write_texcoords(const PhantomImage& image, const PixelRays& rays, std::int6
     std::copy_n(uv.begin(), 2, out.texcoords + 2 * i);
   }
   if (registration == nullptr) return;
-  const ColourCamera camera(*registration);
+  const ColorCamera camera(*registration);
   for (std::int64_t i = 0; i < num_points; ++i) {
     const float* p = out.vertices + 3 * i;
     std::array<float, 3> point = {p[0], p[1], p[2]};

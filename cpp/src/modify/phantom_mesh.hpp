@@ -16,7 +16,7 @@ std::int64_t write_points(const PhantomImage& image, const PixelBox& box, const 
                           const DepthMeshBuffers& out, std::vector<std::int32_t>& vertex_of);
 
 /// Two triangles for each 2 x 2 cell of four pixels, cut along the shorter diagonal, one where
-/// three show something; none over a larger step of depth. Writes uvs and triangles.
+/// three show something; none over a larger step of depth. Writes texcoords and faces.
 ///
 /// Where body and phantom meet, their textures lie at different places. A triangle across has
 /// vertices of its own instead of the body's, with the texture of the phantom's corner, after the

@@ -27,22 +27,22 @@ Eigen::Vector3f point_at(const RgbdFrame& frame, const PixelRays& rays, std::int
 }
 
 /// R, G, B where the colour camera sees a point of a depth pixel; null beyond its image.
-const std::uint8_t* colour_at(const RgbdFrame& frame, std::int64_t v, std::int64_t u,
-                              const Eigen::Vector3f& point) {
+const std::uint8_t* color_at(const RgbdFrame& frame, std::int64_t v, std::int64_t u,
+                             const Eigen::Vector3f& point) {
   const auto& registration = frame.calibration->registration;
   if (registration) {
     const Eigen::Vector2d pixel =
-        project(registration->colour,
+        project(registration->color,
                 registration->rotation * point.cast<double>() + registration->translation);
     const double column = std::round(pixel.x()), row = std::round(pixel.y());
-    if (!(column >= 0.0 && column < static_cast<double>(frame.colour_cols) && row >= 0.0 &&
-          row < static_cast<double>(frame.colour_rows))) {
+    if (!(column >= 0.0 && column < static_cast<double>(frame.color_cols) && row >= 0.0 &&
+          row < static_cast<double>(frame.color_rows))) {
       return nullptr;
     }
     u = static_cast<std::int64_t>(column);
     v = static_cast<std::int64_t>(row);
   }
-  return frame.colour.data() + 3 * (v * frame.colour_cols + u);
+  return frame.color.data() + 3 * (v * frame.color_cols + u);
 }
 
 void check(const RgbdFrame& frame, const PixelRays& rays) {
@@ -53,12 +53,12 @@ void check(const RgbdFrame& frame, const PixelRays& rays) {
                      std::to_string(rays.width()) + ") as the intrinsics say");
   }
   const auto& registration = frame.calibration->registration;
-  const std::int64_t colour_rows = registration ? registration->colour.height : frame.rows;
-  const std::int64_t colour_cols = registration ? registration->colour.width : frame.cols;
-  if (frame.colour_rows != colour_rows || frame.colour_cols != colour_cols ||
-      frame.colour.size() != static_cast<std::size_t>(3 * colour_rows * colour_cols)) {
-    throw InputError("frame: expected colour of shape (" + std::to_string(colour_rows) + ", " +
-                     std::to_string(colour_cols) + ", 3)");
+  const std::int64_t color_rows = registration ? registration->color.height : frame.rows;
+  const std::int64_t color_cols = registration ? registration->color.width : frame.cols;
+  if (frame.color_rows != color_rows || frame.color_cols != color_cols ||
+      frame.color.size() != static_cast<std::size_t>(3 * color_rows * color_cols)) {
+    throw InputError("frame: expected colour of shape (" + std::to_string(color_rows) + ", " +
+                     std::to_string(color_cols) + ", 3)");
   }
 }
 
@@ -104,7 +104,7 @@ void ShoeCoverTracker::mark(const RgbdFrame& frame, const PixelRays& rays,
       if (!(z > 0.0F && std::abs(z - ankle.z()) <= reach)) continue;
       const Eigen::Vector3f point = point_at(frame, rays, v, u);
       if (!((point - ankle).squaredNorm() <= reach * reach)) continue;
-      const std::uint8_t* rgb = colour_at(frame, v, u, point);
+      const std::uint8_t* rgb = color_at(frame, v, u, point);
       if (rgb == nullptr) continue;
       const Hsv hsv = to_hsv(rgb[0], rgb[1], rgb[2]);
       if (hsv.hue < options_.min_hue || hsv.hue > options_.max_hue ||

@@ -195,9 +195,9 @@ def _to_calibration(found: Any) -> RgbdCalibration:
     if isinstance(found, RgbdCalibration):
         return found
     registration = None
-    if "colour" in found:
+    if "color" in found:
         registration = Registration(
-            Intrinsics(**found["colour"]), found["rotation"], found["translation"]
+            Intrinsics(**found["color"]), found["rotation"], found["translation"]
         )
     return RgbdCalibration(Intrinsics(**found["depth"]), registration)
 
@@ -314,7 +314,7 @@ def record(
     *,
     frames: int | None = None,
     seconds: float | None = None,
-    lossless_colour: bool = False,
+    lossless_color: bool = False,
     jpeg_quality: int = 90,
     overwrite: bool = False,
     progress: Progress = None,
@@ -333,7 +333,7 @@ def record(
         Stop after so many.
     seconds : float, optional
         Stop at the first frame that is so much later than the first one.
-    lossless_colour : bool
+    lossless_color : bool
         Instead of JPEG.
     jpeg_quality : int
         1 to 100.
@@ -361,7 +361,7 @@ def record(
     else:
         opened = from_frames(source)
     recorder = _core.open_recorder(
-        os.fsencode(path_of(path)), opened.calibration, lossless_colour, jpeg_quality, overwrite
+        os.fsencode(path_of(path)), opened.calibration, lossless_color, jpeg_quality, overwrite
     )
     try:
         with reporting(progress, "record") as report:

@@ -119,7 +119,7 @@ def write_recording(
     *,
     frames: int | None,
     seconds: float | None,
-    lossless_colour: bool,
+    lossless_color: bool,
     jpeg_quality: int,
     force: bool,
 ) -> dict[str, Any]:
@@ -132,7 +132,7 @@ def write_recording(
             output,
             frames=frames,
             seconds=seconds,
-            lossless_colour=lossless_colour,
+            lossless_color=lossless_color,
             jpeg_quality=jpeg_quality,
             overwrite=force,
             progress=progress,
@@ -194,7 +194,7 @@ def info(source: RgbdSource, terminal: Terminal) -> dict[str, Any]:
         for frame in source:
             times.append(frame.time)
             numbers.append(frame.number)
-            found["colour"] += frame.colour is not None
+            found["colour"] += frame.color is not None
             found["body_index"] += frame.body_index is not None
             found["skeletons"] += bool(frame.skeletons)
             if (measured := frame.depth[frame.depth > 0]).size:
@@ -206,7 +206,7 @@ def info(source: RgbdSource, terminal: Terminal) -> dict[str, Any]:
     return {
         "source": source.uri,
         "depth": _describe(source.calibration.depth),
-        "colour": _describe(source.calibration.registration.colour)
+        "colour": _describe(source.calibration.registration.color)
         if source.calibration.registration
         else None,
         "frames": len(times),
@@ -294,12 +294,12 @@ def picture(frame: RgbdFrame) -> NDArray[np.uint8]:
     image = np.repeat(grey[..., None], 3, axis=2)
     if frame.body_index is not None:
         image[..., 2] = np.where(frame.body_index != 255, image[..., 2] // 3, image[..., 2])
-    if frame.colour is None:
+    if frame.color is None:
         return image
-    rows = np.arange(image.shape[0]) * frame.colour.shape[0] // image.shape[0]
-    width = frame.colour.shape[1] * image.shape[0] // frame.colour.shape[0]
-    columns = np.arange(width) * frame.colour.shape[1] // max(width, 1)
-    return np.concatenate([image, frame.colour[np.ix_(rows, columns)]], axis=1)
+    rows = np.arange(image.shape[0]) * frame.color.shape[0] // image.shape[0]
+    width = frame.color.shape[1] * image.shape[0] // frame.color.shape[0]
+    columns = np.arange(width) * frame.color.shape[1] // max(width, 1)
+    return np.concatenate([image, frame.color[np.ix_(rows, columns)]], axis=1)
 
 
 class _Pictures:
@@ -382,8 +382,8 @@ def capture_record(
     seconds: Annotated[
         float | None, typer.Option(help="Stop this many seconds after the first frame.")
     ] = None,
-    lossless_colour: Annotated[
-        bool, typer.Option("--lossless-colour", help="Store colour exactly, not as JPEG.")
+    lossless_color: Annotated[
+        bool, typer.Option("--lossless-color", help="Store colour exactly, not as JPEG.")
     ] = False,
     quality: Annotated[int, typer.Option(min=1, max=100, help="Quality of JPEG, 1 to 100.")] = 90,
     intrinsics: FolderIntrinsics = "",
@@ -407,7 +407,7 @@ def capture_record(
         shell,
         frames=frames,
         seconds=seconds,
-        lossless_colour=lossless_colour,
+        lossless_color=lossless_color,
         jpeg_quality=quality,
         force=force,
     )

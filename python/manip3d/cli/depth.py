@@ -47,21 +47,21 @@ class Variant(StrEnum):
 
 
 _OPTIONS = ("intrinsics", "unit", "variant", "by-distance", "move-points", "max-edge", "depth-step",
-            "colour", "points", "method",
+            "color", "points", "method",
             "min-coverage")  # fmt: skip
 
 
 def _of_frames(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
     """One unit for all frames, and the colour image of each."""
     from manip3d import simplify
-    from manip3d.io import is_colour_png, is_url
+    from manip3d.io import is_color_png, is_url
 
-    names = [f.name for f in files if is_url(f.name) or not is_colour_png(f.name)]
-    with naming_options("colour", "unit"):
+    names = [f.name for f in files if is_url(f.name) or not is_color_png(f.name)]
+    with naming_options("color", "unit"):
         options["unit"] = simplify.common_depth_unit(names, options["unit"], options["intrinsics"])
-        colours = options.pop("colour")
-        images = simplify.colours_of_frames(names, colours) if colours else {}
-    return {file.name: {"colour": images.get(file.name, "")} for file in files}
+        colors = options.pop("color")
+        images = simplify.colors_of_frames(names, colors) if colors else {}
+    return {file.name: {"color": images.get(file.name, "")} for file in files}
 
 
 @over_files(
@@ -118,7 +118,7 @@ def depth(
             "--move-points", help="Vertices may leave the measured points (--method relief)."
         ),
     ] = False,
-    colour: Annotated[
+    color: Annotated[
         str,
         typer.Option(
             help="Colour image of the same size, which becomes the texture; for several depth "
@@ -166,7 +166,7 @@ def depth(
         )
         expect_kind(source, "depth", "range grid", verb="depth")
         check_output(output, WRITABLE, force=force)
-        result = simplify.simplify_depth_file(source, output, options, colour=colour or None)
+        result = simplify.simplify_depth_file(source, output, options, color=color or None)
     _tell(shell, result)
     shell.result(_record(result))
     if strict and (result.target_missed or result.coverage_missed):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from manip3d.errors import InputError
-from manip3d.io import DEPTH_SUFFIXES, READABLE, SCAN_SUFFIXES, is_colour_png
+from manip3d.io import DEPTH_SUFFIXES, READABLE, SCAN_SUFFIXES, is_color_png
 
 _HEADER_BYTES = 1 << 16  # where a PLY file names its elements
 _PICTURES = (".jpg", ".jpeg", ".bmp", ".tga", ".gif", ".webp")
@@ -37,7 +37,7 @@ VERBS = {
     "packets": "info, view, convert (into scans, which inspect takes)",
     "recording": "capture play, capture info, info, view, phantom render",
     "drive": "info, view, convert; inspect takes each of its scans",
-    "picture": "depth, as --colour",
+    "picture": "depth, as --color",
     "results": "report",
     "folder": "simplify (of meshes), depth (of depth images), info and view (of a drive)",
 }
@@ -70,7 +70,7 @@ def kind_of(source: str) -> str:
     if suffix in SCAN_SUFFIXES:
         return "scan"
     if suffix in DEPTH_SUFFIXES:
-        return "picture" if is_colour_png(path) else "depth"
+        return "picture" if is_color_png(path) else "depth"
     return "picture" if suffix in _PICTURES else "unknown"
 
 

@@ -28,7 +28,7 @@ class Choice:
     frame: int | None
     intrinsics: str
     unit: str
-    colour: Path | None
+    color: Path | None
     calibration: Path | None
 
 
@@ -42,7 +42,7 @@ def view(
             min=0, help="Scan or frame of a recording, from 0 on; default: the first whole one."
         ),
     ] = None,
-    colour_by: Annotated[
+    color_by: Annotated[
         str | None,
         typer.Option(
             help="Colour points by height, intensity, ring, depth, colour, person or another "
@@ -56,7 +56,7 @@ def view(
         ),
     ] = "",
     unit: DepthUnit = "guess",
-    colour: Annotated[
+    color: Annotated[
         Path | None, typer.Option(help="Colour image of a depth image, of the same size.")
     ] = None,
     calibration: Calibration = None,
@@ -73,17 +73,17 @@ def view(
     check_output(output, (".html", ".png"), force=force)
     expect_kind(source, *SHOWN, verb="view")
     terminal = Terminal(quiet=quiet)
-    choice = Choice(frame, intrinsics, unit, colour, calibration)
-    write(_open(source, choice, terminal), source, output, colour_by, terminal)
+    choice = Choice(frame, intrinsics, unit, color, calibration)
+    write(_open(source, choice, terminal), source, output, color_by, terminal)
 
 
 def write(
-    thing: Any, source: str, output: Path | None, colour_by: str | None, terminal: Terminal
+    thing: Any, source: str, output: Path | None, color_by: str | None, terminal: Terminal
 ) -> None:
     """Show the thing, or write what the suffix of ``output`` tells."""
     from manip3d import viewer
 
-    options: dict[str, Any] = {"color_by": colour_by}
+    options: dict[str, Any] = {"color_by": color_by}
     if output is None or output.suffix.lower() == ".html":
         options["title"] = "stdin" if source == "-" else Path(source).name
     path = viewer.view(thing, output, **options)
@@ -107,7 +107,7 @@ def _open(source: str, choice: Choice, terminal: Terminal) -> Any:
         frame=choice.frame,
         intrinsics=_camera(source, choice) if choice.intrinsics else None,
         unit=choice.unit,
-        color=choice.colour,
+        color=choice.color,
         calibration=choice.calibration,
     )
     note = f", {opened.note}" if opened.note else ""

@@ -284,7 +284,7 @@ def _images(uri: str, name: str) -> RgbdSequence:
         return RgbdFrame(
             depth=np.ascontiguousarray(depth[:, columns]),
             calibration=RgbdCalibration(camera),
-            colour=None if frame.colour is None else np.ascontiguousarray(frame.colour[:, columns]),
+            color=None if frame.color is None else np.ascontiguousarray(frame.color[:, columns]),
             body_index=np.ascontiguousarray(body[:, columns]),
             time=number * _NOMINAL_PERIOD_NS,
             number=number,

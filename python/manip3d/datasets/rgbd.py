@@ -42,7 +42,7 @@ class DepthFrame:
         0 = no measurement.
     intrinsics : Intrinsics
         Of the depth camera.
-    colour : (H', W', 3) uint8 or None
+    color : (H', W', 3) uint8 or None
     is_registered : bool
         Whether colour pixel (u, v) shows what depth pixel (u, v) measures.
     mask : (H, W) bool or None
@@ -54,7 +54,7 @@ class DepthFrame:
     name: str
     depth: NDArray[np.uint16] | NDArray[np.float32]
     intrinsics: Intrinsics
-    colour: NDArray[np.uint8] | None = None
+    color: NDArray[np.uint8] | None = None
     is_registered: bool = False
     mask: NDArray[np.bool_] | None = None
     pose: NDArray[np.float64] | None = None
@@ -81,7 +81,7 @@ class _Recording:
     page: str
     home: str = ""
     units_per_metre: float = 1000.0
-    colour: str = ""
+    color: str = ""
     mask: str = ""
     pose: str = ""
     read_pose: _ReadPose | None = None
@@ -141,7 +141,7 @@ _RECORDINGS: Mapping[str, _Recording] = {
         title="A man from head to hips who turns once, a glass wall behind him",
         folder="person_turning_uva",
         depth="*_depth.png",
-        colour="*.jpg",
+        color="*.jpg",
         mask="*_mask.jpg",
         pose="*_camera.xml",
         read_pose=_turntable_pose,
@@ -155,7 +155,7 @@ _RECORDINGS: Mapping[str, _Recording] = {
         title="A person from the hips up, 20 frames; DDRNet, group 1",
         folder="person_ddrnet/group1",
         depth="depth_map/frame_*.png",
-        colour="color_map/frame_*.png",
+        color="color_map/frame_*.png",
         mask="mask/frame_*.png",
         intrinsics=Intrinsics(640, 480, 536.628, 536.606, 310.591, 234.759),
         licence="MIT",
@@ -168,7 +168,7 @@ _RECORDINGS: Mapping[str, _Recording] = {
         title="A person from the hips up with both arms raised, 2 frames; DDRNet, group 2",
         folder="person_ddrnet/group2",
         depth="depth_map/frame_*.png",
-        colour="color_map/frame_*.png",
+        color="color_map/frame_*.png",
         mask="mask/frame_*.png",
         intrinsics=Intrinsics(640, 480, 536.628, 536.606, 310.591, 234.759),
         licence="MIT",
@@ -181,7 +181,7 @@ _RECORDINGS: Mapping[str, _Recording] = {
         title="Three whole people in Kinect V2 geometry, background removed; NormalGAN",
         folder="person_v2geometry/normalgan",
         depth="depth/*.png",
-        colour="color/*.png",
+        color="color/*.png",
         intrinsics=_KINECT2_BODY,
         licence=_INTERNAL,
         origin="NormalGAN, Wang et al., ECCV 2020; LizhenWangT/NormalGAN "
@@ -192,7 +192,7 @@ _RECORDINGS: Mapping[str, _Recording] = {
         title="Three whole people with arms and legs in the air, Kinect V2 noise simulated",
         folder="person_v2geometry/frontsurfaces",
         depth="depth/*.png",
-        colour="color/*.png",
+        color="color/*.png",
         intrinsics=_KINECT2_BODY,
         licence=_INTERNAL,
         origin="Fang et al., Computer Graphics Forum 2023; AHU-VRV/RGBD_FrontSurfaces "
@@ -213,7 +213,7 @@ _RECORDINGS: Mapping[str, _Recording] = {
         title="A red kitchen, moving Kinect; 7-Scenes",
         folder="scene_7scenes_redkitchen",
         depth="*.depth.png",
-        colour="*.color.jpg",
+        color="*.color.jpg",
         pose="*.pose.txt",
         read_pose=_matrix_pose,
         intrinsics=Intrinsics(640, 480, 585.0, 585.0, 320.0, 240.0),
@@ -227,7 +227,7 @@ _RECORDINGS: Mapping[str, _Recording] = {
         title="A rendered living room with a chair; Redwood",
         folder="scene_redwood_synthetic",
         depth="depth/*.png",
-        colour="color/*.jpg",
+        color="color/*.jpg",
         pose="trajectory.log",
         read_pose=_log_pose,
         intrinsics=Intrinsics(640, 480, 525.0, 525.0, 319.5, 239.5),
@@ -241,7 +241,7 @@ _RECORDINGS: Mapping[str, _Recording] = {
         title="A rendered living room without noise; ICL-NUIM",
         folder="scene_icl_nuim_livingroom",
         depth="depth/*.png",
-        colour="color/*.png",
+        color="color/*.png",
         pose="pose.txt",
         read_pose=_quaternion_pose,
         units_per_metre=5000.0,
@@ -256,7 +256,7 @@ _RECORDINGS: Mapping[str, _Recording] = {
         title="Two views of a desk; TUM RGB-D, freiburg2",
         folder="scene_tum_fr2_desk",
         depth="*_depth.png",
-        colour="*_color.png",
+        color="*_color.png",
         units_per_metre=5000.0,
         intrinsics=Intrinsics(640, 480, 520.9, 521.0, 325.1, 249.7),
         licence="CC BY 4.0",
@@ -405,22 +405,20 @@ def load_frame(name: str, frame: str | int = 0) -> DepthFrame:
     depth_path = find(recording.depth)
     assert depth_path is not None  # the frame was named after it
     depth = read_depth(depth_path, units_per_metre=recording.units_per_metre)
-    colour_path, mask_path, pose_path = map(
-        find, (recording.colour, recording.mask, recording.pose)
-    )
+    color_path, mask_path, pose_path = map(find, (recording.color, recording.mask, recording.pose))
     read_pose = recording.read_pose
     return DepthFrame(
         name=f"{data_set.name} {frame}",
         depth=depth,
         intrinsics=recording.intrinsics,
-        colour=None if colour_path is None else read_colour(colour_path),
-        is_registered=colour_path is not None and data_set.name not in _NOT_REGISTERED,
+        color=None if color_path is None else read_color(color_path),
+        is_registered=color_path is not None and data_set.name not in _NOT_REGISTERED,
         mask=None if mask_path is None else _read_mask(mask_path),
         pose=None if pose_path is None or read_pose is None else read_pose(pose_path, frame),
     )
 
 
-def read_colour(path: Path) -> NDArray[np.uint8]:
+def read_color(path: Path) -> NDArray[np.uint8]:
     """An image as (H, W, 3) uint8."""
     try:
         from PIL import Image
@@ -431,7 +429,7 @@ def read_colour(path: Path) -> NDArray[np.uint8]:
 
 
 def _read_mask(path: Path) -> NDArray[np.bool_]:
-    mask: NDArray[np.bool_] = read_colour(path)[..., 0] > _MASK_THRESHOLD
+    mask: NDArray[np.bool_] = read_color(path)[..., 0] > _MASK_THRESHOLD
     return mask
 
 

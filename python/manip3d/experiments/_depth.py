@@ -196,7 +196,7 @@ class RangeInput:
     ----------
     depth, intrinsics : (H, W) array and Intrinsics, or None
     points, valid : (H, W, 3) and (H, W) arrays, or None
-    colour : (H, W, 3) uint8 or None
+    color : (H, W, 3) uint8 or None
     max_edge : float or None
         Longest edge of a triangle, for scenes.
     """
@@ -205,7 +205,7 @@ class RangeInput:
     intrinsics: Intrinsics | None = None
     points: NDArray[np.float32] | None = None
     valid: NDArray[np.bool_] | None = None
-    colour: NDArray[np.uint8] | None = None
+    color: NDArray[np.uint8] | None = None
     max_edge: float | None = None
 
     @property
@@ -231,7 +231,7 @@ class RangeInput:
             simplify.dense_mesh,
             simplify.dense_mesh_grid,
             max_edge=self.max_edge,
-            colour=self.colour,
+            color=self.color,
         )
 
     def error(self, mesh: Mesh | DepthMesh) -> RangeImageError:
@@ -252,7 +252,7 @@ def open_input(options: Mapping[str, Any]) -> RangeInput:
     if kind == "frame":
         frame = datasets.load_frame(names[0], names[1])
         depth = frame.person if options["kind"] == "person" else frame.depth
-        return RangeInput(depth, frame.intrinsics, colour=frame.colour, max_edge=max_edge)
+        return RangeInput(depth, frame.intrinsics, color=frame.color, max_edge=max_edge)
     return _open_simulated(names[0], options["width"], max_edge)
 
 
@@ -265,7 +265,7 @@ def _open_simulated(name: str, width: int, max_edge: float | None) -> RangeInput
         exact = np.nan_to_num(scene.depth).astype(np.float32)
         return RangeInput(exact, scene.intrinsics, max_edge=max_edge)
     capture = scene.capture(flying=0.0, rng=0)  # "pre-processed to remove the sensor noise"
-    return RangeInput(capture.depth, scene.intrinsics, colour=scene.colour, max_edge=max_edge)
+    return RangeInput(capture.depth, scene.intrinsics, color=scene.color, max_edge=max_edge)
 
 
 # --- Methods ------------------------------------------------------------------------------------
@@ -280,7 +280,7 @@ def reduce(image: RangeInput, method: str, points: int, **options: Any) -> Depth
 
     if method in COLLAPSES:
         return _collapsed(image.dense().mesh, method, points)
-    common = {"colour": image.colour, "max_edge": image.max_edge} | options
+    common = {"color": image.color, "max_edge": image.max_edge} | options
     if method in SAMPLINGS:
         return image.call(
             simplify.sample_depth, simplify.sample_depth_grid, points, method=method, **common
@@ -333,7 +333,7 @@ def time_ms(image: RangeInput, method: str, points: int, reduced: Mesh | DepthMe
         return processor_time_ms(lambda: reduce(image, method, points, **options), repeats)
     from manip3d import simplify
 
-    plain = replace(image, colour=None)
+    plain = replace(image, color=None)
     collapse = simplify.METHODS[method]
     return processor_time_ms(
         lambda: collapse(plain.dense().mesh, target_faces=reduced.num_faces), repeats

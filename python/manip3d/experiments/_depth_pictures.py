@@ -61,7 +61,7 @@ def draw_meshes(folder: str, options: Mapping[str, Any]) -> list[dict[str, Any]]
     image = open_input(options)
     dense = image.dense().mesh
     labels, meshes, identity = _unpacked(folder, options, dense)
-    styles = ("shaded", "textured") if image.colour is not None else ("shaded",)
+    styles = ("shaded", "textured") if image.color is not None else ("shaded",)
     everything = [_upright(mesh, image) for mesh in (dense, *meshes)]
     return _pictures.draw_set(
         Path(folder), identity, ["original", *labels], everything, styles, **_VIEW
@@ -76,11 +76,11 @@ def draw_errors(folder: str, options: Mapping[str, Any]) -> list[dict[str, Any]]
     dense = image.dense().mesh
     labels, meshes, identity = _unpacked(folder, options, dense)
     diagonal = float(np.linalg.norm(np.ptp(dense.vertices, axis=0)))
-    coloured = []
+    colored = []
     for mesh in meshes:
         distance = metrics.closest_points(mesh, dense.vertices).distance / diagonal
-        coloured.append(Mesh(dense.vertices, dense.faces, colors=_heat(distance / _LARGEST_ERROR)))
-    everything = [_upright(mesh, image) for mesh in coloured]
+        colored.append(Mesh(dense.vertices, dense.faces, colors=_heat(distance / _LARGEST_ERROR)))
+    everything = [_upright(mesh, image) for mesh in colored]
     items = _pictures.draw_set(
         Path(folder), [*identity, "errors"], labels, everything, ("textured",), **_VIEW
     )

@@ -206,10 +206,10 @@ def masks(rows: Sequence[Row]) -> dict[str, Figure]:
             ("several ranges", view["raw_mask"], "gray_r"),
             ("after closing and median", view["mask"], "gray_r"),
         )
-        for number, (title, picture, colours) in enumerate(stages):
+        for number, (title, picture, colors) in enumerate(stages):
             axes = figure.add_subplot(1, 3, number + 1)
             if len(picture):
-                axes.imshow(np.asarray(picture)[:, ::-1], origin="lower", cmap=colours)
+                axes.imshow(np.asarray(picture)[:, ::-1], origin="lower", cmap=colors)
             axes.set(title=title, xticks=[], yticks=[])
         figures[f"Stages of IsOcclusionConsistent, CTP ({row['model']})"] = figure
     return figures

@@ -73,9 +73,9 @@ def draw_scan(
     boxes : sequence of (centre, size)
         Drawn as edges over everything.
     """
-    colours = _by_height(points[:, 2])
+    colors = _by_height(points[:, 2])
     if marked is not None:
-        colours[marked] = _MARKED
+        colors[marked] = _MARKED
     image = np.full((eye.size[1], eye.size[0], 3), _BACKGROUND, np.uint8)
     pixels, depth = eye.project(points)
     seen = np.flatnonzero((depth > _NEAR) & (np.abs(pixels) < 1e5).all(axis=1))
@@ -84,7 +84,7 @@ def draw_scan(
     for down, across in itertools.product((0, 1), repeat=2):
         r, c = row + down, column + across
         inside = (r >= 0) & (r < eye.size[1]) & (c >= 0) & (c < eye.size[0])
-        image[r[inside], c[inside]] = colours[seen[inside]]
+        image[r[inside], c[inside]] = colors[seen[inside]]
     return _with_boxes(image, eye, boxes)
 
 
@@ -93,8 +93,8 @@ def _by_height(z: NDArray[np.float32]) -> Image:
     share = np.clip((z - low) / max(float(high - low), 1e-6), 0.0, 1.0)
     steps = np.linspace(0.0, 1.0, len(_RAMP))
     channels = [np.interp(share, steps, channel) for channel in _RAMP.T]
-    colours: Image = np.rint(np.column_stack(channels)).astype(np.uint8)
-    return colours
+    colors: Image = np.rint(np.column_stack(channels)).astype(np.uint8)
+    return colors
 
 
 def _with_boxes(image: Image, eye: Eye, boxes: Sequence[tuple[ArrayLike, ArrayLike]]) -> Image:

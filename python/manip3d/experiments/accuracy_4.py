@@ -135,7 +135,7 @@ def _cases(plan: Plan) -> list[Case]:
 
 
 def _scene(case: Case, **more: Any) -> dict[str, Any]:
-    return {**case.options.get("scene", {}), "seed": case.options["seed"], "colour": "none", **more}
+    return {**case.options.get("scene", {}), "seed": case.options["seed"], "color": "none", **more}
 
 
 def _median(values: Any) -> float:

@@ -32,9 +32,9 @@ def triangulate(case: Case) -> Row:
     assert isinstance(chosen, simplify.DepthMesh)
     mesh = chosen.mesh
     if case.options["method"] == "plain":
-        triangles = simplify.grid_delaunay(chosen.pixels)
-        material = np.zeros(len(triangles), np.int32) if mesh.materials else None
-        mesh = mesh.replace(faces=triangles, face_texcoords=triangles, face_material=material)
+        faces = simplify.grid_delaunay(chosen.pixels)
+        material = np.zeros(len(faces), np.int32) if mesh.materials else None
+        mesh = mesh.replace(faces=faces, face_texcoords=faces, face_material=material)
     dense = image.dense().mesh
     metro = metrics.metro(dense, mesh, sampling="area", samples=5 * dense.num_faces)
     corners = mesh.vertices[mesh.faces]

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _MODELS = ("Buddha",)
 _SHARES = {"full": (0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2), "quick": (0.05, 0.1)}
-_COLOURS = {"lios": "#E69F00", "cios": "#0072B2"}
+_COLORS = {"lios": "#E69F00", "cios": "#0072B2"}
 
 
 def _cases(plan: Plan) -> list[Case]:
@@ -67,7 +67,7 @@ def _plots(rows: Sequence[Row]) -> dict[str, Figure]:
                 [row["points"] for row in curve],
                 [row["metro_area"] * 1e3 for row in curve],
                 marker="o",
-                color=_COLOURS[method],
+                color=_COLORS[method],
                 label=SHORT[method],
             )
         axes.set(

@@ -55,7 +55,7 @@ def view_turned(case: Case) -> Row:
 def _textured(outcome: _phantom.Outcome, older: Any = None) -> Any:
     from manip3d.viewer import people
 
-    return people.textured_picture(outcome.phantom, outcome.frame.colour, phantom_colour=older)
+    return people.textured_picture(outcome.phantom, outcome.frame.color, phantom_color=older)
 
 
 def _skeleton_error(outcome: _phantom.Outcome) -> float:
@@ -102,19 +102,19 @@ def view_occluded(case: Case) -> Row:
     scene = case.options["scene"]
     scene = scene | {"occluder": tuple(scene["occluder"])}
     states, pixels, opacity = [], [], []
-    views, colours = {}, {}
+    views, colors = {}, {}
     for time, outcome in zip(
         times, _phantom.outcomes(scene, {"affected": _LIMB}, times), strict=True
     ):
-        assert outcome.frame.colour is not None
-        colours[outcome.frame.number] = outcome.frame.colour
+        assert outcome.frame.color is not None
+        colors[outcome.frame.number] = outcome.frame.color
         states.append(outcome.phantom.state.value)
         pixels.append(int(_phantom.covered(outcome.phantom).sum()))
         opacity.append(outcome.phantom.opacity)
         for name, moment in (("before", 1.3), ("hidden for 0.3 s", 1.7), ("for 1.4 s", 2.8)):
             if abs(time - moment) < 0.5 / rate:
                 box = _phantom.box_of(outcome.truth.people == 0, 40)
-                older = colours.get(outcome.phantom.texture_number)
+                older = colors.get(outcome.phantom.texture_number)
                 picture = _textured(outcome, older)
                 views[name] = _phantom.packed(picture[box])
     return {"views": views, "times": times, "states": states, "pixels": pixels, "opacity": opacity}

@@ -43,12 +43,12 @@ def view_textures(case: Case) -> Row:
         options = {"affected": _LIMB, "texturing": texturing}
         (outcome,) = _phantom.outcomes(scene, options, [time])
         box = _phantom.box_of(outcome.phantom.kinds > 0)
-        picture = people.textured_picture(outcome.phantom, outcome.frame.colour)
+        picture = people.textured_picture(outcome.phantom, outcome.frame.color)
         views[name] = _phantom.packed(picture[box])
-    return {"views": views} | _origin_of_colours(outcome)
+    return {"views": views} | _origin_of_colors(outcome)
 
 
-def _origin_of_colours(outcome: _phantom.Outcome) -> dict[str, Any]:
+def _origin_of_colors(outcome: _phantom.Outcome) -> dict[str, Any]:
     """Shares of the phantom's pixels whose colour is the intact limb's, in truth."""
     from manip3d.simulate import LIMBS, opposite
 

@@ -39,18 +39,18 @@ def view_leg(case: Case) -> Row:
         options["scene"], {"affected": options["limb"]}, [options["time"]]
     )
     box = _phantom.box_of(outcome.phantom.kinds > 0)
-    colour = outcome.frame.colour
-    assert colour is not None
+    color = outcome.frame.color
+    assert color is not None
     truth = _phantom.true_cover(outcome, options["limb"])
     shown = _phantom.covered(outcome.phantom)
     return {
         "views": {
-            "a) scene": _phantom.packed(np.ascontiguousarray(colour[box])),
+            "a) scene": _phantom.packed(np.ascontiguousarray(color[box])),
             "b) as captured": _phantom.packed(
-                people.textured_picture(outcome.phantom, colour, with_phantom=False)[box]
+                people.textured_picture(outcome.phantom, color, with_phantom=False)[box]
             ),
             "c) with the phantom": _phantom.packed(
-                people.textured_picture(outcome.phantom, colour)[box]
+                people.textured_picture(outcome.phantom, color)[box]
             ),
         },
         "phantom": int(shown.sum()),

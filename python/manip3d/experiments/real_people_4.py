@@ -84,7 +84,7 @@ def run_sequence(case: Case) -> Row:
 def _is_whole(phantom: PhantomFrame) -> bool:
     """Are the numbers of a frame's mesh what they say?"""
     num_vertices = len(phantom.vertices)
-    inside = phantom.triangles.size == 0 or int(phantom.triangles.max()) < num_vertices
+    inside = phantom.faces.size == 0 or int(phantom.faces.max()) < num_vertices
     return inside and bool(np.isfinite(phantom.vertices).all())
 
 
@@ -125,13 +125,13 @@ def texture_image(case: Case) -> Row:
         frame = tracker.annotate(datasets.open_people(f"people:{name}")[case.options["number"]])
     if not frame.skeletons:
         return {"found": False, "views": {}}
-    assert frame.colour is not None
-    views = {"as recorded": _cut(frame, frame.colour)}
+    assert frame.color is not None
+    views = {"as recorded": _cut(frame, frame.color)}
     textured = []
     for limb in _LIMBS:
         phantom = PhantomPipeline(limb, smoothing=None).process(frame)
-        views[limb.replace("_", " ")] = _cut(frame, people.textured_picture(phantom, frame.colour))
-        textured.append(float(np.isfinite(phantom.uvs).all(axis=1).mean()))
+        views[limb.replace("_", " ")] = _cut(frame, people.textured_picture(phantom, frame.color))
+        textured.append(float(np.isfinite(phantom.texcoords).all(axis=1).mean()))
     return {
         "found": True,
         "joints": int((frame.skeletons[0].states == TRACKED).sum()),

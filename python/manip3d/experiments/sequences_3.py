@@ -97,10 +97,10 @@ def _frames(options: Any) -> tuple[list[NDArray[Any]], Intrinsics, NDArray[np.ui
 
         scene = simulate.depth.room(width=options["width"], height=options["width"] * 3 // 4)
         seeds = range(options["seed"], options["seed"] + options["names"])
-        return [scene.capture(rng=i).depth for i in seeds], scene.intrinsics, scene.colour
+        return [scene.capture(rng=i).depth for i in seeds], scene.intrinsics, scene.color
     frames = [datasets.load_frame(source[0], name) for name in options["names"]]
     depths = [f.person if options["kind"] == "person" else f.depth for f in frames]
-    return list(depths), frames[0].intrinsics, frames[-1].colour
+    return list(depths), frames[0].intrinsics, frames[-1].color
 
 
 def _steady(depths: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
@@ -131,7 +131,7 @@ def measure(case: Case) -> Row:
     from manip3d import metrics
 
     options = case.options
-    depths, camera, colour = _frames(options)
+    depths, camera, color = _frames(options)
     max_edge = MAX_EDGE if options["kind"] == "scene" else None
     points = math.floor(_SHARE * int((depths[0] > 0).sum()))
     operator = _operator(options["method"], camera, points, max_edge)
@@ -148,7 +148,7 @@ def measure(case: Case) -> Row:
         metrics.range_image_error(depth, camera, mesh).mean_square_mm2
         for depth, mesh in zip(depths[counted], meshes[counted], strict=True)
     ]
-    last = replace(meshes[-1], colour=colour)
+    last = replace(meshes[-1], color=color)
     return {
         "frames": restless.frames,
         "points": meshes[-1].num_vertices,

@@ -258,13 +258,13 @@ _POINTS = 5000
 def _depth_commands(recorded: bool) -> list[str]:
     if recorded:
         return [
-            f"manip3d depth {_DESK}_depth.png --colour {_DESK}_color.png --intrinsics tum-fr2 "
+            f"manip3d depth {_DESK}_depth.png --color {_DESK}_color.png --intrinsics tum-fr2 "
             f"--points {_POINTS} -o scene.glb"
         ]
     return [
-        "manip3d capture record 'sim:body?motion=wave&rate=8' --frames 8 --lossless-colour "
+        "manip3d capture record 'sim:body?motion=wave&rate=8' --frames 8 --lossless-color "
         "-o recording",
-        "manip3d depth recording/depth/000007.png --colour recording/colour/000007.png "
+        "manip3d depth recording/depth/000007.png --color recording/colour/000007.png "
         f"--intrinsics 365,365,255.5,211.5 --points {_POINTS} -o scene.glb",
     ]
 

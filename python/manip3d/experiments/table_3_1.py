@@ -20,7 +20,7 @@ def count(case: Case) -> Row:
         "faces": dense.num_faces,
         "vertices": dense.num_vertices,
         "image": f"{columns} x {rows}",
-        "coloured": image.colour is not None,
+        "coloured": image.color is not None,
     }
 
 

@@ -69,7 +69,7 @@ def time_steps(case: Case) -> Row:
     pipeline = PhantomPipeline(affected=options["scene"]["amputated"])
     step = round(1e9 / simulator.rate)
     stages: dict[str, list[float]] = {name: [] for name in _STEPS}
-    whole, points, triangles = [], [], []
+    whole, points, faces = [], [], []
     for number in range(len(loop) + options["frames"]):
         frame = replace(loop[number % len(loop)], number=number, time=number * step)
         begun = time.thread_time_ns()
@@ -79,7 +79,7 @@ def time_steps(case: Case) -> Row:
             continue
         whole.append(spent * 1e-6)
         points.append(phantom.num_points)
-        triangles.append(len(phantom.triangles))
+        faces.append(len(phantom.faces))
         for name in _STEPS:
             stages[name].append(phantom.seconds[name] * 1e3)
     row: Row = {name: float(np.median(values)) for name, values in stages.items()}
@@ -89,7 +89,7 @@ def time_steps(case: Case) -> Row:
         "whole_p99": float(np.quantile(whole, 0.99)),
         "whole_max": float(np.max(whole)),
         "points": round(float(np.mean(points))),
-        "triangles": round(float(np.mean(triangles))),
+        "faces": round(float(np.mean(faces))),
         "timed_frames": len(whole),
     }
 

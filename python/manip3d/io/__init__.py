@@ -6,7 +6,7 @@ than the file can hold end in a `FormatError` that names the file and the line o
 
 from __future__ import annotations
 
-from manip3d.io._depth_files import DEPTH_SUFFIXES, is_colour_png, read_depth
+from manip3d.io._depth_files import DEPTH_SUFFIXES, is_color_png, read_depth
 from manip3d.io._depth_units import (
     DEPTH_UNITS,
     DepthReading,
@@ -41,7 +41,7 @@ __all__ = [
     "ReadReport",
     "describe_unit",
     "guess_depth_unit",
-    "is_colour_png",
+    "is_color_png",
     "is_url",
     "local_copy",
     "local_output",

@@ -86,7 +86,7 @@ def read_stored_depth(
 
 
 @checked
-def is_colour_png(path: str | os.PathLike[str]) -> bool:
+def is_color_png(path: str | os.PathLike[str]) -> bool:
     """Return whether a file is a PNG of at most 8 bits: a picture or a mask, no depth image."""
     with open_regular(path_of(path)) as file:
         header = file.read(26)

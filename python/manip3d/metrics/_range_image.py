@@ -386,7 +386,7 @@ def _lifted(
 
 def _plain(mesh: Mesh | DepthMesh) -> Mesh:
     """Without texture: nobody looks at it here."""
-    return Mesh(mesh.vertices, mesh.triangles) if isinstance(mesh, DepthMesh) else mesh
+    return Mesh(mesh.vertices, mesh.faces) if isinstance(mesh, DepthMesh) else mesh
 
 
 def _render(

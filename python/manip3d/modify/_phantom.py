@@ -174,9 +174,9 @@ class PhantomFrame:
         repeat some with the phantom's texture, where body and phantom meet.
     pixels : (n, 2) int32
         Column and row of each vertex.
-    uvs : (n, 2) float32
+    texcoords : (n, 2) float32
         Into the colour image, v up; NaN where the colour camera sees nothing.
-    triangles : (m, 3) int32
+    faces : (m, 3) int32
         Front faces look at the camera.
     num_points : int
     skeleton : Skeleton
@@ -198,9 +198,9 @@ class PhantomFrame:
         away from the camera, and filled as holes.
     late_frames : int
         Frames passed over so far because they were not newer than the one before.
-    colour : (H', W', 3) uint8 or None
+    color : (H', W', 3) uint8 or None
         The frame's own, for the body.
-    phantom_colour : (H', W', 3) uint8 or None
+    phantom_color : (H', W', 3) uint8 or None
         Of frame ``texture_number``, for the phantom.
     seconds : dict of str to float
         By stage, in the order of table 4.1; wall time.
@@ -212,8 +212,8 @@ class PhantomFrame:
     source: NDArray[np.int32] = field(repr=False)
     vertices: NDArray[np.float32] = field(repr=False)
     pixels: NDArray[np.int32] = field(repr=False)
-    uvs: NDArray[np.float32] = field(repr=False)
-    triangles: NDArray[np.int32] = field(repr=False)
+    texcoords: NDArray[np.float32] = field(repr=False)
+    faces: NDArray[np.int32] = field(repr=False)
     num_points: int
     skeleton: Skeleton = field(repr=False)
     state: PhantomState
@@ -230,8 +230,8 @@ class PhantomFrame:
     num_filled: int
     late_frames: int
     seconds: dict[str, float] = field(repr=False)
-    colour: NDArray[np.uint8] | None = field(default=None, repr=False)
-    phantom_colour: NDArray[np.uint8] | None = field(default=None, repr=False)
+    color: NDArray[np.uint8] | None = field(default=None, repr=False)
+    phantom_color: NDArray[np.uint8] | None = field(default=None, repr=False)
 
     @property
     def phantom(self) -> NDArray[np.bool_]:
@@ -249,7 +249,7 @@ class PhantomFrame:
         column, row = self.pixels.T
         is_phantom = self.phantom[row, column]
         is_phantom[self.num_points :] = True  # body pixels again, with the phantom's texture
-        return np.asarray(is_phantom[self.triangles].any(axis=1))
+        return np.asarray(is_phantom[self.faces].any(axis=1))
 
     def parts(self) -> tuple[DepthMesh, DepthMesh]:
         """Body and phantom as two meshes on the same vertices, each with the colours of its frame.
@@ -261,19 +261,19 @@ class PhantomFrame:
 
         chosen = self.phantom_triangles
         body, phantom = (
-            DepthMesh(self.vertices, self.triangles[which], self.pixels, self.uvs, colour)
-            for which, colour in ((~chosen, self.colour), (chosen, self.phantom_colour))
+            DepthMesh(self.vertices, self.faces[which], self.pixels, self.texcoords, color)
+            for which, color in ((~chosen, self.color), (chosen, self.phantom_color))
         )
         return body, phantom
 
-    def mesh(self, colour: NDArray[np.uint8] | None = None) -> DepthMesh:
-        """The textured mesh as a `manip3d.simplify.DepthMesh`; ``colour`` is the frame's.
+    def mesh(self, color: NDArray[np.uint8] | None = None) -> DepthMesh:
+        """The textured mesh as a `manip3d.simplify.DepthMesh`; ``color`` is the frame's.
 
         One mesh has one texture: where the phantom is held, `parts` has the right ones.
         """
         from manip3d.simplify import DepthMesh
 
-        return DepthMesh(self.vertices, self.triangles, self.pixels, self.uvs, colour)
+        return DepthMesh(self.vertices, self.faces, self.pixels, self.texcoords, color)
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,8 +286,8 @@ class _Buffers:
     source: NDArray[np.int32]
     vertices: NDArray[np.float32]
     pixels: NDArray[np.int32]
-    uvs: NDArray[np.float32]
-    triangles: NDArray[np.int32]
+    texcoords: NDArray[np.float32]
+    faces: NDArray[np.int32]
 
     @staticmethod
     def of_size(rows: int, cols: int) -> _Buffers:
@@ -437,7 +437,7 @@ class PhantomPipeline:
         options.mesh.texturing = _core.Texturing.__members__[texturing.upper()]
         self._core = _core.PhantomPipeline(options)
         self._last: PhantomFrame | None = None
-        self._phantom_colour: NDArray[np.uint8] | None = None
+        self._phantom_color: NDArray[np.uint8] | None = None
         self._lock = threading.RLock()
 
     def process(self, frame: RgbdFrame) -> PhantomFrame:
@@ -467,9 +467,9 @@ class PhantomPipeline:
                 late = report["late_frames"]
                 return replace(self._last, state=PhantomState.LATE, late_frames=late)
             if report["state"] in (_core.PhantomState.TRACKING, _core.PhantomState.DEGRADED):
-                self._phantom_colour = frame.colour
+                self._phantom_color = frame.color
             self._last = replace(
-                _frame(report, buffers), colour=frame.colour, phantom_colour=self._phantom_colour
+                _frame(report, buffers), color=frame.color, phantom_color=self._phantom_color
             )
             return self._last
 
@@ -487,12 +487,12 @@ class PhantomPipeline:
         """Forget all frames: for another person, or another recording."""
         with self._lock:
             self._core.reset()
-            self._last = self._phantom_colour = None
+            self._last = self._phantom_color = None
         return self
 
 
 def _frame(report: dict[str, Any], buffers: _Buffers) -> PhantomFrame:
-    vertices, triangles = report.pop("num_vertices"), report.pop("num_triangles")
+    vertices, faces = report.pop("num_vertices"), report.pop("num_faces")
     plane = report.pop("plane")
     return PhantomFrame(
         depth=buffers.depth,
@@ -501,8 +501,8 @@ def _frame(report: dict[str, Any], buffers: _Buffers) -> PhantomFrame:
         source=buffers.source,
         vertices=buffers.vertices[:vertices],
         pixels=buffers.pixels[:vertices],
-        uvs=buffers.uvs[:vertices],
-        triangles=buffers.triangles[:triangles],
+        texcoords=buffers.texcoords[:vertices],
+        faces=buffers.faces[:faces],
         skeleton=Skeleton(**report.pop("skeleton")),
         state=PhantomState(report.pop("state").name.lower()),
         reason=PhantomReason(report.pop("reason").name.lower()),

@@ -185,9 +185,9 @@ class PoseTracker:
         InputError
             The frame has no colour, or not in the depth image's pixels.
         """
-        if frame.colour is None or frame.colour.shape[:2] != frame.depth.shape:
-            raise InputError("frame.colour: expected colour with the depth image's pixels")
-        landmarks = self._pose.process(frame.colour)
+        if frame.color is None or frame.color.shape[:2] != frame.depth.shape:
+            raise InputError("frame.color: expected colour with the depth image's pixels")
+        landmarks = self._pose.process(frame.color)
         if landmarks.pose_landmarks is None:
             return None
         height, width = frame.depth.shape

@@ -22,7 +22,7 @@ from manip3d.mesh import Material, Mesh, Texture
 from manip3d.simplify._depth import (
     DepthSimplification,
     Variant,
-    _colour_image,
+    _color_image,
     _count,
     _max_edge,
     _png,
@@ -49,7 +49,7 @@ class CameraView:
         With ``points``; default: where they are finite.
     pose : (4, 4) float64
         Rigid transform of the view's frame to the one that all views share.
-    colour : (H', W', 3 or 4) uint8, optional
+    color : (H', W', 3 or 4) uint8, optional
     registration : Registration, optional
         As for `cs3`; with ``depth`` only.
     rows_up : bool
@@ -61,7 +61,7 @@ class CameraView:
     points: ArrayLike | None = None
     valid: ArrayLike | None = None
     pose: ArrayLike = field(default_factory=lambda: np.eye(4))
-    colour: ArrayLike | None = None
+    color: ArrayLike | None = None
     registration: Registration | None = None
     rows_up: bool = True
 
@@ -74,14 +74,14 @@ class JointSimplification(Showable):
     ----------
     vertices : (n, 3) float64
         In the shared frame: measured points, moved by their view's pose only.
-    triangles : (m, 3) int32
+    faces : (m, 3) int32
     vertex_view : (n,) int32
         The view that measured each vertex.
     pixels : (n, 2) int32
         Its column and row there.
     triangle_view : (m,) int32
         The view that each triangle was made in, and whose picture it shows.
-    corner_uvs : (m, 3, 2) float32
+    corner_texcoords : (m, 3, 2) float32
         Texture coordinates of its corners in that picture, v up; NaN: not seen.
     covered : tuple of (H, W) bool
         Of each view, the valid pixels that show what earlier views had already sampled.
@@ -90,14 +90,14 @@ class JointSimplification(Showable):
     """
 
     vertices: NDArray[np.float64] = field(repr=False)
-    triangles: NDArray[np.int32] = field(repr=False)
+    faces: NDArray[np.int32] = field(repr=False)
     vertex_view: NDArray[np.int32] = field(repr=False)
     pixels: NDArray[np.int32] = field(repr=False)
     triangle_view: NDArray[np.int32] = field(repr=False)
-    corner_uvs: NDArray[np.float32] = field(repr=False)
+    corner_texcoords: NDArray[np.float32] = field(repr=False)
     covered: tuple[NDArray[np.bool_], ...] = field(repr=False)
     views: tuple[DepthSimplification, ...] = field(repr=False)
-    colours: tuple[NDArray[np.uint8] | None, ...] = field(repr=False)
+    colors: tuple[NDArray[np.uint8] | None, ...] = field(repr=False)
 
     @property
     def num_vertices(self) -> int:
@@ -107,28 +107,28 @@ class JointSimplification(Showable):
     @property
     def num_faces(self) -> int:
         """Number of triangles."""
-        return len(self.triangles)
+        return len(self.faces)
 
     @cached_property
     def mesh(self) -> Mesh:
         """The same as a `Mesh`; views with colour are materials with textures (PNG)."""
-        uvs = self.corner_uvs.reshape(-1, 2)
-        corners = np.arange(len(uvs), dtype=np.int32)
-        corners[np.isnan(uvs[:, 0])] = -1
+        texcoords = self.corner_texcoords.reshape(-1, 2)
+        corners = np.arange(len(texcoords), dtype=np.int32)
+        corners[np.isnan(texcoords[:, 0])] = -1
         mesh = Mesh(
             self.vertices,
-            self.triangles,
-            texcoords=np.nan_to_num(uvs),
+            self.faces,
+            texcoords=np.nan_to_num(texcoords),
             face_texcoords=corners.reshape(-1, 3),
         )
-        if all(colour is None for colour in self.colours):
+        if all(color is None for color in self.colors):
             return mesh
         materials = tuple(
             Material(
                 f"view {i}",
                 textures={} if c is None else {"base_color": Texture(data=_png(c))},
             )
-            for i, c in enumerate(self.colours)
+            for i, c in enumerate(self.colors)
         )
         return mesh.replace(face_material=self.triangle_view, materials=materials)
 
@@ -141,7 +141,7 @@ class _View:
     valid: NDArray[np.bool_]
     rows_up: bool
     pose: NDArray[np.float64]
-    colour: NDArray[np.uint8] | None
+    color: NDArray[np.uint8] | None
     registration: Registration | None
 
     @property
@@ -171,17 +171,17 @@ def _take(view: CameraView, index: int, threads: int) -> _View:
         raise InputError(f"{name}: expected either depth with intrinsics, or points")
     if view.points is not None:
         points, valid = _point_grid(view.points, view.valid)
-        colour = _colour_image(view.colour, valid.shape)
-        return _View(points, valid, bool(view.rows_up), pose, colour, None)
+        color = _color_image(view.color, valid.shape)
+        return _View(points, valid, bool(view.rows_up), pose, color, None)
     if view.intrinsics is None:
         raise InputError(f"{name}: expected intrinsics beside depth")
     assert view.depth is not None
     image = _depth_image(view.depth, view.intrinsics)
-    colour = _colour_image(view.colour, image.shape, view.registration)
+    color = _color_image(view.color, image.shape, view.registration)
     flat, flags, rows_up = _core.unproject(image, view.intrinsics, threads)
     points = flat.reshape(*image.shape, 3)
     valid = flags.reshape(image.shape).view(np.bool_)
-    return _View(points, valid, rows_up, pose, colour, view.registration)
+    return _View(points, valid, rows_up, pose, color, view.registration)
 
 
 def _normals(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
@@ -259,19 +259,19 @@ class _Joint:
 
     def __init__(self) -> None:
         self.vertices = np.empty((0, 3))
-        self.triangles = np.empty((0, 3), np.int32)
+        self.faces = np.empty((0, 3), np.int32)
         self.vertex_view = np.empty(0, np.int32)
         self.pixels = np.empty((0, 2), np.int32)
         self.triangle_view = np.empty(0, np.int32)
-        self.corner_uvs = np.empty((0, 3, 2), np.float32)
+        self.corner_texcoords = np.empty((0, 3, 2), np.float32)
 
     def border_in(
         self, view: _View, dense: Mesh, pixel_of: NDArray[np.int32], tolerance: float, threads: int
     ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Vertices on the border that the view sees too, and the pixels nearest to them there."""
-        if not len(self.triangles) or not dense.num_faces:
+        if not len(self.faces) or not dense.num_faces:
             return np.empty(0, np.int32), np.empty((0, 2), np.int32)
-        border = _Surface(self.vertices, self.triangles).boundary.astype(np.int32)
+        border = _Surface(self.vertices, self.faces).boundary.astype(np.int32)
         distance, face, foot = _core.closest_points(
             dense, np.ascontiguousarray(self.vertices[border]), threads, None
         )
@@ -307,31 +307,31 @@ class _Joint:
         corners = corners[open_pixels[centroids[:, 1], centroids[:, 0]]]
         if not view.rows_up:
             corners = corners[:, [0, 2, 1]]
-        triangles = vertex[corners]
-        keep = self._fits(triangles)
+        faces = vertex[corners]
+        keep = self._fits(faces)
         # A border vertex sits at the nearest pixel, not exactly where it is seen: a sliver of the
         # seam may have turned over.
         seam = (corners < len(border[0])).any(axis=1)
         centroids = (2 * pixels[corners].sum(axis=1) + 3) // 6
-        facing = _normals(vertices, triangles) * normals[centroids[:, 1], centroids[:, 0]]
+        facing = _normals(vertices, faces) * normals[centroids[:, 1], centroids[:, 0]]
         keep &= ~seam | (facing.sum(axis=1) > 0)
         if max_edge < math.inf:
-            sides = vertices[triangles] - vertices[np.roll(triangles, 1, axis=1)]
+            sides = vertices[faces] - vertices[np.roll(faces, 1, axis=1)]
             keep &= np.linalg.norm(sides, axis=2).max(axis=1) <= max_edge
-        uvs = _uvs(view, vertices[vertex], pixels)
+        texcoords = _uvs(view, vertices[vertex], pixels)
         self.vertices = vertices
-        self.triangles = np.concatenate([self.triangles, triangles[keep]])
+        self.faces = np.concatenate([self.faces, faces[keep]])
         self.vertex_view = np.concatenate([self.vertex_view, np.full(len(new), index, np.int32)])
         self.pixels = np.concatenate([self.pixels, chosen.pixels[own]])
         self.triangle_view = np.concatenate(
             [self.triangle_view, np.full(keep.sum(), index, np.int32)]
         )
-        self.corner_uvs = np.concatenate([self.corner_uvs, uvs[corners[keep]]])
+        self.corner_texcoords = np.concatenate([self.corner_texcoords, texcoords[corners[keep]]])
 
-    def _fits(self, triangles: NDArray[np.int32]) -> NDArray[np.bool_]:
+    def _fits(self, faces: NDArray[np.int32]) -> NDArray[np.bool_]:
         """Triangles that leave no edge with more than two faces; of several the first ones."""
-        old, old_counts = np.unique(_edge_keys(self.triangles), return_counts=True)
-        new = _edge_keys(triangles)
+        old, old_counts = np.unique(_edge_keys(self.faces), return_counts=True)
+        new = _edge_keys(faces)
         order = np.argsort(new, kind="stable")
         ordered = new[order]
         place = np.searchsorted(old, ordered)
@@ -350,8 +350,8 @@ def _pixel_keys(pixels: NDArray[np.int32]) -> NDArray[np.int64]:
     return keys
 
 
-def _edge_keys(triangles: NDArray[np.int32]) -> NDArray[np.int64]:
-    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
+def _edge_keys(faces: NDArray[np.int32]) -> NDArray[np.int64]:
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
     keys: NDArray[np.int64] = edges[:, 0] << 32 | edges[:, 1]
     return keys
 
@@ -359,10 +359,10 @@ def _edge_keys(triangles: NDArray[np.int32]) -> NDArray[np.int64]:
 def _uvs(view: _View, world: NDArray[np.float64], pixels: NDArray[np.int32]) -> NDArray[np.float32]:
     if view.registration is not None:
         local = product(world - view.pose[:3, 3], view.pose[:3, :3])
-        uvs: NDArray[np.float32] = _core.registered_uvs(
+        texcoords: NDArray[np.float32] = _core.registered_texcoords(
             np.ascontiguousarray(local, dtype=np.float32), view.registration
         )
-        return uvs
+        return texcoords
     height, width = view.valid.shape
     u, v = pixels.T
     return np.column_stack([(u + 0.5) / width, 1 - (v + 0.5) / height]).astype(np.float32)
@@ -420,7 +420,7 @@ def cs3_cameras(
     near = [tolerance or 5.0 * _spacing(view) for view in taken]
     dense = [_core.grid_mesh(v.points, v.valid, v.rows_up, math.inf, None, threads) for v in taken]
     surfaces = [
-        _Surface(view.world, fields["triangles"]) for view, fields in zip(taken, dense, strict=True)
+        _Surface(view.world, fields["faces"]) for view, fields in zip(taken, dense, strict=True)
     ]
     normals = [_pixel_normals(view) for view in taken]
     facing = [n[view.valid] for n, view in zip(normals, taken, strict=True)]
@@ -442,7 +442,7 @@ def cs3_cameras(
     for i, view in enumerate(taken):
         covered = np.zeros(view.valid.shape, bool)
         if i > 0:
-            so_far = _Surface(joint.vertices, joint.triangles)
+            so_far = _Surface(joint.vertices, joint.faces)
             covered[view.valid] = so_far.covers(view.world, facing[i], near[i], threads)
         open_pixels = view.valid & ~covered
         share = min(remaining, math.floor(rate * int(open_pixels.sum())))
@@ -462,12 +462,12 @@ def cs3_cameras(
         chosen_views.append(chosen)
     return JointSimplification(
         joint.vertices,
-        joint.triangles,
+        joint.faces,
         joint.vertex_view,
         joint.pixels,
         joint.triangle_view,
-        joint.corner_uvs,
+        joint.corner_texcoords,
         tuple(all_covered),
         tuple(chosen_views),
-        tuple(view.colour for view in taken),
+        tuple(view.color for view in taken),
     )

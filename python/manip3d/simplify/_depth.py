@@ -54,21 +54,21 @@ class DepthMesh(Showable):
     ----------
     vertices : (n, 3) float32
         Points of the input, unchanged; metres for depth images, else the input's unit.
-    triangles : (m, 3) int32
+    faces : (m, 3) int32
         Front faces look at the sensor.
     pixels : (n, 2) int32
         Column u and row v of each vertex.
-    uvs : (n, 2) float32
+    texcoords : (n, 2) float32
         Texture coordinates, v up; NaN where the colour camera cannot see the point.
-    colour : (H', W', 3 or 4) uint8, optional
-        The image that ``uvs`` refer to.
+    color : (H', W', 3 or 4) uint8, optional
+        The image that ``texcoords`` refer to.
     """
 
     vertices: NDArray[np.float32] = field(repr=False)
-    triangles: NDArray[np.int32] = field(repr=False)
+    faces: NDArray[np.int32] = field(repr=False)
     pixels: NDArray[np.int32] = field(repr=False)
-    uvs: NDArray[np.float32] = field(repr=False)
-    colour: NDArray[np.uint8] | None = field(repr=False)
+    texcoords: NDArray[np.float32] = field(repr=False)
+    color: NDArray[np.uint8] | None = field(repr=False)
 
     def __repr__(self) -> str:
         sizes = f"{self.num_vertices} vertices, {self.num_faces} faces"
@@ -82,7 +82,7 @@ class DepthMesh(Showable):
     @property
     def num_faces(self) -> int:
         """Number of triangles."""
-        return len(self.triangles)
+        return len(self.faces)
 
     def gpu_buffers(
         self,
@@ -93,16 +93,16 @@ class DepthMesh(Showable):
         -------
         positions : (n, 3) float32
             ``vertices`` itself.
-        uvs : (n, 2) float32
+        texcoords : (n, 2) float32
             v down, as images are stored; 0 where the colour camera cannot see the point.
         indices : (3 m,) uint16 where they fit, else uint32
         """
-        uvs = self.uvs.copy()
-        uvs[:, 1] = 1 - uvs[:, 1]
-        uvs[np.isnan(uvs)] = 0
-        flat = self.triangles.reshape(-1)
+        texcoords = self.texcoords.copy()
+        texcoords[:, 1] = 1 - texcoords[:, 1]
+        texcoords[np.isnan(texcoords)] = 0
+        flat = self.faces.reshape(-1)
         small = self.num_vertices < 2**16  # index 65 535 restarts a primitive
-        return self.vertices, uvs, flat.astype(np.uint16) if small else flat.view(np.uint32)
+        return self.vertices, texcoords, flat.astype(np.uint16) if small else flat.view(np.uint32)
 
     @cached_property
     def mesh(self) -> Mesh:
@@ -113,30 +113,30 @@ class DepthMesh(Showable):
         MissingExtraError
             There is a colour image and Pillow is not installed.
         """
-        seen = np.isfinite(self.uvs[:, 0])
-        corners = np.where(seen[self.triangles], self.triangles, np.int32(-1))
+        seen = np.isfinite(self.texcoords[:, 0])
+        corners = np.where(seen[self.faces], self.faces, np.int32(-1))
         mesh = Mesh(
             self.vertices,
-            self.triangles,
-            texcoords=np.where(seen[:, None], self.uvs, np.float32(0)),
+            self.faces,
+            texcoords=np.where(seen[:, None], self.texcoords, np.float32(0)),
             face_texcoords=corners,
         )
-        if self.colour is None:
+        if self.color is None:
             return mesh
-        texture = Texture(data=_png(self.colour))
+        texture = Texture(data=_png(self.color))
         return mesh.replace(
             face_material=np.zeros(self.num_faces, np.int32),
             materials=(Material("colour", textures={"base_color": texture}),),
         )
 
 
-def _png(colour: NDArray[np.uint8]) -> bytes:
+def _png(color: NDArray[np.uint8]) -> bytes:
     try:
         from PIL import Image
     except ImportError as error:
         raise MissingExtraError("Pillow", "io") from error
     buffer = io.BytesIO()
-    Image.fromarray(colour).save(buffer, "PNG")
+    Image.fromarray(color).save(buffer, "PNG")
     return buffer.getvalue()
 
 
@@ -159,19 +159,19 @@ def _point_grid(
     return grid, np.ascontiguousarray(mask)
 
 
-def _colour_image(
-    colour: ArrayLike | None, shape: tuple[int, ...], registration: Registration | None = None
+def _color_image(
+    color: ArrayLike | None, shape: tuple[int, ...], registration: Registration | None = None
 ) -> NDArray[np.uint8] | None:
     if registration is not None:
         if not isinstance(registration, Registration):
             raise InputError(f"registration: expected Registration, got {registration!r}")
-        shape = (registration.colour.height, registration.colour.width)
-    if colour is None:
+        shape = (registration.color.height, registration.color.width)
+    if color is None:
         return None
-    image = np.asarray(colour)
+    image = np.asarray(color)
     if image.dtype != np.uint8 or image.shape not in ((*shape, 3), (*shape, 4)):
         raise InputError(
-            f"colour: expected uint8 of shape ({shape[0]}, {shape[1]}, 3 or 4), "
+            f"color: expected uint8 of shape ({shape[0]}, {shape[1]}, 3 or 4), "
             f"got {image.dtype} of {image.shape}"
         )
     return image
@@ -218,7 +218,7 @@ def dense_mesh(
     depth: ArrayLike,
     intrinsics: Intrinsics,
     *,
-    colour: ArrayLike | None = None,
+    color: ArrayLike | None = None,
     registration: Registration | None = None,
     max_edge: float | None = None,
     threads: int = 1,
@@ -230,8 +230,8 @@ def dense_mesh(
     depth : (H, W) uint16 in millimetres or float32 in metres
         0 and NaN mean no measurement.
     intrinsics : Intrinsics
-    colour : (H', W', 3 or 4) uint8, optional
-        Of the depth image's size, or that of ``registration.colour``.
+    color : (H', W', 3 or 4) uint8, optional
+        Of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
         Where the colour camera stands; without it both images share their pixels.
     max_edge : float, metres, optional
@@ -251,7 +251,7 @@ def dense_mesh(
         Another shape or dtype, a negative or infinite depth, or an option out of range.
     """
     image = _depth_image(depth, intrinsics)
-    picture = _colour_image(colour, image.shape, registration)
+    picture = _color_image(color, image.shape, registration)
     threads = threads_of(threads)
     points, valid, rows_up = _core.unproject(image, intrinsics, threads)
     fields = _core.grid_mesh(
@@ -262,7 +262,7 @@ def dense_mesh(
         registration,
         threads,
     )
-    return DepthMesh(**fields, colour=picture)
+    return DepthMesh(**fields, color=picture)
 
 
 @checked
@@ -270,7 +270,7 @@ def dense_mesh_grid(
     points: ArrayLike,
     valid: ArrayLike | None = None,
     *,
-    colour: ArrayLike | None = None,
+    color: ArrayLike | None = None,
     rows_up: bool = True,
     max_edge: float | None = None,
     threads: int = 1,
@@ -283,7 +283,7 @@ def dense_mesh_grid(
         As of `manip3d.io.read_range_grid`. Rounded to float32.
     valid : (H, W) bool, optional
         Default: where all three coordinates are finite.
-    colour : (H, W, 3 or 4) uint8, optional
+    color : (H, W, 3 or 4) uint8, optional
     rows_up : bool
         Seen from the sensor, do rows go upward (Stanford's scans) or downward (images)? It decides
         which side of the surface is the front.
@@ -305,10 +305,10 @@ def dense_mesh_grid(
     12
     """
     grid, mask = _point_grid(points, valid)
-    picture = _colour_image(colour, mask.shape)
+    picture = _color_image(color, mask.shape)
     threads = threads_of(threads)
     fields = _core.grid_mesh(grid, mask, bool(rows_up), _max_edge(max_edge), None, threads)
-    return DepthMesh(**fields, colour=picture)
+    return DepthMesh(**fields, color=picture)
 
 
 @dataclass(frozen=True, eq=False)
@@ -316,9 +316,9 @@ class _Buffers:
     """Memory for a mesh of up to ``len(vertices)`` vertices; the core writes into it."""
 
     vertices: NDArray[np.float32]
-    triangles: NDArray[np.int32]
+    faces: NDArray[np.int32]
     pixels: NDArray[np.int32]
-    uvs: NDArray[np.float32]
+    texcoords: NDArray[np.float32]
 
     @staticmethod
     def of_size(capacity: int) -> _Buffers:
@@ -381,15 +381,15 @@ def _reading(choices: dict[str, str | float]) -> _core.Cs3Reading:
 
 
 def _result(
-    report: dict[str, Any], buffers: _Buffers, colour: NDArray[np.uint8] | None
+    report: dict[str, Any], buffers: _Buffers, color: NDArray[np.uint8] | None
 ) -> DepthSimplification:
-    vertices, triangles = report["num_vertices"], report["num_triangles"]
+    vertices, faces = report["num_vertices"], report["num_faces"]
     return DepthSimplification(
         vertices=buffers.vertices[:vertices],
-        triangles=buffers.triangles[:triangles],
+        faces=buffers.faces[:faces],
         pixels=buffers.pixels[:vertices],
-        uvs=buffers.uvs[:vertices],
-        colour=colour,
+        texcoords=buffers.texcoords[:vertices],
+        color=color,
         reached=Reached[report["reached"].name],
         factor=report["factor"],
         literal_count=report["literal_count"],
@@ -457,12 +457,12 @@ class Cs3Stream:
         depth: ArrayLike,
         intrinsics: Intrinsics,
         *,
-        colour: ArrayLike | None = None,
+        color: ArrayLike | None = None,
         registration: Registration | None = None,
     ) -> DepthSimplification:
         """Simplify a depth image; see `cs3`."""
         image = _depth_image(depth, intrinsics)
-        picture = _colour_image(colour, image.shape, registration)
+        picture = _color_image(color, image.shape, registration)
         with self._lock:
             buffers = self._buffers(image.shape)
             report = self._core.run_depth(image, intrinsics, self._options, registration, buffers)
@@ -473,12 +473,12 @@ class Cs3Stream:
         points: ArrayLike,
         valid: ArrayLike | None = None,
         *,
-        colour: ArrayLike | None = None,
+        color: ArrayLike | None = None,
         rows_up: bool = True,
     ) -> DepthSimplification:
         """Simplify a grid of points; see `cs3_grid`."""
         grid, mask = _point_grid(points, valid)
-        picture = _colour_image(colour, mask.shape)
+        picture = _color_image(color, mask.shape)
         with self._lock:
             buffers = self._buffers(mask.shape)
             report = self._core.run_grid(grid, mask, bool(rows_up), self._options, buffers)
@@ -491,7 +491,7 @@ def cs3(
     intrinsics: Intrinsics,
     target_points: int,
     *,
-    colour: ArrayLike | None = None,
+    color: ArrayLike | None = None,
     registration: Registration | None = None,
     variant: Variant = "cios",
     max_edge: float | None = None,
@@ -508,8 +508,8 @@ def cs3(
     intrinsics : Intrinsics
     target_points : int
         Never more vertices than this, and no fewer than 99 % of it where the image has so many.
-    colour : (H', W', 3 or 4) uint8, optional
-        Of the depth image's size, or that of ``registration.colour``.
+    color : (H', W', 3 or 4) uint8, optional
+        Of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
         Where the colour camera stands; without it both images share their pixels.
     variant : 'cios', 'lios', 'cnms' or 'lnms'
@@ -563,7 +563,7 @@ def cs3(
         threads=threads,
         reading=reading,
     )
-    return stream.simplify(depth, intrinsics, colour=colour, registration=registration)
+    return stream.simplify(depth, intrinsics, color=color, registration=registration)
 
 
 @checked
@@ -572,7 +572,7 @@ def cs3_grid(
     valid: ArrayLike | None,
     target_points: int,
     *,
-    colour: ArrayLike | None = None,
+    color: ArrayLike | None = None,
     rows_up: bool = True,
     variant: Variant = "cios",
     max_edge: float | None = None,
@@ -588,7 +588,7 @@ def cs3_grid(
     valid : (H, W) bool, optional
         None: where all three coordinates are finite.
     target_points : int
-    colour : (H, W, 3 or 4) uint8, optional
+    color : (H, W, 3 or 4) uint8, optional
     rows_up : bool
         As for `dense_mesh_grid`.
     variant, max_edge, threads, reading
@@ -602,7 +602,7 @@ def cs3_grid(
     stream = Cs3Stream(
         target_points, variant=variant, max_edge=max_edge, threads=threads, reading=reading
     )
-    return stream.simplify_grid(points, valid, colour=colour, rows_up=rows_up)
+    return stream.simplify_grid(points, valid, color=color, rows_up=rows_up)
 
 
 @checked
@@ -632,5 +632,5 @@ def grid_delaunay(pixels: ArrayLike) -> NDArray[np.int32]:
     >>> manip3d.simplify.grid_delaunay([[0, 0], [1, 0], [0, 1], [1, 1]]).tolist()
     [[0, 1, 2], [2, 1, 3]]
     """
-    triangles: NDArray[np.int32] = _core.grid_delaunay(index_rows(pixels, 2, "pixels"))
-    return triangles
+    faces: NDArray[np.int32] = _core.grid_delaunay(index_rows(pixels, 2, "pixels"))
+    return faces

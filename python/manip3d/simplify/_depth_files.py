@@ -161,7 +161,7 @@ def simplify_depth(
     intrinsics: Intrinsics,
     options: DepthOptions,
     *,
-    colour: ArrayLike | None = None,
+    color: ArrayLike | None = None,
     registration: Registration | None = None,
 ) -> DepthMesh:
     """Simplify a depth image by any method, without faces across steps in depth.
@@ -173,8 +173,8 @@ def simplify_depth(
     intrinsics : Intrinsics
     options : DepthOptions
         ``intrinsics`` and ``unit`` are not looked at: the image and the camera are here.
-    colour : (H', W', 3 or 4) uint8, optional
-        Of the depth image's size, or that of ``registration.colour``.
+    color : (H', W', 3 or 4) uint8, optional
+        Of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
         Position of the colour camera; without it both images share their pixels.
 
@@ -190,7 +190,7 @@ def simplify_depth(
     """
     asked: dict[str, Any] = {
         "max_edge": options.max_edge,
-        "colour": colour,
+        "color": color,
         "registration": registration,
         "threads": options.threads,
     }
@@ -212,7 +212,7 @@ def simplify_depth_file(
     output: str | os.PathLike[str],
     options: DepthOptions,
     *,
-    colour: str | os.PathLike[str] | None = None,
+    color: str | os.PathLike[str] | None = None,
 ) -> DepthFileResult:
     """Turn one depth image or range scan into a sparse textured mesh in a file.
 
@@ -224,7 +224,7 @@ def simplify_depth_file(
         A mesh file. Depth images become metres; glTF has +y up, other formats the camera's axes.
         Scans keep their unit and axes.
     options : DepthOptions
-    colour : path-like, optional
+    color : path-like, optional
         Colour image of the same pixels: the texture.
 
     Returns
@@ -239,14 +239,14 @@ def simplify_depth_file(
         As `manip3d.io.read_depth_guessing`, `manip3d.io.read_range_grid` and `write_mesh`.
     """
     path, target = path_of(source, "source"), path_of(output, "output")
-    picture = None if colour is None else _colour_image(path_of(colour, "colour"))
+    picture = None if color is None else _color_image(path_of(color, "color"))
     if path.suffix.lower() in DEPTH_SUFFIXES:
         return _from_image(path, target, options, picture)
     return _from_scan(path, target, options, picture)
 
 
 def _from_image(
-    path: Path, output: Path, options: DepthOptions, colour: NDArray[np.uint8] | None
+    path: Path, output: Path, options: DepthOptions, color: NDArray[np.uint8] | None
 ) -> DepthFileResult:
     if not options.intrinsics:
         raise InputError(
@@ -257,7 +257,7 @@ def _from_image(
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
     started = time.perf_counter()
-    uncut = simplify_depth(reading.depth, camera, replace(options, depth_step=0.0), colour=colour)
+    uncut = simplify_depth(reading.depth, camera, replace(options, depth_step=0.0), color=color)
     seconds = time.perf_counter() - started
     found = uncut
     if options.depth_step:
@@ -291,12 +291,12 @@ def _read(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
 
 
 def _from_scan(
-    path: Path, output: Path, options: DepthOptions, colour: NDArray[np.uint8] | None
+    path: Path, output: Path, options: DepthOptions, color: NDArray[np.uint8] | None
 ) -> DepthFileResult:
     if options.by_distance:
         raise InputError("by_distance: expected with a depth image, got a scan")
     grid = read_range_grid(path)
-    asked: dict[str, Any] = {"max_edge": options.max_edge, "colour": colour}
+    asked: dict[str, Any] = {"max_edge": options.max_edge, "color": color}
     function: Callable[..., DepthMesh]
     if options.method == "cs3":
         function = cs3_grid
@@ -327,13 +327,13 @@ def _result(
 ) -> DepthFileResult:
     reached = getattr(found, "reached", None)
     longest = math.inf if options.max_edge is None else options.max_edge
-    coverage, bridges = _core.depth_coverage(*dense, found.pixels, found.triangles, longest)
+    coverage, bridges = _core.depth_coverage(*dense, found.pixels, found.faces, longest)
     return DepthFileResult(
         source=path,
         output=output,
         options=options,
         points_before=measured,
-        points=len(np.unique(found.triangles)),
+        points=len(np.unique(found.faces)),
         faces=found.num_faces,
         reached=None if reached is None else str(reached),
         literal_count=getattr(found, "literal_count", None),
@@ -344,7 +344,7 @@ def _result(
     )
 
 
-def _colour_image(path: Path) -> NDArray[np.uint8]:
+def _color_image(path: Path) -> NDArray[np.uint8]:
     try:
         from PIL import Image, UnidentifiedImageError
     except ImportError:
@@ -357,15 +357,15 @@ def _colour_image(path: Path) -> NDArray[np.uint8]:
 
 
 @checked
-def colours_of_frames(
-    frames: Sequence[str | os.PathLike[str]], colours: str | os.PathLike[str]
+def colors_of_frames(
+    frames: Sequence[str | os.PathLike[str]], colors: str | os.PathLike[str]
 ) -> dict[str, str]:
     """Return the colour image of each depth image: both in the order of their names.
 
     Parameters
     ----------
     frames : sequence of path-like
-    colours : path-like
+    colors : path-like
         Folder of as many colour images.
 
     Raises
@@ -373,10 +373,10 @@ def colours_of_frames(
     InputError
         They are not as many.
     """
-    images = sorted(path for path in path_of(colours, "colours").iterdir() if path.is_file())
+    images = sorted(path for path in path_of(colors, "colors").iterdir() if path.is_file())
     if len(images) != len(frames):
         raise InputError(
-            f"colour: expected {len(frames)} images in {os.fspath(colours)}, found {len(images)}"
+            f"color: expected {len(frames)} images in {os.fspath(colors)}, found {len(images)}"
         )
     for frame in frames:
         path_of(frame, "frames")

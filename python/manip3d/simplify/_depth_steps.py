@@ -71,15 +71,15 @@ def cut_depth_steps(
     pixels = found.pixels
     if len(pixels) and (pixels.min() < 0 or (pixels.max(axis=0) >= image.shape[::-1]).any()):
         raise InputError(f"depth: expected the image of the mesh, got shape {image.shape}")
-    if not len(found.triangles):
+    if not len(found.faces):
         return found
-    sides = np.sort(found.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    sides = np.sort(found.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     codes, of_side = np.unique(
         sides[:, 0].astype(np.int64) * len(pixels) + sides[:, 1], return_inverse=True
     )
     crosses = _crosses_step(pixels[codes // len(pixels)], pixels[codes % len(pixels)], image, step)
     kept = ~crosses[of_side.reshape(-1, 3)].any(axis=1)
-    return replace(found, triangles=np.ascontiguousarray(found.triangles[kept]))
+    return replace(found, faces=np.ascontiguousarray(found.faces[kept]))
 
 
 def _crosses_step(

@@ -15,7 +15,7 @@ from manip3d.camera import _depth_image
 from manip3d.errors import InputError
 from manip3d.simplify._depth import (
     DepthMesh,
-    _colour_image,
+    _color_image,
     _max_edge,
     _point_grid,
 )
@@ -76,14 +76,14 @@ class Relief(DepthMesh):
         InputError
             All levels are larger.
         """
-        for count, triangles in ((self.num_vertices, self.triangles), *self.levels):
+        for count, faces in ((self.num_vertices, self.faces), *self.levels):
             if count <= num_vertices:
                 return DepthMesh(
                     self.vertices[:count],
-                    triangles,
+                    faces,
                     self.pixels[:count],
-                    self.uvs[:count],
-                    self.colour,
+                    self.texcoords[:count],
+                    self.color,
                 )
         smallest = self.levels[-1][0] if self.levels else self.num_vertices
         raise InputError(f"num_vertices: expected at least {smallest}, got {num_vertices}")
@@ -124,14 +124,14 @@ def _run(
     valid: NDArray[np.bool_],
     rows_up: bool,
     options: _core.ReliefOptions,
-    colour: NDArray[np.uint8] | None,
+    color: NDArray[np.uint8] | None,
     registration: Registration | None,
 ) -> Relief:
     fields = solver.run(points, valid, rows_up, options)
     fields["stop"] = fields["stop"].name
     if registration is not None:
-        fields["uvs"] = _core.registered_uvs(fields["vertices"], registration)
-    return Relief(**fields, colour=colour)
+        fields["texcoords"] = _core.registered_texcoords(fields["vertices"], registration)
+    return Relief(**fields, color=color)
 
 
 @checked
@@ -140,7 +140,7 @@ def relief(
     intrinsics: Intrinsics,
     target_points: int,
     *,
-    colour: ArrayLike | None = None,
+    color: ArrayLike | None = None,
     registration: Registration | None = None,
     move_points: bool = False,
     effort: Effort = "balanced",
@@ -159,8 +159,8 @@ def relief(
     intrinsics : Intrinsics
     target_points : int
         At most so many vertices; at least 3.
-    colour : (H', W', 3 or 4) uint8, optional
-        Of the depth image's size, or that of ``registration.colour``.
+    color : (H', W', 3 or 4) uint8, optional
+        Of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
         Where the colour camera stands; without it both images share their pixels.
     move_points : bool
@@ -207,7 +207,7 @@ def relief(
     [[0, 0], [63, 0], [0, 47], [63, 47]]
     """
     image = _depth_image(depth, intrinsics)
-    picture = _colour_image(colour, image.shape, registration)
+    picture = _color_image(color, image.shape, registration)
     options = _options(
         target_points, effort, move_points, max_edge, threads, from_origin=True, levels=levels
     )
@@ -229,7 +229,7 @@ def relief_grid(
     valid: ArrayLike | None,
     target_points: int,
     *,
-    colour: ArrayLike | None = None,
+    color: ArrayLike | None = None,
     rows_up: bool = True,
     move_points: bool = False,
     effort: Effort = "balanced",
@@ -247,7 +247,7 @@ def relief_grid(
         None: where all three coordinates are finite.
     target_points : int
         At most so many vertices; at least 3.
-    colour : (H, W, 3 or 4) uint8, optional
+    color : (H, W, 3 or 4) uint8, optional
     rows_up : bool
         Seen from the sensor, do rows go upward (Stanford's scans) or downward (images)?
     move_points : bool
@@ -270,7 +270,7 @@ def relief_grid(
         As `relief`; a valid point is not finite.
     """
     grid, mask = _point_grid(points, valid)
-    picture = _colour_image(colour, mask.shape)
+    picture = _color_image(color, mask.shape)
     options = _options(
         target_points, effort, move_points, max_edge, threads, from_origin=False, levels=levels
     )
@@ -342,13 +342,13 @@ class ReliefStream:
         self._smoother = _core.DepthSmoother(float(newest_share), float(gate))
         self._lock = threading.RLock()
 
-    def simplify(self, depth: ArrayLike, *, colour: ArrayLike | None = None) -> Relief:
+    def simplify(self, depth: ArrayLike, *, color: ArrayLike | None = None) -> Relief:
         """Simplify the next frame.
 
         Parameters
         ----------
         depth : (H, W) uint16 in millimetres or float32 in metres
-        colour : (H', W', 3 or 4) uint8, optional
+        color : (H', W', 3 or 4) uint8, optional
 
         Raises
         ------
@@ -356,7 +356,7 @@ class ReliefStream:
             As `relief`.
         """
         image = _depth_image(depth, self._intrinsics)
-        picture = _colour_image(colour, image.shape, self._registration)
+        picture = _color_image(color, image.shape, self._registration)
         with self._lock:
             smooth = self._smoother.add(image)
             points, valid, rows_up = _core.unproject(

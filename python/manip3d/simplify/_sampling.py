@@ -13,7 +13,7 @@ from manip3d.camera import _depth_image
 from manip3d.errors import InputError
 from manip3d.simplify._depth import (
     DepthMesh,
-    _colour_image,
+    _color_image,
     _max_edge,
     _point_grid,
     grid_delaunay,
@@ -35,7 +35,7 @@ def sample_depth(
     target_points: int,
     *,
     method: SamplingMethod = "uniform",
-    colour: ArrayLike | None = None,
+    color: ArrayLike | None = None,
     registration: Registration | None = None,
     max_edge: float | None = None,
     rng: Rng = 0,
@@ -54,8 +54,8 @@ def sample_depth(
         A square lattice; points in random order, none within a radius of another; or zero
         crossings of the Laplacian of Gaussian along the rows (scale-space analysis), which is
         meant for a single object.
-    colour : (H', W', 3 or 4) uint8, optional
-        Of the depth image's size, or that of ``registration.colour``.
+    color : (H', W', 3 or 4) uint8, optional
+        Of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
     max_edge : float, metres, optional
         Triangles with a longer edge are left out.
@@ -81,7 +81,7 @@ def sample_depth(
     P. Boulanger, Proc. 3DPVT 2006. Both in the dissertation's section 3.6.
     """
     image = _depth_image(depth, intrinsics)
-    picture = _colour_image(colour, image.shape, registration)
+    picture = _color_image(color, image.shape, registration)
     points, valid, rows_up = _core.unproject(image, intrinsics, threads_of(threads))
     points, valid = points.reshape(*image.shape, 3), valid.reshape(image.shape).view(np.bool_)
     mesh = sample_depth_grid(
@@ -93,10 +93,10 @@ def sample_depth(
         max_edge=max_edge,
         rng=rng,
     )
-    uvs = mesh.uvs
+    texcoords = mesh.texcoords
     if registration is not None:
-        uvs = _core.registered_uvs(mesh.vertices, registration)
-    return DepthMesh(mesh.vertices, mesh.triangles, mesh.pixels, uvs, picture)
+        texcoords = _core.registered_texcoords(mesh.vertices, registration)
+    return DepthMesh(mesh.vertices, mesh.faces, mesh.pixels, texcoords, picture)
 
 
 @checked
@@ -106,7 +106,7 @@ def sample_depth_grid(
     target_points: int,
     *,
     method: SamplingMethod = "uniform",
-    colour: ArrayLike | None = None,
+    color: ArrayLike | None = None,
     rows_up: bool = True,
     max_edge: float | None = None,
     rng: Rng = 0,
@@ -121,7 +121,7 @@ def sample_depth_grid(
         Default: where all three coordinates are finite.
     target_points : int
     method : 'uniform', 'poisson' or 'ssa'
-    colour : (H, W, 3 or 4) uint8, optional
+    color : (H, W, 3 or 4) uint8, optional
     rows_up : bool
         As for `dense_mesh_grid`.
     max_edge : float, optional
@@ -137,7 +137,7 @@ def sample_depth_grid(
         expected = ", ".join(repr(name) for name in get_args(SamplingMethod))
         raise InputError(f"method: expected one of {expected}, got {method!r}")
     grid, mask = _point_grid(points, valid)
-    picture = _colour_image(colour, mask.shape, None)
+    picture = _color_image(color, mask.shape, None)
     seed = seed_of(rng)
     if method == "uniform":
         pixels = _core.sample_uniform(grid, mask, target_points)
@@ -154,28 +154,28 @@ def _meshed(
     pixels: NDArray[np.int32],
     rows_up: bool,
     max_edge: float,
-    colour: NDArray[np.uint8] | None,
+    color: NDArray[np.uint8] | None,
 ) -> DepthMesh:
     """The modified Delaunay triangulation of section 3.4."""
     if not max_edge > 0:
         raise InputError(f"max_edge: expected > 0, got {max_edge}")
     height, width = valid.shape
     vertices = points[pixels[:, 1], pixels[:, 0]]
-    triangles = grid_delaunay(pixels)
-    u, v = np.rint(pixels[triangles].mean(axis=1)).astype(np.intp).T
+    faces = grid_delaunay(pixels)
+    u, v = np.rint(pixels[faces].mean(axis=1)).astype(np.intp).T
     kept = valid[v, u]
     if max_edge < np.inf:
-        corners = vertices[triangles].astype(np.float64)
+        corners = vertices[faces].astype(np.float64)
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
         kept &= sides.max(axis=1, initial=0.0) <= max_edge
-    triangles = triangles[kept]
-    uvs = np.stack(
+    faces = faces[kept]
+    texcoords = np.stack(
         [(pixels[:, 0] + 0.5) / width, 1.0 - (pixels[:, 1] + 0.5) / height], axis=1
     ).astype(np.float32)
     return DepthMesh(
         vertices,
-        triangles if rows_up else np.ascontiguousarray(triangles[:, [0, 2, 1]]),
+        faces if rows_up else np.ascontiguousarray(faces[:, [0, 2, 1]]),
         pixels,
-        uvs,
-        colour,
+        texcoords,
+        color,
     )

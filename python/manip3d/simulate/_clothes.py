@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from manip3d.simulate._skin import TILES
 
 Array = NDArray[np.float64]
-Colour = tuple[int, int, int]
+Color = tuple[int, int, int]
 
 SIDE = 256
 """Texels of a tile, around and along."""
@@ -20,15 +20,15 @@ SIDE = 256
 class Clothes:
     """Colours; ``stripes`` puts white ones on the shirt."""
 
-    shirt: Colour = (58, 104, 160)
-    trousers: Colour = (66, 62, 66)
-    shoes: Colour = (84, 52, 36)
-    skin: Colour = (214, 164, 132)
-    hair: Colour = (58, 40, 30)
+    shirt: Color = (58, 104, 160)
+    trousers: Color = (66, 62, 66)
+    shoes: Color = (84, 52, 36)
+    skin: Color = (214, 164, 132)
+    hair: Color = (58, 40, 30)
     stripes: bool = False
 
 
-COVER: Colour = (36, 78, 205)
+COVER: Color = (36, 78, 205)
 """Blue of a shoe cover: H 112, S 210, V 205 in OpenCV's units."""
 
 
@@ -52,17 +52,17 @@ def _place() -> tuple[Array, Array]:
     return (0.5 - around) * 2.0 * np.pi, along
 
 
-def _plain(colour: Colour) -> Array:
-    return np.broadcast_to(np.array(colour, float), (SIDE, SIDE, 3)).copy()
+def _plain(color: Color) -> Array:
+    return np.broadcast_to(np.array(color, float), (SIDE, SIDE, 3)).copy()
 
 
-def _cloth(colour: Colour, depth: float) -> Array:
+def _cloth(color: Color, depth: float) -> Array:
     """A colour with soft folds, the same on both sides."""
     angle, along = _place()
     aside = np.abs(angle)
     folds = np.cos(5.0 * aside + 3.0 * np.sin(9.0 * along) * np.cos(angle)) * np.sin(31.0 * along)
     folds += 0.5 * np.sin(67.0 * along) * np.cos(2.0 * angle)
-    return _plain(colour) * (1.0 + depth * folds)[..., None]
+    return _plain(color) * (1.0 + depth * folds)[..., None]
 
 
 def _shirt(clothes: Clothes, height: float) -> Array:

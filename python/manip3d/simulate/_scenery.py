@@ -26,7 +26,7 @@ class Box:
 
     low: Point
     high: Point
-    colour: tuple[int, int, int]
+    color: tuple[int, int, int]
 
 
 def box_mesh(box: Box) -> tuple[Floats, NDArray[np.int32]]:
@@ -48,14 +48,14 @@ class Background:
         0: nothing.
     slant : (H, W) float32
         Cosine between the line of sight and the normal.
-    colour : (H, W, 3) uint8
+    color : (H, W, 3) uint8
     rays : (H, W, 3) float32
         Of the pixels, 1 m ahead.
     """
 
     depth: Floats
     slant: Floats
-    colour: NDArray[np.uint8]
+    color: NDArray[np.uint8]
     rays: Floats
 
 
@@ -68,12 +68,12 @@ class Scenery:
     vertices : (V, 3) float32, metres
         In the frame of the depth camera.
     faces : (F, 3) int32
-    face_colour : (F, 3) float32
+    face_color : (F, 3) float32
     """
 
     vertices: Floats
     faces: NDArray[np.int32]
-    face_colour: Floats
+    face_color: Floats
     _views: dict[tuple[int, int, bytes], Background] = field(default_factory=dict, repr=False)
 
     def seen_by(self, camera: Intrinsics, eye: Floats) -> Background:
@@ -87,9 +87,9 @@ class Scenery:
         shape = camera.height, camera.width
         rays = camera.unproject(np.ones(shape, np.float32))
         depth, slant = np.zeros(shape, np.float32), np.ones(shape, np.float32)
-        colour = np.zeros((*shape, 3), np.uint8)
+        color = np.zeros((*shape, 3), np.uint8)
         if not len(self.faces):
-            return Background(depth, slant, colour, rays)
+            return Background(depth, slant, color, rays)
         caster = RayCaster(self.vertices, self.faces)
         flat = rays.reshape(-1, 3)
         for start in range(0, len(flat), CHUNK):
@@ -103,9 +103,9 @@ class Scenery:
             shade = _pattern(points, is_floor) * (0.7 + 0.3 * cosine)
             to = start + hit
             depth.reshape(-1)[to], slant.reshape(-1)[to] = hits.distance[hit], cosine
-            painted = self.face_colour[hits.face[hit]] * shade[:, None]
-            colour.reshape(-1, 3)[to] = painted.astype(np.uint8)
-        return Background(depth, slant, colour, rays)
+            painted = self.face_color[hits.face[hit]] * shade[:, None]
+            color.reshape(-1, 3)[to] = painted.astype(np.uint8)
+        return Background(depth, slant, color, rays)
 
 
 def furnish(
@@ -127,7 +127,7 @@ def furnish(
     """
     vertices: list[Floats] = []
     faces: list[NDArray[np.int32]] = []
-    colours: list[Floats] = []
+    colors: list[Floats] = []
 
     def add(box: Box, place: NDArray[np.float64] | None = None) -> None:
         corners, sides = box_mesh(box)
@@ -135,7 +135,7 @@ def furnish(
             corners = (product(corners, about("y", -turn).T) + place).astype(np.float32)
         faces.append(sides + 8 * len(vertices))
         vertices.append(corners)
-        colours.append(np.repeat(np.array([box.colour], np.float32), len(sides), axis=0))
+        colors.append(np.repeat(np.array([box.color], np.float32), len(sides), axis=0))
 
     if not room:
         nothing = np.zeros((0, 3), np.float32)
@@ -148,7 +148,7 @@ def furnish(
     if seat is not None:
         for box in _chair():
             add(box, np.array([0.0, floor, seat]))
-    return Scenery(np.concatenate(vertices), np.concatenate(faces), np.concatenate(colours))
+    return Scenery(np.concatenate(vertices), np.concatenate(faces), np.concatenate(colors))
 
 
 def _chair() -> list[Box]:

@@ -62,7 +62,7 @@ class DepthScene:
     behind : (H, W) float64
         Depth of what surrounds the scene and is no part of it (a wall that was cut away): at the
         scene's edge pixels float towards it. NaN where there is none.
-    colour : (H, W, 3) uint8
+    color : (H, W, 3) uint8
     slant : (H, W) float64
         Cosine of the angle between the line of sight and the surface's normal.
     intrinsics : Intrinsics
@@ -70,7 +70,7 @@ class DepthScene:
 
     depth: Array
     behind: Array
-    colour: NDArray[np.uint8]
+    color: NDArray[np.uint8]
     slant: Array
     intrinsics: Intrinsics
 
@@ -172,7 +172,7 @@ def _bend(depth: Array) -> Array:
 class _Ellipsoid:
     center: tuple[float, float, float]
     radii: tuple[float, float, float]
-    colour: tuple[int, int, int]
+    color: tuple[int, int, int]
 
     def cast(self, rays: Array) -> tuple[Array, Array]:
         scaled = rays / self.radii
@@ -193,7 +193,7 @@ class _Capsule:
     start: tuple[float, float, float]
     end: tuple[float, float, float]
     radius: float
-    colour: tuple[int, int, int]
+    color: tuple[int, int, int]
 
     def cast(self, rays: Array) -> tuple[Array, Array]:
         start, axis = np.array(self.start), np.subtract(self.end, self.start)
@@ -218,7 +218,7 @@ class _Capsule:
 class _Box:
     low: tuple[float, float, float]
     high: tuple[float, float, float]
-    colour: tuple[int, int, int]
+    color: tuple[int, int, int]
 
     def cast(self, rays: Array) -> tuple[Array, Array]:
         with np.errstate(divide="ignore"):
@@ -263,7 +263,7 @@ def _cast(
     v, u = np.mgrid[: camera.height, : camera.width]
     rays = camera.unproject(1.0, pixels=np.stack([u, v], 2))
     depth = np.full(u.shape, np.inf)
-    colour = np.zeros((*u.shape, 3))
+    color = np.zeros((*u.shape, 3))
     slant = np.ones(u.shape)
     for surface in surfaces:
         hit, normal = surface.cast(rays)
@@ -272,12 +272,12 @@ def _cast(
         norms = np.linalg.norm(normal, axis=-1) * np.linalg.norm(rays, axis=-1)
         cosine = np.abs((normal * rays).sum(-1)) / np.where(norms > 0.0, norms, 1.0)
         slant = np.where(nearer, cosine, slant)
-        colour[nearer] = surface.colour
+        color[nearer] = surface.color
     point = _at(rays, depth)
     if relief is not None:
         depth = depth + np.where(np.isfinite(depth), relief(point), 0.0)
     shade = _pattern(point) * (0.35 + 0.65 * slant)
-    painted = np.where(np.isfinite(depth)[..., None], colour * shade[..., None], 0.0)
+    painted = np.where(np.isfinite(depth)[..., None], color * shade[..., None], 0.0)
     return np.where(np.isfinite(depth), depth, np.nan), painted.astype(np.uint8), slant
 
 
@@ -347,11 +347,11 @@ def person(*, width: int = 640, height: int = 480, wall: bool = False) -> DepthS
         ]
     surroundings: list[_Surface] = [_Box((-3.0, -2.0, -1.0), (3.0, 0.95, 3.3), (200, 196, 186))]
     if wall:
-        depth, colour, slant = _cast([*body, *surroundings], camera, _folds_of_person)
-        return DepthScene(depth, np.full(depth.shape, np.nan), colour, slant, camera)
-    depth, colour, slant = _cast(body, camera, _folds)
+        depth, color, slant = _cast([*body, *surroundings], camera, _folds_of_person)
+        return DepthScene(depth, np.full(depth.shape, np.nan), color, slant, camera)
+    depth, color, slant = _cast(body, camera, _folds)
     behind = _cast(surroundings, camera, None)[0]
-    return DepthScene(depth, behind, colour, slant, camera)
+    return DepthScene(depth, behind, color, slant, camera)
 
 
 def _folds_of_person(point: Array) -> Array:
@@ -390,5 +390,5 @@ def room(*, width: int = 640, height: int = 480) -> DepthScene:
         _Ellipsoid((1.3, 0.7, 2.5), (0.4, 0.3, 0.4), (90, 130, 90)),
     ]
     camera = _camera(width, height)
-    depth, colour, slant = _cast(things, camera, None)
-    return DepthScene(depth, np.full(depth.shape, np.nan), colour, slant, camera)
+    depth, color, slant = _cast(things, camera, None)
+    return DepthScene(depth, np.full(depth.shape, np.nan), color, slant, camera)

@@ -57,7 +57,7 @@ Interval = tuple[float, float]
 DEPTH_CAMERA = Intrinsics(512, 424, 365.0, 365.0, 255.5, 211.5)
 """A Kinect V2's depth camera; the principal point in the middle, so that symmetry shows."""
 
-COLOUR_CAMERA = Registration(
+COLOR_CAMERA = Registration(
     Intrinsics(1920, 1080, 1060.0, 1060.0, 959.5, 539.5), np.eye(3), np.array([0.052, 0.0, 0.0])
 )
 """A Kinect V2's colour camera, 52 mm beside the depth camera."""
@@ -206,7 +206,7 @@ class BodySimulator:
         are 0, and flying joints.
     noise : float
         Scale of the depth sensor's faults; 0: exact depth in whole millimetres.
-    colour : str
+    color : str
         ``depth``: at the depth image's pixels; ``full``: 1920 x 1080, of a camera of its own;
         ``none``.
     room : bool
@@ -260,7 +260,7 @@ class BodySimulator:
     flying: bool = False
     tracker: str = ""
     noise: float = 1.0
-    colour: str = "depth"
+    color: str = "depth"
     room: bool = True
     rate: float = 30.0
     frames: int = 300
@@ -276,7 +276,7 @@ class BodySimulator:
             ("side", self.side, ["", "left", "right", "both"]),
             ("amputated", self.amputated, [None, *LIMBS]),
             ("cover", self.cover, ["none", "left", "right", "both"]),
-            ("colour", self.colour, ["depth", "full", "none"]),
+            ("color", self.color, ["depth", "full", "none"]),
         ):
             if value not in choices:
                 names = ", ".join(str(choice) for choice in choices if choice)
@@ -309,7 +309,7 @@ class BodySimulator:
     @functools.cached_property
     def calibration(self) -> RgbdCalibration:
         """The cameras."""
-        return RgbdCalibration(DEPTH_CAMERA, COLOUR_CAMERA if self.colour == "full" else None)
+        return RgbdCalibration(DEPTH_CAMERA, COLOR_CAMERA if self.color == "full" else None)
 
     def __len__(self) -> int:
         return self.frames
@@ -347,7 +347,7 @@ class BodySimulator:
         frame = RgbdFrame(
             np.rint(measured.depth * 1000.0).astype(np.uint16),
             self.calibration,
-            self._colour(cast, view),
+            self._color(cast, view),
             index,
             self._skeletons(cast, view, time, random),
             time=nanoseconds,
@@ -435,13 +435,13 @@ class BodySimulator:
         half = np.array([0.16, 0.36, 0.02])
         return Box(tuple(middle - half), tuple(middle + half), (168, 132, 84))
 
-    def _colour(self, cast: _Cast, view: _View) -> NDArray[np.uint8] | None:
-        if self.colour == "none":
+    def _color(self, cast: _Cast, view: _View) -> NDArray[np.uint8] | None:
+        if self.color == "none":
             return None
-        if self.colour == "depth":
-            return view.colour
-        colour = COLOUR_CAMERA.colour
-        return cast.see(colour, COLOUR_CAMERA, self._scenery, self.threads).colour
+        if self.color == "depth":
+            return view.color
+        color = COLOR_CAMERA.color
+        return cast.see(color, COLOR_CAMERA, self._scenery, self.threads).color
 
     # --- The tracker --------------------------------------------------------------------------
 
@@ -592,7 +592,7 @@ class _Look:
         texels = tuple(level.reshape(-1, 3) for level in levels)
         return cls(skin, texels, face_tile, skin.texcoords[skin.faces])
 
-    def colours(
+    def colors(
         self, face: NDArray[np.int64], uv: Floats, light: Floats, footprint: float
     ) -> NDArray[np.uint8]:
         """(N, 3) of hits; ``footprint`` metres to a pixel."""
@@ -614,7 +614,7 @@ class _View:
     slant: Floats
     people: NDArray[np.uint8]
     bones: NDArray[np.uint8]
-    colour: NDArray[np.uint8]
+    color: NDArray[np.uint8]
 
 
 class _Cast:
@@ -652,7 +652,7 @@ class _Cast:
         """The scene with what moves, by a camera that looks ahead."""
         eye = _EYES if registration is None else -registration.translation.astype(np.float32)
         back = scenery.seen_by(camera, eye)
-        depth, slant, colour = back.depth.copy(), back.slant.copy(), back.colour.copy()
+        depth, slant, color = back.depth.copy(), back.slant.copy(), back.color.copy()
         people = np.full(depth.shape, NO_BODY, np.uint8)
         bones = np.full(depth.shape, NO_BONE, np.uint8)
         top, bottom, left, right = self._window(camera, eye)
@@ -680,12 +680,12 @@ class _Cast:
                 people[at] = number
                 bones[at] = look.skin.face_bone[own]
                 size = float(distance[mine].mean()) / camera.fx if len(mine) else 1.0
-                colour[at] = look.colours(own, hits.uv[hit[mine]], light[mine], size)
+                color[at] = look.colors(own, hits.uv[hit[mine]], light[mine], size)
             if self._board is not None:
                 mine = np.flatnonzero(whose == len(self._looks))
-                tone = np.array(self._board.colour) * light[mine][:, None]
-                colour[row[mine], column[mine]] = np.minimum(tone, 255).astype(np.uint8)
-        return _View(depth, slant, people, bones, colour)
+                tone = np.array(self._board.color) * light[mine][:, None]
+                color[row[mine], column[mine]] = np.minimum(tone, 255).astype(np.uint8)
+        return _View(depth, slant, people, bones, color)
 
     def _window(self, camera: Intrinsics, eye: Floats) -> tuple[int, int, int, int]:
         """Rows and columns in which something that moves can be seen."""

@@ -55,52 +55,52 @@ def label_picture(labels: NDArray[np.uint8]) -> Image:
 
 def textured_picture(
     phantom: PhantomFrame,
-    colour: Image | None,
+    color: Image | None,
     *,
     with_phantom: bool = True,
-    phantom_colour: Image | None = None,
+    phantom_color: Image | None = None,
 ) -> Image:
     """The person from the camera's own place, on white.
 
     Parameters
     ----------
     phantom : PhantomFrame
-    colour : (H', W', 3) uint8, optional
+    color : (H', W', 3) uint8, optional
         Of the frame; without it all is grey.
     with_phantom : bool
         Without it, the person as measured, less the affected limb.
-    phantom_colour : (H', W', 3) uint8, optional
+    phantom_color : (H', W', 3) uint8, optional
         Of frame ``phantom.texture_number`` while the phantom is held; by default the result's own.
     """
-    if phantom_colour is None and colour is not None:
-        phantom_colour = phantom.phantom_colour
+    if phantom_color is None and color is not None:
+        phantom_color = phantom.phantom_color
     count = phantom.num_points
     column, row = phantom.pixels[:count].T
-    colours = _looked_up(phantom.uvs[:count], colour)
+    colors = _looked_up(phantom.texcoords[:count], color)
     is_phantom = phantom.phantom[row, column]
-    if phantom_colour is not None:
-        colours[is_phantom] = _looked_up(phantom.uvs[:count][is_phantom], phantom_colour)
+    if phantom_color is not None:
+        colors[is_phantom] = _looked_up(phantom.texcoords[:count][is_phantom], phantom_color)
     shown = slice(None) if with_phantom else ~is_phantom
     picture = np.full((*phantom.depth.shape, 3), 255, np.uint8)
-    picture[row[shown], column[shown]] = colours[shown]
+    picture[row[shown], column[shown]] = colors[shown]
     return picture
 
 
-def _looked_up(uvs: NDArray[np.float32], colour: Image | None) -> Image:
+def _looked_up(texcoords: NDArray[np.float32], color: Image | None) -> Image:
     """Colours at texture coordinates (N, 2), v up."""
-    if colour is None:
-        return np.full((len(uvs), 3), _GREY, np.uint8)
-    height, width = colour.shape[:2]
-    known = ~np.isnan(uvs[:, 0])
-    at = np.where(known[:, None], uvs, 0.0)
+    if color is None:
+        return np.full((len(texcoords), 3), _GREY, np.uint8)
+    height, width = color.shape[:2]
+    known = ~np.isnan(texcoords[:, 0])
+    at = np.where(known[:, None], texcoords, 0.0)
     column = (at[:, 0] * width).astype(np.int64).clip(0, width - 1)
     row = ((1.0 - at[:, 1]) * height).astype(np.int64).clip(0, height - 1)
-    return np.where(known[:, None], colour[row, column], np.uint8(_GREY))
+    return np.where(known[:, None], color[row, column], np.uint8(_GREY))
 
 
 def mesh_picture(
     phantom: PhantomFrame,
-    colour: Image | None,
+    color: Image | None,
     camera: Intrinsics,
     *,
     azimuth: float = 35.0,
@@ -111,7 +111,7 @@ def mesh_picture(
     Parameters
     ----------
     phantom : PhantomFrame
-    colour : (H', W', 3) uint8, optional
+    color : (H', W', 3) uint8, optional
         Without it the mesh is grey.
     camera : Intrinsics
         The depth camera: the picture has its size.
@@ -129,7 +129,7 @@ def mesh_picture(
 
     size = (camera.height, camera.width)
     picture = np.full((*size, 3), 255, np.uint8)
-    if not len(phantom.triangles):
+    if not len(phantom.faces):
         return picture
     vertices = phantom.vertices.astype(np.float64)
     middle = np.median(vertices, axis=0)
@@ -137,20 +137,20 @@ def mesh_picture(
     turn = np.array(
         [[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]]
     )
-    caster = RayCaster((vertices - middle) @ turn.T + middle, phantom.triangles)
+    caster = RayCaster((vertices - middle) @ turn.T + middle, phantom.faces)
     rays = camera.unproject(np.ones(size, np.float32)).reshape(-1, 3)
     flat = picture.reshape(-1, 3)
     for start in range(0, len(rays), CHUNK):
         part = rays[start : start + CHUNK]
         hits = caster.cast(np.zeros(3, np.float32), part, threads=threads)
         hit = np.flatnonzero(np.isfinite(hits.distance))
-        corners = phantom.uvs[phantom.triangles[hits.face[hit].astype(np.int64)]]
-        uvs = corners[:, 0] + hits.uv[hit, :1] * (corners[:, 1] - corners[:, 0])
-        uvs += hits.uv[hit, 1:] * (corners[:, 2] - corners[:, 0])
+        corners = phantom.texcoords[phantom.faces[hits.face[hit].astype(np.int64)]]
+        texcoords = corners[:, 0] + hits.uv[hit, :1] * (corners[:, 1] - corners[:, 0])
+        texcoords += hits.uv[hit, 1:] * (corners[:, 2] - corners[:, 0])
         slant = np.abs((hits.normal[hit] * part[hit]).sum(axis=1))
         slant /= np.linalg.norm(part[hit], axis=1)
-        shade = 0.6 + 0.4 * slant if colour is None else np.ones(len(hit))
-        flat[start + hit] = _looked_up(uvs, colour) * shade[:, None]
+        shade = 0.6 + 0.4 * slant if color is None else np.ones(len(hit))
+        flat[start + hit] = _looked_up(texcoords, color) * shade[:, None]
     return picture
 
 
@@ -158,7 +158,7 @@ def phantom_sheet(
     frame: RgbdFrame,
     phantom: PhantomFrame,
     *,
-    phantom_colour: Image | None = None,
+    phantom_color: Image | None = None,
     azimuth: float = 35.0,
     threads: int = 0,
 ) -> Image:
@@ -169,7 +169,7 @@ def phantom_sheet(
     frame : RgbdFrame
     phantom : PhantomFrame
         What `manip3d.modify.PhantomPipeline` made of it.
-    phantom_colour : (H', W', 3) uint8, optional
+    phantom_color : (H', W', 3) uint8, optional
         As of `textured_picture`.
     azimuth : float, degrees
         As of `mesh_picture`.
@@ -193,15 +193,15 @@ def phantom_sheet(
         raise InputError(
             f"phantom: expected images of {frame.depth.shape}, got {phantom.depth.shape}"
         )
-    colour = frame.colour
-    if colour is not None and colour.shape[:2] == frame.depth.shape:
-        seen: Image = colour
+    color = frame.color
+    if color is not None and color.shape[:2] == frame.depth.shape:
+        seen: Image = color
     else:
         seen = depth_picture(frame.depth)
-    if colour is None:
+    if color is None:
         person = depth_picture(phantom.depth)
     else:
-        person = textured_picture(phantom, colour, phantom_colour=phantom_colour)
+        person = textured_picture(phantom, color, phantom_color=phantom_color)
     camera = frame.calibration.depth
-    mesh = mesh_picture(phantom, colour, camera, azimuth=azimuth, threads=threads)
+    mesh = mesh_picture(phantom, color, camera, azimuth=azimuth, threads=threads)
     return np.concatenate([seen, person, mesh], axis=1)

@@ -182,11 +182,11 @@ def _pictures(
     older: deque[tuple[int, Image]] = deque(maxlen=_HELD)
     for frame in frames:
         phantom = pipeline.process(frame)
-        if frame.colour is not None:
-            older.append((frame.number, frame.colour))
-        colour = dict(older).get(phantom.texture_number)
+        if frame.color is not None:
+            older.append((frame.number, frame.color))
+        color = dict(older).get(phantom.texture_number)
         sheet = people.phantom_sheet(
-            frame, phantom, phantom_colour=colour, azimuth=azimuth, threads=threads
+            frame, phantom, phantom_color=color, azimuth=azimuth, threads=threads
         )
         yield frame, sheet, phantom
 

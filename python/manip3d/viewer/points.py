@@ -787,10 +787,10 @@ def _pixel_colors(
                 f"color: expected the depth image's {depth.shape} pixels, got {color.shape[:2]}"
             )
         return np.ascontiguousarray(color[..., :3].reshape(-1, 3)[seen])
-    uvs = _core.registered_uvs(np.ascontiguousarray(points, np.float32), registration)
+    texcoords = _core.registered_texcoords(np.ascontiguousarray(points, np.float32), registration)
     height, width = color.shape[:2]
-    known = np.isfinite(uvs[:, 0])
-    at = np.where(known[:, None], uvs, np.float32(0.0))
+    known = np.isfinite(texcoords[:, 0])
+    at = np.where(known[:, None], texcoords, np.float32(0.0))
     column = np.clip((at[:, 0] * width).astype(np.int64), 0, width - 1)
     row = np.clip(((1.0 - at[:, 1]) * height).astype(np.int64), 0, height - 1)
     return np.where(known[:, None], color[row, column, :3], np.array(QUIET, np.uint8))
@@ -803,7 +803,7 @@ def rgbd_points(frame: RgbdFrame) -> DrawnPoints:
     cloud = depth_points(
         frame.depth,
         calibration.depth,
-        color=frame.colour,
+        color=frame.color,
         registration=calibration.registration,
     )
     columns = cloud.columns

@@ -13,7 +13,7 @@
 ///
 /// A frame is its images, at the same time in milliseconds, and after them its record:
 /// - `depth`: FFV1, 16-bit grey, millimetres; `body index`: FFV1, 8-bit grey;
-/// - `colour`: JPEG as MJPEG, or FFV1, RGB;
+/// - `color`: JPEG as MJPEG, or FFV1, RGB;
 /// - `frames`: text (S_TEXT/UTF8): 64 digits, the SHA-256 of the JSON text in the next line, which
 ///   has {"index", "number", "time", "packets", "skeletons"}: `index` counts the frames of the file
 ///   from 0, `time` is exact, in nanoseconds, and `packets` has the SHA-256 of each image's packet;

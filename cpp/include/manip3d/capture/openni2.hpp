@@ -14,7 +14,7 @@ namespace manip3d {
 /// Depth in OpenNI2's default mode. Colour where the device registers depth to colour, so that both
 /// have the same pixels; `options.calibration` overrules what the device says about its field of
 /// view, and then colour comes as it is. Each depth image has the colour image that came last, if
-/// they are at most 40 ms apart (`without_colour` counts the others). Mirroring is switched off, or
+/// they are at most 40 ms apart (`without_color` counts the others). Mirroring is switched off, or
 /// undone.
 /// @throws InputError  (start) the device tells no field of view, and there is no calibration.
 /// @throws DeviceError  (start, read) no such device, unplugged, refused by the driver.

@@ -32,9 +32,9 @@ class RgbdRecorder {
 };
 
 struct RecorderOptions {
-  bool lossless_colour = false;  ///< Instead of JPEG.
-  int jpeg_quality = 90;         ///< 1 to 100.
-  bool overwrite = false;        ///< Replace a recording of the same kind that is there.
+  bool lossless_color = false;  ///< Instead of JPEG.
+  int jpeg_quality = 90;        ///< 1 to 100.
+  bool overwrite = false;       ///< Replace a recording of the same kind that is there.
 };
 
 /// Starts a recording: in a folder, or in Matroska for `.mkv`.
@@ -57,9 +57,9 @@ class RecordingChecks {
   void check(const RgbdFrame& frame);
 
  private:
-  std::int64_t rows_ = 0, cols_ = 0, colour_rows_ = 0, colour_cols_ = 0;
+  std::int64_t rows_ = 0, cols_ = 0, color_rows_ = 0, color_cols_ = 0;
   std::int64_t number_ = 0, time_ns_ = 0;  // of the frame before
-  bool is_first_ = true, has_body_index_ = false, has_colour_ = false;
+  bool is_first_ = true, has_body_index_ = false, has_color_ = false;
 };
 
 }  // namespace manip3d

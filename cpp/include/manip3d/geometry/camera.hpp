@@ -30,7 +30,7 @@ Eigen::Vector2d project(const Intrinsics& camera, const Eigen::Vector3d& point);
 
 /// Where the pixels of a depth image lie in a colour image.
 struct Registration {
-  Intrinsics colour;                                       ///< Without a ray table.
+  Intrinsics color;                                        ///< Without a ray table.
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();  ///< Depth camera to colour camera.
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();   ///< Metres.
 };

@@ -49,9 +49,9 @@ inline std::array<float, 2> registered_texcoord(const std::array<float, 3>& poin
                                                 const Registration& registration) {
   const Eigen::Vector3d p(point[0], point[1], point[2]);
   const Eigen::Vector2d pixel =
-      project(registration.colour, registration.rotation * p + registration.translation);
-  return grid_texcoord(pixel.x(), pixel.y(), static_cast<double>(registration.colour.width),
-                       static_cast<double>(registration.colour.height));
+      project(registration.color, registration.rotation * p + registration.translation);
+  return grid_texcoord(pixel.x(), pixel.y(), static_cast<double>(registration.color.width),
+                       static_cast<double>(registration.color.height));
 }
 
 }  // namespace manip3d

@@ -28,8 +28,8 @@ struct RgbdFrame {
   std::int64_t rows = 0, cols = 0;       ///< Of depth and body_index.
   std::vector<std::uint16_t> depth;      ///< Millimetres along the axis; 0: no measurement.
   std::vector<std::uint8_t> body_index;  ///< Number of the person, or kNoBody; may be empty.
-  std::int64_t colour_rows = 0, colour_cols = 0;
-  std::vector<std::uint8_t> colour;  ///< (colour_rows, colour_cols, 3) R, G, B; may be empty.
+  std::int64_t color_rows = 0, color_cols = 0;
+  std::vector<std::uint8_t> color;  ///< (colour_rows, colour_cols, 3) R, G, B; may be empty.
   std::vector<Skeleton> skeletons;
   std::shared_ptr<const RgbdCalibration> calibration;
 };
