@@ -105,7 +105,7 @@ __all__: list[str] = [
     "read_points",
     "read_range_grid",
     "readable_suffixes",
-    "registered_uvs",
+    "registered_texcoords",
     "render_depth",
     "replace_folder",
     "replace_rows",
@@ -1678,7 +1678,7 @@ def read_range_grid(
     path: bytes, max_bytes: typing.SupportsInt | typing.SupportsIndex
 ) -> tuple[int, int, numpy.ndarray, numpy.ndarray]: ...
 def readable_suffixes() -> list[typing.Any]: ...
-def registered_uvs(
+def registered_texcoords(
     vertices: numpy.typing.NDArray[numpy.float32], registration: typing.Any
 ) -> numpy.ndarray: ...
 def render_depth(
