@@ -58,7 +58,7 @@ def frames(
 def assert_same(a: RgbdFrame, b: RgbdFrame, *, color: bool = True) -> None:
     """Bit for bit."""
     assert (a.time, a.number) == (b.time, b.number)
-    images = ["depth", "body_index", *(["colour"] if color else [])]
+    images = ["depth", "body_index", *(["color"] if color else [])]
     for name in images:
         first, second = getattr(a, name), getattr(b, name)
         if first is None or second is None:

@@ -91,7 +91,7 @@ def test_images_are_not_copied(tmp_path: Path) -> None:
     assert first is not None
     assert second is not None
     kept = first.depth.copy()
-    for name in ("depth", "body_index", "colour"):
+    for name in ("depth", "body_index", "color"):
         image, other = getattr(first, name), getattr(second, name)
         owner = image
         while isinstance(owner, np.ndarray):

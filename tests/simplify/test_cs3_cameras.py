@@ -151,24 +151,24 @@ def test_textures_stay_with_their_views() -> None:
     joint = cs3_cameras(views, 600)
     mesh = joint.mesh
     assert mesh.face_material is not None
-    np.testing.assert_array_equal(mesh.face_material, joint.triangle_view)
+    np.testing.assert_array_equal(mesh.face_material, joint.face_view)
     assert len(mesh.materials) == 2
     # Both views take their pictures through the same camera model, so a corner's coordinates are
     # where its vertex projects to in the view that the triangle was made in.
     for index, view in enumerate(views):
         pose = np.asarray(view.pose)
-        faces = joint.faces[joint.triangle_view == index]
+        faces = joint.faces[joint.face_view == index]
         local = (joint.vertices[faces] - pose[:3, 3]) @ pose[:3, :3]
         u = CAMERA.fx * local[..., 0] / local[..., 2] + CAMERA.cx
         v = CAMERA.fy * local[..., 1] / local[..., 2] + CAMERA.cy
         expected = np.stack([(u + 0.5) / 160, 1 - (v + 0.5) / 120], axis=-1)
-        off = np.abs(joint.corner_uvs[joint.triangle_view == index] - expected).max()
+        off = np.abs(joint.corner_uvs[joint.face_view == index] - expected).max()
         assert off <= (1.0 / 120 if index == 0 else 1e-5)
 
 
 def test_same_bytes_for_any_number_of_threads() -> None:
     one, two = (cs3_cameras(VIEWS, 700, threads=threads) for threads in (1, 2))
-    for name in ("vertices", "faces", "pixels", "vertex_view", "triangle_view", "corner_uvs"):
+    for name in ("vertices", "faces", "pixels", "vertex_view", "face_view", "corner_uvs"):
         assert getattr(one, name).tobytes() == getattr(two, name).tobytes()
 
 
@@ -221,8 +221,8 @@ def test_bunny_scans(realdata: RealData, names: tuple[str, ...]) -> None:
     # No doubled layer: what a later view adds does not lie on what the earlier ones made.
     doubled = total = 0.0
     for index in range(1, len(scans)):
-        before = Mesh(joint.vertices, joint.faces[joint.triangle_view < index])
-        added = joint.faces[joint.triangle_view == index]
+        before = Mesh(joint.vertices, joint.faces[joint.face_view < index])
+        added = joint.faces[joint.face_view == index]
         size = areas(joint.vertices, added)
         closest = metrics.closest_points(before, joint.vertices[added].mean(axis=1))
         foot = before.faces[closest.face]

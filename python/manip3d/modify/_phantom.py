@@ -244,7 +244,7 @@ class PhantomFrame:
         return self.reason.message
 
     @property
-    def phantom_triangles(self) -> NDArray[np.bool_]:
+    def phantom_faces(self) -> NDArray[np.bool_]:
         """(m,) bool: triangles that show the phantom, with its texture and opacity."""
         column, row = self.pixels.T
         is_phantom = self.phantom[row, column]
@@ -259,7 +259,7 @@ class PhantomFrame:
         """
         from manip3d.simplify import DepthMesh
 
-        chosen = self.phantom_triangles
+        chosen = self.phantom_faces
         body, phantom = (
             DepthMesh(self.vertices, self.faces[which], self.pixels, self.texcoords, color)
             for which, color in ((~chosen, self.color), (chosen, self.phantom_color))

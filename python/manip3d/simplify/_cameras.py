@@ -79,7 +79,7 @@ class JointSimplification(Showable):
         The view that measured each vertex.
     pixels : (n, 2) int32
         Its column and row there.
-    triangle_view : (m,) int32
+    face_view : (m,) int32
         The view that each triangle was made in, and whose picture it shows.
     corner_texcoords : (m, 3, 2) float32
         Texture coordinates of its corners in that picture, v up; NaN: not seen.
@@ -93,7 +93,7 @@ class JointSimplification(Showable):
     faces: NDArray[np.int32] = field(repr=False)
     vertex_view: NDArray[np.int32] = field(repr=False)
     pixels: NDArray[np.int32] = field(repr=False)
-    triangle_view: NDArray[np.int32] = field(repr=False)
+    face_view: NDArray[np.int32] = field(repr=False)
     corner_texcoords: NDArray[np.float32] = field(repr=False)
     covered: tuple[NDArray[np.bool_], ...] = field(repr=False)
     views: tuple[DepthSimplification, ...] = field(repr=False)
@@ -130,7 +130,7 @@ class JointSimplification(Showable):
             )
             for i, c in enumerate(self.colors)
         )
-        return mesh.replace(face_material=self.triangle_view, materials=materials)
+        return mesh.replace(face_material=self.face_view, materials=materials)
 
 
 @dataclass
@@ -262,7 +262,7 @@ class _Joint:
         self.faces = np.empty((0, 3), np.int32)
         self.vertex_view = np.empty(0, np.int32)
         self.pixels = np.empty((0, 2), np.int32)
-        self.triangle_view = np.empty(0, np.int32)
+        self.face_view = np.empty(0, np.int32)
         self.corner_texcoords = np.empty((0, 3, 2), np.float32)
 
     def border_in(
@@ -323,8 +323,8 @@ class _Joint:
         self.faces = np.concatenate([self.faces, faces[keep]])
         self.vertex_view = np.concatenate([self.vertex_view, np.full(len(new), index, np.int32)])
         self.pixels = np.concatenate([self.pixels, chosen.pixels[own]])
-        self.triangle_view = np.concatenate(
-            [self.triangle_view, np.full(keep.sum(), index, np.int32)]
+        self.face_view = np.concatenate(
+            [self.face_view, np.full(keep.sum(), index, np.int32)]
         )
         self.corner_texcoords = np.concatenate([self.corner_texcoords, texcoords[corners[keep]]])
 
@@ -465,7 +465,7 @@ def cs3_cameras(
         joint.faces,
         joint.vertex_view,
         joint.pixels,
-        joint.triangle_view,
+        joint.face_view,
         joint.corner_texcoords,
         tuple(all_covered),
         tuple(chosen_views),
