@@ -162,13 +162,13 @@ def test_textures_stay_with_their_views() -> None:
         u = CAMERA.fx * local[..., 0] / local[..., 2] + CAMERA.cx
         v = CAMERA.fy * local[..., 1] / local[..., 2] + CAMERA.cy
         expected = np.stack([(u + 0.5) / 160, 1 - (v + 0.5) / 120], axis=-1)
-        off = np.abs(joint.corner_uvs[joint.face_view == index] - expected).max()
+        off = np.abs(joint.corner_texcoords[joint.face_view == index] - expected).max()
         assert off <= (1.0 / 120 if index == 0 else 1e-5)
 
 
 def test_same_bytes_for_any_number_of_threads() -> None:
     one, two = (cs3_cameras(VIEWS, 700, threads=threads) for threads in (1, 2))
-    for name in ("vertices", "faces", "pixels", "vertex_view", "face_view", "corner_uvs"):
+    for name in ("vertices", "faces", "pixels", "vertex_view", "face_view", "corner_texcoords"):
         assert getattr(one, name).tobytes() == getattr(two, name).tobytes()
 
 

@@ -61,7 +61,7 @@ def test_options_go_to_the_method() -> None:
     chain = lod_chain(mesh, [400, 2], options={"max_distance": 0.1})
     assert chain.result.stop == "distance_limit"
     assert [level.num_faces for level in chain.levels] in ([800, 400], [800, 399])
-    with pytest.raises(InputError, match=r"options: .*got colour"):
+    with pytest.raises(InputError, match=r"options: .*got color"):
         lod_chain(mesh, options={"color": 1})
     with pytest.raises(InputError, match="method"):
         share_budget([mesh], 9, method="best")

@@ -87,8 +87,8 @@ def check_coverage(
 
 
 def check_surface(result: simplify.DepthMesh, valid: NDArray[np.bool_]) -> None:
-    faces = corners(result)
-    assert np.all(doubled_areas(faces) > 0)
+    placed = corners(result)
+    assert np.all(doubled_areas(placed) > 0)
     # Each edge has one face on each side, or one face: a surface.
     faces = result.faces.tolist()
     edges = Counter((f[i], f[(i + 1) % 3]) for f in faces for i in range(3))
@@ -96,7 +96,7 @@ def check_surface(result: simplify.DepthMesh, valid: NDArray[np.bool_]) -> None:
     assert set(range(result.num_vertices)) == set(result.faces.ravel().tolist())
     # It lies over each place once.
     between = np.random.default_rng(1).uniform((0, 0), valid.shape[::-1], (500, 2))
-    assert covering(faces, between).max(initial=0) <= 1
+    assert covering(placed, between).max(initial=0) <= 1
 
 
 @settings(max_examples=60)

@@ -323,9 +323,7 @@ class _Joint:
         self.faces = np.concatenate([self.faces, faces[keep]])
         self.vertex_view = np.concatenate([self.vertex_view, np.full(len(new), index, np.int32)])
         self.pixels = np.concatenate([self.pixels, chosen.pixels[own]])
-        self.face_view = np.concatenate(
-            [self.face_view, np.full(keep.sum(), index, np.int32)]
-        )
+        self.face_view = np.concatenate([self.face_view, np.full(keep.sum(), index, np.int32)])
         self.corner_texcoords = np.concatenate([self.corner_texcoords, texcoords[corners[keep]]])
 
     def _fits(self, faces: NDArray[np.int32]) -> NDArray[np.bool_]:
