@@ -26,7 +26,7 @@ py::array_t<float> to_array(const Eigen::Vector3f& vector) {
   return py::array_t<float>(3, vector.data());
 }
 
-/// Of all bones: start, end, radius, 0 where there is none; and the torso's box.
+/// All bones: start, end, radius, 0 where there is none; and the torso's box.
 py::tuple to_tables(const BodyColliders& body) {
   CArray<float> capsules({kNumJoints, std::size_t{7}});
   for (std::size_t bone = 0; bone < kNumJoints; ++bone) {

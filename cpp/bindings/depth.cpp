@@ -185,7 +185,7 @@ class Cs3Runner {
 
   Cs3 cs3_;
   PixelRays rays_;
-  py::object camera_ = py::none();  ///< Of rays_; intrinsics never change.
+  py::object camera_ = py::none();  ///< Camera of rays_; intrinsics never change.
 };
 
 void bind_cs3(py::module_& m) {

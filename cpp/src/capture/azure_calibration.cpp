@@ -16,7 +16,7 @@ constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 struct Lens {
   std::array<double, 6> k{};
   double p1 = 0.0, p2 = 0.0;
-  double max_radius = 0.0;  ///< Of a ray: beyond it the model does not hold.
+  double max_radius = 0.0;  ///< Largest of a ray: beyond it the model does not hold.
 
   [[nodiscard]] Eigen::Vector2d distort(const Eigen::Vector2d& ray, Eigen::Matrix2d& slope) const {
     const double x = ray.x(), y = ray.y(), r2 = ray.squaredNorm();

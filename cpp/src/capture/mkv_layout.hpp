@@ -18,8 +18,8 @@ inline constexpr const char* kFrames = "frames";
 inline constexpr const char* kCalibration = "calibration.json";
 inline constexpr std::size_t kHashDigits = 64;
 
-/// Of an image: 4096 x 4096. Blank images take next to nothing in a file, so that its length says
-/// nothing about the memory they need.
+/// Most pixels of an image: 4096 x 4096. Blank images take next to nothing in a file, so that its
+/// length says nothing about the memory they need.
 inline constexpr std::int64_t kMaxPixels = std::int64_t{1} << 24;
 
 /// What is wrong with an image of this size; empty: nothing.

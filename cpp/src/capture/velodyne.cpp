@@ -81,7 +81,8 @@ constexpr std::array<double, 32> kVlp32cAzimuth = {
     1.4, -4.2, 1.4, -1.4, 1.4, -1.4, 4.2, -1.4, 1.4, -4.2, 1.4, -1.4, 4.2, -1.4, 4.2, -1.4,
     1.4, -4.2, 1.4, -4.2, 4.2, -1.4, 1.4, -1.4, 1.4, -1.4, 1.4, -4.2, 4.2, -1.4, 1.4, -1.4};
 
-// Of every hundredth of a degree. In long double: glibc has one version of that, whatever the CPU.
+// Sine and cosine of every hundredth of a degree. In long double: glibc has one version of that,
+// whatever the CPU.
 const std::vector<SinCos>& turn_table() {
   static const std::vector<SinCos> table = [] {
     std::vector<SinCos> values(kFullTurn + 1);
@@ -101,8 +102,8 @@ SinCos sin_cos_deg(double degrees) {
   return {static_cast<double>(std::sin(angle)), static_cast<double>(std::cos(angle))};
 }
 
-// Of an azimuth in [0, 36000): the table, and on from there by less than 0.01 degrees, where the
-// next term of the series is 1e-12.
+// Those of an azimuth in [0, 36000): the table, and on from there by less than 0.01 degrees, where
+// the next term of the series is 1e-12.
 SinCos sin_cos_centideg(double azimuth) {
   const auto whole = static_cast<std::size_t>(azimuth);
   const SinCos& base = turn_table()[whole];

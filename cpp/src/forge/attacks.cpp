@@ -122,7 +122,7 @@ std::vector<Vector3d> displacements(const PointsView& scene, const std::vector<s
   return moves;
 }
 
-// Of the points within a radius: distances from their nearest neighbours.
+// For the points within a radius: distances from their nearest neighbours.
 struct NearSpacing {
   double sum = 0.0;
   std::int64_t count = 0;

@@ -37,7 +37,7 @@ class DartBoard {
 
   /// The rows that stay, ascending.
   std::vector<std::int32_t> sample(double radius);
-  /// Of the rows that the last sample kept; as `mean_spacing` of them.
+  /// Mean spacing of the rows that the last sample kept; as `mean_spacing` of them.
   [[nodiscard]] double mean_spacing_of(const std::vector<std::int32_t>& kept) const;
 
  private:

@@ -16,7 +16,7 @@ namespace manip3d {
 struct GltfImage {
   std::string data;
   std::string mime_type;  ///< image/png or image/jpeg.
-  std::string path;       ///< Of the texture; "" when only its bytes were known.
+  std::string path;       ///< Path of the texture; "" when only its bytes are known.
 };
 
 /// A mesh in glTF's terms. `json` lacks what depends on where the bytes go: /buffers, and for each

@@ -101,7 +101,7 @@ class RowReader {
     return role == kTexcoord ? &texcoord : nullptr;
   }
 
-  // As in Turk's original: one element, one line.
+  // One element, one line, as in Turk's original.
   void read_line(const Element& element) {
     std::string_view line;
     do {
@@ -444,7 +444,7 @@ class PlyReader {
   bool has_faces_ = false, has_grid_ = false, has_material_index_ = false;
   float color_scale_ = 1.0F;
   std::vector<Corner> corners_;
-  UniqueRows<Texcoords> texcoords_{builder_.texcoords};  ///< Of corners.
+  UniqueRows<Texcoords> texcoords_{builder_.texcoords};  ///< Those of corners.
   std::map<std::int32_t, std::int32_t> texture_of_material_;
   GrowingTable<Indices> grid_;
 };

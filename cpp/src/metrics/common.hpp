@@ -77,7 +77,7 @@ class NormalizedPair {
 
   [[nodiscard]] const MeshView& original() const { return original_; }
   [[nodiscard]] const MeshView& simplified() const { return simplified_; }
-  /// Of the original's bounding box, in the normalised unit.
+  /// Diagonal of the original's bounding box, in the normalised unit.
   [[nodiscard]] double diagonal() const { return diagonal_; }
   /// The normalised unit in the files' units.
   [[nodiscard]] double unit() const { return unit_; }

@@ -18,8 +18,8 @@ namespace manip3d {
 namespace {
 
 constexpr std::int64_t kBandRows = 8;
-// Of the barycentric coordinates of a hit. Points are 32-bit numbers, so a pixel on the border of
-// the mesh is off it by about 1e-7 of a triangle.
+// Tolerance of a hit's barycentric coordinates. Points are 32-bit numbers, so a pixel on the border
+// of the mesh is off it by about 1e-7 of a triangle.
 constexpr double kOnBorder = -1e-6;
 constexpr double kNoHit = std::numeric_limits<double>::infinity();
 

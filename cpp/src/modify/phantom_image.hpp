@@ -20,7 +20,7 @@ struct PhantomImage {
   std::uint8_t* label = nullptr;  ///< Bone; 0: none. Phantom pixels have the affected limb's.
   PixelKind* kind = nullptr;
   std::int32_t* source = nullptr;  ///< (rows, cols, 2) row i, column j of the texture; or -1, -1.
-  float* source_depth = nullptr;   ///< Of the point that is seen there, metres.
+  float* source_depth = nullptr;   ///< Depth of the point that is seen there, metres.
 };
 
 /// The inverse of PixelRays, to the nearest pixel.
@@ -46,7 +46,7 @@ std::int64_t remove_limb(const PersonPoints& points, Limb limb, double radius,
 
 struct MirroredPoint {
   float x, y, z;        ///< Mirrored.
-  float source_depth;   ///< Of the point itself,
+  float source_depth;   ///< Depth of the point itself,
   std::int32_t source;  ///< and its pixel.
   std::uint8_t label;   ///< Bone on the mirrored side.
   bool faces_camera;    ///< False if mirroring turned its surface away.

@@ -24,7 +24,7 @@ class ImportanceOrder {
   std::vector<std::uint32_t> low_, high_;  ///< Where the next item of a digit goes.
 };
 
-/// Of the Hessian of A: (u, v) belongs to the eigenvalue of larger magnitude.
+/// Eigenvectors of A's Hessian: (u, v) belongs to the eigenvalue of larger magnitude.
 struct PrincipalDirections {
   double u = 1.0, v = 0.0;
   double stretch = 1.0;  ///< sqrt(|lambda_max / lambda_min|), at most 4 (eq. 3.7).
@@ -53,7 +53,7 @@ class Cs3Sampler {
   std::vector<Slot> slots_;                      ///< In order of pixels.
   std::vector<std::uint64_t> blocked_;           ///< A bit per slot.
   std::vector<std::uint64_t> selected_;          ///< Likewise.
-  std::vector<PrincipalDirections> directions_;  ///< Of each slot, for non-maximum suppression.
+  std::vector<PrincipalDirections> directions_;  ///< By slot, for non-maximum suppression.
 };
 
 }  // namespace manip3d

@@ -13,7 +13,7 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-/// Of distances between points of a mesh of diagonal 1, with room to spare.
+/// Rounding of distances in a mesh of diagonal 1, with room to spare.
 constexpr double kRounding = 1e-13;
 
 /// Oriented edges of faces in one plane; an edge and its reverse cancel.

@@ -35,8 +35,8 @@ inline float to_importance(ImportanceKey key) {
 struct ImportanceMap {
   PixelBox box;             ///< Around the valid pixels, as far as is known before reading them.
   std::int64_t stride = 0;  ///< Slots per row; a multiple of 64.
-  std::vector<ImportanceKey> keys;                        ///< Of each slot.
-  std::vector<float> hessian_uu, hessian_vv, hessian_uv;  ///< Of each slot, if asked for.
+  std::vector<ImportanceKey> keys;                        ///< By slot.
+  std::vector<float> hessian_uu, hessian_vv, hessian_uv;  ///< By slot, if asked for.
   float max_depth = 0.0F;                                 ///< Largest z of a valid pixel.
 
   [[nodiscard]] Slot slot(std::int64_t u, std::int64_t v) const {
@@ -53,7 +53,7 @@ class ImportanceMapper {
   void compute(const RangeImage& image, const Cs3Options& options, ImportanceMap& map);
 
  private:
-  std::vector<std::vector<float>> scratch_;  ///< Of each chunk of rows.
+  std::vector<std::vector<float>> scratch_;  ///< One for each chunk of rows.
   std::vector<float> max_depths_;            ///< Likewise.
 };
 

@@ -17,7 +17,7 @@ class Pieces {
   Pieces(const MeshView& mesh, double scale, const Progress& progress);
 
   [[nodiscard]] std::int32_t size() const { return static_cast<std::int32_t>(pieces_.size()); }
-  /// Of a vertex; -1: it is in no face.
+  /// Piece of a vertex; -1: it is in no face.
   [[nodiscard]] std::int32_t of_vertex(std::int32_t v) const { return of_vertex_[v]; }
   [[nodiscard]] const std::vector<std::int32_t>& vertices(std::int32_t piece) const {
     return pieces_[piece].vertices;

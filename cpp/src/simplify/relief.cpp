@@ -26,11 +26,11 @@ using relief_detail::Vec3;
 /// What an effort spends. Measured on the Stanford scans; each step pays for itself.
 struct Budget {
   double start;       ///< Bisections of the first triangulation per target point.
-  float round_share;  ///< Of the vertices that a round of collapses may remove.
+  float round_share;  ///< Share of the vertices that a round may remove.
   int flip_sweeps;
   float flip_floor;  ///< Pairs of triangles below this many mean errors are not looked at.
-  int move_rounds;   ///< Of moves and flips.
-  int radius;        ///< Of a move, pixels.
+  int move_rounds;   ///< Rounds of moves and flips.
+  int radius;        ///< Farthest move, pixels.
 };
 
 Budget budget_of(ReliefEffort effort) {

@@ -33,7 +33,7 @@ void visit_pixels(int cols, std::array<std::int32_t, 2> a, std::array<std::int32
   const auto side = [&](const std::array<std::int32_t, 2>& p,
                         const std::array<std::int32_t, 2>& q) {
     const std::int32_t du = q[0] - p[0], dv = q[1] - p[1];
-    // Of two triangles on either side the one that goes down or, if level, to the right has it.
+    // A side belongs to the triangle whose side goes down there or, if level, to the right.
     const bool inside = edges == SidePixels::kClosed ||
                         (edges == SidePixels::kShared && (dv < 0 || (dv == 0 && du > 0)));
     const std::int32_t value = du * (v0 - p[1]) + dv * p[0] - (inside ? 0 : 1);

@@ -86,7 +86,7 @@ class Surface {
 
   int cols_ = 0, rows_ = 0;            ///< Padded.
   int u0_ = 0, v0_ = 0;                ///< The crop's corner in the input.
-  int used_cols_ = 0, used_rows_ = 0;  ///< Of the crop.
+  int used_cols_ = 0, used_rows_ = 0;  ///< Shape of the crop.
   double unit_ = 1.0;                  ///< Input units per unit here.
   Eigen::Vector3d center_ = Eigen::Vector3d::Zero();
   std::vector<Sample> samples_;

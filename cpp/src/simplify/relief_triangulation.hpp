@@ -95,7 +95,7 @@ class Triangulation {
   /// turns inwards: it is filled where v merges into one of them.
   struct Bay {
     bool free = true;    ///< Nothing else lies in it.
-    float price = 0.0F;  ///< Of covering its pixels that have no surface.
+    float price = 0.0F;  ///< Price of covering its pixels without surface.
   };
   [[nodiscard]] bool has_bay(std::int32_t v, const Fan& fan) const {
     return vertices_[v].on_boundary &&

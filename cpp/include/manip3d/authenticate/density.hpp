@@ -21,7 +21,7 @@ struct DensityOptions {
   /// Distances are divided by the cosine of the elevation: columns of the scanner's grid meet at
   /// the poles.
   bool level_out = true;
-  int num_threads = 0;  ///< As in parallel_chunks.
+  int num_threads = 0;  ///< 0: all cores.
 };
 
 /// Nearest-neighbour distances by sector and level of range.

@@ -20,7 +20,7 @@ struct OcclusionOptions {
   double min_area = 0.01;       ///< A_th in square metres at the component's own range.
   /// Metres; components farther away are not reported.
   double max_range = std::numeric_limits<double>::infinity();
-  int num_threads = 0;  ///< As in parallel_chunks.
+  int num_threads = 0;  ///< 0: all cores.
 };
 
 /// Cells in which something is seen behind something else, grown together.
@@ -35,15 +35,15 @@ struct OcclusionComponent {
 };
 
 struct OcclusionResult {
-  std::int64_t rows = 0, columns = 0;  ///< Of the mask.
-  std::int64_t first_row = 0;          ///< Of the mask, in rows of the grid.
+  std::int64_t rows = 0, columns = 0;  ///< Shape of the mask.
+  std::int64_t first_row = 0;          ///< First row of the mask, in rows of the grid.
   std::vector<std::uint8_t> mask;      ///< After closing and median; 1 = marked.
   std::vector<std::uint8_t> raw_mask;  ///< Before.
   std::int64_t occupied_cells = 0;
   std::int64_t multiple_cells = 0;                ///< Cells whose gap counts.
   std::vector<OcclusionComponent> components;     ///< Above A_th, the largest area first.
   std::vector<std::int32_t> suspected;            ///< Rows of points in front, in those; ascending.
-  std::vector<std::int32_t> suspected_component;  ///< Of each.
+  std::vector<std::int32_t> suspected_component;  ///< Component of each.
 };
 
 /// IsOcclusionConsistent (dissertation, algorithm II): where a direction holds points at more than

@@ -28,7 +28,7 @@ namespace manip3d {
 std::unique_ptr<RgbdSource> open_folder(const std::filesystem::path& folder,
                                         const RgbdOptions& options);
 
-inline constexpr int kFolderRate = 30;  ///< Of folders that know no times.
+inline constexpr int kFolderRate = 30;  ///< Frames a second where a folder knows no times.
 
 /// `tum:` A sequence of the TUM RGB-D benchmark [Sturm et al., IROS 2012]: depth.txt and rgb.txt
 /// list times and files, 5000 units are a metre. Each depth image gets the colour image that is

@@ -34,11 +34,12 @@ struct MkvFile {
 struct MkvTrack {
   MkvKind kind = MkvKind::kOther;
   MkvFormat format = MkvFormat::kOther;
-  MkvPixels pixels = MkvPixels::kGray8;  ///< Of FFV1; of tracks that are read: the caller's to say.
-  std::int32_t width = 0, height = 0;    ///< Size of the images.
-  std::uint32_t four_cc = 0;             ///< Of Video for Windows, the first letter lowest.
-  std::int64_t period_ns = 0;            ///< From image to image; 0: the file does not say.
-  MkvBytes data{};                       ///< The codec's header, or the attached file.
+  MkvPixels pixels =
+      MkvPixels::kGray8;               ///< FFV1's pixels; for tracks that are read the caller says.
+  std::int32_t width = 0, height = 0;  ///< Size of the images.
+  std::uint32_t four_cc = 0;           ///< Code of Video for Windows, first letter lowest.
+  std::int64_t period_ns = 0;          ///< From image to image; 0: the file does not say.
+  MkvBytes data{};                     ///< The codec's header, or the attached file.
   const char* title = "";
   const char* file_name = "";    ///< Name of an attachment.
   const char* format_name = "";  ///< Codec of a track being read.

@@ -46,7 +46,7 @@ std::unique_ptr<RgbdRecorder> open_recorder(const std::filesystem::path& path,
                                             std::shared_ptr<const RgbdCalibration> calibration,
                                             const RecorderOptions& options = {});
 
-inline constexpr std::size_t kMaxSkeletons = 64;  ///< Of a recorded frame; sensors track six.
+inline constexpr std::size_t kMaxSkeletons = 64;  ///< Most of a recorded frame; sensors track six.
 
 /// What every recorder asks of its frames before it writes them.
 class RecordingChecks {

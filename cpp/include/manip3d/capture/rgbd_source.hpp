@@ -26,7 +26,7 @@ using Counters = std::vector<std::pair<std::string, std::int64_t>>;
 /// @throws FormatError  (read) a damaged file, by name; the frame's number where it has one.
 class RgbdSource : public FrameSource<RgbdFrame> {
  public:
-  /// Of all frames; devices know it after `start`.
+  /// One for all frames; devices know it after `start`.
   [[nodiscard]] virtual std::shared_ptr<const RgbdCalibration> calibration() const = 0;
   [[nodiscard]] virtual Counters counters() const = 0;
   /// How many there are in all; none: nobody knows.
@@ -34,13 +34,13 @@ class RgbdSource : public FrameSource<RgbdFrame> {
 };
 
 struct RgbdOptions {
-  /// Of recordings. 0: every frame, when it is read. Otherwise as a camera would give them, by
+  /// For recordings. 0: every frame, when it is read. Otherwise as a camera would give them, by
   /// their times, so many times as fast: frames that a slow reader misses are counted as `dropped`.
   double speed = 0.0;
-  /// Of folders of images, which have none of their own; for recordings, instead of their own. A
+  /// For folders of images, which have none of their own; for recordings, instead of their own. A
   /// mirrored camera has its images turned round on entry.
   std::shared_ptr<const RgbdCalibration> calibration;
-  /// Of the depth images in folders; 0: as the scheme says.
+  /// Unit of the depth images in folders; 0: as the scheme says.
   double units_per_metre = 0.0;
 };
 

@@ -17,7 +17,7 @@
 namespace manip3d {
 
 struct UdpOptions {
-  std::string address = "127.0.0.1";  ///< Of this machine; 0.0.0.0: all its addresses.
+  std::string address = "127.0.0.1";  ///< An address of this machine; 0.0.0.0: all of them.
   std::uint16_t port = 2368;          ///< 0: one that is free.
   std::string sender;                 ///< Take packets from this address only; empty: from all.
   std::size_t ring_packets = 16384;   ///< What waits to be read: 4 s of an HDL-64E.

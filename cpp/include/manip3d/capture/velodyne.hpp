@@ -33,7 +33,7 @@ struct LaserCalibration {
   bool has_two_points = false;     ///< The next two hold.
   double range_offset_x_m = 0.0;   ///< At 2.4 m along x.
   double range_offset_y_m = 0.0;   ///< At 1.93 m along y.
-  double vertical_offset_m = 0.0;  ///< Of the laser, at right angles to its beam.
+  double vertical_offset_m = 0.0;  ///< Offset of the laser, at right angles to its beam.
   double horizontal_offset_m = 0.0;
 };
 
@@ -103,8 +103,8 @@ struct VelodyneFrame {
   std::vector<float> range;               ///< As sent, metres, without the calibration's offsets.
   std::vector<float> time;                ///< Seconds after the frame's first packet.
   VelodyneModel model = VelodyneModel::kVlp16;
-  double receive_time = 0.0;  ///< Of the first packet, as its receiver noted.
-  double sensor_time = 0.0;   ///< Of the first packet, seconds after the hour.
+  double receive_time = 0.0;  ///< Arrival of the first packet, as its receiver noted.
+  double sensor_time = 0.0;   ///< Time in the first packet, seconds after the hour.
   std::int64_t packets = 0;
   bool is_complete = false;  ///< Began and ended at the cut.
 

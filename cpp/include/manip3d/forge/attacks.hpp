@@ -47,7 +47,7 @@ enum class Resampling : std::uint8_t { kPoissonDisk, kUniform };
 
 struct ResampleOptions {
   double spacing = 0.0;  ///< Mean distance to the nearest neighbour aimed at, after scaling; > 0.
-  Resampling method = Resampling::kPoissonDisk;  ///< Of downsampling.
+  Resampling method = Resampling::kPoissonDisk;  ///< How points are left out.
   std::uint64_t seed = 0;
   int num_threads = 0;  ///< The result does not depend on it.
 };

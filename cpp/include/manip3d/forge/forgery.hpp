@@ -30,8 +30,9 @@ struct Forgery {
   std::vector<std::int32_t> moved;       ///< Rows of the forged scan, ascending.
   std::vector<std::int32_t> moved_from;  ///< The same points' rows in the original scan.
   std::vector<std::int32_t> removed;     ///< Rows of the original scan, ascending.
-  OrientedBox box;  ///< Of what was added and moved; of what was removed where nothing was.
-  Eigen::Matrix4d transform = Eigen::Matrix4d::Identity();  ///< Of the object, where it has one.
+  OrientedBox box;  ///< Around what was added and moved; else around what was removed.
+  Eigen::Matrix4d transform =
+      Eigen::Matrix4d::Identity();  ///< How the object was moved, if it was.
 };
 
 /// Carries out an edit: one pass over the scan. The same bytes for any number of threads. A point

@@ -15,7 +15,7 @@ struct SegmentOptions {
   double ground_height = 0.3;    ///< Metres above the ground at which objects begin.
   double ground_slope = 0.3;     ///< Steepest ground, as height over distance.
   double tolerance = 0.5;        ///< Metres: gap that separates two objects.
-  std::int64_t min_points = 30;  ///< Of an object.
+  std::int64_t min_points = 30;  ///< Fewest points of an object.
   double max_size = 8.0;         ///< Metres: a longer cluster (a wall) is no object.
 };
 

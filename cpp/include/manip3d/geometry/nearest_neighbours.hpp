@@ -15,7 +15,7 @@ struct NearestOptions {
   /// a k-d tree answers.
   std::optional<Eigen::Vector3d> origin = Eigen::Vector3d::Zero();
   double resolution = 0.0;  ///< Radians, of the search cells; 0: one point a cell on average.
-  int num_threads = 0;      ///< As in parallel_chunks.
+  int num_threads = 0;      ///< 0: all cores.
 };
 
 /// Euclidean distance of each point from its nearest other point, in double; infinite for a lone

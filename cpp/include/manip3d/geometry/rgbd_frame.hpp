@@ -14,7 +14,7 @@ namespace manip3d {
 /// delivers mirrored images or y-up skeletons turns them round before anybody sees them.
 struct RgbdCalibration {
   Intrinsics depth;
-  /// Of the colour camera; none: colour, if any, has the depth image's pixels.
+  /// Pose and lens of the colour camera; none: colour has the depth image's pixels.
   std::optional<Registration> registration;
   std::vector<float> ray_table;  ///< Memory of depth.ray_table.
 };
@@ -24,8 +24,8 @@ inline constexpr std::uint8_t kNoBody = 0xff;  ///< Body index of pixels of nobo
 /// What an RGB-D camera sees at one moment. Images are stored row by row.
 struct RgbdFrame {
   std::int64_t number = 0;   ///< Counts what the sensor made, so gaps show frames that were lost.
-  std::int64_t time_ns = 0;  ///< Of the depth image, by the sensor's clock.
-  std::int64_t rows = 0, cols = 0;       ///< Of depth and body_index.
+  std::int64_t time_ns = 0;  ///< Time of the depth image, by the sensor's clock.
+  std::int64_t rows = 0, cols = 0;       ///< Shape of depth and body_index.
   std::vector<std::uint16_t> depth;      ///< Millimetres along the axis; 0: no measurement.
   std::vector<std::uint8_t> body_index;  ///< Number of the person, or kNoBody; may be empty.
   std::int64_t color_rows = 0, color_cols = 0;

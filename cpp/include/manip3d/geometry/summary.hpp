@@ -14,7 +14,7 @@ struct TopologyCounts {
   std::int64_t complex_vertices = 0;    ///< On a boundary, with other than two boundary neighbours.
   std::int64_t degenerate_faces = 0;    ///< With a repeated index.
   std::int64_t duplicate_faces = 0;     ///< Same three vertices as an earlier face.
-  std::int64_t components = 0;          ///< Of faces joined by shared vertices.
+  std::int64_t components = 0;          ///< Groups of faces joined by shared vertices.
 };
 
 /// What a mesh consists of, counted as stored and welded.

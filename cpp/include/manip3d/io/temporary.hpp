@@ -14,7 +14,7 @@ enum class TemporaryKind : std::uint8_t { kFile, kFolder };
 /// A new file or folder `.manip3d-N` that belongs to the caller as long as `lock` is open.
 struct Temporary {
   std::filesystem::path path;
-  Descriptor lock;  ///< Of the file (open for writing) or folder, locked with flock.
+  Descriptor lock;  ///< The file (open for writing) or folder, locked with flock.
 };
 
 /// Makes the one with the lowest N that is free, and removes those whose writer is dead: of all

@@ -10,9 +10,9 @@
 namespace manip3d {
 
 struct BoundaryGapOptions {
-  double tolerance = 1e-3;  ///< Of a crack, in diagonals.
+  double tolerance = 1e-3;  ///< Width of a crack, in diagonals.
   bool weld = true;         ///< Vertices with bit-identical positions count as one.
-  int num_threads = 0;      ///< As in parallel_chunks.
+  int num_threads = 0;      ///< 0: all cores.
 };
 
 /// Lengths in the meshes' units. A mesh without boundary has no deviation; to such a mesh distances
@@ -22,7 +22,7 @@ struct BoundaryGap {
   std::optional<Deviation> backward;  ///< From the simplified boundary curves to the original's.
   std::int64_t cracks = 0;    ///< Simplified boundary edges with a point beyond the tolerance.
   double crack_length = 0.0;  ///< Summed length of those edges.
-  double diagonal = 0.0;      ///< Of the original's bounding box.
+  double diagonal = 0.0;      ///< Diagonal of the original's bounding box.
 };
 
 /// How far the boundary curves of two meshes are from each other, and where the simplified one

@@ -9,7 +9,7 @@ namespace manip3d {
 
 struct FmpdOptions {
   bool clip = false;    ///< At 1, as chapter 3 of the dissertation does and chapter 2 does not.
-  int num_threads = 0;  ///< As in parallel_chunks.
+  int num_threads = 0;  ///< 0: all cores.
 };
 
 struct FmpdResult {

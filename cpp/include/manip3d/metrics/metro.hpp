@@ -24,13 +24,13 @@ struct MetroOptions {
   Sampling sampling = Sampling::kVertex;
   std::int64_t samples = 0;  ///< `kArea`, per direction; 0: 10 x the original's faces.
   std::uint64_t seed = 0;    ///< `kArea` only.
-  int num_threads = 0;       ///< As in parallel_chunks.
+  int num_threads = 0;       ///< 0: all cores.
 };
 
 struct MetroResult {
   Deviation forward;      ///< From the original's samples to the simplified surface.
   Deviation backward;     ///< From the simplified surface's samples to the original.
-  double diagonal = 0.0;  ///< Of the original's bounding box (vertices that a face uses).
+  double diagonal = 0.0;  ///< That of the original's box (vertices that a face uses).
 };
 
 /// Distances between two surfaces [Cignoni, Rocchini & Scopigno, Computer Graphics Forum 1998]:

@@ -24,8 +24,7 @@ struct RangeCamera {
   Eigen::RowVector4d v_over = Eigen::RowVector4d::Zero();
   Eigen::RowVector4d v_under = Eigen::RowVector4d::Zero();
   Eigen::RowVector3d axis = Eigen::RowVector3d::UnitZ();  ///< Depth is axis . X, away from it.
-  double residual =
-      0.0;  ///< Of the fit: RMS distance between a point's pixel and its place, pixels.
+  double residual = 0.0;  ///< RMS distance between a point's pixel and its fitted place, pixels.
 };
 
 /// The lines of sight of a pinhole camera, its lens distortion left out.
@@ -40,7 +39,7 @@ RangeCamera pinhole_range_camera(const Intrinsics& camera);
 RangeCamera fit_range_camera(const PointGridView& grid);
 
 struct RenderOptions {
-  int num_threads = 0;  ///< As in parallel_chunks.
+  int num_threads = 0;  ///< 0: all cores.
 };
 
 /// Depth of the mesh along the line of sight through each valid point of the grid, row by row: that
@@ -56,7 +55,7 @@ struct RangeImageError {
   double mean_square = 0.0;    ///< Squared units of the points; NaN where nothing was compared.
   double mean_absolute = 0.0;  ///< Likewise.
   double max = 0.0;
-  double diagonal = 0.0;      ///< Of the bounding box of the valid points.
+  double diagonal = 0.0;      ///< Diagonal of the valid points' bounding box.
   std::int64_t compared = 0;  ///< Pixels valid in both.
   std::int64_t valid = 0;     ///< Pixels valid in the range image.
 };

@@ -12,7 +12,7 @@ struct TextureErrorOptions {
   std::int64_t samples = 0;  ///< 0: the larger of the two numbers of faces.
   std::uint64_t seed = 0;
   double epsilon = 1e-4;  ///< In diagonals: faces this much farther than the closest count as met.
-  int num_threads = 0;    ///< As in parallel_chunks.
+  int num_threads = 0;    ///< 0: all cores.
 };
 
 /// Differences of texture coordinates, in their own unit (1 = a whole texture); none where no
@@ -26,7 +26,7 @@ struct TextureError {
   std::int64_t samples = 0;              ///< Compared.
   std::int64_t skipped = 0;              ///< A face without texture coordinates, on either side.
   std::int64_t material_mismatches = 0;  ///< No face met has the sample's material.
-  double material_mismatch_rate = 0.0;   ///< Of all samples drawn.
+  double material_mismatch_rate = 0.0;   ///< Share of all samples drawn.
 };
 
 /// Deviation of texture coordinates [Hoppe, IEEE Visualization 1999]: area-uniform samples of the

@@ -43,11 +43,11 @@ constexpr bool is_torso_bone(std::size_t bone) {
 inline constexpr std::uint8_t kTorsoHit = 0;  ///< `Hit::bone` of the torso's box.
 
 struct ColliderOptions {
-  double percentile = 0.9;  ///< Of the distances of a bone's points: its radius in one frame.
+  double percentile = 0.9;  ///< Which of the distances of a bone's points is its radius.
   int frames = 30;          ///< Over which radii are averaged; 1 to 1000.
   int min_points = 20;      ///< With fewer a frame says nothing about the bone's radius.
   double min_radius = 0.03, max_radius = 0.20;  ///< Metres.
-  double first_radius = 0.05;  ///< Of a bone that has had no points, nor has its mirrored one.
+  double first_radius = 0.05;  ///< Radius of a bone that neither had points nor its twin.
 };
 
 /// Follows a person's colliders from frame to frame. `update` allocates nothing.
@@ -83,8 +83,8 @@ struct MovingSphere {
 };
 
 struct Hit {
-  double time = 0.0;      ///< Of first touch: 0 at the frame before, 1 now.
-  std::uint8_t bone = 0;  ///< Of the capsule, or kTorsoHit.
+  double time = 0.0;      ///< When it first touched: 0 at the frame before, 1 now.
+  std::uint8_t bone = 0;  ///< Bone of the capsule, or kTorsoHit.
   Eigen::Vector3f point = Eigen::Vector3f::Zero();  ///< Where the sphere's centre was.
 };
 

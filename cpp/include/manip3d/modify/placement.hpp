@@ -8,7 +8,7 @@
 namespace manip3d {
 
 struct PlacementOptions {
-  double share = 0.9;       ///< Of the reach, at which targets stand.
+  double share = 0.9;       ///< Share of the reach at which targets stand.
   double spread = 0.35;     ///< Sine of the angle between straight ahead and each target.
   int stable_frames = 60;   ///< After which the placement stays as it is.
   double tolerance = 0.02;  ///< Metres by which a stable knee height and hip centre may move.

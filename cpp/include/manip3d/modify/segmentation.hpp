@@ -22,7 +22,7 @@ void check_options(const PersonMaskOptions& options);
 
 /// The pixels of one person as points, tile by tile of 8 x 8 pixels. Memory is kept for reuse.
 struct PersonPoints {
-  std::int64_t rows = 0, cols = 0;  ///< Of the image.
+  std::int64_t rows = 0, cols = 0;  ///< Shape of the image.
   std::int64_t count = 0;
   std::vector<float> x, y, z;            ///< Camera frame, metres.
   std::vector<std::int32_t> pixel;       ///< v * cols + u.
@@ -30,7 +30,7 @@ struct PersonPoints {
   std::vector<float> squared_distance;   ///< To that bone itself; infinite if there is none.
   std::vector<std::int32_t> tile_start;  ///< First point of each tile, then `count`.
   PixelBox box;                          ///< Around all pixels.
-  std::vector<std::uint8_t> mask;        ///< Of one row of tiles, while they are collected.
+  std::vector<std::uint8_t> mask;        ///< One row of tiles, while they are collected.
   /// Makes room for an image of so many pixels.
   void resize(std::int64_t num_rows, std::int64_t num_cols);
 };

@@ -58,7 +58,7 @@ class ShoeCoverTracker {
   std::vector<std::uint8_t> blue_;                ///< By pixel.
   std::int64_t first_blue_ = 0, last_blue_ = -1;  ///< Pixels.
   ConnectedRuns patches_;
-  std::vector<std::int64_t> sizes_;    ///< Of the patches.
+  std::vector<std::int64_t> sizes_;    ///< Points of each patch.
   std::vector<std::int64_t> largest_;  ///< Its pixels.
   std::array<std::vector<float>, 3> coordinates_;
 };

@@ -24,8 +24,8 @@ struct CleanResult {
   std::int64_t unreferenced_vertices = 0;  ///< Gone because no remaining face uses them.
   std::int64_t degenerate_faces = 0;       ///< Gone because of a repeated index (after welding).
   std::int64_t duplicate_faces = 0;        ///< Gone because an earlier face is their duplicate.
-  std::int64_t changed_faces = 0;     ///< Of those, with another material, UV or colour (kAny).
-  std::int64_t changed_vertices = 0;  ///< Of the merged ones, with another colour than the kept.
+  std::int64_t changed_faces = 0;          ///< Those with another material, UV or colour (kAny).
+  std::int64_t changed_vertices = 0;       ///< Merged ones of another colour than the kept one.
 };
 
 /// Removes what no simplification can use: the pre-cleaning of dissertation section 2.3.1.

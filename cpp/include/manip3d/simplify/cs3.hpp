@@ -55,7 +55,7 @@ struct Cs3Report {
   /// 3.9 are so many (sixteen times as many as asked for on a scene with a far corner) that
   /// counting takes longer than all of the search.
   std::optional<std::int64_t> literal_count;
-  int passes = 0;  ///< Of the sampling, in the search for the factor.
+  int passes = 0;  ///< Samplings that the search for the factor took.
   std::array<double, kNumCs3Stages> seconds{};
 };
 

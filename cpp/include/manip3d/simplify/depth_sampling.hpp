@@ -30,7 +30,7 @@ PoissonDiskSample sample_poisson_disk(const PointGridView& grid, std::int64_t ta
 
 struct ScaleSpaceSample {
   std::vector<Pixel> pixels;
-  double sigma = 0.0;  ///< Of the Gaussian, pixels.
+  double sigma = 0.0;  ///< Width of the Gaussian, pixels.
 };
 
 /// Zero crossings of the Laplacian of Gaussian along scan lines [Cheng & Boulanger, "Single-pass

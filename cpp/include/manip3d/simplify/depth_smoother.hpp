@@ -8,9 +8,8 @@
 namespace manip3d {
 
 struct DepthSmootherOptions {
-  double newest_share =
-      0.15;            ///< Of the newest depth in the mean once a pixel has settled; (0, 1].
-  double gate = 0.03;  ///< A pixel that changes by a larger part of its depth starts anew.
+  double newest_share = 0.15;  ///< Weight of the newest depth once a pixel has settled; (0, 1].
+  double gate = 0.03;          ///< A pixel that changes by a larger part of its depth starts anew.
 };
 
 /// Recursive mean of each pixel of a depth sequence: what stands still loses its noise, what moves

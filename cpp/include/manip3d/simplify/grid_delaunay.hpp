@@ -97,7 +97,7 @@ class GridDelaunay {
   std::vector<HalfEdge> edges_;
   std::vector<BoundaryVertex> ring_;
   std::vector<std::int32_t> stack_;
-  std::int32_t left_ = -1, right_ = -1, last_ = -1;  ///< Of the front; the last vertex added.
+  std::int32_t left_ = -1, right_ = -1, last_ = -1;  ///< Ends of the front; the last vertex added.
 };
 
 }  // namespace manip3d

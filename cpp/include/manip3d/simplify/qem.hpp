@@ -52,7 +52,8 @@ enum class ComplexVertices : std::uint8_t {
 
 struct QemOptions {
   std::int64_t target_faces = 0;  ///< Stop at this many faces or fewer; 0: as few as possible.
-  double max_error = std::numeric_limits<double>::infinity();  ///< Of one collapse, input units.
+  double max_error =
+      std::numeric_limits<double>::infinity();  ///< Largest error of one collapse, input units.
   /// Largest distance of the two surfaces (Hausdorff, boundaries included), input units; kept by
   /// construction. 0: only collapses that leave the surface exactly as it is.
   double max_distance = std::numeric_limits<double>::infinity();
@@ -113,7 +114,7 @@ struct QemResult {
   CollapseStop stop = CollapseStop::kTargetReached;
   std::string message;                                  ///< For kRefused: why.
   std::array<std::int64_t, kNumRejections> rejected{};  ///< Candidates turned down, by Rejection.
-  std::int64_t off_seam_collapses = 0;  ///< Of seam vertices that had to leave their seam.
+  std::int64_t off_seam_collapses = 0;  ///< Seam vertices that had to leave their seam.
   std::int64_t locked_vertices = 0;     ///< Vertices that the method does not move.
   std::int64_t dropped_faces = 0;       ///< Input faces with a repeated vertex, left out.
   std::int64_t clamped_costs = 0;       ///< Errors below zero by rounding, taken as zero.
