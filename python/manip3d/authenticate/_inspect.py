@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import reporting
 from manip3d._util.showing import Showable
 from manip3d.authenticate._density import PAPER_DENSITY, DensityResult, density_consistency
@@ -54,7 +54,7 @@ FALSE_ALARM_RATE = 0.01
 
 
 def _no_power() -> Mapping[str, Power]:
-    return MappingProxyType({})
+    return ReadOnlyMapping({})
 
 
 _GENERIC_REASONS = {
@@ -194,7 +194,7 @@ class Inspection(Showable):
             for name, power in report.power.items():
                 if name not in best or power.share > best[name].share:
                     best[name] = power
-        return MappingProxyType(best)
+        return ReadOnlyMapping(best)
 
     @property
     def calibration(self) -> Calibration | None:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from manip3d.authenticate._generic import GenericResult
+    from manip3d.authenticate._lattice import LatticeReading, SensorLattice
     from manip3d.authenticate._sensors import Sensor
 
 ROUNDINGS = (0.1, 0.05, 0.02, 0.01, 0.005)
@@ -22,9 +23,13 @@ WIDEST_GAP = 10.0
 """Degrees of azimuth without any point. Whole frames of an HDL-64E have 0.2 at most: its lower
 lasers always meet the road, or its own car."""
 
-LEAST_RANGE, NEAREST_RANGE = 75.0, 2.5
-"""Metres: whole frames of KITTI (15 of six drives were looked at) reach from 1.5 m, the scanner's
-own car, to 79.9 m."""
+LEAST_RANGE = 75.0
+"""Metres: whole frames of KITTI (15 of six drives were looked at) reach to 79.9 m."""
+
+NEAREST_RANGE, LEAST_OF_LOWEST = 2.5, 0.25
+"""Metres; share of the firings in which one of the lowest eighth of the lasers must have a return.
+Where a scanner's own car does not answer (1.5 m in KITTI), the road does, which the lowest lasers
+meet 4 m away; where nothing answers them, what is near was cut off."""
 
 FACE, MOST_ON_FACE = 0.05, 200
 """Metres, points: where a frame was cut at a height, many points lie next to the cut; the lowest
@@ -117,7 +122,7 @@ def _of_extent(
     distance = np.sqrt((wide * wide).sum(axis=1))
     if distance.max() < LEAST_RANGE:
         found.append(Processing("cropped", f"no points beyond {distance.max():.1f} m"))
-    if distance.min() > NEAREST_RANGE:
+    if distance.min() > NEAREST_RANGE and _lowest_are_silent(reading, sensor.lattice):
         found.append(Processing("cropped", f"no points nearer than {distance.min():.1f} m"))
     for name, height in (("above", wide[:, 2]), ("below", -wide[:, 2])):
         top = float(height.max())
@@ -133,9 +138,22 @@ def _of_extent(
     return found
 
 
+def _lowest_are_silent(reading: LatticeReading, lattice: SensorLattice) -> bool:
+    """Whether a laser of the lowest eighth has returns in few of the firings."""
+    rings = len(lattice.slope)
+    known = (reading.ring >= 0) & (reading.count >= 0)
+    fired = np.unique(reading.count[known]).size
+    returns = np.bincount(reading.ring[known], minlength=rings)[rings - rings // 8 :]
+    return bool(returns.min(initial=fired) < LEAST_OF_LOWEST * fired)
+
+
 def _first_azimuth(ring: NDArray[np.int32], azimuth: NDArray[np.float32]) -> float:
-    """Degrees in (-180, 180] at which the rings of the file begin, in the median."""
-    starts = np.flatnonzero((ring[1:] == ring[:-1] + 1) & (ring[:-1] >= 0)) + 1
+    """Degrees in (-180, 180] at which the rings of the file begin, in the median.
+
+    A ring begins where the file first has it: points that were appended say nothing of it.
+    """
+    rings, starts = np.unique(ring, return_index=True)
+    starts = starts[rings > 0]
     if len(starts) < 8:
         return 0.0
     return float(np.median(180.0 - np.mod(180.0 - np.degrees(azimuth[starts]), 360.0)))
