@@ -52,6 +52,9 @@ BEAM_WIDTH = 0.12
 FEWEST_POINTS, FEWEST_RINGS = 1000, 16
 """Of a scan on a lattice."""
 
+FEWEST_DISTINCT = 500
+"""Of 20 000 points; copies of fewer are no scan."""
+
 SECTORS, FEWEST_OF_SECTOR, FEWEST_SECTORS = 72, 100, 8
 """Of the horizon, 5 degrees each, and what makes them worth a look, as in detector III."""
 
@@ -141,16 +144,24 @@ def identify_sensor(
     """
     scene = to_scan(scan)
     frame = scene.frame if scene.frame is not None else LidarFrame(scene.points)
-    if frame.num_points < FEWEST_POINTS:
-        return Sensor("unknown", "unknown", f"fewer than {FEWEST_POINTS} points")
-    if len(np.unique(frame.points[:: max(1, frame.num_points // 20_000)], axis=0)) < 500:
-        return Sensor("unknown", "unknown", "nearly all points are copies of a few")
+    if (why := nothing_to_tell(frame.points)) is not None:
+        return Sensor("unknown", "unknown", why)
     given = [] if lattice is None else [lattice]
     for known in (*given, kitti_lattice()):
         found = _on_lattice(frame.points, known, threads)
         if found is not None:
             return found
     return _by_own_lattice(frame, threads) or _by_grid(frame, threads) or _by_beams(frame.points)
+
+
+def nothing_to_tell(points: NDArray[np.float32]) -> str | None:
+    """Say why points tell of no scanner: there are few, or copies of a few; None: they may."""
+    if len(points) < FEWEST_POINTS:
+        return f"fewer than {FEWEST_POINTS} points"
+    some = points[:: max(1, len(points) // 20_000)]
+    if len(np.unique(some, axis=0)) < FEWEST_DISTINCT:
+        return "nearly all points are copies of a few"
+    return None
 
 
 def _on_lattice(points: NDArray[np.float32], lattice: SensorLattice, threads: int) -> Sensor | None:
