@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import importlib.resources
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -159,7 +160,7 @@ def nothing_to_tell(points: NDArray[np.float32]) -> str | None:
     if len(points) < FEWEST_POINTS:
         return f"fewer than {FEWEST_POINTS} points"
     some = points[:: max(1, len(points) // 20_000)]
-    if len(np.unique(some, axis=0)) < FEWEST_DISTINCT:
+    if len(np.unique(some @ np.array([1.0, math.sqrt(2.0), math.pi]))) < FEWEST_DISTINCT:
         return "nearly all points are copies of a few"
     return None
 
