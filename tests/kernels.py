@@ -49,6 +49,8 @@ rings = forge.Lattice([[k / 64, 0.125] for k in range(-24, 8)], 2**-6)
 pasted = forge.ctp(cloud, hoax, position=(4, 1, 0), threads=1)
 scanner = lattice_scans.lattice()
 scan = lattice_scans.scan(np.random.default_rng(0))[::10].copy()
+wall = Box((0.0, 6.0, 0.0), (3.0, 8.0, 2.0))
+near_wall = np.ascontiguousarray(scan[wall.contains(scan)])
 person = capsule_body.painted(0)
 skeleton = person.skeletons[0]
 ground = np.float32(0.5) * cloud * np.float32([1, 1, 0]) - np.float32([0, 0, 1.7])
@@ -112,6 +114,11 @@ KERNELS: dict[str, Kernel] = {
         cloud, hoax, position=(6, 1, 0), lattice=rings, threads=t
     ),
     "forge.snap_to_lattice": lambda t: forge.snap_to_lattice(pasted, rings, along="ray", threads=t),
+    "forge.lattice_insert": lambda t: forge.lattice_insert(
+        scan, near_wall, lattice=scanner, turn=1.5, threads=t
+    ),
+    "forge.lattice_remove": lambda t: forge.lattice_remove(scan, wall, lattice=scanner, threads=t),
+    "forge.spoof": lambda t: forge.spoof(scan, near_wall, lattice=scanner, turn=1.5, threads=t),
     "forge.additive": lambda t: forge.additive(
         cloud, hoax, offset=(9, 9, 0), allow_collision=True, threads=t
     ),

@@ -160,11 +160,9 @@ def test_rings_that_say_little_are_learnt_too() -> None:
     np.testing.assert_allclose(
         found.lattice.slope, np.tan(np.radians(np.arange(15, -16, -2))), atol=1e-3
     )
-    assert found.verdict in ("no_trace", "processed")  # a ring of 12 points reads as thinned out
+    assert found.verdict == "no_trace"
     shift = np.where(box_of(frame.points, 0.5, 0.15, 1.0)[:, None], np.float32([1, 1, 0.1]), 0.0)
     moved = frame.replace(points=frame.points + shift.astype(np.float32))
-    if generic_consistency(moved).verdict == "undecidable":
-        pytest.xfail("since lines may be dropped, a ring of twelve points hides what was moved")
     assert generic_consistency(moved).verdict == "tampered"
 
 

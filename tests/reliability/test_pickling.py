@@ -18,6 +18,7 @@ import pytest
 import kernels
 import manip3d
 import rgbd_frames
+from cave_scans import CAVE, ball
 from manip3d import (
     LidarFrame,
     Material,
@@ -88,6 +89,10 @@ def values() -> Iterator[object]:
         simplify.DepthFileResult,
     ):  # plain values, whatever they hold
         yield kind(**{field.name: np.arange(3.0) for field in dataclasses.fields(kind)})
+    forged = np.concatenate([CAVE, ball(0.6, 20_000) + np.float32([3, 1, 0])])
+    inspected = authenticate.inspect(np.float16(forged).astype(np.float32), origin=(0, 0, 0))
+    assert inspected.processing
+    yield from (inspected, inspected.regions[0])
     yield manip3d.FormatError("a", file="b", line=3)
 
 

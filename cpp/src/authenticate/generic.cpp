@@ -5,6 +5,7 @@
 #include <iterator>
 #include <limits>
 #include <numbers>
+#include <numeric>
 #include <optional>
 
 #include "authenticate/file_order.hpp"
@@ -31,13 +32,14 @@ constexpr int kAnsweredBesideInTime = 6;
 // spoiled by the stray points of 2 in 100, which rounding and resampling leave everywhere.
 constexpr std::size_t kSectors = 72;
 constexpr std::int64_t kFewestOfSector = 100;
-constexpr std::int64_t kFewestSectors = 8;
+constexpr std::size_t kFewestSectors = 8;
 constexpr double kSpoiledShare = 0.02;
 constexpr double kFullTurn = 2.0 * std::numbers::pi;
 
 constexpr std::size_t index_of(Evidence evidence) { return static_cast<std::size_t>(evidence); }
 
 using Strength = std::array<double, kNumEvidence>;
+using SectorTally = std::array<std::int64_t, kSectors>;
 
 // One frame on its way through the stages; each stage fills in what the later ones need.
 class Examination {
@@ -97,28 +99,40 @@ class Examination {
   void flag_points(Evidence evidence, const std::vector<std::int32_t>& found) {
     const auto total = static_cast<double>(std::max<std::int64_t>(num_read_, 1));
     report(evidence).share = static_cast<double>(found.size()) / total;
-    if (report(evidence).share > options_.dropped_share || is_everywhere(found)) {
+    SectorTally contradicting{};
+    for (const std::int32_t i : found) ++contradicting[sector(i)];
+    if (is_everywhere(contradicting)) {
       report(evidence).dropped = Dropped::kContradicted;
       return;
     }
     for (const std::int32_t i : found) flag(i, evidence);
   }
 
-  // Whether more than half of the sectors of the horizon that hold points hold a share of these: an
-  // edit is somewhere, what was done to the whole frame is everywhere.
-  [[nodiscard]] bool is_everywhere(const std::vector<std::int32_t>& found) const {
-    if (found.size() < kSectors) return false;
-    std::array<std::int64_t, kSectors> contradicting{};
-    for (const std::int32_t i : found) ++contradicting[sector(i)];
-    std::int64_t looked = 0;
-    std::int64_t spoiled = 0;
+  // Whether the horizon holds a large share of such points, or more than half of its sectors hold
+  // some: an edit is somewhere, what was done to the whole frame is everywhere.
+  [[nodiscard]] bool is_everywhere(const SectorTally& contradicting) const {
+    const std::vector<double> shares = shares_of_sectors(contradicting);
+    const auto spoiled =
+        std::count_if(shares.begin(), shares.end(), [](double s) { return s > kSpoiledShare; });
+    return mean(shares) > options_.dropped_share ||
+           (shares.size() >= kFewestSectors && 2 * spoiled > std::ssize(shares));
+  }
+
+  // The shares of such points in the sectors that hold points, so that every direction counts the
+  // same, however many points were pasted into one; a single share where few sectors hold points.
+  [[nodiscard]] std::vector<double> shares_of_sectors(const SectorTally& found) const {
+    std::vector<double> shares;
     for (std::size_t s = 0; s < kSectors; ++s) {
       if (sectors_[s] < kFewestOfSector) continue;
-      ++looked;
-      const double share = static_cast<double>(contradicting[s]) / static_cast<double>(sectors_[s]);
-      spoiled += share > kSpoiledShare ? 1 : 0;
+      shares.push_back(static_cast<double>(found[s]) / static_cast<double>(sectors_[s]));
     }
-    return looked >= kFewestSectors && 2 * spoiled > looked;
+    if (shares.size() >= kFewestSectors) return shares;
+    const auto all = std::accumulate(found.begin(), found.end(), std::int64_t{0});
+    return {static_cast<double>(all) / static_cast<double>(std::max<std::int64_t>(num_read_, 1))};
+  }
+
+  static double mean(const std::vector<double>& values) {
+    return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
   }
 
   [[nodiscard]] std::size_t sector(std::int32_t i) const {
@@ -211,7 +225,7 @@ class Examination {
       return std::abs(reading_.range_error(i)) > quarter;
     };
     RangeVoxels<RangeTally> tallies(cells_.rings(), cells_.columns(), {});
-    RangeTally all;
+    SectorTally off_by_sector{};
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
       if (reading_.ring(i) < 0) continue;
       const int layer = range_layer(points_.points.row(i).squaredNorm());
@@ -219,10 +233,9 @@ class Examination {
       const int off = incoherent(i) ? 1 : 0;
       ++tally.points;
       tally.incoherent += off;
-      ++all.points;
-      all.incoherent += off;
+      off_by_sector[sector(i)] += off;
     }
-    const double share = all.points > 0 ? static_cast<double>(all.incoherent) / all.points : 0.0;
+    const double share = mean(shares_of_sectors(off_by_sector));
     const double clean = options_.range_incoherence;
     report(Evidence::kRange).share = std::max(0.0, (share - clean) / (0.5 - clean));
     if (report(Evidence::kRange).share > options_.dropped_share) {
@@ -429,7 +442,7 @@ class Examination {
   FiringSchedule schedule_;
   std::vector<Void> voids_;
   std::int64_t num_read_ = 0;
-  std::array<std::int64_t, kSectors> sectors_{};  // points that were read
+  SectorTally sectors_{};  // points that were read
   GenericResult result_;
 };
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import reporting
 from manip3d._util.showing import Showable
 from manip3d.authenticate._density import PAPER_DENSITY, DensityResult, density_consistency
@@ -21,10 +21,10 @@ from manip3d.authenticate._occlusion import (
     estimate_grid,
     occlusion_consistency,
 )
-from manip3d.authenticate._origin import estimate_origin
+from manip3d.authenticate._origin import LEAST_EXPLAINED, estimate_origin
 from manip3d.authenticate._power import BLIND, known_power
 from manip3d.authenticate._processing import find_processing
-from manip3d.authenticate._sensors import Sensor, identify_sensor
+from manip3d.authenticate._sensors import Sensor, identify_sensor, nothing_to_tell
 from manip3d.authenticate._verdict import Calibration, Power, Processing, Region, Verdict
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, ScanLike, to_scan
@@ -54,7 +54,7 @@ FALSE_ALARM_RATE = 0.01
 
 
 def _no_power() -> Mapping[str, Power]:
-    return MappingProxyType({})
+    return ReadOnlyMapping({})
 
 
 _GENERIC_REASONS = {
@@ -194,7 +194,7 @@ class Inspection(Showable):
             for name, power in report.power.items():
                 if name not in best or power.share > best[name].share:
                     best[name] = power
-        return MappingProxyType(best)
+        return ReadOnlyMapping(best)
 
     @property
     def calibration(self) -> Calibration | None:
@@ -278,7 +278,8 @@ def inspect(
         tried, and one is estimated from the frame.
     sensor : 'auto', 'lattice', 'terrestrial' or 'other'
         The scanner: told from the scan; one on a lattice (HDL-64E); a terrestrial one; another,
-        which no detector is calibrated for.
+        which no detector is calibrated for. A scan that does not stand on the lattice, or on a grid
+        of azimuth and elevation, is undecidable whatever is stated.
     origin : (3,), optional
         Position of the scanner, metres; by default that of the frame, else what
         `estimate_origin` finds.
@@ -372,15 +373,23 @@ def combined_verdict(
 def _identified(
     scan: LidarFrame, sensor: str, lattice: SensorLattice | None, threads: int
 ) -> Sensor:
+    """The scanner; what a caller states of it is believed where the scan can be one of it."""
     if sensor == "auto":
         return identify_sensor(scan, lattice=lattice, threads=threads)
+    if (why := nothing_to_tell(scan.points)) is not None:
+        return Sensor("unknown", "unknown", why)
     if sensor == "terrestrial":
-        return Sensor("terrestrial scanner", "terrestrial", "stated by the caller")
+        found = estimate_origin(scan, known=(0.0, 0.0, 0.0), threads=threads)
+        if found.position is not None and found.explained >= LEAST_EXPLAINED:
+            return Sensor("terrestrial scanner", "terrestrial", "stated by the caller")
+        return Sensor(
+            "unknown", "unknown", "the scan does not stand on the grid of a terrestrial scanner"
+        )
     if sensor == "other":
         return Sensor("another scanner", "unknown", "stated by the caller")
-    found = identify_sensor(scan, lattice=lattice, threads=threads)
-    if found.kind == "lattice":
-        return found
+    identified = identify_sensor(scan, lattice=lattice, threads=threads)
+    if identified.kind == "lattice":
+        return identified
     return Sensor("unknown", "unknown", "the scan does not stand on the lattice that was stated")
 
 

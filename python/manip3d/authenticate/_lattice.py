@@ -365,7 +365,15 @@ def _find_lines(clouds: Sequence[_Cloud]) -> tuple[Floats, Floats]:
 
 
 def _fit_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int] | None:
-    """Slope, offset and support of the line through pairs of points that most others lie on."""
+    """Slope, offset and support of the line of a ring.
+
+    A ring is wide where it was forged if nowhere else; then what is left of it decides.
+    """
+    return _fit_wide_ring(cloud, ring) or _fit_narrow_ring(cloud, ring)
+
+
+def _fit_wide_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int] | None:
+    """The line through pairs of points that most others lie on."""
     some = ring[:: max(1, len(ring) // 500)]
     rho, z = cloud.rho[some], cloud.points[some, 2]
     order = np.argsort(rho, kind="stable")
@@ -374,7 +382,7 @@ def _fit_ring(cloud: _Cloud, ring: NDArray[np.intp]) -> tuple[float, float, int]
     run = rho[far] - rho[near]
     wide = run > NARROW
     if not wide.any():
-        return _fit_narrow_ring(cloud, ring)
+        return None
     slope = (z[far] - z[near])[wide] / run[wide]
     offset = z[near][wide] - slope * rho[near][wide]
     support = (np.abs(z - np.outer(slope, rho) - offset[:, None]) < LINE_TOLERANCE).sum(axis=1)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import generator_of
 from manip3d.authenticate._generic import generic_consistency
 from manip3d.authenticate._lattice import SensorLattice
@@ -232,7 +233,7 @@ def _some_object(points: Points, random: np.random.Generator) -> Rows | None:
 
 
 def _measured(source: str, **found: tuple[int, int]) -> Mapping[str, Power]:
-    return MappingProxyType(
+    return ReadOnlyMapping(
         {
             name.replace("_", " "): Power(hits, planted, source=source)
             for name, (hits, planted) in found.items()
@@ -246,7 +247,7 @@ _REPORTED = (
 )
 _SCENES = "simulated terrestrial scans of manip3d.simulate.scenes, 0.2 degrees"
 
-MEASURED: Mapping[str, Mapping[str, Power]] = MappingProxyType(
+MEASURED: Mapping[str, Mapping[str, Power]] = ReadOnlyMapping(
     {
         "generic": _measured(
             _REPORTED,
@@ -276,4 +277,4 @@ def known_power(detector: str, sensor: Sensor) -> Mapping[str, Power]:
     """
     judged = "lattice" if detector == "generic" else "terrestrial"
     measured = MEASURED.get(detector) if sensor.kind == judged else None
-    return MappingProxyType({}) if measured is None else measured
+    return ReadOnlyMapping({}) if measured is None else measured

@@ -13,18 +13,26 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from manip3d.authenticate._generic import GenericResult
+    from manip3d.authenticate._lattice import LatticeReading, SensorLattice
     from manip3d.authenticate._sensors import Sensor
 
 ROUNDINGS = (0.1, 0.05, 0.02, 0.01, 0.005)
 """Metres that files are rounded to, the coarsest first; scanners write 2 mm and less."""
 
+SAMPLE = 5000
+"""Points that are looked at before all are."""
+
 WIDEST_GAP = 10.0
 """Degrees of azimuth without any point. Whole frames of an HDL-64E have 0.2 at most: its lower
 lasers always meet the road, or its own car."""
 
-LEAST_RANGE, NEAREST_RANGE = 75.0, 2.5
-"""Metres: whole frames of KITTI (15 of six drives were looked at) reach from 1.5 m, the scanner's
-own car, to 79.9 m."""
+LEAST_RANGE = 75.0
+"""Metres: whole frames of KITTI (15 of six drives were looked at) reach to 79.9 m."""
+
+NEAREST_RANGE, LEAST_OF_LOWEST = 2.5, 0.25
+"""Metres; share of the firings in which one of the lowest eighth of the lasers must have a return.
+Where a scanner's own car does not answer (1.5 m in KITTI), the road does, which the lowest lasers
+meet 4 m away; where nothing answers them, what is near was cut off."""
 
 FACE, MOST_ON_FACE = 0.05, 200
 """Metres, points: where a frame was cut at a height, many points lie next to the cut; the lowest
@@ -71,16 +79,25 @@ def find_processing(
 def _of_coordinates(points: NDArray[np.float32]) -> list[Processing]:
     if len(points) == 0:
         return []
-    with np.errstate(over="ignore"):
-        half = points.astype(np.float16).astype(np.float32)
-    if np.array_equal(half, points):
+    some = points[:: max(1, len(points) // SAMPLE)]
+    if _is_float16(some) and _is_float16(points):
         return [Processing("float16", "all coordinates are numbers of 16 bits")]
-    wide = points.astype(np.float64)
     for step in ROUNDINGS:
-        off = np.abs(wide / step - np.round(wide / step)) * step
-        if np.mean(off < 1e-5 + 1e-6 * np.abs(wide)) > 0.999:
+        if _share_rounded(some, step) > 0.99 and _share_rounded(points, step) > 0.999:
             return [Processing("rounded", f"coordinates are whole numbers of {1000 * step:g} mm")]
     return []
+
+
+def _is_float16(points: NDArray[np.float32]) -> bool:
+    with np.errstate(over="ignore"):
+        return np.array_equal(points.astype(np.float16).astype(np.float32), points)
+
+
+def _share_rounded(points: NDArray[np.float32], step: float) -> float:
+    """Share of coordinates that are whole numbers of a step."""
+    wide = points.astype(np.float64)
+    off = np.abs(wide / step - np.round(wide / step)) * step
+    return float(np.mean(off < 1e-5 + 1e-6 * np.abs(wide)))
 
 
 def _of_lattice(
@@ -117,7 +134,7 @@ def _of_extent(
     distance = np.sqrt((wide * wide).sum(axis=1))
     if distance.max() < LEAST_RANGE:
         found.append(Processing("cropped", f"no points beyond {distance.max():.1f} m"))
-    if distance.min() > NEAREST_RANGE:
+    if distance.min() > NEAREST_RANGE and _lowest_are_silent(reading, sensor.lattice):
         found.append(Processing("cropped", f"no points nearer than {distance.min():.1f} m"))
     for name, height in (("above", wide[:, 2]), ("below", -wide[:, 2])):
         top = float(height.max())
@@ -133,9 +150,22 @@ def _of_extent(
     return found
 
 
+def _lowest_are_silent(reading: LatticeReading, lattice: SensorLattice) -> bool:
+    """Whether a laser of the lowest eighth has returns in few of the firings."""
+    rings = len(lattice.slope)
+    known = (reading.ring >= 0) & (reading.count >= 0)
+    fired = np.count_nonzero(np.bincount(reading.count[known]))
+    returns = np.bincount(reading.ring[known], minlength=rings)[rings - rings // 8 :]
+    return bool(returns.min(initial=fired) < LEAST_OF_LOWEST * fired)
+
+
 def _first_azimuth(ring: NDArray[np.int32], azimuth: NDArray[np.float32]) -> float:
-    """Degrees in (-180, 180] at which the rings of the file begin, in the median."""
-    starts = np.flatnonzero((ring[1:] == ring[:-1] + 1) & (ring[:-1] >= 0)) + 1
+    """Degrees in (-180, 180] at which the rings of the file begin, in the median.
+
+    A ring begins where the file first has it: points that were appended say nothing of it.
+    """
+    rings, starts = np.unique(ring, return_index=True)
+    starts = starts[rings > 0]
     if len(starts) < 8:
         return 0.0
     return float(np.median(180.0 - np.mod(180.0 - np.degrees(azimuth[starts]), 360.0)))
@@ -151,5 +181,6 @@ def _is_thin(ring: NDArray[np.int32], count: NDArray[np.int32], rings: int) -> b
     fired = np.count_nonzero((votes > 0) & (votes >= 0.6 * around))
     low, high = (3 * rings) // 8, (7 * rings) // 8
     below = known & (ring >= low) & (ring < high)
-    cells = np.unique(ring[below].astype(np.int64) * (len(votes) + 1) + count[below]).size
-    return bool(cells < LEAST_FILL * fired * (high - low))
+    answered = np.zeros((rings, len(votes)), np.bool_)
+    answered[ring[below], count[below]] = True
+    return bool(np.count_nonzero(answered) < LEAST_FILL * fired * (high - low))

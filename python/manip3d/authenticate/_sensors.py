@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import importlib.resources
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -51,6 +52,12 @@ BEAM_WIDTH = 0.12
 
 FEWEST_POINTS, FEWEST_RINGS = 1000, 16
 """Of a scan on a lattice."""
+
+FEWEST_DISTINCT = 500
+"""Of 20 000 points; copies of fewer are no scan."""
+
+SECTORS, FEWEST_OF_SECTOR, FEWEST_SECTORS = 72, 100, 8
+"""Of the horizon, 5 degrees each, and what makes them worth a look, as in detector III."""
 
 NEAR_LINES = 0.02
 """Metres: a cloud of the scanner that was moved, rounded or deskewed stays as near to the lines."""
@@ -138,16 +145,24 @@ def identify_sensor(
     """
     scene = to_scan(scan)
     frame = scene.frame if scene.frame is not None else LidarFrame(scene.points)
-    if frame.num_points < FEWEST_POINTS:
-        return Sensor("unknown", "unknown", f"fewer than {FEWEST_POINTS} points")
-    if len(np.unique(frame.points[:: max(1, frame.num_points // 20_000)], axis=0)) < 500:
-        return Sensor("unknown", "unknown", "nearly all points are copies of a few")
+    if (why := nothing_to_tell(frame.points)) is not None:
+        return Sensor("unknown", "unknown", why)
     given = [] if lattice is None else [lattice]
     for known in (*given, kitti_lattice()):
         found = _on_lattice(frame.points, known, threads)
         if found is not None:
             return found
     return _by_own_lattice(frame, threads) or _by_grid(frame, threads) or _by_beams(frame.points)
+
+
+def nothing_to_tell(points: NDArray[np.float32]) -> str | None:
+    """Say why points tell of no scanner: there are few, or copies of a few; None: they may."""
+    if len(points) < FEWEST_POINTS:
+        return f"fewer than {FEWEST_POINTS} points"
+    some = points[:: max(1, len(points) // 20_000)]
+    if len(np.unique(some @ np.array([1.0, math.sqrt(2.0), math.pi]))) < FEWEST_DISTINCT:
+        return "nearly all points are copies of a few"
+    return None
 
 
 def _on_lattice(points: NDArray[np.float32], lattice: SensorLattice, threads: int) -> Sensor | None:
@@ -157,18 +172,34 @@ def _on_lattice(points: NDArray[np.float32], lattice: SensorLattice, threads: in
     on = (reading.ring >= 0) & (error < LINE_TOLERANCE)
     crowded = np.bincount(reading.ring[on], minlength=1) >= 20
     name = HDL64E if len(lattice.slope) == 64 else f"scanner of {len(lattice.slope)} lasers"
-    if 2 * np.count_nonzero(on) > len(points) and np.count_nonzero(crowded) >= FEWEST_RINGS:
+    if _share_of_horizon(on, reading.azimuth) > 0.5 and np.count_nonzero(crowded) >= FEWEST_RINGS:
         return Sensor(name, "lattice", "its points lie on the lines of the lattice", lattice)
     rho = np.hypot(points[:, 0], points[:, 1])
     middle = (rho > 8.0) & (rho < 25.0)  # where lines are apart by more than they are blurred
     if np.count_nonzero(middle) < FEWEST_POINTS:
         return None
-    if np.mean(error[middle] < NEAR_LINES) < 0.7 or np.unique(reading.ring[middle]).size < 32:
+    near = error[middle] < NEAR_LINES
+    if _share_of_horizon(near, reading.azimuth[middle]) < 0.7:
+        return None
+    if np.unique(reading.ring[middle]).size < 32:
         return None
     off = float(np.median(error[middle]))
     return Sensor(
         name, "lattice", "its points lie near the lines of the lattice", lattice, max(off, 1e-4)
     )
+
+
+def _share_of_horizon(holds: NDArray[np.bool_], azimuth: NDArray[np.float32]) -> float:
+    """Mean share of points for which something holds in the sectors of the horizon with points.
+
+    Every direction counts the same, however many points were pasted into one.
+    """
+    sector = (azimuth * (SECTORS / (2.0 * np.pi))).astype(np.intp).clip(0, SECTORS - 1)
+    points = np.bincount(sector, minlength=SECTORS)
+    some = points >= FEWEST_OF_SECTOR
+    if np.count_nonzero(some) < FEWEST_SECTORS:
+        return float(np.mean(holds))
+    return float(np.mean(np.bincount(sector, holds, SECTORS)[some] / points[some]))
 
 
 def _by_own_lattice(frame: LidarFrame, threads: int) -> Sensor | None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
+
+from manip3d._util.mappings import ReadOnlyMapping
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -87,7 +88,7 @@ class Region:
     box: Box
     rows: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64), repr=False)
     p_value: float | None = None
-    evidence: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}), repr=False)
+    evidence: Mapping[str, float] = field(default_factory=lambda: ReadOnlyMapping({}), repr=False)
 
     def record(self) -> dict[str, Any]:
         """Return the region as JSON values."""

@@ -46,6 +46,7 @@ class Order:
     distance: float
     range_noise: float
     paper: bool
+    lattice: Path | None
     up: str
     seed: int
     threads: int
@@ -194,6 +195,33 @@ def _replace(frame: LidarFrame, order: Order) -> Forgery:
     return forge.replacement(frame, points, _box(order), threads=order.threads)
 
 
+def _lattice_insert(frame: LidarFrame, order: Order) -> Forgery:
+    from manip3d import forge
+
+    thing, turn = _seen_object(frame, order), _turn(order)
+    return forge.lattice_insert(
+        frame, thing, lattice=_lattice(order), turn=turn, rng=order.seed, threads=order.threads
+    )
+
+
+def _spoof(frame: LidarFrame, order: Order) -> Forgery:
+    from manip3d import forge
+
+    thing, turn = _seen_object(frame, order), _turn(order)
+    return forge.spoof(
+        frame, thing, lattice=_lattice(order), turn=turn, rng=order.seed, threads=order.threads
+    )
+
+
+def _lattice_remove(frame: LidarFrame, order: Order) -> Forgery:
+    from manip3d import forge
+
+    box = _box(order) or forge.nearest_object(frame)
+    return forge.lattice_remove(
+        frame, box, lattice=_lattice(order), rng=order.seed, threads=order.threads
+    )
+
+
 ATTACKS: dict[str, Callable[[LidarFrame, Order], Forgery]] = {
     "ctp": _ctp,
     "crtp": _crtp,
@@ -204,6 +232,9 @@ ATTACKS: dict[str, Callable[[LidarFrame, Order], Forgery]] = {
     "translation": _translate,
     "rotation": _rotate,
     "replacement": _replace,
+    "lattice-insert": _lattice_insert,
+    "lattice-remove": _lattice_remove,
+    "spoof": _spoof,
 }
 
 
@@ -223,6 +254,29 @@ def _hoax(order: Order) -> Any:
         return mesh
     x, y, z = mesh.vertices.T
     return mesh.replace(vertices=np.column_stack([x, -z, y]))
+
+
+def _seen_object(frame: LidarFrame, order: Order) -> LidarFrame:
+    """The object of the box, as the scanner saw it in the hoax's scan, else in the scan itself."""
+    import manip3d
+    from manip3d import forge
+
+    scan = frame if order.hoax is None else manip3d.read_scan(order.hoax)
+    inside = (_box(order) or forge.nearest_object(scan)).contains(scan.points)
+    intensity = None if scan.intensity is None else scan.intensity[inside]
+    return LidarFrame(scan.points[inside], intensity)
+
+
+def _turn(order: Order) -> float:
+    return np.pi / 2.0 if order.yaw is None else order.yaw
+
+
+def _lattice(order: Order) -> Any:
+    from manip3d import authenticate
+
+    if order.lattice is None:
+        return authenticate.kitti_lattice()
+    return authenticate.SensorLattice.load(order.lattice)
 
 
 def _points(hoax: Any) -> Any:
@@ -254,6 +308,9 @@ class LidarAttack(StrEnum):
     translation = "translation"
     rotation = "rotation"
     replacement = "replacement"
+    lattice_insert = "lattice-insert"
+    lattice_remove = "lattice-remove"
+    spoof = "spoof"
 
 
 @app.command("lidar")
@@ -279,8 +336,9 @@ def forge_lidar(
     yaw: Annotated[
         float | None,
         typer.Option(
-            help="Turn about the vertical, radians: of a hoax (default: 0), or of the object that "
-            "'rotation' turns (default: -10 degrees)."
+            help="Turn about the vertical, radians: of a hoax (default: 0), of the object that "
+            "'rotation' turns (default: -10 degrees), or about the scanner of what "
+            "'lattice-insert' and 'spoof' copy (default: 90 degrees)."
         ),
     ] = None,
     amplitude: Annotated[float, typer.Option(help="Amplitude of a deformation, metres.")] = 0.1,
@@ -293,6 +351,13 @@ def forge_lidar(
     printed: Annotated[
         bool, typer.Option("--printed", help="Translate as the dissertation prints it for CTP.")
     ] = False,
+    lattice: Annotated[
+        Path | None,
+        typer.Option(
+            help="Lattice of the scanner, as SensorLattice.save writes it (.json), for "
+            "'lattice-insert', 'lattice-remove' and 'spoof'; by default that of KITTI's scanner."
+        ),
+    ] = None,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -316,6 +381,7 @@ def forge_lidar(
         distance,
         range_noise,
         printed,
+        lattice,
         up.value,
         seed,
         jobs,

@@ -21,11 +21,13 @@ from manip3d.forge._attacks import (
     snap_to_lattice,
     subtract,
 )
+from manip3d.forge._firings import MOST_SPOOFED, lattice_insert, lattice_remove, spoof
 from manip3d.forge._objects import Segmentation, nearest_object, segment
 from manip3d.forge._truth import Forgery, Lattice
 
 __all__ = [
     "ALERT_ATTACKS",
+    "MOST_SPOOFED",
     "Forgery",
     "Lattice",
     "Segmentation",
@@ -35,6 +37,8 @@ __all__ = [
     "ctp",
     "deform",
     "insert_occluding",
+    "lattice_insert",
+    "lattice_remove",
     "nearest_object",
     "range_scale",
     "replacement",
@@ -42,6 +46,7 @@ __all__ = [
     "rotation",
     "segment",
     "snap_to_lattice",
+    "spoof",
     "subtract",
     "subtractive",
     "translation",

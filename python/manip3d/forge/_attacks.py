@@ -392,13 +392,14 @@ def snap_to_lattice(
         forgery,
         points=parts[0],
         intensity=parts[1],
-        box=_box_around(parts[0][touched]) if len(touched) else forgery.box,
+        box=box_around(parts[0][touched]) if len(touched) else forgery.box,
         attack=f"{forgery.attack}+snap",
         parameters={**forgery.parameters, "snapped": along},
     )
 
 
-def _box_around(points: NDArray[np.float32]) -> Box:
+def box_around(points: NDArray[np.float32]) -> Box:
+    """The axis-parallel box around points, metres."""
     low, high = (side.astype(np.float64) for side in (points.min(axis=0), points.max(axis=0)))
     return Box(tuple((0.5 * (low + high)).tolist()), tuple((high - low).tolist()))
 

@@ -31,7 +31,8 @@ ObjectLike: TypeAlias = "Mesh | LidarFrame | ArrayLike"
 class Forgery(Showable):
     """A forged scan and what was done to it.
 
-    Points that nobody touched keep their order and their bits; added ones come last.
+    Points that nobody touched keep their order and their bits; added ones come last. Moved ones
+    keep their places, too, unless the attacker sorts them (`lattice_insert`, `lattice_remove`).
 
     Attributes
     ----------
@@ -78,10 +79,11 @@ class Forgery(Showable):
     @cached_property
     def source_index(self) -> Rows:
         """Row of the original scan that each point was; -1: added."""
-        kept = np.ones(len(self.points) - len(self.added) + len(self.removed), np.bool_)
-        kept[self.removed] = False
+        untouched = np.ones(len(self.points) - len(self.added) + len(self.removed), np.bool_)
+        untouched[self.removed] = untouched[self.moved_from] = False
         index = np.full(len(self.points), -1, np.int32)
-        index[: len(self.points) - len(self.added)] = np.flatnonzero(kept)
+        index[self.moved] = self.moved_from
+        index[self.label == 0] = np.flatnonzero(untouched)
         return index
 
     @property
