@@ -58,7 +58,7 @@ def test_quality_levels_are_runs_from_the_input() -> None:
         own = simplify.quality(mesh, target_faces=target, texture_weight=0.1)
         np.testing.assert_array_equal(level.mesh.vertices, own.mesh.vertices)
         assert level.max_error == own.max_error
-    kept = lod_chain(mesh, [400, 4], method="quality", options={"max_distance": 1e-2})
+    kept = lod_chain(mesh, [400, 4], method="quality", options={"max_distance": 0.3})
     assert len(kept.levels) == 2
     assert kept.result.stop == "distance_limit"
     with pytest.raises(InputError, match="options: expected arguments of quality, got curvature"):
