@@ -112,6 +112,22 @@ def _manip3d(method: str, name: str, **options: Any) -> Peer:
     )
 
 
+def _shape_only(mesh: Mesh) -> Mesh:
+    """The surface alone: what the peers see that take no texture coordinates and materials."""
+    return Mesh(mesh.vertices, mesh.faces)
+
+
+def _quality(name: str, prepare: Callable[[Mesh], Mesh], *, texture: bool) -> Peer:
+    return _python_peer(
+        name,
+        "optimal",
+        prepare,
+        lambda mesh, target: manip3d.simplify.simplify(mesh, target_faces=target),
+        lambda result, _: result.mesh,
+        texture=texture,
+    )
+
+
 # --- PyMeshLab --------------------------------------------------------------------------------
 
 _MESHLAB = {"qualitythr": 0.3, "boundaryweight": 1.0}
@@ -222,7 +238,7 @@ def _materials(mesh: Mesh) -> NDArray[np.int32]:
     return mesh.face_material
 
 
-# --- MeshLib, Open3D, VTK, fast-simplification ------------------------------------------------
+# --- MeshLib, Open3D, VTK, fast-simplification, pyfqmr ----------------------------------------
 
 
 def _to_meshlib(mesh: Mesh) -> Any:
@@ -293,6 +309,17 @@ def _run_fast_simplification(native: Any, target_faces: int) -> Any:
     return library.simplify(vertices, faces, target_count=target_faces)
 
 
+def _run_pyfqmr(native: Any, target_faces: int) -> Any:
+    native.simplify_mesh(target_count=target_faces, verbose=0)
+    return native.getMesh()[:2]
+
+
+def _to_pyfqmr(mesh: Mesh) -> Any:
+    simplifier = _module("pyfqmr").Simplify()
+    simplifier.setMesh(mesh.vertices, mesh.faces)
+    return simplifier
+
+
 # --- The programs of benchmarks/cpp -----------------------------------------------------------
 
 
@@ -321,6 +348,8 @@ def _program_peer(
 
 
 _ALL = (
+    _quality("manip3d", lambda mesh: mesh, texture=True),
+    _quality("manip3d, shape only", _shape_only, texture=False),
     _manip3d("qem4vr", "manip3d QEM4VR"),
     _manip3d("qem-orig", "manip3d QEM_ORIG"),
     _manip3d("qem-bp", "manip3d QEM_BP"),
@@ -347,6 +376,7 @@ _ALL = (
         _run_fast_simplification,
         lambda result, _: Mesh(*result),
     ),
+    _python_peer("pyfqmr", "optimal", _to_pyfqmr, _run_pyfqmr, lambda result, _: Mesh(*result)),
     _program_peer("CGAL Garland-Heckbert", "optimal", "peer_cgal", "garland-heckbert"),
     _program_peer("CGAL Lindstrom-Turk", "optimal", "peer_cgal", "lindstrom-turk"),
     _program_peer("meshoptimizer subset", "subset", "peer_meshoptimizer", "subset"),

@@ -1,6 +1,9 @@
-"""One peer, one mesh, one process: ``python run_peer.py PEER MESH TARGET OUTPUT`` (pickled meshes).
+"""One peer, one mesh, one process, one or more targets (pickled meshes).
 
-Prints one line of JSON: ``status`` is ``ok`` (with the cost), ``not installed`` or ``refused``.
+``python run_peer.py PEER MESH TARGET OUTPUT [TARGET OUTPUT ...]``
+
+Prints one line of JSON per target: ``status`` is ``ok`` (with the cost), ``not installed`` or
+``refused``.
 """
 
 from __future__ import annotations
@@ -14,22 +17,25 @@ from pathlib import Path
 from measuring import one_thread
 
 
-def main(peer: str, mesh: str, target_faces: str, output: str) -> None:
+def main(peer: str, mesh: str, *targets_and_outputs: str) -> None:
     """Run the peer and say what it cost."""
     one_thread()  # before any library counts the cores
     from peers import PEERS, NotInstalledError, RefusedError
 
     original = pickle.loads(Path(mesh).read_bytes())
-    try:
-        result, cost = PEERS[peer].measured(original, int(target_faces))
-    except NotInstalledError as error:
-        print(json.dumps({"status": "not installed", "message": str(error)}))
-        return
-    except RefusedError as error:
-        print(json.dumps({"status": "refused", "message": str(error)}))
-        return
-    Path(output).write_bytes(pickle.dumps(result))
-    print(json.dumps({"status": "ok", **asdict(cost)}))
+    for target_faces, output in zip(
+        targets_and_outputs[::2], targets_and_outputs[1::2], strict=True
+    ):
+        try:
+            result, cost = PEERS[peer].measured(original, int(target_faces))
+        except NotInstalledError as error:
+            said = {"status": "not installed", "message": str(error)}
+        except RefusedError as error:
+            said = {"status": "refused", "message": str(error)}
+        else:
+            Path(output).write_bytes(pickle.dumps(result))
+            said = {"status": "ok", **asdict(cost)}
+        print(json.dumps(said), flush=True)
 
 
 if __name__ == "__main__":

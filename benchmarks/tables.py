@@ -230,3 +230,158 @@ def _measure_row(row: Row, textured: bool) -> list[str]:
         number(100.0 * texture["rms"]),
         f"{mismatch:.2f} %",
     ]
+
+
+# --- Every mesh of the data folder ------------------------------------------------------------
+
+OURS, OURS_SHAPE = "manip3d", "manip3d, shape only"
+EVERY_MESH_PEERS = (
+    OURS,
+    OURS_SHAPE,
+    "PyMeshLab texture",
+    "meshoptimizer attributes",
+    "meshoptimizer update",
+    "PyMeshLab subset",
+    "PyMeshLab optimal",
+    "MeshLib",
+    "VTK",
+    "fast-simplification",
+    "pyfqmr",
+    "Open3D",
+    "CGAL Lindstrom-Turk",
+)
+FEW_FACES = 50  # targets below are reported, not judged
+ROUNDING = 1e-9  # of the diagonal: smaller errors are equal
+
+
+def write_every_mesh(results: Row, path: Path = RESULTS) -> None:
+    """The section `every_mesh`."""
+    write_section("every_mesh", every_mesh(results), path)
+
+
+def every_mesh(results: Row) -> str:
+    """Which aims hold, each case, and the cases worse than a peer."""
+    by_case: dict[tuple[str, float], list[Row]] = {}
+    for row in results["rows"]:
+        by_case.setdefault((row["mesh"], row["ratio"]), []).append(row)
+    cases = [_case(rows) for rows in by_case.values() if any(row["peer"] == OURS for row in rows)]
+    parts = [environment_line(results["environment"]), _every_mesh_aims(cases)]
+    parts += [_every_mesh_table(cases), _every_mesh_worse(cases)]
+    return "\n".join(parts)
+
+
+def _reached(row: Row) -> bool:
+    return row.get("area") is not None and row["faces"] <= 1.01 * row["target"]
+
+
+def _best(rows: list[Row], value: str) -> Row | None:
+    """The peer with the least of a value among those that reached the target."""
+    rivals = [row for row in rows if not row["peer"].startswith(OURS) and _reached(row)]
+    return min(
+        (r for r in rivals if r.get(value) is not None), key=lambda r: r[value], default=None
+    )
+
+
+def _case(rows: list[Row]) -> Row:
+    """One mesh at one number of faces: ours, and the peers it is compared with."""
+    own = next(row for row in rows if row["peer"] == OURS)
+    shape = next((row for row in rows if row["peer"] == OURS_SHAPE), None)
+    keeping = [row for row in rows if row["keeps_uv"]]
+    case: Row = {"own": own, "judged": own["target"] >= FEW_FACES, "has_uv": own["has_uv"]}
+    pairs: list[tuple[str, Row, Row | None, str]] = []  # what, ours, the best peer's, the value
+    if own["has_uv"]:
+        pairs.append(("area", own, _best(keeping, "area"), "area"))
+        pairs.append(("UV", own, _best(keeping, "texture"), "texture"))
+        if shape is not None:
+            blind = [row for row in rows if not row["keeps_uv"]]
+            pairs.append(("area, shape only", shape, _best(blind, "area"), "area"))
+    else:
+        pairs.append(("area", own, _best(rows, "area"), "area"))
+    case["pairs"] = [
+        (what, mine[value], best[value], best["peer"])
+        for what, mine, best, value in pairs
+        if best is not None and mine.get(value) is not None
+    ]
+    return case
+
+
+def _ratio_to_best(own: float, best: float) -> float:
+    """Above 1: ours is worse."""
+    return max(own, ROUNDING) / max(best, ROUNDING)
+
+
+def _every_mesh_aims(cases: list[Row]) -> str:
+    judged = [case for case in cases if case["judged"]]
+
+    def share(of: list[bool]) -> str:
+        return f"{sum(of)} of {len(of)}, {100.0 * sum(of) / max(1, len(of)):.1f} %"
+
+    body = []
+
+    def aim(words: str, of: list[bool], least: float) -> None:
+        holds = sum(of) >= least * len(of) and bool(of)
+        body.append([words, share(of), "holds" if holds else "**does not hold**"])
+
+    def factors(what: str) -> list[float]:
+        return [
+            _ratio_to_best(mine, best)
+            for case in judged
+            for name, mine, best, _ in case["pairs"]
+            if name == what
+        ]
+
+    over = [case["own"].get("faces", 10**9) / case["own"]["target"] for case in judged]
+    aim("target met, or missed by less than 1.2 times: 95 %", [x < 1.2 for x in over], 0.95)
+    body.append(["target met", share([x <= 1.0 for x in over]), "–"])
+    for what, words in (
+        ("area", "`area` error at most the best peer's (UV-carrying ones where there are UVs)"),
+        ("area, shape only", "textured meshes without their UVs, beside geometry-only peers"),
+    ):
+        aim(f"{words}: 90 %", [x <= 1.0 for x in factors(what)], 0.90)
+        aim("… at most 2 times: all", [x <= 2.0 for x in factors(what)], 1.0)
+    measured = [case for case in judged if case["pairs"]]
+    meshes = {case["own"]["mesh"] for case in measured}
+    of = f"{len(measured)} of {len(meshes)} meshes"
+    body.append(["judged cases in which a peer reached the target", of, "–"])
+    aim("UV error at most the best peer's: 90 %", [x <= 1.0 for x in factors("UV")], 0.90)
+    return table(["aim", "cases", "verdict"], body)
+
+
+def _every_mesh_table(cases: list[Row]) -> str:
+    """Each case: errors beside the best peer's that reached the target."""
+    body = []
+    for case in cases:
+        own = case["own"]
+        cells = [f"{own['mesh']}, {100.0 * own['ratio']:g} %"]
+        missed = " *" if own.get("faces", 0) > own["target"] else ""
+        cells.append(f"{own.get('faces', own['status'])}{missed} / {own['target']}")
+        cells.append(number(1e3 * own["cpu_s"]) if "cpu_s" in own else "–")
+        for what, scale in (("area", 1e3), ("UV", 1e2), ("area, shape only", 1e3)):
+            found = [pair for pair in case["pairs"] if pair[0] == what]
+            cells.append(
+                f"{number(scale * found[0][1])} / {number(scale * found[0][2])}" if found else "–"
+            )
+        body.append(cells)
+    head = [
+        "mesh, faces that stay", "faces / target", "ms", "`area`, 1e-3: ours / best peer's",
+        "UV, 1e-2: ours / best peer's", "shape only, 1e-3: ours / best peer's",
+    ]  # fmt: skip
+    return table(head, body)
+
+
+def _every_mesh_worse(cases: list[Row]) -> str:
+    """The judged cases with a larger error than a peer, the worst first."""
+    found = [
+        (_ratio_to_best(mine, best), what, mine, best, peer, case["own"])
+        for case in cases
+        if case["judged"]
+        for what, mine, best, peer in case["pairs"]
+        if _ratio_to_best(mine, best) > 1.0
+    ]
+    found.sort(key=lambda entry: -entry[0])
+    body = [
+        [f"{own['mesh']}, {100.0 * own['ratio']:g} %", what, peer, number(mine), number(best),
+         f"{factor:.2f}"]
+        for factor, what, mine, best, peer, own in found
+    ]  # fmt: skip
+    return table(["worse than a peer", "error", "best peer", "ours", "its", "times"], body)

@@ -126,6 +126,7 @@ Fields to_fields(QualityResult&& r, const py::object& source) {
   result["removed_pieces"] = r.removed_pieces;
   result["relaxed_collapses"] = r.relaxed_collapses;
   result["dropped_faces"] = r.dropped_faces;
+  result["distance_bound"] = r.distance_bound;
   return result;
 }
 
@@ -225,6 +226,7 @@ void bind_quality(py::module_& m) {
       .def(py::init<>())
       .def_readwrite("target_faces", &QualityOptions::target_faces)
       .def_readwrite("max_error", &QualityOptions::max_error)
+      .def_readwrite("max_distance", &QualityOptions::max_distance)
       .def_readwrite("boundary_weight", &QualityOptions::boundary_weight)
       .def_readwrite("seam_weight", &QualityOptions::seam_weight)
       .def_readwrite("texture_weight", &QualityOptions::texture_weight);

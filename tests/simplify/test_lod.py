@@ -49,6 +49,22 @@ def test_levels_equal_runs_of_their_own() -> None:
         assert level.max_error == own.max_error
 
 
+def test_quality_levels_are_runs_from_the_input() -> None:
+    mesh = hills()
+    chain = lod_chain(mesh, 3, ratio=0.3, method="quality", options={"texture_weight": 0.1})
+    for level, most in zip(chain.levels, (800, 240, 72), strict=True):
+        assert most - 2 <= level.num_faces <= most
+    for level, target in zip(chain.levels[1:], (240, 72), strict=True):
+        own = simplify.quality(mesh, target_faces=target, texture_weight=0.1)
+        np.testing.assert_array_equal(level.mesh.vertices, own.mesh.vertices)
+        assert level.max_error == own.max_error
+    kept = lod_chain(mesh, [400, 4], method="quality", options={"max_distance": 0.3})
+    assert len(kept.levels) == 2
+    assert kept.result.stop == "distance_limit"
+    with pytest.raises(InputError, match="options: expected arguments of quality, got curvature"):
+        lod_chain(mesh, method="quality", options={"curvature": "paper"})
+
+
 def test_levels_that_cannot_be_reached_are_left_out() -> None:
     ball = Mesh(*sphere(12, 6))
     chain = lod_chain(ball, [60, 20, 1], method="qem-orig")

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 
 from manip3d import InputError, Mesh, read_mesh
 from manip3d.metrics import closest_points, hausdorff_bound
-from manip3d.simplify import METHODS, clean, qem4vr, qem_orig
+from manip3d.simplify import METHODS, clean, qem4vr, qem_orig, quality, simplify
 from real_data import RealData
 from zoo import MESHES, grid, sphere
 
@@ -51,7 +53,7 @@ def hills(columns: int = 20) -> Mesh:
 
 
 @pytest.mark.parametrize("fraction", [1e-1, 1e-2, 1e-3, 1e-4])
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", [*METHODS, "quality"])
 @pytest.mark.parametrize("name", ["hills", "sphere", "open_strip"])
 def test_the_distance_keeps_its_limit(name: str, method: str, fraction: float) -> None:
     if name == "open_strip":  # a rim that QEM_ORIG eats for nothing
@@ -60,7 +62,7 @@ def test_the_distance_keeps_its_limit(name: str, method: str, fraction: float) -
     else:
         mesh = hills() if name == "hills" else Mesh(*sphere(24, 12))
     limit = fraction * mesh.diagonal
-    result = METHODS[method](mesh, max_distance=limit)
+    result = (METHODS | {"quality": quality})[method](mesh, max_distance=limit)
     if result.stop == "refused":
         return
     assert result.distance_bound is not None
@@ -73,12 +75,13 @@ def test_the_distance_keeps_its_limit(name: str, method: str, fraction: float) -
         assert result.mesh.num_faces < 0.6 * mesh.num_faces
 
 
+@pytest.mark.parametrize("method", [qem4vr, quality])
 @pytest.mark.parametrize("name", MESHES)
-def test_every_mesh_of_the_zoo_keeps_its_limit(name: str) -> None:
+def test_every_mesh_of_the_zoo_keeps_its_limit(name: str, method: Callable[..., Any]) -> None:
     mesh = clean(MESHES[name]).mesh
     if mesh.num_faces == 0 or mesh.diagonal == 0:
         return
-    result = qem4vr(mesh, max_distance=0.05 * mesh.diagonal)
+    result = method(mesh, max_distance=0.05 * mesh.diagonal)
     assert result.distance_bound is not None
     assert result.distance_bound <= 0.05 * mesh.diagonal
     assert sampled_distance(mesh, result.mesh) <= result.distance_bound + 1e-9 * mesh.diagonal
@@ -159,16 +162,43 @@ def test_one_ulp_off_is_not_coplanar() -> None:
 def test_a_limit_is_a_distance(limit: float) -> None:
     with pytest.raises(InputError, match="max_distance"):
         qem4vr(hills(4), max_distance=limit)
+    with pytest.raises(InputError, match="max_distance"):
+        quality(hills(4), max_distance=limit)
+
+
+def test_zero_is_for_methods_that_leave_vertices_where_they_are() -> None:
+    with pytest.raises(InputError, match="max_distance: expected a number > 0"):
+        simplify(hills(4), max_distance=0.0)
+    assert simplify(hills(4), "published", max_distance=0.0).distance_bound == 0.0
+
+
+def test_quality_says_that_the_distance_stopped_it_and_the_fit_keeps_it() -> None:
+    """The vertices that the fit moves at the end are held to the limit as well."""
+    mesh = hills()
+    limit = 1e-3 * mesh.diagonal
+    kept = quality(mesh, target_faces=4, max_distance=limit)
+    assert kept.stop == "distance_limit"
+    assert kept.rejected["distance_limit"] > 0
+    assert kept.mesh.num_faces > 4
+    assert sampled_distance(mesh, kept.mesh) <= limit
+    free = quality(mesh, target_faces=kept.mesh.num_faces // 2)
+    assert sampled_distance(mesh, free.mesh) > limit
+    assert free.distance_bound is None
 
 
 @pytest.mark.realdata
 @pytest.mark.slow
+@pytest.mark.parametrize("mode", ["published", "quality"])
 @pytest.mark.parametrize("fraction", [1e-2, 1e-3, 1e-4, 0.0])
 @pytest.mark.parametrize("name", WILD)
-def test_wild_meshes_keep_the_limit(realdata: RealData, name: str, fraction: float) -> None:
+def test_wild_meshes_keep_the_limit(
+    realdata: RealData, name: str, fraction: float, mode: Literal["published", "quality"]
+) -> None:
+    if mode == "quality" and fraction == 0.0:
+        return  # refused: see above
     mesh = clean(read_mesh(realdata(f"meshes/wild/{name}"))).mesh
     limit = fraction * mesh.diagonal
-    result = qem4vr(mesh, max_distance=limit)
+    result = simplify(mesh, mode, max_distance=limit)
     assert result.distance_bound is not None
     assert result.distance_bound <= limit
     assert sampled_distance(mesh, result.mesh) <= limit + 1e-6 * mesh.diagonal

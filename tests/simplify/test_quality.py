@@ -161,6 +161,18 @@ def test_many_loose_faces_reach_any_target() -> None:
     assert result.removed_pieces > 0
 
 
+def test_of_two_faces_on_the_same_vertices_one_goes_when_the_target_is_out_of_reach() -> None:
+    """Collapsing an edge of a tetrahedron lays the two faces beside it on each other."""
+    tetrahedron = Mesh(
+        [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
+    )
+    result = simplify.quality(tetrahedron, target_faces=2)
+    assert result.stop == StopReason.TARGET_REACHED
+    assert result.mesh.num_faces == 1
+    assert result.relaxed_collapses == 1
+
+
 def test_the_simulated_head_gets_no_spike() -> None:
     head = simulate.models.head(faces=3000)
     result = simplify.simplify(head, target_faces=90).mesh

@@ -278,8 +278,7 @@ TriangleMesh CollapseMesh::extract(const MeshView& input, std::vector<std::int32
   for (std::int32_t v = 0; v < num_vertices(); ++v) {
     if (output_vertex[v] < 0) continue;
     kept.push_back(v);
-    if (moved_[v])
-      out.vertices.row(output_vertex[v]) = (center_ + scale_ * positions_[v]).transpose();
+    if (moved_[v]) out.vertices.row(output_vertex[v]) = to_input(positions_[v]).transpose();
   }
   if (any_moved_ && out.face_texcoords.rows() > 0) extract_texcoords(out);
   return out;

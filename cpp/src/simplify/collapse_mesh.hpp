@@ -108,6 +108,10 @@ class CollapseMesh {
   /// Positions, centred and scaled to a unit diagonal.
   [[nodiscard]] const Eigen::Vector3d& position(std::int32_t v) const { return positions_[v]; }
   [[nodiscard]] double scale() const { return scale_; }  ///< Input units per unit here.
+  /// A point in the input's coordinates.
+  [[nodiscard]] Eigen::Vector3d to_input(const Eigen::Vector3d& p) const {
+    return center_ + scale_ * p;
+  }
 
   [[nodiscard]] bool has_texture(std::int32_t wedge) const { return (surface_[wedge] & 1) != 0; }
   [[nodiscard]] const Eigen::Vector2d& uv(std::int32_t wedge) const { return texcoords_[wedge]; }

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <initializer_list>
 #include <limits>
 #include <optional>
-#include <queue>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -14,6 +14,8 @@
 #include "manip3d/error.hpp"
 #include "simplify/attribute_quadric.hpp"
 #include "simplify/collapse_mesh.hpp"
+#include "simplify/distance_guard.hpp"
+#include "simplify/flat_heap.hpp"
 #include "simplify/pieces.hpp"
 #include "simplify/surface_fit.hpp"
 
@@ -50,15 +52,16 @@ constexpr double kPieceFactor = 2.0;
 enum class Rules : std::uint8_t {
   kAll,       // no new edge with more than two faces, no flip, no degenerate or duplicate face
   kAnyEdges,  // edges may get more faces
-  kFlips,     // faces may turn over
+  kFlips,     // faces may turn over, and of two on the same vertices one goes
 };
 
 struct Entry {
-  double price;                                            // per face that goes
-  std::int32_t a, b;                                       // an edge; b < 0: the piece a
-  std::uint32_t version;                                   // of the edge: the sum of its ends'
-  friend bool operator<(const Entry& x, const Entry& y) {  // the cheapest is on top
-    return std::tie(x.price, x.a, x.b) > std::tie(y.price, y.a, y.b);
+  double price;           // per face that goes
+  std::int32_t a, b;      // an edge; b < 0: the piece a
+  std::uint32_t version;  // of the edge: the sum of its ends'
+  friend bool operator<(const Entry& x, const Entry& y) {
+    if (x.price != y.price) return x.price < y.price;
+    return std::tie(x.a, x.b) < std::tie(y.a, y.b);
   }
 };
 
@@ -100,6 +103,9 @@ class QualitySimplifier {
         blocked_(mesh_.num_vertices(), false),
         into_(mesh_.num_vertices(), -1),
         is_textured_(input.has_texcoords() && options.texture_weight > 0.0) {
+    if (options.max_distance < std::numeric_limits<double>::infinity()) {
+      guard_.emplace(input, options.max_distance);
+    }
     if (is_textured_) measure_texture();
     for (std::int32_t f = 0; f < mesh_.num_slots(); ++f) {
       if (mesh_.is_alive(f)) add_face(f);
@@ -344,7 +350,7 @@ class QualitySimplifier {
   }
 
   void push_piece(std::int32_t i) {
-    if (!pieces_.is_there(i) || !std::isfinite(pieces_.cost(i))) return;
+    if (guard_ || !pieces_.is_there(i) || !std::isfinite(pieces_.cost(i))) return;
     queue_.push({piece_price(i), i, -1, 0});
   }
 
@@ -359,7 +365,9 @@ class QualitySimplifier {
 
   bool relax_rules() {
     const bool error_limit = count(Rejection::kErrorLimit) > 0;
-    if (options_.target_faces == 0 || error_limit || rules_ == Rules::kFlips) return false;
+    if (options_.target_faces == 0 || error_limit || guard_ || rules_ == Rules::kFlips) {
+      return false;
+    }
     rules_ = rules_ == Rules::kAll ? Rules::kAnyEdges : Rules::kFlips;
     return true;
   }
@@ -393,6 +401,9 @@ class QualitySimplifier {
     }
     const double error = mesh_.scale() * error_of(v, t, best.position);
     if (error > options_.max_error) return refuse(v, t, Rejection::kErrorLimit);
+    if (guard_ && !keeps_distance({v, t}, best.position)) {
+      return refuse(v, t, Rejection::kDistanceLimit);
+    }
     collapse(v, t, best);
     result_.max_error = std::max(result_.max_error, error);
     if (rules_ != Rules::kAll) ++result_.relaxed_collapses;
@@ -405,6 +416,40 @@ class QualitySimplifier {
     };
     return std::sqrt(std::max(mean(surface_[v](p) + surface_[t](p), area_[v] + area_[t]),
                               mean(borders_[v](p) + borders_[t](p), border_[v] + border_[t])));
+  }
+
+  /// Whether all vertices of `moving` may go to p; if so, the guard takes it as done.
+  [[nodiscard]] bool keeps_distance(std::initializer_list<std::int32_t> moving, const Vector3d& p) {
+    touched_.clear();
+    changed_.clear();
+    around_.clear();
+    const auto moves = [&](std::int32_t v) {
+      return std::find(moving.begin(), moving.end(), v) != moving.end();
+    };
+    const auto sort_out = [](std::vector<std::int32_t>& faces) {
+      std::sort(faces.begin(), faces.end());
+      faces.erase(std::unique(faces.begin(), faces.end()), faces.end());
+    };
+    for (const std::int32_t v : moving) {
+      mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t) { touched_.push_back(f); });
+    }
+    sort_out(touched_);
+    for (const std::int32_t f : touched_) {
+      const auto& face = mesh_.face(f);
+      DistanceGuard::Change change{f, {}};
+      for (int c = 0; c < 3; ++c) {
+        change.corners[c] = mesh_.to_input(moves(face[c]) ? p : mesh_.position(face[c]));
+        if (moves(face[c])) continue;
+        mesh_.for_each_face(face[c], [&](std::int32_t g, std::int32_t) {
+          if (!std::binary_search(touched_.begin(), touched_.end(), g)) around_.push_back(g);
+        });
+      }
+      if (std::count_if(face.begin(), face.end(), moves) == 1) changed_.push_back(change);
+    }
+    sort_out(around_);
+    if (!guard_->allows(touched_, changed_, around_)) return false;
+    guard_->commit();
+    return true;
   }
 
   [[nodiscard]] std::int64_t& count(Rejection reason) {
@@ -424,6 +469,7 @@ class QualitySimplifier {
   //   a face that turns by more than 78 degrees                                kFlip
   //   a face without area, the last faces of a piece                           kDegenerate
   //   two faces on the same vertices                                           kDuplicate
+  // With Rules::kFlips faces may turn, and of two faces on the same vertices one goes.
 
   /// Of the piece with this vertex: only try_piece() takes the last ones.
   [[nodiscard]] std::int64_t faces_left(std::int32_t v) const {
@@ -461,7 +507,8 @@ class QualitySimplifier {
         if (refusal || a == other || b == other) return;  // those on the edge go
         refusal = check_face(from, a, b, p);
         const bool meets = from == v && ring_t_.find(a) != nullptr && ring_t_.find(b) != nullptr;
-        if (!refusal && meets && count_faces(t, a, b) > 0) refusal = Rejection::kDuplicate;
+        const bool is_forbidden = meets && rules_ != Rules::kFlips;
+        if (!refusal && is_forbidden && count_faces(t, a, b) > 0) refusal = Rejection::kDuplicate;
       });
     };
     check(v, t);
@@ -501,6 +548,7 @@ class QualitySimplifier {
     const std::int64_t before = mesh_.num_faces();
     mesh_.collapse(v, t, map_);
     mesh_.move(t, plan.position);
+    if (rules_ == Rules::kFlips) remove_duplicates(t);
     surface_[t] += surface_[v];
     borders_[t] += borders_[v];
     area_[t] += area_[v];
@@ -517,6 +565,22 @@ class QualitySimplifier {
       blocked_[w] = false;
       push_edges(w);
     }
+  }
+
+  /// Of faces on the same three vertices the first one of t's list stays.
+  void remove_duplicates(std::int32_t t) {
+    doubled_.clear();
+    mesh_.for_each_face(t, [&](std::int32_t f, std::int32_t c) {
+      const std::int32_t a = mesh_.face(f)[(c + 1) % 3], b = mesh_.face(f)[(c + 2) % 3];
+      bool is_first = true, is_before = true;
+      mesh_.for_each_face(t, [&](std::int32_t other, std::int32_t k) {
+        is_before = is_before && other != f;
+        const std::int32_t x = mesh_.face(other)[(k + 1) % 3], y = mesh_.face(other)[(k + 2) % 3];
+        if (is_before && std::minmax(a, b) == std::minmax(x, y)) is_first = false;
+      });
+      if (!is_first) doubled_.push_back(f);
+    });
+    for (const std::int32_t f : doubled_) mesh_.remove_face(f);
   }
 
   /// The best texture coordinate of each wedge, within those around it: a linear continuation of
@@ -583,7 +647,7 @@ class QualitySimplifier {
               const auto& face = mesh_.face(f);
               fits = fits && !check_face(v, face[(c + 1) % 3], face[(c + 2) % 3], p);
             });
-            return fits;
+            return fits && (!guard_ || keeps_distance({v}, p));
           },
           part_of(progress_, 0.8, 1.0));
     }
@@ -591,9 +655,12 @@ class QualitySimplifier {
       result_.stop = CollapseStop::kTargetReached;
     } else if (count(Rejection::kErrorLimit) > 0) {
       result_.stop = CollapseStop::kErrorLimit;
+    } else if (count(Rejection::kDistanceLimit) > 0) {
+      result_.stop = CollapseStop::kDistanceLimit;
     } else {
       result_.stop = CollapseStop::kNoLegalCollapse;
     }
+    if (guard_) result_.distance_bound = guard_->bound();
     result_.dropped_faces = mesh_.num_dropped();
     std::vector<std::int32_t> kept;
     result_.mesh = mesh_.extract(input_, kept, result_.vertex_map, result_.face_map);
@@ -629,12 +696,16 @@ class QualitySimplifier {
   std::vector<Vector3d> colors_;           // of a vertex; empty: none
   bool is_textured_;
   double texture_length_ = 0.0;  // on the surface, of a unit of texture
-  std::priority_queue<Entry> queue_;
+  FlatHeap<Entry> queue_;
   Rules rules_ = Rules::kAll;
+  std::optional<DistanceGuard> guard_;  // of max_distance
+  std::vector<std::int32_t> touched_, around_;
+  std::vector<DistanceGuard::Change> changed_;
   WedgeMap map_;
   std::vector<std::pair<std::int32_t, AttributeQuadric>> wedges_;
   std::vector<std::pair<std::int32_t, Vector2d>> uvs_;
   std::vector<std::int32_t> neighbours_;
+  std::vector<std::int32_t> doubled_;
   QualityResult result_;
 };
 
@@ -645,6 +716,11 @@ void check_options(const QualityOptions& options) {
   };
   check("target_faces", static_cast<double>(options.target_faces), false);
   check("max_error", options.max_error, true);
+  if (!(options.max_distance > 0.0)) {
+    throw InputError("max_distance: expected a number > 0, got " +
+                     std::to_string(options.max_distance) +
+                     " (the published methods take 0: exactly coplanar collapses)");
+  }
   check("boundary_weight", options.boundary_weight, false);
   check("seam_weight", options.seam_weight, false);
   check("texture_weight", options.texture_weight, false);

@@ -1,4 +1,4 @@
-"""``manip3d lod``: levels of detail of a mesh, from one run."""
+"""``manip3d lod``: levels of detail of a mesh."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import typer
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import Force, Json, Output, Quiet
-from manip3d.cli.simplify import Method
+from manip3d.cli.simplify import Method, Mode
 from manip3d.cli.sources import open_mesh
 from manip3d.cli.terminal import Terminal, check_output, counted, table
+from manip3d.errors import InputError
 from manip3d.io import READABLE
 
 SUFFIXES = (".glb", ".gltf")
@@ -34,9 +35,16 @@ def lod(
             min=3, help="Most vertices of a primitive; 65535 lets every index fit in 16 bits."
         ),
     ] = None,
+    mode: Annotated[
+        Mode,
+        typer.Option(
+            help="published: all levels from one run. quality: a run for each, least error."
+        ),
+    ] = Mode.published,
     method: Annotated[
-        Method, typer.Option(help="Simplification method of chapter 2.")
-    ] = Method.qem4vr,
+        Method | None,
+        typer.Option(help="Simplification method of chapter 2.", show_default="qem4vr"),
+    ] = None,
     no_clean: Annotated[
         bool, typer.Option("--no-clean", help="Do not clean the mesh first.")
     ] = False,
@@ -44,7 +52,7 @@ def lod(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write levels of detail of a mesh, all from one run.
+    """Write levels of detail of a mesh.
 
     An output that ends in .glb or .gltf holds all levels (MSFT_lod); a folder's name without a
     suffix gives one .glb for each, and lods.json. Several meshes become one .glb each in a folder.
@@ -54,6 +62,8 @@ def lod(
     from manip3d import simplify
 
     shell = Terminal(as_json=as_json, quiet=quiet)
+    if mode == Mode.quality and method is not None:
+        raise InputError(f"--method {method}: expected --mode published, got quality")
     expect_kind(source, "mesh", verb="lod")
     check_output(output, SUFFIXES, force=force, folder=True)
     mesh = open_mesh(source, shell)
@@ -64,7 +74,7 @@ def lod(
             mesh,
             levels,
             ratio=ratio,
-            method=method.value,
+            method="quality" if mode == Mode.quality else str(method or Method.qem4vr),
             progress=progress,
         )
     chain.write(output, max_vertices=max_vertices)

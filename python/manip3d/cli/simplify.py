@@ -69,11 +69,14 @@ def simplify_file(
             raise InputError(f"--ratio: expected a number in (0, 1], got {order.ratio}")
         fraction = int(mesh.num_faces * order.ratio)
         target = fraction if target is None else max(target, fraction)
-    limits: dict[str, Any] = {"target_faces": target, "max_error": order.max_error}
+    limits: dict[str, Any] = {
+        "target_faces": target,
+        "max_error": order.max_error,
+        "max_distance": order.max_distance,
+    }
     method: Callable[..., simplify.QualityResult | simplify.SimplifyResult] = simplify.quality
     if order.method != "quality":
         method = simplify.METHODS[order.method]
-        limits["max_distance"] = order.max_distance
     result = method(cleaned, progress=progress, **limits, **order.options)
     seconds = time.perf_counter() - started
     stop = str(result.stop)
@@ -187,11 +190,10 @@ def simplify(
     Example: manip3d simplify head.obj -o light.glb --faces 5000
     """
     shell = Terminal(as_json=as_json, quiet=quiet)
-    if max_distance is not None and mode is None:
-        mode = Mode.published  # the mode that promises distances
-    if mode == Mode.quality and (method is not None or max_distance is not None):
-        named = "--max-distance" if method is None else f"--method {method}"
-        raise InputError(f"{named}: expected --mode published, got quality")
+    if max_distance == 0 and mode is None:
+        mode = Mode.published  # the mode that leaves vertices where they are
+    if mode == Mode.quality and method is not None:
+        raise InputError(f"--method {method}: expected --mode published, got quality")
     name = "quality" if method is None and mode != Mode.published else (method or Method.qem4vr)
     order = Order(str(name), faces, ratio, max_error, max_distance, not no_clean, {})
     expect_kind(source, "mesh", verb="simplify")

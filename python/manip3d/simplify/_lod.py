@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.simplify._collapse import METHODS, SimplifyResult
+from manip3d.simplify._quality import QualityResult, quality
 
 if TYPE_CHECKING:
     from manip3d._util.options import Progress
@@ -51,12 +52,12 @@ class LodChain:
     ----------
     levels : tuple of LodLevel
         The first is the mesh itself.
-    result : SimplifyResult
-        The run that all levels come from.
+    result : SimplifyResult or QualityResult
+        The run that all levels come from; with ``method="quality"`` that of the coarsest one tried.
     """
 
     levels: tuple[LodLevel, ...]
-    result: SimplifyResult = field(repr=False)
+    result: SimplifyResult | QualityResult = field(repr=False)
 
     def write(self, path: str | os.PathLike[str], *, max_vertices: int | None = None) -> None:
         """Write all levels; see :func:`manip3d.io.write_lods`."""
@@ -80,7 +81,7 @@ def lod_chain(
     options: Mapping[str, Any] | None = None,
     progress: Progress = None,
 ) -> LodChain:
-    """Simplify once and take every level of detail from the record of that run.
+    """Make levels of detail of a mesh: each from the record of one run, or each at its best.
 
     Parameters
     ----------
@@ -91,7 +92,8 @@ def lod_chain(
     ratio : float in (0, 1)
         Faces of a level over those of the one before, where ``levels`` is a number.
     method : str
-        One of `METHODS`.
+        One of `METHODS`: one run, whose vertices all levels share. Or ``"quality"``: a run of its
+        own from the input for each level, with vertices where the error is least (:func:`quality`).
     options : dict of str, optional
         Arguments of the method, such as ``{"max_distance": 0.1}``.
     progress : None, True or callable
@@ -120,6 +122,8 @@ def lod_chain(
     [4, 2]
     """
     targets = _targets(mesh.num_faces, levels, ratio)
+    if method == "quality":
+        return _quality_chain(mesh, targets, options, progress)
     result = _run(mesh, targets[-1], method, options, progress)
     left = _faces_left(mesh, result)
     found = [LodLevel(mesh, 0.0)]
@@ -135,6 +139,25 @@ def lod_chain(
     return LodChain(tuple(found), result)
 
 
+def _quality_chain(
+    mesh: Mesh, targets: Sequence[int], options: Mapping[str, Any] | None, progress: Progress
+) -> LodChain:
+    _check_options("quality", quality, options)
+    found = [LodLevel(mesh, 0.0)]
+    for target in targets:
+        result = quality(mesh, target_faces=target, progress=progress, **(options or {}))
+        if not 0 < result.mesh.num_faces <= target:
+            break
+        found.append(LodLevel(result.mesh, result.max_error))
+    return LodChain(tuple(found), result)
+
+
+def _check_options(method: str, run: Callable[..., Any], options: Mapping[str, Any] | None) -> None:
+    known = set(inspect.signature(run).parameters) - {"mesh", "target_faces", "progress"}
+    if unknown := sorted(str(name) for name in set(options or {}) - known):
+        raise InputError(f"options: expected arguments of {method}, got {', '.join(unknown)}")
+
+
 def _run(
     mesh: Mesh,
     target_faces: int,
@@ -145,9 +168,7 @@ def _run(
     if method not in METHODS:
         raise InputError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
     run = METHODS[method]
-    known = set(inspect.signature(run).parameters) - {"mesh", "target_faces", "progress"}
-    if unknown := sorted(str(name) for name in set(options or {}) - known):
-        raise InputError(f"options: expected arguments of {method}, got {', '.join(unknown)}")
+    _check_options(method, run, options)
     return run(mesh, target_faces=target_faces, progress=progress, **(options or {}))
 
 

@@ -56,8 +56,10 @@ class QualityResult(Showable):
         Input faces left out by cleaning: with a repeated vertex, or copies of another.
     message : str
         Empty; other methods say here why they refuse a mesh.
-    distance_bound : None
-        This mode promises no distance; ``qem4vr(..., max_distance=...)`` does.
+    distance_bound : float or None
+        Upper bound of the two-sided Hausdorff distance between the two surfaces, boundaries
+        included, in the file's unit: computed, not sampled, and at most ``max_distance``. ``None``
+        where no ``max_distance`` was given.
     """
 
     mesh: Mesh
@@ -88,6 +90,7 @@ def quality(
     target_faces: int | None = None,
     ratio: float | None = None,
     max_error: float | None = None,
+    max_distance: float | None = None,
     boundary_weight: float = 1.0,
     seam_weight: float = 1.0,
     texture_weight: float = 0.3,
@@ -107,7 +110,10 @@ def quality(
         The fraction of the input's faces that stays.
     max_error : float, optional
         No step with a larger error (see ``QualityResult.max_error``), in the file's unit.
-        Targets combine; the first one reached stops. One is needed.
+    max_distance : float > 0, optional
+        The two-sided Hausdorff distance between the surfaces, boundaries included, in the file's
+        unit, does not exceed it: by construction (see ``QualityResult.distance_bound``). No piece
+        vanishes then. Targets combine; the first one reached stops. One is needed.
     boundary_weight, seam_weight : float
         How much a shifted boundary, or a shifted border between materials or texture charts,
         counts beside a shifted surface.
@@ -155,7 +161,9 @@ def quality(
     <manip3d.Mesh: 4 vertices, 2 faces>
     """
     options = _core.QualityOptions()
-    options.target_faces, options.max_error, _ = _target(mesh, target_faces, ratio, max_error, None)
+    options.target_faces, options.max_error, options.max_distance = _target(
+        mesh, target_faces, ratio, max_error, max_distance
+    )
     options.boundary_weight = boundary_weight
     options.seam_weight = seam_weight
     options.texture_weight = texture_weight
@@ -177,6 +185,7 @@ def simplify(
     target_faces: int | None = None,
     ratio: float | None = None,
     max_error: float | None = None,
+    max_distance: float | None = None,
     progress: Progress = None,
 ) -> QualityResult | SimplifyResult:
     """Simplify a mesh: the function to start with.
@@ -193,8 +202,11 @@ def simplify(
     ratio : float in [0, 1], optional
         The fraction of the input's faces that stays.
     max_error : float, optional
-        No step with a larger error, in the file's unit; each mode says what it measures. Targets
-        combine; the first one reached stops. One is needed.
+        No step with a larger error, in the file's unit; each mode says what it measures.
+    max_distance : float, optional
+        The two-sided Hausdorff distance between the surfaces, boundaries included, in the file's
+        unit, does not exceed it. 0 (exactly coplanar collapses) is for ``mode='published'``.
+        Targets combine; the first one reached stops. One is needed.
     progress : None, True or callable
         ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
 
@@ -221,5 +233,10 @@ def simplify(
         raise InputError(f"mode: expected 'quality' or 'published', got {mode!r}")
     method = quality if mode == "quality" else qem4vr
     return method(
-        mesh, target_faces=target_faces, ratio=ratio, max_error=max_error, progress=progress
+        mesh,
+        target_faces=target_faces,
+        ratio=ratio,
+        max_error=max_error,
+        max_distance=max_distance,
+        progress=progress,
     )

@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <vector>
 
 #include "manip3d/geometry/mesh.hpp"
@@ -14,6 +15,9 @@ namespace manip3d {
 struct QualityOptions {
   std::int64_t target_faces = 0;  ///< Stop at this many faces or fewer; 0: as few as possible.
   double max_error = std::numeric_limits<double>::infinity();  ///< Limit of a step, input units.
+  /// Largest distance of the two surfaces (Hausdorff, boundaries included), input units, > 0; kept
+  /// by construction. No piece vanishes then, and the rules hold even if the target is missed.
+  double max_distance = std::numeric_limits<double>::infinity();
   double boundary_weight = 1.0;  ///< Price of a strip along a boundary; a shifted surface has 1.
   double seam_weight = 1.0;      ///< The same along borders of materials and texture charts.
   double texture_weight = 0.3;   ///< Price of a shifted texture; a shifted surface has 1.
@@ -26,9 +30,10 @@ struct QualityResult {
   double max_error = 0.0;                ///< Largest error among the steps made, input units.
   CollapseStop stop = CollapseStop::kTargetReached;
   std::array<std::int64_t, kNumRejections> rejected{};  ///< Candidates turned down, by Rejection.
-  std::int64_t removed_pieces = 0;     ///< Pieces that vanished because that cost least.
-  std::int64_t relaxed_collapses = 0;  ///< Made against the rules, to reach the target.
-  std::int64_t dropped_faces = 0;      ///< Input faces with a repeated vertex, left out.
+  std::int64_t removed_pieces = 0;       ///< Pieces that vanished because that cost least.
+  std::int64_t relaxed_collapses = 0;    ///< Made against the rules, to reach the target.
+  std::int64_t dropped_faces = 0;        ///< Input faces with a repeated vertex, left out.
+  std::optional<double> distance_bound;  ///< Of the surfaces' distance; with max_distance only.
 };
 
 /// Edge collapse with vertices where the error is least, on any triangle soup: boundaries,

@@ -1,0 +1,128 @@
+"""The default mode beside every peer on all meshes of the data folder, at four numbers of faces.
+
+``python benchmarks/bench_every_mesh.py [--meshes ...] [--peers ...] -o every_mesh.json``
+
+Everybody gets the mesh welded and without exact duplicates; targets are fractions of the faces as
+read. Each peer is a process per mesh, pinned to one core. Stored results of other meshes and peers
+stay, so that a change of manip3d costs only its own rows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import pickle
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import models
+import tables
+from manip3d import Mesh, metrics, simplify
+from measuring import environment, one_thread
+from peers import PEERS
+
+HERE = Path(__file__).parent
+RATIOS = (0.5, 0.1, 0.02, 0.005)
+MOST_SAMPLES = 300_000  # of the area samples, 10 per face below 30 000 faces
+Row = dict[str, Any]
+
+
+def run_peer(peer: str, source: Path, outputs: dict[int, Path], timeout_s: float) -> list[Row]:
+    """What `run_peer.py` says for each target; what it does not come to has failed."""
+    pairs = [text for target, path in outputs.items() for text in (str(target), str(path))]
+    command = [sys.executable, str(HERE / "run_peer.py"), peer, str(source), *pairs]
+    rest: Row = {"status": "failed"}
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=timeout_s, check=False
+        )
+        said = done.stdout
+        if done.returncode != 0:
+            rest["message"] = (done.stderr.strip() or f"exit {done.returncode}").splitlines()[-1]
+    except subprocess.TimeoutExpired as expired:
+        printed = expired.stdout or b""
+        said = printed if isinstance(printed, str) else printed.decode()
+        rest = {"status": "timeout", "message": f"more than {timeout_s:.0f} s"}
+    rows = [json.loads(line) for line in said.splitlines() if line.startswith("{")]
+    return rows + [dict(rest) for _ in range(len(outputs) - len(rows))]
+
+
+def errors(original: Mesh, simplified: Mesh, *, has_uv: bool) -> Row:
+    """Metro of area samples in both directions, texture error and boundary gap."""
+    if simplified.num_faces == 0:
+        return {"faces": 0}
+    samples = min(10 * original.num_faces, MOST_SAMPLES)
+    metro = metrics.metro(original, simplified, sampling="area", samples=samples)
+    measured: Row = {
+        "faces": simplified.num_faces,
+        "area": metro.mean,
+        "area_max": metro.max,
+        "area_back": metro.backward.mean / metro.diagonal,
+    }
+    if has_uv and simplified.texcoords is not None:
+        measured["texture"] = metrics.texture_error(original, simplified, samples=samples).mean
+    gap = metrics.boundary_gap(original, simplified)
+    if gap.forward is not None:
+        measured["boundary_gap"] = gap.forward.mean / gap.diagonal
+    return measured
+
+
+def compare(name: str, peers: list[str], timeout_s: float) -> list[Row]:
+    """A row per peer and number of faces."""
+    read = models.every_mesh()[name]()
+    mesh = simplify.clean(read).mesh
+    has_uv = mesh.texcoords is not None
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder, "mesh.pickle")
+        source.write_bytes(pickle.dumps(mesh))
+        for peer in peers:
+            targets = {ratio: int(ratio * read.num_faces) for ratio in RATIOS}
+            outputs = {target: Path(folder, f"{target}.pickle") for target in targets.values()}
+            said = run_peer(peer, source, outputs, timeout_s)
+            for (ratio, target), row in zip(targets.items(), said, strict=True):
+                row |= {"mesh": name, "input_faces": read.num_faces, "has_uv": has_uv}
+                row |= {"ratio": ratio, "target": target, "peer": peer}
+                row |= {"keeps_uv": PEERS[peer].texture}
+                if row["status"] == "ok":
+                    result = pickle.loads(outputs[target].read_bytes())
+                    row |= errors(mesh, result, has_uv=has_uv and PEERS[peer].texture)
+                rows.append(row)
+            print(f"{time.strftime('%H:%M:%S')} {name}: {peer}", file=sys.stderr, flush=True)
+    return rows
+
+
+def main() -> None:
+    """Run, store, and write the section `every_mesh` of RESULTS.md."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument(
+        "--meshes",
+        nargs="*",
+        metavar="MESH",
+        help="none: write the tables of the stored results anew",
+    )
+    parser.add_argument("--peers", nargs="+", default=list(tables.EVERY_MESH_PEERS), choices=PEERS)
+    parser.add_argument("--timeout", type=float, default=600.0, metavar="S")
+    parser.add_argument("-o", "--output", type=Path, default=Path("every_mesh.json"))
+    options = parser.parse_args()
+    names = list(models.every_mesh()) if options.meshes is None else options.meshes
+
+    results: dict[str, Any] = {"environment": environment(), "rows": []}
+    if options.output.exists():
+        results = json.loads(options.output.read_text())
+    one_thread()
+    for name in names:
+        rows = compare(name, options.peers, options.timeout)
+        new = {(row["mesh"], row["peer"]) for row in rows}
+        kept = [row for row in results["rows"] if (row["mesh"], row["peer"]) not in new]
+        results = {"environment": environment(), "rows": kept + rows}
+        options.output.write_text(json.dumps(results, indent=1) + "\n")
+    tables.write_every_mesh(results)
+
+
+if __name__ == "__main__":
+    main()
