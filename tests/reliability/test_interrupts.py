@@ -1,7 +1,8 @@
-"""Ctrl-C ends what takes long within a fifth of a second."""
+"""Ctrl-C ends what takes long within half a second, most of it within a fifth."""
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -14,6 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import kernels
+import long_kernels
 from manip3d import Intrinsics, Mesh, forge, metrics
 
 MOST_S = 0.2
@@ -89,6 +92,39 @@ def test_ctrl_c_is_heard(make: Callable[[], Callable[[], object]], after: float)
         if taken < MOST_S:
             return
     raise AssertionError(times)
+
+
+MOST_CPU_S = 0.5
+HUNG_S = 300.0  # of a child; a bound on waiting, not on speed
+
+
+def test_every_kernel_is_known_to_be_long_or_short() -> None:
+    assert long_kernels.LONG.keys() | long_kernels.OF_A_SECOND == kernels.KERNELS.keys()
+    assert not long_kernels.LONG.keys() & long_kernels.OF_A_SECOND
+
+
+@pytest.mark.parametrize("name", long_kernels.LONG)
+def test_long_kernels_hear_ctrl_c(name: str) -> None:
+    """In a process of its own, by its processor time, which other work does not change much."""
+    command = [sys.executable, long_kernels.__file__, name]
+    tests = Path(__file__).parents[1]
+    path = os.pathsep.join([str(tests), os.environ.get("PYTHONPATH", "")])
+    taken = []
+    for _ in range(3):
+        done = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            timeout=HUNG_S,
+            check=False,
+            env={**os.environ, "PYTHONPATH": path},
+        )
+        assert done.returncode == 0, done.stderr
+        assert done.stdout != "finished\n", "the work is too short to be interrupted"
+        taken.append(float(done.stdout))
+        if taken[-1] < MOST_CPU_S:
+            return
+    raise AssertionError(taken)
 
 
 # The scan is of another scanner: at these lateral offsets no laser meets a point, and no step of
