@@ -161,7 +161,7 @@ OF_A_SECOND = {
 """Done in about a second with two million points or pixels, or the same code as one above."""
 
 
-def seconds_to_stop(work: Callable[[], object]) -> float | None:
+def seconds_to_stop(work: Callable[[], object], after: float = PRESSED_AFTER_S) -> float | None:
     """Of processor time, from Ctrl-C to KeyboardInterrupt; None: the work was done before."""
     begin = time.process_time()
     pressed, over = 0.0, threading.Event()
@@ -169,7 +169,7 @@ def seconds_to_stop(work: Callable[[], object]) -> float | None:
     def press() -> None:
         nonlocal pressed
         while not over.wait(0.01):
-            if time.process_time() - begin > PRESSED_AFTER_S:
+            if time.process_time() - begin > after:
                 pressed = time.process_time()
                 os.kill(os.getpid(), signal.SIGINT)
                 return
