@@ -25,7 +25,7 @@ def checked(function: _Checked) -> _Checked:
     """Refuse arguments that are not of the annotated kinds, before the function runs.
 
     The decorated function raises an `InputError` that names the argument, what is expected and
-    what came. Of a class, the constructor is decorated.
+    what came. Of a class, the constructor and its own public methods are decorated.
 
     Parameters
     ----------
@@ -39,7 +39,9 @@ def checked(function: _Checked) -> _Checked:
     part is left to the function.
     """
     if isinstance(function, type):
-        function.__init__ = checked(function.__init__)  # type: ignore[misc]
+        for name, member in tuple(vars(function).items()):
+            if inspect.isfunction(member) and (name == "__init__" or not name.startswith("_")):
+                setattr(function, name, checked(member))
         return function
     names = tuple(inspect.signature(function).parameters)
 
