@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "interruptible.hpp"
 #include "manip3d/authenticate/density.hpp"
 #include "manip3d/authenticate/occlusion.hpp"
 #include "manip3d/geometry/scan_grid.hpp"
@@ -54,23 +55,25 @@ void bind_authenticate(py::module_& m) {
       [](const CArray<float>& points, const Eigen::Vector3d& origin, int threads) {
         const PointsView view = points_view(points, {});
         const py::gil_scoped_release nogil;
-        return to_python(estimate_scan_grid(view, origin, threads));
+        return to_python(estimate_scan_grid(view, origin, threads, interruptible()));
       },
       py::arg("points").noconvert(), py::arg("origin"), py::arg("threads"));
   m.def(
       "estimate_scan_origin",
-      [](const CArray<float>& points, const std::optional<Eigen::Vector3d>& known, int threads) {
+      [](const CArray<float>& points, const std::optional<Eigen::Vector3d>& known, int threads,
+         const py::object& progress) {
         const PointsView view = points_view(points, {});
+        const Progress report = interruptible(progress);
         ScanOrigin r;
         {
           const py::gil_scoped_release nogil;
-          r = estimate_scan_origin(view, known, threads);
+          r = estimate_scan_origin(view, known, threads, report);
         }
         return std::make_tuple(r.found, std::tuple(r.position.x(), r.position.y(), r.position.z()),
                                r.axis, r.azimuth_step, r.elevation_step, r.azimuth_coherence,
                                r.elevation_coherence, r.explained);
       },
-      py::arg("points").noconvert(), py::arg("known"), py::arg("threads"));
+      py::arg("points").noconvert(), py::arg("known"), py::arg("threads"), py::arg("progress"));
   m.def(
       "occlusion_consistency",
       [](const CArray<float>& points, const Eigen::Vector3d& origin, const Grid& grid,
@@ -80,8 +83,10 @@ void bind_authenticate(py::module_& m) {
         OcclusionResult r;
         {
           const py::gil_scoped_release nogil;
-          r = occlusion_consistency(view, {origin, to_grid(grid), min_gap, accumulate, min_cells,
-                                           min_area, max_range, threads});
+          r = occlusion_consistency(
+              view,
+              {origin, to_grid(grid), min_gap, accumulate, min_cells, min_area, max_range, threads},
+              interruptible());
         }
         py::list components;
         for (const OcclusionComponent& c : r.components) components.append(to_python(c));
@@ -106,7 +111,7 @@ void bind_authenticate(py::module_& m) {
         {
           const py::gil_scoped_release nogil;
           levels = density_levels(view, {values.data(), static_cast<std::size_t>(values.size())},
-                                  options);
+                                  options, interruptible());
         }
         return py::make_tuple(levels.sectors, to_numpy(std::move(levels.edges)),
                               to_numpy(std::move(levels.counts)),
@@ -128,7 +133,7 @@ void bind_authenticate(py::module_& m) {
           const auto size = static_cast<std::size_t>(marked.size());
           const std::uint8_t* marks = marked.data();
           const py::gil_scoped_release nogil;
-          found = points_of_levels(view, {marks, size}, options);
+          found = points_of_levels(view, {marks, size}, options, interruptible());
         }
         return to_numpy(std::move(found));
       },

@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "exclusive.hpp"
+#include "interruptible.hpp"
 #include "manip3d/geometry/mesh.hpp"
 #include "manip3d/modify/colliders.hpp"
 #include "manip3d/modify/placement.hpp"
@@ -128,7 +129,7 @@ py::object repose(const CArray<Scalar>& vertices, const py::object& skeleton,
     const py::gil_scoped_release nogil;
     motions = amplify(now, given ? &at_rest : nullptr, options);
     if (motions) {
-      repose_vertices(from.data(), from.rows(), now, *motions, options, to.data());
+      repose_vertices(from.data(), from.rows(), now, *motions, options, to.data(), interruptible());
     }
   }
   if (!motions) return py::none();

@@ -54,13 +54,13 @@ ScanLattice to_lattice(const Rings& rings, double azimuth_step, double azimuth_p
   return lattice;
 }
 
-// Runs an attack without the GIL.
+// Runs an attack without the GIL; hears Ctrl-C.
 template <typename Attack>
 py::tuple forged_by(const Attack& attack) {
   Forgery forged;
   {
     const py::gil_scoped_release nogil;
-    forged = attack();
+    forged = attack(interruptible());
   }
   return to_python(std::move(forged));
 }
@@ -76,7 +76,7 @@ void bind_forge(py::module_& m) {
         std::vector<std::int32_t> rows;
         {
           const py::gil_scoped_release nogil;
-          rows = points_in_box(view, to_box(box), threads);
+          rows = points_in_box(view, to_box(box), threads, interruptible());
         }
         return to_numpy(std::move(rows));
       },
@@ -88,9 +88,9 @@ void bind_forge(py::module_& m) {
          const Eigen::Matrix3d& rotation, double scale, bool paper, int threads) {
         const PointsView scene = points_view(points, intensity);
         const PointsView hoax = points_view(object, object_intensity);
-        return forged_by([&] {
+        return forged_by([&](const Progress& progress) {
           return copy_transform_paste(scene, hoax, placement(position, rotation, scale, paper),
-                                      threads);
+                                      threads, progress);
         });
       },
       py::arg("points").noconvert(), py::arg("intensity").noconvert(),
@@ -119,14 +119,16 @@ void bind_forge(py::module_& m) {
       [](const CArray<float>& points, const Eigen::Vector3d& position, double radius, int threads) {
         const PointsView scene = points_view(points, {});
         const py::gil_scoped_release nogil;
-        return local_spacing(scene, position, radius, threads);
+        return local_spacing(scene, position, radius, threads, interruptible());
       },
       py::arg("points").noconvert(), py::arg("position"), py::arg("radius"), py::arg("threads"));
   m.def(
       "subtract",
       [](const CArray<float>& points, const CArray<float>& intensity, const Box& box, int threads) {
         const PointsView scene = points_view(points, intensity);
-        return forged_by([&] { return subtract(scene, to_box(box), threads); });
+        return forged_by([&](const Progress& progress) {
+          return subtract(scene, to_box(box), threads, progress);
+        });
       },
       py::arg("points").noconvert(), py::arg("intensity").noconvert(), py::arg("box"),
       py::arg("threads"));
@@ -138,7 +140,9 @@ void bind_forge(py::module_& m) {
         const PointsView scene = points_view(points, intensity);
         const PointsView more = points_view(added, added_intensity);
         const std::vector<std::int32_t> gone = row_vector(removed);
-        return forged_by([&] { return replace_rows(scene, gone, more, threads); });
+        return forged_by([&](const Progress& progress) {
+          return replace_rows(scene, gone, more, threads, progress);
+        });
       },
       py::arg("points").noconvert(), py::arg("intensity").noconvert(),
       py::arg("removed").noconvert(), py::arg("added").noconvert(),
@@ -151,7 +155,9 @@ void bind_forge(py::module_& m) {
         const PointsView scene = points_view(points, intensity);
         const DeformOptions options{
             amplitude, along_normal ? Displacement::kNormal : Displacement::kRandom, origin, seed};
-        return forged_by([&] { return deform(scene, to_box(box), options, threads); });
+        return forged_by([&](const Progress& progress) {
+          return deform(scene, to_box(box), options, threads, progress);
+        });
       },
       py::arg("points").noconvert(), py::arg("intensity").noconvert(), py::arg("box"),
       py::arg("amplitude"), py::arg("along_normal"), py::arg("origin"), py::arg("seed"),
@@ -161,7 +167,9 @@ void bind_forge(py::module_& m) {
       [](const CArray<float>& points, const CArray<float>& intensity, const Box& box,
          const Eigen::Matrix4d& transform, int threads) {
         const PointsView scene = points_view(points, intensity);
-        return forged_by([&] { return move_box(scene, to_box(box), transform, threads); });
+        return forged_by([&](const Progress& progress) {
+          return move_box(scene, to_box(box), transform, threads, progress);
+        });
       },
       py::arg("points").noconvert(), py::arg("intensity").noconvert(), py::arg("box"),
       py::arg("transform"), py::arg("threads"));
@@ -177,9 +185,10 @@ void bind_forge(py::module_& m) {
         const auto triangles = rows<Faces>(faces, "faces");
         const InsertionOptions options{origin, range_noise, seed,
                                        to_lattice(rings, azimuth_step, azimuth_phase)};
-        return forged_by([&] {
+        return forged_by([&](const Progress& progress) {
           return insert_occluding(scene, hoax, triangles,
-                                  placement(position, rotation, scale, false), options, threads);
+                                  placement(position, rotation, scale, false), options, threads,
+                                  progress);
         });
       },
       py::arg("points").noconvert(), py::arg("intensity").noconvert(),
@@ -197,8 +206,9 @@ void bind_forge(py::module_& m) {
         const SnapOptions options{along_ray ? Snapping::kRay : Snapping::kHeight, azimuth,
                                   max_move};
         const std::vector<std::int32_t> touched = row_vector(snapped);
-        return forged_by(
-            [&] { return snap_to_lattice(scene, touched, lattice, options, threads); });
+        return forged_by([&](const Progress& progress) {
+          return snap_to_lattice(scene, touched, lattice, options, threads, progress);
+        });
       },
       py::arg("points").noconvert(), py::arg("intensity").noconvert(),
       py::arg("snapped").noconvert(), py::arg("rings"), py::arg("azimuth_step"),
@@ -213,8 +223,10 @@ void bind_forge(py::module_& m) {
         Segmentation result;
         {
           const py::gil_scoped_release nogil;
-          result = segment_objects(scene, {origin, max_range, ground_height, ground_slope,
-                                           tolerance, min_points, max_size});
+          result = segment_objects(
+              scene,
+              {origin, max_range, ground_height, ground_slope, tolerance, min_points, max_size},
+              interruptible());
         }
         py::list boxes;
         for (const OrientedBox& box : result.boxes) boxes.append(to_python(box));

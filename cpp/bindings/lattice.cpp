@@ -7,6 +7,7 @@
 #include <string>
 #include <utility>
 
+#include "interruptible.hpp"
 #include "manip3d/authenticate/generic.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
@@ -64,7 +65,7 @@ void bind_lattice(py::module_& m) {
         LatticeReading reading;
         {
           const py::gil_scoped_release nogil;
-          reading = read_lattice(view, lattice, threads);
+          reading = read_lattice(view, lattice, threads, interruptible());
         }
         return py::make_tuple(
             to_numpy(std::move(reading.ring)), to_numpy(std::move(reading.count)),
@@ -88,7 +89,7 @@ void bind_lattice(py::module_& m) {
         GenericResult result;
         {
           const py::gil_scoped_release nogil;
-          result = generic_consistency(view, lattice, options, earlier, later);
+          result = generic_consistency(view, lattice, options, earlier, later, interruptible());
         }
         Fields fields;
         fields["evidence"] = to_list(result.evidence);

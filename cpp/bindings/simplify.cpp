@@ -70,7 +70,7 @@ void bind_clean(py::module_& m) {
         CleanResult result;
         {
           const py::gil_scoped_release nogil;
-          result = clean(borrowed.view(), {weld, duplicates});
+          result = clean(borrowed.view(), {weld, duplicates}, interruptible());
         }
         return to_fields(std::move(result), mesh);
       },
@@ -190,7 +190,7 @@ void bind_qem(py::module_& m) {
         std::vector<std::int64_t> left;
         {
           const py::gil_scoped_release nogil;
-          left = faces_left(borrowed.view(), record);
+          left = faces_left(borrowed.view(), record, interruptible());
         }
         return to_numpy(std::move(left));
       },
@@ -213,7 +213,8 @@ void bind_qem(py::module_& m) {
         QemResult result;
         {
           const py::gil_scoped_release nogil;
-          result = replay_collapses(borrowed.view(), options, record, target_faces);
+          result =
+              replay_collapses(borrowed.view(), options, record, target_faces, interruptible());
         }
         return to_fields(std::move(result), mesh);
       },

@@ -1493,6 +1493,7 @@ def estimate_scan_origin(
     points: numpy.typing.NDArray[numpy.float32],
     known: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"] | None,
     threads: typing.SupportsInt | typing.SupportsIndex,
+    progress: typing.Any,
 ) -> tuple[bool, tuple[float, float, float], int, float, float, float, float, float]: ...
 def faces_left(mesh: typing.Any, collapses: numpy.typing.NDArray[numpy.int32]) -> numpy.ndarray: ...
 def fmpd(

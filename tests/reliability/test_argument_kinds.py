@@ -6,13 +6,16 @@ import importlib
 import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+import capsule_body
 import kernels
 import manip3d
+from manip3d import capture
 
 WRONG: dict[str, object] = {
     "object": object(),
@@ -70,10 +73,12 @@ def recorded(package: Any, name: str) -> Iterator[list[dict[str, Any]]]:
 def call_with(function: Callable[..., Any], arguments: dict[str, Any]) -> Any:
     positional, named = [], {}
     for name, parameter in inspect.signature(function).parameters.items():
+        if name not in arguments and parameter.kind is not parameter.VAR_KEYWORD:
+            continue  # as it is by default
         if parameter.kind is parameter.POSITIONAL_ONLY:
             positional.append(arguments[name])
         elif parameter.kind is parameter.VAR_KEYWORD:
-            named |= arguments[name]
+            named |= arguments.get(name, {k: v for k, v in arguments.items() if k not in named})
         else:
             named[name] = arguments[name]
     return function(*positional, **named)
@@ -106,3 +111,77 @@ def drive(function: Callable[..., Any], arguments: dict[str, Any]) -> None:
                 if kind in OF_NO_USE:
                     problems.append(f"{name}={kind}: accepted")
     assert not problems, "\n".join(problems)
+
+
+PERSON = capsule_body.painted(0)
+IN_COLOR = replace(PERSON, color=np.zeros((*PERSON.depth.shape, 3), np.uint8))
+POSE = PERSON.skeletons[0]
+
+Methods = dict[str, dict[str, Any]]
+OBJECTS: dict[str, tuple[dict[str, Any], Methods]] = {
+    "simplify.Cs3Stream": (
+        {"target_points": 60, "variant": "cios", "max_edge": 0.2, "distance_dependent": False,
+         "threads": 1, "reading": None, "frames": 2},
+        {"simplify": {"depth": kernels.DEPTH, "intrinsics": kernels.CAMERA},
+         "simplify_grid": {"points": kernels.GRID, "valid": None, "rows_up": True}},
+    ),
+    "simplify.ReliefStream": (
+        {"intrinsics": kernels.CAMERA, "target_points": 60, "registration": None,
+         "move_points": False, "effort": "live", "max_edge": 0.2, "stability": 30.0,
+         "newest_share": 0.2, "gate": 0.03, "threads": 1},
+        {"simplify": {"depth": kernels.DEPTH, "color": None}},
+    ),
+    "modify.ColliderTracker": (
+        {"percentile": 0.9, "frames": 30, "min_points": 20, "min_radius": 0.03,
+         "max_radius": 0.2, "first_radius": 0.05},
+        {"update": {"skeleton": POSE, "labels": np.zeros(9, np.uint8),
+                    "squared_distances": np.zeros(9, np.float32)},
+         "hits": {"start": np.zeros((2, 3)), "end": np.ones((2, 3)), "radius": 0.1}},
+    ),
+    "modify.ShoeCoverTracker": (
+        {"hue": (100, 130), "min_saturation": 90, "min_value": 40, "reach": 0.35},
+        {"update": {"frame": IN_COLOR, "skeleton": POSE, "side": "left"}},
+    ),
+    "modify.PlacementEstimator": (
+        {"share": 0.9, "spread": 0.35, "stable_frames": 60, "tolerance": 0.02},
+        {"update": {"skeleton": POSE, "intact": "left"}},
+    ),
+    "modify.PhantomPipeline": (
+        {"affected": "right_arm", "mode": "reflection", "plane": None, "smoothing": "default",
+         "segmentation": "skin", "arm_radius": 0.13, "keep_residual": False, "near": 0.3,
+         "hold_seconds": 0.5, "texturing": "source"},
+        {"process": {"frame": PERSON}, "select": {"person": 1}},
+    ),
+    "modify.JointSmoother": (
+        {"preset": "default", "smoothing": 0.2, "jitter_radius": None},
+        {"add": {"skeleton": POSE}},
+    ),
+    "modify.KeyPerson": (
+        {"patience": 1.0, "reach": 0.5, "forget": 10.0},
+        {"find": {"people": [POSE], "camera": capsule_body.SMALL, "time": 0.0},
+         "select": {"person": 1}},
+    ),
+}  # fmt: skip
+"""Objects that hold a state: arguments of the constructor, and of the methods."""
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_objects_with_state(name: str) -> None:
+    package, _, class_name = name.partition(".")
+    kind = getattr(importlib.import_module(f"manip3d.{package}"), class_name)
+    options, methods = OBJECTS[name]
+    drive(kind, options)
+    for method, arguments in methods.items():
+        drive(lambda method=method, **given: getattr(kind(**options), method)(**given), arguments)
+
+
+def test_sources() -> None:
+    """Refused before anything is waited for."""
+    live = capture.open_lidar("velodyne:0")
+    try:
+        for read in (live.read, live.read_latest, capture.from_frames([PERSON]).read):
+            for wrong in ("soon", object(), [1.0], True, -1.0, float("nan")):
+                with pytest.raises(manip3d.InputError, match="timeout"):
+                    read(wrong)  # type: ignore[arg-type]
+    finally:
+        live.stop()

@@ -433,14 +433,14 @@ def test_a_stream_gives_what_single_calls_give() -> None:
     ("options", "message"),
     [
         ({"target_points": -1}, "target_points: expected a whole number >= 0"),
-        ({"target_points": 2.5}, "target_points: expected a whole number >= 0"),
+        ({"target_points": 2.5}, "target_points: expected a whole number of 64 bits, got 2.5"),
         ({"variant": "best"}, "variant: expected one of lnms, lios, cnms, cios, got 'best'"),
         ({"max_edge": 0.0}, "max_edge: expected > 0"),
         ({"max_edge": math.nan}, "max_edge: expected > 0"),
         ({"reading": {"stencil": "wide"}}, "stencil is one of gradient_of_gradient, compact"),
         ({"reading": {"kernel": "wide"}}, "reading: expected stencil, beside_invalid, rounding"),
         ({"reading": {"outliers": 1.0}}, "outliers: expected a share"),
-        ({"threads": -1}, "num_threads: expected >= 0"),
+        ({"threads": -1}, "threads: expected 0 to 2147483647, got -1"),
     ],
 )
 def test_refused(options: dict[str, object], message: str) -> None:

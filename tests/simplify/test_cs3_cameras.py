@@ -185,7 +185,7 @@ def test_same_bytes_for_any_number_of_threads() -> None:
             CameraView(points=np.ones((2, 2, 3)), pose=np.eye(3)),
             r"views\[0\]\.pose: expected shape",
         ),
-        (None, r"views\[0\]: expected a CameraView"),
+        (None, r"views\[0\]: expected CameraView, got None"),
     ],
 )
 def test_bad_views(view: CameraView, message: str) -> None:

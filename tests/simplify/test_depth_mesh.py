@@ -278,7 +278,7 @@ def test_bad_grids_and_colors() -> None:
     assert simplify.dense_mesh_grid(points).num_vertices == 47
     with pytest.raises(InputError, match=r"color: expected uint8 of shape \(6, 8, 3 or 4\)"):
         simplify.dense_mesh(np.ones((6, 8), np.float32), CAMERA, color=np.zeros((6, 8, 3)))
-    with pytest.raises(InputError, match="intrinsics: expected Intrinsics"):
+    with pytest.raises(InputError, match="intrinsics: expected Intrinsics, got None"):
         simplify.dense_mesh(np.ones((6, 8), np.float32), None)  # type: ignore[arg-type]
 
 

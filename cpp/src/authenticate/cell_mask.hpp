@@ -4,6 +4,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "manip3d/progress.hpp"
+
 namespace manip3d {
 
 /// A binary image whose columns go round: column 0 is the neighbour of the last one. Beyond the
@@ -17,11 +19,13 @@ struct CellMask {
 };
 
 /// Sums over 3x3 windows; rows without a marked cell around them cost nothing.
-inline CellMask window_sums(const CellMask& mask) {
+inline CellMask window_sums(const CellMask& mask, const Progress& progress) {
+  Ticker ticker(progress, 1U << 6);
   CellMask across{mask.rows, mask.columns, std::vector<std::uint8_t>(mask.cells.size())};
   std::vector<std::uint8_t> any(mask.rows);
   const std::int64_t n = mask.columns;
   for (std::int64_t r = 0; r < mask.rows; ++r) {
+    ticker.tick();
     const std::uint8_t* from = mask.row(r);
     any[r] = *std::max_element(from, from + n);
     if (any[r] == 0) continue;
@@ -34,6 +38,7 @@ inline CellMask window_sums(const CellMask& mask) {
   }
   CellMask sums{mask.rows, mask.columns, std::vector<std::uint8_t>(mask.cells.size())};
   for (std::int64_t r = 0; r < mask.rows; ++r) {
+    ticker.tick();
     for (std::int64_t k = std::max<std::int64_t>(0, r - 1); k <= std::min(mask.rows - 1, r + 1);
          ++k) {
       if (any[k] == 0) continue;
@@ -47,8 +52,9 @@ inline CellMask window_sums(const CellMask& mask) {
 
 /// 1 where at least `count` of the nine cells around are marked: 1 dilates, 5 is the median, 9
 /// erodes (the border counts as unmarked).
-inline CellMask rank_filter(const CellMask& mask, std::uint8_t count) {
-  CellMask sums = window_sums(mask);
+inline CellMask rank_filter(const CellMask& mask, std::uint8_t count,
+                            const Progress& progress = {}) {
+  CellMask sums = window_sums(mask, progress);
   for (std::uint8_t& cell : sums.cells) cell = cell >= count ? 1 : 0;
   return sums;
 }

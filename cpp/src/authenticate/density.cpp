@@ -102,8 +102,8 @@ class LevelFinder {
 }  // namespace
 
 DensityLevels density_levels(const PointsView& view, std::span<const double> distances,
-                             const DensityOptions& options) {
-  check_points_everywhere(view, options.num_threads);
+                             const DensityOptions& options, const Progress& progress) {
+  check_points_everywhere(view, options.num_threads, progress);
   if (static_cast<std::int64_t>(distances.size()) != view.num_points()) {
     throw InputError("distances: expected " + std::to_string(view.num_points()) + ", got " +
                      std::to_string(distances.size()));
@@ -115,17 +115,16 @@ DensityLevels density_levels(const PointsView& view, std::span<const double> dis
   const auto size = static_cast<std::size_t>(finder.sectors() * finder.levels());
   result.counts.assign(size, 0);
   std::vector<std::int64_t> sums(size);
-  parallel_chunks(
-      view.num_points(), kPointChunk, options.num_threads,
-      [&](std::int64_t begin, std::int64_t end) {
-        finder.visit(view, begin, end, [&](std::int64_t i, std::int64_t cell, float cosine) {
-          double distance = std::min(distances[i], kFarthest);
-          if (options.level_out) distance /= std::max(cosine, kSteepest);
-          const auto units = static_cast<std::int64_t>(distance / kUnit + 0.5);
-          std::atomic_ref(sums[cell]).fetch_add(units, std::memory_order_relaxed);
-          std::atomic_ref(result.counts[cell]).fetch_add(1, std::memory_order_relaxed);
-        });
-      });
+  const auto sum_up = [&](std::int64_t begin, std::int64_t end) {
+    finder.visit(view, begin, end, [&](std::int64_t i, std::int64_t cell, float cosine) {
+      double distance = std::min(distances[i], kFarthest);
+      if (options.level_out) distance /= std::max(cosine, kSteepest);
+      const auto units = static_cast<std::int64_t>(distance / kUnit + 0.5);
+      std::atomic_ref(sums[cell]).fetch_add(units, std::memory_order_relaxed);
+      std::atomic_ref(result.counts[cell]).fetch_add(1, std::memory_order_relaxed);
+    });
+  };
+  parallel_chunks(view.num_points(), kPointChunk, options.num_threads, sum_up, progress);
   result.means.assign(size, 0.0);
   for (std::size_t c = 0; c < size; ++c) {
     if (result.counts[c] > 0) {
@@ -137,15 +136,18 @@ DensityLevels density_levels(const PointsView& view, std::span<const double> dis
 
 std::vector<std::int32_t> points_of_levels(const PointsView& view,
                                            std::span<const std::uint8_t> marked,
-                                           const DensityOptions& options) {
-  check_points_everywhere(view, options.num_threads);
+                                           const DensityOptions& options,
+                                           const Progress& progress) {
+  check_points_everywhere(view, options.num_threads, progress);
   const LevelFinder finder(options);
   if (static_cast<std::int64_t>(marked.size()) != finder.sectors() * finder.levels()) {
     throw InputError("marked: expected one mark per sector and level, got " +
                      std::to_string(marked.size()));
   }
   std::vector<std::int32_t> rows;
+  Ticker ticker(progress, 1U << 16);
   finder.visit(view, 0, view.num_points(), [&](std::int64_t i, std::int64_t cell, float) {
+    ticker.tick();
     if (marked[cell] != 0) rows.push_back(static_cast<std::int32_t>(i));
   });
   return rows;

@@ -45,12 +45,13 @@ using SectorTally = std::array<std::int64_t, kSectors>;
 class Examination {
  public:
   Examination(const PointsView& points, const ScanLattice& lattice, const GenericOptions& options,
-              const PointsView& previous, const PointsView& following)
+              const PointsView& previous, const PointsView& following, const Progress& progress)
       : points_(points),
         beside_{&previous, &following},
         lattice_(lattice),
         options_(options),
-        reading_(read_lattice(points, lattice, options.num_threads)),
+        progress_(progress),
+        reading_(read_lattice(points, lattice, options.num_threads, part_of(progress, 0.0, 0.1))),
         cells_((lattice.num_rings() + kCellRings - 1) / kCellRings, kCellColumns, Strength{}) {
     result_.flags.assign(points.num_points(), 0);
     num_read_ = (reading_.ring.array() >= 0).count();
@@ -60,16 +61,17 @@ class Examination {
   }
 
   GenericResult run() {
-    examine_coordinates();
-    examine_lines();
-    examine_steps();
-    examine_firings();
-    examine_duplicates();
-    examine_order();
-    examine_ranges();
-    examine_voids();
-    tally_flags();
-    gather_regions();
+    using Stage = void (Examination::*)();
+    constexpr Stage kStages[] = {&Examination::examine_coordinates, &Examination::examine_lines,
+                                 &Examination::examine_steps,       &Examination::examine_firings,
+                                 &Examination::examine_duplicates,  &Examination::examine_order,
+                                 &Examination::examine_ranges,      &Examination::examine_voids,
+                                 &Examination::tally_flags,         &Examination::gather_regions};
+    double done = 0.0;
+    for (const Stage stage : kStages) {
+      if (progress_) progress_(0.1 + 0.09 * done++);
+      (this->*stage)();
+    }
     return std::move(result_);
   }
 
@@ -272,6 +274,7 @@ class Examination {
     VoidOptions options;
     options.min_ground_range = options_.min_ground_range;
     options.max_ground_range = options_.max_ground_range;
+    options.progress = stage_progress();
     add_voids(Evidence::kVoid, find_voids(points_, answers, lattice_, *ground, options));
 
     std::vector<Answers> turns;
@@ -292,7 +295,7 @@ class Examination {
   [[nodiscard]] std::optional<Answers> answers_of(const PointsView& turn,
                                                   const GroundPlane& ground) const {
     if (turn.num_points() == 0) return std::nullopt;
-    LatticeReading reading = read_lattice(turn, lattice_, options_.num_threads);
+    LatticeReading reading = read_lattice(turn, lattice_, options_.num_threads, stage_progress());
     std::int64_t off = 0;
     for (std::int32_t i = 0; i < turn.num_points(); ++i) {
       if (reading.ring(i) < 0) continue;
@@ -322,6 +325,9 @@ class Examination {
         static_cast<double>(firings) / static_cast<double>(std::max<std::int64_t>(num_read_, 1));
     std::move(voids.begin(), voids.end(), std::back_inserter(voids_));
   }
+
+  // Of the search for voids, the longest stage; it may cancel the work.
+  [[nodiscard]] Progress stage_progress() const { return part_of(progress_, 0.8, 0.8); }
 
   [[nodiscard]] int cell_row(std::int32_t i) const { return reading_.ring(i) / kCellRings; }
 
@@ -437,6 +443,7 @@ class Examination {
   std::array<const PointsView*, 2> beside_;  // the turn before and the one behind
   const ScanLattice& lattice_;
   const GenericOptions& options_;
+  const Progress& progress_;
   LatticeReading reading_;
   RingImage<Strength> cells_;
   FiringSchedule schedule_;
@@ -468,9 +475,9 @@ void check_options(const GenericOptions& options) {
 
 GenericResult generic_consistency(const PointsView& points, const ScanLattice& lattice,
                                   const GenericOptions& options, const PointsView& previous,
-                                  const PointsView& following) {
+                                  const PointsView& following, const Progress& progress) {
   check_options(options);
-  return Examination(points, lattice, options, previous, following).run();
+  return Examination(points, lattice, options, previous, following, progress).run();
 }
 
 }  // namespace manip3d

@@ -147,7 +147,8 @@ void check_readable(const ScanLattice& lattice) {
   check_step(lattice.coordinate_step, "coordinate_step");
 }
 
-LatticeReading read_lattice(const PointsView& points, const ScanLattice& lattice, int num_threads) {
+LatticeReading read_lattice(const PointsView& points, const ScanLattice& lattice, int num_threads,
+                            const Progress& progress) {
   check_points(points);
   check_readable(lattice);
   const Eigen::Index n = points.num_points();
@@ -155,8 +156,8 @@ LatticeReading read_lattice(const PointsView& points, const ScanLattice& lattice
                          Eigen::VectorXf::Zero(n), Eigen::VectorXf::Zero(n),
                          Eigen::VectorXf::Zero(n), Eigen::VectorXf::Zero(n)};
   const Reader reader(points, lattice, reading);
-  parallel_chunks(n, kChunk, num_threads,
-                  [&](std::int64_t begin, std::int64_t end) { reader.read(begin, end); });
+  const auto read = [&](std::int64_t begin, std::int64_t end) { reader.read(begin, end); };
+  parallel_chunks(n, kChunk, num_threads, read, progress);
   return reading;
 }
 

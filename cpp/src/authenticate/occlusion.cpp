@@ -124,24 +124,24 @@ double angle_of_slope(double slope) {
 
 // Lowest and highest elevation of the points, nearly: the tangents' angles.
 std::pair<double, double> elevations(const PointsView& view, const Eigen::Vector3d& origin,
-                                     int num_threads) {
+                                     int num_threads, const Progress& progress) {
   const std::int64_t chunks = (view.num_points() + kPointChunk - 1) / kPointChunk;
   std::vector<float> least(chunks, kNothing);
   std::vector<float> most(chunks, -kNothing);
-  parallel_chunks(view.num_points(), kPointChunk, num_threads,
-                  [&](std::int64_t begin, std::int64_t end) {
-                    float low = kNothing;
-                    float high = -kNothing;
-                    for (std::int64_t i = begin; i < end; ++i) {
-                      const Eigen::Vector3f p =
-                          (view.points.row(i).transpose().cast<double>() - origin).cast<float>();
-                      const float slope = p.z() / std::sqrt(p.x() * p.x() + p.y() * p.y());
-                      low = slope < low ? slope : low;  // a point in the origin has none: NaN
-                      high = slope > high ? slope : high;
-                    }
-                    least[begin / kPointChunk] = low;
-                    most[begin / kPointChunk] = high;
-                  });
+  const auto bound = [&](std::int64_t begin, std::int64_t end) {
+    float low = kNothing;
+    float high = -kNothing;
+    for (std::int64_t i = begin; i < end; ++i) {
+      const Eigen::Vector3f p =
+          (view.points.row(i).transpose().cast<double>() - origin).cast<float>();
+      const float slope = p.z() / std::sqrt(p.x() * p.x() + p.y() * p.y());
+      low = slope < low ? slope : low;  // a point in the origin has none: NaN
+      high = slope > high ? slope : high;
+    }
+    least[begin / kPointChunk] = low;
+    most[begin / kPointChunk] = high;
+  };
+  parallel_chunks(view.num_points(), kPointChunk, num_threads, bound, progress);
   double lowest = kPi / 2.0;
   double highest = -kPi / 2.0;
   for (std::int64_t c = 0; c < chunks; ++c) {
@@ -170,34 +170,39 @@ void improve(std::uint32_t& slot, std::uint32_t value, const Better& better) {
   }
 }
 
-CellRanges cell_ranges(const PointsView& view, const CellFinder& finder, int num_threads) {
+CellRanges cell_ranges(const PointsView& view, const CellFinder& finder, int num_threads,
+                       const Progress& progress) {
   const std::int64_t size = finder.rows() * finder.columns();
   CellRanges image{LargeArray<std::uint32_t>(size), LargeArray<std::uint32_t>(size),
                    LargeArray<std::int32_t>(view.num_points())};
-  parallel_chunks(size, 1 << 20, num_threads, [&](std::int64_t begin, std::int64_t end) {
+  const auto clear = [&](std::int64_t begin, std::int64_t end) {
     std::fill(image.nearest.data() + begin, image.nearest.data() + end,
               std::bit_cast<std::uint32_t>(kNothing));
     std::fill(image.farthest.data() + begin, image.farthest.data() + end, 0U);
-  });
-  parallel_chunks(
-      view.num_points(), kPointChunk, num_threads, [&](std::int64_t begin, std::int64_t end) {
-        finder.visit(view, begin, end, [&](std::int64_t i, std::int32_t cell, float range) {
-          image.cells[i] = cell;
-          if (cell == kNowhere) return;
-          const auto bits = std::bit_cast<std::uint32_t>(range);
-          improve(image.nearest[cell], bits, std::less<>());
-          improve(image.farthest[cell], bits, std::greater<>());
-        });
-      });
+  };
+  const auto enter = [&](std::int64_t begin, std::int64_t end) {
+    finder.visit(view, begin, end, [&](std::int64_t i, std::int32_t cell, float range) {
+      image.cells[i] = cell;
+      if (cell == kNowhere) return;
+      const auto bits = std::bit_cast<std::uint32_t>(range);
+      improve(image.nearest[cell], bits, std::less<>());
+      improve(image.farthest[cell], bits, std::greater<>());
+    });
+  };
+  parallel_chunks(size, 1 << 20, num_threads, clear, progress);
+  parallel_chunks(view.num_points(), kPointChunk, num_threads, enter, progress);
   return image;
 }
 
 // As printed: |r_p - r_q| of each point and the one before it in the same cell, summed.
-std::vector<float> accumulated_gaps(const PointsView& view, const CellFinder& finder) {
+std::vector<float> accumulated_gaps(const PointsView& view, const CellFinder& finder,
+                                    const Progress& progress) {
   const auto size = static_cast<std::size_t>(finder.rows() * finder.columns());
   std::vector<float> gaps(size);
   std::vector<float> last(size);
+  Ticker ticker(progress, 1U << 16);
   finder.visit(view, 0, view.num_points(), [&](std::int64_t, std::int32_t cell, float range) {
+    ticker.tick();
     if (cell == kNowhere) return;
     if (last[cell] > 0.0F) gaps[cell] += std::abs(range - last[cell]);
     last[cell] = range;
@@ -206,10 +211,12 @@ std::vector<float> accumulated_gaps(const PointsView& view, const CellFinder& fi
 }
 
 CellMask gap_mask(const CellRanges& image, const std::vector<float>& gaps, const CellFinder& finder,
-                  float min_gap, OcclusionResult& result) {
+                  float min_gap, const Progress& progress, OcclusionResult& result) {
+  Ticker ticker(progress, 1U << 20);
   CellMask mask{finder.rows(), finder.columns(), {}};
   mask.cells.resize(mask.rows * mask.columns);
   for (std::int64_t c = 0; c < mask.rows * mask.columns; ++c) {
+    ticker.tick();
     if (!image.occupied(c)) continue;
     ++result.occupied_cells;
     const float gap = gaps.empty() ? image.far(c) - image.near(c) : gaps[c];
@@ -268,7 +275,7 @@ OcclusionComponent measure(const std::vector<const MarkedRun*>& runs, const Cell
 std::vector<std::int32_t> select_components(const CellMask& mask, const CellRanges& image,
                                             const CellFinder& finder,
                                             const OcclusionOptions& options,
-                                            OcclusionResult& result) {
+                                            const Progress& progress, OcclusionResult& result) {
   ConnectedRuns connected;
   const auto& runs = connected.find(mask.cells.data(), mask.rows, mask.columns, true);
   std::vector<std::vector<const MarkedRun*>> by_component(connected.num_components());
@@ -279,7 +286,9 @@ std::vector<std::int32_t> select_components(const CellMask& mask, const CellRang
     std::int32_t number;
   };
   std::vector<Found> found;
+  Ticker ticker(progress, 1U << 6);
   for (std::int32_t n = 0; n < connected.num_components(); ++n) {
+    ticker.tick();
     const OcclusionComponent component =
         measure(by_component[n], image, finder, options.grid, static_cast<float>(options.min_gap));
     if (component.cells >= options.min_cells && component.area >= options.min_area &&
@@ -307,10 +316,13 @@ std::vector<std::int32_t> select_components(const CellMask& mask, const CellRang
 // Points in front of what their cell's farthest point shows to be visible.
 void suspect_points(const PointsView& view, const CellRanges& image,
                     const std::vector<std::int32_t>& cell_component,
-                    const OcclusionOptions& options, OcclusionResult& result) {
+                    const OcclusionOptions& options, const Progress& progress,
+                    OcclusionResult& result) {
+  Ticker ticker(progress, 1U << 16);
   const auto min_gap = static_cast<float>(options.min_gap);
   std::vector<std::vector<std::int32_t>> rows(result.components.size());
   for (std::int64_t i = 0; i < view.num_points(); ++i) {
+    ticker.tick();
     const std::int32_t cell = image.cells[i];
     if (cell == kNowhere || cell_component[cell] < 0) continue;
     if (image.far(cell) - image.near(cell) <= min_gap) continue;
@@ -344,23 +356,25 @@ std::vector<std::uint8_t> cropped(const CellMask& mask, std::int64_t first, std:
 
 }  // namespace
 
-OcclusionResult occlusion_consistency(const PointsView& view, const OcclusionOptions& options) {
+OcclusionResult occlusion_consistency(const PointsView& view, const OcclusionOptions& options,
+                                      const Progress& progress) {
   check_options(options);
-  check_points_everywhere(view, options.num_threads);
+  check_points_everywhere(view, options.num_threads, progress);
   CellFinder finder(options);
-  const auto [lowest, highest] = elevations(view, options.origin, options.num_threads);
+  const auto [lowest, highest] = elevations(view, options.origin, options.num_threads, progress);
   if (lowest <= highest) finder.crop(lowest, highest);
-  const CellRanges image = cell_ranges(view, finder, options.num_threads);
+  const CellRanges image = cell_ranges(view, finder, options.num_threads, progress);
   std::vector<float> gaps;
-  if (options.accumulate) gaps = accumulated_gaps(view, finder);
+  if (options.accumulate) gaps = accumulated_gaps(view, finder, progress);
   OcclusionResult result;
-  const CellMask raw = gap_mask(image, gaps, finder, static_cast<float>(options.min_gap), result);
-  const CellMask closed = rank_filter(rank_filter(raw, 1), 9);
-  const CellMask mask = rank_filter(closed, 5);
+  const CellMask raw =
+      gap_mask(image, gaps, finder, static_cast<float>(options.min_gap), progress, result);
+  const CellMask closed = rank_filter(rank_filter(raw, 1, progress), 9, progress);
+  const CellMask mask = rank_filter(closed, 5, progress);
   const std::vector<std::int32_t> cell_component =
-      select_components(mask, image, finder, options, result);
+      select_components(mask, image, finder, options, progress, result);
   if (!result.components.empty()) {
-    suspect_points(view, image, cell_component, options, result);
+    suspect_points(view, image, cell_component, options, progress, result);
   }
   const auto [first, last] = occupied_rows(image, finder);
   result.first_row = finder.first_row() + first;

@@ -178,7 +178,9 @@ RingImage<std::uint8_t> lost_between(const Answers& answers, const ScanLattice& 
                                      const GroundPlane& ground, const VoidOptions& options) {
   const RingImage<Answer>& kind = answers.kind;
   RingImage<std::uint8_t> lost(kind.rings(), kind.columns(), 0);
+  Ticker ticker(options.progress, 1U << 8);
   for (int column = 0; column < lost.columns(); ++column) {
+    ticker.tick();
     const SinCos azimuth = sin_cos(kFullTurn * (column + 0.5) / lost.columns());
     for (int ring = 0; ring < lost.rings(); ++ring) {
       if (kind(ring, column) != Answer::kNone) continue;
@@ -196,7 +198,9 @@ RingImage<std::uint8_t> runs_above_ground(const Answers& answers, const ScanLatt
   const RingImage<Answer>& kind = answers.kind;
   const Gaps gaps(kind, options.answered_beside);
   RingImage<std::uint8_t> runs(kind.rings(), kind.columns(), 0);
+  Ticker ticker(options.progress, 1U << 8);
   for (int column = 0; column < runs.columns(); ++column) {
+    ticker.tick();
     const SinCos azimuth = sin_cos(kFullTurn * (column + 0.5) / runs.columns());
     for (int ring = runs.rings() - 2; ring >= 0; --ring) {
       if (kind(ring, column) != Answer::kNone || kind(ring + 1, column) != Answer::kGround)
@@ -216,9 +220,10 @@ RingImage<std::uint8_t> runs_above_ground(const Answers& answers, const ScanLatt
   return runs;
 }
 
-RingImage<std::uint8_t> widened(const RingImage<std::uint8_t>& image) {
+RingImage<std::uint8_t> widened(const RingImage<std::uint8_t>& image, Ticker& ticker) {
   RingImage<std::uint8_t> wide(image.rings(), image.columns(), 0);
   for (int ring = 0; ring < image.rings(); ++ring) {
+    ticker.tick();
     for (int column = 0; column < image.columns(); ++column) {
       if (image(ring, column) == 0) continue;
       for (int d = -kWidening; d <= kWidening; ++d) wide(ring, image.wrapped(column + d)) = 1;
@@ -228,9 +233,10 @@ RingImage<std::uint8_t> widened(const RingImage<std::uint8_t>& image) {
 }
 
 // Morphological opening by a block: what no full block covers is erased.
-RingImage<std::uint8_t> opened(const RingImage<std::uint8_t>& image) {
+RingImage<std::uint8_t> opened(const RingImage<std::uint8_t>& image, Ticker& ticker) {
   RingImage<std::uint8_t> kept(image.rings(), image.columns(), 0);
   for (int ring = 0; ring + kBlockRings <= image.rings(); ++ring) {
+    ticker.tick();
     for (int column = 0; column < image.columns(); ++column) {
       bool full = true;
       for (int r = 0; full && r < kBlockRings; ++r) {
@@ -358,9 +364,11 @@ std::vector<Void> find_voids(const PointsView& points, const Answers& answers,
   const auto runs = options.beside.size() > 1
                         ? lost_between(answers, lattice, ground, options)
                         : runs_above_ground(answers, lattice, ground, options);
-  auto lost = opened(widened(runs));
+  Ticker ticker(options.progress, 1U << 2);
+  auto lost = opened(widened(runs, ticker), ticker);
   std::vector<Void> voids;
   for (const auto& component : connected_components(lost)) {
+    ticker.tick();
     Void found;
     std::vector<double> distances;
     for (const auto& [ring, column] : component) {

@@ -6,6 +6,7 @@
 #include "authenticate/ground_plane.hpp"
 #include "authenticate/ring_image.hpp"
 #include "manip3d/authenticate/lattice.hpp"
+#include "manip3d/progress.hpp"
 
 namespace manip3d {
 
@@ -60,6 +61,7 @@ struct VoidOptions {
   /// one, or the one before and the one behind. Two of them tell a hole by themselves: it need not
   /// begin above ground then.
   std::vector<const Answers*> beside;
+  Progress progress;  ///< May cancel the search.
 };
 
 std::vector<Void> find_voids(const PointsView& points, const Answers& answers,

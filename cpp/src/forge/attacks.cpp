@@ -30,12 +30,15 @@ Vector3d sum_of(const PointsView& view, std::int64_t begin, std::int64_t end) {
   return sum;
 }
 
-Vector3d centroid(const PointsView& view, int num_threads) {
+Vector3d centroid(const PointsView& view, int num_threads, const Progress& progress) {
   const std::int64_t count = view.num_points();
   std::vector<Vector3d> sums((count + kPointChunk - 1) / kPointChunk);
-  parallel_chunks(count, kPointChunk, num_threads, [&](std::int64_t begin, std::int64_t end) {
-    sums[begin / kPointChunk] = sum_of(view, begin, end);
-  });
+  parallel_chunks(
+      count, kPointChunk, num_threads,
+      [&](std::int64_t begin, std::int64_t end) {
+        sums[begin / kPointChunk] = sum_of(view, begin, end);
+      },
+      progress);
   Vector3d total = Vector3d::Zero();
   for (const Vector3d& sum : sums) total += sum;
   return total / static_cast<double>(std::max<std::int64_t>(count, 1));
@@ -98,7 +101,7 @@ double dent_profile(const Vector3d& point, const OrientedBox& box, const Matrix3
 
 std::vector<Vector3d> displacements(const PointsView& scene, const std::vector<std::int32_t>& rows,
                                     const OrientedBox& box, const DeformOptions& options,
-                                    int num_threads) {
+                                    int num_threads, const Progress& progress) {
   std::vector<Vector3d> moves(rows.size());
   if (options.direction == Displacement::kRandom) {
     for (std::size_t i = 0; i < rows.size(); ++i) {
@@ -107,10 +110,10 @@ std::vector<Vector3d> displacements(const PointsView& scene, const std::vector<s
     return moves;
   }
   const Points points = rows_of(scene, rows);
-  const KdTree tree(PointsView({points.data(), points.rows(), 3}));
+  const KdTree tree(PointsView({points.data(), points.rows(), 3}), progress);
   const Matrix3d to_box = rotation_about_z(box.yaw).transpose();
   const auto count = static_cast<std::int64_t>(rows.size());
-  parallel_chunks(count, 256, num_threads, [&](std::int64_t begin, std::int64_t end) {
+  const auto displace = [&](std::int64_t begin, std::int64_t end) {
     KdTree::Neighbours near;
     for (std::int64_t i = begin; i < end; ++i) {
       const Vector3d p = points.row(i).transpose().cast<double>();
@@ -118,7 +121,8 @@ std::vector<Vector3d> displacements(const PointsView& scene, const std::vector<s
       moves[i] = Vector3d::Zero();
       if (depth != 0.0) moves[i] = -depth * surface_normal(points, tree, i, options.origin, near);
     }
-  });
+  };
+  parallel_chunks(count, 256, num_threads, displace, progress);
   return moves;
 }
 
@@ -130,11 +134,13 @@ struct NearSpacing {
 };
 
 // `near` are the points of the scene within `reach` of the position.
-NearSpacing spacing_near(const Points& near, const Vector3d& position, double radius,
-                         double reach) {
+NearSpacing spacing_near(const Points& near, const Vector3d& position, double radius, double reach,
+                         const Progress& progress) {
   NearSpacing spacing;
-  const KdTree tree(PointsView({near.data(), near.rows(), 3}));
+  const KdTree tree(PointsView({near.data(), near.rows(), 3}), progress);
+  Ticker ticker(progress);
   for (Eigen::Index i = 0; i < near.rows(); ++i) {
+    ticker.tick();
     const Vector3d p = near.row(i).transpose().cast<double>();
     const double squared = (p - position).squaredNorm();
     if (!(squared <= radius * radius)) continue;
@@ -150,7 +156,8 @@ NearSpacing spacing_near(const Points& near, const Vector3d& position, double ra
 }  // namespace
 
 Matrix4d placement_transform(const PointsView& scene, const PointsView& object,
-                             const ObjectPlacement& placement, int num_threads) {
+                             const ObjectPlacement& placement, int num_threads,
+                             const Progress& progress) {
   if (!placement.position.allFinite()) throw InputError("position: expected finite numbers");
   if (!(placement.scale > 0.0 && std::isfinite(placement.scale))) {
     throw InputError("scale: expected > 0, got " + std::to_string(placement.scale));
@@ -160,12 +167,12 @@ Matrix4d placement_transform(const PointsView& scene, const PointsView& object,
   }
   if (object.num_points() == 0) throw InputError("hoax: expected points, got none");
   const Matrix3d linear = placement.scale * placement.rotation;
-  const Vector3d o_object = centroid(object, 1);
+  const Vector3d o_object = centroid(object, 1, progress);
   Matrix4d transform = Matrix4d::Identity();
   transform.topLeftCorner<3, 3>() = linear;
   const bool paper = placement.translation == Translation::kPaper;
   transform.topRightCorner<3, 1>() =
-      paper ? Vector3d(placement.position - (centroid(scene, num_threads) - o_object))
+      paper ? Vector3d(placement.position - (centroid(scene, num_threads, progress) - o_object))
             : Vector3d(placement.position - linear * o_object);
   return transform;
 }
@@ -185,20 +192,21 @@ Points transformed(const Eigen::Ref<const Points>& points, const Matrix4d& trans
 }
 
 Forgery copy_transform_paste(const PointsView& scene, const PointsView& object,
-                             const ObjectPlacement& placement, int num_threads) {
-  check_points_everywhere(scene, num_threads);
+                             const ObjectPlacement& placement, int num_threads,
+                             const Progress& progress) {
+  check_points_everywhere(scene, num_threads, progress);
   check_points(object);
-  const Matrix4d transform = placement_transform(scene, object, placement, num_threads);
+  const Matrix4d transform = placement_transform(scene, object, placement, num_threads, progress);
   Edit edit;
   edit.added = transformed(object.points, transform);
   edit.added_intensity = object.intensity;
-  Forgery forged = apply_edit(scene, std::move(edit), num_threads);
+  Forgery forged = apply_edit(scene, std::move(edit), num_threads, progress);
   forged.transform = transform;
   return forged;
 }
 
 double local_spacing(const PointsView& scene, const Vector3d& position, double radius,
-                     int num_threads) {
+                     int num_threads, const Progress& progress) {
   if (!position.allFinite()) throw InputError("position: expected finite numbers");
   if (!(radius > 0.0 && std::isfinite(radius))) {
     throw InputError("radius: expected > 0, got " + std::to_string(radius));
@@ -210,8 +218,8 @@ double local_spacing(const PointsView& scene, const Vector3d& position, double r
     const auto within = [&](float x, float y, float z) {
       return (Vector3d(x, y, z) - position).squaredNorm() <= reach * reach;
     };
-    spacing = spacing_near(rows_of(scene, select_rows(scene, num_threads, within)), position,
-                           radius, reach);
+    spacing = spacing_near(rows_of(scene, select_rows(scene, num_threads, within, progress)),
+                           position, radius, reach, progress);
     if (spacing.is_sure) break;
   }
   if (spacing.count < 2) {
@@ -221,30 +229,32 @@ double local_spacing(const PointsView& scene, const Vector3d& position, double r
   return spacing.sum / static_cast<double>(spacing.count);
 }
 
-Forgery subtract(const PointsView& scene, const OrientedBox& box, int num_threads) {
+Forgery subtract(const PointsView& scene, const OrientedBox& box, int num_threads,
+                 const Progress& progress) {
   Edit edit;
-  edit.removed = points_in_box(scene, box, num_threads);
-  return apply_edit(scene, std::move(edit), num_threads);
+  edit.removed = points_in_box(scene, box, num_threads, progress);
+  return apply_edit(scene, std::move(edit), num_threads, progress);
 }
 
 Forgery replace_rows(const PointsView& scene, std::vector<std::int32_t> rows,
-                     const PointsView& added, int num_threads) {
-  check_points_everywhere(scene, num_threads);
+                     const PointsView& added, int num_threads, const Progress& progress) {
+  check_points_everywhere(scene, num_threads, progress);
   check_points(added);
   Edit edit;
   edit.removed = checked_rows(std::move(rows), scene.num_points());
   edit.added = added.points;
   edit.added_intensity = added.intensity;
-  return apply_edit(scene, std::move(edit), num_threads);
+  return apply_edit(scene, std::move(edit), num_threads, progress);
 }
 
 Forgery deform(const PointsView& scene, const OrientedBox& box, const DeformOptions& options,
-               int num_threads) {
+               int num_threads, const Progress& progress) {
   if (!std::isfinite(options.amplitude)) throw InputError("amplitude: expected a finite number");
   if (!options.origin.allFinite()) throw InputError("origin: expected finite numbers");
   Edit edit;
-  edit.moved = points_in_box(scene, box, num_threads);
-  const std::vector<Vector3d> moves = displacements(scene, edit.moved, box, options, num_threads);
+  edit.moved = points_in_box(scene, box, num_threads, progress);
+  const std::vector<Vector3d> moves =
+      displacements(scene, edit.moved, box, options, num_threads, progress);
   edit.moved_to = rows_of(scene, edit.moved);
   for (std::size_t i = 0; i < moves.size(); ++i) {
     const auto row = static_cast<Eigen::Index>(i);
@@ -252,19 +262,19 @@ Forgery deform(const PointsView& scene, const OrientedBox& box, const DeformOpti
     edit.moved_to.row(row) = p.cast<float>();
   }
   if (!edit.moved_to.allFinite()) throw InputError("amplitude: takes points beyond finite floats");
-  return apply_edit(scene, std::move(edit), num_threads);
+  return apply_edit(scene, std::move(edit), num_threads, progress);
 }
 
 Forgery move_box(const PointsView& scene, const OrientedBox& box, const Matrix4d& transform,
-                 int num_threads) {
+                 int num_threads, const Progress& progress) {
   const bool affine = transform.row(3) == Eigen::RowVector4d(0.0, 0.0, 0.0, 1.0);
   if (!(transform.allFinite() && affine && is_rotation(transform.topLeftCorner<3, 3>()))) {
     throw InputError("transform: expected a rotation and a translation");
   }
   Edit edit;
-  edit.moved = points_in_box(scene, box, num_threads);
+  edit.moved = points_in_box(scene, box, num_threads, progress);
   edit.moved_to = transformed(rows_of(scene, edit.moved), transform);
-  Forgery forged = apply_edit(scene, std::move(edit), num_threads);
+  Forgery forged = apply_edit(scene, std::move(edit), num_threads, progress);
   forged.transform = transform;
   return forged;
 }

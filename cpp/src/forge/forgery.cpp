@@ -31,11 +31,12 @@ void for_kept_runs(const std::vector<std::int32_t>& removed, std::int64_t begin,
 }
 
 void copy_kept(const PointsView& scan, const std::vector<std::int32_t>& removed, int num_threads,
-               Forgery& forged) {
+               const Progress& progress, Forgery& forged) {
   const float* xyz = scan.points.data();
   const float* intensity = scan.intensity.data();
   parallel_chunks(
-      scan.num_points(), kPointChunk, num_threads, [&](std::int64_t begin, std::int64_t end) {
+      scan.num_points(), kPointChunk, num_threads,
+      [&](std::int64_t begin, std::int64_t end) {
         for_kept_runs(removed, begin, end, [&](std::int64_t from, std::int64_t to, std::int64_t k) {
           const auto size = static_cast<std::size_t>(to - from) * sizeof(float);
           std::memcpy(forged.points.data() + 3 * (from - k), xyz + 3 * from, 3 * size);
@@ -43,7 +44,8 @@ void copy_kept(const PointsView& scan, const std::vector<std::int32_t>& removed,
             std::memcpy(forged.intensity.data() + (from - k), intensity + from, size);
           }
         });
-      });
+      },
+      progress);
 }
 
 void move_points(const Edit& edit, Forgery& forged) {
@@ -97,7 +99,7 @@ OrientedBox box_of(const PointsView& scan, const Edit& edit) {
 
 }  // namespace
 
-Forgery apply_edit(const PointsView& scan, Edit edit, int num_threads) {
+Forgery apply_edit(const PointsView& scan, Edit edit, int num_threads, const Progress& progress) {
   drop_idle_moves(scan, edit);
   const std::int64_t kept = scan.num_points() - static_cast<std::int64_t>(edit.removed.size());
   const std::int64_t count = kept + edit.added.rows();
@@ -108,7 +110,7 @@ Forgery apply_edit(const PointsView& scan, Edit edit, int num_threads) {
   Forgery forged;
   forged.points = LargeArray<float>(3 * count);
   if (scan.has_intensity()) forged.intensity = LargeArray<float>(count);
-  copy_kept(scan, edit.removed, num_threads, forged);
+  copy_kept(scan, edit.removed, num_threads, progress, forged);
   move_points(edit, forged);
   append_points(scan, edit, kept, forged);
   forged.box = box_of(scan, edit);

@@ -164,8 +164,10 @@ double parallax(const ScanLattice& lattice, const Points& object, const Vector3d
 }
 
 void hit_faces(const Points& object, const Eigen::Ref<const Faces>& faces, double margin,
-               RayGrid& grid) {
+               const Progress& progress, RayGrid& grid) {
+  Ticker ticker(progress, 1U << 6);
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
+    ticker.tick();
     const Vector3d a = object.row(faces(f, 0)).transpose().cast<double>();
     const Vector3d b = object.row(faces(f, 1)).transpose().cast<double>();
     const Vector3d c = object.row(faces(f, 2)).transpose().cast<double>();
@@ -180,13 +182,15 @@ void hit_faces(const Points& object, const Eigen::Ref<const Faces>& faces, doubl
 }
 
 void hit_discs(const Points& object, double margin, const Cone& cone, int num_threads,
-               RayGrid& grid) {
+               const Progress& progress, RayGrid& grid) {
   if (object.rows() < 2) return;
   const Vector3d middle = object.cast<double>().colwise().mean().transpose();
   const LargeArray<double> spacing =
       nearest_distances(PointsView({object.data(), object.rows(), 3}),
-                        {.origin = middle, .num_threads = num_threads});  // all around it
+                        {.origin = middle, .num_threads = num_threads}, progress);  // all around it
+  Ticker ticker(progress, 1U << 6);
   for (Eigen::Index i = 0; i < object.rows(); ++i) {
+    ticker.tick();
     const Vector3d p = object.row(i).transpose().cast<double>();
     const double radius = spacing[i];
     const double reach = margin + radius / std::max((p - cone.origin).dot(cone.axis), 1e-6);
@@ -197,32 +201,34 @@ void hit_discs(const Points& object, double margin, const Cone& cone, int num_th
 }
 
 // In float with some slack first: enough for nearly all points.
-std::vector<std::int32_t> rows_in_cone(const PointsView& scene, const Cone& cone, int num_threads) {
+std::vector<std::int32_t> rows_in_cone(const PointsView& scene, const Cone& cone, int num_threads,
+                                       const Progress& progress) {
   const Eigen::Vector3f origin = cone.origin.cast<float>();
   const Eigen::Vector3f axis = cone.axis.cast<float>();
   const double slack = 1e-4 * (1.0 + cone.origin.norm());
   const auto bound = static_cast<float>(cone.cos_half * cone.cos_half * (1.0 - slack));
   const auto tiny = static_cast<float>(slack);
-  return select_rows(scene, num_threads, [&](float x, float y, float z) {
+  const auto seen = [&](float x, float y, float z) {
     const Eigen::Vector3f v(x - origin.x(), y - origin.y(), z - origin.z());
     const float along = v.x() * axis.x() + v.y() * axis.y() + v.z() * axis.z() + tiny;
     if (along < 0.0F || along * along < bound * v.squaredNorm()) return false;
     return cone.holds(Vector3d(x, y, z));
-  });
+  };
+  return select_rows(scene, num_threads, seen, progress);
 }
 
 // The ring of each point that is seen; none without a lattice.
 std::vector<std::int32_t> rings_of(const PointsView& scene, const std::vector<std::int32_t>& seen,
-                                   const InsertionOptions& options, int num_threads) {
+                                   const InsertionOptions& options, int num_threads,
+                                   const Progress& progress) {
   std::vector<std::int32_t> rings(options.lattice.rings.empty() ? 0 : seen.size());
-  parallel_chunks(static_cast<std::int64_t>(rings.size()), 1024, num_threads,
-                  [&](std::int64_t begin, std::int64_t end) {
-                    for (std::int64_t i = begin; i < end; ++i) {
-                      const Vector3d p =
-                          scene.points.row(seen[i]).transpose().cast<double>() - options.origin;
-                      rings[i] = nearest_ring(options.lattice, rho_of(p), p.z());
-                    }
-                  });
+  const auto find = [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      const Vector3d p = scene.points.row(seen[i]).transpose().cast<double>() - options.origin;
+      rings[i] = nearest_ring(options.lattice, rho_of(p), p.z());
+    }
+  };
+  parallel_chunks(static_cast<std::int64_t>(rings.size()), 1024, num_threads, find, progress);
   return rings;
 }
 
@@ -274,7 +280,8 @@ std::int64_t half_width(const ScanLattice& lattice, const Cone& cone, const Poin
 // Rays of the lattice towards the object that brought no point home, as far as `reach`.
 std::vector<Ray> empty_rays(const PointsView& scene, const std::vector<std::int32_t>& seen,
                             const std::vector<std::int32_t>& rings, const Cone& cone,
-                            const Points& object, double reach, const InsertionOptions& options) {
+                            const Points& object, double reach, const InsertionOptions& options,
+                            const Progress& progress) {
   std::vector<Ray> rays;
   const ScanLattice& lattice = options.lattice;
   if (lattice.rings.empty() || !(lattice.azimuth_step > 0.0)) return rays;
@@ -286,10 +293,12 @@ std::vector<Ray> empty_rays(const PointsView& scene, const std::vector<std::int3
     taken.push_back(rings[i] * turn + wrapped(azimuth_index(lattice, rings[i], p)));
   }
   std::sort(taken.begin(), taken.end());
+  Ticker ticker(progress);
   const std::int64_t half = std::min(turn / 2, half_width(lattice, cone, object));
   for (std::size_t k = 0; k < lattice.rings.size(); ++k) {
     const std::int64_t middle = azimuth_index(lattice, k, cone.axis);
     for (std::int64_t j = -half; j <= half; ++j) {
+      ticker.tick();
       const double azimuth =
           lattice.rings[k].azimuth + static_cast<double>(middle + j) * lattice.azimuth_step;
       const auto [sin, cos] = sin_cos(azimuth);
@@ -320,19 +329,21 @@ void check_options(const InsertionOptions& options) {
 
 Forgery insert_occluding(const PointsView& scene, const PointsView& object,
                          const Eigen::Ref<const Faces>& faces, const ObjectPlacement& placement,
-                         const InsertionOptions& requested, int num_threads) {
+                         const InsertionOptions& requested, int num_threads,
+                         const Progress& progress) {
   check_points(object);
   check_options(requested);
   if (faces.rows() > 0 && !(faces.minCoeff() >= 0 && faces.maxCoeff() < object.num_points())) {
     throw InputError("faces: expected indices of the object's points");
   }
-  const Eigen::Matrix4d transform = placement_transform(scene, object, placement, num_threads);
+  const Eigen::Matrix4d transform =
+      placement_transform(scene, object, placement, num_threads, progress);
   const Points placed = transformed(object.points, transform);
   const Cone cone(requested.origin, placed);
   InsertionOptions options = requested;
   options.lattice = rings_towards(requested.lattice, placed, requested.origin);
-  const std::vector<std::int32_t> seen = rows_in_cone(scene, cone, num_threads);
-  const std::vector<std::int32_t> rings = rings_of(scene, seen, options, num_threads);
+  const std::vector<std::int32_t> seen = rows_in_cone(scene, cone, num_threads, progress);
+  const std::vector<std::int32_t> rings = rings_of(scene, seen, options, num_threads, progress);
   std::vector<Ray> rays;
   rays.reserve(seen.size());
   for (std::size_t i = 0; i < seen.size(); ++i) {
@@ -344,15 +355,16 @@ Forgery insert_occluding(const PointsView& scene, const PointsView& object,
   for (Eigen::Index i = 0; i < placed.rows(); ++i) {
     reach = std::max(reach, (placed.row(i).transpose().cast<double>() - options.origin).norm());
   }
-  const std::vector<Ray> empty = empty_rays(scene, seen, rings, cone, placed, 2.0 * reach, options);
+  const std::vector<Ray> empty =
+      empty_rays(scene, seen, rings, cone, placed, 2.0 * reach, options, progress);
   rays.insert(rays.end(), empty.begin(), empty.end());
 
   RayGrid grid(cone, rays);
   const double margin = parallax(options.lattice, placed, options.origin);
   if (faces.rows() > 0) {
-    hit_faces(placed, faces, margin, grid);
+    hit_faces(placed, faces, margin, progress, grid);
   } else {
-    hit_discs(placed, margin, cone, num_threads, grid);
+    hit_discs(placed, margin, cone, num_threads, progress, grid);
   }
 
   Edit edit;
@@ -377,7 +389,7 @@ Forgery insert_occluding(const PointsView& scene, const PointsView& object,
     throw InputError("range_noise: takes points beyond the finite floats, got " +
                      std::to_string(options.range_noise));
   }
-  Forgery forged = apply_edit(scene, std::move(edit), num_threads);
+  Forgery forged = apply_edit(scene, std::move(edit), num_threads, progress);
   forged.transform = transform;
   return forged;
 }

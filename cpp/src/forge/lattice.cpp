@@ -67,19 +67,22 @@ void check_azimuths(const ScanLattice& lattice) {
 }
 
 Forgery snap_to_lattice(const PointsView& scene, std::vector<std::int32_t> rows,
-                        const ScanLattice& lattice, const SnapOptions& options, int num_threads) {
-  check_points_everywhere(scene, num_threads);
+                        const ScanLattice& lattice, const SnapOptions& options, int num_threads,
+                        const Progress& progress) {
+  check_points_everywhere(scene, num_threads, progress);
   check_azimuths(lattice);
   if (!(options.max_move >= 0.0)) throw InputError("max_move: expected >= 0");
   Edit edit;
   edit.moved = checked_rows(std::move(rows), scene.num_points());
   edit.moved_to.resize(static_cast<Eigen::Index>(edit.moved.size()), 3);
+  Ticker ticker(progress);
   for (std::size_t i = 0; i < edit.moved.size(); ++i) {
+    ticker.tick();
     const Vector3d p = scene.points.row(edit.moved[i]).transpose().cast<double>();
     edit.moved_to.row(static_cast<Eigen::Index>(i)) =
         snapped(p, lattice, options).cast<float>().transpose();
   }
-  return apply_edit(scene, std::move(edit), num_threads);
+  return apply_edit(scene, std::move(edit), num_threads, progress);
 }
 
 }  // namespace manip3d

@@ -43,17 +43,18 @@ void check_options(const SegmentOptions& options) {
 // Heights over square cells around the scanner.
 class GroundGrid {
  public:
-  GroundGrid(const PointsView& scene, const SegmentOptions& options)
+  GroundGrid(const PointsView& scene, const SegmentOptions& options, Ticker& ticker)
       : origin_(options.origin),
         half_(static_cast<std::int64_t>(options.max_range / kCell) + 1),
         side_(2 * half_ + 1),
         height_(side_ * side_, kNothing) {
     for (std::int64_t i = 0; i < scene.num_points(); ++i) {
+      ticker.tick();
       const std::int64_t cell = cell_of(scene.points.row(i).transpose().cast<double>());
       if (cell >= 0) height_[cell] = std::min(height_[cell], scene.points(i, 2));
     }
-    take_medians();
-    lower_to_slope(static_cast<float>(options.ground_slope * kCell));
+    take_medians(ticker);
+    lower_to_slope(static_cast<float>(options.ground_slope * kCell), ticker);
   }
 
   /// -1 beyond the range.
@@ -67,11 +68,12 @@ class GroundGrid {
   [[nodiscard]] float height(std::int64_t cell) const { return height_[cell]; }
 
  private:
-  void take_medians() {
+  void take_medians(Ticker& ticker) {
     std::vector<float> medians(height_.size(), kNothing);
     std::vector<float> around;
     for (std::int64_t i = 1; i + 1 < side_; ++i) {
       for (std::int64_t j = 1; j + 1 < side_; ++j) {
+        ticker.tick();
         if (height_[i * side_ + j] == kNothing) continue;
         around.clear();
         for (std::int64_t k = 0; k < 9; ++k) {
@@ -85,7 +87,7 @@ class GroundGrid {
   }
 
   // Two passes of a distance transform: no cell stands higher than its neighbours plus the rise.
-  void lower_to_slope(float rise) {
+  void lower_to_slope(float rise, Ticker& ticker) {
     const auto lower = [&](std::int64_t i, std::int64_t j, std::int64_t di, std::int64_t dj) {
       if (i + di < 0 || i + di >= side_ || j + dj < 0 || j + dj >= side_) return;
       const float step = di != 0 && dj != 0 ? rise * std::numbers::sqrt2_v<float> : rise;
@@ -95,11 +97,13 @@ class GroundGrid {
     constexpr std::array<std::pair<int, int>, 4> kBefore = {{{-1, -1}, {-1, 0}, {-1, 1}, {0, -1}}};
     for (std::int64_t i = 0; i < side_; ++i) {
       for (std::int64_t j = 0; j < side_; ++j) {
+        ticker.tick();
         for (const auto& [di, dj] : kBefore) lower(i, j, di, dj);
       }
     }
     for (std::int64_t i = side_ - 1; i >= 0; --i) {
       for (std::int64_t j = side_ - 1; j >= 0; --j) {
+        ticker.tick();
         for (const auto& [di, dj] : kBefore) lower(i, j, -di, -dj);
       }
     }
@@ -141,10 +145,11 @@ std::vector<std::int64_t> neighbour_offsets() {  // the 13 that come before
 }
 
 // Clusters of voxels that touch, directly or not.
-UnionFind connect(const std::vector<std::uint64_t>& keys) {
+UnionFind connect(const std::vector<std::uint64_t>& keys, Ticker& ticker) {
   UnionFind clusters(std::ssize(keys));
   const std::vector<std::int64_t> offsets = neighbour_offsets();
   for (std::size_t i = 0; i < keys.size(); ++i) {
+    ticker.tick();
     for (const std::int64_t offset : offsets) {
       const std::uint64_t wanted = keys[i] + static_cast<std::uint64_t>(offset);
       const auto found = std::lower_bound(keys.begin(), keys.end(), wanted);
@@ -156,16 +161,18 @@ UnionFind connect(const std::vector<std::uint64_t>& keys) {
 }
 
 // Rows of each cluster, ascending; clusters by their first row.
-std::vector<std::vector<std::int32_t>> clusters_of(const std::vector<Voxel>& voxels) {
+std::vector<std::vector<std::int32_t>> clusters_of(const std::vector<Voxel>& voxels,
+                                                   Ticker& ticker) {
   std::vector<std::uint64_t> keys;
   std::vector<std::int32_t> number;  // of each voxel's key
   for (const Voxel& voxel : voxels) {
     if (keys.empty() || keys.back() != voxel.key) keys.push_back(voxel.key);
     number.push_back(static_cast<std::int32_t>(keys.size()) - 1);
   }
-  UnionFind touching = connect(keys);
+  UnionFind touching = connect(keys, ticker);
   std::vector<std::vector<std::int32_t>> clusters(keys.size());
   for (std::size_t i = 0; i < voxels.size(); ++i) {
+    ticker.tick();
     clusters[touching.root(number[i])].push_back(voxels[i].row);
   }
   std::erase_if(clusters, [](const auto& rows) { return rows.empty(); });
@@ -174,10 +181,12 @@ std::vector<std::vector<std::int32_t>> clusters_of(const std::vector<Voxel>& vox
   return clusters;
 }
 
-OrientedBox smallest_box(const PointsView& scene, const std::vector<std::int32_t>& rows) {
+OrientedBox smallest_box(const PointsView& scene, const std::vector<std::int32_t>& rows,
+                         const Progress& progress) {
   OrientedBox best;
   double least = std::numeric_limits<double>::infinity();
   for (int degrees = 0; degrees < 90; degrees += 2) {
+    if (progress) progress(0.5);
     const OrientedBox box = box_around(scene, rows, degrees * std::numbers::pi / 180.0);
     const double area = box.size.x() * box.size.y();
     if (area < least) {
@@ -190,14 +199,17 @@ OrientedBox smallest_box(const PointsView& scene, const std::vector<std::int32_t
 
 }  // namespace
 
-Segmentation segment_objects(const PointsView& scene, const SegmentOptions& options) {
+Segmentation segment_objects(const PointsView& scene, const SegmentOptions& options,
+                             const Progress& progress) {
   check_points(scene);
   check_options(options);
   Segmentation result;
   result.labels.assign(scene.num_points(), Segmentation::kOther);
-  const GroundGrid ground(scene, options);
+  Ticker ticker(progress);
+  const GroundGrid ground(scene, options, ticker);
   std::vector<Voxel> voxels;
   for (std::int64_t i = 0; i < scene.num_points(); ++i) {
+    ticker.tick();
     const Vector3d p = scene.points.row(i).transpose().cast<double>();
     const std::int64_t cell = ground.cell_of(p);
     if (cell < 0) continue;
@@ -208,7 +220,9 @@ Segmentation segment_objects(const PointsView& scene, const SegmentOptions& opti
           {voxel_key(p - options.origin, options.tolerance), static_cast<std::int32_t>(i)});
     }
   }
-  std::sort(voxels.begin(), voxels.end(), [](const Voxel& a, const Voxel& b) {
+  Ticker sorting(progress, 1U << 16);
+  std::sort(voxels.begin(), voxels.end(), [&](const Voxel& a, const Voxel& b) {
+    sorting.tick();
     return std::pair(a.key, a.row) < std::pair(b.key, b.row);
   });
 
@@ -218,9 +232,9 @@ Segmentation segment_objects(const PointsView& scene, const SegmentOptions& opti
     double distance;
   };
   std::vector<Object> objects;
-  for (auto& rows : clusters_of(voxels)) {
+  for (auto& rows : clusters_of(voxels, ticker)) {
     if (static_cast<std::int64_t>(rows.size()) < options.min_points) continue;
-    const OrientedBox box = smallest_box(scene, rows);
+    const OrientedBox box = smallest_box(scene, rows, progress);
     if (box.size.maxCoeff() > options.max_size) continue;
     objects.push_back({box, std::move(rows), (box.center - options.origin).norm()});
   }

@@ -51,7 +51,8 @@ struct Item {
 // not.
 class DirectionGrid {
  public:
-  DirectionGrid(const PointsView& view, const Vector3d& origin, double resolution, int threads)
+  DirectionGrid(const PointsView& view, const Vector3d& origin, double resolution, int threads,
+                const Progress& progress)
       : view_(view), origin_(origin), threads_(threads) {
     if (!(resolution > 0.0)) resolution = resolution_of_sample();
     const double most = std::sqrt(static_cast<double>(
@@ -62,13 +63,13 @@ class DirectionGrid {
     elevation_step_ = kPi / static_cast<double>(rows_);
     columns_per_radian_ = 1.0 / azimuth_step_;
     rows_per_radian_ = 1.0 / elevation_step_;
-    count_cells();
+    count_cells(progress);
   }
 
   /// Mean number of points in a point's own cell.
   [[nodiscard]] double crowding() const { return crowding_; }
 
-  void sort();
+  void sort(const Progress& progress);
 
   [[nodiscard]] std::int64_t row_of(double elevation) const {
     return std::clamp(static_cast<std::int64_t>((elevation + kPi / 2.0) / elevation_step_),
@@ -99,7 +100,7 @@ class DirectionGrid {
   };
 
   double resolution_of_sample() const;
-  void count_cells();
+  void count_cells(const Progress& progress);
   void directions_of(std::int64_t begin, std::int64_t count, Directions& directions) const {
     directions.compute(view_.points.data() + 3 * begin, 3, count, origin_);
   }
@@ -112,7 +113,7 @@ class DirectionGrid {
                  std::int64_t right) const;
   [[nodiscard]] std::optional<Window> window_of(const Query& query) const;
   bool search_nearby(Query& query) const;
-  void build_blocks();
+  void build_blocks(const Progress& progress);
   void search_blocks(Query& query) const;
   [[nodiscard]] double block_bound(const Query& query, std::int64_t row, std::int64_t column) const;
   void scan_block(Query& query, std::int64_t row, std::int64_t column) const;
@@ -155,7 +156,7 @@ double DirectionGrid::resolution_of_sample() const {
   return std::sqrt(area / static_cast<double>(count));
 }
 
-void DirectionGrid::count_cells() {
+void DirectionGrid::count_cells(const Progress& progress) {
   const std::int64_t count = view_.num_points();
   cells_ = LargeArray<std::int32_t>(count);
   starts_ = LargeArray<std::int32_t>(rows_ * columns_ + 1);
@@ -163,7 +164,7 @@ void DirectionGrid::count_cells() {
   parallel_chunks(starts_.size(), kPointChunk, threads_, [&](std::int64_t begin, std::int64_t end) {
     std::fill(starts + begin, starts + end, 0);
   });
-  parallel_chunks(count, kPointChunk, threads_, [&](std::int64_t begin, std::int64_t end) {
+  const auto count_some = [&](std::int64_t begin, std::int64_t end) {
     Directions directions;
     for (std::int64_t i = begin; i < end; i += Directions::kBlock) {
       const std::int64_t size = std::min(Directions::kBlock, end - i);
@@ -175,10 +176,13 @@ void DirectionGrid::count_cells() {
         std::atomic_ref(starts[cell]).fetch_add(1, std::memory_order_relaxed);
       }
     }
-  });
+  };
+  parallel_chunks(count, kPointChunk, threads_, count_some, progress);
+  Ticker ticker(progress, 1U << 20);
   std::int64_t sum = 0;
   double squares = 0.0;
   for (std::int64_t c = 0; c < starts_.size(); ++c) {  // counts become the cells' ends
+    ticker.tick();
     const std::int64_t size = starts[c];
     squares += static_cast<double>(size * size);
     sum += size;
@@ -187,18 +191,18 @@ void DirectionGrid::count_cells() {
   crowding_ = squares / static_cast<double>(std::max<std::int64_t>(count, 1));
 }
 
-void DirectionGrid::sort() {
+void DirectionGrid::sort(const Progress& progress) {
   items_ = LargeArray<Item>(view_.num_points());
   std::int32_t* ends = starts_.data();
-  parallel_chunks(
-      view_.num_points(), kPointChunk, threads_, [&](std::int64_t begin, std::int64_t end) {
-        for (std::int64_t i = begin; i < end; ++i) {
-          const std::int32_t place =
-              std::atomic_ref(ends[cells_[i]]).fetch_sub(1, std::memory_order_relaxed) - 1;
-          items_[place] = {view_.points(i, 0), view_.points(i, 1), view_.points(i, 2),
-                           static_cast<std::int32_t>(i)};
-        }
-      });
+  const auto sort_some = [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      const std::int32_t place =
+          std::atomic_ref(ends[cells_[i]]).fetch_sub(1, std::memory_order_relaxed) - 1;
+      items_[place] = {view_.points(i, 0), view_.points(i, 1), view_.points(i, 2),
+                       static_cast<std::int32_t>(i)};
+    }
+  };
+  parallel_chunks(view_.num_points(), kPointChunk, threads_, sort_some, progress);
   cells_ = {};
 }
 
@@ -294,11 +298,11 @@ void DirectionGrid::scan_rows(Query& query, std::int64_t low, std::int64_t high,
   }
 }
 
-void DirectionGrid::build_blocks() {
+void DirectionGrid::build_blocks(const Progress& progress) {
   block_rows_ = (rows_ + kBlockSide - 1) / kBlockSide;
   block_columns_ = (columns_ + kBlockSide - 1) / kBlockSide;
   blocks_.assign(block_rows_ * block_columns_, {});
-  parallel_chunks(block_rows_, 1, threads_, [&](std::int64_t first_row, std::int64_t) {
+  const auto build = [&](std::int64_t first_row, std::int64_t) {
     Directions directions;
     for (std::int64_t row = first_row * kBlockSide;
          row < std::min(rows_, (first_row + 1) * kBlockSide); ++row) {
@@ -312,7 +316,8 @@ void DirectionGrid::build_blocks() {
         }
       }
     }
-  });
+  };
+  parallel_chunks(block_rows_, 1, threads_, build, progress);
 }
 
 // No point of the block is nearer to the query.
@@ -428,9 +433,9 @@ LargeArray<double> DirectionGrid::distances(const Progress& progress) {
   std::vector<std::int64_t> rest;
   for (const auto& part : hard) rest.insert(rest.end(), part.begin(), part.end());
   if (rest.empty()) return distances;
-  build_blocks();
+  build_blocks(part_of(progress, 0.9, 0.9));
   parallel_chunks(
-      static_cast<std::int64_t>(rest.size()), 256, threads_,
+      static_cast<std::int64_t>(rest.size()), 16, threads_,  // each may look at many blocks
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t k = begin; k < end; ++k) {
           for_blocks_of_items(rest[k], rest[k] + 1, [&](Query& query) {
@@ -445,7 +450,7 @@ LargeArray<double> DirectionGrid::distances(const Progress& progress) {
 
 LargeArray<double> tree_distances(const PointsView& view, int threads, const Progress& progress) {
   LargeArray<double> distances(view.num_points());
-  const KdTree tree(view);
+  const KdTree tree(view, part_of(progress, 0.1, 0.1));
   parallel_chunks(
       view.num_points(), 1024, threads,
       [&](std::int64_t begin, std::int64_t end) {
@@ -459,7 +464,7 @@ LargeArray<double> tree_distances(const PointsView& view, int threads, const Pro
 
 LargeArray<double> nearest_distances(const PointsView& view, const NearestOptions& options,
                                      const Progress& progress) {
-  check_points_everywhere(view, options.num_threads);
+  check_points_everywhere(view, options.num_threads, part_of(progress, 0.0, 0.1));
   if (options.origin && !options.origin->allFinite()) {
     throw InputError("origin: expected finite numbers");
   }
@@ -470,9 +475,10 @@ LargeArray<double> nearest_distances(const PointsView& view, const NearestOption
   if (!options.origin || view.num_points() < kFewPoints) {
     return tree_distances(view, options.num_threads, progress);
   }
-  DirectionGrid grid(view, *options.origin, options.resolution, options.num_threads);
+  DirectionGrid grid(view, *options.origin, options.resolution, options.num_threads,
+                     part_of(progress, 0.1, 0.2));
   if (grid.crowding() > kCrowded) return tree_distances(view, options.num_threads, progress);
-  grid.sort();
+  grid.sort(part_of(progress, 0.2, 0.3));
   return grid.distances(progress);
 }
 

@@ -23,7 +23,7 @@ void check_box(const OrientedBox& box) {
 }
 
 std::vector<std::int32_t> points_in_box(const PointsView& view, const OrientedBox& box,
-                                        int num_threads) {
+                                        int num_threads, const Progress& progress) {
   check_box(box);
   const Matrix3d to_box = rotation_about_z(box.yaw).transpose();
   const Vector3d half = 0.5 * box.size;
@@ -32,13 +32,14 @@ std::vector<std::int32_t> points_in_box(const PointsView& view, const OrientedBo
   const Vector3d slack = 1e-6 * (box.center.cwiseAbs() + reach);
   const Eigen::Vector3f low = (box.center - reach - slack).cast<float>();
   const Eigen::Vector3f high = (box.center + reach + slack).cast<float>();
-  return select_rows(view, num_threads, [=](float x, float y, float z) {
+  const auto inside = [=](float x, float y, float z) {
     if (x < low.x() || x > high.x() || y < low.y() || y > high.y() || z < low.z() || z > high.z()) {
       return false;
     }
     const Vector3d p = to_box * (Vector3d(x, y, z) - box.center);
     return (p.cwiseAbs().array() <= half.array()).all();
-  });
+  };
+  return select_rows(view, num_threads, inside, progress);
 }
 
 OrientedBox box_around(const PointsView& view, const std::vector<std::int32_t>& rows, double yaw) {

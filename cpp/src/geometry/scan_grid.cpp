@@ -142,16 +142,18 @@ std::int64_t peak_near(const std::vector<float>& values, std::int64_t lag, std::
   return best;
 }
 
-Comb find_comb(const std::vector<std::int64_t>& histogram, double bin, int num_threads) {
+Comb find_comb(const std::vector<std::int64_t>& histogram, double bin, int num_threads,
+               const Progress& progress) {
   const std::vector<float> values = teeth_of(histogram, bin);
   const double energy = autocorrelation(values, 0);
   if (!(energy > 0.0)) return {};
   const auto shortest = std::max<std::int64_t>(2, static_cast<std::int64_t>(kShortestPeriod / bin));
   const auto longest = static_cast<std::int64_t>(kLongestPeriod / bin);
   std::vector<double> heights(longest + 1);
-  parallel_chunks(longest + 1, 16, num_threads, [&](std::int64_t begin, std::int64_t end) {
+  const auto correlate = [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t lag = begin; lag < end; ++lag) heights[lag] = autocorrelation(values, lag);
-  });
+  };
+  parallel_chunks(longest + 1, 16, num_threads, correlate, progress);
   // The width of the teeth first: every histogram resembles itself moved by a little.
   std::int64_t lag = shortest;
   const double any = *std::max_element(heights.begin() + shortest, heights.end());
@@ -204,13 +206,15 @@ std::int64_t ScanGrid::columns() const {
 
 std::int64_t ScanGrid::rows() const { return static_cast<std::int64_t>(kPi / elevation_step) + 2; }
 
-ScanGrid estimate_scan_grid(const PointsView& view, const Eigen::Vector3d& origin,
-                            int num_threads) {
-  check_points_everywhere(view, num_threads);
+ScanGrid estimate_scan_grid(const PointsView& view, const Eigen::Vector3d& origin, int num_threads,
+                            const Progress& progress) {
+  check_points_everywhere(view, num_threads, part_of(progress, 0.0, 0.1));
   if (!origin.allFinite()) throw InputError("origin: expected finite numbers");
   const Histograms histograms = sample_angles(view, origin);
-  const Comb azimuth = find_comb(histograms.azimuth, histograms.bin, num_threads);
-  const Comb elevation = find_comb(histograms.elevation, histograms.bin, num_threads);
+  const Comb azimuth =
+      find_comb(histograms.azimuth, histograms.bin, num_threads, part_of(progress, 0.1, 0.6));
+  const Comb elevation =
+      find_comb(histograms.elevation, histograms.bin, num_threads, part_of(progress, 0.6, 1.0));
   const std::int64_t cells = std::count(histograms.seen.begin(), histograms.seen.end(), 1);
   const double side = static_cast<double>(histograms.cell) * kDegree;
   const double area = static_cast<double>(std::max<std::int64_t>(1, cells)) * side * side /

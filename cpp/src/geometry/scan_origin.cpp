@@ -72,12 +72,12 @@ struct Patch {
   double density = 0.0;  // points a square metre
 };
 
-std::vector<Patch> sample_patches(const Points& points) {
+std::vector<Patch> sample_patches(const Points& points, const Progress& progress) {
   constexpr std::int64_t kPatches = 1500;
   constexpr std::size_t kNeighbours = 24;
   constexpr double kFlat = 0.15;  // second extent over first, squared: less is a line
   const PointsView view{{points.data(), points.rows(), 3}};
-  const KdTree tree(view);
+  const KdTree tree(view, progress);
   KdTree::Neighbours near;
   std::vector<Patch> patches;
   for (std::int64_t k = 0; k < kPatches; ++k) {
@@ -123,7 +123,7 @@ double unevenness(const std::vector<Patch>& patches, const Vector3d& origin, int
 
 // The position that makes the patches most even: the best of a coarse block around the densest
 // surfaces, which are the nearest, then by halving steps.
-Vector3d even_position(const std::vector<Patch>& patches, int axis) {
+Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progress& progress) {
   constexpr int kSide = 9;
   constexpr int kStarts = 6;
   constexpr double kSmallest = 0.002;     // metres
@@ -151,7 +151,11 @@ Vector3d even_position(const std::vector<Patch>& patches, int axis) {
   const double smallest = std::max(kSmallest, kSmallestPart * extent.maxCoeff());
   std::vector<double> logs;
   std::vector<double> scratch;
-  const auto cost = [&](const Vector3d& p) { return unevenness(patches, p, axis, logs, scratch); };
+  Ticker ticker(progress, 1U << 5);
+  const auto cost = [&](const Vector3d& p) {
+    ticker.tick();
+    return unevenness(patches, p, axis, logs, scratch);
+  };
   std::vector<std::pair<double, int>> costs;
   const auto place = [&](int index) {
     const Vector3d cell(index / (kSide * kSide), index / kSide % kSide, index % kSide);
@@ -278,7 +282,9 @@ struct Comb {
 
 class Grid {
  public:
-  explicit Grid(std::vector<Vector3d> points) : points_(std::move(points)) {}
+  /// @param progress  may cancel any of the work.
+  Grid(std::vector<Vector3d> points, const Progress& progress)
+      : points_(std::move(points)), ticker_(progress, 1) {}
 
   Vector3d position = Vector3d::Zero();
   Comb azimuth, elevation;
@@ -364,6 +370,7 @@ class Grid {
 
   // Mean cosine of the differences in phase between points of one window.
   double coherence(bool azimuth_angle, double step, const Window& window) {
+    ticker_.tick();
     gather(azimuth_angle, step, window);
     double agreement = 0.0;
     double pairs = 0.0;
@@ -495,6 +502,7 @@ class Grid {
   }
 
   std::vector<Vector3d> points_;
+  Ticker ticker_;
   Sight sight_;
   Windows windows_;
   std::vector<std::int32_t> ids_;
@@ -522,7 +530,7 @@ Vector3d turned_back(const Vector3d& p, int axis) {
 
 // The grid around a first position, and the position that fits it best.
 ScanOrigin fit_grid(const Points& sample, const Vector3d& start, int axis, bool fixed,
-                    double thinned) {
+                    double thinned, const Progress& progress) {
   constexpr int kRounds = 30;
   constexpr double kConverged = 1e-5;  // of the median range
   constexpr int kFixedRounds = 3;      // of the steps alone
@@ -533,7 +541,7 @@ ScanOrigin fit_grid(const Points& sample, const Vector3d& start, int axis, bool 
   for (Eigen::Index i = 0; i < sample.rows(); ++i) {
     points[i] = turned(sample.row(i).cast<double>().transpose(), axis);
   }
-  Grid grid(std::move(points));
+  Grid grid(std::move(points), progress);
   grid.position = turned(start, axis);
   ScanOrigin result;
   result.axis = axis;
@@ -588,8 +596,8 @@ ScanOrigin fit_grid(const Points& sample, const Vector3d& start, int axis, bool 
 }  // namespace
 
 ScanOrigin estimate_scan_origin(const PointsView& view, const std::optional<Vector3d>& known,
-                                int num_threads) {
-  check_points_everywhere(view, num_threads);
+                                int num_threads, const Progress& progress) {
+  check_points_everywhere(view, num_threads, part_of(progress, 0.0, 0.0));
   if (known && !known->allFinite()) throw InputError("origin: expected finite numbers");
   const Points sample = sample_points(view);
   if (sample.rows() < kFewestPoints) return {};
@@ -597,15 +605,22 @@ ScanOrigin estimate_scan_origin(const PointsView& view, const std::optional<Vect
       std::min(1.0, static_cast<double>(kSampled) / static_cast<double>(view.num_points()));
   constexpr int kAxes[] = {2, 1, 0};
   const Vector3d zero = known.value_or(Vector3d::Zero());
+  int tried = 0;  // of the six positions and axes
+  const auto next = [&] {
+    const double done = tried++ / 6.0;
+    return part_of(progress, done, done);
+  };
   for (const int axis : kAxes) {
-    const ScanOrigin result = fit_grid(sample, zero, axis, known.has_value(), thinned);
+    const ScanOrigin result = fit_grid(sample, zero, axis, known.has_value(), thinned, next());
     if (result.found) return result;
   }
   if (known) return {};
-  const std::vector<Patch> patches = sample_patches(sample);
+  const std::vector<Patch> patches = sample_patches(sample, part_of(progress, 0.5, 0.5));
   if (patches.size() < 100) return {};
   for (const int axis : kAxes) {
-    const ScanOrigin result = fit_grid(sample, even_position(patches, axis), axis, false, thinned);
+    const Progress part = next();
+    const Vector3d start = even_position(patches, axis, part);
+    const ScanOrigin result = fit_grid(sample, start, axis, false, thinned, part);
     if (result.found) return result;
   }
   return {};

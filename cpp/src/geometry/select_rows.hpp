@@ -17,12 +17,12 @@ constexpr std::int64_t kPointChunk = 1 << 16;
 /// the points, which for ten million of them is all that there is time for.
 template <typename Predicate>
 std::vector<std::int32_t> select_rows(const PointsView& view, int num_threads,
-                                      const Predicate& predicate) {
+                                      const Predicate& predicate, const Progress& progress = {}) {
   const std::int64_t count = view.num_points();
   std::vector<std::vector<std::int32_t>> found((count + kPointChunk - 1) / kPointChunk);
   std::vector<float> finite(found.size(), 0.0F);
   const float* xyz = view.points.data();
-  parallel_chunks(count, kPointChunk, num_threads, [&](std::int64_t begin, std::int64_t end) {
+  const auto select = [&](std::int64_t begin, std::int64_t end) {
     std::vector<std::int32_t>& rows = found[begin / kPointChunk];
     float sum = 0.0F;  // 0 times infinity and 0 times NaN are NaN
     for (std::int64_t i = begin; i < end; ++i) {
@@ -33,7 +33,8 @@ std::vector<std::int32_t> select_rows(const PointsView& view, int num_threads,
       if (predicate(x, y, z)) rows.push_back(static_cast<std::int32_t>(i));
     }
     finite[begin / kPointChunk] = sum;
-  });
+  };
+  parallel_chunks(count, kPointChunk, num_threads, select, progress);
   for (const float sum : finite) {
     if (!(sum == 0.0F)) check_points(view);  // throws, naming the row
   }
@@ -43,8 +44,9 @@ std::vector<std::int32_t> select_rows(const PointsView& view, int num_threads,
 }
 
 /// check_points by all threads, for kernels that select nothing.
-inline void check_points_everywhere(const PointsView& view, int num_threads) {
-  select_rows(view, num_threads, [](float, float, float) { return false; });
+inline void check_points_everywhere(const PointsView& view, int num_threads,
+                                    const Progress& progress = {}) {
+  select_rows(view, num_threads, [](float, float, float) { return false; }, progress);
   if (view.has_intensity() && view.intensity.rows() != view.num_points()) check_points(view);
 }
 

@@ -19,7 +19,7 @@ struct Row {
 }  // namespace
 
 template <int Columns>
-Weld weld_rows(const Eigen::Ref<const Rows<double, Columns>>& table) {
+Weld weld_rows(const Eigen::Ref<const Rows<double, Columns>>& table, const Progress& progress) {
   constexpr auto kColumns = static_cast<std::size_t>(Columns);
   const auto num_rows = static_cast<std::size_t>(table.rows());
   std::vector<Row<kColumns>> rows(num_rows);
@@ -29,7 +29,11 @@ Weld weld_rows(const Eigen::Ref<const Rows<double, Columns>>& table) {
     }
     rows[i].index = static_cast<std::int32_t>(i);
   }
-  std::sort(rows.begin(), rows.end());  // no ties: the index is part of the order
+  Ticker ticker(progress, 1U << 16);
+  std::sort(rows.begin(), rows.end(), [&](const auto& a, const auto& b) {
+    ticker.tick();
+    return a < b;  // no ties: the index is part of the order
+  });
 
   Weld result;
   Indices first_with_value(table.rows());
@@ -49,8 +53,8 @@ Weld weld_rows(const Eigen::Ref<const Rows<double, Columns>>& table) {
   return result;
 }
 
-template Weld weld_rows<2>(const Eigen::Ref<const Rows<double, 2>>&);
-template Weld weld_rows<3>(const Eigen::Ref<const Rows<double, 3>>&);
+template Weld weld_rows<2>(const Eigen::Ref<const Rows<double, 2>>&, const Progress&);
+template Weld weld_rows<3>(const Eigen::Ref<const Rows<double, 3>>&, const Progress&);
 
 Faces weld_indices(const Eigen::Ref<const Faces>& indices, const Weld& weld) {
   return indices.unaryExpr(

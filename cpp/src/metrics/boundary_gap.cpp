@@ -29,9 +29,9 @@ struct Segment {
 // area.
 class BoundaryCurve {
  public:
-  BoundaryCurve(const MeshView& mesh, bool weld) {
+  BoundaryCurve(const MeshView& mesh, bool weld, const Progress& progress) {
     Faces faces = mesh.faces;
-    if (weld) faces = weld_indices(mesh.faces, weld_rows<3>(mesh.vertices));
+    if (weld) faces = weld_indices(mesh.faces, weld_rows<3>(mesh.vertices, progress));
     const Edges edges = find_edges(faces, mesh.num_vertices());
     for (Eigen::Index e = 0; e < edges.size(); ++e) {
       if (edges.is_boundary(e)) segments_.push_back(segment_of(mesh, faces, edges, e));
@@ -45,7 +45,7 @@ class BoundaryCurve {
       needles.vertices.row(2 * i + 1) = segments_[i].end;
       needles.faces.row(i) << 2 * i, 2 * i + 1, 2 * i + 1;
     }
-    bvh_.emplace(needles);
+    bvh_.emplace(needles, progress);
   }
 
   [[nodiscard]] std::int64_t size() const { return static_cast<std::int64_t>(segments_.size()); }
@@ -168,8 +168,8 @@ BoundaryGap boundary_gap(const MeshView& original, const MeshView& simplified,
   const double step = kStep * pair.diagonal();
   // By the larger mesh: a simplified edge a million diagonals long is no reason to take as long.
   const double step_back = std::max(step, kStep * bounding_box(pair.simplified()).diagonal());
-  const BoundaryCurve a(pair.original(), options.weld);
-  const BoundaryCurve b(pair.simplified(), options.weld);
+  const BoundaryCurve a(pair.original(), options.weld, part_of(progress, 0.0, 0.0));
+  const BoundaryCurve b(pair.simplified(), options.weld, part_of(progress, 0.0, 0.0));
   const Cracks cracks = find_cracks(b, a, options.tolerance * pair.diagonal(), options.num_threads,
                                     part_of(progress, 0.0, 0.2));
   BoundaryGap gap;

@@ -294,25 +294,29 @@ Skeleton move_skeleton(const Skeleton& now, const BoneMotions& motions) {
 
 template <typename Scalar>
 void repose_vertices(const Scalar* vertices, std::int64_t count, const Skeleton& now,
-                     const BoneMotions& motions, const ReposeOptions& options, Scalar* out) {
+                     const BoneMotions& motions, const ReposeOptions& options, Scalar* out,
+                     const Progress& progress) {
   if (!(options.band > 0.0)) {
     throw InputError("band: expected above 0, got " + std::to_string(options.band));
   }
   using Row = Eigen::Matrix<Scalar, 3, 1>;
   const Skin skin(now, motions, options);
   constexpr std::int64_t kChunk = 1024;
-  parallel_chunks(count, kChunk, options.num_threads, [&](std::int64_t begin, std::int64_t end) {
+  const auto move = [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const Eigen::Map<const Row> from(vertices + 3 * i);
       const auto to = skin.move(from.template cast<double>());
       Eigen::Map<Row>(out + 3 * i) = to ? Row(to->template cast<Scalar>()) : Row(from);
     }
-  });
+  };
+  parallel_chunks(count, kChunk, options.num_threads, move, progress);
 }
 
 template void repose_vertices<float>(const float*, std::int64_t, const Skeleton&,
-                                     const BoneMotions&, const ReposeOptions&, float*);
+                                     const BoneMotions&, const ReposeOptions&, float*,
+                                     const Progress&);
 template void repose_vertices<double>(const double*, std::int64_t, const Skeleton&,
-                                      const BoneMotions&, const ReposeOptions&, double*);
+                                      const BoneMotions&, const ReposeOptions&, double*,
+                                      const Progress&);
 
 }  // namespace manip3d

@@ -52,15 +52,17 @@ void sort_corners(std::array<Corner, 3>& corners, Duplicates duplicates) {
 }
 
 std::vector<FaceKey> face_keys(const MeshView& mesh, const Faces& faces, const Faces& positions,
-                               Duplicates duplicates) {
-  const Faces texcoords = weld_indices(mesh.face_texcoords, weld_rows<2>(mesh.texcoords));
-  const Faces normals = weld_indices(mesh.face_normals, weld_rows<3>(mesh.normals));
+                               Duplicates duplicates, const Progress& progress) {
+  const Faces texcoords = weld_indices(mesh.face_texcoords, weld_rows<2>(mesh.texcoords, progress));
+  const Faces normals = weld_indices(mesh.face_normals, weld_rows<3>(mesh.normals, progress));
+  Ticker ticker(progress);
   const auto packed_color = [&](std::int32_t vertex) {
     const auto rgb = mesh.colors.row(vertex).cast<std::int32_t>();
     return (rgb[0] << 16) | (rgb[1] << 8) | rgb[2];
   };
   std::vector<FaceKey> keys(mesh.num_faces());
   for (Eigen::Index f = 0; f < mesh.num_faces(); ++f) {
+    ticker.tick();
     FaceKey& key = keys[f];
     for (int c = 0; c < 3; ++c) {
       Corner& corner = key.corners[c];
@@ -105,9 +107,10 @@ std::vector<bool> find_degenerate_faces(const Faces& faces) {
 
 /// Marks the later ones of equal faces in `removed`; counts them, and those that look different.
 void remove_duplicates(const MeshView& mesh, const Faces& faces, const Faces& positions,
-                       std::int64_t num_positions, Duplicates duplicates,
+                       std::int64_t num_positions, Duplicates duplicates, const Progress& progress,
                        std::vector<bool>& removed, CleanResult& result) {
-  const std::vector<FaceKey> keys = face_keys(mesh, faces, positions, duplicates);
+  const std::vector<FaceKey> keys = face_keys(mesh, faces, positions, duplicates, progress);
+  Ticker ticker(progress);
   const auto key = [&](std::int32_t f) -> const FaceKey& { return keys[f]; };
   const bool any = duplicates == Duplicates::kAny;
   Buckets<std::int32_t> faces_by_position(num_positions, [&](const auto& put) {
@@ -119,8 +122,10 @@ void remove_duplicates(const MeshView& mesh, const Faces& faces, const Faces& po
     return any ? key(a).positions() <=> key(b).positions() : key(a) <=> key(b);
   };
   for (std::int32_t p = 0; p < faces_by_position.num_keys(); ++p) {
+    ticker.tick();
     const auto here = faces_by_position[p];
     std::sort(here.begin(), here.end(), [&](std::int32_t a, std::int32_t b) {
+      ticker.tick();
       const auto order = compare(a, b);
       return order < 0 || (order == 0 && a < b);
     });
@@ -176,9 +181,9 @@ void map_vertices(const MeshView& mesh, const Indices& representative, CleanResu
 
 }  // namespace
 
-CleanResult clean(const MeshView& mesh, const CleanOptions& options) {
+CleanResult clean(const MeshView& mesh, const CleanOptions& options, const Progress& progress) {
   check_mesh(mesh);
-  const Weld positions = weld_rows<3>(mesh.vertices);
+  const Weld positions = weld_rows<3>(mesh.vertices, part_of(progress, 0.0, 0.0));
   const Indices representative =
       options.weld ? find_representatives(mesh.faces, positions) : identity(mesh.num_vertices());
   Faces faces = mesh.faces;
@@ -189,9 +194,11 @@ CleanResult clean(const MeshView& mesh, const CleanOptions& options) {
   result.degenerate_faces = std::count(removed.begin(), removed.end(), true);
   if (options.duplicates != Duplicates::kKeep) {
     remove_duplicates(mesh, faces, weld_indices(faces, positions), positions.num_values(),
-                      options.duplicates, removed, result);
+                      options.duplicates, part_of(progress, 0.3, 0.3), removed, result);
   }
+  if (progress) progress(0.8);
   take_faces(mesh, faces, removed, result);
+  if (progress) progress(0.9);
   map_vertices(mesh, representative, result);
   return result;
 }

@@ -8,7 +8,8 @@
 namespace manip3d {
 
 std::vector<std::int64_t> faces_left(
-    const MeshView& mesh, const std::vector<std::pair<std::int32_t, std::int32_t>>& collapses) {
+    const MeshView& mesh, const std::vector<std::pair<std::int32_t, std::int32_t>>& collapses,
+    const Progress& progress) {
   check_mesh(mesh);
   Faces faces = mesh.faces;
   const auto is_gone = [&](std::int32_t f) {
@@ -16,7 +17,9 @@ std::vector<std::int64_t> faces_left(
   };
   std::vector<std::vector<std::int32_t>> faces_of(mesh.num_vertices());
   std::int64_t count = 0;
+  Ticker ticker(progress);
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
+    ticker.tick();
     if (is_gone(static_cast<std::int32_t>(f))) continue;
     ++count;
     for (int c = 0; c < 3; ++c) faces_of[faces(f, c)].push_back(static_cast<std::int32_t>(f));
@@ -25,6 +28,7 @@ std::vector<std::int64_t> faces_left(
   left.reserve(collapses.size());
   const auto is_vertex = [&](std::int32_t v) { return v >= 0 && v < mesh.num_vertices(); };
   for (const auto& [removed, kept] : collapses) {
+    ticker.tick();
     if (!is_vertex(removed) || !is_vertex(kept) || removed == kept) {
       throw InputError("collapses: expected two vertices of the mesh, got " +
                        std::to_string(removed) + " -> " + std::to_string(kept));

@@ -188,7 +188,7 @@ class QemSimplifier {
 
   QemResult run(const Progress& progress) {
     QemResult result;
-    fill_queue();
+    fill_queue(progress);
     const double start = static_cast<double>(mesh_.num_faces());
     std::int64_t collapses_at_fill = -1;
     for (std::int64_t step = 0; mesh_.num_faces() > options_.target_faces; ++step) {
@@ -198,7 +198,7 @@ class QemSimplifier {
         const auto num_collapses = static_cast<std::int64_t>(result.collapses.size());
         if (num_collapses == collapses_at_fill && !leave_seams()) break;
         collapses_at_fill = num_collapses;
-        fill_queue();
+        fill_queue(progress);
         continue;
       }
       try_cheapest(result);
@@ -210,12 +210,14 @@ class QemSimplifier {
     return finish(std::move(result));
   }
 
-  QemResult replay(const std::vector<Collapse>& collapses) {
+  QemResult replay(const std::vector<Collapse>& collapses, const Progress& progress) {
     QemResult result;
+    Ticker ticker(progress);
     const auto exists = [&](std::int32_t v) {
       return v >= 0 && v < mesh_.num_vertices() && !mesh_.is_isolated(v);
     };
     for (const Collapse& collapse : collapses) {
+      ticker.tick();
       if (mesh_.num_faces() <= options_.target_faces) break;
       bool is_edge = exists(collapse.removed) && exists(collapse.kept);
       if (is_edge) {
@@ -249,8 +251,12 @@ class QemSimplifier {
     return is_locked(freed, options_);
   }
 
-  void fill_queue() {
-    for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) propose(v, nullptr);
+  void fill_queue(const Progress& progress) {
+    Ticker ticker(progress);
+    for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
+      ticker.tick();
+      propose(v, nullptr);
+    }
   }
 
   /// Queues the best collapse of v; with `after`, the best of those that come after it.
@@ -478,13 +484,14 @@ QemResult simplify_qem(const MeshView& mesh, const QemOptions& options, const Pr
 }
 
 QemResult replay_collapses(const MeshView& mesh, const QemOptions& options,
-                           const std::vector<Collapse>& collapses, std::int64_t target_faces) {
+                           const std::vector<Collapse>& collapses, std::int64_t target_faces,
+                           const Progress& progress) {
   check_mesh(mesh);
   QemOptions replayed = options;
   replayed.target_faces = target_faces;
   replayed.max_distance = std::numeric_limits<double>::infinity();
   check_options(replayed);
-  return QemSimplifier(mesh, replayed).replay(collapses);
+  return QemSimplifier(mesh, replayed).replay(collapses, progress);
 }
 
 }  // namespace manip3d

@@ -106,11 +106,16 @@ class QualitySimplifier {
     if (options.max_distance < std::numeric_limits<double>::infinity()) {
       guard_.emplace(input, options.max_distance);
     }
+    Ticker ticker(progress);
     if (is_textured_) measure_texture();
     for (std::int32_t f = 0; f < mesh_.num_slots(); ++f) {
+      ticker.tick();
       if (mesh_.is_alive(f)) add_face(f);
     }
-    for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) add_borders(v);
+    for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
+      ticker.tick();
+      add_borders(v);
+    }
     for (Eigen::Index v = 0; v < input.colors.rows(); ++v) {
       colors_.emplace_back(input.colors.row(v).cast<double>().transpose());
     }

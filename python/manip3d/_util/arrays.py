@@ -23,8 +23,10 @@ def _shaped(array: NDArray[Any], columns: int | None, name: str) -> NDArray[Any]
     raise InputError(f"{name}: expected shape {expected}, got {array.shape}")
 
 
-def rows(values: ArrayLike, columns: int, dtype: type[_Scalar], name: str) -> NDArray[_Scalar]:
-    """An (N, columns) C-contiguous array of ``dtype``; the same object if it already is one."""
+def rows(
+    values: ArrayLike, columns: int | None, dtype: type[_Scalar], name: str
+) -> NDArray[_Scalar]:
+    """An (N, columns) or, for None, (N,) C-contiguous array; the same object if it is one."""
     array = _shaped(np.asarray(values), columns, name)
     if array.dtype.kind not in "biuf":
         raise InputError(f"{name}: expected numbers, got dtype {array.dtype}")

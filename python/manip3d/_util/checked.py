@@ -25,7 +25,7 @@ def checked(function: _Checked) -> _Checked:
     """Refuse arguments that are not of the annotated kinds, before the function runs.
 
     The decorated function raises an `InputError` that names the argument, what is expected and
-    what came. Of a class, the constructor is decorated.
+    what came. Of a class, the constructor and its own public methods are decorated.
 
     Parameters
     ----------
@@ -39,7 +39,9 @@ def checked(function: _Checked) -> _Checked:
     part is left to the function.
     """
     if isinstance(function, type):
-        function.__init__ = checked(function.__init__)  # type: ignore[misc]
+        for name, member in tuple(vars(function).items()):
+            if inspect.isfunction(member) and (name == "__init__" or not name.startswith("_")):
+                setattr(function, name, checked(member))
         return function
     names = tuple(inspect.signature(function).parameters)
 
@@ -53,7 +55,7 @@ def checked(function: _Checked) -> _Checked:
         for name, value in (*zip(names, args, strict=False), *kwargs.items()):
             kind = expected.get(name)
             if kind is not None and not kind.accepts(value):
-                raise InputError(f"{name}: expected {kind}, got {_shown(value)}")
+                raise InputError(f"{name}{kind.complaint(value)}")
         return function(*args, **kwargs)
 
     return cast("_Checked", wrapper)
@@ -62,12 +64,23 @@ def checked(function: _Checked) -> _Checked:
 class _Kind:
     """What an annotation accepts: some of these."""
 
-    def __init__(self, text: str, accepts: Callable[[Any], bool]) -> None:
+    def __init__(
+        self, text: str, accepts: Callable[[Any], bool], item: _Kind | None = None
+    ) -> None:
         self.text = text
         self.accepts = accepts
+        self.item = item  # of a sequence
 
     def __str__(self) -> str:
         return self.text
+
+    def complaint(self, value: Any) -> str:
+        """What follows the name of a refused argument; of a sequence, the first wrong item's."""
+        if self.item is not None and _is_sequence(value):
+            for index, each in enumerate(value):
+                if not self.item.accepts(each):
+                    return f"[{index}]{self.item.complaint(each)}"
+        return f": expected {self}, got {_shown(value)}"
 
 
 def _is_number(value: Any) -> bool:
@@ -161,7 +174,7 @@ def _kind_of_class(found: Any) -> _Kind | None:
     if getattr(found, "__origin__", None) is Literal:
         return _SIMPLE[str]  # the function knows which words, and says so
     if isinstance(found, type) and found not in (object, Any):
-        return _Kind(f"a {found.__name__}", lambda value: isinstance(value, found))
+        return _Kind(found.__name__, lambda value: isinstance(value, found))
     return None
 
 
@@ -181,6 +194,7 @@ def _kind_of_generic(origin: Any, inner: ast.expr, names: Mapping[str, Any]) -> 
             lambda value: (
                 _is_sequence(value) and (item is None or all(item.accepts(each) for each in value))
             ),
+            item,
         )
     if isinstance(origin, type):
         return _Kind(

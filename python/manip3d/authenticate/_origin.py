@@ -10,13 +10,14 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.checked import checked
-from manip3d._util.options import threads_of
+from manip3d._util.options import reporting, threads_of
 from manip3d.authenticate._generic import generic_consistency
 from manip3d.lidar import ScanLike, place, to_scan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
+    from manip3d._util.options import Progress
     from manip3d.lidar import Scan
 
 LEAST_EXPLAINED = 0.94
@@ -60,7 +61,7 @@ class OriginEstimate:
 
 @checked
 def estimate_origin(
-    scan: ScanLike, *, known: ArrayLike | None = None, threads: int = 0
+    scan: ScanLike, *, known: ArrayLike | None = None, threads: int = 0, progress: Progress = None
 ) -> OriginEstimate:
     """Find the position from which a scan's points stand on a grid of azimuth and elevation.
 
@@ -72,6 +73,8 @@ def estimate_origin(
         Judge this position only: does the scan stand on a grid around it?
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+    progress : None, True or callable(fraction, message)
+        True shows a bar.
 
     Returns
     -------
@@ -93,9 +96,10 @@ def estimate_origin(
     """
     scene = to_scan(scan)
     around = None if known is None else place(known, "known")
-    found, position, axis, across, up, columns, rows, explained = _core.estimate_scan_origin(
-        scene.points, around, threads_of(threads)
-    )
+    with reporting(progress, "origin") as report:
+        found, position, axis, across, up, columns, rows, explained = _core.estimate_scan_origin(
+            scene.points, around, threads_of(threads), report
+        )
     reason = "the angular grid"
     fused = found and explained < LEAST_EXPLAINED
     if around is None and (fused or not found) and _stands_on_lattice(scene, threads):

@@ -9,6 +9,8 @@ from collections.abc import Iterator, Mapping
 from types import TracebackType
 from typing import Any, Generic, Self, TypeVar
 
+from manip3d.errors import InputError
+
 Frame = TypeVar("Frame")
 _POLL_MS = 100  # how long a wait goes on before Python looks for Ctrl-C
 
@@ -37,6 +39,8 @@ class FrameSource(ABC, Generic[Frame]):
 
     def _wait(self, timeout: float | None) -> Frame | None:
         """The next frame within so many seconds; without a limit until there is one."""
+        if timeout is not None and not timeout >= 0.0:
+            raise InputError(f"timeout: expected seconds >= 0, got {timeout}")
         end = math.inf if timeout is None else time.monotonic() + timeout
         while True:
             left_ms = 1000 * (end - time.monotonic())

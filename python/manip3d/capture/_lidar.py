@@ -26,6 +26,7 @@ RETURN_TYPES: tuple[str, ...] = ("unknown", "strongest", "last", "both")
 DEFAULT_PORT = 2368
 
 
+@checked
 class LidarSource(FrameSource[LidarFrame]):
     """Scans one after the other; made by `open`.
 

@@ -64,6 +64,7 @@ def core_schemes() -> list[Scheme]:
     ]
 
 
+@checked
 class RgbdSource(FrameSource[RgbdFrame]):
     """Frames of an RGB-D camera or recording one after the other; made by `open`.
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.arrays import rows
+from manip3d._util.checked import checked
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -80,6 +81,7 @@ def _colliders(
     )
 
 
+@checked
 class ColliderTracker:
     """Follows a person's colliders: a capsule per bone, a box for the torso, a sphere for the head.
 
@@ -140,19 +142,19 @@ class ColliderTracker:
         Raises
         ------
         InputError
-            One of the two arrays is missing, or their lengths differ.
+            One of the two arrays is missing, a label is no byte, or the lengths differ.
         """
         if (labels is None) != (squared_distances is None):
             raise InputError("labels, squared_distances: expected both or neither")
-        none: list[int] = []
-        tables = self._core.update(
-            skeleton,
-            np.ascontiguousarray(none if labels is None else labels, np.uint8),
-            np.ascontiguousarray(
-                none if squared_distances is None else squared_distances, np.float32
-            ),
-        )
-        return _colliders(*tables)
+        bones = rows([] if labels is None else labels, None, np.uint8, "labels")
+        with np.errstate(over="ignore"):  # beyond float32: as far as infinity
+            squares = rows(
+                [] if squared_distances is None else squared_distances,
+                None,
+                np.float32,
+                "squared_distances",
+            )
+        return _colliders(*self._core.update(skeleton, bones, squares))
 
     @property
     def colliders(self) -> BodyColliders:
@@ -178,7 +180,8 @@ class ColliderTracker:
         """
         first = rows(start, 3, np.float32, "start")
         last = rows(end, 3, np.float32, "end")
-        radii = np.asarray(radius, np.float32)
+        with np.errstate(over="ignore"):  # beyond float32: as far as infinity
+            radii = np.asarray(radius, np.float32)
         if radii.ndim == 0:
             radii = np.full(len(first), radii)
         return Hits(*self._core.first_hits(first, last, np.ascontiguousarray(radii)))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.rgbd import RgbdFrame, Skeleton
 
@@ -22,6 +23,7 @@ def _is_left(side: str) -> bool:
     return side == "left"
 
 
+@checked
 class ShoeCoverTracker:
     """Finds a foot by the blue cover of its shoe, whose small movements no sensor's joints show.
 
@@ -113,6 +115,7 @@ class Placement:
     frozen: bool
 
 
+@checked
 class PlacementEstimator:
     """Places targets by the person's knee height, while it is being estimated.
 

@@ -340,6 +340,7 @@ def _mask(near: float, far: float, margin: float) -> _core.PersonMaskOptions:
     return mask
 
 
+@checked
 class PhantomPipeline:
     """Frames of a person in, the same person with a phantom limb out.
 

@@ -129,6 +129,7 @@ def _median_depth(
     return np.where(count > 0, middle / 1000.0, 0.0)
 
 
+@checked
 class PoseTracker:
     """Finds one person's skeleton in frames with colour: MediaPipe's 33 landmarks, lifted to 25.
 

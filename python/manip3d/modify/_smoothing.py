@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal, Self
 
 from manip3d import _core
+from manip3d._util.checked import checked
 from manip3d.camera import Intrinsics
 from manip3d.errors import InputError
 from manip3d.rgbd import Skeleton
@@ -44,6 +45,7 @@ def smoother_options(
     return options
 
 
+@checked
 class JointSmoother:
     """Double exponential smoothing of one person's joints, frame by frame.
 
@@ -122,6 +124,7 @@ class JointSmoother:
         return self
 
 
+@checked
 class KeyPerson:
     """Holds on to one of the people in view, whoever else walks through the picture.
 

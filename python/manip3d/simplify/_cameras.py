@@ -155,7 +155,7 @@ class _View:
 def _take(view: CameraView, index: int, threads: int) -> _View:
     name = f"views[{index}]"
     if not isinstance(view, CameraView):
-        raise InputError(f"{name}: expected a CameraView, got {view!r}")
+        raise InputError(f"{name}: expected CameraView, got {view!r}")
     pose = rows(view.pose, 4, np.float64, f"{name}.pose")
     rotation = pose[:3, :3]
     rigid = (

@@ -397,6 +397,7 @@ def _result(
     )
 
 
+@checked
 class Cs3Stream:
     """CS3 on the frames of a sequence: `cs3` with memory that is kept from frame to frame.
 

@@ -277,6 +277,7 @@ def relief_grid(
     return _run(_core.ReliefSolver(), grid, mask, bool(rows_up), options, picture, None)
 
 
+@checked
 class ReliefStream:
     """Simplify the frames of a depth sequence so that what stands still stays still.
 

@@ -7,6 +7,7 @@
 
 #include "manip3d/geometry/large_array.hpp"
 #include "manip3d/geometry/point_cloud.hpp"
+#include "manip3d/progress.hpp"
 
 namespace manip3d {
 
@@ -39,12 +40,13 @@ struct DensityLevels {
 /// @throws InputError  what check_points refuses; another number of distances; an option out of
 ///                     range.
 DensityLevels density_levels(const PointsView& view, std::span<const double> distances,
-                             const DensityOptions& options);
+                             const DensityOptions& options, const Progress& progress = {});
 
 /// Rows of the points that lie in marked cells of (sectors, levels), ascending.
 /// @throws InputError  as density_levels; another number of marks.
 std::vector<std::int32_t> points_of_levels(const PointsView& view,
                                            std::span<const std::uint8_t> marked,
-                                           const DensityOptions& options);
+                                           const DensityOptions& options,
+                                           const Progress& progress = {});
 
 }  // namespace manip3d

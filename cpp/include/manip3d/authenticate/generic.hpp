@@ -85,7 +85,7 @@ struct GenericResult {
 /// @throws InputError  what check_points and check_lattice refuse; an option out of range.
 GenericResult generic_consistency(const PointsView& points, const ScanLattice& lattice,
                                   const GenericOptions& options = {},
-                                  const PointsView& previous = {},
-                                  const PointsView& following = {});
+                                  const PointsView& previous = {}, const PointsView& following = {},
+                                  const Progress& progress = {});
 
 }  // namespace manip3d

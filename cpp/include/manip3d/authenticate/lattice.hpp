@@ -5,6 +5,7 @@
 #include "manip3d/geometry/lattice.hpp"
 #include "manip3d/geometry/mesh.hpp"
 #include "manip3d/geometry/point_cloud.hpp"
+#include "manip3d/progress.hpp"
 
 namespace manip3d {
 
@@ -24,6 +25,6 @@ struct LatticeReading {
 /// that
 ///                     do not descend, azimuths beyond one turn, steps out of range.
 LatticeReading read_lattice(const PointsView& points, const ScanLattice& lattice,
-                            int num_threads = 0);
+                            int num_threads = 0, const Progress& progress = {});
 
 }  // namespace manip3d

@@ -8,6 +8,7 @@
 #include "manip3d/geometry/oriented_box.hpp"
 #include "manip3d/geometry/point_cloud.hpp"
 #include "manip3d/geometry/scan_grid.hpp"
+#include "manip3d/progress.hpp"
 
 namespace manip3d {
 
@@ -53,6 +54,7 @@ struct OcclusionResult {
 /// closing 3x3, median 3x3, components of 8 neighbours; azimuth goes round. The same bytes for any
 /// number of threads (`accumulate` uses one).
 /// @throws InputError  what check_points refuses; an option out of range; more than 2^28 cells.
-OcclusionResult occlusion_consistency(const PointsView& view, const OcclusionOptions& options);
+OcclusionResult occlusion_consistency(const PointsView& view, const OcclusionOptions& options,
+                                      const Progress& progress = {});
 
 }  // namespace manip3d

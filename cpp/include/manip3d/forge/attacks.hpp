@@ -32,7 +32,8 @@ struct ObjectPlacement {
 /// @throws InputError  a number that is not finite, a scale not above 0, no rotation matrix, an
 ///                     empty object.
 Eigen::Matrix4d placement_transform(const PointsView& scene, const PointsView& object,
-                                    const ObjectPlacement& placement, int num_threads = 0);
+                                    const ObjectPlacement& placement, int num_threads = 0,
+                                    const Progress& progress = {});
 
 /// The points, transformed in double and rounded once.
 /// @throws InputError  a transformed coordinate is no finite float.
@@ -41,7 +42,8 @@ Points transformed(const Eigen::Ref<const Points>& points, const Eigen::Matrix4d
 /// Copy-Transform-Paste: the object's points, transformed and appended.
 /// @throws InputError  what check_points and placement_transform refuse.
 Forgery copy_transform_paste(const PointsView& scene, const PointsView& object,
-                             const ObjectPlacement& placement, int num_threads = 0);
+                             const ObjectPlacement& placement, int num_threads = 0,
+                             const Progress& progress = {});
 
 enum class Resampling : std::uint8_t { kPoissonDisk, kUniform };
 
@@ -64,16 +66,17 @@ Points resample(const PointsView& object, const Eigen::Ref<const Faces>& faces,
 /// Mean nearest-neighbour distance (MID) of the scene's points within `radius` of a position.
 /// @throws InputError  what check_points refuses; fewer than 2 points there.
 double local_spacing(const PointsView& scene, const Eigen::Vector3d& position, double radius,
-                     int num_threads = 0);
+                     int num_threads = 0, const Progress& progress = {});
 
 /// Removes the points in a box.
 /// @throws InputError  what check_points and check_box refuse.
-Forgery subtract(const PointsView& scene, const OrientedBox& box, int num_threads = 0);
+Forgery subtract(const PointsView& scene, const OrientedBox& box, int num_threads = 0,
+                 const Progress& progress = {});
 
 /// Removes rows of the scene (of a segmented object, say), and appends points.
 /// @throws InputError  what check_points refuses; a row that is none.
 Forgery replace_rows(const PointsView& scene, std::vector<std::int32_t> rows,
-                     const PointsView& added, int num_threads = 0);
+                     const PointsView& added, int num_threads = 0, const Progress& progress = {});
 
 enum class Displacement : std::uint8_t {
   kRandom,  ///< Uniform in a ball of the amplitude.
@@ -91,11 +94,11 @@ struct DeformOptions {
 /// (1 - d^2)^2 of the normalised distance d from its middle.
 /// @throws InputError  what check_points and check_box refuse; a number that is not finite.
 Forgery deform(const PointsView& scene, const OrientedBox& box, const DeformOptions& options,
-               int num_threads = 0);
+               int num_threads = 0, const Progress& progress = {});
 
 /// Moves the points of a box by a rigid transform.
 /// @throws InputError  what check_points and check_box refuse; a transform that is not rigid.
 Forgery move_box(const PointsView& scene, const OrientedBox& box, const Eigen::Matrix4d& transform,
-                 int num_threads = 0);
+                 int num_threads = 0, const Progress& progress = {});
 
 }  // namespace manip3d

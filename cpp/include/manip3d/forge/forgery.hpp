@@ -7,6 +7,7 @@
 #include "manip3d/geometry/large_array.hpp"
 #include "manip3d/geometry/oriented_box.hpp"
 #include "manip3d/geometry/point_cloud.hpp"
+#include "manip3d/progress.hpp"
 
 /// @file
 /// A forged scan with its ground truth, and the one edit that every attack comes down to.
@@ -38,6 +39,7 @@ struct Forgery {
 /// Carries out an edit: one pass over the scan. The same bytes for any number of threads. A point
 /// that is moved to where it is stays untouched.
 /// @throws InputError  more than 2^31 - 1 points. Does not look for NaN among the scan's points.
-Forgery apply_edit(const PointsView& scan, Edit edit, int num_threads = 0);
+Forgery apply_edit(const PointsView& scan, Edit edit, int num_threads = 0,
+                   const Progress& progress = {});
 
 }  // namespace manip3d

@@ -27,6 +27,7 @@ struct InsertionOptions {
 ///                     the scanner or stands within 80 degrees of both sides of it.
 Forgery insert_occluding(const PointsView& scene, const PointsView& object,
                          const Eigen::Ref<const Faces>& faces, const ObjectPlacement& placement,
-                         const InsertionOptions& options = {}, int num_threads = 0);
+                         const InsertionOptions& options = {}, int num_threads = 0,
+                         const Progress& progress = {});
 
 }  // namespace manip3d

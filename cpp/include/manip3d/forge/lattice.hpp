@@ -30,6 +30,6 @@ void check_azimuths(const ScanLattice& lattice);
 /// @throws InputError  what check_points and check_azimuths refuse; a row that is none.
 Forgery snap_to_lattice(const PointsView& scene, std::vector<std::int32_t> rows,
                         const ScanLattice& lattice, const SnapOptions& options = {},
-                        int num_threads = 0);
+                        int num_threads = 0, const Progress& progress = {});
 
 }  // namespace manip3d

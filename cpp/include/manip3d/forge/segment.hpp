@@ -6,6 +6,7 @@
 
 #include "manip3d/geometry/oriented_box.hpp"
 #include "manip3d/geometry/point_cloud.hpp"
+#include "manip3d/progress.hpp"
 
 namespace manip3d {
 
@@ -32,6 +33,7 @@ struct Segmentation {
 /// rises above it is clustered: points in the same or in touching cubes of side `tolerance` belong
 /// together. Each box has the yaw, to 2 degrees, of the smallest footprint.
 /// @throws InputError  what check_points refuses; an option out of range.
-Segmentation segment_objects(const PointsView& scene, const SegmentOptions& options = {});
+Segmentation segment_objects(const PointsView& scene, const SegmentOptions& options = {},
+                             const Progress& progress = {});
 
 }  // namespace manip3d

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "manip3d/geometry/point_cloud.hpp"
+#include "manip3d/progress.hpp"
 
 namespace manip3d {
 
@@ -22,7 +23,7 @@ void check_box(const OrientedBox& box);
 /// Rows of the points inside the box or on its border, ascending.
 /// @throws InputError  what check_points and check_box refuse.
 std::vector<std::int32_t> points_in_box(const PointsView& view, const OrientedBox& box,
-                                        int num_threads = 0);
+                                        int num_threads = 0, const Progress& progress = {});
 
 /// The smallest box with this yaw around the given rows; all zero for no rows.
 OrientedBox box_around(const PointsView& view, const std::vector<std::int32_t>& rows,

@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "manip3d/geometry/point_cloud.hpp"
+#include "manip3d/progress.hpp"
 
 namespace manip3d {
 
@@ -30,6 +31,6 @@ struct ScanGrid {
 /// without a period gets the step that makes one point a cell.
 /// @throws InputError  what check_points refuses; an origin that is not finite.
 ScanGrid estimate_scan_grid(const PointsView& view, const Eigen::Vector3d& origin,
-                            int num_threads = 0);
+                            int num_threads = 0, const Progress& progress = {});
 
 }  // namespace manip3d

@@ -4,6 +4,7 @@
 #include <optional>
 
 #include "manip3d/geometry/point_cloud.hpp"
+#include "manip3d/progress.hpp"
 
 namespace manip3d {
 
@@ -43,6 +44,6 @@ struct ScanOrigin {
 /// @throws InputError  what check_points refuses; a known position that is not finite.
 ScanOrigin estimate_scan_origin(const PointsView& view,
                                 const std::optional<Eigen::Vector3d>& known = {},
-                                int num_threads = 0);
+                                int num_threads = 0, const Progress& progress = {});
 
 }  // namespace manip3d

@@ -1,6 +1,7 @@
 #pragma once
 
 #include "manip3d/geometry/mesh.hpp"
+#include "manip3d/progress.hpp"
 
 namespace manip3d {
 
@@ -15,9 +16,10 @@ struct Weld {
 };
 
 /// Finds equal rows of finite numbers by sorting: O(N log N) whatever the values.
+/// @param progress  may cancel the work.
 /// @tparam Columns  2 (texture coordinates) or 3 (positions, normals).
 template <int Columns>
-Weld weld_rows(const Eigen::Ref<const Rows<double, Columns>>& table);
+Weld weld_rows(const Eigen::Ref<const Rows<double, Columns>>& table, const Progress& progress = {});
 
 /// `indices` with each row number replaced by its value; -1 stays -1.
 Faces weld_indices(const Eigen::Ref<const Faces>& indices, const Weld& weld);

@@ -7,6 +7,7 @@
 #include <optional>
 
 #include "manip3d/geometry/skeleton.hpp"
+#include "manip3d/progress.hpp"
 
 /// @file
 /// Virtual enhancement (dissertation introduction to part II): the user's own avatar moves further
@@ -66,6 +67,7 @@ Skeleton move_skeleton(const Skeleton& now, const BoneMotions& motions);
 /// @throws InputError  band not > 0.
 template <typename Scalar>
 void repose_vertices(const Scalar* vertices, std::int64_t count, const Skeleton& now,
-                     const BoneMotions& motions, const ReposeOptions& options, Scalar* out);
+                     const BoneMotions& motions, const ReposeOptions& options, Scalar* out,
+                     const Progress& progress = {});
 
 }  // namespace manip3d

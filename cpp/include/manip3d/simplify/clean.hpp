@@ -1,6 +1,7 @@
 #pragma once
 
 #include "manip3d/geometry/mesh.hpp"
+#include "manip3d/progress.hpp"
 
 namespace manip3d {
 
@@ -37,6 +38,7 @@ struct CleanResult {
 /// their positions, with or without welding. kSame never changes the picture of an opaque mesh.
 /// O(V log V + F log F) time, O(V + F) memory.
 /// @throws InputError  as check_mesh.
-CleanResult clean(const MeshView& mesh, const CleanOptions& options = {});
+CleanResult clean(const MeshView& mesh, const CleanOptions& options = {},
+                  const Progress& progress = {});
 
 }  // namespace manip3d

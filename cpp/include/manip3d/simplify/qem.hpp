@@ -139,7 +139,8 @@ QemResult simplify_qem(const MeshView& mesh, const QemOptions& options,
 /// what simplify_qem() gives for that target with the options that made the record. O(V + F).
 /// @throws InputError  the record does not belong to the mesh.
 QemResult replay_collapses(const MeshView& mesh, const QemOptions& options,
-                           const std::vector<Collapse>& collapses, std::int64_t target_faces);
+                           const std::vector<Collapse>& collapses, std::int64_t target_faces,
+                           const Progress& progress = {});
 
 /// Curvature of a boundary curve at `vertex` from its two boundary neighbours (eq. 2.5), clamped
 /// to [0, 10]; 10 where the neighbours coincide.
