@@ -76,7 +76,7 @@ Fields quality_fields(const PhantomQuality& quality) {
   fields["gap"] = py::float_(quality.gap);
   fields["largest"] = py::float_(quality.largest);
   fields["lost"] = py::float_(quality.lost);
-  fields["num_left"] = py::int_(quality.num_left);
+  fields["left"] = py::float_(quality.left);
   fields["score"] = py::float_(quality.score);
   return fields;
 }

@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from capsule_body import KINECT, SMALL, frame, jittered, pose, render
 from manip3d import Intrinsics, RgbdCalibration, RgbdFrame, Skeleton
-from manip3d.modify import Limb, PhantomFrame, PhantomPipeline, PhantomReason, PhantomState
+from manip3d.modify import (
+    Limb,
+    PhantomFrame,
+    PhantomPipeline,
+    PhantomReason,
+    PhantomState,
+    PixelKind,
+)
 from manip3d.rgbd import JOINTS, MIRRORED_JOINTS
 
 ARM = (9, 10, 11, 23, 24)  # bones of the right arm
@@ -255,3 +262,43 @@ def test_textures_belong_to_their_frames() -> None:
     assert len(phantom.faces) > 100
     shown = result.phantom[tuple(result.pixels[body.faces].reshape(-1, 2).T[::-1])]
     assert not shown.any()
+
+
+# ---- limbs found in the depth image ---------------------------------------------------------
+
+
+def test_a_knee_told_beside_the_leg_does_not_cut_the_other_one() -> None:
+    """Knees close together, both told 8 cm to the side of the intact leg: it stays whole."""
+    moved = {}
+    for side, sign in (("Left", 1), ("Right", -1)):
+        moved[f"Knee{side}"] = (0.085 * sign, -0.48, -0.01)
+        moved[f"Ankle{side}"] = (0.085 * sign, -0.88, 0.02)
+        moved[f"Foot{side}"] = (0.085 * sign, -0.93, -0.13)
+    truth = pose(moved)
+    told = {name: (x + 0.08, y, z) for name, (x, y, z) in moved.items()}
+    image = replace(frame(truth, KINECT), skeletons=(pose(told),))
+    _, bone = render(truth, KINECT)
+    result = PhantomPipeline("right_leg", smoothing=None).process(image)
+    assert (result.kinds[np.isin(bone, (13, 14))] == PixelKind.BODY).mean() > 0.95
+
+
+def test_a_seat_between_the_thighs_stays() -> None:
+    """It is nearest to the leg that is taken out, and yet none of its flesh."""
+    seated = {}
+    for side, sign in (("Left", 1), ("Right", -1)):
+        seated[f"Knee{side}"] = (0.24 * sign, -0.10, -0.42)
+        seated[f"Ankle{side}"] = (0.24 * sign, -0.52, -0.40)
+        seated[f"Foot{side}"] = (0.24 * sign, -0.56, -0.52)
+    truth = pose(seated, at=(0, 0, 2.6))
+    image = frame(truth, KINECT)
+    v, u = np.mgrid[: KINECT.height, : KINECT.width]
+    x, y = (u - KINECT.cx) / KINECT.fx * 2.35, (v - KINECT.cy) / KINECT.fy * 2.35
+    seat = (np.abs(x) < 0.1) & (y > 0.24) & (y < 0.34) & (image.depth == 0)
+    assert seat.sum() > 100
+    depth = np.where(seat, np.uint16(2350), image.depth)
+    index = np.where(seat, 0, image.body_index).astype(np.uint8)
+    result = once(replace(image, depth=depth, body_index=index))
+    leg = PhantomPipeline("right_leg").process(replace(image, depth=depth, body_index=index))
+    assert (result.kinds[seat] > 0).all()
+    assert (leg.kinds[seat] > 0).mean() > 0.9
+    assert leg.state is PhantomState.TRACKING

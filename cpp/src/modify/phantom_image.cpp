@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 
 #include "modify/pixel_bounds.hpp"
 #include "modify/ray_at.hpp"
@@ -148,12 +149,14 @@ void draw_person(const PersonPoints& points, const PhantomImage& image) {
   }
 }
 
-std::int64_t remove_limb(const PersonPoints& points, Limb limb, double radius,
+std::int64_t remove_limb(const PersonPoints& points, Limb limb, double radius, double flesh,
                          const PhantomImage& image) {
   const auto most = static_cast<float>(radius * radius);
+  const auto most_skin = static_cast<float>(flesh);
   std::int64_t removed = 0;
   for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
     if (points.label[i] != limb_label(limb) || !(points.squared_distance[i] <= most)) continue;
+    if (!(points.skin_distance[i] <= most_skin)) continue;
     const std::int32_t pixel = points.pixel[i];
     image.depth[pixel] = 0.0F;
     image.label[pixel] = 0;
@@ -164,18 +167,64 @@ std::int64_t remove_limb(const PersonPoints& points, Limb limb, double radius,
   return removed;
 }
 
-void mirror_limb(const PersonPoints& points, Limb intact, double radius, const PixelRays& rays,
-                 const Mirror& mirror, const PhantomImage& image,
+namespace {
+
+struct NearestSkin {
+  float distance = std::numeric_limits<float>::max();
+  std::uint8_t label = 0;
+};
+
+NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones, std::uint8_t but) {
+  NearestSkin nearest;
+  for (std::size_t k = 0; k < bones.count; ++k) {
+    if (bones.label[k] == but) continue;
+    const Eigen::Vector3f bone = bones.end[k] - bones.start[k], from = p - bones.start[k];
+    constexpr float kPoint = 1e-9F;  // square metres
+    const float t = std::clamp(from.dot(bone) / std::max(bone.squaredNorm(), kPoint), 0.0F, 1.0F);
+    const BoneRadii& r = bones.radii[k];
+    const float skin = (from - t * bone).norm() - (r.start + t * (r.end - r.start));
+    if (skin < nearest.distance) nearest = {skin, bones.label[k]};
+  }
+  return nearest;
+}
+
+}  // namespace
+
+std::int64_t give_back(const PersonPoints& points, Limb limb, const BoneSegments& bones,
+                       double reach, const PhantomImage& image) {
+  const auto cols = static_cast<std::int32_t>(image.cols);
+  std::int64_t given = 0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+    const std::int32_t pixel = points.pixel[i];
+    if (points.label[i] != limb_label(limb) || image.kind[pixel] != PixelKind::kNone) continue;
+    const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
+    const NearestSkin nearest = nearest_skin(p, bones, limb_label(limb));
+    if (!(nearest.distance <= static_cast<float>(reach))) continue;
+    image.depth[pixel] = points.z[i];
+    image.label[pixel] = nearest.label;
+    image.kind[pixel] = PixelKind::kBody;
+    image.source[2 * pixel] = pixel / cols;
+    image.source[2 * pixel + 1] = pixel % cols;
+    image.source_depth[pixel] = points.z[i];
+    ++given;
+  }
+  return given;
+}
+
+void mirror_limb(const PersonPoints& points, Limb intact, double radius, double flesh,
+                 const PixelRays& rays, const Mirror& mirror, const PhantomImage& image,
                  std::vector<MirroredPoint>& mirrored) {
   mirrored.clear();
   const std::array<bool, kNumJoints> is_intact = limb_bones(intact);
   const auto most = static_cast<float>(radius * radius);
+  const auto most_skin = static_cast<float>(flesh);
   const Surface surface(rays, image);
   const LimbMirror to_other_side(mirror);
   // A mirrored surface faces the camera if the surface faces the mirrored camera.
   const Eigen::Vector3f mirrored_camera = mirror.offset.cast<float>();
   for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
     if (!is_intact[points.label[i]] || !(points.squared_distance[i] <= most)) continue;
+    if (!(points.skin_distance[i] <= most_skin)) continue;
     MirroredPoint& point = mirrored.emplace_back(to_other_side(points, i));
     const std::int64_t u = points.pixel[i] % image.cols, v = points.pixel[i] / image.cols;
     const Eigen::Vector3f normal = surface.normal(u, v);

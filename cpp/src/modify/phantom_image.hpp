@@ -40,9 +40,16 @@ class PixelProjector {
 /// Empties the images and draws the person.
 void draw_person(const PersonPoints& points, const PhantomImage& image);
 
-/// Takes out the points of a limb: those of its label within `radius` of its bone. How many.
-std::int64_t remove_limb(const PersonPoints& points, Limb limb, double radius,
+/// Takes out the points of a limb: those of its label within `radius` of its bone and `flesh` of
+/// its skin. How many.
+std::int64_t remove_limb(const PersonPoints& points, Limb limb, double radius, double flesh,
                          const PhantomImage& image);
+
+/// Draws again, as the body, the points of a limb that was taken out where nothing is drawn now and
+/// the skin of a bone that is not the limb's is within reach: the lap between two thighs, which is
+/// either one's. How many.
+std::int64_t give_back(const PersonPoints& points, Limb limb, const BoneSegments& bones,
+                       double reach, const PhantomImage& image);
 
 struct MirroredPoint {
   float x, y, z;        ///< Mirrored.
@@ -52,10 +59,11 @@ struct MirroredPoint {
   bool faces_camera;    ///< False if mirroring turned its surface away.
 };
 
-/// Mirrors the points of the intact limb that are within `radius` of its bones. Their normals are
+/// Mirrors the points of the intact limb that are within `radius` of its bones and `flesh` of their
+/// skins. Their normals are
 /// those of the depth around them in `image`.
-void mirror_limb(const PersonPoints& points, Limb intact, double radius, const PixelRays& rays,
-                 const Mirror& mirror, const PhantomImage& image,
+void mirror_limb(const PersonPoints& points, Limb intact, double radius, double flesh,
+                 const PixelRays& rays, const Mirror& mirror, const PhantomImage& image,
                  std::vector<MirroredPoint>& mirrored);
 
 /// Mirrors what is left of the body on the root's side of the plane n, within `radius` of it.

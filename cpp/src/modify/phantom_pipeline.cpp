@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "manip3d/error.hpp"
+#include "manip3d/modify/limb_fit.hpp"
 #include "manip3d/modify/trunk_tracker.hpp"
 #include "modify/phantom_mesh.hpp"
 #include "modify/phantom_quality.hpp"
@@ -153,7 +154,8 @@ class PhantomPipeline::Workspace {
     const double time_s = seconds_of(clock_ns_);
     const PhantomImage image = image_of(input, out);
     const std::optional<Skeleton> person = find_key_person(input, time_s);
-    segment(person, input, image, report);
+    const std::optional<Skeleton> fitted = find_points(person, input);
+    segment(fitted, input, image, report);
     if (points_.count == 0) {  // a phantom without a person would float in the air
       report.reason = lacks_skeletons() ? PhantomReason::kNoSkeleton : PhantomReason::kNoPerson;
       return report;
@@ -169,11 +171,12 @@ class PhantomPipeline::Workspace {
     }
     clock.end(PhantomStage::kSegmentation);
     if (!options_.keep_residual) {
-      report.num_removed = remove_limb(points_, options_.affected, removal_radius(), image);
+      report.num_removed =
+          remove_limb(points_, options_.affected, removal_radius(), flesh(), image);
     }
     clock.end(PhantomStage::kRemoval);
-    judge(*person, time_s, image, report);
-    const PixelBox phantom = mirror(*person, input, image, report);
+    judge(*fitted, time_s, image, report);
+    const PixelBox phantom = mirror(*person, *fitted, input, image, report);
     clock.end(PhantomStage::kMirroring);
     const PixelBox all = fill(phantom, image, report);
     clock.end(PhantomStage::kHoleFilling);
@@ -320,16 +323,31 @@ class PhantomPipeline::Workspace {
     return options_.segmentation == BoneRule::kSkin ? radius() + kOff : radius();
   }
 
+  /// What lies farther from the skin is no flesh: a seat between two thighs.
+  [[nodiscard]] double flesh() const {
+    constexpr double kClothes = 0.06;  // metres, and what girths and joints are off by
+    return options_.segmentation == BoneRule::kSkin ? kClothes
+                                                    : std::numeric_limits<double>::infinity();
+  }
+
+  /// The person's points, and its joints where the flesh is: for all that follows the points. What
+  /// is reported and asked for its fit are the tracker's.
+  std::optional<Skeleton> find_points(const std::optional<Skeleton>& person,
+                                      const PhantomInput& input) {
+    points_.count = 0;
+    if (!person) return person;
+    find_person(input.depth, input.body_index, *person, rays_, options_.mask, points_);
+    return options_.segmentation == BoneRule::kSkin ? fit_limbs(*person, points_) : *person;
+  }
+
   void segment(const std::optional<Skeleton>& person, const PhantomInput& input,
                const PhantomImage& image, PhantomReport& report) {
-    points_.count = 0;
     if (person) {
       update_frame(*person, input);
-      find_person(input.depth, input.body_index, *person, rays_, options_.mask, points_);
       const BoneRule rule = options_.segmentation;
-      segment_bones(frame_ ? body_bones(*person, rule, options_.affected, mirror_)
-                           : body_bones(*person, rule),
-                    points_);
+      bones_ = frame_ ? body_bones(*person, rule, options_.affected, mirror_)
+                      : body_bones(*person, rule);
+      segment_bones(bones_, points_);
       if (follows_trunk()) {
         trunk_.learn(points_, input.depth, rays_, input.camera);
         if (const auto learnt = trunk_.frame()) frame_ = learnt;
@@ -416,17 +434,17 @@ class PhantomPipeline::Workspace {
     if (report.reason != PhantomReason::kNone) report.state = PhantomState::kDegraded;
   }
 
-  PixelBox mirror(const Skeleton& person, const PhantomInput& input, const PhantomImage& image,
-                  PhantomReport& report) {
+  PixelBox mirror(const Skeleton& person, const Skeleton& fitted, const PhantomInput& input,
+                  const PhantomImage& image, PhantomReport& report) {
     moved_.clear();
     moved_root_.clear();
     if (report.state == PhantomState::kLost) return {};
     if (report.state == PhantomState::kTracking) {
       const Limb intact = opposite(options_.affected);
-      mirror_limb(points_, intact, radius(), rays_, mirror_, image, mirrored_);
+      mirror_limb(points_, intact, radius(), flesh(), rays_, mirror_, image, mirrored_);
       root_.clear();
-      if (options_.root_radius > 0.0 && is_usable(person, limb_root(intact))) {
-        mirror_around_root(points_, person[limb_root(intact)], options_.root_radius, *frame_,
+      if (options_.root_radius > 0.0 && is_usable(fitted, limb_root(intact))) {
+        mirror_around_root(points_, fitted[limb_root(intact)], options_.root_radius, *frame_,
                            mirror_, image, root_);
       }
       held_ = Held{*frame_, with_mirrored_limb(person, options_.affected, *frame_, mirror_),
@@ -462,8 +480,16 @@ class PhantomPipeline::Workspace {
       const PixelBox root = write_root(is_held ? moved_root_ : root_, projector, image);
       fill_holes(root, rays_, image, fills_, PixelKind::kRootFilled);
       all.add(root);
+      give_back_lap(image);
     }
     return all.box();
+  }
+
+  /// An arm beside the trunk is no part of it, but a lap has no seam between the thighs.
+  void give_back_lap(const PhantomImage& image) const {
+    constexpr double kSeam = 0.05;  // metres
+    if (options_.keep_residual || options_.segmentation != BoneRule::kSkin) return;
+    if (!is_arm(options_.affected)) give_back(points_, options_.affected, bones_, kSeam, image);
   }
 
   /// Calls use(joint) for the joints that the phantom replaces.
@@ -532,6 +558,7 @@ class PhantomPipeline::Workspace {
   std::optional<Held> held_;
   double last_tracking_ = kNever;
 
+  BoneSegments bones_;
   PersonPoints points_;
   std::vector<MirroredPoint> mirrored_, root_, moved_, moved_root_;
   std::vector<HoleFill> fills_;

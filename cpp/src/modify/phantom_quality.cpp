@@ -10,17 +10,20 @@
 namespace manip3d {
 namespace {
 
-// The limits at which a frame is degraded, chosen while looking at UTD-MHAD trials of both halves:
-// no rate measured on those trials is one for other people.
+// The limits at which a frame is degraded, chosen while looking at UTD-MHAD trials of both halves
+// (kMostLeft: of the tuning half of benchmarks/bench_people.py): no rate measured on those trials
+// is one for other people.
 constexpr double kMostPlane = 6.0;  // degrees: 6 cm at a hand 0.3 m from the plane
 constexpr double kMostLeap = 0.12;  // metres in one frame
 constexpr double kMostGapArm = 0.10,
                  kMostGapLeg = 0.16;   // metres: a hip lies deeper than a shoulder
 constexpr double kLeastLargest = 0.7;  // of the phantom's pixels
 constexpr double kMostLostLegs = 0.15, kMostLostTrunk = 0.05;
-constexpr double kMostLeft = 40.0;  // pixels at 2 m and a Kinect's focal length
+constexpr double kMostLeft = 0.15;    // of the affected limb's pixels
+constexpr double kLeastLimb = 250.0;  // pixels: of a small limb, slivers are a large share
 
 constexpr float kAwayFromRoot = 0.10F;  // metres: nearer to it, a stump may show
+constexpr float kBehind = 0.15F;        // metres behind all joints of a limb there is none of it
 
 bool is_drawn_limb(PixelKind kind) {
   return kind >= PixelKind::kPhantom && kind != PixelKind::kRootFilled;
@@ -83,7 +86,11 @@ void PictureJudge::measure(const PersonPoints& points, const Skeleton& phantom,
   const Eigen::Vector3f up = frame.y.cast<float>();
   constexpr float kHalfTrunk = 0.13F, kTrunkUp = 0.20F, kTrunkDown = 0.30F;  // of SpineMid, metres
   std::int64_t all = 0, lost = 0;
-  quality.num_left = 0;
+  float farthest = 0.0F;
+  for (const Joint joint : limb_chain(affected)) {
+    if (is_usable(phantom, joint)) farthest = std::max(farthest, phantom[joint].z());
+  }
+  std::int64_t limb = 0, left = 0;
   for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     const std::int32_t pixel = points.pixel[i];
@@ -94,9 +101,13 @@ void PictureJudge::measure(const PersonPoints& points, const Skeleton& phantom,
             : height < 0.0F;
     all += counts;
     lost += counts && kind == PixelKind::kNone;
-    quality.num_left += !options.keep_residual && kind == PixelKind::kBody &&
-                        points.label[i] == limb_label(affected) &&
-                        (p - root).squaredNorm() > kAwayFromRoot * kAwayFromRoot;
+    if (points.label[i] != limb_label(affected) || !(p.z() < farthest + kBehind)) continue;
+    ++limb;
+    left += kind == PixelKind::kBody && image.label[pixel] == limb_label(affected) &&
+            (p - root).squaredNorm() > kAwayFromRoot * kAwayFromRoot;
+  }
+  if (!options.keep_residual) {
+    quality.left = static_cast<double>(left) / std::max(kLeastLimb, static_cast<double>(limb));
   }
   quality.lost = all > 0 ? static_cast<double>(lost) / static_cast<double>(all) : 0.0;
 }
@@ -135,7 +146,7 @@ PhantomReason worst_of(Limb affected, PhantomQuality& quality) {
       {PhantomReason::kDetached, quality.gap / (is_arm(affected) ? kMostGapArm : kMostGapLeg)},
       {PhantomReason::kShredded, (1.0 - quality.largest) / (1.0 - kLeastLargest)},
       {PhantomReason::kCut, quality.lost / most_lost},
-      {PhantomReason::kDoubled, static_cast<double>(quality.num_left) / kMostLeft},
+      {PhantomReason::kDoubled, quality.left / kMostLeft},
   }};
   const auto worst =
       std::ranges::max_element(measures, {}, &decltype(measures)::value_type::second);

@@ -28,7 +28,7 @@ class PictureJudge {
  public:
   void reserve(std::int64_t rows, std::int64_t cols);
 
-  /// Fills in gap, largest, lost and num_left.
+  /// Fills in gap, largest, lost and left.
   /// @param points    of the person, as segmented.
   /// @param phantom   its joints in place of the affected limb's.
   void measure(const PersonPoints& points, const Skeleton& phantom, const BodyFrame& frame,

@@ -218,6 +218,7 @@ struct Tile {
   alignas(32) std::array<float, kTilePoints> x, y, z;
   alignas(32) std::array<float, kTilePoints> nearest;  ///< What the nearest bone is judged by.
   alignas(32) std::array<float, kTilePoints> squared;  ///< Distance to it.
+  alignas(32) std::array<float, kTilePoints> skin;     ///< Distance to its skin.
   alignas(32) std::array<std::int32_t, kTilePoints> label;
 
   void load(const PersonPoints& points, std::size_t begin, std::size_t end) {
@@ -230,7 +231,7 @@ struct Tile {
       x[i] = x[used - 1], y[i] = y[used - 1], z[i] = z[used - 1];
     }
     for (std::size_t i = 0; i < count; ++i) {
-      nearest[i] = squared[i] = kInfinity;
+      nearest[i] = squared[i] = skin[i] = kInfinity;
       label[i] = 0;
     }
   }
@@ -242,10 +243,13 @@ struct Tile {
     for (std::size_t i = 0; i < count; ++i) {
       float along;
       const float d = bones.squared_distance(bone, x[i], y[i], z[i], along);
-      const float judged = kHasRadii ? bones.judged(bone, std::sqrt(d), along) : d;
+      const float distance = std::sqrt(d);
+      const float judged = kHasRadii ? bones.judged(bone, distance, along) : d;
       const bool nearer = judged < nearest[i];
       nearest[i] = nearer ? judged : nearest[i];
       squared[i] = nearer ? d : squared[i];
+      const float thick = bones.radius[bone] + along * bones.taper[bone];
+      skin[i] = nearer ? distance - thick : skin[i];
       label[i] = nearer ? number : label[i];
     }
   }
@@ -253,6 +257,7 @@ struct Tile {
   void store(PersonPoints& points, std::size_t begin, std::size_t end) const {
     for (std::size_t i = begin; i < end; ++i) {
       points.squared_distance[i] = squared[i - begin];
+      points.skin_distance[i] = skin[i - begin];
       points.label[i] = static_cast<std::uint8_t>(label[i - begin]);
     }
   }
@@ -316,7 +321,8 @@ void PersonPoints::resize(std::int64_t num_rows, std::int64_t num_cols) {
   rows = num_rows;
   cols = num_cols;
   const auto size = static_cast<std::size_t>(rows * cols);
-  for (std::vector<float>* column : {&x, &y, &z, &squared_distance}) column->resize(size);
+  for (std::vector<float>* column : {&x, &y, &z, &squared_distance, &skin_distance})
+    column->resize(size);
   pixel.resize(size);
   label.resize(size);
   mask.assign(kTile * ((cols + kTile - 1) / kTile * kTile), 0);

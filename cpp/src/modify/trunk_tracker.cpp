@@ -162,6 +162,28 @@ std::optional<Eigen::Vector3d> normal_at(const DepthView& depth, const PixelRays
   return normal;
 }
 
+/// How far the depth image is from a point of a surface, along its normal.
+struct SurfaceResidual {
+  double off = 0.0;    ///< Metres.
+  double share = 1.0;  ///< The Geman-McClure weight is 1 / share^2.
+  [[nodiscard]] bool agrees() const { return share < 4.0; }
+  [[nodiscard]] double weight(double noise) const { return 1.0 / (noise * noise * share * share); }
+};
+
+/// At the pixel that a point projects to; none where nothing was measured.
+std::optional<SurfaceResidual> residual_at(const Eigen::Vector3d& p, const Eigen::Vector3d& normal,
+                                           const DepthView& depth, const PixelRays& rays,
+                                           const PixelProjector& projector) {
+  const std::int32_t pixel = projector.pixel(static_cast<float>(p.x()), static_cast<float>(p.y()),
+                                             static_cast<float>(p.z()));
+  if (pixel < 0) return std::nullopt;
+  const float z = depth_at(depth, pixel);
+  if (!(z > 0.0F)) return std::nullopt;
+  const Eigen::Vector3d q = lift(rays, pixel % depth.cols, pixel / depth.cols, z).cast<double>();
+  const double off = normal.dot(q - p);
+  return SurfaceResidual{off, 1.0 + (off * off) / (kSurfaceScale * kSurfaceScale)};
+}
+
 bool is_trunk_bone(std::uint8_t bone) {
   switch (static_cast<Joint>(bone)) {
     case kSpineMid:
@@ -312,23 +334,16 @@ void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& ray
       const Eigen::Vector3d normal = turned - 2.0 * n.dot(turned) * n;
       constexpr double kLeastCosine = 0.3;  // of surfaces that the camera sees
       if (!(-normal.dot(p) > kLeastCosine * p.norm())) continue;
-      const std::int32_t pixel = projector.pixel(
-          static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z()));
-      if (pixel < 0) continue;
-      const float z = depth_at(depth, pixel);
-      if (!(z > 0.0F)) continue;
-      const Eigen::Vector3d q =
-          lift(rays, pixel % depth.cols, pixel / depth.cols, z).cast<double>();
-      const double off = normal.dot(q - p);
-      const double share = 1.0 + (off * off) / (kSurfaceScale * kSurfaceScale);
-      if (share < 4.0) ++agreed;
-      const double weight = 1.0 / (kSymmetryNoise * kSymmetryNoise * share * share);
+      const auto found = residual_at(p, normal, depth, rays, projector);
+      if (!found) continue;
+      if (found->agrees()) ++agreed;
+      const double weight = found->weight(kSymmetryNoise);
       const double across = -2.0 * normal.dot(n);
       const Eigen::Vector3d row(across * axes->y.dot(from) - 2.0 * s * normal.dot(axes->y),
                                 across * axes->z.dot(from) - 2.0 * s * normal.dot(axes->z),
                                 -across);
       information += weight * row * row.transpose();
-      gradient += weight * off * row;
+      gradient += weight * found->off * row;
     }
     moved += information.ldlt().solve(gradient);
     n = (axes->n + moved[0] * axes->y + moved[1] * axes->z).normalized();
@@ -374,25 +389,18 @@ void TrunkTracker::fit(const Skeleton* joints, const DepthView& depth, const Pix
     double within = 0.0;
     for (const SurfacePoint& point : surface_) {
       const Eigen::Vector3d p = rotation * point.place + centre;
-      const std::int32_t pixel = projector.pixel(
-          static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z()));
-      if (pixel < 0) continue;
-      const float z = depth_at(depth, pixel);
-      if (!(z > 0.0F)) continue;
-      const Eigen::Vector3d q =
-          lift(rays, pixel % depth.cols, pixel / depth.cols, z).cast<double>();
       const Eigen::Vector3d normal = rotation * point.normal;
-      const double off = normal.dot(q - p);
-      const double share = 1.0 + (off * off) / (kSurfaceScale * kSurfaceScale);
-      if (share < 4.0) {
+      const auto found = residual_at(p, normal, depth, rays, projector);
+      if (!found) continue;
+      if (found->agrees()) {
         ++agreed;
-        within += std::abs(off);
+        within += std::abs(found->off);
       }
-      const double weight = 1.0 / (surface_noise * surface_noise * share * share);
+      const double weight = found->weight(surface_noise);
       Vector6 row;
       row << (p - centre).cross(normal), normal;
       information += weight * row * row.transpose();
-      gradient += weight * off * row;
+      gradient += weight * found->off * row;
     }
     if (iteration + 1 == kIterations && agreed >= kLeastSurface) {
       constexpr double kMemory = 0.9;  // from frame to frame

@@ -117,8 +117,9 @@ class PhantomQuality:
     lost : float
         Share of the person's pixels that show nothing now: of those below the hips for legs, of
         those of the trunk for arms.
-    num_left : int
-        Pixels of the affected limb that are left, farther than 10 cm from its root.
+    left : float
+        Share of the affected limb's pixels that still show the body, of those farther than 10 cm
+        from its root and no farther from the camera than the phantom (as a chair is).
     score : float
         The worst of these over its limit; above 1 the state is not ``tracking``.
     """
@@ -129,7 +130,7 @@ class PhantomQuality:
     gap: float
     largest: float
     lost: float
-    num_left: int
+    left: float
     score: float
 
 

@@ -28,6 +28,7 @@ struct PersonPoints {
   std::vector<std::int32_t> pixel;       ///< v * cols + u.
   std::vector<std::uint8_t> label;       ///< Nearest bone, 1 to 24; 0: there is no bone.
   std::vector<float> squared_distance;   ///< To that bone itself; infinite if there is none.
+  std::vector<float> skin_distance;      ///< To its skin: negative within.
   std::vector<std::int32_t> tile_start;  ///< First point of each tile, then `count`.
   PixelBox box;                          ///< Around all pixels.
   std::vector<std::uint8_t> mask;        ///< One row of tiles, while they are collected.

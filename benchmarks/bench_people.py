@@ -1,0 +1,254 @@
+"""The phantom limb on recorded people: what of each picture is wrong, and whether the gate says so.
+
+``python benchmarks/bench_people.py [--half tuning|reporting] [--sheet FILE.png]`` reads the trials
+of UTD-MHAD (``MANIP3D_DATA``) and prints one table; the sheet shows the worst frames by a measure.
+A trial belongs to the tuning half if its action and its subject are both odd or both even: options
+are chosen on that half, and the other one is reported.
+
+The measures are taken from the picture and the raw joints, apart from the pipeline's own gate:
+
+cut       legs: more than 15 % of the person's pixels below the hips show nothing; arms: more than
+          5 % of the trunk's.
+doubled   body pixels that no bone but the affected limb's comes within 18 cm of, and that do not
+          lie more than 12 cm behind it (as a chair does), are more than 10 % as many as its own.
+floating  the largest piece of the phantom begins more than 10 cm (arms) or 16 cm (legs) from its
+          root.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import re
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d.modify import BodySegmentation, PhantomFrame
+    from manip3d.rgbd import RgbdFrame, Skeleton
+
+LIMBS = ("left_arm", "right_arm", "left_leg", "right_leg")
+FAULTS = ("cut", "doubled", "floating")
+SEATED = (24, 25)  # actions: sit to stand, stand to sit
+
+
+def numbers(uri: str) -> tuple[int, int]:
+    """Action and subject of a trial."""
+    found = re.fullmatch(r"utd-mhad:a(\d+)_s(\d+)", uri)
+    assert found is not None
+    return int(found[1]), int(found[2])
+
+
+def is_tuning(uri: str) -> bool:
+    """The half of the trials that options are chosen on."""
+    action, subject = numbers(uri)
+    return (action + subject) % 2 == 0
+
+
+def is_seated(frame: RgbdFrame) -> bool:
+    """Do the thighs point more towards the camera than down?"""
+    hips, knees = (
+        frame.skeletons[0].positions[list(rows)].mean(axis=0) for rows in ((12, 16), (13, 17))
+    )
+    return bool(knees[1] - hips[1] < hips[2] - knees[2])
+
+
+@dataclass
+class Tally:
+    """Frames by state, reason and fault."""
+
+    frames: int = 0
+    states: Counter[str] = field(default_factory=Counter)
+    reasons: Counter[str] = field(default_factory=Counter)
+    faults: Counter[str] = field(default_factory=Counter)
+    unsaid: Counter[str] = field(default_factory=Counter)
+
+    def add(self, result: PhantomFrame, faults: set[str]) -> None:
+        """One more frame."""
+        self.frames += 1
+        self.states[result.state.value] += 1
+        self.reasons[result.reason.value] += 1
+        self.faults.update(faults)
+        if result.state.value == "tracking":
+            self.unsaid.update(faults)
+
+    def row(self) -> list[str]:
+        """Percent of the frames: states, faults, and those under tracking (of these)."""
+        tracking = max(1, self.states["tracking"])
+        shares = [self.states[s] / self.frames for s in ("tracking", "degraded")]
+        for fault in FAULTS:
+            shares += [self.faults[fault] / self.frames, self.unsaid[fault] / tracking]
+        reasons = {name: count for name, count in self.reasons.most_common(5) if name != "none"}
+        said = ", ".join(f"{name} {100 * n / self.frames:.1f}" for name, n in reasons.items())
+        return [str(self.frames), *(f"{100 * share:.1f}" for share in shares), said]
+
+
+def segmented(frame: RgbdFrame, skeleton: Skeleton) -> BodySegmentation:
+    """The nearest bone of each pixel."""
+    from manip3d.modify import segment_body
+
+    return segment_body(frame.depth, frame.calibration.depth, skeleton, body_index=frame.body_index)
+
+
+def is_behind(points: NDArray[Any], chain: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Points far from a line of joints or more than 12 cm behind it."""
+    nearest = np.full(points.shape[:2], np.inf)
+    behind = np.zeros(points.shape[:2])
+    for a, b in itertools.pairwise(chain):
+        along = np.clip((points - a) @ (b - a) / max(1e-9, float((b - a) @ (b - a))), 0.0, 1.0)
+        off = points - a - along[..., None] * (b - a)
+        distance = np.linalg.norm(off, axis=-1)
+        behind = np.where(distance < nearest, off[..., 2], behind)
+        nearest = np.minimum(nearest, distance)
+    return (behind > 0.12) | (nearest > 0.35)
+
+
+def without(skeleton: Skeleton, limb: str) -> Skeleton:
+    """A skeleton that ends at a limb's root."""
+    from manip3d.simulate import LIMBS as CHAINS
+
+    states, positions = skeleton.states.copy(), skeleton.positions.copy()
+    gone = [j for j in range(25) if j in CHAINS[limb][1:]]
+    states[gone], positions[gone] = 0, 0.0
+    return replace(skeleton, states=states, positions=positions)
+
+
+def shares(
+    frame: RgbdFrame,
+    result: PhantomFrame,
+    limb: str,
+    bones: BodySegmentation,
+    rest: BodySegmentation,
+) -> dict[str, float]:
+    """Each fault's measure over its limit."""
+    from scipy import ndimage
+
+    from manip3d.modify import PixelKind
+    from manip3d.simulate import LIMBS as CHAINS
+
+    joints = frame.skeletons[0].positions.astype(float)
+    camera = frame.calibration.depth
+    points = camera.unproject(frame.depth)
+    person = frame.body_index == 0
+    arm = limb.endswith("arm")
+    if arm:
+        off = points - joints[1]
+        part = (np.abs(off[..., 0]) < 0.13) & (off[..., 1] > -0.20) & (off[..., 1] < 0.30)
+    else:
+        part = points[..., 1] > joints[0, 1]
+    part &= person
+    lost = (part & (result.kinds == PixelKind.NONE)).sum() / max(1, part.sum())
+    chain = CHAINS[limb]
+    mine = person & np.isin(bones.labels, chain[1:])
+    left = person & (result.kinds == PixelKind.BODY) & (rest.distances > 0.18)
+    left &= ~is_behind(points, joints[list(chain)])
+    doubled = left.sum() / max(30, mine.sum())
+    shown = result.phantom & (result.kinds != PixelKind.ROOT_FILLED)
+    pieces, count = ndimage.label(shown, np.ones((3, 3)))
+    gap = 0.0
+    if count:
+        largest = pieces == 1 + np.argmax(np.bincount(pieces.ravel())[1:])
+        seen = camera.unproject(result.depth)[largest]
+        gap = float(np.linalg.norm(seen - result.skeleton.positions[chain[0]], axis=1).min())
+    return {
+        "cut": float(lost) / (0.05 if arm else 0.15),
+        "doubled": float(doubled) / 0.10,
+        "floating": gap / (0.10 if arm else 0.16),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A picture of the sheet."""
+
+    score: float
+    title: str
+    picture: NDArray[np.uint8]
+
+
+def main() -> None:
+    """Run the trials and print the table."""
+    from manip3d import datasets
+    from manip3d.experiments._phantom import box_of
+    from manip3d.experiments.real_people_4 import _kinds
+    from manip3d.modify import PhantomPipeline
+    from manip3d.viewer import people
+
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--half", choices=("tuning", "reporting"), default="reporting")
+    parser.add_argument("--trials", default="", help="a pattern of names, such as a2[45]")
+    parser.add_argument("--limbs", nargs="*", default=LIMBS, choices=LIMBS)
+    parser.add_argument("--every", type=int, default=4, help="of so many frames one is measured")
+    parser.add_argument("--sheet")
+    parser.add_argument("--sort", default="score", help="score, or a fault under tracking")
+    parser.add_argument("--reason", help="only frames of the sheet with this reason")
+    options = parser.parse_args()
+    groups: dict[str, Tally] = {}
+    pictures: list[Shown] = []
+    for uri in datasets.people_uris():
+        if not uri.startswith("utd") or is_tuning(uri) != (options.half == "tuning"):
+            continue
+        if not re.search(options.trials, uri):
+            continue
+        frames = list(datasets.open_people(uri))
+        action, _ = numbers(uri)
+        for limb in options.limbs:
+            pipeline = PhantomPipeline(limb)
+            for number, frame in enumerate(frames):
+                result = pipeline.process(frame)
+                if number % options.every:
+                    continue
+                bones = segmented(frame, frame.skeletons[0])
+                rest = segmented(frame, without(frame.skeletons[0], limb))
+                measured = shares(frame, result, limb, bones, rest)
+                faults = {name for name, share in measured.items() if share > 1.0}
+                names = ["all", limb]
+                if action in SEATED:
+                    kind = "arms" if limb.endswith("arm") else "legs"
+                    names.append(f"a24, a25: {kind}")
+                    if is_seated(frame):
+                        names.append(f"of these seated: {kind}")
+                for name in names:
+                    groups.setdefault(name, Tally()).add(result, faults)
+                tracking = result.state.value == "tracking"
+                score = result.quality.score
+                if options.sort in FAULTS:
+                    score = measured[options.sort] if tracking else 0.0
+                if options.reason and result.reason.value != options.reason:
+                    score = 0.0
+                if options.sheet and score > 0.0:
+                    box = box_of(frame.depth > 0, 4)
+                    pair = [people.depth_picture(frame.depth)[box], _kinds(result)[box]]
+                    title = f"{uri[9:]} {limb} {number}\n{result.reason.value} {score:.1f}"
+                    pictures.append(Shown(score, title, np.hstack(pair)))
+    import tables
+
+    head = ["% of the frames", "frames", "tracking", "degraded"]
+    for fault in FAULTS:
+        head += [fault, "tracking"]
+    order = sorted(groups, key=lambda name: (name != "all", name not in LIMBS, name))
+    print(tables.table([*head, "reasons"], [[name, *groups[name].row()] for name in order]))
+    if options.sheet:
+        draw(sorted(pictures, key=lambda p: -p.score)[:40], options.sheet)
+
+
+def draw(shown: list[Shown], path: str) -> None:
+    """A sheet of pairs: as measured, and with the phantom."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(20, 20), layout="constrained")
+    for k, picture in enumerate(shown):
+        axes = figure.add_subplot(5, 8, k + 1)
+        axes.imshow(picture.picture, interpolation="nearest")
+        axes.set(xticks=[], yticks=[])
+        axes.set_title(picture.title, fontsize=8)
+    figure.savefig(path, dpi=70)
+
+
+if __name__ == "__main__":
+    main()

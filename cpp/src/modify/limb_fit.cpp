@@ -1,0 +1,227 @@
+#include "manip3d/modify/limb_fit.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+
+#include "manip3d/modify/body_bones.hpp"
+#include "manip3d/modify/joint_smoother.hpp"
+#include "manip3d/modify/limb.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr std::size_t kMostSamples = 1024;
+constexpr std::array kScales = {0.12F, 0.08F, 0.05F, 0.03F};  // metres: of the weights, by step
+constexpr float kFarthest = 0.15F;     // metres from every skin: no point of a limb
+constexpr double kPointNoise = 0.015;  // metres: of a girth, clothes and all
+constexpr double kTold =
+    25.0;  // points of one bone tell as much as so many: they share their error
+constexpr double kJointNoise = 0.05;  // metres: bias and jitter of a tracker's joint
+constexpr double kMostMoved = 0.12;   // metres: beyond, the tracker means something else
+constexpr std::size_t kMostMoving = 4;
+constexpr std::uint8_t kNoBone = 0xff;
+
+/// A sample of the person's points, and the bone whose skin is nearest to each.
+struct Samples {
+  std::size_t count = 0;
+  alignas(32) std::array<float, kMostSamples> x, y, z;
+  alignas(32) std::array<float, kMostSamples> other;  ///< To the nearest skin that does not move.
+  alignas(32) std::array<float, kMostSamples> skin;   ///< To the nearest skin at all.
+  alignas(32) std::array<std::int32_t, kMostSamples> bone;
+
+  explicit Samples(const PersonPoints& points) {
+    const auto all = static_cast<std::size_t>(points.count);
+    const std::size_t stride = std::max<std::size_t>(1, (all + kMostSamples - 1) / kMostSamples);
+    for (std::size_t i = stride / 2; i < all; i += stride) {
+      x[count] = points.x[i], y[count] = points.y[i], z[count] = points.z[i];
+      other[count++] = std::numeric_limits<float>::max();
+    }
+  }
+
+  /// Lowers `to` to the distance from a bone's skin where that is less.
+  void measure(const Eigen::Vector3f& from, const Eigen::Vector3f& end, const BoneRadii& radii,
+               std::int32_t number, std::array<float, kMostSamples>& to) {
+    const Eigen::Vector3f b = end - from;
+    const Eigen::Vector3f t = b / std::max(b.squaredNorm(), 1e-9F);
+    const float taper = radii.end - radii.start;
+    for (std::size_t i = 0; i < count; ++i) {
+      const float dx = x[i] - from.x(), dy = y[i] - from.y(), dz = z[i] - from.z();
+      const float along = std::clamp(dx * t.x() + dy * t.y() + dz * t.z(), 0.0F, 1.0F);
+      const float ex = dx - along * b.x(), ey = dy - along * b.y(), ez = dz - along * b.z();
+      const float off = std::sqrt(ex * ex + ey * ey + ez * ez) - (radii.start + along * taper);
+      const bool nearer = off < to[i];
+      to[i] = nearer ? off : to[i];
+      bone[i] = nearer ? number : bone[i];
+    }
+  }
+};
+
+/// The joints of a limb from its root as far as they are usable, and the radii between them.
+struct Chain {
+  std::size_t count = 0;
+  std::array<Joint, kMostMoving + 1> joint;
+  std::array<Eigen::Vector3f, kMostMoving + 1> told, place;
+  std::array<BoneRadii, kMostMoving + 1> radii;  ///< Of the bone that ends at the joint.
+
+  Chain(const Skeleton& skeleton, Limb limb, const BoneSegments& bones) {
+    for (const Joint next : limb_chain(limb)) {
+      if (!is_usable(skeleton, next)) break;
+      const auto end = bones.label.begin() + static_cast<std::ptrdiff_t>(bones.count);
+      const auto found = std::find(bones.label.begin(), end, static_cast<std::uint8_t>(next));
+      if (count > 0 && found == end) break;
+      joint[count] = next;
+      told[count] = place[count] = skeleton[next];
+      if (count > 0)
+        radii[count] = bones.radii[static_cast<std::size_t>(found - bones.label.begin())];
+      ++count;
+    }
+  }
+};
+
+class LimbFit {
+ public:
+  LimbFit(const Skeleton& skeleton, const BoneSegments& bones, const PersonPoints& points)
+      : samples_(points),
+        chains_{Chain(skeleton, Limb::kLeftArm, bones), Chain(skeleton, Limb::kRightArm, bones),
+                Chain(skeleton, Limb::kLeftLeg, bones), Chain(skeleton, Limb::kRightLeg, bones)} {
+    for (std::size_t i = 0; i < bones.count; ++i) {
+      if (moves(bones.label[i])) continue;
+      samples_.measure(bones.start[i], bones.end[i], bones.radii[i], kNoBone, samples_.other);
+    }
+  }
+
+  void solve() {
+    for (const float scale : kScales) {
+      assign();
+      for (std::size_t limb = 0; limb < kNumLimbs; ++limb) step(limb, scale);
+    }
+  }
+
+  [[nodiscard]] const std::array<Chain, kNumLimbs>& chains() const { return chains_; }
+
+ private:
+  using Matrix = Eigen::Matrix<double, 3 * kMostMoving, 3 * kMostMoving>;
+  using Vector = Eigen::Matrix<double, 3 * kMostMoving, 1>;
+  static constexpr std::size_t kBonesOfLimb = 8;  // numbers of bones: limb * 8 + place in the chain
+
+  [[nodiscard]] bool moves(std::uint8_t bone) const {
+    for (const Chain& chain : chains_) {
+      for (std::size_t k = 1; k < chain.count; ++k) {
+        if (static_cast<std::uint8_t>(chain.joint[k]) == bone) return true;
+      }
+    }
+    return false;
+  }
+
+  /// Each sample to the nearest skin.
+  void assign() {
+    const std::size_t count = samples_.count;
+    for (std::size_t i = 0; i < count; ++i) {
+      samples_.skin[i] = std::min(samples_.other[i], kFarthest);
+      samples_.bone[i] = kNoBone;
+    }
+    for (std::size_t limb = 0; limb < kNumLimbs; ++limb) {
+      const Chain& chain = chains_[limb];
+      for (std::size_t k = 1; k < chain.count; ++k) {
+        samples_.measure(chain.place[k - 1], chain.place[k], chain.radii[k],
+                         static_cast<std::int32_t>(kBonesOfLimb * limb + k), samples_.skin);
+      }
+    }
+    num_of_.fill(0);
+    for (std::size_t i = 0; i < count; ++i) {
+      if (samples_.bone[i] != kNoBone) ++num_of_[static_cast<std::size_t>(samples_.bone[i])];
+    }
+  }
+
+  /// Moves the joints of one limb.
+  void step(std::size_t limb, float scale) {
+    Chain& chain = chains_[limb];
+    if (chain.count < 2) return;
+    constexpr double kPrior = 1.0 / (kJointNoise * kJointNoise);
+    Matrix information = kPrior * Matrix::Identity();
+    Vector gradient = Vector::Zero();
+    for (std::size_t k = 1; k < chain.count; ++k) {
+      gradient.segment<3>(static_cast<Eigen::Index>(3 * (k - 1))) =
+          kPrior * (chain.told[k] - chain.place[k]).cast<double>();
+    }
+    for (std::size_t i = 0; i < samples_.count; ++i) {
+      const auto bone = static_cast<std::size_t>(samples_.bone[i]);
+      if (bone == kNoBone || bone / kBonesOfLimb != limb) continue;
+      add(limb, bone % kBonesOfLimb, i, scale, information, gradient);
+    }
+    const Vector moved = information.ldlt().solve(gradient);
+    for (std::size_t k = 1; k < chain.count; ++k) {
+      chain.place[k] += moved.segment<3>(static_cast<Eigen::Index>(3 * (k - 1))).cast<float>();
+      const Eigen::Vector3f off = chain.place[k] - chain.told[k];
+      const float most = static_cast<float>(kMostMoved) / std::max(off.norm(), 1e-6F);
+      if (most < 1.0F) chain.place[k] = chain.told[k] + most * off;
+    }
+  }
+
+  /// A point P at Q = A + t (B - A) with u = (P - Q) / |P - Q|: the skin comes nearer to it by
+  /// (1 - t) u dA + t u dB.
+  void add(std::size_t limb, std::size_t k, std::size_t i, float scale, Matrix& information,
+           Vector& gradient) const {
+    const Chain& chain = chains_[limb];
+    const Eigen::Vector3f p(samples_.x[i], samples_.y[i], samples_.z[i]);
+    const Eigen::Vector3f a = chain.place[k - 1], b = chain.place[k] - a;
+    const float along = b.dot(p - a) / std::max(b.squaredNorm(), 1e-9F);
+    const bool is_past_the_end = along >= 1.0F && k + 1 == chain.count;
+    if (is_past_the_end || along < 0.0F) return;  // says nothing across the bone
+    const float t = std::min(along, 1.0F);
+    const Eigen::Vector3f off = p - a - t * b;
+    const Eigen::Vector3d u = off.normalized().cast<double>();
+    const float share = 1.0F + samples_.skin[i] * samples_.skin[i] / (scale * scale);
+    const double told = std::min(1.0, kTold / num_of_[kBonesOfLimb * limb + k]);
+    const double weight = told / (kPointNoise * kPointNoise * share * share);
+    const double of_start = 1.0 - t, of_end = t;
+    const Eigen::Matrix3d block = weight * u * u.transpose();
+    const Eigen::Vector3d pull = weight * samples_.skin[i] * u;
+    const auto end = static_cast<Eigen::Index>(3 * (k - 1));
+    information.block<3, 3>(end, end) += of_end * of_end * block;
+    gradient.segment<3>(end) += of_end * pull;
+    if (k == 1) return;  // the root stays
+    const Eigen::Index start = end - 3;
+    information.block<3, 3>(start, start) += of_start * of_start * block;
+    information.block<3, 3>(start, end) += of_start * of_end * block;
+    information.block<3, 3>(end, start) += of_start * of_end * block;
+    gradient.segment<3>(start) += of_start * pull;
+  }
+
+  Samples samples_;
+  std::array<Chain, kNumLimbs> chains_;
+  std::array<std::int32_t, 256> num_of_{};
+};
+
+}  // namespace
+
+Skeleton fit_limbs(const Skeleton& skeleton, const PersonPoints& points) {
+  const BoneSegments bones = body_bones(skeleton, BoneRule::kSkin);
+  const bool has_radii = std::any_of(bones.radii.begin(),
+                                     bones.radii.begin() + static_cast<std::ptrdiff_t>(bones.count),
+                                     [](const BoneRadii& r) { return r.end > 0.0F; });
+  if (!has_radii) return skeleton;
+  LimbFit fit(skeleton, bones, points);
+  fit.solve();
+  Skeleton result = skeleton;
+  for (const Chain& chain : fit.chains()) {
+    for (std::size_t k = 1; k < chain.count; ++k) {
+      result.positions[static_cast<std::size_t>(chain.joint[k])] = chain.place[k];
+    }
+  }
+  // What hangs at a hand and was not fitted goes with it.
+  for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
+    const std::size_t parent = kJointParents[joint];
+    const bool is_fitted = result.positions[joint] != skeleton.positions[joint];
+    if (is_fitted || !is_usable(skeleton, static_cast<Joint>(joint))) continue;
+    if (!is_usable(skeleton, static_cast<Joint>(parent))) continue;
+    result.positions[joint] += result.positions[parent] - skeleton.positions[parent];
+  }
+  return result;
+}
+
+}  // namespace manip3d
