@@ -176,8 +176,8 @@ def test_takes_the_readers_own_file(
     assert isinstance(values[variable], kind)
     assert str(tmp_path) in capsys.readouterr().out
     if name.startswith("03"):
-        assert values["colour"].shape == (*values["depth"].shape, 3)
-        assert values["colour"].dtype == np.uint8
+        assert values["color"].shape == (*values["depth"].shape, 3)
+        assert values["color"].dtype == np.uint8
         assert values["camera"].width == values["depth"].shape[1]
     if name.startswith("04"):
         assert values["missing"] == "left_arm"

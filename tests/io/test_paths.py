@@ -75,8 +75,8 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "simplify.simplify_depth_file colour": lambda p: simplify.simplify_depth_file(
         "a", "b", OPTIONS, color=p
     ),
-    "simplify.colours_of_frames frames": lambda p: simplify.colors_of_frames([p], "."),
-    "simplify.colours_of_frames colours": lambda p: simplify.colors_of_frames([], p),
+    "simplify.colors_of_frames frames": lambda p: simplify.colors_of_frames([p], "."),
+    "simplify.colors_of_frames colors": lambda p: simplify.colors_of_frames([], p),
     "simplify.common_depth_unit frames": lambda p: simplify.common_depth_unit([p]),
     "io.local_copy source": lambda p: io.local_copy(p).__enter__(),
     "io.local_output output": lambda p: io.local_output(p).__enter__(),
