@@ -1,6 +1,9 @@
 #include <gtest/gtest.h>
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
+#include <new>
 #include <vector>
 
 #include "allocations.hpp"
@@ -77,6 +80,17 @@ class Recording {
   std::vector<std::vector<std::uint16_t>> depth_;
   std::vector<std::vector<std::uint8_t>> body_index_;
 };
+
+// A report without a person is made on whatever its memory held before.
+TEST(PhantomReport, HoldsNoUninitializedJoint) {
+  alignas(PhantomReport) std::array<std::byte, sizeof(PhantomReport)> memory;
+  memory.fill(std::byte{0x5a});
+  const auto* report = new (memory.data()) PhantomReport;
+  for (const Eigen::Vector3f& place : report->skeleton.positions) {
+    EXPECT_TRUE(place == Eigen::Vector3f::Zero());
+  }
+  report->~PhantomReport();
+}
 
 TEST(PhantomPipeline, AllocatesNothingAfterTheTenthFrame) {
   if (!kCountsAllocations) GTEST_SKIP() << "sanitizers allocate in their own way";
