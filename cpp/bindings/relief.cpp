@@ -50,7 +50,8 @@ void bind_relief(py::module_& m) {
   py::enum_<ReliefStop>(m, "ReliefStop")
       .value("target", ReliefStop::kTarget)
       .value("all_points", ReliefStop::kAllPoints)
-      .value("small_pieces", ReliefStop::kSmallPieces);
+      .value("small_pieces", ReliefStop::kSmallPieces)
+      .value("smaller_level", ReliefStop::kSmallerLevel);
   py::class_<ReliefOptions>(m, "ReliefOptions")
       .def(py::init<>())
       .def_readwrite("target_points", &ReliefOptions::target_points)

@@ -450,11 +450,14 @@ class ReliefStop:
       all_points
 
       small_pieces
+
+      smaller_level
     """
 
     __members__: typing.ClassVar[dict[str, ReliefStop]]
     all_points: typing.ClassVar[ReliefStop]
     small_pieces: typing.ClassVar[ReliefStop]
+    smaller_level: typing.ClassVar[ReliefStop]
     target: typing.ClassVar[ReliefStop]
     @typing.overload
     def __eq__(self, other: ReliefStop) -> bool: ...

@@ -180,6 +180,7 @@ void Relief::Memory::build_meshes(const ReliefOptions& options, ReliefResult& re
     // So close to the size before that its vertices were in the way of what is legal.
     if (!levels.empty() && (mesh.num_vertices() > target || !holds(levels.back()))) {
       mesh = levels.back();
+      if (mesh.num_vertices() < target) result.stop = ReliefStop::kSmallerLevel;
     }
     if (last) return;
     fix_vertices();

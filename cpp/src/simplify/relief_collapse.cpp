@@ -27,6 +27,17 @@ float price_of_cut(const Vec3& a, const Vec3& b, const Vec3& c) {
   return side > 0.0F ? doubled_area * doubled_area / (6.0F * side) : 0.0F;
 }
 
+/// Twice the area in pixels of all triangles but one.
+std::int64_t doubled_pixels_beside(const Triangulation& mesh, std::int32_t kept) {
+  std::int64_t sum = 0;
+  for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
+    if (t == kept || !mesh.is_face(t)) continue;
+    const auto [a, b, c] = mesh.triangle(t);
+    sum += mesh.orient(a, b, c);
+  }
+  return sum;
+}
+
 std::int32_t largest_face(const Triangulation& mesh) {
   std::int32_t largest = kNone;
   std::int64_t most = 0;
@@ -309,7 +320,11 @@ std::int64_t Collapser::run(const Surface& surface, Triangulation& mesh, std::in
     if (stuck && !leave_out_least(mesh)) break;  // other pieces may block the way, as in a hole
     all = !made;
   }
-  if (mesh.num_vertices() > target && !has_fixed_) mesh.keep_one(largest_face(mesh));
+  if (mesh.num_vertices() > target && !has_fixed_) {
+    const std::int32_t kept = largest_face(mesh);
+    left_out_ += doubled_pixels_beside(mesh, kept);
+    mesh.keep_one(kept);
+  }
   return (left_out_ + 1) / 2;
 }
 

@@ -38,9 +38,11 @@ class Relief(DepthMesh):
 
     Attributes
     ----------
-    stop : 'target', 'all_points' or 'small_pieces'
-        Reduced to the target; the surface has no more points than that; or small separate pieces
-        were left out, whose points serve better elsewhere.
+    stop : 'target', 'all_points', 'small_pieces' or 'smaller_level'
+        Reduced to the target; the surface has no more points than that; pieces were left out:
+        small separate ones, whose points serve better elsewhere, or all but one triangle where no
+        collapse is left; or the vertices of a smaller level left no way to more, so that its mesh
+        is the result.
     dropped_pixels : int
         Pixels of the pieces left out.
     coverage : float
@@ -56,7 +58,7 @@ class Relief(DepthMesh):
         vertices of smaller levels come first, else they go by pixel, row by row.
     """
 
-    stop: Literal["target", "all_points", "small_pieces"]
+    stop: Literal["target", "all_points", "small_pieces", "smaller_level"]
     dropped_pixels: int
     coverage: float
     bridges: float

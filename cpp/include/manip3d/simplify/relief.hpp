@@ -39,7 +39,9 @@ struct ReliefOptions {
 enum class ReliefStop : std::uint8_t {
   kTarget,       ///< Reduced to the target.
   kAllPoints,    ///< The surface has no more points than the target.
-  kSmallPieces,  ///< Small separate pieces were left out: their points serve better elsewhere.
+  kSmallPieces,  ///< Pieces were left out: small ones, or all but a triangle where nothing else
+                 ///< goes.
+  kSmallerLevel  ///< The vertices of a smaller level left no legal way: its mesh is the result.
 };
 
 /// A mesh over the first vertices of a larger one.
