@@ -89,7 +89,7 @@ LONG: dict[str, Callable[[], Callable[[], object]]] = {
     "forge.crtp": lambda: partial(
         forge.crtp, cloud(), ball(400_000), position=(4, 1, 0), spacing=0.01, threads=1
     ),
-    "forge.resample": lambda: partial(forge.resample, ball(400_000), spacing=0.004, threads=1),
+    "forge.resample": lambda: partial(forge.resample, ball(400_000), spacing=0.008, threads=1),
     "forge.insert_occluding": lambda: partial(
         forge.insert_occluding, cloud(), ball(90_000), position=(6, 1, 0), lattice=RINGS, threads=1
     ),
@@ -154,7 +154,8 @@ OF_A_SECOND = {
     "modify.segment_body", "modify.lift_landmarks", "modify.skeleton_from", "modify.joint_layouts",
     "forge.range_scale", "forge.ctp", "forge.subtract", "forge.deform", "forge.additive",
     "forge.subtractive", "forge.additive_subtractive", "forge.replacement", "forge.translation",
-    "forge.rotation", "authenticate.estimate_grid", "authenticate.kitti_lattice",
+    "forge.rotation", "forge.lattice_insert", "forge.lattice_remove", "forge.spoof",
+    "authenticate.estimate_grid", "authenticate.kitti_lattice",
     "authenticate.combined_verdict", "authenticate.occlusion_consistency",
     "metrics.range_image_error_grid", "metrics.texture_error", "metrics.fmpd",
 }  # fmt: skip

@@ -68,11 +68,11 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "report.write_report results_dir": lambda p: report.write_report(p, "a.md"),
     "report.write_report output": lambda p: report.write_report(".", p + ".md"),
     "viewer.view output": lambda p: viewer.view(mesh, p + ".html"),
-    "io.is_colour_png path": io.is_color_png,
+    "io.is_color_png path": io.is_color_png,
     "io.read_depth_guessing path": io.read_depth_guessing,
     "simplify.simplify_depth_file source": lambda p: simplify.simplify_depth_file(p, "a", OPTIONS),
     "simplify.simplify_depth_file output": lambda p: simplify.simplify_depth_file("a", p, OPTIONS),
-    "simplify.simplify_depth_file colour": lambda p: simplify.simplify_depth_file(
+    "simplify.simplify_depth_file color": lambda p: simplify.simplify_depth_file(
         "a", "b", OPTIONS, color=p
     ),
     "simplify.colors_of_frames frames": lambda p: simplify.colors_of_frames([p], "."),
