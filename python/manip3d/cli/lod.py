@@ -38,7 +38,7 @@ def lod(
     mode: Annotated[
         Mode,
         typer.Option(
-            help="Published: all levels from one run; quality: a run for each, with the least error."
+            help="Published: all levels from one run; quality: a run for each, least error."
         ),
     ] = Mode.published,
     method: Annotated[
