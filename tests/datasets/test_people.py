@@ -149,14 +149,16 @@ class TestPhantoms:
 
     @pytest.mark.slow
     def test_all_62_sequences_pass_with_both_arms_and_both_legs(self) -> None:
-        tracking = total = 0
+        tracking = degraded = total = 0
         for uri in UTD:
             states = phantom_states(uri)
-            assert set(states) <= {"tracking", "holding", "fading", "lost"}
+            assert set(states) <= {"tracking", "degraded", "holding", "fading", "lost"}
             tracking += states["tracking"]
+            degraded += states.get("degraded", 0)
             total += sum(states.values())
         assert total == 4 * 4127
-        assert tracking > 0.9 * total
+        assert tracking > 0.85 * total
+        assert tracking + degraded > 0.98 * total
 
     def test_the_experiment_runs_and_its_claims_are_judged(self) -> None:
         experiment = registry()["real-people-4"]
