@@ -227,14 +227,14 @@ def _tell_model(folder: Path, printed: Sequence[Any]) -> Shown:
     return Shown(pictures, [_compared(light, plain)])
 
 
-_LIGHT = {"light": "QEM4VR", "plain": "plain quadric collapse"}
+_LIGHT = {"light": "the default mode", "plain": "plain quadric collapse"}
 
 
 def _compared(light: Mapping[str, Any], plain: Mapping[str, Any]) -> str:
     """Both methods' errors in one sentence."""
     diagonal = light["boundary_gap"]["diagonal"]
     sentences = []
-    for record, name in ((light, "QEM4VR"), (plain, "plain collapse")):
+    for record, name in ((light, "the default mode"), (plain, "plain collapse")):
         forward = record["metro"]["area"]["forward"]["mean"] / diagonal
         texture = record.get("texture_error", {}).get("mean")
         moved = (
