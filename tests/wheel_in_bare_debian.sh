@@ -35,7 +35,7 @@ quads = np.stack([corner, corner + 1, corner + 21, corner + 20], axis=1)
 vertices = [f"v {x / 19} {y / 19} 0" for y in range(20) for x in range(20)]
 Path("grid.obj").write_text("\n".join(vertices + ["f %d %d %d %d" % tuple(q) for q in quads]))
 PYTHON
-venv/bin/manip3d simplify grid.obj -o light.glb --ratio 0.5 --quiet
+venv/bin/manip3d simplify grid.obj -o light.glb --ratio 0.5 --mode published --quiet
 venv/bin/python - <<'PYTHON'
 import numpy as np
 import manip3d
