@@ -326,7 +326,7 @@ class Examination {
     std::move(voids.begin(), voids.end(), std::back_inserter(voids_));
   }
 
-  // Of the search for voids, the longest stage; it may cancel the work.
+  // Progress of the search for voids, the longest stage; it may cancel.
   [[nodiscard]] Progress stage_progress() const { return part_of(progress_, 0.8, 0.8); }
 
   [[nodiscard]] int cell_row(std::int32_t i) const { return reading_.ring(i) / kCellRings; }

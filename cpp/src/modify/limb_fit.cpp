@@ -65,7 +65,7 @@ struct Chain {
   std::size_t count = 0;
   std::array<Joint, kMostMoving + 1> joint;
   std::array<Eigen::Vector3f, kMostMoving + 1> told, place;
-  std::array<BoneRadii, kMostMoving + 1> radii;  ///< Of the bone that ends at the joint.
+  std::array<BoneRadii, kMostMoving + 1> radii;  ///< Radii of the bone that ends at the joint.
 
   Chain(const Skeleton& skeleton, Limb limb, const BoneSegments& bones) {
     for (const Joint next : limb_chain(limb)) {
@@ -213,7 +213,7 @@ Skeleton fit_limbs(const Skeleton& skeleton, const PersonPoints& points) {
       result.positions[static_cast<std::size_t>(chain.joint[k])] = chain.place[k];
     }
   }
-  // What hangs at a hand and was not fitted goes with it.
+  // Joints below a hand that were not fitted move with it.
   for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
     const std::size_t parent = kJointParents[joint];
     const bool is_fitted = result.positions[joint] != skeleton.positions[joint];

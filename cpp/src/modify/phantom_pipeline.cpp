@@ -323,7 +323,7 @@ class PhantomPipeline::Workspace {
     return options_.segmentation == BoneRule::kSkin ? radius() + kOff : radius();
   }
 
-  /// What lies farther from the skin is no flesh: a seat between two thighs.
+  /// Points farther from the skin are no flesh: a seat between two thighs.
   [[nodiscard]] double flesh() const {
     constexpr double kClothes = 0.06;  // metres, and what girths and joints are off by
     return options_.segmentation == BoneRule::kSkin ? kClothes

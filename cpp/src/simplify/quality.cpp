@@ -572,7 +572,7 @@ class QualitySimplifier {
     }
   }
 
-  /// Of faces on the same three vertices the first one of t's list stays.
+  /// Among faces on the same three vertices, the first one of t's list stays.
   void remove_duplicates(std::int32_t t) {
     doubled_.clear();
     mesh_.for_each_face(t, [&](std::int32_t f, std::int32_t c) {

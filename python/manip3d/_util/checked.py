@@ -75,7 +75,7 @@ class _Kind:
         return self.text
 
     def complaint(self, value: Any) -> str:
-        """What follows the name of a refused argument; of a sequence, the first wrong item's."""
+        """The text after a refused argument's name; in a sequence, the first wrong item's."""
         if self.item is not None and _is_sequence(value):
             for index, each in enumerate(value):
                 if not self.item.accepts(each):

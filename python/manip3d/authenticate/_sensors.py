@@ -57,7 +57,7 @@ FEWEST_DISTINCT = 500
 """Of 20 000 points; copies of fewer are no scan."""
 
 SECTORS, FEWEST_OF_SECTOR, FEWEST_SECTORS = 72, 100, 8
-"""Of the horizon, 5 degrees each, and what makes them worth a look, as in detector III."""
+"""Sectors of the horizon, fewest points of one that counts, and fewest sectors that count."""
 
 NEAR_LINES = 0.02
 """Metres: a cloud of the scanner that was moved, rounded or deskewed stays as near to the lines."""

@@ -32,7 +32,7 @@ ROUNDING = 1e-3
 """Radians by which rounding to whole millimetres turns near points."""
 
 FEWEST_LASERS = 8
-"""That answered at a count of the encoder at which the head fired."""
+"""Lasers that answer, at least, at a count of the encoder at which the head fired."""
 
 
 class Readings(Protocol):
@@ -228,6 +228,8 @@ def lattice_remove(
     place = reading.ring.astype(np.int64) * lattice.steps
     place += np.mod(reading.count - start, lattice.steps)
     beside = np.flatnonzero(on & ~inside)
+    if not len(beside):
+        return _rewritten("lattice remove", scene, lattice, rows[:0], _NOTHING, None, {})
     beside = beside[np.argsort(place[beside], kind="stable")]
     at = np.searchsorted(place[beside], place[rows])
     left, right = beside[(at - 1).clip(min=0)], beside[at.clip(max=len(beside) - 1)]

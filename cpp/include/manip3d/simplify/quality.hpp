@@ -30,10 +30,11 @@ struct QualityResult {
   double max_error = 0.0;                ///< Largest error among the steps made, input units.
   CollapseStop stop = CollapseStop::kTargetReached;
   std::array<std::int64_t, kNumRejections> rejected{};  ///< Candidates turned down, by Rejection.
-  std::int64_t removed_pieces = 0;       ///< Pieces that vanished because that cost least.
-  std::int64_t relaxed_collapses = 0;    ///< Made against the rules, to reach the target.
-  std::int64_t dropped_faces = 0;        ///< Input faces with a repeated vertex, left out.
-  std::optional<double> distance_bound;  ///< Of the surfaces' distance; with max_distance only.
+  std::int64_t removed_pieces = 0;     ///< Pieces that vanished because that cost least.
+  std::int64_t relaxed_collapses = 0;  ///< Made against the rules, to reach the target.
+  std::int64_t dropped_faces = 0;      ///< Input faces with a repeated vertex, left out.
+  std::optional<double>
+      distance_bound;  ///< Upper bound of the Hausdorff distance, with max_distance.
 };
 
 /// Edge collapse with vertices where the error is least, on any triangle soup: boundaries,

@@ -55,7 +55,7 @@ struct ReliefResult {
   std::vector<ReliefLevel> levels;  ///< As ReliefOptions::levels; at most so many vertices each.
   ReliefStop stop = ReliefStop::kTarget;
   std::int64_t dropped_pixels = 0;  ///< kSmallPieces: pixels of the pieces left out.
-  DepthCoverage cover;              ///< What the mesh covers before points move.
+  DepthCoverage cover;              ///< Coverage of the mesh before points move.
   double mean_move = 0.0;           ///< move_points: of the vertices, in units of the points.
   double max_move = 0.0;
 };
