@@ -9,7 +9,6 @@ from manip3d._util import main_interpreter  # noqa: F401
 
 # isort: split
 from manip3d._core import __version__
-from manip3d.camera import Intrinsics, Registration
 from manip3d.errors import (
     DeviceError,
     Error,
@@ -18,13 +17,14 @@ from manip3d.errors import (
     MissingExtraError,
     RenderError,
 )
-from manip3d.io import read_mesh, read_scan
-from manip3d.lidar import Box, LidarFrame
-from manip3d.mesh import Material, Mesh, Texture
-from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
 
 if TYPE_CHECKING:
-    from manip3d import io
+    from manip3d import camera, io
+    from manip3d.camera import Intrinsics, Registration
+    from manip3d.io import read_mesh, read_scan
+    from manip3d.lidar import Box, LidarFrame
+    from manip3d.mesh import Material, Mesh, Texture
+    from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
     from manip3d.viewer import view
 
 __all__ = [
@@ -65,7 +65,7 @@ __all__ = [
     "viewer",
 ]
 
-_LAZY = frozenset(
+_MODULES = frozenset(
     {
         "authenticate",
         "batch",
@@ -84,15 +84,31 @@ _LAZY = frozenset(
         "viewer",
     }
 )
+_HOMES = {
+    "Box": "lidar",
+    "Intrinsics": "camera",
+    "LidarFrame": "lidar",
+    "Material": "mesh",
+    "Mesh": "mesh",
+    "Registration": "camera",
+    "RgbdCalibration": "rgbd",
+    "RgbdFrame": "rgbd",
+    "Skeleton": "rgbd",
+    "Texture": "mesh",
+    "read_mesh": "io",
+    "read_scan": "io",
+    "view": "viewer",
+}
+"""Where each name of the top level is defined: numpy is imported with the first that is used."""
 
 
 def __getattr__(name: str) -> Any:
-    if name in _LAZY:
+    if name in _MODULES:
         return importlib.import_module(f"manip3d.{name}")
-    if name == "view":
-        from manip3d.viewer import view
-
-        return view
+    if name in _HOMES:
+        value = getattr(importlib.import_module(f"manip3d.{_HOMES[name]}"), name)
+        globals()[name] = value
+        return value
     raise AttributeError(f"module 'manip3d' has no attribute {name!r}")
 
 

@@ -13,13 +13,12 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
-import typer
 from typer.testing import CliRunner
 
 import manip3d
 from cave_scans import CAVE, ball
 from manip3d._util.extras import EXTRAS
-from manip3d.cli import app
+from manip3d.cli import _VERBS, app, load
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
@@ -53,8 +52,8 @@ def commands(
     command: click.Command | None = None, path: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], click.Command]]:
     """Every command with its words, such as ``("capture", "record")``."""
-    command = command or typer.main.get_command(app)
-    for name, part in getattr(command, "commands", {}).items():
+    parts = command.commands if command else {verb: load(verb) for verb in _VERBS}
+    for name, part in parts.items():
         if hasattr(part, "commands"):
             yield from commands(part, (*path, name))
         else:
@@ -132,7 +131,7 @@ def check(line: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     words = shortened(line)
     if any(" ".join(words).startswith(name) for name in NOT_RUN):
-        command: click.Command = typer.main.get_command(app)
+        command: click.Command = load(words.pop(0))
         while hasattr(command, "commands"):
             command = command.commands[words.pop(0)]
         command.make_context(command.name, words)  # raises click.UsageError for a wrong option

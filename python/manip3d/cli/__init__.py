@@ -1,74 +1,80 @@
 """The command ``manip3d``: each verb parses its arguments, calls a public function and prints.
 
-One module for each verb: its options, and how its result is printed. Heavy packages are imported by
-the verb that needs them, so that ``manip3d --help`` is quick.
+One module for each verb: its options, and how its result is printed. A verb's module is imported
+when the verb is used, so that ``manip3d --help`` is quick.
 """
 
 from __future__ import annotations
 
 import contextlib
+import importlib
 import io
 import os
 import sys
-from typing import Annotated, NoReturn, TextIO
+from typing import Annotated, Any, NoReturn, TextIO
 
 import typer
-
-from manip3d.cli import (
-    capture,
-    compare,
-    convert,
-    data,
-    demo,
-    depth,
-    doctor,
-    forge,
-    info,
-    inspect,
-    lod,
-    phantom,
-    report,
-    reproduce,
-    simplify,
-    simulate,
-    view,
-)
+from typer.core import TyperCommand, TyperGroup
 
 __all__ = ["app", "main"]
 
+_VERBS = {
+    "simplify": "Reduce the faces of a mesh.",
+    "lod": "Write levels of detail of a mesh.",
+    "depth": "Turn a depth image or a range scan into a sparse textured mesh.",
+    "compare": "Measure how far a mesh is from its original.",
+    "info": "Count what a mesh, a scan or a recording is made of.",
+    "view": "Show a mesh or a scan, or write a page or a picture.",
+    "convert": "Write a mesh or a scan in another format.",
+    "simulate": "Make drives, scans and meshes with known truth.",
+    "inspect": "Look for edits of a LiDAR scan.",
+    "demo": "Show on one page what this is for, with pictures.",
+    "doctor": "Print what is installed, what is missing, why, and the cure.",
+    "reproduce": "Run the experiments behind published tables and figures.",
+    "report": "Turn a results folder into one page: .html, .md or .csv.",
+    "cs3": "Same as 'depth', whose default method is CS3.",
+    "data": "Public data sets: what is here, and fetching more.",
+    "forge": "Forge LiDAR scans, with the truth beside them.",
+    "phantom": "Render a missing limb by mirroring the intact one.",
+    "capture": "RGB-D cameras and recordings: list, record, play, export, info.",
+}
+"""Each verb, in the order of the help text, and what that says about it."""
+
+
+class _Verbs(TyperGroup):
+    """The verbs by name and one line of help; a verb is loaded when it is resolved."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        for name, line in _VERBS.items():
+            self.add_command(TyperCommand(name, help=line))
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        if args[0] in _VERBS:
+            self.add_command(load(args[0]), args[0])
+        return super().resolve_command(ctx, args)
+
+
+def load(verb: str) -> Any:
+    """Import the module of a verb; return its command, or its group of commands."""
+    module = importlib.import_module(f"manip3d.cli.{'depth' if verb == 'cs3' else verb}")
+    if hasattr(module, "app"):
+        return typer.main.get_group(module.app)
+    single = typer.Typer(rich_markup_mode=None, add_completion=False)
+    other_help = _VERBS[verb] if verb == "cs3" else None
+    single.command(verb, help=other_help)(getattr(module, "depth" if verb == "cs3" else verb))
+    return typer.main.get_command(single)
+
+
 app = typer.Typer(
     name="manip3d",
+    cls=_Verbs,
     help="Make 3D content lighter, change it, and tell whether somebody else changed it.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-_SHORT = {
-    "info": "Count what a mesh, a scan or a recording is made of.",
-    "view": "Show a mesh or a scan, or write a page or a picture.",
-}
-"""Help that fits the list of commands, where the first line does not."""
-
-for verb in (
-    simplify.simplify,
-    lod.lod,
-    depth.depth,
-    compare.compare,
-    info.info,
-    view.view,
-    convert.convert,
-    simulate.simulate,
-    inspect.inspect,
-    demo.demo,
-    doctor.doctor,
-    reproduce.reproduce,
-    report.report,
-):
-    app.command(short_help=_SHORT.get(verb.__name__))(verb)
-app.command("cs3", help="Same as 'depth', whose default method is CS3.")(depth.depth)
-for group in (data, forge, phantom, capture):
-    app.add_typer(group.app)
 
 
 @app.callback(invoke_without_command=True)
