@@ -160,3 +160,10 @@ def test_commands_write_the_truth_of_their_bytes(attack: str, tmp_path: Path) ->
     assert kept.tobytes() == np.delete(before, truth["moved_from"], axis=0).tobytes()
     changed = after[truth["moved"], :3] != before[truth["moved_from"], :3]
     assert changed.any(axis=1).all()
+
+
+def test_a_box_around_everything_leaves_the_scan_as_it_is() -> None:
+    everything = Box((0.0, 0.0, 0.0), (500.0, 500.0, 100.0))
+    forged = forge.lattice_remove(FRAME, everything, lattice=LATTICE)
+    assert not len(forged.moved)
+    assert forged.points.tobytes() == STREET.tobytes()
