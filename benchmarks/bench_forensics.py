@@ -29,7 +29,8 @@ Detector = Callable[[Any], object]
 
 def detectors(folder: Path) -> dict[str, Detector]:
     """By name; each looks at one frame."""
-    from manip3d import authenticate, read_scan
+    from manip3d import authenticate
+    from manip3d.io import read_scan
 
     before = read_scan(folder / TUNING / "0000000008.bin.xz")
     lattice = authenticate.estimate_lattice([read_scan(folder / TUNING / "0000000000.bin.xz")])
@@ -62,7 +63,8 @@ def main() -> None:
     rounds = parser.parse_args().rounds
     one_thread()  # before any library counts the cores
     import tables
-    from manip3d import datasets, read_scan
+    from manip3d import datasets
+    from manip3d.io import read_scan
 
     folder = datasets.data_root()
     if folder is None or not (folder / RAW).is_dir():

@@ -139,4 +139,4 @@ def test_box_contains_what_lies_inside() -> None:
 
 def test_top_level_names() -> None:
     assert manip3d.LidarFrame is LidarFrame
-    assert manip3d.read_scan is manip3d.io.read_scan
+    assert "read_scan" not in manip3d.__all__

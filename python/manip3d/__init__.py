@@ -21,7 +21,7 @@ from manip3d.errors import (
 if TYPE_CHECKING:
     from manip3d import camera, io
     from manip3d.camera import Intrinsics, Registration
-    from manip3d.io import read_mesh, read_scan
+    from manip3d.io import read_mesh
     from manip3d.lidar import Box, LidarFrame
     from manip3d.mesh import Material, Mesh, Texture
     from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
@@ -57,7 +57,6 @@ __all__ = [
     "metrics",
     "modify",
     "read_mesh",
-    "read_scan",
     "report",
     "simplify",
     "simulate",
@@ -96,7 +95,6 @@ _HOMES = {
     "Skeleton": "rgbd",
     "Texture": "mesh",
     "read_mesh": "io",
-    "read_scan": "io",
     "view": "viewer",
 }
 """Where each name of the top level is defined: numpy is imported with the first that is used."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from cave_scans import CAVE, STEP, Points, ball, cave
-from manip3d import InputError, LidarFrame, _core, forge, read_scan
+from manip3d import InputError, LidarFrame, _core, forge
 from manip3d.authenticate import (
     PAPER_DENSITY,
     AngularGrid,
@@ -22,6 +22,7 @@ from manip3d.authenticate import (
     estimate_grid,
     occlusion_consistency,
 )
+from manip3d.io import read_scan
 from manip3d.metrics import nearest_distances
 from real_data import RealData
 

@@ -187,7 +187,7 @@ REAL = {
 
 @pytest.mark.parametrize("name", REAL)
 def test_real_scans(realdata: RealData, name: str) -> None:
-    points = manip3d.read_scan(realdata(f"lidar/tls/{name}")).points
+    points = manip3d.io.read_scan(realdata(f"lidar/tls/{name}")).points
     assert estimate_origin(points).position == (0.0, 0.0, 0.0)
     offset = np.random.default_rng(len(name)).uniform(-20, 20, 3)
     found = estimate_origin(moved(points, offset))
@@ -198,12 +198,12 @@ def test_real_scans(realdata: RealData, name: str) -> None:
 
 def test_two_real_scans_fused(realdata: RealData) -> None:
     paths = [realdata(f"lidar/tls/room_scan{i}.ply.xz") for i in (1, 2)]
-    first, second = (manip3d.read_scan(path).points for path in paths)
+    first, second = (manip3d.io.read_scan(path).points for path in paths)
     assert estimate_origin(np.concatenate([first, moved(second, (0.8, 0.5, 0))])).position is None
 
 
 def test_a_spinning_scanner_stands_on_its_lattice(realdata: RealData) -> None:
-    points = manip3d.read_scan(realdata("lidar/kitti_object/velodyne/demo.bin.xz")).points
+    points = manip3d.io.read_scan(realdata("lidar/kitti_object/velodyne/demo.bin.xz")).points
     found = estimate_origin(points)
     assert found.position == (0.0, 0.0, 0.0)
     assert "lattice" in found.reason

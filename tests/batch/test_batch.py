@@ -15,8 +15,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from manip3d import LidarFrame, Material, Mesh, Texture, batch, io, read_mesh, read_scan
+from manip3d import LidarFrame, Material, Mesh, Texture, batch, io, read_mesh
 from manip3d.errors import Error, FormatError, InputError
+from manip3d.io import read_scan
 from toy_work import running, upper
 
 TESTS = Path(__file__).parents[1]

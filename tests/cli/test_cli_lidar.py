@@ -117,7 +117,7 @@ def test_every_attack_writes_a_scan_and_its_truth(
     )
     assert done.exit_code == 0, done.output
     truth = json.loads((tmp_path / "forged.bin.truth.json").read_text())
-    forged = manip3d.read_scan(output)
+    forged = manip3d.io.read_scan(output)
     assert forged.num_points == truth["points"]
     assert len(truth["added"]) + len(truth["moved"]) + len(truth["removed"]) > 0
     check_truth(truth, CAVE, forged.points)
@@ -142,7 +142,7 @@ def test_truth_files_tell_what_the_bytes_say(
     attack: str, suffix: str, scan: Path, hoax: Path, tmp_path: Path
 ) -> None:
     source = tmp_path / f"scan{suffix}"
-    manip3d.read_scan(scan).write(source)
+    manip3d.io.read_scan(scan).write(source)
     output = tmp_path / f"forged{suffix}"
     place = CAVE[len(CAVE) // 2] if attack == "crtp" else (3, 1, 0)
     done = run(
@@ -151,7 +151,7 @@ def test_truth_files_tell_what_the_bytes_say(
     )  # fmt: skip
     assert done.exit_code == 0, done.output
     truth = json.loads(output.with_name(output.name + ".truth.json").read_text())
-    before, after = manip3d.read_scan(source).points, manip3d.read_scan(output).points
+    before, after = manip3d.io.read_scan(source).points, manip3d.io.read_scan(output).points
     assert len(truth["added"]) + len(truth["moved"]) + len(truth["removed"]) > 0
     check_truth(truth, before, after)
 
@@ -191,7 +191,7 @@ def test_hoaxes_with_y_up_stand_upright(
         "--position", 3, 1, 0, "-q",
     )  # fmt: skip
     assert done.exit_code == 0, done.output
-    pasted = manip3d.read_scan(tmp_path / "forged.bin").points[len(CAVE) :]
+    pasted = manip3d.io.read_scan(tmp_path / "forged.bin").points[len(CAVE) :]
     np.testing.assert_allclose(np.ptp(pasted, axis=0), size, atol=1e-5)
 
 
@@ -204,7 +204,7 @@ def test_y_up_turns_and_does_not_mirror(scan: Path, tmp_path: Path) -> None:
         "--position", 3, 1, 0, "-q",
     )  # fmt: skip
     assert done.exit_code == 0, done.output
-    x, y, z = manip3d.read_scan(output).points[len(CAVE) :].astype(float)
+    x, y, z = manip3d.io.read_scan(output).points[len(CAVE) :].astype(float)
     np.testing.assert_allclose(y - x, [-1, 0, 2], atol=1e-5)  # the mesh's y became z
     np.testing.assert_allclose(z - x, [-1, -4, 0], atol=1e-5)  # and its z became -y
 

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from manip3d import LidarFrame, capture, read_scan
+from manip3d import LidarFrame, capture
 from manip3d.datasets import open_kitti
+from manip3d.io import read_scan
 from velodyne_packets import block, ethernet, packet, pcap, udp_frame
 
 

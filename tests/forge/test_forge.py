@@ -467,5 +467,5 @@ def test_written_back_as_it_was_read(tmp_path: object) -> None:
     frame = LidarFrame(room(), np.linspace(0, 1, 4000, dtype=np.float32))
     path = f"{tmp_path}/forged.bin"
     forge.subtract(frame, BOX).write(path)
-    again = manip3d.read_scan(path)
+    again = manip3d.io.read_scan(path)
     np.testing.assert_array_equal(again.points, forge.subtract(frame, BOX).points)

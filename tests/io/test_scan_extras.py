@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from manip3d import FormatError, InputError, LidarFrame, io, read_scan
+from manip3d import FormatError, InputError, LidarFrame, io
+from manip3d.io import read_scan
 from manip3d.lidar import ScanFormat
 
 laspy = pytest.importorskip("laspy")

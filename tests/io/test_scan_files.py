@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from manip3d import FormatError, InputError, LidarFrame, MissingExtraError, capture, read_scan
-from manip3d.io import write_scan
+from manip3d import FormatError, InputError, LidarFrame, MissingExtraError, capture
+from manip3d.io import read_scan, write_scan
 from manip3d.lidar import ScanFormat
 
 

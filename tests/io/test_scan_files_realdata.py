@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from manip3d import read_scan
+from manip3d.io import read_scan
 from real_data import RealData
 
 # Points, those at (0, 0, 0), least and largest range as the manifest has them (None: not told).

@@ -81,7 +81,7 @@ MEASURE = textwrap.dedent(
             for frame in capture.open("pcap:" + sys.argv[1]):
                 pass
         else:
-            manip3d.read_scan(sys.argv[1])
+            manip3d.io.read_scan(sys.argv[1])
     except manip3d.FormatError:
         pass
     seconds = time.process_time() - start

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
-#include <numbers>
 #include <string>
 
+#include "geometry/constants.hpp"
 #include "geometry/directions.hpp"
 #include "geometry/select_rows.hpp"
 #include "manip3d/error.hpp"
@@ -14,11 +14,10 @@
 namespace manip3d {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-constexpr double kUnit = 1e-6;        // metres: distances are summed as whole numbers of it
-constexpr double kFarthest = 1000.0;  // metres: a lone point's distance counts as no more
-constexpr double kLookup = 0.005;     // metres: steps of the table from ranges to levels
-constexpr float kSteepest = 0.2F;     // least cosine of an elevation that is divided by
+constexpr double kUnit = 1e-6;          // metres: distances are summed as whole numbers of it
+constexpr double kLongestGap = 1000.0;  // metres: a lone point's distance counts as no more
+constexpr double kLookup = 0.005;       // metres: steps of the table from ranges to levels
+constexpr float kSteepest = 0.2F;       // least cosine of an elevation that is divided by
 constexpr std::int64_t kMostCells = 1 << 26;
 
 // From a point to its sector and level.
@@ -117,7 +116,7 @@ DensityLevels density_levels(const PointsView& view, std::span<const double> dis
   std::vector<std::int64_t> sums(size);
   const auto sum_up = [&](std::int64_t begin, std::int64_t end) {
     finder.visit(view, begin, end, [&](std::int64_t i, std::int64_t cell, float cosine) {
-      double distance = std::min(distances[i], kFarthest);
+      double distance = std::min(distances[i], kLongestGap);
       if (options.level_out) distance /= std::max(cosine, kSteepest);
       const auto units = static_cast<std::int64_t>(distance / kUnit + 0.5);
       std::atomic_ref(sums[cell]).fetch_add(units, std::memory_order_relaxed);

@@ -3,15 +3,14 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <numbers>
+
+#include "geometry/constants.hpp"
 
 namespace manip3d {
 namespace {
 
 // Half a millimetre of rounding in x and y turns a point 1 m away by this much at most.
 constexpr float kAzimuthRounding = 1e-3F;
-
-constexpr float kFullTurn = 2.0F * std::numbers::pi_v<float>;
 
 // The rings of a file begin at about one azimuth: within this, of most rings.
 constexpr int kStartBins = 360;
@@ -28,13 +27,13 @@ float first_azimuth(const LatticeReading& reading) {
   }
   if (starts.size() < kFewestStarts) return 0.0F;
   const auto bin_of = [](float azimuth) {
-    return std::min(static_cast<int>(azimuth * (kStartBins / kFullTurn)), kStartBins - 1);
+    return std::min(static_cast<int>(azimuth * (kStartBins / kFullTurnF)), kStartBins - 1);
   };
   std::vector<std::size_t> bins(kStartBins, 0);
   for (const float azimuth : starts) ++bins[bin_of(azimuth)];
   const auto most = std::max_element(bins.begin(), bins.end());
   if (2 * *most < starts.size() || most == bins.begin()) return 0.0F;
-  float first = kFullTurn;
+  float first = kFullTurnF;
   for (const float azimuth : starts) {
     if (bin_of(azimuth) == most - bins.begin()) first = std::min(first, azimuth);
   }
@@ -45,7 +44,7 @@ float first_azimuth(const LatticeReading& reading) {
 std::uint64_t place_of(const LatticeReading& reading, std::int32_t i, float first) {
   const auto ring = static_cast<std::uint64_t>(reading.ring(i));
   const float ahead = reading.azimuth(i) - first;
-  return ring << 32U | std::bit_cast<std::uint32_t>(ahead < 0.0F ? ahead + kFullTurn : ahead);
+  return ring << 32U | std::bit_cast<std::uint32_t>(ahead < 0.0F ? ahead + kFullTurnF : ahead);
 }
 
 // The longest non-descending subsequence of the points that have a ring [Fredman 1975].
@@ -92,7 +91,7 @@ std::vector<std::int32_t> longest_in_order(const LatticeReading& reading) {
 bool is_rounding(const LatticeReading& reading, std::int32_t i, std::int32_t neighbour) {
   const float apart = std::abs(reading.azimuth(i) - reading.azimuth(neighbour));
   return reading.ring(i) == reading.ring(neighbour) &&
-         std::min(apart, std::abs(kFullTurn - apart)) < kAzimuthRounding;
+         std::min(apart, std::abs(kFullTurnF - apart)) < kAzimuthRounding;
 }
 
 }  // namespace

@@ -4,7 +4,6 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
-#include <numbers>
 #include <numeric>
 #include <optional>
 
@@ -13,6 +12,7 @@
 #include "authenticate/range_windows.hpp"
 #include "authenticate/ring_image.hpp"
 #include "authenticate/void_search.hpp"
+#include "geometry/constants.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/angles.hpp"
 
@@ -34,7 +34,6 @@ constexpr std::size_t kSectors = 72;
 constexpr std::int64_t kFewestOfSector = 100;
 constexpr std::size_t kFewestSectors = 8;
 constexpr double kSpoiledShare = 0.02;
-constexpr double kFullTurn = 2.0 * std::numbers::pi;
 
 constexpr std::size_t index_of(Evidence evidence) { return static_cast<std::size_t>(evidence); }
 

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <string>
 
+#include "geometry/constants.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/angles.hpp"
 #include "manip3d/geometry/parallel.hpp"
@@ -12,7 +12,6 @@
 namespace manip3d {
 namespace {
 
-constexpr double kFullTurn = 2.0 * std::numbers::pi;
 constexpr std::int64_t kChunk = 8192;
 // A byte for each laser and step is held.
 constexpr int kMaxRings = 1024;

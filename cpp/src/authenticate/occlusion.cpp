@@ -6,12 +6,12 @@
 #include <cmath>
 #include <functional>
 #include <limits>
-#include <numbers>
 #include <span>
 #include <string>
 #include <utility>
 
 #include "authenticate/cell_mask.hpp"
+#include "geometry/constants.hpp"
 #include "geometry/directions.hpp"
 #include "geometry/median.hpp"
 #include "geometry/select_rows.hpp"
@@ -24,8 +24,7 @@
 namespace manip3d {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-constexpr std::int64_t kMostCells = 1 << 28;
+constexpr std::int64_t kMostRays = 1 << 28;
 constexpr float kNothing = std::numeric_limits<float>::infinity();
 constexpr std::int64_t kEmptyRows = 4;  // around what was seen: more than closing and median reach
 constexpr std::int32_t kNowhere = -1;   // the cell of a point in the origin, which has no direction
@@ -37,7 +36,7 @@ void check_options(const OcclusionOptions& options) {
         std::isfinite(grid.azimuth_phase) && std::isfinite(grid.elevation_phase))) {
     throw InputError("grid: expected steps above 0 and up to 45 degrees");
   }
-  if (!(2.0 * kPi / grid.azimuth_step * kPi / grid.elevation_step < kMostCells)) {
+  if (!(2.0 * kPi / grid.azimuth_step * kPi / grid.elevation_step < kMostRays)) {
     throw InputError("grid: expected at most 2^28 cells");
   }
   if (!options.origin.allFinite()) throw InputError("origin: expected finite numbers");

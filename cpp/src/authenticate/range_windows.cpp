@@ -20,7 +20,7 @@ constexpr std::array<Extent, 3> kWindows = {{{1, 1}, {2, 4}, {4, 9}}};
 constexpr double kLeastShare = 0.25;
 
 // Fewer incoherent ranges in a window reach no exponent that counts.
-constexpr std::int32_t kFewest = 6;
+constexpr std::int32_t kFewestIncoherent = 6;
 
 // ln x for x > 0 from additions, multiplications and divisions: the same bits on every CPU.
 double natural_log(double x) {
@@ -92,7 +92,7 @@ RangeVoxels<float> incoherent_windows(const RangeVoxels<RangeTally>& voxels, dou
         sum.incoherent += voxels(r, c, l).incoherent;
       });
       if (sum.incoherent < kLeastShare * sum.points) return;  // the larger ones hold fewer still
-      if (sum.incoherent < kFewest) continue;
+      if (sum.incoherent < kFewestIncoherent) continue;
       const auto exponent = static_cast<float>(chernoff(sum, incoherence));
       if (exponent < threshold) continue;
       window.each([&](int r, int c, int l) {

@@ -3,18 +3,16 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
 #include <numeric>
 #include <span>
 
 #include "authenticate/ring_image.hpp"
+#include "geometry/constants.hpp"
 #include "geometry/median.hpp"
 #include "manip3d/geometry/angles.hpp"
 
 namespace manip3d {
 namespace {
-
-constexpr double kFullTurn = 2.0 * std::numbers::pi;
 
 // A fired step has at least 0.74 of the votes of its busiest neighbour in KITTI's frames; a step
 // between two firings has none, or those of an object pasted there.

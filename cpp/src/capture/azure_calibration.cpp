@@ -3,14 +3,14 @@
 #include <Eigen/Dense>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <string>
+
+#include "geometry/constants.hpp"
 
 namespace manip3d {
 namespace {
 
 constexpr double kUsualRadius = 1.7;  // of the SDK, where the calibration says 0
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
 /// x, y in units of the focal length, before and behind the lens: OpenCV's rational model.
 struct Lens {
@@ -145,8 +145,8 @@ std::vector<float> ray_table(const Intrinsics& camera, const Lens& lens) {
     for (std::int64_t u = 0; u < camera.width; ++u) {
       const auto ray =
           lens.undistort(normalized(camera, static_cast<double>(u), static_cast<double>(v)));
-      rays.push_back(ray ? static_cast<float>(ray->x()) : kNan);
-      rays.push_back(ray ? static_cast<float>(ray->y()) : kNan);
+      rays.push_back(ray ? static_cast<float>(ray->x()) : kNanF);
+      rays.push_back(ray ? static_cast<float>(ray->y()) : kNanF);
       known += ray ? 1 : 0;
     }
   }

@@ -5,6 +5,7 @@
 #include <limits>
 #include <span>
 
+#include "geometry/constants.hpp"
 #include "manip3d/capture/recorder.hpp"
 #include "parse/base64.hpp"
 
@@ -23,7 +24,6 @@ Json exact(double value) {
 
 double exact(const JsonPlace& place) {
   if (!place.is_text()) return place.number();
-  constexpr double kInfinity = std::numeric_limits<double>::infinity();
   const std::string& word = place.text();
   if (word == "inf") return kInfinity;
   if (word == "-inf") return -kInfinity;

@@ -19,7 +19,7 @@ constexpr std::size_t kBlocks = 12;
 constexpr std::size_t kFirings = 32;  // of a block
 constexpr std::size_t kBlockBytes = 100;
 constexpr std::size_t kPositionPacketBytes = 512;
-constexpr std::uint32_t kFullTurn = 36000;  // 0.01 degrees
+constexpr std::uint32_t kTurnTicks = 36000;  // 0.01 degrees
 constexpr std::uint32_t kUpperFlag = 0xEEFF;
 constexpr std::uint32_t kLowerFlag = 0xDDFF;
 constexpr std::uint32_t kHour = 3'600'000'000;  // microseconds
@@ -85,10 +85,10 @@ constexpr std::array<double, 32> kVlp32cAzimuth = {
 // whatever the CPU.
 const std::vector<SinCos>& turn_table() {
   static const std::vector<SinCos> table = [] {
-    std::vector<SinCos> values(kFullTurn + 1);
+    std::vector<SinCos> values(kTurnTicks + 1);
     for (std::size_t i = 0; i < values.size(); ++i) {
       const long double angle =
-          static_cast<long double>(i) * std::numbers::pi_v<long double> / (kFullTurn / 2);
+          static_cast<long double>(i) * std::numbers::pi_v<long double> / (kTurnTicks / 2);
       values[i] = {static_cast<double>(std::sin(angle)), static_cast<double>(std::cos(angle))};
     }
     return values;
@@ -107,18 +107,19 @@ SinCos sin_cos_deg(double degrees) {
 SinCos sin_cos_centideg(double azimuth) {
   const auto whole = static_cast<std::size_t>(azimuth);
   const SinCos& base = turn_table()[whole];
-  const double rest = (azimuth - static_cast<double>(whole)) * (std::numbers::pi / (kFullTurn / 2));
+  const double rest =
+      (azimuth - static_cast<double>(whole)) * (std::numbers::pi / (kTurnTicks / 2));
   const double cos = 1.0 - 0.5 * rest * rest;
   return {base.sin * cos + base.cos * rest, base.cos * cos - base.sin * rest};
 }
 
 double wrapped(double azimuth) {
-  if (azimuth < 0.0) return azimuth + kFullTurn;
-  return azimuth >= kFullTurn ? azimuth - kFullTurn : azimuth;
+  if (azimuth < 0.0) return azimuth + kTurnTicks;
+  return azimuth >= kTurnTicks ? azimuth - kTurnTicks : azimuth;
 }
 
 std::uint32_t forward(std::uint32_t from, std::uint32_t to) {
-  return (to + kFullTurn - from) % kFullTurn;
+  return (to + kTurnTicks - from) % kTurnTicks;
 }
 
 std::uint32_t read16(std::span<const std::byte> bytes, std::size_t at) {
@@ -234,7 +235,7 @@ VelodyneDecoder::VelodyneDecoder(VelodyneOptions options) : options_(std::move(o
         "calibration: expected finite numbers, azimuth offsets within 180 degrees and a range unit "
         "in (0, 1) metres");
   }
-  cut_ = static_cast<std::uint32_t>(options_.cut_azimuth_deg * 100.0 + 0.5) % kFullTurn;
+  cut_ = static_cast<std::uint32_t>(options_.cut_azimuth_deg * 100.0 + 0.5) % kTurnTicks;
   reset();
 }
 
@@ -321,7 +322,7 @@ void VelodyneDecoder::read_packet(std::span<const std::byte> payload, Packet& pa
     block.azimuth = read16(payload, b * kBlockBytes + 2);
     block.is_lower = flag == kLowerFlag;
     const bool good_flag = flag == kUpperFlag || (is_hdl64e && block.is_lower);
-    block.is_good = good_flag && block.azimuth < kFullTurn;
+    block.is_good = good_flag && block.azimuth < kTurnTicks;
     if (!good_flag) {
       ++counters_.bad_block_flag;
     } else if (!block.is_good) {
@@ -407,7 +408,7 @@ void VelodyneDecoder::decode(std::span<const std::byte> payload, double receive_
 void VelodyneDecoder::advance(std::uint32_t azimuth, const Packet& packet, bool is_first) {
   bool at_cut = false;
   if (last_azimuth_) {
-    if (forward(*last_azimuth_, azimuth) >= kFullTurn / 2) {
+    if (forward(*last_azimuth_, azimuth) >= kTurnTicks / 2) {
       ++counters_.backward_azimuth;
     } else {
       at_cut = forward(cut_, azimuth) < forward(cut_, *last_azimuth_);

@@ -3,12 +3,13 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numbers>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "forge/cylindrical.hpp"
+#include "geometry/constants.hpp"
 #include "geometry/select_rows.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/angles.hpp"
@@ -22,11 +23,9 @@ using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kWidest = 0.17;  // cos 80 degrees: beyond, the tangent plane of the rays ends
 
 double azimuth_of(const Vector3d& p) { return arc_tangent(p.y(), p.x()); }
-double rho_of(const Vector3d& p) { return std::sqrt(p.x() * p.x() + p.y() * p.y()); }
 
 struct Ray {
   Vector3d start, direction;  // the scene's point is at start + direction

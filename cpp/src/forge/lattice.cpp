@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "forge/cylindrical.hpp"
 #include "geometry/select_rows.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/angles.hpp"
@@ -13,8 +14,6 @@ namespace manip3d {
 namespace {
 
 using Eigen::Vector3d;
-
-double rho_of(const Vector3d& p) { return std::sqrt(p.x() * p.x() + p.y() * p.y()); }
 
 // Turned about the vertical to the nearest azimuth that is measured.
 Vector3d to_azimuth_step(const Vector3d& p, const ScanLattice& lattice) {

@@ -6,6 +6,7 @@
 #include <limits>
 #include <numeric>
 
+#include "geometry/constants.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/parallel.hpp"
 
@@ -22,7 +23,6 @@ constexpr int kBins = 16;
 constexpr int kMaxSahDepth = 40;      // below it the middle: the tree's depth stays under 56
 constexpr int kProgressStep = 10000;  // triangles between two reports: a few milliseconds
 constexpr int kStackSize = 256;       // a level adds at most kWidth - 1 entries
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 // Boxes are kept in float and must never look farther away than their triangles:
 // - triangles' distances carry rounding errors near 1e-15 (the tree's unit is the mesh's size);
@@ -34,7 +34,7 @@ constexpr double kLargestCoordinate = 1e18;
 
 float round_down(double value) {
   const auto nearest = static_cast<float>(value);
-  return nearest <= value ? nearest : std::nextafter(nearest, -kInfinity);
+  return nearest <= value ? nearest : std::nextafter(nearest, -kInfinityF);
 }
 float round_up(double value) { return -round_down(-value); }
 
@@ -46,8 +46,8 @@ float bound(double squared_limit) {
 }
 
 struct Box {
-  Array3f min = Array3f::Constant(kInfinity);
-  Array3f max = Array3f::Constant(-kInfinity);
+  Array3f min = Array3f::Constant(kInfinityF);
+  Array3f max = Array3f::Constant(-kInfinityF);
 
   void extend(const Box& other) {
     min = min.min(other.min);
@@ -106,7 +106,7 @@ Size split_by_surface_area(Primitives& primitives, Size begin, Size end, int axi
   box = Box{};
   count = 0;
   int best_bin = 1;
-  float best_cost = kInfinity;
+  float best_cost = kInfinityF;
   for (int b = 1; b < kBins; ++b) {
     box.extend(boxes[b - 1]);
     count += counts[b - 1];
@@ -125,8 +125,8 @@ Size split_by_surface_area(Primitives& primitives, Size begin, Size end, int axi
 
 template <typename Primitives>
 Size split(Primitives& primitives, Size begin, Size end, int depth) {
-  Array3f low = Array3f::Constant(kInfinity);
-  Array3f high = Array3f::Constant(-kInfinity);
+  Array3f low = Array3f::Constant(kInfinityF);
+  Array3f high = Array3f::Constant(-kInfinityF);
   for (Size i = begin; i < end; ++i) {
     const Array3f center = primitives[i].box.min + primitives[i].box.max;
     low = low.min(center);
@@ -231,8 +231,8 @@ std::int32_t TriangleBvh::build_node(std::vector<Primitive>& primitives, Size be
   const auto index = static_cast<std::int32_t>(nodes_.size());
   nodes_.emplace_back();
   for (int axis = 0; axis < 3; ++axis) {
-    nodes_[index].min[axis].setConstant(kInfinity);
-    nodes_[index].max[axis].setConstant(-kInfinity);
+    nodes_[index].min[axis].setConstant(kInfinityF);
+    nodes_[index].max[axis].setConstant(-kInfinityF);
   }
   for (int lane = 0; lane < count; ++lane) {
     const Range& range = ranges[lane];

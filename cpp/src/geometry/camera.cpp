@@ -2,17 +2,15 @@
 
 #include <Eigen/LU>
 #include <cmath>
-#include <limits>
 #include <string>
 
+#include "geometry/constants.hpp"
 #include "geometry/lens.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/line_of_sight.hpp"
 
 namespace manip3d {
 namespace {
-
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 [[noreturn]] void refuse(const char* name, const char* field, const char* expected, double got) {
   throw InputError(std::string(name) + "." + field + ": expected " + expected + ", got " +

@@ -4,16 +4,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <limits>
 
+#include "geometry/constants.hpp"
 #include "geometry/lens.hpp"
 
 namespace manip3d {
 namespace {
 
 using Eigen::Vector2d;
-
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 /// The inverse of distort() by fixed-point iteration; NaN where it does not settle.
 Vector2d undistort(const std::array<double, 5>& k, const Vector2d& distorted) {

@@ -4,11 +4,11 @@
 #include <atomic>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "geometry/constants.hpp"
 #include "geometry/directions.hpp"
 #include "geometry/kd_tree.hpp"
 #include "geometry/select_rows.hpp"
@@ -20,8 +20,6 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kPi = std::numbers::pi;
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kMargin = 4.0 * kAngleError;  // of every bound, against errors of the angles
 constexpr std::int64_t kFewPoints = 1000;      // for these a tree is as quick
 constexpr std::int64_t kMostCells = 1 << 28;

@@ -3,7 +3,8 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <limits>
+
+#include "geometry/constants.hpp"
 
 namespace manip3d {
 namespace {
@@ -11,7 +12,6 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr int kMostOverlaid = 16;        // candidates that are cut against each other at once
 constexpr std::size_t kMostParts = 64;   // of a triangle, before it is halved instead
 constexpr int kMaxDepth = 24;            // halvings

@@ -1,16 +1,13 @@
 #include "manip3d/geometry/range_image.hpp"
 
 #include <algorithm>
-#include <limits>
 #include <string>
 
+#include "geometry/constants.hpp"
 #include "manip3d/error.hpp"
 
 namespace manip3d {
 namespace {
-
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 std::string at_pixel(std::int64_t u, std::int64_t v) {
   return " at row " + std::to_string(v) + ", column " + std::to_string(u);
@@ -78,7 +75,7 @@ void RangeImage::load_depth(std::int64_t v, std::int64_t u0, std::int64_t count,
     const std::uint16_t* in = depth_.millimetres + v * cols() + u0;
     for (std::int64_t i = 0; i < count; ++i) {
       // Division, not times 0.001: the float nearest to the measured value.
-      z[i] = in[i] != 0 ? static_cast<float>(in[i]) / 1000.0F : kNan;
+      z[i] = in[i] != 0 ? static_cast<float>(in[i]) / 1000.0F : kNanF;
     }
     return;
   }
@@ -86,11 +83,11 @@ void RangeImage::load_depth(std::int64_t v, std::int64_t u0, std::int64_t count,
   int refused = 0;
   for (std::int64_t i = 0; i < count; ++i) {
     const float depth = in[i];
-    refused |= static_cast<int>(depth < 0.0F) | static_cast<int>(depth == kInfinity);
-    z[i] = depth > 0.0F ? depth : kNan;
+    refused |= static_cast<int>(depth < 0.0F) | static_cast<int>(depth == kInfinityF);
+    z[i] = depth > 0.0F ? depth : kNanF;
   }
   for (std::int64_t i = 0; refused != 0 && i < count; ++i) {
-    if (in[i] < 0.0F || in[i] == kInfinity) {
+    if (in[i] < 0.0F || in[i] == kInfinityF) {
       throw InputError("depth: expected finite numbers >= 0, or NaN, got " + std::to_string(in[i]) +
                        at_pixel(u0 + i, v));
     }
@@ -104,9 +101,9 @@ void RangeImage::load_points(std::int64_t v, std::int64_t u0, std::int64_t count
   int refused = 0;
   for (std::int64_t i = 0; i < count; ++i) {
     const bool measured = valid[i] != 0;
-    x[i] = measured ? in[3 * i] : kNan;
-    y[i] = measured ? in[3 * i + 1] : kNan;
-    z[i] = measured ? in[3 * i + 2] : kNan;
+    x[i] = measured ? in[3 * i] : kNanF;
+    y[i] = measured ? in[3 * i + 1] : kNanF;
+    z[i] = measured ? in[3 * i + 2] : kNanF;
     const float sum = (in[3 * i] - in[3 * i]) + (in[3 * i + 1] - in[3 * i + 1]) +
                       (in[3 * i + 2] - in[3 * i + 2]);  // 0 for finite numbers, else NaN
     refused |= static_cast<int>(measured) & static_cast<int>(sum != 0.0F);
@@ -142,7 +139,7 @@ void RangeImage::load_row(std::int64_t v, std::int64_t u0, std::int64_t count, f
     x[i] = ray_x[i] * z[i];
     y[i] = ray_y[i] * z[i];
     const float sum = x[i] + y[i];  // NaN where the pixel has no ray
-    z[i] = sum == sum ? z[i] : kNan;
+    z[i] = sum == sum ? z[i] : kNanF;
   }
 }
 

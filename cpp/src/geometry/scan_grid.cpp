@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
 #include <vector>
 
+#include "geometry/constants.hpp"
 #include "geometry/directions.hpp"
 #include "geometry/select_rows.hpp"
 #include "manip3d/error.hpp"
@@ -15,8 +15,6 @@
 namespace manip3d {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-constexpr double kDegree = kPi / 180.0;
 constexpr std::int64_t kSampleBlocks = 8192;     // of 256 points
 constexpr std::int64_t kVeryFewPoints = 60'000;  // too few for 1-degree cells
 constexpr std::int64_t kFewPoints = 500'000;     // too few for fine bins

@@ -11,6 +11,7 @@
 #include <span>
 #include <vector>
 
+#include "geometry/constants.hpp"
 #include "geometry/kd_tree.hpp"
 #include "geometry/median.hpp"
 #include "geometry/select_rows.hpp"
@@ -23,8 +24,6 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kPi = std::numbers::pi;
-constexpr double kDegree = kPi / 180.0;
 constexpr std::int64_t kSampled = 400'000;    // points for the density of surfaces
 constexpr std::int64_t kTilePoints = 40'000;  // of those, points in whole tiles for the grid
 constexpr std::int64_t kFewestPoints = 1000;
@@ -126,8 +125,8 @@ double unevenness(const std::vector<Patch>& patches, const Vector3d& origin, int
 Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progress& progress) {
   constexpr int kSide = 9;
   constexpr int kStarts = 6;
-  constexpr double kSmallest = 0.002;     // metres
-  constexpr double kSmallestPart = 1e-5;  // or of the extent
+  constexpr double kSmallest = 0.002;      // metres
+  constexpr double kSmallestShare = 1e-5;  // or of the extent
   std::vector<double> densities;
   for (const Patch& patch : patches) densities.push_back(patch.density);
   std::vector<double> sorted(densities);
@@ -148,7 +147,7 @@ Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progre
   }
   extent = extent.cwiseMax(std::max(0.2 * extent.maxCoeff(), kSmallest));
 
-  const double smallest = std::max(kSmallest, kSmallestPart * extent.maxCoeff());
+  const double smallest = std::max(kSmallest, kSmallestShare * extent.maxCoeff());
   std::vector<double> logs;
   std::vector<double> scratch;
   Ticker ticker(progress, 1U << 5);
@@ -275,7 +274,7 @@ struct Phases {
 };
 
 // One of the two angles with its grid.
-struct Comb {
+struct AngleComb {
   double step = 0.0;  // radians; 0: none
   double coherence = 0.0;
 };
@@ -287,7 +286,7 @@ class Grid {
       : points_(std::move(points)), ticker_(progress, 1) {}
 
   Vector3d position = Vector3d::Zero();
-  Comb azimuth, elevation;
+  AngleComb azimuth, elevation;
 
   static constexpr double kFinest = 0.02 * kDegree;
   static constexpr double kCoarsest = 2.0 * kDegree;
@@ -317,10 +316,10 @@ class Grid {
   }
 
   // The largest step of [shortest, longest] at which phases agree nearly as well as at any.
-  Comb find_comb(bool azimuth_angle, double shortest, double longest) {
+  AngleComb find_comb(bool azimuth_angle, double shortest, double longest) {
     constexpr double kRatio = 1.04;  // eight columns drift by a third of one
     constexpr double kNearly = 0.8;
-    std::vector<Comb> tried;
+    std::vector<AngleComb> tried;
     double best = 0.0;
     for (double step = shortest; step <= longest; step *= kRatio) {
       tried.push_back({step, coherence(azimuth_angle, step, kWindows[0])});
@@ -343,12 +342,12 @@ class Grid {
     constexpr double kUnsure = 1.6;    // factor of the distance: some rays have no return
     const Vector3d start = position;
     const double expected = std::clamp(cell_area / azimuth.step, kFinest, kCoarsest);
-    Comb best;
+    AngleComb best;
     double height = start.z();
     for (int k = -kHeights; k <= kHeights; ++k) {
       position.z() = start.z() + k * kHeight * range;
       look();
-      const Comb comb = find_comb(false, expected / kUnsure, expected * kUnsure);
+      const AngleComb comb = find_comb(false, expected / kUnsure, expected * kUnsure);
       if (comb.coherence > best.coherence) best = comb, height = position.z();
     }
     position.z() = height;
@@ -392,7 +391,7 @@ class Grid {
     Matrix5 normal = Matrix5::Zero();
     Vector5 gradient = Vector5::Zero();
     for (const bool across : {true, false}) {
-      Comb& comb = across ? azimuth : elevation;
+      AngleComb& comb = across ? azimuth : elevation;
       if (comb.step == 0.0) continue;
       comb.coherence = coherence(across, comb.step, window);
       const double weight = std::max(comb.coherence, 0.0) * std::max(comb.coherence, 0.0);
@@ -551,19 +550,19 @@ ScanOrigin fit_grid(const Points& sample, const Vector3d& start, int axis, bool 
   if (grid.num_points() < kFewestPoints / 2) return result;
   const double range = grid.median_range();
   for (const bool across : {true, false}) {
-    Comb& comb = across ? grid.azimuth : grid.elevation;
+    AngleComb& comb = across ? grid.azimuth : grid.elevation;
     comb = grid.find_comb(across, Grid::kFinest, Grid::kCoarsest);
     if (!(comb.coherence >= kFaint)) comb = {};
   }
   const double plainer = std::max(grid.azimuth.coherence, grid.elevation.coherence);
-  for (Comb* comb : {&grid.azimuth, &grid.elevation}) {
+  for (AngleComb* comb : {&grid.azimuth, &grid.elevation}) {
     if (plainer >= kPlain && comb->coherence < kPlain) *comb = {};  // would lead astray
   }
   double before = 0.0;
   for (const Window& window : kWindows) {
     const Vector3d position = grid.position;
-    const Comb azimuth = grid.azimuth;
-    const Comb elevation = grid.elevation;
+    const AngleComb azimuth = grid.azimuth;
+    const AngleComb elevation = grid.elevation;
     for (int round = 0; round < kRounds; ++round) {
       if (grid.improve(window, fixed) <= kConverged * range && !fixed) break;
       if (!((grid.position - turned(start, axis)).norm() <= kFarthest * range)) return result;

@@ -16,7 +16,7 @@ namespace {
 constexpr std::int64_t kMostFields = 1024;
 constexpr std::int64_t kLongestRow = 1 << 20;
 
-struct Header {
+struct PcdHeader {
   std::vector<std::string> names;
   std::vector<std::int64_t> sizes, counts;
   std::vector<char> types;
@@ -28,7 +28,7 @@ class HeaderReader {
  public:
   explicit HeaderReader(InputBuffer& input) : input_(input) {}
 
-  Header read() {
+  PcdHeader read() {
     std::string_view line;
     while (header_.data.empty()) {
       if (!input_.next_line(line)) {
@@ -112,7 +112,7 @@ class HeaderReader {
   }
 
   InputBuffer& input_;
-  Header header_;
+  PcdHeader header_;
 };
 
 FieldType type_of(const InputBuffer& input, char type, std::int64_t size) {
@@ -137,7 +137,7 @@ FieldType type_of(const InputBuffer& input, char type, std::int64_t size) {
                      std::to_string(size) + " bytes");
 }
 
-std::vector<PointField> fields_of(const InputBuffer& input, const Header& header) {
+std::vector<PointField> fields_of(const InputBuffer& input, const PcdHeader& header) {
   std::vector<PointField> fields;
   for (std::size_t i = 0; i < header.names.size(); ++i) {
     const std::int64_t count = header.counts[i];
@@ -149,7 +149,7 @@ std::vector<PointField> fields_of(const InputBuffer& input, const Header& header
   return fields;
 }
 
-void read_ascii(InputBuffer& input, PointTable& table) {
+void read_ascii_table(InputBuffer& input, PointTable& table) {
   std::string_view line;
   const auto row_size = static_cast<std::uint64_t>(row_bytes(table.fields));
   for (std::int64_t i = 0; i < table.num_points; ++i) {
@@ -242,7 +242,7 @@ void write_compressed(Output& output, const PointTableView& table) {
 
 PointTable read_pcd(ByteSource& source, const Progress& progress) {
   InputBuffer input(source, progress);
-  const Header header = HeaderReader(input).read();
+  const PcdHeader header = HeaderReader(input).read();
   PointTable table;
   table.format = PointFormat::kPcd;
   table.fields = fields_of(input, header);
@@ -262,7 +262,7 @@ PointTable read_pcd(ByteSource& source, const Progress& progress) {
   const std::int64_t sure =
       input.checked_claim(table.num_points, is_ascii ? 2 : row_size, "points", position);
   if (is_ascii) {
-    read_ascii(input, table);
+    read_ascii_table(input, table);
   } else {
     table.rows.reserve(sure * row_size);
     read_rows(input, table.num_points, row_size, table.rows);

@@ -26,7 +26,7 @@ namespace {
 using namespace ply;  // NOLINT(google-build-using-namespace): the header's own words
 
 // One value of a type in host order, as a double: all types but 64-bit integers fit exactly.
-double load(const char* bytes, Type type, bool swap) {
+double load_scalar(const char* bytes, Type type, bool swap) {
   const auto get = [&]<typename T>(T value) {
     std::array<char, sizeof(T)> raw;
     std::memcpy(raw.data(), bytes, sizeof(T));
@@ -143,11 +143,11 @@ class RowReader {
     for (const Property& p : element.properties) {
       if (!p.is_list) {
         const char* bytes = input_.bytes(static_cast<std::size_t>(size_of(p.type)), what);
-        if (p.role != kSkip) scalars[p.role] = load(bytes, p.type, swap_);
+        if (p.role != kSkip) scalars[p.role] = load_scalar(bytes, p.type, swap_);
         continue;
       }
       const char* head = input_.bytes(static_cast<std::size_t>(size_of(p.count_type)), what);
-      const double count = load(head, p.count_type, swap_);
+      const double count = load_scalar(head, p.count_type, swap_);
       if (!(count >= 0.0 && count <= 4294967295.0) || count != std::floor(count)) {
         fail(p.name + ": expected a count >= 0, got " + std::to_string(count));
       }
@@ -166,7 +166,7 @@ class RowReader {
       if (list != nullptr) {
         if (list->size() > kLongestList) fail(p.name + ": list of more than 16 million values");
         for (std::int64_t i = 0; i < n; ++i) {
-          list->push_back(load(bytes + i * size, p.type, swap_));
+          list->push_back(load_scalar(bytes + i * size, p.type, swap_));
         }
       }
       count -= n;

@@ -42,7 +42,7 @@ const ply::Element& points_of(const ply::Header& header) {
   return vertex;
 }
 
-void read_ascii(InputBuffer& input, PointTable& table) {
+void read_ascii_points(InputBuffer& input, PointTable& table) {
   std::string_view line;
   const auto row_size = static_cast<std::uint64_t>(row_bytes(table.fields));
   for (std::int64_t i = 0; i < table.num_points; ++i) {
@@ -79,7 +79,7 @@ PointTable read_ply_points(ByteSource& source, const Progress& progress) {
   const std::int64_t sure = input.checked_claim(
       table.num_points, vertex.least_bytes(header.encoding), "points", {vertex.line, std::nullopt});
   if (header.encoding == ply::Encoding::kAscii) {
-    read_ascii(input, table);
+    read_ascii_points(input, table);
     return table;
   }
   table.rows.reserve(sure * row_size);

@@ -1,9 +1,9 @@
 #include "manip3d/metrics/boundary_gap.hpp"
 
 #include <cmath>
-#include <limits>
 #include <optional>
 
+#include "geometry/constants.hpp"
 #include "manip3d/geometry/bvh.hpp"
 #include "manip3d/geometry/topology.hpp"
 #include "manip3d/geometry/weld.hpp"
@@ -17,7 +17,6 @@ using Eigen::Vector3d;
 constexpr double kStep = 1e-3;  // longest piece of an edge, in diagonals
 constexpr double kSmallestTolerance =
     1e-6;  // the search for cracks visits length / tolerance points
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 struct Segment {
   Vector3d start, end;

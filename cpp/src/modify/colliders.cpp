@@ -10,7 +10,7 @@
 namespace manip3d {
 namespace {
 
-constexpr std::size_t kHead = static_cast<std::size_t>(Joint::kHead);
+constexpr std::size_t kHeadBone = static_cast<std::size_t>(Joint::kHead);
 constexpr std::size_t kNumBins = 256;  // of one millimetre each
 
 /// The box between shoulders and hips, as thick as its points are far from the spine.
@@ -178,8 +178,8 @@ void ColliderTracker::update(const Skeleton& skeleton, std::span<const std::uint
   for (std::size_t bone = 1; bone < kNumJoints; ++bone) {
     const std::size_t parent = kJointParents[bone];
     const bool present = !is_torso_bone(bone) && is_usable(skeleton, static_cast<Joint>(bone)) &&
-                         (bone == kHead || is_usable(skeleton, static_cast<Joint>(parent)));
-    now_.capsules[bone] = present ? Capsule{skeleton.positions[bone == kHead ? bone : parent],
+                         (bone == kHeadBone || is_usable(skeleton, static_cast<Joint>(parent)));
+    now_.capsules[bone] = present ? Capsule{skeleton.positions[bone == kHeadBone ? bone : parent],
                                             skeleton.positions[bone], radius(bone)}
                                   : Capsule{};
   }

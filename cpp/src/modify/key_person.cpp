@@ -6,13 +6,13 @@
 #include <string>
 #include <utility>
 
+#include "geometry/constants.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
 
 namespace manip3d {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr std::int64_t kNobody = std::numeric_limits<std::int64_t>::min();
 
 /// From the base of the spine to the shoulders, metres; 0: not seen.

@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <array>
-#include <limits>
 #include <string>
 
 #include "geometry/cell_cut.hpp"
+#include "geometry/constants.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/grid_mesh.hpp"
 #include "modify/ray_at.hpp"
@@ -36,8 +36,7 @@ class ColorCamera {
       return rotation_(i, 0) * a + rotation_(i, 1) * b + rotation_(i, 2) * c + translation_(i);
     };
     const double w = row(2);
-    constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-    if (!(w > 0.0)) return {kNan, kNan};
+    if (!(w > 0.0)) return {kNanF, kNanF};
     return grid_texcoord(row(0) / w, row(1) / w, width_, height_);
   }
 

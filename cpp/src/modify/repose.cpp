@@ -6,6 +6,7 @@
 #include <span>
 #include <string>
 
+#include "geometry/constants.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/parallel.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
@@ -13,8 +14,6 @@
 
 namespace manip3d {
 namespace {
-
-constexpr double kPi = 3.14159265358979323846;
 
 /// Each joint after the one that it hangs from.
 constexpr std::array<std::uint8_t, kNumJoints> kOutwards = {

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <string>
 #include <utility>
 
+#include "geometry/constants.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
 #include "modify/pixel_bounds.hpp"
@@ -17,7 +17,6 @@ namespace {
 
 constexpr std::int64_t kTile = 8;  // a row of its mask is one 64-bit word
 constexpr std::size_t kTilePoints = 64;
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 constexpr std::uint8_t kNobody = 0xff;
 
 struct DepthBounds {
@@ -28,7 +27,7 @@ DepthBounds depth_bounds(const Skeleton& skeleton, bool by_index, const PersonMa
   check_options(o);
   const DepthBounds bounds{static_cast<float>(o.near), static_cast<float>(o.far)};
   if (by_index) return bounds;
-  float nearest = kInfinity, farthest = -kInfinity;
+  float nearest = kInfinityF, farthest = -kInfinityF;
   for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
     if (!is_usable(skeleton, static_cast<Joint>(joint))) continue;
     nearest = std::min(nearest, skeleton.positions[joint].z());
@@ -231,7 +230,7 @@ struct Tile {
       x[i] = x[used - 1], y[i] = y[used - 1], z[i] = z[used - 1];
     }
     for (std::size_t i = 0; i < count; ++i) {
-      nearest[i] = squared[i] = skin[i] = kInfinity;
+      nearest[i] = squared[i] = skin[i] = kInfinityF;
       label[i] = 0;
     }
   }
@@ -278,7 +277,7 @@ class Candidates {
     const float wx = *x1 - *x0, wy = *y1 - *y0, wz = *z1 - *z0;
     const float cx = 0.5F * (*x0 + *x1), cy = 0.5F * (*y0 + *y1), cz = 0.5F * (*z0 + *z1);
     const float r = 0.5F * std::sqrt(wx * wx + wy * wy + wz * wz);
-    float most = kInfinity;
+    float most = kInfinityF;
     constexpr float kRounding = 1e-4F;  // metres: far above that of these floats
     for (std::size_t i = 0; i < bones_.count; ++i) {
       float along;

@@ -28,7 +28,7 @@ void area_row_by(const Cs3Reading& reading, const PointRow& above, const PointRo
     const float a =
         area_of(across(row.x), across(row.y), across(row.z), down(above.x, row.x, below.x),
                 down(above.y, row.y, below.y), down(above.z, row.z, below.z));
-    area[u] = a < kInfinity ? a : unknown;
+    area[u] = a < kInfinityF ? a : unknown;
   }
 }
 

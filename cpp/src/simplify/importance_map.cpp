@@ -3,15 +3,14 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 
+#include "geometry/constants.hpp"
 #include "manip3d/geometry/parallel.hpp"
 #include "simplify/importance_rows.hpp"
 
 namespace manip3d {
 namespace {
 
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 constexpr std::int64_t kPad = 2;  // the widest stencil reads two pixels to each side
 constexpr std::int64_t kPointRows = 4, kAreaRows = 5;
 
@@ -39,7 +38,7 @@ void area_row(const PointRow& above_row, const PointRow& row, const PointRow& be
     const float by = difference(above.y[u], y[u], below.y[u], z[u], z_below);
     const float bz = difference(above.z[u], z[u], z_below, z[u], z_below);
     const float a = area_of(ax, ay, az, bx, by, bz);
-    area[u] = choose(a < kInfinity, a, 0.0F);
+    area[u] = choose(a < kInfinityF, a, 0.0F);
   }
 }
 
@@ -64,8 +63,8 @@ float unit_scale(const RangeImage& image, const PixelBox& box, std::vector<float
   scratch.resize(3 * box.width);
   float *x = scratch.data(), *y = x + box.width, *z = y + box.width;
   std::array<float, 3> low, high;
-  low.fill(kInfinity);
-  high.fill(-kInfinity);
+  low.fill(kInfinityF);
+  high.fill(-kInfinityF);
   const std::int64_t step = std::max<std::int64_t>(1, box.height / 8);
   for (std::int64_t v = 0; v < box.height; v += step) {
     image.load_row(box.v0 + v, box.u0, box.width, x, y, z);
@@ -79,7 +78,7 @@ float unit_scale(const RangeImage& image, const PixelBox& box, std::vector<float
     }
   }
   const float extent = std::max({high[0] - low[0], high[1] - low[1], high[2] - low[2]});
-  if (!(extent > 0.0F && extent < kInfinity)) return 1.0F;
+  if (!(extent > 0.0F && extent < kInfinityF)) return 1.0F;
   const float spacing = extent / static_cast<float>(std::max(box.width, box.height));
   return std::ldexp(1.0F, std::clamp(-std::ilogb(spacing), -120, 120));
 }
@@ -98,9 +97,9 @@ class RowPipeline {
     const bool unknown = options.reading.beside_invalid == Cs3Reading::BesideInvalid::kUnknown;
     scratch.resize((3 * kPointRows + kAreaRows) * length);
     float* next = scratch.data() + kPad;
-    std::fill_n(scratch.data(), 3 * kPointRows * length, kNan);
+    std::fill_n(scratch.data(), 3 * kPointRows * length, kNanF);
     std::fill_n(scratch.data() + 3 * kPointRows * length, kAreaRows * length,
-                unknown ? kNan : 0.0F);
+                unknown ? kNanF : 0.0F);
     for (PointRow& row : points_) {
       row = {next, next + length, next + 2 * length};
       next += 3 * length;
@@ -132,7 +131,7 @@ class RowPipeline {
     const std::int64_t width = map_.box.width;
     PointRow& row = points(v);
     if (!is_inside(v)) {
-      for (float* values : {row.x, row.y, row.z}) std::fill_n(values, width, kNan);
+      for (float* values : {row.x, row.y, row.z}) std::fill_n(values, width, kNanF);
       return;
     }
     image_.load_row(map_.box.v0 + v, map_.box.u0, width, row.x, row.y, row.z);

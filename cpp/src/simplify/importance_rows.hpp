@@ -3,16 +3,14 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
-#include <limits>
 
+#include "geometry/constants.hpp"
 #include "simplify/importance_map.hpp"
 
 namespace manip3d {
 
 // Small functions in loops over pixels must vanish, or the loops take one pixel at a time.
 #define MANIP3D_INLINE inline __attribute__((always_inline))
-
-inline constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 struct PointRow {
   float *x, *y, *z;
@@ -49,7 +47,7 @@ MANIP3D_INLINE float importance_of(const Hessian& m) {
     const float mean = 0.5F * (m.uu + m.vv), half = 0.5F * (m.uu - m.vv);
     omega = std::abs(mean - std::sqrt(half * half + m.uv * m.uv));
   }
-  return choose(std::abs(omega) < kInfinity, omega + 0.0F, 0.0F);  // + 0: no negative zero
+  return choose(std::abs(omega) < kInfinityF, omega + 0.0F, 0.0F);  // + 0: no negative zero
 }
 
 /// The key of a pixel with this depth, NaN where there is none.

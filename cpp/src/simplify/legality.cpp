@@ -7,12 +7,6 @@
 namespace manip3d {
 namespace {
 
-/// cos 78 deg: at 90 a face can turn over in two steps.
-constexpr double kLeastNormalCosine = 0.2;
-
-/// Sine of the angle that counts as no area: below it the normal is rounding noise.
-constexpr double kLeastSine = 1e-10;
-
 /// Thinner triangles in texture space show one texel of a 1024 x 1024 image at most: they have no
 /// orientation to keep (planar mappings give one to every face that stands on edge).
 constexpr double kTexel = 1.0 / 1024.0;

@@ -9,6 +9,12 @@
 
 namespace manip3d {
 
+/// cos 78 deg: at 90 a face can turn over in two steps.
+constexpr double kLeastNormalCosine = 0.2;
+
+/// Sine of the angle that counts as no area: below it the normal is rounding noise.
+constexpr double kLeastSine = 1e-10;
+
 /// Decides whether a collapse keeps the mesh valid: no flips, no degenerate or duplicate faces,
 /// link condition, boundary loops, texture coordinates.
 class Legality {

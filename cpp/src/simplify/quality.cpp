@@ -16,6 +16,7 @@
 #include "simplify/collapse_mesh.hpp"
 #include "simplify/distance_guard.hpp"
 #include "simplify/flat_heap.hpp"
+#include "simplify/legality.hpp"
 #include "simplify/pieces.hpp"
 #include "simplify/surface_fit.hpp"
 
@@ -25,18 +26,12 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-/// cos 78 deg: at 90 a face can turn over in two steps.
-constexpr double kLeastNormalCosine = 0.2;
-
-/// Sine of the angle that counts as no area: below it the normal is rounding noise.
-constexpr double kLeastSine = 1e-10;
-
 /// Pull of the middle of an edge on the new vertex, beside the quadrics: it decides only where
 /// they do not (RockerArm: 1e-3 costs 5 % of error, 1e-6 none, but then vertices wander).
 constexpr double kTowardsMiddle = 1e-5;
 
 /// On flat regions every price is rounding noise: short edges go first there.
-constexpr double kShortEdgePreference = 1e-5;
+constexpr double kShortEdgeWeight = 1e-5;
 
 /// The faces around an edge, counted in full, against a price that counts each face once: measured
 /// on the many-part models, where 1 removes pieces too early.
@@ -302,7 +297,7 @@ class QualitySimplifier {
     }
     plan.price = kSurfaceShare * integral(star.quadric(p), star.area) +
                  std::max(0.0, plan.owed - owed_[v] - owed_[t]) +
-                 kShortEdgePreference * (area_[v] + area_[t]) * length;
+                 kShortEdgeWeight * (area_[v] + area_[t]) * length;
     plan.price /= num_edge_faces;
     return plan;
   }

@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
+#include "geometry/constants.hpp"
 #include "simplify/relief_raster.hpp"
 
 namespace manip3d::relief_detail {
@@ -11,22 +11,22 @@ namespace {
 
 // A vertex or an edge of the frame before gives way only for less than this part of its error.
 constexpr float kKeptGain = 0.5F;
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
-struct Corner {
+struct SurfaceCorner {
   std::int32_t u, v;
   Vec3 point;
 };
 
-Corner corner_of(const Triangulation& mesh, std::int32_t v) {
+SurfaceCorner corner_of(const Triangulation& mesh, std::int32_t v) {
   const Triangulation::Vertex& vertex = mesh.vertex(v);
   return {vertex.u, vertex.v, vertex.point};
 }
 
-float triangle_error(const Surface& surface, const Corner& a, const Corner& b, const Corner& c) {
+float triangle_error(const Surface& surface, const SurfaceCorner& a, const SurfaceCorner& b,
+                     const SurfaceCorner& c) {
   const Vec3 normal = (b.point - a.point).cross(c.point - a.point);
   const float length = normal.norm();
-  if (!(length > 0.0F)) return kInfinity;
+  if (!(length > 0.0F)) return kInfinityF;
   const Vec3 n = normal / length;
   const float d = n.dot(a.point);
   float sum = 0.0F;
@@ -89,7 +89,7 @@ float Refiner::mean_error(const Surface& surface, const Triangulation& mesh) {
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     if (!mesh.is_face(t)) continue;
     const float error = error_of(surface, mesh, t);
-    if (!(error < kInfinity)) continue;
+    if (!(error < kInfinityF)) continue;
     sum += error;
     ++count;
   }
@@ -158,11 +158,12 @@ int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radi
           continue;
         const std::int32_t pixel = (v0 + dv) * surface.cols() + u0 + du;
         if (!(surface.sample(pixel).area > 0.0F)) continue;
-        const Corner center{u0 + du, v0 + dv, surface.sample(pixel).point()};
+        const SurfaceCorner center{u0 + du, v0 + dv, surface.sample(pixel).point()};
         float sum = 0.0F;
         int i = 0;
         for (; i < fan.size && sum < now; ++i) {
-          const Corner a = corner_of(mesh, fan.neighbors[i]), b = corner_of(mesh, fan.next(i));
+          const SurfaceCorner a = corner_of(mesh, fan.neighbors[i]),
+                              b = corner_of(mesh, fan.next(i));
           if (std::int64_t{a.u - center.u} * (b.v - center.v) -
                   std::int64_t{a.v - center.v} * (b.u - center.u) <=
               0)
@@ -190,7 +191,8 @@ Refiner::Block Refiner::normal_equations(const Surface& surface, const Triangula
                                          const std::vector<Vec3>& directions, std::int32_t t) {
   Block block{};
   const Triangle& f = mesh.triangle(t);
-  const Corner a = corner_of(mesh, f[0]), b = corner_of(mesh, f[1]), c = corner_of(mesh, f[2]);
+  const SurfaceCorner a = corner_of(mesh, f[0]), b = corner_of(mesh, f[1]),
+                      c = corner_of(mesh, f[2]);
   const Vec3 normal = (b.point - a.point).cross(c.point - a.point);
   const float length = normal.norm();
   if (!(length > 0.0F)) return block;
@@ -273,7 +275,7 @@ void Refiner::accept(const Surface& surface, Triangulation& mesh,
     for (int i = 0; i < fan.size; ++i) now += error_of(surface, mesh, fan.faces[i]);
     float best = 1.0F;
     for (const float share : {0.5F, 0.0F}) {
-      Corner center = corner_of(mesh, v);
+      SurfaceCorner center = corner_of(mesh, v);
       center.point =
           surface.sample(mesh.vertex(v).pixel).point() + share * offsets_[v] * directions[v];
       float sum = 0.0F;

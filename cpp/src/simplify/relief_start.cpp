@@ -9,7 +9,7 @@ namespace manip3d::relief_detail {
 namespace {
 
 constexpr float kMustSplit = std::numeric_limits<float>::infinity();
-constexpr float kNothing = -1.0F;  // no dense triangle around
+constexpr float kNoTriangle = -1.0F;  // no dense triangle around
 constexpr int kTile = Surface::kTile;
 
 /// Distance of a point from a line. Zero on a plane for every camera: straight lines of pixels are
@@ -44,7 +44,7 @@ void StartMesh::measure_sides(const Surface& surface, std::span<const Keep> keep
     const bool odd_row = is_odd(v / step);
     for (int u = odd_row ? 0 : step; u < cols; u += 2 * step) {
       const std::int32_t p = v * cols + u;
-      float error = kNothing;
+      float error = kNoTriangle;
       if (step == 1) {
         int full = 0, some = 0, cells = 0;
         for (int dv = -1; dv <= 0; ++dv) {
@@ -56,7 +56,7 @@ void StartMesh::measure_sides(const Surface& surface, std::span<const Keep> keep
             some += halves != 0 ? 1 : 0;
           }
         }
-        error = some == 0 ? kNothing : full == cells ? 0.0F : kMustSplit;
+        error = some == 0 ? kNoTriangle : full == cells ? 0.0F : kMustSplit;
       } else {
         const int h = step / 2;
         for (const int du : {-h, h}) {
@@ -105,7 +105,7 @@ void StartMesh::measure(const Surface& surface, std::span<const Keep> keep) {
     measure_diagonals(surface, keep, step);
   }
   for (int v = 0; v < surface.rows(); v += kTile) {
-    for (int u = 0; u < surface.cols(); u += kTile) errors_[v * surface.cols() + u] = kNothing;
+    for (int u = 0; u < surface.cols(); u += kTile) errors_[v * surface.cols() + u] = kNoTriangle;
   }
 }
 

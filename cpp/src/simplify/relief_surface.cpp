@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "geometry/cell_cut.hpp"
+#include "geometry/constants.hpp"
 #include "manip3d/geometry/parallel.hpp"
 
 namespace manip3d::relief_detail {
@@ -32,7 +33,6 @@ float squared_distance(const Sample& p, const Sample& q) {
 }  // namespace
 
 bool Surface::crop(const PointGridView& grid) {
-  constexpr double kInfinity = std::numeric_limits<double>::infinity();
   Eigen::Vector3d low = Eigen::Vector3d::Constant(kInfinity), high = -low;
   std::int64_t first_u = grid.cols, last_u = -1, first_v = grid.rows, last_v = -1;
   for (std::int64_t v = 0; v < grid.rows; ++v) {

@@ -132,7 +132,7 @@ def run(
     >>> import manip3d
     >>> from manip3d import batch
     >>> def count(source, output):
-    ...     return {"points": manip3d.read_scan(source).num_points}
+    ...     return {"points": manip3d.io.read_scan(source).num_points}
     >>> summary = batch.run(count, "scans", table="points.csv", jobs=4)  # doctest: +SKIP
     """
     if jobs < 0:

@@ -63,14 +63,14 @@ def forge_scan(
         An option that the attack needs is missing; the attack would change nothing; the truth
         file exists without ``force``.
     FormatError, OSError
-        As `manip3d.read_scan`.
+        As `manip3d.io.read_scan`.
     """
     import manip3d
 
     truth = output.with_name(output.name + ".truth.json")
     if truth.exists() and not force:
         raise InputError(f"{truth}: exists already; --force replaces it")
-    frame = manip3d.read_scan(source)
+    frame = manip3d.io.read_scan(source)
     terminal.say(f"read {source}: {counted(frame.num_points, 'point')}")
     forged = ATTACKS[attack](frame, order)
     if not forged.num_touched:
@@ -248,7 +248,7 @@ def _hoax(order: Order) -> Any:
         raise InputError("--hoax: expected a mesh or scan file, got none")
     path = Path(order.hoax)
     if mesh_suffix(path) not in READABLE:
-        return manip3d.read_scan(path)
+        return manip3d.io.read_scan(path)
     mesh = manip3d.read_mesh(path)
     if order.up == "z":
         return mesh
@@ -261,7 +261,7 @@ def _seen_object(frame: LidarFrame, order: Order) -> LidarFrame:
     import manip3d
     from manip3d import forge
 
-    scan = frame if order.hoax is None else manip3d.read_scan(order.hoax)
+    scan = frame if order.hoax is None else manip3d.io.read_scan(order.hoax)
     inside = (_box(order) or forge.nearest_object(scan)).contains(scan.points)
     intensity = None if scan.intensity is None else scan.intensity[inside]
     return LidarFrame(scan.points[inside], intensity)

@@ -84,7 +84,8 @@ def inspect(
 
     Example: manip3d inspect scan.bin -o evidence.html
     """
-    from manip3d import authenticate, datasets, read_scan, report
+    from manip3d import authenticate, datasets, report
+    from manip3d.io import read_scan
 
     codes = _exit_codes(policy)
     expect_kind(source, "scan", verb="inspect")

@@ -52,7 +52,7 @@ def _cases(plan: Plan) -> list[Case]:
 def judge_scan(case: Case) -> Row:
     """One scan as it is, and with a hoax half way to the middle of what it shows."""
     root = datasets.data_root()
-    frame = manip3d.read_scan(root / case.options["file"])
+    frame = manip3d.io.read_scan(root / case.options["file"])
     place = np.zeros(3) if frame.origin is None else np.asarray(frame.origin)
     points = (frame.points - place).astype(np.float32)
     vertices, _ = _forensics.open_hoax(case.options["hoax"])

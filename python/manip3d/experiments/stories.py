@@ -380,8 +380,8 @@ def _scan_commands(recorded: bool) -> list[str]:
 
 
 def _tell_scan(folder: Path, printed: Sequence[Any]) -> Shown:
-    from manip3d import read_scan
     from manip3d.experiments._scan_pictures import Eye, draw_scan
+    from manip3d.io import read_scan
 
     *_, clean, found = printed
     truth = json.loads((folder / "forged.bin.truth.json").read_text(encoding="utf-8"))
