@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 
 def printable(text: str) -> str:
@@ -20,11 +20,33 @@ def printable(text: str) -> str:
 
 
 class Error(Exception):
-    """Root of all errors that manip3d raises on purpose."""
+    """Root of all errors that manip3d raises on purpose.
+
+    Attributes
+    ----------
+    code : str
+        The kind of error, for programs: ``input``, ``format``, ``device``, ``render`` or
+        ``missing-extra``. It stays the same when messages change.
+    """
+
+    code: ClassVar[str] = "error"
+
+    def details(self) -> dict[str, str | int | None]:
+        """Return ``code``, ``message`` and the attributes of the class, ready for JSON.
+
+        Examples
+        --------
+        >>> FormatError("expected 3 numbers, got 2", file="a.obj", line=7).details()["line"]
+        7
+        """
+        about = {k: v for k, v in vars(self).items() if not k.startswith("_")}
+        return {"code": self.code, "message": str(self), **about}
 
 
 class InputError(Error, ValueError):
     """A bad argument. The message names it, says what was expected and what came."""
+
+    code = "input"
 
 
 class FormatError(Error, ValueError):
@@ -43,6 +65,8 @@ class FormatError(Error, ValueError):
     byte_offset : int or None
         0-based offset into the uncompressed bytes of a binary file.
     """
+
+    code = "format"
 
     def __init__(
         self,
@@ -74,13 +98,19 @@ def _format_error(reason: str, file: str, line: int | None, byte_offset: int | N
 class DeviceError(Error, RuntimeError):
     """A sensor that is absent, lost or misbehaves."""
 
+    code = "device"
+
 
 class RenderError(Error, RuntimeError):
     """Nothing here can draw a picture. The message says what was tried, and names the cure."""
 
+    code = "render"
+
 
 class MissingExtraError(Error, ImportError):
     """An optional dependency is not installed. The message names the cure."""
+
+    code = "missing-extra"
 
     def __init__(self, package: str, extra: str) -> None:
         verb = "are" if "," in package else "is"

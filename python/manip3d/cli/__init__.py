@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import io
+import json
 import os
 import sys
 from typing import Annotated, Any, NoReturn, TextIO
@@ -92,10 +93,12 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line; ends the process with its exit code."""
     from manip3d.errors import Error
 
+    words = sys.argv[1:] if arguments is None else arguments
+    as_json = "--json" in words
     _prepare_streams()
     try:
         try:
-            _start_logging(sys.argv[1:] if arguments is None else arguments)
+            _start_logging(words)
             app(arguments, prog_name="manip3d")
         finally:
             _flush(sys.stdout)
@@ -104,11 +107,12 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     except BrokenPipeError:  # who read the output has read enough
         sys.exit(1)
     except (Error, OSError) as error:
-        _fail(error, _one_line(error))
+        _fail(error, _one_line(error), as_json)
     except MemoryError as error:
-        _fail(error, "out of memory")
+        _fail(error, "out of memory", as_json)
     except Exception as error:  # a bug of ours: say so in one line too
-        _fail(error, f"internal error: {type(error).__name__}: {error} (MANIP3D_LOG=debug: where)")
+        message = f"internal error: {type(error).__name__}: {error} (MANIP3D_LOG=debug: where)"
+        _fail(error, message, as_json)
     sys.exit(0)
 
 
@@ -155,13 +159,31 @@ def _one_line(error: Exception) -> str:
     return str(error)
 
 
-def _fail(error: BaseException, message: str) -> NoReturn:
-    """One clear line on stderr; the traceback only for ``MANIP3D_LOG=debug``."""
+def _fail(error: BaseException, message: str, as_json: bool) -> NoReturn:
+    """One clear line on stderr; the traceback only for ``MANIP3D_LOG=debug``.
+
+    Under ``--json`` the code and the details go to stdout.
+    """
     if os.environ.get("MANIP3D_LOG", "").lower() == "debug":
         import traceback
 
         traceback.print_exception(error)
+    line = " ".join(message.split())
     with contextlib.suppress(OSError):
-        print("manip3d: error: " + " ".join(message.split()), file=sys.stderr)
+        if as_json:
+            print(json.dumps({"error": _details(error, line)}))
+            _flush(sys.stdout)
+        print("manip3d: error: " + line, file=sys.stderr)
         _flush(sys.stderr)
     sys.exit(1)
+
+
+def _details(error: BaseException, line: str) -> dict[str, object]:
+    """What a program reads of an error: its code first."""
+    from manip3d.errors import Error
+
+    if isinstance(error, Error):
+        return dict(error.details())
+    if isinstance(error, OSError):
+        return {"code": "file", "message": line, "file": error.filename}
+    return {"code": "memory" if isinstance(error, MemoryError) else "internal", "message": line}
