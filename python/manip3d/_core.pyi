@@ -60,6 +60,10 @@ __all__: list[str] = [
     "VelodyneOptions",
     "VelodynePcapSource",
     "VelodyneUdpSource",
+    "WatermarkEmbedder",
+    "WatermarkKey",
+    "WatermarkPolicy",
+    "WatermarkVerifier",
     "body_mirror",
     "boundary_gap",
     "bounding_box",
@@ -129,6 +133,7 @@ __all__: list[str] = [
     "texture_error",
     "unproject",
     "unproject_pixels",
+    "watermark_header",
     "welded_boundary",
     "writable_suffixes",
     "write_mesh",
@@ -1421,6 +1426,78 @@ class PhantomPipeline:
     def reset(self) -> None: ...
     def select(self, id: typing.SupportsInt | typing.SupportsIndex) -> None: ...
 
+class WatermarkKey:
+    @staticmethod
+    def create(
+        path: bytes,
+        created_ns: typing.SupportsInt | typing.SupportsIndex,
+        expires_ns: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+    def __init__(self, path: bytes) -> None: ...
+    def close(self) -> None: ...
+    @property
+    def created_ns(self) -> int: ...
+    @property
+    def expires_ns(self) -> int: ...
+    @property
+    def id(self) -> bytes: ...
+    @property
+    def is_open(self) -> bool: ...
+
+class WatermarkEmbedder:
+    def __init__(
+        self,
+        key: WatermarkKey,
+        sensor: bytes,
+        session: bytes | None,
+        embedding: typing.SupportsInt | typing.SupportsIndex,
+        slices: typing.SupportsInt | typing.SupportsIndex,
+        least_points: typing.SupportsInt | typing.SupportsIndex,
+        paper_merge: bool,
+        round: bool,
+    ) -> None: ...
+    def close(self) -> None: ...
+    def embed(
+        self,
+        points: numpy.typing.NDArray[numpy.float32],
+        intensity: numpy.typing.NDArray[numpy.float32],
+        time_ns: typing.SupportsInt | typing.SupportsIndex,
+        num_dropped: typing.SupportsInt | typing.SupportsIndex,
+        is_end: bool,
+        context: bytes | None,
+    ) -> tuple[typing.Any, ...]: ...
+    @property
+    def session(self) -> bytes: ...
+
+class WatermarkPolicy:
+    def __init__(
+        self,
+        embeddings: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+        carriers: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+        sensors: collections.abc.Sequence[bytes],
+        sessions: collections.abc.Sequence[bytes],
+        max_points: typing.SupportsInt | typing.SupportsIndex,
+        any_order: bool,
+        max_age_ns: typing.SupportsInt | typing.SupportsIndex,
+        context: bytes | None,
+    ) -> None: ...
+
+class WatermarkVerifier:
+    def __init__(self, key: WatermarkKey) -> None: ...
+    def close(self) -> None: ...
+    def reset(self) -> None: ...
+    def restore(self, state: bytes) -> None: ...
+    def state(self) -> bytes: ...
+    def verify(
+        self,
+        points: numpy.typing.NDArray[numpy.float32],
+        intensity: numpy.typing.NDArray[numpy.float32],
+        record: bytes,
+        policy: WatermarkPolicy,
+        num_dropped: typing.SupportsInt | typing.SupportsIndex,
+        now_ns: typing.SupportsInt | typing.SupportsIndex,
+    ) -> dict[str, typing.Any]: ...
+
 def body_mirror(skeleton: typing.Any, affected: Limb, mode: MirrorMode) -> typing.Any: ...
 def boundary_gap(
     original: typing.Any,
@@ -1830,6 +1907,7 @@ def unproject_pixels(
     depth: numpy.typing.NDArray[numpy.float64],
     camera: typing.Any,
 ) -> numpy.ndarray: ...
+def watermark_header(record: bytes) -> dict[str, typing.Any]: ...
 def welded_boundary(mesh: typing.Any) -> numpy.ndarray: ...
 def writable_suffixes() -> list[typing.Any]: ...
 def write_mesh(

@@ -32,6 +32,7 @@ from manip3d.cli import (
     simplify,
     simulate,
     view,
+    watermark,
 )
 
 __all__ = ["app", "main"]
@@ -67,7 +68,7 @@ for verb in (
 ):
     app.command(short_help=_SHORT.get(verb.__name__))(verb)
 app.command("cs3", help="Same as 'depth', whose default method is CS3.")(depth.depth)
-for group in (data, forge, phantom, capture):
+for group in (data, forge, watermark, phantom, capture):
     app.add_typer(group.app)
 
 
