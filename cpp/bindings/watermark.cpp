@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "exclusive.hpp"
+#include "manip3d/authenticate/paper_watermark.hpp"
 #include "modules.hpp"
 #include "paths.hpp"
 #include "points.hpp"
@@ -141,6 +142,21 @@ Fields verify(Verifier& self, const CArray<float>& points, const CArray<float>& 
   return to_fields(std::move(finding));
 }
 
+PaperOptions to_paper_options(int embedding, int slices, int block_bits, bool paper_merge,
+                              std::uint64_t key_2, std::uint32_t frame) {
+  if (embedding < 0 || embedding > 2) throw InputError("embedding: expected 0 to 2");
+  return {static_cast<PaperEmbedding>(embedding),
+          slices,
+          block_bits,
+          paper_merge ? WatermarkMerge::kPaper : WatermarkMerge::kAdjacent,
+          key_2,
+          frame};
+}
+
+std::span<const std::uint8_t> values_of(const CArray<std::uint8_t>& array) {
+  return {array.data(), static_cast<std::size_t>(array.size())};
+}
+
 }  // namespace
 
 void bind_watermark(py::module_& m) {
@@ -215,6 +231,44 @@ void bind_watermark(py::module_& m) {
       .def("reset", exclusively(&WatermarkVerifier::reset))
       .def("close", exclusively(&WatermarkVerifier::close));
 
+  py::class_<PaperOptions>(m, "PaperOptions")
+      .def(py::init(&to_paper_options), py::arg("embedding"), py::arg("slices"),
+           py::arg("block_bits"), py::arg("paper_merge"), py::arg("key_2"), py::arg("frame"));
+  m.def(
+      "embed_paper_watermark",
+      [](const CArray<float>& points, const CArray<float>& intensity,
+         const CArray<std::uint8_t>& blocks, const PaperOptions& options) {
+        const PointsView view = points_view(points, intensity);
+        const auto bits = values_of(blocks);
+        PaperMarked marked;
+        {
+          const py::gil_scoped_release nogil;
+          marked = embed_paper(view, bits, options);
+        }
+        return py::make_tuple(to_numpy(std::move(marked.points)),
+                              to_numpy(std::move(marked.metadata.tile_of)),
+                              to_numpy(std::move(marked.metadata.counts)));
+      },
+      py::arg("points").noconvert(), py::arg("intensity").noconvert(),
+      py::arg("blocks").noconvert(), py::arg("options"));
+  m.def(
+      "compare_paper_watermark",
+      [](const CArray<float>& points, const CArray<float>& intensity,
+         const CArray<std::uint8_t>& blocks, const std::vector<std::uint16_t>& tile_of,
+         const std::vector<std::uint32_t>& counts, const PaperOptions& options) {
+        const PointsView view = points_view(points, intensity);
+        const auto bits = values_of(blocks);
+        PaperComparison found;
+        {
+          const py::gil_scoped_release nogil;
+          found = compare_paper(view, bits, {tile_of, counts}, options);
+        }
+        return py::make_tuple(to_numpy(std::move(found.mismatches)),
+                              to_numpy(std::move(found.and_mismatches)),
+                              to_numpy(std::move(found.counts)), to_numpy(std::move(found.rows)));
+      },
+      py::arg("points").noconvert(), py::arg("intensity").noconvert(),
+      py::arg("blocks").noconvert(), py::arg("tile_of"), py::arg("counts"), py::arg("options"));
   m.def(
       "watermark_header",
       [](const py::bytes& record) {

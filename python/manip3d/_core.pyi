@@ -37,6 +37,7 @@ __all__: list[str] = [
     "Limb",
     "LinkCondition",
     "MirrorMode",
+    "PaperOptions",
     "PersonMaskOptions",
     "PhantomMeshOptions",
     "PhantomOptions",
@@ -73,10 +74,12 @@ __all__: list[str] = [
     "check_registration",
     "clean",
     "closest_points",
+    "compare_paper_watermark",
     "copy_transform_paste",
     "deform",
     "density_levels",
     "depth_coverage",
+    "embed_paper_watermark",
     "estimate_scan_grid",
     "estimate_scan_origin",
     "faces_left",
@@ -1498,6 +1501,17 @@ class WatermarkVerifier:
         now_ns: typing.SupportsInt | typing.SupportsIndex,
     ) -> dict[str, typing.Any]: ...
 
+class PaperOptions:
+    def __init__(
+        self,
+        embedding: typing.SupportsInt | typing.SupportsIndex,
+        slices: typing.SupportsInt | typing.SupportsIndex,
+        block_bits: typing.SupportsInt | typing.SupportsIndex,
+        paper_merge: bool,
+        key_2: typing.SupportsInt | typing.SupportsIndex,
+        frame: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+
 def body_mirror(skeleton: typing.Any, affected: Limb, mode: MirrorMode) -> typing.Any: ...
 def boundary_gap(
     original: typing.Any,
@@ -1521,6 +1535,14 @@ def closest_points(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
+def compare_paper_watermark(
+    points: numpy.typing.NDArray[numpy.float32],
+    intensity: numpy.typing.NDArray[numpy.float32],
+    blocks: numpy.typing.NDArray[numpy.uint8],
+    tile_of: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+    counts: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+    options: PaperOptions,
+) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
 def copy_transform_paste(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],
@@ -1564,6 +1586,12 @@ def depth_coverage(
     faces: numpy.typing.NDArray[numpy.int32],
     max_edge: typing.SupportsFloat | typing.SupportsIndex,
 ) -> tuple[float, float]: ...
+def embed_paper_watermark(
+    points: numpy.typing.NDArray[numpy.float32],
+    intensity: numpy.typing.NDArray[numpy.float32],
+    blocks: numpy.typing.NDArray[numpy.uint8],
+    options: PaperOptions,
+) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
 def estimate_scan_grid(
     points: numpy.typing.NDArray[numpy.float32],
     origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],

@@ -161,6 +161,8 @@ void sample_for_verification(const PointsView& points, WatermarkEmbedding embedd
   find_slices(slices, found, slice_of);
 }
 
+std::int64_t nearest_unit(double metres) { return nearest(metres * kUnits); }
+
 std::uint8_t mark_of(const WatermarkSample& sample, std::uint8_t bit,
                      WatermarkEmbedding embedding) {
   if (embedding == WatermarkEmbedding::kLbm) return bit != 0 ? 7 : 0;

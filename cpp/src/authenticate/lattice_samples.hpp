@@ -22,6 +22,9 @@ struct LatticeSamples {
 /// Points at the origin: how some formats say that nothing came back.
 inline bool is_no_return(const WatermarkSample& s) { return (s.x | s.y | s.z) == 0; }
 
+/// The nearest unit of 1 mm.
+std::int64_t nearest_unit(double metres);
+
 /// Samples without what embedding replaces, and their slices.
 /// @throws InputError  a point is off the grid, and is not to be rounded, or too far away.
 void sample_for_embedding(const PointsView& points, const WatermarkOptions& options,

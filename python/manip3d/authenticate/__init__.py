@@ -35,6 +35,15 @@ from manip3d.authenticate._occlusion import (
     occlusion_consistency,
 )
 from manip3d.authenticate._origin import OriginEstimate, estimate_origin
+from manip3d.authenticate._paper_watermark import (
+    PAPER_EMBEDDINGS,
+    PaperComparison,
+    PaperMarked,
+    PaperMetadata,
+    compare_paper,
+    embed_paper,
+    noise_blocks,
+)
 from manip3d.authenticate._power import EDITS, measure_power
 from manip3d.authenticate._sensors import Sensor, identify_sensor, kitti_lattice
 from manip3d.authenticate._verdict import Calibration, Power, Processing, Region, Verdict
@@ -66,6 +75,7 @@ __all__ = [
     "EMBEDDINGS",
     "MAX_MOVE_M",
     "PAPER_DENSITY",
+    "PAPER_EMBEDDINGS",
     "PAPER_OCCLUSION",
     "RINGS_OCCLUSION",
     "SPARSE_DENSITY",
@@ -83,6 +93,9 @@ __all__ = [
     "OcclusionRegion",
     "OcclusionResult",
     "OriginEstimate",
+    "PaperComparison",
+    "PaperMarked",
+    "PaperMetadata",
     "Policy",
     "Power",
     "Processing",
@@ -96,9 +109,11 @@ __all__ = [
     "Watermarked",
     "Watermarker",
     "combined_verdict",
+    "compare_paper",
     "density_consistency",
     "drive_scans",
     "drive_times",
+    "embed_paper",
     "estimate_grid",
     "estimate_lattice",
     "estimate_origin",
@@ -107,6 +122,7 @@ __all__ = [
     "inspect",
     "kitti_lattice",
     "measure_power",
+    "noise_blocks",
     "occlusion_consistency",
     "plain_name",
     "read_record",

@@ -461,7 +461,7 @@ class Watermarker:
             The watermarker is closed, or its session has ended.
         """
         given = to_scan(scan)
-        frame = _as_frame(scan)
+        frame = as_frame(scan)
         if frame.exact is not None:
             raise InputError(
                 "scan: its coordinates need float64, of which only the float32 part would be "
@@ -514,7 +514,7 @@ class Watermarker:
             The watermarker is closed.
         """
         given = to_scan(scan)
-        frame = _as_frame(scan)
+        frame = as_frame(scan)
         chosen = Policy() if policy is None else policy
         found = self._verifier.verify(
             given.points,
@@ -591,7 +591,8 @@ def _session_bytes(text: str) -> bytes:
     return session
 
 
-def _as_frame(scan: ScanLike) -> LidarFrame:
+def as_frame(scan: ScanLike) -> LidarFrame:
+    """Return the scan as a frame."""
     if isinstance(scan, LidarFrame):
         return scan
     points, intensity, _ = to_scan(scan)
