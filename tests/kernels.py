@@ -59,7 +59,20 @@ angles = authenticate.AngularGrid(2.0, 2.0)
 views = [simplify.CameraView(DEPTH, CAMERA), simplify.CameraView(DEPTH, CAMERA)]
 inspected = authenticate.inspect(cloud, origin=(0, 0, 0), threads=1)
 
+on_grid = (np.rint(cloud.astype(np.float64) * 1000) / 1000).astype(np.float32)
+blocks = authenticate.noise_blocks(1, slices=12, block_bits=50)
+marked = authenticate.embed_paper(on_grid, blocks)
+verified = authenticate.WatermarkResult(
+    "authentic", "every point", "intact", "in order", 0, "unknown", is_end=True
+)
+
 KERNELS: dict[str, Kernel] = {
+    "authenticate.noise_blocks": lambda _: authenticate.noise_blocks(1),
+    "authenticate.embed_paper": lambda _: authenticate.embed_paper(on_grid, blocks),
+    "authenticate.compare_paper": lambda _: authenticate.compare_paper(
+        marked.frame, blocks, marked.metadata
+    ),
+    "authenticate.verdict_of_stream": lambda _: authenticate.verdict_of_stream([verified]),
     "simplify.clean": lambda _: simplify.clean(pipe),
     "simplify.quality": lambda _: simplify.quality(hill, ratio=0.3),
     "simplify.simplify": lambda _: simplify.simplify(pipe, ratio=0.3),
@@ -175,6 +188,13 @@ KERNELS: dict[str, Kernel] = {
 
 
 READ_FILES = {
+    "authenticate.drive_scans",
+    "authenticate.drive_times",
+    "authenticate.plain_name",
+    "authenticate.read_record",
+    "authenticate.record_path",
+    "authenticate.refuse_existing_record",
+    "authenticate.write_watermarked",
     "simplify.simplify_depth_file",
     "simplify.common_depth_unit",
     "simplify.colors_of_frames",

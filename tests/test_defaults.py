@@ -71,6 +71,7 @@ FACADES: dict[str, list[Callable[..., Any]]] = {
     "MetroOptions": [metrics.metro],
     "NearestOptions": [metrics.nearest_distances],
     "OcclusionOptions": [authenticate.OcclusionParameters, authenticate.occlusion_consistency],
+    "PaperOptions": [authenticate.embed_paper],
     "PersonMaskOptions": [modify.PhantomPipeline, modify.segment_body],
     "PhantomMeshOptions": [modify.PhantomPipeline],
     "PhantomOptions": [modify.PhantomPipeline],
@@ -91,6 +92,7 @@ FACADES: dict[str, list[Callable[..., Any]]] = {
     "TextureErrorOptions": [metrics.texture_error],
     "UdpOptions": [capture.open_lidar],
     "VelodyneOptions": [capture.open_lidar],
+    "WatermarkOptions": [authenticate.Watermarker],
     "WriteOptions": [],  # a folder that the writer of Python names
 }
 ALIASES = {
@@ -101,6 +103,7 @@ ALIASES = {
     "min_range_m": "min_range",
     "max_range_m": "max_range",
     "method": "resampling",
+    "round": "round_points",
 }
 WORDS_OF_THE_FACADE = {"seam_planes": "planes", "poisson_disk": "poisson"}
 # A stream's own: single images have no frame before them, whose edges they could keep.

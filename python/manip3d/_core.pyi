@@ -37,6 +37,7 @@ __all__: list[str] = [
     "Limb",
     "LinkCondition",
     "MirrorMode",
+    "PaperOptions",
     "PersonMaskOptions",
     "PhantomMeshOptions",
     "PhantomOptions",
@@ -60,6 +61,10 @@ __all__: list[str] = [
     "VelodyneOptions",
     "VelodynePcapSource",
     "VelodyneUdpSource",
+    "WatermarkEmbedder",
+    "WatermarkKey",
+    "WatermarkPolicy",
+    "WatermarkVerifier",
     "body_mirror",
     "boundary_gap",
     "bounding_box",
@@ -69,10 +74,12 @@ __all__: list[str] = [
     "check_registration",
     "clean",
     "closest_points",
+    "compare_paper_watermark",
     "copy_transform_paste",
     "deform",
     "density_levels",
     "depth_coverage",
+    "embed_paper_watermark",
     "estimate_scan_grid",
     "estimate_scan_origin",
     "faces_left",
@@ -129,6 +136,7 @@ __all__: list[str] = [
     "texture_error",
     "unproject",
     "unproject_pixels",
+    "watermark_header",
     "welded_boundary",
     "writable_suffixes",
     "write_mesh",
@@ -1421,6 +1429,89 @@ class PhantomPipeline:
     def reset(self) -> None: ...
     def select(self, id: typing.SupportsInt | typing.SupportsIndex) -> None: ...
 
+class WatermarkKey:
+    @staticmethod
+    def create(
+        path: bytes,
+        created_ns: typing.SupportsInt | typing.SupportsIndex,
+        expires_ns: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+    def __init__(self, path: bytes) -> None: ...
+    def close(self) -> None: ...
+    @property
+    def created_ns(self) -> int: ...
+    @property
+    def expires_ns(self) -> int: ...
+    @property
+    def id(self) -> bytes: ...
+    @property
+    def is_open(self) -> bool: ...
+
+class WatermarkEmbedder:
+    def __init__(
+        self,
+        key: WatermarkKey,
+        sensor: bytes,
+        session: bytes | None,
+        embedding: typing.SupportsInt | typing.SupportsIndex,
+        slices: typing.SupportsInt | typing.SupportsIndex,
+        least_points: typing.SupportsInt | typing.SupportsIndex,
+        paper_merge: bool,
+        round: bool,
+    ) -> None: ...
+    def close(self) -> None: ...
+    def embed(
+        self,
+        points: numpy.typing.NDArray[numpy.float32],
+        intensity: numpy.typing.NDArray[numpy.float32],
+        time_ns: typing.SupportsInt | typing.SupportsIndex,
+        num_dropped: typing.SupportsInt | typing.SupportsIndex,
+        is_end: bool,
+        context: bytes | None,
+    ) -> tuple[typing.Any, ...]: ...
+    @property
+    def session(self) -> bytes: ...
+
+class WatermarkPolicy:
+    def __init__(
+        self,
+        embeddings: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+        carriers: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+        sensors: collections.abc.Sequence[bytes],
+        sessions: collections.abc.Sequence[bytes],
+        max_points: typing.SupportsInt | typing.SupportsIndex,
+        any_order: bool,
+        max_age_ns: typing.SupportsInt | typing.SupportsIndex,
+        context: bytes | None,
+    ) -> None: ...
+
+class WatermarkVerifier:
+    def __init__(self, key: WatermarkKey) -> None: ...
+    def close(self) -> None: ...
+    def reset(self) -> None: ...
+    def restore(self, state: bytes) -> None: ...
+    def state(self) -> bytes: ...
+    def verify(
+        self,
+        points: numpy.typing.NDArray[numpy.float32],
+        intensity: numpy.typing.NDArray[numpy.float32],
+        record: bytes,
+        policy: WatermarkPolicy,
+        num_dropped: typing.SupportsInt | typing.SupportsIndex,
+        now_ns: typing.SupportsInt | typing.SupportsIndex,
+    ) -> dict[str, typing.Any]: ...
+
+class PaperOptions:
+    def __init__(
+        self,
+        embedding: typing.SupportsInt | typing.SupportsIndex,
+        slices: typing.SupportsInt | typing.SupportsIndex,
+        block_bits: typing.SupportsInt | typing.SupportsIndex,
+        paper_merge: bool,
+        key_2: typing.SupportsInt | typing.SupportsIndex,
+        frame: typing.SupportsInt | typing.SupportsIndex,
+    ) -> None: ...
+
 def body_mirror(skeleton: typing.Any, affected: Limb, mode: MirrorMode) -> typing.Any: ...
 def boundary_gap(
     original: typing.Any,
@@ -1444,6 +1535,14 @@ def closest_points(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
+def compare_paper_watermark(
+    points: numpy.typing.NDArray[numpy.float32],
+    intensity: numpy.typing.NDArray[numpy.float32],
+    blocks: numpy.typing.NDArray[numpy.uint8],
+    tile_of: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+    counts: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+    options: PaperOptions,
+) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
 def copy_transform_paste(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],
@@ -1487,6 +1586,12 @@ def depth_coverage(
     faces: numpy.typing.NDArray[numpy.int32],
     max_edge: typing.SupportsFloat | typing.SupportsIndex,
 ) -> tuple[float, float]: ...
+def embed_paper_watermark(
+    points: numpy.typing.NDArray[numpy.float32],
+    intensity: numpy.typing.NDArray[numpy.float32],
+    blocks: numpy.typing.NDArray[numpy.uint8],
+    options: PaperOptions,
+) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
 def estimate_scan_grid(
     points: numpy.typing.NDArray[numpy.float32],
     origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
@@ -1830,6 +1935,7 @@ def unproject_pixels(
     depth: numpy.typing.NDArray[numpy.float64],
     camera: typing.Any,
 ) -> numpy.ndarray: ...
+def watermark_header(record: bytes) -> dict[str, typing.Any]: ...
 def welded_boundary(mesh: typing.Any) -> numpy.ndarray: ...
 def writable_suffixes() -> list[typing.Any]: ...
 def write_mesh(

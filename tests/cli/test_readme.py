@@ -143,7 +143,7 @@ def check(line: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         pytest.skip("this machine has no FFmpeg")
     make_sources(words, place)
     takes_force = words[0] not in ("info", "compare", "doctor", "data") and "list" not in words
-    takes_force = takes_force and words[:2] != ["capture", "info"]
+    takes_force = takes_force and words[:2] not in (["capture", "info"], ["watermark", "keygen"])
     done = CliRunner().invoke(app, [*words, *(["--force"] if takes_force else [])])
     expected = next((code for name, code in EXIT_CODES.items() if name in line), 0)
     assert done.exit_code == expected, (line, done.output, done.exception)
@@ -156,9 +156,28 @@ def make_sources(words: list[str], place: Path) -> None:
     sources = " ".join(words).partition(" -o ")[0]
     if "patient.mkv" in sources and not (place / "patient.mkv").exists():
         manip3d.capture.record("sim:body?amputated=right-arm&frames=3", place / "patient.mkv")
+    if words[0] == "watermark":
+        make_watermark(words, place)
     if sources == "report results" and not (place / "results").exists():
         line = "reproduce table-2.1 --scale quick --data simulated -q -o results"
         assert CliRunner().invoke(app, line.split()).exit_code == 0
+
+
+def make_watermark(words: list[str], place: Path) -> None:
+    """A drive, a key, and what they make."""
+    (place / "sensor.key").unlink(missing_ok=True)
+    if words[1] == "keygen":
+        return
+    key = manip3d.authenticate.KeyFile.create(place / "sensor.key")
+    scans = place / "drive" / "velodyne_points" / "data"
+    scans.mkdir(parents=True, exist_ok=True)
+    scan = np.round(CAVE, 3)
+    manip3d.LidarFrame(scan, np.zeros(len(scan), np.float32)).write(scans / "0000000000.bin")
+    if words[1] == "verify":
+        marker = manip3d.authenticate.Watermarker(key)
+        sent = marker.embed(manip3d.read_scan(scans / "0000000000.bin"), is_end=True)
+        signed = place / "signed" / "velodyne_points" / "data"
+        manip3d.authenticate.write_watermarked(sent, signed / "0000000000.bin")
 
 
 def mkv_is_here() -> bool:

@@ -1,4 +1,4 @@
-"""Has this scan been edited? Detectors that look at one scan and say what they found."""
+"""Has this scan been edited? Detectors that look at a scan, and watermarks that prove it."""
 
 from __future__ import annotations
 
@@ -35,15 +35,47 @@ from manip3d.authenticate._occlusion import (
     occlusion_consistency,
 )
 from manip3d.authenticate._origin import OriginEstimate, estimate_origin
+from manip3d.authenticate._paper_watermark import (
+    PAPER_EMBEDDINGS,
+    PaperComparison,
+    PaperMarked,
+    PaperMetadata,
+    compare_paper,
+    embed_paper,
+    noise_blocks,
+)
 from manip3d.authenticate._power import EDITS, measure_power
 from manip3d.authenticate._sensors import Sensor, identify_sensor, kitti_lattice
 from manip3d.authenticate._verdict import Calibration, Power, Processing, Region, Verdict
+from manip3d.authenticate._watermark import (
+    EMBEDDINGS,
+    MAX_MOVE_M,
+    KeyFile,
+    Policy,
+    Tile,
+    Watermarked,
+    Watermarker,
+    WatermarkResult,
+)
+from manip3d.authenticate._watermark_files import (
+    drive_scans,
+    drive_times,
+    plain_name,
+    read_record,
+    record_path,
+    refuse_existing_record,
+    verdict_of_stream,
+    write_watermarked,
+)
 
 __all__ = [
     "CALIBRATED_DENSITY",
     "CALIBRATED_OCCLUSION",
     "EDITS",
+    "EMBEDDINGS",
+    "MAX_MOVE_M",
     "PAPER_DENSITY",
+    "PAPER_EMBEDDINGS",
     "PAPER_OCCLUSION",
     "RINGS_OCCLUSION",
     "SPARSE_DENSITY",
@@ -55,20 +87,33 @@ __all__ = [
     "EvidenceReport",
     "GenericResult",
     "Inspection",
+    "KeyFile",
     "LatticeReading",
     "OcclusionParameters",
     "OcclusionRegion",
     "OcclusionResult",
     "OriginEstimate",
+    "PaperComparison",
+    "PaperMarked",
+    "PaperMetadata",
+    "Policy",
     "Power",
     "Processing",
     "Region",
     "Sensor",
     "SensorLattice",
     "SuspectRegion",
+    "Tile",
     "Verdict",
+    "WatermarkResult",
+    "Watermarked",
+    "Watermarker",
     "combined_verdict",
+    "compare_paper",
     "density_consistency",
+    "drive_scans",
+    "drive_times",
+    "embed_paper",
     "estimate_grid",
     "estimate_lattice",
     "estimate_origin",
@@ -77,5 +122,12 @@ __all__ = [
     "inspect",
     "kitti_lattice",
     "measure_power",
+    "noise_blocks",
     "occlusion_consistency",
+    "plain_name",
+    "read_record",
+    "record_path",
+    "refuse_existing_record",
+    "verdict_of_stream",
+    "write_watermarked",
 ]

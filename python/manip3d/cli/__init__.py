@@ -36,6 +36,7 @@ _VERBS = {
     "cs3": "Same as 'depth', whose default method is CS3.",
     "data": "Public data sets: what is here, and fetching more.",
     "forge": "Forge LiDAR scans, with the truth beside them.",
+    "watermark": "Embed keyed watermarks into LiDAR scans and verify them.",
     "phantom": "Render a missing limb by mirroring the intact one.",
     "capture": "RGB-D cameras and recordings: list, record, play, export, info.",
 }

@@ -31,12 +31,12 @@ NAMES = {
 }
 VERBS = {
     "mesh": "simplify, compare, info, view, convert",
-    "scan": "inspect, forge lidar, info, view, convert",
+    "scan": "inspect, forge lidar, watermark, info, view, convert",
     "range grid": "depth, info, view, convert",
     "depth": "depth, info, view",
     "packets": "info, view, convert (into scans, which inspect takes)",
     "recording": "capture play, capture info, info, view, phantom render",
-    "drive": "info, view, convert; inspect takes each of its scans",
+    "drive": "watermark, info, view, convert; inspect takes each of its scans",
     "picture": "depth, as --color",
     "results": "report",
     "folder": "simplify (of meshes), depth (of depth images), info and view (of a drive)",

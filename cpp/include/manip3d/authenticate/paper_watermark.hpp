@@ -1,0 +1,58 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "manip3d/authenticate/watermark.hpp"
+#include "manip3d/geometry/point_cloud.hpp"
+
+/// @file
+/// The fragile watermark as the dissertation prints it (section 7.3.1). Its bits are not bound to
+/// the content: anybody can move points and write the same bits back. It proves nothing.
+namespace manip3d {
+
+enum class PaperEmbedding : std::uint8_t {
+  kLbm,         ///< Lowest bits of x, y and z, cleared before ordering.
+  kQimCell,     ///< z at a quarter or three quarters of a cell of 2.5 mm.
+  kQimPrinted,  ///< Equations 7.1 to 7.3; the order leaves z out.
+};
+
+struct PaperOptions {
+  PaperEmbedding embedding = PaperEmbedding::kLbm;
+  int slices = 36;
+  int block_bits = 1000;  ///< M; slices with fewer points are merged.
+  WatermarkMerge merge = WatermarkMerge::kAdjacent;
+  std::uint64_t key_2 = 0;  ///< Assigns blocks to slices, and bits of blocks to points.
+  std::uint32_t frame = 0;
+};
+
+/// What the receiver is told over a secured channel.
+struct PaperMetadata {
+  std::vector<std::uint16_t> tile_of;  ///< Of each slice.
+  std::vector<std::uint32_t> counts;   ///< Points of each tile.
+};
+
+struct PaperMarked {
+  Points points;  ///< In the order that they came in.
+  PaperMetadata metadata;
+};
+
+/// @param blocks  slices x block_bits values, 0 or 1: the watermark image's columns.
+/// @throws InputError  no points, points off the grid of 1 mm, an option or a bit out of range.
+PaperMarked embed_paper(const PointsView& points, std::span<const std::uint8_t> blocks,
+                        const PaperOptions& options);
+
+struct PaperComparison {
+  std::vector<std::int64_t> mismatches;      ///< Of each tile: points whose bits differ.
+  std::vector<std::int64_t> and_mismatches;  ///< Of each tile: bits that differ after AND.
+  std::vector<std::uint32_t> counts;         ///< Points found in each tile.
+  std::vector<std::int32_t> rows;            ///< Points whose bits differ, ascending.
+};
+
+/// Extracts the bits (eq. 7.4, with the absolute value) and compares them with `blocks`.
+/// @throws InputError  an option out of range, or metadata that contradict them.
+PaperComparison compare_paper(const PointsView& points, std::span<const std::uint8_t> blocks,
+                              const PaperMetadata& metadata, const PaperOptions& options);
+
+}  // namespace manip3d

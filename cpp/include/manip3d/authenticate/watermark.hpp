@@ -1,0 +1,200 @@
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "manip3d/authenticate/watermark_key.hpp"
+#include "manip3d/geometry/point_cloud.hpp"
+
+/// @file
+/// A keyed watermark for LiDAR scans (dissertation section 7.3, bound to the content by a key).
+///
+/// It protects from the embedder to the verifier, not the laser before it: what was injected in
+/// front of the sensor is signed as genuine. The key is symmetric: whoever verifies could forge.
+namespace manip3d {
+
+/// How a scan carries its bits.
+enum class WatermarkEmbedding : std::uint8_t {
+  kDetached = 0,  ///< Not at all: the record alone tells; the points stay as they are, to the bit.
+  kLbm = 1,       ///< Lowest bits of x, y and z in units of 1 mm.
+  kQim = 2,       ///< z at a quarter or three quarters of a cell of 2.5 mm.
+};
+
+/// Which slice a slice with too few points is merged with.
+enum class WatermarkMerge : std::uint8_t {
+  kAdjacent,  ///< Its smaller neighbour in azimuth.
+  kPaper,     ///< The two smallest, wherever they are.
+};
+
+/// What a record says of itself besides the tags; see `WatermarkRecord` for its bytes.
+struct WatermarkHeader {
+  std::uint8_t suite = 1;
+  WatermarkEmbedding embedding = WatermarkEmbedding::kLbm;
+  std::uint8_t carrier = 0;  ///< 0: a file beside the scan; 1: inside an image.
+  bool is_genesis = false;   ///< The first frame of its session.
+  bool is_end = false;       ///< The last one.
+  bool has_context = false;
+  WatermarkId sensor{};
+  WatermarkId session{};
+  std::uint64_t frame = 0;
+  std::int64_t time_ns = 0;
+  std::uint32_t units_per_m = 1000;  ///< 0: the bits of the float32 coordinates.
+  std::array<std::int64_t, 3> offset{};
+  std::uint32_t units_per_intensity = 0;  ///< 0: the bits of the float32 values.
+  bool has_intensity = false;
+  std::uint32_t num_dropped = 0;       ///< Points of the file without coordinates.
+  std::vector<std::uint16_t> tile_of;  ///< Tile of each slice.
+  std::uint16_t num_tiles = 0;
+  std::array<std::uint8_t, 32> context{};  ///< Hash of what was recorded beside the scan.
+};
+
+/// A record: little-endian, without gaps.
+///
+/// header | num_tiles x (count u32, tag 16) | tag of the previous frame 32 | record tag 32 |
+/// frame tag 32, where the header is "m3d-wm01", suite u8, embedding u8, carrier u8, flags u8
+/// (1 genesis, 2 end, 8 context), sensor 16, session 16, frame u64, time_ns i64, units_per_m u32,
+/// offset 3 x i64, units_per_intensity u32, fields u16 (1 intensity), slices u16, tiles u16,
+/// dropped u32, slices x u16 merge map, context 32. With keys of the session (watermark_suite.hpp),
+/// tag_i = BLAKE2b(K_tile, "m3d-tile" | header | i u32 | count u32 | samples of 16 bytes),
+/// frame tag = BLAKE2b(K_frame, "m3d-frame" | record | tag_0 | tag_1 ...), and, so that a changed
+/// record is told from changed points,
+/// record tag = BLAKE2b(K_frame, "m3d-record" | record | frame tag).
+struct WatermarkRecord {
+  static constexpr std::size_t kMaxSize = 16384;
+  static constexpr std::size_t kFixedSize = 102;  ///< Of the header before the merge map.
+
+  WatermarkHeader header;
+  std::vector<std::uint32_t> counts;
+  std::vector<std::array<std::uint8_t, 16>> tags;
+  std::array<std::uint8_t, 32> previous{};
+
+  /// @throws FormatError  the bytes are no record of suite 1, or damaged.
+  static WatermarkRecord parse(std::span<const std::uint8_t> bytes);
+};
+
+struct WatermarkOptions {
+  WatermarkEmbedding embedding = WatermarkEmbedding::kLbm;
+  int slices = 36;
+  int least_points = 1000;  ///< Of a tile; slices with fewer are merged.
+  WatermarkMerge merge = WatermarkMerge::kAdjacent;
+  bool round = false;  ///< Move points that are not on the millimetre grid onto it.
+};
+
+/// What one frame adds to the options.
+struct WatermarkFrame {
+  std::int64_t time_ns = 0;
+  std::uint32_t num_dropped = 0;
+  bool is_end = false;
+  std::optional<std::array<std::uint8_t, 32>> context;
+};
+
+struct WatermarkedScan {
+  Points points;  ///< As many rows as came, in their order; none where nothing was to change.
+  std::vector<std::uint8_t> record;
+  std::uint64_t frame = 0;
+  int num_tiles = 0;
+};
+
+/// Embeds watermarks into the frames of one session, which begins with the object.
+class WatermarkEmbedder {
+ public:
+  /// @throws Error  the key is closed.
+  /// @throws InputError  an option out of range.
+  WatermarkEmbedder(const WatermarkKey& key, const WatermarkId& sensor,
+                    const WatermarkOptions& options = {});
+  /// The same with a given session, for known answers; a session must never be used twice.
+  WatermarkEmbedder(const WatermarkKey& key, const WatermarkId& sensor, const WatermarkId& session,
+                    const WatermarkOptions& options);
+  WatermarkEmbedder(WatermarkEmbedder&&) noexcept;
+  WatermarkEmbedder& operator=(WatermarkEmbedder&&) noexcept;
+  ~WatermarkEmbedder();
+
+  /// The largest move of a point is sqrt(3) units for LBM, 15/8 units for QIM (of 1 mm), or
+  /// nothing (detached), and sqrt(3)/2 units more where points are rounded onto the grid.
+  /// @throws InputError  no points, values that are not finite, points off the grid.
+  /// @throws Error  closed, or the session has ended.
+  WatermarkedScan embed(const PointsView& points, const WatermarkFrame& frame = {});
+
+  [[nodiscard]] const WatermarkId& session() const;
+  /// Wipes the keys; may be called twice.
+  void close();
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+/// What a verifier accepts: the record is compared with it, never obeyed.
+struct WatermarkPolicy {
+  std::vector<WatermarkEmbedding> embeddings = {WatermarkEmbedding::kDetached,
+                                                WatermarkEmbedding::kLbm, WatermarkEmbedding::kQim};
+  std::vector<std::uint8_t> carriers = {0, 1};
+  std::vector<WatermarkId> sensors;   ///< Empty: any.
+  std::vector<WatermarkId> sessions;  ///< Empty: any.
+  std::int64_t max_points = 10'000'000;
+  bool any_order = false;       ///< Accept a frame whose place in the stream is not known.
+  std::int64_t max_age_ns = 0;  ///< 0: frames of any age.
+  std::optional<std::array<std::uint8_t, 32>> context;  ///< Expected hash of what is beside.
+};
+
+enum class WatermarkContent : std::uint8_t { kIntact, kTampered, kUnverifiable };
+enum class WatermarkPlace : std::uint8_t { kUnknown, kInOrder, kGap, kReplay };
+enum class WatermarkFreshness : std::uint8_t { kUnknown, kFresh, kStale };
+enum class WatermarkTile : std::uint8_t {
+  kIntact,
+  kBits,     ///< The content holds; carrier bits differ in the points listed.
+  kChanged,  ///< The content differs; nothing more is said (a list would help a forger).
+};
+enum class WatermarkVerdict : std::uint8_t { kAuthentic, kTampered, kUnverifiable };
+
+struct WatermarkFinding {
+  WatermarkVerdict verdict = WatermarkVerdict::kUnverifiable;
+  std::string reason;
+  WatermarkContent content = WatermarkContent::kUnverifiable;
+  WatermarkPlace order = WatermarkPlace::kUnknown;
+  std::int64_t gap = 0;  ///< Frames that are missing before this one.
+  WatermarkFreshness freshness = WatermarkFreshness::kUnknown;
+  /// Of a record whose own tag holds; else nothing of it is told.
+  std::optional<WatermarkHeader> header;
+  std::vector<WatermarkTile> tiles;
+  std::vector<std::int32_t> rows;          ///< Points of which only carrier bits differ, ascending.
+  std::vector<std::uint16_t> tile_of_row;  ///< (N,) Where the record's header is known.
+};
+
+/// Verifies the frames of a stream one after the other, with the chain of frames as its state.
+class WatermarkVerifier {
+ public:
+  /// @throws Error  the key is closed.
+  explicit WatermarkVerifier(const WatermarkKey& key);
+  WatermarkVerifier(WatermarkVerifier&&) noexcept;
+  WatermarkVerifier& operator=(WatermarkVerifier&&) noexcept;
+  ~WatermarkVerifier();
+
+  /// @param num_dropped  Points of the file without coordinates.
+  /// @param now_ns       Nanoseconds since 1970.
+  /// @throws InputError  values that are not finite.
+  /// @throws Error  closed.
+  WatermarkFinding verify(const PointsView& points, std::span<const std::uint8_t> record,
+                          const WatermarkPolicy& policy, std::uint32_t num_dropped = 0,
+                          std::int64_t now_ns = 0);
+
+  /// The chain's state, authenticated with the key: for a verifier that goes on later.
+  [[nodiscard]] std::vector<std::uint8_t> state() const;
+  /// @throws FormatError  damaged, or of another key.
+  void restore(std::span<const std::uint8_t> state);
+  /// Forgets the frames seen.
+  void reset();
+  /// Wipes the keys; may be called twice.
+  void close();
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace manip3d

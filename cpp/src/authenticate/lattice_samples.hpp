@@ -1,0 +1,50 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "authenticate/canonical_order.hpp"
+#include "manip3d/geometry/point_cloud.hpp"
+
+/// @file
+/// Points as the integers that a watermark binds, and back.
+namespace manip3d {
+
+constexpr std::uint8_t kOffLattice = 0x80;  ///< Mark of a point that no embedder writes.
+
+struct LatticeSamples {
+  std::vector<WatermarkSample> samples;
+  /// What embedding may change of each point: LBM, the lowest bits of x, y and z; QIM, the quarter
+  /// of its cell that z lies at.
+  std::vector<std::uint8_t> marks;
+};
+
+/// Points at the origin: how some formats say that nothing came back.
+inline bool is_no_return(const WatermarkSample& s) { return (s.x | s.y | s.z) == 0; }
+
+/// The nearest unit of 1 mm.
+std::int64_t nearest_unit(double metres);
+
+/// Samples without what embedding replaces, and their slices.
+/// @throws InputError  a point is off the grid, and is not to be rounded, or too far away.
+void sample_for_embedding(const PointsView& points, const WatermarkOptions& options,
+                          const SliceTable& slices, LatticeSamples& found,
+                          std::vector<std::uint16_t>& slice_of);
+
+/// The same at the receiver, with marks.
+void sample_for_verification(const PointsView& points, WatermarkEmbedding embedding,
+                             const SliceTable& slices, LatticeSamples& found,
+                             std::vector<std::uint16_t>& slice_of);
+
+/// The mark of a sample that carries `bit`.
+std::uint8_t mark_of(const WatermarkSample& sample, std::uint8_t bit, WatermarkEmbedding embedding);
+
+/// Writes three coordinates, metres.
+void write_sample(const WatermarkSample& sample, std::uint8_t bit, WatermarkEmbedding embedding,
+                  float* xyz);
+
+/// Sorts the marks, and the rows with them, of identical samples of a tile: they carry their bits
+/// in ascending order.
+void sort_marks_of_equals(TiledSamples& tiled, std::size_t tile);
+
+}  // namespace manip3d

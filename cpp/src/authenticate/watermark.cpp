@@ -1,0 +1,547 @@
+#include "manip3d/authenticate/watermark.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <utility>
+
+#include "authenticate/canonical_order.hpp"
+#include "authenticate/lattice_samples.hpp"
+#include "authenticate/little_endian.hpp"
+#include "authenticate/watermark_record.hpp"
+#include "authenticate/watermark_suite.hpp"
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr std::uint32_t kLeastEffective = 128;  // bits of a tile; 80 pass by luck too often
+constexpr std::size_t kMaxSessions = 4096;      // that a verifier remembers
+
+WatermarkOrder order_of(WatermarkEmbedding embedding) {
+  return embedding == WatermarkEmbedding::kDetached ? WatermarkOrder::kPlain
+                                                    : WatermarkOrder::kHeightFirst;
+}
+
+std::span<const std::uint8_t> bytes_of_samples(std::span<const WatermarkSample> samples) {
+  return {reinterpret_cast<const std::uint8_t*>(samples.data()), samples.size_bytes()};
+}
+
+// tag_i = BLAKE2b(K_tile, "m3d-tile" | header | i | count | samples)
+WatermarkTag tag_of_tile(const SessionKeys& keys, std::span<const std::uint8_t> header,
+                         std::uint32_t tile, std::span<const WatermarkSample> samples) {
+  std::array<std::uint8_t, 8> numbers;
+  store(tile, numbers.data());
+  store(static_cast<std::uint32_t>(samples.size()), numbers.data() + 4);
+  TagHash hash(keys.tile());
+  hash.update("m3d-tile");
+  hash.update(header);
+  hash.update(numbers);
+  hash.update(bytes_of_samples(samples));
+  return hash.finish();
+}
+
+std::vector<WatermarkTag> tags_of_tiles(const SessionKeys& keys,
+                                        std::span<const std::uint8_t> header,
+                                        const TiledSamples& tiled) {
+  std::vector<WatermarkTag> tags;
+  for (std::size_t t = 0; t + 1 < tiled.begins.size(); ++t) {
+    const std::uint32_t begin = tiled.begins[t];
+    tags.push_back(
+        tag_of_tile(keys, header, static_cast<std::uint32_t>(t),
+                    std::span(tiled.samples).subspan(begin, tiled.begins[t + 1] - begin)));
+  }
+  return tags;
+}
+
+// BLAKE2b(K_frame, domain | record | full tags)
+WatermarkTag tag_of_record(const SessionKeys& keys, std::string_view domain,
+                           std::span<const std::uint8_t> record,
+                           const std::vector<WatermarkTag>& tags) {
+  TagHash hash(keys.frame());
+  hash.update(domain);
+  hash.update(record);
+  for (const WatermarkTag& tag : tags) hash.update(tag);
+  return hash.finish();
+}
+
+// Calls `use(place, bit)` for the carriers of a tile. Identical points cannot be told apart: their
+// bits come in ascending order. Points at the origin carry nothing.
+template <typename Use>
+void for_each_bit(const SessionKeys& keys, const WatermarkTag& tag, const TiledSamples& tiled,
+                  std::size_t tile, std::vector<std::uint8_t>& stream, const Use& use) {
+  const std::size_t begin = tiled.begins[tile], end = tiled.begins[tile + 1];
+  carrier_bits(keys, tag, end - begin, stream);
+  const auto bit = [&](std::size_t place) {
+    const std::size_t i = place - begin;
+    return static_cast<std::uint8_t>((stream[i / 8] >> (i % 8)) & 1U);
+  };
+  for (std::size_t place = begin; place < end;) {
+    std::size_t run = place + 1;
+    while (run < end && tiled.samples[run] == tiled.samples[place]) ++run;
+    if (is_no_return(tiled.samples[place])) {
+      for (; place < run; ++place) use(place, std::uint8_t{0});
+    } else if (run == place + 1) {
+      use(place, bit(place));
+    } else {
+      std::size_t ones = 0;
+      for (std::size_t i = place; i < run; ++i) ones += bit(i);
+      for (; place < run; ++place) use(place, static_cast<std::uint8_t>(run - place <= ones));
+    }
+    place = run;
+  }
+}
+
+// Points of the tile that carry bits, identical ones counted once.
+std::uint32_t effective_bits(const TiledSamples& tiled, std::size_t tile) {
+  std::uint32_t bits = 0;
+  for (std::size_t i = tiled.begins[tile]; i < tiled.begins[tile + 1]; ++i) {
+    const bool repeats = i > tiled.begins[tile] && tiled.samples[i] == tiled.samples[i - 1];
+    bits += !repeats && !is_no_return(tiled.samples[i]);
+  }
+  return bits;
+}
+
+}  // namespace
+
+// --- Embedding -----------------------------------------------------------------------------------
+
+struct WatermarkEmbedder::State {
+  WatermarkOptions options;
+  WatermarkHeader header;
+  SessionKeys keys;
+  SliceTable slices;
+  bool is_closed = false, has_ended = false;
+  WatermarkTag previous{};
+  LatticeSamples found;
+  std::vector<std::uint16_t> slice_of;
+  CanonicalOrder order;
+  TiledSamples tiled;
+  std::vector<std::uint8_t> stream;
+
+  State(const WatermarkKey& key, const WatermarkId& sensor, const WatermarkId& session,
+        const WatermarkOptions& chosen)
+      : options(chosen), keys(key.secret(), sensor, session), slices(chosen.slices) {
+    if (chosen.least_points < 1) {
+      throw InputError("least_points: expected 1 or more, got " +
+                       std::to_string(chosen.least_points));
+    }
+    header.embedding = chosen.embedding;
+    header.sensor = sensor;
+    header.session = session;
+    header.units_per_m = chosen.embedding == WatermarkEmbedding::kDetached ? 0 : 1000;
+  }
+
+  // Merges slices until each tile has its bits; the tiles are in `tiled` then.
+  void make_tiles() {
+    std::vector<std::uint32_t> counts(static_cast<std::size_t>(slices.size()), 0);
+    for (const std::uint16_t slice : slice_of) ++counts[slice];
+    const bool carries = header.embedding != WatermarkEmbedding::kDetached;
+    for (std::uint64_t least = static_cast<std::uint64_t>(options.least_points);; least *= 4) {
+      const auto bounded = static_cast<std::uint32_t>(
+          std::min<std::uint64_t>(least, std::numeric_limits<std::uint32_t>::max()));
+      header.tile_of = merge_slices(counts, bounded, options.merge);
+      header.num_tiles = static_cast<std::uint16_t>(
+          1 + *std::max_element(header.tile_of.begin(), header.tile_of.end()));
+      order.sort(found.samples, found.marks, slice_of, header.tile_of, header.num_tiles,
+                 order_of(header.embedding), tiled);
+      bool enough = true;
+      for (std::size_t t = 0; carries && t < header.num_tiles; ++t) {
+        enough = enough && effective_bits(tiled, t) >= kLeastEffective;
+      }
+      if (enough || header.num_tiles == 1) return;
+    }
+  }
+
+  std::vector<std::uint8_t> make_record(std::span<const std::uint8_t> head,
+                                        const std::vector<WatermarkTag>& tags) {
+    std::vector<std::uint8_t> record(head.begin(), head.end());
+    for (std::size_t t = 0; t < tags.size(); ++t) {
+      std::array<std::uint8_t, 4> count;
+      store(tiled.begins[t + 1] - tiled.begins[t], count.data());
+      record.insert(record.end(), count.begin(), count.end());
+      record.insert(record.end(), tags[t].begin(), tags[t].begin() + 16);
+    }
+    record.insert(record.end(), previous.begin(), previous.end());
+    const WatermarkTag whole = tag_of_record(keys, "m3d-frame", record, tags);
+    const WatermarkTag own = tag_of_record(keys, "m3d-record", record, {whole});
+    record.insert(record.end(), own.begin(), own.end());
+    record.insert(record.end(), whole.begin(), whole.end());
+    previous = whole;
+    return record;
+  }
+};
+
+WatermarkEmbedder::WatermarkEmbedder(const WatermarkKey& key, const WatermarkId& sensor,
+                                     const WatermarkOptions& options) {
+  WatermarkId session;
+  if (sodium_init() < 0) throw Error("libsodium cannot be started");
+  randombytes_buf(session.data(), session.size());
+  state_ = std::make_unique<State>(key, sensor, session, options);
+}
+
+WatermarkEmbedder::WatermarkEmbedder(const WatermarkKey& key, const WatermarkId& sensor,
+                                     const WatermarkId& session, const WatermarkOptions& options)
+    : state_(std::make_unique<State>(key, sensor, session, options)) {}
+
+WatermarkEmbedder::WatermarkEmbedder(WatermarkEmbedder&&) noexcept = default;
+WatermarkEmbedder& WatermarkEmbedder::operator=(WatermarkEmbedder&&) noexcept = default;
+WatermarkEmbedder::~WatermarkEmbedder() = default;
+
+const WatermarkId& WatermarkEmbedder::session() const { return state_->header.session; }
+
+void WatermarkEmbedder::close() {
+  state_->keys.close();
+  state_->is_closed = true;
+}
+
+WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const WatermarkFrame& frame) {
+  State& s = *state_;
+  if (s.is_closed) throw Error("the watermarker is closed");
+  if (s.has_ended) throw Error("the session has ended with its last frame");
+  check_points(points);
+  if (points.num_points() == 0) throw InputError("points: expected at least one, got none");
+  sample_for_embedding(points, s.options, s.slices, s.found, s.slice_of);
+  WatermarkHeader& header = s.header;
+  header.is_genesis = header.frame == 0;
+  header.is_end = frame.is_end;
+  header.has_context = frame.context.has_value();
+  header.context = frame.context.value_or(std::array<std::uint8_t, 32>{});
+  header.time_ns = frame.time_ns;
+  header.num_dropped = frame.num_dropped;
+  header.has_intensity = points.has_intensity();
+  s.make_tiles();
+
+  const std::vector<std::uint8_t> head = header_bytes(header);
+  const std::vector<WatermarkTag> tags = tags_of_tiles(s.keys, head, s.tiled);
+  WatermarkedScan result;
+  if (header.embedding != WatermarkEmbedding::kDetached) {
+    result.points.resize(points.num_points(), 3);
+    for (std::size_t t = 0; t < tags.size(); ++t) {
+      for_each_bit(s.keys, tags[t], s.tiled, t, s.stream, [&](std::size_t place, std::uint8_t bit) {
+        write_sample(s.tiled.samples[place], bit, header.embedding,
+                     result.points.data() + 3 * std::size_t{s.tiled.rows[place]});
+      });
+    }
+  }
+  result.record = s.make_record(head, tags);
+  result.frame = header.frame;
+  result.num_tiles = header.num_tiles;
+  ++header.frame;
+  s.has_ended = frame.is_end;
+  return result;
+}
+
+// --- Verification --------------------------------------------------------------------------------
+
+struct WatermarkVerifier::State {
+  SecretBytes root;
+  SessionKeys keys;
+  SliceTable slices{36};
+  LatticeSamples found;
+  std::vector<std::uint16_t> slice_of;
+  CanonicalOrder order;
+  TiledSamples tiled;
+  std::vector<std::uint8_t> stream;
+
+  // The chain.
+  bool has_frame = false;
+  bool had_end = false;
+  WatermarkId session{};
+  std::uint64_t frame = 0;
+  WatermarkTag tag{};
+  std::vector<WatermarkId> past;  // sessions before this one, the oldest first
+
+  void find_place(const WatermarkRecord& record, WatermarkFinding& finding) const;
+  void go_on(const WatermarkHeader& header, const WatermarkTag& frame_tag);
+  void check_content(const PointsView& points, std::span<const std::uint8_t> bytes,
+                     const WatermarkRecord& record, std::uint32_t num_dropped,
+                     WatermarkFinding& finding);
+  [[nodiscard]] WatermarkTag state_tag(std::span<const std::uint8_t> bytes) const;
+};
+
+namespace {
+
+template <typename T>
+bool holds(const std::vector<T>& values, const T& value) {
+  return std::find(values.begin(), values.end(), value) != values.end();
+}
+
+// Why the policy does not accept the record; empty: it does.
+std::string objection(const WatermarkPolicy& policy, const WatermarkHeader& header) {
+  if (!holds(policy.embeddings, header.embedding)) return "the policy refuses this embedding";
+  if (!holds(policy.carriers, header.carrier)) return "the policy refuses this carrier";
+  if (!policy.sensors.empty() && !holds(policy.sensors, header.sensor)) {
+    return "the record is of another sensor than the policy names";
+  }
+  if (!policy.sessions.empty() && !holds(policy.sessions, header.session)) {
+    return "the record is of another session than the policy names";
+  }
+  if (policy.context && !header.has_context) return "the record binds no context";
+  if (policy.context && !equal_in_constant_time(*policy.context, header.context)) {
+    return "the record belongs to another context";
+  }
+  return {};
+}
+
+WatermarkFreshness freshness_of(const WatermarkPolicy& policy, const WatermarkHeader& header,
+                                std::int64_t now_ns) {
+  if (policy.max_age_ns <= 0) return WatermarkFreshness::kUnknown;
+  const double age = static_cast<double>(now_ns) - static_cast<double>(header.time_ns);
+  const auto most = static_cast<double>(policy.max_age_ns);
+  return std::abs(age) <= most ? WatermarkFreshness::kFresh : WatermarkFreshness::kStale;
+}
+
+void conclude(const WatermarkPolicy& policy, WatermarkFinding& finding) {
+  const auto say = [&](WatermarkVerdict verdict, std::string reason) {
+    finding.verdict = verdict;
+    finding.reason = std::move(reason);
+  };
+  const auto changed =
+      std::count(finding.tiles.begin(), finding.tiles.end(), WatermarkTile::kChanged);
+  const auto bits = std::count(finding.tiles.begin(), finding.tiles.end(), WatermarkTile::kBits);
+  if (finding.content == WatermarkContent::kTampered) {
+    const std::string total = " of " + std::to_string(finding.tiles.size()) + " tiles";
+    if (changed + bits == 0) {
+      say(WatermarkVerdict::kTampered, "the scan has other columns or points than were signed");
+    } else if (changed > 0) {
+      say(WatermarkVerdict::kTampered,
+          "points of " + std::to_string(changed) + total + " are not those that were signed");
+    } else {
+      say(WatermarkVerdict::kTampered,
+          "carrier bits of " + std::to_string(bits) + total + " were changed");
+    }
+  } else if (finding.order == WatermarkPlace::kReplay) {
+    say(WatermarkVerdict::kTampered, "the frame was seen before, or comes after a later one");
+  } else if (finding.order == WatermarkPlace::kGap) {
+    say(WatermarkVerdict::kUnverifiable,
+        "the content holds, but " +
+            (finding.gap > 0 ? (finding.gap == 1
+                                    ? std::string("the frame before it is missing")
+                                    : std::to_string(finding.gap) + " frames before it are missing")
+                             : std::string("its session began elsewhere")));
+  } else if (finding.freshness == WatermarkFreshness::kStale) {
+    say(WatermarkVerdict::kUnverifiable, "the content holds, but the frame is too old");
+  } else if (finding.order == WatermarkPlace::kUnknown && !policy.any_order) {
+    say(WatermarkVerdict::kUnverifiable,
+        "the content holds, but the frame's place in the stream is not known");
+  } else {
+    say(WatermarkVerdict::kAuthentic, "every point is the one that was signed");
+  }
+}
+
+}  // namespace
+
+WatermarkVerifier::WatermarkVerifier(const WatermarkKey& key) : state_(std::make_unique<State>()) {
+  state_->root = SecretBytes(key.secret().size());
+  std::copy_n(key.secret().data(), key.secret().size(), state_->root.data());
+}
+
+WatermarkVerifier::WatermarkVerifier(WatermarkVerifier&&) noexcept = default;
+WatermarkVerifier& WatermarkVerifier::operator=(WatermarkVerifier&&) noexcept = default;
+WatermarkVerifier::~WatermarkVerifier() = default;
+
+void WatermarkVerifier::close() {
+  state_->keys.close();
+  state_->root = SecretBytes();
+}
+
+void WatermarkVerifier::reset() {
+  State& s = *state_;
+  s.has_frame = s.had_end = false;
+  s.past.clear();
+}
+
+WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
+                                           std::span<const std::uint8_t> bytes,
+                                           const WatermarkPolicy& policy, std::uint32_t num_dropped,
+                                           std::int64_t now_ns) {
+  State& s = *state_;
+  if (s.root.size() == 0) throw Error("the verifier is closed");
+  WatermarkFinding finding;
+  const auto unverifiable = [&](std::string why) {
+    finding.reason = std::move(why);
+    return finding;
+  };
+  check_points(points);
+  if (points.num_points() > policy.max_points) {
+    return unverifiable("more points than the policy allows: " +
+                        std::to_string(points.num_points()));
+  }
+  if (bytes.empty()) return unverifiable("there is no record");
+  if (bytes.size() > WatermarkRecord::kMaxSize ||
+      bytes.size() < WatermarkRecord::kFixedSize + kRecordEnd) {
+    return unverifiable("the record has no possible length");
+  }
+  // Only the two ids that choose the key are read before the tag over the raw bytes holds.
+  WatermarkId sensor, session;
+  std::copy_n(bytes.data() + kSensorOffset, sensor.size(), sensor.begin());
+  std::copy_n(bytes.data() + kSessionOffset, session.size(), session.begin());
+  if (!s.keys.is_for(sensor, session)) s.keys = SessionKeys(s.root, sensor, session);
+  const auto body = bytes.first(bytes.size() - kRecordEnd);
+  WatermarkTag frame_tag;
+  std::copy_n(bytes.end() - 32, 32, frame_tag.begin());
+  const WatermarkTag own = tag_of_record(s.keys, "m3d-record", body, {frame_tag});
+  if (!equal_in_constant_time(own, bytes.subspan(body.size(), 32))) {
+    return unverifiable("the record is damaged or was made with another key");
+  }
+  WatermarkRecord record;
+  try {
+    record = WatermarkRecord::parse(bytes);
+  } catch (const FormatError& error) {
+    return unverifiable("the record is of another version: " + error.reason());
+  }
+  if (std::string why = objection(policy, record.header); !why.empty()) return unverifiable(why);
+  finding.header = record.header;
+  s.check_content(points, bytes, record, num_dropped, finding);
+  s.find_place(record, finding);
+  finding.freshness = freshness_of(policy, record.header, now_ns);
+  conclude(policy, finding);
+  // The record is genuine, whatever became of the points: its frame is never new again.
+  if (finding.order != WatermarkPlace::kReplay) s.go_on(record.header, frame_tag);
+  return finding;
+}
+
+void WatermarkVerifier::State::check_content(const PointsView& points,
+                                             std::span<const std::uint8_t> bytes,
+                                             const WatermarkRecord& record,
+                                             std::uint32_t num_dropped, WatermarkFinding& finding) {
+  const WatermarkHeader& header = record.header;
+  if (static_cast<int>(header.tile_of.size()) != slices.size()) {
+    slices = SliceTable(static_cast<int>(header.tile_of.size()));
+  }
+  sample_for_verification(points, header.embedding, slices, found, slice_of);
+  order.sort(found.samples, found.marks, slice_of, header.tile_of, header.num_tiles,
+             order_of(header.embedding), tiled);
+  finding.tile_of_row.resize(slice_of.size());
+  for (std::size_t i = 0; i < slice_of.size(); ++i) {
+    finding.tile_of_row[i] = header.tile_of[slice_of[i]];
+  }
+  const std::vector<std::uint8_t> head = header_bytes(header);
+  const std::vector<WatermarkTag> tags = tags_of_tiles(keys, head, tiled);
+  finding.tiles.assign(tags.size(), WatermarkTile::kIntact);
+  bool any_off = false;
+  for (std::size_t t = 0; t < tags.size(); ++t) {
+    bool off_lattice = false;
+    for (std::size_t i = tiled.begins[t]; i < tiled.begins[t + 1]; ++i) {
+      off_lattice = off_lattice || (tiled.marks[i] & kOffLattice) != 0;
+    }
+    const bool same_count = tiled.begins[t + 1] - tiled.begins[t] == record.counts[t];
+    const bool same_tag = equal_in_constant_time(std::span(tags[t]).first(16), record.tags[t]);
+    if (!same_count || !same_tag || off_lattice) finding.tiles[t] = WatermarkTile::kChanged;
+    any_off = any_off || off_lattice;
+  }
+  const auto body = bytes.first(bytes.size() - kRecordEnd);
+  const WatermarkTag whole = tag_of_record(keys, "m3d-frame", body, tags);
+  const bool frame_holds = equal_in_constant_time(whole, bytes.last(32));
+  const bool same_columns = header.has_intensity == points.has_intensity();
+  const bool same_drops = header.num_dropped == num_dropped;
+  bool bits_hold = true;
+  for (std::size_t t = 0; t < tags.size(); ++t) {
+    if (header.embedding == WatermarkEmbedding::kDetached) break;
+    if (finding.tiles[t] == WatermarkTile::kChanged) continue;
+    const auto compare = [&](std::size_t place, std::uint8_t bit) {
+      if (tiled.marks[place] == mark_of(tiled.samples[place], bit, header.embedding)) return;
+      finding.tiles[t] = WatermarkTile::kBits;
+      finding.rows.push_back(static_cast<std::int32_t>(tiled.rows[place]));
+    };
+    sort_marks_of_equals(tiled, t);
+    for_each_bit(keys, tags[t], tiled, t, stream, compare);
+    bits_hold = bits_hold && finding.tiles[t] == WatermarkTile::kIntact;
+  }
+  std::sort(finding.rows.begin(), finding.rows.end());
+  if (frame_holds && bits_hold && !any_off && same_columns && same_drops) {
+    finding.content = WatermarkContent::kIntact;
+  } else {
+    finding.content = WatermarkContent::kTampered;
+  }
+}
+
+void WatermarkVerifier::State::find_place(const WatermarkRecord& record,
+                                          WatermarkFinding& finding) const {
+  const WatermarkHeader& header = record.header;
+  finding.order = WatermarkPlace::kUnknown;
+  if (holds(past, header.session)) {
+    finding.order = WatermarkPlace::kReplay;
+  } else if (!has_frame || header.session != session) {
+    // A session may begin where nothing is known before it, or where the last one has ended.
+    if (header.is_genesis && (!has_frame || had_end)) {
+      finding.order = WatermarkPlace::kInOrder;
+    } else if (has_frame) {
+      finding.order = WatermarkPlace::kGap;
+    }
+  } else if (header.frame <= frame) {
+    finding.order = WatermarkPlace::kReplay;
+  } else if (header.frame > frame + 1) {
+    finding.order = WatermarkPlace::kGap;
+    const std::uint64_t missing = header.frame - frame - 1;
+    finding.gap = static_cast<std::int64_t>(
+        std::min<std::uint64_t>(missing, std::numeric_limits<std::int64_t>::max()));
+  } else if (equal_in_constant_time(record.previous, tag)) {
+    finding.order = WatermarkPlace::kInOrder;
+  }
+}
+
+void WatermarkVerifier::State::go_on(const WatermarkHeader& header, const WatermarkTag& frame_tag) {
+  if (has_frame && header.session != session) {
+    if (past.size() == kMaxSessions) past.erase(past.begin());
+    past.push_back(session);
+  }
+  has_frame = true;
+  had_end = header.is_end;
+  session = header.session;
+  frame = header.frame;
+  tag = frame_tag;
+}
+
+WatermarkTag WatermarkVerifier::State::state_tag(std::span<const std::uint8_t> bytes) const {
+  TagHash hash(root.span());
+  hash.update("m3d-verifier-state");
+  hash.update(bytes);
+  return hash.finish();
+}
+
+std::vector<std::uint8_t> WatermarkVerifier::state() const {
+  const State& s = *state_;
+  if (s.root.size() == 0) throw Error("the verifier is closed");
+  std::vector<std::uint8_t> bytes;
+  bytes.reserve(98 + 16 * s.past.size());
+  const auto put = [&](std::span<const std::uint8_t> more) {
+    for (const std::uint8_t byte : more) bytes.push_back(byte);
+  };
+  std::array<std::uint8_t, 8> number;
+  store(s.frame, number.data());
+  put(bytes_of("m3d-vs01"));
+  put(std::array<std::uint8_t, 2>{s.has_frame, s.had_end});
+  put(s.session);
+  put(number);
+  put(s.tag);
+  for (const WatermarkId& session : s.past) put(session);
+  put(s.state_tag(bytes));
+  return bytes;
+}
+
+void WatermarkVerifier::restore(std::span<const std::uint8_t> state) {
+  State& s = *state_;
+  if (s.root.size() == 0) throw Error("the verifier is closed");
+  constexpr std::size_t kFixed = 8 + 2 + 16 + 8 + 32, kTag = 32;
+  const bool possible = state.size() >= kFixed + kTag && (state.size() - kFixed - kTag) % 16 == 0 &&
+                        state.size() <= kFixed + kTag + 16 * kMaxSessions;
+  if (!possible ||
+      !equal_in_constant_time(s.state_tag(state.first(state.size() - kTag)), state.last(kTag))) {
+    throw FormatError::at_byte(0, "the state of a verifier is damaged or of another key");
+  }
+  s.has_frame = state[8] != 0;
+  s.had_end = state[9] != 0;
+  std::copy_n(state.data() + 10, 16, s.session.begin());
+  s.frame = load<std::uint64_t>(state.data() + 26);
+  std::copy_n(state.data() + 34, 32, s.tag.begin());
+  s.past.resize((state.size() - kFixed - kTag) / 16);
+  for (std::size_t i = 0; i < s.past.size(); ++i) {
+    std::copy_n(state.data() + kFixed + 16 * i, 16, s.past[i].begin());
+  }
+}
+
+}  // namespace manip3d

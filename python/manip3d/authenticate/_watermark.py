@@ -1,0 +1,682 @@
+"""A keyed watermark: scans that were not changed since they were embedded, and proof of it."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._util.checked import checked
+from manip3d._util.mappings import ReadOnlyMapping
+from manip3d._util.paths import path_of
+from manip3d._util.showing import Showable
+from manip3d.authenticate._verdict import Calibration, Power, Region
+from manip3d.errors import FormatError, InputError
+from manip3d.io._files import atomic_write, regular_bytes
+from manip3d.lidar import Box, LidarFrame, ScanLike, to_scan
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Embedding: TypeAlias = Literal["detached", "lbm", "qim"]
+WatermarkVerdict: TypeAlias = Literal["authentic", "tampered", "undecidable"]
+"""``authentic``: the content holds, and order and freshness are as the policy demands.
+``tampered``: points, columns or carrier bits are not those that were embedded, or the frame was
+seen before. ``undecidable``: nothing can be said, the reason tells why (no record, another key, a
+gap in the stream ...)."""
+
+EMBEDDINGS: tuple[Embedding, ...] = ("detached", "lbm", "qim")
+_CARRIERS = ("sidecar", "image")
+_VERDICTS: tuple[WatermarkVerdict, ...] = ("authentic", "tampered", "undecidable")
+_CONTENT = ("intact", "tampered", "unverifiable")
+_ORDER = ("unknown", "in order", "gap", "replay")
+_FRESHNESS = ("unknown", "fresh", "stale")
+_TILES = ("intact", "bits", "changed")
+
+MAX_MOVE_M: Mapping[str, float] = ReadOnlyMapping(
+    {"detached": 0.0, "lbm": 3.0**0.5 / 1000.0, "qim": 0.001875}
+)
+"""Largest move of a point by each embedding, metres (QIM: of points not within 3 mm of the
+origin)."""
+
+CHECKPOINT_FRAMES = 600
+"""A verifier with a state file writes it after so many frames, and when it is closed."""
+
+
+@checked
+class KeyFile:
+    """The key of a sensor, read from its file; Python never holds its bytes.
+
+    Parameters
+    ----------
+    path : path
+        A file of `KeyFile.create`.
+
+    Attributes
+    ----------
+    key_id : str
+        Tells keys apart, hexadecimal; it is no secret.
+    created_ns, expires_ns : int
+        Nanoseconds since 1970; an ``expires_ns`` of 0 means never.
+
+    Raises
+    ------
+    InputError
+        Others than the owner can read the file.
+    FormatError
+        It is no key file, or damaged.
+    OSError
+        It cannot be read.
+
+    Notes
+    -----
+    Keys are replaced by giving a sensor a new file, under a new name; records name no key, so a
+    verifier of old records needs the old file. The key is symmetric: whoever can verify could also
+    embed. It is held in memory that swap and core dumps leave out, and wiped by `close`.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self._key = _core.WatermarkKey(os.fsencode(path_of(path)))
+
+    @classmethod
+    def create(cls, path: str | os.PathLike[str], *, expires_ns: int = 0) -> KeyFile:
+        """Draw a new key, write it to a file that only its owner can read, and open that.
+
+        Raises
+        ------
+        OSError
+            The file exists already (it is never replaced), or cannot be written.
+        InputError
+            ``expires_ns`` is in the past.
+        """
+        name = os.fsencode(path_of(path))
+        _core.WatermarkKey.create(name, time.time_ns(), expires_ns)
+        return cls(path)
+
+    @property
+    def key_id(self) -> str:
+        """Identifier, hexadecimal."""
+        return self._key.id.hex()
+
+    @property
+    def created_ns(self) -> int:
+        """When it was made, nanoseconds since 1970."""
+        return self._key.created_ns
+
+    @property
+    def expires_ns(self) -> int:
+        """When it must no longer embed, nanoseconds since 1970; 0: never."""
+        return self._key.expires_ns
+
+    def close(self) -> None:
+        """Wipe the key; may be called twice."""
+        self._key.close()
+
+    def __enter__(self) -> KeyFile:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        state = "" if self._key.is_open else ", closed"
+        return f"<manip3d.authenticate.KeyFile: {self.key_id[:8]}{state}>"
+
+
+@checked
+@dataclass(frozen=True)
+class Policy:
+    """What a verifier accepts. A record is compared with it, never obeyed.
+
+    Attributes
+    ----------
+    embeddings : sequence of str
+        Of ``detached``, ``lbm`` and ``qim``.
+    order : 'chain' or 'any'
+        ``chain``: a frame must follow the one before it, or begin its session. ``any``: a frame
+        whose place is not known is accepted, such as a single one; gaps and replays never are.
+    sensors : sequence of str
+        Names of the sensors that are expected; none: any.
+    sessions : sequence of str
+        Hexadecimal identifiers of the sessions that are expected; none: any.
+    max_age_s : float or None
+        Largest difference, seconds, between a record's time and the verifier's clock; None: age
+        does not matter, as for recordings.
+    max_points : int
+        Larger scans are not looked at.
+    """
+
+    embeddings: Sequence[str] = EMBEDDINGS
+    order: str = "chain"
+    sensors: Sequence[str] = ()
+    sessions: Sequence[str] = ()
+    max_age_s: float | None = None
+    max_points: int = 10_000_000
+
+    def __post_init__(self) -> None:
+        for each in self.embeddings:
+            _embedding_number(each)
+        if self.order not in ("chain", "any"):
+            raise InputError(f"order: expected chain or any, got {self.order!r}")
+        if self.max_age_s is not None and not 0.0 < self.max_age_s < 9e9:
+            raise InputError(f"max_age_s: expected more than 0 and below 9e9, got {self.max_age_s}")
+        if not 0 < self.max_points < 2**31:
+            raise InputError(f"max_points: expected 1 to 2147483647, got {self.max_points}")
+        for each in self.sessions:
+            _session_bytes(each)
+
+    def _core(self) -> _core.WatermarkPolicy:
+        return _core.WatermarkPolicy(
+            [_embedding_number(each) for each in self.embeddings],
+            [0, 1],
+            [_sensor_bytes(each) for each in self.sensors],
+            [_session_bytes(each) for each in self.sessions],
+            self.max_points,
+            self.order == "any",
+            0 if self.max_age_s is None else round(self.max_age_s * 1e9),
+            None,
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Watermarked(Showable):
+    """A scan with its watermark.
+
+    Attributes
+    ----------
+    frame : LidarFrame
+        As it came, with the points that carry the bits; ``exact`` coordinates follow.
+    record : bytes
+        What `Watermarker.verify` needs beside the scan, about 1 kB.
+    number : int
+        Of the frame in its session.
+    num_tiles : int
+        Sectors that are verified one by one.
+    is_detached : bool
+        The points stayed as they were.
+    """
+
+    frame: LidarFrame
+    record: bytes
+    number: int
+    num_tiles: int
+    is_detached: bool = False
+
+    @property
+    def points(self) -> NDArray[np.float32]:
+        """(N, 3) float32, metres: those of `frame`."""
+        return self.frame.points
+
+    def __repr__(self) -> str:
+        return (
+            f"<manip3d.authenticate.Watermarked: frame {self.number}, "
+            f"{self.frame.num_points} points, {self.num_tiles} tiles, "
+            f"record of {len(self.record)} bytes>"
+        )
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A sector of the scan that is verified by itself.
+
+    Attributes
+    ----------
+    state : 'intact', 'bits' or 'changed'
+        ``bits``: its content holds, but carrier bits differ. ``changed``: its points are not those
+        that were embedded; which of them is not said, because that would help a forger.
+    azimuths_deg : tuple of (float, float)
+        Where its slices begin and end, degrees, counter-clockwise from x.
+    """
+
+    state: str
+    azimuths_deg: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WatermarkResult(Showable):
+    """What a verifier found, in the words that all detectors share.
+
+    Attributes
+    ----------
+    verdict : 'authentic', 'tampered' or 'undecidable'
+    reason : str
+        The verdict's reason in words.
+    content : 'intact', 'tampered' or 'unverifiable'
+    order : 'in order', 'gap', 'replay' or 'unknown'
+    gap : int
+        Frames that are missing before this one.
+    freshness : 'fresh', 'stale' or 'unknown'
+    tiles : tuple of Tile
+        Empty where the record could not be used.
+    regions : tuple of Region
+        Tiles that do not hold, with boxes around the points that are there now.
+    suspected : (K,) int64
+        Rows of points of which only carrier bits were changed. Keep them from whoever may have
+        changed the scan.
+    number : int or None
+        Of the frame in its session; None: the record could not be used.
+    session : str
+        Hexadecimal; empty where the record could not be used.
+    embedding : str
+    """
+
+    verdict: WatermarkVerdict
+    reason: str
+    content: str
+    order: str
+    gap: int
+    freshness: str
+    tiles: tuple[Tile, ...] = ()
+    regions: tuple[Region, ...] = ()
+    suspected: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    number: int | None = None
+    session: str = ""
+    embedding: str = ""
+    time_ns: int | None = None
+    is_end: bool = False
+    scan: LidarFrame | None = None
+
+    name = "watermark"
+    title = "Keyed watermark"
+
+    @property
+    def score(self) -> float | None:
+        """Share of the tiles that do not hold; None: nothing could be compared."""
+        if not self.tiles:
+            return None
+        return sum(tile.state != "intact" for tile in self.tiles) / len(self.tiles)
+
+    @property
+    def p_value(self) -> float | None:
+        """None: any mismatch counts."""
+        return None
+
+    @property
+    def power(self) -> Mapping[str, Power]:
+        """Empty: what a key protects is not measured on samples."""
+        return ReadOnlyMapping({})
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """None: there are no thresholds."""
+        return None
+
+    @property
+    def changed_tiles(self) -> tuple[int, ...]:
+        """Numbers of the tiles that do not hold."""
+        return tuple(n for n, tile in enumerate(self.tiles) if tile.state != "intact")
+
+    def record(self, *, operator: bool = False) -> dict[str, Any]:
+        """Return the result as JSON values.
+
+        Parameters
+        ----------
+        operator : bool
+            With the rows of the suspected points: for the owner's eyes.
+        """
+        values: dict[str, Any] = {
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "content": self.content,
+            "order": self.order,
+            "gap": self.gap,
+            "freshness": self.freshness,
+            "frame": self.number,
+            "session": self.session,
+            "embedding": self.embedding,
+            "is_end": self.is_end,
+            "tiles": len(self.tiles),
+            "changed_tiles": [
+                {
+                    "tile": number,
+                    "state": self.tiles[number].state,
+                    "azimuths_deg": [list(pair) for pair in self.tiles[number].azimuths_deg],
+                }
+                for number in self.changed_tiles
+            ],
+        }
+        if operator:
+            values["suspected_rows"] = self.suspected.tolist()
+        return values
+
+    def __repr__(self) -> str:
+        return f"<manip3d.authenticate.WatermarkResult: {self.verdict}; {self.reason}>"
+
+
+@checked
+class Watermarker:
+    """Embeds watermarks into the frames of a stream, and verifies such frames.
+
+    Parameters
+    ----------
+    key : KeyFile
+    sensor : str
+        Name of the sensor, at most 16 bytes of UTF-8; the records are bound to it.
+    embedding : 'lbm', 'qim' or 'detached'
+        ``lbm``: lowest bits of x, y and z, which moves points by up to sqrt(3) mm. ``qim``: z in
+        cells of 2.5 mm, up to 1.875 mm. Both need coordinates on a grid of 1 mm, as KITTI's raw
+        scans have them. ``detached``: nothing is changed, for any scanner's points.
+    slices : int
+        Sectors of the full turn, 4 to 360.
+    least_points : int
+        Sectors with fewer points are joined with a neighbour.
+    round_points : bool
+        Move points that are not on the grid onto it: up to sqrt(3)/2 mm more.
+    state : path, optional
+        File that keeps what the verifier has seen, so that replays are noticed after a restart; it
+        is authenticated with the key.
+
+    Notes
+    -----
+    The watermark protects scans from here to the verifier, not the laser before it: what an
+    attacker makes the sensor see is signed as genuine, and only the forensics of `inspect` can
+    notice it. The first frame embedded begins a session; frames are chained, so that dropped,
+    repeated and reordered ones are noticed. `embed` and `verify` have separate states. Other
+    columns than coordinates and intensity are not bound.
+
+    Points whose order was changed, or which were written as float32 and read again, verify.
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np, manip3d
+    >>> from manip3d.authenticate import KeyFile, Watermarker
+    >>> scan = manip3d.LidarFrame(np.arange(9000, dtype=np.float32).reshape(3000, 3) / 8)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     key = KeyFile.create(folder + "/sensor.key")
+    ...     marker = Watermarker(key)
+    ...     sent = marker.embed(scan)
+    ...     print(marker.verify(sent.frame, sent.record).verdict)
+    authentic
+    """
+
+    def __init__(
+        self,
+        key: KeyFile,
+        *,
+        sensor: str = "",
+        embedding: str = "lbm",
+        slices: int = 36,
+        least_points: int = 1000,
+        round_points: bool = False,
+        state: str | os.PathLike[str] | None = None,
+    ) -> None:
+        if not 1 <= least_points < 2**31:
+            raise InputError(f"least_points: expected 1 to 2147483647, got {least_points}")
+        if not 4 <= slices <= 360:
+            raise InputError(f"slices: expected 4 to 360, got {slices}")
+        self._embedding = _embedding_number(embedding)
+        self._sensor = _sensor_bytes(sensor)
+        self._options = (slices, least_points, round_points)
+        self._key = key
+        self._embedder: _core.WatermarkEmbedder | None = None
+        self._verifier = _core.WatermarkVerifier(key._key)
+        self._since_checkpoint = 0
+        self._state = None if state is None else path_of(state)
+        if self._state is not None and self._state.exists():
+            try:
+                self._verifier.restore(regular_bytes(self._state))
+            except FormatError as error:
+                raise FormatError(error.reason, file=str(self._state)) from error
+
+    @property
+    def session(self) -> str:
+        """Hexadecimal identifier of the session of `embed`, drawn at its first frame."""
+        return "" if self._embedder is None else self._embedder.session.hex()
+
+    def embed(
+        self, scan: ScanLike, *, time_ns: int | None = None, is_end: bool = False
+    ) -> Watermarked:
+        """Embed the watermark of the next frame.
+
+        Parameters
+        ----------
+        scan : LidarFrame, (N, 3) or (N, 4) float32
+            Metres; (N, 4) with intensity.
+        time_ns : int, optional
+            Nanoseconds since 1970; by default the frame's timestamp, else the clock's.
+        is_end : bool
+            The session ends with this frame.
+
+        Returns
+        -------
+        Watermarked
+
+        Raises
+        ------
+        InputError
+            There are no points, they are not on the grid of 1 mm, or have ``exact`` coordinates
+            that float32 cannot hold; the key has expired.
+        Error
+            The watermarker is closed, or its session has ended.
+        """
+        given = to_scan(scan)
+        frame = as_frame(scan)
+        if frame.exact is not None:
+            raise InputError(
+                "scan: its coordinates need float64, of which only the float32 part would be "
+                "bound; expected a scan without `exact`"
+            )
+        clock = time.time_ns()
+        if self._key.expires_ns and clock >= self._key.expires_ns:
+            raise InputError("key: it has expired, and embeds no more")
+        stamp = _time_of(frame, clock) if time_ns is None else time_ns
+        if self._embedder is None:
+            slices, least, rounding = self._options
+            self._embedder = _core.WatermarkEmbedder(
+                self._key._key, self._sensor, None, self._embedding, slices, least, False, rounding
+            )
+        points, record, number, tiles = self._embedder.embed(
+            given.points, given.intensity, stamp, frame.num_dropped, is_end, None
+        )
+        marked = frame if not len(points) else frame.replace(points=points)
+        return Watermarked(marked, record, number, tiles, not len(points))
+
+    def verify(
+        self,
+        scan: ScanLike,
+        record: bytes | None,
+        *,
+        policy: Policy | None = None,
+        now_ns: int | None = None,
+    ) -> WatermarkResult:
+        """Verify the next frame of a stream.
+
+        Parameters
+        ----------
+        scan : LidarFrame, (N, 3) or (N, 4) float32
+            In any order.
+        record : bytes or None
+            As `embed` gave it; None: there is none, and the verdict is ``undecidable``.
+        policy : Policy, optional
+        now_ns : int, optional
+            Nanoseconds since 1970; by default the clock's.
+
+        Returns
+        -------
+        WatermarkResult
+
+        Raises
+        ------
+        InputError
+            Coordinates that are not finite.
+        Error
+            The watermarker is closed.
+        """
+        given = to_scan(scan)
+        frame = as_frame(scan)
+        chosen = Policy() if policy is None else policy
+        found = self._verifier.verify(
+            given.points,
+            given.intensity,
+            record or b"",
+            chosen._core(),
+            frame.num_dropped,
+            time.time_ns() if now_ns is None else now_ns,
+        )
+        result = _result(found, frame)
+        if frame.exact is not None and result.verdict == "authentic":
+            result = _with_exact(result)
+        self._since_checkpoint += 1
+        if self._since_checkpoint >= CHECKPOINT_FRAMES:
+            self._checkpoint()
+        return result
+
+    def reset(self) -> None:
+        """Forget the frames that were verified."""
+        self._verifier.reset()
+
+    def close(self) -> None:
+        """Write the state file, if there is one, and wipe what was derived from the key."""
+        if self._since_checkpoint:
+            self._checkpoint()
+        if self._embedder is not None:
+            self._embedder.close()
+        self._verifier.close()
+
+    def _checkpoint(self) -> None:
+        if self._state is not None:
+            atomic_write(self._state, self._verifier.state())
+        self._since_checkpoint = 0
+
+    def __enter__(self) -> Watermarker:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        session = f", session {self.session[:8]}" if self.session else ""
+        return (
+            f"<manip3d.authenticate.Watermarker: {EMBEDDINGS[self._embedding]}, key "
+            f"{self._key.key_id[:8]}{session}>"
+        )
+
+
+def _embedding_number(name: str) -> int:
+    if name not in EMBEDDINGS:
+        raise InputError(f"embedding: expected one of {', '.join(EMBEDDINGS)}, got {name!r}")
+    return EMBEDDINGS.index(name)
+
+
+def _sensor_bytes(name: str) -> bytes:
+    encoded = name.encode()
+    if len(encoded) > 16:
+        raise InputError(f"sensor: expected at most 16 bytes of UTF-8, got {len(encoded)}")
+    return encoded.ljust(16, b"\0")
+
+
+def _session_bytes(text: str) -> bytes:
+    try:
+        session = bytes.fromhex(text)
+    except ValueError:
+        session = b""
+    if len(session) != 16:
+        raise InputError(f"sessions: expected 32 hexadecimal digits each, got {text!r}")
+    return session
+
+
+def as_frame(scan: ScanLike) -> LidarFrame:
+    """Return the scan as a frame."""
+    if isinstance(scan, LidarFrame):
+        return scan
+    points, intensity, _ = to_scan(scan)
+    return LidarFrame(points, intensity if len(intensity) else None)
+
+
+def _time_of(frame: LidarFrame, clock: int) -> int:
+    if frame.timestamp is None or not abs(frame.timestamp) < 9e9:
+        return clock
+    return round(frame.timestamp * 1e9)
+
+
+def _azimuths(slices: Iterable[int], num_slices: int) -> tuple[tuple[float, float], ...]:
+    """Where runs of slices begin and end, degrees."""
+    width = 360.0 / num_slices
+    runs: list[list[int]] = []
+    for each in slices:
+        if runs and runs[-1][1] == each:
+            runs[-1][1] = each + 1
+        else:
+            runs.append([each, each + 1])
+    return tuple((begin * width, end * width) for begin, end in runs)
+
+
+def _box_around(points: NDArray[np.float32]) -> Box:
+    if not len(points):
+        return Box((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+    center, size = ((low + high) / 2).tolist(), (high - low).tolist()
+    return Box((center[0], center[1], center[2]), (size[0], size[1], size[2]))
+
+
+def _result(found: Mapping[str, Any], frame: LidarFrame) -> WatermarkResult:
+    header = found["header"]
+    common: dict[str, Any] = {
+        "verdict": _VERDICTS[found["verdict"]],
+        "reason": found["reason"],
+        "content": _CONTENT[found["content"]],
+        "order": _ORDER[found["order"]],
+        "gap": found["gap"],
+        "freshness": _FRESHNESS[found["freshness"]],
+        "scan": frame,
+    }
+    if header is None:
+        return WatermarkResult(**common)
+    tile_of_slice = header["tile_of_slice"]
+    tiles = tuple(
+        Tile(
+            _TILES[state],
+            _azimuths(
+                (s for s, tile in enumerate(tile_of_slice) if tile == number), len(tile_of_slice)
+            ),
+        )
+        for number, state in enumerate(found["tiles"])
+    )
+    rows = found["rows"].astype(np.int64)
+    tile_of_row = found["tile_of_row"]
+    regions = []
+    for number, tile in enumerate(tiles):
+        if tile.state == "intact":
+            continue
+        box = _box_around(frame.points[tile_of_row == number])
+        mine = rows[tile_of_row[rows] == number]
+        regions.append(Region(box, mine))
+    return WatermarkResult(
+        **common,
+        tiles=tiles,
+        regions=tuple(regions),
+        suspected=rows,
+        number=header["frame"],
+        session=header["session"].hex(),
+        embedding=EMBEDDINGS[header["embedding"]],
+        time_ns=header["time_ns"],
+        is_end=header["is_end"],
+    )
+
+
+def _with_exact(result: WatermarkResult) -> WatermarkResult:
+    """No more can be said of coordinates that are not bound."""
+    from dataclasses import replace
+
+    return replace(
+        result,
+        verdict="undecidable",
+        content="unverifiable",
+        reason="the file's coordinates need float64, of which the watermark binds float32 only",
+    )

@@ -1,0 +1,189 @@
+"""Watermarked scans in files: records beside them, and drives as one chain."""
+
+from __future__ import annotations
+
+import datetime
+import os
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d.authenticate._watermark import Watermarked, WatermarkResult, WatermarkVerdict
+from manip3d.errors import InputError
+from manip3d.io import write_scan
+from manip3d.io._files import atomic_path, atomic_write, open_regular
+from manip3d.io._scan_files import scan_paths
+
+MAX_RECORD_BYTES = 16384
+
+_FOLDERS = (Path("velodyne_points") / "data", Path("velodyne"))
+
+
+@checked
+def record_path(scan: str | os.PathLike[str]) -> Path:
+    """Return the path of the record beside a scan: ``scan.bin.wm`` for ``scan.bin``."""
+    path = path_of(scan)
+    return path.with_name(path.name + ".wm")
+
+
+@checked
+def read_record(path: str | os.PathLike[str]) -> bytes | None:
+    """Return the bytes of a record; None: there is no such file.
+
+    Of a file that is longer than any record, the first 16 385 bytes are returned, which no
+    verifier accepts.
+
+    Raises
+    ------
+    FormatError
+        It is a pipe or a device.
+    OSError
+        It cannot be read.
+    """
+    try:
+        with open_regular(path) as file:
+            return file.read(MAX_RECORD_BYTES + 1)
+    except FileNotFoundError:
+        return None
+
+
+@checked
+def refuse_existing_record(scan: str | os.PathLike[str], *, replace: bool = False) -> None:
+    """Refuse to replace the record beside a scan.
+
+    Raises
+    ------
+    InputError
+        It exists, and ``replace`` is False.
+    """
+    path = record_path(scan)
+    if path.exists() and not replace:
+        raise InputError(f"{path}: exists already; --force replaces it")
+
+
+@checked
+def write_watermarked(
+    sent: Watermarked,
+    path: str | os.PathLike[str],
+    *,
+    unchanged: str | os.PathLike[str] | None = None,
+) -> None:
+    """Write a watermarked scan and, beside it, its record.
+
+    Parameters
+    ----------
+    sent : Watermarked
+    path : path
+        Of the scan; its suffix chooses the format.
+    unchanged : path, optional
+        File that the scan was read from: where its points stayed as they are and the format is the
+        same, the file is copied byte for byte.
+
+    Raises
+    ------
+    InputError, FormatError, OSError
+        As `manip3d.io.write_scan`; the format cannot hold the points as they are.
+    """
+    target = path_of(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    same = unchanged is not None and sent.is_detached and Path(unchanged).suffix == target.suffix
+    if same and unchanged is not None:
+        if Path(unchanged).resolve() != target.resolve():
+            with atomic_path(target) as temporary:
+                shutil.copyfile(unchanged, temporary)
+    else:
+        write_scan(sent.frame, target)
+    atomic_write(record_path(target), sent.record)
+
+
+@checked
+def drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
+    """Return the scans of a KITTI drive in their order.
+
+    Raises
+    ------
+    InputError
+        The folder has neither ``velodyne_points/data`` nor ``velodyne``, or no scans.
+    """
+    scans = sorted(scan_paths(_scan_folder(folder)), key=lambda path: path.name)
+    if not scans:
+        raise InputError(f"{os.fspath(folder)}: expected scans, found none")
+    return scans
+
+
+@checked
+def plain_name(scan: str | os.PathLike[str], drive: str | os.PathLike[str]) -> Path:
+    """Return where a drive's scan belongs in another folder: without a compression's suffix."""
+    relative = path_of(scan).relative_to(path_of(drive))
+    name = relative.name
+    for suffix in (".xz", ".gz"):
+        name = name.removesuffix(suffix)
+    return relative.with_name(name)
+
+
+@checked
+def drive_times(folder: str | os.PathLike[str]) -> list[int] | None:
+    """Return when the scans of a drive were taken, nanoseconds since 1970.
+
+    None where the drive does not say (``velodyne_points/timestamps.txt``) or where the number of
+    its times is not that of its scans.
+    """
+    path = path_of(folder) / "velodyne_points" / "timestamps.txt"
+    try:
+        lines = path.read_text(encoding="ascii").split("\n")
+        times = [_nanoseconds(line) for line in lines if line.strip()]
+    except (OSError, ValueError):
+        return None
+    return times if len(times) == len(drive_scans(folder)) else None
+
+
+def _nanoseconds(line: str) -> int:
+    """The time of a line such as ``2011-09-26 13:02:25.594360375``, UTC."""
+    seconds, _, fraction = line.strip().partition(".")
+    moment = datetime.datetime.fromisoformat(seconds).replace(tzinfo=datetime.UTC)
+    return round(moment.timestamp()) * 10**9 + int((fraction + "0" * 9)[:9])
+
+
+def _scan_folder(folder: str | os.PathLike[str]) -> Path:
+    for each in _FOLDERS:
+        found = path_of(folder) / each
+        if found.is_dir():
+            return found
+    raise InputError(
+        f"{os.fspath(folder)}: expected a folder with velodyne_points/data or velodyne"
+    )
+
+
+@checked
+def verdict_of_stream(
+    results: Sequence[WatermarkResult], *, whole: bool = True
+) -> tuple[WatermarkVerdict, str]:
+    """Return the verdict of several frames, and its reason.
+
+    Parameters
+    ----------
+    results : sequence of WatermarkResult
+        In the order of the stream.
+    whole : bool
+        The frames are to be a whole session, whose last frame says that it is the last.
+
+    Returns
+    -------
+    (verdict, reason)
+        ``tampered`` if a frame is; else ``undecidable`` if a frame is, or the end is missing; else
+        ``authentic``.
+    """
+    if not results:
+        raise InputError("results: expected at least one, got none")
+    for verdict in ("tampered", "undecidable"):
+        found = [result for result in results if result.verdict == verdict]
+        if found:
+            one = f" ({len(found)} of {len(results)} frames)" if len(results) > 1 else ""
+            return verdict, found[0].reason + one
+    if whole and not results[-1].is_end:
+        return "undecidable", "every frame holds, but the frames at the end are missing"
+    return "authentic", results[-1].reason if len(results) == 1 else (
+        f"every point of {len(results)} frames is the one that was signed"
+    )

@@ -1,0 +1,268 @@
+"""``manip3d watermark``: prove that scans were not changed."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from manip3d.cli.kinds import expect_kind
+from manip3d.cli.options import Force, Json, Quiet
+from manip3d.cli.terminal import Terminal, check_output, counted, table
+from manip3d.errors import InputError
+from manip3d.io import SCAN_SUFFIXES
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+app = typer.Typer(
+    name="watermark",
+    help="Embed keyed watermarks into LiDAR scans and verify them.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+EXIT_CODES = {"authentic": 0, "tampered": 3, "undecidable": 4}
+"""Exit code of each verdict."""
+
+Source = Annotated[
+    str,
+    typer.Argument(metavar="SCAN|DRIVE", help="A scan, or a folder of a KITTI drive."),
+]
+Key = Annotated[Path, typer.Option("--key", help="Key file, as 'watermark keygen' makes it.")]
+
+
+@app.command("keygen")
+def keygen(
+    path: Annotated[Path, typer.Argument(metavar="KEY", help="File to make.")],
+    days: Annotated[
+        int, typer.Option(min=0, max=36500, help="Days until it embeds no more; 0: never.")
+    ] = 0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Make a key file, which only its owner can read.
+
+    An existing file is never replaced. Who can verify with the key could also embed with it.
+
+    Example: manip3d watermark keygen sensor.key
+    """
+    import time
+
+    from manip3d import authenticate
+
+    expires_ns = time.time_ns() + days * 86_400 * 10**9 if days else 0
+    with authenticate.KeyFile.create(path, expires_ns=expires_ns) as key:
+        record = {"key": str(path), "key_id": key.key_id, "expires_ns": key.expires_ns}
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    shell.say(f"wrote {path}")
+    shell.result(record, lambda console: console.print(f"key {record['key_id']}"))
+
+
+@app.command("embed")
+def embed(
+    source: Source,
+    key: Key,
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", help="Scan to write, or folder of the drive to write."),
+    ],
+    embedding: Annotated[
+        str,
+        typer.Option(
+            help="lbm (lowest bits), qim (cells of z), or detached: points stay as they are."
+        ),
+    ] = "lbm",
+    sensor: Annotated[
+        str, typer.Option(help="Name of the sensor that the records are bound to.")
+    ] = "",
+    round_points: Annotated[
+        bool, typer.Option("--round", help="Move points off the grid of 1 mm onto it.")
+    ] = False,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Embed a watermark into a scan, or into all scans of a drive as one chain.
+
+    The record of each scan is written beside it, as SCAN.wm. Points move by at most 1.8 mm (lbm),
+    1.9 mm (qim) or not at all (detached).
+
+    Example: manip3d watermark embed drive --key sensor.key -o signed
+    """
+    from manip3d import authenticate, read_scan
+
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    scans = _scans(source, "watermark embed")
+    drive = Path(source).is_dir()
+    if drive:
+        _check_folder(source, output, force=force)
+    else:
+        check_output(output, SCAN_SUFFIXES, force=force)
+        authenticate.refuse_existing_record(output, replace=force)
+    times = authenticate.drive_times(source) if drive else None
+    rows = []
+    with (
+        authenticate.KeyFile(key) as secret,
+        authenticate.Watermarker(
+            secret, sensor=sensor, embedding=embedding, round_points=round_points
+        ) as marker,
+        shell.progress("embed") as progress,
+    ):
+        for number, path in enumerate(scans):
+            sent = marker.embed(
+                read_scan(path),
+                time_ns=None if times is None else times[number],
+                is_end=number + 1 == len(scans),
+            )
+            target = output / authenticate.plain_name(path, source) if drive else output
+            authenticate.write_watermarked(sent, target, unchanged=path)
+            rows.append({"scan": str(target), "frame": sent.number, "points": len(sent.points),
+                         "tiles": sent.num_tiles})  # fmt: skip
+            if progress is not None:
+                progress((number + 1) / len(scans), path.name)
+        record = {"source": source, "output": str(output), "session": marker.session,
+                  "key_id": secret.key_id, "embedding": embedding, "frames": rows}  # fmt: skip
+    shell.say(f"wrote {counted(len(rows), 'scan')} with their records to {output}")
+    shell.result(record, lambda console: console.print(f"session {record['session']}"))
+
+
+@app.command("verify")
+def verify(
+    source: Source,
+    key: Key,
+    record: Annotated[
+        Path | None, typer.Option(help="Record of a single scan; by default SCAN.wm beside it.")
+    ] = None,
+    embedding: Annotated[
+        str, typer.Option(help="Accept this embedding only: lbm, qim or detached.")
+    ] = "",
+    sensor: Annotated[str, typer.Option(help="Accept records of this sensor only.")] = "",
+    session: Annotated[
+        str, typer.Option(help="Accept this session only: the 32 digits that embed printed.")
+    ] = "",
+    max_age: Annotated[
+        float | None, typer.Option(help="Refuse frames older than this, seconds.")
+    ] = None,
+    state: Annotated[
+        Path | None,
+        typer.Option(help="File that remembers the frames seen, so that replays are noticed."),
+    ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write the operator's report (.json), which lists points: for the owner only."
+        ),
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Verify a scan, or the scans of a drive as one chain.
+
+    The exit code is 0 when everything is authentic, 3 when something was tampered with, and 4 when
+    nothing can be said. Frames that are missing in a drive, also at its end, are noticed; a single
+    scan is judged by its content, wherever its frame was.
+
+    Example: manip3d watermark verify signed --key sensor.key
+    """
+    from manip3d import authenticate, read_scan
+
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    check_output(report, (".json",), force=force)
+    drive = Path(source).is_dir()
+    if drive and record is not None:
+        raise InputError("--record: expected with a single scan, got a drive")
+    policy = authenticate.Policy(
+        embeddings=(embedding,) if embedding else authenticate.EMBEDDINGS,
+        order="chain" if drive else "any",
+        sensors=(sensor,) if sensor else (),
+        sessions=(session,) if session else (),
+        max_age_s=max_age,
+    )
+    scans = _scans(source, "watermark verify")
+    results = []
+    with (
+        authenticate.KeyFile(key) as secret,
+        authenticate.Watermarker(secret, state=state) as marker,
+        shell.progress("verify") as progress,
+    ):
+        for number, path in enumerate(scans):
+            beside = authenticate.record_path(path) if record is None else record
+            found = marker.verify(read_scan(path), authenticate.read_record(beside), policy=policy)
+            results.append((path.name, found))
+            if progress is not None:
+                progress((number + 1) / len(scans), path.name)
+    verdict, reason = authenticate.verdict_of_stream([found for _, found in results], whole=drive)
+    public = {
+        "source": source,
+        "verdict": verdict,
+        "reason": reason,
+        "frames": [{"scan": name} | found.record() for name, found in results],
+    }
+    if report is not None:
+        _write_private(
+            report,
+            public
+            | {"frames": [{"scan": n} | found.record(operator=True) for n, found in results]},
+        )
+        shell.say(f"wrote {report}")
+    shell.result(public, lambda console: _show(console, verdict, reason, results))
+    raise typer.Exit(EXIT_CODES[verdict])
+
+
+def _scans(source: str, verb: str) -> list[Path]:
+    """The scan, or those of the drive in their order."""
+    from manip3d import authenticate
+
+    expect_kind(source, "scan", "drive", verb=verb)
+    if not Path(source).is_dir():
+        return [Path(source)]
+    return authenticate.drive_scans(source)
+
+
+def _check_folder(source: str, output: Path, *, force: bool) -> None:
+    if not output.parent.is_dir():
+        raise InputError(f"-o {output}: there is no folder {output.parent}")
+    if output.exists() and not output.is_dir():
+        raise InputError(f"-o {output}: expected a folder's name, got a file's")
+    if output.resolve() == Path(source).resolve():
+        raise InputError(f"-o {output}: expected another folder than the drive's")
+    if output.exists() and any(output.iterdir()) and not force:
+        raise InputError(f"{output}: exists already; --force replaces its scans")
+
+
+def _write_private(path: Path, value: dict[str, Any]) -> None:
+    """Write JSON that only the owner can read."""
+    from manip3d.io._files import atomic_write
+
+    if not path.exists():
+        os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
+    path.chmod(0o600)
+    atomic_write(path, json.dumps(value, indent=1) + "\n")
+
+
+def _show(console: Console, verdict: str, reason: str, results: Sequence[tuple[str, Any]]) -> None:
+    console.print(f"{verdict}: {reason}", soft_wrap=True)
+    bad = [(name, found) for name, found in results if found.verdict != "authentic"]
+    rows = list(_rows(bad[:20]))
+    if rows:
+        console.print()
+        table(console, rows, ("scan", "verdict", "order", "sectors, degrees", "reason"))
+    if len(bad) > 20:
+        console.print(f"and {len(bad) - 20} more")
+
+
+def _rows(results: Sequence[tuple[str, Any]]) -> Iterator[tuple[str, ...]]:
+    for name, found in results:
+        sectors = [
+            f"{begin:.0f}-{end:.0f}"
+            for number in found.changed_tiles
+            for begin, end in found.tiles[number].azimuths_deg
+        ]
+        shown = ", ".join(sectors[:6]) + (" ..." if len(sectors) > 6 else "")
+        yield name, found.verdict, found.order, shown, found.reason
