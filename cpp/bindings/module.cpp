@@ -88,4 +88,5 @@ PYBIND11_MODULE(_core, m) {
   manip3d::bindings::bind_forge(m);
   manip3d::bindings::bind_authenticate(m);
   manip3d::bindings::bind_modify(m);
+  manip3d::bindings::bind_streams(m);
 }

@@ -22,5 +22,6 @@ void bind_scans(pybind11::module_& m);
 void bind_forge(pybind11::module_& m);
 void bind_authenticate(pybind11::module_& m);
 void bind_modify(pybind11::module_& m);
+void bind_streams(pybind11::module_& m);
 
 }  // namespace manip3d::bindings
