@@ -54,12 +54,15 @@ CORE = structs()
 
 # Facades of each struct. A parameter of another name than its field stands in ALIASES.
 FACADES: dict[str, list[Callable[..., Any]]] = {
+    "AnimationMeshOptions": [modify.animation_mesh],
     "BoundaryGapOptions": [metrics.boundary_gap],
     "CleanOptions": [simplify.clean],
     "ColliderOptions": [modify.ColliderTracker],
+    "CompositeOptions": [forge.stream],
     "Cs3Options": [simplify.cs3, simplify.cs3_grid, simplify.Cs3Stream],
     "DeformOptions": [forge.deform],
     "DensityOptions": [authenticate.DensityParameters, authenticate.density_consistency],
+    "DepthStepOptions": [modify.animation_mesh],
     "DepthSmootherOptions": [simplify.ReliefStream],
     "FmpdOptions": [metrics.fmpd],
     "GenericOptions": [authenticate.generic_consistency],
@@ -82,6 +85,7 @@ FACADES: dict[str, list[Callable[..., Any]]] = {
     "ReadPointsOptions": [],  # max_bytes=None there, 0 here
     "RecorderOptions": [capture.record],
     "ReliefOptions": [simplify.relief, simplify.relief_grid, simplify.ReliefStream],
+    "RegionOptions": [modify.segment_body],
     "RenderOptions": [metrics.render_depth],
     "ReposeOptions": [modify.repose],
     "ResampleOptions": [forge.resample, forge.crtp],

@@ -13,12 +13,15 @@ import numpy.typing
 __all__: list[str] = [
     "CELL_COLUMNS",
     "CELL_RINGS",
+    "AnimationMeshOptions",
     "BoneRule",
     "BoundaryCurvature",
     "BoundaryTerm",
     "CollapseStop",
     "ColliderTracker",
     "ComplexVertices",
+    "CompositeOptions",
+    "CompositeSurface",
     "Cs3BesideInvalid",
     "Cs3Importance",
     "Cs3Options",
@@ -29,6 +32,7 @@ __all__: list[str] = [
     "Cs3Sampling",
     "Cs3Stencil",
     "DepthSmoother",
+    "DepthStepOptions",
     "Duplicates",
     "JointSmoother",
     "JointSmootherOptions",
@@ -46,8 +50,10 @@ __all__: list[str] = [
     "PhantomState",
     "PlacementEstimator",
     "PlaneRule",
+    "PoseScope",
     "QemOptions",
     "QualityOptions",
+    "RegionOptions",
     "ReliefEffort",
     "ReliefOptions",
     "ReliefSolver",
@@ -56,15 +62,21 @@ __all__: list[str] = [
     "RgbdRecorder",
     "RgbdSource",
     "ShoeCoverTracker",
+    "Skinning",
     "TextureTerm",
     "Texturing",
     "VelodyneOptions",
     "VelodynePcapSource",
     "VelodyneUdpSource",
+<<<<<<< HEAD
     "WatermarkEmbedder",
     "WatermarkKey",
     "WatermarkPolicy",
     "WatermarkVerifier",
+=======
+    "animate",
+    "animation_mesh",
+>>>>>>> streams
     "body_mirror",
     "boundary_gap",
     "bounding_box",
@@ -74,7 +86,11 @@ __all__: list[str] = [
     "check_registration",
     "clean",
     "closest_points",
+<<<<<<< HEAD
     "compare_paper_watermark",
+=======
+    "composite",
+>>>>>>> streams
     "copy_transform_paste",
     "deform",
     "density_levels",
@@ -127,6 +143,7 @@ __all__: list[str] = [
     "sample_uniform",
     "segment_objects",
     "segment_person",
+    "segment_region",
     "shading_normals",
     "simplify_qem",
     "simplify_quality",
@@ -1429,6 +1446,7 @@ class PhantomPipeline:
     def reset(self) -> None: ...
     def select(self, id: typing.SupportsInt | typing.SupportsIndex) -> None: ...
 
+<<<<<<< HEAD
 class WatermarkKey:
     @staticmethod
     def create(
@@ -1512,6 +1530,167 @@ class PaperOptions:
         frame: typing.SupportsInt | typing.SupportsIndex,
     ) -> None: ...
 
+=======
+class PoseScope:
+    """
+    Members:
+
+      LIMBS
+
+      BODY
+    """
+
+    BODY: typing.ClassVar[PoseScope]
+    LIMBS: typing.ClassVar[PoseScope]
+    __members__: typing.ClassVar[dict[str, PoseScope]]
+    @typing.overload
+    def __eq__(self, other: PoseScope) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: PoseScope) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class Skinning:
+    """
+    Members:
+
+      SPHERICAL
+
+      RIGID
+
+      LBS
+    """
+
+    LBS: typing.ClassVar[Skinning]
+    RIGID: typing.ClassVar[Skinning]
+    SPHERICAL: typing.ClassVar[Skinning]
+    __members__: typing.ClassVar[dict[str, Skinning]]
+    @typing.overload
+    def __eq__(self, other: Skinning) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: Skinning) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class CompositeSurface:
+    """
+    Members:
+
+      MESH
+
+      POINTS
+    """
+
+    MESH: typing.ClassVar[CompositeSurface]
+    POINTS: typing.ClassVar[CompositeSurface]
+    __members__: typing.ClassVar[dict[str, CompositeSurface]]
+    @typing.overload
+    def __eq__(self, other: CompositeSurface) -> bool: ...
+    @typing.overload
+    def __eq__(self, other: typing.Any) -> bool: ...
+    def __getstate__(self) -> int: ...
+    def __hash__(self) -> int: ...
+    def __index__(self) -> int: ...
+    def __init__(self, value: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __int__(self) -> int: ...
+    @typing.overload
+    def __ne__(self, other: CompositeSurface) -> bool: ...
+    @typing.overload
+    def __ne__(self, other: typing.Any) -> bool: ...
+    def __repr__(self) -> str: ...
+    def __setstate__(self, state: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    def __str__(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def value(self) -> int: ...
+
+class DepthStepOptions:
+    def __init__(self) -> None: ...
+    @property
+    def max_step(self) -> float: ...
+    @max_step.setter
+    def max_step(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def noise_at_1_m(self) -> float: ...
+    @noise_at_1_m.setter
+    def noise_at_1_m(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
+class RegionOptions:
+    line_seeds: bool
+    step: DepthStepOptions
+    def __init__(self) -> None: ...
+    @property
+    def reach(self) -> float: ...
+    @reach.setter
+    def reach(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def surface_reach(self) -> float: ...
+    @surface_reach.setter
+    def surface_reach(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
+class AnimationMeshOptions:
+    by_label: bool
+    step: DepthStepOptions
+    def __init__(self) -> None: ...
+    @property
+    def joint_reach(self) -> float: ...
+    @joint_reach.setter
+    def joint_reach(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
+class CompositeOptions:
+    fill_pinholes: bool
+    surface: CompositeSurface
+    def __init__(self) -> None: ...
+    @property
+    def blend(self) -> int: ...
+    @blend.setter
+    def blend(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+
+def animate(
+    vertices: numpy.typing.NDArray[numpy.float32],
+    labels: numpy.typing.NDArray[numpy.uint8],
+    skeleton: typing.Any,
+    pose: typing.Any,
+    scope: PoseScope,
+    method: Skinning,
+) -> typing.Any: ...
+def animation_mesh(
+    depth: numpy.ndarray,
+    labels: numpy.typing.NDArray[numpy.uint8],
+    camera: typing.Any,
+    skeleton: typing.Any,
+    options: AnimationMeshOptions,
+) -> tuple[typing.Any, ...]: ...
+>>>>>>> streams
 def body_mirror(skeleton: typing.Any, affected: Limb, mode: MirrorMode) -> typing.Any: ...
 def boundary_gap(
     original: typing.Any,
@@ -1535,6 +1714,7 @@ def closest_points(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
+<<<<<<< HEAD
 def compare_paper_watermark(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],
@@ -1543,6 +1723,22 @@ def compare_paper_watermark(
     counts: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
     options: PaperOptions,
 ) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
+=======
+def composite(
+    vertices: numpy.typing.NDArray[numpy.float32],
+    faces: numpy.typing.NDArray[numpy.int32],
+    seen: numpy.typing.NDArray[numpy.float32],
+    pixels: numpy.typing.NDArray[numpy.int32],
+    person_color: numpy.typing.NDArray[numpy.uint8] | None,
+    person_registration: typing.Any,
+    in_place: bool,
+    depth: numpy.typing.NDArray[numpy.uint16],
+    camera: typing.Any,
+    color: numpy.typing.NDArray[numpy.uint8] | None,
+    registration: typing.Any,
+    options: CompositeOptions,
+) -> tuple[typing.Any, ...]: ...
+>>>>>>> streams
 def copy_transform_paste(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],
@@ -1880,6 +2076,14 @@ def segment_person(
     options: PersonMaskOptions,
     rule: BoneRule,
 ) -> tuple[numpy.ndarray, numpy.ndarray]: ...
+def segment_region(
+    depth: numpy.ndarray,
+    body_index: numpy.typing.NDArray[numpy.uint8] | None,
+    camera: typing.Any,
+    skeleton: typing.Any,
+    mask: PersonMaskOptions,
+    options: RegionOptions,
+) -> tuple[typing.Any, ...]: ...
 def shading_normals(
     mesh: typing.Any,
     crease_angle: typing.SupportsFloat | typing.SupportsIndex,

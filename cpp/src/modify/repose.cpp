@@ -10,14 +10,19 @@
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/parallel.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
+#include "modify/bone_direction.hpp"
 #include "modify/torso_frame.hpp"
 
 namespace manip3d {
 namespace {
 
+<<<<<<< HEAD
 /// Each joint after the one that it hangs from.
 constexpr std::array<std::uint8_t, kNumJoints> kOutwards = {
     0, 1, 20, 2, 3, 4, 5, 6, 7, 21, 22, 8, 9, 10, 11, 23, 24, 12, 13, 14, 15, 16, 17, 18, 19};
+=======
+constexpr double kPi = 3.14159265358979323846;
+>>>>>>> streams
 
 /// The joint at the other end of a posable joint's bone; 0: the joint is not posable.
 constexpr std::array<std::uint8_t, kNumJoints> kNext = {
@@ -25,16 +30,6 @@ constexpr std::array<std::uint8_t, kNumJoints> kNext = {
 
 bool has(const Skeleton& skeleton, std::size_t joint) {
   return is_usable(skeleton, static_cast<Joint>(joint));
-}
-
-std::optional<Eigen::Vector3d> bone_direction(const Skeleton& skeleton, std::size_t bone) {
-  const std::size_t parent = kJointParents[bone];
-  if (!has(skeleton, parent) || !has(skeleton, bone)) return {};
-  const Eigen::Vector3d along =
-      (skeleton.positions[bone] - skeleton.positions[parent]).cast<double>();
-  constexpr double kShort = 1e-6;  // metres
-  if (!(along.norm() > kShort)) return {};
-  return along.normalized();
 }
 
 /// Where bones point at rest, and the frame of the torso there.
@@ -251,7 +246,7 @@ std::optional<BoneMotions> amplify(const Skeleton& now, const Skeleton* rest,
   std::array<Eigen::Quaterniond, kNumJoints> extra;  // of each joint
   extra.fill(Eigen::Quaterniond::Identity());
   std::array<bool, kNumJoints> has_extra{};
-  for (const std::size_t bone : kOutwards) {
+  for (const std::size_t bone : kJointsOutwards) {
     if (bone == 0) continue;
     const std::size_t joint = kJointParents[bone];
     if (kNext[joint] != 0) since_rest[bone] = since_rest[joint];

@@ -35,7 +35,7 @@ _VERBS = {
     "report": "Turn a results folder into one page: .html, .md or .csv.",
     "cs3": "Same as 'depth', whose default method is CS3.",
     "data": "Public data sets: what is here, and fetching more.",
-    "forge": "Forge LiDAR scans, with the truth beside them.",
+    "forge": "Forge LiDAR scans and RGB-D streams, with the truth beside them.",
     "watermark": "Embed keyed watermarks into LiDAR scans and verify them.",
     "phantom": "Render a missing limb by mirroring the intact one.",
     "capture": "RGB-D cameras and recordings: list, record, play, export, info.",

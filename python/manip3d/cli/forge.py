@@ -1,4 +1,4 @@
-"""``manip3d forge lidar``: a forged scan, and its truth beside it."""
+"""``manip3d forge``: a forged scan or RGB-D stream, and its truth beside it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,7 +16,7 @@ import typer
 from manip3d.cli.convert import Up
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
-from manip3d.cli.options import Force, Jobs, Json, Output, Quiet, Scan, Seed
+from manip3d.cli.options import Force, Jobs, Json, MostFrames, Output, Quiet, RgbdPlace, Scan, Seed
 from manip3d.cli.terminal import Terminal, check_output, counted
 from manip3d.errors import InputError
 from manip3d.io import SCAN_SUFFIXES
@@ -24,10 +25,11 @@ from manip3d.lidar import Box, LidarFrame
 
 if TYPE_CHECKING:
     from manip3d.forge import Forgery
+    from manip3d.rgbd import RgbdFrame
 
 app = typer.Typer(
     name="forge",
-    help="Forge LiDAR scans, with the truth beside them.",
+    help="Forge LiDAR scans and RGB-D streams, with the truth beside them.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -387,4 +389,140 @@ def forge_lidar(
         jobs,
     )
     record = forge_scan(attack.value, source, output, order, shell, force=force)
+    shell.result(record)
+
+
+class Method(StrEnum):
+    """How a mesh follows a skeleton."""
+
+    lbs = "lbs"
+    rigid = "rigid"
+    spherical = "spherical"
+
+
+class Scope(StrEnum):
+    """Which bones follow a pose."""
+
+    limbs = "limbs"
+    body = "body"
+
+
+def forge_frames(
+    source: str,
+    output: Path,
+    terminal: Terminal,
+    *,
+    kind: int,
+    pose: str,
+    background: str,
+    still: bool,
+    frames: int | None,
+    force: bool,
+    options: dict[str, Any],
+) -> dict[str, Any]:
+    """Forge a stream and write it as a recording, with the truth as ``OUT.truth.npz``.
+
+    Raises
+    ------
+    InputError
+        An option does not fit; the truth file exists without ``force``.
+    FormatError, DeviceError, OSError
+        Of the sources.
+    """
+    from manip3d import capture, forge
+    from manip3d.cli.capture import open_source
+
+    truth = output.with_name(output.name + ".truth.npz")
+    if truth.exists() and not force:
+        raise InputError(f"{truth}: exists already; --force replaces it")
+
+    def read(place: str) -> list[RgbdFrame]:
+        with open_source(place, terminal) as opened:
+            found = list(islice(opened, frames))
+        if not found:
+            raise InputError(f"{place}: expected a frame, found none")
+        return found
+
+    people = read(source)
+    scenes = read(background) if background else [forge.background_plate(people)]
+    if not background:
+        terminal.say("background: the scene behind the person, from the source's own frames")
+    behind = scenes[0] if still else scenes
+    motion = read(pose) if pose else None
+    forged = forge.stream(people, behind, kind=kind, pose=motion, **options)
+    with terminal.progress("forge") as progress:
+        done = capture.record(
+            capture.from_frames(forged), output, overwrite=force, progress=progress
+        )
+    forged.truth.write(truth)
+    terminal.say(f"wrote {output} and {truth.name}")
+    if forged.missed:
+        terminal.say(f"warning: {counted(forged.missed, 'frame')} without a person to insert")
+    share = float(forged.truth.masks.mean()) if done.frames else 0.0
+    return {
+        "source": source,
+        "output": str(output),
+        "type": kind,
+        "frames": done.frames,
+        "frames_without_person": forged.missed,
+        "forged_share": share,
+    }
+
+
+@app.command("stream")
+def forge_stream(
+    source: RgbdPlace,
+    output: Output,
+    kind: Annotated[
+        int,
+        typer.Option("--type", min=1, max=2, help="1: the person as recorded; 2: in other poses."),
+    ],
+    pose: Annotated[
+        str, typer.Option(metavar="SOURCE", help="Motion for type 2: any source with skeletons.")
+    ] = "",
+    background: Annotated[
+        str,
+        typer.Option(
+            metavar="SOURCE",
+            help="Scene to put the person into; by default the one behind them in SOURCE.",
+        ),
+    ] = "",
+    still: Annotated[
+        bool, typer.Option("--still", help="Use the background's first frame only.")
+    ] = False,
+    method: Annotated[Method, typer.Option(help="How the mesh follows the skeleton.")] = Method.lbs,
+    scope: Annotated[
+        Scope, typer.Option(help="Bones that follow the pose: those of the limbs, or all.")
+    ] = Scope.limbs,
+    move: Annotated[
+        tuple[float, float, float],
+        typer.Option(metavar="X Y Z", help="Displacement of the person, metres."),
+    ] = (0.0, 0.0, 0.0),
+    blend: Annotated[
+        int, typer.Option(min=0, max=64, help="Pixels over which the person's edge fades.")
+    ] = 2,
+    frames: MostFrames = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Forge an RGB-D stream; the truth is written beside it, as OUT.truth.npz.
+
+    Example: manip3d forge stream walk.mkv --type 2 --pose wave.mkv --background room.mkv -o f.mkv
+    """
+    check_output(output, (".mkv",), force=force, folder=True)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    options = {"method": method.value, "scope": scope.value, "move": move, "blend": blend}
+    record = forge_frames(
+        source,
+        output,
+        shell,
+        kind=kind,
+        pose=pose,
+        background=background,
+        still=still,
+        frames=frames,
+        force=force,
+        options=options,
+    )
     shell.result(record)

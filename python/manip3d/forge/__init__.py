@@ -1,4 +1,4 @@
-"""Forged scans with their ground truth: what the detectors of `manip3d.authenticate` must find."""
+"""Forged scans and RGB-D streams with the truth: what `manip3d.authenticate` must find."""
 
 from __future__ import annotations
 
@@ -23,16 +23,29 @@ from manip3d.forge._attacks import (
 )
 from manip3d.forge._firings import MOST_SPOOFED, lattice_insert, lattice_remove, spoof
 from manip3d.forge._objects import Segmentation, nearest_object, segment
+from manip3d.forge._stream import (
+    ForgedFrame,
+    ForgedStream,
+    StreamTruth,
+    background_plate,
+    read_stream_truth,
+    stream,
+    without_people,
+)
 from manip3d.forge._truth import Forgery, Lattice
 
 __all__ = [
     "ALERT_ATTACKS",
     "MOST_SPOOFED",
+    "ForgedFrame",
+    "ForgedStream",
     "Forgery",
     "Lattice",
     "Segmentation",
+    "StreamTruth",
     "additive",
     "additive_subtractive",
+    "background_plate",
     "crtp",
     "ctp",
     "deform",
@@ -41,13 +54,16 @@ __all__ = [
     "lattice_remove",
     "nearest_object",
     "range_scale",
+    "read_stream_truth",
     "replacement",
     "resample",
     "rotation",
     "segment",
     "snap_to_lattice",
     "spoof",
+    "stream",
     "subtract",
     "subtractive",
     "translation",
+    "without_people",
 ]

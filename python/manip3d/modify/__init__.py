@@ -2,6 +2,14 @@
 
 from __future__ import annotations
 
+from manip3d.modify._animation import (
+    Animated,
+    AnimationMesh,
+    PoseScope,
+    Skinning,
+    animate,
+    animation_mesh,
+)
 from manip3d.modify._colliders import TORSO, BodyColliders, ColliderTracker, Hits
 from manip3d.modify._joints import JointLayout, joint_layouts, skeleton_from
 from manip3d.modify._lower_limb import Placement, PlacementEstimator, ShoeCoverTracker, Side
@@ -30,6 +38,8 @@ from manip3d.modify._smoothing import JointSmoother, KeyPerson
 __all__ = [
     "POSABLE_JOINTS",
     "TORSO",
+    "Animated",
+    "AnimationMesh",
     "BodyColliders",
     "BodyMirror",
     "BodyPlane",
@@ -50,12 +60,16 @@ __all__ = [
     "Placement",
     "PlacementEstimator",
     "PlaneRule",
+    "PoseScope",
     "PoseTracker",
     "Reposed",
     "Segmentation",
     "ShoeCoverTracker",
     "Side",
+    "Skinning",
     "Texturing",
+    "animate",
+    "animation_mesh",
     "body_mirror",
     "joint_layouts",
     "lift_landmarks",

@@ -366,6 +366,34 @@ class BodySimulator:
         )
         return BodyCapture(frame, truth)
 
+    def background(self, time: float) -> RgbdFrame:
+        """What the sensor delivers of the scene at a time, in seconds, while nobody is there.
+
+        Raises
+        ------
+        InputError
+            The time is negative or not finite.
+        """
+        if not 0.0 <= time < 1e9:
+            raise InputError(f"time: expected seconds >= 0, got {time!r}")
+        nanoseconds = round(time * 1e9)
+        random = np.random.default_rng([self.seed, nanoseconds, 1])
+        scenery = self._scenery
+        view = scenery.seen_by(DEPTH_CAMERA, _EYES)
+        measured = measure(view.depth, view.slant, self.noise, random)
+        color = None if self.color == "none" else view.color.copy()
+        if self.color == "full":
+            eye = -COLOR_CAMERA.translation.astype(np.float32)
+            color = scenery.seen_by(COLOR_CAMERA.color, eye).color.copy()
+        return RgbdFrame(
+            np.rint(measured.depth * 1000.0).astype(np.uint16),
+            self.calibration,
+            color,
+            np.full(view.depth.shape, NO_BODY, np.uint8),
+            time=nanoseconds,
+            number=round(time * self.rate),
+        )
+
     # --- The scene ----------------------------------------------------------------------------
 
     @functools.cached_property

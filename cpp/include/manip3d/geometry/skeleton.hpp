@@ -43,6 +43,10 @@ enum class Joint : std::uint8_t {
 inline constexpr std::array<std::uint8_t, kNumJoints> kJointParents = {
     0, 0, 20, 2, 20, 4, 5, 6, 20, 8, 9, 10, 0, 12, 13, 14, 0, 16, 17, 18, 1, 7, 6, 11, 10};
 
+/// Each joint after the one that it hangs from.
+inline constexpr std::array<std::uint8_t, kNumJoints> kJointsOutwards = {
+    0, 1, 20, 2, 3, 4, 5, 6, 7, 21, 22, 8, 9, 10, 11, 23, 24, 12, 13, 14, 15, 16, 17, 18, 19};
+
 /// The joint on the other side of the body; joints of the middle are their own.
 inline constexpr std::array<std::uint8_t, kNumJoints> kMirroredJoints = {
     0, 1, 2, 3, 8, 9, 10, 11, 4, 5, 6, 7, 16, 17, 18, 19, 12, 13, 14, 15, 20, 23, 24, 21, 22};

@@ -1,0 +1,204 @@
+#include <pybind11/stl.h>
+
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "depth.hpp"
+#include "manip3d/forge/composite.hpp"
+#include "manip3d/modify/animation.hpp"
+#include "manip3d/modify/region_growing.hpp"
+#include "modules.hpp"
+#include "numpy.hpp"
+#include "rgbd.hpp"
+
+namespace manip3d::bindings {
+namespace {
+
+using Bytes = CArray<std::uint8_t>;
+
+py::tuple segment_region(const py::array& depth, const std::optional<Bytes>& body_index,
+                         const py::object& camera, const py::object& skeleton,
+                         const PersonMaskOptions& mask, const RegionOptions& options) {
+  const DepthView view = depth_view(depth);
+  if (body_index) check_image(*body_index, 0, "body_index");
+  py::object keep;
+  const Intrinsics intrinsics = to_intrinsics(camera, keep);
+  const Skeleton person = to_skeleton(skeleton);
+  PersonPoints points;
+  const auto size = static_cast<std::size_t>(view.rows * view.cols);
+  std::vector<std::uint8_t> labels(size);
+  std::vector<float> distances(size, std::numeric_limits<float>::infinity());
+  {
+    const py::gil_scoped_release nogil;
+    const PixelRays rays(intrinsics);
+    const std::uint8_t* index = body_index ? body_index->data() : nullptr;
+    find_person(view, index, person, rays, mask, points);
+    grow_bones(person, intrinsics, index != nullptr && person.body != 0xff, options, points);
+    for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+      const auto pixel = static_cast<std::size_t>(points.pixel[i]);
+      labels[pixel] = points.label[i];
+      distances[pixel] = std::sqrt(points.squared_distance[i]);
+    }
+  }
+  return py::make_tuple(to_numpy(std::move(labels)), to_numpy(std::move(distances)));
+}
+
+py::tuple make_animation_mesh(const py::array& depth, const Bytes& labels, const py::object& camera,
+                              const py::object& skeleton, const AnimationMeshOptions& options) {
+  const DepthView view = depth_view(depth);
+  check_image(labels, 0, "labels");
+  if (labels.shape(0) != view.rows || labels.shape(1) != view.cols) {
+    throw InputError("labels: expected the shape of depth");
+  }
+  py::object keep;
+  const Intrinsics intrinsics = to_intrinsics(camera, keep);
+  std::optional<Skeleton> person;
+  if (!skeleton.is_none()) person = to_skeleton(skeleton);
+  AnimationMesh mesh;
+  {
+    const py::gil_scoped_release nogil;
+    mesh = animation_mesh(view, PixelRays(intrinsics), intrinsics.fx, labels.data(),
+                          person ? &*person : nullptr, options);
+  }
+  return py::make_tuple(to_numpy(std::move(mesh.vertices)), to_numpy(std::move(mesh.pixels)),
+                        to_numpy(std::move(mesh.labels)), to_numpy(std::move(mesh.faces)));
+}
+
+/// Moved vertices and the fields of the moved skeleton, or None where a torso is missing.
+py::object animate_vertices(const CArray<float>& vertices, const Bytes& labels,
+                            const py::object& skeleton, const py::object& pose, PoseScope scope,
+                            Skinning method) {
+  const auto from = rows<Rows<float, 3>>(vertices, "vertices");
+  if (labels.ndim() != 1 || labels.shape(0) != from.rows()) {
+    throw InputError("labels: expected shape (" + std::to_string(from.rows()) + ",)");
+  }
+  for (py::ssize_t i = 0; i < labels.shape(0); ++i) {
+    if (labels.data()[i] < 1 || labels.data()[i] >= kNumJoints) {
+      throw InputError("labels: expected 1 to 24, got " + std::to_string(labels.data()[i]));
+    }
+  }
+  const Skeleton source = to_skeleton(skeleton), target = to_skeleton(pose);
+  Rows<float, 3> to(from.rows(), 3);
+  std::optional<BoneMotions> motions;
+  {
+    const py::gil_scoped_release nogil;
+    motions = follow_pose(source, target, scope);
+    if (motions) {
+      animate(from.data(), labels.data(), from.rows(), source, *motions, method, to.data());
+    }
+  }
+  if (!motions) return py::none();
+  return py::make_tuple(to_numpy(std::move(to)), from_skeleton(move_skeleton(source, *motions)));
+}
+
+ColorView color_view(const std::optional<Bytes>& image, const char* name) {
+  if (!image) return {};
+  check_image(*image, 3, name);
+  return {image->shape(0), image->shape(1), image->data()};
+}
+
+std::optional<Registration> optional_registration(const py::object& registration) {
+  if (registration.is_none()) return {};
+  return to_registration(registration);
+}
+
+py::tuple composite_person(const CArray<float>& vertices, const CArray<std::int32_t>& faces,
+                           const CArray<float>& seen, const CArray<std::int32_t>& pixels,
+                           const std::optional<Bytes>& person_color,
+                           const py::object& person_registration, bool in_place,
+                           const CArray<std::uint16_t>& depth, const py::object& camera,
+                           const std::optional<Bytes>& color, const py::object& registration,
+                           const CompositeOptions& options) {
+  const auto at = rows<Rows<float, 3>>(vertices, "vertices");
+  const auto from = rows<Rows<float, 3>>(seen, "seen");
+  const auto triangles = rows<Rows<std::int32_t, 3>>(faces, "faces");
+  const auto where = rows<Rows<std::int32_t, 2>>(pixels, "pixels");
+  if (from.rows() != at.rows() || where.rows() != at.rows()) {
+    throw InputError("seen, pixels: expected as many rows as vertices");
+  }
+  check_image(depth, 0, "depth");
+  py::object keep;
+  PersonSurface person{at.rows(),
+                       triangles.rows(),
+                       at.data(),
+                       triangles.data(),
+                       from.data(),
+                       where.data(),
+                       color_view(person_color, "person_color"),
+                       optional_registration(person_registration),
+                       in_place};
+  const SceneView scene{depth.shape(0),
+                        depth.shape(1),
+                        depth.data(),
+                        to_intrinsics(camera, keep),
+                        color_view(color, "color"),
+                        optional_registration(registration)};
+  CArray<std::uint16_t> depth_out({depth.shape(0), depth.shape(1)});
+  Bytes mask({depth.shape(0), depth.shape(1)});
+  py::object color_out = py::none();
+  CompositeBuffers out{depth_out.mutable_data(), mask.mutable_data(), nullptr};
+  if (color) {
+    Bytes image({color->shape(0), color->shape(1), py::ssize_t{3}});
+    out.color = image.mutable_data();
+    color_out = image;
+  }
+  {
+    const py::gil_scoped_release nogil;
+    composite(person, scene, options, out);
+  }
+  return py::make_tuple(depth_out, mask, color_out);
+}
+
+}  // namespace
+
+void bind_streams(py::module_& m) {
+  py::enum_<PoseScope>(m, "PoseScope")
+      .value("LIMBS", PoseScope::kLimbs)
+      .value("BODY", PoseScope::kBody);
+  py::enum_<Skinning>(m, "Skinning")
+      .value("SPHERICAL", Skinning::kSpherical)
+      .value("RIGID", Skinning::kRigid)
+      .value("LBS", Skinning::kLbs);
+  py::enum_<CompositeSurface>(m, "CompositeSurface")
+      .value("MESH", CompositeSurface::kMesh)
+      .value("POINTS", CompositeSurface::kPoints);
+  py::class_<DepthStepOptions>(m, "DepthStepOptions")
+      .def(py::init<>())
+      .def_readwrite("noise_at_1_m", &DepthStepOptions::noise_at_1_m)
+      .def_readwrite("max_step", &DepthStepOptions::max_step);
+  py::class_<RegionOptions>(m, "RegionOptions")
+      .def(py::init<>())
+      .def_readwrite("step", &RegionOptions::step)
+      .def_readwrite("reach", &RegionOptions::reach)
+      .def_readwrite("surface_reach", &RegionOptions::surface_reach)
+      .def_readwrite("line_seeds", &RegionOptions::line_seeds);
+  py::class_<AnimationMeshOptions>(m, "AnimationMeshOptions")
+      .def(py::init<>())
+      .def_readwrite("step", &AnimationMeshOptions::step)
+      .def_readwrite("by_label", &AnimationMeshOptions::by_label)
+      .def_readwrite("joint_reach", &AnimationMeshOptions::joint_reach);
+  py::class_<CompositeOptions>(m, "CompositeOptions")
+      .def(py::init<>())
+      .def_readwrite("surface", &CompositeOptions::surface)
+      .def_readwrite("fill_pinholes", &CompositeOptions::fill_pinholes)
+      .def_readwrite("blend", &CompositeOptions::blend);
+  m.def("segment_region", &segment_region, py::arg("depth"), py::arg("body_index").noconvert(),
+        py::arg("camera"), py::arg("skeleton"), py::arg("mask"), py::arg("options"));
+  m.def("animation_mesh", &make_animation_mesh, py::arg("depth"), py::arg("labels").noconvert(),
+        py::arg("camera"), py::arg("skeleton"), py::arg("options"));
+  m.def("animate", &animate_vertices, py::arg("vertices").noconvert(),
+        py::arg("labels").noconvert(), py::arg("skeleton"), py::arg("pose"), py::arg("scope"),
+        py::arg("method"));
+  m.def("composite", &composite_person, py::arg("vertices").noconvert(),
+        py::arg("faces").noconvert(), py::arg("seen").noconvert(), py::arg("pixels").noconvert(),
+        py::arg("person_color").noconvert(), py::arg("person_registration"), py::arg("in_place"),
+        py::arg("depth").noconvert(), py::arg("camera"), py::arg("color").noconvert(),
+        py::arg("registration"), py::arg("options"));
+}
+
+}  // namespace manip3d::bindings

@@ -1,0 +1,33 @@
+#pragma once
+
+namespace manip3d {
+
+struct DepthStepOptions {
+  /// Standard deviation of a depth at 1 m, metres; it grows with the square of the depth
+  /// [Khoshelham & Elberink, "Accuracy and resolution of Kinect depth data", Sensors 2012].
+  double noise_at_1_m = 1.425e-3;
+  /// Metres: pixels farther apart than this are not connected, whatever their depth. 0: the rule.
+  double max_step = 0.0;
+};
+
+/// Tells whether neighbouring pixels of a depth image lie on one surface.
+///
+/// A plane that is turned by t against the image plane changes by about z / f tan t from one pixel
+/// to the next. Up to 78 degrees and three standard deviations of the noise, a change of depth is a
+/// slope; a larger one is a step from one surface to another.
+class DepthStep {
+ public:
+  /// @param focal  Focal length, pixels.
+  /// @throws InputError  an option is negative or not finite; the focal length is not positive.
+  DepthStep(const DepthStepOptions& options, double focal);
+
+  /// Do pixels with these smallest and largest depths lie on one surface?
+  [[nodiscard]] bool connects(float nearest, float farthest) const {
+    return farthest - nearest <= fixed_ + nearest * (slope_ + noise_ * nearest);
+  }
+
+ private:
+  float fixed_ = 0.0F, slope_ = 0.0F, noise_ = 0.0F;
+};
+
+}  // namespace manip3d

@@ -1,0 +1,339 @@
+#include "manip3d/modify/animation.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "geometry/cell_cut.hpp"
+#include "manip3d/error.hpp"
+#include "manip3d/geometry/range_image.hpp"
+#include "manip3d/modify/joint_smoother.hpp"
+#include "modify/bone_direction.hpp"
+#include "modify/torso_frame.hpp"
+
+namespace manip3d {
+namespace {
+
+// --- The mesh -----------------------------------------------------------------------------------
+
+/// Do two bones meet at a joint?
+bool meet(std::size_t a, std::size_t b) {
+  return a == b || kJointParents[a] == b || kJointParents[b] == a ||
+         kJointParents[a] == kJointParents[b];
+}
+
+/// The joint between the bones' common neighbour and the outer one of them; 0: they are farther
+/// apart than that.
+std::size_t joint_between(std::size_t a, std::size_t b) {
+  for (const auto& [outer, inner] : {std::pair(a, b), std::pair(b, a)}) {
+    const std::size_t middle = kJointParents[outer];
+    if (middle != 0 && meet(middle, inner) && !meet(outer, inner)) return middle;
+  }
+  return 0;
+}
+
+/// Which labels may share a triangle, for all pairs of bones.
+class BonePairs {
+ public:
+  BonePairs(const Skeleton* skeleton, double reach)
+      : squared_reach_(static_cast<float>(reach * reach)) {
+    for (std::size_t a = 1; a < kNumJoints; ++a) {
+      for (std::size_t b = 1; b < kNumJoints; ++b) {
+        joint_[a][b] = kApart;
+        if (meet(a, b)) {
+          joint_[a][b] = kMeet;
+        } else if (skeleton != nullptr && reach > 0.0) {
+          const std::size_t joint = joint_between(a, b);
+          if (joint != 0 && is_usable(*skeleton, static_cast<Joint>(joint))) {
+            joint_[a][b] = static_cast<std::uint8_t>(joint);
+          }
+        }
+      }
+    }
+    if (skeleton != nullptr) skeleton_ = *skeleton;
+  }
+
+  [[nodiscard]] bool fit(std::uint8_t a, std::uint8_t b, const Eigen::Vector3f& p) const {
+    const std::uint8_t joint = joint_[a][b];
+    if (joint == kMeet) return true;
+    return joint != kApart && (p - skeleton_.positions[joint]).squaredNorm() <= squared_reach_;
+  }
+
+ private:
+  static constexpr std::uint8_t kMeet = 0, kApart = 0xff;
+  std::array<std::array<std::uint8_t, kNumJoints>, kNumJoints> joint_{};
+  Skeleton skeleton_;
+  float squared_reach_;
+};
+
+// --- Motions ------------------------------------------------------------------------------------
+
+/// Spine, neck and head, collar bones, pelvis.
+bool is_trunk_bone(std::size_t bone) {
+  constexpr std::array<std::uint8_t, 8> kTrunk = {1, 2, 3, 4, 8, 12, 16, 20};
+  return std::ranges::find(kTrunk, bone) != kTrunk.end();
+}
+
+/// The shortest turn between two directions, by half angles: without trigonometry it has the same
+/// bits everywhere.
+std::optional<Eigen::Quaterniond> shortest_turn(const Eigen::Vector3d& from,
+                                                const Eigen::Vector3d& to) {
+  const double cosine = from.dot(to);
+  constexpr double kOpposite = -1.0 + 1e-9;
+  if (!(cosine > kOpposite)) return {};
+  const Eigen::Vector3d axis = from.cross(to);
+  return Eigen::Quaterniond(1.0 + cosine, axis.x(), axis.y(), axis.z()).normalized();
+}
+
+/// x -> rotation (x - centre) + the place of the centre afterwards.
+void set_motion(BoneMotions& motions, std::size_t bone, const Eigen::Quaterniond& rotation,
+                const Eigen::Vector3d& centre, const Eigen::Vector3d& place) {
+  motions.rotation[bone] = rotation;
+  motions.translation[bone] = place - rotation * centre;
+  motions.moves[bone] = true;
+}
+
+// --- Skinning -----------------------------------------------------------------------------------
+
+/// A change of polar angle and azimuth about the optical axis, as cosines and sines.
+struct SphericalTurn {
+  float cos_polar = 1.0F, sin_polar = 0.0F, cos_azimuth = 1.0F, sin_azimuth = 0.0F;
+
+  static SphericalTurn between(const Eigen::Vector3f& from, const Eigen::Vector3f& to) {
+    SphericalTurn turn;
+    const float a = from.head<2>().norm(), b = to.head<2>().norm();
+    // sin(p1 - p0), cos(p1 - p0) of polar angles with sin p = a / r and cos p = z / r.
+    const float scale = from.norm() * to.norm();
+    if (!(scale > 0.0F)) return turn;
+    turn.cos_polar = (from.z() * to.z() + a * b) / scale;
+    turn.sin_polar = (b * from.z() - to.z() * a) / scale;
+    if (!(a * b > 0.0F)) return turn;  // on the axis there is no azimuth
+    turn.cos_azimuth = (from.x() * to.x() + from.y() * to.y()) / (a * b);
+    turn.sin_azimuth = (from.x() * to.y() - from.y() * to.x()) / (a * b);
+    return turn;
+  }
+
+  [[nodiscard]] Eigen::Vector3f operator()(const Eigen::Vector3f& v) const {
+    const float a = v.head<2>().norm();
+    const float a1 = a * cos_polar + v.z() * sin_polar;
+    const float z1 = v.z() * cos_polar - a * sin_polar;
+    // A vertex on the axis has no azimuth: it goes where the x axis goes.
+    const float cx = a > 0.0F ? v.x() / a : 1.0F, cy = a > 0.0F ? v.y() / a : 0.0F;
+    return {a1 * (cx * cos_azimuth - cy * sin_azimuth), a1 * (cy * cos_azimuth + cx * sin_azimuth),
+            z1};
+  }
+};
+
+/// Motions in single precision, with what blending needs to know of the bones.
+class Skin {
+ public:
+  Skin(const Skeleton& source, const BoneMotions& motions) : moves_(motions.moves) {
+    for (std::size_t bone = 0; bone < kNumJoints; ++bone) {
+      rotation_[bone] = motions.rotation[bone].toRotationMatrix().cast<float>();
+      translation_[bone] = motions.translation[bone].cast<float>();
+      const std::size_t parent = kJointParents[bone];
+      const Eigen::Vector3f& end = source.positions[bone];
+      start_[bone] = source.positions[parent];
+      const Eigen::Vector3f along = end - start_[bone];
+      const float length2 = along.squaredNorm();
+      length_[bone] = std::sqrt(length2);
+      if (length2 > 0.0F) along_[bone] = along / length2;
+      spherical_[bone] = SphericalTurn::between(along, rotation_[bone] * along);
+    }
+    for (std::size_t bone = 1; bone < kNumJoints; ++bone) {
+      children_[kJointParents[bone]][num_children_[kJointParents[bone]]++] =
+          static_cast<std::uint8_t>(bone);
+    }
+  }
+
+  [[nodiscard]] Eigen::Vector3f rigid(std::size_t bone, const Eigen::Vector3f& v) const {
+    return moves_[bone] ? Eigen::Vector3f(rotation_[bone] * v + translation_[bone]) : v;
+  }
+
+  [[nodiscard]] Eigen::Vector3f spherical(std::size_t bone, const Eigen::Vector3f& v) const {
+    if (!moves_[bone]) return v;
+    const Eigen::Vector3f& joint = start_[bone];
+    return spherical_[bone](v - joint) + rigid(bone, joint);
+  }
+
+  [[nodiscard]] Eigen::Vector3f lbs(std::size_t bone, const Eigen::Vector3f& v) const {
+    const Partner partner = partner_of(bone, v);
+    if (!(partner.weight > 0.0F)) return rigid(bone, v);
+    if (!moves_[bone] && !moves_[partner.bone]) return v;
+    return (1.0F - partner.weight) * rigid(bone, v) + partner.weight * rigid(partner.bone, v);
+  }
+
+ private:
+  struct Partner {
+    std::size_t bone = 0;
+    float weight = 0.0F;
+    void consider(std::size_t other, float distance, float length) {
+      constexpr float kShare = 0.2F;  // of a bone is blended at each end
+      const float w = 0.5F * (1.0F - distance / (kShare * length));
+      if (w > weight) *this = {other, w};
+    }
+  };
+
+  /// The bone beyond the nearer end, and what it counts there.
+  [[nodiscard]] Partner partner_of(std::size_t bone, const Eigen::Vector3f& v) const {
+    Partner partner;
+    const float length = length_[bone];
+    if (!(length > 0.0F)) return partner;
+    const float at = std::clamp((v - start_[bone]).dot(along_[bone]), 0.0F, 1.0F);
+    partner.consider(kJointParents[bone], at * length, length);
+    for (std::size_t i = 0; i < num_children_[bone]; ++i) {
+      partner.consider(children_[bone][i], (1.0F - at) * length, length);
+    }
+    if (is_trunk_bone(bone)) {  // limbs hang from bones inside the trunk: its flesh is near them
+      for (const std::size_t limb : {5U, 9U, 13U, 17U}) {
+        partner.consider(limb, (v - start_[limb]).norm(), length_[limb]);
+      }
+    }
+    return partner;
+  }
+
+  std::array<Eigen::Matrix3f, kNumJoints> rotation_;
+  std::array<Eigen::Vector3f, kNumJoints> translation_, start_;
+  std::array<Eigen::Vector3f, kNumJoints> along_ = zeros();
+  std::array<float, kNumJoints> length_{};
+  std::array<SphericalTurn, kNumJoints> spherical_;
+  std::array<std::array<std::uint8_t, kNumJoints>, kNumJoints> children_{};
+  std::array<std::size_t, kNumJoints> num_children_{};
+  std::array<bool, kNumJoints> moves_;
+
+  static std::array<Eigen::Vector3f, kNumJoints> zeros() {
+    std::array<Eigen::Vector3f, kNumJoints> all;
+    all.fill(Eigen::Vector3f::Zero());
+    return all;
+  }
+};
+
+}  // namespace
+
+AnimationMesh animation_mesh(const DepthView& depth, const PixelRays& rays, double focal,
+                             const std::uint8_t* labels, const Skeleton* skeleton,
+                             const AnimationMeshOptions& options) {
+  if (!(options.joint_reach >= 0.0)) {
+    throw InputError("joint_reach: expected >= 0, got " + std::to_string(options.joint_reach));
+  }
+  const RangeImage image(depth, rays);
+  const DepthStep step(options.step, focal);
+  const BonePairs pairs(skeleton, options.joint_reach);
+  const std::int64_t rows = depth.rows, cols = depth.cols;
+  std::vector<std::int32_t> vertex_at(static_cast<std::size_t>(rows * cols), -1);
+  std::vector<float> xyz(static_cast<std::size_t>(3 * cols));
+  std::vector<float> points;
+  std::vector<std::int32_t> pixels;
+  AnimationMesh mesh;
+  std::int64_t first_row = rows, last_row = 0;
+  for (std::int64_t v = 0; v < rows; ++v) {
+    const std::uint8_t* label = labels + v * cols;
+    const auto is_set = [](std::uint8_t l) { return l != 0; };
+    const std::int64_t begin = std::find_if(label, label + cols, is_set) - label;
+    if (begin == cols) continue;
+    float *x = xyz.data(), *y = x + cols, *z = y + cols;
+    image.load_row(v, begin, cols - begin, x + begin, y + begin, z + begin);
+    for (std::int64_t u = begin; u < cols; ++u) {
+      if (label[u] == 0 || std::isnan(z[u])) continue;
+      if (label[u] >= kNumJoints) {
+        throw InputError("labels: expected 0 to 24, got " + std::to_string(label[u]));
+      }
+      vertex_at[v * cols + u] = static_cast<std::int32_t>(mesh.labels.size());
+      mesh.labels.push_back(label[u]);
+      points.insert(points.end(), {x[u], y[u], z[u]});
+      pixels.insert(pixels.end(), {static_cast<std::int32_t>(u), static_cast<std::int32_t>(v)});
+      first_row = std::min(first_row, v);
+      last_row = v;
+    }
+  }
+  const auto count = static_cast<Eigen::Index>(mesh.labels.size());
+  mesh.vertices = Eigen::Map<const Rows<float, 3>>(points.data(), count, 3);
+  mesh.pixels = Eigen::Map<const Rows<std::int32_t, 2>>(pixels.data(), count, 2);
+
+  std::vector<std::int32_t> faces;
+  faces.reserve(static_cast<std::size_t>(6 * count));
+  const auto fits = [&](std::int32_t a, std::int32_t b) {
+    const std::uint8_t la = mesh.labels[a], lb = mesh.labels[b];
+    return la == lb || pairs.fit(la, lb, mesh.vertices.row(a));
+  };
+  for (std::int64_t v = first_row; v < last_row; ++v) {
+    for (std::int64_t u = 0; u + 1 < cols; ++u) {
+      const auto corner = cell_corners(v * cols + u, cols, rays.flips());
+      std::array<std::int32_t, 4> vertex{};
+      unsigned valid = 0;
+      for (unsigned i = 0; i < 4; ++i) {
+        vertex[i] = vertex_at[corner[i]];
+        valid |= vertex[i] >= 0 ? 1U << i : 0U;
+      }
+      if (valid == 0) continue;
+      const CellCut cut = cut_cell(valid, [&](int i, int j) {
+        return (mesh.vertices.row(vertex[i]) - mesh.vertices.row(vertex[j])).squaredNorm();
+      });
+      for (const auto& [i, j, k] : cell_triangles(cut)) {
+        const std::int32_t a = vertex[i], b = vertex[j], c = vertex[k];
+        const auto [near, far] =
+            std::minmax({mesh.vertices(a, 2), mesh.vertices(b, 2), mesh.vertices(c, 2)});
+        if (!step.connects(near, far)) continue;
+        if (options.by_label && !(fits(a, b) && fits(b, c) && fits(c, a))) continue;
+        faces.insert(faces.end(), {a, b, c});
+      }
+    }
+  }
+  mesh.faces = Eigen::Map<const Rows<std::int32_t, 3>>(
+      faces.data(), static_cast<Eigen::Index>(faces.size() / 3), 3);
+  return mesh;
+}
+
+std::optional<BoneMotions> follow_pose(const Skeleton& source, const Skeleton& pose,
+                                       PoseScope scope) {
+  const auto own = torso_frame(source), other = torso_frame(pose);
+  if (!own || !other) return {};
+  const Eigen::Matrix3d turn = (*own * other->transpose()).cast<double>();
+  BoneMotions motions;
+  if (scope == PoseScope::kBody) {
+    const Eigen::Vector3d base = source[Joint::kSpineBase].cast<double>();
+    set_motion(motions, 0, Eigen::Quaterniond(turn.transpose()).normalized(), base, base);
+  }
+  for (const std::size_t bone : kJointsOutwards) {
+    if (bone == 0) continue;
+    const std::size_t joint = kJointParents[bone];
+    motions.rotation[bone] = motions.rotation[joint];
+    motions.translation[bone] = motions.translation[joint];
+    motions.moves[bone] = motions.moves[joint];
+    if (scope == PoseScope::kLimbs && is_trunk_bone(bone)) continue;
+    const auto from = bone_direction(source, bone), to = bone_direction(pose, bone);
+    if (!from || !to) continue;
+    const Eigen::Vector3d wanted = scope == PoseScope::kLimbs ? Eigen::Vector3d(turn * *to) : *to;
+    const auto further = shortest_turn(motions.rotation[joint] * *from, wanted);
+    if (!further) continue;
+    const Eigen::Vector3d centre = source.positions[joint].cast<double>();
+    const Eigen::Quaterniond rotation = (*further * motions.rotation[joint]).normalized();
+    set_motion(motions, bone, rotation, centre, motions.apply(joint, centre));
+  }
+  return motions;
+}
+
+void animate(const float* vertices, const std::uint8_t* labels, std::int64_t count,
+             const Skeleton& source, const BoneMotions& motions, Skinning method, float* out) {
+  const Skin skin(source, motions);
+  for (std::int64_t i = 0; i < count; ++i) {
+    const Eigen::Vector3f v = Eigen::Map<const Eigen::Vector3f>(vertices + 3 * i);
+    const std::size_t bone = labels[i];
+    Eigen::Map<Eigen::Vector3f> to(out + 3 * i);
+    switch (method) {
+      case Skinning::kSpherical:
+        to = skin.spherical(bone, v);
+        break;
+      case Skinning::kRigid:
+        to = skin.rigid(bone, v);
+        break;
+      case Skinning::kLbs:
+        to = skin.lbs(bone, v);
+        break;
+    }
+  }
+}
+
+}  // namespace manip3d

@@ -1,0 +1,27 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <optional>
+
+#include "manip3d/geometry/skeleton.hpp"
+#include "manip3d/modify/joint_smoother.hpp"
+
+namespace manip3d {
+
+/// From the joint that a bone hangs from to its own; none where one of them is missing or the bone
+/// has no length.
+inline std::optional<Eigen::Vector3d> bone_direction(const Skeleton& skeleton, std::size_t bone) {
+  const std::size_t parent = kJointParents[bone];
+  if (!is_usable(skeleton, static_cast<Joint>(parent)) ||
+      !is_usable(skeleton, static_cast<Joint>(bone))) {
+    return {};
+  }
+  const Eigen::Vector3d along =
+      (skeleton.positions[bone] - skeleton.positions[parent]).cast<double>();
+  constexpr double kShort = 1e-6;  // metres
+  if (!(along.norm() > kShort)) return {};
+  return along.normalized();
+}
+
+}  // namespace manip3d

@@ -1,0 +1,527 @@
+"""Forged RGB-D streams: a recorded person before another scene, doing what somebody else did."""
+
+from __future__ import annotations
+
+import io
+import os
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+from zipfile import BadZipFile
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._util.arrays import vector
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d.errors import FormatError, InputError
+from manip3d.io._files import atomic_write
+from manip3d.modify import JointSmoother, PoseScope, Skinning, animate, animation_mesh, segment_body
+from manip3d.rgbd import NO_BODY, RgbdCalibration, RgbdFrame, Skeleton
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    Mask = NDArray[np.bool_]
+
+Surface = Literal["mesh", "points"]
+
+_EVERYBODY = 1  # label of a person without a skeleton: any bone
+
+
+@dataclass(frozen=True, eq=False)
+class ForgedFrame:
+    """One frame of a forged stream and what is forged in it.
+
+    Attributes
+    ----------
+    frame : RgbdFrame
+        What a consumer of the stream sees.
+    mask : (H, W) bool
+        Pixels whose depth is the forged person's: the truth.
+    """
+
+    frame: RgbdFrame
+    mask: Mask
+
+
+@dataclass(frozen=True, eq=False)
+class StreamTruth:
+    """What is forged in a recording.
+
+    Attributes
+    ----------
+    kind : int
+        1: the person as recorded; 2: in another pose.
+    masks : (T, H, W) bool
+        Forged pixels of each frame.
+    numbers : (T,) int64
+        `RgbdFrame.number` of each frame.
+    """
+
+    kind: int
+    masks: Mask
+    numbers: NDArray[np.int64]
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the truth as a NumPy archive (``.npz``), whole or not at all."""
+        stream = io.BytesIO()
+        np.savez_compressed(
+            stream,
+            kind=np.int64(self.kind),
+            shape=np.array(self.masks.shape, np.int64),
+            masks=np.packbits(self.masks),
+            numbers=self.numbers,
+        )
+        atomic_write(path_of(path), stream.getvalue())
+
+
+@checked
+def read_stream_truth(path: str | os.PathLike[str]) -> StreamTruth:
+    """Read what `StreamTruth.write` has written.
+
+    Raises
+    ------
+    FormatError
+        The file is no such archive.
+    OSError
+        It cannot be read.
+    """
+    content = Path(path_of(path)).read_bytes()
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as archive:
+            frames, height, width = (int(side) for side in archive["shape"])
+            bits, numbers = archive["masks"], archive["numbers"]
+            kind = int(archive["kind"])
+        size = frames * height * width
+        if min(frames, height, width) < 0 or (size + 7) // 8 != bits.size or kind not in (1, 2):
+            raise ValueError("sizes do not agree")
+        masks = np.unpackbits(bits.astype(np.uint8, casting="no"), count=size).astype(bool)
+        if numbers.shape != (frames,) or numbers.dtype != np.int64:
+            raise ValueError("numbers do not agree with the masks")
+    except (ValueError, KeyError, EOFError, TypeError, BadZipFile, zlib.error) as error:
+        raise FormatError(
+            f"expected the truth of a forged stream: {error}", file=str(path)
+        ) from None
+    return StreamTruth(kind, masks.reshape(frames, height, width), numbers)
+
+
+@checked
+def background_plate(frames: Iterable[RgbdFrame]) -> RgbdFrame:
+    """Return the scene behind the people of a recording whose camera stands still.
+
+    Each pixel is the median of the frames that show nobody there. Depth that is never seen is that
+    of the nearest pixels of the row which are, the farther of the two; colour alike. Times, number
+    and calibration are those of the first frame.
+
+    Parameters
+    ----------
+    frames : iterable of RgbdFrame
+        With ``body_index`` where there are people. Colour is kept where it has the depth image's
+        pixels.
+
+    Raises
+    ------
+    InputError
+        There is no frame; frames differ in size.
+    """
+    some = list(frames)
+    if not some:
+        raise InputError("frames: expected one at least, got none")
+    if any(frame.depth.shape != some[0].depth.shape for frame in some):
+        raise InputError("frames: expected images of one size")
+    first = some[0]
+    depths = np.stack([np.where(_nobody(frame), frame.depth, 0) for frame in some])
+    depth = _median_seen(depths)
+    with_color = first.calibration.registration is None and all(f.color is not None for f in some)
+    color = None
+    if with_color:
+        seen = np.stack([_nobody(frame) for frame in some])
+        best = seen.argmax(axis=0)  # the first frame that shows nobody there
+        colors = np.stack([frame.color for frame in some if frame.color is not None])
+        chosen = np.take_along_axis(colors, best[None, ..., None], axis=0)[0]
+        source = _nearest_seen(np.asarray(seen.any(axis=0)), depth)
+        color = np.ascontiguousarray(np.take_along_axis(chosen, source[..., None], axis=1))
+    filled = np.take_along_axis(depth, _nearest_seen(np.asarray(depth > 0), depth), axis=1)
+    # Pixels that never have a measurement although nobody hides them stay without one.
+    never = np.stack([_nobody(frame) for frame in some]).sum(axis=0) * 2 > len(some)
+    depth = np.where((depth == 0) & never, np.uint16(0), filled)
+    nobody = np.full(depth.shape, NO_BODY, np.uint8)
+    calibration = first.calibration
+    if not with_color and calibration.registration is not None:
+        calibration = replace(calibration, registration=None)
+    return replace(
+        first, depth=depth, color=color, body_index=nobody, skeletons=(), calibration=calibration
+    )
+
+
+def _nobody(frame: RgbdFrame) -> Mask:
+    if frame.body_index is None:
+        return np.ones(frame.depth.shape, np.bool_)
+    return np.asarray(frame.body_index == NO_BODY)
+
+
+def _median_seen(depths: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """The lower median over time of what is not 0."""
+    ordered = np.sort(depths, axis=0)
+    num_seen = (depths > 0).sum(axis=0)
+    at = len(depths) - num_seen + np.maximum(num_seen - 1, 0) // 2
+    middle = np.take_along_axis(ordered, np.minimum(at, len(depths) - 1)[None], axis=0)[0]
+    return np.where(num_seen > 0, middle, 0).astype(np.uint16)
+
+
+def _nearest_seen(seen: Mask, depth: NDArray[np.uint16]) -> NDArray[np.intp]:
+    """For each pixel the column of its row to take: its own, or the farther of the next seen."""
+    column = np.arange(seen.shape[1])
+    left = np.maximum.accumulate(np.where(seen, column, -1), axis=1)
+    right = np.minimum.accumulate(np.where(seen, column, len(column))[:, ::-1], axis=1)[:, ::-1]
+    has_left, has_right = left >= 0, right < len(column)
+    left, right = np.maximum(left, 0), np.minimum(right, len(column) - 1)
+    farther = np.take_along_axis(depth, left, 1) >= np.take_along_axis(depth, right, 1)
+    take_left = has_left & (farther | ~has_right)
+    return np.where(seen | ~(has_left | has_right), column, np.where(take_left, left, right))
+
+
+@checked
+def without_people(frame: RgbdFrame, plate: RgbdFrame) -> RgbdFrame:
+    """Return a frame whose people are replaced by the scene behind, as of `background_plate`.
+
+    Raises
+    ------
+    InputError
+        The two differ in size.
+    """
+    if frame.depth.shape != plate.depth.shape:
+        raise InputError("plate: expected the size of the frame")
+    nobody = _nobody(frame)
+    color = frame.color
+    aligned = frame.calibration.registration is None
+    if color is not None and plate.color is not None and aligned:
+        color = np.where(nobody[..., None], color, plate.color)
+    return replace(
+        frame,
+        depth=np.where(nobody, frame.depth, plate.depth),
+        color=color,
+        body_index=np.full(nobody.shape, NO_BODY, np.uint8),
+        skeletons=(),
+    )
+
+
+@dataclass(eq=False)
+class ForgedStream:
+    """Frames of a person before another scene; made by `stream`.
+
+    Iterating gives each `RgbdFrame`, as any consumer of sources takes them; `frames` gives them
+    with their masks. The truth of the frames given last is kept.
+
+    Attributes
+    ----------
+    kind : int
+    calibration : RgbdCalibration
+        Of the background's camera.
+    missed : int
+        Frames of the last iteration in which nobody was found: they show the background alone.
+    """
+
+    kind: int
+    calibration: RgbdCalibration
+    _source: Iterable[RgbdFrame] = field(repr=False)
+    _background: RgbdFrame | Iterable[RgbdFrame] = field(repr=False)
+    _pose: Iterable[RgbdFrame | Skeleton] | None = field(repr=False)
+    _options: _Options = field(repr=False)
+    missed: int = 0
+    _bits: list[NDArray[np.uint8]] = field(default_factory=list, repr=False)
+    _numbers: list[int] = field(default_factory=list, repr=False)
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        return (forged.frame for forged in self.frames())
+
+    def frames(self) -> Iterator[ForgedFrame]:
+        """Give each frame with the mask of what is forged in it."""
+        self.missed, self._bits, self._numbers = 0, [], []
+        scenes = _endless(self._background)
+        poses = _endless(self._pose) if self._pose is not None else None
+        own, other = JointSmoother(), JointSmoother()
+        for number, frame in enumerate(self._source):
+            scene = scenes(number)
+            pose = None if poses is None else poses(number)
+            if scene is None or (poses is not None and pose is None):
+                return
+            person = _first_skeleton(frame)
+            if self._options.smooths and person is not None:
+                person = own.add(person)
+            target = _first_skeleton(pose) if isinstance(pose, RgbdFrame) else pose
+            if self._options.smooths and target is not None:
+                target = other.add(target)
+            forged = _forge(frame, person, scene, target, self.kind, self._options)
+            self.missed += not forged.mask.any()
+            self._bits.append(np.packbits(forged.mask))
+            self._numbers.append(forged.frame.number)
+            yield forged
+
+    @property
+    def truth(self) -> StreamTruth:
+        """What was forged in the frames that the last iteration has given so far."""
+        camera = self.calibration.depth
+        size = camera.height * camera.width
+        masks = [np.unpackbits(bits, count=size).astype(bool) for bits in self._bits]
+        shape = (len(masks), camera.height, camera.width)
+        numbers = np.array(self._numbers, np.int64)
+        return StreamTruth(self.kind, np.array(masks, bool).reshape(shape), numbers)
+
+
+@dataclass(frozen=True)
+class _Options:
+    method: Skinning
+    scope: PoseScope
+    move: NDArray[np.float64]
+    surface: Surface
+    fill_pinholes: bool
+    blend: int
+    smooths: bool
+    by_label: bool
+
+
+@checked
+def stream(
+    source: Iterable[RgbdFrame],
+    background: RgbdFrame | Iterable[RgbdFrame],
+    *,
+    kind: int,
+    pose: Iterable[RgbdFrame | Skeleton] | None = None,
+    method: Skinning = "lbs",
+    scope: PoseScope = "limbs",
+    move: ArrayLike = (0.0, 0.0, 0.0),
+    surface: Surface = "mesh",
+    fill_pinholes: bool = True,
+    blend: int = 2,
+    smoothing: bool = True,
+    by_label: bool = True,
+) -> ForgedStream:
+    """Forge a stream: the person of a recording before another scene (section 5.1).
+
+    Parameters
+    ----------
+    source : iterable of RgbdFrame
+        The person, by their skeleton, else by ``body_index``. Its length is that of the stream.
+    background : RgbdFrame or iterable of RgbdFrame
+        A still frame, or a running sequence. A list that is shorter than ``source`` is played to
+        and fro; an iterator that ends, ends the stream.
+    kind : int
+        1: the person as recorded; 2: in the poses of ``pose``.
+    pose : iterable of RgbdFrame or Skeleton, optional
+        For type 2: anybody's motion, frame by frame; played as ``background`` is.
+    method, scope
+        As of `modify.animate`.
+    move : (3,), metres
+        From where the person was to where they stand before the background, in its camera's axes.
+    surface : {"mesh", "points"}
+        ``mesh``: triangles are drawn; ``points``: as published, vertices are, and pinholes between
+        them filled. A colour camera of its own is always drawn with triangles.
+    fill_pinholes : bool
+        Of points.
+    blend : int, pixels
+        Width over which the person's colours fade into the background's, 0 to 64.
+    smoothing : bool
+        Smooth the joints of both skeletons first, by `modify.JointSmoother`.
+    by_label : bool
+        As of `modify.animation_mesh`; without it meshes tear (figure 5.5).
+
+    Returns
+    -------
+    ForgedStream
+
+    Raises
+    ------
+    InputError
+        An option is out of range; type 2 without poses; a background without frames. While frames
+        are made: a source without people's pixels, images whose sizes do not agree.
+
+    Notes
+    -----
+    A person who stands where they were, before a camera of the same calibration, keeps each
+    measured depth (type 1). The person hides what is farther, and pixels without a measurement.
+    Without colour in one of the two there is none in the stream.
+
+    Examples
+    --------
+    >>> from manip3d import forge, simulate
+    >>> person = simulate.BodySimulator(motion="still", frames=2, color="none")
+    >>> room = simulate.BodySimulator(frames=2, color="none", seed=1)
+    >>> scenes = [room.background(time) for time in (0.0, 0.1)]  # doctest: +SKIP
+    >>> forged = forge.stream(person, scenes, kind=1)  # doctest: +SKIP
+    >>> [frame.depth.shape for frame in forged]  # doctest: +SKIP
+    [(424, 512), (424, 512)]
+    """
+    if kind not in (1, 2):
+        raise InputError(f"kind: expected 1 or 2, got {kind}")
+    if kind == 2 and pose is None:
+        raise InputError("pose: expected a motion for type 2, got none")
+    if kind == 1 and pose is not None:
+        raise InputError("pose: expected none for type 1, which keeps the recorded pose")
+    for name, value, known in (
+        ("method", method, _core.Skinning.__members__),
+        ("scope", scope, _core.PoseScope.__members__),
+        ("surface", surface, _core.CompositeSurface.__members__),
+    ):
+        if value.upper() not in known:
+            raise InputError(f"{name}: expected one of {', '.join(known).lower()}, got {value!r}")
+    if not 0 <= blend <= 64:
+        raise InputError(f"blend: expected 0 to 64, got {blend}")
+    options = _Options(
+        method,
+        scope,
+        vector(move, 3, "move"),
+        surface,
+        fill_pinholes,
+        blend,
+        smoothing,
+        by_label,
+    )
+    calibration, scenes = _calibration_of(background)
+    return ForgedStream(kind, calibration, source, scenes, pose, options)
+
+
+def _calibration_of(
+    background: RgbdFrame | Iterable[RgbdFrame],
+) -> tuple[RgbdCalibration, RgbdFrame | Iterable[RgbdFrame]]:
+    """The camera of a background, and the background with all its frames."""
+    if isinstance(background, RgbdFrame):
+        return background.calibration, background
+    known = getattr(background, "calibration", None)
+    if isinstance(known, RgbdCalibration):
+        return known, background
+    frames = background if isinstance(background, Sequence) else list(background)
+    if not len(frames):
+        raise InputError("background: expected a frame at least, got none")
+    return frames[0].calibration, frames
+
+
+def _endless(things: Any) -> Any:
+    """A function from the number of a frame to its background or pose; None after the last."""
+    if isinstance(things, RgbdFrame):
+        return lambda _: things
+    if isinstance(things, Sequence):
+        if not len(things):
+            return lambda _: None
+        period = max(1, 2 * (len(things) - 1))
+
+        def to_and_fro(number: int) -> Any:
+            at = number % period
+            return things[min(at, period - at)]
+
+        return to_and_fro
+    iterator = iter(things)
+    return lambda _: next(iterator, None)
+
+
+def _first_skeleton(frame: RgbdFrame) -> Skeleton | None:
+    return frame.skeletons[0] if frame.skeletons else None
+
+
+def _labels(frame: RgbdFrame, person: Skeleton | None) -> NDArray[np.uint8]:
+    """Bone of each pixel of the person; of everybody if there is no skeleton."""
+    if person is not None:
+        found = segment_body(
+            frame.depth,
+            frame.calibration.depth,
+            person,
+            segmentation="region",
+            body_index=frame.body_index,
+        )
+        return found.labels
+    if frame.body_index is None:
+        raise InputError("source: expected a skeleton or people's pixels, got a frame with neither")
+    return np.where(frame.body_index != NO_BODY, np.uint8(_EVERYBODY), np.uint8(0))
+
+
+def _forge(
+    frame: RgbdFrame,
+    person: Skeleton | None,
+    scene: RgbdFrame,
+    pose: Skeleton | None,
+    kind: int,
+    options: _Options,
+) -> ForgedFrame:
+    """The person of a frame before a scene."""
+    camera = frame.calibration.depth
+    by_label = kind == 2 and options.by_label
+    labels = np.zeros_like(frame.depth, np.uint8)
+    moved = person
+    if kind == 1 or (person is not None and pose is not None):
+        labels = _labels(frame, person)
+    mesh = animation_mesh(frame.depth, camera, labels, person, by_label=by_label)
+    vertices = mesh.vertices
+    if kind == 2 and person is not None and pose is not None:
+        animated = animate(
+            vertices, mesh.labels, person, pose, method=options.method, scope=options.scope
+        )
+        if animated is None:  # no torso: there is no telling how the limbs are to turn
+            mesh = animation_mesh(frame.depth, camera, np.zeros_like(labels))
+            vertices, moved = mesh.vertices, None
+        else:
+            vertices, moved = animated.vertices, animated.skeleton
+    stays = not options.move.any()
+    if not stays:
+        vertices = (vertices + options.move).astype(np.float32)
+    has_color = frame.color is not None and scene.color is not None
+    core = _core.CompositeOptions()
+    core.surface = _core.CompositeSurface.__members__[options.surface.upper()]
+    core.fill_pinholes, core.blend = options.fill_pinholes, options.blend
+    depth, mask, color = _core.composite(
+        vertices,
+        mesh.faces,
+        mesh.vertices,
+        mesh.pixels,
+        frame.color if has_color else None,
+        frame.calibration.registration,
+        kind == 1 and stays and _same_camera(camera, scene.calibration.depth),
+        np.ascontiguousarray(scene.depth),
+        scene.calibration.depth,
+        np.ascontiguousarray(scene.color) if has_color and scene.color is not None else None,
+        scene.calibration.registration,
+        core,
+    )
+    drawn = mask.view(np.bool_)
+    index, skeletons = _people(scene, drawn, moved, options.move)
+    forged = replace(
+        scene,
+        depth=depth,
+        color=color,
+        body_index=index,
+        skeletons=skeletons,
+        time=frame.time,
+        number=frame.number,
+    )
+    return ForgedFrame(forged, drawn)
+
+
+def _same_camera(one: Any, other: Any) -> bool:
+    if one is other:
+        return True
+    names = ("width", "height", "fx", "fy", "cx", "cy", "distortion", "mirrored")
+    same = all(getattr(one, name) == getattr(other, name) for name in names)
+    rays = (one.rays, other.rays)
+    return same and (rays[0] is rays[1] or (None not in rays and np.array_equal(*rays)))
+
+
+def _people(
+    scene: RgbdFrame, drawn: Mask, moved: Skeleton | None, move: NDArray[np.float64]
+) -> tuple[NDArray[np.uint8], tuple[Skeleton, ...]]:
+    """Body index and skeletons as a sensor would give them of the forged scene."""
+    index = np.full(drawn.shape, NO_BODY, np.uint8)
+    if scene.body_index is not None:
+        index[:] = scene.body_index
+    taken = {int(body) for body in np.unique(index)} | {s.body for s in scene.skeletons}
+    body = next(number for number in count() if number not in taken)
+    index[drawn] = body
+    if moved is None or not drawn.any():
+        return index, scene.skeletons
+    taken_ids = {skeleton.id for skeleton in scene.skeletons}
+    own = next(number for number in count(1) if number not in taken_ids)
+    positions = (moved.positions + move).astype(np.float32)
+    return index, (replace(moved, positions=positions, body=body, id=own), *scene.skeletons)

@@ -1,0 +1,178 @@
+"""Forged RGB-D streams: what is the person's, what is the background's, and the truth beside."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from capsule_body import SMALL, frame, pose
+from manip3d import FormatError, InputError, RgbdCalibration, RgbdFrame, capture, forge
+from manip3d.rgbd import NO_BODY
+
+HANDS_UP = {
+    "ElbowLeft": (0.45, 0.60, 0.0),
+    "WristLeft": (0.50, 0.85, 0.0),
+    "HandLeft": (0.51, 0.92, 0.0),
+}
+
+
+def person(number: int = 0, moved: Any = None) -> RgbdFrame:
+    seen = frame(pose(moved), SMALL)
+    color = np.full((*seen.depth.shape, 3), (200, 40, 40), np.uint8)
+    return replace(seen, color=color, number=number, time=number * 33_333_333)
+
+
+def wall(depth_mm: int = 4000, number: int = 0) -> RgbdFrame:
+    shape = (SMALL.height, SMALL.width)
+    return RgbdFrame(
+        np.full(shape, depth_mm, np.uint16),
+        RgbdCalibration(SMALL),
+        np.full((*shape, 3), (30, 160, 60), np.uint8),
+        number=number,
+    )
+
+
+def one(stream: forge.ForgedStream) -> forge.ForgedFrame:
+    return next(iter(stream.frames()))
+
+
+def test_type_1_keeps_each_measured_depth_and_the_background() -> None:
+    source, scene = person(), wall()
+    forged = one(forge.stream([source], scene, kind=1, blend=0))
+    np.testing.assert_array_equal(forged.frame.depth[forged.mask], source.depth[forged.mask])
+    np.testing.assert_array_equal(forged.frame.depth[~forged.mask], scene.depth[~forged.mask])
+    own = np.asarray(source.body_index == 0)
+    assert forged.mask[own].mean() > 0.98
+    assert not forged.mask[~own].any()
+    assert forged.frame.color is not None
+    inside = (
+        own & np.roll(own, 2, 0) & np.roll(own, -2, 0) & np.roll(own, 2, 1) & np.roll(own, -2, 1)
+    )
+    assert (forged.frame.color[inside & forged.mask] == (200, 40, 40)).all()
+    assert (forged.frame.color[~own] == (30, 160, 60)).all()
+    assert forged.frame.skeletons[0].body == 0
+    np.testing.assert_array_equal(np.asarray(forged.frame.body_index) == 0, forged.mask)
+
+
+def test_the_nearer_surface_wins() -> None:
+    forged = one(forge.stream([person()], wall(1500), kind=1))
+    assert not forged.mask.any()
+    np.testing.assert_array_equal(forged.frame.depth, wall(1500).depth)
+    assert forged.frame.color is not None
+    assert (forged.frame.color == (30, 160, 60)).all()
+    nothing = one(forge.stream([person()], wall(0), kind=1))
+    assert nothing.mask.any()
+
+
+def test_type_2_takes_the_pose_and_keeps_the_trunk() -> None:
+    stream = forge.stream([person()], wall(), kind=2, pose=[person(0, HANDS_UP)], smoothing=False)
+    forged = one(stream)
+    wanted = np.asarray(person(0, HANDS_UP).body_index == 0)
+    overlap = (forged.mask & wanted).sum() / (forged.mask | wanted).sum()
+    assert overlap > 0.8
+    before = np.asarray(person().body_index == 0)
+    assert overlap > (before & wanted).sum() / (before | wanted).sum() + 0.02
+
+
+def test_points_are_filled_between_and_never_outwards() -> None:
+    options: dict[str, Any] = {"kind": 1, "move": (0.0, 0.0, -0.5), "surface": "points"}
+    holes = one(forge.stream([person()], wall(), fill_pinholes=False, **options)).mask
+    filled = one(forge.stream([person()], wall(), **options)).mask
+    mesh = one(forge.stream([person()], wall(), **(options | {"surface": "mesh"}))).mask
+    assert holes.sum() < filled.sum()
+    across, down = (np.roll(holes, 1, axis) & np.roll(holes, -1, axis) for axis in (1, 0))
+    assert ((filled & ~holes) <= (across | down)).all()
+    assert (filled & mesh).sum() / (filled | mesh).sum() > 0.8
+
+
+def test_moving_the_person_moves_depth() -> None:
+    still = one(forge.stream([person()], wall(), kind=1))
+    moved = one(forge.stream([person()], wall(), kind=1, move=(0.0, 0.0, 0.5)))
+    near, far = (np.median(f.frame.depth[f.mask]) for f in (still, moved))
+    assert far - near == pytest.approx(500, abs=5)
+    assert moved.mask.sum() < still.mask.sum()
+
+
+def test_edges_fade() -> None:
+    sharp, soft = (
+        one(forge.stream([person()], wall(), kind=1, blend=n)).frame.color for n in (0, 2)
+    )
+    assert sharp is not None
+    assert soft is not None
+    assert len(np.unique(sharp.reshape(-1, 3), axis=0)) == 2
+    assert len(np.unique(soft.reshape(-1, 3), axis=0)) > 5
+
+
+def test_lists_are_played_to_and_fro_and_iterators_end() -> None:
+    people = [person(n) for n in range(5)]
+    scenes = [wall(4000), wall(4100), wall(4200)]
+    given = [f.depth[0, 0] for f in forge.stream(people, scenes, kind=1)]
+    assert given == [4000, 4100, 4200, 4100, 4000]
+    assert [f.number for f in forge.stream(people, scenes, kind=1)] == list(range(5))
+    poses = (person(0, HANDS_UP) for _ in range(2))
+    assert len(list(forge.stream(people, scenes, kind=2, pose=poses))) == 2
+
+
+def test_without_a_skeleton_the_persons_pixels_are_taken() -> None:
+    source = replace(person(), skeletons=())
+    forged = one(forge.stream([source], wall(), kind=1))
+    np.testing.assert_array_equal(forged.mask, np.asarray(source.body_index == 0))
+    stream = forge.stream([source], wall(), kind=2, pose=[person()])
+    assert not one(stream).mask.any()
+    assert stream.missed == 1
+    with pytest.raises(InputError, match="expected a skeleton or people's pixels"):
+        one(forge.stream([replace(source, body_index=None)], wall(), kind=1))
+
+
+def test_consumers_and_recorders_read_it(tmp_path: Path) -> None:
+    stream = forge.stream([person(n) for n in range(3)], wall(), kind=1)
+    done = capture.record(capture.from_frames(stream), tmp_path / "forged", lossless_color=True)
+    assert done.frames == 3
+    assert done.frames_with_skeleton == 3
+    stream.truth.write(tmp_path / "truth.npz")
+    truth = forge.read_stream_truth(tmp_path / "truth.npz")
+    assert (truth.kind, truth.numbers.tolist()) == (1, [0, 1, 2])
+    with capture.open_rgbd(f"folder:{tmp_path / 'forged'}") as source:
+        for mask, read in zip(truth.masks, source, strict=True):
+            np.testing.assert_array_equal(read.body_index == 0, mask)
+    (tmp_path / "bad.npz").write_bytes(b"PK\x03\x04 nothing")
+    for content in (b"", b"PK\x03\x04 nothing", (tmp_path / "truth.npz").read_bytes()[:-40]):
+        (tmp_path / "bad.npz").write_bytes(content)
+        with pytest.raises(FormatError, match="truth of a forged stream"):
+            forge.read_stream_truth(tmp_path / "bad.npz")
+
+
+def test_the_plate_shows_what_people_hide() -> None:
+    scene = wall(3000)
+    frames = []
+    for shift in (0, 60, -60):
+        seen = person()
+        index = np.roll(np.asarray(seen.body_index), shift, axis=1)
+        depth = np.where(index == 0, np.roll(seen.depth, shift, axis=1), scene.depth)
+        frames.append(replace(seen, depth=depth, body_index=index, color=scene.color))
+    plate = forge.background_plate(frames)
+    np.testing.assert_array_equal(plate.depth, scene.depth)
+    assert plate.body_index is not None
+    assert (plate.body_index == NO_BODY).all()
+    alone = forge.background_plate(frames[:1])
+    np.testing.assert_array_equal(alone.depth, scene.depth)  # from beside the person
+    np.testing.assert_array_equal(forge.without_people(frames[0], plate).depth, scene.depth)
+
+
+def test_wrong_arguments_are_named() -> None:
+    for options, message in (
+        ({"kind": 3}, "kind: expected 1 or 2, got 3"),
+        ({"kind": 2}, "pose: expected a motion for type 2"),
+        ({"kind": 1, "pose": [person()]}, "pose: expected none for type 1"),
+        ({"kind": 1, "blend": 65}, "blend: expected 0 to 64"),
+        ({"kind": 1, "surface": "voxels"}, "surface: expected one of mesh, points"),
+        ({"kind": 1, "move": (0.0, np.nan, 0.0)}, "move"),
+    ):
+        with pytest.raises(InputError, match=message):
+            forge.stream([person()], wall(), **options)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="background: expected a frame at least"):
+        forge.stream([person()], [], kind=1)
