@@ -62,6 +62,7 @@ inspected = authenticate.inspect(cloud, origin=(0, 0, 0), threads=1)
 KERNELS: dict[str, Kernel] = {
     "simplify.clean": lambda _: simplify.clean(pipe),
     "simplify.quality": lambda _: simplify.quality(hill, ratio=0.3),
+    "simplify.fast": lambda t: simplify.fast(pipe, ratio=0.3, threads=t),
     "simplify.simplify": lambda _: simplify.simplify(pipe, ratio=0.3),
     "simplify.qem4vr": lambda _: simplify.qem4vr(hill, ratio=0.3),
     "simplify.qem_orig": lambda _: simplify.qem_orig(hill, ratio=0.3),

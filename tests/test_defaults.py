@@ -61,6 +61,7 @@ FACADES: dict[str, list[Callable[..., Any]]] = {
     "DeformOptions": [forge.deform],
     "DensityOptions": [authenticate.DensityParameters, authenticate.density_consistency],
     "DepthSmootherOptions": [simplify.ReliefStream],
+    "FastOptions": [simplify.fast],
     "FmpdOptions": [metrics.fmpd],
     "GenericOptions": [authenticate.generic_consistency],
     "GridMeshOptions": [simplify.dense_mesh, simplify.dense_mesh_grid],

@@ -30,6 +30,7 @@ __all__: list[str] = [
     "Cs3Stencil",
     "DepthSmoother",
     "Duplicates",
+    "FastOptions",
     "JointSmoother",
     "JointSmootherOptions",
     "KeyPerson",
@@ -121,6 +122,7 @@ __all__: list[str] = [
     "segment_objects",
     "segment_person",
     "shading_normals",
+    "simplify_fast",
     "simplify_qem",
     "simplify_quality",
     "snap_to_lattice",
@@ -863,6 +865,33 @@ class QualityOptions:
     def texture_weight(self) -> float: ...
     @texture_weight.setter
     def texture_weight(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
+class FastOptions:
+    def __init__(self) -> None: ...
+    @property
+    def boundary_weight(self) -> float: ...
+    @boundary_weight.setter
+    def boundary_weight(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def locked(self) -> list[bool]: ...
+    @locked.setter
+    def locked(self, arg0: collections.abc.Sequence[bool]) -> None: ...
+    @property
+    def max_error(self) -> float: ...
+    @max_error.setter
+    def max_error(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def num_threads(self) -> int: ...
+    @num_threads.setter
+    def num_threads(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    @property
+    def seam_weight(self) -> float: ...
+    @seam_weight.setter
+    def seam_weight(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def target_faces(self) -> int: ...
+    @target_faces.setter
+    def target_faces(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
 
 class ColliderTracker:
     def __init__(
@@ -1780,6 +1809,9 @@ def shading_normals(
     crease_angle: typing.SupportsFloat | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> tuple[numpy.ndarray, numpy.ndarray]: ...
+def simplify_fast(
+    mesh: typing.Any, options: FastOptions, progress: typing.Any = None
+) -> dict[str, typing.Any]: ...
 def simplify_qem(
     mesh: typing.Any, options: QemOptions, progress: typing.Any = None
 ) -> dict[str, typing.Any]: ...
