@@ -75,6 +75,7 @@ KERNELS: dict[str, Kernel] = {
     "authenticate.verdict_of_stream": lambda _: authenticate.verdict_of_stream([verified]),
     "simplify.clean": lambda _: simplify.clean(pipe),
     "simplify.quality": lambda _: simplify.quality(hill, ratio=0.3),
+    "simplify.fast": lambda t: simplify.fast(pipe, ratio=0.3, threads=t),
     "simplify.simplify": lambda _: simplify.simplify(pipe, ratio=0.3),
     "simplify.qem4vr": lambda _: simplify.qem4vr(hill, ratio=0.3),
     "simplify.qem_orig": lambda _: simplify.qem_orig(hill, ratio=0.3),

@@ -74,6 +74,7 @@ FLAT = np.full((480, 640), 4000, np.uint16)
 LONG: dict[str, Callable[[], Callable[[], object]]] = {
     "simplify.clean": lambda: partial(simplify.clean, hill(900)),
     "simplify.quality": lambda: partial(simplify.quality, hill(300), ratio=0.2),
+    "simplify.fast": lambda: partial(simplify.fast, hill(900), ratio=0.1),
     "simplify.simplify": lambda: partial(simplify.simplify, hill(300), ratio=0.2),
     "simplify.qem4vr": lambda: partial(simplify.qem4vr, hill(400), ratio=0.1),
     "simplify.qem_orig": lambda: partial(simplify.qem_orig, hill(400), ratio=0.1),

@@ -64,6 +64,7 @@ FACADES: dict[str, list[Callable[..., Any]]] = {
     "DensityOptions": [authenticate.DensityParameters, authenticate.density_consistency],
     "DepthStepOptions": [modify.animation_mesh],
     "DepthSmootherOptions": [simplify.ReliefStream],
+    "FastOptions": [simplify.fast],
     "FmpdOptions": [metrics.fmpd],
     "GenericOptions": [authenticate.generic_consistency],
     "GridMeshOptions": [simplify.dense_mesh, simplify.dense_mesh_grid],

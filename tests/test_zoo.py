@@ -21,7 +21,7 @@ import manip3d
 from manip3d import Mesh, read_mesh
 from manip3d.io import WRITABLE, write_mesh
 from manip3d.metrics import boundary_gap, closest_points, fmpd, metro, texture_error
-from manip3d.simplify import METHODS, clean
+from manip3d.simplify import METHODS, clean, fast, quality
 from manip3d.viewer import html, picture
 from zoo import MESHES, REFUSED, TRIANGLE
 
@@ -52,6 +52,11 @@ FUNCTIONS: dict[str, Callable[[Mesh], object]] = {
         for name, run in METHODS.items()
         for ratio in (0.0, 0.5)
     },
+    **{
+        f"{run.__name__}-{ratio}": lambda mesh, run=run, ratio=ratio: run(mesh, ratio=ratio).mesh
+        for run in (quality, fast)
+        for ratio in (0.0, 0.5)
+    },
     "picture": lambda mesh: picture(mesh, size=(24, 16), boundary=True),
     "html": html,
     "notebook": lambda mesh: mesh._repr_mimebundle_(),
@@ -71,6 +76,7 @@ ABSENT = {"materials_that_are_not_there"}
 TOO_FINE = {"edges_of_double_precision"}
 REFUSALS: dict[str, set[str]] = {
     **{f"{name}-{ratio}": NOTHING for name in METHODS for ratio in (0.0, 0.5)},
+    **{f"{name}-{ratio}": NOTHING for name in ("quality", "fast") for ratio in (0.0, 0.5)},
     "metro": NO_FACES,
     "boundary-gap": NO_FACES,
     "metro-area": NO_AREA | TOO_FINE,

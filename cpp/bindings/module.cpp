@@ -88,9 +88,6 @@ PYBIND11_MODULE(_core, m) {
   manip3d::bindings::bind_forge(m);
   manip3d::bindings::bind_authenticate(m);
   manip3d::bindings::bind_modify(m);
-<<<<<<< HEAD
   manip3d::bindings::bind_watermark(m);
-=======
   manip3d::bindings::bind_streams(m);
->>>>>>> streams
 }

@@ -22,10 +22,7 @@ void bind_scans(pybind11::module_& m);
 void bind_forge(pybind11::module_& m);
 void bind_authenticate(pybind11::module_& m);
 void bind_modify(pybind11::module_& m);
-<<<<<<< HEAD
 void bind_watermark(pybind11::module_& m);
-=======
 void bind_streams(pybind11::module_& m);
->>>>>>> streams
 
 }  // namespace manip3d::bindings

@@ -4,6 +4,7 @@
 #include "interruptible.hpp"
 #include "manip3d/simplify/clean.hpp"
 #include "manip3d/simplify/collapse_record.hpp"
+#include "manip3d/simplify/fast.hpp"
 #include "manip3d/simplify/qem.hpp"
 #include "manip3d/simplify/quality.hpp"
 #include "mesh.hpp"
@@ -246,12 +247,37 @@ void bind_quality(py::module_& m) {
       py::arg("mesh"), py::arg("options"), py::arg("progress") = py::none());
 }
 
+void bind_fast(py::module_& m) {
+  py::class_<FastOptions>(m, "FastOptions")
+      .def(py::init<>())
+      .def_readwrite("target_faces", &FastOptions::target_faces)
+      .def_readwrite("max_error", &FastOptions::max_error)
+      .def_readwrite("boundary_weight", &FastOptions::boundary_weight)
+      .def_readwrite("seam_weight", &FastOptions::seam_weight)
+      .def_readwrite("locked", &FastOptions::locked)
+      .def_readwrite("num_threads", &FastOptions::num_threads);
+  m.def(
+      "simplify_fast",
+      [](const py::object& mesh, const FastOptions& options, const py::object& progress) {
+        const BorrowedMesh borrowed(mesh);
+        QualityResult result;
+        const Progress report = interruptible(progress);
+        {
+          const py::gil_scoped_release nogil;
+          result = simplify_fast(borrowed.view(), options, report);
+        }
+        return to_fields(std::move(result), mesh);
+      },
+      py::arg("mesh"), py::arg("options"), py::arg("progress") = py::none());
+}
+
 }  // namespace
 
 void bind_simplify(py::module_& m) {
   bind_clean(m);
   bind_qem(m);
   bind_quality(m);
+  bind_fast(m);
 }
 
 }  // namespace manip3d::bindings

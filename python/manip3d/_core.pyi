@@ -34,6 +34,7 @@ __all__: list[str] = [
     "DepthSmoother",
     "DepthStepOptions",
     "Duplicates",
+    "FastOptions",
     "JointSmoother",
     "JointSmootherOptions",
     "KeyPerson",
@@ -68,15 +69,12 @@ __all__: list[str] = [
     "VelodyneOptions",
     "VelodynePcapSource",
     "VelodyneUdpSource",
-<<<<<<< HEAD
     "WatermarkEmbedder",
     "WatermarkKey",
     "WatermarkPolicy",
     "WatermarkVerifier",
-=======
     "animate",
     "animation_mesh",
->>>>>>> streams
     "body_mirror",
     "boundary_gap",
     "bounding_box",
@@ -86,11 +84,8 @@ __all__: list[str] = [
     "check_registration",
     "clean",
     "closest_points",
-<<<<<<< HEAD
     "compare_paper_watermark",
-=======
     "composite",
->>>>>>> streams
     "copy_transform_paste",
     "deform",
     "density_levels",
@@ -145,6 +140,7 @@ __all__: list[str] = [
     "segment_person",
     "segment_region",
     "shading_normals",
+    "simplify_fast",
     "simplify_qem",
     "simplify_quality",
     "snap_to_lattice",
@@ -889,6 +885,33 @@ class QualityOptions:
     @texture_weight.setter
     def texture_weight(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
 
+class FastOptions:
+    def __init__(self) -> None: ...
+    @property
+    def boundary_weight(self) -> float: ...
+    @boundary_weight.setter
+    def boundary_weight(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def locked(self) -> list[bool]: ...
+    @locked.setter
+    def locked(self, arg0: collections.abc.Sequence[bool]) -> None: ...
+    @property
+    def max_error(self) -> float: ...
+    @max_error.setter
+    def max_error(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def num_threads(self) -> int: ...
+    @num_threads.setter
+    def num_threads(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    @property
+    def seam_weight(self) -> float: ...
+    @seam_weight.setter
+    def seam_weight(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def target_faces(self) -> int: ...
+    @target_faces.setter
+    def target_faces(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+
 class ColliderTracker:
     def __init__(
         self,
@@ -1446,7 +1469,6 @@ class PhantomPipeline:
     def reset(self) -> None: ...
     def select(self, id: typing.SupportsInt | typing.SupportsIndex) -> None: ...
 
-<<<<<<< HEAD
 class WatermarkKey:
     @staticmethod
     def create(
@@ -1530,7 +1552,6 @@ class PaperOptions:
         frame: typing.SupportsInt | typing.SupportsIndex,
     ) -> None: ...
 
-=======
 class PoseScope:
     """
     Members:
@@ -1690,7 +1711,6 @@ def animation_mesh(
     skeleton: typing.Any,
     options: AnimationMeshOptions,
 ) -> tuple[typing.Any, ...]: ...
->>>>>>> streams
 def body_mirror(skeleton: typing.Any, affected: Limb, mode: MirrorMode) -> typing.Any: ...
 def boundary_gap(
     original: typing.Any,
@@ -1714,7 +1734,6 @@ def closest_points(
     threads: typing.SupportsInt | typing.SupportsIndex,
     progress: typing.Any,
 ) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
-<<<<<<< HEAD
 def compare_paper_watermark(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],
@@ -1723,7 +1742,6 @@ def compare_paper_watermark(
     counts: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
     options: PaperOptions,
 ) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
-=======
 def composite(
     vertices: numpy.typing.NDArray[numpy.float32],
     faces: numpy.typing.NDArray[numpy.int32],
@@ -1738,7 +1756,6 @@ def composite(
     registration: typing.Any,
     options: CompositeOptions,
 ) -> tuple[typing.Any, ...]: ...
->>>>>>> streams
 def copy_transform_paste(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],
@@ -2089,6 +2106,9 @@ def shading_normals(
     crease_angle: typing.SupportsFloat | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> tuple[numpy.ndarray, numpy.ndarray]: ...
+def simplify_fast(
+    mesh: typing.Any, options: FastOptions, progress: typing.Any = None
+) -> dict[str, typing.Any]: ...
 def simplify_qem(
     mesh: typing.Any, options: QemOptions, progress: typing.Any = None
 ) -> dict[str, typing.Any]: ...

@@ -16,13 +16,6 @@
 namespace manip3d {
 namespace {
 
-<<<<<<< HEAD
-/// Each joint after the one that it hangs from.
-constexpr std::array<std::uint8_t, kNumJoints> kOutwards = {
-    0, 1, 20, 2, 3, 4, 5, 6, 7, 21, 22, 8, 9, 10, 11, 23, 24, 12, 13, 14, 15, 16, 17, 18, 19};
-=======
-constexpr double kPi = 3.14159265358979323846;
->>>>>>> streams
 
 /// The joint at the other end of a posable joint's bone; 0: the joint is not posable.
 constexpr std::array<std::uint8_t, kNumJoints> kNext = {

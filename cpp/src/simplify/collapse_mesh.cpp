@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <limits>
-#include <tuple>
+#include <utility>
+
+#include "simplify/wedges.hpp"
 
 namespace manip3d {
 namespace {
@@ -60,38 +62,15 @@ void CollapseMesh::make_wedges(const MeshView& mesh) {
     texcoord_.assign(positions_.size(), -1);
     return;
   }
-  struct CornerLook {
-    std::int64_t surface;
-    double u, v;
-    std::int32_t corner, texcoord;
-    [[nodiscard]] auto key() const { return std::tie(surface, u, v, corner); }
-    [[nodiscard]] bool same_wedge(const CornerLook& o) const {
-      return surface == o.surface && u == o.u && v == o.v;
-    }
-  };
-  std::vector<CornerLook> looks;
-  for (std::int32_t v = 0; v < num_vertices(); ++v) {
-    looks.clear();
-    for_each_face(v, [&](std::int32_t f, std::int32_t c) {
-      const std::int64_t material = mesh.has_materials() ? mesh.face_material(f) : -1;
-      // A face without texture coordinates is a surface of its own, even with the same material.
-      const bool textured = mesh.face_has_texcoords(f);
-      const std::int32_t t = textured ? mesh.face_texcoords(f, c) : -1;
-      looks.push_back({2 * material + (textured ? 1 : 0), textured ? mesh.texcoords(t, 0) : 0.0,
-                       textured ? mesh.texcoords(t, 1) : 0.0, 3 * f + c, t});
-    });
-    std::sort(looks.begin(), looks.end(),
-              [](const CornerLook& a, const CornerLook& b) { return a.key() < b.key(); });
-    for (std::size_t i = 0; i < looks.size(); ++i) {
-      if (i == 0 || !looks[i].same_wedge(looks[i - 1])) {
-        surface_.push_back(looks[i].surface);
-        texcoords_.emplace_back(looks[i].u, looks[i].v);
-        texcoord_.push_back(looks[i].texcoord);
-      }
-      const std::int32_t corner = looks[i].corner;
-      wedges_[corner / 3][corner % 3] = num_wedges() - 1;
-    }
-  }
+  WedgeTable table = manip3d::make_wedges(
+      mesh, num_vertices(),
+      [&](std::int32_t v, const auto& body) {
+        for_each_face(v, [&](std::int32_t f, std::int32_t c) { body(f, c, 3 * f + c); });
+      },
+      [&](std::int64_t corner, std::int32_t wedge) { wedges_[corner / 3][corner % 3] = wedge; });
+  surface_ = std::move(table.surface);
+  texcoords_ = std::move(table.texcoords);
+  texcoord_ = std::move(table.texcoord);
 }
 
 void CollapseMesh::gather_ring(std::int32_t v, Ring& ring) const {

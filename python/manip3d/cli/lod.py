@@ -62,8 +62,8 @@ def lod(
     from manip3d import simplify
 
     shell = Terminal(as_json=as_json, quiet=quiet)
-    if mode == Mode.quality and method is not None:
-        raise InputError(f"--method {method}: expected --mode published, got quality")
+    if mode != Mode.published and method is not None:
+        raise InputError(f"--method {method}: expected --mode published, got {mode}")
     expect_kind(source, "mesh", verb="lod")
     check_output(output, SUFFIXES, force=force, folder=True)
     mesh = open_mesh(source, shell)
@@ -74,7 +74,7 @@ def lod(
             mesh,
             levels,
             ratio=ratio,
-            method="quality" if mode == Mode.quality else str(method or Method.qem4vr),
+            method=str(mode if mode != Mode.published else method or Method.qem4vr),
             progress=progress,
         )
     chain.write(output, max_vertices=max_vertices)

@@ -42,7 +42,7 @@ from manip3d.simplify._depth_files import (
 )
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
 from manip3d.simplify._lod import LodChain, LodLevel, SharedBudget, lod_chain, share_budget
-from manip3d.simplify._quality import Mode, QualityResult, quality, simplify
+from manip3d.simplify._quality import Mode, QualityResult, fast, quality, simplify
 from manip3d.simplify._relief import (
     Effort,
     Relief,
@@ -92,6 +92,7 @@ __all__ = [
     "cut_depth_steps",
     "dense_mesh",
     "dense_mesh_grid",
+    "fast",
     "grid_delaunay",
     "lod_chain",
     "qem4vr",

@@ -14,7 +14,7 @@ from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.simplify._collapse import METHODS, SimplifyResult
-from manip3d.simplify._quality import QualityResult, quality
+from manip3d.simplify._quality import QualityResult, fast, quality
 
 if TYPE_CHECKING:
     from manip3d._util.options import Progress
@@ -53,7 +53,8 @@ class LodChain:
     levels : tuple of LodLevel
         The first is the mesh itself.
     result : SimplifyResult or QualityResult
-        The run that all levels come from; with ``method="quality"`` that of the coarsest one tried.
+        The run that all levels come from; with ``method="quality"`` or ``"fast"`` that of the
+        coarsest one tried.
     """
 
     levels: tuple[LodLevel, ...]
@@ -93,7 +94,8 @@ def lod_chain(
         Faces of a level over those of the one before, where ``levels`` is a number.
     method : str
         One of `METHODS`: one run, whose vertices all levels share. Or ``"quality"``: a run of its
-        own from the input for each level, with vertices where the error is least (:func:`quality`).
+        own from the input for each level, with vertices where the error is least (:func:`quality`);
+        or ``"fast"``, the same with :func:`fast`.
     options : dict of str, optional
         Arguments of the method, such as ``{"max_distance": 0.1}``.
     progress : None, True or callable
@@ -122,8 +124,8 @@ def lod_chain(
     [4, 2]
     """
     targets = _targets(mesh.num_faces, levels, ratio)
-    if method == "quality":
-        return _quality_chain(mesh, targets, options, progress)
+    if method in _OWN_RUNS:
+        return _chain_of_runs(mesh, targets, method, options, progress)
     result = _run(mesh, targets[-1], method, options, progress)
     left = _faces_left(mesh, result)
     found = [LodLevel(mesh, 0.0)]
@@ -139,13 +141,21 @@ def lod_chain(
     return LodChain(tuple(found), result)
 
 
-def _quality_chain(
-    mesh: Mesh, targets: Sequence[int], options: Mapping[str, Any] | None, progress: Progress
+_OWN_RUNS: Mapping[str, Callable[..., QualityResult]] = {"quality": quality, "fast": fast}
+
+
+def _chain_of_runs(
+    mesh: Mesh,
+    targets: Sequence[int],
+    method: str,
+    options: Mapping[str, Any] | None,
+    progress: Progress,
 ) -> LodChain:
-    _check_options("quality", quality, options)
+    run = _OWN_RUNS[method]
+    _check_options(method, run, options)
     found = [LodLevel(mesh, 0.0)]
     for target in targets:
-        result = quality(mesh, target_faces=target, progress=progress, **(options or {}))
+        result = run(mesh, target_faces=target, progress=progress, **(options or {}))
         if not 0 < result.mesh.num_faces <= target:
             break
         found.append(LodLevel(result.mesh, result.max_error))

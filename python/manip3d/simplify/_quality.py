@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
@@ -15,14 +15,16 @@ from manip3d.errors import InputError
 from manip3d.simplify._collapse import SimplifyResult, StopReason, _target, clean, qem4vr
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from manip3d._util.options import Progress
     from manip3d.mesh import Mesh
 
-__all__ = ["Mode", "QualityResult", "quality", "simplify"]
+__all__ = ["Mode", "QualityResult", "fast", "quality", "simplify"]
 
-Mode = Literal["quality", "published"]
+Mode = Literal["quality", "published", "fast"]
 
 
 @dataclass(frozen=True)
@@ -38,9 +40,9 @@ class QualityResult(Showable):
     max_error : float
         Largest error of a step, in the file's unit. Of a collapse: the root mean square distance
         of its vertex to the planes of the original faces that it stands for, or to those of the
-        boundaries and seams, whichever is larger. Of a piece that was removed: its mean distance
-        to what was left. The fit at the end is not in it, and it is no bound of the Hausdorff
-        distance.
+        boundaries and seams, whichever is larger (:func:`fast`: to all of these planes together).
+        Of a piece that was removed: its mean distance to what was left. The fit at the end is not
+        in it, and it is no bound of the Hausdorff distance.
     vertex_map : (V,) int32
         Input vertex -> the output vertex it went into; -1 if no face of the output is left there.
     face_map : (F,) int32
@@ -178,6 +180,95 @@ def quality(
 
 
 @checked
+def fast(
+    mesh: Mesh,
+    *,
+    target_faces: int | None = None,
+    ratio: float | None = None,
+    max_error: float | None = None,
+    boundary_weight: float = 1.0,
+    seam_weight: float = 1.0,
+    locked: NDArray[np.bool_] | None = None,
+    threads: int = 0,
+    progress: Progress = None,
+) -> QualityResult:
+    """Edge collapse in batches, for speed, on any mesh, textured or not.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Not changed. It may be open, non-manifold, in many pieces, with several materials, several
+        texture coordinates per vertex and faces without any. What lies at the same place is
+        welded, corners keep their texture coordinates.
+    target_faces : int, optional
+        Stop at this many faces or fewer.
+    ratio : float in [0, 1], optional
+        The fraction of the input's faces that stays.
+    max_error : float, optional
+        No step with a larger error (see ``QualityResult.max_error``), in the file's unit. Targets
+        combine; the first one reached stops. One is needed.
+    boundary_weight, seam_weight : float
+        How much the planes along boundaries, or along borders between materials or texture
+        charts, count beside the surface.
+    locked : (V,) bool, optional
+        Vertices that stay where they are. At one place, one that is locked locks all.
+    threads : int
+        0: all cores. The result is the same, bit for bit, for any number.
+    progress : None, True or callable
+        ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
+
+    Returns
+    -------
+    QualityResult
+        Its vertices and faces are in an order in space, not in that of the input.
+
+    Raises
+    ------
+    InputError
+        No target, or an option out of its range.
+
+    Notes
+    -----
+    In each pass all edges are priced by the sum of their ends' quadrics [1]_, and the cheapest
+    ones collapse, each vertex at most once. Blocks of faces work at the same time; edges between
+    blocks follow. A quadric is kept about its own vertex, so that single precision is enough. The
+    rules are those of :func:`quality`: nothing but `locked` is locked, no face turns over, and
+    pieces vanish where that costs least.
+
+    References
+    ----------
+    .. [1] M. Garland and P. Heckbert, "Surface simplification using quadric error metrics", 1997.
+
+    Examples
+    --------
+    >>> import manip3d
+    >>> square = manip3d.Mesh(
+    ...     [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [1, 1, 0]],
+    ...     [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]],
+    ... )
+    >>> manip3d.simplify.fast(square, target_faces=2).mesh
+    <manip3d.Mesh: 4 vertices, 2 faces>
+    """
+    options = _core.FastOptions()
+    options.target_faces, options.max_error, _ = _target(mesh, target_faces, ratio, max_error, None)
+    options.boundary_weight = boundary_weight
+    options.seam_weight = seam_weight
+    options.num_threads = threads
+    if locked is not None:
+        chosen = np.asarray(locked)
+        if chosen.dtype != np.bool_ or chosen.shape != (mesh.num_vertices,):
+            raise InputError(
+                f"locked: expected bool of shape ({mesh.num_vertices},), got {chosen.dtype} of "
+                f"shape {chosen.shape}"
+            )
+        options.locked = chosen.tolist()
+    with reporting(progress, "simplify") as report:
+        fields = _core.simplify_fast(mesh, options, report)
+    fields["stop"] = StopReason(fields["stop"].name.lower())
+    return QualityResult(**fields)
+
+
+@checked
 def simplify(
     mesh: Mesh,
     mode: Mode = "quality",
@@ -194,9 +285,10 @@ def simplify(
     ----------
     mesh : Mesh
         Not changed.
-    mode : 'quality' or 'published'
-        The least error on any mesh (:func:`quality`), or the published method with its rules and
-        numbers, whose vertices are vertices of the input (:func:`qem4vr`).
+    mode : 'quality', 'published' or 'fast'
+        The least error on any mesh (:func:`quality`), the published method with its rules and
+        numbers, whose vertices are vertices of the input (:func:`qem4vr`), or speed, at a larger
+        error (:func:`fast`).
     target_faces : int, optional
         Stop at this many faces or fewer.
     ratio : float in [0, 1], optional
@@ -205,7 +297,8 @@ def simplify(
         No step with a larger error, in the file's unit; each mode says what it measures.
     max_distance : float, optional
         The two-sided Hausdorff distance between the surfaces, boundaries included, in the file's
-        unit, does not exceed it. 0 (exactly coplanar collapses) is for ``mode='published'``.
+        unit, does not exceed it. 0 (exactly coplanar collapses) is for ``mode='published'``;
+        ``mode='fast'`` has no such limit.
         Targets combine; the first one reached stops. One is needed.
     progress : None, True or callable
         ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
@@ -230,13 +323,19 @@ def simplify(
     <manip3d.Mesh: 4 vertices, 2 faces>
     """
     if mode not in get_args(Mode):
-        raise InputError(f"mode: expected 'quality' or 'published', got {mode!r}")
-    method = quality if mode == "quality" else qem4vr
-    return method(
-        mesh,
-        target_faces=target_faces,
-        ratio=ratio,
-        max_error=max_error,
-        max_distance=max_distance,
-        progress=progress,
-    )
+        raise InputError(f"mode: expected 'quality', 'published' or 'fast', got {mode!r}")
+    limits: dict[str, Any] = {
+        "target_faces": target_faces,
+        "ratio": ratio,
+        "max_error": max_error,
+    }
+    if mode != "fast":
+        limits["max_distance"] = max_distance
+    elif max_distance is not None:
+        raise InputError(f"max_distance: expected None with mode='fast', got {max_distance}")
+    methods: dict[str, Callable[..., QualityResult | SimplifyResult]] = {
+        "quality": quality,
+        "published": qem4vr,
+        "fast": fast,
+    }
+    return methods[mode](mesh, progress=progress, **limits)

@@ -1,0 +1,1410 @@
+#include "manip3d/simplify/fast.hpp"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+
+#include "manip3d/error.hpp"
+#include "manip3d/geometry/parallel.hpp"
+#include "manip3d/geometry/topology.hpp"
+#include "simplify/pieces.hpp"
+#include "simplify/quadric_vertex.hpp"
+#include "simplify/spatial_order.hpp"
+#include "simplify/wedges.hpp"
+
+namespace manip3d {
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using Vector3f = Eigen::Vector3f;
+using Triple = std::array<std::int32_t, 3>;
+
+/// Faces that one task works on: a few hundred kilobytes, which stay in a core's own cache.
+constexpr int kBlockBits = 14;
+constexpr std::int64_t kBlock = std::int64_t{1} << kBlockBits;
+
+/// The part of the vertices that may go in a pass. More is faster, and then cheap regions are
+/// finished later than dear ones.
+constexpr double kShareOfPass = 0.4;
+
+/// Below so many faces passes cost next to nothing, and the order matters more.
+constexpr double kShareOfSmallPass = 0.1;
+constexpr std::int64_t kSmall = 5000;
+
+/// Candidates for each collapse that a pass wants: neighbours exclude each other.
+constexpr double kCandidates = 2.5;
+
+/// cos^2 78 deg: at 90 a face can turn over in two steps.
+constexpr float kLeastSquaredCosine = 0.04F;
+
+/// Sine squared of the angle that counts as no area in single precision.
+constexpr float kLeastSquaredSine = 1e-9F;
+
+/// A new vertex is at most this many lengths of its edge (squared) away from the middle.
+constexpr float kFarthest = 4.0F;
+
+/// Hubs: so many corners times so many refusals in one pass, then a vertex is left alone.
+constexpr std::int64_t kHubPatience = 1 << 14;
+
+/// A piece that vanishes is missed more than its distance says; this is squared, like all prices.
+constexpr double kPieceFactor = 4.0;
+
+/// Tasks that share the vertices when neighbourhoods are looked up.
+constexpr int kAdjacencyTasks = 2;
+
+constexpr std::uint32_t kNoEdge = 0xFFFFFFFFU;
+constexpr std::uint32_t kTooDear = 0xFFFFFFFEU;  // above max_error
+constexpr std::uint32_t kDearest = 0x7F800000U;  // infinity, as an order of prices
+
+/// What is forbidden, as in the quality mode.
+enum class Rules : std::uint8_t { kAll, kAnyEdges, kFlips };
+
+/// Prices are not negative, so their bits have their order.
+std::uint32_t key_of(float price) {
+  return price > 0.0F ? std::min(std::bit_cast<std::uint32_t>(price), kDearest)
+                      : (price <= 0.0F ? 0U : kDearest);
+}
+
+/// An edge of a face, with its price: sorted by price, then by place.
+struct Candidate {
+  std::uint32_t key;
+  std::uint32_t slot;  // 3 face + corner
+};
+
+/// Stable radix sort by 16 bits of what the keys differ in.
+void sort_candidates(std::vector<Candidate>& items, std::vector<Candidate>& other) {
+  if (items.size() < 2) return;
+  std::uint32_t least = kNoEdge, most = 0;
+  for (const Candidate& item : items) {
+    least = std::min(least, item.key);
+    most = std::max(most, item.key);
+  }
+  const int shift = std::max(0, static_cast<int>(std::bit_width(most - least)) - 16);
+  other.resize(items.size());
+  for (int pass = 0; pass < 2; ++pass) {
+    std::array<std::uint32_t, 256> start{};
+    const auto digit = [&](const Candidate& item) {
+      return (((item.key - least) >> shift) >> (8 * pass)) & 255U;
+    };
+    for (const Candidate& item : items) ++start[digit(item)];
+    std::uint32_t sum = 0;
+    for (std::uint32_t& count : start) sum += std::exchange(count, sum);
+    for (const Candidate& item : items) other[start[digit(item)]++] = item;
+    items.swap(other);
+  }
+}
+
+/// The faces around a vertex, in the order of a pass that has not ended.
+struct Fan {
+  std::vector<std::array<std::int32_t, 2>> rest;  // the other two corners
+  std::vector<std::int32_t> across;               // third corners of the faces on the edge
+
+  void clear() {
+    rest.clear();
+    across.clear();
+  }
+};
+
+/// What one task needs and counts.
+struct Worker {
+  std::vector<Candidate> candidates, sorted;
+  std::vector<Candidate> crossing;  // edges of this block that touch others
+  Fan first, second;
+  std::vector<std::pair<std::int32_t, std::int32_t>> wedge_pairs;
+  std::vector<std::int32_t> merged_wedges;
+  std::vector<Vector2d> merged_uvs;
+  std::array<std::int64_t, kNumRejections> rejected{};
+  std::int64_t removed = 0, collapses = 0, quota = 0;
+  float squared_error = 0.0F;
+};
+
+Vector3f position_of(const QuadricVertex& v) { return {v.x, v.y, v.z}; }
+
+class FastSimplifier {
+ public:
+  FastSimplifier(const MeshView& input, const FastOptions& options, const Progress& progress)
+      : input_(input),
+        options_(options),
+        progress_(progress),
+        box_(bounding_box(input)),
+        scale_(box_.diagonal() > 0.0 && std::isfinite(box_.diagonal()) ? box_.diagonal() : 1.0),
+        center_(box_.center()),
+        order_(spatial_order(input, box_, part_of(progress, 0.0, 0.05))) {
+    load_vertices();
+    load_faces();
+    build_adjacency();
+    load_attributes();
+    sum_quadrics();
+    find_pieces();
+    const double limit = options.max_error / scale_;
+    squared_limit_ =
+        limit < 1e18 ? static_cast<float>(limit * limit) : std::numeric_limits<float>::infinity();
+  }
+
+  QualityResult run() {
+    const auto start = static_cast<double>(num_faces());
+    const auto target = static_cast<double>(options_.target_faces);
+    bool is_fresh = true;
+    while (num_faces() > options_.target_faces) {
+      const double gone = start - static_cast<double>(num_faces());
+      report(0.2 + 0.7 * gone / std::max(1.0, start - target));
+      if (!std::exchange(is_fresh, false)) build_adjacency();
+      if (!pass()) break;
+    }
+    report(0.9);
+    return finish();
+  }
+
+ private:
+  void report(double fraction) {
+    fraction_ = fraction;
+    if (progress_) progress_(fraction);
+  }
+  [[nodiscard]] std::int64_t num_faces() const { return static_cast<std::int64_t>(faces_.size()); }
+  [[nodiscard]] std::int32_t num_vertices() const {
+    return static_cast<std::int32_t>(vertices_.size());
+  }
+  [[nodiscard]] bool has_wedges() const { return !wedges_.empty(); }
+
+  template <typename Body>
+  void over(std::int64_t count, std::int64_t chunk, const Body& body) const {
+    parallel_chunks(count, chunk, options_.num_threads, body,
+                    progress_ ? Progress([this](double) { progress_(fraction_); }) : Progress());
+  }
+  template <typename Body>
+  void over_vertices(const Body& body) const {
+    over(num_vertices(), kBlock / 2, [&](std::int64_t begin, std::int64_t end) {
+      for (auto v = static_cast<std::int32_t>(begin); v < end; ++v) body(v);
+    });
+  }
+  [[nodiscard]] std::int64_t num_blocks() const { return (num_faces() + kBlock - 1) / kBlock; }
+  template <typename Body>
+  void over_blocks(const Body& body) const {
+    over(num_faces(), kBlock,
+         [&](std::int64_t begin, std::int64_t end) { body(begin >> kBlockBits, begin, end); });
+  }
+
+  // --- Loading -------------------------------------------------------------------------------
+
+  void load_vertices() {
+    vertices_.resize(order_.source.size());
+    into_.assign(vertices_.size(), -1);
+    id_.resize(vertices_.size());
+    is_moved_.assign(vertices_.size(), 0);
+    over_vertices([&](std::int32_t v) {
+      const Vector3d p = (input_.vertices.row(order_.source[v]).transpose() - center_) / scale_;
+      QuadricVertex& vertex = vertices_[v];
+      vertex = {};
+      vertex.x = static_cast<float>(p.x());
+      vertex.y = static_cast<float>(p.y());
+      vertex.z = static_cast<float>(p.z());
+      id_[v] = v;
+    });
+    if (!options_.locked.empty()) {
+      is_locked_.assign(vertices_.size(), 0);
+      for (std::size_t v = 0; v < options_.locked.size(); ++v) {
+        if (options_.locked[v] && order_.rank[v] >= 0) is_locked_[order_.rank[v]] = 1;
+      }
+    }
+    for (Eigen::Index v = 0; input_.colors.rows() > 0 && v < num_vertices(); ++v) {
+      colors_.emplace_back(input_.colors.row(order_.source[v]).cast<float>().transpose());
+    }
+  }
+
+  [[nodiscard]] Triple ranks_of(Eigen::Index f) const {
+    const std::int32_t* face = input_.faces.data() + 3 * f;
+    return {order_.rank[face[0]], order_.rank[face[1]], order_.rank[face[2]]};
+  }
+  [[nodiscard]] static bool is_degenerate(const Triple& f) {
+    return f[0] == f[1] || f[1] == f[2] || f[2] == f[0];
+  }
+
+  /// Faces in the order of their lowest vertices.
+  void load_faces() {
+    const Eigen::Index count = input_.num_faces();
+    std::vector<std::int32_t> start(vertices_.size() + 1, 0);
+    for (Eigen::Index f = 0; f < count; ++f) {
+      const Triple face = ranks_of(f);
+      if (!is_degenerate(face)) ++start[std::min({face[0], face[1], face[2]}) + 1];
+    }
+    report(0.06);
+    for (std::size_t v = 1; v < start.size(); ++v) start[v] += start[v - 1];
+    faces_.resize(start.back());
+    face_ids_.resize(start.back());
+    for (Eigen::Index f = 0; f < count; ++f) {
+      const Triple face = ranks_of(f);
+      if (is_degenerate(face)) continue;
+      const std::int32_t row = start[std::min({face[0], face[1], face[2]})]++;
+      faces_[row] = face;
+      face_ids_[row] = static_cast<std::int32_t>(f);
+    }
+    report(0.08);
+  }
+
+  [[nodiscard]] bool is_textured(Eigen::Index f) const { return input_.face_has_texcoords(f); }
+
+  void load_attributes() {
+    if (input_.has_texcoords() || input_.has_materials()) {
+      wedges_.resize(faces_.size());
+      table_ = make_wedges(
+          input_, num_vertices(),
+          [&](std::int32_t v, const auto& body) {
+            for (const std::uint32_t corner : corners(v)) {
+              const std::uint32_t f = corner / 3;
+              body(face_ids_[f], static_cast<std::int32_t>(corner - 3 * f), corner);
+            }
+          },
+          [&](std::int64_t corner, std::int32_t wedge) {
+            wedges_[corner / 3][corner % 3] = wedge;
+          });
+      wedge_into_.resize(table_.size());
+      for (std::int32_t w = 0; w < table_.size(); ++w) wedge_into_[w] = w;
+    }
+    if (input_.face_normals.rows() > 0) {
+      normals_.resize(faces_.size());
+      for (std::size_t f = 0; f < faces_.size(); ++f) {
+        const auto n = input_.face_normals.row(face_ids_[f]);
+        normals_[f] = {n(0), n(1), n(2)};
+      }
+    }
+    remove_equal_faces();
+    report(0.12);
+  }
+
+  /// Of faces with the same corners and wedges in the same orientation the first one stays.
+  void remove_equal_faces() {
+    const auto key = [&](std::int32_t f) {
+      const Triple& face = faces_[f];
+      const std::size_t k = std::min_element(face.begin(), face.end()) - face.begin();
+      std::array<std::int32_t, 6> result{face[k], face[(k + 1) % 3], face[(k + 2) % 3], 0, 0, 0};
+      if (has_wedges()) {
+        const Triple& w = wedges_[f];
+        result[3] = w[k], result[4] = w[(k + 1) % 3], result[5] = w[(k + 2) % 3];
+      }
+      return result;
+    };
+    const auto lowest = [&](std::int32_t f) {
+      return std::min({faces_[f][0], faces_[f][1], faces_[f][2]});
+    };
+    std::vector<std::uint8_t> is_copy;
+    std::vector<std::int32_t> here;
+    const auto mark = [&](std::int32_t f) {
+      if (is_copy.empty()) is_copy.assign(faces_.size(), 0);
+      is_copy[f] = 1;
+    };
+    const auto count = static_cast<std::int32_t>(faces_.size());
+    for (std::int32_t begin = 0, end = 0; begin < count; begin = end) {
+      const std::int32_t v = lowest(begin);
+      while (end < count && lowest(end) == v) ++end;
+      if (end - begin <= 8) {
+        for (std::int32_t f = begin; f < end; ++f) {
+          for (std::int32_t g = begin; g < f; ++g) {
+            if (key(f) == key(g)) {
+              mark(f);
+              break;
+            }
+          }
+        }
+        continue;
+      }
+      here.clear();
+      for (std::int32_t f = begin; f < end; ++f) here.push_back(f);
+      std::sort(here.begin(), here.end(), [&](std::int32_t f, std::int32_t g) {
+        const auto a = key(f), b = key(g);
+        return a != b ? a < b : f < g;
+      });
+      for (std::size_t i = 1; i < here.size(); ++i) {
+        if (key(here[i]) == key(here[i - 1])) mark(here[i]);
+      }
+    }
+    if (is_copy.empty()) return;
+    result_.dropped_faces += std::count(is_copy.begin(), is_copy.end(), 1);
+    keep_faces([&](std::int32_t f) { return is_copy[f] == 0; });
+    build_adjacency();
+  }
+
+  /// Keeps the faces for which keep(face) holds, in order.
+  template <typename Keep>
+  void keep_faces(const Keep& keep) {
+    std::size_t row = 0;
+    for (std::size_t f = 0; f < faces_.size(); ++f) {
+      if (!keep(static_cast<std::int32_t>(f))) continue;
+      faces_[row] = faces_[f];
+      face_ids_[row] = face_ids_[f];
+      if (has_wedges()) wedges_[row] = wedges_[f];
+      if (!normals_.empty()) normals_[row] = normals_[f];
+      ++row;
+    }
+    resize_faces(row);
+  }
+
+  void resize_faces(std::size_t count) {
+    if (has_wedges()) wedges_.resize(count);
+    if (!normals_.empty()) normals_.resize(count);
+    faces_.resize(count);
+    face_ids_.resize(count);
+  }
+
+  // --- Neighbourhoods ------------------------------------------------------------------------
+
+  /// Lists of corners (3 face + 0..2) by vertex, in the order of the faces. Each task takes a range
+  /// of vertices and looks through all faces: so the lists do not depend on the number of tasks.
+  void build_adjacency() {
+    first_.assign(vertices_.size() + 1, 0);
+    corners_.resize(3 * faces_.size());
+    const std::size_t num_corners = corners_.size();
+    const std::int32_t* vertex = faces_.empty() ? nullptr : faces_.front().data();
+    const int tasks = options_.num_threads == 1 ? 1 : kAdjacencyTasks;
+    const auto in_ranges = [&](const auto& body) {
+      over(tasks, 1, [&](std::int64_t task, std::int64_t) {
+        const auto low = static_cast<std::int32_t>(num_vertices() * task / tasks);
+        const auto high = static_cast<std::int32_t>(num_vertices() * (task + 1) / tasks);
+        body(low, high);
+      });
+    };
+    in_ranges([&](std::int32_t low, std::int32_t high) {
+      const auto width = static_cast<std::uint32_t>(high - low);
+      for (std::size_t i = 0; i < num_corners; ++i) {
+        if (static_cast<std::uint32_t>(vertex[i] - low) < width) ++first_[vertex[i]];
+      }
+    });
+    std::uint32_t sum = 0;
+    for (std::uint32_t& count : first_) count = sum += count;
+    // From the last corner to the first: what ends the list of a vertex becomes where it starts.
+    in_ranges([&](std::int32_t low, std::int32_t high) {
+      const auto width = static_cast<std::uint32_t>(high - low);
+      for (std::size_t i = num_corners; i-- > 0;) {
+        if (static_cast<std::uint32_t>(vertex[i] - low) < width) {
+          corners_[--first_[vertex[i]]] = static_cast<std::uint32_t>(i);
+        }
+      }
+    });
+  }
+
+  [[nodiscard]] std::span<const std::uint32_t> corners(std::int32_t v) const {
+    return std::span(corners_).subspan(first_[v], first_[v + 1] - first_[v]);
+  }
+
+  /// The block that has all faces of a vertex, or -1.
+  [[nodiscard]] std::int64_t block_of(std::int32_t v) const {
+    if (first_[v] == first_[v + 1]) return -1;
+    const std::uint32_t low = corners_[first_[v]] / 3, high = corners_[first_[v + 1] - 1] / 3;
+    return (low >> kBlockBits) == (high >> kBlockBits) ? low >> kBlockBits : -1;
+  }
+
+  /// Calls body(face, next, last): the other corners of each face of v, counter-clockwise.
+  template <typename Body>
+  void for_each_face(std::int32_t v, const Body& body) const {
+    for (const std::uint32_t corner : corners(v)) {
+      const std::uint32_t f = corner / 3, c = corner - 3 * f;
+      const Triple& face = faces_[f];
+      body(f, c, face[c == 2 ? 0 : c + 1], face[c == 0 ? 2 : c - 1]);
+    }
+  }
+
+  // --- Quadrics ------------------------------------------------------------------------------
+
+  static void add_plane(QuadricVertex& v, const Vector3f& n, float weight) {
+    const Vector3f wn = weight * n;
+    v.xx += wn.x() * n.x(), v.xy += wn.x() * n.y(), v.xz += wn.x() * n.z();
+    v.yy += wn.y() * n.y(), v.yz += wn.y() * n.z(), v.zz += wn.z() * n.z();
+    v.weight += weight;
+  }
+
+  /// Each plane goes through the vertex it is added to, so b and c are zero at first.
+  void sum_quadrics() {
+    is_open_.assign(vertices_.size(), 0);
+    over_vertices([&](std::int32_t v) {
+      QuadricVertex& vertex = vertices_[v];
+      const Vector3f p = position_of(vertex);
+      for_each_face(v, [&](std::uint32_t, std::uint32_t, std::int32_t a, std::int32_t b) {
+        const Vector3f n = (position_of(vertices_[a]) - p).cross(position_of(vertices_[b]) - p);
+        const float length = n.norm();
+        if (length > 0.0F) add_plane(vertex, n / length, length / 6.0F);
+      });
+      if (!is_closed(v)) {
+        is_open_[v] = 1;
+        add_borders(v);
+      }
+    });
+    report(0.16);
+  }
+
+  /// Each edge has two faces, in opposite directions, that look alike.
+  [[nodiscard]] bool is_closed(std::int32_t v) const {
+    constexpr std::size_t kMost = 32;
+    const auto around = corners(v);
+    if (around.size() > kMost) return false;
+    std::array<std::int32_t, kMost> next, last;  // NOLINT: filled below
+    std::size_t n = 0;
+    std::int32_t wedge = -1;
+    bool is_alike = true;
+    for_each_face(v, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {
+      next[n] = a;
+      last[n++] = b;
+      if (!has_wedges()) return;
+      if (n > 1 && wedges_[f][c] != wedge) is_alike = false;
+      wedge = wedges_[f][c];
+    });
+    if (!is_alike) return false;
+    for (std::size_t i = 0; i < n; ++i) {
+      int found = 0, same = 0;
+      for (std::size_t j = 0; j < n; ++j) {
+        found += last[j] == next[i] ? 1 : 0;
+        same += next[j] == next[i] ? 1 : 0;
+      }
+      if (found != 1 || same != 1) return false;
+    }
+    return true;
+  }
+
+  /// Planes through boundaries and seams, perpendicular to their faces.
+  void add_borders(std::int32_t v) {
+    struct Side {
+      std::int32_t end;
+      std::uint32_t face, corner, end_corner;
+    };
+    std::vector<Side> sides;
+    for_each_face(v, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {
+      sides.push_back({a, f, c, c == 2 ? 0 : c + 1});
+      sides.push_back({b, f, c, c == 0 ? 2 : c - 1});
+    });
+    std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) {
+      return a.end != b.end ? a.end < b.end : a.face < b.face;
+    });
+    for (std::size_t begin = 0, end = 0; begin < sides.size(); begin = end) {
+      bool is_seam = false;
+      for (end = begin; end < sides.size() && sides[end].end == sides[begin].end; ++end) {
+        if (!has_wedges()) continue;
+        const Triple &w = wedges_[sides[end].face], &w0 = wedges_[sides[begin].face];
+        is_seam |= w[sides[end].corner] != w0[sides[begin].corner] ||
+                   w[sides[end].end_corner] != w0[sides[begin].end_corner];
+      }
+      const bool is_boundary = end - begin == 1;
+      if (!is_boundary && !is_seam) continue;
+      const double weight = is_boundary ? options_.boundary_weight
+                                        : options_.seam_weight / static_cast<double>(end - begin);
+      for (std::size_t i = begin; i < end; ++i) add_border(v, sides[i].end, sides[i].face, weight);
+    }
+  }
+
+  void add_border(std::int32_t v, std::int32_t t, std::uint32_t f, double weight) {
+    const Triple& face = faces_[f];
+    const Vector3f p = position_of(vertices_[face[0]]);
+    const Vector3f normal =
+        (position_of(vertices_[face[1]]) - p).cross(position_of(vertices_[face[2]]) - p);
+    const Vector3f along = position_of(vertices_[t]) - position_of(vertices_[v]);
+    const Vector3f across = along.cross(normal);
+    const float length = across.norm();
+    if (!(length > 0.0F)) return;
+    add_plane(vertices_[v], across / length,
+              static_cast<float>(0.5 * weight) * along.squaredNorm());
+  }
+
+  // --- Pieces --------------------------------------------------------------------------------
+
+  /// Pieces (faces joined by vertices), if there are several: each may vanish as a whole.
+  void find_pieces() {
+    welded_.faces.resize(num_faces(), 3);
+    for (std::size_t f = 0; f < faces_.size(); ++f) {
+      welded_.faces.row(static_cast<Eigen::Index>(f)) << faces_[f][0], faces_[f][1], faces_[f][2];
+    }
+    if (find_components(welded_.faces, num_vertices()).count < 2) {
+      welded_ = {};
+      return;
+    }
+    welded_.vertices.resize(num_vertices(), 3);
+    for (std::int32_t v = 0; v < num_vertices(); ++v) {
+      welded_.vertices.row(v) = input_.vertices.row(order_.source[v]);
+    }
+    view_.emplace(welded_);
+    pieces_.emplace(*view_, scale_, part_of(progress_, 0.16, 0.2));
+    is_kept_.assign(pieces_->size(), 0);
+    for (std::size_t v = 0; v < is_locked_.size(); ++v) {
+      const std::int32_t piece = pieces_->of_vertex(static_cast<std::int32_t>(v));
+      if (is_locked_[v] != 0 && piece >= 0) is_kept_[piece] = 1;
+    }
+  }
+
+  [[nodiscard]] std::int32_t piece_of(const Triple& face) const {
+    return pieces_->of_vertex(id_[face[0]]);
+  }
+
+  /// In the unit of the collapses' prices: squared distance times area, per two faces.
+  [[nodiscard]] double piece_price(std::int32_t i) const {
+    return kPieceFactor * pieces_->cost(i) * pieces_->mean_distance(i) * 2.0 /
+           static_cast<double>(pieces_->num_faces(i));
+  }
+
+  /// Which pieces remove_pieces() takes.
+  enum class Choice : std::uint8_t {
+    kCheap,     // those below the limit that do not go beyond the target
+    kCheapest,  // the same, but one at least
+    kAny,       // one at least, even if less is left than the target asks for
+  };
+
+  /// Takes away the pieces that cost least; how many faces that were.
+  std::int64_t remove_pieces(double limit, Choice choice) {
+    if (!pieces_) return 0;
+    const bool at_least_one = choice != Choice::kCheap;
+    std::vector<std::int64_t> count(pieces_->size(), 0);
+    for (const Triple& face : faces_) ++count[piece_of(face)];
+    std::vector<std::pair<double, std::int32_t>> queue;
+    for (std::int32_t i = 0; i < pieces_->size(); ++i) {
+      pieces_->remove_faces(i, pieces_->num_faces(i) - count[i]);
+      if (!pieces_->is_there(i) || is_kept_[i] != 0) continue;
+      const double price = piece_price(i);
+      if (std::isfinite(price) && (price <= limit || at_least_one)) queue.emplace_back(price, i);
+    }
+    std::sort(queue.begin(), queue.end());
+    std::int64_t gone = 0;
+    std::vector<std::uint8_t> is_gone(pieces_->size(), 0);
+    for (const auto& [price, i] : queue) {
+      const std::int64_t needed = num_faces() - gone - options_.target_faces;
+      if (needed <= 0) break;
+      if (count[i] > needed && choice != Choice::kAny) continue;
+      if (price > limit && gone > 0) break;
+      pieces_->refresh(i);
+      const double now = piece_price(i);
+      if (!std::isfinite(now) || (now > limit && !(at_least_one && gone == 0))) continue;
+      const double error = scale_ * pieces_->mean_distance(i);
+      if (error > options_.max_error) {
+        ++result_.rejected[static_cast<std::size_t>(Rejection::kErrorLimit)];
+        continue;
+      }
+      piece_error_ = std::max(piece_error_, error);
+      gone += count[i];
+      pieces_->remove_faces(i, count[i]);
+      is_gone[i] = 1;
+      ++result_.removed_pieces;
+    }
+    if (gone == 0) return 0;
+    keep_faces([&](std::int32_t f) { return is_gone[piece_of(faces_[f])] == 0; });
+    return gone;
+  }
+
+  // --- A pass --------------------------------------------------------------------------------
+
+  /// Makes the cheapest collapses; false when nothing is left that may be done.
+  bool pass() {
+    const std::int64_t needed = num_faces() - options_.target_faces;
+    price_edges();
+    std::int64_t num_priced = 0, num_too_dear = 0;
+    const std::uint32_t limit = find_limit(needed, num_priced, num_too_dear);
+    remap_.resize(vertices_.size());
+    is_taken_.assign(vertices_.size(), 0);
+    refusals_.assign(vertices_.size(), 0);
+    over_vertices([&](std::int32_t v) { remap_[v] = v; });
+    for (std::size_t b = workers_.size(); b < static_cast<std::size_t>(num_blocks()) + 1; ++b) {
+      workers_.emplace_back();
+    }
+    gather_candidates(limit);
+    // With flips allowed some faces double others and go too: the target is neared by halves.
+    const std::int64_t quota =
+        rules_ == Rules::kFlips ? (needed + 1) / 2 : std::min(needed, 2 * wanted_);
+    collapse_blocks(quota);
+    const std::int64_t made = collapse_crossing(quota);
+    if (rules_ != Rules::kAll) result_.relaxed_collapses += made;
+    if (made > 0) compact();
+    const double price_limit = std::bit_cast<float>(std::min(limit, kDearest));
+    const std::int64_t vanished = remove_pieces(is_everything_ ? 0.0 : price_limit, Choice::kCheap);
+    if (vanished > 0 || 4 * made >= wanted_) {
+      if (4 * made >= 3 * wanted_) patience_ = std::max(1.0, 0.5 * patience_);
+      return true;
+    }
+    // Too few of the candidates were legal: more of them next time, then other rules.
+    if (!is_everything_) {
+      patience_ *= 4.0;
+      return true;
+    }
+    if (made > needed / 1000) return true;  // fewer: what is left is not worth a pass each
+    if (num_too_dear > 0) count(Rejection::kErrorLimit) += num_too_dear;
+    if (options_.target_faces > 0 && count(Rejection::kErrorLimit) == 0) {
+      if (remove_pieces(0.0, Choice::kCheapest) > 0) return true;
+      if (rules_ != Rules::kFlips) {
+        rules_ = rules_ == Rules::kAll ? Rules::kAnyEdges : Rules::kFlips;
+        return true;
+      }
+      if (made == 0 && remove_pieces(0.0, Choice::kAny) > 0) return true;
+    }
+    return made > 0;
+  }
+
+  [[nodiscard]] std::int64_t& count(Rejection reason) {
+    return result_.rejected[static_cast<std::size_t>(reason)];
+  }
+
+  /// Each edge once: in a closed surface from the lower vertex to the higher one.
+  [[nodiscard]] bool is_priced_here(std::int32_t from, std::int32_t to) const {
+    return from < to || (is_open_[from] != 0 && is_open_[to] != 0);
+  }
+
+  void price_edges() {
+    keys_.resize(3 * faces_.size());
+    over_blocks([&](std::int64_t, std::int64_t begin, std::int64_t end) {
+      std::array<const QuadricVertex*, 4> from{}, to{};
+      std::array<std::size_t, 4> slot{};
+      std::size_t n = 0;
+      const auto price = [&] {
+        for (std::size_t i = n; i < 4; ++i) from[i] = from[0], to[i] = to[0];
+        const EdgeQuadric<Float4> edge(transpose(from), transpose(to));
+        const Float4 value = edge.value(edge.ux, edge.uy, edge.uz);
+        const Float4 prices = edge.price(value);
+        for (std::size_t i = 0; i < n; ++i) {
+          keys_[slot[i]] =
+              value[i] > squared_limit_ * edge.weight[i] ? kTooDear : key_of(prices[i]);
+        }
+        n = 0;
+      };
+      for (std::int64_t f = begin; f < end; ++f) {
+        const Triple& face = faces_[f];
+        for (std::size_t c = 0; c < 3; ++c) {
+          const std::int32_t a = face[c], b = face[c == 2 ? 0 : c + 1];
+          const std::size_t here = 3 * static_cast<std::size_t>(f) + c;
+          if (!is_priced_here(a, b)) {
+            keys_[here] = kNoEdge;
+            continue;
+          }
+          from[n] = &vertices_[std::min(a, b)];
+          to[n] = &vertices_[std::max(a, b)];
+          slot[n] = here;
+          if (++n == 4) price();
+        }
+      }
+      if (n > 0) price();
+    });
+  }
+
+  /// The price up to which edges are candidates of this pass, from a histogram of all.
+  std::uint32_t find_limit(std::int64_t needed, std::int64_t& num_priced,
+                           std::int64_t& num_too_dear) {
+    constexpr int kShift = 18;  // five bits of the mantissa
+    constexpr std::size_t kBins = std::size_t{1} << (32 - kShift);
+    constexpr std::int64_t kSlices = 8;
+    const auto num_keys = static_cast<std::int64_t>(keys_.size());
+    const std::int64_t slice = std::max<std::int64_t>(1, (num_keys + kSlices - 1) / kSlices);
+    histogram_.assign(kSlices * kBins, 0);
+    over(num_keys, slice, [&](std::int64_t begin, std::int64_t end) {
+      std::uint32_t* bins = histogram_.data() + begin / slice * static_cast<std::int64_t>(kBins);
+      for (std::int64_t i = begin; i < end; ++i) ++bins[keys_[i] >> kShift];
+    });
+    for (std::size_t i = kBins; i < histogram_.size(); ++i) {
+      histogram_[i % kBins] += histogram_[i];
+    }
+    num_too_dear = 0;
+    if (squared_limit_ < std::numeric_limits<float>::infinity()) {
+      num_too_dear = std::count(keys_.begin(), keys_.end(), kTooDear);
+    }
+    const double share = (num_faces() < kSmall ? kShareOfSmallPass : kShareOfPass) *
+                         static_cast<double>(num_faces()) / 2.0;
+    wanted_ = std::max<std::int64_t>(
+        1, static_cast<std::int64_t>(std::min(0.5 * static_cast<double>(needed), share)));
+    const double most = patience_ * kCandidates * static_cast<double>(wanted_);
+    double sum = 0.0;
+    is_everything_ = true;
+    std::uint32_t limit = kDearest;
+    for (std::size_t bin = 0; bin <= (kDearest >> kShift); ++bin) {
+      sum += histogram_[bin];
+      if (sum < most || bin == (kDearest >> kShift)) continue;
+      is_everything_ = false;
+      limit = static_cast<std::uint32_t>(((bin + 1) << kShift) - 1);
+      break;
+    }
+    num_priced = static_cast<std::int64_t>(sum);
+    return limit;
+  }
+
+  [[nodiscard]] std::array<std::int32_t, 2> edge_at(std::uint32_t slot) const {
+    const Triple& face = faces_[slot / 3];
+    const std::uint32_t c = slot % 3;
+    const std::int32_t a = face[c], b = face[c == 2 ? 0 : c + 1];
+    return {std::min(a, b), std::max(a, b)};
+  }
+
+  void gather_candidates(std::uint32_t limit) {
+    over_blocks([&](std::int64_t block, std::int64_t begin, std::int64_t end) {
+      Worker& worker = workers_[block];
+      worker.candidates.clear();
+      worker.crossing.clear();
+      for (std::int64_t slot = 3 * begin; slot < 3 * end; ++slot) {
+        const std::uint32_t key = keys_[slot];
+        if (key > limit) continue;
+        const Candidate candidate{key, static_cast<std::uint32_t>(slot)};
+        const auto [v, t] = edge_at(candidate.slot);
+        const bool inside = block_of(v) == block && block_of(t) == block;
+        (inside ? worker.candidates : worker.crossing).push_back(candidate);
+      }
+      sort_candidates(worker.candidates, worker.sorted);
+    });
+  }
+
+  /// Each block by itself: an edge inside it touches only faces and vertices of its own.
+  void collapse_blocks(std::int64_t needed) {
+    std::int64_t inside = 0, all = 0;
+    for (std::int64_t b = 0; b < num_blocks(); ++b) {
+      inside += static_cast<std::int64_t>(workers_[b].candidates.size());
+      all += static_cast<std::int64_t>(workers_[b].crossing.size());
+    }
+    all += inside;
+    const bool few = needed < 64 * num_blocks();
+    for (std::int64_t b = 0; b < num_blocks(); ++b) {
+      Worker& worker = workers_[b];
+      worker.quota = 0;
+      if (few || all == 0) {
+        worker.crossing.insert(worker.crossing.end(), worker.candidates.begin(),
+                               worker.candidates.end());
+        continue;
+      }
+      // More than a fair share would leave nothing for the edges between blocks.
+      worker.quota = static_cast<std::int64_t>(static_cast<double>(needed) *
+                                               static_cast<double>(worker.candidates.size()) /
+                                               static_cast<double>(all));
+    }
+    over_blocks([&](std::int64_t block, std::int64_t, std::int64_t) {
+      Worker& worker = workers_[block];
+      worker.removed = worker.collapses = 0;
+      if (worker.quota > 0) collapse_in_order(worker.candidates, worker, worker.quota, false);
+    });
+  }
+
+  /// What crosses blocks, one after the other; returns how many collapses the pass has made.
+  std::int64_t collapse_crossing(std::int64_t needed) {
+    Worker& worker = workers_.back();
+    worker.candidates.clear();
+    std::int64_t removed = 0, collapses = 0;
+    for (std::int64_t b = 0; b < num_blocks(); ++b) {
+      removed += workers_[b].removed;
+      collapses += workers_[b].collapses;
+      worker.candidates.insert(worker.candidates.end(), workers_[b].crossing.begin(),
+                               workers_[b].crossing.end());
+    }
+    sort_candidates(worker.candidates, worker.sorted);
+    worker.removed = worker.collapses = 0;
+    collapse_in_order(worker.candidates, worker, needed - removed, true);
+    return collapses + worker.collapses;
+  }
+
+  void collapse_in_order(const std::vector<Candidate>& candidates, Worker& worker,
+                         std::int64_t quota, bool may_exceed) {
+    for (const Candidate& candidate : candidates) {
+      if (worker.removed >= quota) break;
+      const auto [v, t] = edge_at(candidate.slot);
+      if (is_taken_[v] != 0 || is_taken_[t] != 0) continue;
+      if (is_hub(v) || is_hub(t)) continue;
+      const std::int64_t left =
+          may_exceed ? std::numeric_limits<std::int64_t>::max() : quota - worker.removed;
+      if (const auto reason = collapse(v, t, worker, left)) {
+        ++worker.rejected[static_cast<std::size_t>(*reason)];
+        if (refusals_[v] < 0xFFFFU) ++refusals_[v];
+        if (refusals_[t] < 0xFFFFU) ++refusals_[t];
+      }
+    }
+  }
+
+  [[nodiscard]] bool is_hub(std::int32_t v) const {
+    return static_cast<std::int64_t>(corners(v).size()) * refusals_[v] > kHubPatience;
+  }
+
+  // --- A collapse ----------------------------------------------------------------------------
+
+  /// The faces of v as they are now: of those that collapsed before in this pass, what is left.
+  void gather(std::int32_t v, std::int32_t other, Fan& fan) const {
+    fan.clear();
+    for_each_face(v, [&](std::uint32_t, std::uint32_t, std::int32_t a, std::int32_t b) {
+      const std::int32_t x = remap_[a], y = remap_[b];
+      if (x == y) return;
+      if (x == other || y == other) {
+        fan.across.push_back(x == other ? y : x);
+      } else {
+        fan.rest.push_back({x, y});
+      }
+    });
+  }
+
+  std::optional<Rejection> collapse(std::int32_t v, std::int32_t t, Worker& worker,
+                                    std::int64_t quota) {
+    Fan &first = worker.first, &second = worker.second;
+    gather(v, t, first);
+    gather(t, v, second);
+    const auto num_gone = static_cast<std::int64_t>(first.across.size());
+    if (num_gone == 0 || num_gone > quota) return std::nullopt;  // another one may fit
+    if (first.rest.empty() && second.rest.empty()) return Rejection::kDegenerate;
+    if (rules_ != Rules::kFlips) {
+      if (const auto reason = check_links(v, t, first, second)) return reason;
+    }
+    const EdgeQuadric<float> edge(vertices_[v], vertices_[t]);
+    Vector3f offset(edge.ux, edge.uy, edge.uz);
+    const bool is_first_fixed = is_locked(v), is_second_fixed = is_locked(t);
+    if (is_first_fixed && is_second_fixed) return Rejection::kComplexVertex;
+    const Vector3f to_second(edge.dx, edge.dy, edge.dz);
+    if (is_first_fixed) offset.setZero();
+    if (is_second_fixed) offset = to_second;
+    auto reason = check_place(v, t, offset, edge, first, second);
+    // Far from its edge a vertex has the planes there behind it, and the quadric does not say so.
+    if ((offset - 0.5F * to_second).squaredNorm() > kFarthest * to_second.squaredNorm()) {
+      reason = Rejection::kFlip;
+    }
+    if (reason && !is_first_fixed && !is_second_fixed) {
+      Vector3f other = to_second, third = Vector3f::Zero();
+      if (edge.value(0.0F, 0.0F, 0.0F) < edge.value(edge.dx, edge.dy, edge.dz)) {
+        std::swap(other, third);
+      }
+      for (const Vector3f& place : {other, third}) {
+        if (!reason || check_place(v, t, place, edge, first, second)) continue;
+        offset = place;
+        reason.reset();
+      }
+    }
+    if (reason) return reason;
+    apply(v, t, offset, edge, worker);
+    worker.removed += num_gone;
+    ++worker.collapses;
+    return std::nullopt;
+  }
+
+  [[nodiscard]] bool is_locked(std::int32_t v) const {
+    return !is_locked_.empty() && is_locked_[id_[v]] != 0;
+  }
+
+  /// What may not happen to the edges and faces around v and t:
+  ///   three faces on one edge, where neither of the edges that meet had them   kLink
+  ///   two faces on the same vertices                                           kDuplicate
+  [[nodiscard]] std::optional<Rejection> check_links(std::int32_t v, std::int32_t t,
+                                                     const Fan& first, const Fan& second) const {
+    const auto is_across = [&](std::int32_t w) {
+      return std::find(first.across.begin(), first.across.end(), w) != first.across.end();
+    };
+    const bool is_simple = is_open_[v] == 0 && is_open_[t] == 0;
+    const bool is_long = first.rest.size() * second.rest.size() > 4096;
+    if (is_long) return check_long_links(first, second);
+    for (const auto& [a, b] : first.rest) {
+      const bool across_a = is_across(a);
+      for (const auto& [x, y] : second.rest) {
+        if ((x == a && y == b) || (x == b && y == a)) return Rejection::kDuplicate;
+        if (rules_ != Rules::kAll) continue;
+        if (is_simple) {
+          if (a == x && !across_a) return Rejection::kLink;
+        } else if (((a == x || a == y) && makes_edge_of_three(a, first, second)) ||
+                   ((b == x || b == y) && makes_edge_of_three(b, first, second))) {
+          return Rejection::kLink;
+        }
+      }
+    }
+    return std::nullopt;
+  }
+
+  [[nodiscard]] static std::int64_t count_faces(std::int32_t w, const Fan& fan) {
+    std::int64_t faces = 0;
+    for (const auto& [a, b] : fan.rest) faces += a == w || b == w ? 1 : 0;
+    return faces;
+  }
+
+  /// The faces v t w go; the other ones on v w and on t w meet on one edge.
+  [[nodiscard]] static bool makes_edge_of_three(std::int32_t w, const Fan& first,
+                                                const Fan& second) {
+    const std::int64_t across = std::count(first.across.begin(), first.across.end(), w);
+    const std::int64_t one = count_faces(w, first), two = count_faces(w, second);
+    return one > 0 && two > 0 &&
+           one + two > std::max({std::int64_t{2}, one + across, two + across});
+  }
+
+  /// The same for vertices with very many faces, by sorting.
+  [[nodiscard]] std::optional<Rejection> check_long_links(const Fan& first,
+                                                          const Fan& second) const {
+    const auto sides = [](const Fan& fan) {
+      std::vector<std::array<std::int32_t, 2>> sorted;
+      for (const auto& [a, b] : fan.rest) sorted.push_back({std::min(a, b), std::max(a, b)});
+      std::sort(sorted.begin(), sorted.end());
+      return sorted;
+    };
+    const auto ends = [](const Fan& fan) {
+      std::vector<std::int32_t> sorted;
+      for (const auto& [a, b] : fan.rest) sorted.push_back(a), sorted.push_back(b);
+      std::sort(sorted.begin(), sorted.end());
+      return sorted;
+    };
+    const auto s1 = sides(first), s2 = sides(second);
+    for (const auto& side : s1) {
+      if (std::binary_search(s2.begin(), s2.end(), side)) return Rejection::kDuplicate;
+    }
+    if (rules_ != Rules::kAll) return std::nullopt;
+    const auto e1 = ends(first), e2 = ends(second);
+    auto across = first.across;
+    std::sort(across.begin(), across.end());
+    const auto count_in = [](const std::vector<std::int32_t>& sorted, std::int32_t w) {
+      const auto [low, high] = std::equal_range(sorted.begin(), sorted.end(), w);
+      return static_cast<std::int64_t>(high - low);
+    };
+    for (auto w = e1.begin(); w != e1.end(); w = std::upper_bound(w, e1.end(), *w)) {
+      const std::int64_t one = count_in(e1, *w), two = count_in(e2, *w),
+                         gone = count_in(across, *w);
+      if (two > 0 && one + two > std::max({std::int64_t{2}, one + gone, two + gone})) {
+        return Rejection::kLink;
+      }
+    }
+    return std::nullopt;
+  }
+
+  /// Whether the new vertex may lie at `offset` from v:
+  ///   a face would lose its area                                kDegenerate
+  ///   a face would turn by more than 78 degrees                 kFlip
+  ///   the error would be above max_error                        kErrorLimit
+  [[nodiscard]] std::optional<Rejection> check_place(std::int32_t v, std::int32_t t,
+                                                     const Vector3f& offset,
+                                                     const EdgeQuadric<float>& edge,
+                                                     const Fan& first, const Fan& second) const {
+    const float value = edge.value(offset.x(), offset.y(), offset.z());
+    if (!(value <= squared_limit_ * edge.weight) && value > 0.0F) return Rejection::kErrorLimit;
+    if (!offset.allFinite()) return Rejection::kDegenerate;
+    const Vector3f p = position_of(vertices_[v]) + offset;
+    for (const auto& [fan, from] : {std::pair{&first, v}, std::pair{&second, t}}) {
+      const Vector3f old = position_of(vertices_[from]);
+      for (const auto& [a, b] : fan->rest) {
+        const Vector3f pa = position_of(vertices_[a]), pb = position_of(vertices_[b]);
+        const Vector3f ea = pa - p, eb = pb - p;
+        const Vector3f after = ea.cross(eb), before = (pa - old).cross(pb - old);
+        const float area = after.squaredNorm(), area_before = before.squaredNorm();
+        const float longest =
+            std::max({ea.squaredNorm(), eb.squaredNorm(), (pb - pa).squaredNorm()});
+        if (!(area > kLeastSquaredSine * longest * longest)) return Rejection::kDegenerate;
+        if (rules_ == Rules::kFlips || !(area_before > 0.0F)) continue;
+        const float cosine = before.dot(after);
+        if (!(cosine > 0.0F && cosine * cosine > kLeastSquaredCosine * area * area_before)) {
+          return Rejection::kFlip;
+        }
+      }
+    }
+    return std::nullopt;
+  }
+
+  /// t goes into v, which has the lower index and moves.
+  void apply(std::int32_t v, std::int32_t t, const Vector3f& offset, const EdgeQuadric<float>& edge,
+             Worker& worker) {
+    QuadricVertex& vertex = vertices_[v];
+    const Vector3f old = position_of(vertex);
+    const Vector3f p = old + offset;
+    if (has_wedges()) merge_wedges(v, t, p, worker);
+    if (!normals_.empty()) merge_normals(v, t);
+    if (!colors_.empty()) merge_colors(v, t, p);
+    const Vector3f u = p - old;  // what single precision made of it
+    vertex.x = p.x(), vertex.y = p.y(), vertex.z = p.z();
+    vertex.xx = edge.xx, vertex.xy = edge.xy, vertex.xz = edge.xz;
+    vertex.yy = edge.yy, vertex.yz = edge.yz, vertex.zz = edge.zz;
+    vertex.bx = edge.bx + edge.xx * u.x() + edge.xy * u.y() + edge.xz * u.z();
+    vertex.by = edge.by + edge.xy * u.x() + edge.yy * u.y() + edge.yz * u.z();
+    vertex.bz = edge.bz + edge.xz * u.x() + edge.yz * u.y() + edge.zz * u.z();
+    vertex.c = std::max(0.0F, edge.value(u.x(), u.y(), u.z()));
+    vertex.weight = edge.weight;
+    if (edge.weight > 0.0F) {
+      worker.squared_error = std::max(worker.squared_error, vertex.c / edge.weight);
+    }
+    if (is_locked(t)) {
+      lock(v, t);
+    } else if (!is_locked(v)) {
+      is_moved_[id_[v]] = 1;
+    }
+    is_open_[v] |= is_open_[t];
+    remap_[t] = v;
+    is_taken_[v] = is_taken_[t] = 1;
+    into_[id_[t]] = id_[v];
+  }
+
+  /// A locked vertex goes into one with a lower index, which takes its place.
+  void lock(std::int32_t v, std::int32_t t) {
+    is_locked_[id_[v]] = 1;
+    is_moved_[id_[v]] = 0;
+    order_.source[id_[v]] = order_.source[id_[t]];
+  }
+
+  // --- Attributes ----------------------------------------------------------------------------
+
+  [[nodiscard]] bool has_texture(std::int32_t wedge) const { return table_.has_texture(wedge); }
+
+  /// Each wedge of t continues as that of v across a face on the edge; the others stay. Then all
+  /// get the texture coordinate that the faces around have at p.
+  void merge_wedges(std::int32_t v, std::int32_t t, const Vector3f& p, Worker& worker) {
+    auto& pairs = worker.wedge_pairs;
+    pairs.clear();
+    const auto find = [&](std::int32_t from) {
+      return std::find_if(pairs.begin(), pairs.end(),
+                          [&](const auto& pair) { return pair.first == from; });
+    };
+    for_each_face(t, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {
+      const std::int32_t from = wedges_[f][c];
+      if ((a != v && b != v) || remap_[a] == remap_[b] || find(from) != pairs.end()) return;
+      pairs.emplace_back(from, wedges_[f][a == v ? (c == 2 ? 0 : c + 1) : (c == 0 ? 2 : c - 1)]);
+    });
+    worker.merged_wedges.clear();
+    for (const std::int32_t from : {v, t}) {
+      for_each_face(from, [&](std::uint32_t f, std::uint32_t c, std::int32_t, std::int32_t) {
+        const std::int32_t wedge = continued(wedges_[f][c], pairs);
+        auto& known = worker.merged_wedges;
+        if (!has_texture(wedge) || std::find(known.begin(), known.end(), wedge) != known.end()) {
+          return;
+        }
+        known.push_back(wedge);
+      });
+    }
+    worker.merged_uvs.clear();
+    for (const std::int32_t wedge : worker.merged_wedges) {
+      worker.merged_uvs.push_back(texture_at(wedge, v, t, p, pairs));
+    }
+    for (std::size_t i = 0; i < worker.merged_wedges.size(); ++i) {
+      table_.texcoords[worker.merged_wedges[i]] = worker.merged_uvs[i];
+    }
+    for (const auto& [from, to] : pairs) wedge_into_[from] = to;
+  }
+
+  using WedgePairs = std::vector<std::pair<std::int32_t, std::int32_t>>;
+
+  [[nodiscard]] static std::int32_t continued(std::int32_t wedge, const WedgePairs& pairs) {
+    for (const auto& [from, to] : pairs) {
+      if (from == wedge) return to;
+    }
+    return wedge;
+  }
+
+  /// The texture at p of the face of this wedge that p lies over, or nearest to so; not beyond the
+  /// coordinates around, for a narrow face continues to anywhere. Faces are as they were before v
+  /// and t collapse.
+  [[nodiscard]] Vector2d texture_at(std::int32_t wedge, std::int32_t v, std::int32_t t,
+                                    const Vector3f& p, const WedgePairs& pairs) const {
+    Vector2d best = table_.texcoords[wedge];
+    Vector2d low = best, high = best;
+    double most_inside = -std::numeric_limits<double>::infinity();
+    for (const std::int32_t from : {v, t}) {
+      const Vector3d origin = position_of(vertices_[from]).cast<double>();
+      for_each_face(from, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {
+        const Triple& w = wedges_[f];
+        if (continued(w[c], pairs) != wedge || remap_[a] == remap_[b]) return;
+        const Vector2d uv = table_.texcoords[w[c]];
+        const Vector2d ua = table_.texcoords[wedge_into_[w[c == 2 ? 0 : c + 1]]];
+        const Vector2d ub = table_.texcoords[wedge_into_[w[c == 0 ? 2 : c - 1]]];
+        for (const Vector2d& s : {uv, ua, ub}) {
+          low = low.cwiseMin(s);
+          high = high.cwiseMax(s);
+        }
+        const Vector3d ea = position_of(vertices_[remap_[a]]).cast<double>() - origin;
+        const Vector3d eb = position_of(vertices_[remap_[b]]).cast<double>() - origin;
+        const Vector3d normal = ea.cross(eb), d = p.cast<double>() - origin;
+        const double squared = normal.squaredNorm();
+        if (!(squared > 0.0)) return;
+        const double share_a = d.cross(eb).dot(normal) / squared;
+        const double share_b = ea.cross(d).dot(normal) / squared;
+        const double inside = std::min({1.0 - share_a - share_b, share_a, share_b});
+        if (!(inside > most_inside)) return;
+        most_inside = inside;
+        best = uv + share_a * (ua - uv) + share_b * (ub - uv);
+      });
+    }
+    return best.cwiseMax(low).cwiseMin(high);
+  }
+
+  /// Corners of t get the normal of v that is nearest to theirs.
+  void merge_normals(std::int32_t v, std::int32_t t) {
+    for_each_face(t, [&](std::uint32_t f, std::uint32_t c, std::int32_t, std::int32_t) {
+      std::int32_t& normal = normals_[f][c];
+      if (normal < 0) return;
+      const auto own = input_.normals.row(normal);
+      std::int32_t nearest = normal;
+      double most = -std::numeric_limits<double>::infinity();
+      for_each_face(v, [&](std::uint32_t g, std::uint32_t k, std::int32_t, std::int32_t) {
+        const std::int32_t other = normals_[g][k];
+        if (other < 0) return;
+        const double cosine = input_.normals.row(other).dot(own);
+        if (cosine > most || (cosine == most && other < nearest)) {
+          most = cosine;
+          nearest = other;
+        }
+      });
+      normal = nearest;
+    });
+  }
+
+  /// Between the colours of v and t, as p lies between them.
+  void merge_colors(std::int32_t v, std::int32_t t, const Vector3f& p) {
+    const Vector3f origin = position_of(vertices_[v]), edge = position_of(vertices_[t]) - origin;
+    const float squared = edge.squaredNorm();
+    const float share =
+        squared > 0.0F ? std::clamp((p - origin).dot(edge) / squared, 0.0F, 1.0F) : 1.0F;
+    Vector3f& color = colors_[id_[v]];
+    color += share * (colors_[id_[t]] - color);
+  }
+
+  // --- Between passes ------------------------------------------------------------------------
+
+  /// Puts the pass into effect: vertices that went are closed up, faces renumbered, those without
+  /// area left out.
+  void compact() {
+    std::int32_t row = 0;
+    for (std::int32_t v = 0; v < num_vertices(); ++v) {
+      // A lower vertex than v took it in, whose new number is known.
+      const std::int32_t kept = remap_[v];
+      if (kept != v) {
+        remap_[v] = remap_[kept];
+        continue;
+      }
+      if (row != v) {
+        vertices_[row] = vertices_[v];
+        id_[row] = id_[v];
+        is_open_[row] = is_open_[v];
+      }
+      remap_[v] = row++;
+    }
+    vertices_.resize(row);
+    id_.resize(row);
+    is_open_.resize(row);
+    std::vector<std::int64_t>& kept = kept_of_block_;
+    kept.assign(num_blocks() + 1, 0);
+    over_blocks([&](std::int64_t block, std::int64_t begin, std::int64_t end) {
+      std::int64_t to = begin;
+      for (std::int64_t f = begin; f < end; ++f) {
+        Triple face = faces_[f];
+        for (std::int32_t& v : face) v = remap_[v];
+        if (is_degenerate(face)) continue;
+        faces_[to] = face;
+        face_ids_[to] = face_ids_[f];
+        if (has_wedges()) {
+          Triple wedges = wedges_[f];
+          for (std::int32_t& w : wedges) w = wedge_into_[w];
+          wedges_[to] = wedges;
+        }
+        if (!normals_.empty()) normals_[to] = normals_[f];
+        ++to;
+      }
+      kept[block] = to - begin;
+    });
+    std::int64_t to = 0;
+    const auto close_up = [&](auto& rows, std::int64_t from, std::int64_t length, std::int64_t at) {
+      if (!rows.empty() && from != at) {
+        std::copy_n(rows.begin() + from, length, rows.begin() + at);
+      }
+    };
+    for (std::int64_t block = 0; block + 1 < static_cast<std::int64_t>(kept.size()); ++block) {
+      const std::int64_t from = block << kBlockBits, length = kept[block];
+      close_up(faces_, from, length, to);
+      close_up(face_ids_, from, length, to);
+      close_up(wedges_, from, length, to);
+      close_up(normals_, from, length, to);
+      to += length;
+    }
+    resize_faces(to);
+    if (rules_ == Rules::kFlips) remove_double_faces();
+  }
+
+  /// Of faces on the same three vertices the first one stays.
+  void remove_double_faces() {
+    std::vector<std::pair<Triple, std::int32_t>> sorted;
+    for (std::size_t f = 0; f < faces_.size(); ++f) {
+      Triple face = faces_[f];
+      std::sort(face.begin(), face.end());
+      sorted.emplace_back(face, static_cast<std::int32_t>(f));
+    }
+    std::sort(sorted.begin(), sorted.end());
+    std::vector<bool> is_double(faces_.size(), false);
+    for (std::size_t i = 1; i < sorted.size(); ++i) {
+      if (sorted[i].first == sorted[i - 1].first) is_double[sorted[i].second] = true;
+    }
+    keep_faces([&](std::int32_t f) { return !is_double[f]; });
+  }
+
+  // --- The result ----------------------------------------------------------------------------
+
+  QualityResult finish() {
+    double squared_error = 0.0;
+    for (const Worker& worker : workers_) {
+      squared_error = std::max(squared_error, static_cast<double>(worker.squared_error));
+      for (std::size_t i = 0; i < worker.rejected.size(); ++i) {
+        result_.rejected[i] += worker.rejected[i];
+      }
+    }
+    result_.max_error = std::max(piece_error_, scale_ * std::sqrt(squared_error));
+    if (num_faces() <= options_.target_faces) {
+      result_.stop = CollapseStop::kTargetReached;
+    } else if (count(Rejection::kErrorLimit) > 0) {
+      result_.stop = CollapseStop::kErrorLimit;
+    } else {
+      result_.stop = CollapseStop::kNoLegalCollapse;
+    }
+    for (Eigen::Index f = 0; f < input_.num_faces(); ++f) {
+      result_.dropped_faces += is_degenerate(ranks_of(f)) ? 1 : 0;
+    }
+    extract();
+    return std::move(result_);
+  }
+
+  void extract() {
+    TriangleMesh& out = result_.mesh;
+    // Vertices that some face uses, in order.
+    std::vector<std::int32_t> row_of(vertices_.size(), -1);
+    for (const Triple& face : faces_) {
+      for (const std::int32_t v : face) row_of[v] = 0;
+    }
+    std::int32_t num_rows = 0;
+    for (std::int32_t& row : row_of) row = row < 0 ? -1 : num_rows++;
+    out.vertices.resize(num_rows, 3);
+    if (!colors_.empty()) out.colors.resize(num_rows, 3);
+    std::vector<std::int32_t> output(into_.size(), -1);  // of the vertices at the beginning
+    for (std::int32_t v = 0; v < num_vertices(); ++v) {
+      const std::int32_t row = row_of[v];
+      if (row < 0) continue;
+      const std::int32_t id = id_[v];
+      output[id] = row;
+      if (is_moved_[id] != 0) {
+        out.vertices.row(row) =
+            (center_ + scale_ * position_of(vertices_[v]).cast<double>()).transpose();
+      } else {
+        out.vertices.row(row) = input_.vertices.row(order_.source[id]);
+      }
+      if (!colors_.empty()) {
+        out.colors.row(row) = (colors_[id].array() + 0.5F).floor().cast<std::uint8_t>().transpose();
+      }
+    }
+    // A vertex goes into a lower one, whose end is known.
+    for (std::size_t id = 0; id < into_.size(); ++id) {
+      if (into_[id] >= 0) output[id] = output[into_[id]];
+    }
+    result_.vertex_map.resize(input_.num_vertices());
+    for (std::size_t v = 0; v < result_.vertex_map.size(); ++v) {
+      result_.vertex_map[v] = order_.rank[v] < 0 ? -1 : output[order_.rank[v]];
+    }
+    const auto count = static_cast<Eigen::Index>(faces_.size());
+    result_.face_map.assign(input_.num_faces(), -1);
+    out.faces.resize(count, 3);
+    if (input_.has_materials()) out.face_material.resize(count);
+    for (Eigen::Index f = 0; f < count; ++f) {
+      const Triple& face = faces_[f];
+      out.faces.row(f) << row_of[face[0]], row_of[face[1]], row_of[face[2]];
+      const std::int32_t id = face_ids_[f];
+      result_.face_map[id] = static_cast<std::int32_t>(f);
+      if (input_.has_materials()) out.face_material(f) = input_.face_material(id);
+    }
+    if (input_.has_texcoords()) extract_texcoords(out);
+    if (!normals_.empty()) extract_normals(out);
+  }
+
+  /// A row for each wedge that is in use, in the order of the faces.
+  void extract_texcoords(TriangleMesh& out) const {
+    std::vector<std::int32_t> row_of(table_.size(), -1);
+    std::vector<std::int32_t> used;
+    out.face_texcoords.resize(out.faces.rows(), 3);
+    for (std::size_t f = 0; f < faces_.size(); ++f) {
+      for (int c = 0; c < 3; ++c) {
+        const std::int32_t wedge = wedges_[f][c];
+        std::int32_t& row = row_of[wedge];
+        if (row < 0 && has_texture(wedge)) {
+          row = static_cast<std::int32_t>(used.size());
+          used.push_back(wedge);
+        }
+        out.face_texcoords(static_cast<Eigen::Index>(f), c) = row;
+      }
+    }
+    if (used.empty()) out.face_texcoords.resize(0, 3);
+    out.texcoords.resize(static_cast<Eigen::Index>(used.size()), 2);
+    for (std::size_t i = 0; i < used.size(); ++i) {
+      out.texcoords.row(static_cast<Eigen::Index>(i)) = table_.texcoords[used[i]];
+    }
+  }
+
+  void extract_normals(TriangleMesh& out) const {
+    std::vector<std::int32_t> row_of(input_.normals.rows(), -1);
+    std::vector<std::int32_t> used;
+    out.face_normals.resize(out.faces.rows(), 3);
+    for (std::size_t f = 0; f < faces_.size(); ++f) {
+      for (int c = 0; c < 3; ++c) {
+        const std::int32_t normal = normals_[f][c];
+        if (normal >= 0 && row_of[normal] < 0) {
+          row_of[normal] = static_cast<std::int32_t>(used.size());
+          used.push_back(normal);
+        }
+        out.face_normals(static_cast<Eigen::Index>(f), c) = normal < 0 ? -1 : row_of[normal];
+      }
+    }
+    out.normals = input_.normals(used, Eigen::all);
+  }
+
+  const MeshView& input_;
+  const FastOptions& options_;
+  const Progress& progress_;
+  BoundingBox box_;
+  double scale_;
+  Vector3d center_;
+  SpatialOrder order_;
+
+  std::vector<QuadricVertex> vertices_;
+  std::vector<std::int32_t> id_;         // of a vertex: its number at the beginning
+  std::vector<std::uint8_t> is_open_;    // of a vertex: not closed around, or with several wedges
+  std::vector<std::int32_t> into_;       // of a vertex at the beginning: what took it in, or -1
+  std::vector<std::uint8_t> is_moved_;   // of a vertex at the beginning
+  std::vector<std::uint8_t> is_locked_;  // of a vertex at the beginning; empty: none
+  std::vector<Vector3f> colors_;         // of a vertex at the beginning; empty: none
+
+  std::vector<Triple> faces_;
+  std::vector<std::int32_t> face_ids_;  // of a face: row of the input
+  std::vector<Triple> wedges_;          // of a face; empty: nothing to tell apart
+  std::vector<Triple> normals_;         // of a face; empty: none
+  WedgeTable table_;
+  std::vector<std::int32_t> wedge_into_;
+
+  std::vector<std::uint32_t> first_, corners_;  // of a vertex: its corners
+  std::vector<std::uint32_t> keys_;             // of a corner: the price of the edge to the next
+  std::vector<std::uint32_t> histogram_;
+  std::vector<std::int32_t> remap_;      // in a pass, of a vertex: what it went into
+  std::vector<std::uint8_t> is_taken_;   // in a pass, of a vertex: has collapsed
+  std::vector<std::uint16_t> refusals_;  // in a pass, of a vertex
+  std::vector<std::int64_t> kept_of_block_;
+  std::vector<Worker> workers_;
+
+  TriangleMesh welded_;
+  std::optional<MeshView> view_;
+  std::optional<Pieces> pieces_;
+  std::vector<std::uint8_t> is_kept_;  // pieces with locked vertices
+
+  float squared_limit_ = std::numeric_limits<float>::infinity();
+  double patience_ = 1.0;       // candidates for each collapse that is wanted
+  std::int64_t wanted_ = 1;     // collapses of this pass
+  bool is_everything_ = false;  // all edges were candidates
+  Rules rules_ = Rules::kAll;
+  double piece_error_ = 0.0;
+  double fraction_ = 0.0;
+  QualityResult result_;
+};
+
+void check_options(const MeshView& mesh, const FastOptions& options) {
+  const auto check = [](const char* name, double value, bool may_be_infinite) {
+    if (value >= 0.0 && (may_be_infinite || std::isfinite(value))) return;
+    throw InputError(std::string(name) + ": expected a number >= 0, got " + std::to_string(value));
+  };
+  check("target_faces", static_cast<double>(options.target_faces), false);
+  check("max_error", options.max_error, true);
+  check("boundary_weight", options.boundary_weight, false);
+  check("seam_weight", options.seam_weight, false);
+  if (options.num_threads < 0) {
+    throw InputError("num_threads: expected a number >= 0, got " +
+                     std::to_string(options.num_threads));
+  }
+  const auto num_locked = static_cast<std::int64_t>(options.locked.size());
+  if (num_locked != 0 && num_locked != mesh.num_vertices()) {
+    throw InputError("locked: expected one for each vertex (" +
+                     std::to_string(mesh.num_vertices()) + "), got " + std::to_string(num_locked));
+  }
+}
+
+}  // namespace
+
+QualityResult simplify_fast(const MeshView& mesh, const FastOptions& options,
+                            const Progress& progress) {
+  check_mesh(mesh);
+  check_options(mesh, options);
+  return FastSimplifier(mesh, options, progress).run();
+}
+
+}  // namespace manip3d

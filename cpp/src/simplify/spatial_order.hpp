@@ -1,0 +1,21 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "manip3d/geometry/mesh.hpp"
+#include "manip3d/progress.hpp"
+
+namespace manip3d {
+
+/// The vertices of a mesh in an order in which neighbours in space are mostly neighbours in memory,
+/// those at the same place as one.
+struct SpatialOrder {
+  std::vector<std::int32_t> rank;    ///< Of an input vertex; -1: in no face.
+  std::vector<std::int32_t> source;  ///< Of a rank: the lowest input vertex there.
+};
+
+/// By Morton code on a grid of 1024 cells along the box, then by coordinates.
+SpatialOrder spatial_order(const MeshView& mesh, const BoundingBox& box, const Progress& progress);
+
+}  // namespace manip3d

@@ -1,0 +1,224 @@
+"""Speed mode: exact targets, rules, attributes, and the same bytes for any number of threads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import exact_models
+from manip3d import InputError, Mesh, metrics, read_mesh, simplify
+from manip3d.simplify import StopReason
+from real_data import RealData
+
+
+def closed(mesh: Mesh) -> bool:
+    """Each directed edge once, and its opposite."""
+    edges = np.concatenate([mesh.faces[:, [i, (i + 1) % 3]] for i in range(3)])
+    known = {(int(a), int(b)) for a, b in edges}
+    return len(known) == len(edges) and all((b, a) in known for a, b in known)
+
+
+def volume(mesh: Mesh) -> float:
+    p, q, r = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    return float(np.einsum("ij,ij->i", p, np.cross(q, r)).sum() / 6)
+
+
+def assert_same(a: simplify.QualityResult, b: simplify.QualityResult) -> None:
+    for name in ("vertices", "faces", "texcoords", "face_texcoords", "face_material", "colors"):
+        np.testing.assert_array_equal(getattr(a.mesh, name), getattr(b.mesh, name))
+    np.testing.assert_array_equal(a.vertex_map, b.vertex_map)
+    np.testing.assert_array_equal(a.face_map, b.face_map)
+    assert (a.max_error, a.rejected) == (b.max_error, b.rejected)
+
+
+def test_a_flat_square_becomes_two_faces_with_its_outline() -> None:
+    hill = exact_models.hill(9)
+    flat = hill.replace(vertices=hill.vertices * [1, 1, 0])
+    result = simplify.fast(flat, target_faces=2)
+    assert result.stop == StopReason.TARGET_REACHED
+    assert result.mesh.num_faces == 2
+    corners = np.unique(result.mesh.vertices.round(2) + 0.0, axis=0)
+    np.testing.assert_array_equal(corners, [[0, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0]])
+    assert result.max_error < 0.01
+
+
+@pytest.mark.parametrize("target", [1000, 501, 100, 20])
+def test_a_ball_stays_closed_and_meets_its_target(target: int) -> None:
+    """A closed surface loses two faces at a time: an odd target is missed by one, downwards."""
+    ball = exact_models.ball()
+    result = simplify.fast(ball, target_faces=target)
+    assert result.mesh.num_faces == target - target % 2
+    assert closed(result.mesh)
+    assert volume(result.mesh) == pytest.approx(volume(ball), rel=0.01 if target >= 500 else 0.3)
+
+
+def test_blocks_do_not_depend_on_the_number_of_threads() -> None:
+    """300 x 300 vertices are eleven blocks."""
+    hill = exact_models.hill(300)
+    one = simplify.fast(hill, ratio=0.1, threads=1)
+    assert one.mesh.num_faces in (hill.num_faces // 10, hill.num_faces // 10 - 1)
+    for threads in (2, 3, 0):
+        assert_same(one, simplify.fast(hill, ratio=0.1, threads=threads))
+
+
+def test_the_order_of_the_input_hardly_matters() -> None:
+    """Vertices and faces in another order: the surface is as close."""
+    hill = exact_models.hill(80)
+    rng = np.random.default_rng(0)
+    order = rng.permutation(hill.num_vertices)
+    place = np.argsort(order).astype(np.int32)
+    mixed = Mesh(hill.vertices[order], place[hill.faces][rng.permutation(hill.num_faces)])
+    errors = [
+        metrics.metro(mesh, simplify.fast(mesh, ratio=0.05).mesh, sampling="area").mean
+        for mesh in (hill, mixed)
+    ]
+    assert max(errors) < 1.2 * min(errors)
+
+
+def test_less_error_than_the_published_method() -> None:
+    hill = exact_models.hill(60)
+    fast, published = (
+        metrics.metro(hill, run(hill, ratio=0.05).mesh, sampling="area").mean
+        for run in (simplify.fast, simplify.qem4vr)
+    )
+    assert fast < published
+
+
+def test_attributes_of_each_face_survive() -> None:
+    """The pipe has two materials, seams, normals, and faces without texture coordinates."""
+    pipe = exact_models.pipe()
+    result = simplify.fast(pipe, ratio=0.3)
+    mesh = result.mesh
+    assert pipe.face_material is not None
+    assert mesh.face_material is not None
+    assert pipe.face_texcoords is not None
+    assert mesh.face_texcoords is not None
+    left = result.face_map >= 0
+    rows = result.face_map[left]
+    np.testing.assert_array_equal(mesh.face_material[rows], pipe.face_material[left])
+    np.testing.assert_array_equal(
+        (mesh.face_texcoords[rows] >= 0).all(axis=1), (pipe.face_texcoords[left] >= 0).all(axis=1)
+    )
+    assert mesh.materials == pipe.materials
+
+
+def test_a_linear_texture_survives_wherever_vertices_go() -> None:
+    hill = exact_models.hill(30)
+    textured = hill.replace(texcoords=hill.vertices[:, :2], face_texcoords=hill.faces)
+    mesh = simplify.fast(textured, ratio=0.1).mesh
+    assert mesh.texcoords is not None
+    assert mesh.face_texcoords is not None
+    at = np.zeros((mesh.num_vertices, 2))
+    at[mesh.faces.ravel()] = mesh.texcoords[mesh.face_texcoords.ravel()]
+    assert np.abs(at - mesh.vertices[:, :2]).max() < 0.02
+
+
+def test_colors_lie_between_those_of_the_ends() -> None:
+    hill = exact_models.hill(20)
+    shade = np.where(hill.vertices[:, :1] < 0.5, 10, 200).astype(np.uint8)
+    colors = np.repeat(shade, 3, axis=1)
+    mesh = simplify.fast(hill.replace(colors=colors), ratio=0.2).mesh
+    assert mesh.colors is not None
+    assert mesh.colors.min() >= 10
+    assert mesh.colors.max() <= 200
+
+
+def test_locked_vertices_stay() -> None:
+    hill = exact_models.hill(40)
+    locked = np.zeros(hill.num_vertices, dtype=bool)
+    locked[::37] = True
+    result = simplify.fast(hill, ratio=0.1, locked=locked)
+    assert result.stop == StopReason.TARGET_REACHED
+    rows = result.vertex_map[locked]
+    assert (rows >= 0).all()
+    assert len(set(rows)) == locked.sum()
+    np.testing.assert_array_equal(result.mesh.vertices[rows], hill.vertices[locked])
+
+
+def test_maps_lead_to_what_is_left() -> None:
+    hill = exact_models.hill(30)
+    result = simplify.fast(hill, ratio=0.2)
+    assert set(result.vertex_map) == set(range(result.mesh.num_vertices))
+    kept = result.face_map >= 0
+    assert sorted(result.face_map[kept]) == list(range(result.mesh.num_faces))
+    ends = result.vertex_map[hill.faces[kept]]
+    np.testing.assert_array_equal(ends, result.mesh.faces[result.face_map[kept]])
+
+
+def test_equal_places_and_equal_faces_are_taken_once() -> None:
+    ball = exact_models.ball()  # its six sides share no vertices
+    twice = Mesh(
+        np.concatenate([ball.vertices, ball.vertices]),
+        np.concatenate([ball.faces, np.roll(ball.faces, 1, axis=1) + ball.num_vertices]),
+    )
+    once = simplify.fast(ball, target_faces=ball.num_faces)
+    both = simplify.fast(twice, target_faces=twice.num_faces)
+    assert both.mesh.num_faces == once.mesh.num_faces == ball.num_faces
+    assert both.dropped_faces == ball.num_faces
+    assert both.mesh.num_vertices < ball.num_vertices
+
+
+def test_max_error_stops_before_the_target() -> None:
+    hill = exact_models.hill(40)
+    result = simplify.fast(hill, max_error=1e-3)
+    assert result.stop == StopReason.ERROR_LIMIT
+    assert 0 < result.max_error <= 1e-3 * 1.001
+    assert 10 < result.mesh.num_faces < hill.num_faces // 2
+
+
+def test_far_from_the_origin_and_small() -> None:
+    """Quadrics are about their vertices: where the mesh is does not matter."""
+    hill = exact_models.hill(40)
+    far = hill.replace(vertices=hill.vertices * 2.0**-20 + 2.0**10)
+    near = simplify.fast(hill, ratio=0.1).mesh
+    moved = simplify.fast(far, ratio=0.1).mesh
+    back = moved.replace(vertices=(moved.vertices - 2.0**10) * 2.0**20)
+    error = [metrics.metro(hill, mesh, sampling="area").mean for mesh in (near, back)]
+    assert error[1] < 1.1 * error[0]
+
+
+def test_a_hub_with_very_many_faces_takes_no_quadratic_time() -> None:
+    n = 40_000
+    turn = np.arange(n) * (2 * np.pi / n)
+    rim = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(n)])
+    around = np.arange(n)
+    cone = Mesh(
+        np.concatenate([[[0, 0, 1.0]], rim]),
+        np.column_stack([np.zeros(n, int), around + 1, (around + 1) % n + 1]).astype(np.int32),
+    )
+    assert simplify.fast(cone, ratio=0.01).mesh.num_faces == 400
+
+
+def test_wrong_options() -> None:
+    hill = exact_models.hill(5)
+    with pytest.raises(InputError, match="max_distance: expected None with mode='fast', got 1"):
+        simplify.simplify(hill, "fast", ratio=0.5, max_distance=1.0)
+    with pytest.raises(InputError, match="locked: expected bool of shape"):
+        simplify.fast(hill, ratio=0.5, locked=np.zeros(3, dtype=bool))
+    for name in ("boundary_weight", "seam_weight", "max_error", "threads"):
+        with pytest.raises(InputError, match=r"expected .*>= 0, got"):
+            simplify.fast(hill, **{"target_faces": 5, name: -1})  # type: ignore[arg-type]
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize(
+    "name",
+    ["panel/panel.obj.xz", "m2000/m2000.obj.xz", "ExplodingBarrel.glb", "igl_truck.obj.xz"],
+)
+def test_wild_models_reach_every_target(realdata: RealData, name: str) -> None:
+    mesh = read_mesh(realdata(f"meshes/wild/{name}"))
+    for ratio in (0.5, 0.1, 0.02, 0.005):
+        result = simplify.fast(mesh, ratio=ratio, threads=1)
+        target = int(ratio * mesh.num_faces)
+        assert 0.95 * target - 2 <= result.mesh.num_faces <= target
+        assert_same(result, simplify.fast(mesh, ratio=ratio, threads=2))
+
+
+@pytest.mark.realdata
+def test_rocker_arm_is_below_meshoptimizer(real_mesh: Callable[[str], Mesh]) -> None:
+    """0.118e-3: meshoptimizer 1.3 with update."""
+    mesh = real_mesh("rockerArm")
+    result = simplify.fast(mesh, target_faces=8174)
+    assert metrics.metro(mesh, result.mesh, sampling="area").mean <= 0.9 * 0.118e-3
