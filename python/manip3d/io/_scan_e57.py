@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+_BLOCK = 1 << 20
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _STATES = ("cartesianInvalidState", "sphericalInvalidState")
@@ -107,14 +110,16 @@ def write_all(frames: Sequence[LidarFrame], path: Path) -> None:
     for frame in frames:
         if not frame.num_points:
             raise InputError("points: E57 needs at least one in each scan")
-    with atomic_path(path) as temporary:
-        temporary.unlink()
-        file = pye57.E57(str(temporary), mode="w")
+    # libE57 crashes where a disk is full or broken: it writes into memory.
+    with os.fdopen(os.memfd_create("manip3d"), "rb") as memory:
+        file = pye57.E57(f"/proc/self/fd/{memory.fileno()}", mode="w")
         try:
             for frame in frames:
                 _write_one(file, frame)
         finally:
             file.close()
+        with atomic_path(path) as temporary, temporary.open("wb") as disk:
+            shutil.copyfileobj(memory, disk, _BLOCK)
 
 
 def _write_one(file: Any, frame: LidarFrame) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -93,8 +94,12 @@ def write(frame: LidarFrame, path: Path) -> None:
             las[name] = _fitting(values, las[name].dtype)
     except OverflowError as error:
         raise InputError(f"points: LAS cannot hold them: {error}") from error
-    with atomic_path(path) as temporary:
-        las.write(str(temporary), do_compress=path.suffix.lower() == ".laz")
+    compressed = path.suffix.lower() == ".laz"
+    with atomic_path(path) as temporary, temporary.open("wb") as disk:
+        # What lazrs says of a full disk does not tell what happened.
+        memory = io.BytesIO()
+        las.write(memory if compressed else disk, do_compress=compressed)
+        disk.write(memory.getbuffer())
 
 
 def _fitting(values: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
