@@ -14,6 +14,7 @@ for topic in (
     "packets",
     "metrics",
     "forensics",
+    "watermark",
     "scans",
     "simplify",
     "depth",

@@ -231,7 +231,7 @@ void bind_watermark(py::module_& m) {
       .def("reset", exclusively(&WatermarkVerifier::reset))
       .def("close", exclusively(&WatermarkVerifier::close));
 
-  py::class_<PaperOptions>(m, "PaperOptions")
+  py::class_<PaperOptions>(m, "PaperSettings")
       .def(py::init(&to_paper_options), py::arg("embedding"), py::arg("slices"),
            py::arg("block_bits"), py::arg("paper_merge"), py::arg("key_2"), py::arg("frame"));
   m.def(

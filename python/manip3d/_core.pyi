@@ -42,7 +42,7 @@ __all__: list[str] = [
     "Limb",
     "LinkCondition",
     "MirrorMode",
-    "PaperOptions",
+    "PaperSettings",
     "PersonMaskOptions",
     "PhantomMeshOptions",
     "PhantomOptions",
@@ -1541,7 +1541,7 @@ class WatermarkVerifier:
         now_ns: typing.SupportsInt | typing.SupportsIndex,
     ) -> dict[str, typing.Any]: ...
 
-class PaperOptions:
+class PaperSettings:
     def __init__(
         self,
         embedding: typing.SupportsInt | typing.SupportsIndex,
@@ -1740,7 +1740,7 @@ def compare_paper_watermark(
     blocks: numpy.typing.NDArray[numpy.uint8],
     tile_of: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
     counts: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
-    options: PaperOptions,
+    options: PaperSettings,
 ) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
 def composite(
     vertices: numpy.typing.NDArray[numpy.float32],
@@ -1803,7 +1803,7 @@ def embed_paper_watermark(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],
     blocks: numpy.typing.NDArray[numpy.uint8],
-    options: PaperOptions,
+    options: PaperSettings,
 ) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
 def estimate_scan_grid(
     points: numpy.typing.NDArray[numpy.float32],

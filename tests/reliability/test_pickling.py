@@ -63,6 +63,11 @@ def files(folder: Path) -> Iterator[object]:
     (folder / "g.ply").write_bytes(grid)
     yield io.read_range_grid(folder / "g.ply")
     yield capture.record(rgbd_frames.frames(2), folder / "recording")
+    with authenticate.KeyFile.create(folder / "sensor.key") as key:
+        marker = authenticate.Watermarker(key)
+        sent = marker.embed(kernels.on_grid)
+        found = marker.verify(sent.frame, sent.record)
+    yield from (sent, found, found.tiles[0], authenticate.Policy())
 
 
 def streams() -> Iterator[object]:

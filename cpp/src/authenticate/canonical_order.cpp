@@ -19,8 +19,10 @@ namespace {
 constexpr int kCells = 4096;        // of diamond angles; at most one boundary each
 constexpr double kScale = 1 << 28;  // directions times coordinates of 31 bits fit 64 bits
 constexpr int kDigitBits = 11;
-constexpr int kDigits = 3;
-constexpr int kKeyBits = kDigits * kDigitBits;
+// Bits of points that share their height are told apart by a third digit, of rho^2.
+constexpr int digits_of(WatermarkOrder order) {
+  return order == WatermarkOrder::kHeightFirst ? 3 : 2;
+}
 constexpr int kRowBits = 31;  // of an item, below its key
 constexpr std::uint64_t kRows = std::uint64_t{1} << kRowBits;
 constexpr std::uint32_t kBuckets = 1U << kDigitBits;
@@ -90,6 +92,7 @@ struct KeyLayout {
       most = std::max(most, second_of<kOrder>(s));
     }
     KeyLayout layout;
+    constexpr int kKeyBits = digits_of(kOrder) * kDigitBits;
     layout.low = low;
     const int same = varying == 0 ? 0 : std::countr_zero(varying);  // cleared lowest bits
     const int width = static_cast<int>(
@@ -111,7 +114,9 @@ struct KeyLayout {
   }
 };
 
-// Sorts items by their keys, lowest digit first; equal keys keep their order.
+// Sorts items by their keys, lowest digit first; equal keys keep their order. The sorted items are
+// in `other` where the number of digits is odd.
+template <int kDigits>
 void radix_sort(std::uint64_t* items, std::uint64_t* other, std::size_t size) {
   std::array<std::array<std::uint32_t, kBuckets>, kDigits> places{};
   const auto digit = [](std::uint64_t item, int number) {
@@ -124,9 +129,11 @@ void radix_sort(std::uint64_t* items, std::uint64_t* other, std::size_t size) {
     std::uint32_t sum = 0;
     for (std::uint32_t& place : each) sum += std::exchange(place, sum);
   }
-  for (std::size_t i = 0; i < size; ++i) other[places[0][digit(items[i], 0)]++] = items[i];
-  for (std::size_t i = 0; i < size; ++i) items[places[1][digit(other[i], 1)]++] = other[i];
-  for (std::size_t i = 0; i < size; ++i) other[places[2][digit(items[i], 2)]++] = items[i];
+  for (int d = 0; d < kDigits; ++d) {
+    std::array<std::uint32_t, kBuckets>& next = places[static_cast<std::size_t>(d)];
+    for (std::size_t i = 0; i < size; ++i) other[next[digit(items[i], d)]++] = items[i];
+    std::swap(items, other);
+  }
 }
 
 }  // namespace
@@ -262,8 +269,11 @@ void CanonicalOrder::sort(const std::vector<WatermarkSample>& samples,
   tiled.samples.resize(size);
   tiled.marks.resize(size);
   tiled.rows.resize(size);
+  const std::vector<std::uint64_t>& sorted = digits_of(order) % 2 == 0 ? items_ : other_;
+  constexpr std::size_t kAhead = 16;  // rows are scattered over the scan
   for (std::size_t i = 0; i < size; ++i) {
-    const auto row = static_cast<std::uint32_t>(other_[i] % kRows);
+    if (i + kAhead < size) __builtin_prefetch(samples.data() + sorted[i + kAhead] % kRows);
+    const auto row = static_cast<std::uint32_t>(sorted[i] % kRows);
     tiled.samples[i] = samples[row];
     tiled.marks[i] = marks[row];
     tiled.rows[i] = row;
@@ -286,10 +296,11 @@ void CanonicalOrder::sort_by(const std::vector<WatermarkSample>& samples,
     if (samples[i] == samples[j]) return i < j;
     return precedes<kOrder>(samples[i], samples[j]);
   };
+  std::vector<std::uint64_t>& sorted = digits_of(kOrder) % 2 == 0 ? items_ : other_;
   for (std::size_t t = 0; t + 1 < begins.size(); ++t) {
-    std::uint64_t* items = other_.data() + begins[t];
+    std::uint64_t* items = sorted.data() + begins[t];
     const std::size_t size = begins[t + 1] - begins[t];
-    radix_sort(items_.data() + begins[t], items, size);
+    radix_sort<digits_of(kOrder)>(items_.data() + begins[t], other_.data() + begins[t], size);
     // Runs of equal keys by all fields.
     for (std::size_t i = 0; i < size;) {
       std::size_t run = i + 1;

@@ -202,7 +202,7 @@ def _named(embedding: str) -> PaperEmbedding:
 
 def _arguments(
     blocks: ArrayLike, embedding: str, key_2: int, frame: int, merge: str
-) -> tuple[NDArray[np.uint8], _core.PaperOptions]:
+) -> tuple[NDArray[np.uint8], _core.PaperSettings]:
     number = PAPER_EMBEDDINGS.index(_named(embedding))
     if merge not in ("adjacent", "paper"):
         raise InputError(f"merge: expected adjacent or paper, got {merge!r}")
@@ -218,7 +218,7 @@ def _arguments(
     if bits.min() < 0 or bits.max() > 1:
         raise InputError("blocks: expected zeros and ones")
     image = np.ascontiguousarray(bits, np.uint8)
-    options = _core.PaperOptions(
+    options = _core.PaperSettings(
         number, image.shape[0], image.shape[1], merge == "paper", key_2, frame
     )
     return image, options

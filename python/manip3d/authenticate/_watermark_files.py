@@ -175,7 +175,7 @@ def verdict_of_stream(
         ``tampered`` if a frame is; else ``undecidable`` if a frame is, or the end is missing; else
         ``authentic``.
     """
-    if not results:
+    if len(results) == 0:
         raise InputError("results: expected at least one, got none")
     for verdict in ("tampered", "undecidable"):
         found = [result for result in results if result.verdict == verdict]

@@ -74,7 +74,8 @@ def embed(
     embedding: Annotated[
         str,
         typer.Option(
-            help="lbm (lowest bits), qim (cells of z), or detached: points stay as they are."
+            help="Embedding: lbm (lowest bits), qim (cells of z), or detached (points stay as they "
+            "are)."
         ),
     ] = "lbm",
     sensor: Annotated[

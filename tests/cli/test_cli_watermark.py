@@ -1,0 +1,166 @@
+"""``manip3d watermark``: keys, scans, drives, exit codes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+import manip3d
+from manip3d.cli import app
+
+RANDOM = np.random.default_rng(0)
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["watermark", *(str(a) for a in arguments)])
+
+
+def scan(seed: int) -> manip3d.LidarFrame:
+    random = np.random.default_rng(seed)
+    points = (random.integers(-20_000, 20_000, (8000, 3)) / 1000).astype(np.float32)
+    return manip3d.LidarFrame(points, random.integers(0, 99, 8000).astype(np.float32) / 100)
+
+
+@pytest.fixture
+def key(tmp_path: Path) -> Path:
+    path = tmp_path / "sensor.key"
+    assert run("keygen", path, "-q").exit_code == 0
+    return path
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Path:
+    folder = tmp_path / "drive"
+    (folder / "velodyne_points" / "data").mkdir(parents=True)
+    for number in range(4):
+        scan(number).write(folder / "velodyne_points" / "data" / f"{number:010d}.bin")
+    times = "".join(f"2011-09-26 13:02:25.{n}94360375\n" for n in range(4))
+    (folder / "velodyne_points" / "timestamps.txt").write_text(times)
+    return folder
+
+
+@pytest.fixture
+def signed(key: Path, drive: Path, tmp_path: Path) -> Path:
+    out = tmp_path / "signed"
+    done = run("embed", drive, "--key", key, "-o", out, "--json", "-q")
+    assert done.exit_code == 0, done.output
+    assert len(json.loads(done.stdout)["frames"]) == 4
+    return out
+
+
+def verify(source: Path, key: Path, *more: object) -> tuple[int, dict[str, object]]:
+    done = run("verify", source, "--key", key, "--json", "-q", *more)
+    return done.exit_code, json.loads(done.stdout) if done.stdout.startswith("{") else {}
+
+
+def frame_of(folder: Path, number: int) -> Path:
+    return folder / "velodyne_points" / "data" / f"{number:010d}.bin"
+
+
+@pytest.mark.parametrize("embedding", ["lbm", "qim", "detached"])
+def test_a_scan(key: Path, tmp_path: Path, embedding: str) -> None:
+    scan(1).write(tmp_path / "a.bin")
+    out = tmp_path / "b.bin"
+    done = run("embed", tmp_path / "a.bin", "--key", key, "-o", out, "--embedding", embedding)
+    assert done.exit_code == 0, done.output
+    same = out.read_bytes() == (tmp_path / "a.bin").read_bytes()
+    assert same == (embedding == "detached")
+    assert verify(out, key)[0] == 0
+    assert verify(out, key, "--embedding", "lbm")[0] == (0 if embedding == "lbm" else 4)
+    again = run("embed", tmp_path / "a.bin", "--key", key, "-o", out)
+    assert again.exit_code == 1
+
+    data = bytearray(out.read_bytes())
+    data[4000] ^= 1
+    out.write_bytes(data)
+    code, record = verify(out, key, "--report", tmp_path / "report.json")
+    assert (code, record["verdict"]) == (3, "tampered")
+    report = tmp_path / "report.json"
+    assert report.stat().st_mode & 0o777 == 0o600
+    assert "suspected_rows" in report.read_text()
+    assert "suspected_rows" not in json.dumps(record)
+
+    out.with_name("b.bin.wm").unlink()
+    assert verify(out, key)[0] == 4
+
+
+def test_a_drive(key: Path, signed: Path, tmp_path: Path) -> None:
+    code, record = verify(signed, key)
+    assert (code, record["verdict"]) == (0, "authentic")
+    frames = record["frames"]
+    assert isinstance(frames, list)
+    assert [frame["order"] for frame in frames] == ["in order"] * 4
+
+    moved = scan(9).points
+    manip3d.LidarFrame(moved, scan(9).intensity).write(frame_of(signed, 2))
+    code, record = verify(signed, key)
+    assert (code, record["verdict"]) == (3, "tampered")
+
+
+def test_dropped_swapped_repeated_and_foreign_frames(
+    key: Path, signed: Path, drive: Path, tmp_path: Path
+) -> None:
+    def changed(name: str) -> Path:
+        return Path(shutil.copytree(signed, tmp_path / name))
+
+    def copy(source: Path, target: Path) -> None:
+        shutil.copy(source, target)
+        shutil.copy(f"{source}.wm", f"{target}.wm")
+
+    def drop(folder: Path, number: int) -> None:
+        frame_of(folder, number).unlink()
+        Path(f"{frame_of(folder, number)}.wm").unlink()
+
+    dropped = changed("dropped")
+    drop(dropped, 1)
+    assert verify(dropped, key)[0] == 4
+    shortened = changed("shortened")
+    drop(shortened, 3)
+    assert verify(shortened, key)[0] == 4  # the end is missing
+    beheaded = changed("beheaded")
+    drop(beheaded, 0)
+    assert verify(beheaded, key)[0] == 4
+    repeated = changed("repeated")
+    copy(frame_of(signed, 1), frame_of(repeated, 2))
+    assert verify(repeated, key)[0] == 3
+    swapped = changed("swapped")
+    copy(frame_of(signed, 2), frame_of(swapped, 1))
+    copy(frame_of(signed, 1), frame_of(swapped, 2))
+    assert verify(swapped, key)[0] == 3
+    foreign = changed("foreign")
+    other = tmp_path / "other"
+    assert run("embed", drive, "--key", key, "-o", other, "-q").exit_code == 0
+    copy(frame_of(other, 2), frame_of(foreign, 2))
+    assert verify(foreign, key)[0] != 0
+    assert verify(other, key)[0] == 0
+
+
+def test_another_key_and_bad_key_files(key: Path, signed: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.key"
+    assert run("keygen", other).exit_code == 0
+    assert verify(signed, other)[0] == 4
+    assert run("keygen", key).exit_code == 1  # never replaced
+    key.chmod(0o644)
+    done = run("verify", signed, "--key", key)
+    assert done.exit_code == 1
+    assert "0644" in str(done.exception)
+
+
+def test_a_verifier_that_remembers(key: Path, signed: Path, tmp_path: Path) -> None:
+    state = tmp_path / "seen"
+    assert verify(signed, key, "--state", state)[0] == 0
+    assert verify(signed, key, "--state", state)[0] == 3
+    assert verify(signed, key)[0] == 0
+
+
+def test_wrong_sources(key: Path, tmp_path: Path) -> None:
+    (tmp_path / "empty" / "velodyne").mkdir(parents=True)
+    assert run("verify", tmp_path / "empty", "--key", key).exit_code == 1
+    assert run("verify", tmp_path / "nothing.bin", "--key", key).exit_code == 1
+    (tmp_path / "text.txt").write_text("a")
+    assert run("embed", tmp_path / "text.txt", "--key", key, "-o", "x.bin").exit_code == 1
