@@ -31,6 +31,7 @@ __all__: list[str] = [
     "Cs3Runner",
     "Cs3Sampling",
     "Cs3Stencil",
+    "DepthNoiseOptions",
     "DepthSmoother",
     "DepthStepOptions",
     "Duplicates",
@@ -61,6 +62,7 @@ __all__: list[str] = [
     "RgbdRecorder",
     "RgbdSource",
     "ShoeCoverTracker",
+    "SilhouetteOptions",
     "Skinning",
     "TextureTerm",
     "Texturing",
@@ -83,6 +85,7 @@ __all__: list[str] = [
     "deform",
     "density_levels",
     "depth_coverage",
+    "depth_noise",
     "estimate_scan_grid",
     "estimate_scan_origin",
     "faces_left",
@@ -132,6 +135,7 @@ __all__: list[str] = [
     "segment_person",
     "segment_region",
     "shading_normals",
+    "silhouette_spans",
     "simplify_qem",
     "simplify_quality",
     "snap_to_lattice",
@@ -1576,6 +1580,29 @@ class CompositeOptions:
     @blend.setter
     def blend(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
 
+class DepthNoiseOptions:
+    def __init__(self) -> None: ...
+    @property
+    def region(self) -> int: ...
+    @region.setter
+    def region(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    @property
+    def sigma(self) -> float: ...
+    @sigma.setter
+    def sigma(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
+class SilhouetteOptions:
+    step: DepthStepOptions
+    def __init__(self) -> None: ...
+    @property
+    def min_relief(self) -> float: ...
+    @min_relief.setter
+    def min_relief(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def min_width(self) -> int: ...
+    @min_width.setter
+    def min_width(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+
 def animate(
     vertices: numpy.typing.NDArray[numpy.float32],
     labels: numpy.typing.NDArray[numpy.uint8],
@@ -1671,6 +1698,7 @@ def depth_coverage(
     faces: numpy.typing.NDArray[numpy.int32],
     max_edge: typing.SupportsFloat | typing.SupportsIndex,
 ) -> tuple[float, float]: ...
+def depth_noise(depth: numpy.ndarray, options: DepthNoiseOptions) -> numpy.ndarray: ...
 def estimate_scan_grid(
     points: numpy.typing.NDArray[numpy.float32],
     origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
@@ -1972,6 +2000,11 @@ def shading_normals(
     crease_angle: typing.SupportsFloat | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> tuple[numpy.ndarray, numpy.ndarray]: ...
+def silhouette_spans(
+    depth: numpy.ndarray,
+    focal: typing.SupportsFloat | typing.SupportsIndex,
+    options: SilhouetteOptions,
+) -> numpy.ndarray: ...
 def simplify_qem(
     mesh: typing.Any, options: QemOptions, progress: typing.Any = None
 ) -> dict[str, typing.Any]: ...

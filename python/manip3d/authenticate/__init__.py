@@ -1,4 +1,4 @@
-"""Has this scan been edited? Detectors that look at one scan and say what they found."""
+"""Has this scan or stream been edited? Detectors that look at it and say what they found."""
 
 from __future__ import annotations
 
@@ -37,6 +37,14 @@ from manip3d.authenticate._occlusion import (
 from manip3d.authenticate._origin import OriginEstimate, estimate_origin
 from manip3d.authenticate._power import EDITS, measure_power
 from manip3d.authenticate._sensors import Sensor, identify_sensor, kitti_lattice
+from manip3d.authenticate._streams import (
+    StreamInspection,
+    StreamRegion,
+    StreamReport,
+    depth_noise,
+    inspect_stream,
+    inter_frame_noise,
+)
 from manip3d.authenticate._verdict import Calibration, Power, Processing, Region, Verdict
 
 __all__ = [
@@ -65,16 +73,22 @@ __all__ = [
     "Region",
     "Sensor",
     "SensorLattice",
+    "StreamInspection",
+    "StreamRegion",
+    "StreamReport",
     "SuspectRegion",
     "Verdict",
     "combined_verdict",
     "density_consistency",
+    "depth_noise",
     "estimate_grid",
     "estimate_lattice",
     "estimate_origin",
     "generic_consistency",
     "identify_sensor",
     "inspect",
+    "inspect_stream",
+    "inter_frame_noise",
     "kitti_lattice",
     "measure_power",
     "occlusion_consistency",
