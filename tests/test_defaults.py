@@ -62,6 +62,7 @@ FACADES: dict[str, list[Callable[..., Any]]] = {
     "Cs3Options": [simplify.cs3, simplify.cs3_grid, simplify.Cs3Stream],
     "DeformOptions": [forge.deform],
     "DensityOptions": [authenticate.DensityParameters, authenticate.density_consistency],
+    "DepthNoiseOptions": [authenticate.depth_noise],
     "DepthStepOptions": [modify.animation_mesh],
     "DepthSmootherOptions": [simplify.ReliefStream],
     "FastOptions": [simplify.fast],
@@ -93,6 +94,7 @@ FACADES: dict[str, list[Callable[..., Any]]] = {
     "RgbdOptions": [capture.open_rgbd],
     "SegmentOptions": [forge.segment],
     "ShoeCoverOptions": [modify.ShoeCoverTracker],
+    "SilhouetteOptions": [],  # inspect_stream has its own relief
     "SnapOptions": [forge.snap_to_lattice],
     "TextureErrorOptions": [metrics.texture_error],
     "UdpOptions": [capture.open_lidar],

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "depth.hpp"
+#include "manip3d/authenticate/depth_noise.hpp"
 #include "manip3d/forge/composite.hpp"
 #include "manip3d/modify/animation.hpp"
 #include "manip3d/modify/region_growing.hpp"
@@ -154,6 +155,33 @@ py::tuple composite_person(const CArray<float>& vertices, const CArray<std::int3
   return py::make_tuple(depth_out, mask, color_out);
 }
 
+py::array noise_of_regions(const py::array& depth, const DepthNoiseOptions& options) {
+  const DepthView view = depth_view(depth);
+  std::vector<double> means;
+  {
+    const py::gil_scoped_release nogil;
+    means = depth_noise(view, options);
+  }
+  return to_numpy(std::move(means));
+}
+
+/// (n, 8) row, begin, end, object, left gap, right gap, left and right sharp.
+py::array spans_of(const py::array& depth, double focal, const SilhouetteOptions& options) {
+  const DepthView view = depth_view(depth);
+  Rows<std::int32_t, 8> table;
+  {
+    const py::gil_scoped_release nogil;
+    const std::vector<SilhouetteSpan> spans = silhouette_spans(view, focal, options);
+    table.resize(static_cast<Eigen::Index>(spans.size()), 8);
+    for (std::size_t i = 0; i < spans.size(); ++i) {
+      const SilhouetteSpan& s = spans[i];
+      table.row(static_cast<Eigen::Index>(i)) << s.row, s.begin, s.end, s.object, s.left_gap,
+          s.right_gap, s.left_sharp ? 1 : 0, s.right_sharp ? 1 : 0;
+    }
+  }
+  return to_numpy(std::move(table));
+}
+
 }  // namespace
 
 void bind_streams(py::module_& m) {
@@ -187,6 +215,17 @@ void bind_streams(py::module_& m) {
       .def_readwrite("surface", &CompositeOptions::surface)
       .def_readwrite("fill_pinholes", &CompositeOptions::fill_pinholes)
       .def_readwrite("blend", &CompositeOptions::blend);
+  py::class_<DepthNoiseOptions>(m, "DepthNoiseOptions")
+      .def(py::init<>())
+      .def_readwrite("region", &DepthNoiseOptions::region)
+      .def_readwrite("sigma", &DepthNoiseOptions::sigma);
+  py::class_<SilhouetteOptions>(m, "SilhouetteOptions")
+      .def(py::init<>())
+      .def_readwrite("step", &SilhouetteOptions::step)
+      .def_readwrite("min_width", &SilhouetteOptions::min_width)
+      .def_readwrite("min_relief", &SilhouetteOptions::min_relief);
+  m.def("depth_noise", &noise_of_regions, py::arg("depth"), py::arg("options"));
+  m.def("silhouette_spans", &spans_of, py::arg("depth"), py::arg("focal"), py::arg("options"));
   m.def("segment_region", &segment_region, py::arg("depth"), py::arg("body_index").noconvert(),
         py::arg("camera"), py::arg("skeleton"), py::arg("mask"), py::arg("options"));
   m.def("animation_mesh", &make_animation_mesh, py::arg("depth"), py::arg("labels").noconvert(),

@@ -31,6 +31,7 @@ __all__: list[str] = [
     "Cs3Runner",
     "Cs3Sampling",
     "Cs3Stencil",
+    "DepthNoiseOptions",
     "DepthSmoother",
     "DepthStepOptions",
     "Duplicates",
@@ -63,6 +64,7 @@ __all__: list[str] = [
     "RgbdRecorder",
     "RgbdSource",
     "ShoeCoverTracker",
+    "SilhouetteOptions",
     "Skinning",
     "TextureTerm",
     "Texturing",
@@ -91,6 +93,7 @@ __all__: list[str] = [
     "density_levels",
     "depth_coverage",
     "embed_paper_watermark",
+    "depth_noise",
     "estimate_scan_grid",
     "estimate_scan_origin",
     "faces_left",
@@ -141,6 +144,7 @@ __all__: list[str] = [
     "segment_region",
     "shading_normals",
     "simplify_fast",
+    "silhouette_spans",
     "simplify_qem",
     "simplify_quality",
     "snap_to_lattice",
@@ -1696,6 +1700,29 @@ class CompositeOptions:
     @blend.setter
     def blend(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
 
+class DepthNoiseOptions:
+    def __init__(self) -> None: ...
+    @property
+    def region(self) -> int: ...
+    @region.setter
+    def region(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+    @property
+    def sigma(self) -> float: ...
+    @sigma.setter
+    def sigma(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
+class SilhouetteOptions:
+    step: DepthStepOptions
+    def __init__(self) -> None: ...
+    @property
+    def min_relief(self) -> float: ...
+    @min_relief.setter
+    def min_relief(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def min_width(self) -> int: ...
+    @min_width.setter
+    def min_width(self, arg0: typing.SupportsInt | typing.SupportsIndex) -> None: ...
+
 def animate(
     vertices: numpy.typing.NDArray[numpy.float32],
     labels: numpy.typing.NDArray[numpy.uint8],
@@ -1805,6 +1832,7 @@ def embed_paper_watermark(
     blocks: numpy.typing.NDArray[numpy.uint8],
     options: PaperSettings,
 ) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
+def depth_noise(depth: numpy.ndarray, options: DepthNoiseOptions) -> numpy.ndarray: ...
 def estimate_scan_grid(
     points: numpy.typing.NDArray[numpy.float32],
     origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
@@ -2109,6 +2137,11 @@ def shading_normals(
 def simplify_fast(
     mesh: typing.Any, options: FastOptions, progress: typing.Any = None
 ) -> dict[str, typing.Any]: ...
+def silhouette_spans(
+    depth: numpy.ndarray,
+    focal: typing.SupportsFloat | typing.SupportsIndex,
+    options: SilhouetteOptions,
+) -> numpy.ndarray: ...
 def simplify_qem(
     mesh: typing.Any, options: QemOptions, progress: typing.Any = None
 ) -> dict[str, typing.Any]: ...

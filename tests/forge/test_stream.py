@@ -84,7 +84,7 @@ def test_points_are_filled_between_and_never_outwards() -> None:
     filled = one(forge.stream([person()], wall(), **options)).mask
     mesh = one(forge.stream([person()], wall(), **(options | {"surface": "mesh"}))).mask
     assert holes.sum() < filled.sum()
-    across, down = (np.roll(holes, 1, axis) & np.roll(holes, -1, axis) for axis in (1, 0))
+    across, down = (np.roll(filled, 1, axis) & np.roll(filled, -1, axis) for axis in (1, 0))
     assert ((filled & ~holes) <= (across | down)).all()
     assert (filled & mesh).sum() / (filled | mesh).sum() > 0.8
 

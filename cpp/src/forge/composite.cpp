@@ -123,6 +123,7 @@ void fill_pinholes(DepthBuffer& image, std::vector<std::int64_t>& filled, float 
     const auto [near, far] = std::minmax(image.z[one], image.z[other]);
     return far < kInfinity && step.connects(near, far) ? 0.5F * (near + far) : kInfinity;
   };
+  const std::size_t begin = filled.size();
   std::vector<float> values;
   for (std::int64_t v = 0; v < image.rows; ++v) {
     for (std::int64_t u = 0; u < image.cols; ++u) {
@@ -138,7 +139,7 @@ void fill_pinholes(DepthBuffer& image, std::vector<std::int64_t>& filled, float 
       }
     }
   }
-  for (std::size_t i = 0; i < filled.size(); ++i) image.z[filled[i]] = values[i];
+  for (std::size_t i = 0; i < values.size(); ++i) image.z[filled[begin + i]] = values[i];
 }
 
 /// The person alone as the depth camera sees them.
@@ -152,7 +153,10 @@ DepthBuffer draw_depth(const PersonSurface& person, const SceneView& scene,
       if (pixel >= 0) image.nearer(pixel, vertex.z);
     }
     if (options.fill_pinholes && !person.in_place) {
-      fill_pinholes(image, filled, static_cast<float>(scene.camera.fx));
+      // Twice: where a row and a column without points cross, the first time fills the neighbours.
+      for (int pass = 0; pass < 2; ++pass) {
+        fill_pinholes(image, filled, static_cast<float>(scene.camera.fx));
+      }
     }
     return image;
   }
@@ -190,35 +194,35 @@ Rgb sample(const ColorView& image, float u, float v) {
   return rgb;
 }
 
-/// The colours of a person whose edges may fade.
+/// The colours of a person whose edges may fade, within a box of the image.
 class ColorPainter {
  public:
-  ColorPainter(const SceneView& scene, std::uint8_t* out)
+  ColorPainter(const SceneView& scene, const PixelBox& box, std::uint8_t* out)
       : scene_(scene.color),
+        box_(box),
         out_(out),
-        covered_(static_cast<std::size_t>(scene.color.rows * scene.color.cols), 0) {
+        covered_(static_cast<std::size_t>(box.width * box.height), 0) {
     std::copy_n(scene_.pixels, 3 * scene_.rows * scene_.cols, out_);
   }
 
+  /// @param pixel  Of the box.
   void paint(std::int64_t pixel, const Rgb& rgb) {
     covered_[pixel] = 1;
-    std::copy_n(rgb.begin(), 3, out_ + 3 * pixel);
-    const std::int64_t row = pixel / scene_.cols;
-    first_row_ = std::min(first_row_, row);
-    last_row_ = std::max(last_row_, row);
+    std::copy_n(rgb.begin(), 3, out_ + 3 * in_image(pixel));
+  }
+  [[nodiscard]] const std::uint8_t* painted(std::int64_t pixel) const {
+    return out_ + 3 * in_image(pixel);
   }
 
   /// The person's share of a pixel is that of the square of side 2 radius + 1 around it.
   void fade(int radius) {
-    if (radius == 0 || last_row_ < first_row_) return;
-    const std::int64_t cols = scene_.cols, size = 2 * radius + 1;
-    const std::int64_t v0 = std::max<std::int64_t>(first_row_ - radius, 0);
-    const std::int64_t v1 = std::min(last_row_ + radius, scene_.rows - 1);
+    if (radius == 0) return;
+    const std::int64_t cols = box_.width, rows = box_.height, size = 2 * radius + 1;
     std::vector<std::int32_t> column(static_cast<std::size_t>(cols), 0);
-    for (std::int64_t v = v0; v <= std::min(v0 + radius - 1, v1); ++v) add_row(v, 1, column);
-    for (std::int64_t v = v0; v <= v1; ++v) {
-      if (v + radius <= v1) add_row(v + radius, 1, column);
-      if (v - radius - 1 >= v0) add_row(v - radius - 1, -1, column);
+    for (std::int64_t v = 0; v < std::min<std::int64_t>(radius, rows); ++v) add_row(v, 1, column);
+    for (std::int64_t v = 0; v < rows; ++v) {
+      if (v + radius < rows) add_row(v + radius, 1, column);
+      if (v - radius - 1 >= 0) add_row(v - radius - 1, -1, column);
       std::int32_t sum = 0;
       for (std::int64_t u = 0; u < std::min<std::int64_t>(radius, cols); ++u) sum += column[u];
       for (std::int64_t u = 0; u < cols; ++u) {
@@ -226,15 +230,18 @@ class ColorPainter {
         if (u - radius - 1 >= 0) sum -= column[u - radius - 1];
         const std::int64_t pixel = v * cols + u;
         if (covered_[pixel] == 0 || sum == size * size) continue;
-        mix(pixel, sum, static_cast<std::int32_t>(size * size));
+        mix(in_image(pixel), sum, static_cast<std::int32_t>(size * size));
       }
     }
   }
 
  private:
+  [[nodiscard]] std::int64_t in_image(std::int64_t pixel) const {
+    return (box_.v0 + pixel / box_.width) * scene_.cols + box_.u0 + pixel % box_.width;
+  }
   void add_row(std::int64_t v, std::int32_t sign, std::vector<std::int32_t>& column) const {
-    const std::uint8_t* row = covered_.data() + v * scene_.cols;
-    for (std::int64_t u = 0; u < scene_.cols; ++u) column[u] += sign * row[u];
+    const std::uint8_t* row = covered_.data() + v * box_.width;
+    for (std::int64_t u = 0; u < box_.width; ++u) column[u] += sign * row[u];
   }
   void mix(std::int64_t pixel, std::int32_t own, std::int32_t whole) {
     for (std::int64_t k = 3 * pixel; k < 3 * pixel + 3; ++k) {
@@ -244,10 +251,28 @@ class ColorPainter {
   }
 
   ColorView scene_;
+  PixelBox box_;
   std::uint8_t* out_;
   std::vector<std::uint8_t> covered_;
-  std::int64_t first_row_ = std::numeric_limits<std::int64_t>::max(), last_row_ = -1;
 };
+
+/// The pixels of an image in which the vertices lie.
+PixelBox box_around(const std::vector<Drawn>& at, const ColorView& image) {
+  float u0 = kInfinity, v0 = kInfinity, u1 = -kInfinity, v1 = -kInfinity;
+  for (const Drawn& d : at) {
+    if (!(std::abs(d.u) + std::abs(d.v) < kInfinity)) continue;
+    u0 = std::min(u0, d.u);
+    u1 = std::max(u1, d.u);
+    v0 = std::min(v0, d.v);
+    v1 = std::max(v1, d.v);
+  }
+  const auto pixel = [](float value, std::int64_t size) {
+    return static_cast<std::int64_t>(std::clamp(value, 0.0F, static_cast<float>(size)));
+  };
+  if (!(u0 <= u1)) return {};
+  const std::int64_t left = pixel(u0, image.cols), top = pixel(v0, image.rows);
+  return {left, top, pixel(u1 + 2.0F, image.cols) - left, pixel(v1 + 2.0F, image.rows) - top};
+}
 
 /// Where each vertex's colour is in the image of the person's frame.
 std::vector<Drawn> texels_of(const PersonSurface& person) {
@@ -265,9 +290,9 @@ std::vector<Drawn> texels_of(const PersonSurface& person) {
   return texels;
 }
 
-/// Triangles of the person in the scene's colour camera.
+/// Triangles of the person in a box of the scene's colour image.
 void paint_faces(const PersonSurface& person, const SceneView& scene, const std::vector<Drawn>& at,
-                 const std::vector<Drawn>& in_depth, ColorPainter& painter) {
+                 const std::vector<Drawn>& in_depth, const PixelBox& box, ColorPainter& painter) {
   const std::vector<Drawn> texels = texels_of(person);
   std::vector<std::uint8_t> shown(in_depth.size(), 1);
   for (std::size_t i = 0; i < in_depth.size(); ++i) {
@@ -279,12 +304,15 @@ void paint_faces(const PersonSurface& person, const SceneView& scene, const std:
         static_cast<std::int64_t>(d.v + 0.5F) * scene.cols + static_cast<std::int64_t>(d.u + 0.5F);
     shown[i] = is_hidden(scene, pixel, d.z) ? 0 : 1;
   }
-  DepthBuffer image(scene.color.rows, scene.color.cols);
+  DepthBuffer image(box.height, box.width);
   for (std::int64_t f = 0; f < person.num_faces; ++f) {
     const std::int32_t i = person.faces[3 * f], j = person.faces[3 * f + 1],
                        k = person.faces[3 * f + 2];
     const int num_shown = shown[i] + shown[j] + shown[k];
-    const Drawn &a = at[i], &b = at[j], &c = at[k];
+    const auto in_box = [&](const Drawn& d) {
+      return Drawn{d.u - static_cast<float>(box.u0), d.v - static_cast<float>(box.v0), d.z};
+    };
+    const Drawn a = in_box(at[i]), b = in_box(at[j]), c = in_box(at[k]);
     const Drawn &ta = texels[i], &tb = texels[j], &tc = texels[k];
     if (num_shown == 0) continue;
     rasterize(a, b, c, image.rows, image.cols,
@@ -309,7 +337,7 @@ void paint_faces(const PersonSurface& person, const SceneView& scene, const std:
 /// One colour for each vertex's pixel; pinholes get the mean of the neighbours that have one.
 void paint_points(const PersonSurface& person, const SceneView& scene, const std::vector<Drawn>& at,
                   const std::vector<std::int64_t>& filled, const std::uint8_t* mask,
-                  const std::uint8_t* out, ColorPainter& painter) {
+                  ColorPainter& painter) {
   const std::vector<Drawn> texels = texels_of(person);
   DepthBuffer image(scene.rows, scene.cols);
   for (std::size_t i = 0; i < at.size(); ++i) {
@@ -325,7 +353,7 @@ void paint_points(const PersonSurface& person, const SceneView& scene, const std
     const std::int64_t u = pixel % scene.cols, v = pixel / scene.cols;
     const auto add = [&](std::int64_t neighbour) {
       if (!(image.z[neighbour] < kInfinity)) return;
-      for (std::size_t k = 0; k < 3; ++k) sum[k] += out[3 * neighbour + static_cast<int>(k)];
+      for (std::size_t k = 0; k < 3; ++k) sum[k] += painter.painted(neighbour)[k];
       ++count;
     };
     if (u > 0) add(pixel - 1);
@@ -336,6 +364,7 @@ void paint_points(const PersonSurface& person, const SceneView& scene, const std
     Rgb rgb;
     for (std::size_t k = 0; k < 3; ++k) rgb[k] = static_cast<std::uint8_t>(sum[k] / count);
     painter.paint(pixel, rgb);
+    image.z[pixel] = 0.0F;  // has a colour now, for those that are filled after it
   }
 }
 
@@ -387,17 +416,21 @@ void composite(const PersonSurface& person, const SceneView& scene, const Compos
     out.depth[i] = is_person ? static_cast<std::uint16_t>(1000.0F * z + 0.5F) : scene.depth[i];
   }
   if (scene.color.pixels == nullptr || out.color == nullptr) return;
-  ColorPainter painter(scene, out.color);
+  const PixelBox whole{0, 0, scene.color.cols, scene.color.rows};
   if (options.surface == CompositeSurface::kPoints && !scene.registration) {
-    paint_points(person, scene, at, filled, out.mask, out.color, painter);
-  } else if (!scene.registration) {
-    paint_faces(person, scene, at, at, painter);
-  } else {
-    const Projector camera(*scene.registration);
-    std::vector<Drawn> in_color(at.size());
-    for (std::size_t i = 0; i < at.size(); ++i) in_color[i] = camera(person.vertices + 3 * i);
-    paint_faces(person, scene, in_color, at, painter);
+    ColorPainter painter(scene, whole, out.color);
+    paint_points(person, scene, at, filled, out.mask, painter);
+    painter.fade(options.blend);
+    return;
   }
+  std::vector<Drawn> in_color(at);
+  if (scene.registration) {
+    const Projector camera(*scene.registration);
+    for (std::size_t i = 0; i < at.size(); ++i) in_color[i] = camera(person.vertices + 3 * i);
+  }
+  const PixelBox box = box_around(in_color, scene.color);
+  ColorPainter painter(scene, box, out.color);
+  if (!box.empty()) paint_faces(person, scene, in_color, at, box, painter);
   painter.fade(options.blend);
 }
 

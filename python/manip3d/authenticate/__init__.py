@@ -1,4 +1,4 @@
-"""Has this scan been edited? Detectors that look at a scan, and watermarks that prove it."""
+"""Has this scan or stream been edited? Detectors that look at it, watermarks that prove it."""
 
 from __future__ import annotations
 
@@ -46,6 +46,14 @@ from manip3d.authenticate._paper_watermark import (
 )
 from manip3d.authenticate._power import EDITS, measure_power
 from manip3d.authenticate._sensors import Sensor, identify_sensor, kitti_lattice
+from manip3d.authenticate._streams import (
+    StreamInspection,
+    StreamRegion,
+    StreamReport,
+    depth_noise,
+    inspect_stream,
+    inter_frame_noise,
+)
 from manip3d.authenticate._verdict import Calibration, Power, Processing, Region, Verdict
 from manip3d.authenticate._watermark import (
     EMBEDDINGS,
@@ -102,6 +110,9 @@ __all__ = [
     "Region",
     "Sensor",
     "SensorLattice",
+    "StreamInspection",
+    "StreamRegion",
+    "StreamReport",
     "SuspectRegion",
     "Tile",
     "Verdict",
@@ -111,6 +122,7 @@ __all__ = [
     "combined_verdict",
     "compare_paper",
     "density_consistency",
+    "depth_noise",
     "drive_scans",
     "drive_times",
     "embed_paper",
@@ -120,6 +132,8 @@ __all__ = [
     "generic_consistency",
     "identify_sensor",
     "inspect",
+    "inspect_stream",
+    "inter_frame_noise",
     "kitti_lattice",
     "measure_power",
     "noise_blocks",

@@ -1,4 +1,4 @@
-"""``manip3d inspect``: has this scan been edited?"""
+"""``manip3d inspect``: has this scan or RGB-D recording been edited?"""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from manip3d.io import SCAN_SUFFIXES
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from manip3d.authenticate import Inspection
+    from manip3d.authenticate import Inspection, StreamInspection
 
 EXIT_CODES = {"no_trace": 0, "tampered": 3, "processed": MISSED, "undecidable": MISSED}
 """Exit code of each verdict."""
@@ -76,11 +76,11 @@ def inspect(
     quiet: Quiet = False,
     jobs: Jobs = 0,
 ) -> None:
-    """Look for edits of a LiDAR scan.
+    """Look for edits of a LiDAR scan or an RGB-D recording.
 
     The exit code is 0 for no_trace, 3 for tampered, 4 for processed and undecidable. No verdict
     says that a scan is authentic: only a keyed watermark does. With -o the evidence is written: a
-    page with pictures and boxes (.html), or the numbers (.json).
+    page with pictures and boxes (.html), or the numbers (.json; of recordings only these).
 
     Example: manip3d inspect scan.bin -o evidence.html
     """
@@ -88,7 +88,10 @@ def inspect(
     from manip3d.io import read_scan
 
     codes = _exit_codes(policy)
-    expect_kind(source, "scan", verb="inspect")
+    if expect_kind(source, "scan", "recording", verb="inspect") == "recording" or _is_rgbd(source):
+        check_output(output, (".json",), force=force)
+        shell = Terminal(as_json=as_json, quiet=quiet)
+        raise typer.Exit(codes[inspect_recording(source, output, shell)])
     check_output(output, report.EVIDENCE_KINDS, force=force)
     check_output(rows, (".csv",), force=force)
     shell = Terminal(as_json=as_json, quiet=quiet)
@@ -120,6 +123,61 @@ def inspect(
         shell.say(f"appended to {log}: {digest}")
     shell.result({"source": source} | found.record(), lambda console: show(console, found))
     raise typer.Exit(codes[found.verdict])
+
+
+def _is_rgbd(source: str) -> bool:
+    """Whether an address is one of RGB-D frames."""
+    from manip3d import capture
+
+    scheme = source.partition(":")[0]
+    known = {kind.name for kind in capture.sources() if kind.frames == "rgbd"}
+    return (
+        not Path(source).exists()
+        and scheme in known
+        and not (scheme == "sim" and not source.startswith("sim:body"))
+    )
+
+
+def inspect_recording(source: str, output: Path | None, shell: Terminal) -> str:
+    """Inspect an RGB-D recording, print and write what was found, and return the verdict."""
+    import json
+
+    from manip3d import authenticate
+    from manip3d.cli.capture import open_source
+    from manip3d.io._files import atomic_write
+
+    with open_source(source, shell) as opened:
+        frames = list(opened) if not opened.is_live else opened
+        with shell.progress("inspect") as progress:
+            found = authenticate.inspect_stream(frames, progress=progress)
+    record = {"source": source} | found.record()
+    if output is not None:
+        atomic_write(output, (json.dumps(record, indent=1) + "\n").encode())
+        shell.say(f"wrote {output}")
+    shell.result(record, lambda console: show_stream(console, found))
+    return found.verdict
+
+
+def show_stream(console: Console, found: StreamInspection) -> None:
+    """Print the verdicts with their reasons and where something was inserted."""
+    console.print(f"{found.verdict}: {found.reason}", soft_wrap=True)
+    console.print()
+    rows = [
+        (r.name, r.verdict, "" if r.score is None else f"{r.score:.3f}", r.reason)
+        for r in found.detectors
+    ]
+    table(console, rows, ("detector", "verdict", "score", "reason"))
+    if found.power:
+        console.print()
+        cells = [
+            (name, f"{power.share:.0%}", f"{power.found} of {power.planted}")
+            for name, power in found.power.items()
+        ]
+        table(console, cells, ("forged streams", "found", "of which"))
+    if found.regions:
+        console.print()
+        boxes = [(str(r.frame), *(str(side) for side in r.box)) for r in found.regions[:20]]
+        table(console, boxes, ("frame", "column", "row", "width", "height"))
 
 
 def _exit_codes(policy: str) -> dict[str, int]:

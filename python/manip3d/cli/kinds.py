@@ -35,7 +35,7 @@ VERBS = {
     "range grid": "depth, info, view, convert",
     "depth": "depth, info, view",
     "packets": "info, view, convert (into scans, which inspect takes)",
-    "recording": "capture play, capture info, info, view, phantom render",
+    "recording": "capture play, capture info, info, view, inspect, forge stream, phantom render",
     "drive": "watermark, info, view, convert; inspect takes each of its scans",
     "picture": "depth, as --color",
     "results": "report",

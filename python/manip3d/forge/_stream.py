@@ -516,7 +516,8 @@ def _people(
     index = np.full(drawn.shape, NO_BODY, np.uint8)
     if scene.body_index is not None:
         index[:] = scene.body_index
-    taken = {int(body) for body in np.unique(index)} | {s.body for s in scene.skeletons}
+    used = np.flatnonzero(np.bincount(index.ravel(), minlength=256))
+    taken = {int(body) for body in used} | {s.body for s in scene.skeletons}
     body = next(number for number in count() if number not in taken)
     index[drawn] = body
     if moved is None or not drawn.any():

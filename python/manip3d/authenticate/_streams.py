@@ -1,0 +1,492 @@
+"""Was somebody put into this RGB-D stream? Frozen backgrounds, cut-out silhouettes, depth noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import islice, pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._util.checked import checked
+from manip3d._util.mappings import ReadOnlyMapping
+from manip3d._util.options import reporting
+from manip3d.authenticate._verdict import Calibration, Power, Processing, Verdict
+from manip3d.errors import InputError
+from manip3d.rgbd import RgbdFrame
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d._util.options import Progress
+
+    Mask = NDArray[np.bool_]
+    Depth = NDArray[np.uint16]
+
+SHARP = 0.6
+"""Share of sharp rows on the less sharp side of a silhouette from which on it is cut out. Clean
+frames on which it was fixed reach 0.42, forged ones with the person in place begin at 0.66."""
+
+MOST_FRAMES = 60
+"""Frames of a stream that are judged, spread over it in pairs."""
+
+_REGION = 32  # pixels
+_LEAST_PAIRS = 5
+_LEAST_VALID = 200  # pixels of a region that is looked at
+_LEAST_ROWS = 40  # of a silhouette that is judged
+_LEAST_NOISE = 0.5  # mm at 1 m: rendered images have less
+_LEAST_SPECKLES = 2e-4  # share of pixels; cameras lose 3e-4 and more, renderings 1.4e-4 at most
+_MOST_TINY = 5e-4  # share of pixels nearer than any camera measures
+_MOST_OFF_CENTRE = 0.1  # of the image's side
+_RELIEF = 0.25  # share of the depth: then a camera's shadow is several pixels wide
+_SIZES = {
+    (160, 120), (320, 240), (640, 480), (512, 424), (1280, 720), (848, 480), (640, 360),
+    (480, 270), (424, 240), (1280, 800), (640, 400), (640, 576), (320, 288), (512, 512),
+    (1024, 1024), (1280, 1024), (1280, 960), (1920, 1080), (2048, 1536), (3840, 2160),
+}  # fmt: skip
+
+CALIBRATION = Calibration(
+    "the turning person, the red kitchen of 7-Scenes and simulated people before a Kinect V2",
+    125,
+    0,
+    "structured light and time of flight; a few cameras of each; other people's compositors may "
+    "draw softer silhouettes",
+)
+"""Where `SHARP` comes from: clean frames, not those of `POWER`."""
+
+POWER: Mapping[str, Power] = ReadOnlyMapping({})
+
+
+@checked
+def depth_noise(
+    depth: NDArray[np.uint16], *, region: int = 32, sigma: float = 1.1
+) -> NDArray[np.float64]:
+    """Mean of abs(I - G I) in each square region of a depth image (section 5.2.1).
+
+    Parameters
+    ----------
+    depth : (H, W) uint16, millimetres
+        Pixels without a measurement count as depth 0: those that come and go are most of it.
+    region : int, pixels
+        Side of the regions; the last ones may be smaller.
+    sigma : float, pixels
+        Of the 5 x 5 Gaussian G; 1.1 is OpenCV's for that size.
+
+    Returns
+    -------
+    (rows, cols) float64, millimetres
+        IFN of the frame is their mean.
+
+    Raises
+    ------
+    InputError
+        Another shape or dtype, or an option out of range.
+    """
+    image = np.ascontiguousarray(depth)
+    if image.ndim != 2 or image.dtype != np.uint16:
+        raise InputError(f"depth: expected uint16 (H, W), got {image.dtype} {image.shape}")
+    options = _core.DepthNoiseOptions()
+    options.region, options.sigma = region, sigma
+    means = _core.depth_noise(image, options)
+    return np.asarray(means.reshape(-(-image.shape[0] // region), -1))
+
+
+@checked
+def inter_frame_noise(frames: Iterable[RgbdFrame]) -> NDArray[np.float64]:
+    """Return 2 abs(IFN_t - IFN_t+1) / (IFN_t + IFN_t+1) of each pair of neighbouring frames.
+
+    Parameters
+    ----------
+    frames : iterable of RgbdFrame
+
+    Returns
+    -------
+    (T - 1,) float64
+        0 where both frames have no noise at all.
+    """
+    noise = np.array([depth_noise(frame.depth).mean() for frame in frames])
+    return _relative_change(noise)
+
+
+def _relative_change(noise: NDArray[np.float64]) -> NDArray[np.float64]:
+    total = noise[:-1] + noise[1:]
+    return np.asarray(2.0 * np.abs(np.diff(noise)) / np.where(total > 0, total, 1.0))
+
+
+@dataclass(frozen=True)
+class StreamRegion:
+    """A place in the image with evidence of an edit.
+
+    Attributes
+    ----------
+    frame : int
+        Number of the frame.
+    box : (int, int, int, int)
+        First column, first row, width and height.
+    share : float
+        Of sharp rows on the less sharp side of the silhouette; 1 before a frozen background.
+    """
+
+    frame: int
+    box: tuple[int, int, int, int]
+    share: float
+
+
+@dataclass(frozen=True)
+class StreamReport:
+    """What one detector says of a stream.
+
+    Attributes
+    ----------
+    name : 'repetition', 'silhouettes' or 'noise'
+    verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
+    reason : str
+    score : float or None
+        The detector's own measure, larger is more suspicious; of ``noise`` smaller.
+    """
+
+    name: str
+    verdict: Verdict
+    reason: str
+    score: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class StreamInspection:
+    """What `inspect_stream` found.
+
+    Attributes
+    ----------
+    verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
+    reason : str
+    score : float or None
+        Of silhouettes: larger is more suspicious; None: there is none to judge.
+    p_value : None
+        No probability is stated.
+    regions : tuple of StreamRegion
+        Where something was inserted, frame by frame.
+    masks : (T, H, W) bool
+        Pixels of what was inserted, of the frames in ``numbers``; empty without evidence.
+    numbers : (T,) int64
+        Numbers of the frames that were judged.
+    processing : tuple of Processing
+        What was done to all images.
+    detectors : tuple of StreamReport
+    noise : (N - 1,) float64
+        Inter-frame noise of the judged pairs, as published.
+    power : mapping of str to Power
+        Share of forged streams found, by kind, as measured on streams that fixed no threshold.
+    calibration : Calibration
+    """
+
+    verdict: Verdict
+    reason: str
+    score: float | None
+    regions: tuple[StreamRegion, ...] = ()
+    masks: Mask = field(default_factory=lambda: np.zeros((0, 0, 0), np.bool_), repr=False)
+    numbers: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64), repr=False)
+    processing: tuple[Processing, ...] = ()
+    detectors: tuple[StreamReport, ...] = ()
+    noise: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0), repr=False)
+    power: Mapping[str, Power] = field(default_factory=lambda: POWER, repr=False)
+    calibration: Calibration = CALIBRATION
+    p_value: None = None
+
+    def record(self) -> dict[str, Any]:
+        """Return the result as JSON values, without the masks."""
+        return {
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "score": self.score,
+            "p_value": self.p_value,
+            "frames": len(self.numbers),
+            "median_inter_frame_noise": float(np.median(self.noise)) if len(self.noise) else None,
+            "processing": [vars(step) for step in self.processing],
+            "regions": [vars(region) for region in self.regions],
+            "detectors": [vars(report) for report in self.detectors],
+            "power": {k: {**vars(p), "share": p.share} for k, p in self.power.items()},
+            "calibration": vars(self.calibration),
+        }
+
+
+@checked
+def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) -> StreamInspection:
+    """Judge whether somebody was put into an RGB-D stream, by its depth images.
+
+    Parameters
+    ----------
+    frames : iterable of RgbdFrame
+        Consecutive frames of one camera. Of a sequence up to 60 are judged, in runs of 6 spread
+        over it; of an iterator the first 60.
+    progress : None, True or callable(fraction, message)
+
+    Returns
+    -------
+    StreamInspection
+
+    Raises
+    ------
+    InputError
+        There is no frame; frames differ in size.
+
+    Notes
+    -----
+    ``repetition``: a camera's depth is never the same twice; regions of 32 pixels without any
+    change over all pairs beside regions that change are a still background.
+    ``silhouettes``: where a person stands before a background, structured light casts a shadow
+    without measurements on one side, and time of flight mixes the light of both surfaces. A
+    silhouette that is sharp on both sides, from one pixel to the next, was cut out. ``noise``: the
+    published inter-frame noise, as a number without a verdict. Rendered images (no noise, no
+    speckles without a measurement) and
+    images without silhouettes are ``undecidable``; images of unusual size, rounded, doubled or
+    lossily coded ones are ``processed``. No verdict says that a stream is authentic.
+    """
+    some = _chosen(frames)
+    if not some:
+        raise InputError("frames: expected one at least, got none")
+    if any(frame.depth.shape != some[0].depth.shape for frame in some):
+        raise InputError("frames: expected images of one size")
+    with reporting(progress, "inspect") as report:
+        told = report or (lambda _: None)
+        noise = _relative_change(np.array([depth_noise(f.depth).mean() for f in some]))
+        told(0.4)
+        processing = _processing(some)
+        frozen, frozen_masks = _repetition(some)
+        told(0.6)
+        edges, edge_regions, edge_masks = _silhouettes(some)
+        told(1.0)
+    median = float(np.median(noise)) if len(noise) else None
+    published = StreamReport(
+        "noise", "undecidable", "the published measure is reported without a threshold", median
+    )
+    reports = (frozen, edges, published)
+    numbers = np.array([frame.number for frame in some], np.int64)
+    base: dict[str, Any] = {"numbers": numbers, "detectors": reports, "noise": noise}
+    if processing:
+        why = "; ".join(f"{step.kind}: {step.detail}" for step in processing)
+        return StreamInspection("processed", why, edges.score, processing=processing, **base)
+    if frozen.verdict == "tampered":
+        regions = tuple(
+            StreamRegion(frame.number, _box(mask), 1.0)
+            for frame, mask in zip(some, frozen_masks, strict=True)
+            if mask.any()
+        )
+        return StreamInspection(
+            "tampered", frozen.reason, edges.score, regions, frozen_masks, **base
+        )
+    if edges.verdict == "tampered":
+        return StreamInspection(
+            "tampered", edges.reason, edges.score, edge_regions, edge_masks, **base
+        )
+    if frozen.verdict == "processed":
+        return StreamInspection("processed", frozen.reason, edges.score, **base)
+    return StreamInspection(edges.verdict, edges.reason, edges.score, **base)
+
+
+def _chosen(frames: Iterable[RgbdFrame]) -> list[RgbdFrame]:
+    """All frames, or runs of six that are spread over a longer sequence."""
+    if not isinstance(frames, Sequence):
+        return list(islice(frames, MOST_FRAMES))
+    if len(frames) <= MOST_FRAMES:
+        return [frames[i] for i in range(len(frames))]
+    run = 6
+    starts = np.linspace(0, len(frames) - run, MOST_FRAMES // run).astype(int)
+    return [frames[int(start) + i] for start in starts for i in range(run)]
+
+
+def _box(mask: Mask) -> tuple[int, int, int, int]:
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    u, v = int(columns[0]), int(rows[0])
+    return u, v, int(columns[-1]) - u + 1, int(rows[-1]) - v + 1
+
+
+# --- Processing -------------------------------------------------------------------------------
+
+
+def _processing(frames: Sequence[RgbdFrame]) -> tuple[Processing, ...]:
+    """What was done to all images."""
+    found = []
+    height, width = frames[0].depth.shape
+    if (width, height) not in _SIZES and (height, width) not in _SIZES:
+        detail = f"no camera is known to give {width} x {height} pixels"
+        found.append(Processing("cropped", detail))
+    camera = frames[0].calibration.depth
+    off = max(abs(camera.cx / width - 0.5), abs(camera.cy / height - 0.5))
+    if not found and off > _MOST_OFF_CENTRE:
+        detail = f"the optical axis meets the image {off:.0%} of its side beside the middle"
+        found.append(Processing("cropped", detail))
+    some = frames[:: max(1, len(frames) // 6)]
+    values = np.unique(np.concatenate([np.unique(frame.depth) for frame in some]))
+    values = values[values > 0]
+    step = int(np.gcd.reduce(values)) if len(values) > 2 else 1
+    if step > 1:
+        found.append(Processing("rounded", f"all depths are multiples of {step} mm"))
+    tiny = np.mean([np.mean((f.depth > 0) & (f.depth < _LEAST_DEPTH)) for f in some])
+    if tiny > _MOST_TINY:
+        detail = f"{tiny:.2%} of the pixels are nearer than {_LEAST_DEPTH} mm: holes were smeared"
+        found.append(Processing("lossily coded", detail))
+    doubled = max(float(np.mean([_doubled(image) for image in pair])) for pair in zip(
+        *((f.depth, f.depth.T) for f in some), strict=True
+    ))  # fmt: skip
+    if doubled > _MOST_DOUBLED:
+        found.append(Processing("resampled", f"{doubled:.0%} of neighbouring lines are the same"))
+    return tuple(found)
+
+
+_LEAST_DEPTH = 150  # mm; no depth camera measures nearer
+_MOST_DOUBLED = 0.2
+
+
+def _doubled(image: Depth) -> float:
+    """Share of neighbouring rows with relief that are the same wherever both are measured."""
+    above, below = image[:-1], image[1:]
+    both = (above > 0) & (below > 0)
+    num_both = both.sum(axis=1)
+    differ = (both & (above != below)).sum(axis=1)
+    relief = (both[:, 1:] & both[:, :-1] & (np.diff(above.astype(np.int32), axis=1) != 0)).sum(1)
+    told = (num_both > 50) & (relief > 20)
+    same = told & (differ <= 0.01 * num_both)
+    return float(same.sum() / max(1, told.sum()))
+
+
+# --- Repetition -------------------------------------------------------------------------------
+
+
+def _repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
+    """Whether a part of the image never changes while another does, and what does."""
+    shape = frames[0].depth.shape
+    nothing = np.zeros((0, *shape), np.bool_)
+    pairs = [(a, b) for a, b in pairwise(frames) if b.number == a.number + 1] or list(
+        pairwise(frames)
+    )
+    if len(pairs) < _LEAST_PAIRS:
+        return StreamReport(
+            "repetition", "undecidable", "too few frames follow each other"
+        ), nothing
+    changes = np.zeros(tuple(-(-side // _REGION) for side in shape), np.int64)
+    valid = np.full(changes.shape, np.iinfo(np.int64).max)
+    for a, b in pairs:
+        changes += _by_region(a.depth != b.depth)
+        valid = np.minimum(valid, _by_region((a.depth > 0) & (b.depth > 0)))
+    looked_at = valid >= _LEAST_VALID
+    frozen = looked_at & (changes == 0)
+    moving = (changes > 0).sum()
+    share = float(frozen.sum() / max(1, looked_at.sum()))
+    if frozen.sum() >= 4 and share >= 0.05 and moving == 0:
+        return StreamReport("repetition", "processed", "all frames are the same", share), nothing
+    if frozen.sum() < 4 or share < 0.05:
+        return StreamReport("repetition", "no_trace", "depth changes everywhere", share), nothing
+    reason = f"{share:.0%} of the image never changes in {len(pairs)} pairs of frames"
+    return StreamReport("repetition", "tampered", reason, share), _unfrozen(frames)
+
+
+def _by_region(mask: Mask) -> NDArray[np.int64]:
+    """Pixels of a mask in each region."""
+    height, width = (-(-side // _REGION) * _REGION for side in mask.shape)
+    padded = np.zeros((height, width), np.bool_)
+    padded[: mask.shape[0], : mask.shape[1]] = mask
+    blocks = padded.reshape(height // _REGION, _REGION, width // _REGION, _REGION)
+    return np.asarray(blocks.sum(axis=(1, 3)), np.int64)
+
+
+def _unfrozen(frames: Sequence[RgbdFrame]) -> Mask:
+    """Measured pixels that do not show the value that their place shows in most frames."""
+    depths = np.stack([frame.depth for frame in frames])
+    middle = np.sort(depths, axis=0)[len(depths) // 2]  # a value of most frames is the median
+    usual = (depths == middle).mean(axis=0) >= 0.6
+    return np.asarray((depths > 0) & ~(usual & (depths == middle)))
+
+
+# --- Silhouettes ------------------------------------------------------------------------------
+
+
+def _silhouettes(
+    frames: Sequence[RgbdFrame],
+) -> tuple[StreamReport, tuple[StreamRegion, ...], Mask]:
+    """Whether what stands before the background was cut out, and where it is."""
+    shape = frames[0].depth.shape
+    masks = np.zeros((len(frames), *shape), np.bool_)
+    found = [_cut_out(frame) for frame in frames]
+    best = [max((object_.share for object_ in objects), default=None) for objects in found]
+    told = [share for share in best if share is not None]
+    nothing = masks[:0]
+    if 2 * len(told) < len(frames):
+        why = "too few silhouettes before a background to judge by"
+        return StreamReport("silhouettes", "undecidable", why), (), nothing
+    score = float(np.median(told))
+    if (doubt := _rendered(frames)) is not None:
+        return StreamReport("silhouettes", "undecidable", doubt, score), (), nothing
+    if score < SHARP:
+        why = "silhouettes are as soft as a camera's"
+        return StreamReport("silhouettes", "no_trace", why, score), (), nothing
+    regions = []
+    for frame, objects, mask in zip(frames, found, masks, strict=True):
+        for cut in objects:
+            if cut.share < SHARP:
+                continue
+            spans = cut.spans
+            inside = np.zeros((shape[0], shape[1] + 1), np.int32)
+            np.add.at(inside, (spans[:, 0], spans[:, 1]), 1)
+            np.add.at(inside, (spans[:, 0], spans[:, 2]), -1)
+            own = np.cumsum(inside, axis=1)[:, :-1] > 0
+            mask |= own & (frame.depth > 0)
+            regions.append(StreamRegion(frame.number, _box(own), cut.share))
+    why = f"silhouettes are sharp on both sides in {score:.0%} of their rows: cut out"
+    return StreamReport("silhouettes", "tampered", why, score), tuple(regions), masks
+
+
+@dataclass(frozen=True, eq=False)
+class _Cut:
+    share: float
+    spans: NDArray[np.int32]
+
+
+def _cut_out(frame: RgbdFrame) -> list[_Cut]:
+    """Things that stand before what is beside them, with how sharp their less sharp side is."""
+    options = _core.SilhouetteOptions()
+    options.min_relief = _RELIEF
+    depth = np.ascontiguousarray(frame.depth)
+    spans = _core.silhouette_spans(depth, frame.calibration.depth.fx, options)
+    if not len(spans):
+        return []
+    _, which = np.unique(spans[:, 3], return_inverse=True)
+    rows = np.bincount(which)
+    left, right = (np.bincount(which, weights=spans[:, side]) / rows for side in (6, 7))
+    share = np.minimum(left, right)
+    return [_Cut(float(share[i]), spans[which == i]) for i in np.flatnonzero(rows >= _LEAST_ROWS)]
+
+
+def _rendered(frames: Sequence[RgbdFrame]) -> str | None:
+    """Why images cannot be a camera's own; None: they can."""
+    speckles = float(np.mean([_speckles(frame.depth) for frame in frames]))
+    if speckles < _LEAST_SPECKLES:
+        return "hardly a pixel within a surface is missing: rendered, or filled afterwards"
+    noise = float(np.mean([_roughness(frame.depth) for frame in frames]))
+    if noise < _LEAST_NOISE:
+        return "depth has no noise: rendered or smoothed"
+    return None
+
+
+def _speckles(depth: Depth) -> float:
+    """Share of pixels at which up to four in a row have no measurement within one surface."""
+    missing = np.pad(depth == 0, ((0, 0), (1, 1)))
+    edges = np.diff(missing.astype(np.int8), axis=1)
+    row, begin = np.nonzero(edges == 1)
+    end = np.nonzero(edges == -1)[1]
+    short = (end - begin <= 4) & (begin > 0) & (end < depth.shape[1])
+    row, begin, end = row[short], begin[short], end[short]
+    before, after = (depth[row, column].astype(np.int64) for column in (begin - 1, end))
+    return float((np.abs(before - after) < 0.02 * before).sum() / depth.size)
+
+
+def _roughness(depth: Depth) -> float:
+    """Mean second difference along rows within surfaces, millimetres at 1 m."""
+    z = depth.astype(np.float64)
+    a, b, c = z[:, :-2], z[:, 1:-1], z[:, 2:]
+    near = 0.02 * b
+    inside = (np.minimum(np.minimum(a, b), c) > 0) & (np.abs(a - b) < near) & (np.abs(c - b) < near)
+    if not inside.any():
+        return 0.0
+    return float((np.abs(a + c - 2.0 * b)[inside] / (b[inside] / 1000.0) ** 2).mean())
