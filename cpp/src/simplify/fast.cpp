@@ -37,6 +37,7 @@ constexpr double kShareOfPass = 0.5;
 
 /// Below so many faces passes cost next to nothing, and the order matters more.
 constexpr double kShareOfSmallPass = 0.1;
+constexpr double kSmallCandidates = 1.0;
 constexpr std::int64_t kSmall = 5000;
 
 /// Candidates for each collapse that a pass wants: neighbours exclude each other.
@@ -704,11 +705,13 @@ class FastSimplifier {
     if (squared_limit_ < std::numeric_limits<float>::infinity()) {
       num_too_dear = std::count(keys_.begin(), keys_.end(), kTooDear);
     }
-    const double share = (num_faces() < kSmall ? kShareOfSmallPass : kShareOfPass) *
-                         static_cast<double>(num_faces()) / 2.0;
+    const bool is_small = num_faces() < kSmall;
+    const double share =
+        (is_small ? kShareOfSmallPass : kShareOfPass) * static_cast<double>(num_faces()) / 2.0;
     wanted_ = std::max<std::int64_t>(
         1, static_cast<std::int64_t>(std::min(0.5 * static_cast<double>(needed), share)));
-    const double most = patience_ * kCandidates * static_cast<double>(wanted_);
+    const double most =
+        patience_ * (is_small ? kSmallCandidates : kCandidates) * static_cast<double>(wanted_);
     double sum = 0.0;
     is_everything_ = true;
     std::uint32_t limit = kDearest;
