@@ -74,16 +74,18 @@ struct EdgeQuadric {
   void minimize() {
     const Real l = kPullToMiddle * weight + 1e-30F;
     const Real d0 = xx + l, half = 0.5F * l;
-    const Real l1 = xy / d0, l2 = xz / d0;
+    const Real r0 = 1.0F / d0;
+    const Real l1 = xy * r0, l2 = xz * r0;
     const Real d1 = yy + l - l1 * xy, m = yz - l1 * xz;
-    const Real l3 = m / d1;
+    const Real r1 = 1.0F / d1;
+    const Real l3 = m * r1;
     const Real d2 = zz + l - l2 * xz - l3 * m;
     const Real y0 = half * dx - bx;
     const Real y1 = half * dy - by - l1 * y0;
     const Real y2 = half * dz - bz - l2 * y0 - l3 * y1;
     uz = y2 / d2;
-    uy = y1 / d1 - l3 * uz;
-    ux = y0 / d0 - l1 * uy - l2 * uz;
+    uy = y1 * r1 - l3 * uz;
+    ux = y0 * r0 - l1 * uy - l2 * uz;
   }
 };
 

@@ -212,23 +212,60 @@ class QualitySimplifier {
 
   // --- The price of a collapse ---------------------------------------------------------------
 
+  /// A face with its part in a star.
+  struct StarFace {
+    Vector3d normal;  // twice the area long
+    double offset = 0.0, area = 0.0;
+    Quadric quadric;
+
+    void add_to(Star& star) const {
+      star.normal += normal;
+      star.offset += offset;
+      if (!(area > 0.0)) return;
+      star.quadric += quadric;
+      star.area += area;
+    }
+  };
+
+  [[nodiscard]] StarFace star_face(std::int32_t f, const Vector3d& p) const {
+    const Vector3d normal = area_vector(f);
+    const double length = normal.norm();
+    StarFace face{normal, normal.dot(p), 0.5 * length, {}};
+    if (length > 0.0) face.quadric = Quadric::plane(normal / length, p, 0.5 * length);
+    return face;
+  }
+
+  /// All edges of v are priced next: its own faces are looked at once.
+  void keep_star(std::int32_t v) {
+    center_ = v;
+    center_star_ = {};
+    center_faces_.clear();
+    mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t) {
+      center_faces_.push_back(star_face(f, mesh_.position(v)));
+      center_faces_.back().add_to(center_star_);
+    });
+  }
+
   [[nodiscard]] Star star_of(std::int32_t v, std::int32_t t) const {
     Star star;
     const auto add = [&](std::int32_t from, std::int32_t seen) {
+      std::size_t i = 0;
       mesh_.for_each_face(from, [&](std::int32_t f, std::int32_t c) {
+        const std::size_t here = i++;
         const auto& face = mesh_.face(f);
         if (face[(c + 1) % 3] == seen || face[(c + 2) % 3] == seen) return;
-        const Vector3d& p = mesh_.position(from);
-        const Vector3d normal = area_vector(f);
-        star.normal += normal;
-        star.offset += normal.dot(p);
-        const double length = normal.norm();
-        if (!(length > 0.0)) return;
-        star.quadric += Quadric::plane(normal / length, p, 0.5 * length);
-        star.area += 0.5 * length;
+        if (from == center_) {
+          center_faces_[here].add_to(star);
+        } else {
+          star_face(f, mesh_.position(from)).add_to(star);
+        }
       });
     };
-    add(v, -1);
+    if (v == center_) {
+      star = center_star_;
+    } else {
+      add(v, -1);
+    }
     add(t, v);
     return star;
   }
@@ -332,9 +369,11 @@ class QualitySimplifier {
 
   void push_edges(std::int32_t v) {
     mesh_.gather_ring(v, ring_v_);
+    keep_star(v);
     for (const RingEdge& edge : ring_v_.edges()) {
       push_edge(std::max(v, edge.vertex), std::min(v, edge.vertex), edge.num_faces);
     }
+    center_ = -1;
   }
 
   void push_all_edges() {
@@ -343,10 +382,12 @@ class QualitySimplifier {
       ticker.tick();
       if (mesh_.is_isolated(v)) continue;
       mesh_.gather_ring(v, ring_v_);
+      keep_star(v);
       for (const RingEdge& edge : ring_v_.edges()) {
         if (edge.vertex < v) push_edge(v, edge.vertex, edge.num_faces);
       }
     }
+    center_ = -1;
   }
 
   void push_piece(std::int32_t i) {
@@ -696,6 +737,9 @@ class QualitySimplifier {
   std::vector<Vector3d> colors_;           // of a vertex; empty: none
   bool is_textured_;
   double texture_length_ = 0.0;  // on the surface, of a unit of texture
+  std::int32_t center_ = -1;     // the vertex whose edges are being priced, or -1
+  Star center_star_;
+  std::vector<StarFace> center_faces_;
   FlatHeap<Entry> queue_;
   Rules rules_ = Rules::kAll;
   std::optional<DistanceGuard> guard_;  // of max_distance
