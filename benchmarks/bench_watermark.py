@@ -42,7 +42,8 @@ Task = Callable[[], object]
 
 def tasks(folder: Path) -> tuple[dict[str, Task], int]:
     """By name, and the number of points."""
-    from manip3d import LidarFrame, authenticate, read_scan
+    from manip3d import LidarFrame, authenticate
+    from manip3d.io import read_scan
 
     scan = read_scan(Path(os.environ["MANIP3D_DATA"]) / FRAME)
     scan = LidarFrame(scan.points, scan.intensity)

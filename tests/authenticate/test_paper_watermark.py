@@ -185,7 +185,7 @@ def test_reembedding_passes_as_printed_and_is_caught_with_a_key(tmp_path: Path) 
 @pytest.mark.realdata
 def test_reembedding_a_real_scan(realdata: RealData, tmp_path: Path) -> None:
     drive = "lidar/kitti_raw/2011_09_26/2011_09_26_drive_0002_sync/velodyne_points/data"
-    scan = without_ties(manip3d.read_scan(realdata(f"{drive}/0000000000.bin.xz")))
+    scan = without_ties(manip3d.io.read_scan(realdata(f"{drive}/0000000000.bin.xz")))
     assert check_forgery(scan, tmp_path, 1000, 1.0, 9.0) > 1000
 
 
@@ -201,12 +201,12 @@ def test_no_wrong_bit_on_real_scans(realdata: RealData, tmp_path: Path, embeddin
     )
     assert len(paths) >= 40
     for number, path in enumerate(paths):
-        scan = manip3d.read_scan(path)
+        scan = manip3d.io.read_scan(path)
         sent = embed_paper(scan, blocks, embedding=embedding, frame=number)
         moved = sent.frame.points.astype(np.float64) - scan.points
         farthest = np.sqrt((moved**2).sum(axis=1)).max()
         assert farthest <= MAX_MOVE_M[embedding] + 1.4e-5  # float32 at 80 m
         copy = tmp_path / "copy.bin"
         sent.frame.select(np.random.default_rng(number).permutation(scan.num_points)).write(copy)
-        found = compare_paper(manip3d.read_scan(copy), blocks, sent.metadata)
+        found = compare_paper(manip3d.io.read_scan(copy), blocks, sent.metadata)
         assert found.verdict == "consistent", path

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from watermark_scans import key_file
 
-from manip3d import LidarFrame, read_scan
+from manip3d import LidarFrame
 from manip3d.authenticate import MAX_MOVE_M, KeyFile, Policy, Watermarker
 from manip3d.errors import InputError
-from manip3d.io import SCAN_SUFFIXES
+from manip3d.io import SCAN_SUFFIXES, read_scan
 from real_data import RealData
 
 pytestmark = pytest.mark.realdata

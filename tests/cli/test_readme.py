@@ -175,7 +175,7 @@ def make_watermark(words: list[str], place: Path) -> None:
     manip3d.LidarFrame(scan, np.zeros(len(scan), np.float32)).write(scans / "0000000000.bin")
     if words[1] == "verify":
         marker = manip3d.authenticate.Watermarker(key)
-        sent = marker.embed(manip3d.read_scan(scans / "0000000000.bin"), is_end=True)
+        sent = marker.embed(manip3d.io.read_scan(scans / "0000000000.bin"), is_end=True)
         signed = place / "signed" / "velodyne_points" / "data"
         manip3d.authenticate.write_watermarked(sent, signed / "0000000000.bin")
 

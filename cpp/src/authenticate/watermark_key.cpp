@@ -21,7 +21,7 @@ namespace manip3d {
 namespace fs = std::filesystem;
 namespace {
 
-constexpr std::string_view kMagic = "m3d-key1";
+constexpr std::string_view kKeyMagic = "m3d-key1";
 constexpr std::uint8_t kRootKey = 1;
 // Offsets of the fields of the file.
 constexpr std::size_t kKind = 8, kId = 16, kCreated = 32, kExpires = 40, kKey = 48, kChecksum = 80;
@@ -123,7 +123,7 @@ void WatermarkKey::create(const fs::path& path, std::int64_t created_ns, std::in
   }
   SecretBytes bytes(kFileSize);
   std::memset(bytes.data(), 0, bytes.size());
-  std::copy(kMagic.begin(), kMagic.end(), bytes.data());
+  std::copy(kKeyMagic.begin(), kKeyMagic.end(), bytes.data());
   bytes.data()[kKind] = kRootKey;
   randombytes_buf(bytes.data() + kId, sizeof(WatermarkId));
   store(created_ns, bytes.data() + kCreated);
@@ -162,7 +162,7 @@ WatermarkKey::WatermarkKey(const fs::path& path) {
 WatermarkKey::WatermarkKey(const SecretBytes& file) { parse(file.span()); }
 
 void WatermarkKey::parse(std::span<const std::uint8_t> bytes) {
-  if (bytes.size() != kFileSize || !std::equal(kMagic.begin(), kMagic.end(), bytes.begin())) {
+  if (bytes.size() != kFileSize || !std::equal(kKeyMagic.begin(), kKeyMagic.end(), bytes.begin())) {
     throw FormatError::at_byte(0, "expected a key file, which begins with m3d-key1");
   }
   std::array<std::uint8_t, 32> expected{};

@@ -9,7 +9,7 @@
 namespace manip3d {
 namespace {
 
-constexpr std::string_view kMagic = "m3d-wm01";
+constexpr std::string_view kRecordMagic = "m3d-wm01";
 constexpr std::uint8_t kGenesis = 1, kEnd = 2, kContext = 8;
 constexpr std::size_t kPerTile = 20;
 
@@ -75,7 +75,7 @@ void check_merge_map(const WatermarkHeader& header, const Reader& reader) {
 
 std::vector<std::uint8_t> header_bytes(const WatermarkHeader& header) {
   Writer out;
-  out.put_all(kMagic);
+  out.put_all(kRecordMagic);
   out.put(header.suite);
   out.put(static_cast<std::uint8_t>(header.embedding));
   out.put(header.carrier);
@@ -103,8 +103,8 @@ WatermarkRecord WatermarkRecord::parse(std::span<const std::uint8_t> bytes) {
     throw FormatError::at_byte(kMaxSize, "expected a record of at most 16384 bytes");
   }
   Reader in(bytes);
-  in.need(kMagic.size());
-  if (!std::equal(kMagic.begin(), kMagic.end(), bytes.begin())) {
+  in.need(kRecordMagic.size());
+  if (!std::equal(kRecordMagic.begin(), kRecordMagic.end(), bytes.begin())) {
     in.fail("expected a record, which begins with m3d-wm01");
   }
   in.get<std::uint64_t>();

@@ -56,7 +56,7 @@ constexpr float kFarthest = 4.0F;
 constexpr std::int64_t kHubPatience = 1 << 14;
 
 /// A piece that vanishes is missed more than its distance says; this is squared, like all prices.
-constexpr double kPieceFactor = 4.0;
+constexpr double kFastPieceFactor = 4.0;
 
 /// Tasks that share the vertices when neighbourhoods are looked up.
 constexpr int kAdjacencyTasks = 2;
@@ -66,7 +66,7 @@ constexpr std::uint32_t kTooDear = 0xFFFFFFFEU;  // above max_error
 constexpr std::uint32_t kDearest = 0x7F800000U;  // infinity, as an order of prices
 
 /// What is forbidden, as in the quality mode.
-enum class Rules : std::uint8_t { kAll, kAnyEdges, kFlips };
+enum class FastRules : std::uint8_t { kAll, kAnyEdges, kFlips };
 
 /// Prices are not negative, so their bits have their order.
 std::uint32_t key_of(float price) {
@@ -75,16 +75,16 @@ std::uint32_t key_of(float price) {
 }
 
 /// An edge of a face, with its price: sorted by price, then by place.
-struct Candidate {
+struct PricedEdge {
   std::uint32_t key;
   std::uint32_t slot;  // 3 face + corner
 };
 
 /// Stable radix sort by 16 bits of what the keys differ in.
-void sort_candidates(std::vector<Candidate>& items, std::vector<Candidate>& other) {
+void sort_candidates(std::vector<PricedEdge>& items, std::vector<PricedEdge>& other) {
   if (items.size() < 2) return;
   std::uint32_t least = kNoEdge, most = 0;
-  for (const Candidate& item : items) {
+  for (const PricedEdge& item : items) {
     least = std::min(least, item.key);
     most = std::max(most, item.key);
   }
@@ -92,13 +92,13 @@ void sort_candidates(std::vector<Candidate>& items, std::vector<Candidate>& othe
   other.resize(items.size());
   for (int pass = 0; pass < 2; ++pass) {
     std::array<std::uint32_t, 256> start{};
-    const auto digit = [&](const Candidate& item) {
+    const auto digit = [&](const PricedEdge& item) {
       return (((item.key - least) >> shift) >> (8 * pass)) & 255U;
     };
-    for (const Candidate& item : items) ++start[digit(item)];
+    for (const PricedEdge& item : items) ++start[digit(item)];
     std::uint32_t sum = 0;
     for (std::uint32_t& count : start) sum += std::exchange(count, sum);
-    for (const Candidate& item : items) other[start[digit(item)]++] = item;
+    for (const PricedEdge& item : items) other[start[digit(item)]++] = item;
     items.swap(other);
   }
 }
@@ -116,8 +116,8 @@ struct Fan {
 
 /// What one task needs and counts.
 struct Worker {
-  std::vector<Candidate> candidates, sorted;
-  std::vector<Candidate> crossing;  // edges of this block that touch others
+  std::vector<PricedEdge> candidates, sorted;
+  std::vector<PricedEdge> crossing;  // edges of this block that touch others
   Fan first, second;
   std::vector<std::pair<std::int32_t, std::int32_t>> wedge_pairs;
   std::vector<std::int32_t> merged_wedges;
@@ -542,7 +542,7 @@ class FastSimplifier {
 
   /// In the unit of the collapses' prices: squared distance times area, per two faces.
   [[nodiscard]] double piece_price(std::int32_t i) const {
-    return kPieceFactor * pieces_->cost(i) * pieces_->mean_distance(i) * 2.0 /
+    return kFastPieceFactor * pieces_->cost(i) * pieces_->mean_distance(i) * 2.0 /
            static_cast<double>(pieces_->num_faces(i));
   }
 
@@ -611,10 +611,10 @@ class FastSimplifier {
     gather_candidates(limit);
     // With flips allowed some faces double others and go too: the target is neared by halves.
     const std::int64_t quota =
-        rules_ == Rules::kFlips ? (needed + 1) / 2 : std::min(needed, 2 * wanted_);
+        rules_ == FastRules::kFlips ? (needed + 1) / 2 : std::min(needed, 2 * wanted_);
     collapse_blocks(quota);
     const std::int64_t made = collapse_crossing(quota);
-    if (rules_ != Rules::kAll) result_.relaxed_collapses += made;
+    if (rules_ != FastRules::kAll) result_.relaxed_collapses += made;
     if (made > 0) compact();
     const double price_limit = std::bit_cast<float>(std::min(limit, kDearest));
     const std::int64_t vanished = remove_pieces(is_everything_ ? 0.0 : price_limit, Choice::kCheap);
@@ -631,8 +631,8 @@ class FastSimplifier {
     if (num_too_dear > 0) count(Rejection::kErrorLimit) += num_too_dear;
     if (options_.target_faces > 0 && count(Rejection::kErrorLimit) == 0) {
       if (remove_pieces(0.0, Choice::kCheapest) > 0) return true;
-      if (rules_ != Rules::kFlips) {
-        rules_ = rules_ == Rules::kAll ? Rules::kAnyEdges : Rules::kFlips;
+      if (rules_ != FastRules::kFlips) {
+        rules_ = rules_ == FastRules::kAll ? FastRules::kAnyEdges : FastRules::kFlips;
         return true;
       }
       if (made == 0 && remove_pieces(0.0, Choice::kAny) > 0) return true;
@@ -741,7 +741,7 @@ class FastSimplifier {
       for (std::int64_t slot = 3 * begin; slot < 3 * end; ++slot) {
         const std::uint32_t key = keys_[slot];
         if (key > limit) continue;
-        const Candidate candidate{key, static_cast<std::uint32_t>(slot)};
+        const PricedEdge candidate{key, static_cast<std::uint32_t>(slot)};
         const auto [v, t] = edge_at(candidate.slot);
         const bool inside = block_of(v) == block && block_of(t) == block;
         (inside ? worker.candidates : worker.crossing).push_back(candidate);
@@ -796,12 +796,12 @@ class FastSimplifier {
     return collapses + worker.collapses;
   }
 
-  void collapse_in_order(const std::vector<Candidate>& candidates, Worker& worker,
+  void collapse_in_order(const std::vector<PricedEdge>& candidates, Worker& worker,
                          std::int64_t quota, bool may_exceed) {
     for (std::size_t i = 0; i < candidates.size(); ++i) {
       if (worker.removed >= quota) break;
       prefetch(candidates, i);
-      const Candidate& candidate = candidates[i];
+      const PricedEdge& candidate = candidates[i];
       const auto [v, t] = edge_at(candidate.slot);
       if (is_taken_[v] != 0 || is_taken_[t] != 0) continue;
       if (is_hub(v) || is_hub(t)) continue;
@@ -816,7 +816,7 @@ class FastSimplifier {
   }
 
   /// Asks the memory for what the next candidates will touch: they lie anywhere in the block.
-  void prefetch(const std::vector<Candidate>& candidates, std::size_t i) const {
+  void prefetch(const std::vector<PricedEdge>& candidates, std::size_t i) const {
     constexpr std::size_t kSoon = 2, kLater = 4, kLast = 8;
     const auto ahead = [&](std::size_t steps, const auto& body) {
       if (i + steps < candidates.size()) body(candidates[i + steps].slot);
@@ -867,7 +867,7 @@ class FastSimplifier {
     const auto num_gone = static_cast<std::int64_t>(first.across.size());
     if (num_gone == 0 || num_gone > quota) return std::nullopt;  // another one may fit
     if (first.rest.empty() && second.rest.empty()) return Rejection::kDegenerate;
-    if (rules_ != Rules::kFlips) {
+    if (rules_ != FastRules::kFlips) {
       if (const auto reason = check_links(v, t, first, second)) return reason;
     }
     const EdgeQuadric<float> edge(vertices_[v], vertices_[t]);
@@ -919,7 +919,7 @@ class FastSimplifier {
       const bool across_a = is_across(a);
       for (const auto& [x, y] : second.rest) {
         if ((x == a && y == b) || (x == b && y == a)) return Rejection::kDuplicate;
-        if (rules_ != Rules::kAll) continue;
+        if (rules_ != FastRules::kAll) continue;
         if (is_simple) {
           if (a == x && !across_a) return Rejection::kLink;
         } else if (((a == x || a == y) && makes_edge_of_three(a, first, second)) ||
@@ -965,7 +965,7 @@ class FastSimplifier {
     for (const auto& side : s1) {
       if (std::binary_search(s2.begin(), s2.end(), side)) return Rejection::kDuplicate;
     }
-    if (rules_ != Rules::kAll) return std::nullopt;
+    if (rules_ != FastRules::kAll) return std::nullopt;
     const auto e1 = ends(first), e2 = ends(second);
     auto across = first.across;
     std::sort(across.begin(), across.end());
@@ -1005,7 +1005,7 @@ class FastSimplifier {
         const float longest =
             std::max({ea.squaredNorm(), eb.squaredNorm(), (pb - pa).squaredNorm()});
         if (!(area > kLeastSquaredSine * longest * longest)) return Rejection::kDegenerate;
-        if (rules_ == Rules::kFlips || !(area_before > 0.0F)) continue;
+        if (rules_ == FastRules::kFlips || !(area_before > 0.0F)) continue;
         const float cosine = before.dot(after);
         if (!(cosine > 0.0F && cosine * cosine > kLeastSquaredCosine * area * area_before)) {
           return Rejection::kFlip;
@@ -1227,7 +1227,7 @@ class FastSimplifier {
       to += length;
     }
     resize_faces(to);
-    if (rules_ == Rules::kFlips) remove_double_faces();
+    if (rules_ == FastRules::kFlips) remove_double_faces();
   }
 
   /// Of faces on the same three vertices the first one stays.
@@ -1402,7 +1402,7 @@ class FastSimplifier {
   double patience_ = 1.0;       // candidates for each collapse that is wanted
   std::int64_t wanted_ = 1;     // collapses of this pass
   bool is_everything_ = false;  // all edges were candidates
-  Rules rules_ = Rules::kAll;
+  FastRules rules_ = FastRules::kAll;
   double piece_error_ = 0.0;
   double fraction_ = 0.0;
   QualityResult result_;

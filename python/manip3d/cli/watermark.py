@@ -95,7 +95,8 @@ def embed(
 
     Example: manip3d watermark embed drive --key sensor.key -o signed
     """
-    from manip3d import authenticate, read_scan
+    from manip3d import authenticate
+    from manip3d.io import read_scan
 
     shell = Terminal(as_json=as_json, quiet=quiet)
     scans = _scans(source, "watermark embed")
@@ -171,7 +172,8 @@ def verify(
 
     Example: manip3d watermark verify signed --key sensor.key
     """
-    from manip3d import authenticate, read_scan
+    from manip3d import authenticate
+    from manip3d.io import read_scan
 
     shell = Terminal(as_json=as_json, quiet=quiet)
     check_output(report, (".json",), force=force)
