@@ -11,14 +11,15 @@
 
 namespace manip3d {
 
-inline constexpr float kGirths = 0.1F;   // of their mean: 0.09 to 0.12 in the survey of BoneRule::kSkin
-inline constexpr float kJoints = 0.01F;  // metres: jitter of a Kinect V2's joints
-inline constexpr float kOutlier = 3.0F;  // standard deviations that are not chance any more
+inline constexpr float kGirths =
+    0.1F;  // of their mean: 0.09 to 0.12 in the survey of BoneRule::kSkin
+inline constexpr float kJointJitter = 0.01F;  // metres: jitter of a Kinect V2's joints
+inline constexpr float kOutlier = 3.0F;       // standard deviations that are not chance any more
 
 /// By how much the skin at a place of a bone is likely to be off, metres: standard deviation.
 inline float spread(float radius) {
   const float girth = kGirths * radius;
-  return std::sqrt(girth * girth + kJoints * kJoints);
+  return std::sqrt(girth * girth + kJointJitter * kJointJitter);
 }
 
 /// Bones as arrays of coordinates, for loops over bones and over points.
@@ -55,9 +56,9 @@ struct BoneTable {
       taper[i] = std::clamp(bones.radii[i].end - radius[i], -length, length);
       slope[i] = is_point ? 1.0F : 1.0F + std::abs(taper[i]) / length;
       const float from = spread(radius[i]), to = spread(radius[i] + taper[i]);
-      certainty[i] = kJoints / from;
-      firmer[i] = kJoints / to - certainty[i];
-      outer[i] = radius[i] + kOutlier * (from - kJoints);
+      certainty[i] = kJointJitter / from;
+      firmer[i] = kJointJitter / to - certainty[i];
+      outer[i] = radius[i] + kOutlier * (from - kJointJitter);
       widens[i] = taper[i] + kOutlier * (to - from);
       has_radii = has_radii || bones.radii[i].start != 0.0F || bones.radii[i].end != 0.0F;
     }
@@ -78,8 +79,8 @@ struct BoneTable {
   }
 
   /// What the nearness of a skin is judged by, from the distance to the bone: the distance to the
-  /// skin in standard deviations times kJoints; from kOutlier of them on it grows as metres do, so
-  /// that of bones that are all far off the nearest one wins.
+  /// skin in standard deviations times kJointJitter; from kOutlier of them on it grows as metres
+  /// do, so that of bones that are all far off the nearest one wins.
   [[nodiscard]] float judged(std::size_t i, float distance, float along) const {
     const float skin = distance - (radius[i] + along * taper[i]);
     const float far = distance - (outer[i] + along * widens[i]);
