@@ -98,7 +98,7 @@ EXPERIMENT = Experiment(
     figures=_phantom.panels,
     notes=(
         _streams.NOTE,
-        "A pixel of the trunk or an arm is right if its bone is of the same part. True bones of the "
+        "A pixel of trunk or arm is right if its bone is of the same part. True bones of the "
         "trunk are those nearest at rest, which favours Voronoi regions there.",
     ),
 )
