@@ -50,7 +50,7 @@ def tell(folder: Path, *, data: Any, seed: int, jobs: int, terminal: Terminal) -
     from manip3d.report.demo import run_demo
 
     refuse_foreign_folder(folder, force=False)
-    terminal.say("four stories, then the tables; about two minutes on two cores")
+    terminal.say("five stories, then the tables; about two minutes on two cores")
     try:
         with terminal.progress("demo") as bar:
             done = run_demo(folder, data=data, seed=seed, jobs=jobs, progress=bar or terminal.line)

@@ -1,4 +1,4 @@
-"""The demo: four stories with pictures and their commands, then the numbers, as one page."""
+"""The demo: five stories with pictures and their commands, then the numbers, as one page."""
 
 from __future__ import annotations
 
@@ -37,6 +37,12 @@ _LEADS = {
     "scan": (
         "Somebody pastes a car into the scan of a street. The detectors know how a scanner "
         "measures: what it would have hidden, and how its points spread with distance."
+    ),
+    "proof": (
+        "Forensics can miss an edit; a key cannot be guessed. The scanner's owner embeds a keyed "
+        "watermark in the lowest bits of the points, somebody moves an object, and the verifier "
+        "says in which sectors. The key is drawn anew each time, so these files differ in their "
+        "lowest bits."
     ),
 }
 
