@@ -98,7 +98,7 @@ EXPERIMENT = Experiment(
     figures=_phantom.panels,
     notes=(
         _streams.NOTE,
-        "Of trunk and arms, a pixel is right if its bone is one of the same part. True bones of the "
-        "trunk are those nearest at rest, which favours Voronoi regions there.",
+        "Of trunk and arms, a pixel is right if its bone is one of the same part. True bones of "
+        "the trunk are those nearest at rest, which favours Voronoi regions there.",
     ),
 )
