@@ -24,6 +24,7 @@ FEWEST_VIEWS = {
     "02_mesh_simplification": 2,
     "03_depth_simplification": 3,
     "04_phantom_limb": 2,
+    "05_stream_forgery": 2,
     "06_lidar_forensics": 3,
 }
 
@@ -155,6 +156,7 @@ OWN_FILES: dict[str, tuple[Callable[[Path], str], str, type]] = {
     "02_mesh_simplification": (write_model, "original", manip3d.Mesh),
     "03_depth_simplification": (write_depth, "depth", np.ndarray),
     "04_phantom_limb": (write_recording, "frame", manip3d.RgbdFrame),
+    "05_stream_forgery": (write_recording, "frame", manip3d.RgbdFrame),
     "06_lidar_forensics": (write_scan, "scan", manip3d.LidarFrame),
 }
 
@@ -179,6 +181,8 @@ def test_takes_the_readers_own_file(
         assert values["color"].shape == (*values["depth"].shape, 3)
         assert values["color"].dtype == np.uint8
         assert values["camera"].width == values["depth"].shape[1]
+    if name.startswith("05"):
+        assert len(values["frames"]) == len(values["scenes"]) == 2
     if name.startswith("04"):
         assert values["missing"] == "left_arm"
         assert len(values["frames"]) == 2

@@ -176,3 +176,17 @@ def test_wrong_arguments_are_named() -> None:
             forge.stream([person()], wall(), **options)  # type: ignore[arg-type]
     with pytest.raises(InputError, match="background: expected a frame at least"):
         forge.stream([person()], [], kind=1)
+
+
+def test_single_lost_pixels_of_a_moved_person_are_filled() -> None:
+    source = person()
+    depth = source.depth.copy()
+    rows, columns = np.nonzero(np.asarray(source.body_index == 0))
+    inside = np.flatnonzero((rows > 60) & (rows < 90) & (np.abs(columns - 96) < 8))[::40]
+    assert len(inside) > 5
+    depth[rows[inside], columns[inside]] = 0
+    whole, speckled = (
+        one(forge.stream([replace(source, depth=d)], wall(), kind=1, move=(0, 0, 0.2))).mask
+        for d in (source.depth, depth)
+    )
+    assert (whole ^ speckled).sum() <= 2

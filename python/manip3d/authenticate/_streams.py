@@ -56,7 +56,17 @@ CALIBRATION = Calibration(
 )
 """Where `SHARP` comes from: clean frames, not those of `POWER`."""
 
-POWER: Mapping[str, Power] = ReadOnlyMapping({})
+_STREAMS = "8 simulated people of other seeds, 8 of UTD-MHAD before the turning person's wall"
+POWER: Mapping[str, Power] = ReadOnlyMapping(
+    {
+        "still background": Power(32, 32, source=_STREAMS),
+        "running background": Power(32, 32, source=_STREAMS),
+        "running background, moving camera": Power(
+            6, 16, source="8 people of UTD-MHAD in the red kitchen of 7-Scenes"
+        ),
+    }
+)
+"""Forged streams of `manip3d.forge.stream`, both types, that are found; from ``figure-5.8``."""
 
 
 @checked

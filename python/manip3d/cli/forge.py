@@ -500,7 +500,7 @@ def forge_stream(
     ] = (0.0, 0.0, 0.0),
     blend: Annotated[
         int, typer.Option(min=0, max=64, help="Pixels over which the person's edge fades.")
-    ] = 2,
+    ] = 1,
     frames: MostFrames = None,
     force: Force = False,
     as_json: Json = False,

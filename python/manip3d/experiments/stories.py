@@ -434,8 +434,8 @@ def _proof_commands(recorded: bool) -> list[str]:
 
 
 def _tell_proof(folder: Path, printed: Sequence[Any]) -> Shown:
-    from manip3d import read_scan
     from manip3d.experiments._scan_pictures import Eye, draw_scan
+    from manip3d.io import read_scan
 
     embedded, clean, _, found = printed[-4:]
     truth = json.loads((folder / "moved.bin.truth.json").read_text(encoding="utf-8"))

@@ -18,7 +18,7 @@ enum class CompositeSurface : std::uint8_t {
 struct CompositeOptions {
   CompositeSurface surface = CompositeSurface::kMesh;
   bool fill_pinholes = true;  ///< Of points: from 4-neighbours on both sides, never outwards.
-  int blend = 2;              ///< Colour pixels over which the person's edge fades; 0: none.
+  int blend = 1;              ///< Colour pixels over which the person's edge fades; 0: none.
 };
 
 /// A colour image, borrowed; (rows, cols, 3) R, G, B.

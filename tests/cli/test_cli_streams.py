@@ -1,0 +1,88 @@
+"""``manip3d forge stream`` and ``manip3d inspect`` of recordings, as a user types them."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capsule_body import SMALL, frame, pose
+from manip3d import capture, forge
+
+
+def manip3d(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "manip3d", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "COLUMNS": "200"},
+        timeout=120,
+    )
+
+
+@pytest.fixture
+def person(tmp_path: Path) -> Path:
+    """A person who stands before a noisy wall for 8 frames."""
+    frames = []
+    for number in range(8):
+        seen = frame(pose(), SMALL, number=number)
+        rng = np.random.default_rng(number)
+        wall = np.rint(3600 + 20 * rng.standard_normal(seen.depth.shape)).astype(np.uint16)
+        wall[rng.random(wall.shape) < 0.003] = 0
+        frames.append(replace(seen, depth=np.where(seen.depth > 0, seen.depth, wall)))
+    capture.record(frames, tmp_path / "person")
+    return tmp_path / "person"
+
+
+def test_forge_writes_a_recording_and_its_truth(person: Path, tmp_path: Path) -> None:
+    out = tmp_path / "forged"
+    command = ("forge", "stream", person, "--type", 2, "--pose", person, "-o", out)
+    done = manip3d(*command, "--json")
+    assert done.returncode == 0, done.stderr
+    record = json.loads(done.stdout)
+    assert (record["frames"], record["type"], record["frames_without_person"]) == (8, 2, 0)
+    truth = forge.read_stream_truth(tmp_path / "forged.truth.npz")
+    assert truth.masks.mean() == pytest.approx(record["forged_share"])
+    assert capture.open_rgbd(f"folder:{out}").num_frames == 8
+    refused = manip3d(*command)
+    assert refused.returncode == 1
+    assert "exists already; --force replaces it" in refused.stderr
+    assert manip3d(*command, "--force", "-q").returncode == 0
+
+
+def test_forge_names_wrong_options(person: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    done = manip3d("forge", "stream", person, "--type", 2, "-o", out)
+    assert done.returncode == 1
+    assert "pose: expected a motion for type 2" in done.stderr
+    assert manip3d("forge", "stream", person, "--type", 3, "-o", out).returncode == 2
+    assert manip3d("forge", "stream", person, "-o", out).returncode == 2
+    assert not out.exists()
+
+
+def test_inspect_takes_recordings(person: Path, tmp_path: Path) -> None:
+    out = tmp_path / "forged"
+    forging = ("forge", "stream", person, "--type", 1, "--still", "--background", person)
+    assert manip3d(*forging, "-o", out, "-q").returncode == 0
+    evidence = tmp_path / "evidence.json"
+    done = manip3d("inspect", out, "-o", evidence, "--json")
+    record = json.loads(done.stdout)
+    assert record == json.loads(evidence.read_text())
+    # 192 x 160 pixels are no camera's: whatever was done, nobody is accused.
+    assert (record["verdict"], done.returncode) == ("processed", 4)
+    assert {report["name"] for report in record["detectors"]} == {
+        "repetition",
+        "silhouettes",
+        "noise",
+    }
+    shown = manip3d("inspect", out)
+    assert shown.stdout.startswith("processed: cropped")
+    assert manip3d("inspect", out, "--policy", "processed=0", "-q").returncode == 0
+    refused = manip3d("inspect", out, "-o", tmp_path / "page.html")
+    assert "expected a name that ends in .json" in refused.stderr
