@@ -6,6 +6,7 @@
 #include <string>
 #include <utility>
 
+#include "geometry/dart_board.hpp"
 #include "geometry/select_rows.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/parallel.hpp"
@@ -72,8 +73,6 @@ void append_points(const PointsView& scan, const Edit& edit, std::int64_t first,
     std::fill_n(forged.intensity.data() + first, count, 0.0F);
   }
 }
-
-PointsView view_of(const Points& points) { return PointsView({points.data(), points.rows(), 3}); }
 
 // Leaves out the moves that end where they began: the truth tells what changed.
 void drop_idle_moves(const PointsView& scan, Edit& edit) {

@@ -15,9 +15,9 @@
 namespace manip3d {
 namespace {
 
-constexpr std::int64_t kSampleBlocks = 8192;     // of 256 points
-constexpr std::int64_t kVeryFewPoints = 60'000;  // too few for 1-degree cells
-constexpr std::int64_t kFewPoints = 500'000;     // too few for fine bins
+constexpr std::int64_t kSampleBlocks = 8192;       // of 256 points
+constexpr std::int64_t kVeryFewPoints = 60'000;    // too few for 1-degree cells
+constexpr std::int64_t kFewForFineBins = 500'000;  // too few for fine bins
 constexpr double kFineBin = 0.002 * kDegree;
 constexpr double kCoarseBin = 0.01 * kDegree;
 constexpr double kShortestPeriod = 0.016 * kDegree;  // finer grids are not made
@@ -43,7 +43,7 @@ std::int64_t clamped_bin(double value, double width, std::int64_t bins) {
 
 Histograms sample_angles(const PointsView& view, const Eigen::Vector3d& origin) {
   Histograms histograms;
-  if (view.num_points() < kFewPoints) histograms.bin = kCoarseBin;
+  if (view.num_points() < kFewForFineBins) histograms.bin = kCoarseBin;
   if (view.num_points() < kVeryFewPoints) histograms.cell = 5;
   const double side = static_cast<double>(histograms.cell) * kDegree;
   const auto half_turn = static_cast<std::int64_t>(kPi / histograms.bin + 0.5);
