@@ -1826,13 +1826,13 @@ def depth_coverage(
     faces: numpy.typing.NDArray[numpy.int32],
     max_edge: typing.SupportsFloat | typing.SupportsIndex,
 ) -> tuple[float, float]: ...
+def depth_noise(depth: numpy.ndarray, options: DepthNoiseOptions) -> numpy.ndarray: ...
 def embed_paper_watermark(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],
     blocks: numpy.typing.NDArray[numpy.uint8],
     options: PaperSettings,
 ) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
-def depth_noise(depth: numpy.ndarray, options: DepthNoiseOptions) -> numpy.ndarray: ...
 def estimate_scan_grid(
     points: numpy.typing.NDArray[numpy.float32],
     origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],
@@ -2134,14 +2134,14 @@ def shading_normals(
     crease_angle: typing.SupportsFloat | typing.SupportsIndex,
     threads: typing.SupportsInt | typing.SupportsIndex,
 ) -> tuple[numpy.ndarray, numpy.ndarray]: ...
-def simplify_fast(
-    mesh: typing.Any, options: FastOptions, progress: typing.Any = None
-) -> dict[str, typing.Any]: ...
 def silhouette_spans(
     depth: numpy.ndarray,
     focal: typing.SupportsFloat | typing.SupportsIndex,
     options: SilhouetteOptions,
 ) -> numpy.ndarray: ...
+def simplify_fast(
+    mesh: typing.Any, options: FastOptions, progress: typing.Any = None
+) -> dict[str, typing.Any]: ...
 def simplify_qem(
     mesh: typing.Any, options: QemOptions, progress: typing.Any = None
 ) -> dict[str, typing.Any]: ...
