@@ -189,6 +189,7 @@ KERNELS: dict[str, Kernel] = {
 
 
 READ_FILES = {
+    "authenticate.check_holds_float32",
     "authenticate.drive_scans",
     "authenticate.drive_times",
     "authenticate.plain_name",

@@ -89,6 +89,20 @@ def test_a_scan(key: Path, tmp_path: Path, embedding: str) -> None:
     assert verify(out, key)[0] == 4
 
 
+def test_formats_that_round_are_refused(key: Path, tmp_path: Path) -> None:
+    scan(1).write(tmp_path / "a.bin")
+    for suffix in (".pcd", ".ply"):
+        out = tmp_path / f"b{suffix}"
+        assert run("embed", tmp_path / "a.bin", "--key", key, "-o", out).exit_code == 0
+        assert verify(out, key)[0] == 0
+    for suffix in (".las", ".e57", ".3d"):
+        out = tmp_path / f"b{suffix}"
+        done = run("embed", tmp_path / "a.bin", "--key", key, "-o", out)
+        assert done.exit_code == 1
+        assert "float32" in str(done.exception)
+        assert not out.exists()
+
+
 def test_a_drive(key: Path, signed: Path, tmp_path: Path) -> None:
     code, record = verify(signed, key)
     assert (code, record["verdict"]) == (0, "authentic")

@@ -66,6 +66,7 @@ from manip3d.authenticate._watermark import (
     WatermarkResult,
 )
 from manip3d.authenticate._watermark_files import (
+    check_holds_float32,
     drive_scans,
     drive_times,
     plain_name,
@@ -119,6 +120,7 @@ __all__ = [
     "WatermarkResult",
     "Watermarked",
     "Watermarker",
+    "check_holds_float32",
     "combined_verdict",
     "compare_paper",
     "density_consistency",

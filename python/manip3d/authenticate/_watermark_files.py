@@ -15,8 +15,11 @@ from manip3d.errors import InputError
 from manip3d.io import write_scan
 from manip3d.io._files import atomic_path, atomic_write, open_regular
 from manip3d.io._scan_files import scan_paths
+from manip3d.io._scan_tables import scan_suffix
 
 MAX_RECORD_BYTES = 16384
+
+_EXACT = (".bin", ".pcd.bin", ".pcd", ".ply")
 
 _FOLDERS = (Path("velodyne_points") / "data", Path("velodyne"))
 
@@ -64,6 +67,22 @@ def refuse_existing_record(scan: str | os.PathLike[str], *, replace: bool = Fals
 
 
 @checked
+def check_holds_float32(scan: str | os.PathLike[str]) -> None:
+    """Refuse files of formats that round coordinates, in which no watermark would survive.
+
+    Raises
+    ------
+    InputError
+        The suffix is none of .bin, .pcd and .ply.
+    """
+    if scan_suffix(path_of(scan)) not in _EXACT:
+        raise InputError(
+            f"{os.fspath(scan)}: expected a format that keeps float32 coordinates as they are "
+            f"({', '.join(_EXACT)}); others round them"
+        )
+
+
+@checked
 def write_watermarked(
     sent: Watermarked,
     path: str | os.PathLike[str],
@@ -87,6 +106,7 @@ def write_watermarked(
         As `manip3d.io.write_scan`; the format cannot hold the points as they are.
     """
     target = path_of(path)
+    check_holds_float32(target)
     target.parent.mkdir(parents=True, exist_ok=True)
     same = unchanged is not None and sent.is_detached and Path(unchanged).suffix == target.suffix
     if same and unchanged is not None:
