@@ -11,7 +11,8 @@
 
 namespace manip3d {
 
-inline constexpr float kGirths = 0.1F;   // of their mean: 0.09 to 0.12 in the survey of BoneRule::kSkin
+inline constexpr float kGirths =
+    0.1F;  // of their mean: 0.09 to 0.12 in the survey of BoneRule::kSkin
 inline constexpr float kJoints = 0.01F;  // metres: jitter of a Kinect V2's joints
 inline constexpr float kOutlier = 3.0F;  // standard deviations that are not chance any more
 
