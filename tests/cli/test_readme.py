@@ -35,7 +35,7 @@ SHORTER = (
 NOT_RUN = ("demo", "data get")
 """The demo has tests of its own, and no test uses the network: these are parsed, not run."""
 
-EXIT_CODES = {"inspect scan.bin": 3, "inspect b.bin": 3}
+EXIT_CODES = {"inspect scan.bin": 3, "inspect b.bin": 3, "inspect forged": 3}
 
 
 def blocks(language: str) -> list[str]:

@@ -75,6 +75,14 @@ def streams() -> Iterator[object]:
     yield modify.PhantomPipeline(affected="right_arm").process(person)
     tracker = modify.ColliderTracker()
     yield tracker.update(person.skeletons[0])
+    skeleton, camera = person.skeletons[0], person.calibration.depth
+    labels = modify.segment_body(person.depth, camera, skeleton, segmentation="region").labels
+    mesh = modify.animation_mesh(person.depth, camera, labels, skeleton)
+    yield from (mesh, modify.animate(mesh.vertices, mesh.labels, skeleton, skeleton))
+    forged = forge.stream([person], person, kind=1)
+    yield from (next(forged.frames()), forged.truth)
+    still = authenticate.inspect_stream([dataclasses.replace(person, number=n) for n in range(8)])
+    yield from (still, authenticate.StreamRegion(0, (0, 0, 1, 1), 1.0))
 
 
 def values() -> Iterator[object]:

@@ -57,7 +57,8 @@ class RowScanner {
     for (std::size_t i = 1; i < z_.size(); ++i) {
       if (joined(i - 1, i)) continue;
       if (z_[i] < z_[i - 1]) {
-        open_.push_back(i);
+        // One pixel that is nearer than both its neighbours is noise.
+        if (i + 1 < z_.size() && !step_.connects(z_[i + 1], z_[i - 1])) open_.push_back(i);
       } else {
         close(v, i);
       }

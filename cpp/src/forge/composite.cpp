@@ -76,15 +76,20 @@ void rasterize(const Drawn& a, const Drawn& b, const Drawn& c, std::int64_t rows
   const float bu = b.u - a.u, bv = b.v - a.v, cu = c.u - a.u, cv = c.v - a.v;
   const float area = bu * cv - bv * cu;
   if (area == 0.0F || !(std::abs(area) < kInfinity)) return;
+  // Barycentric coordinates are linear in the image.
   const float scale = 1.0F / area;
+  const float b_du = cv * scale, b_dv = -cu * scale;
+  const float c_du = -bv * scale, c_dv = bu * scale;
+  constexpr float kEdge = -1e-4F;  // neighbours share their edge whatever rounding says
   for (std::int32_t v = v0; v <= v1; ++v) {
     const float pv = static_cast<float>(v) - a.v;
+    const float wb0 = pv * b_dv, wc0 = pv * c_dv;
     for (std::int32_t u = u0; u <= u1; ++u) {
       const float pu = static_cast<float>(u) - a.u;
-      const float wb = (pu * cv - pv * cu) * scale, wc = (pv * bu - pu * bv) * scale;
-      constexpr float kEdge = -1e-4F;  // neighbours share their edge whatever rounding says
-      if (wb < kEdge || wc < kEdge || wb + wc > 1.0F - kEdge) continue;
-      use(v * cols + u, 1.0F - wb - wc, wb, wc);
+      const float wb = wb0 + pu * b_du, wc = wc0 + pu * c_du;
+      const float wa = 1.0F - wb - wc;
+      if (std::min(wa, std::min(wb, wc)) < kEdge) continue;
+      use(v * cols + u, wa, wb, wc);
     }
   }
 }
@@ -178,18 +183,19 @@ using Rgb = std::array<std::uint8_t, 3>;
 Rgb sample(const ColorView& image, float u, float v) {
   const float x = std::clamp(u, 0.0F, static_cast<float>(image.cols - 1));
   const float y = std::clamp(v, 0.0F, static_cast<float>(image.rows - 1));
-  const auto u0 = static_cast<std::int64_t>(x), v0 = static_cast<std::int64_t>(y);
-  const std::int64_t u1 = std::min(u0 + 1, image.cols - 1), v1 = std::min(v0 + 1, image.rows - 1);
+  const auto u0 = static_cast<std::int32_t>(x), v0 = static_cast<std::int32_t>(y);
+  const std::int64_t right = u0 + 1 < image.cols ? 3 : 0;
+  const std::int64_t below = v0 + 1 < image.rows ? 3 * image.cols : 0;
   // Weights in 1/256, so that sums are whole numbers.
   const auto fu = static_cast<std::int32_t>((x - static_cast<float>(u0)) * 256.0F + 0.5F);
   const auto fv = static_cast<std::int32_t>((y - static_cast<float>(v0)) * 256.0F + 0.5F);
-  const std::uint8_t* top = image.pixels + 3 * v0 * image.cols;
-  const std::uint8_t* bottom = image.pixels + 3 * v1 * image.cols;
+  const std::uint8_t* top = image.pixels + 3 * (v0 * image.cols + u0);
+  const std::uint8_t* bottom = top + below;
   Rgb rgb;
   for (std::int64_t k = 0; k < 3; ++k) {
-    const std::int32_t above = (256 - fu) * top[3 * u0 + k] + fu * top[3 * u1 + k];
-    const std::int32_t below = (256 - fu) * bottom[3 * u0 + k] + fu * bottom[3 * u1 + k];
-    rgb[k] = static_cast<std::uint8_t>(((256 - fv) * above + fv * below + 32768) >> 16);
+    const std::int32_t above = (256 - fu) * top[k] + fu * top[right + k];
+    const std::int32_t under = (256 - fu) * bottom[k] + fu * bottom[right + k];
+    rgb[k] = static_cast<std::uint8_t>(((256 - fv) * above + fv * under + 32768) >> 16);
   }
   return rgb;
 }
@@ -229,7 +235,7 @@ class ColorPainter {
         if (u + radius < cols) sum += column[u + radius];
         if (u - radius - 1 >= 0) sum -= column[u - radius - 1];
         const std::int64_t pixel = v * cols + u;
-        if (covered_[pixel] == 0 || sum == size * size) continue;
+        if (sum == 0 || sum == size * size || covered_[pixel] == 0) continue;
         mix(in_image(pixel), sum, static_cast<std::int32_t>(size * size));
       }
     }
@@ -237,7 +243,9 @@ class ColorPainter {
 
  private:
   [[nodiscard]] std::int64_t in_image(std::int64_t pixel) const {
-    return (box_.v0 + pixel / box_.width) * scene_.cols + box_.u0 + pixel % box_.width;
+    const auto p = static_cast<std::uint32_t>(pixel),
+               width = static_cast<std::uint32_t>(box_.width);
+    return (box_.v0 + p / width) * scene_.cols + box_.u0 + p % width;
   }
   void add_row(std::int64_t v, std::int32_t sign, std::vector<std::int32_t>& column) const {
     const std::uint8_t* row = covered_.data() + v * box_.width;

@@ -508,7 +508,7 @@ def forge_stream(
 ) -> None:
     """Forge an RGB-D stream; the truth is written beside it, as OUT.truth.npz.
 
-    Example: manip3d forge stream walk.mkv --type 2 --pose wave.mkv --background room.mkv -o f.mkv
+    Example: manip3d forge stream "sim:body?frames=12" --type 1 --still -o forged
     """
     check_output(output, (".mkv",), force=force, folder=True)
     shell = Terminal(as_json=as_json, quiet=quiet)

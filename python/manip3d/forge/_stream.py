@@ -6,7 +6,7 @@ import io
 import os
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -211,7 +211,6 @@ def without_people(frame: RgbdFrame, plate: RgbdFrame) -> RgbdFrame:
     )
 
 
-@dataclass(eq=False)
 class ForgedStream:
     """Frames of a person before another scene; made by `stream`.
 
@@ -227,15 +226,22 @@ class ForgedStream:
         Frames of the last iteration in which nobody was found: they show the background alone.
     """
 
-    kind: int
-    calibration: RgbdCalibration
-    _source: Iterable[RgbdFrame] = field(repr=False)
-    _background: RgbdFrame | Iterable[RgbdFrame] = field(repr=False)
-    _pose: Iterable[RgbdFrame | Skeleton] | None = field(repr=False)
-    _options: _Options = field(repr=False)
-    missed: int = 0
-    _bits: list[NDArray[np.uint8]] = field(default_factory=list, repr=False)
-    _numbers: list[int] = field(default_factory=list, repr=False)
+    def __init__(
+        self,
+        kind: int,
+        calibration: RgbdCalibration,
+        source: Iterable[RgbdFrame],
+        background: RgbdFrame | Iterable[RgbdFrame],
+        pose: Iterable[RgbdFrame | Skeleton] | None,
+        options: _Options,
+    ) -> None:
+        self.kind = kind
+        self.calibration = calibration
+        self.missed = 0
+        self._source, self._background, self._pose = source, background, pose
+        self._options = options
+        self._bits: list[NDArray[np.uint8]] = []
+        self._numbers: list[int] = []
 
     def __iter__(self) -> Iterator[RgbdFrame]:
         return (forged.frame for forged in self.frames())
