@@ -117,12 +117,18 @@ def _shape_only(mesh: Mesh) -> Mesh:
     return Mesh(mesh.vertices, mesh.faces)
 
 
-def _quality(name: str, prepare: Callable[[Mesh], Mesh], *, texture: bool) -> Peer:
+def _mode(
+    name: str,
+    mode: manip3d.simplify.Mode,
+    prepare: Callable[[Mesh], Mesh] = lambda mesh: mesh,
+    *,
+    texture: bool = True,
+) -> Peer:
     return _python_peer(
         name,
         "optimal",
         prepare,
-        lambda mesh, target: manip3d.simplify.simplify(mesh, target_faces=target),
+        lambda mesh, target: manip3d.simplify.simplify(mesh, mode, target_faces=target),
         lambda result, _: result.mesh,
         texture=texture,
     )
@@ -348,8 +354,9 @@ def _program_peer(
 
 
 _ALL = (
-    _quality("manip3d", lambda mesh: mesh, texture=True),
-    _quality("manip3d, shape only", _shape_only, texture=False),
+    _mode("manip3d", "quality"),
+    _mode("manip3d, shape only", "quality", _shape_only, texture=False),
+    _mode("manip3d fast", "fast"),
     _manip3d("qem4vr", "manip3d QEM4VR"),
     _manip3d("qem-orig", "manip3d QEM_ORIG"),
     _manip3d("qem-bp", "manip3d QEM_BP"),

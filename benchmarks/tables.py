@@ -238,6 +238,7 @@ OURS, OURS_SHAPE = "manip3d", "manip3d, shape only"
 EVERY_MESH_PEERS = (
     OURS,
     OURS_SHAPE,
+    "manip3d fast",
     "PyMeshLab texture",
     "meshoptimizer attributes",
     "meshoptimizer update",

@@ -114,6 +114,8 @@ class CollapseMesh {
   }
 
   [[nodiscard]] bool has_texture(std::int32_t wedge) const { return (surface_[wedge] & 1) != 0; }
+  /// Equal for wedges of the same material, with or without texture coordinates.
+  [[nodiscard]] std::int64_t surface(std::int32_t wedge) const { return surface_[wedge]; }
   [[nodiscard]] const Eigen::Vector2d& uv(std::int32_t wedge) const { return texcoords_[wedge]; }
 
   /// Calls body(face, corner) for each face of a vertex, `corner` in 0..2.

@@ -690,7 +690,8 @@ class QualitySimplifier {
             });
             return fits && (!guard_ || keeps_distance({v}, p));
           },
-          part_of(progress_, 0.8, 1.0));
+          part_of(progress_, 0.8, is_textured_ ? 0.95 : 1.0));
+      if (is_textured_) fit_.fit_texture(mesh_, part_of(progress_, 0.95, 1.0));
     }
     if (mesh_.num_faces() <= options_.target_faces) {
       result_.stop = CollapseStop::kTargetReached;

@@ -2,6 +2,8 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
+#include <optional>
 
 #include "manip3d/geometry/bvh.hpp"
 
@@ -31,6 +33,20 @@ TriangleMesh current(const CollapseMesh& mesh, std::int32_t num_slots) {
   return now;
 }
 
+/// Of a point on a face, each in [0, 1]; none without area.
+std::optional<std::array<double, 3>> barycentric(const TriangleMesh& mesh, std::int32_t f,
+                                                 const Eigen::Vector3d& x) {
+  const auto face = mesh.faces.row(f);
+  const Eigen::Vector3d a = mesh.vertices.row(face(0)), b = mesh.vertices.row(face(1)),
+                        c = mesh.vertices.row(face(2));
+  const Eigen::Vector3d normal = (b - a).cross(c - a);
+  const double squared = normal.squaredNorm();
+  if (!(squared > 0.0)) return std::nullopt;
+  return std::array{std::clamp((c - b).cross(x - b).dot(normal) / squared, 0.0, 1.0),
+                    std::clamp((a - c).cross(x - c).dot(normal) / squared, 0.0, 1.0),
+                    std::clamp((b - a).cross(x - a).dot(normal) / squared, 0.0, 1.0)};
+}
+
 }  // namespace
 
 SurfaceFit::SurfaceFit(const CollapseMesh& mesh) {
@@ -44,6 +60,9 @@ SurfaceFit::SurfaceFit(const CollapseMesh& mesh) {
     points_.row(row++) = ((p + q + r) / 3.0).transpose();
     areas_.push_back((q - p).cross(r - p).norm());
     vertices_.push_back(face[0]);
+    const auto& w = mesh.wedges(f);
+    surfaces_.push_back(mesh.surface(w[0]));
+    texture_.emplace_back((mesh.uv(w[0]) + mesh.uv(w[1]) + mesh.uv(w[2])) / 3.0);
   }
 }
 
@@ -61,10 +80,66 @@ void SurfaceFit::keep(const std::function<bool(std::int32_t)>& is_there) {
   for (Eigen::Index i = 0; i < points_.rows(); ++i) {
     if (!is_there(vertices_[i])) continue;
     points_.row(row) = points_.row(i).eval();
+    surfaces_[row] = surfaces_[i];
+    texture_[row] = texture_[i];
     areas_[row++] = areas_[i];
   }
   points_.conservativeResize(row, 3);
   areas_.resize(row);
+  surfaces_.resize(row);
+  texture_.resize(row);
+}
+
+void SurfaceFit::fit_texture(CollapseMesh& mesh, const Progress& progress) const {
+  const TriangleMesh now = current(mesh, mesh.num_slots());
+  std::vector<std::int32_t> slots;  // of a row of now.faces
+  for (std::int32_t f = 0; f < mesh.num_slots(); ++f) {
+    if (mesh.is_alive(f)) slots.push_back(f);
+  }
+  const ClosestPoints nearest = closest_points(now, points_, 0, progress);
+  struct Sample {
+    std::size_t index;
+    std::int32_t face;
+    std::array<double, 3> barycentric;
+  };
+  std::vector<Sample> samples;
+  for (std::size_t i = 0; i < areas_.size(); ++i) {
+    const std::int32_t face = slots[nearest.faces[i]];
+    const std::int32_t wedge = mesh.wedges(face)[0];
+    if (surfaces_[i] != mesh.surface(wedge) || !mesh.has_texture(wedge)) continue;
+    const auto row = static_cast<Eigen::Index>(i);
+    const auto weights = barycentric(now, nearest.faces[i], nearest.points.row(row).transpose());
+    if (weights) samples.push_back({i, face, *weights});
+  }
+  for (int step = 0; step < kSteps; ++step) {
+    const auto residual = [&](const Sample& s) -> Eigen::Vector2d {
+      const auto& w = mesh.wedges(s.face);
+      return texture_[s.index] - s.barycentric[0] * mesh.uv(w[0]) -
+             s.barycentric[1] * mesh.uv(w[1]) - s.barycentric[2] * mesh.uv(w[2]);
+    };
+    double sum = 0.0, total = 0.0;
+    for (const Sample& s : samples) {
+      sum += areas_[s.index] * residual(s).norm();
+      total += areas_[s.index];
+    }
+    if (!(total > 0.0)) return;
+    const double limit = kFarAway * sum / total;
+    std::vector<Eigen::Vector2d> pull(mesh.num_wedges(), Eigen::Vector2d::Zero());
+    std::vector<double> weight(mesh.num_wedges(), 0.0);
+    for (const Sample& s : samples) {
+      const Eigen::Vector2d r = residual(s);
+      if (r.norm() > limit) continue;  // another chart
+      for (int k = 0; k < 3; ++k) {
+        const double w = areas_[s.index] * s.barycentric[k];
+        const std::int32_t wedge = mesh.wedges(s.face)[k];
+        pull[wedge] += w * r;
+        weight[wedge] += w;
+      }
+    }
+    for (std::int32_t w = 0; w < mesh.num_wedges(); ++w) {
+      if (weight[w] > 0.0) mesh.set_uv(w, mesh.uv(w) + pull[w] / weight[w]);
+    }
+  }
 }
 
 void SurfaceFit::step(CollapseMesh& mesh,
@@ -85,17 +160,12 @@ void SurfaceFit::step(CollapseMesh& mesh,
     if (nearest.distances[i] > limit) continue;
     const auto row = static_cast<Eigen::Index>(i);
     const auto face = now.faces.row(nearest.faces[i]);
-    const Eigen::Vector3d a = now.vertices.row(face(0)), b = now.vertices.row(face(1)),
-                          c = now.vertices.row(face(2)), x = nearest.points.row(row);
-    const Eigen::Vector3d normal = (b - a).cross(c - a);
-    const double squared = normal.squaredNorm();
-    if (!(squared > 0.0)) continue;
+    const Eigen::Vector3d x = nearest.points.row(row);
+    const auto weights = barycentric(now, nearest.faces[i], x);
+    if (!weights) continue;
     const Eigen::Vector3d offset = points_.row(row).transpose() - x;
-    const std::array<double, 3> barycentric = {(c - b).cross(x - b).dot(normal) / squared,
-                                               (a - c).cross(x - c).dot(normal) / squared,
-                                               (b - a).cross(x - a).dot(normal) / squared};
     for (int k = 0; k < 3; ++k) {
-      const double w = areas_[i] * std::clamp(barycentric[k], 0.0, 1.0);
+      const double w = areas_[i] * (*weights)[k];
       pull[face(k)] += w * offset;
       weight[face(k)] += w;
     }

@@ -25,6 +25,9 @@ class SurfaceFit {
            const std::function<bool(std::int32_t, const Eigen::Vector3d&)>& may_move,
            const Progress& progress);
 
+  /// Fits texture coordinates to those of the original at the nearest points; after run().
+  void fit_texture(CollapseMesh& mesh, const Progress& progress) const;
+
  private:
   void step(CollapseMesh& mesh,
             const std::function<bool(std::int32_t, const Eigen::Vector3d&)>& may_move,
@@ -33,7 +36,9 @@ class SurfaceFit {
 
   Vertices points_;
   std::vector<double> areas_;
-  std::vector<std::int32_t> vertices_;  // one of the face of each point
+  std::vector<std::int64_t> surfaces_;    // of a point: CollapseMesh::surface()
+  std::vector<Eigen::Vector2d> texture_;  // of a point
+  std::vector<std::int32_t> vertices_;    // one of the face of each point
 };
 
 }  // namespace manip3d

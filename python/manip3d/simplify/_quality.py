@@ -94,8 +94,8 @@ def quality(
     max_error: float | None = None,
     max_distance: float | None = None,
     boundary_weight: float = 1.0,
-    seam_weight: float = 1.0,
-    texture_weight: float = 0.3,
+    seam_weight: float = 3.0,
+    texture_weight: float = 0.1,
     progress: Progress = None,
 ) -> QualityResult:
     """Edge collapse with vertices where the error is least, on any mesh, textured or not.
@@ -141,7 +141,8 @@ def quality(
     the strips that boundaries and seams sweep, plus the same for the texture [2]_. The price per
     face removed decides what comes next. A vertex goes where its faces as they are now have the
     least squared distance, with their volume kept [3]_. A piece may vanish as a whole for its area
-    times its mean distance to the rest. At the end the vertices are fitted to the original surface.
+    times its mean distance to the rest. At the end the vertices are fitted to the original surface
+    and its texture coordinates.
 
     No face turns over. Edges get no third face and nothing is locked, unless the input has
     it or the target is out of reach otherwise.

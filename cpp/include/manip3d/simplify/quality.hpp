@@ -19,8 +19,8 @@ struct QualityOptions {
   /// by construction. No piece vanishes then, and the rules hold even if the target is missed.
   double max_distance = std::numeric_limits<double>::infinity();
   double boundary_weight = 1.0;  ///< Price of a strip along a boundary; a shifted surface has 1.
-  double seam_weight = 1.0;      ///< The same along borders of materials and texture charts.
-  double texture_weight = 0.3;   ///< Price of a shifted texture; a shifted surface has 1.
+  double seam_weight = 3.0;      ///< The same along borders of materials and texture charts.
+  double texture_weight = 0.1;   ///< Price of a shifted texture; a shifted surface has 1.
 };
 
 struct QualityResult {
