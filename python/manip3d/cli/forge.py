@@ -475,7 +475,7 @@ def forge_stream(
     output: Output,
     kind: Annotated[
         int,
-        typer.Option("--type", min=1, max=2, help="1: the person as recorded; 2: in other poses."),
+        typer.Option("--type", min=1, max=2, help="Type 1: the person as recorded; 2: in other poses."),
     ],
     pose: Annotated[
         str, typer.Option(metavar="SOURCE", help="Motion for type 2: any source with skeletons.")
