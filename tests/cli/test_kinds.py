@@ -49,7 +49,7 @@ TAKEN = {
     "depth": ("depth", "range grid", "folder"),
     "compare": ("mesh",),
     "convert": ("mesh", "scan", "range grid", "packets", "drive"),
-    "inspect": ("scan",),
+    "inspect": ("scan", "recording"),
     "forge lidar": ("scan",),
     "phantom render": ("recording",),
 }

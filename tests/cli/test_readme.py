@@ -158,6 +158,9 @@ def make_sources(words: list[str], place: Path) -> None:
         manip3d.capture.record("sim:body?amputated=right-arm&frames=3", place / "patient.mkv")
     if words[0] == "watermark":
         make_watermark(words, place)
+    if sources == "inspect forged" and not (place / "forged").exists():
+        line = 'forge stream "sim:body?motion=still&frames=12" --type 1 --still -q -o forged'
+        assert CliRunner().invoke(app, shlex.split(line)).exit_code == 0
     if sources == "report results" and not (place / "results").exists():
         line = "reproduce table-2.1 --scale quick --data simulated -q -o results"
         assert CliRunner().invoke(app, line.split()).exit_code == 0

@@ -278,6 +278,8 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
         why = "; ".join(f"{step.kind}: {step.detail}" for step in processing)
         return StreamInspection("processed", why, edges.score, processing=processing, **base)
     if frozen.verdict == "tampered":
+        if edges.verdict == "tampered":  # somebody who keeps still repeats depths, too
+            frozen_masks = frozen_masks | edge_masks
         regions = tuple(
             StreamRegion(frame.number, _box(mask), 1.0)
             for frame, mask in zip(some, frozen_masks, strict=True)

@@ -475,7 +475,9 @@ def forge_stream(
     output: Output,
     kind: Annotated[
         int,
-        typer.Option("--type", min=1, max=2, help="1: the person as recorded; 2: in other poses."),
+        typer.Option(
+            "--type", min=1, max=2, help="Type 1: the person as recorded; 2: in other poses."
+        ),
     ],
     pose: Annotated[
         str, typer.Option(metavar="SOURCE", help="Motion for type 2: any source with skeletons.")
@@ -490,7 +492,7 @@ def forge_stream(
     still: Annotated[
         bool, typer.Option("--still", help="Use the background's first frame only.")
     ] = False,
-    method: Annotated[Method, typer.Option(help="How the mesh follows the skeleton.")] = Method.lbs,
+    method: Annotated[Method, typer.Option(help="Skinning method.")] = Method.lbs,
     scope: Annotated[
         Scope, typer.Option(help="Bones that follow the pose: those of the limbs, or all.")
     ] = Scope.limbs,
@@ -508,7 +510,7 @@ def forge_stream(
 ) -> None:
     """Forge an RGB-D stream; the truth is written beside it, as OUT.truth.npz.
 
-    Example: manip3d forge stream "sim:body?frames=12" --type 1 --still -o forged
+    Example: manip3d forge stream "sim:body?frames=12" --type 1 --still -o insertion
     """
     check_output(output, (".mkv",), force=force, folder=True)
     shell = Terminal(as_json=as_json, quiet=quiet)
