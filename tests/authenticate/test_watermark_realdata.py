@@ -9,7 +9,7 @@ import pytest
 from watermark_scans import key_file
 
 from manip3d import LidarFrame
-from manip3d.authenticate import MAX_MOVE_M, KeyFile, Policy, Watermarker
+from manip3d.authenticate import MAX_MOVE_M, KeyFile, Policy, Watermarker, inspect
 from manip3d.errors import InputError
 from manip3d.io import SCAN_SUFFIXES, read_scan
 from real_data import RealData
@@ -105,3 +105,15 @@ def test_all_ordered_pairs_of_records_are_refused(realdata: RealData, tmp_path: 
             found = verifier.verify(frame, record_of.record, policy=ANY)
             assert (found.verdict == "authentic") == (a == b), (a, b)
             assert found.verdict in ("authentic", "tampered")
+
+
+@pytest.mark.parametrize("embedding", ["lbm", "qim"])
+def test_forensics_do_not_accuse_an_embedded_scan(
+    realdata: RealData, tmp_path: Path, embedding: str
+) -> None:
+    """Without the key a watermark is processing of the whole scan, and no forgery."""
+    key = KeyFile(key_file(tmp_path / "key"))
+    paths = [path for path in kitti(realdata) if not is_off_grid(path)]
+    for path in paths[::12]:
+        sent = Watermarker(key, embedding=embedding).embed(read_scan(path))
+        assert inspect(sent.frame, power=False).verdict == "processed", path
