@@ -16,6 +16,7 @@ for topic in (
     "forensics",
     "scans",
     "simplify",
+    "every_mesh",
     "depth",
     "cs3",
     "phantom",
