@@ -17,6 +17,7 @@ for topic in (
     "watermark",
     "scans",
     "simplify",
+    "every_mesh",
     "depth",
     "cs3",
     "phantom",

@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import pickle
-import subprocess
 import sys
 import tempfile
 import time
@@ -24,31 +23,11 @@ import tables
 from manip3d import Mesh, metrics, simplify
 from measuring import environment, one_thread
 from peers import PEERS
+from running import run_peer
 
-HERE = Path(__file__).parent
 RATIOS = (0.5, 0.1, 0.02, 0.005)
 MOST_SAMPLES = 300_000  # of the area samples, 10 per face below 30 000 faces
 Row = dict[str, Any]
-
-
-def run_peer(peer: str, source: Path, outputs: dict[int, Path], timeout_s: float) -> list[Row]:
-    """What `run_peer.py` says for each target; what it does not come to has failed."""
-    pairs = [text for target, path in outputs.items() for text in (str(target), str(path))]
-    command = [sys.executable, str(HERE / "run_peer.py"), peer, str(source), *pairs]
-    rest: Row = {"status": "failed"}
-    try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, timeout=timeout_s, check=False
-        )
-        said = done.stdout
-        if done.returncode != 0:
-            rest["message"] = (done.stderr.strip() or f"exit {done.returncode}").splitlines()[-1]
-    except subprocess.TimeoutExpired as expired:
-        printed = expired.stdout or b""
-        said = printed if isinstance(printed, str) else printed.decode()
-        rest = {"status": "timeout", "message": f"more than {timeout_s:.0f} s"}
-    rows = [json.loads(line) for line in said.splitlines() if line.startswith("{")]
-    return rows + [dict(rest) for _ in range(len(outputs) - len(rows))]
 
 
 def errors(original: Mesh, simplified: Mesh, *, has_uv: bool) -> Row:

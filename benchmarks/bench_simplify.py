@@ -12,7 +12,6 @@ import argparse
 import json
 import os
 import pickle
-import subprocess
 import sys
 import tempfile
 import time
@@ -25,28 +24,12 @@ import tables
 from manip3d import Mesh, metrics
 from measuring import environment
 from peers import PEERS
+from running import run_peer
 
-HERE = Path(__file__).parent
 TIMEOUT_S = 600
 MOST_SAMPLES = 1_000_000  # of the area samples, 10 per face below 100 000 faces
 COSTS = ("cpu_s", "wall_s", "base_bytes", "peak_bytes")
 Row = dict[str, Any]
-
-
-def run_once(peer: str, mesh: Path, target: int, output: Path) -> dict[str, Any]:
-    """What `run_peer` says; a peer that dies or does not come back is a status too."""
-    command = [sys.executable, str(HERE / "run_peer.py"), peer, str(mesh), str(target), str(output)]
-    try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False
-        )
-    except subprocess.TimeoutExpired:
-        return {"status": "timeout", "message": f"more than {TIMEOUT_S} s"}
-    if done.returncode != 0:
-        last = (done.stderr.strip() or f"exit {done.returncode}").splitlines()[-1]
-        return {"status": "failed", "message": last}
-    said: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return said
 
 
 def quality(original: Mesh, simplified: Mesh) -> dict[str, Any]:
@@ -102,7 +85,7 @@ def compare(model: models.Model, peers: list[str], rounds: int, folder: Path) ->
             if row["status"] not in ("", "ok"):
                 continue  # what cannot run once cannot run twice
             output = folder / f"{row['peer']}.pickle"
-            said = run_once(row["peer"], source, target, output)
+            said = run_peer(row["peer"], source, {target: output}, TIMEOUT_S)[0]
             row |= {key: said[key] for key in ("status", "message") if key in said}
             if said["status"] == "ok":
                 for cost in COSTS:
