@@ -130,7 +130,8 @@ def embed(
                 progress((number + 1) / len(scans), path.name)
         record = {"source": source, "output": str(output), "session": marker.session,
                   "key_id": secret.key_id, "embedding": embedding, "frames": rows}  # fmt: skip
-    shell.say(f"wrote {counted(len(rows), 'scan')} with their records to {output}")
+    records = "its record" if len(rows) == 1 else "their records"
+    shell.say(f"wrote {counted(len(rows), 'scan')} with {records} to {output}")
     shell.result(record, lambda console: console.print(f"session {record['session']}"))
 
 
