@@ -145,7 +145,7 @@ class Embedded:
 
 @dataclass
 class Embedder:
-    """Of one session."""
+    """Embeds the frames of one session."""
 
     root: bytes
     sensor: bytes

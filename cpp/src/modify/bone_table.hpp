@@ -29,7 +29,7 @@ struct BoneTable {
   Column rx{}, ry{}, rz{};  ///< P_r.
   Column bx{}, by{}, bz{};  ///< P_r - P_c.
   Column tx{}, ty{}, tz{};  ///< (P_r - P_c) / |P_r - P_c|^2, or 0.
-  // Of each pair, the first is at P_c, and the second what is added up to P_r.
+  // The first of each pair is at P_c, the second is what is added up to P_r.
   Column radius{}, taper{};
   Column certainty{}, firmer{};  ///< 1 where joints alone are off; less the more flesh there is.
   Column outer{}, widens{};      ///< The radius and what it gains among outliers.

@@ -280,7 +280,7 @@ class FastSimplifier {
     report(0.12);
   }
 
-  /// Of faces with the same corners and wedges in the same orientation the first one stays.
+  /// The first of the faces with the same corners and wedges in the same orientation stays.
   void remove_equal_faces() {
     const auto key = [&](std::int32_t f) {
       const Triple& face = faces_[f];
@@ -1230,7 +1230,7 @@ class FastSimplifier {
     if (rules_ == FastRules::kFlips) remove_double_faces();
   }
 
-  /// Of faces on the same three vertices the first one stays.
+  /// The first of the faces on the same three vertices stays.
   void remove_double_faces() {
     std::vector<std::pair<Triple, std::int32_t>> sorted;
     for (std::size_t f = 0; f < faces_.size(); ++f) {

@@ -69,7 +69,7 @@ NO_BONE = 255
 """Label of pixels that show nobody."""
 
 CAMERA_HEIGHT = 0.95
-"""Of the camera above the floor, metres."""
+"""Height of the camera above the floor, metres."""
 
 _VISITOR = Clothes(shirt=(150, 62, 58), trousers=(96, 88, 70), hair=(120, 96, 60))
 _SWAY_PERIOD = 2.0  # seconds

@@ -159,7 +159,7 @@ struct WatermarkFinding {
   WatermarkPlace order = WatermarkPlace::kUnknown;
   std::int64_t gap = 0;  ///< Frames that are missing before this one.
   WatermarkFreshness freshness = WatermarkFreshness::kUnknown;
-  /// Of a record whose own tag holds; else nothing of it is told.
+  /// Fields of a record whose own tag holds; of another one nothing is told.
   std::optional<WatermarkHeader> header;
   std::vector<WatermarkTile> tiles;
   std::vector<std::int32_t> rows;          ///< Points of which only carrier bits differ, ascending.
