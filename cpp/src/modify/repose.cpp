@@ -16,7 +16,6 @@
 namespace manip3d {
 namespace {
 
-
 /// The joint at the other end of a posable joint's bone; 0: the joint is not posable.
 constexpr std::array<std::uint8_t, kNumJoints> kNext = {
     0, 0, 3, 0, 5, 6, 7, 0, 9, 10, 11, 0, 13, 14, 15, 0, 17, 18, 19, 0, 0, 0, 0, 0, 0};
