@@ -163,6 +163,23 @@ def test_the_plate_shows_what_people_hide() -> None:
     np.testing.assert_array_equal(forge.without_people(frames[0], plate).depth, scene.depth)
 
 
+def test_lost_pixels_at_a_person_s_edge_do_not_stay_in_the_scene() -> None:
+    """Their depth is lost, so the body index does not name them, but their colour is hers."""
+    seen, scene = person(), wall(3000)
+    inside = np.asarray(seen.body_index) == 0
+    edge = inside & ~(np.roll(inside, 1, 1) & np.roll(inside, -1, 1))
+    index = np.where(inside & ~edge, 0, NO_BODY).astype(np.uint8)
+    depth = np.where(inside, np.where(edge, 0, seen.depth), scene.depth).astype(np.uint16)
+    assert seen.color is not None and scene.color is not None  # noqa: PT018
+    color = np.where(inside[..., None], seen.color, scene.color)
+    frames = [replace(seen, depth=depth, body_index=index, color=color)]
+    plate = forge.background_plate(frames)
+    np.testing.assert_array_equal(plate.color, scene.color)
+    np.testing.assert_array_equal(plate.depth, scene.depth)
+    alone = forge.without_people(frames[0], plate)
+    np.testing.assert_array_equal(alone.color, scene.color)
+
+
 def test_wrong_arguments_are_named() -> None:
     for options, message in (
         ({"kind": 3}, "kind: expected 1 or 2, got 3"),

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from zipfile import BadZipFile
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from manip3d import _core
 from manip3d._util.arrays import vector
@@ -159,10 +160,21 @@ def background_plate(frames: Iterable[RgbdFrame]) -> RgbdFrame:
     )
 
 
+_MARGIN = 3
+"""Pixels beside a person that may show them though the body index does not say so: a camera loses
+its depth there, and colour runs over the edge."""
+
+
 def _nobody(frame: RgbdFrame) -> Mask:
+    """Pixels that show the scene for sure: nobody within `_MARGIN` of them."""
     if frame.body_index is None:
         return np.ones(frame.depth.shape, np.bool_)
-    return np.asarray(frame.body_index == NO_BODY)
+    somebody = np.asarray(frame.body_index != NO_BODY)
+    for axis in (0, 1):
+        padding = [(_MARGIN, _MARGIN) if a == axis else (0, 0) for a in (0, 1)]
+        windows = sliding_window_view(np.pad(somebody, padding), 2 * _MARGIN + 1, axis)
+        somebody = np.asarray(windows.any(axis=-1))
+    return ~somebody
 
 
 def _median_seen(depths: NDArray[np.uint16]) -> NDArray[np.uint16]:
