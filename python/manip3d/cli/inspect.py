@@ -9,7 +9,7 @@ import typer
 
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
-from manip3d.cli.options import MISSED, Force, Jobs, Json, OptionalOutput, Quiet, Scan
+from manip3d.cli.options import MISSED, Force, Jobs, Json, OptionalOutput, Quiet
 from manip3d.cli.terminal import Terminal, check_output, counted, table
 from manip3d.io import SCAN_SUFFIXES
 
@@ -24,7 +24,14 @@ EXIT_CODES = {"no_trace": 0, "tampered": 3, "processed": MISSED, "undecidable": 
 
 @over_files(lambda: SCAN_SUFFIXES, writable=lambda: (".html", ".json"), otherwise=".html")
 def inspect(
-    source: Scan,
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            help="A scan: .bin, .pcd, .ply, .3d, .las, .laz or .e57 file; or an RGB-D recording: a "
+            ".mkv file, a recorded folder or an address that 'capture list' shows.",
+        ),
+    ],
     output: OptionalOutput = None,
     previous: Annotated[
         Path | None, typer.Option(help="Scan of the same scanner a turn earlier.")
