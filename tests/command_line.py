@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -27,7 +28,11 @@ def manip3d(
 def error_line(done: subprocess.CompletedProcess[str]) -> str:
     """The one line that a failed command leaves on stderr."""
     assert done.returncode == 1, done
-    assert done.stdout == ""
+    words = [str(word) for word in done.args]
+    if "--json" in words:
+        assert json.loads(done.stdout)["error"]["code"]
+    else:
+        assert done.stdout == ""
     (line,) = done.stderr.splitlines()
     assert line.startswith("manip3d: error: ")
     return line

@@ -66,7 +66,23 @@ verified = authenticate.WatermarkResult(
     "authentic", "every point", "intact", "in order", 0, "unknown", is_end=True
 )
 
+walk = [capsule_body.painted(number) for number in range(6)]
+LABELS = modify.segment_body(person.depth, person.calibration.depth, skeleton).labels
+person_mesh = modify.animation_mesh(person.depth, person.calibration.depth, LABELS)
+
 KERNELS: dict[str, Kernel] = {
+    "authenticate.depth_noise": lambda _: authenticate.depth_noise(DEPTH),
+    "authenticate.inter_frame_noise": lambda _: authenticate.inter_frame_noise(walk),
+    "authenticate.inspect_stream": lambda _: authenticate.inspect_stream(walk),
+    "forge.background_plate": lambda _: forge.background_plate(walk),
+    "forge.without_people": lambda _: forge.without_people(walk[0], walk[1]),
+    "forge.stream": lambda _: [f.frame.depth for f in forge.stream(walk, walk[0], kind=1).frames()],
+    "modify.animation_mesh": lambda _: modify.animation_mesh(
+        person.depth, person.calibration.depth, LABELS
+    ),
+    "modify.animate": lambda _: modify.animate(
+        person_mesh.vertices, person_mesh.labels, skeleton, walk[5].skeletons[0]
+    ),
     "authenticate.noise_blocks": lambda _: authenticate.noise_blocks(1),
     "authenticate.embed_paper": lambda _: authenticate.embed_paper(on_grid, blocks),
     "authenticate.compare_paper": lambda _: authenticate.compare_paper(
@@ -195,6 +211,7 @@ READ_FILES = {
     "authenticate.plain_name",
     "authenticate.read_record",
     "authenticate.record_path",
+    "forge.read_stream_truth",
     "authenticate.refuse_existing_record",
     "authenticate.write_watermarked",
     "simplify.simplify_depth_file",

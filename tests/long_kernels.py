@@ -158,6 +158,10 @@ OF_A_SECOND = {
     "forge.rotation", "forge.lattice_insert", "forge.lattice_remove", "forge.spoof",
     "authenticate.estimate_grid", "authenticate.kitti_lattice",
     "authenticate.combined_verdict", "authenticate.occlusion_consistency",
+    "authenticate.noise_blocks", "authenticate.embed_paper", "authenticate.compare_paper",
+    "authenticate.verdict_of_stream", "authenticate.depth_noise", "authenticate.inter_frame_noise",
+    "authenticate.inspect_stream", "forge.background_plate", "forge.without_people",
+    "forge.stream", "modify.animation_mesh", "modify.animate",
     "metrics.range_image_error_grid", "metrics.texture_error", "metrics.fmpd",
 }  # fmt: skip
 """Done in about a second with two million points or pixels, or the same code as one above."""

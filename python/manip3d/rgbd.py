@@ -179,3 +179,13 @@ def _check_image(name: str, image: object, dtype: type, shape: tuple[int, ...]) 
     if not isinstance(image, np.ndarray) or image.dtype != dtype or image.shape != shape:
         got = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else repr(image)
         raise InputError(f"frame.{name}: expected {np.dtype(dtype)} {shape}, got {got}")
+
+
+def check_frames(name: str, frames: object) -> None:
+    """Refuse a container that holds something else than frames; sources are not looked into."""
+    if isinstance(frames, np.ndarray):
+        raise InputError(f"{name}: expected RGB-D frames, got an array of shape {frames.shape}")
+    if isinstance(frames, list | tuple | set | frozenset | dict):
+        for frame in frames:
+            if not isinstance(frame, RgbdFrame):
+                raise InputError(f"{name}: expected RGB-D frames, got {type(frame).__name__}")

@@ -153,9 +153,13 @@ def test_flipped_bits_are_listed_where_the_content_holds(key: KeyFile, embedding
 
 
 def test_repeated_points_are_a_multiset(key: KeyFile) -> None:
-    sent = marker_of(key).embed(LidarFrame(grid_scan()))
     group = np.array([5, 6, 7, 8, 5999])
-    assert len(np.unique(sent.points[group], axis=0)) == 2  # both bits
+    for _ in range(50):  # the bits of five points are the same in one session of 16
+        sent = marker_of(key).embed(LidarFrame(grid_scan()))
+        if len(np.unique(sent.points[group], axis=0)) == 2:
+            break
+    else:
+        pytest.fail("all sessions give the five points one bit")
     swapped = sent.points.copy()
     swapped[group] = swapped[group[::-1]]
     assert verify(key, sent.frame.replace(points=swapped), sent.record).verdict == "authentic"

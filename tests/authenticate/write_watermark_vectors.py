@@ -1,6 +1,7 @@
 """Write the 24 known answers of the watermark by the independent implementation.
 
-``python tests/authenticate/write_watermark_vectors.py`` writes watermark_vectors.json.
+``PYTHONPATH=tests python tests/authenticate/write_watermark_vectors.py`` writes
+watermark_vectors.json.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import watermark_oracle as oracle
+
 from watermark_scans import ROOT_KEY, grid_scan, reflectances
 
 PATH = Path(__file__).with_name("watermark_vectors.json")

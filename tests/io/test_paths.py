@@ -97,6 +97,21 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "viewer.open_thing source": viewer.open_thing,
     "viewer.open_thing color": lambda p: viewer.open_thing(__file__, color=p),
     "viewer.open_thing calibration": lambda p: viewer.open_thing(__file__, calibration=p),
+    "authenticate.check_holds_float32 scan": authenticate.check_holds_float32,
+    "authenticate.drive_scans folder": authenticate.drive_scans,
+    "authenticate.drive_times folder": authenticate.drive_times,
+    "authenticate.plain_name scan": lambda p: authenticate.plain_name(p, "."),
+    "authenticate.plain_name drive": lambda p: authenticate.plain_name("a.bin", p),
+    "authenticate.read_record path": authenticate.read_record,
+    "authenticate.record_path scan": authenticate.record_path,
+    "authenticate.refuse_existing_record scan": authenticate.refuse_existing_record,
+    "authenticate.write_watermarked path": lambda p: authenticate.write_watermarked(
+        authenticate.Watermarked(scan, b"", 0, 1), p + ".bin"
+    ),
+    "authenticate.write_watermarked unchanged": lambda p: authenticate.write_watermarked(
+        authenticate.Watermarked(scan, b"", 0, 1), "a.bin", unchanged=p
+    ),
+    "forge.read_stream_truth path": forge.read_stream_truth,
     "experiments.run folder": lambda p: experiments.run([], folder=Path(p)),
 }
 
@@ -142,6 +157,8 @@ def test_methods_refuse_a_nul(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         lambda: scan.write("a.pcd\0.pcd"),
         lambda: forged.write("a.bin\0.bin"),
         lambda: lattice.load(NUL),
+        lambda: authenticate.KeyFile(NUL),
+        lambda: authenticate.KeyFile.create(NUL),
         lambda: io.texture_path(mesh.replace(source="a.obj"), Texture("a.png\0.png")),
         lambda: _core.write_mesh(mesh, b"a.off\0.off", b"", 0, [], []),
         lambda: _core.make_temporary_folder(b"a\0b"),

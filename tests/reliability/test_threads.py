@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import random
 import socket
+import tempfile
 import threading
 import time
 from collections import Counter
@@ -21,7 +22,8 @@ import capsule_body
 import kernels
 import rgbd_frames
 import velodyne_packets
-from manip3d import Error, RgbdFrame, _core, capture, modify, simplify
+from manip3d import Error, RgbdFrame, _core, authenticate, capture, modify, simplify
+from watermark_scans import grid_scan, key_file
 
 THREADS = 8
 LONG_S = 60.0
@@ -123,6 +125,21 @@ def tables(i: int) -> Callable[[Any], object]:
     return lambda tracker: tracker.update(SKELETONS[i], labels, squares).radius
 
 
+def signed_frames() -> list[authenticate.Watermarked]:
+    """Three frames of one session, each embedded after the other."""
+    marker = authenticate.Watermarker(KEY)
+    return [marker.embed(grid_scan(2000, seed=seed)) for seed in range(3)]
+
+
+def said(result: authenticate.WatermarkResult) -> tuple[object, ...]:
+    return result.verdict, result.content, result.order, result.gap
+
+
+with tempfile.TemporaryDirectory() as keys:
+    KEY = authenticate.KeyFile(key_file(Path(keys) / "key"))
+SIGNED = signed_frames()
+
+
 def fields(frame: modify.PhantomFrame) -> tuple[object, ...]:
     return frame.state, frame.depth, frame.labels, frame.late_frames
 
@@ -167,6 +184,10 @@ OBJECTS: dict[str, tuple[Callable[[], Any], list[Callable[[Any], object]]]] = {
         modify.PlacementEstimator,
         [lambda e, p=p: e.update(p, "left") for p in SKELETONS] + [lambda e: e.reset()],
     ),
+    "Watermarker": (
+        lambda: authenticate.Watermarker(KEY),
+        [lambda w, s=s: said(w.verify(s.frame, s.record)) for s in SIGNED],
+    ),
     "ShoeCoverTracker": (
         modify.ShoeCoverTracker,
         [lambda t, f=f: t.update(f, f.skeletons[0], "left") is None for f in IN_COLOR],
@@ -184,12 +205,14 @@ def test_every_object_of_the_core_with_state_is_here() -> None:
     """Whoever adds one finds this test; the others are options and enums."""
     stateful = {"Cs3Runner", "DepthSmoother", "JointSmoother", "KeyPerson", "PlacementEstimator",
                 "PhantomPipeline", "ColliderTracker", "ReliefSolver", "RgbdRecorder", "RgbdSource",
-                "ShoeCoverTracker", "VelodynePcapSource", "VelodyneUdpSource"}  # fmt: skip
+                "ShoeCoverTracker", "VelodynePcapSource", "VelodyneUdpSource", "WatermarkEmbedder",
+                "WatermarkKey", "WatermarkVerifier"}  # fmt: skip
     classes = {name for name, item in vars(_core).items() if isinstance(item, type)}
     plain = {
         name
         for name in classes
-        if name.endswith(("Options", "Reading")) or hasattr(getattr(_core, name), "__members__")
+        if name.endswith(("Options", "Policy", "Reading", "Settings"))
+        or hasattr(getattr(_core, name), "__members__")
     }
     assert classes - plain == stateful
 

@@ -15,7 +15,7 @@ from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import reporting
 from manip3d.authenticate._verdict import Calibration, Power, Processing, Verdict
 from manip3d.errors import InputError
-from manip3d.rgbd import RgbdFrame
+from manip3d.rgbd import RgbdFrame, check_frames
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -116,7 +116,9 @@ def inter_frame_noise(frames: Iterable[RgbdFrame]) -> NDArray[np.float64]:
     (T - 1,) float64
         0 where both frames have no noise at all.
     """
-    noise = np.array([depth_noise(frame.depth).mean() for frame in frames])
+    some = list(frames)
+    check_frames("frames", some)
+    noise = np.array([depth_noise(frame.depth).mean() for frame in some])
     return _relative_change(noise)
 
 
@@ -254,6 +256,7 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     lossily coded ones are ``processed``. No verdict says that a stream is authentic.
     """
     some = _chosen(frames)
+    check_frames("frames", some)
     if not some:
         raise InputError("frames: expected one at least, got none")
     if any(frame.depth.shape != some[0].depth.shape for frame in some):

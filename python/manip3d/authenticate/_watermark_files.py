@@ -46,7 +46,7 @@ def read_record(path: str | os.PathLike[str]) -> bytes | None:
         It cannot be read.
     """
     try:
-        with open_regular(path) as file:
+        with open_regular(path_of(path)) as file:
             return file.read(MAX_RECORD_BYTES + 1)
     except FileNotFoundError:
         return None
@@ -106,13 +106,13 @@ def write_watermarked(
         As `manip3d.io.write_scan`; the format cannot hold the points as they are.
     """
     target = path_of(path)
+    source = None if unchanged is None else path_of(unchanged)
     check_holds_float32(target)
     target.parent.mkdir(parents=True, exist_ok=True)
-    same = unchanged is not None and sent.is_detached and Path(unchanged).suffix == target.suffix
-    if same and unchanged is not None:
-        if Path(unchanged).resolve() != target.resolve():
+    if source is not None and sent.is_detached and source.suffix == target.suffix:
+        if source.resolve() != target.resolve():
             with atomic_path(target) as temporary:
-                shutil.copyfile(unchanged, temporary)
+                shutil.copyfile(source, temporary)
     else:
         write_scan(sent.frame, target)
     atomic_write(record_path(target), sent.record)

@@ -171,12 +171,19 @@ def _fail(error: BaseException, message: str, as_json: bool) -> NoReturn:
         traceback.print_exception(error)
     line = " ".join(message.split())
     with contextlib.suppress(OSError):
-        if as_json:
+        if as_json and not _has_answered():
             print(json.dumps({"error": _details(error, line)}))
             _flush(sys.stdout)
         print("manip3d: error: " + line, file=sys.stderr)
         _flush(sys.stderr)
     sys.exit(1)
+
+
+def _has_answered() -> bool:
+    """Whether stdout holds the verb's result already: that of files that did not fail."""
+    from manip3d.cli.terminal import Terminal
+
+    return Terminal.has_answered
 
 
 def _details(error: BaseException, line: str) -> dict[str, object]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from manip3d._util.json import finite
 from manip3d.errors import InputError
@@ -65,6 +65,9 @@ class Terminal:
         No messages and no progress.
     """
 
+    has_answered: ClassVar[bool] = False
+    """Whether a result was printed as JSON: stdout holds one value, never an error after it."""
+
     def __init__(self, *, as_json: bool = False, quiet: bool = False) -> None:
         self.as_json = as_json
         self.quiet = quiet
@@ -88,6 +91,7 @@ class Terminal:
             found.append(value)
         elif self.as_json:
             print(json.dumps(finite(_shown(value)), indent=1))
+            Terminal.has_answered = True
         elif show is not None:
             show(self.out)
 

@@ -22,7 +22,7 @@ from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_write
 from manip3d.modify import JointSmoother, PoseScope, Skinning, animate, animation_mesh, segment_body
-from manip3d.rgbd import NO_BODY, RgbdCalibration, RgbdFrame, Skeleton
+from manip3d.rgbd import NO_BODY, RgbdCalibration, RgbdFrame, Skeleton, check_frames
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -131,6 +131,7 @@ def background_plate(frames: Iterable[RgbdFrame]) -> RgbdFrame:
         There is no frame; frames differ in size.
     """
     some = list(frames)
+    check_frames("frames", some)
     if not some:
         raise InputError("frames: expected one at least, got none")
     if any(frame.depth.shape != some[0].depth.shape for frame in some):
@@ -265,6 +266,7 @@ class ForgedStream:
         poses = _endless(self._pose) if self._pose is not None else None
         own, other = JointSmoother(), JointSmoother()
         for number, frame in enumerate(self._source):
+            check_frames("source", [frame])
             scene = scenes(number)
             pose = None if poses is None else poses(number)
             if scene is None or (poses is not None and pose is None):
@@ -375,6 +377,7 @@ def stream(
     >>> [frame.depth.shape for frame in forged]  # doctest: +SKIP
     [(424, 512), (424, 512)]
     """
+    check_frames("source", source)
     if kind not in (1, 2):
         raise InputError(f"kind: expected 1 or 2, got {kind}")
     if kind == 2 and pose is None:
@@ -414,6 +417,7 @@ def _calibration_of(
     if isinstance(known, RgbdCalibration):
         return known, background
     frames = background if isinstance(background, Sequence) else list(background)
+    check_frames("background", frames)
     if not len(frames):
         raise InputError("background: expected a frame at least, got none")
     return frames[0].calibration, frames
