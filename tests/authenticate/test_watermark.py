@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from watermark_scans import ROOT_KEY, grid_scan, key_file, reflectances
 
 from manip3d import LidarFrame, _core
 from manip3d.authenticate import (
@@ -27,6 +26,7 @@ from manip3d.authenticate import (
     verdict_of_stream,
 )
 from manip3d.errors import Error, FormatError, InputError
+from watermark_scans import ROOT_KEY, grid_scan, key_file, reflectances
 
 Points = NDArray[np.float32]
 
