@@ -18,6 +18,7 @@ import pytest
 from manip3d import InputError
 from manip3d.experiments import Claim, Finding, Plan, Store, Verdict, counted, run, unpack_mesh
 from manip3d.experiments import _environment as environment_module
+from manip3d.experiments._runner import _strict
 from toy_experiments import TRIANGLE, all_below, experiment
 
 TESTS = Path(__file__).parents[1]
@@ -335,3 +336,8 @@ def test_store_ignores_foreign_files(tmp_path: Path) -> None:
     assert store.load("abc") is None
     assert store.load("list") is None
     assert store.load("absent") is None
+
+
+def test_what_numpy_computes_in_a_claim_is_stored() -> None:
+    found = _strict({"holds": np.bool_(True), "numbers": [np.float64("nan"), np.int32(3)]})
+    assert json.loads(json.dumps(found, allow_nan=False)) == {"holds": True, "numbers": ["nan", 3]}

@@ -313,7 +313,12 @@ def _draw_pictures(
 
 
 def _strict(value: Any) -> Any:
-    """The value with infinities and NaN as words, which JSON has no numbers for."""
+    """The value with infinities and NaN as words, which JSON has no numbers for.
+
+    What numpy computes in a claim is a number of Python's.
+    """
+    if hasattr(value, "item") and not hasattr(value, "__len__"):
+        value = value.item()
     if isinstance(value, dict):
         return {key: _strict(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

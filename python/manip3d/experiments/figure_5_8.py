@@ -189,7 +189,7 @@ def _found(name: str) -> Callable[[Sequence[Row]], Iterator[Finding]]:
         for kind in (1, 2):
             hits = [row[f"type {kind} {name}"] == "tampered" for row in streams]
             if hits:
-                places = np.median([row[f"iou_{kind}_{name}"] for row in streams])
+                places = float(np.median([row[f"iou_{kind}_{name}"] for row in streams]))
                 numbers = f"{sum(hits)} of {len(hits)} found, median IoU {places:.2f}"
                 yield Finding(f"type {kind}", all(hits) and places >= 0.5, numbers)
 
@@ -203,7 +203,7 @@ def _kitchen(rows: Sequence[Row]) -> Iterator[Finding]:
         if hits:
             clean = [row["score_clean"] for row in streams][:1]
             scores = [row[f"score_{kind}_running"] or 0.0 for row in streams]
-            places = np.median([row[f"iou_{kind}_running"] for row in streams])
+            places = float(np.median([row[f"iou_{kind}_running"] for row in streams]))
             numbers = (
                 f"{sum(hits)} of {len(hits)} found, scores {min(scores):.2f} to {max(scores):.2f}, "
                 f"clean {clean[0]:.2f}, median IoU {places:.2f}"
