@@ -1,4 +1,4 @@
-"""What embedding and verifying the watermark of a frame cost, beside a keyed hash of the buffer.
+"""Time of embedding and verifying a watermark, beside a keyed hash of the same buffer.
 
 ``python benchmarks/bench_watermark.py [--rounds N]`` writes the section `watermark` of RESULTS.md.
 One thread, processor time, the best of the rounds; all rows of one round are measured one after the

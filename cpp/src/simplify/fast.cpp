@@ -65,7 +65,7 @@ constexpr std::uint32_t kNoEdge = 0xFFFFFFFFU;
 constexpr std::uint32_t kTooDear = 0xFFFFFFFEU;  // above max_error
 constexpr std::uint32_t kDearest = 0x7F800000U;  // infinity, as an order of prices
 
-/// What is forbidden, as in the quality mode.
+/// Rules on what is forbidden, as in the quality mode.
 enum class FastRules : std::uint8_t { kAll, kAnyEdges, kFlips };
 
 /// Prices are not negative, so their bits have their order.
@@ -114,7 +114,7 @@ struct Fan {
   }
 };
 
-/// What one task needs and counts.
+/// Buffers and counters of one task.
 struct Worker {
   std::vector<PricedEdge> candidates, sorted;
   std::vector<PricedEdge> crossing;  // edges of this block that touch others

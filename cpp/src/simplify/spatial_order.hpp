@@ -11,8 +11,8 @@ namespace manip3d {
 /// The vertices of a mesh in an order in which neighbours in space are mostly neighbours in memory,
 /// those at the same place as one.
 struct SpatialOrder {
-  std::vector<std::int32_t> rank;    ///< Of an input vertex; -1: in no face.
-  std::vector<std::int32_t> source;  ///< Of a rank: the lowest input vertex there.
+  std::vector<std::int32_t> rank;    ///< Rank of each input vertex; -1: in no face.
+  std::vector<std::int32_t> source;  ///< Lowest input vertex of each rank.
 };
 
 /// By Morton code on a grid of 1024 cells along the box, then by coordinates.

@@ -27,7 +27,7 @@ PAPER_EMBEDDINGS: tuple[PaperEmbedding, ...] = ("lbm", "qim", "qim-printed")
 
 @dataclass(frozen=True, eq=False)
 class PaperMetadata:
-    """What the receiver is told over a secured channel (section 7.3.1).
+    """Metadata that the receiver gets over a secured channel (section 7.3.1).
 
     Attributes
     ----------

@@ -148,7 +148,7 @@ class StreamRegion:
 
 @dataclass(frozen=True)
 class StreamReport:
-    """What one detector says of a stream.
+    """Report of one detector on a stream.
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ class StreamReport:
 
 @dataclass(frozen=True, eq=False)
 class StreamInspection:
-    """What `inspect_stream` found.
+    """Result of `inspect_stream`.
 
     Attributes
     ----------
@@ -321,7 +321,7 @@ def _box(mask: Mask) -> tuple[int, int, int, int]:
 
 
 def _processing(frames: Sequence[RgbdFrame]) -> tuple[Processing, ...]:
-    """What was done to all images."""
+    """Processing that all images went through."""
     found = []
     height, width = frames[0].depth.shape
     if (width, height) not in _SIZES and (height, width) not in _SIZES:

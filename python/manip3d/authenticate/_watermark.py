@@ -137,7 +137,7 @@ class KeyFile:
 @checked
 @dataclass(frozen=True)
 class Policy:
-    """What a verifier accepts. A record is compared with it, never obeyed.
+    """Policy of a verifier. A record is compared with it, never obeyed.
 
     Attributes
     ----------
@@ -245,7 +245,7 @@ class Tile:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WatermarkResult(Showable):
-    """What a verifier found, in the words that all detectors share.
+    """Result of a verifier, in the words that all detectors share.
 
     Attributes
     ----------

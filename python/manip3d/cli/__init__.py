@@ -187,7 +187,7 @@ def _has_answered() -> bool:
 
 
 def _details(error: BaseException, line: str) -> dict[str, object]:
-    """What a program reads of an error: its code first."""
+    """Fields of an error for programs: its code first."""
     from manip3d.errors import Error
 
     if isinstance(error, Error):

@@ -1,4 +1,4 @@
-"""What the experiments of chapter 5 share: recordings, backgrounds, forged streams, scores."""
+"""Recordings, backgrounds, forged streams and scores that the experiments of chapter 5 share."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ class ForgedFrame:
 
 @dataclass(frozen=True, eq=False)
 class StreamTruth:
-    """What is forged in a recording.
+    """Truth about a forged recording.
 
     Attributes
     ----------

@@ -27,9 +27,9 @@ struct PaperOptions {
   std::uint32_t frame = 0;
 };
 
-/// What the receiver is told over a secured channel.
+/// Metadata that the receiver gets over a secured channel.
 struct PaperMetadata {
-  std::vector<std::uint16_t> tile_of;  ///< Of each slice.
+  std::vector<std::uint16_t> tile_of;  ///< Tile of each slice.
   std::vector<std::uint32_t> counts;   ///< Points of each tile.
 };
 
@@ -44,8 +44,8 @@ PaperMarked embed_paper(const PointsView& points, std::span<const std::uint8_t> 
                         const PaperOptions& options);
 
 struct PaperComparison {
-  std::vector<std::int64_t> mismatches;      ///< Of each tile: points whose bits differ.
-  std::vector<std::int64_t> and_mismatches;  ///< Of each tile: bits that differ after AND.
+  std::vector<std::int64_t> mismatches;      ///< Points of each tile whose bits differ.
+  std::vector<std::int64_t> and_mismatches;  ///< Bits of each tile that differ after AND.
   std::vector<std::uint32_t> counts;         ///< Points found in each tile.
   std::vector<std::int32_t> rows;            ///< Points whose bits differ, ascending.
 };

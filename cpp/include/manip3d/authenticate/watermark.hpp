@@ -31,7 +31,7 @@ enum class WatermarkMerge : std::uint8_t {
   kPaper,     ///< The two smallest, wherever they are.
 };
 
-/// What a record says of itself besides the tags; see `WatermarkRecord` for its bytes.
+/// Fields of a record besides the tags; see `WatermarkRecord` for its bytes.
 struct WatermarkHeader {
   std::uint8_t suite = 1;
   WatermarkEmbedding embedding = WatermarkEmbedding::kLbm;
@@ -66,7 +66,7 @@ struct WatermarkHeader {
 /// record tag = BLAKE2b(K_frame, "m3d-record" | record | frame tag).
 struct WatermarkRecord {
   static constexpr std::size_t kMaxSize = 16384;
-  static constexpr std::size_t kFixedSize = 102;  ///< Of the header before the merge map.
+  static constexpr std::size_t kFixedSize = 102;  ///< Bytes of the header before the merge map.
 
   WatermarkHeader header;
   std::vector<std::uint32_t> counts;
@@ -80,12 +80,12 @@ struct WatermarkRecord {
 struct WatermarkOptions {
   WatermarkEmbedding embedding = WatermarkEmbedding::kLbm;
   int slices = 36;
-  int least_points = 1000;  ///< Of a tile; slices with fewer are merged.
+  int least_points = 1000;  ///< Fewest points of a tile; smaller slices are merged.
   WatermarkMerge merge = WatermarkMerge::kAdjacent;
   bool round = false;  ///< Move points that are not on the millimetre grid onto it.
 };
 
-/// What one frame adds to the options.
+/// Settings of one frame.
 struct WatermarkFrame {
   std::int64_t time_ns = 0;
   std::uint32_t num_dropped = 0;
@@ -94,7 +94,7 @@ struct WatermarkFrame {
 };
 
 struct WatermarkedScan {
-  Points points;  ///< As many rows as came, in their order; none where nothing was to change.
+  Points points;  ///< The rows that came, in their order; empty where nothing was to change.
   std::vector<std::uint8_t> record;
   std::uint64_t frame = 0;
   int num_tiles = 0;
@@ -129,7 +129,7 @@ class WatermarkEmbedder {
   std::unique_ptr<State> state_;
 };
 
-/// What a verifier accepts: the record is compared with it, never obeyed.
+/// Policy of a verifier: the record is compared with it, never obeyed.
 struct WatermarkPolicy {
   std::vector<WatermarkEmbedding> embeddings = {WatermarkEmbedding::kDetached,
                                                 WatermarkEmbedding::kLbm, WatermarkEmbedding::kQim};

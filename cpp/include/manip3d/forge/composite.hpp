@@ -12,12 +12,12 @@ namespace manip3d {
 
 enum class CompositeSurface : std::uint8_t {
   kMesh,   ///< Triangles are drawn.
-  kPoints  ///< As published: vertices are, and pinholes between them filled.
+  kPoints  ///< Vertices are drawn, as published, and pinholes between them filled.
 };
 
 struct CompositeOptions {
   CompositeSurface surface = CompositeSurface::kMesh;
-  bool fill_pinholes = true;  ///< Of points: from 4-neighbours on both sides, never outwards.
+  bool fill_pinholes = true;  ///< Fills gaps of drawn points from 4-neighbours, never outwards.
   int blend = 1;              ///< Colour pixels over which the person's edge fades; 0: none.
 };
 
@@ -34,7 +34,7 @@ struct PersonSurface {
   const std::int32_t* faces = nullptr;   ///< (m, 3)
   const float* seen = nullptr;           ///< (n, 3) where the person was seen: gives the colours.
   const std::int32_t* pixels = nullptr;  ///< (n, 2) column and row in which it was seen.
-  ColorView color;                       ///< Of the person's frame; without pixels: none.
+  ColorView color;                       ///< Colour of the person's frame; no pixels: none.
   std::optional<Registration> registration;  ///< Of that frame; none: colour has depth's pixels.
   /// The person stands where they were seen by the same camera: depth goes to the same pixels.
   bool in_place = false;
