@@ -95,8 +95,8 @@ pytest: setup ctest
 
 lint: setup ## Check format, ruff, mypy, the layers of the package and the type stubs of the core
 	$(BIN)/clang-format --dry-run -Werror $(CPP_FORMATTED)
-	$(BIN)/ruff check --quiet .
-	$(BIN)/ruff format --quiet --check .
+	$(BIN)/ruff check --no-cache --quiet .
+	$(BIN)/ruff format --no-cache --quiet --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python .ci/stubs.py --check

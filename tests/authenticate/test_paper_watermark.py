@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from watermark_oracle import slice_of
-from watermark_scans import grid_scan, key_file, reflectances
 
 import manip3d
 from manip3d import LidarFrame
@@ -23,6 +22,7 @@ from manip3d.authenticate import (
 )
 from manip3d.errors import InputError
 from real_data import RealData
+from watermark_scans import grid_scan, key_file, reflectances
 
 BLOCKS = noise_blocks(1, block_bits=100)
 

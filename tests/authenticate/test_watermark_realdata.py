@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from watermark_scans import key_file
 
 from manip3d import LidarFrame
 from manip3d.authenticate import MAX_MOVE_M, KeyFile, Policy, Watermarker, inspect
 from manip3d.errors import InputError
 from manip3d.io import SCAN_SUFFIXES, read_scan
 from real_data import RealData
+from watermark_scans import key_file
 
 pytestmark = pytest.mark.realdata
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import watermark_oracle as oracle
-from watermark_scans import ROOT_KEY, grid_scan, key_file, reflectances
 from write_watermark_vectors import CASES, PATH, answers, options
 
 from manip3d import _core
+from watermark_scans import ROOT_KEY, grid_scan, key_file, reflectances
 
 VECTORS = json.loads(PATH.read_text())
 
