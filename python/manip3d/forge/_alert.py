@@ -49,10 +49,24 @@ def additive(
         Else scene points within the object's box, 0.3 m above its foot and higher, are an error.
     threads : int
 
+    Returns
+    -------
+    Forgery
+
     Raises
     ------
     InputError
         The object is empty, or stands in something.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Box, forge
+    >>> ground = np.mgrid[-9:9:0.5, -9:9:0.5, -1.5:-1:1].reshape(3, -1).T
+    >>> car = np.mgrid[4:6:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T
+    >>> scan = np.vstack([ground, car]).astype(np.float32)
+    >>> forge.additive(scan, car, offset=(0.0, 6.0, 0.0))
+    <manip3d.forge.Forgery: additive; 2896 points, 800 added, 0 moved, 0 removed>
     """
     scene = to_scan(scan)
     added = _shifted(to_scan(object_points), offset)
@@ -65,7 +79,38 @@ def additive(
 def subtractive(
     scan: ScanLike, box: Box | None = None, *, origin: ArrayLike | None = None, threads: int = 0
 ) -> Forgery:
-    """Attack 2: delete the points of an object, the nearest by default."""
+    """Attack 2: delete the points of an object, the nearest by default.
+
+    Parameters
+    ----------
+    scan : LidarFrame, (N, 3) or (N, 4) float32
+    box : Box, optional
+        Around the object; default: the nearest one, as `nearest_object` finds it.
+    origin : (3,), optional
+        Where the scanner stood; default: the frame's own, else the origin of the coordinates.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+
+    Returns
+    -------
+    Forgery
+
+    Raises
+    ------
+    InputError
+        No ``box`` is given and no object is found.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Box, forge
+    >>> ground = np.mgrid[-9:9:0.5, -9:9:0.5, -1.5:-1:1].reshape(3, -1).T
+    >>> car = np.mgrid[4:6:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T
+    >>> scan = np.vstack([ground, car]).astype(np.float32)
+    >>> box = Box((5.0, 0.0, -0.3), (2.4, 2.4, 2.2))
+    >>> forge.subtractive(scan, box)
+    <manip3d.forge.Forgery: subtractive; 1296 points, 0 added, 0 moved, 800 removed>
+    """
     scene, target = _target(scan, box, origin)
     parts = _core.subtract(
         scene.points, scene.intensity, box_arguments(target), threads_of(threads)
@@ -84,7 +129,39 @@ def additive_subtractive(
     allow_collision: bool = False,
     threads: int = 0,
 ) -> Forgery:
-    """Attack 3: `additive` and `subtractive` at once."""
+    """Attack 3: append an object as `additive` does, and delete one as `subtractive` does.
+
+    Parameters
+    ----------
+    scan, object_points, offset, allow_collision
+        As for `additive`.
+    box : Box, optional
+        Around the object; default: the nearest one, as `nearest_object` finds it.
+    origin : (3,), optional
+        Where the scanner stood; default: the frame's own, else the origin of the coordinates.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+
+    Returns
+    -------
+    Forgery
+
+    Raises
+    ------
+    InputError
+        As `additive`; no ``box`` is given and no object is found.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Box, forge
+    >>> ground = np.mgrid[-9:9:0.5, -9:9:0.5, -1.5:-1:1].reshape(3, -1).T
+    >>> car = np.mgrid[4:6:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T
+    >>> scan = np.vstack([ground, car]).astype(np.float32)
+    >>> box = Box((5.0, 0.0, -0.3), (2.4, 2.4, 2.2))
+    >>> forge.additive_subtractive(scan, car, box, offset=(0.0, 6.0, 0.0))
+    <manip3d.forge.Forgery: additive_subtractive; 2096 points, 800 added, 0 moved, 800 removed>
+    """
     scene, target = _target(scan, box, origin)
     added = _shifted(to_scan(object_points), offset)
     if not allow_collision:
@@ -102,7 +179,40 @@ def replacement(
     origin: ArrayLike | None = None,
     threads: int = 0,
 ) -> Forgery:
-    """Attack 4: delete an object, and paste another one centred on the removed points."""
+    """Attack 4: delete an object, and paste another one centred on the removed points.
+
+    Parameters
+    ----------
+    scan : LidarFrame, (N, 3) or (N, 4) float32
+    object_points : LidarFrame, (K, 3) or (K, 4)
+        The object that takes the place; where it stood in its own frame does not matter.
+    box : Box, optional
+        Around the object; default: the nearest one, as `nearest_object` finds it.
+    origin : (3,), optional
+        Where the scanner stood; default: the frame's own, else the origin of the coordinates.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+
+    Returns
+    -------
+    Forgery
+
+    Raises
+    ------
+    InputError
+        The object is empty; no object is found, or no point of the scan is in the box.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Box, forge
+    >>> ground = np.mgrid[-9:9:0.5, -9:9:0.5, -1.5:-1:1].reshape(3, -1).T
+    >>> car = np.mgrid[4:6:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T
+    >>> scan = np.vstack([ground, car]).astype(np.float32)
+    >>> box = Box((5.0, 0.0, -0.3), (2.4, 2.4, 2.2))
+    >>> forge.replacement(scan, car[::2], box)
+    <manip3d.forge.Forgery: replacement; 1696 points, 400 added, 0 moved, 800 removed>
+    """
     scene, target = _target(scan, box, origin)
     gone = _core.points_in_box(scene.points, box_arguments(target), threads_of(threads))
     if not len(gone):
@@ -130,10 +240,33 @@ def translation(
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
     box : Box, optional
+        Around the object; default: the nearest one, as `nearest_object` finds it.
     distance : float, metres
         Over the ground, along the line from the scanner to the middle of the box.
     origin : (3,), optional
+        Where the scanner stood; default: the frame's own, else the origin of the coordinates.
     threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+
+    Returns
+    -------
+    Forgery
+
+    Raises
+    ------
+    InputError
+        No object is found; the box stands around the scanner's axis.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Box, forge
+    >>> ground = np.mgrid[-9:9:0.5, -9:9:0.5, -1.5:-1:1].reshape(3, -1).T
+    >>> car = np.mgrid[4:6:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T
+    >>> scan = np.vstack([ground, car]).astype(np.float32)
+    >>> box = Box((5.0, 0.0, -0.3), (2.4, 2.4, 2.2))
+    >>> forge.translation(scan, box, distance=2.0).box.center[0] > 6.0
+    True
     """
     scene, target = _target(scan, box, origin)
     away = _away(target, origin_of(origin, scene))
@@ -158,11 +291,34 @@ def rotation(
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
     box : Box, optional
+        Around the object; default: the nearest one, as `nearest_object` finds it.
     angle : float, radians
     sideways : float, metres
         To the left, seen from the scanner; the authors' own tool has 2 m.
     origin : (3,), optional
+        Where the scanner stood; default: the frame's own, else the origin of the coordinates.
     threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
+
+    Returns
+    -------
+    Forgery
+
+    Raises
+    ------
+    InputError
+        No object is found, or no point of the scan is in the box.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Box, forge
+    >>> ground = np.mgrid[-9:9:0.5, -9:9:0.5, -1.5:-1:1].reshape(3, -1).T
+    >>> car = np.mgrid[4:6:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T
+    >>> scan = np.vstack([ground, car]).astype(np.float32)
+    >>> box = Box((5.0, 0.0, -0.3), (2.4, 2.4, 2.2))
+    >>> forge.rotation(scan, box)
+    <manip3d.forge.Forgery: rotation; 2096 points, 0 added, 800 moved, 0 removed>
     """
     scene, target = _target(scan, box, origin)
     inside = _core.points_in_box(scene.points, box_arguments(target), threads_of(threads))

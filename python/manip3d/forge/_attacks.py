@@ -132,6 +132,16 @@ def crtp(
     ------
     InputError
         As `ctp`; no two scene points within 1 m of ``position`` and no ``spacing``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Box, forge
+    >>> ground = np.mgrid[-9:9:0.5, -9:9:0.5, -1.5:-1:1].reshape(3, -1).T
+    >>> car = np.mgrid[4:6:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T
+    >>> scan = np.vstack([ground, car]).astype(np.float32)
+    >>> forge.crtp(scan, car, position=(-5.0, 0.0, -0.5), spacing=0.4)
+    <manip3d.forge.Forgery: crtp; 2175 points, 79 added, 0 moved, 0 removed>
     """
     scene = to_scan(scan)
     paper = _choice(translation, ("centroid", "paper"), "translation") == "paper"
@@ -161,10 +171,33 @@ def resample(
 ) -> NDArray[np.float32]:
     """Points of an object whose mean nearest-neighbour distance is ``spacing``; see `crtp`.
 
+    Parameters
+    ----------
+    hoax : Mesh, LidarFrame or (K, 3) array
+        A mesh is interpolated on its faces, points between neighbours.
+    spacing : float
+        Wanted mean distance to the nearest neighbour, in the hoax's unit.
+    resampling : 'poisson' or 'uniform'
+        How points are thinned out: so that none are nearer than a radius, or by chance.
+    rng : int, numpy.random.Generator or None
+    threads : int
+
+    Returns
+    -------
+    (M, 3) float32
+
     Raises
     ------
     InputError
         Fewer than two points, ``spacing`` not positive, or more than 2^24 points wanted.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import forge
+    >>> car = np.mgrid[4:6:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T
+    >>> len(forge.resample(car, spacing=0.5)) < len(car)
+    True
     """
     whole = to_hoax(hoax, 0.0, to_scan(np.empty((0, 3), np.float32)))
     uniform = _choice(resampling, ("poisson", "uniform"), "resampling") == "uniform"
@@ -177,10 +210,25 @@ def resample(
 def range_scale(scan: ScanLike, hoax: ObjectLike) -> float:
     """Scale that gives the hoax the range of coordinates of the scan (largest extent).
 
+    Parameters
+    ----------
+    scan : LidarFrame, (N, 3) or (N, 4) float32
+    hoax : Mesh, LidarFrame or (K, 3) array
+
+    Returns
+    -------
+    float
+
     Raises
     ------
     InputError
         One of them is empty, or the hoax is a single place.
+
+    Examples
+    --------
+    >>> from manip3d import forge
+    >>> forge.range_scale([[0, 0, 0], [6, 0, 0]], [[0, 0, 0], [0, 3, 0]])
+    2.0
     """
     scene = to_scan(scan)
     points = to_hoax(hoax, 0.0, scene).points
@@ -207,10 +255,25 @@ def subtract(
         Instead of a box.
     threads : int
 
+    Returns
+    -------
+    Forgery
+
     Raises
     ------
     InputError
         Neither or both of ``box`` and ``rows``; a row out of range; a box that is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Box, forge
+    >>> ground = np.mgrid[-9:9:0.5, -9:9:0.5, -1.5:-1:1].reshape(3, -1).T
+    >>> car = np.mgrid[4:6:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T
+    >>> scan = np.vstack([ground, car]).astype(np.float32)
+    >>> box = Box((5.0, 0.0, -0.3), (2.4, 2.4, 2.2))
+    >>> forge.subtract(scan, box)
+    <manip3d.forge.Forgery: subtract; 1296 points, 0 added, 0 moved, 800 removed>
     """
     scene = to_scan(scan)
     if (box is None) == (rows is None):
@@ -256,10 +319,25 @@ def deform(
     rng : int, numpy.random.Generator or None
     threads : int
 
+    Returns
+    -------
+    Forgery
+
     Raises
     ------
     InputError
         A number is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Box, forge
+    >>> ground = np.mgrid[-9:9:0.5, -9:9:0.5, -1.5:-1:1].reshape(3, -1).T
+    >>> car = np.mgrid[4:6:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T
+    >>> scan = np.vstack([ground, car]).astype(np.float32)
+    >>> box = Box((5.0, 0.0, -0.3), (2.4, 2.4, 2.2))
+    >>> forge.deform(scan, box, amplitude=0.05, rng=0)
+    <manip3d.forge.Forgery: deform; 2096 points, 0 added, 800 moved, 0 removed>
     """
     scene = to_scan(scan)
     along_normal = _choice(direction, ("random", "normal"), "direction") == "normal"
@@ -319,6 +397,16 @@ def insert_occluding(
     ------
     InputError
         As `ctp`; the object surrounds the scanner.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Box, forge
+    >>> ground = np.mgrid[-9:9:0.5, -9:9:0.5, -1.5:-1:1].reshape(3, -1).T
+    >>> car = np.mgrid[4:6:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T
+    >>> scan = np.vstack([ground, car]).astype(np.float32)
+    >>> forge.insert_occluding(scan, car, position=(-5.0, 0.0, -0.5))
+    <manip3d.forge.Forgery: insert_occluding; 2096 points, 0 added, 68 moved, 0 removed>
     """
     scene = to_scan(scan)
     whole = to_hoax(hoax, 0.0, scene)
@@ -369,6 +457,10 @@ def snap_to_lattice(
         Turn to the nearest azimuth step first, where the lattice knows the steps.
     max_move : float, metres
     threads : int
+
+    Returns
+    -------
+    Forgery
 
     Raises
     ------

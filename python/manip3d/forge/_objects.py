@@ -76,10 +76,24 @@ def segment(
     max_size : float, metres
         Longer ones (walls) are none either.
 
+    Returns
+    -------
+    Segmentation
+
     Raises
     ------
     InputError
         An option is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Box, forge
+    >>> ground = np.mgrid[-9:9:0.5, -9:9:0.5, -1.5:-1:1].reshape(3, -1).T
+    >>> car = np.mgrid[4:6:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T
+    >>> scan = np.vstack([ground, car]).astype(np.float32)
+    >>> len(forge.segment(scan).boxes)
+    1
     """
     scene = to_scan(scan)
     label, boxes = _core.segment_objects(
@@ -101,10 +115,30 @@ def segment(
 def nearest_object(scan: ScanLike, *, origin: ArrayLike | None = None) -> Box:
     """The box of the object that is nearest to the scanner, as `segment` finds it.
 
+    Parameters
+    ----------
+    scan : LidarFrame, (N, 3) or (N, 4) float32
+    origin : (3,), optional
+        Where the scanner stood; default: the frame's own, else the origin of the coordinates.
+
+    Returns
+    -------
+    Box
+
     Raises
     ------
     InputError
         There is none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Box, forge
+    >>> ground = np.mgrid[-9:9:0.5, -9:9:0.5, -1.5:-1:1].reshape(3, -1).T
+    >>> car = np.mgrid[4:6:0.2, -1:1:0.2, -1.2:0.4:0.2].reshape(3, -1).T
+    >>> scan = np.vstack([ground, car]).astype(np.float32)
+    >>> forge.nearest_object(scan).center[0] > 4.0
+    True
     """
     boxes = segment(scan, origin=origin).boxes
     if not boxes:

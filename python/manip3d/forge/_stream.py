@@ -85,6 +85,15 @@ class StreamTruth:
 def read_stream_truth(path: str | os.PathLike[str]) -> StreamTruth:
     """Read what `StreamTruth.write` has written.
 
+    Parameters
+    ----------
+    path : path-like
+        An ``.npz`` archive.
+
+    Returns
+    -------
+    StreamTruth
+
     Raises
     ------
     FormatError
@@ -124,6 +133,10 @@ def background_plate(frames: Iterable[RgbdFrame]) -> RgbdFrame:
     frames : iterable of RgbdFrame
         With ``body_index`` where there are people. Colour is kept where it has the depth image's
         pixels.
+
+    Returns
+    -------
+    RgbdFrame
 
     Raises
     ------
@@ -202,6 +215,18 @@ def _nearest_seen(seen: Mask, depth: NDArray[np.uint16]) -> NDArray[np.intp]:
 @checked
 def without_people(frame: RgbdFrame, plate: RgbdFrame) -> RgbdFrame:
     """Return a frame whose people are replaced by the scene behind, as of `background_plate`.
+
+    Parameters
+    ----------
+    frame : RgbdFrame
+        With ``body_index``; without it nothing is replaced.
+    plate : RgbdFrame
+        The scene behind, of the same camera and size.
+
+    Returns
+    -------
+    RgbdFrame
+        Without skeletons.
 
     Raises
     ------

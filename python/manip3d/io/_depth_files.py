@@ -61,6 +61,14 @@ def read_depth(
         `FileNotFoundError` and the like.
     MissingExtraError
         Pillow is not installed (PNG and TIFF).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import io
+    >>> np.save("depth.npy", np.full((48, 64), 2000, np.uint16))
+    >>> io.read_depth("depth.npy").shape
+    (48, 64)
     """
     if not 0 < units_per_metre < float("inf"):
         raise InputError(f"units_per_metre: expected > 0, got {units_per_metre}")
@@ -87,7 +95,21 @@ def read_stored_depth(
 
 @checked
 def is_color_png(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file is a PNG of at most 8 bits: a picture or a mask, no depth image."""
+    """Return whether a file is a PNG of at most 8 bits: a picture or a mask, no depth image.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    bool
+
+    Raises
+    ------
+    OSError
+        The file cannot be read.
+    """
     with open_regular(path_of(path)) as file:
         header = file.read(26)
     return header.startswith(b"\x89PNG\r\n\x1a\n") and len(header) == 26 and header[24] <= 8

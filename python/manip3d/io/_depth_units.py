@@ -125,7 +125,23 @@ _WHOLE_ONLY = ("kinect-raw", "nyu", "sun")
 
 @checked
 def describe_unit(unit: str) -> str:
-    """Describe a unit in words: ``1/5000 m: TUM RGB-D, ICL-NUIM``."""
+    """Describe a unit in words: ``1/5000 m: TUM RGB-D, ICL-NUIM``.
+
+    Parameters
+    ----------
+    unit : str
+        One of `DEPTH_UNITS`, or a number of units per metre.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> from manip3d import io
+    >>> io.describe_unit("tum")
+    '1/5000 m: TUM RGB-D, ICL-NUIM'
+    """
     return _UNITS[unit][0] if unit in _UNITS else f"1/{unit} m"
 
 
@@ -155,6 +171,14 @@ def read_depth_guessing(
         ``unit`` is no unit, or one of whole numbers and the image has others.
     FormatError, OSError, MissingExtraError
         As `read_depth`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import io
+    >>> np.save("depth.npy", np.full((48, 64), 2000, np.uint16))
+    >>> io.read_depth_guessing("depth.npy").unit
+    'mm'
     """
     name = _checked_unit(unit)
     stored = read_stored_depth(path, max_pixels=max_pixels)
@@ -202,6 +226,13 @@ def guess_depth_unit(stored: NDArray[Any]) -> tuple[str, str]:
     Millimetres and 1/5000 m differ by the range only. An image of a scene beyond 4 m in
     millimetres, and one of a scene nearer than 0.8 m in 1/5000 m, are guessed wrongly: say the unit
     where it is known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import io
+    >>> io.guess_depth_unit(np.full((480, 640), 2.5, np.float32))[0]
+    'm'
     """
     with np.errstate(invalid="ignore"):
         measured = stored[np.isfinite(stored) & (stored > 0)]

@@ -44,6 +44,12 @@ def texture_path(mesh: Mesh, texture: Texture) -> Path | None:
     symbolic links; an absolute one is taken as it is (files cannot bring one in, unless read with
     ``allow_outside=True``).
 
+    Parameters
+    ----------
+    mesh : Mesh
+        In whose folder a relative path starts.
+    texture : Texture
+
     Returns
     -------
     Path or None

@@ -90,7 +90,32 @@ def _report(result: tuple[Mesh, str, int, int, list[str]], source: str | None) -
 def read_report(
     path: str | os.PathLike[str], *, allow_outside: bool = False, max_bytes: int | None = None
 ) -> ReadReport:
-    """Read a mesh file and tell what was seen; see `read_mesh`."""
+    r"""Read a mesh file and tell what was seen; see `read_mesh`.
+
+    Parameters
+    ----------
+    path, allow_outside, max_bytes
+        As for `read_mesh`.
+
+    Returns
+    -------
+    ReadReport
+        The mesh, and what was left out of it.
+
+    Raises
+    ------
+    FormatError, OSError
+        As `read_mesh`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import io
+    >>> text = "mtllib none.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+    >>> written = Path("a.obj").write_text(text)
+    >>> len(io.read_report("a.obj").warnings)
+    1
+    """
     with local_copy(path, max_bytes=max_bytes) as local:
         found = _core.read_mesh(os.fsencode(local), bool(allow_outside), _limit(max_bytes))
         report = _report(found, os.fspath(path))
@@ -144,6 +169,13 @@ def read_mesh(
     -----
     What is left out (a missing material library, a texture outside of the folder) goes to the
     logger ``manip3d``; `read_report` returns it.
+
+    Examples
+    --------
+    >>> from manip3d import io, simulate
+    >>> simulate.models.floor(columns=2, rows=1).write("floor.ply")
+    >>> io.read_mesh("floor.ply").num_faces
+    4
     """
     return read_report(path, allow_outside=allow_outside, max_bytes=max_bytes).mesh
 
@@ -152,7 +184,7 @@ def read_mesh(
 def read_mesh_bytes(
     data: bytes, format: str | None = None, *, max_bytes: int | None = None
 ) -> Mesh:
-    """Read a mesh from memory, compressed or not.
+    r"""Read a mesh from memory, compressed or not.
 
     Parameters
     ----------
@@ -163,12 +195,23 @@ def read_mesh_bytes(
     max_bytes : int, optional
         As for `read_mesh`.
 
+    Returns
+    -------
+    Mesh
+
     Raises
     ------
     InputError
         Unknown ``format``.
     FormatError
         As `read_mesh`, without a file name.
+
+    Examples
+    --------
+    >>> from manip3d import io
+    >>> text = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+    >>> io.read_mesh_bytes(text, "obj").num_faces
+    1
     """
     suffix = "" if format is None else "." + format.lower().lstrip(".")
     if suffix and suffix not in READABLE:
@@ -208,6 +251,13 @@ def write_mesh(
     rounds them to 32 bits, PLY rounds texture coordinates (MeshLab's convention).
 
     What the format cannot hold goes to the logger ``manip3d``.
+
+    Examples
+    --------
+    >>> from manip3d import io, simulate
+    >>> io.write_mesh(simulate.models.floor(columns=2, rows=1), "floor.obj")
+    >>> io.read_mesh("floor.obj").num_faces
+    4
     """
     if _is_gltf(path):
         write_gltf([mesh], path, [], max_vertices)
@@ -255,6 +305,16 @@ def _write(
 @checked
 def read_range_grid(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> RangeGrid:
     """Read the pixels of a range scan (PLY with a ``range_grid``, as Stanford's single scans).
+
+    Parameters
+    ----------
+    path : path-like or URL
+    max_bytes : int, optional
+        As for `read_mesh`.
+
+    Returns
+    -------
+    RangeGrid
 
     Raises
     ------

@@ -40,6 +40,20 @@ def is_url(source: str | os.PathLike[str]) -> bool:
     """Return whether the source is a URL such as ``s3://bucket/scan.bin``.
 
     Addresses of sources (``kitti:``, ``sim:``) are not: their colon is followed by no slashes.
+
+    Parameters
+    ----------
+    source : str or path
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> from manip3d import io
+    >>> io.is_url("s3://bucket/scan.bin"), io.is_url("kitti:/data/drive"), io.is_url("scan.bin")
+    (True, False, False)
     """
     return isinstance(source, str) and _URL.match(source) is not None
 
@@ -84,6 +98,10 @@ def local_copy(source: str | os.PathLike[str], *, max_bytes: int | None = None) 
     max_bytes : int, optional
         Refuse a remote file that has more.
 
+    Yields
+    ------
+    Path
+
     Raises
     ------
     InputError, MissingExtraError
@@ -92,6 +110,15 @@ def local_copy(source: str | os.PathLike[str], *, max_bytes: int | None = None) 
         The file has more than ``max_bytes``. One that is raised within the block names the URL.
     OSError
         There is no such file, or it cannot be fetched; ``filename`` is the URL.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import io
+    >>> written = Path("note.txt").write_text("here")
+    >>> with io.local_copy("note.txt") as path:
+    ...     print(path.read_text())
+    here
     """
     if not is_url(source):
         yield path_of(source)
@@ -113,12 +140,29 @@ def local_output(output: str | os.PathLike[str]) -> Iterator[Path]:
     A local output is yielded as it is. All files of a remote one appear at the end of the block,
     in one transaction, the named one last; none does if the block raises.
 
+    Parameters
+    ----------
+    output : path or URL
+
+    Yields
+    ------
+    Path
+
     Raises
     ------
     InputError, MissingExtraError
         As `filesystem`; the file system can only be read.
     OSError
         It cannot be written; ``filename`` is the URL.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import io
+    >>> with io.local_output("note.txt") as path:
+    ...     written = path.write_text("here")
+    >>> Path("note.txt").read_text()
+    'here'
     """
     if not is_url(output):
         yield path_of(output)

@@ -58,6 +58,14 @@ def read_scan(
         LAS, LAZ and E57: the package that reads them is not installed.
     OSError
         `FileNotFoundError` and the like.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import io
+    >>> np.float32([[1, 2, 3, 0.5], [4, 5, 6, 0.25]]).tofile("scan.bin")
+    >>> io.read_scan("scan.bin").points.tolist()
+    [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
     """
     frames = read_scans(path, max_bytes=max_bytes)
     if len(frames) != 1:
@@ -69,10 +77,28 @@ def read_scan(
 def read_scans(path: str | os.PathLike[str], *, max_bytes: int | None = None) -> list[LidarFrame]:
     """Read all scans of a file: E57 may hold many positions, other formats hold one.
 
+    Parameters
+    ----------
+    path : path-like or URL
+    max_bytes : int, optional
+        The most uncompressed bytes to read.
+
+    Returns
+    -------
+    list of LidarFrame
+
     Raises
     ------
     FormatError, InputError, MissingExtraError, OSError
         As `read_scan`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import io
+    >>> np.float32([[1, 2, 3, 0.5]]).tofile("scan.bin")
+    >>> len(io.read_scans("scan.bin"))
+    1
     """
     with local_copy(path, max_bytes=max_bytes) as local:
         frames = _read_local(local, max_bytes)
@@ -102,6 +128,12 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
     what of ``fields`` it can hold; KITTI's ``.bin`` holds nothing else, 3DTK's ``.3d`` the
     intensity, E57 rows, columns and colours (coordinates as 32-bit floats).
 
+    Parameters
+    ----------
+    frame : LidarFrame
+    path : path-like or URL
+        One of `SCAN_SUFFIXES`, alone or followed by ``.gz`` or ``.xz``.
+
     Raises
     ------
     InputError
@@ -110,6 +142,14 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
         LAS, LAZ and E57: the package that writes them is not installed.
     OSError
         The operating system refused; the old file is whole.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame, io
+    >>> io.write_scan(LidarFrame(np.float32([[1, 2, 3]])), "scan.pcd")
+    >>> io.read_scan("scan.pcd").points.tolist()
+    [[1.0, 2.0, 3.0]]
     """
     if scan_suffix(path_of(path)) == ".e57":
         return write_scans([frame], path)
@@ -124,6 +164,12 @@ def write_scan(frame: LidarFrame, path: str | os.PathLike[str]) -> None:
 @checked
 def write_scans(frames: Sequence[LidarFrame], path: str | os.PathLike[str]) -> None:
     """Write several scan positions to one E57 file, each with the pose it was read with.
+
+    Parameters
+    ----------
+    frames : sequence of LidarFrame
+    path : path-like or URL
+        ``.e57``; any other suffix takes exactly one scan.
 
     Raises
     ------

@@ -79,6 +79,14 @@ def boundary_gap(
     ------
     InputError
         A mesh without faces; an original whose bounding box is a point; ``tolerance`` out of range.
+
+    Examples
+    --------
+    >>> from manip3d import metrics, simplify, simulate
+    >>> floor = simulate.models.floor(columns=10, rows=6)
+    >>> small = simplify.qem4vr(floor, target_faces=40).mesh
+    >>> metrics.boundary_gap(floor, small).cracks
+    0
     """
     with reporting(progress, "boundary gap") as report:
         forward, backward, cracks, crack_length, diagonal = _core.boundary_gap(

@@ -220,6 +220,15 @@ def metro(
     P. Cignoni, C. Rocchini, R. Scopigno: Metro: measuring error on simplified surfaces, Computer
     Graphics Forum 17(2), 1998. The two samplings differ by design: ``vertex`` weighs a surface
     by where its vertices are, ``area`` by area; their orders of two methods may be opposite.
+
+    Examples
+    --------
+    >>> from manip3d import Mesh, metrics
+    >>> corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    >>> low, high = (Mesh([[x, y, z] for x, y, _ in corners], [[0, 1, 2]]) for z in (0.0, 0.5))
+    >>> found = metrics.metro(low, high)
+    >>> found.forward.mean, found.diagonal
+    (0.5, 1.4142135623730951)
     """
     if sampling not in ("vertex", "area"):
         raise InputError(f"sampling: expected 'vertex' or 'area', got {sampling!r}")

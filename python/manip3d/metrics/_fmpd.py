@@ -73,6 +73,16 @@ def fmpd(
     mesh visual quality, Computers & Graphics 36(7), 2012. Local roughness is the Laplacian, with
     cotangent weights clamped to [0.001, 1000], of the absolute angle deficit. The values published
     in the dissertation cannot be met with it: compare ranks.
+
+    Examples
+    --------
+    >>> from manip3d import metrics, simplify, simulate
+    >>> head = simulate.models.head(faces=2000)
+    >>> metrics.fmpd(head, head).value
+    0.0
+    >>> half = simplify.qem4vr(head, ratio=0.5).mesh
+    >>> metrics.fmpd(head, half).value > 0
+    True
     """
     with reporting(progress, "fmpd") as report:
         return FmpdResult(*_core.fmpd(original, simplified, clip, threads_of(threads), report))

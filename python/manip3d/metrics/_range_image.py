@@ -135,6 +135,14 @@ def render_depth(
     ------
     InputError
         A mesh that is not valid.
+
+    Examples
+    --------
+    >>> from manip3d import Intrinsics, Mesh, metrics
+    >>> camera = Intrinsics(3, 3, 1.0, 1.0, 1.0, 1.0)
+    >>> wall = Mesh([[-9, -9, 2], [9, -9, 2], [0, 9, 2]], [[0, 2, 1]])
+    >>> float(metrics.render_depth(wall, camera)[1, 1])
+    2.0
     """
     shape = (intrinsics.height, intrinsics.width)
     points, valid, rows_up = _lifted(np.ones(shape, dtype=np.float32), intrinsics, threads)
@@ -218,10 +226,24 @@ def range_image_error_grid(
     threads : int
     progress : None, True or callable(fraction, message)
 
+    Returns
+    -------
+    RangeImageError
+
     Raises
     ------
     InputError
         As `range_image_error`; points that all lie in a plane, or that fit no such sensor.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import metrics, simplify
+    >>> y, x = np.mgrid[0:40, 0:40] * 0.01
+    >>> points = np.stack([x, -y, 1 + 0.1 * np.sin(6 * x)], axis=2)
+    >>> dense = simplify.dense_mesh_grid(points)
+    >>> metrics.range_image_error_grid(points, None, dense).max
+    0.0
     """
     grid, mask = _point_grid(points, valid)
     return _error(mesh, grid, mask, rows_up, None, threads, progress)
@@ -255,6 +277,15 @@ def flicker(
     ------
     InputError
         Fewer than two frames; frames that have no pixel in common; ``within`` of another shape.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, metrics, simplify
+    >>> camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+    >>> still = simplify.dense_mesh(np.full((48, 64), 2000, np.uint16), camera)
+    >>> metrics.flicker([still, still, still], camera).mean_std_mm
+    0.0
     """
     shape = (intrinsics.height, intrinsics.width)
     if within is not None and (within.shape != shape or within.dtype != np.bool_):
@@ -339,6 +370,21 @@ def boundary_noise(
     ------
     InputError
         No flying pixel; an array of another shape; a negative ``tolerance``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, metrics, simplify
+    >>> camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+    >>> depth = np.full((48, 64), 2000, np.uint16)
+    >>> depth[:, 32:] = 1000
+    >>> depth[:, 31] = 1500  # measured half on each of the two surfaces
+    >>> truth = np.where(np.arange(64) < 32, 2.0, 1.0) * np.ones((48, 1))
+    >>> flying = np.zeros((48, 64), bool)
+    >>> flying[:, 31] = True
+    >>> dense = simplify.dense_mesh(depth, camera)
+    >>> metrics.boundary_noise(depth, camera, dense, flying=flying, truth=truth).survived
+    1.0
     """
     image = _depth_image(depth, intrinsics)
     for name, array in (("flying", flying), ("truth", truth)):

@@ -407,6 +407,18 @@ def cs3_cameras(
     pixels where it sees them, so that the seam is closed with shared vertices. A triangle is valid
     where the pixel at its centroid is not covered. Dissertation section 8.3 names this as future
     work.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, simplify
+    >>> camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+    >>> wall = np.full((48, 64), 2000, np.uint16)
+    >>> beside = np.eye(4)
+    >>> beside[0, 3] = 0.5  # half a metre to the right
+    >>> views = [simplify.CameraView(wall, camera), simplify.CameraView(wall, camera, pose=beside)]
+    >>> simplify.cs3_cameras(views, 200).mesh.num_vertices
+    198
     """
     if not len(views):
         raise InputError("views: expected at least one")

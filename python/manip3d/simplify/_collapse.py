@@ -447,8 +447,29 @@ def qem_orig(
 ) -> SimplifyResult:
     """QEM_ORIG: quadrics of the faces alone [Garland & Heckbert 1997], subset placement.
 
-    The baseline without a term for boundaries or texture; parameters, result and errors as
-    :func:`qem4vr`. Texture coordinates are carried along and decide nothing.
+    The baseline without a term for boundaries or texture. Texture coordinates are carried along and
+    decide nothing.
+
+    Parameters
+    ----------
+    mesh, target_faces, ratio, max_error, max_distance, quality_threshold, link_condition, progress
+        As of :func:`qem4vr`.
+
+    Returns
+    -------
+    SimplifyResult
+
+    Raises
+    ------
+    InputError
+        As :func:`qem4vr`.
+
+    Examples
+    --------
+    >>> from manip3d import simplify, simulate
+    >>> head = simulate.models.head(faces=2000)
+    >>> simplify.qem_orig(head, target_faces=500).mesh.num_faces
+    500
     """
     return _baseline(
         mesh,
@@ -479,13 +500,29 @@ def qem_bp(
 ) -> SimplifyResult:
     """QEM_BP: :func:`qem_orig` with preserved boundaries.
 
-    Parameters, result and errors as :func:`qem4vr`, and
-
     Parameters
     ----------
+    mesh, target_faces, ratio, max_error, max_distance, quality_threshold, link_condition, progress
+        As of :func:`qem4vr`.
     boundary : 'freeze' or 'weight'
         Boundary vertices never move, as in MeshLab, which is why the method stops early on open
         meshes; or planes of constant weight 1 alone, section 2.4.2's literal reading.
+
+    Returns
+    -------
+    SimplifyResult
+
+    Raises
+    ------
+    InputError
+        As :func:`qem4vr`.
+
+    Examples
+    --------
+    >>> from manip3d import simplify, simulate
+    >>> floor = simulate.models.floor(columns=10, rows=6)
+    >>> simplify.qem_bp(floor, target_faces=60).mesh.num_faces
+    60
     """
     return _baseline(
         mesh,
@@ -515,9 +552,30 @@ def qem_tp(
 ) -> SimplifyResult:
     """QEM_TP: quadrics over (x, y, z, u, v) for each texture coordinate of a vertex (eq. 2.7).
 
-    The texture-preserving baseline; parameters, result and errors as :func:`qem4vr`. Positions
-    are scaled to a unit diagonal. Refuses a mesh with faces without texture coordinates:
-    ``stop`` is ``refused`` and ``message`` says why, the failure that the source reports.
+    The texture-preserving baseline. Positions are scaled to a unit diagonal. Refuses a mesh with
+    faces without texture coordinates: ``stop`` is ``refused`` and ``message`` says why, the failure
+    that the source reports.
+
+    Parameters
+    ----------
+    mesh, target_faces, ratio, max_error, max_distance, quality_threshold, link_condition, progress
+        As of :func:`qem4vr`.
+
+    Returns
+    -------
+    SimplifyResult
+
+    Raises
+    ------
+    InputError
+        As :func:`qem4vr`.
+
+    Examples
+    --------
+    >>> from manip3d import simplify, simulate
+    >>> head = simulate.models.head(faces=2000)
+    >>> simplify.qem_tp(head, target_faces=500).mesh.texcoords is not None
+    True
     """
     return _baseline(
         mesh,
@@ -546,7 +604,31 @@ def qem_btp(
     link_condition: LinkCondition = "manifold",
     progress: Progress = None,
 ) -> SimplifyResult:
-    """QEM_BTP: :func:`qem_tp` with the preserved boundaries of :func:`qem_bp`."""
+    """QEM_BTP: :func:`qem_tp` with the preserved boundaries of :func:`qem_bp`.
+
+    Parameters
+    ----------
+    mesh, target_faces, ratio, max_error, max_distance, quality_threshold, link_condition, progress
+        As of :func:`qem4vr`.
+    boundary
+        As of :func:`qem_bp`.
+
+    Returns
+    -------
+    SimplifyResult
+
+    Raises
+    ------
+    InputError
+        As :func:`qem4vr`.
+
+    Examples
+    --------
+    >>> from manip3d import simplify, simulate
+    >>> head = simulate.models.head(faces=2000)
+    >>> simplify.qem_btp(head, target_faces=500).mesh.num_faces
+    500
+    """
     return _baseline(
         mesh,
         _choice("boundary", boundary, _BOUNDARIES),

@@ -249,6 +249,14 @@ def dense_mesh(
     ------
     InputError
         Another shape or dtype, a negative or infinite depth, or an option out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, simplify
+    >>> camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+    >>> simplify.dense_mesh(np.full((48, 64), 2000, np.uint16), camera)
+    <manip3d.simplify.DepthMesh: 3072 vertices, 5922 faces>
     """
     image = _depth_image(depth, intrinsics)
     picture = _color_image(color, image.shape, registration)
@@ -290,6 +298,10 @@ def dense_mesh_grid(
     max_edge : float, optional
         In the unit of the points.
     threads : int
+
+    Returns
+    -------
+    DepthMesh
 
     Raises
     ------
@@ -595,10 +607,23 @@ def cs3_grid(
     variant, max_edge, threads, reading
         As for `cs3`; ``max_edge`` in the unit of the points.
 
+    Returns
+    -------
+    DepthSimplification
+
     Raises
     ------
     InputError
         As `cs3`; a valid point is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import simplify
+    >>> y, x = np.mgrid[0:40, 0:40] * 0.01
+    >>> points = np.stack([x, -y, 1 + 0.1 * np.sin(6 * x)], axis=2)
+    >>> simplify.cs3_grid(points, None, 100).num_vertices
+    100
     """
     stream = Cs3Stream(
         target_points, variant=variant, max_edge=max_edge, threads=threads, reading=reading

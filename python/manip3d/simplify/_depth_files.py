@@ -187,6 +187,16 @@ def simplify_depth(
     ------
     InputError
         As `cs3`, `relief` and `sample_depth`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, simplify
+    >>> camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+    >>> wall = np.full((48, 64), 2000, np.uint16)
+    >>> options = simplify.DepthOptions(100, method="relief")
+    >>> simplify.simplify_depth(wall, camera, options).num_vertices <= 100
+    True
     """
     asked: dict[str, Any] = {
         "max_edge": options.max_edge,
@@ -237,6 +247,16 @@ def simplify_depth_file(
         A depth image without ``intrinsics``, or an option that does not go with the source.
     FormatError, OSError, MissingExtraError
         As `manip3d.io.read_depth_guessing`, `manip3d.io.read_range_grid` and `write_mesh`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import simplify
+    >>> np.save("wall.npy", np.full((480, 640), 2.0, np.float32))
+    >>> options = simplify.DepthOptions(500, intrinsics="tum")
+    >>> found = simplify.simplify_depth_file("wall.npy", "wall.ply", options)
+    >>> found.points <= 500, found.coverage > 0.99
+    (True, True)
     """
     path, target = path_of(source, "source"), path_of(output, "output")
     picture = None if color is None else _color_image(path_of(color, "color"))
@@ -368,10 +388,25 @@ def colors_of_frames(
     colors : path-like
         Folder of as many colour images.
 
+    Returns
+    -------
+    dict of str to str
+        The colour image of each depth image.
+
     Raises
     ------
     InputError
         They are not as many.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from manip3d import simplify
+    >>> Path("colors").mkdir()
+    >>> Path("colors", "a.jpg").touch()
+    >>> Path("colors", "b.jpg").touch()
+    >>> simplify.colors_of_frames(["d1.png", "d2.png"], "colors")
+    {'d1.png': 'colors/a.jpg', 'd2.png': 'colors/b.jpg'}
     """
     images = sorted(path for path in path_of(colors, "colors").iterdir() if path.is_file())
     if len(images) != len(frames):
@@ -398,6 +433,24 @@ def common_depth_unit(
         Returned as it is unless it is ``"guess"``.
     intrinsics : str
         A camera that knows its unit leaves ``"guess"``: each image asks the camera.
+
+    Returns
+    -------
+    str
+        A unit as `manip3d.io.read_depth_guessing` takes it.
+
+    Raises
+    ------
+    OSError
+        A file cannot be read.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import simplify
+    >>> np.save("a.npy", np.full((48, 64), 2000, np.uint16))
+    >>> simplify.common_depth_unit(["a.npy"])
+    'mm'
     """
     preset = CAMERA_PRESETS.get(intrinsics)
     if unit != "guess" or (preset is not None and preset.depth_unit != "guess"):

@@ -270,6 +270,15 @@ def relief_grid(
     ------
     InputError
         As `relief`; a valid point is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import simplify
+    >>> y, x = np.mgrid[0:40, 0:40] * 0.01
+    >>> points = np.stack([x, -y, 1 + 0.1 * np.sin(6 * x)], axis=2)
+    >>> simplify.relief_grid(points, None, 100).num_vertices
+    100
     """
     grid, mask = _point_grid(points, valid)
     picture = _color_image(color, mask.shape)

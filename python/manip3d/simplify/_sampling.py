@@ -79,6 +79,15 @@ def sample_depth(
     -----
     Poisson disks: R. L. Cook, ACM Transactions on Graphics 5(1), 1986. Scale space: I. Cheng,
     P. Boulanger, Proc. 3DPVT 2006. Both in the dissertation's section 3.6.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, simplify
+    >>> camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+    >>> wall = np.full((48, 64), 2000, np.uint16)
+    >>> simplify.sample_depth(wall, camera, 300, method="uniform").num_vertices <= 300
+    True
     """
     image = _depth_image(depth, intrinsics)
     picture = _color_image(color, image.shape, registration)
@@ -128,10 +137,23 @@ def sample_depth_grid(
         In the unit of the points.
     rng : int, numpy.random.Generator or None
 
+    Returns
+    -------
+    DepthMesh
+
     Raises
     ------
     InputError
         As `sample_depth`; a valid point is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import simplify
+    >>> y, x = np.mgrid[0:40, 0:40] * 0.01
+    >>> points = np.stack([x, -y, 1 + 0.1 * np.sin(6 * x)], axis=2)
+    >>> simplify.sample_depth_grid(points, None, 100).num_vertices <= 100
+    True
     """
     if method not in get_args(SamplingMethod):
         expected = ", ".join(repr(name) for name in get_args(SamplingMethod))

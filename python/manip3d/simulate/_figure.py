@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
+from manip3d.errors import InputError
 from manip3d.rgbd import MIRRORED_JOINTS, PARENTS
 
 Array = NDArray[np.float64]
@@ -311,6 +312,29 @@ LIMBS: Mapping[str, tuple[int, ...]] = {
 
 @checked
 def opposite(limb: str) -> str:
-    """The limb on the other side."""
+    """The limb on the other side.
+
+    Parameters
+    ----------
+    limb : str
+        One of `LIMBS`.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        Another name.
+
+    Examples
+    --------
+    >>> from manip3d import simulate
+    >>> simulate.opposite("left_arm")
+    'right_arm'
+    """
+    if limb not in LIMBS:
+        raise InputError(f"limb: expected one of {', '.join(LIMBS)}, got {limb!r}")
     side, _, kind = limb.partition("_")
     return f"{'right' if side == 'left' else 'left'}_{kind}"

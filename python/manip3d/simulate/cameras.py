@@ -105,6 +105,10 @@ def stereo_pair(
         Of the ray casting; 0: ``MANIP3D_THREADS``, else all cores. The result does not depend on
         it.
 
+    Returns
+    -------
+    StereoPair
+
     Raises
     ------
     InputError

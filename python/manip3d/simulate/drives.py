@@ -105,12 +105,23 @@ def drive(
     threads : int
         0: ``MANIP3D_THREADS``, else all cores.
 
+    Yields
+    ------
+    DriveFrame
+
     Raises
     ------
     InputError
         The street ends before the last frame.
     MissingExtraError
         Open3D is not installed.
+
+    Examples
+    --------
+    >>> from manip3d import simulate
+    >>> street = simulate.street(1)
+    >>> sum(1 for frame in simulate.drive(street, 2, pictures=False))
+    2
     """
     if frames < 1:
         raise InputError(f"frames: expected at least 1, got {frames}")

@@ -168,12 +168,23 @@ def hdl64e(
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
+    Returns
+    -------
+    LidarScan
+
     Raises
     ------
     InputError
         An option is out of range, or the car has left the street.
     MissingExtraError
         Open3D is not installed.
+
+    Examples
+    --------
+    >>> from manip3d import simulate
+    >>> scan = simulate.hdl64e(simulate.street(1))
+    >>> len(scan.frame.points) > 50_000
+    True
     """
     for name, value in (("range_noise", range_noise), ("laser_bias", laser_bias)):
         if not (0.0 <= value < 1.0):

@@ -579,7 +579,32 @@ def _seen(joints: NDArray[np.float64], view: _View, number: int) -> NDArray[np.b
 
 @checked
 def cast_mesh(mesh: Mesh, camera: Intrinsics, *, threads: int = 0) -> Floats:
-    """Depth of a mesh, (H, W) float32 in metres, by an ideal camera at the origin; 0: nothing."""
+    """Depth of a mesh, (H, W) float32 in metres, by an ideal camera at the origin; 0: nothing.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        In the camera's frame, metres.
+    camera : Intrinsics
+    threads : int
+
+    Returns
+    -------
+    (H, W) float32, metres
+
+    Raises
+    ------
+    InputError
+        A mesh that is not valid.
+
+    Examples
+    --------
+    >>> from manip3d import Intrinsics, Mesh, simulate
+    >>> camera = Intrinsics(3, 3, 1.0, 1.0, 1.0, 1.0)
+    >>> wall = Mesh([[-9, -9, 2], [9, -9, 2], [0, 9, 2]], [[0, 2, 1]])
+    >>> float(simulate.cast_mesh(wall, camera)[1, 1])
+    2.0
+    """
     shape = camera.height, camera.width
     rays = camera.unproject(np.ones(shape, np.float32)).reshape(-1, 3)
     caster = RayCaster(mesh.vertices, mesh.faces)

@@ -119,6 +119,16 @@ def street(rng: Rng = 0) -> Street:
     ----------
     rng : int, numpy.random.Generator or None
         Another seed, another street: width, houses, greenery, traffic, speed.
+
+    Returns
+    -------
+    Street
+
+    Examples
+    --------
+    >>> from manip3d import simulate
+    >>> len(simulate.street(1).boxes(0.0)) > 0
+    True
     """
     random = generator_of(rng)
     relief = Relief(random, float(random.uniform(0.01, 0.05)), 30.0)

@@ -1,0 +1,93 @@
+"""Docstrings of public functions name each parameter, what comes back, errors, and an example."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import re
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+ROOMS = ("forge", "io", "metrics", "simplify", "simulate")
+
+WITHOUT_ERRORS = {
+    "io.describe_unit",
+    "io.guess_depth_unit",
+    "io.is_url",
+    "simulate.street",
+}
+"""Functions that raise nothing of their own."""
+
+WITHOUT_EXAMPLE = {
+    "forge.background_plate",
+    "forge.lattice_insert",
+    "forge.lattice_remove",
+    "forge.read_stream_truth",
+    "forge.snap_to_lattice",
+    "forge.spoof",
+    "forge.without_people",
+    "io.is_color_png",
+    "io.read_range_grid",
+    "io.texture_path",
+    "io.write_scans",
+    "simulate.stereo_pair",
+    "simulate.terrestrial_scan",
+    "simulate.write_drive",
+}
+"""Functions whose smallest input is too large for a docstring."""
+
+
+def public_functions() -> Iterator[tuple[str, Callable[..., Any]]]:
+    for room in ROOMS:
+        module = importlib.import_module(f"manip3d.{room}")
+        for name in module.__all__:
+            thing = getattr(module, name)
+            if inspect.isfunction(thing):
+                yield f"{room}.{name}", thing
+
+
+FUNCTIONS = dict(public_functions())
+
+
+def sections(function: Callable[..., Any]) -> dict[str, str]:
+    """Text of each section of a numpydoc docstring, by its title."""
+    parts = re.split(r"^([A-Z][A-Za-z ]+)\n-+\n", inspect.getdoc(function) or "", flags=re.M)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def described(parameters: str) -> set[str]:
+    """Names on the left of a `Parameters` section: ``a, b : int`` describes two."""
+    heads = [line.partition(":")[0] for line in parameters.split("\n") if line[:1].strip()]
+    return {name.strip(" *") for head in heads for name in head.split(",")}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_each_parameter_is_described_and_no_other(name: str) -> None:
+    function = FUNCTIONS[name]
+    assert described(sections(function).get("Parameters", "")) - {""} == set(
+        inspect.signature(function).parameters
+    )
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_what_comes_back_is_described(name: str) -> None:
+    function = FUNCTIONS[name]
+    returns_nothing = inspect.signature(function).return_annotation in ("None", None)
+    found = sections(function)
+    assert returns_nothing or "Returns" in found or "Yields" in found
+
+
+@pytest.mark.parametrize("name", sorted(set(FUNCTIONS) - WITHOUT_ERRORS))
+def test_errors_are_described(name: str) -> None:
+    assert "Raises" in sections(FUNCTIONS[name])
+
+
+@pytest.mark.parametrize("name", sorted(set(FUNCTIONS) - WITHOUT_EXAMPLE))
+def test_there_is_an_example(name: str) -> None:
+    assert ">>>" in sections(FUNCTIONS[name]).get("Examples", "")
+
+
+def test_exceptions_exist() -> None:
+    assert set(FUNCTIONS) >= WITHOUT_ERRORS | WITHOUT_EXAMPLE
