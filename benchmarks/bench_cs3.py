@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from manip3d import Intrinsics
     from manip3d.datasets import RangeScan
-    from manip3d.simplify import Cs3Stream, DepthSimplification
+    from manip3d.simplify import Cs3Result, Cs3Stream
 
-    Call = Callable[[Cs3Stream], DepthSimplification]
+    Call = Callable[[Cs3Stream], Cs3Result]
 
 STAGES = ("importance", "order", "sampling", "triangulation", "output")
 
@@ -65,7 +65,7 @@ def inputs() -> list[tuple[str, int, Call]]:
 
 def profile(
     call: Call, target: int, threads: int, rounds: int
-) -> tuple[DepthSimplification, dict[str, float], float]:
+) -> tuple[Cs3Result, dict[str, float], float]:
     """The result, the least seconds of each stage, and the least of the whole call."""
     from manip3d.simplify import Cs3Stream
 

@@ -32,6 +32,7 @@ WITHOUT_EXAMPLE = {
     "io.read_range_grid",
     "io.texture_path",
     "io.write_scans",
+    "simulate.drive",
     "simulate.stereo_pair",
     "simulate.terrestrial_scan",
     "simulate.write_drive",

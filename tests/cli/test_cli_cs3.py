@@ -302,3 +302,14 @@ def test_ctrl_c_leaves_whole_files(scene: simulated.DepthScene, tmp_path: Path) 
     assert all(path.suffix == ".glb" and path.name[0] != "." for path in written)
     for path in written[-2:]:
         read_mesh(path)
+
+
+@pytest.mark.parametrize(("verb", "method"), [("depth", "relief"), ("cs3", "cs3")])
+def test_default_method_of_both_names(verb: str, method: str, frame: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out.ply"
+    asked = (verb, frame, "-o", output, "--points", "300", "--intrinsics", FOCAL, "--json")
+    record = json.loads(manip3d(*asked).stdout)
+    assert record["method"] == method
+    assert record["stop"] == "target"
+    assert 0.5 < record["coverage"] <= 1.0  # noisy, at 2 % of the points
+    assert f"[default: {method}]" in " ".join(manip3d(verb, "--help").stdout.split())

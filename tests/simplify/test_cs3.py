@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from manip3d import InputError, Intrinsics, Registration, metrics, simplify
 from manip3d.experiments._published import value as published_value
 from manip3d.io import read_range_grid
-from manip3d.simplify import Cs3Stream, DepthSimplification, Reached, Variant
+from manip3d.simplify import Cs3Stream, Cs3Result, Reached, Variant
 from real_data import RealData
 
 VARIANTS = get_args(Variant)
@@ -185,7 +185,7 @@ class Oracle:
         return chosen
 
 
-def pixels_of(result: DepthSimplification) -> set[tuple[int, int]]:
+def pixels_of(result: Cs3Result) -> set[tuple[int, int]]:
     return {(v, u) for u, v in result.pixels.tolist()}
 
 
@@ -262,12 +262,12 @@ def test_distance_dependent_radii() -> None:
 # --- Invariants ----------------------------------------------------------------------------------
 
 
-def signed_areas(result: DepthSimplification) -> NDArray[np.int64]:
+def signed_areas(result: Cs3Result) -> NDArray[np.int64]:
     a, b, c = (result.pixels[result.faces[:, i]].astype(np.int64) for i in range(3))
     return (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
 
 
-def check(result: DepthSimplification, points: Map, valid: NDArray[np.bool_], n: int) -> None:
+def check(result: Cs3Result, points: Map, valid: NDArray[np.bool_], n: int) -> None:
     height, width = valid.shape
     u, v = result.pixels.T
     assert valid[v, u].all()

@@ -63,8 +63,7 @@ def load(verb: str) -> Any:
     if hasattr(module, "app"):
         return typer.main.get_group(module.app)
     single = typer.Typer(rich_markup_mode=None, add_completion=False)
-    other_help = _VERBS[verb] if verb == "cs3" else None
-    single.command(verb, help=other_help)(getattr(module, "depth" if verb == "cs3" else verb))
+    single.command(verb, help=_VERBS[verb] if verb == "cs3" else None)(getattr(module, verb))
     return typer.main.get_command(single)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from manip3d.cli.kinds import expect_kind
-from manip3d.cli.many import over_files
+from manip3d.cli.many import over_files, with_defaults
 from manip3d.cli.options import (
     MISSED,
     FolderJobs,
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 
 class DepthMethod(StrEnum):
-    """The methods of chapter 3, and manip3d's own."""
+    """Relief is manip3d's own; the others are those of chapter 3."""
 
-    cs3 = "cs3"
     relief = "relief"
+    cs3 = "cs3"
     uniform = "uniform"
     poisson = "poisson"
     ssa = "ssa"
@@ -94,7 +94,9 @@ def depth(
             "numbers; the unit is printed."
         ),
     ] = "guess",
-    method: Annotated[DepthMethod, typer.Option(help="Simplification method.")] = DepthMethod.cs3,
+    method: Annotated[
+        DepthMethod, typer.Option(help="Simplification method.")
+    ] = DepthMethod.relief,
     variant: Annotated[Variant, typer.Option(help="Variant of --method cs3.")] = Variant.cios,
     depth_step: Annotated[
         float,
@@ -173,6 +175,10 @@ def depth(
         raise typer.Exit(MISSED)
 
 
+cs3 = with_defaults(depth, method=DepthMethod.cs3)
+"""The same verb with the method of chapter 3."""
+
+
 def _tell(shell: Terminal, result: DepthFileResult) -> None:
     if result.depth:
         override = "" if result.options.unit != "guess" else "; --unit overrides it"
@@ -210,6 +216,7 @@ def _record(result: DepthFileResult) -> dict[str, Any]:
         "points": result.points,
         "faces": result.faces,
         "faces_cut": result.faces_cut,
+        "stop": result.stop,
         "reached": result.reached,
         "literal_count": result.literal_count,
         "seconds": round(result.seconds, 4),

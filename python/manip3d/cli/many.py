@@ -126,6 +126,21 @@ def over_files(
     return decorate
 
 
+def with_defaults(verb: Verb, **defaults: Any) -> Verb:
+    """Return a verb whose options have other defaults."""
+    known = inspect.signature(verb)
+    parameters = [
+        p.replace(default=defaults.get(name, p.default)) for name, p in known.parameters.items()
+    ]
+
+    @functools.wraps(verb)
+    def command(**given: Any) -> None:
+        verb(**given)
+
+    command.__signature__ = known.replace(parameters=parameters)  # type: ignore[attr-defined]
+    return command
+
+
 def _signature(verb: Verb, name: str) -> inspect.Signature:
     """The verb's, with several sources and with the options of many files."""
     hints = get_type_hints(verb, include_extras=True)

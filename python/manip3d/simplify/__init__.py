@@ -20,7 +20,10 @@ from manip3d.simplify._collapse import (
     qem_tp,
 )
 from manip3d.simplify._depth import (
+    Cs3Result,
     Cs3Stream,
+    DenseGrid,
+    DenseImage,
     DepthMesh,
     DepthSimplification,
     Reached,
@@ -59,8 +62,11 @@ __all__ = [
     "CameraView",
     "CleanResult",
     "ComplexVertices",
+    "Cs3Result",
     "Cs3Stream",
     "Curvature",
+    "DenseGrid",
+    "DenseImage",
     "DepthFileResult",
     "DepthMesh",
     "DepthMethod",

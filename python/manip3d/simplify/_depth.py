@@ -6,9 +6,9 @@ import enum
 import io
 import math
 import threading
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
@@ -25,7 +25,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
+    "Cs3Result",
     "Cs3Stream",
+    "DenseGrid",
+    "DenseImage",
     "DepthMesh",
     "DepthSimplification",
     "Reached",
@@ -83,6 +86,15 @@ class DepthMesh(Showable):
     def num_faces(self) -> int:
         """Number of triangles."""
         return len(self.faces)
+
+    def with_faces(self, faces: NDArray[np.int32]) -> Self:
+        """The same points with other triangles.
+
+        Parameters
+        ----------
+        faces : (m, 3) int32
+        """
+        return replace(self, faces=faces)
 
     def gpu_buffers(
         self,
@@ -190,9 +202,113 @@ class Reached(enum.StrEnum):
     ALL_PIXELS = "all_pixels"  #: there are no more valid pixels than asked for
 
 
+@dataclass(frozen=True, eq=False)
+class DenseGrid:
+    """A grid of points that a sparse mesh was made of.
+
+    Attributes
+    ----------
+    points : (H, W, 3) float32
+        The caller's own array where it was float32.
+    valid : (H, W) bool
+    max_edge : float
+        Triangles with a longer edge are no surface; infinite: all are.
+    """
+
+    points: NDArray[np.float32]
+    valid: NDArray[np.bool_]
+    max_edge: float
+
+    @property
+    def grid(self) -> DenseGrid:
+        """This grid."""
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class DenseImage:
+    """A depth image that a sparse mesh was made of.
+
+    Attributes
+    ----------
+    depth : (H, W) uint16 or float32
+        A copy: cameras reuse their buffers.
+    intrinsics : Intrinsics
+    max_edge : float
+        Triangles with a longer edge are no surface; infinite: all are.
+    """
+
+    depth: NDArray[np.uint16 | np.float32]
+    intrinsics: Intrinsics
+    max_edge: float
+
+    @property
+    def grid(self) -> DenseGrid:
+        """The points of the pixels."""
+        points, valid, _ = _core.unproject(self.depth, self.intrinsics, 1)
+        shape = self.depth.shape
+        return DenseGrid(
+            points.reshape(*shape, 3), valid.reshape(shape).view(np.bool_), self.max_edge
+        )
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class DepthSimplification(DepthMesh):
-    """A sparse mesh of a depth image, and how it came about.
+    """A sparse mesh of a depth image or a range scan, by any method.
+
+    Attributes
+    ----------
+    stop : str
+        Why the number of points is what it is: ``target``: as many as asked for (`cs3` and
+        `sample_depth`: or as near below as the method comes); ``all_points``: there are no more;
+        and the others of `Relief`.
+    surface : DenseImage or DenseGrid
+        What the mesh was made of.
+    cover : (float, float) or None
+        ``coverage`` and ``bridges`` where the method has measured them.
+    """
+
+    stop: str
+    surface: DenseImage | DenseGrid = field(repr=False)
+    cover: tuple[float, float] | None = field(repr=False)
+
+    @cached_property
+    def _cover(self) -> tuple[float, float]:
+        if self.cover is not None:
+            return self.cover
+        dense = self.surface.grid
+        return _core.depth_coverage(
+            dense.points, dense.valid, self.pixels, self.faces, dense.max_edge
+        )
+
+    @property
+    def coverage(self) -> float:
+        """Share of the dense surface's pixels that lie in or on a triangle of the mesh.
+
+        The dense surface is that of `dense_mesh` with the same ``max_edge``. Measured when it is
+        first asked for, before points move; a grid of points that was given as float32 must not
+        have changed by then.
+        """
+        return self._cover[0]
+
+    @property
+    def bridges(self) -> float:
+        """Share of the mesh's area that lies where the dense surface has no triangle."""
+        return self._cover[1]
+
+    @property
+    def num_used(self) -> int:
+        """Number of vertices that some triangle uses."""
+        return len(np.unique(self.faces))
+
+    def with_faces(self, faces: NDArray[np.int32]) -> Self:
+        """The same points with other triangles, whose coverage is yet to be measured."""
+        return replace(self, faces=faces, cover=None)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Cs3Result(DepthSimplification):
+    """What `cs3` returns: a sparse mesh, and how it came about.
 
     Attributes
     ----------
@@ -393,16 +509,23 @@ def _reading(choices: dict[str, str | float]) -> _core.Cs3Reading:
 
 
 def _result(
-    report: dict[str, Any], buffers: _Buffers, color: NDArray[np.uint8] | None
-) -> DepthSimplification:
+    report: dict[str, Any],
+    buffers: _Buffers,
+    color: NDArray[np.uint8] | None,
+    surface: DenseImage | DenseGrid,
+) -> Cs3Result:
     vertices, faces = report["num_vertices"], report["num_faces"]
-    return DepthSimplification(
+    reached = Reached[report["reached"].name]
+    return Cs3Result(
         vertices=buffers.vertices[:vertices],
         faces=buffers.faces[:faces],
         pixels=buffers.pixels[:vertices],
         texcoords=buffers.texcoords[:vertices],
         color=color,
-        reached=Reached[report["reached"].name],
+        stop="all_points" if reached is Reached.ALL_PIXELS else "target",
+        surface=surface,
+        cover=None,
+        reached=reached,
         factor=report["factor"],
         literal_count=report["literal_count"],
         timings=report["timings"],
@@ -472,14 +595,15 @@ class Cs3Stream:
         *,
         color: ArrayLike | None = None,
         registration: Registration | None = None,
-    ) -> DepthSimplification:
+    ) -> Cs3Result:
         """Simplify a depth image; see `cs3`."""
         image = _depth_image(depth, intrinsics)
         picture = _color_image(color, image.shape, registration)
+        surface = DenseImage(image.copy(), intrinsics, self._options.max_edge)
         with self._lock:
             buffers = self._buffers(image.shape)
             report = self._core.run_depth(image, intrinsics, self._options, registration, buffers)
-            return _result(report, buffers, picture)
+            return _result(report, buffers, picture, surface)
 
     def simplify_grid(
         self,
@@ -488,14 +612,15 @@ class Cs3Stream:
         *,
         color: ArrayLike | None = None,
         rows_up: bool = True,
-    ) -> DepthSimplification:
+    ) -> Cs3Result:
         """Simplify a grid of points; see `cs3_grid`."""
         grid, mask = _point_grid(points, valid)
         picture = _color_image(color, mask.shape)
+        surface = DenseGrid(grid, mask, self._options.max_edge)
         with self._lock:
             buffers = self._buffers(mask.shape)
             report = self._core.run_grid(grid, mask, bool(rows_up), self._options, buffers)
-            return _result(report, buffers, picture)
+            return _result(report, buffers, picture, surface)
 
 
 @checked
@@ -511,7 +636,7 @@ def cs3(
     distance_dependent: bool = False,
     threads: int = 1,
     reading: dict[str, str | float] | None = None,
-) -> DepthSimplification:
+) -> Cs3Result:
     """Curvature-sensitive simplification of a depth image (CS3, dissertation chapter 3).
 
     Parameters
@@ -542,7 +667,7 @@ def cs3(
 
     Returns
     -------
-    DepthSimplification
+    Cs3Result
         Vertices are points of the image, unmoved; UVs are exact. Vertices may be left without a
         triangle where validity dropped all around them.
 
@@ -591,7 +716,7 @@ def cs3_grid(
     max_edge: float | None = None,
     threads: int = 1,
     reading: dict[str, str | float] | None = None,
-) -> DepthSimplification:
+) -> Cs3Result:
     """CS3 on a grid of points that is no pinhole image, such as a range scan; see `cs3`.
 
     Parameters
@@ -609,7 +734,7 @@ def cs3_grid(
 
     Returns
     -------
-    DepthSimplification
+    Cs3Result
 
     Raises
     ------

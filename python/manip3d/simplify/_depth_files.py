@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import time
 from collections import Counter
@@ -13,10 +12,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.camera import CAMERA_PRESETS, Intrinsics, _depth_image, read_intrinsics
+from manip3d.camera import CAMERA_PRESETS, Intrinsics, read_intrinsics
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io import (
     DEPTH_SUFFIXES,
@@ -25,7 +23,7 @@ from manip3d.io import (
     read_range_grid,
     write_mesh,
 )
-from manip3d.simplify._depth import DepthMesh, Variant, cs3, cs3_grid
+from manip3d.simplify._depth import DepthSimplification, Variant, cs3, cs3_grid
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
 from manip3d.simplify._relief import relief, relief_grid
 from manip3d.simplify._sampling import sample_depth, sample_depth_grid
@@ -35,8 +33,8 @@ if TYPE_CHECKING:
 
     from manip3d.camera import Registration
 
-DepthMethod = Literal["cs3", "relief", "uniform", "poisson", "ssa"]
-_METHODS = ("cs3", "relief", "uniform", "poisson", "ssa")
+DepthMethod = Literal["relief", "cs3", "uniform", "poisson", "ssa"]
+_METHODS = ("relief", "cs3", "uniform", "poisson", "ssa")
 _YUP_SUFFIXES = (".glb", ".gltf")
 _FRAMES_FOR_A_GUESS = 9
 
@@ -49,7 +47,7 @@ class DepthOptions:
     ----------
     points : int
         At most this many vertices.
-    method : 'cs3', 'relief', 'uniform', 'poisson' or 'ssa'
+    method : 'relief', 'cs3', 'uniform', 'poisson' or 'ssa'
     variant : 'cios', 'lios', 'cnms' or 'lnms'
         Variant of ``cs3``.
     intrinsics : str
@@ -72,7 +70,7 @@ class DepthOptions:
     """
 
     points: int
-    method: DepthMethod = "cs3"
+    method: DepthMethod = "relief"
     variant: Variant = "cios"
     intrinsics: str = ""
     unit: str = "guess"
@@ -116,6 +114,8 @@ class DepthFileResult:
     faces : int
     faces_cut : int
         Faces that were left out because they spanned a step in depth.
+    stop : str
+        As of `DepthSimplification`.
     reached : str or None
         How the number of points came about (``cs3``).
     literal_count : int or None
@@ -138,6 +138,7 @@ class DepthFileResult:
     points: int = 0
     faces: int = 0
     faces_cut: int = 0
+    stop: str = "target"
     reached: str | None = None
     literal_count: int | None = None
     seconds: float = 0.0
@@ -163,7 +164,7 @@ def simplify_depth(
     *,
     color: ArrayLike | None = None,
     registration: Registration | None = None,
-) -> DepthMesh:
+) -> DepthSimplification:
     """Simplify a depth image by any method, without faces across steps in depth.
 
     Parameters
@@ -180,7 +181,7 @@ def simplify_depth(
 
     Returns
     -------
-    DepthMesh
+    DepthSimplification
         The method's own result.
 
     Raises
@@ -204,7 +205,7 @@ def simplify_depth(
         "registration": registration,
         "threads": options.threads,
     }
-    found: DepthMesh
+    found: DepthSimplification
     if options.method == "cs3":
         asked |= {"variant": options.variant, "distance_dependent": options.by_distance}
         found = cs3(depth, intrinsics, options.points, **asked)
@@ -287,11 +288,8 @@ def _from_image(
         # cameras look along +z, y down; glTF has +y up
         mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
     write_mesh(mesh, output)
-    points, valid, _ = _core.unproject(_depth_image(reading.depth, camera), camera, options.threads)
-    shape = reading.depth.shape
     return _result(
         path, output, options, found, reading.num_measured, seconds,
-        (points.reshape(*shape, 3), valid.reshape(shape).view(np.bool_)),
         depth=words, unit=reading.unit, faces_cut=uncut.num_faces - found.num_faces,
     )  # fmt: skip
 
@@ -317,7 +315,7 @@ def _from_scan(
         raise InputError("by_distance: expected with a depth image, got a scan")
     grid = read_range_grid(path)
     asked: dict[str, Any] = {"max_edge": options.max_edge, "color": color}
-    function: Callable[..., DepthMesh]
+    function: Callable[..., DepthSimplification]
     if options.method == "cs3":
         function = cs3_grid
         asked |= {"variant": options.variant, "threads": options.threads}
@@ -331,35 +329,32 @@ def _from_scan(
     found = function(grid.points, grid.valid, options.points, **asked)
     seconds = time.perf_counter() - started
     write_mesh(found.mesh, output)
-    dense = np.ascontiguousarray(grid.points, np.float32), grid.valid
-    return _result(path, output, options, found, int(grid.valid.sum()), seconds, dense)
+    return _result(path, output, options, found, int(grid.valid.sum()), seconds)
 
 
 def _result(
     path: Path,
     output: Path,
     options: DepthOptions,
-    found: DepthMesh,
+    found: DepthSimplification,
     measured: int,
     seconds: float,
-    dense: tuple[NDArray[np.float32], NDArray[np.bool_]],
     **more: Any,
 ) -> DepthFileResult:
     reached = getattr(found, "reached", None)
-    longest = math.inf if options.max_edge is None else options.max_edge
-    coverage, bridges = _core.depth_coverage(*dense, found.pixels, found.faces, longest)
     return DepthFileResult(
         source=path,
         output=output,
         options=options,
         points_before=measured,
-        points=len(np.unique(found.faces)),
+        points=found.num_used,
         faces=found.num_faces,
+        stop=found.stop,
         reached=None if reached is None else str(reached),
         literal_count=getattr(found, "literal_count", None),
         seconds=seconds,
-        coverage=coverage,
-        bridges=bridges,
+        coverage=found.coverage,
+        bridges=found.bridges,
         **more,
     )
 

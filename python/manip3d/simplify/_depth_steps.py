@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -79,7 +78,7 @@ def cut_depth_steps(
     )
     crosses = _crosses_step(pixels[codes // len(pixels)], pixels[codes % len(pixels)], image, step)
     kept = ~crosses[of_side.reshape(-1, 3)].any(axis=1)
-    return replace(found, faces=np.ascontiguousarray(found.faces[kept]))
+    return found.with_faces(np.ascontiguousarray(found.faces[kept]))
 
 
 def _crosses_step(

@@ -14,7 +14,9 @@ from manip3d._util.options import threads_of
 from manip3d.camera import _depth_image
 from manip3d.errors import InputError
 from manip3d.simplify._depth import (
-    DepthMesh,
+    DenseGrid,
+    DenseImage,
+    DepthSimplification,
     _color_image,
     _max_edge,
     _point_grid,
@@ -32,9 +34,9 @@ __all__ = ["Effort", "Relief", "ReliefStream", "relief", "relief_grid"]
 Effort = Literal["live", "fast", "balanced", "fine", "best"]
 
 
-@dataclass(frozen=True, eq=False)
-class Relief(DepthMesh):
-    """What `relief` returns: a `DepthMesh`, and how it came about.
+@dataclass(frozen=True, eq=False, repr=False)
+class Relief(DepthSimplification):
+    """What `relief` returns: a sparse mesh, and how it came about.
 
     Attributes
     ----------
@@ -45,12 +47,6 @@ class Relief(DepthMesh):
         is the result.
     dropped_pixels : int
         Pixels of the pieces left out.
-    coverage : float
-        Share of the dense surface's pixels that lie in or on a triangle of the mesh (before points
-        move).
-    bridges : float
-        Share of the mesh's area that lies where the dense surface has no triangle: closed holes
-        and filled bays.
     mean_move, max_move : float
         How far vertices moved from their measured points (``move_points``), in the points' unit.
     levels : tuple of (num_vertices, (m, 3) int32)
@@ -58,15 +54,12 @@ class Relief(DepthMesh):
         vertices of smaller levels come first, else they go by pixel, row by row.
     """
 
-    stop: Literal["target", "all_points", "small_pieces", "smaller_level"]
     dropped_pixels: int
-    coverage: float
-    bridges: float
     mean_move: float
     max_move: float
     levels: tuple[tuple[int, NDArray[np.int32]], ...] = field(repr=False)
 
-    def prefix(self, num_vertices: int) -> DepthMesh:
+    def prefix(self, num_vertices: int) -> DepthSimplification:
         """The largest of `levels` with at most so many vertices, over the first of these.
 
         Parameters
@@ -80,12 +73,15 @@ class Relief(DepthMesh):
         """
         for count, faces in ((self.num_vertices, self.faces), *self.levels):
             if count <= num_vertices:
-                return DepthMesh(
+                return DepthSimplification(
                     self.vertices[:count],
                     faces,
                     self.pixels[:count],
                     self.texcoords[:count],
                     self.color,
+                    "target",
+                    self.surface,
+                    None,
                 )
         smallest = self.levels[-1][0] if self.levels else self.num_vertices
         raise InputError(f"num_vertices: expected at least {smallest}, got {num_vertices}")
@@ -128,9 +124,12 @@ def _run(
     options: _core.ReliefOptions,
     color: NDArray[np.uint8] | None,
     registration: Registration | None,
+    surface: DenseImage | DenseGrid,
 ) -> Relief:
     fields = solver.run(points, valid, rows_up, options)
     fields["stop"] = fields["stop"].name
+    fields["cover"] = fields.pop("coverage"), fields.pop("bridges")
+    fields["surface"] = surface
     if registration is not None:
         fields["texcoords"] = _core.registered_texcoords(fields["vertices"], registration)
     return Relief(**fields, color=color)
@@ -222,6 +221,7 @@ def relief(
         options,
         picture,
         registration,
+        DenseImage(image.copy(), intrinsics, options.max_edge),
     )
 
 
@@ -285,7 +285,8 @@ def relief_grid(
     options = _options(
         target_points, effort, move_points, max_edge, threads, from_origin=False, levels=levels
     )
-    return _run(_core.ReliefSolver(), grid, mask, bool(rows_up), options, picture, None)
+    surface = DenseGrid(grid, mask, options.max_edge)
+    return _run(_core.ReliefSolver(), grid, mask, bool(rows_up), options, picture, None, surface)
 
 
 @checked
@@ -382,6 +383,7 @@ class ReliefStream:
                 self._options,
                 picture,
                 self._registration,
+                DenseImage(smooth, self._intrinsics, self._options.max_edge),
             )
 
     def reset(self) -> None:

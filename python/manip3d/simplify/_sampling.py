@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -12,7 +13,9 @@ from manip3d._util.options import seed_of, threads_of
 from manip3d.camera import _depth_image
 from manip3d.errors import InputError
 from manip3d.simplify._depth import (
-    DepthMesh,
+    DenseGrid,
+    DenseImage,
+    DepthSimplification,
     _color_image,
     _max_edge,
     _point_grid,
@@ -40,7 +43,7 @@ def sample_depth(
     max_edge: float | None = None,
     rng: Rng = 0,
     threads: int = 1,
-) -> DepthMesh:
+) -> DepthSimplification:
     """Reduce a depth image by a method that CS3 is compared with.
 
     Parameters
@@ -66,7 +69,7 @@ def sample_depth(
 
     Returns
     -------
-    DepthMesh
+    DepthSimplification
         The chosen pixels in row-major order, triangulated as CS3's are: Delaunay, without the
         triangles whose centroid falls on a pixel without depth.
 
@@ -105,7 +108,8 @@ def sample_depth(
     texcoords = mesh.texcoords
     if registration is not None:
         texcoords = _core.registered_texcoords(mesh.vertices, registration)
-    return DepthMesh(mesh.vertices, mesh.faces, mesh.pixels, texcoords, picture)
+    surface = DenseImage(image.copy(), intrinsics, _max_edge(max_edge))
+    return replace(mesh, texcoords=texcoords, color=picture, surface=surface)
 
 
 @checked
@@ -119,7 +123,7 @@ def sample_depth_grid(
     rows_up: bool = True,
     max_edge: float | None = None,
     rng: Rng = 0,
-) -> DepthMesh:
+) -> DepthSimplification:
     """Reduce a range scan by a method that CS3 is compared with; see `sample_depth`.
 
     Parameters
@@ -139,7 +143,7 @@ def sample_depth_grid(
 
     Returns
     -------
-    DepthMesh
+    DepthSimplification
 
     Raises
     ------
@@ -177,7 +181,7 @@ def _meshed(
     rows_up: bool,
     max_edge: float,
     color: NDArray[np.uint8] | None,
-) -> DepthMesh:
+) -> DepthSimplification:
     """The modified Delaunay triangulation of section 3.4."""
     if not max_edge > 0:
         raise InputError(f"max_edge: expected > 0, got {max_edge}")
@@ -194,10 +198,13 @@ def _meshed(
     texcoords = np.stack(
         [(pixels[:, 0] + 0.5) / width, 1.0 - (pixels[:, 1] + 0.5) / height], axis=1
     ).astype(np.float32)
-    return DepthMesh(
+    return DepthSimplification(
         vertices,
         faces if rows_up else np.ascontiguousarray(faces[:, [0, 2, 1]]),
         pixels,
         texcoords,
         color,
+        stop="all_points" if len(pixels) == int(valid.sum()) else "target",
+        surface=DenseGrid(points, valid, max_edge),
+        cover=None,
     )

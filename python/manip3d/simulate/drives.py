@@ -115,13 +115,6 @@ def drive(
         The street ends before the last frame.
     MissingExtraError
         Open3D is not installed.
-
-    Examples
-    --------
-    >>> from manip3d import simulate
-    >>> street = simulate.street(1)
-    >>> sum(1 for frame in simulate.drive(street, 2, pictures=False))
-    2
     """
     if frames < 1:
         raise InputError(f"frames: expected at least 1, got {frames}")

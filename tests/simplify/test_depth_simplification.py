@@ -1,0 +1,75 @@
+"""All methods for depth images take the same arguments and return the same type of result."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from manip3d import Intrinsics, simplify
+
+CAMERA = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+METHODS: dict[str, Callable[..., simplify.DepthSimplification]] = {
+    "cs3": simplify.cs3,
+    "relief": simplify.relief,
+    "uniform": simplify.sample_depth,
+}
+
+
+def two_walls() -> np.ndarray[tuple[int, int], np.dtype[np.uint16]]:
+    depth = np.full((48, 64), 1000, np.uint16)
+    depth[:, 32:] = 2000
+    return depth
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_common_arguments_and_result(method: str) -> None:
+    found = METHODS[method](two_walls(), CAMERA, 200, color=None, registration=None, threads=1)
+    assert isinstance(found, simplify.DepthSimplification)
+    assert found.stop == "target"
+    assert found.num_used <= found.num_vertices <= 200
+    assert 0.8 < found.coverage <= 1.0  # a lattice stays half a cell inside
+    assert found.bridges == pytest.approx(0.0, abs=0.02)
+    assert METHODS[method](two_walls(), CAMERA, 10_000).stop == "all_points"
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_coverage_is_of_the_surface_without_long_edges(method: str) -> None:
+    """Between the walls the dense surface has no triangle; what lies there bridges the gap."""
+    whole = METHODS[method](two_walls(), CAMERA, 200)
+    split = METHODS[method](two_walls(), CAMERA, 200, max_edge=0.5)
+    assert whole.bridges < 0.02
+    assert split.surface.max_edge == 0.5
+    without = whole.with_faces(whole.faces[:0])
+    assert without.coverage == 0.0
+    assert type(without) is type(whole)
+
+
+def test_coverage_after_cutting_depth_steps_is_measured_anew() -> None:
+    found = simplify.relief(two_walls(), CAMERA, 50)
+    cut = simplify.cut_depth_steps(found, two_walls())
+    assert cut.num_faces < found.num_faces
+    u, v = found.pixels[cut.faces].mean(axis=1).T
+    assert not np.any((u > 31) & (u < 32) & (v > 0))
+    assert cut.coverage <= found.coverage
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_coverage_is_of_the_image_that_was_given(method: str) -> None:
+    depth = two_walls()
+    found = METHODS[method](depth, CAMERA, 200)
+    expected = METHODS[method](two_walls(), CAMERA, 200).coverage
+    depth[:] = 0  # a camera that reuses its buffer
+    assert found.coverage == expected
+    assert pickle.loads(pickle.dumps(found)).coverage == expected
+
+
+def test_coverage_agrees_with_what_relief_measures_itself() -> None:
+    depth = two_walls()
+    depth[10:20, 10:14] = 0
+    found = simplify.relief(depth, CAMERA, 40, max_edge=0.5)
+    assert found.cover is not None
+    assert found.with_faces(found.faces).coverage == pytest.approx(found.cover[0], abs=1e-12)
+    assert found.with_faces(found.faces).bridges == pytest.approx(found.cover[1], abs=1e-6)
