@@ -58,7 +58,12 @@ void bind_relief(py::module_& m) {
       .def_readwrite("effort", &ReliefOptions::effort)
       .def_readwrite("move_points", &ReliefOptions::move_points)
       .def_readwrite("from_origin", &ReliefOptions::from_origin)
-      .def_readwrite("max_edge", &ReliefOptions::max_edge)
+      .def_property(
+          "max_edge", [](const ReliefOptions& self) { return self.dense.max_edge; },
+          [](ReliefOptions& self, double value) { self.dense.max_edge = value; })
+      .def_property(
+          "max_step", [](const ReliefOptions& self) { return self.dense.max_step; },
+          [](ReliefOptions& self, double value) { self.dense.max_step = value; })
       .def_readwrite("levels", &ReliefOptions::levels)
       .def_readwrite("stability", &ReliefOptions::stability)
       .def_readwrite("num_threads", &ReliefOptions::num_threads);
@@ -82,16 +87,16 @@ void bind_relief(py::module_& m) {
   m.def(
       "depth_coverage",
       [](const CArray<float>& points, const CArray<bool>& valid, const CArray<std::int32_t>& pixels,
-         const CArray<std::int32_t>& faces, double max_edge) {
+         const CArray<std::int32_t>& faces, double max_edge, double max_step) {
         const BorrowedGrid grid(points, valid, true);
         const auto at = rows<Rows<std::int32_t, 2>>(pixels, "pixels");
         const auto triangles = rows<Rows<std::int32_t, 3>>(faces, "faces");
         const py::gil_scoped_release nogil;
-        const DepthCoverage cover = depth_coverage(grid.view, at, triangles, max_edge);
+        const DepthCoverage cover = depth_coverage(grid.view, at, triangles, {max_edge, max_step});
         return std::pair(cover.coverage, cover.bridges);
       },
       py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("pixels").noconvert(),
-      py::arg("faces").noconvert(), py::arg("max_edge"));
+      py::arg("faces").noconvert(), py::arg("max_edge"), py::arg("max_step"));
   py::class_<Exclusive<DepthSmoother>>(m, "DepthSmoother")
       .def(py::init([](double newest_share, double gate) {
              return std::make_unique<Exclusive<DepthSmoother>>(

@@ -48,7 +48,7 @@ ReliefOptions take_options(fuzzing::Bytes& bytes) {
   options.target_points = bytes.take<std::uint8_t>();
   options.effort = static_cast<ReliefEffort>(choices % 5);
   options.from_origin = choices / 8 % 2 == 1;
-  if (choices / 16 % 2 == 1) options.max_edge = bytes.take<float>();
+  if (choices / 16 % 2 == 1) options.dense.max_edge = bytes.take<float>();
   if (choices / 32 % 2 == 1) options.stability = 1.0 + bytes.take<std::uint8_t>();
   options.move_points = choices / 64 % 2 == 1;
   for (int i = choices / 128 % 4; i > 0; --i) options.levels.push_back(bytes.take<std::uint8_t>());

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from manip3d import InputError, Intrinsics, Registration, metrics, simplify
 from manip3d.experiments._published import value as published_value
 from manip3d.io import read_range_grid
-from manip3d.simplify import Cs3Stream, Cs3Result, Reached, Variant
+from manip3d.simplify import Cs3Result, Cs3Stream, Reached, Variant
 from real_data import RealData
 
 VARIANTS = get_args(Variant)

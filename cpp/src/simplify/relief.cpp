@@ -57,9 +57,7 @@ void check_options(const ReliefOptions& options) {
   if (!(options.stability >= 1.0)) {
     throw InputError("stability: expected at least 1, got " + std::to_string(options.stability));
   }
-  if (!(options.max_edge > 0.0)) {
-    throw InputError("max_edge: expected > 0, got " + std::to_string(options.max_edge));
-  }
+  options.dense.check();
   std::int64_t larger = options.target_points;
   for (const std::int64_t size : options.levels) {
     if (size < 3 || size >= larger) {
@@ -292,7 +290,7 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
   check_point_grid(grid);
   Memory& m = *memory_;
   m.levels.clear();
-  m.surface.assign(grid, options.max_edge, options.num_threads);
+  m.surface.assign(grid, options.dense, options.num_threads);
   if (m.surface.empty()) {
     m.mesh.clear();
     m.levels.assign(options.levels.size(), m.mesh);

@@ -77,14 +77,21 @@ DepthCoverage coverage_of(const Surface& surface,
 
 }  // namespace relief_detail
 
-DepthCoverage depth_coverage(const PointGridView& grid,
-                             const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
-                             const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
-                             double max_edge) {
-  check_point_grid(grid);
+void DenseRule::check() const {
   if (!(max_edge > 0.0)) {
     throw InputError("max_edge: expected > 0, got " + std::to_string(max_edge));
   }
+  if (!(max_step > 0.0)) {
+    throw InputError("depth_step: expected > 0, got " + std::to_string(max_step));
+  }
+}
+
+DepthCoverage depth_coverage(const PointGridView& grid,
+                             const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                             const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
+                             const DenseRule& rule) {
+  check_point_grid(grid);
+  rule.check();
   for (const std::int32_t i : faces.reshaped<Eigen::RowMajor>()) {
     if (i < 0 || i >= pixels.rows()) {
       throw InputError("faces: index out of range: " + std::to_string(i));
@@ -96,7 +103,7 @@ DepthCoverage depth_coverage(const PointGridView& grid,
     }
   }
   relief_detail::Surface surface;
-  surface.assign(grid, max_edge, 1);
+  surface.assign(grid, rule, 1);
   std::vector<std::uint8_t> covered;
   return relief_detail::coverage_of(surface, pixels, faces, covered);
 }

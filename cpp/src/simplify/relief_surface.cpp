@@ -3,6 +3,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <limits>
 
 #include "geometry/cell_cut.hpp"
@@ -94,16 +95,18 @@ void Surface::load_samples(const PointGridView& grid, int num_threads) {
   std::fill(samples_.begin() + std::int64_t{used_rows_} * cols_, samples_.end(), Sample{});
 }
 
-void Surface::cut_cells(double max_edge, int num_threads) {
+void Surface::cut_cells(const DenseRule& rule, int num_threads) {
   cells_.assign(samples_.size(), 0);
-  const double limit = max_edge / unit_;
+  const double limit = rule.max_edge / unit_;
   const auto max_squared = static_cast<float>(limit * limit);
-  const bool unlimited = !(max_edge < std::numeric_limits<double>::infinity());
+  const bool any_length = !std::isfinite(rule.max_edge), any_step = !std::isfinite(rule.max_step);
   const auto keeps = [&](const std::array<std::int32_t, 3>& t) {
-    if (unlimited) return true;
     const Sample &p = samples_[t[0]], &q = samples_[t[1]], &r = samples_[t[2]];
-    return squared_distance(p, q) <= max_squared && squared_distance(q, r) <= max_squared &&
-           squared_distance(r, p) <= max_squared;
+    const auto [low, high] = std::minmax({p.z, q.z, r.z});
+    return (any_length ||
+            (squared_distance(p, q) <= max_squared && squared_distance(q, r) <= max_squared &&
+             squared_distance(r, p) <= max_squared)) &&
+           (any_step || unit_ * double{high - low} <= rule.max_step * (unit_ * low + center_.z()));
   };
   parallel_chunks(
       used_rows_ - 1, kRowsPerChunk, num_threads, [&](std::int64_t begin, std::int64_t end) {
@@ -155,13 +158,13 @@ void Surface::add_areas() {
       static_cast<float>(total / static_cast<double>(std::max<std::int64_t>(num_used_, 1)));
 }
 
-void Surface::assign(const PointGridView& grid, double max_edge, int num_threads) {
+void Surface::assign(const PointGridView& grid, const DenseRule& rule, int num_threads) {
   num_faces_ = num_used_ = 0;
   if (!crop(grid)) return;
   cols_ = padded(used_cols_);
   rows_ = padded(used_rows_);
   load_samples(grid, num_threads);
-  cut_cells(max_edge, num_threads);
+  cut_cells(rule, num_threads);
   add_areas();
 }
 

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "manip3d/geometry/depth_image.hpp"
+#include "manip3d/simplify/depth_coverage.hpp"
 
 namespace manip3d::relief_detail {
 
@@ -48,8 +49,8 @@ class Surface {
  public:
   static constexpr int kTile = 16;  ///< Pixels between the corners of the coarsest triangles.
 
-  /// The dense mesh is that of grid_mesh().
-  void assign(const PointGridView& grid, double max_edge, int num_threads);
+  /// The dense mesh is that of grid_mesh(), as far as the rule allows.
+  void assign(const PointGridView& grid, const DenseRule& rule, int num_threads);
 
   [[nodiscard]] bool empty() const { return num_faces_ == 0; }
   [[nodiscard]] int cols() const { return cols_; }
@@ -81,7 +82,7 @@ class Surface {
  private:
   bool crop(const PointGridView& grid);
   void load_samples(const PointGridView& grid, int num_threads);
-  void cut_cells(double max_edge, int num_threads);
+  void cut_cells(const DenseRule& rule, int num_threads);
   void add_areas();
 
   int cols_ = 0, rows_ = 0;            ///< Padded.

@@ -24,7 +24,7 @@ from manip3d.simplify._depth import (
     Variant,
     _color_image,
     _count,
-    _max_edge,
+    _limit,
     _png,
     _point_grid,
     cs3_grid,
@@ -466,7 +466,7 @@ def cs3_cameras(
         )
         border = joint.border_in(view, surfaces[i].mesh, dense[i]["pixels"], near[i], threads)
         before = len(joint.vertices)
-        joint.add(i, view, chosen, open_pixels, border, normals[i], _max_edge(max_edge))
+        joint.add(i, view, chosen, open_pixels, border, normals[i], _limit(max_edge))
         remaining -= len(joint.vertices) - before
         all_covered.append(covered)
         chosen_views.append(chosen)

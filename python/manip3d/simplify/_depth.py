@@ -189,8 +189,8 @@ def _color_image(
     return image
 
 
-def _max_edge(max_edge: float | None) -> float:
-    return math.inf if max_edge is None else float(max_edge)
+def _limit(value: float | None) -> float:
+    return math.inf if value is None else float(value)
 
 
 class Reached(enum.StrEnum):
@@ -224,6 +224,11 @@ class DenseGrid:
         """This grid."""
         return self
 
+    @property
+    def depth_step(self) -> float:
+        """Nothing is known of depth: every triangle is a surface, whatever its slope."""
+        return math.inf
+
 
 @dataclass(frozen=True, eq=False)
 class DenseImage:
@@ -236,11 +241,14 @@ class DenseImage:
     intrinsics : Intrinsics
     max_edge : float
         Triangles with a longer edge are no surface; infinite: all are.
+    depth_step : float
+        Triangles whose corners' depths differ by a larger share of the least of them are none.
     """
 
     depth: NDArray[np.uint16 | np.float32]
     intrinsics: Intrinsics
     max_edge: float
+    depth_step: float = math.inf
 
     @property
     def grid(self) -> DenseGrid:
@@ -278,14 +286,20 @@ class DepthSimplification(DepthMesh):
             return self.cover
         dense = self.surface.grid
         return _core.depth_coverage(
-            dense.points, dense.valid, self.pixels, self.faces, dense.max_edge
+            dense.points,
+            dense.valid,
+            self.pixels,
+            self.faces,
+            dense.max_edge,
+            self.surface.depth_step,
         )
 
     @property
     def coverage(self) -> float:
         """Share of the dense surface's pixels that lie in or on a triangle of the mesh.
 
-        The dense surface is that of `dense_mesh` with the same ``max_edge``. Measured when it is
+        The dense surface is that of `dense_mesh` with the same ``max_edge``, without the triangles
+        across steps in depth where these were left out (`cut_depth_steps`). Measured when it is
         first asked for, before points move; a grid of points that was given as float32 must not
         have changed by then.
         """
@@ -382,7 +396,7 @@ def dense_mesh(
         points.reshape(*image.shape, 3),
         valid.reshape(image.shape).view(np.bool_),
         rows_up,
-        _max_edge(max_edge),
+        _limit(max_edge),
         registration,
         threads,
     )
@@ -435,7 +449,7 @@ def dense_mesh_grid(
     grid, mask = _point_grid(points, valid)
     picture = _color_image(color, mask.shape)
     threads = threads_of(threads)
-    fields = _core.grid_mesh(grid, mask, bool(rows_up), _max_edge(max_edge), None, threads)
+    fields = _core.grid_mesh(grid, mask, bool(rows_up), _limit(max_edge), None, threads)
     return DepthMesh(**fields, color=picture)
 
 
@@ -471,7 +485,7 @@ def _options(
     options = _core.Cs3Options()
     options.target_points = _count(target_points, "target_points")
     options.importance, options.sampling = _VARIANTS[variant]
-    options.max_edge = _max_edge(max_edge)
+    options.max_edge = _limit(max_edge)
     options.distance_dependent = bool(distance_dependent)
     options.num_threads = threads_of(threads)
     if reading:

@@ -6,7 +6,7 @@ import os
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -199,22 +199,32 @@ def simplify_depth(
     >>> simplify.simplify_depth(wall, camera, options).num_vertices <= 100
     True
     """
+    found = _uncut(depth, intrinsics, options, color, registration)
+    return cut_depth_steps(found, depth, step=options.depth_step) if options.depth_step else found
+
+
+def _uncut(
+    depth: ArrayLike,
+    intrinsics: Intrinsics,
+    options: DepthOptions,
+    color: ArrayLike | None,
+    registration: Registration | None = None,
+) -> DepthSimplification:
+    """What a method makes of an image; faces across depth steps are still there, if it has some."""
     asked: dict[str, Any] = {
         "max_edge": options.max_edge,
         "color": color,
         "registration": registration,
         "threads": options.threads,
     }
-    found: DepthSimplification
     if options.method == "cs3":
         asked |= {"variant": options.variant, "distance_dependent": options.by_distance}
-        found = cs3(depth, intrinsics, options.points, **asked)
-    elif options.method == "relief":
-        found = relief(depth, intrinsics, options.points, move_points=options.move_points, **asked)
-    else:
-        asked |= {"method": options.method, "rng": options.seed}
-        found = sample_depth(depth, intrinsics, options.points, **asked)
-    return cut_depth_steps(found, depth, step=options.depth_step) if options.depth_step else found
+        return cs3(depth, intrinsics, options.points, **asked)
+    if options.method == "relief":
+        asked |= {"move_points": options.move_points, "depth_step": options.depth_step or None}
+        return relief(depth, intrinsics, options.points, **asked)
+    asked |= {"method": options.method, "rng": options.seed}
+    return sample_depth(depth, intrinsics, options.points, **asked)
 
 
 @checked
@@ -278,7 +288,7 @@ def _from_image(
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
     started = time.perf_counter()
-    uncut = simplify_depth(reading.depth, camera, replace(options, depth_step=0.0), color=color)
+    uncut = _uncut(reading.depth, camera, options, color)
     seconds = time.perf_counter() - started
     found = uncut
     if options.depth_step:

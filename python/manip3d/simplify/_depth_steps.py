@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
-from manip3d.simplify._depth import DepthMesh
+from manip3d.simplify._depth import DenseImage, DepthMesh, DepthSimplification
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -70,15 +71,16 @@ def cut_depth_steps(
     pixels = found.pixels
     if len(pixels) and (pixels.min() < 0 or (pixels.max(axis=0) >= image.shape[::-1]).any()):
         raise InputError(f"depth: expected the image of the mesh, got shape {image.shape}")
-    if not len(found.faces):
-        return found
     sides = np.sort(found.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     codes, of_side = np.unique(
         sides[:, 0].astype(np.int64) * len(pixels) + sides[:, 1], return_inverse=True
     )
     crosses = _crosses_step(pixels[codes // len(pixels)], pixels[codes % len(pixels)], image, step)
     kept = ~crosses[of_side.reshape(-1, 3)].any(axis=1)
-    return found.with_faces(np.ascontiguousarray(found.faces[kept]))
+    cut = found.with_faces(np.ascontiguousarray(found.faces[kept]))
+    if isinstance(cut, DepthSimplification) and isinstance(cut.surface, DenseImage):
+        cut = replace(cut, surface=replace(cut.surface, depth_step=step))
+    return cut
 
 
 def _crosses_step(

@@ -18,7 +18,7 @@ from manip3d.simplify._depth import (
     DenseImage,
     DepthSimplification,
     _color_image,
-    _max_edge,
+    _limit,
     _point_grid,
 )
 
@@ -101,6 +101,7 @@ def _options(
     threads: int,
     *,
     from_origin: bool,
+    depth_step: float | None = None,
     levels: Sequence[int] = (),
 ) -> _core.ReliefOptions:
     if effort not in get_args(Effort):
@@ -110,7 +111,8 @@ def _options(
     options.effort = getattr(_core.ReliefEffort, effort)
     options.move_points = bool(move_points)
     options.from_origin = from_origin
-    options.max_edge = _max_edge(max_edge)
+    options.max_edge = _limit(max_edge)
+    options.max_step = _limit(depth_step)
     options.levels = [_whole("levels", size) for size in levels]
     options.num_threads = threads_of(threads)
     return options
@@ -146,6 +148,7 @@ def relief(
     move_points: bool = False,
     effort: Effort = "balanced",
     max_edge: float | None = None,
+    depth_step: float | None = None,
     levels: Sequence[int] = (),
     threads: int = 1,
 ) -> Relief:
@@ -173,6 +176,10 @@ def relief(
         Each is slower and nearer to the surface than the one before.
     max_edge : float, metres, optional
         Triangles of the dense surface with a longer edge are left out of it.
+    depth_step : float, optional
+        Triangles of the dense surface whose corners' depths differ by more than this share of the
+        least of them are left out of it: what `cut_depth_steps` cuts afterwards is a boundary from
+        the start, and costs no coverage.
     levels : sequence of int
         Sizes of smaller meshes over the first of the same vertices: strictly decreasing, below
         ``target_points``; `Relief.prefix` returns them. The smallest is what a call of its own
@@ -210,7 +217,14 @@ def relief(
     image = _depth_image(depth, intrinsics)
     picture = _color_image(color, image.shape, registration)
     options = _options(
-        target_points, effort, move_points, max_edge, threads, from_origin=True, levels=levels
+        target_points,
+        effort,
+        move_points,
+        max_edge,
+        threads,
+        from_origin=True,
+        depth_step=depth_step,
+        levels=levels,
     )
     points, valid, rows_up = _core.unproject(image, intrinsics, options.num_threads)
     return _run(
@@ -221,7 +235,7 @@ def relief(
         options,
         picture,
         registration,
-        DenseImage(image.copy(), intrinsics, options.max_edge),
+        DenseImage(image.copy(), intrinsics, options.max_edge, options.max_step),
     )
 
 

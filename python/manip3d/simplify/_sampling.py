@@ -17,7 +17,7 @@ from manip3d.simplify._depth import (
     DenseImage,
     DepthSimplification,
     _color_image,
-    _max_edge,
+    _limit,
     _point_grid,
     grid_delaunay,
 )
@@ -108,7 +108,7 @@ def sample_depth(
     texcoords = mesh.texcoords
     if registration is not None:
         texcoords = _core.registered_texcoords(mesh.vertices, registration)
-    surface = DenseImage(image.copy(), intrinsics, _max_edge(max_edge))
+    surface = DenseImage(image.copy(), intrinsics, _limit(max_edge))
     return replace(mesh, texcoords=texcoords, color=picture, surface=surface)
 
 
@@ -171,7 +171,7 @@ def sample_depth_grid(
         pixels, _ = _core.sample_poisson_disk(grid, mask, target_points, seed)
     else:
         pixels, _ = _core.sample_scale_space(grid, mask, target_points)
-    return _meshed(grid, mask, pixels, rows_up, _max_edge(max_edge), picture)
+    return _meshed(grid, mask, pixels, rows_up, _limit(max_edge), picture)
 
 
 def _meshed(

@@ -23,8 +23,7 @@ struct ReliefOptions {
   /// The points are as a camera in the origin sees them, so lines of sight go through it. Else they
   /// are taken as parallel to the mean normal of the surface.
   bool from_origin = false;
-  /// Dense triangles with a longer edge are no surface; units of the points.
-  double max_edge = std::numeric_limits<double>::infinity();
+  DenseRule dense;
   /// How many times as much it costs to give up a pixel that was a vertex in the frame before; 1:
   /// each frame for itself. Above 1 edges of that frame stay too unless others halve the error. For
   /// frames of one size through one object.
@@ -90,7 +89,7 @@ class Relief {
   Relief& operator=(Relief&&) noexcept;
 
   /// Overwrites `result`, reusing its memory.
-  /// @throws InputError  as check_point_grid; target_points < 3; max_edge is not > 0;
+  /// @throws InputError  as check_point_grid; target_points < 3; DenseRule::check();
   ///                     stability < 1; levels as above; num_threads < 0.
   void run(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
 
