@@ -52,6 +52,7 @@ ReliefOptions take_options(fuzzing::Bytes& bytes) {
   if (choices / 32 % 2 == 1) options.stability = 1.0 + bytes.take<std::uint8_t>();
   options.move_points = choices / 64 % 2 == 1;
   for (int i = choices / 128 % 4; i > 0; --i) options.levels.push_back(bytes.take<std::uint8_t>());
+  if (choices / 512 % 2 == 1) options.dense.max_step = bytes.take<float>();
   return options;
 }
 
