@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -129,6 +130,9 @@ def test_emphasised_points_are_wider_and_survive_thinning() -> None:
     assert set(map(tuple, few.points)) <= set(map(tuple, points))
     assert np.array_equal(few.points, cloud.thinned(10).points)  # the same every time
     assert cloud.thinned(1000) is cloud
+    most = replace(classes, values=np.uint8(np.arange(1000) < 900))  # an object of most points
+    assert DrawnPoints(points, (most,)).thinned(100).columns[0].counts() == [50, 50]
+    assert DrawnPoints(points, (most,)).thinned(950).columns[0].counts() == [100, 850]
     with pytest.raises(InputError, match="max_points: expected > 0"):
         cloud.thinned(0)
 

@@ -362,9 +362,10 @@ class DrawnPoints(Showable):
         return np.where(first.is_emphasized(), EMPHASIS, 1.0)
 
     def thinned(self, max_points: int) -> DrawnPoints:
-        """At most so many of the points, taken evenly by chance; emphasised ones stay first.
+        """At most so many of the points, taken evenly by chance.
 
-        The same points are taken every time. ``detail`` says how many are shown.
+        Emphasised ones come first, but take no more than half of the places as long as others are
+        there to show what stands around them. The same points are taken every time. ``detail`` says how many are shown.
 
         Raises
         ------
@@ -380,8 +381,11 @@ class DrawnPoints(Showable):
         for column in self.columns:
             if isinstance(column, Classes):
                 special |= column.is_emphasized()
-        order = np.concatenate([order[special[order]], order[~special[order]]])
-        kept = np.sort(order[:max_points])
+        emphasized, others = order[special[order]], order[~special[order]]
+        num_emphasized = min(len(emphasized), max(max_points // 2, max_points - len(others)))
+        kept = np.sort(
+            np.concatenate([emphasized[:num_emphasized], others[: max_points - num_emphasized]])
+        )
         fewer = self.points[kept]
         wider = float(np.sqrt(self.num_points / max_points))  # as much of a surface is covered
         return replace(
