@@ -365,7 +365,8 @@ class DrawnPoints(Showable):
         """At most so many of the points, taken evenly by chance.
 
         Emphasised ones come first, but take no more than half of the places as long as others are
-        there to show what stands around them. The same points are taken every time. ``detail`` says how many are shown.
+        there to show what stands around them. The same points are taken every time. ``detail``
+        says how many are shown.
 
         Raises
         ------
