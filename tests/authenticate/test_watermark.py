@@ -83,6 +83,13 @@ def test_no_point_moves_further_than_it_may(key: KeyFile, embedding: str) -> Non
         assert farthest > 0.9 * MAX_MOVE_M[embedding]
 
 
+@pytest.mark.parametrize("units", [1000, 1600])
+def test_products_write_the_same_floats_as_quotients(units: int) -> None:
+    """The core multiplies where the format says q / units: all that it writes is equal."""
+    q = np.arange(2**23, dtype=np.float64)
+    assert np.array_equal((q / units).astype(np.float32), (q * (1.0 / units)).astype(np.float32))
+
+
 def test_points_without_a_return_stay_where_they_are(key: KeyFile) -> None:
     for embedding in CARRYING:
         sent = marker_of(key, embedding).embed(frame())

@@ -221,10 +221,10 @@ WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const Waterma
     result.points.resize(points.num_points(), 3);
     for (std::size_t t = 0; t < tags.size(); ++t) {
       for_each_bit(s.keys, tags[t], s.tiled, t, s.stream, [&](std::size_t place, std::uint8_t bit) {
-        write_sample(s.tiled.samples[place], bit, header.embedding,
-                     result.points.data() + 3 * std::size_t{s.tiled.rows[place]});
+        s.found.marks[s.tiled.rows[place]] = bit;
       });
     }
+    write_samples(s.found, header.embedding, result.points.data());
   }
   result.record = s.make_record(head, tags);
   result.frame = header.frame;
