@@ -1859,6 +1859,8 @@ def generic_consistency(
     range_step: typing.SupportsFloat | typing.SupportsIndex,
     coordinate_step: typing.SupportsFloat | typing.SupportsIndex,
     tolerance: typing.SupportsFloat | typing.SupportsIndex,
+    range_incoherence: typing.SupportsFloat | typing.SupportsIndex,
+    azimuth_error: typing.SupportsFloat | typing.SupportsIndex,
     previous: numpy.typing.NDArray[numpy.float32],
     following: numpy.typing.NDArray[numpy.float32],
     threads: typing.SupportsInt | typing.SupportsIndex,

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from manip3d import LidarFrame
-from manip3d.authenticate import MAX_MOVE_M, KeyFile, Policy, Watermarker, inspect
+from manip3d.authenticate import (
+    MAX_MOVE_M,
+    KeyFile,
+    Policy,
+    Watermarker,
+    embed_paper,
+    inspect,
+    noise_blocks,
+)
 from manip3d.errors import InputError
 from manip3d.io import SCAN_SUFFIXES, read_scan
 from real_data import RealData
@@ -107,13 +115,23 @@ def test_all_ordered_pairs_of_records_are_refused(realdata: RealData, tmp_path: 
             assert found.verdict in ("authentic", "tampered")
 
 
-@pytest.mark.parametrize("embedding", ["lbm", "qim"])
+@pytest.mark.parametrize("embedding", ["lbm", "qim", "qim-printed"])
 def test_forensics_do_not_accuse_an_embedded_scan(
     realdata: RealData, tmp_path: Path, embedding: str
 ) -> None:
-    """Without the key a watermark is processing of the whole scan, and no forgery."""
+    """Without its record a watermark is processing of the whole scan, and no forgery; with it, the
+    scan is what it was before."""
     key = KeyFile(key_file(tmp_path / "key"))
     paths = [path for path in kitti(realdata) if not is_off_grid(path)]
-    for path in paths[::12]:
-        sent = Watermarker(key, embedding=embedding).embed(read_scan(path))
+    for path in paths[::6]:
+        scan = read_scan(path)
+        if embedding == "qim-printed":
+            printed = embed_paper(scan, noise_blocks(1), embedding=embedding).frame
+            found = inspect(printed, power=False)
+            assert [step.kind for step in found.processing] == ["watermarked"], path
+            assert found.verdict == "processed", path
+            continue
+        sent = Watermarker(key, embedding=embedding).embed(scan)
         assert inspect(sent.frame, power=False).verdict == "processed", path
+        found = inspect(sent.frame, watermark=sent.record, key=key)
+        assert found.verdict == inspect(scan).verdict == "no_trace", path

@@ -10,6 +10,7 @@ from manip3d.authenticate._density import (
     DensityResult,
     density_consistency,
 )
+from manip3d.authenticate._drives import inspect_drive, verdict_of_drive
 from manip3d.authenticate._generic import (
     EvidenceReport,
     GenericResult,
@@ -134,6 +135,7 @@ __all__ = [
     "generic_consistency",
     "identify_sensor",
     "inspect",
+    "inspect_drive",
     "inspect_stream",
     "inter_frame_noise",
     "kitti_lattice",
@@ -144,6 +146,7 @@ __all__ = [
     "read_record",
     "record_path",
     "refuse_existing_record",
+    "verdict_of_drive",
     "verdict_of_stream",
     "write_watermarked",
 ]
