@@ -80,6 +80,7 @@ Fields to_fields(const WatermarkHeader& header) {
   fields["is_genesis"] = header.is_genesis;
   fields["is_end"] = header.is_end;
   fields["has_context"] = header.has_context;
+  fields["context"] = to_bytes(header.context);
   fields["sensor"] = to_bytes(header.sensor);
   fields["session"] = to_bytes(header.session);
   fields["frame"] = header.frame;

@@ -604,6 +604,40 @@ def test_bad_input_is_refused(key: KeyFile) -> None:
         marker.embed(scan)
 
 
+@pytest.mark.parametrize("shine", [True, False])
+def test_coordinates_in_float64_are_bound_by_a_detached_record(key: KeyFile, shine: bool) -> None:
+    """A survey in a national grid: 0.1 micrometre at 5 000 km is beyond float32, not float64."""
+    random = np.random.default_rng(3)
+    corner = np.array([5e6, 4e5, 200.0])
+    exact = random.uniform(-40, 40, (3000, 3)) + corner
+    points = (exact - corner).astype(np.float32)
+    scan = LidarFrame(points, reflectances(3000) if shine else None, exact=exact)
+    sent = marker_of(key, "detached").embed(scan)
+    assert np.array_equal(sent.frame.exact, exact)  # type: ignore[arg-type]
+    order = random.permutation(3000)
+    assert verify(key, sent.frame.select(order), sent.record).verdict == "authentic"
+
+    moved = exact.copy()
+    moved[77, 1] += 1e-7
+    changed = scan.replace(exact=moved)
+    assert np.array_equal(changed.points, scan.points)
+    found = verify(key, changed, sent.record)
+    assert (found.verdict, found.content) == ("tampered", "tampered")
+    assert "float32" in found.reason
+    swapped = exact.copy()
+    swapped[[3, 4]] = swapped[[4, 3]]
+    assert verify(key, scan.replace(exact=swapped), sent.record).verdict == "tampered"
+
+    rounded = verify(key, scan.replace(exact=None), sent.record)
+    assert (rounded.verdict, rounded.content) == ("undecidable", "unverifiable")
+    assert "float32 part only" in rounded.reason
+    bare = marker_of(key, "detached").embed(scan.replace(exact=None))
+    assert verify(key, scan.replace(exact=None), bare.record).verdict == "authentic"
+    assert verify(key, scan, bare.record).verdict == "undecidable"
+    with pytest.raises(InputError, match="expected embedding 'detached'"):
+        marker_of(key, "qim").embed(scan)
+
+
 def test_five_million_points(key: KeyFile) -> None:
     random = np.random.default_rng(0)
     points = (random.integers(-60_000, 60_000, (5_000_000, 3)) / 1000).astype(np.float32)

@@ -78,11 +78,13 @@ def test_no_wrong_bit_on_any_kitti_cloud(
 
 def test_clouds_of_other_scanners_verify_by_manifest(realdata: RealData, tmp_path: Path) -> None:
     key = KeyFile(key_file(tmp_path / "key"))
-    folder = realdata("lidar/other_sensors")
     paths = [
-        p for p in sorted(folder.rglob("*")) if str(p).removesuffix(".xz").endswith(SCAN_SUFFIXES)
+        path
+        for folder in ("other_sensors", "tls/3dtk_dat", "hdl32_pair", "packets/reference")
+        for path in sorted(realdata(f"lidar/{folder}").rglob("*"))
+        if str(path).removesuffix(".xz").endswith(SCAN_SUFFIXES)
     ]
-    assert len(paths) >= 9
+    assert len(paths) >= 19
     for path in paths:
         scan = read_scan(path)
         marker = Watermarker(key, embedding="detached")
@@ -95,6 +97,11 @@ def test_clouds_of_other_scanners_verify_by_manifest(realdata: RealData, tmp_pat
         points[order[0], 0] = np.nextafter(points[order[0], 0], np.float32(1e9))
         changed = scan.replace(points=points)
         assert Watermarker(key).verify(changed, sent.record).verdict == "tampered", path
+        if scan.exact is not None:
+            exact = scan.exact.copy()
+            exact[order[0], 2] = np.nextafter(exact[order[0], 2], 1e9)
+            changed = scan.replace(exact=exact)
+            assert Watermarker(key).verify(changed, sent.record).verdict == "tampered", path
 
 
 def test_all_ordered_pairs_of_records_are_refused(realdata: RealData, tmp_path: Path) -> None:

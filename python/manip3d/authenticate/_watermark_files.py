@@ -107,9 +107,11 @@ def write_watermarked(
     """
     target = path_of(path)
     source = None if unchanged is None else path_of(unchanged)
-    check_holds_float32(target)
+    copies = source is not None and sent.is_detached and source.suffix == target.suffix
+    if not copies:
+        check_holds_float32(target)
     target.parent.mkdir(parents=True, exist_ok=True)
-    if source is not None and sent.is_detached and source.suffix == target.suffix:
+    if source is not None and copies:
         if source.resolve() != target.resolve():
             with atomic_path(target) as temporary:
                 shutil.copyfile(source, temporary)
