@@ -83,6 +83,23 @@ def test_no_point_moves_further_than_it_may(key: KeyFile, embedding: str) -> Non
         assert farthest > 0.9 * MAX_MOVE_M[embedding]
 
 
+@pytest.mark.parametrize("embedding", [0, 1, 2])
+def test_the_canonical_order_is_that_of_any_order(embedding: int) -> None:
+    scan = frame()
+    assert scan.intensity is not None
+    rows = _core.watermark_order(scan.points, scan.intensity, embedding, 36, 150)
+    shuffle = np.random.default_rng(1).permutation(len(rows))
+    points, shine = scan.points[shuffle], scan.intensity[shuffle]
+    again = _core.watermark_order(points, shine, embedding, 36, 150)
+    assert sorted(rows) == list(range(len(rows)))
+    changes = [1.0, 500.0, 400.0][embedding]  # what embedding clears: cells of z, lowest bits
+    wide = np.floor(np.round(scan.points.astype(np.float64), 3) * changes)
+    mine, theirs = wide[rows], np.floor(np.round(points.astype(np.float64), 3) * changes)[again]
+    assert np.array_equal(mine[:, 2], theirs[:, 2])
+    with pytest.raises(InputError, match="at least one"):
+        _core.watermark_order(scan.points[:0], scan.intensity[:0], embedding, 36, 150)
+
+
 @pytest.mark.parametrize("units", [1000, 1600])
 def test_products_write_the_same_floats_as_quotients(units: int) -> None:
     """The core multiplies where the format says q / units: all that it writes is equal."""

@@ -106,6 +106,25 @@ std::uint32_t effective_bits(const TiledSamples& tiled, std::size_t tile) {
 
 }  // namespace
 
+std::vector<std::int32_t> watermark_order(const PointsView& points,
+                                          const WatermarkOptions& options) {
+  check_points(points);
+  if (points.num_points() == 0) throw InputError("points: expected at least one, got none");
+  const SliceTable slices(options.slices);
+  LatticeSamples found;
+  std::vector<std::uint16_t> slice_of;
+  sample_for_embedding(points, options, slices, found, slice_of);
+  std::vector<std::uint32_t> counts(static_cast<std::size_t>(slices.size()), 0);
+  for (const std::uint16_t slice : slice_of) ++counts[slice];
+  const std::vector<std::uint16_t> tile_of =
+      merge_slices(counts, static_cast<std::uint32_t>(options.least_points), options.merge);
+  TiledSamples tiled;
+  CanonicalOrder().sort(found.samples, found.marks, slice_of, tile_of,
+                        1 + *std::max_element(tile_of.begin(), tile_of.end()),
+                        order_of(options.embedding), tiled);
+  return {tiled.rows.begin(), tiled.rows.end()};
+}
+
 // --- Embedding -----------------------------------------------------------------------------------
 
 struct WatermarkEmbedder::State {

@@ -407,38 +407,46 @@ def _is_same(received: Sequence[Sent], sent: Sequence[Sent]) -> bool:
     )
 
 
+_HOLDS: Mapping[str, Callable[[int, int], bool]] = {
+    "all": lambda count, tried: count == tried,
+    "most": lambda count, tried: 2 * count > tried,
+    "none": lambda count, tried: count == 0,
+}
+
+
 def _judge(
-    wanted: Callable[[str, str], bool | None],
+    wanted: Callable[[str, str], str | None],
 ) -> Callable[[Sequence[Row]], Iterator[Finding]]:
-    """Whether all of a defence's streams are accepted (True) or none is (False), where wanted."""
+    """Whether as many of a defence's streams are accepted as wanted: all, most or none."""
 
     def judge(rows: Sequence[Row]) -> Iterator[Finding]:
         for row in rows:
             for defence in DEFENCES:
-                accept = wanted(row["model"], defence)
-                tried = row.get(f"{defence} tried")
-                if accept is None or not tried:
+                share, tried = wanted(row["model"], defence), row.get(f"{defence} tried")
+                if share is None or not tried:
                     continue
                 count = row[defence]
                 yield Finding(
                     f"{row['model']}, {defence}",
-                    count == (tried if accept else 0),
+                    _HOLDS[share](count, tried),
                     f"{count} of {tried} accepted",
                 )
 
     return judge
 
 
-def _is_our_word(name: str, defence: str) -> bool | None:
-    return (name == HARMLESS) if defence.startswith("keyed") else None
+def _keyed_accepts(name: str, defence: str) -> str | None:
+    if not defence.startswith("keyed"):
+        return None
+    return "all" if name == HARMLESS else "none"
 
 
-def _is_papers_word(name: str, defence: str) -> bool | None:
-    return True if (name, defence) == (REEMBEDDING, "paper lbm") else None
+def _paper_accepts(name: str, defence: str) -> str | None:
+    return "most" if (name, defence) == (REEMBEDDING, "paper lbm") else None
 
 
-def _is_order(name: str, defence: str) -> bool | None:
-    return False if (name, defence) == (HARMLESS, "hmac") else None
+def _hash_accepts(name: str, defence: str) -> str | None:
+    return "none" if (name, defence) == (HARMLESS, "hmac") else None
 
 
 EXPERIMENT = Experiment(
@@ -455,17 +463,17 @@ EXPERIMENT = Experiment(
         Claim(
             "The keyed watermark accepts no forgery, and the same points in any order",
             "aim",
-            _judge(_is_our_word),
+            _judge(_keyed_accepts),
         ),
         Claim(
-            "The printed watermark accepts points that were moved and re-embedded without a key",
+            "The printed watermark accepts most scans that were re-embedded without a key",
             "chapter 7, read critically",
-            _judge(_is_papers_word),
+            _judge(_paper_accepts),
         ),
         Claim(
             "A keyed hash of the buffer refuses the same points in another order",
             "baseline",
-            _judge(_is_order),
+            _judge(_hash_accepts),
         ),
     ),
     notes=(
@@ -474,6 +482,8 @@ EXPERIMENT = Experiment(
         "metadata, so that attacks on records do not apply to it. The hash is bound to a frame "
         "alone and to the order of its points; a deployment that needs neither localisation nor "
         "another order can number its frames itself. A verifier that begins in the middle of a "
-        "session says so, instead of accepting it.",
+        "session says so, instead of accepting it. Re-embedding without the key fails where "
+        "points that were moved tie with others in the public order; the forger can see that, and "
+        "move them elsewhere.",
     ),
 )
