@@ -146,6 +146,37 @@ def test_verdicts_of_drives(frames: list[manip3d.LidarFrame], tmp_path: Path) ->
         authenticate.inspect_drive([], key=key)
 
 
+def test_only_frames_a_turn_apart_are_neighbours(
+    frames: list[manip3d.LidarFrame], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[tuple[bool, bool]] = []
+    real = authenticate.inspect
+
+    def spy(frame: object, **options: object) -> object:
+        seen.append((options["previous"] is not None, options["following"] is not None))
+        return real(np.zeros((0, 3), np.float32))
+
+    monkeypatch.setattr("manip3d.authenticate._drives.inspect", spy)
+    for numbers, expected in (
+        (None, [(False, True), (True, True), (True, False)]),
+        ([0, 2, 4], [(False, False)] * 3),
+        ([5, 6, 9], [(False, True), (True, False), (False, False)]),
+        ([2, 1, 0], [(False, False)] * 3),
+    ):
+        seen.clear()
+        assert len(list(authenticate.inspect_drive(frames, numbers=numbers))) == 3
+        assert seen == expected
+    raw, flat = tmp_path / "raw" / SCANS, tmp_path / "flat" / "velodyne"
+    for folder in (raw, flat):
+        folder.mkdir(parents=True)
+        for number in (3, 4, 6):
+            (folder / f"{number:06d}.bin").write_bytes(b"")
+    assert authenticate.drive_numbers(tmp_path / "raw") == [3, 4, 6]
+    assert authenticate.drive_numbers(tmp_path / "flat") == [0, 2, 4]
+    (tmp_path / "flat" / "times.txt").write_text("0\n0.1\n0.3\n")
+    assert authenticate.drive_numbers(tmp_path / "flat") == [3, 4, 6]
+
+
 @pytest.mark.realdata
 def test_packets_are_judged_turn_by_turn(realdata: RealData) -> None:
     done = run(realdata("lidar/packets/reference/vlp16.pcap"), "--json", "-q")

@@ -68,6 +68,7 @@ from manip3d.authenticate._watermark import (
 )
 from manip3d.authenticate._watermark_files import (
     check_holds_float32,
+    drive_numbers,
     drive_scans,
     drive_times,
     plain_name,
@@ -126,6 +127,7 @@ __all__ = [
     "compare_paper",
     "density_consistency",
     "depth_noise",
+    "drive_numbers",
     "drive_scans",
     "drive_times",
     "embed_paper",

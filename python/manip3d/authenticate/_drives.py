@@ -29,6 +29,7 @@ def inspect_drive(
     lattice: SensorLattice | None = None,
     sensor: str = "auto",
     origin: ArrayLike | None = None,
+    numbers: Iterable[int] | None = None,
     records: Iterable[bytes | None] | None = None,
     key: KeyFile | None = None,
     power: bool = True,
@@ -47,6 +48,10 @@ def inspect_drive(
         first for all later ones.
     sensor, origin, power, printed, threads
         As of `inspect`.
+    numbers : iterable of int, optional
+        Number of each frame: only those that differ by one are a turn apart, and neighbours. By
+        default all follow each other. What a turn saw and another one did not is evidence, so that
+        scans of other places must not be taken for neighbours.
     records : iterable of (bytes or None), optional
         The watermark's record of each frame; they are verified as one chain.
     key : KeyFile, optional
@@ -73,7 +78,9 @@ def inspect_drive(
     if key is not None and records is None:
         raise InputError("key: expected with the records of the frames, got none")
     return _each(
-        _with_following(frames),
+        _with_following(
+            zip(frames, itertools.count() if numbers is None else numbers, strict=False)
+        ),
         itertools.repeat(None) if records is None or key is None else iter(records),
         key,
         lambda frame, before, after, known, signed: inspect(
@@ -114,35 +121,43 @@ def verdict_of_drive(found: Sequence[Inspection | None]) -> tuple[Verdict, str]:
     return verdict, reason
 
 
+_Numbered = tuple["LidarFrame | None", int]
+
+
 def _with_following(
-    frames: Iterable[LidarFrame | None],
-) -> Iterator[tuple[LidarFrame | None, LidarFrame | None]]:
-    """Each frame and the one after it."""
+    frames: Iterator[_Numbered],
+) -> Iterator[tuple[_Numbered, _Numbered | None]]:
+    """Each frame with its number, and the one after it."""
     ahead, behind = itertools.tee(frames)
     next(behind, None)
     return zip(ahead, itertools.chain(behind, [None]), strict=False)
 
 
 def _each(
-    pairs: Iterator[tuple[LidarFrame | None, LidarFrame | None]],
+    pairs: Iterator[tuple[_Numbered, _Numbered | None]],
     records: Iterator[bytes | None],
     key: KeyFile | None,
     judge: Callable[..., Inspection],
     lattice: SensorLattice | None,
 ) -> Iterator[Inspection | None]:
+    def beside(other: _Numbered | None, number: int) -> LidarFrame | None:
+        return None if other is None or other[1] != number else other[0]
+
     verifier = None if key is None else Watermarker(key)
-    before: LidarFrame | None = None
+    before: _Numbered | None = None
     try:
-        for frame, after in pairs:
+        for (frame, number), after in pairs:
             record, found = next(records, None), None
             if frame is not None:
                 signed = None
                 if verifier is not None and record is not None:
                     signed = verifier.verify(frame, record, policy=Policy(order="any"))
-                found = judge(frame, before, after, lattice, signed)
+                found = judge(
+                    frame, beside(before, number - 1), beside(after, number + 1), lattice, signed
+                )
                 if lattice is None and found.sensor is not None:
                     lattice = found.sensor.lattice
-            before = frame
+            before = frame, number
             yield found
     finally:
         if verifier is not None:

@@ -136,6 +136,22 @@ def drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
 
 
 @checked
+def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
+    """Return a number for each scan of a drive: those a turn apart have numbers that differ by one.
+
+    They are those of the files' names where the drive is a sequence, as KITTI's raw drives and its
+    odometry sequences with ``times.txt`` are; else, as in its object and stereo benchmarks, where
+    each scan is of another place, they are apart.
+    """
+    root, scans = path_of(folder), drive_scans(folder)
+    names = [path.name.split(".")[0] for path in scans]
+    is_sequence = (root / "velodyne_points").is_dir() or (root / "times.txt").is_file()
+    if not is_sequence or not all(name.isdecimal() for name in names):
+        return [2 * number for number in range(len(scans))]
+    return [int(name) for name in names]
+
+
+@checked
 def plain_name(scan: str | os.PathLike[str], drive: str | os.PathLike[str]) -> Path:
     """Return where a drive's scan belongs in another folder: without a compression's suffix."""
     relative = path_of(scan).relative_to(path_of(drive))

@@ -118,9 +118,11 @@ def inspect(
 
     The exit code is 0 for no_trace, 3 for tampered, 4 for processed and undecidable; of a drive it
     is that of the gravest verdict, 1 if a scan could not be read, and 130 when interrupted. The
-    scans of a drive and of packets are judged with their neighbours, a line each. No verdict says
-    that a scan is authentic: only a keyed watermark does. With -o the evidence is written: a page
-    with pictures and boxes (.html), or the numbers (.json; of drives and recordings only these).
+    scans of a drive and of packets are judged with their neighbours, a line each; without them
+    where numbers are missing between, and in folders without times (object and stereo benchmarks).
+    No verdict says that a scan is authentic: only a keyed watermark does. With -o the evidence is
+    written: a page with pictures and boxes (.html), or the numbers (.json; of drives and recordings
+    only these).
 
     Example: manip3d inspect scan.bin -o evidence.html
     """
@@ -256,6 +258,13 @@ class Drive:
                 self.names.append(f"frame {number}")
                 yield frame
 
+    def numbers(self) -> list[int] | None:
+        """Numbers of the scans, by which neighbours are told; None: all follow each other."""
+        from manip3d import authenticate
+
+        is_folder = Path(self._source).is_dir()
+        return authenticate.drive_numbers(self._source) if is_folder else None
+
     def records(self) -> Iterator[bytes | None]:
         """The watermarks' records beside the scans."""
         from manip3d import authenticate
@@ -289,7 +298,11 @@ def inspect_drive(
     found: list[Inspection | None] = []
     records: list[dict[str, Any]] = []
     judged = authenticate.inspect_drive(
-        drive.frames(), records=None if key is None else drive.records(), key=key, **options
+        drive.frames(),
+        numbers=drive.numbers(),
+        records=None if key is None else drive.records(),
+        key=key,
+        **options,
     )
     for number, each in enumerate(judged):
         name = drive.names[number]
