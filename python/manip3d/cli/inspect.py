@@ -114,7 +114,7 @@ def inspect(
     quiet: Quiet = False,
     jobs: Jobs = 0,
 ) -> None:
-    """Look for edits of a LiDAR scan, a drive of scans, or an RGB-D recording.
+    """Look for edits of a LiDAR scan, a drive or an RGB-D recording.
 
     The exit code is 0 for no_trace, 3 for tampered, 4 for processed and undecidable; of a drive it
     is that of the gravest verdict, 1 if a scan could not be read, and 130 when interrupted. The
