@@ -168,6 +168,10 @@ KERNELS: dict[str, Kernel] = {
         [LidarFrame(cloud)], scanner, planted=1, threads=t
     ),
     "authenticate.inspect": lambda t: authenticate.inspect(cloud, origin=(0, 0, 0), threads=t),
+    "authenticate.inspect_drive": lambda t: list(
+        authenticate.inspect_drive([LidarFrame(cloud)] * 2, origin=(0, 0, 0), threads=t)
+    ),
+    "authenticate.verdict_of_drive": lambda _: authenticate.verdict_of_drive([inspected]),
     "authenticate.combined_verdict": lambda _: authenticate.combined_verdict(inspected.detectors),
     "authenticate.occlusion_consistency": lambda t: authenticate.occlusion_consistency(
         cloud, grid=angles, threads=t
@@ -206,6 +210,7 @@ KERNELS: dict[str, Kernel] = {
 
 READ_FILES = {
     "authenticate.check_holds_float32",
+    "authenticate.drive_numbers",
     "authenticate.drive_scans",
     "authenticate.drive_times",
     "authenticate.plain_name",

@@ -157,6 +157,7 @@ OF_A_SECOND = {
     "forge.subtractive", "forge.additive_subtractive", "forge.replacement", "forge.translation",
     "forge.rotation", "forge.lattice_insert", "forge.lattice_remove", "forge.spoof",
     "authenticate.estimate_grid", "authenticate.kitti_lattice",
+    "authenticate.inspect_drive", "authenticate.verdict_of_drive",
     "authenticate.combined_verdict", "authenticate.occlusion_consistency",
     "authenticate.noise_blocks", "authenticate.embed_paper", "authenticate.compare_paper",
     "authenticate.verdict_of_stream", "authenticate.depth_noise", "authenticate.inter_frame_noise",

@@ -264,6 +264,8 @@ CASES: dict[str, Case] = {
         0.002,
         0.001,
         0.002,
+        0.12,
+        0.0,
         forged_scan[::-1].copy(),
         np.zeros((0, 3), np.float32),
         threads,

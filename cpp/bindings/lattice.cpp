@@ -77,14 +77,16 @@ void bind_lattice(py::module_& m) {
   m.def(
       "generic_consistency",
       [](const CArray<float>& points, const CArray<double>& rings, int steps, double range_step,
-         double coordinate_step, double tolerance, const CArray<float>& previous,
-         const CArray<float>& following, int threads) {
+         double coordinate_step, double tolerance, double range_incoherence, double azimuth_error,
+         const CArray<float>& previous, const CArray<float>& following, int threads) {
         const PointsView view(rows<Points>(points, "points"));
         const ScanLattice lattice = to_lattice(rings, steps, range_step, coordinate_step);
         const PointsView earlier(rows<Points>(previous, "previous"));
         const PointsView later(rows<Points>(following, "following"));
         GenericOptions options;
         options.tolerance = tolerance;
+        options.range_incoherence = range_incoherence;
+        options.azimuth_error = azimuth_error;
         options.num_threads = threads;
         GenericResult result;
         {
@@ -103,7 +105,8 @@ void bind_lattice(py::module_& m) {
       },
       py::arg("points").noconvert(), py::arg("rings").noconvert(), py::arg("steps"),
       py::arg("range_step"), py::arg("coordinate_step"), py::arg("tolerance"),
-      py::arg("previous").noconvert(), py::arg("following").noconvert(), py::arg("threads"));
+      py::arg("range_incoherence"), py::arg("azimuth_error"), py::arg("previous").noconvert(),
+      py::arg("following").noconvert(), py::arg("threads"));
   m.attr("CELL_COLUMNS") = kCellColumns;
   m.attr("CELL_RINGS") = kCellRings;
 }

@@ -80,6 +80,7 @@ Fields to_fields(const WatermarkHeader& header) {
   fields["is_genesis"] = header.is_genesis;
   fields["is_end"] = header.is_end;
   fields["has_context"] = header.has_context;
+  fields["context"] = to_bytes(header.context);
   fields["sensor"] = to_bytes(header.sensor);
   fields["session"] = to_bytes(header.session);
   fields["frame"] = header.frame;
@@ -269,6 +270,21 @@ void bind_watermark(py::module_& m) {
       },
       py::arg("points").noconvert(), py::arg("intensity").noconvert(),
       py::arg("blocks").noconvert(), py::arg("tile_of"), py::arg("counts"), py::arg("options"));
+  m.def(
+      "watermark_order",
+      [](const CArray<float>& points, const CArray<float>& intensity, int embedding, int slices,
+         int least_points) {
+        const PointsView view = points_view(points, intensity);
+        const WatermarkOptions options = to_options(embedding, slices, least_points, false, false);
+        std::vector<std::int32_t> rows;
+        {
+          const py::gil_scoped_release nogil;
+          rows = watermark_order(view, options);
+        }
+        return to_numpy(std::move(rows));
+      },
+      py::arg("points").noconvert(), py::arg("intensity").noconvert(), py::arg("embedding"),
+      py::arg("slices"), py::arg("least_points"));
   m.def(
       "watermark_header",
       [](const py::bytes& record) {

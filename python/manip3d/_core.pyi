@@ -154,6 +154,7 @@ __all__: list[str] = [
     "unproject",
     "unproject_pixels",
     "watermark_header",
+    "watermark_order",
     "welded_boundary",
     "writable_suffixes",
     "write_mesh",
@@ -1864,6 +1865,8 @@ def generic_consistency(
     range_step: typing.SupportsFloat | typing.SupportsIndex,
     coordinate_step: typing.SupportsFloat | typing.SupportsIndex,
     tolerance: typing.SupportsFloat | typing.SupportsIndex,
+    range_incoherence: typing.SupportsFloat | typing.SupportsIndex,
+    azimuth_error: typing.SupportsFloat | typing.SupportsIndex,
     previous: numpy.typing.NDArray[numpy.float32],
     following: numpy.typing.NDArray[numpy.float32],
     threads: typing.SupportsInt | typing.SupportsIndex,
@@ -2198,6 +2201,13 @@ def unproject_pixels(
     camera: typing.Any,
 ) -> numpy.ndarray: ...
 def watermark_header(record: bytes) -> dict[str, typing.Any]: ...
+def watermark_order(
+    points: numpy.typing.NDArray[numpy.float32],
+    intensity: numpy.typing.NDArray[numpy.float32],
+    embedding: typing.SupportsInt | typing.SupportsIndex,
+    slices: typing.SupportsInt | typing.SupportsIndex,
+    least_points: typing.SupportsInt | typing.SupportsIndex,
+) -> numpy.ndarray: ...
 def welded_boundary(mesh: typing.Any) -> numpy.ndarray: ...
 def writable_suffixes() -> list[typing.Any]: ...
 def write_mesh(

@@ -83,6 +83,30 @@ def test_no_point_moves_further_than_it_may(key: KeyFile, embedding: str) -> Non
         assert farthest > 0.9 * MAX_MOVE_M[embedding]
 
 
+@pytest.mark.parametrize("embedding", [0, 1, 2])
+def test_the_canonical_order_is_that_of_any_order(embedding: int) -> None:
+    scan = frame()
+    assert scan.intensity is not None
+    rows = _core.watermark_order(scan.points, scan.intensity, embedding, 36, 150)
+    shuffle = np.random.default_rng(1).permutation(len(rows))
+    points, shine = scan.points[shuffle], scan.intensity[shuffle]
+    again = _core.watermark_order(points, shine, embedding, 36, 150)
+    assert sorted(rows) == list(range(len(rows)))
+    changes = [1.0, 500.0, 400.0][embedding]  # what embedding clears: cells of z, lowest bits
+    wide = np.floor(np.round(scan.points.astype(np.float64), 3) * changes)
+    mine, theirs = wide[rows], np.floor(np.round(points.astype(np.float64), 3) * changes)[again]
+    assert np.array_equal(mine[:, 2], theirs[:, 2])
+    with pytest.raises(InputError, match="at least one"):
+        _core.watermark_order(scan.points[:0], scan.intensity[:0], embedding, 36, 150)
+
+
+@pytest.mark.parametrize("units", [1000, 1600])
+def test_products_write_the_same_floats_as_quotients(units: int) -> None:
+    """The core multiplies where the format says q / units: all that it writes is equal."""
+    q = np.arange(2**23, dtype=np.float64)
+    assert np.array_equal((q / units).astype(np.float32), (q * (1.0 / units)).astype(np.float32))
+
+
 def test_points_without_a_return_stay_where_they_are(key: KeyFile) -> None:
     for embedding in CARRYING:
         sent = marker_of(key, embedding).embed(frame())
@@ -595,6 +619,40 @@ def test_bad_input_is_refused(key: KeyFile) -> None:
     scan = LidarFrame(np.float32([[1, 2, 3]]), exact=np.array([[1.00000001, 2, 3]]))
     with pytest.raises(InputError, match="float64"):
         marker.embed(scan)
+
+
+@pytest.mark.parametrize("shine", [True, False])
+def test_coordinates_in_float64_are_bound_by_a_detached_record(key: KeyFile, shine: bool) -> None:
+    """A survey in a national grid: 0.1 micrometre at 5 000 km is beyond float32, not float64."""
+    random = np.random.default_rng(3)
+    corner = np.array([5e6, 4e5, 200.0])
+    exact = random.uniform(-40, 40, (3000, 3)) + corner
+    points = (exact - corner).astype(np.float32)
+    scan = LidarFrame(points, reflectances(3000) if shine else None, exact=exact)
+    sent = marker_of(key, "detached").embed(scan)
+    assert np.array_equal(sent.frame.exact, exact)  # type: ignore[arg-type]
+    order = random.permutation(3000)
+    assert verify(key, sent.frame.select(order), sent.record).verdict == "authentic"
+
+    moved = exact.copy()
+    moved[77, 1] += 1e-7
+    changed = scan.replace(exact=moved)
+    assert np.array_equal(changed.points, scan.points)
+    found = verify(key, changed, sent.record)
+    assert (found.verdict, found.content) == ("tampered", "tampered")
+    assert "float32" in found.reason
+    swapped = exact.copy()
+    swapped[[3, 4]] = swapped[[4, 3]]
+    assert verify(key, scan.replace(exact=swapped), sent.record).verdict == "tampered"
+
+    rounded = verify(key, scan.replace(exact=None), sent.record)
+    assert (rounded.verdict, rounded.content) == ("undecidable", "unverifiable")
+    assert "float32 part only" in rounded.reason
+    bare = marker_of(key, "detached").embed(scan.replace(exact=None))
+    assert verify(key, scan.replace(exact=None), bare.record).verdict == "authentic"
+    assert verify(key, scan, bare.record).verdict == "undecidable"
+    with pytest.raises(InputError, match="expected embedding 'detached'"):
+        marker_of(key, "qim").embed(scan)
 
 
 def test_five_million_points(key: KeyFile) -> None:

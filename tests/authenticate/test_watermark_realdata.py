@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from manip3d import LidarFrame
-from manip3d.authenticate import MAX_MOVE_M, KeyFile, Policy, Watermarker, inspect
+from manip3d.authenticate import (
+    MAX_MOVE_M,
+    KeyFile,
+    Policy,
+    Watermarker,
+    embed_paper,
+    inspect,
+    noise_blocks,
+)
 from manip3d.errors import InputError
 from manip3d.io import SCAN_SUFFIXES, read_scan
 from real_data import RealData
@@ -70,11 +78,13 @@ def test_no_wrong_bit_on_any_kitti_cloud(
 
 def test_clouds_of_other_scanners_verify_by_manifest(realdata: RealData, tmp_path: Path) -> None:
     key = KeyFile(key_file(tmp_path / "key"))
-    folder = realdata("lidar/other_sensors")
     paths = [
-        p for p in sorted(folder.rglob("*")) if str(p).removesuffix(".xz").endswith(SCAN_SUFFIXES)
+        path
+        for folder in ("other_sensors", "tls/3dtk_dat", "hdl32_pair", "packets/reference")
+        for path in sorted(realdata(f"lidar/{folder}").rglob("*"))
+        if str(path).removesuffix(".xz").endswith(SCAN_SUFFIXES)
     ]
-    assert len(paths) >= 9
+    assert len(paths) >= 19
     for path in paths:
         scan = read_scan(path)
         marker = Watermarker(key, embedding="detached")
@@ -87,6 +97,11 @@ def test_clouds_of_other_scanners_verify_by_manifest(realdata: RealData, tmp_pat
         points[order[0], 0] = np.nextafter(points[order[0], 0], np.float32(1e9))
         changed = scan.replace(points=points)
         assert Watermarker(key).verify(changed, sent.record).verdict == "tampered", path
+        if scan.exact is not None:
+            exact = scan.exact.copy()
+            exact[order[0], 2] = np.nextafter(exact[order[0], 2], 1e9)
+            changed = scan.replace(exact=exact)
+            assert Watermarker(key).verify(changed, sent.record).verdict == "tampered", path
 
 
 def test_all_ordered_pairs_of_records_are_refused(realdata: RealData, tmp_path: Path) -> None:
@@ -107,13 +122,23 @@ def test_all_ordered_pairs_of_records_are_refused(realdata: RealData, tmp_path: 
             assert found.verdict in ("authentic", "tampered")
 
 
-@pytest.mark.parametrize("embedding", ["lbm", "qim"])
+@pytest.mark.parametrize("embedding", ["lbm", "qim", "qim-printed"])
 def test_forensics_do_not_accuse_an_embedded_scan(
     realdata: RealData, tmp_path: Path, embedding: str
 ) -> None:
-    """Without the key a watermark is processing of the whole scan, and no forgery."""
+    """Without its record a watermark is processing of the whole scan, and no forgery; with it, the
+    scan is what it was before."""
     key = KeyFile(key_file(tmp_path / "key"))
     paths = [path for path in kitti(realdata) if not is_off_grid(path)]
-    for path in paths[::12]:
-        sent = Watermarker(key, embedding=embedding).embed(read_scan(path))
+    for path in paths[::6]:
+        scan = read_scan(path)
+        if embedding == "qim-printed":
+            printed = embed_paper(scan, noise_blocks(1), embedding=embedding).frame
+            found = inspect(printed, power=False)
+            assert [step.kind for step in found.processing] == ["watermarked"], path
+            assert found.verdict == "processed", path
+            continue
+        sent = Watermarker(key, embedding=embedding).embed(scan)
         assert inspect(sent.frame, power=False).verdict == "processed", path
+        found = inspect(sent.frame, watermark=sent.record, key=key)
+        assert found.verdict == inspect(scan).verdict == "no_trace", path

@@ -44,6 +44,28 @@ def drive(tmp_path: Path) -> Path:
     return folder
 
 
+def test_a_survey_file_is_signed_as_it_is(key: Path, tmp_path: Path) -> None:
+    pytest.importorskip("laspy")
+    corner = np.array([500_000.0, 5_400_000.0, 200.0])
+    exact = np.round(np.random.default_rng(2).uniform(-30, 30, (3000, 3)), 3) + corner
+    survey = tmp_path / "survey.las"
+    manip3d.io.write_scan(manip3d.LidarFrame(exact.astype(np.float32)), survey)
+    read = manip3d.io.read_scan(survey)
+    assert read.exact is not None
+    out = tmp_path / "signed.las"
+    refused = run("embed", survey, "--key", key, "-o", out)
+    assert refused.exit_code == 1
+    assert not out.exists()
+    done = run("embed", survey, "--key", key, "-o", out, "--embedding", "detached")
+    assert done.exit_code == 0, done.output
+    assert out.read_bytes() == survey.read_bytes()
+    assert verify(out, key)[0] == 0
+    other = read.exact.copy()
+    other[5, 0] += 0.001
+    manip3d.io.write_scan(read.replace(exact=other), out)
+    assert verify(out, key)[0] == 3
+
+
 @pytest.fixture
 def signed(key: Path, drive: Path, tmp_path: Path) -> Path:
     out = tmp_path / "signed"

@@ -49,7 +49,7 @@ TAKEN = {
     "depth": ("depth", "range grid", "folder"),
     "compare": ("mesh",),
     "convert": ("mesh", "scan", "range grid", "packets", "drive"),
-    "inspect": ("scan", "recording"),
+    "inspect": ("scan", "drive", "packets", "recording"),
     "forge lidar": ("scan",),
     "phantom render": ("recording",),
 }

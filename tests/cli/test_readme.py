@@ -156,7 +156,7 @@ def make_sources(words: list[str], place: Path) -> None:
     sources = " ".join(words).partition(" -o ")[0]
     if "patient.mkv" in sources and not (place / "patient.mkv").exists():
         manip3d.capture.record("sim:body?amputated=right-arm&frames=3", place / "patient.mkv")
-    if words[0] == "watermark":
+    if words[0] == "watermark" or sources.startswith("inspect drive"):
         make_watermark(words, place)
     if sources == "inspect forged" and not (place / "forged").exists():
         line = 'forge stream "sim:body?motion=still&frames=12" --type 1 --still -q -o forged'
@@ -295,9 +295,9 @@ def test_lines_of_readme_need_the_extra_that_they_name(
     if "-o" in words:
         at = words.index("-o") + 1
         words[at] = str(tmp_path / words[at])
-    for output in ("rows.csv", "case.jsonl"):  # of the same line in the test before
+    for output in ("rows.csv", "case.jsonl", "drive.jsonl"):  # of the same line in the test before
         (place / output).unlink(missing_ok=True)
-    if words[0] == "watermark":
+    if words[0] == "watermark" or words[:2] == ["inspect", "drive"]:
         make_watermark(words, place)
     done = run_without_extras(words, place)
     if named is None:

@@ -1,11 +1,13 @@
-"""Table 7.2: its cases, its counts and what its claims make of them."""
+"""Tables 7.1, 7.2 and `security`: their cases, their counts and what their claims make of them."""
 
 from __future__ import annotations
 
 import pytest
 
-from manip3d.experiments import Case, Plan, registry, table_7_2
+import manip3d
+from manip3d.experiments import Case, Plan, registry, security, table_7_1, table_7_2
 from manip3d.experiments._model import Row
+from watermark_scans import grid_scan, reflectances
 
 QUICK = Plan("simulated", "quick")
 
@@ -46,3 +48,71 @@ def test_one_frame_of_each_attack() -> None:
         assert row["attacked"] == 1
         expected = 0 if case.options["attack"] == "original" else 1
         assert [row[kind] for kind in table_7_2._KINDS] == [expected] * 5
+
+
+# --- Security -------------------------------------------------------------------------------------
+
+
+def accepted(name: str, attempts: int = 4) -> Row:
+    case = Case(security.attack, {"model": name, "attempts": attempts, "seed": 7})
+    row = security.attack(case)
+    assert row.keys() == {*security.DEFENCES, *(f"{name} tried" for name in security.DEFENCES)}
+    return {**case.options, **row, "data": "simulated", "error": None}
+
+
+@pytest.mark.parametrize("name", security.ATTACKS)
+def test_the_keyed_watermark_accepts_no_forgery(name: str) -> None:
+    row = accepted(name)
+    for defence in ("keyed lbm", "keyed qim", "keyed detached"):
+        assert row[f"{defence} tried"] > 0
+        assert row[defence] == (row[f"{defence} tried"] if name == security.HARMLESS else 0)
+    if name == security.REEMBEDDING:
+        assert row["paper lbm"] == row["paper lbm tried"] == 4
+    if name in (security.HARMLESS, "one point moved"):
+        assert row["hmac"] == 0
+    if name in ("frame replayed", "frame dropped", "frames reordered"):
+        assert row["hmac"] == row["hmac tried"]
+    if name in ("record damaged", "record downgraded"):
+        assert row["paper lbm"] is None
+    claims = [claim.verdict([row]) for claim in security.EXPERIMENT.claims]
+    assert all(finding.holds for claim in claims for finding in claim.findings)
+
+
+def test_a_forgery_that_is_accepted_breaks_the_claim() -> None:
+    row = accepted("one point moved", 2) | {"keyed qim": 1}
+    (claim, *_) = security.EXPERIMENT.claims
+    assert claim.verdict([row]).holds is False
+    assert registry()["security"] is security.EXPERIMENT
+    full = security.EXPERIMENT.cases(Plan("simulated", "full"))
+    assert sum(case.options["attempts"] for case in full) * len(security.DEFENCES) >= 97_000
+
+
+# --- Table 7.1 ------------------------------------------------------------------------------------
+
+
+def test_steps_of_table_7_1_add_up_to_the_published_ones() -> None:
+    cases = table_7_1.EXPERIMENT.cases(QUICK)
+    assert registry()["table-7.1"] is table_7_1.EXPERIMENT
+    assert len(cases) == 27
+    rows = [
+        table_7_1.EXPERIMENT.complete(
+            {**case.options, "paper": 9.0, "keyed": 7.0, "data": "simulated", "error": None}
+        )
+        for case in cases
+    ]
+    published = {(row["model"], row["step"]): row["published"] for row in rows}
+    assert published["drive 1", "ordering points"] == 61.8
+    assert published["drive 2", "receive with QIM"] == 90.97
+    assert published["drive 3", "LBM extraction and comparison"] == pytest.approx(47.25)
+    faster, aim = (claim.verdict(rows) for claim in table_7_1.EXPERIMENT.claims)
+    assert faster.holds is True
+    assert aim.holds is False
+
+
+@pytest.mark.parametrize("step", ["ordering points", "QIM embedding", "receive with LBM"])
+def test_a_step_is_timed(step: str) -> None:
+    frame = manip3d.LidarFrame(grid_scan(20_000), reflectances(20_000))
+    row = table_7_1.time_frame(frame, step, 3)
+    assert row["points"] == 20_000
+    assert 0.0 < row["paper"] < 1000.0
+    assert 0.0 < row["keyed"] < 1000.0

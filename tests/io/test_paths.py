@@ -98,6 +98,7 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "viewer.open_thing color": lambda p: viewer.open_thing(__file__, color=p),
     "viewer.open_thing calibration": lambda p: viewer.open_thing(__file__, calibration=p),
     "authenticate.check_holds_float32 scan": authenticate.check_holds_float32,
+    "authenticate.drive_numbers folder": authenticate.drive_numbers,
     "authenticate.drive_scans folder": authenticate.drive_scans,
     "authenticate.drive_times folder": authenticate.drive_times,
     "authenticate.plain_name scan": lambda p: authenticate.plain_name(p, "."),

@@ -57,6 +57,7 @@ class Examination {
     for (std::int32_t i = 0; i < points.num_points(); ++i) {
       if (reading_.ring(i) >= 0) ++sectors_[sector(i)];
     }
+    if (options.azimuth_error > 0.0 && lattice.steps > 0) forget_uncertain_counts();
   }
 
   GenericResult run() {
@@ -176,6 +177,16 @@ class Examination {
     const Eigen::RowVector2d p = points_.points.row(i).head<2>().cast<double>();
     const double rho = std::sqrt(p.x() * p.x() + p.y() * p.y());
     return !(off <= lattice_.rings[reading_.ring(i)].uncertainty(rho));
+  }
+
+  // Near the axis steps are shorter than what moved the points.
+  void forget_uncertain_counts() {
+    constexpr double kRounding = 0.0005 * 1.4142135623730951;  // of x and y to 1 mm
+    const double least = 2.0 * (options_.azimuth_error + kRounding) / lattice_.azimuth_step;
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      const Eigen::RowVector2d p = points_.points.row(i).head<2>().cast<double>();
+      if (p.squaredNorm() < least * least) reading_.count(i) = -1;
+    }
   }
 
   // A point between lines or steps is of no firing; it neither votes for one nor answers it.
@@ -460,6 +471,10 @@ void check_options(const GenericOptions& options) {
   if (!(options.dropped_share > 0.0 && options.dropped_share <= 1.0)) {
     throw InputError("dropped_share: expected a share in (0, 1], got " +
                      std::to_string(options.dropped_share));
+  }
+  if (!(options.azimuth_error >= 0.0 && options.azimuth_error < 1.0)) {
+    throw InputError("azimuth_error: expected 0 to 1 m, got " +
+                     std::to_string(options.azimuth_error));
   }
   if (!(options.range_incoherence > 0.0 && options.range_incoherence < 0.5)) {
     throw InputError("range_incoherence: expected a share in (0, 0.5), got " +

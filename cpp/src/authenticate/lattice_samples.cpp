@@ -13,23 +13,28 @@
 namespace manip3d {
 namespace {
 
-constexpr double kReach = 4e6;        // units of 1 mm: 4 km
-constexpr double kUnits = 1000.0;     // of x, y and z a metre
-constexpr double kQuarters = 1600.0;  // quarters of a QIM cell of 2.5 mm a metre
-constexpr double kLimit = 8e6;  // units or quarters: float32 tells neighbours apart below 2^23
+constexpr std::int32_t kReach = 4'000'000;  // units of 1 mm: 4 km
+constexpr double kUnits = 1000.0;           // of x, y and z a metre
+constexpr double kQuarters = 1600.0;        // quarters of a QIM cell of 2.5 mm a metre
+// Units or quarters: float32 tells neighbours apart below 2^23.
+constexpr std::int32_t kLimit = 8'000'000;
 
-// The nearest integer, for less than 2^51: 1.5 * 2^52 has the integers in its lowest bits.
+constexpr double kMillimetre = 1.0 / kUnits;
+constexpr double kQuarter = 1.0 / kQuarters;
+
+// 1.5 * 2^52 has the integers in its lowest bits: a sum with it is rounded to the nearest one.
+constexpr double kShift = 6755399441055744.0;
+
+// The nearest integer, for less than 2^51.
 inline std::int64_t nearest(double value) {
-  constexpr double kShift = 6755399441055744.0;
   return std::bit_cast<std::int64_t>(value + kShift) - std::bit_cast<std::int64_t>(kShift);
 }
 
-inline bool same_bits(float a, float b) {
-  return std::bit_cast<std::uint32_t>(a) == std::bit_cast<std::uint32_t>(b);
-}
-
-inline float on_grid(std::int64_t q, double units) {
-  return static_cast<float>(static_cast<double>(q) / units);
+// float32(q / 1000) and float32(q / 1600), by a product: q / 1000 is at least 2^-25 / 1000 of
+// itself away from where float32 rounds the other way, or is a float32, and the product is wrong by
+// 2^-52 of itself. Divisions take a third of the time of a frame's samples.
+inline float on_grid(std::int32_t q, double metres) {
+  return static_cast<float>(static_cast<double>(q) * metres);
 }
 
 // z in units of 1 mm lies in the cell floor(z / 2.5).
@@ -76,16 +81,71 @@ void make_room(const PointsView& points, LatticeSamples& found,
   slice_of.resize(size);
 }
 
-struct Quantised {
-  std::int32_t q;
-  bool is_exact;
+// Coordinates of a block of points as whole numbers of units.
+class Block {
+ public:
+  static constexpr Eigen::Index kPoints = 128;
+
+  // The units of x and y, and those of z, a metre; values beyond the limit count as the next one.
+  Block(double units, double units_z, std::int32_t limit) : limit_(limit), beyond_(limit + 1) {
+    for (std::size_t i = 0; i < kValues; ++i) {
+      units_[i] = i % 3 == 2 ? units_z : units;
+      metres_[i] = 1.0 / units_[i];
+    }
+  }
+
+  void read(const PointsView& points, Eigen::Index row) {
+    const auto count =
+        3 * static_cast<std::size_t>(std::min<Eigen::Index>(kPoints, points.num_points() - row));
+    const float* values = points.points.data() + 3 * row;
+    for (std::size_t i = 0; i < count; ++i) {  // no branches: four values at a time
+      const double scaled = static_cast<double>(values[i]) * units_[i];
+      const double low = scaled < beyond_ ? scaled : beyond_;
+      const double inside = low > -beyond_ ? low : -beyond_;
+      const double whole = (inside + kShift) - kShift;
+      const auto written = static_cast<float>(whole * metres_[i]);
+      q_[i] = static_cast<std::int32_t>(whole);
+      equal_[i] = written == values[i] ? -1 : 0;
+      same_[i] = std::bit_cast<std::int32_t>(written) == std::bit_cast<std::int32_t>(values[i]);
+    }
+  }
+
+  [[nodiscard]] std::int32_t x(std::size_t i) const { return q_[3 * i]; }
+  [[nodiscard]] std::int32_t y(std::size_t i) const { return q_[3 * i + 1]; }
+  [[nodiscard]] std::int32_t z(std::size_t i) const { return q_[3 * i + 2]; }
+  // Whether all coordinates are within the limit; on the grid; on it to the bit: -0 and 0 are the
+  // same place, but embedders write no -0.
+  [[nodiscard]] bool fits(std::size_t i) const {
+    return std::abs(x(i)) < limit_ && std::abs(y(i)) < limit_ && std::abs(z(i)) < limit_;
+  }
+  [[nodiscard]] bool is_on_grid(std::size_t i) const { return all(equal_, i); }
+  [[nodiscard]] bool is_written(std::size_t i) const { return all(same_, i); }
+
+ private:
+  static constexpr std::size_t kValues = 3 * kPoints;
+  template <typename T>
+  using Values = std::array<T, kValues>;
+
+  static bool all(const Values<std::int32_t>& flags, std::size_t i) {
+    return (flags[3 * i] & flags[3 * i + 1] & flags[3 * i + 2]) != 0;
+  }
+
+  std::int32_t limit_;
+  double beyond_;
+  Values<double> units_, metres_;
+  Values<std::int32_t> q_, equal_, same_;
 };
 
-inline Quantised quantise(float value, double units) {
-  const double scaled = static_cast<double>(value) * units;
-  const bool fits = scaled > -kLimit && scaled < kLimit;
-  const std::int64_t q = nearest(fits ? scaled : 0.0);
-  return {static_cast<std::int32_t>(q), fits && same_bits(on_grid(q, units), value)};
+// Calls `use(row, i)` for all rows, `i` being the place in the block that holds the row.
+template <typename Use>
+void for_each_row(const PointsView& points, Block& block, const Use& use) {
+  const Eigen::Index size = points.num_points();
+  for (Eigen::Index begin = 0; begin < size; begin += Block::kPoints) {
+    block.read(points, begin);
+    const Eigen::Index end = std::min(size, begin + Block::kPoints);
+    for (Eigen::Index row = begin; row < end; ++row)
+      use(row, static_cast<std::size_t>(row - begin));
+  }
 }
 
 }  // namespace
@@ -99,31 +159,22 @@ void sample_for_embedding(const PointsView& points, const WatermarkOptions& opti
     return;
   }
   const bool is_lbm = options.embedding == WatermarkEmbedding::kLbm;
-  for (Eigen::Index row = 0; row < points.num_points(); ++row) {
-    const auto i = static_cast<std::size_t>(row);
-    std::array<std::int32_t, 3> q;
-    for (int axis = 0; axis < 3; ++axis) {
-      const float value = points.points(row, axis);
-      const double scaled = static_cast<double>(value) * kUnits;
-      if (!(scaled > -kReach && scaled < kReach)) refuse(points, row);
-      const std::int64_t units = nearest(scaled);
-      // -0 and 0 are the same place.
-      if (!options.round && on_grid(units, kUnits) != value) refuse(points, row);
-      q[static_cast<std::size_t>(axis)] = static_cast<std::int32_t>(units);
-    }
-    WatermarkSample& s = found.samples[i];
+  Block block(kUnits, kUnits, kReach);
+  for_each_row(points, block, [&](Eigen::Index row, std::size_t i) {
+    if (!block.fits(i) || (!options.round && !block.is_on_grid(i))) refuse(points, row);
+    WatermarkSample& s = found.samples[static_cast<std::size_t>(row)];
     s.intensity = intensity_of(points, row);
     if (is_lbm) {
-      s.x = q[0] & ~1;
-      s.y = q[1] & ~1;
-      s.z = q[2] & ~1;
+      s.x = block.x(i) & ~1;
+      s.y = block.y(i) & ~1;
+      s.z = block.z(i) & ~1;
     } else {
-      s.x = q[0];
-      s.y = q[1];
-      s.z = cell_of(q[2]);
+      s.x = block.x(i);
+      s.y = block.y(i);
+      s.z = cell_of(block.z(i));
     }
-    found.marks[i] = 0;
-  }
+    found.marks[static_cast<std::size_t>(row)] = 0;
+  });
   find_slices(slices, found, slice_of);
 }
 
@@ -136,28 +187,27 @@ void sample_for_verification(const PointsView& points, WatermarkEmbedding embedd
     return;
   }
   const bool is_lbm = embedding == WatermarkEmbedding::kLbm;
-  for (Eigen::Index row = 0; row < points.num_points(); ++row) {
-    const auto i = static_cast<std::size_t>(row);
-    const Quantised x = quantise(points.points(row, 0), kUnits);
-    const Quantised y = quantise(points.points(row, 1), kUnits);
-    const Quantised z = quantise(points.points(row, 2), is_lbm ? kUnits : kQuarters);
-    WatermarkSample& s = found.samples[i];
+  Block block(kUnits, is_lbm ? kUnits : kQuarters, kLimit);
+  for_each_row(points, block, [&](Eigen::Index row, std::size_t i) {
+    WatermarkSample& s = found.samples[static_cast<std::size_t>(row)];
     s.intensity = intensity_of(points, row);
+    const std::int32_t x = block.x(i), y = block.y(i), z = block.z(i);
     std::uint8_t mark;
     if (is_lbm) {
-      s.x = x.q & ~1;
-      s.y = y.q & ~1;
-      s.z = z.q & ~1;
-      mark = static_cast<std::uint8_t>((x.q & 1) | (y.q & 1) << 1 | (z.q & 1) << 2);
+      s.x = x & ~1;
+      s.y = y & ~1;
+      s.z = z & ~1;
+      mark = static_cast<std::uint8_t>((x & 1) | (y & 1) << 1 | (z & 1) << 2);
     } else {
-      s.x = x.q;
-      s.y = y.q;
-      s.z = z.q >> 2;
-      mark = static_cast<std::uint8_t>(z.q & 3);
+      s.x = x;
+      s.y = y;
+      s.z = z >> 2;
+      mark = static_cast<std::uint8_t>(z & 3);
     }
-    const bool exact = x.is_exact && y.is_exact && z.is_exact;
-    found.marks[i] = exact ? mark : static_cast<std::uint8_t>(mark | kOffLattice);
-  }
+    const bool exact = block.fits(i) && block.is_written(i);
+    found.marks[static_cast<std::size_t>(row)] =
+        exact ? mark : static_cast<std::uint8_t>(mark | kOffLattice);
+  });
   find_slices(slices, found, slice_of);
 }
 
@@ -172,15 +222,18 @@ std::uint8_t mark_of(const WatermarkSample& sample, std::uint8_t bit,
 
 void write_sample(const WatermarkSample& sample, std::uint8_t bit, WatermarkEmbedding embedding,
                   float* xyz) {
-  if (embedding == WatermarkEmbedding::kLbm) {
-    xyz[0] = on_grid(sample.x | bit, kUnits);
-    xyz[1] = on_grid(sample.y | bit, kUnits);
-    xyz[2] = on_grid(sample.z | bit, kUnits);
-    return;
+  const bool is_lbm = embedding == WatermarkEmbedding::kLbm;
+  const std::int32_t own = is_lbm ? bit : 0;
+  xyz[0] = on_grid(sample.x | own, kMillimetre);
+  xyz[1] = on_grid(sample.y | own, kMillimetre);
+  xyz[2] = is_lbm ? on_grid(sample.z | own, kMillimetre)
+                  : on_grid(4 * sample.z + mark_of(sample, bit, embedding), kQuarter);
+}
+
+void write_samples(const LatticeSamples& found, WatermarkEmbedding embedding, float* xyz) {
+  for (std::size_t i = 0; i < found.samples.size(); ++i) {
+    write_sample(found.samples[i], found.marks[i], embedding, xyz + 3 * i);
   }
-  xyz[0] = on_grid(sample.x, kUnits);
-  xyz[1] = on_grid(sample.y, kUnits);
-  xyz[2] = on_grid(4 * std::int64_t{sample.z} + mark_of(sample, bit, embedding), kQuarters);
 }
 
 void sort_marks_of_equals(TiledSamples& tiled, std::size_t tile) {

@@ -43,6 +43,9 @@ std::uint8_t mark_of(const WatermarkSample& sample, std::uint8_t bit, WatermarkE
 void write_sample(const WatermarkSample& sample, std::uint8_t bit, WatermarkEmbedding embedding,
                   float* xyz);
 
+/// Writes the coordinates of all samples, metres; `marks` hold their bits.
+void write_samples(const LatticeSamples& found, WatermarkEmbedding embedding, float* xyz);
+
 /// Sorts the marks, and the rows with them, of identical samples of a tile: they carry their bits
 /// in ascending order.
 void sort_marks_of_equals(TiledSamples& tiled, std::size_t tile);

@@ -106,6 +106,25 @@ std::uint32_t effective_bits(const TiledSamples& tiled, std::size_t tile) {
 
 }  // namespace
 
+std::vector<std::int32_t> watermark_order(const PointsView& points,
+                                          const WatermarkOptions& options) {
+  check_points(points);
+  if (points.num_points() == 0) throw InputError("points: expected at least one, got none");
+  const SliceTable slices(options.slices);
+  LatticeSamples found;
+  std::vector<std::uint16_t> slice_of;
+  sample_for_embedding(points, options, slices, found, slice_of);
+  std::vector<std::uint32_t> counts(static_cast<std::size_t>(slices.size()), 0);
+  for (const std::uint16_t slice : slice_of) ++counts[slice];
+  const std::vector<std::uint16_t> tile_of =
+      merge_slices(counts, static_cast<std::uint32_t>(options.least_points), options.merge);
+  TiledSamples tiled;
+  CanonicalOrder().sort(found.samples, found.marks, slice_of, tile_of,
+                        1 + *std::max_element(tile_of.begin(), tile_of.end()),
+                        order_of(options.embedding), tiled);
+  return {tiled.rows.begin(), tiled.rows.end()};
+}
+
 // --- Embedding -----------------------------------------------------------------------------------
 
 struct WatermarkEmbedder::State {
@@ -221,10 +240,10 @@ WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const Waterma
     result.points.resize(points.num_points(), 3);
     for (std::size_t t = 0; t < tags.size(); ++t) {
       for_each_bit(s.keys, tags[t], s.tiled, t, s.stream, [&](std::size_t place, std::uint8_t bit) {
-        write_sample(s.tiled.samples[place], bit, header.embedding,
-                     result.points.data() + 3 * std::size_t{s.tiled.rows[place]});
+        s.found.marks[s.tiled.rows[place]] = bit;
       });
     }
+    write_samples(s.found, header.embedding, result.points.data());
   }
   result.record = s.make_record(head, tags);
   result.frame = header.frame;

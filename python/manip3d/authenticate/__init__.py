@@ -10,6 +10,7 @@ from manip3d.authenticate._density import (
     DensityResult,
     density_consistency,
 )
+from manip3d.authenticate._drives import inspect_drive, verdict_of_drive
 from manip3d.authenticate._generic import (
     EvidenceReport,
     GenericResult,
@@ -67,6 +68,7 @@ from manip3d.authenticate._watermark import (
 )
 from manip3d.authenticate._watermark_files import (
     check_holds_float32,
+    drive_numbers,
     drive_scans,
     drive_times,
     plain_name,
@@ -125,6 +127,7 @@ __all__ = [
     "compare_paper",
     "density_consistency",
     "depth_noise",
+    "drive_numbers",
     "drive_scans",
     "drive_times",
     "embed_paper",
@@ -134,6 +137,7 @@ __all__ = [
     "generic_consistency",
     "identify_sensor",
     "inspect",
+    "inspect_drive",
     "inspect_stream",
     "inter_frame_noise",
     "kitti_lattice",
@@ -144,6 +148,7 @@ __all__ = [
     "read_record",
     "record_path",
     "refuse_existing_record",
+    "verdict_of_drive",
     "verdict_of_stream",
     "write_watermarked",
 ]

@@ -14,6 +14,7 @@ from manip3d._util.arrays import rows as as_rows
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
+from manip3d.authenticate._carriers import ALLOWED, allowing
 from manip3d.authenticate._lattice import SensorLattice, estimate_lattice
 from manip3d.authenticate._verdict import Verdict
 from manip3d.errors import InputError
@@ -221,6 +222,8 @@ def generic_consistency(
     following: LidarFrame | ArrayLike | None = None,
     false_alarm_rate: float = 0.01,
     tolerance: float = 0.002,
+    range_incoherence: float = 0.12,
+    azimuth_error: float = 0.0,
     threads: int = 0,
 ) -> GenericResult:
     """Look for edits of one scan of a spinning LiDAR: detector III.
@@ -241,6 +244,12 @@ def generic_consistency(
     tolerance : float, metres
         How far from its line and step a point may be; coordinates of whole millimetres leave 0.8
         mm.
+    range_incoherence : float
+        Share of clean points, at most, whose range is more than a quarter of the scanner's step off
+        a whole number of steps; in (0, 0.5). Whole millimetres leave 0.06 to 0.09 in KITTI.
+    azimuth_error : float, metres
+        How far along the arc points may have been moved, besides rounding to whole millimetres;
+        where half a step of the encoder is shorter, nothing is said of a point's firing.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -285,12 +294,50 @@ def generic_consistency(
         lattice.range_step,
         lattice.coordinate_step,
         tolerance,
+        range_incoherence,
+        azimuth_error,
         _points_of(previous, "previous"),
         _points_of(following, "following"),
         threads_of(threads),
     )
     scan = frame if isinstance(frame, LidarFrame) else LidarFrame(cloud, origin=(0.0, 0.0, 0.0))
     return _judged(found, scan, lattice, false_alarm_rate, is_stated=calibration is not None)
+
+
+def consistency_allowing(
+    embedding: str,
+    frame: LidarFrame | ArrayLike,
+    lattice: SensorLattice,
+    *,
+    previous: LidarFrame | ArrayLike | None = None,
+    following: LidarFrame | ArrayLike | None = None,
+    false_alarm_rate: float = 0.01,
+    threads: int = 0,
+) -> GenericResult:
+    """Return what detector III says of a frame with what an embedding moved allowed for.
+
+    Parameters
+    ----------
+    embedding : str
+        'lbm' or 'qim', of points `without_bits`; empty: none.
+    """
+    if embedding not in ALLOWED:
+        return generic_consistency(
+            frame, calibration=lattice, previous=previous, following=following,
+            false_alarm_rate=false_alarm_rate, threads=threads,
+        )  # fmt: skip
+    allowed = ALLOWED[embedding]
+    return generic_consistency(
+        frame,
+        calibration=allowing(lattice, embedding),
+        previous=previous,
+        following=following,
+        false_alarm_rate=false_alarm_rate,
+        tolerance=0.002 + allowed.tolerance,
+        range_incoherence=allowed.range_incoherence or 0.12,
+        azimuth_error=allowed.azimuth_error,
+        threads=threads,
+    )
 
 
 def _points_of(frame: LidarFrame | ArrayLike | None, name: str) -> NDArray[np.float32]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -12,8 +12,14 @@ from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import reporting
 from manip3d._util.showing import Showable
+from manip3d.authenticate._carriers import ALLOWED, find_carrier, trace_of, without_bits
 from manip3d.authenticate._density import PAPER_DENSITY, DensityResult, density_consistency
-from manip3d.authenticate._generic import EVIDENCE, MISSING, GenericResult, generic_consistency
+from manip3d.authenticate._generic import (
+    EVIDENCE,
+    MISSING,
+    GenericResult,
+    consistency_allowing,
+)
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._occlusion import (
     PAPER_OCCLUSION,
@@ -26,6 +32,7 @@ from manip3d.authenticate._power import BLIND, known_power
 from manip3d.authenticate._processing import find_processing
 from manip3d.authenticate._sensors import Sensor, identify_sensor, nothing_to_tell
 from manip3d.authenticate._verdict import Calibration, Power, Processing, Region, Verdict
+from manip3d.authenticate._watermark import KeyFile, Policy, Watermarker, WatermarkResult
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, ScanLike, to_scan
 from manip3d.lidar import place as place_of
@@ -43,8 +50,12 @@ TITLES = {
     "density": "I: spacing follows range",
     "occlusion": "II: nothing behind anything",
     "generic": "III: the sensor's lattice",
+    "watermark": "Keyed watermark",
 }
 """What each detector tests, by its name."""
+
+FORENSIC = ("density", "occlusion", "generic")
+"""Detectors I, II and III, which look at the scan alone."""
 
 SENSORS = ("auto", "lattice", "terrestrial", "other")
 """What a caller can say of the scanner; ``auto``: `identify_sensor` tells."""
@@ -71,7 +82,7 @@ class DetectorReport:
 
     Attributes
     ----------
-    name : 'density', 'occlusion' or 'generic'
+    name : 'density', 'occlusion', 'generic' or 'watermark'
     verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
     reason : str
         The verdict's reason in words.
@@ -137,13 +148,16 @@ class Inspection(Showable):
     origin_from : str
         ``argument``, ``file``, the words of `estimate_origin`, or why the position is not known.
     detectors : tuple of DetectorReport
-        One report each of detectors I, II and III.
+        One report each of detectors I, II and III, and of the watermark where a record was given
+        and a key.
     blind : tuple of str
         Classes of edits that no detector finds in scans of this scanner.
     density, occlusion, generic
         The detectors' own results with their maps; None where a detector did not run.
     scan : LidarFrame or None
         What was judged, so that the result can be shown.
+    watermark : WatermarkResult or None
+        What the verifier says of the record that was given; None: none was, or no key.
     """
 
     verdict: Verdict
@@ -159,6 +173,7 @@ class Inspection(Showable):
     occlusion: OcclusionResult | None = field(default=None, repr=False)
     generic: GenericResult | None = field(default=None, repr=False)
     scan: LidarFrame | None = field(default=None, repr=False)
+    watermark: WatermarkResult | None = field(default=None, repr=False)
 
     @property
     def accusing(self) -> DetectorReport | None:
@@ -220,6 +235,7 @@ class Inspection(Showable):
             "blind": list(self.blind),
             "origin": None if self.origin is None else list(self.origin),
             "origin_from": self.origin_from,
+            "watermark": None if self.watermark is None else self.watermark.record(),
             "detectors": {report.name: self._detector(report) for report in self.detectors},
         }
 
@@ -260,6 +276,8 @@ def inspect(
     lattice: SensorLattice | None = None,
     sensor: str = "auto",
     origin: ArrayLike | None = None,
+    watermark: bytes | WatermarkResult | None = None,
+    key: KeyFile | None = None,
     power: bool = True,
     printed: bool = False,
     threads: int = 0,
@@ -283,6 +301,12 @@ def inspect(
     origin : (3,), optional
         Position of the scanner, metres; by default that of the frame, else what
         `estimate_origin` finds.
+    watermark : bytes or WatermarkResult, optional
+        The scan's record, which ``key`` verifies, or what `Watermarker.verify` said of this scan.
+        What the embedding moved is allowed for then, and nothing more. Without it a scan whose
+        points carry a watermark's bits is ``processed``, and so is one whose record does not hold.
+    key : KeyFile, optional
+        Verifies a record; without it, a record says nothing.
     power : bool
         State the share of edits of each class that are found in scans of this scanner.
     printed : bool
@@ -299,7 +323,8 @@ def inspect(
     Raises
     ------
     InputError
-        A shape is wrong, a coordinate is not finite, an unknown word for ``sensor``.
+        A shape is wrong, a coordinate is not finite, an unknown word for ``sensor``; a result of
+        another scan's watermark, a key without a record.
 
     Notes
     -----
@@ -307,6 +332,10 @@ def inspect(
     that they are calibrated for; scans of other scanners are ``undecidable``. No verdict says that
     a scan is authentic: an attacker who rewrites ranges of existing firings leaves no trace in it.
     Only a keyed watermark proves that nothing was changed.
+
+    A watermark that holds proves nothing of what came before it: the detectors look at the scan as
+    it was signed. The lowest bits (`lbm`) take the steps of the scanner's ranges with them, so that
+    fewer edits that were made before embedding are found; ``power`` says how many.
 
     Examples
     --------
@@ -318,26 +347,109 @@ def inspect(
     if sensor not in SENSORS:
         raise InputError(f"sensor: expected one of {', '.join(SENSORS)}, got {sensor!r}")
     scan = _as_frame(frame)
+    signed = _verified(scan, watermark, key)
     with reporting(progress, "inspect") as report:
-        told = report or (lambda _: None)
-        place, source = _scanner(scan, origin, threads)
-        told(0.1)
-        if place is None:
-            return _without_place(scan, source)
-        found = _identified(_at_origin(scan, place), sensor, lattice, threads)
-        told(0.3)
-        if found.kind == "lattice" and not printed:
-            before, after = (_neighbour(other, place) for other in (previous, following))
-            result = _by_lattice(scan, place, source, found, (before, after), threads)
-        elif found.kind == "terrestrial" or printed:
-            result = _by_angles(scan, place, source, found, printed, threads, told)
-        else:
-            result = _not_judged(scan, place, source, found)
-        told(1.0)
-        if power:
-            return result
-        bare = tuple(replace(report, power=_no_power()) for report in result.detectors)
-        return replace(result, detectors=bare)
+        result = _inspected(
+            scan,
+            signed,
+            _Asked(previous, following, lattice, sensor, origin, printed, threads),
+            report or (lambda _: None),
+        )
+    result = replace(_with_watermark(result, signed), scan=scan.replace(origin=result.origin))
+    if power:
+        return result
+    bare = tuple(replace(report, power=_no_power()) for report in result.detectors)
+    return replace(result, detectors=bare)
+
+
+class _Asked(NamedTuple):
+    """What a caller of `inspect` says beside the scan."""
+
+    previous: ScanLike | None
+    following: ScanLike | None
+    lattice: SensorLattice | None
+    sensor: str
+    origin: ArrayLike | None
+    printed: bool
+    threads: int
+
+
+def _inspected(
+    scan: LidarFrame,
+    signed: WatermarkResult | None,
+    asked: _Asked,
+    told: Callable[[float], object],
+) -> Inspection:
+    """What detectors I, II and III say, without the bits of a watermark whose record holds."""
+    embedding = "" if signed is None else signed.embedding
+    if embedding not in ALLOWED:
+        if trace := trace_of(scan.points):
+            return _carrying(scan, trace)
+        embedding = ""
+    if embedding:
+        scan = scan.replace(points=without_bits(scan.points, embedding), exact=None, format=None)
+    place, source = _scanner(scan, asked.origin, asked.lattice, asked.threads)
+    told(0.1)
+    if place is None:
+        return _without_place(scan, source)
+    found = _identified(_at_origin(scan, place), asked.sensor, asked.lattice, asked.threads)
+    told(0.3)
+    if found.kind == "lattice" and not asked.printed:
+        beside = (asked.previous, asked.following)
+        before, after = (_neighbour(other, place, embedding) for other in beside)
+        result = _by_lattice(scan, place, source, found, (before, after), embedding, asked.threads)
+    elif found.kind == "terrestrial" or asked.printed:
+        result = _by_angles(scan, place, source, found, asked.printed, asked.threads, told)
+    else:
+        result = _not_judged(scan, place, source, found)
+    told(1.0)
+    return result
+
+
+def _verified(
+    scan: LidarFrame, watermark: bytes | WatermarkResult | None, key: KeyFile | None
+) -> WatermarkResult | None:
+    """What the verifier says of the record; None where there is none, or no key."""
+    if isinstance(watermark, WatermarkResult):
+        if watermark.scan is None or not np.array_equal(watermark.scan.points, scan.points):
+            raise InputError("watermark: expected the result of this scan, got another scan's")
+        return watermark
+    if key is None:
+        return None
+    if watermark is None:
+        raise InputError("key: expected with a watermark's record, got none")
+    with Watermarker(key) as verifier:
+        return verifier.verify(scan, watermark, policy=Policy(order="any"))
+
+
+def _with_watermark(result: Inspection, signed: WatermarkResult | None) -> Inspection:
+    """The result with the report of the watermark; rows stay with its owner."""
+    if signed is None:
+        return result
+    verdict: Verdict = "no_trace"
+    if "tampered" in (signed.verdict, signed.content):  # or a replay of what was signed
+        verdict = "tampered"
+    elif signed.content != "intact":
+        verdict = "undecidable"
+    regions = tuple(Region(region.box) for region in signed.regions)
+    report = DetectorReport("watermark", verdict, signed.reason, signed.score, regions=regions)
+    reports = (*result.detectors, report)
+    if verdict != "tampered" or result.verdict == "tampered":
+        return replace(result, detectors=reports, watermark=signed)
+    reason = f"watermark: {signed.reason}"
+    return replace(result, verdict="tampered", reason=reason, detectors=reports, watermark=signed)
+
+
+def _carrying(scan: LidarFrame, trace: tuple[Processing, ...]) -> Inspection:
+    """A scan with the bits of a watermark that nobody verified: points lie where it put them."""
+    reports = tuple(DetectorReport(name, "undecidable", trace[0].detail) for name in FORENSIC)
+    place = None if scan.origin is None else place_of(scan.origin, "origin")
+    known = None if place is None else (float(place[0]), float(place[1]), float(place[2]))
+    return Inspection(
+        "processed", _reason("processed", reports, trace), scan.num_points, None, trace, known,
+        "file" if known is not None else "not looked for in a scan with a watermark", reports,
+        scan=scan,
+    )  # fmt: skip
 
 
 @checked
@@ -393,8 +505,13 @@ def _identified(
     return Sensor("unknown", "unknown", "the scan does not stand on the lattice that was stated")
 
 
-def _neighbour(scan: ScanLike | None, place: Place) -> LidarFrame | None:
-    return None if scan is None else _at_origin(_as_frame(scan), place)
+def _neighbour(scan: ScanLike | None, place: Place, embedding: str) -> LidarFrame | None:
+    if scan is None:
+        return None
+    frame = _as_frame(scan)
+    if embedding and find_carrier(frame.points) == embedding:
+        frame = frame.replace(points=without_bits(frame.points, embedding), exact=None, format=None)
+    return _at_origin(frame, place)
 
 
 def _by_lattice(
@@ -403,16 +520,18 @@ def _by_lattice(
     source: str,
     sensor: Sensor,
     beside: tuple[LidarFrame | None, LidarFrame | None],
+    embedding: str,
     threads: int,
 ) -> Inspection:
-    """Judge by detector III."""
+    """Judge by detector III, with what a verified embedding moved."""
     centred = _at_origin(scan, place)
     before, after = beside
     generic = None
-    if sensor.off_lattice == 0.0:
-        generic = generic_consistency(
+    if sensor.off_lattice == 0.0 and sensor.lattice is not None:
+        generic = consistency_allowing(
+            embedding,
             centred,
-            calibration=sensor.lattice,
+            sensor.lattice,
             previous=before,
             following=after,
             false_alarm_rate=FALSE_ALARM_RATE,
@@ -425,7 +544,7 @@ def _by_lattice(
     reports = (
         DetectorReport("density", "undecidable", why),
         DetectorReport("occlusion", "undecidable", why),
-        _of_generic(generic, place, sensor),
+        _of_generic(generic, place, sensor, embedding),
     )
     return _combined(scan, place, source, sensor, reports, processing, generic=generic)
 
@@ -463,7 +582,7 @@ def _by_angles(
 
 def _not_judged(scan: LidarFrame, place: Place, source: str, sensor: Sensor) -> Inspection:
     why = f"{sensor.name} ({sensor.reason}): no detector is calibrated for it"
-    reports = tuple(DetectorReport(name, "undecidable", why) for name in TITLES)
+    reports = tuple(DetectorReport(name, "undecidable", why) for name in FORENSIC)
     points = _at_origin(scan, place).points
     processing = () if scan.num_points < 1000 else find_processing(points, sensor, None)
     if sensor.kind == "unknown":
@@ -505,11 +624,14 @@ def _as_frame(scan: ScanLike) -> LidarFrame:
     return LidarFrame(points, intensity if len(intensity) else None)
 
 
-def _scanner(frame: LidarFrame, origin: ArrayLike | None, threads: int) -> tuple[Place | None, str]:
+def _scanner(
+    frame: LidarFrame, origin: ArrayLike | None, lattice: SensorLattice | None, threads: int
+) -> tuple[Place | None, str]:
     """The scanner's position and who states it; or None and why the scan cannot be judged."""
     stated = origin if origin is not None else frame.origin
     if stated is None:
-        if frame.num_points and identify_sensor(frame, threads=threads).kind == "lattice":
+        identified = identify_sensor(frame, lattice=lattice, threads=threads)
+        if frame.num_points and identified.kind == "lattice":
             return (0.0, 0.0, 0.0), "the lattice of a spinning scanner"
         found = estimate_origin(frame, threads=threads)
         return found.position, found.reason
@@ -527,7 +649,7 @@ def _fused(scan: LidarFrame, place: Place, threads: int) -> bool:
 
 
 def _without_place(frame: LidarFrame, why: str) -> Inspection:
-    reports = tuple(DetectorReport(name, "undecidable", why) for name in TITLES)
+    reports = tuple(DetectorReport(name, "undecidable", why) for name in FORENSIC)
     return Inspection(
         "undecidable", why, frame.num_points, None, (), None, why, reports, scan=frame
     )
@@ -549,7 +671,9 @@ def _of_angles(name: str, found: DensityResult | OcclusionResult, sensor: Sensor
     )  # fmt: skip
 
 
-def _of_generic(found: GenericResult | None, place: Place, sensor: Sensor) -> DetectorReport:
+def _of_generic(
+    found: GenericResult | None, place: Place, sensor: Sensor, embedding: str
+) -> DetectorReport:
     if found is None:
         return DetectorReport(
             "generic", "processed", "the points were moved off the lattice of the scanner"
@@ -560,7 +684,7 @@ def _of_generic(found: GenericResult | None, place: Place, sensor: Sensor) -> De
     )
     return DetectorReport(
         "generic", found.verdict, _GENERIC_REASONS[found.verdict], found.score, found.p_value,
-        regions, found.suspected, known_power("generic", sensor),
+        regions, found.suspected, known_power("generic", sensor, embedding),
     )  # fmt: skip
 
 

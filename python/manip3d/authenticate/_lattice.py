@@ -430,7 +430,7 @@ def _trust(
 
 def _find_steps(rho: Floats, angle: Floats, members: Sequence[NDArray[np.intp]]) -> int:
     """Counts per revolution that make whole numbers of the differences within rings."""
-    size, fewest, most = 1 << 20, 600, 36000
+    size, fewest, most = 1 << 18, 600, 36000  # bins: seven for each of the most counts
     coherence = np.zeros(most)
     rows = np.concatenate([ring for ring in members if len(ring)])
     same_ring = np.concatenate([np.full(len(ring), k) for k, ring in enumerate(members)])
@@ -455,8 +455,7 @@ def _fit_encoder(rho: Floats, angle: Floats, steps: int) -> tuple[float, float]:
     if len(rho) < FEWEST_POINTS:
         return 0.0, 0.0
     some = slice(None, None, max(1, len(rho) // MOST_POINTS))
-    beams = angle[some] - LATERALS[:, None] / rho[some]
-    waves = np.exp(1j * steps * beams).mean(axis=1)
+    waves = _waves(rho[some], angle[some], steps)
     best = np.abs(waves).argmax()
     lateral, azimuth = float(LATERALS[best]), float(np.angle(waves[best])) / steps
     for _ in range(5):
@@ -467,6 +466,18 @@ def _fit_encoder(rho: Floats, angle: Floats, steps: int) -> tuple[float, float]:
         turn, shift = line_fit(rho[near], error[near])
         lateral, azimuth = lateral + shift, azimuth + turn
     return lateral, azimuth
+
+
+def _waves(rho: Floats, angle: Floats, steps: int) -> NDArray[np.complex128]:
+    """Mean of ``exp(i steps (angle - lateral / rho))`` for each of `LATERALS`, which are evenly
+    spaced: a product each leads from one to the next."""
+    wave = np.exp(1j * steps * (angle - LATERALS[0] / rho))
+    turn = np.exp(-1j * steps * (LATERALS[1] - LATERALS[0]) / rho)
+    found = np.empty(len(LATERALS), np.complex128)
+    for k in range(len(LATERALS)):
+        found[k] = wave.mean()
+        wave *= turn
+    return found
 
 
 def _stands_on_steps(

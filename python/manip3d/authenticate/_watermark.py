@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
+import hmac
 import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -366,7 +368,8 @@ class Watermarker:
     embedding : 'lbm', 'qim' or 'detached'
         ``lbm``: lowest bits of x, y and z, which moves points by up to sqrt(3) mm. ``qim``: z in
         cells of 2.5 mm, up to 1.875 mm. Both need coordinates on a grid of 1 mm, as KITTI's raw
-        scans have them. ``detached``: nothing is changed, for any scanner's points.
+        scans have them. ``detached``: nothing is changed, for any scanner's points, also where
+        coordinates need float64 (LAS, E57, a national grid).
     slices : int
         Sectors of the full turn, 4 to 360.
     least_points : int
@@ -455,17 +458,17 @@ class Watermarker:
         Raises
         ------
         InputError
-            There are no points, they are not on the grid of 1 mm, or have ``exact`` coordinates
-            that float32 cannot hold; the key has expired.
+            There are no points, or they are not on the grid of 1 mm; ``exact`` coordinates that
+            float32 cannot hold, unless detached; the key has expired.
         Error
             The watermarker is closed, or its session has ended.
         """
         given = to_scan(scan)
         frame = as_frame(scan)
-        if frame.exact is not None:
+        if frame.exact is not None and self._embedding != EMBEDDINGS.index("detached"):
             raise InputError(
-                "scan: its coordinates need float64, of which only the float32 part would be "
-                "bound; expected a scan without `exact`"
+                "scan: its coordinates need float64, which carry no bits; expected embedding "
+                "'detached', or a scan without `exact`"
             )
         clock = time.time_ns()
         if self._key.expires_ns and clock >= self._key.expires_ns:
@@ -476,8 +479,9 @@ class Watermarker:
             self._embedder = _core.WatermarkEmbedder(
                 self._key._key, self._sensor, None, self._embedding, slices, least, False, rounding
             )
+        exact = _exact_hash(frame)
         points, record, number, tiles = self._embedder.embed(
-            given.points, given.intensity, stamp, frame.num_dropped, is_end, None
+            given.points, given.intensity, stamp, frame.num_dropped, is_end, exact
         )
         marked = frame if not len(points) else frame.replace(points=points)
         return Watermarked(marked, record, number, tiles, not len(points))
@@ -524,9 +528,7 @@ class Watermarker:
             frame.num_dropped,
             time.time_ns() if now_ns is None else now_ns,
         )
-        result = _result(found, frame)
-        if frame.exact is not None and result.verdict == "authentic":
-            result = _with_exact(result)
+        result = _with_exact(_result(found, frame), found["header"], _exact_hash(frame))
         self._since_checkpoint += 1
         if self._since_checkpoint >= CHECKPOINT_FRAMES:
             self._checkpoint()
@@ -670,13 +672,39 @@ def _result(found: Mapping[str, Any], frame: LidarFrame) -> WatermarkResult:
     )
 
 
-def _with_exact(result: WatermarkResult) -> WatermarkResult:
-    """No more can be said of coordinates that are not bound."""
-    from dataclasses import replace
+def _exact_hash(frame: LidarFrame) -> bytes | None:
+    """Hash of coordinates that need float64, with the intensities, in any order of the points.
 
-    return replace(
-        result,
-        verdict="undecidable",
-        content="unverifiable",
-        reason="the file's coordinates need float64, of which the watermark binds float32 only",
-    )
+    It is bound as what was recorded beside the points: rows of the exact x, y, z, of those in
+    float32, and of the intensity, 0 without, as the bits of little-endian float64, in ascending
+    order of these.
+    """
+    if frame.exact is None:
+        return None
+    shine = np.zeros(len(frame.exact)) if frame.intensity is None else frame.intensity
+    columns = [frame.exact, frame.points.astype(np.float64), shine[:, None].astype(np.float64)]
+    bits = np.ascontiguousarray(np.hstack(columns), "<f8").view("<u8")
+    rows = np.ascontiguousarray(bits[np.lexsort(bits.T[::-1])])
+    digest = hashlib.blake2b(b"m3d-float64", digest_size=32)
+    digest.update(rows.data)
+    return digest.digest()
+
+
+def _with_exact(
+    result: WatermarkResult, header: Mapping[str, Any] | None, exact: bytes | None
+) -> WatermarkResult:
+    """The result with what the record says of coordinates in float64."""
+    if header is None or result.content != "intact":
+        return result
+    if exact is None and not header["has_context"]:
+        return result
+    if exact is None:
+        reason = "coordinates were signed in float64, of which the scan has the float32 part only"
+    elif not header["has_context"]:
+        reason = "the scan's coordinates need float64, of which the float32 part only was signed"
+    elif hmac.compare_digest(header["context"], exact):
+        return result
+    else:
+        reason = "coordinates are not those that were signed, by less than float32 can tell"
+        return replace(result, verdict="tampered", content="tampered", reason=reason)
+    return replace(result, verdict="undecidable", content="unverifiable", reason=reason)

@@ -107,9 +107,11 @@ def write_watermarked(
     """
     target = path_of(path)
     source = None if unchanged is None else path_of(unchanged)
-    check_holds_float32(target)
+    copies = source is not None and sent.is_detached and source.suffix == target.suffix
+    if not copies:
+        check_holds_float32(target)
     target.parent.mkdir(parents=True, exist_ok=True)
-    if source is not None and sent.is_detached and source.suffix == target.suffix:
+    if source is not None and copies:
         if source.resolve() != target.resolve():
             with atomic_path(target) as temporary:
                 shutil.copyfile(source, temporary)
@@ -131,6 +133,22 @@ def drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
     if not scans:
         raise InputError(f"{os.fspath(folder)}: expected scans, found none")
     return scans
+
+
+@checked
+def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
+    """Return a number for each scan of a drive: those a turn apart have numbers that differ by one.
+
+    They are those of the files' names where the drive is a sequence, as KITTI's raw drives and its
+    odometry sequences with ``times.txt`` are; else, as in its object and stereo benchmarks, where
+    each scan is of another place, they are apart.
+    """
+    root, scans = path_of(folder), drive_scans(folder)
+    names = [path.name.split(".")[0] for path in scans]
+    is_sequence = (root / "velodyne_points").is_dir() or (root / "times.txt").is_file()
+    if not is_sequence or not all(name.isdecimal() for name in names):
+        return [2 * number for number in range(len(scans))]
+    return [int(name) for name in names]
 
 
 @checked

@@ -28,7 +28,7 @@ _VERBS = {
     "view": "Show a mesh or a scan, or write a page or a picture.",
     "convert": "Write a mesh or a scan in another format.",
     "simulate": "Make drives, scans and meshes with known truth.",
-    "inspect": "Look for edits of a LiDAR scan or an RGB-D recording.",
+    "inspect": "Look for edits of a LiDAR scan, a drive or an RGB-D recording.",
     "demo": "Show on one page what this is for, with pictures.",
     "doctor": "Print what is installed, what is missing, why, and the cure.",
     "reproduce": "Run the experiments behind published tables and figures.",

@@ -2,21 +2,38 @@
 
 from __future__ import annotations
 
+import errno
+import itertools
+import os
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
-from manip3d.cli.options import MISSED, Force, Jobs, Json, OptionalOutput, Quiet
+from manip3d.cli.options import (
+    MISSED,
+    Calibration,
+    Force,
+    Jobs,
+    Json,
+    OptionalOutput,
+    Quiet,
+)
 from manip3d.cli.terminal import Terminal, check_output, counted, table
+from manip3d.errors import Error, InputError
 from manip3d.io import SCAN_SUFFIXES
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from manip3d.authenticate import Inspection, StreamInspection
+    from manip3d.authenticate import Inspection, KeyFile, StreamInspection
+    from manip3d.lidar import LidarFrame
 
 EXIT_CODES = {"no_trace": 0, "tampered": 3, "processed": MISSED, "undecidable": MISSED}
 """Exit code of each verdict."""
@@ -28,7 +45,8 @@ def inspect(
         str,
         typer.Argument(
             metavar="SOURCE",
-            help="A scan: .bin, .pcd, .ply, .3d, .las, .laz or .e57 file; or an RGB-D recording: a "
+            help="A scan: .bin, .pcd, .ply, .3d, .las, .laz or .e57 file; a drive of scans in "
+            "KITTI's layout or a recording of LiDAR packets (.pcap); or an RGB-D recording: a "
             ".mkv file, a recorded folder or an address that 'capture list' shows.",
         ),
     ],
@@ -54,6 +72,19 @@ def inspect(
             "found from the scan.",
         ),
     ] = None,
+    watermark: Annotated[
+        Path | None,
+        typer.Option(
+            help="Record of the scan's watermark; with --key by default SCAN.wm beside it."
+        ),
+    ] = None,
+    key: Annotated[
+        Path | None,
+        typer.Option(
+            help="Key file that verifies the watermark: what embedding moved is allowed for."
+        ),
+    ] = None,
+    calibration: Calibration = None,
     printed: Annotated[
         bool,
         typer.Option(
@@ -83,11 +114,15 @@ def inspect(
     quiet: Quiet = False,
     jobs: Jobs = 0,
 ) -> None:
-    """Look for edits of a LiDAR scan or an RGB-D recording.
+    """Look for edits of a LiDAR scan, a drive or an RGB-D recording.
 
-    The exit code is 0 for no_trace, 3 for tampered, 4 for processed and undecidable. No verdict
-    says that a scan is authentic: only a keyed watermark does. With -o the evidence is written: a
-    page with pictures and boxes (.html), or the numbers (.json; of recordings only these).
+    The exit code is 0 for no_trace, 3 for tampered, 4 for processed and undecidable; of a drive it
+    is that of the gravest verdict, 1 if a scan could not be read, and 130 when interrupted. The
+    scans of a drive and of packets are judged with their neighbours, a line each; without them
+    where numbers are missing between, and in folders without times (object and stereo benchmarks).
+    No verdict says that a scan is authentic: only a keyed watermark does. With -o the evidence is
+    written: a page with pictures and boxes (.html), or the numbers (.json; of drives and recordings
+    only these).
 
     Example: manip3d inspect scan.bin -o evidence.html
     """
@@ -95,21 +130,36 @@ def inspect(
     from manip3d.io import read_scan
 
     codes = _exit_codes(policy)
-    if expect_kind(source, "scan", "recording", verb="inspect") == "recording" or _is_rgbd(source):
+    kind = expect_kind(source, "scan", "drive", "packets", "recording", verb="inspect")
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    if kind == "recording" or _is_rgbd(source):
         check_output(output, (".json",), force=force)
-        shell = Terminal(as_json=as_json, quiet=quiet)
         raise typer.Exit(codes[inspect_recording(source, output, shell)])
+    known = None if lattice is None else authenticate.SensorLattice.load(lattice)
+    if kind in ("drive", "packets", "stream"):
+        check_output(output, (".json",), force=force)
+        _refuse_single(previous=previous, following=following, watermark=watermark, rows=rows)
+        with _key_of(key) as secret:
+            ended = inspect_drive(
+                source, output, log, shell, calibration=calibration, key=secret,
+                options={"lattice": known, "sensor": sensor, "origin": origin, "power": power,
+                         "printed": printed, "threads": jobs},
+            )  # fmt: skip
+        raise typer.Exit(1 if ended is None else codes[ended])
+    if calibration is not None:
+        raise InputError("--calibration: expected with a recording of packets, got a scan")
     check_output(output, report.EVIDENCE_KINDS, force=force)
     check_output(rows, (".csv",), force=force)
-    shell = Terminal(as_json=as_json, quiet=quiet)
     frame = read_scan(source)
     shell.say(f"read {source}: {counted(frame.num_points, 'point')}")
-    with shell.progress("inspect") as progress:
+    with shell.progress("inspect") as progress, _key_of(key) as secret:
         found = authenticate.inspect(
             frame,
+            watermark=_record_of(source, watermark, key),
+            key=secret,
             previous=None if previous is None else read_scan(previous),
             following=None if following is None else read_scan(following),
-            lattice=None if lattice is None else authenticate.SensorLattice.load(lattice),
+            lattice=known,
             sensor=sensor,
             origin=origin,
             power=power,
@@ -130,6 +180,174 @@ def inspect(
         shell.say(f"appended to {log}: {digest}")
     shell.result({"source": source} | found.record(), lambda console: show(console, found))
     raise typer.Exit(codes[found.verdict])
+
+
+def _refuse_single(**options: object) -> None:
+    """Refuse options that are for a single scan."""
+    for name, value in options.items():
+        if value is not None:
+            raise InputError(f"--{name}: expected with a single scan, got a drive")
+
+
+def _key_of(path: Path | None) -> AbstractContextManager[KeyFile | None]:
+    from manip3d import authenticate
+
+    return nullcontext() if path is None else authenticate.KeyFile(path)
+
+
+def _record_of(source: str, record: Path | None, key: Path | None) -> bytes | None:
+    """The record that was named, or the one beside the scan; b'' is a record that is missing."""
+    from manip3d import authenticate
+
+    if record is None and key is None:
+        return None
+    if record is None:
+        return authenticate.read_record(authenticate.record_path(source)) or b""
+    found = authenticate.read_record(record)
+    if found is None:
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(record))
+    return found
+
+
+_LIDAR_SCHEMES = ("pcap", "ouster", "kitti")
+
+
+class Drive:
+    """The scans of a drive or a recording of packets, one after the other.
+
+    Attributes
+    ----------
+    names : list of str
+        Of the scans that were read so far.
+    errors : dict of int to str
+        Scans that could not be read.
+    paths : dict of int to Path
+        Files of the scans, where they have one each.
+    """
+
+    def __init__(self, source: str, calibration: Path | None) -> None:
+        self.names: list[str] = []
+        self.errors: dict[int, str] = {}
+        self.paths: dict[int, Path] = {}
+        self._source, self._calibration = source, calibration
+
+    def frames(self) -> Iterator[LidarFrame | None]:
+        """The scans; None for one that cannot be read."""
+        from manip3d import authenticate, capture
+        from manip3d.io import read_scan
+
+        if Path(self._source).is_dir():
+            if self._calibration is not None:
+                raise InputError("--calibration: expected with a recording of packets, got scans")
+            for number, path in enumerate(authenticate.drive_scans(self._source)):
+                self.names.append(path.name)
+                self.paths[number] = path
+                try:
+                    yield read_scan(path)
+                except (Error, OSError) as error:
+                    self.errors[number] = str(error)
+                    yield None
+            return
+        scheme = self._source.partition(":")[0]
+        if not Path(self._source).exists() and scheme not in _LIDAR_SCHEMES:
+            known = ", ".join(f"{name}:PATH" for name in _LIDAR_SCHEMES)
+            raise InputError(f"{self._source}: expected a file, a folder or one of {known}")
+        uri = f"pcap:{self._source}" if Path(self._source).exists() else self._source
+        with capture.open_lidar(uri, calibration=self._calibration) as opened:
+            for number, frame in enumerate(opened):
+                self.names.append(f"frame {number}")
+                yield frame
+
+    def numbers(self) -> list[int] | None:
+        """Numbers of the scans, by which neighbours are told; None: all follow each other."""
+        from manip3d import authenticate
+
+        is_folder = Path(self._source).is_dir()
+        return authenticate.drive_numbers(self._source) if is_folder else None
+
+    def records(self) -> Iterator[bytes | None]:
+        """The watermarks' records beside the scans."""
+        from manip3d import authenticate
+
+        for number in itertools.count():
+            path = self.paths.get(number)
+            yield (
+                None
+                if path is None
+                else authenticate.read_record(authenticate.record_path(path)) or b""
+            )
+
+
+def inspect_drive(
+    source: str,
+    output: Path | None,
+    log: Path | None,
+    shell: Terminal,
+    *,
+    calibration: Path | None,
+    key: KeyFile | None,
+    options: Mapping[str, Any],
+) -> str | None:
+    """Inspect scan after scan, a line each, and return the gravest verdict; None: some failed."""
+    import json
+
+    from manip3d import authenticate, datasets, report
+    from manip3d.io._files import atomic_write
+
+    drive = Drive(source, calibration)
+    found: list[Inspection | None] = []
+    records: list[dict[str, Any]] = []
+    judged = authenticate.inspect_drive(
+        drive.frames(),
+        numbers=drive.numbers(),
+        records=None if key is None else drive.records(),
+        key=key,
+        **options,
+    )
+    for number, each in enumerate(judged):
+        name = drive.names[number]
+        found.append(None if each is None else replace(each, **_WITHOUT_MAPS))
+        if each is None:
+            records.append({"frame": name, "error": drive.errors[number]})
+            shell.show(f"{name}  error  {drive.errors[number]}")
+            continue
+        records.append({"frame": name} | each.record())
+        shell.show(f"{name}  {each.verdict}  {each.reason}")
+        if log is not None:
+            path = drive.paths.get(number)
+            digest = "" if path is None else datasets.file_sha256(path)
+            report.append_log(log, each, source=f"{source}: {name}", source_sha256=digest)
+    verdict, reason = authenticate.verdict_of_drive(found)
+    if output is not None:
+        atomic_write(output, (json.dumps(records, indent=1) + "\n").encode())
+        shell.say(f"wrote {output}")
+    row = {"verdict": verdict, "reason": reason, "scans": len(found), "failed": len(drive.errors)}
+    shell.result(
+        row if shell.is_collecting else records,
+        lambda console: show_drive(console, verdict, reason, found),
+    )
+    return None if drive.errors else verdict
+
+
+_WITHOUT_MAPS: Mapping[str, Any] = {
+    "density": None, "occlusion": None, "generic": None, "scan": None, "watermark": None,
+}  # fmt: skip
+"""What a drive's results go without, so that memory does not grow with them."""
+
+
+def show_drive(
+    console: Console, verdict: str, reason: str, found: Sequence[Inspection | None]
+) -> None:
+    """Print how many scans have each verdict, and the gravest."""
+    if not found:
+        console.print(f"{verdict}: {reason}")
+        return
+    counts = Counter("not read" if each is None else each.verdict for each in found)
+    console.print()
+    rows = [(word, str(number), f"{number / len(found):.0%}") for word, number in counts.items()]
+    table(console, sorted(rows), ("verdict", "scans", "share"))
+    console.print()
+    console.print(f"{verdict}: {reason}", soft_wrap=True)
 
 
 def _is_rgbd(source: str) -> bool:

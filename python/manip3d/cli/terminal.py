@@ -95,6 +95,16 @@ class Terminal:
         elif show is not None:
             show(self.out)
 
+    @property
+    def is_collecting(self) -> bool:
+        """Whether the verb runs on one file of many, whose row its result becomes."""
+        return _collected.get() is not None
+
+    def show(self, line: str) -> None:
+        """A line of a result for people, as soon as it is known."""
+        if not self.as_json and not self.is_collecting:
+            print(_shown(line), flush=True)
+
     def line(self, fraction: float, message: str = "") -> None:
         """One line of progress, for logs and pipes that show no bar."""
         self.say(f"{fraction:5.0%}  {message}")

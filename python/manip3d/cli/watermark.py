@@ -105,7 +105,8 @@ def embed(
         _check_folder(source, output, force=force)
     else:
         check_output(output, SCAN_SUFFIXES, force=force)
-        authenticate.check_holds_float32(output)
+        if embedding != "detached" or Path(source).suffix != output.suffix:
+            authenticate.check_holds_float32(output)
         authenticate.refuse_existing_record(output, replace=force)
     times = authenticate.drive_times(source) if drive else None
     rows = []

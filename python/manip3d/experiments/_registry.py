@@ -66,7 +66,9 @@ _BUILT_IN = (
     "figure_6_6",
     "figure_6_7",
     "real_scans_6",
+    "table_7_1",
     "table_7_2",
+    "security",
 )
 
 

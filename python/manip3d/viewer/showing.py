@@ -126,7 +126,12 @@ def _(thing: Inspection) -> Shown:
     )
 
 
-NAMES = {"density": "detector I", "occlusion": "detector II", "generic": "detector III"}
+NAMES = {
+    "density": "detector I",
+    "occlusion": "detector II",
+    "generic": "detector III",
+    "watermark": "watermark",
+}
 
 
 def text_of(thing: Any) -> str:

@@ -32,6 +32,10 @@ struct GenericOptions {
   /// Share of clean points more than a quarter of the range step off, at most: KITTI's frames have
   /// 0.06, of points nearer than 5 m 0.09.
   double range_incoherence = 0.12;
+  /// Metres along the arc by which points may have been moved, besides rounding to 1 mm. Where that
+  /// and the rounding are more than half a step of the encoder, points are of no firing; 0: none
+  /// were moved, and the nearest step is believed.
+  double azimuth_error = 0.0;
   double min_ground_range = 8.0;   ///< Metres; nearer, the vehicle hides the ground.
   double max_ground_range = 50.0;  ///< Metres; farther, grazing rays get lost in masses.
   int num_threads = 0;

@@ -85,6 +85,11 @@ struct WatermarkOptions {
   bool round = false;  ///< Move points that are not on the millimetre grid onto it.
 };
 
+/// Rows in the order that both ends derive, tile by tile: the first step of embedding by itself.
+/// @throws InputError  no points, values that are not finite, points off the grid.
+std::vector<std::int32_t> watermark_order(const PointsView& points,
+                                          const WatermarkOptions& options = {});
+
 /// Settings of one frame.
 struct WatermarkFrame {
   std::int64_t time_ns = 0;

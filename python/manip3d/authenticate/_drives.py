@@ -1,0 +1,164 @@
+"""Inspecting the scans of a drive one after the other, each with its neighbours."""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from manip3d._util.checked import checked
+from manip3d.authenticate._inspect import FALSE_ALARM_RATE, Inspection, inspect
+from manip3d.authenticate._watermark import KeyFile, Policy, Watermarker
+from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from manip3d.authenticate._lattice import SensorLattice
+    from manip3d.authenticate._verdict import Verdict
+    from manip3d.lidar import LidarFrame
+
+GRAVEST_FIRST: tuple[Verdict, ...] = ("tampered", "processed", "undecidable", "no_trace")
+
+
+@checked
+def inspect_drive(
+    frames: Iterable[LidarFrame | None],
+    *,
+    lattice: SensorLattice | None = None,
+    sensor: str = "auto",
+    origin: ArrayLike | None = None,
+    numbers: Iterable[int] | None = None,
+    records: Iterable[bytes | None] | None = None,
+    key: KeyFile | None = None,
+    power: bool = True,
+    printed: bool = False,
+    threads: int = 0,
+) -> Iterator[Inspection | None]:
+    """Judge the scans of a drive, each with the one before and the one after it.
+
+    Parameters
+    ----------
+    frames : iterable of LidarFrame or None
+        In the order of the drive, of one scanner; None: a frame that is missing, whose result is
+        None and whose neighbours are judged without it.
+    lattice : SensorLattice, optional
+        Of the scanner; else the one that the first scan with a lattice was judged by is tried
+        first for all later ones.
+    sensor, origin, power, printed, threads
+        As of `inspect`.
+    numbers : iterable of int, optional
+        Number of each frame: only those that differ by one are a turn apart, and neighbours. By
+        default all follow each other. What a turn saw and another one did not is evidence, so that
+        scans of other places must not be taken for neighbours.
+    records : iterable of (bytes or None), optional
+        The watermark's record of each frame; they are verified as one chain.
+    key : KeyFile, optional
+        Verifies the records.
+
+    Yields
+    ------
+    Inspection or None
+        One for each frame, as soon as the frame after it was read. Three frames are held at a time.
+
+    Raises
+    ------
+    InputError
+        As `inspect`; a key without records.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame, authenticate
+    >>> empty = LidarFrame(np.zeros((0, 3), np.float32))
+    >>> [found.verdict for found in authenticate.inspect_drive([empty, empty])]
+    ['undecidable', 'undecidable']
+    """
+    if key is not None and records is None:
+        raise InputError("key: expected with the records of the frames, got none")
+    return _each(
+        _with_following(
+            zip(frames, itertools.count() if numbers is None else numbers, strict=False)
+        ),
+        itertools.repeat(None) if records is None or key is None else iter(records),
+        key,
+        lambda frame, before, after, known, signed: inspect(
+            frame, previous=before, following=after, lattice=known, sensor=sensor, origin=origin,
+            watermark=signed, power=power, printed=printed, threads=threads,
+        ),
+        lattice,
+    )  # fmt: skip
+
+
+@checked
+def verdict_of_drive(found: Sequence[Inspection | None]) -> tuple[Verdict, str]:
+    """Return the gravest verdict of a drive's scans, and its reason.
+
+    Parameters
+    ----------
+    found : sequence of Inspection or None
+        None: a frame that is missing, which counts as undecidable.
+
+    Returns
+    -------
+    (verdict, reason)
+        ``tampered`` if a scan is; else ``processed`` if a scan is; else ``undecidable`` if a scan
+        is, or there is none; else ``no_trace``.
+    """
+    verdicts: Counter[str] = Counter(
+        "undecidable" if each is None else each.verdict for each in found
+    )
+    verdict: Verdict = next((each for each in GRAVEST_FIRST if verdicts[each]), "undecidable")
+    if not found:
+        return verdict, "there are no scans"
+    reason = f"{verdicts[verdict]} of {len(found)} scans"
+    if verdict == "tampered":
+        reason += (
+            f"; the detectors may accuse {FALSE_ALARM_RATE:.0%} of clean scans each, which is "
+            f"{FALSE_ALARM_RATE * len(found):.1f} of so many"
+        )
+    return verdict, reason
+
+
+_Numbered = tuple["LidarFrame | None", int]
+
+
+def _with_following(
+    frames: Iterator[_Numbered],
+) -> Iterator[tuple[_Numbered, _Numbered | None]]:
+    """Each frame with its number, and the one after it."""
+    ahead, behind = itertools.tee(frames)
+    next(behind, None)
+    return zip(ahead, itertools.chain(behind, [None]), strict=False)
+
+
+def _each(
+    pairs: Iterator[tuple[_Numbered, _Numbered | None]],
+    records: Iterator[bytes | None],
+    key: KeyFile | None,
+    judge: Callable[..., Inspection],
+    lattice: SensorLattice | None,
+) -> Iterator[Inspection | None]:
+    def beside(other: _Numbered | None, number: int) -> LidarFrame | None:
+        return None if other is None or other[1] != number else other[0]
+
+    verifier = None if key is None else Watermarker(key)
+    before: _Numbered | None = None
+    try:
+        for (frame, number), after in pairs:
+            record, found = next(records, None), None
+            if frame is not None:
+                signed = None
+                if verifier is not None and record is not None:
+                    signed = verifier.verify(frame, record, policy=Policy(order="any"))
+                found = judge(
+                    frame, beside(before, number - 1), beside(after, number + 1), lattice, signed
+                )
+                if lattice is None and found.sensor is not None:
+                    lattice = found.sensor.lattice
+            before = frame, number
+            yield found
+    finally:
+        if verifier is not None:
+            verifier.close()

@@ -1,0 +1,187 @@
+"""``manip3d inspect`` of drives and of packets: a line a scan, and the gravest verdict."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+import lattice_scans as scans
+import manip3d
+from manip3d import authenticate, report
+from manip3d.cli import app
+from real_data import RealData
+
+LATTICE = scans.lattice()
+SCANS = Path("velodyne_points") / "data"
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, ["inspect", *(str(a) for a in arguments)])
+
+
+def street(seed: int) -> manip3d.LidarFrame:
+    points = scans.scan(np.random.default_rng(seed))
+    reading = LATTICE.read(points)
+    row = np.flatnonzero(reading.ring == 0)[100:101]  # something far
+    beam = scans.beam_points(LATTICE, reading.ring[row], reading.count[row], np.full(1, 79.0))
+    points[row] = scans.rounded(beam)
+    return manip3d.LidarFrame(points, np.zeros(len(points), np.float32))
+
+
+def with_moved_object(frame: manip3d.LidarFrame) -> manip3d.LidarFrame:
+    points = frame.points.copy()
+    rows = np.all(np.abs(points - [12.0, 3.0, -0.9]) < [3.0, 1.0, 0.6], axis=1)
+    points[rows] = np.round((points[rows] + np.float32([1.3, 0.7, 0.0])) * 1000) / 1000
+    return frame.replace(points=points)
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[manip3d.LidarFrame]:
+    return [street(5), with_moved_object(street(5)), street(5)]
+
+
+@pytest.fixture
+def drive(tmp_path: Path, frames: list[manip3d.LidarFrame]) -> Path:
+    folder = tmp_path / "drive"
+    (folder / SCANS).mkdir(parents=True)
+    for number, frame in enumerate(frames):
+        frame.write(folder / SCANS / f"{number:010d}.bin")
+    LATTICE.save(tmp_path / "lattice.json")
+    return folder
+
+
+def test_a_drive_is_a_line_a_scan_and_a_table(drive: Path, tmp_path: Path) -> None:
+    lattice = ("--lattice", tmp_path / "lattice.json")
+    done = run(drive, *lattice, "-q", "--log", tmp_path / "case.jsonl")
+    assert done.exit_code == 3, done.output
+    lines = done.stdout.splitlines()
+    assert [line.split()[:2] for line in lines[:3]] == [
+        ["0000000000.bin", "no_trace"], ["0000000001.bin", "tampered"],
+        ["0000000002.bin", "no_trace"],
+    ]  # fmt: skip
+    assert lines[-1].startswith(
+        "tampered: 1 of 3 scans; the detectors may accuse 1% of clean scans"
+    )
+    log = report.read_log(tmp_path / "case.jsonl")
+    assert [entry["verdict"] for entry in log] == ["no_trace", "tampered", "no_trace"]
+    assert all(len(entry["source_sha256"]) == 64 for entry in log)
+
+    asked = run(drive, *lattice, "--json", "-q", "-o", tmp_path / "found.json")
+    found = json.loads(asked.stdout)
+    assert asked.exit_code == 3
+    assert [each["frame"] for each in found] == [f"{n:010d}.bin" for n in range(3)]
+    assert found[1]["regions"]
+    assert json.loads((tmp_path / "found.json").read_text()) == found
+    assert run(drive, *lattice, "-q", "--policy", "tampered=9").exit_code == 9
+
+
+def test_a_scan_that_cannot_be_read_is_an_error_and_no_end(drive: Path, tmp_path: Path) -> None:
+    (drive / SCANS / "0000000001.bin").write_bytes(b"\0" * 7)
+    done = run(drive, "--lattice", tmp_path / "lattice.json", "--json", "-q")
+    assert done.exit_code == 1
+    found = json.loads(done.stdout)
+    assert "error" in found[1]
+    assert [each.get("verdict") for each in found] == ["no_trace", None, "no_trace"]
+
+
+def test_the_watermarks_of_a_drive_are_allowed_for(
+    frames: list[manip3d.LidarFrame], drive: Path, tmp_path: Path
+) -> None:
+    lattice = ("--lattice", tmp_path / "lattice.json")
+    with (
+        authenticate.KeyFile.create(tmp_path / "key") as key,
+        authenticate.Watermarker(key) as marker,
+    ):
+        for number, frame in enumerate(frames):
+            path = tmp_path / "signed" / SCANS / f"{number:010d}.bin"
+            authenticate.write_watermarked(marker.embed(frame), path)
+    signed = tmp_path / "signed"
+    bare = run(signed, *lattice, "--json", "-q")
+    assert bare.exit_code == 4
+    assert {each["verdict"] for each in json.loads(bare.stdout)} == {"processed"}
+    keyed = run(signed, *lattice, "--key", tmp_path / "key", "--json", "-q")
+    found = json.loads(keyed.stdout)
+    assert [each["verdict"] for each in found] == ["no_trace", "tampered", "no_trace"]
+    assert {each["watermark"]["content"] for each in found} == {"intact"}
+    one = signed / SCANS / "0000000000.bin"
+    assert run(one, *lattice, "--key", tmp_path / "key", "-q").exit_code == 0
+    assert run(one, *lattice, "-q").exit_code == 4
+    record = authenticate.record_path(one)
+    named = run(one, *lattice, "--watermark", record, "--key", tmp_path / "key", "-q")
+    assert named.exit_code == 0
+    absent = run(one, "--watermark", tmp_path / "absent.wm", "--key", tmp_path / "key", "-q")
+    assert isinstance(absent.exception, FileNotFoundError)
+    record.unlink()
+    assert run(one, *lattice, "--key", tmp_path / "key", "-q").exit_code == 4
+
+
+def test_options_of_single_scans_are_refused(drive: Path, tmp_path: Path) -> None:
+    for option in ("--previous", "--following", "--watermark", "--rows"):
+        done = run(drive, option, tmp_path / "x.csv")
+        assert done.exit_code == 1
+        assert f"{option}: expected with a single scan, got a drive" in str(done.exception)
+    scan = drive / SCANS / "0000000000.bin"
+    done = run(scan, "--calibration", tmp_path / "db.xml")
+    assert "--calibration: expected with a recording" in str(done.exception)
+    assert "pcap:PATH" in str(run("nothing:here").exception)
+    refused = run(drive, "-o", tmp_path / "page.html")
+    assert ".json" in str(refused.exception)
+
+
+def test_verdicts_of_drives(frames: list[manip3d.LidarFrame], tmp_path: Path) -> None:
+    found = list(authenticate.inspect_drive([frames[0], None, frames[1]], lattice=LATTICE))
+    assert [each and each.verdict for each in found] == ["no_trace", None, "tampered"]
+    assert authenticate.verdict_of_drive(found)[0] == "tampered"
+    assert authenticate.verdict_of_drive(found[:2]) == ("undecidable", "1 of 2 scans")
+    assert authenticate.verdict_of_drive(found[:1]) == ("no_trace", "1 of 1 scans")
+    assert authenticate.verdict_of_drive([]) == ("undecidable", "there are no scans")
+    with (
+        authenticate.KeyFile.create(tmp_path / "key") as key,
+        pytest.raises(manip3d.InputError, match="key: expected with the records"),
+    ):
+        authenticate.inspect_drive([], key=key)
+
+
+def test_only_frames_a_turn_apart_are_neighbours(
+    frames: list[manip3d.LidarFrame], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[tuple[bool, bool]] = []
+    real = authenticate.inspect
+
+    def spy(frame: object, **options: object) -> object:
+        seen.append((options["previous"] is not None, options["following"] is not None))
+        return real(np.zeros((0, 3), np.float32))
+
+    monkeypatch.setattr("manip3d.authenticate._drives.inspect", spy)
+    for numbers, expected in (
+        (None, [(False, True), (True, True), (True, False)]),
+        ([0, 2, 4], [(False, False)] * 3),
+        ([5, 6, 9], [(False, True), (True, False), (False, False)]),
+        ([2, 1, 0], [(False, False)] * 3),
+    ):
+        seen.clear()
+        assert len(list(authenticate.inspect_drive(frames, numbers=numbers))) == 3
+        assert seen == expected
+    raw, flat = tmp_path / "raw" / SCANS, tmp_path / "flat" / "velodyne"
+    for folder in (raw, flat):
+        folder.mkdir(parents=True)
+        for number in (3, 4, 6):
+            (folder / f"{number:06d}.bin").write_bytes(b"")
+    assert authenticate.drive_numbers(tmp_path / "raw") == [3, 4, 6]
+    assert authenticate.drive_numbers(tmp_path / "flat") == [0, 2, 4]
+    (tmp_path / "flat" / "times.txt").write_text("0\n0.1\n0.3\n")
+    assert authenticate.drive_numbers(tmp_path / "flat") == [3, 4, 6]
+
+
+@pytest.mark.realdata
+def test_packets_are_judged_turn_by_turn(realdata: RealData) -> None:
+    done = run(realdata("lidar/packets/reference/vlp16.pcap"), "--json", "-q")
+    assert done.exit_code == 4, done.output
+    found = json.loads(done.stdout)
+    assert len(found) > 1
+    assert {each["verdict"] for each in found} == {"undecidable"}
+    assert any("spinning" in each["sensor"] for each in found)
