@@ -279,8 +279,18 @@ std::int64_t give_back(const PersonPoints& points, Limb limb, const BoneSegments
 std::int64_t give_back_holes(const PersonPoints& points, Limb limb, const BoneSegments& bones,
                              const PixelRays& rays, const PhantomImage& image,
                              std::vector<std::int32_t>& stack) {
+  const std::uint8_t label = limb_label(limb);
+  constexpr float kLap = 0.40F;  // metres from the hip: most of a thigh
+  const auto first = std::find(
+      bones.label.begin(), bones.label.begin() + static_cast<std::ptrdiff_t>(bones.count), label);
+  if (first == bones.label.begin() + static_cast<std::ptrdiff_t>(bones.count)) return 0;
+  const Eigen::Vector3f root = bones.start[static_cast<std::size_t>(first - bones.label.begin())];
+  const auto point = [&](std::int32_t pixel) {
+    return lift(rays, pixel % image.cols, pixel / image.cols, image.source_depth[pixel]);
+  };
   const auto is_gone = [&](std::int32_t pixel) {
-    return image.kind[pixel] == PixelKind::kNone && image.removal[pixel] == Removal::kRemoved;
+    return image.kind[pixel] == PixelKind::kNone && image.removal[pixel] == Removal::kRemoved &&
+           (point(pixel) - root).squaredNorm() < kLap * kLap;
   };
   std::int64_t given = 0;
   for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
@@ -299,7 +309,7 @@ std::int64_t give_back_holes(const PersonPoints& points, Limb limb, const BoneSe
         } else if (beside >= 0 && image.kind[beside] == PixelKind::kBody) {
           ++beside_body;
         } else if (beside < 0 || image.kind[beside] != PixelKind::kNone ||
-                   image.removal[beside] == Removal::kNone) {
+                   image.removal[beside] != Removal::kPassedOver) {
           ++beside_others;
         }
       });
@@ -307,11 +317,8 @@ std::int64_t give_back_holes(const PersonPoints& points, Limb limb, const BoneSe
     if (beside_body < beside_others) continue;
     for (std::size_t k = 0; k < count; ++k) {
       const std::int32_t pixel = stack[k];
-      const float z = image.source_depth[pixel];
-      const std::uint8_t label = nearest_skin(lift(rays, pixel % image.cols, pixel / image.cols, z),
-                                              bones, limb_label(limb))
-                                     .label;
-      put_back(pixel, z, label, image);
+      put_back(pixel, image.source_depth[pixel], nearest_skin(point(pixel), bones, label).label,
+               image);
     }
     given += static_cast<std::int64_t>(count);
   }

@@ -59,8 +59,8 @@ std::int64_t remove_limb(const PersonPoints& points, Limb limb, double radius, d
 std::int64_t remove_rest(const PersonPoints& points, Limb limb, const PhantomImage& image,
                          std::vector<std::int32_t>& stack);
 
-/// Draws again, as the body, what was taken out, shows nothing and has the body along half of its
-/// border or more: a lap, which is either thigh's. How many.
+/// Draws again, as the body, what was taken out within 40 cm of a leg's root, shows nothing and has
+/// the body along half of its border or more: a lap, which is either thigh's. How many.
 std::int64_t give_back_holes(const PersonPoints& points, Limb limb, const BoneSegments& bones,
                              const PixelRays& rays, const PhantomImage& image,
                              std::vector<std::int32_t>& stack);
