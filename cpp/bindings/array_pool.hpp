@@ -10,6 +10,8 @@
 #include <utility>
 #include <vector>
 
+#include "manip3d/error.hpp"
+
 namespace manip3d::bindings {
 
 /// Arrays whose memory comes back here when the last Python reference to them, or to a view of
@@ -20,9 +22,16 @@ class ArrayPool {
   /// An array with undefined contents.
   pybind11::array empty(const std::vector<pybind11::ssize_t>& shape, const pybind11::object& type) {
     const auto dtype = pybind11::dtype::from_args(type);
-    auto size = static_cast<std::size_t>(dtype.itemsize());
-    for (const pybind11::ssize_t length : shape) size *= static_cast<std::size_t>(length);
-    auto block = std::make_unique<Block>(Block{shelf_, shelf_->take(size)});
+    constexpr pybind11::ssize_t kMost = pybind11::ssize_t{1} << 40;  // bytes
+    pybind11::ssize_t size = dtype.itemsize();
+    for (const pybind11::ssize_t length : shape) {
+      if (length < 0 || (length > 0 && size > kMost / length)) {
+        throw InputError("shape: expected lengths of at least 0, of 2^40 bytes at most in all");
+      }
+      size *= length;
+    }
+    auto block =
+        std::make_unique<Block>(Block{shelf_, shelf_->take(static_cast<std::size_t>(size))});
     void* data = block->memory.bytes.get();
     const pybind11::capsule owner(block.get(), [](void* p) {
       const std::unique_ptr<Block> back(static_cast<Block*>(p));

@@ -184,7 +184,7 @@ class PhantomPipeline::Workspace {
     const PixelBox all = fill(phantom, image, report);
     clock.end(PhantomStage::kHoleFilling);
     report.skeleton = phantom_skeleton(*person, report.state);
-    inspect(*person, image, report);
+    inspect(*person, all, image, report);
     clock.end(PhantomStage::kSkeleton);
     report.num_points = write_points(image, all, rays_, out.mesh, vertex_of_);
     clock.end(PhantomStage::kPointCloud);
@@ -419,13 +419,14 @@ class PhantomPipeline::Workspace {
   }
 
   /// Measures what was drawn; what nobody would believe is not called tracking.
-  void inspect(const Skeleton& person, const PhantomImage& image, PhantomReport& report) {
+  void inspect(const Skeleton& person, const PixelBox& box, const PhantomImage& image,
+               PhantomReport& report) {
     if (report.state != PhantomState::kTracking) {
       ends_.reset();
       return;
     }
     const Limb affected = options_.affected;
-    picture_.measure(points_, report.skeleton, bones_, *frame_, options_, rays_, image,
+    picture_.measure(points_, report.skeleton, bones_, *frame_, box, options_, rays_, image,
                      report.quality);
     const Joint end = limb_chain(affected)[kNumMainJoints - 1];
     const Joint intact_end = limb_chain(opposite(affected))[kNumMainJoints - 1];

@@ -135,12 +135,12 @@ void PictureJudge::reserve(std::int64_t rows, std::int64_t cols) {
 }
 
 void PictureJudge::measure(const PersonPoints& points, const Skeleton& phantom,
-                           const BoneSegments& bones, const BodyFrame& frame,
+                           const BoneSegments& bones, const BodyFrame& frame, const PixelBox& box,
                            const PhantomOptions& options, const PixelRays& rays,
                            const PhantomImage& image, PhantomQuality& quality) {
   const Limb affected = options.affected;
   const Eigen::Vector3f root = phantom[limb_root(affected)];
-  measure_pieces(root, rays, image, quality);
+  measure_pieces(root, box, rays, image, quality);
   quality.lost = is_arm(affected) ? lost_trunk(points, bones, image)
                                   : lost_below(points, phantom, frame, image);
   float farthest = 0.0F;
@@ -161,20 +161,22 @@ void PictureJudge::measure(const PersonPoints& points, const Skeleton& phantom,
   }
 }
 
-void PictureJudge::measure_pieces(const Eigen::Vector3f& root, const PixelRays& rays,
-                                  const PhantomImage& image, PhantomQuality& quality) {
-  const std::int64_t size = image.rows * image.cols;
+void PictureJudge::measure_pieces(const Eigen::Vector3f& root, const PixelBox& box,
+                                  const PixelRays& rays, const PhantomImage& image,
+                                  PhantomQuality& quality) {
+  const std::int64_t begin = box.v0 * image.cols, size = box.height * image.cols;
   for (std::int64_t i = 0; i < size; ++i) {
-    cells_[static_cast<std::size_t>(i)] = is_drawn_limb(image.kind[i]);
+    cells_[static_cast<std::size_t>(i)] = is_drawn_limb(image.kind[begin + i]);
   }
   sizes_.clear();
   std::int64_t all = 0;
-  for (const MarkedRun& run : pieces_.find(cells_.data(), image.rows, image.cols, false)) {
+  for (const MarkedRun& run : pieces_.find(cells_.data(), box.height, image.cols, false)) {
+    const std::int64_t v = box.v0 + run.row;
     const auto piece = static_cast<std::size_t>(run.component);
     if (piece == sizes_.size()) sizes_.push_back({0, 1e6F});
     for (std::int64_t u = run.first; u <= run.last; ++u) {
-      const float z = image.depth[run.row * image.cols + u];
-      const float off = (lift(rays, u, run.row, z) - root).squaredNorm();
+      const float z = image.depth[v * image.cols + u];
+      const float off = (lift(rays, u, v, z) - root).squaredNorm();
       sizes_[piece].nearest = std::min(sizes_[piece].nearest, off);
     }
     sizes_[piece].pixels += run.last - run.first + 1;
