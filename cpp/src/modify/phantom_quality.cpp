@@ -87,7 +87,7 @@ double lost_below(const PersonPoints& points, const Skeleton& person, const Body
 }
 
 bool is_drawn_limb(PixelKind kind) {
-  return kind >= PixelKind::kPhantom && kind != PixelKind::kRootFilled;
+  return (kind >= PixelKind::kPhantom) & (kind != PixelKind::kRootFilled);
 }
 
 }  // namespace
@@ -164,17 +164,18 @@ void PictureJudge::measure(const PersonPoints& points, const Skeleton& phantom,
 void PictureJudge::measure_pieces(const Eigen::Vector3f& root, const PixelBox& box,
                                   const PixelRays& rays, const PhantomImage& image,
                                   PhantomQuality& quality) {
-  const std::int64_t begin = box.v0 * image.cols, size = box.height * image.cols;
-  for (std::int64_t i = 0; i < size; ++i) {
-    cells_[static_cast<std::size_t>(i)] = is_drawn_limb(image.kind[begin + i]);
+  for (std::int64_t row = 0; row < box.height; ++row) {
+    const PixelKind* kinds = image.kind + (box.v0 + row) * image.cols + box.u0;
+    std::uint8_t* cells = cells_.data() + row * box.width;
+    for (std::int64_t i = 0; i < box.width; ++i) cells[i] = is_drawn_limb(kinds[i]) ? 1 : 0;
   }
   sizes_.clear();
   std::int64_t all = 0;
-  for (const MarkedRun& run : pieces_.find(cells_.data(), box.height, image.cols, false)) {
+  for (const MarkedRun& run : pieces_.find(cells_.data(), box.height, box.width, false)) {
     const std::int64_t v = box.v0 + run.row;
     const auto piece = static_cast<std::size_t>(run.component);
     if (piece == sizes_.size()) sizes_.push_back({0, 1e6F});
-    for (std::int64_t u = run.first; u <= run.last; ++u) {
+    for (std::int64_t u = box.u0 + run.first; u <= box.u0 + run.last; ++u) {
       const float z = image.depth[v * image.cols + u];
       const float off = (lift(rays, u, v, z) - root).squaredNorm();
       sizes_[piece].nearest = std::min(sizes_[piece].nearest, off);

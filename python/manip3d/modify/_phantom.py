@@ -116,7 +116,7 @@ class PhantomQuality:
         Share of the phantom's pixels that are in that piece.
     lost : float
         Share of the person's pixels that show nothing now: of those below the hips for legs, of
-        those of the trunk for arms.
+        those where the camera should see the trunk for arms.
     left : float
         Share of the affected limb's pixels that still show the body, of those farther than 10 cm
         from its root and no farther from the camera than the phantom (as a chair is).
