@@ -119,7 +119,7 @@ def from_trunk(points: NDArray[Any], joints: NDArray[np.float64]) -> NDArray[np.
     """Distance to the surface between shoulders and hips, as nine lines across it."""
     left, right = (np.linspace(joints[a], joints[b], 9) for a, b in ((4, 12), (8, 16)))
     rungs = (from_line(points, np.stack(ends))[0] for ends in zip(left, right, strict=True))
-    return np.minimum.reduce(list(rungs))
+    return np.asarray(np.minimum.reduce(list(rungs)), np.float64)
 
 
 def is_of_limb(

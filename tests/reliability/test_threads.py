@@ -207,10 +207,10 @@ def test_results_are_those_of_some_serial_order(name: str, nightly: bool) -> Non
 
 def test_every_object_of_the_core_with_state_is_here() -> None:
     """Whoever adds one finds this test; the others are options and enums."""
-    stateful = {"ArrayPool", "Cs3Runner", "DepthSmoother", "JointSmoother", "KeyPerson", "PlacementEstimator",
-                "PhantomPipeline", "ColliderTracker", "ReliefSolver", "RgbdRecorder", "RgbdSource",
-                "ShoeCoverTracker", "VelodynePcapSource", "VelodyneUdpSource", "WatermarkEmbedder",
-                "WatermarkKey", "WatermarkVerifier"}  # fmt: skip
+    stateful = {"ArrayPool", "Cs3Runner", "DepthSmoother", "JointSmoother", "KeyPerson",
+                "PlacementEstimator", "PhantomPipeline", "ColliderTracker", "ReliefSolver",
+                "RgbdRecorder", "RgbdSource", "ShoeCoverTracker", "VelodynePcapSource",
+                "VelodyneUdpSource", "WatermarkEmbedder", "WatermarkKey", "WatermarkVerifier"}  # fmt: skip
     classes = {name for name, item in vars(_core).items() if isinstance(item, type)}
     plain = {
         name

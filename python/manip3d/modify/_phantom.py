@@ -453,7 +453,8 @@ class PhantomPipeline:
         InputError
             A calibration is out of range. The next frame is not affected.
         """
-        buffers = _Buffers.of_size(*frame.depth.shape, self._pool)
+        rows, cols = frame.depth.shape
+        buffers = _Buffers.of_size(rows, cols, self._pool)
         calibration = frame.calibration
         depth = np.ascontiguousarray(frame.depth)
         body_index = None if frame.body_index is None else np.ascontiguousarray(frame.body_index)
