@@ -210,7 +210,8 @@ def test_every_object_of_the_core_with_state_is_here() -> None:
     stateful = {"ArrayPool", "Cs3Runner", "DepthSmoother", "JointSmoother", "KeyPerson",
                 "PlacementEstimator", "PhantomPipeline", "ColliderTracker", "ReliefSolver",
                 "RgbdRecorder", "RgbdSource", "ShoeCoverTracker", "VelodynePcapSource",
-                "VelodyneUdpSource", "WatermarkEmbedder", "WatermarkKey", "WatermarkVerifier"}  # fmt: skip
+                "VelodyneUdpSource", "WatermarkEmbedder", "WatermarkKey",
+                "WatermarkVerifier"}  # fmt: skip
     classes = {name for name, item in vars(_core).items() if isinstance(item, type)}
     plain = {
         name
