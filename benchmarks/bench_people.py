@@ -9,8 +9,13 @@ The measures are taken from the picture and the raw joints, apart from the pipel
 
 cut       legs: more than 15 % of the person's pixels below the hips show nothing; arms: more than
           5 % of the trunk's.
-doubled   body pixels that no bone but the affected limb's comes within 18 cm of, and that do not
-          lie more than 12 cm behind it (as a chair does), are more than 10 % as many as its own.
+doubled   body pixels of the affected limb are more than 10 % as many as it had. A pixel is the
+          limb's if it is nearer to its line of joints than to the rest of the skeleton, does not
+          lie more than 12 cm behind it (as a chair does), and is farther from the rest than other
+          limbs are thick: 18 cm (legs: 16), or 13 cm within 6 cm of its line. The trunk is the
+          surface between shoulders and hips: a chest is broader than 18 cm to either side of a
+          spine, and by the spine alone chests and hips were called double limbs. Where the limb is
+          left as it is (``--kept``), so it says of all arms and nine legs of ten.
 floating  the largest piece of the phantom begins more than 10 cm (arms) or 16 cm (legs) from its
           root.
 """
@@ -95,8 +100,10 @@ def segmented(frame: RgbdFrame, skeleton: Skeleton) -> BodySegmentation:
     return segment_body(frame.depth, frame.calibration.depth, skeleton, body_index=frame.body_index)
 
 
-def is_behind(points: NDArray[Any], chain: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Points far from a line of joints or more than 12 cm behind it."""
+def from_line(
+    points: NDArray[Any], chain: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Distance to a line of joints, and how much farther from the camera a point is than it."""
     nearest = np.full(points.shape[:2], np.inf)
     behind = np.zeros(points.shape[:2])
     for a, b in itertools.pairwise(chain):
@@ -105,7 +112,27 @@ def is_behind(points: NDArray[Any], chain: NDArray[np.float64]) -> NDArray[np.bo
         distance = np.linalg.norm(off, axis=-1)
         behind = np.where(distance < nearest, off[..., 2], behind)
         nearest = np.minimum(nearest, distance)
-    return (behind > 0.12) | (nearest > 0.35)
+    return nearest, behind
+
+
+def from_trunk(points: NDArray[Any], joints: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance to the surface between shoulders and hips, as nine lines across it."""
+    left, right = (np.linspace(joints[a], joints[b], 9) for a, b in ((4, 12), (8, 16)))
+    rungs = (from_line(points, np.stack(ends))[0] for ends in zip(left, right, strict=True))
+    return np.asarray(np.minimum.reduce(list(rungs)), np.float64)
+
+
+def is_of_limb(
+    points: NDArray[Any], joints: NDArray[np.float64], limb: str, rest: BodySegmentation
+) -> NDArray[np.bool_]:
+    """Pixels that a measured person would say are the limb's (see `doubled`)."""
+    from manip3d.simulate import LIMBS as CHAINS
+
+    mine, behind = from_line(points, joints[list(CHAINS[limb])])
+    others = np.minimum(rest.distances, from_trunk(points, joints))
+    thick = 0.18 if limb.endswith("arm") else 0.16
+    is_off = (others > thick) | ((others > 0.13) & (mine < 0.06))
+    return (mine < others) & (mine < 0.35) & (behind < 0.12) & is_off
 
 
 def without(skeleton: Skeleton, limb: str) -> Skeleton:
@@ -145,8 +172,7 @@ def shares(
     lost = (part & (result.kinds == PixelKind.NONE)).sum() / max(1, part.sum())
     chain = CHAINS[limb]
     mine = person & np.isin(bones.labels, chain[1:])
-    left = person & (result.kinds == PixelKind.BODY) & (rest.distances > 0.18)
-    left &= ~is_behind(points, joints[list(chain)])
+    left = person & (result.kinds == PixelKind.BODY) & is_of_limb(points, joints, limb, rest)
     doubled = left.sum() / max(30, mine.sum())
     shown = result.phantom & (result.kinds != PixelKind.ROOT_FILLED)
     pieces, count = ndimage.label(shown, np.ones((3, 3)))
@@ -184,6 +210,7 @@ def main() -> None:
     parser.add_argument("--trials", default="", help="a pattern of names, such as a2[45]")
     parser.add_argument("--limbs", nargs="*", default=LIMBS, choices=LIMBS)
     parser.add_argument("--every", type=int, default=4, help="of so many frames one is measured")
+    parser.add_argument("--kept", action="store_true", help="nothing is removed: all are doubled")
     parser.add_argument("--sheet")
     parser.add_argument("--sort", default="score", help="score, or a fault under tracking")
     parser.add_argument("--reason", help="only frames of the sheet with this reason")
@@ -198,7 +225,7 @@ def main() -> None:
         frames = list(datasets.open_people(uri))
         action, _ = numbers(uri)
         for limb in options.limbs:
-            pipeline = PhantomPipeline(limb)
+            pipeline = PhantomPipeline(limb, keep_residual=options.kept)
             for number, frame in enumerate(frames):
                 result = pipeline.process(frame)
                 if number % options.every:

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "array_pool.hpp"
 #include "depth.hpp"
 #include "exclusive.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
@@ -264,6 +265,9 @@ void bind_pipeline(py::module_& m) {
       .def_readwrite("hold_seconds", &PhantomOptions::hold_seconds)
       .def_readwrite("fade_seconds", &PhantomOptions::fade_seconds)
       .def_readwrite("mesh", &PhantomOptions::mesh);
+  py::class_<ArrayPool>(m, "ArrayPool")
+      .def(py::init<>())
+      .def("empty", &ArrayPool::empty, py::arg("shape"), py::arg("dtype"));
   py::class_<Exclusive<PipelineRunner>>(m, "PhantomPipeline")
       .def(py::init<const PhantomOptions&>(), py::arg("options"))
       .def("process", exclusively(&PipelineRunner::process), py::arg("depth"),

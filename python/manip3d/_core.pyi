@@ -14,6 +14,7 @@ __all__: list[str] = [
     "CELL_COLUMNS",
     "CELL_RINGS",
     "AnimationMeshOptions",
+    "ArrayPool",
     "BoneRule",
     "BoundaryCurvature",
     "BoundaryTerm",
@@ -1461,6 +1462,14 @@ class PhantomOptions:
     def root_radius(self) -> float: ...
     @root_radius.setter
     def root_radius(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+
+class ArrayPool:
+    def __init__(self) -> None: ...
+    def empty(
+        self,
+        shape: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
+        dtype: typing.Any,
+    ) -> numpy.ndarray: ...
 
 class PhantomPipeline:
     def __init__(self, options: PhantomOptions) -> None: ...

@@ -302,3 +302,67 @@ def test_a_seat_between_the_thighs_stays() -> None:
     assert (result.kinds[seat] > 0).all()
     assert (leg.kinds[seat] > 0).mean() > 0.9
     assert leg.state is PhantomState.TRACKING
+
+
+def test_a_forearm_that_the_tracker_does_not_see_goes_with_the_arm() -> None:
+    """It is nobody's flesh by the joints, but hangs on nothing else than what was taken out."""
+    aside = {"ElbowRight": (-0.42, 0.42, 0.0), "WristRight": (-0.66, 0.42, 0.0),
+             "HandRight": (-0.74, 0.42, 0.0), "HandTipRight": (-0.80, 0.42, 0.0),
+             "ThumbRight": (-0.74, 0.45, 0.0)}  # fmt: skip
+    truth = pose(aside)
+    told = pose(aside, missing=("WristRight", "HandRight", "HandTipRight", "ThumbRight"))
+    image = replace(frame(truth, KINECT), skeletons=(told,))
+    _, bone = render(truth, KINECT)
+    forearm = np.isin(bone, (10, 11, 23, 24))
+    assert forearm.sum() > 300
+    assert (once(image).kinds[forearm] == PixelKind.BODY).mean() < 0.01
+    kept = PhantomPipeline("right_arm", keep_residual=True).process(image)
+    assert (kept.kinds[forearm] == PixelKind.BODY).mean() > 0.99
+
+
+def test_an_arm_before_the_chest_leaves_no_slot() -> None:
+    """What it hid is filled from the trunk's other side, at the trunk's depth."""
+    before = {"ElbowRight": (-0.24, 0.22, -0.10), "WristRight": (-0.13, 0.16, -0.24),
+              "HandRight": (-0.10, 0.14, -0.25), "HandTipRight": (-0.08, 0.12, -0.25),
+              "ThumbRight": (-0.10, 0.16, -0.25)}  # fmt: skip
+    truth = pose(before)
+    image = frame(truth, KINECT)
+    trunk = frame(truth, KINECT, without=ARM)
+    _, bone = render(truth, KINECT)
+    hidden = np.isin(bone, ARM) & (trunk.depth > 0)
+    assert hidden.sum() > 250
+    result = once(image)
+    shown = hidden & (result.kinds > 0)
+    assert shown.sum() > 0.95 * hidden.sum()
+    off = np.abs(result.depth[shown] - trunk.depth[shown] / 1000)
+    assert np.median(off) < 0.02
+    assert result.state is PhantomState.TRACKING
+
+
+# ---- memory ---------------------------------------------------------------------------------
+
+
+def test_memory_of_results_comes_back_when_nobody_looks_at_it() -> None:
+    pipeline = PhantomPipeline("right_arm")
+    kept = pipeline.process(seen(pose(), 0))
+    part = kept.vertices[5:50:3]
+    depth, vertices = kept.depth.copy(), part.copy()
+    places = []
+    del kept.__dict__["faces"]  # of the frame that is kept in part
+    for number in range(1, 12):
+        result = pipeline.process(seen(pose(at=(0.01 * number, 0, 2.44)), number))
+        places.append(result.faces.ctypes.data)
+    assert len(set(places)) <= 3
+    np.testing.assert_array_equal(kept.depth, depth)
+    np.testing.assert_array_equal(part, vertices)
+    del kept
+    for number in range(12, 20):
+        pipeline.process(seen(pose(at=(0.01 * number, 0, 2.44)), number))
+    np.testing.assert_array_equal(part, vertices)  # a view keeps what it is a view of
+
+
+def test_results_outlive_their_pipeline() -> None:
+    results = [PhantomPipeline("right_arm").process(seen(pose(), 0)) for _ in range(3)]
+    for result in results[1:]:
+        np.testing.assert_array_equal(result.vertices, results[0].vertices)
+        np.testing.assert_array_equal(result.depth, results[0].depth)

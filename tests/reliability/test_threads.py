@@ -165,6 +165,10 @@ OBJECTS: dict[str, tuple[Callable[[], Any], list[Callable[[Any], object]]]] = {
         modify.PhantomPipeline,
         [lambda p, f=f: fields(p.process(f)) for f in PEOPLE] + [lambda p: bool(p.reset())],
     ),
+    "ArrayPool": (
+        _core.ArrayPool,
+        [lambda p, n=n: np.full_like(p.empty((n, 3), np.float32), n) for n in (1, 2, 2000)],
+    ),
     "JointSmoother": (
         modify.JointSmoother,
         [lambda s, p=p: s.add(p) for p in SKELETONS] + [lambda s: bool(s.reset())],
@@ -203,10 +207,11 @@ def test_results_are_those_of_some_serial_order(name: str, nightly: bool) -> Non
 
 def test_every_object_of_the_core_with_state_is_here() -> None:
     """Whoever adds one finds this test; the others are options and enums."""
-    stateful = {"Cs3Runner", "DepthSmoother", "JointSmoother", "KeyPerson", "PlacementEstimator",
-                "PhantomPipeline", "ColliderTracker", "ReliefSolver", "RgbdRecorder", "RgbdSource",
-                "ShoeCoverTracker", "VelodynePcapSource", "VelodyneUdpSource", "WatermarkEmbedder",
-                "WatermarkKey", "WatermarkVerifier"}  # fmt: skip
+    stateful = {"ArrayPool", "Cs3Runner", "DepthSmoother", "JointSmoother", "KeyPerson",
+                "PlacementEstimator", "PhantomPipeline", "ColliderTracker", "ReliefSolver",
+                "RgbdRecorder", "RgbdSource", "ShoeCoverTracker", "VelodynePcapSource",
+                "VelodyneUdpSource", "WatermarkEmbedder", "WatermarkKey",
+                "WatermarkVerifier"}  # fmt: skip
     classes = {name for name, item in vars(_core).items() if isinstance(item, type)}
     plain = {
         name

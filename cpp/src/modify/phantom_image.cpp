@@ -86,7 +86,7 @@ class LimbMirror {
     const Eigen::Vector3f p =
         linear_ * Eigen::Vector3f(points.x[i], points.y[i], points.z[i]) + offset_;
     return {p.x(), p.y(), p.z(), points.z[i], points.pixel[i], kMirroredJoints[points.label[i]],
-            true};
+            true,  false};
   }
 
  private:
@@ -137,6 +137,7 @@ void draw_person(const PersonPoints& points, const PhantomImage& image) {
   std::fill_n(image.label, size, std::uint8_t{0});
   std::fill_n(image.kind, size, PixelKind::kNone);
   std::fill_n(image.source, 2 * size, -1);
+  std::fill_n(image.removal, size, Removal::kNone);
   const auto cols = static_cast<std::int32_t>(image.cols);
   for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
     const std::int32_t pixel = points.pixel[i];
@@ -149,6 +150,39 @@ void draw_person(const PersonPoints& points, const PhantomImage& image) {
   }
 }
 
+namespace {
+
+void take_out(std::int32_t pixel, const PhantomImage& image) {
+  image.depth[pixel] = 0.0F;
+  image.label[pixel] = 0;
+  image.kind[pixel] = PixelKind::kNone;
+  image.source[2 * pixel] = image.source[2 * pixel + 1] = -1;
+  image.removal[pixel] = Removal::kRemoved;
+}
+
+void put_back(std::int32_t pixel, float z, std::uint8_t label, const PhantomImage& image) {
+  const auto cols = static_cast<std::int32_t>(image.cols);
+  image.depth[pixel] = image.source_depth[pixel] = z;
+  image.label[pixel] = label;
+  image.kind[pixel] = PixelKind::kBody;
+  image.source[2 * pixel] = pixel / cols;
+  image.source[2 * pixel + 1] = pixel % cols;
+}
+
+/// Calls use(pixel) for those above, below and beside a pixel, with -1 beyond the border.
+template <typename Use>
+void for_each_neighbor(std::int32_t pixel, const PhantomImage& image, const Use& use) {
+  const auto cols = static_cast<std::int32_t>(image.cols);
+  const auto size = cols * static_cast<std::int32_t>(image.rows);
+  const std::int32_t u = pixel % cols;
+  use(u > 0 ? pixel - 1 : -1);
+  use(u + 1 < cols ? pixel + 1 : -1);
+  use(pixel >= cols ? pixel - cols : -1);
+  use(pixel + cols < size ? pixel + cols : -1);
+}
+
+}  // namespace
+
 std::int64_t remove_limb(const PersonPoints& points, Limb limb, double radius, double flesh,
                          const PhantomImage& image) {
   const auto most = static_cast<float>(radius * radius);
@@ -157,12 +191,49 @@ std::int64_t remove_limb(const PersonPoints& points, Limb limb, double radius, d
   for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
     if (points.label[i] != limb_label(limb) || !(points.squared_distance[i] <= most)) continue;
     if (!(points.skin_distance[i] <= most_skin)) continue;
-    const std::int32_t pixel = points.pixel[i];
-    image.depth[pixel] = 0.0F;
-    image.label[pixel] = 0;
-    image.kind[pixel] = PixelKind::kNone;
-    image.source[2 * pixel] = image.source[2 * pixel + 1] = -1;
+    take_out(points.pixel[i], image);
     ++removed;
+  }
+  return removed;
+}
+
+std::int64_t remove_rest(const PersonPoints& points, Limb limb, const PhantomImage& image,
+                         std::vector<std::int32_t>& stack) {
+  const auto is_rest = [&](std::int32_t pixel) {
+    return image.kind[pixel] == PixelKind::kBody && image.label[pixel] == limb_label(limb);
+  };
+  std::int64_t removed = 0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+    const std::int32_t first = points.pixel[i];
+    if (points.label[i] != limb_label(limb) || !is_rest(first)) continue;
+    if (image.removal[first] != Removal::kNone) continue;
+    std::size_t count = 0;
+    bool hangs_on_body = false, hangs_on_removed = false;
+    const auto add = [&](std::int32_t pixel) {
+      image.removal[pixel] = Removal::kPassedOver;
+      stack[count++] = pixel;
+    };
+    add(first);
+    for (std::size_t next = 0; next < count; ++next) {
+      const std::int32_t pixel = stack[next];
+      for_each_neighbor(pixel, image, [&](std::int32_t beside) {
+        if (beside < 0) return;
+        const bool was_removed = image.removal[beside] == Removal::kRemoved;
+        if (image.kind[beside] != PixelKind::kBody && !was_removed) return;
+        const float step = image.source_depth[beside] - image.source_depth[pixel];
+        if (!(std::abs(step) < kSameSurface)) return;
+        if (was_removed) {
+          hangs_on_removed = true;
+        } else if (!is_rest(beside)) {
+          hangs_on_body = true;
+        } else if (image.removal[beside] == Removal::kNone) {
+          add(beside);
+        }
+      });
+    }
+    if (hangs_on_body || !hangs_on_removed) continue;
+    for (std::size_t k = 0; k < count; ++k) take_out(stack[k], image);
+    removed += static_cast<std::int64_t>(count);
   }
   return removed;
 }
@@ -192,7 +263,6 @@ NearestSkin nearest_skin(const Eigen::Vector3f& p, const BoneSegments& bones, st
 
 std::int64_t give_back(const PersonPoints& points, Limb limb, const BoneSegments& bones,
                        double reach, const PhantomImage& image) {
-  const auto cols = static_cast<std::int32_t>(image.cols);
   std::int64_t given = 0;
   for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
     const std::int32_t pixel = points.pixel[i];
@@ -200,13 +270,57 @@ std::int64_t give_back(const PersonPoints& points, Limb limb, const BoneSegments
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     const NearestSkin nearest = nearest_skin(p, bones, limb_label(limb));
     if (!(nearest.distance <= static_cast<float>(reach))) continue;
-    image.depth[pixel] = points.z[i];
-    image.label[pixel] = nearest.label;
-    image.kind[pixel] = PixelKind::kBody;
-    image.source[2 * pixel] = pixel / cols;
-    image.source[2 * pixel + 1] = pixel % cols;
-    image.source_depth[pixel] = points.z[i];
+    put_back(pixel, points.z[i], nearest.label, image);
     ++given;
+  }
+  return given;
+}
+
+std::int64_t give_back_holes(const PersonPoints& points, Limb limb, const BoneSegments& bones,
+                             const PixelRays& rays, const PhantomImage& image,
+                             std::vector<std::int32_t>& stack) {
+  const std::uint8_t label = limb_label(limb);
+  constexpr float kLap = 0.40F;  // metres from the hip: most of a thigh
+  const auto first = std::find(
+      bones.label.begin(), bones.label.begin() + static_cast<std::ptrdiff_t>(bones.count), label);
+  if (first == bones.label.begin() + static_cast<std::ptrdiff_t>(bones.count)) return 0;
+  const Eigen::Vector3f root = bones.start[static_cast<std::size_t>(first - bones.label.begin())];
+  const auto point = [&](std::int32_t pixel) {
+    return lift(rays, pixel % image.cols, pixel / image.cols, image.source_depth[pixel]);
+  };
+  const auto is_gone = [&](std::int32_t pixel) {
+    return image.kind[pixel] == PixelKind::kNone && image.removal[pixel] == Removal::kRemoved &&
+           (point(pixel) - root).squaredNorm() < kLap * kLap;
+  };
+  std::int64_t given = 0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+    if (!is_gone(points.pixel[i])) continue;
+    std::size_t count = 0;
+    std::int64_t beside_body = 0, beside_others = 0;
+    const auto add = [&](std::int32_t pixel) {
+      image.removal[pixel] = Removal::kPassedOver;
+      stack[count++] = pixel;
+    };
+    add(points.pixel[i]);
+    for (std::size_t next = 0; next < count; ++next) {
+      for_each_neighbor(stack[next], image, [&](std::int32_t beside) {
+        if (beside >= 0 && is_gone(beside)) {
+          add(beside);
+        } else if (beside >= 0 && image.kind[beside] == PixelKind::kBody) {
+          ++beside_body;
+        } else if (beside < 0 || image.kind[beside] != PixelKind::kNone ||
+                   image.removal[beside] != Removal::kPassedOver) {
+          ++beside_others;
+        }
+      });
+    }
+    if (beside_body < beside_others) continue;
+    for (std::size_t k = 0; k < count; ++k) {
+      const std::int32_t pixel = stack[k];
+      put_back(pixel, image.source_depth[pixel], nearest_skin(point(pixel), bones, label).label,
+               image);
+    }
+    given += static_cast<std::int64_t>(count);
   }
   return given;
 }
@@ -233,9 +347,19 @@ void mirror_limb(const PersonPoints& points, Limb intact, double radius, double 
   }
 }
 
+namespace {
+
+bool is_trunk(std::uint8_t bone) {
+  using enum Joint;
+  const auto joint = static_cast<Joint>(bone);
+  return joint == kSpineMid || joint == kSpineShoulder || joint == kHipLeft || joint == kHipRight;
+}
+
+}  // namespace
+
 void mirror_around_root(const PersonPoints& points, const Eigen::Vector3f& root, double radius,
-                        const BodyFrame& frame, const Mirror& mirror, const PhantomImage& image,
-                        std::vector<MirroredPoint>& mirrored) {
+                        const BodyFrame& frame, const Mirror& mirror, bool with_trunk,
+                        const PhantomImage& image, std::vector<MirroredPoint>& mirrored) {
   mirrored.clear();
   const auto most = static_cast<float>(radius * radius);
   const Eigen::Vector3f n = frame.n.cast<float>(), origin = frame.origin.cast<float>();
@@ -243,9 +367,12 @@ void mirror_around_root(const PersonPoints& points, const Eigen::Vector3f& root,
   const LimbMirror to_other_side(mirror);
   for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
-    if (!((p - root).squaredNorm() <= most) || (n.dot(p - origin) > 0.0F) != positive) continue;
+    const bool is_near = (p - root).squaredNorm() <= most;
+    if (!is_near && !(with_trunk && is_trunk(points.label[i]))) continue;
+    if ((n.dot(p - origin) > 0.0F) != positive) continue;
     if (image.kind[points.pixel[i]] != PixelKind::kBody) continue;
     mirrored.push_back(to_other_side(points, i));
+    mirrored.back().only_removed = !is_near;
   }
 }
 
@@ -280,6 +407,7 @@ PixelBox write_root(const std::vector<MirroredPoint>& mirrored, const PixelProje
     const PixelKind there = image.kind[pixel];
     const bool nearer = there == PixelKind::kRootFilled && point.z < image.depth[pixel];
     if (there != PixelKind::kNone && !nearer) continue;
+    if (point.only_removed && image.removal[pixel] != Removal::kRemoved) continue;
     draw(point, pixel, PixelKind::kRootFilled, image);
     bounds.add(pixel % image.cols, pixel / image.cols);
   }

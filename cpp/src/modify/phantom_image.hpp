@@ -13,6 +13,13 @@
 /// 4.3.1, and 4.7.1 for legs.
 namespace manip3d {
 
+/// What became of a person's pixel.
+enum class Removal : std::uint8_t {
+  kNone,
+  kRemoved,    ///< Taken out, as a part of the limb.
+  kPassedOver  ///< Looked at, and left.
+};
+
 /// Borrowed images of one size, row by row.
 struct PhantomImage {
   std::int64_t rows = 0, cols = 0;
@@ -21,6 +28,7 @@ struct PhantomImage {
   PixelKind* kind = nullptr;
   std::int32_t* source = nullptr;  ///< (rows, cols, 2) row i, column j of the texture; or -1, -1.
   float* source_depth = nullptr;   ///< Depth of the point that is seen there, metres.
+  Removal* removal = nullptr;
 };
 
 /// The inverse of PixelRays, to the nearest pixel.
@@ -45,6 +53,18 @@ void draw_person(const PersonPoints& points, const PhantomImage& image);
 std::int64_t remove_limb(const PersonPoints& points, Limb limb, double radius, double flesh,
                          const PhantomImage& image);
 
+/// Takes out what the removal leaves of a limb where it hangs on nothing but what was taken out: a
+/// hand 20 cm from where the tracker says it is. Pixels that are side by side within 5 cm of depth
+/// hang together. `stack` has rows * cols numbers. How many.
+std::int64_t remove_rest(const PersonPoints& points, Limb limb, const PhantomImage& image,
+                         std::vector<std::int32_t>& stack);
+
+/// Draws again, as the body, what was taken out within 40 cm of a leg's root, shows nothing and has
+/// the body along half of its border or more: a lap, which is either thigh's. How many.
+std::int64_t give_back_holes(const PersonPoints& points, Limb limb, const BoneSegments& bones,
+                             const PixelRays& rays, const PhantomImage& image,
+                             std::vector<std::int32_t>& stack);
+
 /// Draws again, as the body, the points of a limb that was taken out where nothing is drawn now and
 /// the skin of a bone that is not the limb's is within reach: the lap between two thighs, which is
 /// either one's. How many.
@@ -57,6 +77,7 @@ struct MirroredPoint {
   std::int32_t source;  ///< and its pixel.
   std::uint8_t label;   ///< Bone on the mirrored side.
   bool faces_camera;    ///< False if mirroring turned its surface away.
+  bool only_removed;    ///< Drawn only where something was taken out.
 };
 
 /// Mirrors the points of the intact limb that are within `radius` of its bones and `flesh` of their
@@ -66,10 +87,11 @@ void mirror_limb(const PersonPoints& points, Limb intact, double radius, double 
                  const PixelRays& rays, const Mirror& mirror, const PhantomImage& image,
                  std::vector<MirroredPoint>& mirrored);
 
-/// Mirrors what is left of the body on the root's side of the plane n, within `radius` of it.
+/// Mirrors what is left of the body on the root's side of the plane n, within `radius` of it, and
+/// its trunk, to be drawn only where something was taken out, if `with_trunk`.
 void mirror_around_root(const PersonPoints& points, const Eigen::Vector3f& root, double radius,
-                        const BodyFrame& frame, const Mirror& mirror, const PhantomImage& image,
-                        std::vector<MirroredPoint>& mirrored);
+                        const BodyFrame& frame, const Mirror& mirror, bool with_trunk,
+                        const PhantomImage& image, std::vector<MirroredPoint>& mirrored);
 
 /// Draws mirrored points into the pixels nearest to their projections: those that face the camera
 /// where nothing is nearer, then the others where there is nothing. What is left of the limb itself

@@ -173,6 +173,9 @@ class PhantomPipeline::Workspace {
     if (!options_.keep_residual) {
       report.num_removed =
           remove_limb(points_, options_.affected, removal_radius(), flesh(), image);
+      if (goes_by_skin()) {
+        report.num_removed += remove_rest(points_, options_.affected, image, vertex_of_);
+      }
     }
     clock.end(PhantomStage::kRemoval);
     judge(*fitted, time_s, image, report);
@@ -181,7 +184,7 @@ class PhantomPipeline::Workspace {
     const PixelBox all = fill(phantom, image, report);
     clock.end(PhantomStage::kHoleFilling);
     report.skeleton = phantom_skeleton(*person, report.state);
-    inspect(*person, image, report);
+    inspect(*person, all, image, report);
     clock.end(PhantomStage::kSkeleton);
     report.num_points = write_points(image, all, rays_, out.mesh, vertex_of_);
     clock.end(PhantomStage::kPointCloud);
@@ -259,6 +262,7 @@ class PhantomPipeline::Workspace {
     const auto size = static_cast<std::size_t>(camera.width * camera.height);
     vertex_of_.resize(size);
     source_depth_.resize(size);
+    removal_.resize(size);
     for (auto* list : {&mirrored_, &moved_}) list->reserve(size);
     for (auto* list : {&root_, &moved_root_}) list->reserve(size);
     fills_.reserve(size);
@@ -268,8 +272,8 @@ class PhantomPipeline::Workspace {
   }
 
   [[nodiscard]] PhantomImage image_of(const PhantomInput& input, const PhantomBuffers& out) {
-    return {input.depth.rows, input.depth.cols, out.depth,           out.label,
-            out.kind,         out.source,       source_depth_.data()};
+    return {input.depth.rows, input.depth.cols,     out.depth,      out.label, out.kind,
+            out.source,       source_depth_.data(), removal_.data()};
   }
 
   /// The smoothed skeleton; for a while the last one, when there is none.
@@ -320,14 +324,15 @@ class PhantomPipeline::Workspace {
   /// By skins, what is nearest to the limb belongs to it even where the joints are off.
   [[nodiscard]] double removal_radius() const {
     constexpr double kOff = 0.08;  // metres
-    return options_.segmentation == BoneRule::kSkin ? radius() + kOff : radius();
+    return goes_by_skin() ? radius() + kOff : radius();
   }
+
+  [[nodiscard]] bool goes_by_skin() const { return options_.segmentation == BoneRule::kSkin; }
 
   /// Points farther from the skin are no flesh: a seat between two thighs.
   [[nodiscard]] double flesh() const {
     constexpr double kClothes = 0.06;  // metres, and what girths and joints are off by
-    return options_.segmentation == BoneRule::kSkin ? kClothes
-                                                    : std::numeric_limits<double>::infinity();
+    return goes_by_skin() ? kClothes : std::numeric_limits<double>::infinity();
   }
 
   /// The person's points, and its joints where the flesh is: for all that follows the points. What
@@ -337,7 +342,7 @@ class PhantomPipeline::Workspace {
     points_.count = 0;
     if (!person) return person;
     find_person(input.depth, input.body_index, *person, rays_, options_.mask, points_);
-    return options_.segmentation == BoneRule::kSkin ? fit_limbs(*person, points_) : *person;
+    return goes_by_skin() ? fit_limbs(*person, points_) : *person;
   }
 
   void segment(const std::optional<Skeleton>& person, const PhantomInput& input,
@@ -414,13 +419,15 @@ class PhantomPipeline::Workspace {
   }
 
   /// Measures what was drawn; what nobody would believe is not called tracking.
-  void inspect(const Skeleton& person, const PhantomImage& image, PhantomReport& report) {
+  void inspect(const Skeleton& person, const PixelBox& box, const PhantomImage& image,
+               PhantomReport& report) {
     if (report.state != PhantomState::kTracking) {
       ends_.reset();
       return;
     }
     const Limb affected = options_.affected;
-    picture_.measure(points_, report.skeleton, *frame_, options_, rays_, image, report.quality);
+    picture_.measure(points_, report.skeleton, bones_, *frame_, box, options_, rays_, image,
+                     report.quality);
     const Joint end = limb_chain(affected)[kNumMainJoints - 1];
     const Joint intact_end = limb_chain(opposite(affected))[kNumMainJoints - 1];
     const Ends ends{report.skeleton[end], person[intact_end]};
@@ -445,7 +452,7 @@ class PhantomPipeline::Workspace {
       root_.clear();
       if (options_.root_radius > 0.0 && is_usable(fitted, limb_root(intact))) {
         mirror_around_root(points_, fitted[limb_root(intact)], options_.root_radius, *frame_,
-                           mirror_, image, root_);
+                           mirror_, goes_by_skin(), image, root_);
       }
       held_ = Held{*frame_, with_mirrored_limb(person, options_.affected, *frame_, mirror_),
                    input.number};
@@ -486,10 +493,11 @@ class PhantomPipeline::Workspace {
   }
 
   /// An arm beside the trunk is no part of it, but a lap has no seam between the thighs.
-  void give_back_lap(const PhantomImage& image) const {
+  void give_back_lap(const PhantomImage& image) {
     constexpr double kSeam = 0.05;  // metres
-    if (options_.keep_residual || options_.segmentation != BoneRule::kSkin) return;
-    if (!is_arm(options_.affected)) give_back(points_, options_.affected, bones_, kSeam, image);
+    if (options_.keep_residual || !goes_by_skin() || is_arm(options_.affected)) return;
+    give_back(points_, options_.affected, bones_, kSeam, image);
+    give_back_holes(points_, options_.affected, bones_, rays_, image, vertex_of_);
   }
 
   /// Calls use(joint) for the joints that the phantom replaces.
@@ -564,6 +572,7 @@ class PhantomPipeline::Workspace {
   std::vector<HoleFill> fills_;
   std::vector<std::int32_t> vertex_of_;
   std::vector<float> source_depth_;
+  std::vector<Removal> removal_;
 };
 
 PhantomPipeline::PhantomPipeline(const PhantomOptions& options)

@@ -11,22 +11,83 @@ namespace manip3d {
 namespace {
 
 // The limits at which a frame is degraded, chosen while looking at UTD-MHAD trials of both halves
-// (kMostLeft: of the tuning half of benchmarks/bench_people.py): no rate measured on those trials
-// is one for other people.
+// (kMostLeft and both kMostLost: of the tuning half of benchmarks/bench_people.py alone): no rate
+// measured on those trials is one for other people.
 constexpr double kMostPlane = 6.0;  // degrees: 6 cm at a hand 0.3 m from the plane
 constexpr double kMostLeap = 0.12;  // metres in one frame
 constexpr double kMostGapArm = 0.10,
                  kMostGapLeg = 0.16;   // metres: a hip lies deeper than a shoulder
 constexpr double kLeastLargest = 0.7;  // of the phantom's pixels
-constexpr double kMostLostLegs = 0.15, kMostLostTrunk = 0.05;
-constexpr double kMostLeft = 0.15;    // of the affected limb's pixels
+// Legs: 15 % would be believed no more; the rest allows for joints, which tell where hips are.
+constexpr double kMostLostLegs = 0.14, kMostLostTrunk = 0.03;
+constexpr double kMostLeft = 0.10;    // of the affected limb's pixels
 constexpr double kLeastLimb = 250.0;  // pixels: of a small limb, slivers are a large share
 
 constexpr float kAwayFromRoot = 0.10F;  // metres: nearer to it, a stump may show
 constexpr float kBehind = 0.15F;        // metres behind all joints of a limb there is none of it
 
+double share_of(std::int64_t part, std::int64_t all) {
+  return all > 0 ? static_cast<double>(part) / static_cast<double>(all) : 0.0;
+}
+
+bool is_trunk_bone(std::uint8_t bone) {
+  return bone == static_cast<std::uint8_t>(Joint::kSpineMid) ||
+         bone == static_cast<std::uint8_t>(Joint::kSpineShoulder);
+}
+
+/// Would the camera see the trunk in the direction of p, were nothing before it?
+bool shows_trunk(const Eigen::Vector3f& p, const BoneSegments& bones) {
+  const Eigen::Vector3f ray = p.normalized();
+  const auto across = [&](const Eigen::Vector3f& q) -> Eigen::Vector3f {
+    return q - ray.dot(q) * ray;
+  };
+  for (std::size_t k = 0; k < bones.count; ++k) {
+    if (!is_trunk_bone(bones.label[k])) continue;
+    const Eigen::Vector3f from = across(bones.start[k]), bone = across(bones.end[k]) - from;
+    const float t = std::clamp(-from.dot(bone) / std::max(bone.squaredNorm(), 1e-9F), 0.0F, 1.0F);
+    const float radius = bones.radii[k].start + t * (bones.radii[k].end - bones.radii[k].start);
+    if ((from + t * bone).squaredNorm() < radius * radius) return true;
+  }
+  return false;
+}
+
+/// Share of the trunk that an arm before it has cut.
+double lost_trunk(const PersonPoints& points, const BoneSegments& bones,
+                  const PhantomImage& image) {
+  std::int64_t all = 0, lost = 0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+    if (image.kind[points.pixel[i]] != PixelKind::kNone) {
+      all += is_trunk_bone(points.label[i]);
+    } else if (shows_trunk({points.x[i], points.y[i], points.z[i]}, bones)) {
+      ++all;
+      ++lost;
+    }
+  }
+  return share_of(lost, all);
+}
+
+/// Share of the person below the hips that shows nothing: below along the trunk, which may lean,
+/// or along the image's columns, whichever is more.
+double lost_below(const PersonPoints& points, const Skeleton& person, const BodyFrame& frame,
+                  const PhantomImage& image) {
+  const Eigen::Vector3f origin = frame.origin.cast<float>(), up = frame.y.cast<float>();
+  const float hips =
+      is_usable(person, Joint::kSpineBase) ? person[Joint::kSpineBase].y() : origin.y();
+  std::int64_t all = 0, lost = 0, all_upright = 0, lost_upright = 0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
+    const bool is_lost = image.kind[points.pixel[i]] == PixelKind::kNone;
+    const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
+    const bool below = up.dot(p - origin)<0.0F, below_upright = p.y()> hips;
+    all += below;
+    lost += below && is_lost;
+    all_upright += below_upright;
+    lost_upright += below_upright && is_lost;
+  }
+  return std::max(share_of(lost, all), share_of(lost_upright, all_upright));
+}
+
 bool is_drawn_limb(PixelKind kind) {
-  return kind >= PixelKind::kPhantom && kind != PixelKind::kRootFilled;
+  return (kind >= PixelKind::kPhantom) & (kind != PixelKind::kRootFilled);
 }
 
 }  // namespace
@@ -74,18 +135,14 @@ void PictureJudge::reserve(std::int64_t rows, std::int64_t cols) {
 }
 
 void PictureJudge::measure(const PersonPoints& points, const Skeleton& phantom,
-                           const BodyFrame& frame, const PhantomOptions& options,
-                           const PixelRays& rays, const PhantomImage& image,
-                           PhantomQuality& quality) {
+                           const BoneSegments& bones, const BodyFrame& frame, const PixelBox& box,
+                           const PhantomOptions& options, const PixelRays& rays,
+                           const PhantomImage& image, PhantomQuality& quality) {
   const Limb affected = options.affected;
   const Eigen::Vector3f root = phantom[limb_root(affected)];
-  measure_pieces(root, rays, image, quality);
-  // Lost: below the hips for legs; for arms within the trunk, which an arm before it may cut.
-  const bool arm = is_arm(affected);
-  const Eigen::Vector3f origin = frame.origin.cast<float>(), n = frame.n.cast<float>();
-  const Eigen::Vector3f up = frame.y.cast<float>();
-  constexpr float kHalfTrunk = 0.13F, kTrunkUp = 0.20F, kTrunkDown = 0.30F;  // of SpineMid, metres
-  std::int64_t all = 0, lost = 0;
+  measure_pieces(root, box, rays, image, quality);
+  quality.lost = is_arm(affected) ? lost_trunk(points, bones, image)
+                                  : lost_below(points, phantom, frame, image);
   float farthest = 0.0F;
   for (const Joint joint : limb_chain(affected)) {
     if (is_usable(phantom, joint)) farthest = std::max(farthest, phantom[joint].z());
@@ -94,38 +151,33 @@ void PictureJudge::measure(const PersonPoints& points, const Skeleton& phantom,
   for (std::size_t i = 0; i < static_cast<std::size_t>(points.count); ++i) {
     const Eigen::Vector3f p(points.x[i], points.y[i], points.z[i]);
     const std::int32_t pixel = points.pixel[i];
-    const PixelKind kind = image.kind[pixel];
-    const float height = up.dot(p - origin);
-    const bool counts =
-        arm ? std::abs(n.dot(p - origin)) < kHalfTrunk && height < kTrunkUp && height > -kTrunkDown
-            : height < 0.0F;
-    all += counts;
-    lost += counts && kind == PixelKind::kNone;
     if (points.label[i] != limb_label(affected) || !(p.z() < farthest + kBehind)) continue;
     ++limb;
-    left += kind == PixelKind::kBody && image.label[pixel] == limb_label(affected) &&
+    left += image.kind[pixel] == PixelKind::kBody && image.label[pixel] == limb_label(affected) &&
             (p - root).squaredNorm() > kAwayFromRoot * kAwayFromRoot;
   }
   if (!options.keep_residual) {
     quality.left = static_cast<double>(left) / std::max(kLeastLimb, static_cast<double>(limb));
   }
-  quality.lost = all > 0 ? static_cast<double>(lost) / static_cast<double>(all) : 0.0;
 }
 
-void PictureJudge::measure_pieces(const Eigen::Vector3f& root, const PixelRays& rays,
-                                  const PhantomImage& image, PhantomQuality& quality) {
-  const std::int64_t size = image.rows * image.cols;
-  for (std::int64_t i = 0; i < size; ++i) {
-    cells_[static_cast<std::size_t>(i)] = is_drawn_limb(image.kind[i]);
+void PictureJudge::measure_pieces(const Eigen::Vector3f& root, const PixelBox& box,
+                                  const PixelRays& rays, const PhantomImage& image,
+                                  PhantomQuality& quality) {
+  for (std::int64_t row = 0; row < box.height; ++row) {
+    const PixelKind* kinds = image.kind + (box.v0 + row) * image.cols + box.u0;
+    std::uint8_t* cells = cells_.data() + row * box.width;
+    for (std::int64_t i = 0; i < box.width; ++i) cells[i] = is_drawn_limb(kinds[i]) ? 1 : 0;
   }
   sizes_.clear();
   std::int64_t all = 0;
-  for (const MarkedRun& run : pieces_.find(cells_.data(), image.rows, image.cols, false)) {
+  for (const MarkedRun& run : pieces_.find(cells_.data(), box.height, box.width, false)) {
+    const std::int64_t v = box.v0 + run.row;
     const auto piece = static_cast<std::size_t>(run.component);
     if (piece == sizes_.size()) sizes_.push_back({0, 1e6F});
-    for (std::int64_t u = run.first; u <= run.last; ++u) {
-      const float z = image.depth[run.row * image.cols + u];
-      const float off = (lift(rays, u, run.row, z) - root).squaredNorm();
+    for (std::int64_t u = box.u0 + run.first; u <= box.u0 + run.last; ++u) {
+      const float z = image.depth[v * image.cols + u];
+      const float off = (lift(rays, u, v, z) - root).squaredNorm();
       sizes_[piece].nearest = std::min(sizes_[piece].nearest, off);
     }
     sizes_[piece].pixels += run.last - run.first + 1;

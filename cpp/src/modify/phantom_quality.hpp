@@ -31,13 +31,15 @@ class PictureJudge {
   /// Fills in gap, largest, lost and left.
   /// @param points    of the person, as segmented.
   /// @param phantom   its joints in place of the affected limb's.
-  void measure(const PersonPoints& points, const Skeleton& phantom, const BodyFrame& frame,
-               const PhantomOptions& options, const PixelRays& rays, const PhantomImage& image,
-               PhantomQuality& quality);
+  /// @param bones     that they were segmented by.
+  /// @param box       of all that was drawn.
+  void measure(const PersonPoints& points, const Skeleton& phantom, const BoneSegments& bones,
+               const BodyFrame& frame, const PixelBox& box, const PhantomOptions& options,
+               const PixelRays& rays, const PhantomImage& image, PhantomQuality& quality);
 
  private:
-  void measure_pieces(const Eigen::Vector3f& root, const PixelRays& rays, const PhantomImage& image,
-                      PhantomQuality& quality);
+  void measure_pieces(const Eigen::Vector3f& root, const PixelBox& box, const PixelRays& rays,
+                      const PhantomImage& image, PhantomQuality& quality);
 
   std::vector<std::uint8_t> cells_;
   ConnectedRuns pieces_;

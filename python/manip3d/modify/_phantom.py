@@ -116,7 +116,7 @@ class PhantomQuality:
         Share of the phantom's pixels that are in that piece.
     lost : float
         Share of the person's pixels that show nothing now: of those below the hips for legs, of
-        those of the trunk for arms.
+        those where the camera should see the trunk for arms.
     left : float
         Share of the affected limb's pixels that still show the body, of those farther than 10 cm
         from its root and no farther from the camera than the phantom (as a chair is).
@@ -291,17 +291,19 @@ class _Buffers:
     faces: NDArray[np.int32]
 
     @staticmethod
-    def of_size(rows: int, cols: int) -> _Buffers:
+    def of_size(rows: int, cols: int, pool: _core.ArrayPool | None = None) -> _Buffers:
+        """Of a pool, which gets it back when the last array or view of it is gone."""
+        empty = (pool or _core.ArrayPool()).empty
         capacity = rows * cols  # no page of it is touched before it is written
         return _Buffers(
-            np.empty((rows, cols), np.float32),
-            np.empty((rows, cols), np.uint8),
-            np.empty((rows, cols), np.uint8),
-            np.empty((rows, cols, 2), np.int32),
-            np.empty((capacity, 3), np.float32),
-            np.empty((capacity, 2), np.int32),
-            np.empty((capacity, 2), np.float32),
-            np.empty((2 * capacity, 3), np.int32),
+            empty((rows, cols), np.float32),
+            empty((rows, cols), np.uint8),
+            empty((rows, cols), np.uint8),
+            empty((rows, cols, 2), np.int32),
+            empty((capacity, 3), np.float32),
+            empty((capacity, 2), np.int32),
+            empty((capacity, 2), np.float32),
+            empty((2 * capacity, 3), np.int32),
         )
 
 
@@ -438,6 +440,7 @@ class PhantomPipeline:
             raise InputError(f"texturing: expected source or calibration, got {texturing!r}")
         options.mesh.texturing = _core.Texturing.__members__[texturing.upper()]
         self._core = _core.PhantomPipeline(options)
+        self._pool = _core.ArrayPool()
         self._last: PhantomFrame | None = None
         self._phantom_color: NDArray[np.uint8] | None = None
         self._lock = threading.RLock()
@@ -450,7 +453,8 @@ class PhantomPipeline:
         InputError
             A calibration is out of range. The next frame is not affected.
         """
-        buffers = _Buffers.of_size(*frame.depth.shape)
+        rows, cols = frame.depth.shape
+        buffers = _Buffers.of_size(rows, cols, self._pool)
         calibration = frame.calibration
         depth = np.ascontiguousarray(frame.depth)
         body_index = None if frame.body_index is None else np.ascontiguousarray(frame.body_index)

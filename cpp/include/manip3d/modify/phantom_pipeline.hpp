@@ -112,7 +112,7 @@ struct PhantomQuality {
   double leap = 0.0;       ///< Metres that the phantom's end moved farther than the intact one's.
   double gap = 0.0;        ///< Metres from the root to the largest piece of the phantom.
   double largest = 1.0;    ///< Share of the phantom's pixels that are in that piece.
-  double lost = 0.0;       ///< Share of the silhouette (below the hips, or of the trunk) gone.
+  double lost = 0.0;       ///< Share of the silhouette below the hips, or of the trunk, gone.
   double left = 0.0;       ///< Share of the affected limb's pixels that are still there.
   /// The worst of these over its limit: above 1 the state is not kTracking.
   double score = 0.0;
