@@ -71,6 +71,7 @@ LABELS = modify.segment_body(person.depth, person.calibration.depth, skeleton).l
 person_mesh = modify.animation_mesh(person.depth, person.calibration.depth, LABELS)
 
 KERNELS: dict[str, Kernel] = {
+    "authenticate.temporal_factor": lambda _: authenticate.temporal_factor([True, False]),
     "authenticate.depth_noise": lambda _: authenticate.depth_noise(DEPTH),
     "authenticate.inter_frame_noise": lambda _: authenticate.inter_frame_noise(walk),
     "authenticate.inspect_stream": lambda _: authenticate.inspect_stream(walk),

@@ -45,6 +45,15 @@ from manip3d.authenticate._paper_watermark import (
     noise_blocks,
 )
 from manip3d.authenticate._power import EDITS, measure_power
+from manip3d.authenticate._risk import (
+    ACTIONS,
+    ATTACK_TYPES,
+    AttackObservation,
+    Risk,
+    RiskParameters,
+    RiskTracker,
+    temporal_factor,
+)
 from manip3d.authenticate._sensors import Sensor, identify_sensor, kitti_lattice
 from manip3d.authenticate._streams import (
     StreamInspection,
@@ -78,6 +87,8 @@ from manip3d.authenticate._watermark_files import (
 )
 
 __all__ = [
+    "ACTIONS",
+    "ATTACK_TYPES",
     "CALIBRATED_DENSITY",
     "CALIBRATED_OCCLUSION",
     "EDITS",
@@ -89,6 +100,7 @@ __all__ = [
     "RINGS_OCCLUSION",
     "SPARSE_DENSITY",
     "AngularGrid",
+    "AttackObservation",
     "Calibration",
     "DensityParameters",
     "DensityResult",
@@ -109,6 +121,9 @@ __all__ = [
     "Power",
     "Processing",
     "Region",
+    "Risk",
+    "RiskParameters",
+    "RiskTracker",
     "Sensor",
     "SensorLattice",
     "StreamInspection",
@@ -144,6 +159,7 @@ __all__ = [
     "read_record",
     "record_path",
     "refuse_existing_record",
+    "temporal_factor",
     "verdict_of_stream",
     "write_watermarked",
 ]
