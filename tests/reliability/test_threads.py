@@ -194,6 +194,11 @@ OBJECTS: dict[str, tuple[Callable[[], Any], list[Callable[[Any], object]]]] = {
         lambda: authenticate.Watermarker(KEY),
         [lambda w, s=s: said(w.verify(s.frame, s.record)) for s in SIGNED],
     ),
+    "AlertMonitor": (
+        lambda: authenticate.AlertMonitor(authenticate.Watermarker(KEY)),
+        [lambda m, s=s: m.judge(s.frame, record=s.record, speed_mps=9.0).verdict for s in SIGNED]
+        + [lambda m: m.skip().number],
+    ),
     "RiskTracker": (
         authenticate.RiskTracker,
         [lambda t, a=a: t.update(a, speed_mps=90.0).record() for a in (None, *ATTACKS)]

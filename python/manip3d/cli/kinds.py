@@ -36,7 +36,7 @@ VERBS = {
     "depth": "depth, info, view",
     "packets": "info, view, convert (into scans, which inspect takes)",
     "recording": "capture play, capture info, info, view, inspect, forge stream, phantom render",
-    "drive": "watermark, info, view, convert; inspect takes each of its scans",
+    "drive": "watermark, alert, info, view, convert; inspect takes each of its scans",
     "picture": "depth, as --color",
     "results": "report",
     "folder": "simplify (of meshes), depth (of depth images), info and view (of a drive)",

@@ -67,6 +67,7 @@ _BUILT_IN = (
     "figure_6_7",
     "real_scans_6",
     "table_7_2",
+    "cross_modal_7",
 )
 
 
