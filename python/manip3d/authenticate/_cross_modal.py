@@ -51,6 +51,12 @@ class CrossModalParameters:
         Fewest cells of a region.
     min_added_area, min_missing_area : float, square metres
         Least area of a region, each cell at its own range.
+
+    Notes
+    -----
+    Chosen on 36 frames of simulated streets (seeds 0 to 11) and 11 real ones (KITTI raw drive
+    2011_09_26_0002 and odometry 00, frame 0): 2 of the former and none of the latter are accused as
+    they are. `experiments` reports other streets and the other real frames.
     """
 
     azimuth_step: float = 0.3
@@ -59,11 +65,11 @@ class CrossModalParameters:
     lowest: float = -24.0
     highest: float = 1.5
     min_range: float = 4.5
-    max_range: float = 40.0
-    tolerance: float = 3.0
-    min_cells: int = 6
-    min_added_area: float = 0.3
-    min_missing_area: float = 0.6
+    max_range: float = 30.0
+    tolerance: float = 2.0
+    min_cells: int = 20
+    min_added_area: float = 0.15
+    min_missing_area: float = 0.35
 
     def to_core(self) -> _core.CrossModalOptions:
         """Return the same for the core."""

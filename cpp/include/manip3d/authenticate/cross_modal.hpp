@@ -25,17 +25,17 @@ struct DisparityView {
 };
 
 struct CrossModalOptions {
-  double azimuth_step = 0.3;      ///< Degrees.
-  double elevation_step = 0.45;   ///< Degrees.
-  double half_azimuth = 45.0;     ///< Degrees to each side of straight ahead.
-  double lowest = -24.0;          ///< Degrees: the scanner's own field of view, without its edges.
-  double highest = 1.5;           ///< Degrees.
-  double min_range = 4.5;         ///< Metres: nearer than that neither is trusted.
-  double max_range = 40.0;        ///< Metres: farther away a pixel of disparity is too much depth.
-  double tolerance = 3.0;         ///< Pixels of disparity that the two may differ by.
-  std::int64_t min_cells = 6;     ///< Components of fewer cells are not reported.
-  double min_added_area = 0.3;    ///< Square metres at the component's own range.
-  double min_missing_area = 0.6;  ///< Square metres.
+  double azimuth_step = 0.3;       ///< Degrees.
+  double elevation_step = 0.45;    ///< Degrees.
+  double half_azimuth = 45.0;      ///< Degrees to each side of straight ahead.
+  double lowest = -24.0;           ///< Degrees: the scanner's own field of view, without its edges.
+  double highest = 1.5;            ///< Degrees.
+  double min_range = 4.5;          ///< Metres: nearer than that neither is trusted.
+  double max_range = 30.0;         ///< Metres: farther away a pixel of disparity is too much depth.
+  double tolerance = 2.0;          ///< Pixels of disparity that the two may differ by.
+  std::int64_t min_cells = 20;     ///< Components of fewer cells are not reported.
+  double min_added_area = 0.15;    ///< Square metres at the component's own range.
+  double min_missing_area = 0.35;  ///< Square metres.
 };
 
 /// Neighbouring cells in which LiDAR and cameras contradict each other in the same way.
