@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -31,6 +32,7 @@ app = typer.Typer(
 EXIT_CODES = {"authentic": 0, "no_trace": 0, "tampered": 3, "undecidable": MISSED}
 """Exit code of each verdict."""
 
+_LIVE_BUDGET = 0.1  # seconds: ten frames a second
 _SPEED = 10.0  # m/s, where the drive does not tell
 
 
@@ -72,8 +74,13 @@ def run(
         typer.Option(min=0, help="Speed of the car where the drive has no oxts, m/s."),
     ] = _SPEED,
     budget: Annotated[
-        float, typer.Option(min=0.001, help="Seconds that a verdict may take.")
-    ] = 0.1,
+        float | None,
+        typer.Option(
+            min=0.001,
+            help="Seconds that a verdict may take; by default 0.1 under --live, else as many as it "
+            "needs.",
+        ),
+    ] = None,
     every: Annotated[
         float,
         typer.Option(min=0.001, help="Seconds within which cameras and forensics speak once."),
@@ -89,10 +96,10 @@ def run(
 ) -> None:
     """Judge every frame of a drive and follow the risk.
 
-    The watermark is verified in every frame that has a key, LiDAR and cameras are compared where
-    there is time, and forensics once a second. The output is a timeline with maps and boxes (.html)
-    or the numbers (.json). The exit code is 0 when nothing was found, 3 when a frame was tampered
-    with, and 4 when nothing can be said of a frame.
+    The watermark is verified in every frame if there is a key, LiDAR and cameras are compared in
+    every frame (under --live where there is time), and forensics are asked once a second. The
+    output is a timeline with maps and boxes (.html) or the numbers (.json). The exit code is 0 when
+    nothing was found, 3 when a frame was tampered with, and 4 when nothing can be said of a frame.
 
     Example: manip3d alert run signed --key sensor.key -o alert.html
     """
@@ -108,6 +115,8 @@ def run(
         if key is not None:
             secret = stack.enter_context(authenticate.KeyFile(key))
             marker = stack.enter_context(authenticate.Watermarker(secret))
+        if budget is None:
+            budget = _LIVE_BUDGET if live else math.inf
         monitor = authenticate.AlertMonitor(marker, rig=rig, budget_s=budget, every_s=every)
         view = stack.enter_context(_View(shell, source, total))
         for alert in _judged(monitor, moments, speed, live=live):
