@@ -505,7 +505,7 @@ def verdict_of_alerts(alerts: Sequence[tuple[str, str]]) -> tuple[str, str]:
     >>> verdict_of_alerts([("authentic", "every point holds"), ("skipped", "too late")])
     ('undecidable', 'too late (1 of 2 frames)')
     """
-    if not alerts:
+    if len(alerts) == 0:
         raise InputError("alerts: expected at least one, got none")
     for verdict, *others in (("tampered",), ("undecidable", "skipped")):
         reasons = [reason for said, reason in alerts if said in (verdict, *others)]
