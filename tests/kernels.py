@@ -26,6 +26,7 @@ from manip3d import (
     modify,
     simplify,
 )
+from manip3d.errors import MissingExtraError
 
 Kernel = Callable[[int], object]
 """Of the number of threads; those that take none ignore it."""
@@ -70,7 +71,26 @@ walk = [capsule_body.painted(number) for number in range(6)]
 LABELS = modify.segment_body(person.depth, person.calibration.depth, skeleton).labels
 person_mesh = modify.animation_mesh(person.depth, person.calibration.depth, LABELS)
 
+
+def stereo_or_nothing() -> object:
+    """Disparity of a random picture, where OpenCV is installed."""
+    picture = np.random.default_rng(3).integers(0, 256, (40, 260), np.uint8)
+    try:
+        return authenticate.stereo_disparity(picture[:, 20:], picture[:, :-20])
+    except MissingExtraError:
+        return None
+
+
 KERNELS: dict[str, Kernel] = {
+    "authenticate.attack_type": lambda _: authenticate.attack_type([]),
+    "authenticate.cross_modal_consistency": lambda _: authenticate.cross_modal_consistency(
+        street,
+        authenticate.Disparity(np.full((72, 96), 12.0, np.float32)),
+        authenticate.StereoRig(88.0, (47.5, 35.5), 0.5, np.eye(4)[[2, 0, 1, 3]]),
+    ),
+    "authenticate.stereo_disparity": lambda _: stereo_or_nothing(),
+    "authenticate.verdict_of_alerts": lambda _: authenticate.verdict_of_alerts([("skipped", "")]),
+    "authenticate.temporal_factor": lambda _: authenticate.temporal_factor([True, False]),
     "authenticate.depth_noise": lambda _: authenticate.depth_noise(DEPTH),
     "authenticate.inter_frame_noise": lambda _: authenticate.inter_frame_noise(walk),
     "authenticate.inspect_stream": lambda _: authenticate.inspect_stream(walk),

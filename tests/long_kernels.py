@@ -148,6 +148,11 @@ LONG: dict[str, Callable[[], Callable[[], object]]] = {
 """Makers of work in one thread; what is made before is not part of it."""
 
 OF_A_SECOND = {
+    "authenticate.attack_type",
+    "authenticate.cross_modal_consistency",
+    "authenticate.stereo_disparity",
+    "authenticate.temporal_factor",
+    "authenticate.verdict_of_alerts",
     "simplify.qem_tp", "simplify.qem_btp", "simplify.dense_mesh", "simplify.dense_mesh_grid",
     "simplify.cs3", "simplify.cs3_grid", "simplify.relief", "simplify.relief_grid",
     "simplify.sample_depth", "simplify.sample_depth_grid", "simplify.simplify_depth",

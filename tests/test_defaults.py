@@ -67,6 +67,7 @@ FACADES: dict[str, list[Callable[..., Any]]] = {
     "DepthSmootherOptions": [simplify.ReliefStream],
     "FastOptions": [simplify.fast],
     "FmpdOptions": [metrics.fmpd],
+    "CrossModalOptions": [authenticate.CrossModalParameters],
     "GenericOptions": [authenticate.generic_consistency],
     "GridMeshOptions": [simplify.dense_mesh, simplify.dense_mesh_grid],
     "HausdorffOptions": [metrics.hausdorff_bound],

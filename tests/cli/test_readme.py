@@ -156,7 +156,7 @@ def make_sources(words: list[str], place: Path) -> None:
     sources = " ".join(words).partition(" -o ")[0]
     if "patient.mkv" in sources and not (place / "patient.mkv").exists():
         manip3d.capture.record("sim:body?amputated=right-arm&frames=3", place / "patient.mkv")
-    if words[0] == "watermark" or sources.startswith("inspect drive"):
+    if words[0] in ("watermark", "alert") or sources.startswith("inspect drive"):
         make_watermark(words, place)
     if sources == "inspect forged" and not (place / "forged").exists():
         line = 'forge stream "sim:body?motion=still&frames=12" --type 1 --still -q -o forged'
@@ -176,7 +176,7 @@ def make_watermark(words: list[str], place: Path) -> None:
     scans.mkdir(parents=True, exist_ok=True)
     scan = np.round(CAVE, 3)
     manip3d.LidarFrame(scan, np.zeros(len(scan), np.float32)).write(scans / "0000000000.bin")
-    if words[1] == "verify":
+    if words[0] == "alert" or words[1] == "verify":
         marker = manip3d.authenticate.Watermarker(key)
         sent = marker.embed(manip3d.io.read_scan(scans / "0000000000.bin"), is_end=True)
         signed = place / "signed" / "velodyne_points" / "data"
@@ -297,7 +297,7 @@ def test_lines_of_readme_need_the_extra_that_they_name(
         words[at] = str(tmp_path / words[at])
     for output in ("rows.csv", "case.jsonl", "drive.jsonl"):  # of the same line in the test before
         (place / output).unlink(missing_ok=True)
-    if words[0] == "watermark" or words[:2] == ["inspect", "drive"]:
+    if words[0] in ("watermark", "alert") or words[:2] == ["inspect", "drive"]:
         make_watermark(words, place)
     done = run_without_extras(words, place)
     if named is None:

@@ -85,6 +85,21 @@ def streams() -> Iterator[object]:
     yield from (still, authenticate.StreamRegion(0, (0, 0, 1, 1), 1.0))
 
 
+def alerts() -> Iterator[object]:
+    monitor = authenticate.AlertMonitor()
+    alert = monitor.judge(scan(), speed_mps=9.0)
+    yield from (alert, alert.risk, alert.witnesses["watermark"], monitor.counts)
+    yield authenticate.AttackObservation("additive", (8.0, 0.0), 4, 10)
+    yield authenticate.RiskParameters()
+    yield authenticate.CrossModalParameters()
+    camera = np.eye(4)[[2, 0, 1, 3]]
+    rig = authenticate.StereoRig(88.0, (47.5, 35.5), 0.5, camera)
+    seen = authenticate.Disparity(np.full((72, 96), 12.0, np.float32))
+    yield from (rig, seen, authenticate.cross_modal_consistency(scan(), seen, rig))
+    box = manip3d.Box((8, 0, 0), (1, 1, 1))
+    yield authenticate.CrossModalRegion("added", 9, 0, 0.01, 1.0, 5.0, box, 2.0)
+
+
 def values() -> Iterator[object]:
     yield from (manip3d.Box((0, 0, 0), (1, 1, 1)), scan(), kernels.person, kernels.rings)
     yield manip3d.Mesh([[0, 0, 0]], [], materials=[Material("a", textures={"n": Texture("b")})])
@@ -106,6 +121,7 @@ def values() -> Iterator[object]:
     inspected = authenticate.inspect(np.float16(forged).astype(np.float32), origin=(0, 0, 0))
     assert inspected.processing
     yield from (inspected, inspected.regions[0])
+    yield from alerts()
     yield manip3d.FormatError("a", file="b", line=3)
 
 

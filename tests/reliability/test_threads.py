@@ -140,6 +140,12 @@ with tempfile.TemporaryDirectory() as keys:
 SIGNED = signed_frames()
 
 
+ATTACKS = [
+    authenticate.AttackObservation("additive", (8.0, 0.0), 40, 100),
+    authenticate.AttackObservation("rotation", (9.0, 2.0), 10, 100),
+]
+
+
 def fields(frame: modify.PhantomFrame) -> tuple[object, ...]:
     return frame.state, frame.depth, frame.labels, frame.late_frames
 
@@ -191,6 +197,16 @@ OBJECTS: dict[str, tuple[Callable[[], Any], list[Callable[[Any], object]]]] = {
     "Watermarker": (
         lambda: authenticate.Watermarker(KEY),
         [lambda w, s=s: said(w.verify(s.frame, s.record)) for s in SIGNED],
+    ),
+    "AlertMonitor": (
+        lambda: authenticate.AlertMonitor(authenticate.Watermarker(KEY)),
+        [lambda m, s=s: m.judge(s.frame, record=s.record, speed_mps=9.0).verdict for s in SIGNED]
+        + [lambda m: m.skip().number],
+    ),
+    "RiskTracker": (
+        authenticate.RiskTracker,
+        [lambda t, a=a: t.update(a, speed_mps=90.0).record() for a in (None, *ATTACKS)]
+        + [lambda t: t.reset()],
     ),
     "ShoeCoverTracker": (
         modify.ShoeCoverTracker,

@@ -23,11 +23,13 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "dask": ("distributed",),
     "remote": ("fsspec", "s3fs", "aiohttp"),
     "parquet": ("pyarrow",),
+    "alert": ("cv2", "PIL"),
 }
 """Modules that each extra brings."""
 
 DISTRIBUTIONS: Mapping[str, tuple[str, ...]] = {
     "PIL": ("pillow",),
+    "cv2": ("opencv-python-headless",),
     "open3d": ("open3d-cpu", "open3d"),
     "ouster": ("ouster-sdk",),
     "yaml": ("pyyaml",),

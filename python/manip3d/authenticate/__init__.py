@@ -2,6 +2,21 @@
 
 from __future__ import annotations
 
+from manip3d.authenticate._alert import (
+    WITNESSES,
+    Alert,
+    AlertCounts,
+    AlertMonitor,
+    WitnessReport,
+    verdict_of_alerts,
+)
+from manip3d.authenticate._cross_modal import (
+    CrossModalParameters,
+    CrossModalRegion,
+    CrossModalResult,
+    attack_type,
+    cross_modal_consistency,
+)
 from manip3d.authenticate._density import (
     CALIBRATED_DENSITY,
     PAPER_DENSITY,
@@ -46,7 +61,17 @@ from manip3d.authenticate._paper_watermark import (
     noise_blocks,
 )
 from manip3d.authenticate._power import EDITS, measure_power
+from manip3d.authenticate._risk import (
+    ACTIONS,
+    ATTACK_TYPES,
+    AttackObservation,
+    Risk,
+    RiskParameters,
+    RiskTracker,
+    temporal_factor,
+)
 from manip3d.authenticate._sensors import Sensor, identify_sensor, kitti_lattice
+from manip3d.authenticate._stereo import Disparity, StereoRig, stereo_disparity
 from manip3d.authenticate._streams import (
     StreamInspection,
     StreamRegion,
@@ -80,6 +105,8 @@ from manip3d.authenticate._watermark_files import (
 )
 
 __all__ = [
+    "ACTIONS",
+    "ATTACK_TYPES",
     "CALIBRATED_DENSITY",
     "CALIBRATED_OCCLUSION",
     "EDITS",
@@ -90,11 +117,20 @@ __all__ = [
     "PAPER_OCCLUSION",
     "RINGS_OCCLUSION",
     "SPARSE_DENSITY",
+    "WITNESSES",
+    "Alert",
+    "AlertCounts",
+    "AlertMonitor",
     "AngularGrid",
+    "AttackObservation",
     "Calibration",
+    "CrossModalParameters",
+    "CrossModalRegion",
+    "CrossModalResult",
     "DensityParameters",
     "DensityResult",
     "DetectorReport",
+    "Disparity",
     "EvidenceReport",
     "GenericResult",
     "Inspection",
@@ -111,8 +147,12 @@ __all__ = [
     "Power",
     "Processing",
     "Region",
+    "Risk",
+    "RiskParameters",
+    "RiskTracker",
     "Sensor",
     "SensorLattice",
+    "StereoRig",
     "StreamInspection",
     "StreamRegion",
     "StreamReport",
@@ -122,9 +162,12 @@ __all__ = [
     "WatermarkResult",
     "Watermarked",
     "Watermarker",
+    "WitnessReport",
+    "attack_type",
     "check_holds_float32",
     "combined_verdict",
     "compare_paper",
+    "cross_modal_consistency",
     "density_consistency",
     "depth_noise",
     "drive_numbers",
@@ -148,6 +191,9 @@ __all__ = [
     "read_record",
     "record_path",
     "refuse_existing_record",
+    "stereo_disparity",
+    "temporal_factor",
+    "verdict_of_alerts",
     "verdict_of_drive",
     "verdict_of_stream",
     "write_watermarked",

@@ -37,6 +37,7 @@ _VERBS = {
     "data": "Public data sets: what is here, and fetching more.",
     "forge": "Forge LiDAR scans and RGB-D streams, with the truth beside them.",
     "watermark": "Embed keyed watermarks into LiDAR scans and verify them.",
+    "alert": "Watch the LiDAR of a drive: watermark, cameras, forensics and risk.",
     "phantom": "Render a missing limb by mirroring the intact one.",
     "capture": "RGB-D cameras and recordings: list, record, play, export, info.",
 }

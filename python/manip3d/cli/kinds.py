@@ -36,7 +36,7 @@ VERBS = {
     "depth": "depth, info, view",
     "packets": "inspect, info, view, convert",
     "recording": "capture play, capture info, info, view, inspect, forge stream, phantom render",
-    "drive": "inspect, watermark, info, view, convert",
+    "drive": "inspect, watermark, alert, info, view, convert",
     "picture": "depth, as --color",
     "results": "report",
     "folder": "simplify (of meshes), depth (of depth images), info and view (of a drive)",

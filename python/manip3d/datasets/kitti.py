@@ -7,6 +7,7 @@ compressed (``.bin.xz``). Nothing is read before it is asked for.
 from __future__ import annotations
 
 import functools
+import io
 import math
 import os
 from collections.abc import Iterator, Mapping
@@ -22,6 +23,7 @@ from manip3d._util.linear import product
 from manip3d._util.paths import path_of
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import regular_bytes
+from manip3d.io._images import require
 from manip3d.io._scan_files import read_scan, scan_paths
 from manip3d.io._text_files import parse_xml, text_of
 from manip3d.lidar import Box, LidarFrame
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
 __all__ = ["KittiCalibration", "KittiDrive", "KittiFrame", "open_kitti"]
 
 _IMAGE_SUFFIXES = (".png", ".jpg")
+_OXTS_COLUMNS = (8, 9, 22)  # vf, vl and wu of dataformat.txt
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +155,49 @@ class KittiFrame:
         if folder is None:
             raise InputError(f"{self.drive.path}: no calibration beside these scans")
         return read_calibration(folder / f"{self.name}.txt" if self.drive.per_frame else folder)
+
+    def velocity(self) -> tuple[float, float, float] | None:
+        """How the car moved: m/s ahead and to the left, rad/s counter-clockwise; None: not told.
+
+        Raises
+        ------
+        FormatError
+            The file of ``oxts`` is damaged.
+        """
+        if self.oxts_path is None:
+            return None
+        words = text_of(self.oxts_path).split()
+        try:
+            ahead, left, turn = (_finite(words[column]) for column in _OXTS_COLUMNS)
+        except (IndexError, ValueError):
+            raise FormatError(
+                f"expected 30 numbers of an inertial unit, got {len(words)} words",
+                file=str(self.oxts_path),
+                line=1,
+            ) from None
+        return ahead, left, turn
+
+    def pictures(
+        self, left: int = 2, right: int = 3
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
+        """Read a stereo pair: (H, W) grey or (H, W, 3) red, green, blue; None: it is not here.
+
+        Raises
+        ------
+        FormatError
+            A picture is damaged, or the two differ in size.
+        MissingExtraError
+            Pillow is not installed.
+        """
+        if left not in self.images or right not in self.images:
+            return None
+        pair = _picture(self.images[left]), _picture(self.images[right])
+        if pair[0].shape != pair[1].shape:
+            raise FormatError(
+                f"expected {pair[0].shape} as the left picture has, got {pair[1].shape}",
+                file=str(self.images[right]),
+            )
+        return pair
 
     def boxes(self) -> tuple[Box, ...]:
         """Labelled objects, in the LiDAR frame; none where there are no labels.
@@ -470,6 +516,20 @@ def parse_time(text: str) -> float:
         raise ValueError(f"expected digits after the point, got {fraction!r}")
     moment = datetime.strptime(whole, "%Y-%m-%d %H:%M:%S").replace(tzinfo=UTC)
     return moment.timestamp() + (float(f"0.{fraction}") if fraction else 0.0)
+
+
+def _picture(path: Path) -> NDArray[np.uint8]:
+    image_module = require("PIL.Image", "alert", "pillow")
+    try:
+        with image_module.open(io.BytesIO(regular_bytes(path)), formats=("PNG", "JPEG")) as image:
+            pixels: NDArray[np.uint8] = np.asarray(
+                image if image.mode == "L" else image.convert("RGB")
+            )
+    except OSError as error:
+        raise FormatError(f"unreadable picture: {error}", file=str(path)) from error
+    except (ValueError, SyntaxError, image_module.DecompressionBombError) as error:
+        raise FormatError(f"unreadable picture: {error}", file=str(path)) from error
+    return pixels
 
 
 def _first(candidates: Iterator[Path] | list[Path]) -> Path | None:

@@ -69,6 +69,7 @@ _BUILT_IN = (
     "table_7_1",
     "table_7_2",
     "security",
+    "cross_modal_7",
 )
 
 

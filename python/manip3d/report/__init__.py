@@ -12,6 +12,7 @@ from manip3d._util.paths import path_of
 from manip3d.errors import Error, FormatError, InputError
 from manip3d.experiments import RESULTS_FORMAT
 from manip3d.io._files import atomic_write
+from manip3d.report._alert import ALERT_KINDS, AlertTimeline
 from manip3d.report._case_log import append_log, read_log
 from manip3d.report._evidence import (
     EVIDENCE_KINDS,
@@ -21,7 +22,9 @@ from manip3d.report._evidence import (
 )
 
 __all__ = [
+    "ALERT_KINDS",
     "EVIDENCE_KINDS",
+    "AlertTimeline",
     "append_log",
     "place_sentence",
     "read_log",

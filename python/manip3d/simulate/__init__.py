@@ -12,7 +12,7 @@ from manip3d.simulate.people import (
     cast_mesh,
     opposite,
 )
-from manip3d.simulate.sources import open_source
+from manip3d.simulate.sources import open_drive, open_source
 from manip3d.simulate.streets import Street, street
 from manip3d.simulate.terrestrial import TerrestrialScan, terrestrial_scan
 
@@ -31,6 +31,7 @@ __all__ = [
     "drive",
     "hdl64e",
     "models",
+    "open_drive",
     "open_source",
     "opposite",
     "scenes",

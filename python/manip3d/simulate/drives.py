@@ -72,12 +72,15 @@ class DriveFrame:
     boxes : tuple of manip3d.Box
         Of the cars, people and cyclists that the scan has points of, in the LiDAR's frame;
         ``track`` is the number that the scan's and the pictures' objects have.
+    velocity : (float, float, float)
+        Of the car: m/s ahead and to the left, rad/s counter-clockwise.
     """
 
     time: float
     scan: LidarScan
     pictures: StereoPair | None
     boxes: tuple[Box, ...]
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @checked
@@ -126,7 +129,9 @@ def drive(
         pair = stereo_pair(street, time, rng=random, threads=threads) if pictures else None
         seen = set(np.unique(scan.object).tolist())
         boxes = tuple(box for box in street.boxes(time) if box.track in seen)
-        yield DriveFrame(time, scan, pair, boxes)
+        velocity, turn = _motion(street, time)
+        speed = float(np.hypot(*velocity[:2]))
+        yield DriveFrame(time, scan, pair, boxes, (speed, 0.0, turn))
 
 
 @checked
@@ -287,11 +292,9 @@ def _numbers(values: NDArray[Any]) -> str:
 
 def _oxts_line(street: Street, time: float) -> str:
     """Position and motion; KITTI's devkit maps it back to metres by the Mercator projection."""
-    step = 1e-3
-    position, yaw = street.pose([time - step, time, time + step])
-    velocity = (position[2] - position[0]) / (2.0 * step)
-    turn = (yaw[2] - yaw[0]) / (2.0 * step)
-    x, y, z = position[1].tolist()
+    (position,), (yaw,) = street.pose([time])
+    velocity, turn = _motion(street, time)
+    x, y, z = position.tolist()
     scale = math.cos(math.radians(_ORIGIN[0]))
     longitude = _ORIGIN[1] + math.degrees(x / (scale * _EARTH_RADIUS))
     north = math.log(math.tan(math.radians(90.0 + _ORIGIN[0]) / 2.0))
@@ -300,8 +303,16 @@ def _oxts_line(street: Street, time: float) -> str:
     ahead = float(np.hypot(*velocity[:2]))
     motion = [velocity[1], velocity[0], ahead, 0.0, velocity[2], *[0.0] * 6]
     turns = [0.0, 0.0, turn, 0.0, 0.0, turn]
-    values = [latitude, longitude, z, 0.0, 0.0, yaw[1], *motion, *turns, 0.0, 0.0]
+    values = [latitude, longitude, z, 0.0, 0.0, yaw, *motion, *turns, 0.0, 0.0]
     return " ".join(f"{value:.13g}" for value in values) + " 0 0 0 0 0\n"
+
+
+def _motion(street: Street, time: float) -> tuple[NDArray[np.float64], float]:
+    """Velocity on the street, m/s, and turn, rad/s."""
+    step = 1e-3
+    position, yaw = street.pose([time - step, time + step])
+    velocity: NDArray[np.float64] = (position[1] - position[0]) / (2.0 * step)
+    return velocity, float((yaw[1] - yaw[0]) / (2.0 * step))
 
 
 def _label_line(box: Box) -> str:

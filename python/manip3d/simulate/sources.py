@@ -11,12 +11,12 @@ from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 from manip3d.simulate import scenes
-from manip3d.simulate.drives import EPOCH, drive
+from manip3d.simulate.drives import EPOCH, DriveFrame, drive
 from manip3d.simulate.people import BodySimulator
 from manip3d.simulate.streets import street
 from manip3d.simulate.terrestrial import terrestrial_scan
 
-__all__ = ["open_source"]
+__all__ = ["open_drive", "open_source"]
 
 _Number = TypeVar("_Number", int, float)
 
@@ -84,6 +84,39 @@ def open_source(address: str, *, threads: int = 0) -> Iterator[LidarFrame] | Bod
         "address: expected sim:street or a scene such as sim:indoor-00 or sim:body, "
         f"got {address!r}"
     )
+
+
+@checked
+def open_drive(address: str, *, threads: int = 0) -> Iterator[DriveFrame]:
+    """Simulated frames of a car with LiDAR and cameras by their address.
+
+    Parameters
+    ----------
+    address : str
+        ``sim:street?seed=0&frames=10&start=0``, as for `open_source`.
+    threads : int
+        0: ``MANIP3D_THREADS``, else all cores. The frames do not depend on it.
+
+    Raises
+    ------
+    InputError
+        Another address, an unknown option or value.
+    MissingExtraError
+        Open3D is not installed.
+
+    Examples
+    --------
+    >>> for frame in open_drive("sim:street?seed=3&frames=2"):  # doctest: +SKIP
+    ...     print(frame.pictures.left.shape, frame.velocity)
+    """
+    parts = urlsplit(address)
+    if (parts.scheme, parts.path) != ("sim", "street"):
+        raise InputError(f"address: expected sim:street, got {address!r}")
+    options = dict(parse_qsl(parts.query, keep_blank_values=True))
+    seed, frames = _taken(options, "seed", int, 0), _taken(options, "frames", int, 10)
+    start = _taken(options, "start", float, 0.0)
+    _refuse_others(options, address)
+    return drive(street(seed), frames, start=start, rng=seed, threads=threads)
 
 
 def _body(options: Mapping[str, str], address: str, threads: int) -> BodySimulator:

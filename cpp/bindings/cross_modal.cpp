@@ -1,0 +1,79 @@
+#include "manip3d/authenticate/cross_modal.hpp"
+
+#include <pybind11/eigen.h>
+#include <pybind11/stl.h>
+
+#include <array>
+#include <tuple>
+#include <utility>
+
+#include "depth.hpp"
+#include "fields.hpp"
+#include "interruptible.hpp"
+#include "modules.hpp"
+#include "points.hpp"
+
+namespace manip3d::bindings {
+namespace {
+
+constexpr std::tuple kCrossModalOptions{
+    Field{"azimuth_step", &CrossModalOptions::azimuth_step},
+    Field{"elevation_step", &CrossModalOptions::elevation_step},
+    Field{"half_azimuth", &CrossModalOptions::half_azimuth},
+    Field{"lowest", &CrossModalOptions::lowest},
+    Field{"highest", &CrossModalOptions::highest},
+    Field{"min_range", &CrossModalOptions::min_range},
+    Field{"max_range", &CrossModalOptions::max_range},
+    Field{"tolerance", &CrossModalOptions::tolerance},
+    Field{"min_cells", &CrossModalOptions::min_cells},
+    Field{"min_added_area", &CrossModalOptions::min_added_area},
+    Field{"min_missing_area", &CrossModalOptions::min_missing_area},
+};
+
+constexpr std::tuple kCrossModalResult{
+    Field{"rows", &CrossModalResult::rows},
+    Field{"columns", &CrossModalResult::columns},
+    Field{"lidar", &CrossModalResult::lidar},
+    Field{"stereo", &CrossModalResult::stereo},
+    Field{"difference", &CrossModalResult::difference},
+    Field{"mask", &CrossModalResult::mask},
+    Field{"judged", &CrossModalResult::judged},
+    Field{"suspected", &CrossModalResult::suspected},
+    Field{"suspected_component", &CrossModalResult::suspected_component},
+    Field{"judged_points", &CrossModalResult::judged_points},
+};
+
+std::array<double, 3> to_array(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+
+}  // namespace
+
+void bind_cross_modal(py::module_& m) {
+  py::class_<CrossModalOptions> bound(m, "CrossModalOptions");
+  bound.def(py::init<>());
+  bind_fields(bound, kCrossModalOptions);
+  m.def(
+      "compare_cross_modal",
+      [](const CArray<float>& points, const CArray<float>& disparity,
+         const std::array<double, 4>& camera, const Eigen::Matrix4d& lidar_from_camera,
+         const CrossModalOptions& options) {
+        const PointsView view = points_view(points, {});
+        check_image(disparity, 0, "disparity");
+        const DisparityView image{disparity.data(), disparity.shape(0), disparity.shape(1)};
+        const StereoView left{camera[0], camera[1], camera[2], camera[3], lidar_from_camera};
+        CrossModalResult result;
+        {
+          const py::gil_scoped_release nogil;
+          result = compare_cross_modal(view, image, left, options, interruptible());
+        }
+        py::list components;
+        for (const CrossModalComponent& c : result.components) {
+          components.append(py::make_tuple(c.added, c.cells, c.empty, c.solid_angle, c.area,
+                                           c.difference, to_array(c.lower), to_array(c.upper)));
+        }
+        return py::make_tuple(to_fields(std::move(result), kCrossModalResult), components);
+      },
+      py::arg("points").noconvert(), py::arg("disparity").noconvert(), py::arg("camera"),
+      py::arg("lidar_from_camera"), py::arg("options"));
+}
+
+}  // namespace manip3d::bindings

@@ -1,0 +1,515 @@
+"""ALERT: all witnesses of a stream of LiDAR frames joined into one verdict per frame."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from manip3d._util.checked import checked
+from manip3d._util.mappings import ReadOnlyMapping
+from manip3d.authenticate._cross_modal import (
+    CrossModalParameters,
+    CrossModalResult,
+    cross_modal_consistency,
+)
+from manip3d.authenticate._inspect import Inspection, inspect
+from manip3d.authenticate._risk import ACTIONS, AttackObservation, Risk, RiskParameters, RiskTracker
+from manip3d.authenticate._stereo import StereoRig, stereo_disparity
+from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
+from manip3d.errors import InputError
+from manip3d.lidar import Box, LidarFrame
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
+
+_FRAME_S = 0.1  # between frames of scanners that turn ten times a second
+
+WITNESSES = ("watermark", "cross-modal", "forensics")
+
+
+@dataclass(frozen=True)
+class WitnessReport:
+    """What one witness says of one frame.
+
+    Attributes
+    ----------
+    verdict : str
+        ``authentic`` (the watermark alone), ``no_trace``, ``tampered``, ``processed``,
+        ``undecidable``, ``skipped`` (no time in this frame) or ``absent`` (there is no key, or
+        there are no pictures).
+    reason : str
+    seconds : float
+        It took.
+    """
+
+    verdict: str
+    reason: str
+    seconds: float = 0.0
+
+    def record(self) -> dict[str, object]:
+        """Return the fields, ready for JSON."""
+        return {"verdict": self.verdict, "reason": self.reason, "seconds": self.seconds}
+
+
+@dataclass(frozen=True, eq=False)
+class Alert:
+    """The verdict on one frame.
+
+    Attributes
+    ----------
+    number : int
+        Of the frame in the monitor's stream; skipped ones count.
+    verdict : 'authentic', 'no_trace', 'tampered', 'undecidable' or 'skipped'
+        ``tampered`` if any witness says so. ``authentic`` rests on the watermark alone. A frame
+        without one is at best ``no_trace``.
+    reason : str
+    witnesses : mapping of str to WitnessReport
+        ``watermark``, ``cross-modal``, ``forensics``.
+    attack : str
+        Type, one of `ATTACK_TYPES`; empty where none was located.
+    boxes : tuple of Box
+        Where, in the LiDAR's frame.
+    risk : Risk
+    seconds : float
+        From receiving the frame to this verdict.
+    is_late : bool
+        It took longer than the budget.
+    cross_modal : CrossModalResult or None
+    watermark : WatermarkResult or None
+    forensics : Inspection or None
+    """
+
+    number: int
+    verdict: str
+    reason: str
+    witnesses: Mapping[str, WitnessReport]
+    attack: str
+    boxes: tuple[Box, ...]
+    risk: Risk
+    seconds: float
+    is_late: bool
+    cross_modal: CrossModalResult | None = field(default=None, repr=False)
+    watermark: WatermarkResult | None = field(default=None, repr=False)
+    forensics: Inspection | None = field(default=None, repr=False)
+
+    def record(self) -> dict[str, Any]:
+        """Return the alert without maps, ready for JSON."""
+        return {
+            "frame": self.number,
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "attack": self.attack,
+            "witnesses": {name: each.record() for name, each in self.witnesses.items()},
+            "boxes": [
+                {"label": b.label, "center": list(b.center), "size": list(b.size), "yaw": b.yaw}
+                for b in self.boxes
+            ],
+            "risk": self.risk.record(),
+            "seconds": self.seconds,
+            "is_late": self.is_late,
+            "cross_modal": None if self.cross_modal is None else self.cross_modal.record(),
+        }
+
+
+@dataclass(frozen=True)
+class AlertCounts:
+    """What a monitor has done so far.
+
+    Attributes
+    ----------
+    frames : int
+        All that arrived.
+    verdicts : mapping of str to int
+        ``skipped`` counts frames that no witness saw.
+    skipped : mapping of str to int
+        By witness: frames in which it had no time, or was not due.
+    late : int
+        Frames whose verdict took longer than the budget.
+    slowest_s : float
+    mean_s : float
+        Over the frames that were judged.
+    """
+
+    frames: int
+    verdicts: Mapping[str, int]
+    skipped: Mapping[str, int]
+    late: int
+    slowest_s: float
+    mean_s: float
+
+    def record(self) -> dict[str, Any]:
+        """Return the fields, ready for JSON."""
+        return {
+            "frames": self.frames,
+            "verdicts": dict(self.verdicts),
+            "skipped": dict(self.skipped),
+            "late": self.late,
+            "slowest_s": self.slowest_s,
+            "mean_s": self.mean_s,
+        }
+
+
+class AlertMonitor:
+    """Watch a stream of LiDAR frames: watermark, cameras, forensics, risk.
+
+    The watermark is verified in every frame. Cameras and LiDAR are compared where the budget
+    allows, and at least once every ``every_s`` seconds of the stream; LiDAR forensics once in that
+    time. What is skipped is counted and said.
+
+    Parameters
+    ----------
+    marker : Watermarker, optional
+        Verifier with its key; without one no frame is ``authentic``.
+    policy : Policy, optional
+        The verifier's.
+    rig : StereoRig, optional
+        Cameras; without them nothing is compared.
+    budget_s : float, seconds
+        For the verdict on a frame: the time between two frames. Infinity: nothing is skipped but
+        forensics, for a drive that is looked at afterwards.
+    every_s : float, seconds
+        Of the stream, within which cameras and forensics speak once whatever it costs. Infinity:
+        only within the budget, forensics never.
+    cross_modal : CrossModalParameters, optional
+    risk : RiskParameters, optional
+    clock : callable, optional
+        Seconds that pass, for latencies; by default `time.perf_counter`.
+
+    Notes
+    -----
+    Dissertation section 7.3. The watermark protects from the embedder to the verifier; what was
+    forged before it is for the cameras and the forensics to see. Threads may share a monitor:
+    frames are taken one after the other.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame
+    >>> monitor = AlertMonitor()
+    >>> alert = monitor.judge(LidarFrame(np.zeros((0, 3), np.float32)), speed_mps=10.0)
+    >>> alert.verdict
+    'undecidable'
+    """
+
+    @checked
+    def __init__(
+        self,
+        marker: Watermarker | None = None,
+        *,
+        policy: Policy | None = None,
+        rig: StereoRig | None = None,
+        budget_s: float = 0.1,
+        every_s: float = 1.0,
+        cross_modal: CrossModalParameters | None = None,
+        risk: RiskParameters | None = None,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        for name, value in (("budget_s", budget_s), ("every_s", every_s)):
+            if not value > 0.0:
+                raise InputError(f"{name}: expected a number > 0, got {value}")
+        self._marker, self._policy, self._rig = marker, policy, rig
+        self._budget, self._every = budget_s, every_s
+        self._parameters = cross_modal
+        self._risk = RiskTracker(risk)
+        self._latest = Risk(0.0, 0.0, "none", ACTIONS["none"])
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._number = 0
+        self._last: dict[str, float] = {}  # time of the stream at which a witness spoke
+        self._cost: dict[str, float] = {}  # seconds
+        self._verdicts: dict[str, int] = {}
+        self._skipped: dict[str, int] = {}
+        self._late = 0
+        self._slowest = self._total = 0.0
+
+    @checked
+    def judge(
+        self,
+        frame: LidarFrame,
+        *,
+        record: bytes | None = None,
+        left: ArrayLike | None = None,
+        right: ArrayLike | None = None,
+        speed_mps: float,
+        motion: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        time_s: float | None = None,
+    ) -> Alert:
+        """Judge the next frame.
+
+        Parameters
+        ----------
+        frame : LidarFrame
+        record : bytes, optional
+            The watermark's record; without one a monitor with a key says ``undecidable``.
+        left, right : (H, W) or (H, W, 3) uint8, optional
+            The rectified pair taken at the same moment.
+        speed_mps : float, m/s
+            Of the car.
+        motion : (float, float, float)
+            As for `RiskTracker.update`.
+        time_s : float, optional
+            Of the stream; by default a budget after the frame before, at most 0.1 s.
+
+        Raises
+        ------
+        InputError
+            One picture without the other, pictures of another kind, a time that is not finite.
+        MissingExtraError
+            There are pictures and OpenCV is not installed.
+        """
+        if (left is None) != (right is None):
+            raise InputError("left, right: expected both pictures or none")
+        if time_s is not None and not math.isfinite(time_s):
+            raise InputError(f"time_s: expected a finite number, got {time_s}")
+        with self._lock:
+            begin = self._clock()
+            now = self._number * min(self._budget, _FRAME_S) if time_s is None else time_s
+            watermark, sworn = self._ask_watermark(frame, record)
+            cross, seen = self._ask_cameras(frame, left, right, now, begin)
+            forensics, looked = self._ask_forensics(frame, watermark, now, begin)
+            told = {"watermark": sworn, "cross-modal": seen, "forensics": looked}
+            verdict, reason = _joined(told, has_key=self._marker is not None)
+            observed = _observation(watermark, cross, forensics, speed_mps, self._risk.parameters)
+            risk = self._risk.update(observed, speed_mps=speed_mps, motion=motion)
+            self._latest = risk
+            seconds = self._clock() - begin
+            alert = Alert(
+                self._number,
+                verdict,
+                reason,
+                ReadOnlyMapping(told),
+                "" if observed is None else observed.type,
+                _boxes(watermark, cross, forensics),
+                risk,
+                seconds,
+                seconds > self._budget,
+                cross,
+                watermark,
+                forensics,
+            )
+            self._count(alert)
+            return alert
+
+    def skip(self, reason: str = "the frame before took too long") -> Alert:
+        """Leave out a frame that cannot be judged in time; it is counted, and is unverified."""
+        with self._lock:
+            told = {name: WitnessReport("skipped", reason) for name in WITNESSES}
+            risk = self._latest  # a frame that nobody saw changes nothing
+            alert = Alert(
+                self._number, "skipped", reason, ReadOnlyMapping(told), "", (), risk, 0.0, False
+            )
+            self._count(alert)
+            return alert
+
+    @property
+    def counts(self) -> AlertCounts:
+        """What was judged, skipped and late so far."""
+        with self._lock:
+            judged = self._number - self._verdicts.get("skipped", 0)
+            return AlertCounts(
+                self._number,
+                ReadOnlyMapping(self._verdicts),
+                ReadOnlyMapping(self._skipped),
+                self._late,
+                self._slowest,
+                self._total / judged if judged else 0.0,
+            )
+
+    def _count(self, alert: Alert) -> None:
+        self._number += 1
+        self._verdicts[alert.verdict] = self._verdicts.get(alert.verdict, 0) + 1
+        for name, told in alert.witnesses.items():
+            if told.verdict == "skipped":
+                self._skipped[name] = self._skipped.get(name, 0) + 1
+        self._late += alert.is_late
+        self._slowest = max(self._slowest, alert.seconds)
+        self._total += alert.seconds
+
+    def _ask_watermark(
+        self, frame: LidarFrame, record: bytes | None
+    ) -> tuple[WatermarkResult | None, WitnessReport]:
+        if self._marker is None:
+            return None, WitnessReport("absent", "no key")
+        begin = self._clock()
+        found = self._marker.verify(frame, record, policy=self._policy)
+        return found, WitnessReport(found.verdict, found.reason, self._clock() - begin)
+
+    def _ask_cameras(
+        self,
+        frame: LidarFrame,
+        left: ArrayLike | None,
+        right: ArrayLike | None,
+        now: float,
+        begin: float,
+    ) -> tuple[CrossModalResult | None, WitnessReport]:
+        if self._rig is None or left is None or right is None:
+            return None, WitnessReport("absent", "no stereo pair")
+        if not (self._is_due("cross-modal", now) or self._has_time("cross-modal", begin)):
+            return None, WitnessReport("skipped", "no time left in this frame")
+        start = self._clock()
+        found = cross_modal_consistency(
+            frame, stereo_disparity(left, right), self._rig, parameters=self._parameters
+        )
+        return found, self._heard("cross-modal", found.verdict, found.reason, start, now)
+
+    def _ask_forensics(
+        self, frame: LidarFrame, watermark: WatermarkResult | None, now: float, begin: float
+    ) -> tuple[Inspection | None, WitnessReport]:
+        if watermark is not None and _has_moved_points(watermark):
+            # Detector III takes the moved points for an edit; the key has vouched for them.
+            return None, WitnessReport("absent", "the verified watermark moved the points")
+        if not self._is_due("forensics", now):
+            return None, WitnessReport("skipped", "not due")
+        start = self._clock()
+        found = inspect(frame, power=False)
+        return found, self._heard("forensics", found.verdict, found.reason, start, now)
+
+    def _is_due(self, witness: str, now: float) -> bool:
+        # A time that goes backwards begins another stream.
+        last = self._last.get(witness)
+        return self._every < math.inf and (
+            last is None or now < last or now - last >= self._every * (1.0 - 1e-9)
+        )
+
+    def _has_time(self, witness: str, begin: float) -> bool:
+        return self._clock() - begin + self._cost.get(witness, 0.0) <= self._budget
+
+    def _heard(
+        self, witness: str, verdict: str, reason: str, start: float, now: float
+    ) -> WitnessReport:
+        seconds = self._clock() - start
+        self._last[witness] = now
+        # The quickest so far: the first call also loads what it needs.
+        self._cost[witness] = min(seconds, self._cost.get(witness, math.inf))
+        return WitnessReport(verdict, reason, seconds)
+
+
+def _has_moved_points(watermark: WatermarkResult) -> bool:
+    return watermark.content == "intact" and watermark.embedding != "detached"
+
+
+def _joined(told: Mapping[str, WitnessReport], *, has_key: bool) -> tuple[str, str]:
+    """One verdict: any witness may accuse, only the watermark can clear."""
+    for name in WITNESSES:
+        if told[name].verdict == "tampered":
+            return "tampered", f"{name}: {told[name].reason}"
+    sworn = told["watermark"]
+    if has_key:
+        return sworn.verdict, f"watermark: {sworn.reason}"
+    for name in ("cross-modal", "forensics"):
+        if told[name].verdict == "no_trace":
+            return "no_trace", f"{name}: {told[name].reason}"
+    for name in ("cross-modal", "forensics"):
+        if told[name].verdict in ("undecidable", "processed"):
+            return "undecidable", f"{name}: {told[name].reason}"
+    return "undecidable", "no witness has seen this frame"
+
+
+def _boxes(
+    watermark: WatermarkResult | None, cross: CrossModalResult | None, forensics: Inspection | None
+) -> tuple[Box, ...]:
+    """The narrowest that is known: cameras, else forensics, else the sectors of the watermark."""
+    if cross is not None and cross.verdict == "tampered":
+        return cross.boxes
+    if forensics is not None and forensics.verdict == "tampered" and forensics.regions:
+        return tuple(region.box for region in forensics.regions)
+    if watermark is not None and watermark.verdict == "tampered":
+        return tuple(region.box for region in watermark.regions)
+    return ()
+
+
+def _observation(
+    watermark: WatermarkResult | None,
+    cross: CrossModalResult | None,
+    forensics: Inspection | None,
+    speed_mps: float,
+    region: RiskParameters,
+) -> AttackObservation | None:
+    """The attack for the risk, by the witness that knows most of it."""
+    if cross is not None:
+        observed = cross.observation(speed_mps=speed_mps, parameters=region)
+        if observed is not None:
+            return observed
+    if forensics is not None and forensics.verdict == "tampered":
+        return _by_forensics(forensics, region, region.safe_distance(speed_mps))
+    if watermark is not None and watermark.verdict == "tampered":
+        return _by_tiles(watermark, region)
+    return None
+
+
+def _by_forensics(found: Inspection, region: RiskParameters, reach: float) -> AttackObservation:
+    """Suspected points say where; of what kind the attack is they do not tell."""
+    places = [each.box.center[:2] for each in found.regions] or [(region.nearest_m, 0.0)]
+    x, y = min(places, key=lambda place: math.hypot(*place))
+    if found.scan is None:
+        return AttackObservation("modification", (x, y), 0, 0)
+    points = found.scan.points
+    inside = (
+        (points[:, 0] >= region.nearest_m)
+        & (points[:, 0] <= reach)
+        & (abs(points[:, 1]) <= region.half_width_m)
+        & (points[:, 2] >= region.bottom_m)
+        & (points[:, 2] <= region.top_m)
+    )
+    suspected = {int(row) for each in found.regions for row in each.rows}
+    changed = sum(bool(inside[row]) for row in suspected)
+    return AttackObservation("modification", (float(x), float(y)), changed, int(inside.sum()))
+
+
+def _by_tiles(found: WatermarkResult, region: RiskParameters) -> AttackObservation:
+    """The watermark knows sectors only: the worst place in them is assumed."""
+    azimuths = [
+        azimuth for number in found.changed_tiles for azimuth in found.tiles[number].azimuths_deg
+    ]
+    angle = min((_to_ahead(begin, end) for begin, end in azimuths), default=0.0)
+    place = (region.nearest_m * math.cos(angle), region.nearest_m * math.sin(angle))
+    count = len(found.tiles)
+    return AttackObservation("modification", place, len(found.changed_tiles) or count, count)
+
+
+def _to_ahead(begin_deg: float, end_deg: float) -> float:
+    """Radians from straight ahead to the nearest place of a sector."""
+    if (end_deg - begin_deg) >= 360.0 or (-begin_deg) % 360.0 <= (end_deg - begin_deg) % 360.0:
+        return 0.0
+    return min(abs(math.radians(math.remainder(a, 360.0))) for a in (begin_deg, end_deg))
+
+
+@checked
+def verdict_of_alerts(alerts: Sequence[tuple[str, str]]) -> tuple[str, str]:
+    """Return the verdict of several frames, and its reason.
+
+    Parameters
+    ----------
+    alerts : sequence of (str, str)
+        Verdict and reason of each `Alert`.
+
+    Returns
+    -------
+    (verdict, reason)
+        ``tampered`` if a frame is; else ``undecidable`` if a frame is, or was skipped; else
+        ``authentic`` if every frame is, else ``no_trace``.
+
+    Raises
+    ------
+    InputError
+        No frames.
+
+    Examples
+    --------
+    >>> verdict_of_alerts([("authentic", "every point holds"), ("skipped", "too late")])
+    ('undecidable', 'too late (1 of 2 frames)')
+    """
+    if len(alerts) == 0:
+        raise InputError("alerts: expected at least one, got none")
+    for verdict, *others in (("tampered",), ("undecidable", "skipped")):
+        reasons = [reason for said, reason in alerts if said in (verdict, *others)]
+        if reasons:
+            return verdict, f"{reasons[0]} ({len(reasons)} of {len(alerts)} frames)"
+    every = all(said == "authentic" for said, _ in alerts)
+    return "authentic" if every else "no_trace", f"{alerts[0][1]} ({len(alerts)} frames)"

@@ -1,0 +1,388 @@
+"""How dangerous an attack is for the car: the risk factor of dissertation section 7.3.3."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import threading
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from manip3d._util.checked import checked
+from manip3d._util.mappings import ReadOnlyMapping
+from manip3d.errors import InputError
+
+ATTACK_TYPES: Mapping[str, float] = ReadOnlyMapping(
+    {
+        "additive": 1.0,
+        "subtractive": 1.0,
+        "both": 0.95,
+        "modification": 0.95,  # cannot be told apart further: the worst of the three below
+        "translation": 0.95,
+        "rotation": 0.5,
+        "replacement": 0.3,
+    }
+)
+"""Types of attack and their factor f_alpha, as in the authors' tool."""
+
+_FEWEST_FRAMES, _MOST_FRAMES = 5, 720
+_OBSERVED_M = 100.0  # the way over which the past counts (section 7.3.3)
+
+
+@checked
+@dataclass(frozen=True)
+class RiskParameters:
+    """What the risk factor depends on beside the attack.
+
+    Attributes
+    ----------
+    reaction_s : float, seconds
+        Time before braking begins, t_r.
+    braking_mps2 : float, m/s^2
+        Deceleration, a.
+    fps : float
+        Frames per second.
+    nearest_m : float, metres
+        The safety region begins this far ahead of the scanner.
+    half_width_m : float, metres
+        The safety region reaches this far to each side.
+    bottom_m, top_m : float, metres
+        The safety region's lowest and highest place, above the scanner.
+    sigma_m : float, metres
+        How far the place of an attack may move from one frame to the next to be the same.
+    low, high : float
+        Scores below ``low`` are low, from ``high`` on high, medium between.
+    paper_literal : bool
+        f_s is the correlation of (d, theta) as printed. Of two pairs that is always +1 or -1.
+    """
+
+    reaction_s: float = 1.5
+    braking_mps2: float = 6.0
+    fps: float = 10.0
+    nearest_m: float = 5.0
+    half_width_m: float = 10.0
+    bottom_m: float = -1.5
+    top_m: float = 2.0
+    sigma_m: float = 2.0
+    low: float = 0.3
+    high: float = 0.6
+    paper_literal: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("braking_mps2", "fps", "half_width_m", "sigma_m"):
+            if not (getattr(self, name) > 0.0 and math.isfinite(getattr(self, name))):
+                raise InputError(f"{name}: expected a number > 0, got {getattr(self, name)}")
+        for name in ("reaction_s", "nearest_m"):
+            if not (getattr(self, name) >= 0.0 and math.isfinite(getattr(self, name))):
+                raise InputError(f"{name}: expected a number >= 0, got {getattr(self, name)}")
+        if not (-math.inf < self.bottom_m < self.top_m < math.inf):
+            raise InputError("bottom_m, top_m: expected bottom_m < top_m")
+        if not 0.0 <= self.low <= self.high <= 1.0:
+            raise InputError("low, high: expected 0 <= low <= high <= 1")
+
+    def safe_distance(self, speed_mps: float) -> float:
+        """Return the stopping distance d_safe in metres: v t_r + v^2 / (2 a).
+
+        Examples
+        --------
+        >>> round(RiskParameters().safe_distance(50 / 3.6), 1)
+        36.9
+        """
+        _check_speed(speed_mps)
+        return speed_mps * self.reaction_s + speed_mps * speed_mps / (2.0 * self.braking_mps2)
+
+    def frames(self, speed_mps: float) -> int:
+        """Return X_n, the number of frames in which the car drives 100 m: 5 to 720.
+
+        Examples
+        --------
+        >>> RiskParameters().frames(10.0)
+        100
+        """
+        _check_speed(speed_mps)
+        if speed_mps * _MOST_FRAMES <= self.fps * _OBSERVED_M:
+            return _MOST_FRAMES
+        return max(math.ceil(self.fps * _OBSERVED_M / speed_mps), _FEWEST_FRAMES)
+
+
+@checked
+@dataclass(frozen=True)
+class AttackObservation:
+    """What one frame shows of an attack.
+
+    Attributes
+    ----------
+    type : str
+        One of `ATTACK_TYPES`.
+    position : (float, float), metres
+        Nearest place of the attacked region in the LiDAR's frame: ahead, to the left.
+    changed : int
+        Cells of the range image in the safety region that were changed: with something added, or
+        with a return missing.
+    cells : int
+        All cells of the safety region that can be judged.
+    """
+
+    type: str
+    position: tuple[float, float]
+    changed: int
+    cells: int
+
+    def __post_init__(self) -> None:
+        if self.type not in ATTACK_TYPES:
+            raise InputError(f"type: expected one of {', '.join(ATTACK_TYPES)}, got {self.type!r}")
+        if not all(math.isfinite(value) for value in self.position):
+            raise InputError(f"position: expected finite numbers, got {self.position}")
+        if not 0 <= self.changed <= self.cells:
+            raise InputError(f"changed: expected 0 to cells ({self.cells}), got {self.changed}")
+
+    @property
+    def distance(self) -> float:
+        """Metres over the ground."""
+        return math.hypot(*self.position)
+
+    @property
+    def angle_rad(self) -> float:
+        """Angle to straight ahead, counter-clockwise."""
+        return math.atan2(self.position[1], self.position[0])
+
+
+@dataclass(frozen=True)
+class Risk:
+    """The risk after one frame.
+
+    Attributes
+    ----------
+    factor : float
+        R_f as printed: the product of ``factors``, 0 to 1 (as printed, f_s may be negative).
+    score : float
+        Their geometric mean, 0 to 1: six factors below 1 multiply to nearly nothing.
+    level : str
+        ``low``, ``medium`` or ``high`` by ``score``; ``none`` while none of the last ``frames``
+        frames shows an attack.
+    action : str
+        What to do at this level.
+    factors : mapping of str to float
+        ``distance``, ``number``, ``angle``, ``type``, ``space``, ``time`` in a frame with an
+        attack, else the last two.
+    frames, attacked_frames : int
+        X_n, and x_n among them.
+    """
+
+    factor: float
+    score: float
+    level: str
+    action: str
+    factors: Mapping[str, float] = field(default_factory=dict)
+    frames: int = 0
+    attacked_frames: int = 0
+
+    def record(self) -> dict[str, object]:
+        """Return the fields, ready for JSON."""
+        return {
+            "factor": self.factor,
+            "score": self.score,
+            "level": self.level,
+            "action": self.action,
+            "factors": dict(self.factors),
+            "frames": self.frames,
+            "attacked_frames": self.attacked_frames,
+        }
+
+
+ACTIONS: Mapping[str, str] = ReadOnlyMapping(
+    {
+        "none": "drive on",
+        "low": "drive on and log the frames",
+        "medium": "slow down, rely on the other sensors, and tell the operator",
+        "high": "hand over or stop safely, and tell the operator at once",
+    }
+)
+"""Recommended action of each level; a recommendation, for the car's maker to replace."""
+
+
+class _Past(NamedTuple):
+    place: tuple[float, float] | None  # in the frame of the first, None: clean
+    polar: tuple[float, float] | None  # (d, theta) as the frame itself saw it
+
+
+class RiskTracker:
+    """The risk of one stream of frames, with the memory that f_s and f_t need.
+
+    Parameters
+    ----------
+    parameters : RiskParameters, optional
+
+    Notes
+    -----
+    Dissertation section 7.3.3: R_f = f_d f_n f_theta f_alpha f_s f_t in an attacked frame, f_s f_t
+    in a clean one. Threads may share a tracker; updates take effect one after the other.
+
+    Examples
+    --------
+    >>> tracker = RiskTracker()
+    >>> attack = AttackObservation("additive", (8.0, 0.0), changed=40, cells=100)
+    >>> tracker.update(attack, speed_mps=10.0).level
+    'low'
+    >>> risks = [tracker.update(attack, speed_mps=10.0) for _ in range(60)]
+    >>> risks[-1].level
+    'high'
+    """
+
+    @checked
+    def __init__(self, parameters: RiskParameters | None = None) -> None:
+        self.parameters = RiskParameters() if parameters is None else parameters
+        self._lock = threading.Lock()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        with self._lock:
+            # One more than X_n: the oldest frame of the window is compared with the one before.
+            self._past: deque[_Past] = deque(maxlen=_MOST_FRAMES + 1)
+            self._pose = (0.0, 0.0, 0.0)
+
+    @checked
+    def update(
+        self,
+        attack: AttackObservation | None,
+        *,
+        speed_mps: float,
+        motion: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ) -> Risk:
+        """Take the next frame and return the risk after it.
+
+        Parameters
+        ----------
+        attack : AttackObservation or None
+            None: the frame is clean.
+        speed_mps : float, m/s
+            Of the car, >= 0.
+        motion : (float, float, float)
+            How the car moved since the frame before: metres ahead and to the left, and radians
+            counter-clockwise. Zeros where it is not known.
+
+        Raises
+        ------
+        InputError
+            A negative speed, numbers that are not finite.
+        """
+        _check_speed(speed_mps)
+        if not all(math.isfinite(value) for value in motion):
+            raise InputError(f"motion: expected finite numbers, got {motion}")
+        with self._lock:
+            self._pose = _moved(self._pose, motion)
+            self._past.append(_seen(attack, self._pose))
+            count = self.parameters.frames(speed_mps)
+            past = list(self._past)[-(count + 1) :]
+        return self._risk(attack, past, count, speed_mps)
+
+    def _risk(
+        self, attack: AttackObservation | None, past: Sequence[_Past], count: int, speed_mps: float
+    ) -> Risk:
+        p = self.parameters
+        factors = {}
+        if attack is not None:
+            safe = p.safe_distance(speed_mps)
+            factors = {
+                "distance": max(0.0, (safe - attack.distance) / safe) if safe > 0.0 else 0.0,
+                "number": attack.changed / attack.cells if attack.cells else 0.0,
+                "angle": max(0.0, math.cos(attack.angle_rad)),
+                "type": ATTACK_TYPES[attack.type],
+            }
+        attacked = [frame.place is not None for frame in past[-count:]]
+        factors["space"] = _spatial(past, count, p)
+        factors["time"] = temporal_factor(attacked, frames=count)
+        product = math.prod(factors.values())
+        score = max(0.0, product) ** (1.0 / len(factors))
+        level = _level(score, p) if any(attacked) else "none"
+        return Risk(
+            product,
+            score,
+            level,
+            ACTIONS[level],
+            ReadOnlyMapping(factors),
+            count,
+            sum(attacked),
+        )
+
+
+@checked
+def temporal_factor(attacked: Sequence[bool], *, frames: int = 0) -> float:
+    """Return f_t = (x_n / X_n) (c_n / X_n), how much and how recently a stream was attacked.
+
+    Parameters
+    ----------
+    attacked : sequence of bool
+        The oldest frame first; frames before them count as clean.
+    frames : int
+        X_n; 0: as many as given.
+
+    Raises
+    ------
+    InputError
+        No frames, or more than X_n.
+
+    Examples
+    --------
+    >>> temporal_factor([True, True, True, False, False])
+    0.36
+    """
+    count = frames or len(attacked)
+    if not 1 <= len(attacked) <= count:
+        raise InputError(f"attacked: expected 1 to {frames} frames, got {len(attacked)}")
+    flags = [bool(each) for each in attacked]
+    if True not in flags:
+        return 0.0
+    since = flags[::-1].index(True)  # c_n falls by one in each clean frame
+    return sum(flags) * max(0, count - since) / (count * count)
+
+
+def _spatial(past: Sequence[_Past], count: int, p: RiskParameters) -> float:
+    """f_s, the mean over X_n pairs of neighbouring frames; 0 where either is clean."""
+    total = 0.0
+    for before, after in itertools.pairwise(past):
+        if before.place is None or after.place is None:
+            continue
+        if p.paper_literal:
+            # Pearson's correlation of two 2-vectors is the sign of the product of differences.
+            assert before.polar is not None
+            assert after.polar is not None
+            slope = (before.polar[0] - before.polar[1]) * (after.polar[0] - after.polar[1])
+            total += float(slope > 0.0) - float(slope < 0.0)
+        else:
+            squared = math.dist(before.place, after.place) ** 2
+            total += math.exp(-squared / (2.0 * p.sigma_m * p.sigma_m))
+    return total / count
+
+
+def _seen(attack: AttackObservation | None, pose: tuple[float, float, float]) -> _Past:
+    if attack is None:
+        return _Past(None, None)
+    x, y, yaw = pose
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    ahead, left = attack.position
+    place = (x + cosine * ahead - sine * left, y + sine * ahead + cosine * left)
+    return _Past(place, (attack.distance, attack.angle_rad))
+
+
+def _moved(
+    pose: tuple[float, float, float], motion: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    x, y, yaw = pose
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    ahead, left, turn = motion
+    return (x + cosine * ahead - sine * left, y + sine * ahead + cosine * left, yaw + turn)
+
+
+def _level(score: float, p: RiskParameters) -> str:
+    if score < p.low:
+        return "low"
+    return "medium" if score < p.high else "high"
+
+
+def _check_speed(speed_mps: float) -> None:
+    if not (speed_mps >= 0.0 and math.isfinite(speed_mps)):
+        raise InputError(f"speed_mps: expected a number >= 0, got {speed_mps}")

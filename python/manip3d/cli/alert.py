@@ -1,0 +1,303 @@
+"""``manip3d alert``: watch the LiDAR of a drive."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+import typer
+
+from manip3d.cli.kinds import expect_kind
+from manip3d.cli.options import MISSED, Force, Json, MostFrames, OptionalOutput, Quiet
+from manip3d.cli.terminal import Terminal, check_output, counted, table
+from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from manip3d import LidarFrame
+    from manip3d.authenticate import Alert, AlertMonitor, StereoRig
+
+app = typer.Typer(
+    name="alert",
+    help="Watch the LiDAR of a drive: watermark, cameras, forensics and risk.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+EXIT_CODES = {"authentic": 0, "no_trace": 0, "tampered": 3, "undecidable": MISSED}
+"""Exit code of each verdict."""
+
+_LIVE_BUDGET = 0.1  # seconds: ten frames a second
+_SPEED = 10.0  # m/s, where the drive does not tell
+
+
+@app.callback()
+def _group() -> None:
+    """Keep ``run`` a command of its own."""
+
+
+class _Moment(NamedTuple):
+    """What reaches the car at one time."""
+
+    frame: LidarFrame
+    pictures: tuple[Any, Any] | None
+    record: bytes | None
+    velocity: tuple[float, float, float] | None
+    time: float | None
+
+
+@app.command("run")
+def run(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="DRIVE",
+            help="A folder of a KITTI drive, or sim:street?seed=0&frames=10 for a simulated one.",
+        ),
+    ],
+    key: Annotated[
+        Path | None,
+        typer.Option("--key", help="Key file of the watermark; without one it is not verified."),
+    ] = None,
+    output: OptionalOutput = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(help="Calibration of the drive, when not where KITTI has it."),
+    ] = None,
+    speed: Annotated[
+        float,
+        typer.Option(min=0, help="Speed of the car where the drive has no oxts, m/s."),
+    ] = _SPEED,
+    budget: Annotated[
+        float | None,
+        typer.Option(
+            min=0.001,
+            help="Seconds that a verdict may take; by default 0.1 under --live, else as many as it "
+            "needs.",
+        ),
+    ] = None,
+    every: Annotated[
+        float,
+        typer.Option(min=0.001, help="Seconds within which cameras and forensics speak once."),
+    ] = 1.0,
+    live: Annotated[
+        bool,
+        typer.Option("--live", help="Play in real time; frames that come too soon are skipped."),
+    ] = False,
+    frames: MostFrames = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Judge every frame of a drive and follow the risk.
+
+    The watermark is verified in every frame if there is a key, LiDAR and cameras are compared in
+    every frame (under --live where there is time), and forensics are asked once a second. The
+    output is a timeline with maps and boxes (.html) or the numbers (.json). The exit code is 0 when
+    nothing was found, 3 when a frame was tampered with, and 4 when nothing can be said of a frame.
+
+    Example: manip3d alert run signed --key sensor.key -o alert.html
+    """
+    from manip3d import authenticate, report
+
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    check_output(output, report.ALERT_KINDS, force=force)
+    rig, moments, total = _opened(source, calibration, frames, has_key=key is not None)
+    timeline = report.AlertTimeline(source)
+    told: list[tuple[str, str]] = []
+    with ExitStack() as stack:
+        marker = None
+        if key is not None:
+            secret = stack.enter_context(authenticate.KeyFile(key))
+            marker = stack.enter_context(authenticate.Watermarker(secret))
+        if budget is None:
+            budget = _LIVE_BUDGET if live else math.inf
+        monitor = authenticate.AlertMonitor(marker, rig=rig, budget_s=budget, every_s=every)
+        view = stack.enter_context(_View(shell, source, total))
+        for alert in _judged(monitor, moments, speed, live=live):
+            timeline.add(alert)
+            view.show(alert)
+            told.append((alert.verdict, alert.reason))
+    if not told:
+        raise InputError(f"{source}: expected frames, found none")
+    verdict, reason = authenticate.verdict_of_alerts(told)
+    counts = monitor.counts
+    if output is not None:
+        timeline.write(output, verdict=verdict, reason=reason, counts=counts)
+        shell.say(f"wrote {output}")
+    summary = timeline.summary(verdict, reason, counts)
+    shell.result(summary, lambda console: _show(console, summary))
+    raise typer.Exit(EXIT_CODES[verdict])
+
+
+def _judged(
+    monitor: AlertMonitor, moments: Iterator[_Moment], speed: float, *, live: bool
+) -> Iterator[Alert]:
+    """One alert for each frame; in real time, frames whose successor is due are skipped."""
+    begin, first, last = time.monotonic(), None, None
+    for moment in moments:
+        if live and moment.time is not None:
+            first = moment.time if first is None else first
+            late = time.monotonic() - begin - (moment.time - first)
+            if late < 0.0:
+                time.sleep(-late)
+            elif last is not None and late > max(moment.time - last, 0.0):
+                last = moment.time
+                yield monitor.skip()
+                continue
+        step = 0.0 if last is None or moment.time is None else max(moment.time - last, 0.0)
+        last = moment.time
+        ahead, left, turn = moment.velocity or (speed, 0.0, 0.0)
+        pair = moment.pictures or (None, None)
+        yield monitor.judge(
+            moment.frame,
+            record=moment.record,
+            left=pair[0],
+            right=pair[1],
+            speed_mps=abs(ahead),
+            motion=(ahead * step, left * step, turn * step),
+            time_s=moment.time,
+        )
+
+
+def _opened(
+    source: str, calibration: Path | None, frames: int | None, *, has_key: bool
+) -> tuple[StereoRig | None, Iterator[_Moment], int]:
+    """The cameras, the frames, and how many there are."""
+    if source.startswith("sim:"):
+        if calibration is not None:
+            raise InputError("--calibration: expected with a folder, got a simulated drive")
+        return _simulated(source, frames)
+    expect_kind(source, "drive", verb="alert run")
+    return _recorded(source, calibration, frames, has_key=has_key)
+
+
+def _simulated(address: str, frames: int | None) -> tuple[StereoRig, Iterator[_Moment], int]:
+    from manip3d import authenticate, datasets, simulate
+    from manip3d.simulate import cameras
+
+    source = simulate.open_drive(address)
+    rig = authenticate.StereoRig.from_calibration(datasets.KittiCalibration(*cameras.projections()))
+
+    def moments() -> Iterator[_Moment]:
+        for number, frame in enumerate(source):
+            if number == frames:
+                return
+            pair = frame.pictures
+            yield _Moment(
+                frame.scan.frame,
+                None if pair is None else (pair.left, pair.right),
+                None,
+                frame.velocity,
+                frame.time,
+            )
+
+    return rig, moments(), frames or 0
+
+
+def _recorded(
+    source: str, calibration: Path | None, frames: int | None, *, has_key: bool
+) -> tuple[StereoRig | None, Iterator[_Moment], int]:
+    from manip3d import authenticate, datasets
+
+    drive = datasets.open_kitti(source, calibration=calibration)
+    if not len(drive):
+        raise InputError(f"{source}: expected scans, found none")
+    chosen = drive[: len(drive) if frames is None else frames]
+    pair = next(
+        (pair for pair in ((2, 3), (0, 1)) for each in chosen if set(pair) <= set(each.images)),
+        None,
+    )
+    rig = None
+    if pair is not None:
+        rig = authenticate.StereoRig.from_calibration(
+            chosen[0].calibration(), left=pair[0], right=pair[1]
+        )
+
+    def moments() -> Iterator[_Moment]:
+        for frame in chosen:
+            record = None
+            beside = authenticate.record_path(frame.scan_path)
+            if has_key and beside.is_file():
+                record = authenticate.read_record(beside)
+            pictures = None if pair is None else frame.pictures(*pair)
+            yield _Moment(frame.scan(), pictures, record, frame.velocity(), frame.timestamp)
+
+    return rig, moments(), len(chosen)
+
+
+class _View:
+    """The last frames on a terminal, while they are judged."""
+
+    def __init__(self, shell: Terminal, source: str, total: int) -> None:
+        self._shell, self._source, self._total = shell, source, total
+        self._recent: list[tuple[str, ...]] = []
+        self._live: Any = None
+
+    def __enter__(self) -> _View:
+        import sys
+
+        if not self._shell.quiet and sys.stderr.isatty():
+            from rich.console import Console
+            from rich.live import Live
+
+            self._live = Live(console=Console(stderr=True), transient=True, auto_refresh=False)
+            self._live.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._live is not None:
+            self._live.__exit__(None, None, None)
+
+    def show(self, alert: Alert) -> None:
+        """Show the next frame."""
+        if self._live is None:
+            return
+        from rich.table import Table
+
+        self._recent = [*self._recent[-14:], _row(alert.record())]
+        total = f" of {self._total}" if self._total else ""
+        grid = Table(title=f"{self._source}: frame {alert.number + 1}{total}", box=None)
+        for name in _COLUMNS:
+            grid.add_column(name)
+        for row in self._recent:
+            style = "red" if row[1] == "tampered" else "yellow" if row[1] == "undecidable" else ""
+            grid.add_row(*row, style=style)
+        self._live.update(grid, refresh=True)
+
+
+_COLUMNS = ("frame", "verdict", "attack", "risk", "ms", "why")
+
+
+def _row(record: dict[str, Any]) -> tuple[str, ...]:
+    risk = record["risk"]
+    return (
+        str(record["frame"]),
+        record["verdict"],
+        record["attack"],
+        f"{risk['level']} {risk['score']:.2f}",
+        f"{1e3 * record['seconds']:.0f}",
+        record["reason"],
+    )
+
+
+def _show(console: Console, summary: dict[str, Any]) -> None:
+    console.print(f"{summary['verdict']}: {summary['reason']}", soft_wrap=True)
+    loud = [r for r in summary["frames"] if r["verdict"] not in ("authentic", "no_trace")]
+    if loud:
+        console.print()
+        table(console, [_row(record) for record in loud[:20]], _COLUMNS)
+    if len(loud) > 20:
+        console.print(f"and {len(loud) - 20} more")
+    counts = summary["counts"]
+    skipped = ", ".join(f"{name} in {counted(n, 'frame')}" for name, n in counts["skipped"].items())
+    console.print(
+        f"mean {1e3 * counts['mean_s']:.0f} ms, slowest {1e3 * counts['slowest_s']:.0f} ms, "
+        f"{counts['late']} late; skipped: {skipped or 'none'}",
+        soft_wrap=True,
+    )

@@ -1,0 +1,369 @@
+"""The alerts of a drive as a page that loads nothing, or as JSON."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import math
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d import __version__
+from manip3d._util.checked import checked
+from manip3d._util.json import finite
+from manip3d._util.paths import path_of
+from manip3d.errors import InputError
+from manip3d.io._files import atomic_write
+from manip3d.simulate._surfaces import png
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from manip3d.authenticate import Alert, AlertCounts, CrossModalResult
+
+ALERT_KINDS = (".html", ".json")
+"""Suffixes that `AlertTimeline.write` knows."""
+
+_MOST_SCENES = 12
+_MOST_ROWS = 200
+_DOTS = 2500  # of a scan seen from above
+_REACH = 45.0  # metres that the view from above shows ahead
+_SIDE = 22.0  # metres to each side
+
+_ROWS = ("verdict", "watermark", "cross-modal", "forensics")
+_QUIET = ("authentic", "no_trace")
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """Pictures of one frame, small enough to keep."""
+
+    number: int
+    title: str
+    maps: str
+    above: str
+
+
+class AlertTimeline:
+    """What a monitor said of a drive, frame by frame, for a page or for JSON.
+
+    Of each frame only numbers are kept, and pictures of a few.
+
+    Parameters
+    ----------
+    source : str
+        Name of the drive, for the title.
+    """
+
+    @checked
+    def __init__(self, source: str) -> None:
+        self.source = source
+        self._records: list[dict[str, Any]] = []
+        self._scenes: list[_Scene] = []
+        self._last = ""
+
+    @checked
+    def add(self, alert: Alert) -> None:
+        """Take the next frame.
+
+        Parameters
+        ----------
+        alert : manip3d.authenticate.Alert
+        """
+        self._records.append(alert.record())
+        news = alert.verdict != self._last or alert.verdict == "tampered"
+        self._last = alert.verdict
+        if alert.cross_modal is not None and news and len(self._scenes) < _MOST_SCENES:
+            self._scenes.append(
+                _Scene(
+                    alert.number,
+                    f"Frame {alert.number}: {alert.reason}",
+                    _maps(alert.cross_modal),
+                    _from_above(alert),
+                )
+            )
+
+    @property
+    def records(self) -> list[dict[str, Any]]:
+        """The alerts so far, as JSON values."""
+        return list(self._records)
+
+    @checked
+    def write(
+        self,
+        output: str | os.PathLike[str],
+        *,
+        verdict: str,
+        reason: str,
+        counts: AlertCounts,
+    ) -> None:
+        """Write the timeline as one file.
+
+        Parameters
+        ----------
+        output : path
+            ``.html``: a self-contained page; ``.json``: the numbers. An existing file is replaced.
+        verdict, reason : str
+            Of the whole drive, see `manip3d.authenticate.alert_of_stream`.
+        counts : AlertCounts
+
+        Raises
+        ------
+        InputError
+            The suffix is neither of the two.
+        """
+        path = path_of(output, "output")
+        kind = path.suffix.lower()
+        if kind not in ALERT_KINDS:
+            raise InputError(
+                f"output: expected a name that ends in .html or .json, got {path.name}"
+            )
+        if kind == ".json":
+            text = json.dumps(finite(self.summary(verdict, reason, counts)), indent=1) + "\n"
+        else:
+            text = self._page(verdict, reason, counts)
+        atomic_write(path, text.encode())
+
+    def summary(self, verdict: str, reason: str, counts: AlertCounts) -> dict[str, Any]:
+        """Return everything but the pictures, ready for JSON."""
+        return {
+            "source": self.source,
+            "verdict": verdict,
+            "reason": reason,
+            "counts": counts.record(),
+            "frames": self._records,
+        }
+
+    def _page(self, verdict: str, reason: str, counts: AlertCounts) -> str:
+        scenes = "".join(
+            f"<h3>{html.escape(scene.title)}</h3><div class=scene>{scene.maps}{scene.above}</div>"
+            for scene in self._scenes
+        )
+        return (
+            "<!doctype html><html lang=en><meta charset=utf-8>"
+            '<meta name=viewport content="width=device-width">'
+            f"<title>{html.escape(self.source)}: {verdict}</title><style>{_STYLE}</style>"
+            f"<h1 class={verdict}>{verdict}</h1><p>{html.escape(reason)}</p>"
+            + _facts(self.source, counts)
+            + "<h2>Timeline</h2>"
+            + _timeline(self._records)
+            + (f"<h2>What was seen</h2>{_LEGEND}{scenes}" if scenes else "")
+            + _table(self._records)
+            + "<p class=fine>A watermark protects a scan from where it is embedded to where it is "
+            "verified. Cameras judge only what both they and the LiDAR see; where they contradict "
+            f"each other, either may be wrong. manip3d {html.escape(__version__)}</p></html>\n"
+        )
+
+
+_STYLE = (
+    ":root{color-scheme:light}"
+    "body{font:16px/1.5 system-ui,sans-serif;max-width:64rem;margin:2rem auto;padding:0 1rem;"
+    "background:#fff;color:#1c1e21}"
+    ".wide{overflow-x:auto}table{border-collapse:collapse;font-size:.9rem}"
+    "td,th{padding:.2rem .8rem;text-align:left;border-bottom:1px solid #ccc;vertical-align:top}"
+    "svg{display:block;max-width:100%}figure{margin:0}figcaption,.fine{font-size:.84rem;"
+    "color:#5d636b}.scene{display:grid;gap:1rem;grid-template-columns:2fr 1fr;align-items:start}"
+    "img{width:100%;image-rendering:pixelated;display:block;border:1px solid #ccc;"
+    "margin-bottom:.15rem}ul.legend{list-style:none;padding:0;display:flex;flex-wrap:wrap;"
+    "gap:.2rem 1.2rem;font-size:.9rem}.legend b{display:inline-block;width:.8em;height:.8em;"
+    "margin-right:.4em}.time{display:grid;grid-template-columns:auto 1fr;gap:2px .6rem;"
+    "font-size:.84rem;align-items:center}.time svg{width:100%}"
+    "@media(max-width:40rem){body{margin:1rem auto}td,th{padding:.2rem .4rem}"
+    ".scene{grid-template-columns:1fr}}"
+    ".tampered{color:#b00020}.no_trace,.authentic{color:#1b5e20}.undecidable{color:#7a5c00}"
+)
+
+_COLORS = {
+    "authentic": "#1b7042",
+    "no_trace": "#9ccc9c",
+    "tampered": "#c62828",
+    "undecidable": "#e0a800",
+    "processed": "#e0a800",
+    "skipped": "#9aa0a6",
+    "absent": "#eceff1",
+}
+_MEANING = {
+    "authentic": "authentic, by the watermark",
+    "no_trace": "no contradiction",
+    "tampered": "tampered",
+    "undecidable": "undecidable",
+    "skipped": "skipped: no time, or not due",
+    "absent": "no such witness",
+}
+_LEGEND = (
+    "<ul class=legend><li><b style='background:#c62828'></b>added: only the LiDAR sees it"
+    "<li><b style='background:#1565c0'></b>missing: only the cameras see it"
+    "<li><b style='background:#b7e1b7'></b>judged, no contradiction</ul>"
+)
+
+
+def _facts(source: str, counts: AlertCounts) -> str:
+    verdicts = ", ".join(f"{count} {name}" for name, count in sorted(counts.verdicts.items()))
+    skipped = ", ".join(f"{name} {count}" for name, count in counts.skipped.items()) or "none"
+    facts = (
+        f"{source}: {counts.frames} frames ({verdicts})",
+        f"time for a verdict: mean {1e3 * counts.mean_s:.0f} ms, slowest "
+        f"{1e3 * counts.slowest_s:.0f} ms, {counts.late} later than the budget",
+        f"frames in which a witness was skipped: {skipped}",
+    )
+    return "<ul>" + "".join(f"<li>{html.escape(fact)}</li>" for fact in facts) + "</ul>"
+
+
+def _timeline(records: Sequence[dict[str, Any]]) -> str:
+    """One row of cells for each witness, and the risk below."""
+    count = max(len(records), 1)
+    parts = ["<div class=time>"]
+    for name in _ROWS:
+        cells = "".join(_cells([_verdict(record, name) for record in records]))
+        parts.append(
+            f"<span>{name}</span><svg viewBox='0 0 {count} 1' height=22 "
+            f"preserveAspectRatio=none role=img aria-label='{name}'>{cells}</svg>"
+        )
+    scores = [float(record["risk"]["score"]) for record in records]
+    steps = "".join(f"L{n} {1 - s:.4f}L{n + 1} {1 - s:.4f}" for n, s in enumerate(scores))
+    lines = "".join(
+        f"<path d='M0 {1 - level}H{count}' stroke='#9aa0a6' stroke-dasharray='4' fill=none "
+        "vector-effect=non-scaling-stroke></path>"
+        for level in (0.3, 0.6)
+    )
+    parts.append(
+        f"<span>risk<br>0 to 1</span><svg viewBox='0 0 {count} 1' height=80 "
+        "preserveAspectRatio=none role=img aria-label='risk score'>"
+        f"<path d='M0 1{steps}L{count} 1Z' fill='#c6282855'></path>{lines}</svg>"
+        f"<span></span><span>frame 0 to {len(records) - 1}; lines at 0.3 (medium) and 0.6 (high)"
+        "</span></div>"
+    )
+    used = {_verdict(record, name) for record in records for name in _ROWS}
+    legend = "".join(
+        f"<li><b style='background:{_COLORS[name]}'></b>{meaning}"
+        for name, meaning in _MEANING.items()
+        if name in used
+    )
+    return "".join(parts) + f"<ul class=legend>{legend}</ul>"
+
+
+def _verdict(record: dict[str, Any], row: str) -> str:
+    told = record["verdict"] if row == "verdict" else record["witnesses"][row]["verdict"]
+    return str(told)
+
+
+def _cells(verdicts: Sequence[str]) -> list[str]:
+    """Rectangles, one for each run of the same verdict."""
+    cells = []
+    begin = 0
+    for end in range(1, len(verdicts) + 1):
+        if end < len(verdicts) and verdicts[end] == verdicts[begin]:
+            continue
+        name = verdicts[begin]
+        frames = f"frame {begin}" if end - begin == 1 else f"frames {begin} to {end - 1}"
+        cells.append(
+            f"<rect x={begin} y=0 width={end - begin} height=1 fill='{_COLORS[name]}'>"
+            f"<title>{frames}: {name}</title></rect>"
+        )
+        begin = end
+    return cells
+
+
+def _table(records: Sequence[dict[str, Any]]) -> str:
+    shown = [record for record in records if record["verdict"] not in _QUIET]
+    if not shown:
+        return "<h2>Frames</h2><p>Every frame is quiet.</p>"
+    rows = "".join(
+        f"<tr><td>{record['frame']}</td><td class={record['verdict']}>{record['verdict']}</td>"
+        f"<td>{html.escape(record['attack'])}</td>"
+        f"<td>{html.escape(record['risk']['level'])} ({record['risk']['score']:.2f})</td>"
+        f"<td>{html.escape(record['risk']['action'])}</td>"
+        f"<td>{html.escape(record['reason'])}</td></tr>"
+        for record in shown[:_MOST_ROWS]
+    )
+    more = f"<p>and {len(shown) - _MOST_ROWS} more</p>" if len(shown) > _MOST_ROWS else ""
+    return (
+        "<h2>Frames to look at</h2><div class=wide><table><tr><th>frame<th>verdict<th>attack"
+        f"<th>risk<th>recommended<th>why</tr>{rows}</table></div>{more}"
+    )
+
+
+# --- pictures -------------------------------------------------------------------------------------
+
+
+def _maps(result: CrossModalResult) -> str:
+    """Range maps of both, and where they contradict each other."""
+    rows = np.flatnonzero(result.judged.any(axis=1))
+    window = slice(rows[0], rows[-1] + 1) if len(rows) else slice(None)
+    pictures = (
+        ("LiDAR, range", _in_colors(result.lidar[window], result.parameters.max_range)),
+        ("cameras, range", _in_colors(result.stereo[window], result.parameters.max_range)),
+        ("contradictions", _marked(result.mask[window], result.judged[window])),
+    )
+    return (
+        "<div>"
+        + "".join(
+            f"<figure><img alt='{caption}' src='data:image/png;base64,{_png(pixels)}'>"
+            f"<figcaption>{caption}</figcaption></figure>"
+            for caption, pixels in pictures
+        )
+        + "</div>"
+    )
+
+
+def _in_colors(ranges: NDArray[np.float32], most: float) -> NDArray[np.uint8]:
+    """Near is dark, far is pale, white is nothing."""
+    share = np.clip(np.sqrt(ranges / most), 0.0, 1.0)[..., None]
+    near, far = np.array([38.0, 24.0, 74.0]), np.array([236.0, 226.0, 150.0])
+    colors = near + share * (far - near)
+    colors[ranges <= 0.0] = 255.0
+    return np.asarray(colors.round(), np.uint8)
+
+
+def _marked(mask: NDArray[np.int8], judged: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    colors = np.full((*mask.shape, 3), 255, np.uint8)
+    colors[judged] = (183, 225, 183)
+    colors[mask > 0] = (198, 40, 40)
+    colors[mask < 0] = (21, 101, 192)
+    return colors
+
+
+def _png(pixels: NDArray[np.uint8]) -> str:
+    return base64.b64encode(png(pixels)).decode()
+
+
+def _from_above(alert: Alert) -> str:
+    """The scan ahead of the car with the boxes; the car drives upwards."""
+    dots = ""
+    result = alert.cross_modal
+    if result is not None and result.scan is not None:
+        points = result.scan.points
+        x, y, z = points[:, 0], points[:, 1], points[:, 2]
+        ahead = (x > 0) & (x < _REACH) & (abs(y) < _SIDE) & (z > -1.4) & (z < 2.5)
+        some = points[ahead][:: max(1, int(ahead.sum()) // _DOTS)]
+        dots = "".join(f"M{-y:.1f} {-x:.1f}h.01" for x, y, _ in some.tolist())
+    shapes = "".join(
+        f"<polygon points='{_corners(box)}' fill=none stroke="
+        f"'{'#1565c0' if box.label == 'missing' else '#c62828'}' stroke-width=.35></polygon>"
+        for box in alert.boxes
+    )
+    return (
+        f"<figure><svg viewBox='{-_SIDE} {-_REACH} {2 * _SIDE} {_REACH + 3}' role=img "
+        "aria-label='view from above'>"
+        f"<path d='{dots}' stroke='#78909c' stroke-width=.22 stroke-linecap=round fill=none>"
+        "</path><path d='M-.9 2L0 -2L.9 2Z' fill='#263238'></path>"
+        f"{shapes}</svg><figcaption>from above, {_REACH:.0f} m ahead</figcaption></figure>"
+    )
+
+
+def _corners(box: Any) -> str:
+    cosine, sine = math.cos(box.yaw), math.sin(box.yaw)
+    length, width = (max(size, 0.4) for size in box.size[:2])
+    corners = []
+    for sx, sy in ((1, 1), (1, -1), (-1, -1), (-1, 1)):
+        along, across = sx * length / 2, sy * width / 2
+        x = box.center[0] + cosine * along - sine * across
+        y = box.center[1] + sine * along + cosine * across
+        corners.append(f"{-y:.2f},{-x:.2f}")
+    return " ".join(corners)

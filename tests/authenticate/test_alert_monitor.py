@@ -1,0 +1,199 @@
+"""One verdict per frame: who is asked, what is skipped, and what follows from it."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lattice_scans
+from manip3d import LidarFrame
+from manip3d.authenticate import (
+    AlertMonitor,
+    KeyFile,
+    StereoRig,
+    Watermarker,
+    WitnessReport,
+    _alert,
+    verdict_of_alerts,
+)
+from manip3d.errors import InputError
+from watermark_scans import grid_scan, key_file
+
+FRAME = LidarFrame(np.zeros((0, 3), np.float32))
+RIG = StereoRig(700.0, (600.0, 180.0), 0.5, np.eye(4))
+PICTURE = np.zeros((4, 4), np.uint8)
+
+
+class Clock:
+    """Stands still until somebody works."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    """Cameras take 80 ms and forensics 200 ms."""
+    made = Clock()
+
+    def compare(*_: Any, **__: Any) -> Any:
+        made.now += 0.08
+        return SimpleNamespace(
+            verdict="no_trace", reason="alike", observation=lambda **_: None, boxes=(),
+            record=dict,
+        )  # fmt: skip
+
+    def look(*_: Any, **__: Any) -> Any:
+        made.now += 0.2
+        return SimpleNamespace(verdict="no_trace", reason="as it was", regions=(), scan=None)
+
+    monkeypatch.setattr(_alert, "stereo_disparity", lambda *_: None)
+    monkeypatch.setattr(_alert, "cross_modal_consistency", compare)
+    monkeypatch.setattr(_alert, "inspect", look)
+    return made
+
+
+def asked(monitor: AlertMonitor, frames: int) -> dict[str, list[int]]:
+    """Frames in which each witness spoke."""
+    spoke: dict[str, list[int]] = {"cross-modal": [], "forensics": []}
+    for number in range(frames):
+        alert = monitor.judge(FRAME, left=PICTURE, right=PICTURE, speed_mps=10.0)
+        for name, frames_of in spoke.items():
+            if alert.witnesses[name].verdict == "no_trace":
+                frames_of.append(number)
+    return spoke
+
+
+def test_cameras_speak_where_there_is_time_and_forensics_once_a_second(clock: Clock) -> None:
+    monitor = AlertMonitor(rig=RIG, budget_s=0.1, every_s=1.0, clock=clock)
+    spoke = asked(monitor, 25)
+    assert spoke["cross-modal"] == list(range(25))
+    assert spoke["forensics"] == [0, 10, 20]
+    counts = monitor.counts
+    assert counts.frames == 25
+    assert counts.verdicts == {"no_trace": 25}
+    assert counts.skipped == {"forensics": 22}
+    assert counts.late == 3  # with forensics a verdict takes 280 ms
+    assert counts.slowest_s == pytest.approx(0.28)
+    assert counts.mean_s == pytest.approx((25 * 0.08 + 3 * 0.2) / 25)
+
+
+def test_cameras_that_are_too_slow_speak_once_a_second_and_the_rest_is_counted(
+    clock: Clock,
+) -> None:
+    monitor = AlertMonitor(rig=RIG, budget_s=0.05, every_s=1.0, clock=clock)
+    spoke = asked(monitor, 41)  # 50 ms apart
+    assert spoke["cross-modal"] == [0, 20, 40]
+    assert monitor.counts.skipped == {"cross-modal": 38, "forensics": 38}
+    never = AlertMonitor(rig=RIG, budget_s=0.05, every_s=math.inf, clock=clock)
+    assert asked(never, 41)["forensics"] == []
+
+
+def test_a_stream_that_begins_again_is_asked_again(clock: Clock) -> None:
+    monitor = AlertMonitor(rig=RIG, clock=clock)
+    for time_s in (100.0, 100.1, 5.0):
+        alert = monitor.judge(FRAME, speed_mps=0.0, time_s=time_s)
+        expected = "skipped" if time_s == 100.1 else "no_trace"
+        assert alert.witnesses["forensics"].verdict == expected
+        assert alert.witnesses["cross-modal"].verdict == "absent"
+
+
+def test_a_frame_left_out_is_counted_and_undecided() -> None:
+    monitor = AlertMonitor()
+    alert = monitor.skip()
+    assert alert.verdict == "skipped"
+    assert {told.verdict for told in alert.witnesses.values()} == {"skipped"}
+    assert monitor.counts.verdicts == {"skipped": 1}
+    assert verdict_of_alerts([(alert.verdict, alert.reason)])[0] == "undecidable"
+
+
+@pytest.mark.parametrize(
+    ("watermark", "cameras", "forensics", "has_key", "expected"),
+    [
+        ("authentic", "no_trace", "absent", True, "authentic"),
+        ("authentic", "absent", "skipped", True, "authentic"),
+        ("authentic", "tampered", "absent", True, "tampered"),
+        ("tampered", "no_trace", "no_trace", True, "tampered"),
+        ("undecidable", "no_trace", "no_trace", True, "undecidable"),
+        ("undecidable", "absent", "tampered", True, "tampered"),
+        ("absent", "no_trace", "skipped", False, "no_trace"),
+        ("absent", "no_trace", "processed", False, "no_trace"),
+        ("absent", "undecidable", "no_trace", False, "no_trace"),
+        ("absent", "undecidable", "skipped", False, "undecidable"),
+        ("absent", "absent", "tampered", False, "tampered"),
+        ("absent", "absent", "processed", False, "undecidable"),
+        ("absent", "absent", "skipped", False, "undecidable"),
+    ],
+)
+def test_one_verdict_of_three_witnesses(
+    watermark: str, cameras: str, forensics: str, has_key: bool, expected: str
+) -> None:
+    told = {
+        name: WitnessReport(verdict, verdict)
+        for name, verdict in zip(_alert.WITNESSES, (watermark, cameras, forensics), strict=True)
+    }
+    assert _alert._joined(told, has_key=has_key)[0] == expected
+
+
+def test_the_watermark_alone_clears_and_accuses(tmp_path: Path) -> None:
+    with KeyFile(key_file(tmp_path / "key")) as key:
+        sender, receiver = Watermarker(key), Watermarker(key)
+        monitor = AlertMonitor(receiver)
+        sent = [sender.embed(grid_scan(4000, seed=seed)) for seed in range(3)]
+        alert = monitor.judge(sent[0].frame, record=sent[0].record, speed_mps=15.0)
+        assert alert.verdict == "authentic"
+        assert alert.risk.level == "none"
+        assert alert.witnesses["forensics"].verdict == "absent"  # it would take bits for edits
+        points = sent[1].points.copy()
+        points[7] += np.float32([0.5, 0, 0])
+        forged = LidarFrame(points, sent[1].frame.intensity)
+        alert = monitor.judge(forged, record=sent[1].record, speed_mps=15.0)
+        assert alert.verdict == "tampered"
+        assert alert.risk.level == "low"  # the first frame; f_s has no pair
+        assert alert.attack == "modification"
+        assert alert.boxes
+        assert monitor.judge(sent[2].frame, speed_mps=15.0).verdict == "undecidable"  # no record
+        text = json.dumps(alert.record())
+        assert "tampered" in text
+        assert key.key_id not in repr(monitor)
+
+
+def test_forensics_alone_find_a_pasted_object() -> None:
+    """On a scanner whose lattice is known."""
+    scan = lattice_scans.scan(np.random.default_rng(0))
+    alert = AlertMonitor().judge(LidarFrame(scan), speed_mps=10.0)
+    assert alert.verdict in ("no_trace", "undecidable")
+    assert alert.forensics is not None
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "expected"),
+    [(0, 10, 0.0), (350, 360, 0.0), (-10, 10, 0.0), (20, 30, 20.0), (330, 350, 10), (90, 180, 90)],
+)  # fmt: skip
+def test_how_far_a_sector_is_from_ahead(begin: float, end: float, expected: float) -> None:
+    assert math.degrees(_alert._to_ahead(begin, end)) == pytest.approx(expected, abs=1e-9)
+
+
+def test_bad_input_is_named() -> None:
+    for arguments, words in (
+        ({"left": PICTURE}, "left, right: expected both"),
+        ({"time_s": math.nan}, "time_s: expected a finite number"),
+        ({"speed_mps": -1.0}, "speed_mps: expected a number >= 0"),
+    ):
+        with pytest.raises(InputError, match=words):
+            AlertMonitor(rig=RIG).judge(FRAME, **{"speed_mps": 1.0, **arguments})  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="budget_s: expected a number > 0"):
+        AlertMonitor(budget_s=0.0)
+    with pytest.raises(InputError, match="every_s: expected a number > 0"):
+        AlertMonitor(every_s=math.nan)
+    with pytest.raises(InputError, match="alerts: expected at least one"):
+        verdict_of_alerts([])

@@ -1,0 +1,162 @@
+"""The risk factor, against the dissertation's figure 7.8 and a plain oracle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from manip3d.authenticate import (
+    ATTACK_TYPES,
+    AttackObservation,
+    RiskParameters,
+    RiskTracker,
+    temporal_factor,
+)
+from manip3d.errors import InputError
+
+
+def attack(x: float = 8.0, y: float = 0.0, kind: str = "additive") -> AttackObservation:
+    return AttackObservation(kind, (x, y), changed=40, cells=100)
+
+
+@pytest.mark.published("figure 7.8")
+@pytest.mark.parametrize(
+    ("pattern", "expected"),
+    [("11100", 0.36), ("00111", 0.60), ("10101", 0.60), ("11111", 1.0), ("10000", 0.04),
+     ("00001", 0.2), ("01010", 0.32), ("11000", 0.16), ("00000", 0.0)],
+)  # fmt: skip
+def test_f_t_tells_apart_how_attacks_are_spread(pattern: str, expected: float) -> None:
+    assert temporal_factor([c == "1" for c in pattern]) == pytest.approx(expected, abs=1e-12)
+
+
+def test_the_tracker_computes_the_same_f_t_over_its_window() -> None:
+    tracker = RiskTracker(RiskParameters(fps=1.0))  # X_n = 5 at 20 m/s
+    for seen in "0000011100":
+        risk = tracker.update(attack() if seen == "1" else None, speed_mps=20.0)
+    assert risk.frames == 5
+    assert risk.attacked_frames == 3
+    assert risk.factors["time"] == pytest.approx(0.36)
+
+
+def oracle(
+    seen: Sequence[tuple[float, float] | None], count: int, speed: float, kind: str
+) -> tuple[float, float]:
+    """R_f and f_s by the printed formulas, for the last of the frames, standing still."""
+    sigma, fraction = 2.0, 40 / 100
+    last = [None] * (count + 1) + list(seen)
+    last = last[-(count + 1) :]
+    f_s = 0.0
+    for i in range(1, count + 1):
+        a, b = last[i - 1], last[i]
+        if a is not None and b is not None:
+            f_s += math.exp(-((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2) / (2 * sigma**2)) / count
+    x_n = sum(place is not None for place in last[1:])
+    c_n = 0
+    for place in last[1:]:
+        c_n = count if place is not None else max(0, c_n - 1)
+    f_t = x_n / count * c_n / count
+    here = last[-1]
+    if here is None:
+        return f_s * f_t, f_s
+    safe = 1.5 * speed + speed**2 / 12.0
+    distance = math.hypot(*here)
+    f_d = max(0.0, (safe - distance) / safe)
+    f_theta = max(0.0, here[0] / distance)
+    return f_d * fraction * f_theta * ATTACK_TYPES[kind] * f_s * f_t, f_s
+
+
+def test_equals_the_printed_formulas_on_random_streams() -> None:
+    random = np.random.default_rng(0)
+    for _ in range(50):
+        speed = float(random.uniform(5.0, 40.0))
+        kind = str(random.choice(list(ATTACK_TYPES)))
+        tracker = RiskTracker()
+        seen: list[tuple[float, float] | None] = []
+        for _ in range(int(random.integers(1, 60))):
+            place = (float(random.uniform(-5, 30)), float(random.uniform(-8, 8)))
+            seen.append(place if random.random() < 0.6 else None)
+            now = None if seen[-1] is None else attack(*seen[-1], kind)
+            risk = tracker.update(now, speed_mps=speed)
+        expected, f_s = oracle(seen, RiskParameters().frames(speed), speed, kind)
+        assert risk.factor == pytest.approx(expected, rel=1e-9, abs=1e-15)
+        assert risk.factors["space"] == pytest.approx(f_s, rel=1e-9, abs=1e-15)
+        assert risk.score == pytest.approx(expected ** (1 / len(risk.factors)), rel=1e-9, abs=1e-9)
+
+
+def test_the_same_place_in_the_world_stays_the_same_place_while_the_car_moves() -> None:
+    """The car drives 2 m and turns a quarter to the left; a post 10 m ahead is to its right."""
+    still, moved, unknown = RiskTracker(), RiskTracker(), RiskTracker()
+    for tracker in (still, moved, unknown):
+        tracker.update(attack(10.0, 0.0), speed_mps=20.0)
+    same = still.update(attack(10.0, 0.0), speed_mps=20.0)
+    turned = moved.update(attack(0.0, -8.0), speed_mps=20.0, motion=(2.0, 0.0, math.pi / 2))
+    lost = unknown.update(attack(0.0, -8.0), speed_mps=20.0)
+    assert turned.factors["space"] == pytest.approx(same.factors["space"], rel=1e-12)
+    assert lost.factors["space"] < 1e-3 * same.factors["space"]
+
+
+def test_the_printed_correlation_is_plus_or_minus_one() -> None:
+    tracker = RiskTracker(RiskParameters(fps=1.0, paper_literal=True))
+    tracker.update(attack(8.0, 1.0), speed_mps=20.0)
+    risk = tracker.update(attack(30.0, -9.0), speed_mps=20.0)
+    theta = [math.atan2(1.0, 8.0), math.atan2(-9.0, 30.0)]
+    d = [math.hypot(8.0, 1.0), math.hypot(30.0, 9.0)]
+    printed = np.corrcoef([d[1], theta[1]], [d[0], theta[0]])[0, 1]
+    assert risk.factors["space"] == pytest.approx(printed / 5)
+
+
+def test_levels_begin_where_the_parameters_say() -> None:
+    tracker = RiskTracker(RiskParameters(fps=1.0))
+    assert tracker.update(None, speed_mps=20.0).level == "none"
+    levels = [tracker.update(attack(), speed_mps=20.0) for _ in range(6)]
+    assert levels[0].level == "low"  # one frame alone has no f_s
+    assert levels[-1].level == "high"
+    assert levels[-1].score >= 0.6
+    calm = [tracker.update(None, speed_mps=20.0).level for _ in range(6)]
+    assert calm[0] in ("medium", "high")
+    assert calm[-1] == "none"
+    tracker.reset()
+    assert tracker.update(None, speed_mps=20.0).attacked_frames == 0
+
+
+def test_behind_beyond_or_standing_is_no_risk() -> None:
+    for place, speed in (((-5.0, 0.0), 20.0), ((500.0, 0.0), 20.0), ((8.0, 0.0), 0.0)):
+        tracker = RiskTracker()
+        for _ in range(3):
+            risk = tracker.update(attack(*place), speed_mps=speed)
+        assert risk.factor == 0.0
+        assert risk.level == "low"  # it is an attack all the same
+
+
+@pytest.mark.parametrize("speed", [0.0, 1e-300, 1e-9, 1.3, 1e6, 1e300])
+def test_any_speed_has_a_window(speed: float) -> None:
+    assert 5 <= RiskParameters().frames(speed) <= 720
+    assert 0.0 <= RiskTracker().update(attack(), speed_mps=speed).factor <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: attack(kind="arson"), "type: expected one of additive"),
+        (lambda: attack(x=math.nan), "position: expected finite"),
+        (lambda: AttackObservation("both", (1.0, 0.0), 5, 4), "changed: expected 0 to cells"),
+        (lambda: RiskParameters(sigma_m=0.0), "sigma_m: expected a number > 0"),
+        (lambda: RiskParameters(fps=math.nan), "fps: expected a number > 0"),
+        (lambda: RiskParameters(low=0.7), "low, high: expected"),
+        (lambda: RiskParameters(bottom_m=3.0), "bottom_m, top_m"),
+        (lambda: RiskTracker().update(None, speed_mps=-1.0), "speed_mps: expected a number >= 0"),
+        (lambda: RiskTracker().update(None, speed_mps=math.inf), "speed_mps"),
+        (
+            lambda: RiskTracker().update(None, speed_mps=1.0, motion=(0.0, math.nan, 0.0)),
+            "motion: expected finite",
+        ),
+        (lambda: temporal_factor([]), "attacked: expected 1"),
+        (lambda: temporal_factor([True] * 6, frames=5), "attacked: expected 1 to 5"),
+    ],
+)
+def test_bad_input_is_named(make: object, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        make()  # type: ignore[operator]

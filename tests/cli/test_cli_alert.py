@@ -1,0 +1,94 @@
+"""``manip3d alert run`` on drives, watermarked and not, with and without cameras."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command_line import error_line
+from command_line import manip3d as run
+from watermark_scans import grid_scan, key_file
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Path:
+    """Three scans, a file of each, 100 ms apart, at 10 m/s."""
+    folder = tmp_path / "drive"
+    scans = folder / "velodyne_points" / "data"
+    scans.mkdir(parents=True)
+    (folder / "oxts" / "data").mkdir(parents=True)
+    for number in range(3):
+        points = grid_scan(3000, seed=number)
+        rows = np.column_stack([points, np.zeros(len(points))]).astype("<f4")
+        (scans / f"{number:010d}.bin").write_bytes(rows.tobytes())
+        words = ["0"] * 30
+        words[8] = "10.0"
+        (folder / "oxts" / "data" / f"{number:010d}.txt").write_text(" ".join(words) + "\n")
+    (folder / "velodyne_points" / "timestamps.txt").write_text(
+        "".join(f"2011-09-26 13:02:25.{n}00000000\n" for n in range(3))
+    )
+    return folder
+
+
+def test_a_signed_drive_is_authentic_until_a_point_moves(drive: Path, tmp_path: Path) -> None:
+    key, signed = key_file(tmp_path / "sensor.key"), tmp_path / "signed"
+    embedded = run("watermark", "embed", str(drive), "--key", str(key), "-o", str(signed), "-q")
+    assert embedded.returncode == 0, embedded.stderr
+    shutil.copytree(drive / "oxts", signed / "oxts")
+    page = tmp_path / "alert.html"
+    done = run("alert", "run", str(signed), "--key", str(key), "-o", str(page), "--json")
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["verdict"] == "authentic"
+    assert [frame["verdict"] for frame in told["frames"]] == ["authentic"] * 3
+    assert told["counts"]["frames"] == 3
+    html = page.read_text()
+    assert html.count("<svg") >= 5
+    assert "authentic" in html
+    assert not re.search(r"(src|href)=.?https?:", html)  # it loads nothing
+    assert str(tmp_path) not in html.replace(str(signed), "")
+
+    victim = signed / "velodyne_points" / "data" / "0000000001.bin"
+    rows = np.fromfile(victim, "<f4").reshape(-1, 4)
+    rows[5, 0] += 1.0
+    victim.write_bytes(rows.tobytes())
+    done = run("alert", "run", str(signed), "--key", str(key), "-o", str(page), "--force")
+    assert done.returncode == 3, done.stderr
+    assert "tampered: watermark" in done.stdout
+    assert "modification" in done.stdout
+    assert "tampered" in page.read_text()
+
+
+def test_without_key_and_cameras_nothing_can_be_said(drive: Path) -> None:
+    done = run("alert", "run", str(drive), "--json", "--frames", "2")
+    assert done.returncode == 4, done.stderr
+    told = json.loads(done.stdout)
+    assert told["verdict"] == "undecidable"
+    assert len(told["frames"]) == 2
+
+
+def test_json_output_has_the_same_numbers(drive: Path, tmp_path: Path) -> None:
+    path = tmp_path / "alert.json"
+    done = run("alert", "run", str(drive), "-o", str(path), "--json")
+    stored, printed = json.loads(path.read_text()), json.loads(done.stdout)
+    assert [f["verdict"] for f in stored["frames"]] == [f["verdict"] for f in printed["frames"]]
+
+
+def test_bad_input_is_named(drive: Path, tmp_path: Path) -> None:
+    for arguments, words in (
+        ((str(tmp_path / "nothing"),), "nothing"),
+        ((str(tmp_path),), "alert run takes a drive"),
+        (("sim:street?frames=1", "--calibration", "x"), "--calibration: expected with a folder"),
+        (("sim:indoor-00",), "address: expected sim:street"),
+        ((str(drive), "-o", str(tmp_path / "a.pdf")), ".html"),
+    ):
+        done = run("alert", "run", *arguments)
+        assert words in error_line(done)
+    (drive / "oxts" / "data" / "0000000001.txt").write_text("1 2 3\n")
+    done = run("alert", "run", str(drive))
+    assert "expected 30 numbers" in error_line(done)
