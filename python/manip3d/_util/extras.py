@@ -23,6 +23,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "dask": ("distributed",),
     "remote": ("fsspec", "s3fs", "aiohttp"),
     "parquet": ("pyarrow",),
+    "live": ("aiohttp", "open3d", "PIL"),
 }
 """Modules that each extra brings."""
 
