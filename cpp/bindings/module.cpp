@@ -90,4 +90,5 @@ PYBIND11_MODULE(_core, m) {
   manip3d::bindings::bind_modify(m);
   manip3d::bindings::bind_watermark(m);
   manip3d::bindings::bind_streams(m);
+  manip3d::bindings::bind_serve(m);
 }

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
+from manip3d.serve._frames import encode_frame
 from manip3d.serve._messages import Kind, read_message
 from manip3d.serve._server import Limits, LocalServer, Page, StreamClient
 
-__all__ = ["Kind", "Limits", "LocalServer", "Page", "StreamClient", "read_message"]
+__all__ = ["Kind", "Limits", "LocalServer", "Page", "StreamClient", "encode_frame", "read_message"]
