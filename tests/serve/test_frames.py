@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from frame_reader import picture, read_frame
 
 import capsule_body
+from frame_reader import picture, read_frame
 from manip3d import InputError, _core
 from manip3d.modify import PhantomFrame, PhantomPipeline
 from manip3d.serve import encode_frame

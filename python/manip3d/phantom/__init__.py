@@ -6,5 +6,15 @@ Research software, no medical device.
 from __future__ import annotations
 
 from manip3d.phantom import games
+from manip3d.phantom._live import LiveReport, run_live, simulated_patient
+from manip3d.phantom._session import MESSAGES, GameSummary, LiveSession
 
-__all__ = ["games"]
+__all__ = [
+    "MESSAGES",
+    "GameSummary",
+    "LiveReport",
+    "LiveSession",
+    "games",
+    "run_live",
+    "simulated_patient",
+]

@@ -531,7 +531,7 @@ class LocalServer:
                 return
 
     async def _receive(self, client: StreamClient, stream: web.WebSocketResponse) -> None:
-        from aiohttp import WSMsgType
+        from aiohttp import WebSocketError, WSMsgType
 
         bucket = _Bucket(self.limits.messages_per_second, self.limits.message_burst)
         async for message in stream:
@@ -552,7 +552,7 @@ class LocalServer:
                 await stream.close(code=1008, message=reason.encode()[:100])
                 return
         failure = stream.exception()
-        if failure is not None:
+        if isinstance(failure, WebSocketError):  # others: the client has left
             self._refuse(f"bad frame: {failure}")
 
 
