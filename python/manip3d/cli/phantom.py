@@ -191,7 +191,9 @@ def phantom_live(
     game: Annotated[
         GameName | None, typer.Option(help="First game; by default one for that limb.")
     ] = None,
-    difficulty: Annotated[int, typer.Option(min=1, max=3, help="Of the first game.")] = 1,
+    difficulty: Annotated[
+        int, typer.Option(min=1, max=3, help="Difficulty of the first game.")
+    ] = 1,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the first game.")] = 0,
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port on this machine; 0: one that is free.")
