@@ -75,6 +75,14 @@ def test_a_frame_that_is_not_newer_is_not_shown() -> None:
     assert session.process(frame) is None
 
 
+def test_a_recording_may_begin_again() -> None:
+    session = LiveSession()
+    frame = capsule_body.painted(1)
+    assert session.process(frame) is not None
+    session.restart()
+    assert session.process(frame) is not None
+
+
 def test_a_lost_limb_pauses_the_game_and_punishes_nobody() -> None:
     """The patient goes unseen for two seconds while bubbles rise."""
     session = LiveSession("right_arm")

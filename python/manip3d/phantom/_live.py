@@ -18,8 +18,11 @@ from manip3d.serve import LocalServer, StreamClient, read_message
 from manip3d.viewer.phantom import limb_of
 
 if TYPE_CHECKING:
+    from manip3d.capture import RgbdSource
     from manip3d.rgbd import RgbdFrame
     from manip3d.simulate import BodySimulator
+
+    _Found = RgbdFrame | str | None
 
 __all__ = ["LiveReport", "run_live", "simulated_patient"]
 
@@ -153,6 +156,9 @@ def run_live(
             on_start(server.url)
         try:
             for found in feed:
+                if found is None:
+                    session.restart()
+                    continue
                 captured_ns = time.time_ns()
                 sequence = session.sequence
                 if isinstance(found, str):
@@ -185,8 +191,12 @@ def run_live(
     )
 
 
-def _frames(address: str) -> Generator[RgbdFrame | str, None, None]:
-    """Frames in real time; a sentence where there is none for the moment."""
+def _frames(address: str) -> Generator[_Found, None, None]:
+    """Frames in real time; a sentence where there is none for the moment; None before a recording
+    begins again.
+
+    What is wrong with the address is said at once, not with the first frame.
+    """
     if address.startswith("sim:"):
         from manip3d.simulate import BodySimulator
         from manip3d.simulate.sources import open_source
@@ -195,12 +205,16 @@ def _frames(address: str) -> Generator[RgbdFrame | str, None, None]:
         if not isinstance(simulator, BodySimulator):
             raise InputError(f"source: expected sim:body... of simulated people, got {address!r}")
         last = simulator.frames if "frames" in parse_qs(urlsplit(address).query) else None
-        yield from _simulated(simulator, last)
-        return
-    yield from _captured(address)
+        return _simulated(simulator, last)
+    from manip3d.capture import open_rgbd
+
+    if address.partition(":")[0] in _DATA_SETS:  # they know no time but that of their frames
+        open_rgbd(address).stop()
+        return _data_set(address)
+    return _captured(address, open_rgbd(address, speed=1.0))
 
 
-def _simulated(simulator: BodySimulator, last: int | None) -> Iterator[RgbdFrame]:
+def _simulated(simulator: BodySimulator, last: int | None) -> Generator[_Found, None, None]:
     """A person who moves in real time however long a frame takes to make; frames are left out."""
     number, began = 0, None
     while last is None or number < last:
@@ -212,39 +226,51 @@ def _simulated(simulator: BodySimulator, last: int | None) -> Iterator[RgbdFrame
         number = max(number + 1, int((time.monotonic() - began) * simulator.rate))
 
 
-def _captured(address: str) -> Iterator[RgbdFrame | str]:
+def _data_set(address: str) -> Generator[_Found, None, None]:
+    from manip3d.capture import open_rgbd
+
+    while True:
+        with open_rgbd(address) as source:
+            yield from _paced(source)
+        yield None
+
+
+def _captured(address: str, source: RgbdSource) -> Generator[_Found, None, None]:
     """A camera, waited for where it is gone; or a recording, over and over again."""
     from manip3d.capture import open_rgbd
 
-    if address.partition(":")[0] in _DATA_SETS:  # they know no time but that of their frames
-        while True:
-            with open_rgbd(address) as source:
-                yield from _paced(source)
-    is_there, seen = True, 0
     while True:
-        with open_rgbd(address, speed=1.0) as source:
-            before = seen
-            while True:
-                asked = time.monotonic()
-                try:
-                    if not is_there:
-                        source.start()
-                        is_there = True
-                    frame = source.read(_AGAIN_S)
-                except DeviceError:
-                    is_there = False
-                    yield "The camera is gone: check its cable."
-                    time.sleep(_AGAIN_S)
-                    continue
-                if frame is not None:
-                    seen += 1
-                    yield frame
-                elif time.monotonic() - asked >= 0.9 * _AGAIN_S:
-                    yield "The camera gives no frames."
-                else:  # the recording is over
-                    break
-            if seen == before:
-                raise InputError(f"{address}: expected frames, found none")
+        seen = False
+        with source:
+            for found in _until_the_end(source):
+                seen = seen or not isinstance(found, str)
+                yield found
+        if not seen:
+            raise InputError(f"{address}: expected frames, found none")
+        yield None
+        source = open_rgbd(address, speed=1.0)
+
+
+def _until_the_end(source: RgbdSource) -> Iterator[RgbdFrame | str]:
+    is_there = True
+    while True:
+        asked = time.monotonic()
+        try:
+            if not is_there:
+                source.start()
+                is_there = True
+            frame = source.read(_AGAIN_S)
+        except DeviceError:
+            is_there = False
+            yield "The camera is gone: check its cable."
+            time.sleep(_AGAIN_S)
+            continue
+        if frame is not None:
+            yield frame
+        elif time.monotonic() - asked >= 0.9 * _AGAIN_S:
+            yield "The camera gives no frames."
+        else:  # the recording is over
+            return
 
 
 def _paced(frames: Iterable[RgbdFrame]) -> Iterator[RgbdFrame]:

@@ -158,6 +158,13 @@ class LiveSession:
             raise InputError(f"name: expected choose, ready or stop, got {name!r}")
         self._commands.put((name, dict(fields or {})))
 
+    def restart(self) -> None:
+        """Forget the person: the next frame is of another recording, or the same one again."""
+        self._pipeline.reset()
+        self._body.reset()
+        self._ends.reset()
+        self._last_time = None
+
     def notice(self, message: str) -> bytes:
         """A message for the page when there is no frame, such as that the camera is gone."""
         self._obey()
