@@ -43,7 +43,8 @@ def build_sdist(sdist_directory: str, config_settings: Settings | None = None) -
 
 
 def _is_lacking() -> bool:
-    return (VIEWER / "package.json").exists() and not (VIEWER / "dist" / "viewer.js").exists()
+    built = all((VIEWER / "dist" / name).exists() for name in ("viewer.js", "live.js", "live.css"))
+    return (VIEWER / "package.json").exists() and not built
 
 
 def _npm_where_it_is_wanted() -> list[str]:

@@ -39,6 +39,7 @@ def test_errors_are_copied_and_pickled(error: Error, copied) -> None:  # type: i
         ("a\x1b[31mred\n", r"a\x1b[31mred\n"),
         (b"\xff.obj".decode("utf-8", "surrogateescape"), r"\xff.obj"),
         ("\x9b\u202e", r"\x9b\u202e"),
+        ("a\ud800\udcff", r"a\ud800\xff"),
     ],
 )
 def test_printable(text: str, shown: str) -> None:

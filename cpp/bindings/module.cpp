@@ -91,4 +91,5 @@ PYBIND11_MODULE(_core, m) {
   manip3d::bindings::bind_watermark(m);
   manip3d::bindings::bind_streams(m);
   manip3d::bindings::bind_cross_modal(m);
+  manip3d::bindings::bind_serve(m);
 }

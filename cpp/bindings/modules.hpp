@@ -25,5 +25,6 @@ void bind_modify(pybind11::module_& m);
 void bind_watermark(pybind11::module_& m);
 void bind_streams(pybind11::module_& m);
 void bind_cross_modal(pybind11::module_& m);
+void bind_serve(pybind11::module_& m);
 
 }  // namespace manip3d::bindings

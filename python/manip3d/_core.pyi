@@ -97,6 +97,7 @@ __all__: list[str] = [
     "depth_coverage",
     "depth_noise",
     "embed_paper_watermark",
+    "encode_stream_frame",
     "estimate_scan_grid",
     "estimate_scan_origin",
     "faces_left",
@@ -1910,6 +1911,20 @@ def embed_paper_watermark(
     blocks: numpy.typing.NDArray[numpy.uint8],
     options: PaperSettings,
 ) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
+def encode_stream_frame(
+    vertices: numpy.typing.NDArray[numpy.float32],
+    texcoords: numpy.typing.NDArray[numpy.float32],
+    phantoms: numpy.typing.NDArray[numpy.uint8],
+    faces: numpy.typing.NDArray[numpy.int32],
+    color: numpy.typing.NDArray[numpy.uint8] | None,
+    phantom_color: numpy.typing.NDArray[numpy.uint8] | None,
+    opacity: typing.SupportsFloat | typing.SupportsIndex,
+    sequence: typing.SupportsInt | typing.SupportsIndex,
+    time_ns: typing.SupportsInt | typing.SupportsIndex,
+    captured_ns: typing.SupportsInt | typing.SupportsIndex,
+    status: str,
+    jpeg_quality: typing.SupportsInt | typing.SupportsIndex,
+) -> bytes: ...
 def estimate_scan_grid(
     points: numpy.typing.NDArray[numpy.float32],
     origin: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[3, 1]"],

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, ClassVar
+
+_HALVES = re.compile("[\ud800-\udc7f\udd00-\udfff]")
 
 
 def printable(text: str) -> str:
@@ -15,7 +18,9 @@ def printable(text: str) -> str:
     >>> printable("a\x1b[31m.obj")
     'a\\\\x1b[31m.obj'
     """
-    decoded = text.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+    # Halves of surrogate pairs that stand for no byte come out of JSON.
+    whole = _HALVES.sub(lambda half: half[0].encode("unicode_escape").decode(), text)
+    decoded = whole.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in decoded)
 
 

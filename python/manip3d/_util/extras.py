@@ -24,6 +24,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "remote": ("fsspec", "s3fs", "aiohttp"),
     "parquet": ("pyarrow",),
     "alert": ("cv2", "PIL"),
+    "live": ("aiohttp", "open3d", "PIL"),
 }
 """Modules that each extra brings."""
 

@@ -1,4 +1,4 @@
-"""``manip3d phantom``: a missing limb, rendered by mirroring the intact one."""
+"""``manip3d phantom``: a missing limb, rendered by mirroring the intact one; and live."""
 
 from __future__ import annotations
 
@@ -160,5 +160,104 @@ def phantom_render(
             "states": dict(film.states),
             "messages": dict(film.messages),
             "stage_ms": dict(film.stage_ms),
+        }
+    )
+
+
+class GameName(StrEnum):
+    """The games."""
+
+    bubbles = "bubbles"
+    bubbles_legs = "bubbles-legs"
+
+
+@app.command("live")
+def phantom_live(
+    source: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SOURCE",
+            help="A camera (openni2:), a recording (mkv:FILE), which is played over and over, or a "
+            "simulated person (sim:body?...); by default a simulated person who has lost the limb.",
+        ),
+    ] = None,
+    limb: Annotated[
+        LimbName | None,
+        typer.Option(
+            help="Limb to replace; by default the one that a simulated person has lost, else the "
+            "right arm."
+        ),
+    ] = None,
+    game: Annotated[
+        GameName | None, typer.Option(help="First game; by default one for that limb.")
+    ] = None,
+    difficulty: Annotated[
+        int, typer.Option(min=1, max=3, help="Difficulty of the first game.")
+    ] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the first game.")] = 0,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port on this machine; 0: one that is free.")
+    ] = 0,
+    is_opened: Annotated[
+        bool, typer.Option("--open/--no-open", help="Open the page in the browser.")
+    ] = True,
+    seconds: Annotated[
+        float | None, typer.Option(help="Stop after this time; without it at Ctrl-C.")
+    ] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Show a person with a phantom limb in the browser, live, with a game. Research software.
+
+    The page is served to this machine only, to whoever has the address that is printed. Ctrl-C
+    ends the session.
+
+    Example: manip3d phantom live --no-open --seconds 2
+    """
+    from manip3d.phantom import run_live
+
+    shell = Terminal(as_json=as_json, quiet=quiet)
+
+    def on_start(url: str) -> None:
+        shell.say(f"open {url}")
+        if is_opened:
+            import webbrowser
+
+            webbrowser.open(url)
+
+    report = run_live(
+        source,
+        affected=limb.value.replace("-", "_") if limb else None,  # type: ignore[arg-type]
+        game=game.value if game else None,
+        difficulty=difficulty,
+        seed=seed,
+        port=port,
+        seconds=seconds,
+        on_start=on_start,
+    )
+    shell.say(
+        f"{counted(report.frames, 'frame')} in {report.seconds:.1f} s, "
+        f"{report.affected.replace('_', ' ')}; {counted(len(report.clients), 'client')}"
+    )
+    for client in report.clients:
+        if client["latency_ms"]:
+            middle, high = client["latency_ms"]
+            shell.say(
+                f"client: {client['acknowledged']} frames, {client['dropped']} dropped; "
+                f"latency {middle:.0f} ms, 95 %: {high:.0f} ms"
+            )
+    for reason, number in report.refused.items():
+        shell.say(f"refused {counted(number, 'time')}: {reason}")
+    shell.result(
+        {
+            "limb": report.affected,
+            "frames": report.frames,
+            "seconds": round(report.seconds, 3),
+            "first_frame_s": report.first_frame_s,
+            "states": dict(report.states),
+            "stage_ms": dict(report.stage_ms),
+            "clients": [dict(client) for client in report.clients],
+            "refused": dict(report.refused),
+            "games": [vars(summary) for summary in report.games],
         }
     )

@@ -108,12 +108,21 @@ class Tab:
 @contextlib.contextmanager
 def open_page(page: str, size: tuple[int, int]) -> Iterator[Tab]:
     """The page in a browser window of ``size`` pixels, shown completely."""
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        path = Path(folder) / "page.html"
+        path.write_text(page, encoding="utf-8")
+        with open_address(path.as_uri(), size) as tab:
+            yield tab
+
+
+@contextlib.contextmanager
+def open_address(url: str, size: tuple[int, int]) -> Iterator[Tab]:
+    """What is at an address in a browser window of ``size`` pixels, shown completely."""
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True)))
-        (folder / "page.html").write_text(page, encoding="utf-8")
         tab = stack.enter_context(_browser(folder, size))
         tab.send("Page.enable")
-        tab.send("Page.navigate", url=(folder / "page.html").as_uri())
+        tab.send("Page.navigate", url=url)
         tab.evaluate(
             "new Promise(done => document.readyState === 'complete' ? done() "
             ": addEventListener('load', () => done()))"

@@ -1,0 +1,20 @@
+"""The live phantom limb: a session from frames to what a page shows, and its games.
+
+Research software, no medical device.
+"""
+
+from __future__ import annotations
+
+from manip3d.phantom import games
+from manip3d.phantom._live import LiveReport, run_live, simulated_patient
+from manip3d.phantom._session import MESSAGES, GameSummary, LiveSession
+
+__all__ = [
+    "MESSAGES",
+    "GameSummary",
+    "LiveReport",
+    "LiveSession",
+    "games",
+    "run_live",
+    "simulated_patient",
+]

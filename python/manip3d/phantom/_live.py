@@ -1,0 +1,289 @@
+"""`run_live`: a source of frames, a session and a page, until somebody has had enough."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qs, urlsplit
+
+from manip3d._util.checked import checked
+from manip3d._util.extras import require
+from manip3d.errors import DeviceError, InputError
+from manip3d.modify import Limb
+from manip3d.phantom._page import live_pages
+from manip3d.phantom._session import MESSAGES, GameSummary, LiveSession
+from manip3d.serve import LocalServer, StreamClient, read_message
+from manip3d.viewer.phantom import limb_of
+
+if TYPE_CHECKING:
+    from manip3d.capture import RgbdSource
+    from manip3d.rgbd import RgbdFrame
+    from manip3d.simulate import BodySimulator
+
+    _Found = RgbdFrame | str | None
+
+__all__ = ["LiveReport", "run_live", "simulated_patient"]
+
+_DATA_SETS = ("utd-mhad", "labanotation", "people")
+_LATE_S = 0.05  # behind which a frame of a recording is not shown
+_AGAIN_S = 1.0  # between attempts to open a camera that is gone
+
+
+@dataclass(frozen=True)
+class LiveReport:
+    """What `run_live` did.
+
+    Attributes
+    ----------
+    affected : str
+        The limb that was replaced.
+    frames : int
+    seconds : float
+    first_frame_s : float or None
+        From the call to the first frame's being published.
+    states : mapping of str to int
+        Frames by the state of the phantom limb.
+    stage_ms : mapping of str to float
+        Mean time of pipeline, rules and encoder over the last frames.
+    clients : sequence of mapping
+        As of `manip3d.serve.LocalServer.report`.
+    refused : mapping of str to int
+        What the server refused, by reason.
+    games : sequence of GameSummary
+    """
+
+    affected: str
+    frames: int
+    seconds: float
+    first_frame_s: float | None
+    states: Mapping[str, int]
+    stage_ms: Mapping[str, float]
+    clients: tuple[Mapping[str, Any], ...]
+    refused: Mapping[str, int]
+    games: tuple[GameSummary, ...]
+
+
+def simulated_patient(limb: str) -> str:
+    """Return the address of a simulated person who has lost a limb and exercises the other one.
+
+    Examples
+    --------
+    >>> simulated_patient("left_leg")
+    'sim:body?amputated=left-leg&motion=knee-extension&tracker=kinect-v2'
+    """
+    motion = "arm-raise" if limb.endswith("arm") else "knee-extension"
+    return f"sim:body?amputated={limb.replace('_', '-')}&motion={motion}&tracker=kinect-v2"
+
+
+@checked
+def run_live(
+    source: str | None = None,
+    *,
+    affected: Limb | None = None,
+    game: str | None = None,
+    difficulty: int = 1,
+    seed: int = 0,
+    port: int = 0,
+    seconds: float | None = None,
+    jpeg_quality: int = 80,
+    on_start: Callable[[str], object] | None = None,
+) -> LiveReport:
+    """Show a person with a phantom limb in a browser on this machine, live, with a game.
+
+    Research software, no medical device.
+
+    Parameters
+    ----------
+    source : str, optional
+        An address for `manip3d.capture.open_rgbd`: a camera, a recording, which is played in real
+        time and over again, or a simulated person; by default `simulated_patient`.
+    affected : str, optional
+        The limb to replace; by default the one that a simulated person has lost, else the right
+        arm.
+    game : str, optional
+        Of `manip3d.phantom.games.GAMES`; by default one for that limb.
+    difficulty, seed : int
+        Of the first game.
+    port : int
+        0: one that is free.
+    seconds : float, optional
+        Stop after so many; without it at Ctrl-C.
+    jpeg_quality : int
+        Of the colours, 1 to 100.
+    on_start : callable(str), optional
+        Gets the page's address as soon as it can be opened.
+
+    Returns
+    -------
+    LiveReport
+
+    Raises
+    ------
+    InputError, FormatError, DeviceError, OSError
+        Of the source, before anything is shown; a camera that goes away later is waited for.
+    MissingExtraError
+        aiohttp or, for simulated people, Open3D is not installed.
+    """
+    if seconds is not None and not seconds > 0:
+        raise InputError(f"seconds: expected > 0, got {seconds}")
+    began = time.monotonic()
+    limb = affected or (limb_of(source) if source else "right_arm")
+    address = source or simulated_patient(limb)
+    if address.startswith("sim:"):
+        require("live")
+    session = LiveSession(
+        limb,  # type: ignore[arg-type]
+        game=game,
+        difficulty=difficulty,
+        seed=seed,
+        jpeg_quality=jpeg_quality,
+    )
+
+    def on_message(client: StreamClient, text: str) -> None:
+        name, fields = read_message(text, MESSAGES)
+        if name == "ack":
+            client.acknowledge(int(fields["sequence"]), float(fields["decoded_ms"]))
+        else:
+            session.command(name, fields)
+
+    end = None if seconds is None else began + seconds
+    frames, first, states = 0, None, dict[str, int]()
+    feed = _frames(address)
+    with LocalServer(live_pages(limb, address), on_message, port=port) as server:
+        if on_start is not None:
+            on_start(server.url)
+        try:
+            for found in feed:
+                if found is None:
+                    session.restart()
+                    continue
+                captured_ns = time.time_ns()
+                sequence = session.sequence
+                if isinstance(found, str):
+                    message: bytes | None = session.notice(found)
+                else:
+                    message = session.process(found, captured_ns=captured_ns)
+                if message is not None:
+                    server.publish(message, sequence=sequence, captured_ns=captured_ns)
+                    state = session.state
+                    states[state] = states.get(state, 0) + 1
+                    frames += not isinstance(found, str)
+                    if first is None:
+                        first = time.monotonic() - began
+                if end is not None and time.monotonic() >= end:
+                    break
+        except KeyboardInterrupt:  # how a session without a limit ends
+            pass
+        finally:
+            feed.close()
+    return LiveReport(
+        affected=limb,
+        frames=frames,
+        seconds=time.monotonic() - began,
+        first_frame_s=first,
+        states=states,
+        stage_ms=session.stage_ms,
+        clients=tuple(server.report()),
+        refused=dict(server.refused),
+        games=tuple(session.summaries),
+    )
+
+
+def _frames(address: str) -> Generator[_Found, None, None]:
+    """Frames in real time; a sentence where there is none for the moment; None before a recording
+    begins again.
+
+    What is wrong with the address is said at once, not with the first frame.
+    """
+    if address.startswith("sim:"):
+        from manip3d.simulate import BodySimulator
+        from manip3d.simulate.sources import open_source
+
+        simulator = open_source(address)
+        if not isinstance(simulator, BodySimulator):
+            raise InputError(f"source: expected sim:body... of simulated people, got {address!r}")
+        last = simulator.frames if "frames" in parse_qs(urlsplit(address).query) else None
+        return _simulated(simulator, last)
+    from manip3d.capture import open_rgbd
+
+    if address.partition(":")[0] in _DATA_SETS:  # they know no time but that of their frames
+        open_rgbd(address).stop()
+        return _data_set(address)
+    return _captured(address, open_rgbd(address, speed=1.0))
+
+
+def _simulated(simulator: BodySimulator, last: int | None) -> Generator[_Found, None, None]:
+    """A person who moves in real time however long a frame takes to make; frames are left out."""
+    number, began = 0, None
+    while last is None or number < last:
+        frame = simulator.frame(number / simulator.rate)
+        if began is None:
+            began = time.monotonic()
+        time.sleep(max(0.0, began + number / simulator.rate - time.monotonic()))
+        yield frame
+        number = max(number + 1, int((time.monotonic() - began) * simulator.rate))
+
+
+def _data_set(address: str) -> Generator[_Found, None, None]:
+    from manip3d.capture import open_rgbd
+
+    while True:
+        with open_rgbd(address) as source:
+            yield from _paced(source)
+        yield None
+
+
+def _captured(address: str, source: RgbdSource) -> Generator[_Found, None, None]:
+    """A camera, waited for where it is gone; or a recording, over and over again."""
+    from manip3d.capture import open_rgbd
+
+    while True:
+        seen = False
+        with source:
+            for found in _until_the_end(source):
+                seen = seen or not isinstance(found, str)
+                yield found
+        if not seen:
+            raise InputError(f"{address}: expected frames, found none")
+        yield None
+        source = open_rgbd(address, speed=1.0)
+
+
+def _until_the_end(source: RgbdSource) -> Iterator[RgbdFrame | str]:
+    is_there = True
+    while True:
+        asked = time.monotonic()
+        try:
+            if not is_there:
+                source.start()
+                is_there = True
+            frame = source.read(_AGAIN_S)
+        except DeviceError:
+            is_there = False
+            yield "The camera is gone: check its cable."
+            time.sleep(_AGAIN_S)
+            continue
+        if frame is not None:
+            yield frame
+        elif time.monotonic() - asked >= 0.9 * _AGAIN_S:
+            yield "The camera gives no frames."
+        else:  # the recording is over
+            return
+
+
+def _paced(frames: Iterable[RgbdFrame]) -> Iterator[RgbdFrame]:
+    """Frames at the times that they tell; those whose time is over are left out."""
+    began: float | None = None
+    for frame in frames:
+        due = frame.time / 1e9
+        if began is None:
+            began = time.monotonic() - due
+        late = time.monotonic() - began - due
+        if late > _LATE_S:
+            continue
+        time.sleep(max(0.0, -late))
+        yield frame
+    if began is None:
+        raise InputError("source: expected frames, found none")

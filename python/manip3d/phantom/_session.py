@@ -1,0 +1,365 @@
+"""`LiveSession`: from a camera's frames and a page's messages to what the page shows."""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d._util.checked import checked
+from manip3d.errors import InputError
+from manip3d.modify import ColliderTracker, Limb, PhantomPipeline, PhantomState
+from manip3d.phantom.games import GAMES, GameState, begin, bones_of, step
+from manip3d.rgbd import NOT_TRACKED, RgbdFrame, Skeleton
+from manip3d.serve import Kind, encode_frame
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d.modify import BodyColliders, PhantomFrame
+
+MESSAGES: Mapping[str, Mapping[str, Kind]] = {
+    "ack": {"sequence": Kind(int, 0, 2**32 - 1), "decoded_ms": Kind(float, 0, 1e15)},
+    "choose": {"game": Kind(str, choices=tuple(GAMES)), "difficulty": Kind(int, 1, 3)},
+    "ready": {},
+    "stop": {},
+}
+"""What a page may say; ``ack`` is answered by the server itself."""
+
+_LONGEST_STEP_S = 0.25  # a longer gap between frames is none of the player's time
+_FRAMES = 90  # over which times of stages are averaged
+
+
+@dataclass(frozen=True)
+class GameSummary:
+    """A game that is over.
+
+    Attributes
+    ----------
+    game : str
+        Of `manip3d.phantom.games.GAMES`.
+    difficulty, seed : int
+    ending : str
+        ``time``, ``misses`` or ``stopped``.
+    seconds, paused_s : float
+        Played, and waited for the phantom limb.
+    score, misses : int
+    by_phantom : int
+        Bursts by the phantom limb; the others are the intact limb's.
+    """
+
+    game: str
+    difficulty: int
+    seed: int
+    ending: str
+    seconds: float
+    paused_s: float
+    score: int
+    misses: int
+    by_phantom: int
+
+
+@checked
+class LiveSession:
+    """Frames in, messages for the page out; the game goes by the frames' own times.
+
+    The same frames, commands and seed give the same game. While the phantom limb is not
+    ``tracking`` the game stands still: nothing can be hit and nothing is missed.
+
+    Parameters
+    ----------
+    affected : {"left_arm", "right_arm", "left_leg", "right_leg"}
+        The limb to replace.
+    game : str
+        Of `manip3d.phantom.games.GAMES`; by default one for that limb.
+    difficulty : int
+        1 to 3.
+    seed : int
+        Of the first game; each further one has the next.
+    jpeg_quality : int
+        1 to 100.
+
+    Attributes
+    ----------
+    affected : str
+    state : str
+        `manip3d.modify.PhantomState` of the last frame.
+    summaries : list of GameSummary
+        Games that are over.
+
+    Raises
+    ------
+    InputError
+        An option is unknown or out of range.
+    """
+
+    def __init__(
+        self,
+        affected: Limb = "right_arm",
+        *,
+        game: str | None = None,
+        difficulty: int = 1,
+        seed: int = 0,
+        jpeg_quality: int = 80,
+    ) -> None:
+        self._pipeline = PhantomPipeline(affected)
+        self.affected = str(affected)
+        chosen = game or ("bubbles" if self.affected.endswith("arm") else "bubbles-legs")
+        if chosen not in GAMES:
+            raise InputError(f"game: expected one of {', '.join(GAMES)}, got {game!r}")
+        for name, value, low, high in (
+            ("difficulty", difficulty, 1, 3),
+            ("seed", seed, 0, 2**62),
+            ("jpeg_quality", jpeg_quality, 1, 100),
+        ):
+            if not low <= value <= high:
+                raise InputError(f"{name}: expected {low} to {high}, got {value}")
+        self.summaries: list[GameSummary] = []
+        self._choice = chosen, int(difficulty)
+        self._seed = seed
+        self._quality = jpeg_quality
+        self._body = ColliderTracker()
+        self._ends = ColliderTracker()  # of hands or feet alone
+        self._commands: queue.SimpleQueue[tuple[str, dict[str, Any]]] = queue.SimpleQueue()
+        self._sequence = 0
+        self._last_time: int | None = None
+        self.state = "lost"
+        self._wants_game = False
+        self._game: GameState | None = None
+        self._paused_s = 0.0
+        self._stages: dict[str, deque[float]] = {
+            name: deque(maxlen=_FRAMES) for name in ("pipeline", "rules", "encode")
+        }
+
+    @property
+    def sequence(self) -> int:
+        """Number of the next message."""
+        return self._sequence
+
+    @property
+    def stage_ms(self) -> dict[str, float]:
+        """Mean times of the last frames by stage, milliseconds."""
+        return {n: float(np.mean(t)) * 1e3 if t else 0.0 for n, t in self._stages.items()}
+
+    def command(self, name: str, fields: Mapping[str, Any] | None = None) -> None:
+        """Take a message of a page, of `MESSAGES`; from any thread. The next frame obeys it.
+
+        Raises
+        ------
+        InputError
+            No such message.
+        """
+        if name not in MESSAGES or name == "ack":
+            raise InputError(f"name: expected choose, ready or stop, got {name!r}")
+        self._commands.put((name, dict(fields or {})))
+
+    def restart(self) -> None:
+        """Forget the person: the next frame is of another recording, or the same one again."""
+        self._pipeline.reset()
+        self._body.reset()
+        self._ends.reset()
+        self._last_time = None
+
+    def notice(self, message: str) -> bytes:
+        """A message for the page when there is no frame, such as that the camera is gone."""
+        self._obey()
+        self.state = "lost"
+        status = {"state": "lost", "reason": "no_frame", "message": message}
+        return self._encoded(None, status | self._game_status(playing=False), 0, time.time_ns())
+
+    def process(self, frame: RgbdFrame, *, captured_ns: int | None = None) -> bytes | None:
+        """The next frame as a message for the page.
+
+        Parameters
+        ----------
+        frame : RgbdFrame
+        captured_ns : int, optional
+            When it came in, by `time.time_ns`; by default now.
+
+        Returns
+        -------
+        bytes or None
+            None for a frame that is not newer than the one before.
+
+        Raises
+        ------
+        InputError
+            A calibration is out of range.
+        """
+        captured = time.time_ns() if captured_ns is None else int(captured_ns)
+        began = time.perf_counter()
+        shown = self._pipeline.process(frame)
+        seen = time.perf_counter()
+        if shown.state == PhantomState.LATE:
+            return None
+        self.state = shown.state.value
+        self._obey()
+        seconds = self._seconds_since_last(frame.time)
+        colliders = self._body.update(shown.skeleton)
+        playing = self._play(shown, seconds)
+        status = self._frame_status(shown, colliders) | self._game_status(playing=playing)
+        ruled = time.perf_counter()
+        message = self._encoded(shown, status, frame.time, captured)
+        done = time.perf_counter()
+        spent = (seen - began, ruled - seen, done - ruled)
+        for times, value in zip(self._stages.values(), spent, strict=True):
+            times.append(value)
+        return message
+
+    # --- the game --------------------------------------------------------------------------------
+
+    def _seconds_since_last(self, now: int) -> float:
+        last, self._last_time = self._last_time, now
+        gap = 0.0 if last is None else (now - last) / 1e9
+        return gap if 0.0 <= gap <= _LONGEST_STEP_S else 0.0
+
+    def _obey(self) -> None:
+        while not self._commands.empty():
+            name, fields = self._commands.get()
+            if name == "choose":
+                self._choice = str(fields["game"]), int(fields["difficulty"])
+            elif name == "ready":
+                if self._game is None or self._game.phase == "over":
+                    self._game, self._wants_game = None, True
+            else:
+                self._wants_game = False
+                if self._game is not None and self._game.phase == "playing":
+                    self._finish("stopped")
+                    self._game = replace(self._game, phase="over", targets=(), events=())
+
+    def _play(self, shown: PhantomFrame, seconds: float) -> bool:
+        """Whether the game went on in this frame."""
+        if shown.state != PhantomState.TRACKING:
+            self._ends.reset()  # what moves while nothing counts is swept over by nobody
+            if self._game is not None and self._game.phase == "playing":
+                self._paused_s += seconds
+            return False
+        if self._wants_game:
+            name, difficulty = self._choice
+            seed = self._seed + len(self.summaries)
+            self._game = begin(name, shown.skeleton, difficulty=difficulty, seed=seed)
+            if self._game is None:  # somebody who faces the camera is asked for
+                return False
+            self._wants_game, self._paused_s = False, 0.0
+        if self._game is None or self._game.phase == "over":
+            return False
+        self._ends.update(_ends_of(shown.skeleton, self._game))
+        self._game = step(self._game, seconds, self._touched)
+        if self._game.phase == "over":
+            self._finish(self._game.ending)
+        return True
+
+    def _touched(
+        self, start: NDArray[np.float32], end: NDArray[np.float32], radius: NDArray[np.float32]
+    ) -> NDArray[np.int8]:
+        return self._ends.hits(start, end, radius=radius).bone
+
+    def _finish(self, ending: str) -> None:
+        game = self._game
+        assert game is not None
+        self.summaries.append(
+            GameSummary(
+                game=game.game.name,
+                difficulty=game.difficulty,
+                seed=game.seed,
+                ending=ending,
+                seconds=round(game.clock, 3),
+                paused_s=round(self._paused_s, 3),
+                score=game.score,
+                misses=game.misses,
+                by_phantom=self._by_phantom(game),
+            )
+        )
+
+    def _by_phantom(self, game: GameState) -> int:
+        own = bones_of(game.game.limbs, self.affected.partition("_")[0])
+        if not self.affected.endswith(game.game.limbs[:-1]):  # a game for the other limbs
+            return 0
+        return sum(number for bone, number in game.by_bone.items() if bone in own)
+
+    # --- what the page shows ---------------------------------------------------------------------
+
+    def _encoded(
+        self, shown: PhantomFrame | None, status: Mapping[str, Any], frame_time: int, captured: int
+    ) -> bytes:
+        message = encode_frame(
+            shown,
+            status,
+            sequence=self._sequence,
+            time_ns=frame_time,
+            captured_ns=captured,
+            jpeg_quality=self._quality,
+        )
+        self._sequence = (self._sequence + 1) % 2**32
+        return message
+
+    def _frame_status(self, shown: PhantomFrame, colliders: BodyColliders) -> dict[str, Any]:
+        skeleton = shown.skeleton
+        capsules = np.concatenate(
+            [colliders.start, colliders.end, colliders.radius[:, None]], axis=1, dtype=np.float64
+        )
+        torso = None
+        if colliders.torso_half_size.max() > 0:
+            torso = {
+                "centre": _rounded(colliders.torso_centre),
+                "axes": _rounded(colliders.torso_axes.T),
+                "half": _rounded(colliders.torso_half_size),
+            }
+        return {
+            "state": shown.state.value,
+            "reason": shown.reason.value,
+            "message": shown.message,
+            "visible": round(shown.visible, 3),
+            "score": round(min(shown.quality.score, 1e6), 3),
+            "joints": _rounded(skeleton.positions),
+            "joint_states": skeleton.states.tolist(),
+            "colliders": _rounded(capsules),
+            "torso": torso,
+            "stage_ms": {name: round(value, 2) for name, value in self.stage_ms.items()},
+        }
+
+    def _game_status(self, *, playing: bool) -> dict[str, Any]:
+        game, (chosen, difficulty) = self._game, self._choice
+        if game is None:
+            phase = "starting" if self._wants_game else "waiting"
+            return {"game": {"name": chosen, "difficulty": difficulty, "phase": phase}}
+        phase = game.phase if playing or game.phase == "over" else "paused"
+        found: dict[str, Any] = {
+            "name": game.game.name,
+            "difficulty": game.difficulty,
+            "phase": phase,
+            "left_s": round(game.game.seconds - game.clock, 2),
+            "score": game.score,
+            "misses": game.misses,
+            "by_phantom": self._by_phantom(game),
+            "radius": game.game.radius,
+            "ceiling": game.field.lefts[0][1] - game.field.rise,
+            "targets": [[t.number, *_rounded(t.place)] for t in game.targets],
+            "stains": [_rounded(place) for place in game.stains],
+            "events": [
+                [event.kind, event.number, event.bone, *_rounded(event.place)]
+                for event in (game.events if playing else ())
+            ],
+        }
+        if game.phase == "over":
+            found["ending"] = self.summaries[-1].ending
+            found["paused_s"] = self.summaries[-1].paused_s
+        return {"game": found}
+
+
+def _rounded(values: Any) -> Any:
+    """Nested lists of numbers to a tenth of a millimetre; JSON has no others than finite ones."""
+    return (np.rint(np.nan_to_num(np.asarray(values, np.float64)) * 1e4) / 1e4).tolist()
+
+
+def _ends_of(skeleton: Skeleton, game: GameState) -> Skeleton:
+    """The same person with hands or feet alone."""
+    kept = [*bones_of(game.game.limbs, "left"), *bones_of(game.game.limbs, "right")]
+    states = np.full(25, NOT_TRACKED, np.uint8)
+    states[kept] = skeleton.states[kept]
+    return Skeleton(skeleton.positions, skeleton.orientations, states, skeleton.id, skeleton.body)

@@ -1,0 +1,9 @@
+"""A web server for this machine only: one page, one stream of frames, strict about who asks."""
+
+from __future__ import annotations
+
+from manip3d.serve._frames import encode_frame
+from manip3d.serve._messages import Kind, read_message
+from manip3d.serve._server import Limits, LocalServer, Page, StreamClient
+
+__all__ = ["Kind", "Limits", "LocalServer", "Page", "StreamClient", "encode_frame", "read_message"]

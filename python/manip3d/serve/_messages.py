@@ -1,0 +1,117 @@
+"""Messages that a page sends: small JSON objects, read strictly."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+from manip3d.errors import FormatError
+
+MAX_LENGTH = 1024
+"""Characters of a message."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What the field of a message may hold.
+
+    Attributes
+    ----------
+    type : type
+        ``int``, ``float`` (whole numbers count as such) or ``str``.
+    low, high : float
+        Bounds of a number.
+    choices : sequence of str
+        What a text may be.
+    """
+
+    type: type
+    low: float = 0.0
+    high: float = 0.0
+    choices: Sequence[str] = ()
+
+    def read(self, name: str, value: Any) -> int | float | str:
+        """Return the value of a field.
+
+        Raises
+        ------
+        FormatError
+            Another type, or out of bounds.
+        """
+        if self.type is str:
+            if isinstance(value, str) and value in self.choices:
+                return value
+            raise FormatError(f"{name}: expected one of {', '.join(self.choices)}")
+        accepted = (int,) if self.type is int else (int, float)
+        if isinstance(value, bool) or not isinstance(value, accepted):
+            raise FormatError(f"{name}: expected {self.type.__name__}, got {type(value).__name__}")
+        # The comparison comes before float(), which fails on huge whole numbers.
+        if not self.low <= value <= self.high:
+            raise FormatError(f"{name}: expected {self.low:g} to {self.high:g}")
+        number: int | float = self.type(value)
+        return number
+
+
+def read_message(
+    text: str, types: Mapping[str, Mapping[str, Kind]]
+) -> tuple[str, dict[str, int | float | str]]:
+    """Read one message: a flat JSON object with a ``type`` and exactly the fields of that type.
+
+    Parameters
+    ----------
+    text : str
+        As it came.
+    types : mapping of str to mapping of str to Kind
+        The fields of each type of message.
+
+    Returns
+    -------
+    type : str
+    fields : dict
+
+    Raises
+    ------
+    FormatError
+        No JSON object, too long, a key twice, an unknown type, a field too many or too few, or a
+        value out of range.
+
+    Examples
+    --------
+    >>> read_message('{"type": "ack", "sequence": 7}', {"ack": {"sequence": Kind(int, 0, 9)}})
+    ('ack', {'sequence': 7})
+    """
+    if len(text) > MAX_LENGTH:
+        raise FormatError(f"message: expected at most {MAX_LENGTH} characters, got {len(text)}")
+    try:
+        found = json.loads(text, object_pairs_hook=_unique, parse_constant=_no_constant)
+    except FormatError:
+        raise
+    except (ValueError, RecursionError):
+        raise FormatError("message: expected JSON") from None
+    if not isinstance(found, dict):
+        raise FormatError(f"message: expected an object, got {type(found).__name__}")
+    name = found.pop("type", None)
+    if not isinstance(name, str) or name not in types:
+        raise FormatError(f"type: expected one of {', '.join(types)}")
+    fields = types[name]
+    if found.keys() != fields.keys():
+        expected = ", ".join(fields) or "no fields"
+        raise FormatError(f"{name}: expected {expected}, got {', '.join(found) or 'no fields'}")
+    values = {field: kind.read(field, found[field]) for field, kind in fields.items()}
+    if not all(math.isfinite(v) for v in values.values() if not isinstance(v, str)):
+        raise FormatError(f"{name}: expected finite numbers")  # 1e999
+    return name, values
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        raise FormatError("message: expected each key once")
+    return found
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise FormatError(f"message: expected numbers, got {name}")

@@ -1,0 +1,567 @@
+"""`LocalServer`: HTTP and one WebSocket on the loopback interface, in a thread of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hmac
+import ipaddress
+import logging
+import secrets
+import threading
+import time
+import weakref
+from collections import Counter, deque
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from manip3d._util.checked import checked
+from manip3d.errors import DeviceError, FormatError, InputError, MissingExtraError
+
+if TYPE_CHECKING:
+    from aiohttp import web
+
+    _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+LOG = logging.getLogger("manip3d.serve")
+
+START_SECONDS = 10.0
+_HISTORY = 1000  # latencies that are remembered: half a minute
+_CLOCK = 60_000.0  # ms: a page whose clock is farther off is on another machine
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What one client may cost.
+
+    Attributes
+    ----------
+    message_bytes : int
+        Of one message of a client; a larger one ends its connection before it is read.
+    messages_per_second, message_burst : float
+        Of one client, in the long run and at once.
+    requests_per_second, request_burst : float
+        Of all clients together.
+    connections, streams : int
+        Open at the same time.
+    request_seconds : float
+        In which a connection must have sent a whole request.
+    send_seconds : float
+        After which a client that takes no bytes is disconnected.
+    frames_in_flight : int
+        Frames that a client has not acknowledged; while it has so many, newer frames replace the
+        one that waits for it.
+    """
+
+    message_bytes: int = 4096
+    messages_per_second: float = 120.0
+    message_burst: float = 240.0
+    requests_per_second: float = 50.0
+    request_burst: float = 100.0
+    connections: int = 64
+    streams: int = 8
+    request_seconds: float = 5.0
+    send_seconds: float = 10.0
+    frames_in_flight: int = 2
+
+
+@dataclass(frozen=True)
+class Page:
+    """Something to be fetched: its media type and its bytes."""
+
+    type: str
+    content: bytes = field(repr=False)
+
+
+class _Bucket:
+    """A token bucket: a rate with a burst."""
+
+    def __init__(self, rate: float, burst: float) -> None:
+        self._rate, self._burst = rate, burst
+        self._left, self._time = burst, time.monotonic()
+
+    def take(self) -> bool:
+        """Whether one more is within the rate."""
+        now = time.monotonic()
+        self._left = min(self._burst, self._left + (now - self._time) * self._rate)
+        self._time = now
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
+
+
+@dataclass(frozen=True)
+class _Frame:
+    content: bytes
+    sequence: int
+    captured_ns: int
+
+
+class StreamClient:
+    """One open stream. The newest frame waits in one place; older ones are dropped and counted.
+
+    Attributes
+    ----------
+    number : int
+        Counts the streams of a server.
+    sent, dropped : int
+        Frames.
+    """
+
+    def __init__(self, number: int, frames_in_flight: int) -> None:
+        self.number = number
+        self.sent = 0
+        self.dropped = 0
+        self.acknowledged = 0
+        self._window = frames_in_flight
+        self._next: _Frame | None = None
+        self._flying: dict[int, int] = {}  # by sequence number: when the frame was captured
+        self._changed = asyncio.Event()
+        self._latencies: deque[float] = deque(maxlen=_HISTORY)
+        self._round_trips: deque[float] = deque(maxlen=_HISTORY)
+
+    def acknowledge(self, sequence: int, decoded_ms: float | None = None) -> None:
+        """The client has decoded a frame.
+
+        Parameters
+        ----------
+        sequence : int
+        decoded_ms : float, optional
+            When, in milliseconds since 1970 by the client's clock. On one machine it is the
+            server's clock too, and gives the latency without the way back.
+
+        Raises
+        ------
+        FormatError
+            That frame was never sent, or is acknowledged already.
+        """
+        captured_ns = self._flying.pop(sequence, None)
+        if captured_ns is None:
+            raise FormatError(f"sequence: expected a frame in flight, got {sequence}")
+        self.acknowledged += 1
+        self._round_trips.append((time.time_ns() - captured_ns) / 1e6)
+        if decoded_ms is not None and abs(decoded_ms - captured_ns / 1e6) < _CLOCK:
+            self._latencies.append(decoded_ms - captured_ns / 1e6)
+        self._changed.set()
+
+    def report(self) -> dict[str, Any]:
+        """Frames, and percentiles 50 and 95 of latencies in milliseconds.
+
+        ``latency_ms`` is from the frame's arrival at the server to its being decoded in the page
+        by the clock of both; ``round_trip_ms`` to the arrival of the acknowledgement.
+        """
+        return {
+            "sent": self.sent,
+            "dropped": self.dropped,
+            "acknowledged": self.acknowledged,
+            "latency_ms": _percentiles(self._latencies),
+            "round_trip_ms": _percentiles(self._round_trips),
+        }
+
+    def _offer(self, frame: _Frame) -> None:
+        self.dropped += self._next is not None
+        self._next = frame
+        self._changed.set()
+
+    async def _take(self) -> _Frame:
+        while self._next is None or len(self._flying) >= self._window:
+            self._changed.clear()
+            await self._changed.wait()
+        frame, self._next = self._next, None
+        self._flying[frame.sequence] = frame.captured_ns
+        self.sent += 1
+        return frame
+
+
+def _percentiles(values: deque[float]) -> tuple[float, float] | None:
+    if not values:
+        return None
+    middle, high = np.percentile(list(values), [50.0, 95.0])
+    return round(float(middle), 2), round(float(high), 2)
+
+
+@checked
+class LocalServer:
+    """Serve pages and a stream of frames to browsers on this machine.
+
+    Whoever knows `url` gets a cookie for it and is let in; everybody else, pages of other origins
+    in the same browser included, is refused, counted in `refused` and logged. A client that is
+    slow, silent, loud or wrong has no effect on the others or on who publishes frames.
+
+    Parameters
+    ----------
+    pages : mapping of str to Page
+        By path; ``/`` is the page itself.
+    on_message : callable(StreamClient, str)
+        Gets what a client says, in the server's thread; raises `FormatError` to have the client
+        disconnected.
+    host : str
+        A loopback address.
+    port : int
+        0: one that is free.
+    limits : Limits
+
+    Raises
+    ------
+    InputError
+        ``host`` is no loopback address, or a number is out of range.
+    MissingExtraError
+        aiohttp is not installed.
+
+    Notes
+    -----
+    Connections: one request each, to be complete within ``limits.request_seconds``, so that nobody
+    holds them by sending slowly. Streams: ``/stream``, for which the browser must name the server's
+    own origin. There are no other methods than GET, and nothing a client uploads is read.
+    """
+
+    def __init__(
+        self,
+        pages: Mapping[str, Page],
+        on_message: Callable[[StreamClient, str], None],
+        *,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        limits: Limits | None = None,
+    ) -> None:
+        try:
+            import aiohttp  # noqa: F401
+        except ImportError as error:
+            raise MissingExtraError("aiohttp", "live") from error
+        if not _is_loopback(host):
+            raise InputError(
+                f"host: expected a loopback address such as 127.0.0.1, got {host!r}; another host "
+                "needs an encrypted connection, which this server does not have yet"
+            )
+        if not 0 <= port <= 65535:
+            raise InputError(f"port: expected 0 to 65535, got {port}")
+        self.limits = limits or Limits()
+        self.host, self.port = host, port
+        self.refused: Counter[str] = Counter()
+        self._pages = dict(pages)
+        self._on_message = on_message
+        self._token = secrets.token_urlsafe(32)
+        self._cookie = secrets.token_urlsafe(32)
+        self._clients: dict[int, tuple[StreamClient, web.WebSocketResponse]] = {}
+        self._finished: list[dict[str, Any]] = []
+        self._opened = 0
+        self._transports: weakref.WeakSet[asyncio.BaseTransport] = weakref.WeakSet()
+        self._heard: weakref.WeakSet[asyncio.BaseTransport] = weakref.WeakSet()
+        self._requests = _Bucket(self.limits.requests_per_second, self.limits.request_burst)
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._stopping: asyncio.Event | None = None
+        self._thread: threading.Thread | None = None
+        self._lock = threading.Lock()
+
+    # --- from any thread -------------------------------------------------------------------------
+
+    @property
+    def url(self) -> str:
+        """Address that lets in; whoever has it may watch and steer the session."""
+        return f"{self.origin}/?token={self._token}"
+
+    @property
+    def origin(self) -> str:
+        """Scheme, host and port."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"http://{host}:{self.port}"
+
+    def start(self) -> Self:
+        """Listen; return when connections are accepted.
+
+        Raises
+        ------
+        DeviceError
+            The port is taken.
+        """
+        ready = threading.Event()
+        failed: list[BaseException] = []
+
+        def run() -> None:
+            try:
+                asyncio.run(self._serve(ready))
+            except BaseException as error:
+                failed.append(error)
+            finally:
+                ready.set()
+
+        with self._lock:
+            if self._thread is not None:
+                raise InputError("server: expected one that was not started yet")
+            self._thread = threading.Thread(target=run, name="manip3d-serve", daemon=True)
+            self._thread.start()
+        ready.wait(START_SECONDS)
+        if failed:
+            raise DeviceError(f"{self.origin}: {failed[0]}") from failed[0]
+        return self
+
+    def stop(self) -> None:
+        """Say goodbye to all clients and stop listening; may be called twice."""
+        loop, stopping, thread = self._loop, self._stopping, self._thread
+        if loop is not None and stopping is not None:
+            with contextlib.suppress(RuntimeError):  # closed since
+                loop.call_soon_threadsafe(stopping.set)
+        if thread is not None and thread is not threading.current_thread():
+            thread.join(START_SECONDS)
+
+    def publish(self, content: bytes, *, sequence: int, captured_ns: int) -> None:
+        """Offer a frame to all clients; never waits for one.
+
+        Parameters
+        ----------
+        content : bytes
+            Sent as one binary message.
+        sequence : int
+            Acknowledged by that number.
+        captured_ns : int
+            When the frame came in, by `time.time_ns`.
+        """
+        loop = self._loop
+        if loop is not None:
+            with contextlib.suppress(RuntimeError):  # closed since
+                loop.call_soon_threadsafe(self._spread, _Frame(content, sequence, captured_ns))
+
+    @property
+    def num_clients(self) -> int:
+        """Open streams."""
+        return len(self._clients)
+
+    def report(self) -> list[dict[str, Any]]:
+        """`StreamClient.report` of each stream so far, the open ones last."""
+        open_now = [client.report() for client, _ in tuple(self._clients.values())]
+        return [*self._finished, *open_now]
+
+    def __enter__(self) -> Self:
+        return self.start()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    # --- in the server's thread ------------------------------------------------------------------
+
+    def _spread(self, frame: _Frame) -> None:
+        for client, _ in self._clients.values():
+            client._offer(frame)
+
+    async def _serve(self, ready: threading.Event) -> None:
+        from aiohttp import web
+
+        @web.middleware
+        async def guard(request: web.Request, handler: _Handler) -> web.StreamResponse:
+            return await self._guard(request, handler)
+
+        app = web.Application(middlewares=[guard])
+        for path in self._pages:
+            app.router.add_get(path, self._page, allow_head=False)
+        app.router.add_get("/stream", self._stream, allow_head=False)
+        runner = web.AppRunner(
+            app, access_log=None, handle_signals=False, lingering_time=1.0, shutdown_timeout=1.0
+        )
+        await runner.setup()
+        loop = asyncio.get_running_loop()
+        accept = runner.server
+        assert accept is not None
+
+        def connected() -> asyncio.Protocol:
+            protocol = accept()
+            # The transport is made after this, and known in the turn after the next.
+            loop.call_soon(loop.call_soon, self._admit, protocol)
+            loop.call_later(self.limits.request_seconds, self._drop_if_silent, protocol)
+            return protocol
+
+        try:
+            listener = await loop.create_server(connected, self.host, self.port, backlog=64)
+            self.port = listener.sockets[0].getsockname()[1]
+            self._loop, self._stopping = loop, asyncio.Event()
+            ready.set()
+            await self._stopping.wait()
+            listener.close()
+            for _, stream in tuple(self._clients.values()):
+                with contextlib.suppress(Exception):
+                    await asyncio.wait_for(stream.close(code=1001, message=b"session ended"), 1.0)
+        finally:
+            self._loop = None
+            await runner.cleanup()
+
+    def _admit(self, protocol: Any) -> None:
+        """Close a connection at once where there are too many."""
+        transport = protocol.transport
+        if transport is None:
+            return
+        self._transports.add(transport)
+        if sum(not t.is_closing() for t in self._transports) > self.limits.connections:
+            self._refuse("too many connections")
+            transport.abort()
+
+    def _drop_if_silent(self, protocol: Any) -> None:
+        """Close a connection that has not sent one whole request in the time it has."""
+        transport = protocol.transport
+        if transport is not None and transport not in self._heard:
+            self._refuse("request too slow")
+            transport.abort()
+
+    def _refuse(self, reason: str) -> None:
+        self.refused[reason] += 1
+        LOG.warning("refused: %s", reason)
+
+    async def _guard(self, request: web.Request, handler: _Handler) -> web.StreamResponse:
+        from aiohttp import web
+
+        if request.transport is not None:
+            self._heard.add(request.transport)
+        refusal = self._refusal(request)
+        if refusal is not None:
+            status, reason = refusal
+            self._refuse(reason)
+            response: web.StreamResponse = web.Response(status=status, text=f"{reason}\n")
+        else:
+            try:
+                response = await handler(request)
+            except web.HTTPException as error:  # no such path, or another method
+                self._refuse(error.reason.lower())
+                response = web.Response(status=error.status, text=f"{error.reason.lower()}\n")
+        if not response.prepared:
+            for name, value in self._headers().items():
+                response.headers.setdefault(name, value)
+            response.force_close()
+        return response
+
+    def _headers(self) -> dict[str, str]:
+        stream = self.origin.replace("http", "ws", 1) + "/stream"
+        return {
+            "Content-Security-Policy": (
+                "default-src 'none'; script-src 'self'; style-src 'self'; img-src blob:; "
+                f"connect-src {stream}; base-uri 'none'; form-action 'none'; "
+                "frame-ancestors 'none'"
+            ),
+            "Cache-Control": "no-store",
+            "Cross-Origin-Opener-Policy": "same-origin",
+            "Cross-Origin-Resource-Policy": "same-origin",
+            "Referrer-Policy": "no-referrer",
+            "X-Content-Type-Options": "nosniff",
+        }
+
+    def _refusal(self, request: web.Request) -> tuple[int, str] | None:
+        """Status and reason why a request is not answered."""
+        if not self._requests.take():
+            return 429, "too many requests"
+        own = self.origin.partition("//")[2]
+        if request.headers.getall("Host", []) != [own]:  # a name that was bent to this machine
+            return 403, "foreign host"
+        if any(origin != self.origin for origin in request.headers.getall("Origin", [])):
+            return 403, "foreign origin"
+        if request.method != "GET":
+            return 405, "method not allowed"
+        token = request.query.get("token")
+        if request.path == "/" and token is not None:
+            return None if _is_same(token, self._token) else (403, "wrong token")
+        if not _is_same(request.cookies.get(self._cookie_name, ""), self._cookie):
+            return 403, "no session: open the address that 'manip3d' printed"
+        return None
+
+    @property
+    def _cookie_name(self) -> str:
+        return f"manip3d-{self.port}"  # cookies do not tell ports apart
+
+    async def _page(self, request: web.Request) -> web.StreamResponse:
+        from aiohttp import web
+
+        if "token" in request.query:
+            # The token leaves the address bar and the history.
+            moved = web.Response(status=303, headers={"Location": "/"})
+            moved.set_cookie(self._cookie_name, self._cookie, httponly=True, samesite="Strict")
+            return moved
+        page = self._pages[request.path]
+        return web.Response(body=page.content, headers={"Content-Type": page.type})
+
+    async def _stream(self, request: web.Request) -> web.StreamResponse:
+        from aiohttp import web
+
+        if "Origin" not in request.headers:  # a browser always names it
+            self._refuse("foreign origin")
+            return web.Response(status=403, text="foreign origin\n")
+        if len(self._clients) >= self.limits.streams:
+            self._refuse("too many streams")
+            return web.Response(status=503, text="too many streams\n")
+        stream = web.WebSocketResponse(
+            max_msg_size=self.limits.message_bytes, compress=False, heartbeat=15.0, timeout=2.0
+        )
+        await stream.prepare(request)
+        self._opened += 1
+        client = StreamClient(self._opened, self.limits.frames_in_flight)
+        self._clients[client.number] = client, stream
+        sender = asyncio.create_task(self._send(client, stream, request.transport))
+        try:
+            await self._receive(client, stream)
+        finally:
+            sender.cancel()
+            del self._clients[client.number]
+            self._finished = [*self._finished, client.report()][-100:]
+            with contextlib.suppress(asyncio.CancelledError):
+                await sender
+        return stream
+
+    async def _send(
+        self,
+        client: StreamClient,
+        stream: web.WebSocketResponse,
+        transport: asyncio.Transport | None,
+    ) -> None:
+        while True:
+            frame = await client._take()
+            try:
+                sending: Coroutine[Any, Any, None] = stream.send_bytes(frame.content)
+                await asyncio.wait_for(sending, self.limits.send_seconds)
+            except TimeoutError:
+                self._refuse("client takes no frames")
+                if transport is not None:
+                    transport.abort()
+                return
+            except ConnectionError:
+                return
+
+    async def _receive(self, client: StreamClient, stream: web.WebSocketResponse) -> None:
+        from aiohttp import WebSocketError, WSMsgType
+
+        bucket = _Bucket(self.limits.messages_per_second, self.limits.message_burst)
+        async for message in stream:
+            if message.type == WSMsgType.ERROR:
+                continue  # closed by aiohttp; counted below
+            reason = ""
+            if not bucket.take():
+                reason = "too many messages"
+            elif message.type != WSMsgType.TEXT:
+                reason = "message is no text"
+            else:
+                try:
+                    self._on_message(client, message.data)
+                except FormatError as error:
+                    reason = f"bad message: {error}"
+            if reason:
+                self._refuse(reason)
+                await stream.close(code=1008, message=reason.encode()[:100])
+                return
+        failure = stream.exception()
+        if isinstance(failure, WebSocketError):  # others: the client has left
+            self._refuse(f"bad frame: {failure}")
+
+
+def _is_same(given: str, kept: str) -> bool:
+    return hmac.compare_digest(given.encode("utf-8", "surrogateescape"), kept.encode())
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

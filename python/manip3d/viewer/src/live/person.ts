@@ -1,0 +1,140 @@
+// The person and the phantom limb: one set of vertices, two ranges of triangles, two images.
+
+import * as THREE from "three";
+import type { Frame } from "./frame";
+
+const VERTEX = /* glsl */ `
+  varying vec2 vTexel;
+  varying float vBare;
+  void main() {
+    vTexel = uv * (65535.0 / 65534.0);
+    vBare = step(65534.5, uv.x * 65535.0);
+    gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+  }`;
+
+const FRAGMENT = /* glsl */ `
+  uniform sampler2D map;
+  uniform float opacity;
+  uniform float tint;
+  varying vec2 vTexel;
+  varying float vBare;
+  void main() {
+    vec3 color = mix(texture2D(map, vTexel).rgb, vec3(0.55), step(0.01, vBare));
+    color = mix(color, vec3(0.20, 0.62, 1.0), tint);
+    gl_FragColor = vec4(color, opacity);
+  }`;
+
+const BARE = new THREE.DataTexture(new Uint8Array([140, 140, 140, 255]), 1, 1);
+BARE.needsUpdate = true;
+
+function material(): THREE.ShaderMaterial {
+  return new THREE.ShaderMaterial({
+    vertexShader: VERTEX,
+    fragmentShader: FRAGMENT,
+    uniforms: { map: { value: BARE }, opacity: { value: 1 }, tint: { value: 0 } },
+    side: THREE.DoubleSide,
+  });
+}
+
+async function texture(jpeg: Uint8Array): Promise<THREE.Texture> {
+  if (jpeg.length === 0) return BARE;
+  const image = await createImageBitmap(new Blob([jpeg as BlobPart], { type: "image/jpeg" }));
+  const made = new THREE.Texture(image as unknown as HTMLImageElement);
+  made.flipY = false; // rows count down, as in the texture coordinates
+  made.generateMipmaps = false;
+  made.minFilter = THREE.LinearFilter;
+  made.needsUpdate = true;
+  return made;
+}
+
+function dispose(old: THREE.Texture): void {
+  if (old === BARE) return;
+  (old.image as ImageBitmap | null)?.close();
+  old.dispose();
+}
+
+/** Vertices and triangles in buffers that grow and never shrink. */
+class Range {
+  readonly geometry = new THREE.BufferGeometry();
+  readonly mesh: THREE.Mesh<THREE.BufferGeometry, THREE.ShaderMaterial>;
+
+  constructor() {
+    this.mesh = new THREE.Mesh(this.geometry, material());
+    this.mesh.frustumCulled = false; // bounds change with each frame
+  }
+
+  setIndex(faces: Uint16Array | Uint32Array): void {
+    const old = this.geometry.getIndex();
+    if (old === null || old.array.constructor !== faces.constructor || old.count < faces.length) {
+      const grown = faces.slice(0, 0).constructor as Uint16ArrayConstructor;
+      const array = new grown(Math.ceil(faces.length * 1.5) + 3);
+      this.geometry.dispose();
+      this.geometry.setIndex(new THREE.BufferAttribute(array, 1));
+    }
+    const index = this.geometry.getIndex() as THREE.BufferAttribute;
+    (index.array as Uint16Array).set(faces);
+    index.needsUpdate = true;
+    this.geometry.setDrawRange(0, faces.length);
+    this.mesh.visible = faces.length > 0;
+  }
+}
+
+export class Person {
+  readonly root = new THREE.Group();
+  private body = new Range();
+  private phantom = new Range();
+  private positions = new THREE.BufferAttribute(new Uint16Array(3), 3);
+  private texcoords = new THREE.BufferAttribute(new Uint16Array(2), 2, true);
+
+  constructor() {
+    this.phantom.mesh.renderOrder = 1;
+    this.root.add(this.body.mesh, this.phantom.mesh);
+  }
+
+  /** Whether the phantom limb is blue, to tell it from the body. */
+  set tint(on: boolean) {
+    this.phantom.mesh.material.uniforms.tint.value = on ? 0.45 : 0;
+  }
+
+  async show(frame: Frame): Promise<void> {
+    const [color, own] = await Promise.all([
+      texture(frame.bodyJpeg),
+      frame.sharesImage ? null : texture(frame.phantomJpeg),
+    ]);
+    this.setTexture(this.body, color);
+    this.setTexture(this.phantom, own ?? color);
+    this.setVertices(frame);
+    this.body.setIndex(frame.faces.subarray(0, 3 * frame.bodyFaces));
+    this.phantom.setIndex(frame.faces.subarray(3 * frame.bodyFaces));
+    this.root.position.fromArray(frame.low);
+    this.root.scale.fromArray(frame.step.map((step) => step || 1));
+    const drawn = this.phantom.mesh.material;
+    drawn.uniforms.opacity.value = frame.opacity;
+    drawn.transparent = frame.opacity < 1;
+  }
+
+  private setTexture(range: Range, next: THREE.Texture): void {
+    const uniform = range.mesh.material.uniforms.map;
+    const old = uniform.value as THREE.Texture;
+    uniform.value = next;
+    const other = range === this.body ? this.phantom : this.body;
+    if (other.mesh.material.uniforms.map.value !== old) dispose(old);
+  }
+
+  private setVertices({ positions, texcoords, numVertices }: Frame): void {
+    if (this.positions.count < numVertices) {
+      const count = Math.ceil(1.5 * numVertices);
+      this.positions = new THREE.BufferAttribute(new Uint16Array(3 * count), 3);
+      this.texcoords = new THREE.BufferAttribute(new Uint16Array(2 * count), 2, true);
+      for (const { geometry } of [this.body, this.phantom]) {
+        geometry.dispose();
+        geometry.setAttribute("position", this.positions);
+        geometry.setAttribute("uv", this.texcoords);
+      }
+    }
+    (this.positions.array as Uint16Array).set(positions);
+    (this.texcoords.array as Uint16Array).set(texcoords);
+    this.positions.needsUpdate = true;
+    this.texcoords.needsUpdate = true;
+  }
+}

@@ -1,0 +1,94 @@
+"""``manip3d phantom live`` as a user starts and ends it."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+import rgbd_frames
+from manip3d import capture
+from manip3d.viewer.page import BUNDLE
+
+pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
+
+
+@pytest.fixture(autouse=True)
+def _bundle() -> None:
+    if not (BUNDLE.parent / "live.js").exists():
+        pytest.skip("the page is not built: make setup")
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> str:
+    capture.record(rgbd_frames.frames(6), tmp_path / "walk")
+    return f"folder:{tmp_path / 'walk'}"
+
+
+def started(*arguments: str) -> tuple[subprocess.Popen[str], str]:
+    """The program and the address that it prints."""
+    program = subprocess.Popen(
+        [sys.executable, "-m", "manip3d", "phantom", "live", "--no-open", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert program.stderr is not None
+    found = re.match(
+        r"open (http://127\.0\.0\.1:\d+/\?token=[\w-]{43})\n", program.stderr.readline()
+    )
+    assert found is not None
+    return program, found[1]
+
+
+def test_ctrl_c_ends_a_session_and_says_what_it_was(recording: str) -> None:
+    program, url = started("--source", recording, "--limb", "left-arm", "--json")
+    with pytest.raises(urllib.error.HTTPError, match="403"):
+        urllib.request.urlopen(url.partition("?")[0], timeout=10)
+    time.sleep(1.5)
+    program.send_signal(signal.SIGINT)
+    out, err = program.communicate(timeout=20)
+    assert program.returncode == 0, err
+    report = json.loads(out)
+    assert report["limb"] == "left_arm"
+    assert report["frames"] > 6  # a recording is played over again
+    assert report["first_frame_s"] < 5.0
+    assert report["clients"] == []
+    assert list(report["refused"].values()) == [1]
+    assert "token" not in err  # but in the line that was read
+
+
+def test_the_address_opens_the_page(recording: str) -> None:
+    program, url = started("--source", recording, "--seconds", "2")
+    opener = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+    page = opener.open(url, timeout=10).read().decode()
+    assert "not a medical device" in page
+    assert opener.open(url.partition("?")[0] + "live.js", timeout=10).read()[:1]
+    program.communicate(timeout=20)
+    assert program.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--source", "mkv:absent.mkv"], "absent.mkv"),
+        (["--source", "sim:body?motion=fly"], "motion: expected one of"),
+        (["--source", "sim:street"], "sim:body"),
+        (["--source", "nothing:"], "nothing"),
+        (["--seconds", "0"], "seconds: expected > 0"),
+    ],
+)
+def test_a_bad_source_is_said_before_a_page_is(arguments: list[str], message: str) -> None:
+    command = [sys.executable, "-m", "manip3d", "phantom", "live", "--no-open", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1
+    assert message in done.stderr
+    assert "open http" not in done.stderr

@@ -1,0 +1,80 @@
+"""What pages send to the live session, damaged: a message of ours or a FormatError, never else."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from manip3d import FormatError
+from manip3d.serve import Kind, read_message
+
+CASES = 20_000
+SEEDS = (
+    '{"type":"ack","sequence":12,"decoded_ms":1767225600000.125}',
+    '{"type":"choose","game":"bubbles","difficulty":3}',
+    '{"type": "ready"}',
+    '{"type":"stop"}',
+)
+TYPES = {
+    "ack": {"sequence": Kind(int, 0, 2**32 - 1), "decoded_ms": Kind(float, 0, 1e15)},
+    "choose": {"game": Kind(str, choices=("bubbles", "piano")), "difficulty": Kind(int, 1, 3)},
+    "ready": {},
+    "stop": {},
+}
+PIECES = (
+    "{",
+    "}",
+    "[",
+    "]",
+    '"',
+    ":",
+    ",",
+    "\\",
+    "\\ud800",
+    "\x00",
+    "NaN",
+    "-",
+    "1e999",
+    "0" * 300,
+)
+PIECES += ("true", "null", '"type"', '"ack"', "é", "\udcff", " ", "9" * 30, ".", "[" * 200)
+
+
+def damaged(text: str, chance: random.Random) -> str:
+    for _ in range(chance.randint(1, 4)):
+        at = chance.randint(0, len(text))
+        to = min(len(text), at + chance.choice((0, 0, 1, 1, 2, 9)))
+        text = text[:at] + chance.choice((*PIECES, "")) * chance.choice((1, 1, 1, 8)) + text[to:]
+    return text
+
+
+def outcome(text: str) -> tuple[str, dict[str, int | float | str]] | FormatError:
+    try:
+        return read_message(text, TYPES)
+    except FormatError as error:
+        return error
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_undamaged_examples_are_read(seed: str) -> None:
+    assert read_message(seed, TYPES)[0] in TYPES
+
+
+def test_damaged_messages_end_in_errors_of_ours() -> None:
+    chance = random.Random(0)
+    num_read = 0
+    for _ in range(CASES):
+        text = damaged(chance.choice(SEEDS), chance)
+        found = outcome(text)
+        if isinstance(found, FormatError):
+            assert str(found).isprintable()
+            continue
+        num_read += 1
+        name, fields = found
+        assert fields.keys() == TYPES[name].keys()
+        for field, value in fields.items():
+            kind = TYPES[name][field]
+            assert isinstance(value, kind.type)
+            assert value in kind.choices if kind.choices else kind.low <= float(value) <= kind.high
+    assert 0 < num_read < CASES

@@ -1,0 +1,191 @@
+"""The live session in a real browser: the simulated amputee bursts a bubble with a phantom hand."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from manip3d import RenderError
+from manip3d.phantom import MESSAGES, LiveSession, simulated_patient
+from manip3d.phantom._page import INTENDED_USE, live_pages
+from manip3d.rgbd import RgbdFrame
+from manip3d.viewer import _chromium
+from manip3d.viewer.page import BUNDLE
+
+pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
+
+from manip3d.serve import LocalServer, StreamClient, read_message
+
+PHANTOM_HAND = {10, 11, 23, 24}
+SECONDS = 30.0
+
+
+@pytest.fixture
+def chromium() -> None:
+    pytest.importorskip("PIL.Image")
+    if not (BUNDLE.parent / "live.js").exists():
+        pytest.skip("the page is not built: make setup")
+    try:
+        _chromium.program()
+    except RenderError as error:
+        pytest.skip(str(error))
+
+
+class Stage:
+    """A session, its server and a page of it, in lock-step: each frame is shown before the next."""
+
+    def __init__(self, frames: Iterator[RgbdFrame]) -> None:
+        self.session = LiveSession("right_arm", seed=3)
+        self.frames = frames
+        self.server = LocalServer(live_pages("right_arm", "sim:body"), self._hear).start()
+        self.heard: list[str] = []
+
+    def _hear(self, client: StreamClient, text: str) -> None:
+        name, fields = read_message(text, MESSAGES)
+        if name == "ack":
+            client.acknowledge(int(fields["sequence"]), float(fields["decoded_ms"]))
+        else:
+            self.session.command(name, fields)
+            self.heard.append(name)
+
+    def show(self, count: int) -> None:
+        """Frames that the page has decoded, each."""
+        for _ in range(count):
+            captured = time.time_ns()
+            sequence = self.session.sequence
+            message = self.session.process(next(self.frames), captured_ns=captured)
+            assert message is not None
+            before = self.acknowledged()
+            self.server.publish(message, sequence=sequence, captured_ns=captured)
+            wait_for(lambda: self.acknowledged() == before + 1)  # noqa: B023
+
+    def acknowledged(self) -> int:
+        return int(self.server.report()[-1]["acknowledged"])
+
+
+def wait_for(condition: Callable[[], Any]) -> None:
+    end = time.monotonic() + SECONDS
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.002)
+
+
+def press(tab: _chromium.Tab, key: str) -> None:
+    tab.evaluate(f"document.dispatchEvent(new KeyboardEvent('keydown', {{key: '{key}'}}))")
+
+
+def text_of(tab: _chromium.Tab, selector: str) -> str:
+    return str(tab.evaluate(f"document.querySelector('{selector}').innerText"))
+
+
+def screenshot(tab: _chromium.Tab) -> NDArray[np.int16]:
+    from PIL import Image
+
+    # What was asked for is drawn with the next picture but one.
+    tab.evaluate("new Promise(d => requestAnimationFrame(() => requestAnimationFrame(d)))")
+    content = base64.b64decode(tab.send("Page.captureScreenshot", format="png")["data"])
+    with Image.open(io.BytesIO(content)) as image:
+        return np.asarray(image.convert("RGB")).astype(np.int16)
+
+
+@pytest.fixture
+def stage() -> Iterator[Stage]:
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    from manip3d.simulate.sources import open_source
+
+    address = simulated_patient("right_arm") + "&frames=400"
+    found = Stage(iter(open_source(address, threads=1)))  # type: ignore[arg-type]
+    yield found
+    found.server.stop()
+
+
+def test_the_phantom_hand_bursts_a_bubble_on_the_page(chromium: None, stage: Stage) -> None:
+    with _chromium.open_address(stage.server.url, (1280, 800)) as tab:
+        wait_for(lambda: stage.server.num_clients == 1)
+        assert tab.evaluate("location.search") == ""  # the token has left the address bar
+        stage.show(20)
+        assert "follows the intact limb" in text_of(tab, "#message")
+        assert INTENDED_USE in text_of(tab, "#use")
+        assert "when you are ready" in text_of(tab, "#card")
+
+        plain = screenshot(tab)
+        press(tab, "p")  # marks the phantom limb blue
+        marked = screenshot(tab)
+        blue = (np.abs(marked - plain).max(axis=-1) > 20) & (marked[..., 2] > marked[..., 0])
+        main = blue[60:600]
+        assert 200 < main.sum() < 30_000
+        # In the mirror the right arm is on the right.
+        assert np.nonzero(main)[1].min() > 640
+
+        press(tab, " ")
+        wait_for(lambda: stage.heard == ["ready"])
+        own = []
+        for _ in range(300):
+            stage.show(1)
+            status = json.loads(tab.evaluate("JSON.stringify(manip3dLive.status())"))
+            events = status["game"].get("events", [])
+            own += [e for e in events if e[0] == "burst" and e[2] in PHANTOM_HAND]
+            if own and status["state"] == "tracking":
+                break
+        assert own, "the phantom hand burst nothing"
+        game = status["game"]
+        assert game["phase"] == "playing"
+        assert game["by_phantom"] == len(own)
+        assert text_of(tab, "#score").startswith(f"Score {game['score']}")
+        assert game["score"] >= game["by_phantom"] >= 1
+
+        press(tab, " ")
+        wait_for(lambda: stage.heard == ["ready", "stop"])
+        stage.show(2)
+        told = text_of(tab, "#card")
+        assert told.startswith("Stopped")
+        assert f"of these {game['by_phantom']} with the phantom limb" in told
+        stats = tab.evaluate("manip3dLive.stats()")
+        assert (stats["lost"], stats["bad"]) == (0, 0)
+        assert stats["latencyMs"]["p50"] > 0
+        assert stage.server.report()[-1]["latency_ms"] is not None
+    assert dict(stage.server.refused) == {}
+
+
+def test_a_reload_rejoins_and_the_gate_speaks(chromium: None, stage: Stage) -> None:
+    with _chromium.open_address(stage.server.url, (420, 800)) as tab:
+        wait_for(lambda: stage.server.num_clients == 1)
+        stage.show(3)
+        tab.send("Page.reload")
+        wait_for(lambda: len(stage.server.report()) == 2 and stage.server.num_clients == 1)
+        stage.show(3)
+        before = stage.acknowledged()
+        message = stage.session.notice("The camera is gone: check its cable.")
+        sequence = stage.session.sequence - 1
+        stage.server.publish(message, sequence=sequence, captured_ns=time.time_ns())
+        wait_for(lambda: stage.acknowledged() == before + 1)
+        assert text_of(tab, "#status") == "Not visible The camera is gone: check its cable."
+        # Nothing is wider than the window of a phone.
+        assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        press(tab, "l")
+        assert tab.evaluate("getComputedStyle(document.documentElement).fontSize") == "24px"
+        assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_bad_frames_are_counted_and_do_no_harm(chromium: None, stage: Stage) -> None:
+    with _chromium.open_address(stage.server.url, (640, 480)) as tab:
+        wait_for(lambda: stage.server.num_clients == 1)
+        stage.show(1)
+        message = stage.session.process(next(stage.frames), captured_ns=1)
+        assert message is not None
+        later = 0
+        # Two of them: so many may stay unacknowledged.
+        for number, bad in enumerate((message[: len(message) // 2], b"M3DL" + bytes(100))):
+            stage.server.publish(bad, sequence=10_000 + number, captured_ns=0)
+            later = number + 1
+            wait_for(lambda: tab.evaluate("manip3dLive.stats().bad") == later)  # noqa: B023
+        assert tab.evaluate("manip3dLive.stats().frames") == 1
+        assert later == 2

@@ -1,0 +1,166 @@
+"""A session without a browser: the same frames, commands and seed are the same game."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+import capsule_body
+from frame_reader import ReadFrame, read_frame
+from manip3d import InputError
+from manip3d.modify import PhantomState
+from manip3d.phantom import GameSummary, LiveSession, simulated_patient
+from manip3d.rgbd import RgbdFrame
+
+
+@functools.cache
+def patient(count: int = 75) -> list[RgbdFrame]:
+    """The simulated amputee, with the noise of a tracker."""
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    from manip3d.simulate import BodySimulator
+    from manip3d.simulate.sources import open_source
+
+    simulator = open_source(simulated_patient("right_arm"), threads=1)
+    assert isinstance(simulator, BodySimulator)
+    return [simulator.frame(number / 30) for number in range(count)]
+
+
+def play(session: LiveSession, frames: list[RgbdFrame]) -> list[ReadFrame]:
+    messages = [session.process(frame, captured_ns=1) for frame in frames]
+    return [read_frame(message) for message in messages if message is not None]
+
+
+def drop_times(status: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in status.items() if name != "stage_ms"}
+
+
+def test_the_phantom_hand_bursts_a_bubble() -> None:
+    session = LiveSession("right_arm")
+    session.command("ready")
+    shown = play(session, patient())
+    bursts = [event for frame in shown for event in frame.status["game"].get("events", ())]
+    phantom_hand = {10, 11, 23, 24}
+    by_phantom = [event for event in bursts if event[0] == "burst" and event[2] in phantom_hand]
+    assert by_phantom
+    last = shown[-1].status["game"]
+    assert last["by_phantom"] == len(by_phantom)
+    assert last["score"] == sum(event[0] == "burst" for event in bursts) > len(by_phantom)
+
+
+def test_the_same_seed_is_the_same_session() -> None:
+    def statuses(seed: int) -> list[dict[str, Any]]:
+        session = LiveSession("right_arm", difficulty=3, seed=seed)
+        session.command("ready")
+        return [drop_times(frame.status) for frame in play(session, patient())]
+
+    assert statuses(1) == statuses(1)
+    assert statuses(1) != statuses(2)
+
+
+def test_sequence_numbers_and_times_are_those_of_the_frames() -> None:
+    frames = [capsule_body.painted(number) for number in range(4)]
+    shown = play(LiveSession(), frames)
+    assert [frame.sequence for frame in shown] == [0, 1, 2, 3]
+    assert [frame.time_ns for frame in shown] == [frame.time for frame in frames]
+    assert [frame.captured_ns for frame in shown] == [1] * 4
+
+
+def test_a_frame_that_is_not_newer_is_not_shown() -> None:
+    session = LiveSession()
+    frame = capsule_body.painted(1)
+    assert session.process(frame) is not None
+    assert session.process(frame) is None
+
+
+def test_a_recording_may_begin_again() -> None:
+    session = LiveSession()
+    frame = capsule_body.painted(1)
+    assert session.process(frame) is not None
+    session.restart()
+    assert session.process(frame) is not None
+
+
+def test_a_lost_limb_pauses_the_game_and_punishes_nobody() -> None:
+    """The patient goes unseen for two seconds while bubbles rise."""
+    session = LiveSession("right_arm")
+    session.command("ready")
+    frames = patient()
+    before = play(session, frames[:40])[-1].status
+    assert before["game"]["phase"] == "playing"
+    gone = [
+        replace(frames[40], skeletons=(), time=frames[39].time + number * 33_333_333, number=1000)
+        for number in range(1, 61)
+    ]
+    during = [frame.status for frame in play(session, gone)]
+    assert during[-1]["state"] == "lost"
+    for status in during:
+        assert status["state"] != "tracking"
+        assert status["game"]["phase"] == "paused"
+        for name in ("left_s", "score", "misses", "targets", "stains"):
+            assert status["game"][name] == before["game"][name]
+        assert status["game"]["events"] == []
+    session.command("stop")
+    play(session, [replace(gone[-1], time=gone[-1].time + 33_333_333)])
+    summary = session.summaries[-1]
+    assert isinstance(summary, GameSummary)
+    assert (summary.ending, summary.misses) == ("stopped", 0)
+    assert summary.paused_s >= 60 * 0.0333
+    assert summary.seconds == pytest.approx(60.0 - before["game"]["left_s"], abs=0.02)
+
+
+def test_starting_waits_for_a_phantom_limb() -> None:
+    session = LiveSession("right_arm")
+    session.command("ready")
+    frames = patient()
+    nobody = [replace(frame, skeletons=()) for frame in frames[:10]]
+    assert {frame.status["game"]["phase"] for frame in play(session, nobody)} == {"starting"}
+    shown = play(session, frames[10:])
+    states = [frame.status["state"] for frame in shown]
+    phases = [frame.status["game"]["phase"] for frame in shown]
+    first = states.index(PhantomState.TRACKING)
+    assert phases[:first] == ["starting"] * first
+    assert phases[first] == "playing"
+
+
+def test_a_choice_holds_for_the_next_game() -> None:
+    session = LiveSession("right_arm")
+    session.command("choose", {"game": "bubbles-legs", "difficulty": 3})
+    session.command("ready")
+    shown = play(session, patient()[:40])
+    game = shown[-1].status["game"]
+    assert (game["name"], game["difficulty"]) == ("bubbles-legs", 3)
+    session.command("stop")
+    over = play(session, patient()[40:42])[-1].status["game"]
+    assert (over["phase"], over["ending"]) == ("over", "stopped")
+    assert session.summaries[-1].by_phantom == 0  # an arm plays no part in a game for legs
+
+
+def test_a_notice_is_a_frame_with_words() -> None:
+    found = read_frame(LiveSession().notice("The camera is gone."))
+    assert found.status["message"] == "The camera is gone."
+    assert found.status["state"] == "lost"
+    assert len(found.vertices) == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"affected": "tail"}, "affected: expected one of"),
+        ({"game": "chess"}, "game: expected one of bubbles"),
+        ({"difficulty": 4}, "difficulty: expected 1 to 3, got 4"),
+        ({"seed": -1}, "seed: expected 0 to"),
+        ({"jpeg_quality": 0}, "jpeg_quality: expected 1 to 100"),
+    ],
+)
+def test_bad_options(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        LiveSession(**options)
+
+
+def test_other_commands_are_refused() -> None:
+    for name in ("ack", "quit", ""):
+        with pytest.raises(InputError, match="name: expected choose, ready or stop"):
+            LiveSession().command(name)

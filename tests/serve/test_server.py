@@ -1,0 +1,406 @@
+"""Whoever has no business here is refused and logged, and nobody else notices."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+from raw_client import RawStream, connect, cookie, get, read_all
+
+from manip3d import FormatError, InputError
+from manip3d.errors import DeviceError
+
+pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
+
+from manip3d.serve import Kind, Limits, LocalServer, Page, StreamClient, read_message
+
+PAGES = {"/": Page("text/html", b"<p>here</p>"), "/a.js": Page("text/javascript", b"1")}
+ACK = {"ack": {"sequence": Kind(int, 0, 2**32 - 1)}}
+
+
+def acknowledge(client: StreamClient, text: str) -> None:
+    _, fields = read_message(text, ACK)
+    client.acknowledge(int(fields["sequence"]))
+
+
+@pytest.fixture
+def server() -> Iterator[LocalServer]:
+    limits = Limits(request_seconds=0.5, send_seconds=0.5)
+    with LocalServer(PAGES, acknowledge, limits=limits) as running:
+        yield running
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + 10.0
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def ack(sequence: int) -> bytes:
+    return json.dumps({"type": "ack", "sequence": sequence}).encode()
+
+
+class Session:
+    """A well-behaved client that gets frames all the while."""
+
+    def __init__(self, server: LocalServer) -> None:
+        self.server = server
+        self.stream = RawStream(server)
+        assert self.stream.status == 101
+        wait_for(lambda: server.num_clients >= 1)
+        self.sequence = 0
+
+    def check(self) -> None:
+        """A frame goes out and is acknowledged within a second."""
+        self.sequence += 1
+        content = b"frame %d" % self.sequence
+        begin = time.monotonic()
+        self.server.publish(content, sequence=self.sequence, captured_ns=time.time_ns())
+        assert self.stream.receive() == (2, content)
+        self.stream.send(ack(self.sequence))
+        assert time.monotonic() - begin < 1.0
+
+
+@pytest.fixture
+def session(server: LocalServer) -> Iterator[Session]:
+    """Is unharmed by whatever a test does."""
+    found = Session(server)
+    try:
+        found.check()
+        yield found
+        found.check()
+    finally:
+        found.stream.close()
+
+
+def refused(server: LocalServer, reason: str) -> None:
+    wait_for(lambda: any(name.startswith(reason) for name in server.refused))
+
+
+# --- pages ----------------------------------------------------------------------------------------
+
+
+def test_the_address_lets_in_and_the_token_leaves_the_address_bar(server: LocalServer) -> None:
+    head = get(server, server.url.removeprefix(server.origin))[1]
+    assert "Location: /\r\n" in head
+    status, head, body = get(server, "/", {"Cookie": cookie(server)})
+    assert (status, body) == (200, b"<p>here</p>")
+    assert "default-src 'none'; script-src 'self'" in head
+    assert "X-Content-Type-Options: nosniff" in head
+    assert server.url.partition("token=")[2] not in head
+
+
+@pytest.mark.parametrize(
+    ("path", "headers", "status", "reason"),
+    [
+        ("/", {}, 403, "no session"),
+        ("/a.js", {}, 403, "no session"),
+        ("/?token=", {}, 403, "wrong token"),
+        ("/?token=" + "A" * 43, {}, 403, "wrong token"),
+        ("/?token=%ff%00", {}, 403, "wrong token"),
+        ("/", {"Cookie": "manip3d=1"}, 403, "no session"),
+        ("/", {"Host": "evil.example"}, 403, "foreign host"),
+        ("/", {"Host": "localhost"}, 403, "foreign host"),
+        ("/", {"Origin": "https://evil.example"}, 403, "foreign origin"),
+        ("/", {"Origin": "null"}, 403, "foreign origin"),
+    ],
+)
+def test_strangers_are_refused_and_logged(
+    path: str,
+    headers: dict[str, str],
+    status: int,
+    reason: str,
+    server: LocalServer,
+    session: Session,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    with caplog.at_level(logging.WARNING, "manip3d.serve"):
+        found, _, body = get(server, path, headers)
+    assert found == status
+    assert body.startswith(reason.encode())
+    assert f"refused: {reason}" in caplog.text
+    assert server.url.partition("token=")[2] not in caplog.text
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "HEAD"])
+def test_nothing_but_get(method: str, server: LocalServer, session: Session) -> None:
+    assert get(server, "/", {"Cookie": cookie(server)}, method)[0] == 405
+
+
+def test_other_paths_are_not_there(server: LocalServer, session: Session) -> None:
+    given = {"Cookie": cookie(server)}
+    for path in ("/b", "/../pyproject.toml", "/%2e%2e/etc/passwd", "//etc/passwd"):
+        assert get(server, path, given)[0] == 404
+
+
+def test_too_many_requests() -> None:
+    limits = Limits(requests_per_second=1.0, request_burst=3.0)
+    with LocalServer(PAGES, acknowledge, limits=limits) as server:
+        found = [get(server, "/")[0] for _ in range(5)]
+    assert found == [403, 403, 403, 429, 429]
+
+
+# --- streams --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("headers", "reason"),
+    [
+        ({"Origin": "https://evil.example"}, "foreign origin"),
+        ({"Origin": "http://127.0.0.1"}, "foreign origin"),  # another port
+        ({"Cookie": "manip3d=1"}, "no session"),
+        ({"Host": "evil.example"}, "foreign host"),
+    ],
+)
+def test_foreign_streams(
+    headers: dict[str, str], reason: str, server: LocalServer, session: Session
+) -> None:
+    with RawStream(server, headers) as stream:
+        assert stream.status == 403
+    refused(server, reason)
+
+
+def test_a_stream_without_an_origin_is_no_browser(server: LocalServer, session: Session) -> None:
+    given = {"Cookie": cookie(server), "Upgrade": "websocket", "Connection": "Upgrade"}
+    assert get(server, "/stream", given)[0] == 403
+
+
+def test_a_hundred_megabytes_are_not_read(server: LocalServer, session: Session) -> None:
+    with RawStream(server) as stream:
+        stream.send(b"x" * 1000, length=100_000_000)
+        assert stream.close_code() == 1009
+    refused(server, "bad frame")
+
+
+def test_a_hundred_megabytes_in_fragments_are_not_kept(
+    server: LocalServer, session: Session
+) -> None:
+    with RawStream(server) as stream:
+        code = 0
+        try:
+            for number in range(100_000):
+                stream.link.sendall(bytes([0 if number else 1, 0xFE, 0x03, 0xE8]) + bytes(1004))
+        except ConnectionError:
+            code = -1  # the server has closed while this was still sending
+        assert code == -1 or stream.close_code() == 1009
+    refused(server, "bad frame")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"garbage", b"{}", b"[]", b'{"type":"ack"}', b'{"type":"ack","sequence":77}', b"[" * 900],
+)
+def test_garbage_messages(content: bytes, server: LocalServer, session: Session) -> None:
+    with RawStream(server) as stream:
+        stream.send(content)
+        assert stream.close_code() == 1008
+    refused(server, "bad message")
+
+
+@pytest.mark.parametrize(
+    "content", [b"\xff" * 64, b"\x83\x80\0\0\0\0", b"\x81\xff" + b"\xff" * 12, b"\x81\x02\xff\xff"]
+)
+def test_garbage_frames(content: bytes, server: LocalServer, session: Session) -> None:
+    with RawStream(server) as stream:
+        stream.link.sendall(content)
+        assert stream.close_code() in (1002, 1007, 1008, 1009, -1)
+    refused(server, "bad")
+
+
+def test_bytes_are_no_message(server: LocalServer, session: Session) -> None:
+    with RawStream(server) as stream:
+        stream.send(os.urandom(32), opcode=2)
+        assert stream.close_code() == 1008
+
+
+def test_a_loud_client_is_cut_off(server: LocalServer, session: Session) -> None:
+    limits = Limits(messages_per_second=1.0, message_burst=2.0)
+    with LocalServer(PAGES, lambda client, text: None, limits=limits) as strict:
+        with RawStream(strict) as stream:
+            for _ in range(4):
+                stream.send(b"x")
+            assert stream.close_code() == 1008
+        refused(strict, "too many messages")
+
+
+def test_slow_requests_are_cut_off(server: LocalServer, session: Session) -> None:
+    """A byte now and then, for ever: slow-loris."""
+    links = [connect(server) for _ in range(20)]
+    begin = time.monotonic()
+    for link in links:
+        link.sendall(b"GET / HTTP/1.1\r\nHost: ")
+    while time.monotonic() - begin < 0.4:
+        for link in links:
+            link.sendall(b"a")
+        time.sleep(0.05)
+    session.check()
+    assert [read_all(link) for link in links] == [b""] * 20
+    assert time.monotonic() - begin < 3.0
+    for link in links:
+        link.close()
+    assert server.refused["request too slow"] == 20
+
+
+def test_too_many_connections_are_closed_at_once(session: Session, server: LocalServer) -> None:
+    links = [connect(server) for _ in range(80)]
+    refused(server, "too many connections")
+    session.check()
+    for link in links:
+        link.close()
+    wait_for(lambda: _answers(server))
+
+
+def _answers(server: LocalServer) -> bool:
+    try:
+        return get(server, "/")[0] == 403
+    except (ConnectionError, IndexError):
+        return False
+
+
+def test_too_many_streams(server: LocalServer, session: Session) -> None:
+    streams = [RawStream(server) for _ in range(8)]
+    assert [stream.status for stream in streams] == [101] * 7 + [503]
+    for stream in streams:
+        stream.close()
+
+
+# --- frames ---------------------------------------------------------------------------------------
+
+
+def test_a_slow_client_gets_the_latest_frame_and_slows_nobody(
+    server: LocalServer, session: Session
+) -> None:
+    with RawStream(server) as slow:
+        wait_for(lambda: server.num_clients == 2)
+        for number in (100, 101):  # two are under way, and nobody acknowledges them
+            server.publish(bytes([number]) * 1000, sequence=number, captured_ns=time.time_ns())
+            for stream in (slow, session.stream):
+                assert stream.receive() == (2, bytes([number]) * 1000)
+        begin = time.monotonic()
+        for number in range(102, 150):
+            server.publish(bytes([number]) * 1000, sequence=number, captured_ns=time.time_ns())
+        assert time.monotonic() - begin < 0.2  # publishing never waits
+        for stream in (slow, session.stream):
+            wait_for(lambda: server.report()[-1]["dropped"] == 47)
+            stream.send(ack(100))
+            assert stream.receive() == (2, bytes([149]) * 1000)
+        report = server.report()[-1]
+        assert (report["sent"], report["dropped"], report["acknowledged"]) == (3, 47, 1)
+        for number in (101, 149):
+            session.stream.send(ack(number))
+
+
+def test_a_client_that_takes_no_bytes_is_disconnected(
+    server: LocalServer, session: Session
+) -> None:
+    with RawStream(server) as stuck:
+        stuck.link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        wait_for(lambda: server.num_clients == 2)
+        large = bytes(8_000_000)
+        server.publish(large, sequence=500, captured_ns=time.time_ns())
+        reader = threading.Thread(target=session.stream.receive)
+        reader.start()
+        refused(server, "client takes no frames")
+        reader.join(10.0)
+        session.stream.send(ack(500))
+    wait_for(lambda: server.num_clients == 1)
+
+
+def test_latencies_are_those_of_acknowledged_frames(server: LocalServer) -> None:
+    session = Session(server)
+    for _ in range(5):
+        session.check()
+    wait_for(lambda: server.report()[-1]["acknowledged"] == 5)
+    report = server.report()[-1]
+    assert report["round_trip_ms"] is not None
+    assert 0.0 < report["round_trip_ms"][0] <= report["round_trip_ms"][1] < 1000.0
+    assert report["latency_ms"] is None  # this client told no times
+    session.stream.close()
+    wait_for(lambda: server.num_clients == 0)
+    assert server.report()[-1]["sent"] == 5
+
+
+# --- beginning and end ----------------------------------------------------------------------------
+
+
+def test_stop_says_goodbye_and_may_come_twice(server: LocalServer) -> None:
+    stream = RawStream(server)
+    wait_for(lambda: server.num_clients == 1)
+    begin = time.monotonic()
+    server.stop()
+    server.stop()
+    assert time.monotonic() - begin < 5.0
+    assert stream.close_code() in (1001, -1)
+    stream.close()
+    server.publish(b"x", sequence=1, captured_ns=0)  # nobody is there, and nothing happens
+    with pytest.raises(ConnectionError):
+        connect(server)
+
+
+def test_a_taken_port_is_named(server: LocalServer) -> None:
+    with pytest.raises(DeviceError, match=str(server.port)):
+        LocalServer(PAGES, acknowledge, port=server.port).start()
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.2", "example.org", "::", ""])
+def test_other_hosts_are_not_served(host: str) -> None:
+    with pytest.raises(InputError, match="loopback"):
+        LocalServer(PAGES, acknowledge, host=host)
+
+
+def test_tokens_differ_and_are_long(server: LocalServer) -> None:
+    other = LocalServer(PAGES, acknowledge)
+    tokens = {each.url.partition("token=")[2] for each in (server, other)}
+    assert len(tokens) == 2
+    assert all(len(token) == 43 for token in tokens)  # 256 bits
+    assert all(token not in repr(other) for token in tokens)
+
+
+# --- messages -------------------------------------------------------------------------------------
+
+TYPES = {
+    "ack": {"sequence": Kind(int, 0, 99), "decoded_ms": Kind(float, 0, 1e15)},
+    "game": {"name": Kind(str, choices=("bubbles", "piano"))},
+    "stop": {},
+}
+
+
+def test_messages_are_read() -> None:
+    assert read_message('{"type":"stop"}', TYPES) == ("stop", {})
+    assert read_message('{"name":"piano","type":"game"}', TYPES) == ("game", {"name": "piano"})
+    kind, fields = read_message('{"type":"ack","sequence":0,"decoded_ms":3}', TYPES)
+    assert (kind, fields) == ("ack", {"sequence": 0, "decoded_ms": 3.0})
+    assert isinstance(fields["decoded_ms"], float)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "expected JSON"),
+        ("[" * 1024, "expected JSON"),
+        ("7", "expected an object, got int"),
+        ("{}", "type: expected one of ack, game, stop"),
+        ('{"type":["stop"]}', "type: expected one of"),
+        ('{"type":"stop","type":"stop"}', "each key once"),
+        ('{"type":"stop","more":1}', "stop: expected no fields, got more"),
+        ('{"type":"ack","sequence":1}', "ack: expected sequence, decoded_ms, got sequence"),
+        ('{"type":"ack","sequence":true,"decoded_ms":1}', "sequence: expected int, got bool"),
+        ('{"type":"ack","sequence":1.0,"decoded_ms":1}', "sequence: expected int, got float"),
+        ('{"type":"ack","sequence":-1,"decoded_ms":1}', "sequence: expected 0 to 99"),
+        ('{"type":"ack","sequence":1' + "0" * 400 + ',"decoded_ms":1}', "sequence: expected 0"),
+        ('{"type":"ack","sequence":1,"decoded_ms":NaN}', "expected numbers, got NaN"),
+        ('{"type":"ack","sequence":1,"decoded_ms":1e999}', "decoded_ms: expected 0 to"),
+        ('{"type":"game","name":"chess"}', "name: expected one of bubbles, piano"),
+        ('{"type":"stop"}' + " " * 1024, "at most 1024 characters"),
+    ],
+)
+def test_other_messages_are_refused(text: str, reason: str) -> None:
+    with pytest.raises(FormatError, match=reason):
+        read_message(text, TYPES)
