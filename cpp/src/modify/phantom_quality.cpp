@@ -19,7 +19,7 @@ constexpr double kMostGapArm = 0.10,
                  kMostGapLeg = 0.16;   // metres: a hip lies deeper than a shoulder
 constexpr double kLeastLargest = 0.7;  // of the phantom's pixels
 // Legs: 15 % would be believed no more; the rest allows for joints, which tell where hips are.
-constexpr double kMostLostLegs = 0.14, kMostLostTrunk = 0.03;
+constexpr double kMostLostLegs = 0.14, kMostLostTrunk = 0.05;
 constexpr double kMostLeft = 0.10;    // of the affected limb's pixels
 constexpr double kLeastLimb = 250.0;  // pixels: of a small limb, slivers are a large share
 
@@ -37,6 +37,7 @@ bool is_trunk_bone(std::uint8_t bone) {
 
 /// Would the camera see the trunk in the direction of p, were nothing before it?
 bool shows_trunk(const Eigen::Vector3f& p, const BoneSegments& bones) {
+  constexpr float kWithin = 0.49F;  // of the radius squared: its border may be an arm's as well
   const Eigen::Vector3f ray = p.normalized();
   const auto across = [&](const Eigen::Vector3f& q) -> Eigen::Vector3f {
     return q - ray.dot(q) * ray;
@@ -46,7 +47,7 @@ bool shows_trunk(const Eigen::Vector3f& p, const BoneSegments& bones) {
     const Eigen::Vector3f from = across(bones.start[k]), bone = across(bones.end[k]) - from;
     const float t = std::clamp(-from.dot(bone) / std::max(bone.squaredNorm(), 1e-9F), 0.0F, 1.0F);
     const float radius = bones.radii[k].start + t * (bones.radii[k].end - bones.radii[k].start);
-    if ((from + t * bone).squaredNorm() < radius * radius) return true;
+    if ((from + t * bone).squaredNorm() < kWithin * radius * radius) return true;
   }
   return false;
 }
