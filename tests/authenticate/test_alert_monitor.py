@@ -152,7 +152,7 @@ def test_the_watermark_alone_clears_and_accuses(tmp_path: Path) -> None:
         alert = monitor.judge(sent[0].frame, record=sent[0].record, speed_mps=15.0)
         assert alert.verdict == "authentic"
         assert alert.risk.level == "none"
-        assert alert.witnesses["forensics"].verdict == "absent"  # it would take bits for edits
+        assert alert.witnesses["forensics"].verdict == "undecidable"  # random points, no scanner
         points = sent[1].points.copy()
         points[7] += np.float32([0.5, 0, 0])
         forged = LidarFrame(points, sent[1].frame.intensity)
@@ -165,6 +165,17 @@ def test_the_watermark_alone_clears_and_accuses(tmp_path: Path) -> None:
         text = json.dumps(alert.record())
         assert "tampered" in text
         assert key.key_id not in repr(monitor)
+
+
+def test_forensics_take_a_verified_watermark_for_no_edit(tmp_path: Path) -> None:
+    """A scanner on a lattice, whose points the embedding moved off it."""
+    points = lattice_scans.scan(np.random.default_rng(0)).astype(np.float64)
+    scan = LidarFrame(np.float32(np.round(1000.0 * points) / 1000.0))
+    with KeyFile(key_file(tmp_path / "key")) as key:
+        sent = Watermarker(key).embed(scan)
+        alert = AlertMonitor(Watermarker(key)).judge(sent.frame, record=sent.record, speed_mps=10.0)
+        assert alert.verdict == "authentic"
+        assert alert.witnesses["forensics"].verdict in ("no_trace", "undecidable", "processed")
 
 
 def test_forensics_alone_find_a_pasted_object() -> None:

@@ -15,7 +15,7 @@
 namespace manip3d {
 namespace {
 
-constexpr std::int64_t kMostCells = 1 << 22;
+constexpr std::int64_t kMostMapCells = 1 << 22;
 constexpr std::int32_t kOutsideMap = -1;
 constexpr float kLeastDisparity = 1e-3F;  // pixels: farther away than anything
 constexpr int kEnoughNeighbours = 5;      // of the nine cells around, measured by the cameras
@@ -69,7 +69,7 @@ class FrontMap {
         elevation_scale_(static_cast<float>(1.0 / (options.elevation_step * kDegree))) {
     const double columns = std::ceil(2.0 * options.half_azimuth / options.azimuth_step);
     const double rows = std::ceil((options.highest - options.lowest) / options.elevation_step);
-    if (!(columns * rows <= kMostCells)) {
+    if (!(columns * rows <= kMostMapCells)) {
       throw InputError("azimuth_step, elevation_step: expected at most 2^22 cells");
     }
     columns_ = static_cast<std::int64_t>(columns);

@@ -12,7 +12,7 @@ namespace {
 // Infinity times zero and NaN times zero are NaN, and so is any sum with one of them: a quick look
 // at all values, and a slow search only where it finds something.
 template <typename Table>
-void check_finite(const Table& table, const char* name) {
+void check_finite_rows(const Table& table, const char* name) {
   if (((table.array() * 0.0F).sum() == 0.0F)) return;
   for (Eigen::Index row = 0; row < table.rows(); ++row) {
     for (Eigen::Index column = 0; column < table.cols(); ++column) {
@@ -35,8 +35,8 @@ void check_points(const PointsView& view) {
     throw InputError("intensity: expected " + std::to_string(view.num_points()) + " values, got " +
                      std::to_string(view.intensity.rows()));
   }
-  check_finite(view.points, "points");
-  check_finite(view.intensity, "intensity");
+  check_finite_rows(view.points, "points");
+  check_finite_rows(view.intensity, "intensity");
 }
 
 }  // namespace manip3d

@@ -361,13 +361,12 @@ class AlertMonitor:
     def _ask_forensics(
         self, frame: LidarFrame, watermark: WatermarkResult | None, now: float, begin: float
     ) -> tuple[Inspection | None, WitnessReport]:
-        if watermark is not None and _has_moved_points(watermark):
-            # Detector III takes the moved points for an edit; the key has vouched for them.
-            return None, WitnessReport("absent", "the verified watermark moved the points")
         if not self._is_due("forensics", now):
             return None, WitnessReport("skipped", "not due")
         start = self._clock()
-        found = inspect(frame, power=False)
+        # What a verified watermark moved is allowed for; what else it says it says itself.
+        verified = watermark if watermark is not None and watermark.content == "intact" else None
+        found = inspect(frame, watermark=verified, power=False)
         return found, self._heard("forensics", found.verdict, found.reason, start, now)
 
     def _is_due(self, witness: str, now: float) -> bool:
@@ -388,10 +387,6 @@ class AlertMonitor:
         # The quickest so far: the first call also loads what it needs.
         self._cost[witness] = min(seconds, self._cost.get(witness, math.inf))
         return WitnessReport(verdict, reason, seconds)
-
-
-def _has_moved_points(watermark: WatermarkResult) -> bool:
-    return watermark.content == "intact" and watermark.embedding != "detached"
 
 
 def _joined(told: Mapping[str, WitnessReport], *, has_key: bool) -> tuple[str, str]:
