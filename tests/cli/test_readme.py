@@ -160,11 +160,13 @@ def make_sources(words: list[str], place: Path) -> None:
     if words[0] in ("watermark", "alert") or sources.startswith("inspect drive"):
         make_watermark(words, place)
     if sources == "inspect forged" and not (place / "forged").exists():
-        line = 'forge stream "sim:body?motion=still&frames=12" --type 1 --still -q -o forged'
-        assert CliRunner().invoke(app, shlex.split(line)).exit_code == 0
+        line = 'forge stream "sim:body?motion=still&frames=12" --type 1 --still -q -o'
+        forged = str(place / "forged")
+        assert CliRunner().invoke(app, [*shlex.split(line), forged]).exit_code == 0
     if sources == "report results" and not (place / "results").exists():
-        line = "reproduce table-2.1 --scale quick --data simulated -q -o results"
-        assert CliRunner().invoke(app, line.split()).exit_code == 0
+        line = "reproduce table-2.1 --scale quick --data simulated -q -o"
+        results = str(place / "results")
+        assert CliRunner().invoke(app, [*line.split(), results]).exit_code == 0
 
 
 def make_watermark(words: list[str], place: Path) -> None:
@@ -298,8 +300,7 @@ def test_lines_of_readme_need_the_extra_that_they_name(
         words[at] = str(tmp_path / words[at])
     for output in ("rows.csv", "case.jsonl", "drive.jsonl"):  # of the same line in the test before
         (place / output).unlink(missing_ok=True)
-    if words[0] in ("watermark", "alert") or words[:2] == ["inspect", "drive"]:
-        make_watermark(words, place)
+    make_sources(words, place)
     done = run_without_extras(words, place)
     if named is None:
         assert done.returncode in (0, 3), done.stderr

@@ -37,7 +37,7 @@ _VERBS = {
     "data": "Public data sets: what is here, and fetching more.",
     "forge": "Forge LiDAR scans and RGB-D streams, with the truth beside them.",
     "watermark": "Embed keyed watermarks into LiDAR scans and verify them.",
-    "alert": "Watch the LiDAR of a drive: watermark, cameras, forensics and risk.",
+    "alert": "Watch the LiDAR of a drive: watermark, cameras, forensics, risk.",
     "phantom": "Render a missing limb by mirroring the intact one.",
     "capture": "RGB-D cameras and recordings: list, record, play, export, info.",
 }
@@ -174,6 +174,7 @@ def _fail(error: BaseException, message: str, as_json: bool) -> NoReturn:
         if as_json and not _has_answered():
             print(json.dumps({"error": _details(error, line)}))
             _flush(sys.stdout)
+    with contextlib.suppress(OSError):  # also where stdout has failed
         print("manip3d: error: " + line, file=sys.stderr)
         _flush(sys.stderr)
     sys.exit(1)

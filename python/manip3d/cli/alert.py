@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="alert",
-    help="Watch the LiDAR of a drive: watermark, cameras, forensics and risk.",
+    help="Watch the LiDAR of a drive: watermark, cameras, forensics, risk.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )

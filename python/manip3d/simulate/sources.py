@@ -97,6 +97,10 @@ def open_drive(address: str, *, threads: int = 0) -> Iterator[DriveFrame]:
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The frames do not depend on it.
 
+    Yields
+    ------
+    DriveFrame
+
     Raises
     ------
     InputError
