@@ -32,6 +32,10 @@ _FRAME_S = 0.1  # between frames of scanners that turn ten times a second
 
 WITNESSES = ("watermark", "cross-modal", "forensics")
 
+CLEAN_ACCUSED = "6 of 36 clean simulated frames"
+"""What `cross_modal_consistency` does to frames that chose none of its thresholds (experiment
+``table-7.2-cross-modal``); of clean real ones it accuses 2 of 6."""
+
 
 @dataclass(frozen=True)
 class WitnessReport:
@@ -66,8 +70,9 @@ class Alert:
     number : int
         Of the frame in the monitor's stream; skipped ones count.
     verdict : 'authentic', 'no_trace', 'tampered', 'undecidable' or 'skipped'
-        ``tampered`` if any witness says so. ``authentic`` rests on the watermark alone. A frame
-        without one is at best ``no_trace``.
+        ``tampered`` if watermark or forensics say so; ``undecidable`` if the cameras alone do,
+        which accuse too many clean frames to decide. ``authentic`` rests on the watermark alone. A
+        frame without one is at best ``no_trace``.
     reason : str
     witnesses : mapping of str to WitnessReport
         ``watermark``, ``cross-modal``, ``forensics``.
@@ -390,10 +395,13 @@ class AlertMonitor:
 
 
 def _joined(told: Mapping[str, WitnessReport], *, has_key: bool) -> tuple[str, str]:
-    """One verdict: any witness may accuse, only the watermark can clear."""
-    for name in WITNESSES:
+    """One verdict: watermark and forensics accuse, cameras doubt, the watermark alone clears."""
+    for name in ("watermark", "forensics"):
         if told[name].verdict == "tampered":
             return "tampered", f"{name}: {told[name].reason}"
+    if told["cross-modal"].verdict == "tampered":
+        reason = f"cross-modal: {told['cross-modal'].reason}; cameras accuse {CLEAN_ACCUSED}"
+        return "undecidable", f"{reason}, so that another witness has to agree"
     sworn = told["watermark"]
     if has_key:
         return sworn.verdict, f"watermark: {sworn.reason}"
