@@ -7,17 +7,19 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from manip3d._util.checked import checked
 from manip3d.authenticate._inspect import FALSE_ALARM_RATE, Inspection, inspect
+from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._watermark import KeyFile, Policy, Watermarker
 from manip3d.errors import InputError
+from manip3d.lidar import LidarFrame
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from manip3d.authenticate._lattice import SensorLattice
     from manip3d.authenticate._verdict import Verdict
-    from manip3d.lidar import LidarFrame
 
 GRAVEST_FIRST: tuple[Verdict, ...] = ("tampered", "processed", "undecidable", "no_trace")
 
@@ -75,6 +77,11 @@ def inspect_drive(
     >>> [found.verdict for found in authenticate.inspect_drive([empty, empty])]
     ['undecidable', 'undecidable']
     """
+    _check_each("frames", frames, LidarFrame)
+    _check_each("numbers", numbers, int, np.integer)
+    _check_each("records", records, bytes)
+    if lattice is not None and not isinstance(lattice, SensorLattice):
+        raise InputError(f"lattice: expected a SensorLattice, got {type(lattice).__name__}")
     if key is not None and records is None:
         raise InputError("key: expected with the records of the frames, got none")
     return _each(
@@ -89,6 +96,18 @@ def inspect_drive(
         ),
         lattice,
     )  # fmt: skip
+
+
+def _check_each(name: str, values: object, *kinds: type) -> None:
+    """Refuse what is in no order, and items of another kind where all are there already."""
+    if isinstance(values, set | frozenset | dict | str | bytes):
+        raise InputError(f"{name}: expected a sequence, got {type(values).__name__}")
+    if isinstance(values, list | tuple | np.ndarray):
+        for item in values:
+            if item is not None and not isinstance(item, kinds):
+                raise InputError(
+                    f"{name}: expected {kinds[0].__name__}s, got {type(item).__name__}"
+                )
 
 
 @checked
@@ -110,7 +129,7 @@ def verdict_of_drive(found: Sequence[Inspection | None]) -> tuple[Verdict, str]:
         "undecidable" if each is None else each.verdict for each in found
     )
     verdict: Verdict = next((each for each in GRAVEST_FIRST if verdicts[each]), "undecidable")
-    if not found:
+    if len(found) == 0:
         return verdict, "there are no scans"
     reason = f"{verdicts[verdict]} of {len(found)} scans"
     if verdict == "tampered":
