@@ -47,7 +47,7 @@ class ArrayPool {
     std::unique_ptr<std::byte[]> bytes;
   };
 
-  /// What is not in use: the last of a size that was put there is taken first. Lives as long as
+  /// Memory not in use: the last of a size that was put there is taken first. Lives as long as
   /// the pool or an array of it.
   class Shelf {
    public:

@@ -198,7 +198,7 @@ void project_disparity(const DisparityView& disparity, const StereoView& camera,
   }
 }
 
-// What the 3x3 cells around hold.
+// Range of distances in the 3x3 cells around one, and how many of them hold some.
 struct Around {
   float nearest = 0.0F;
   float farthest = std::numeric_limits<float>::infinity();

@@ -13,7 +13,7 @@
 /// 4.3.1, and 4.7.1 for legs.
 namespace manip3d {
 
-/// What became of a person's pixel.
+/// The fate of a person's pixel when the limb is taken out.
 enum class Removal : std::uint8_t {
   kNone,
   kRemoved,    ///< Taken out, as a part of the limb.

@@ -39,7 +39,7 @@ CLEAN_ACCUSED = "6 of 36 clean simulated frames"
 
 @dataclass(frozen=True)
 class WitnessReport:
-    """What one witness says of one frame.
+    """The word of one witness on one frame.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class Alert:
 
 @dataclass(frozen=True)
 class AlertCounts:
-    """What a monitor has done so far.
+    """Counts and times of a monitor so far.
 
     Attributes
     ----------
@@ -277,7 +277,7 @@ class AlertMonitor:
             now = self._number * min(self._budget, _FRAME_S) if time_s is None else time_s
             watermark, sworn = self._ask_watermark(frame, record)
             cross, seen = self._ask_cameras(frame, left, right, now, begin)
-            forensics, looked = self._ask_forensics(frame, watermark, now, begin)
+            forensics, looked = self._ask_forensics(frame, watermark, now)
             told = {"watermark": sworn, "cross-modal": seen, "forensics": looked}
             verdict, reason = _joined(told, has_key=self._marker is not None)
             observed = _observation(watermark, cross, forensics, speed_mps, self._risk.parameters)
@@ -314,7 +314,7 @@ class AlertMonitor:
 
     @property
     def counts(self) -> AlertCounts:
-        """What was judged, skipped and late so far."""
+        """Numbers of frames judged, skipped and late so far."""
         with self._lock:
             judged = self._number - self._verdicts.get("skipped", 0)
             return AlertCounts(
@@ -364,12 +364,12 @@ class AlertMonitor:
         return found, self._heard("cross-modal", found.verdict, found.reason, start, now)
 
     def _ask_forensics(
-        self, frame: LidarFrame, watermark: WatermarkResult | None, now: float, begin: float
+        self, frame: LidarFrame, watermark: WatermarkResult | None, now: float
     ) -> tuple[Inspection | None, WitnessReport]:
         if not self._is_due("forensics", now):
             return None, WitnessReport("skipped", "not due")
         start = self._clock()
-        # What a verified watermark moved is allowed for; what else it says it says itself.
+        # The displacement of a verified watermark is allowed for; its own report says the rest.
         verified = watermark if watermark is not None and watermark.content == "intact" else None
         found = inspect(frame, watermark=verified, power=False)
         return found, self._heard("forensics", found.verdict, found.reason, start, now)

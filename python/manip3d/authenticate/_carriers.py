@@ -131,7 +131,7 @@ _CARRIES: Mapping[str, _Test] = {
 
 
 def trace_of(points: Points) -> tuple[Processing, ...]:
-    """What a watermark that is not verified did to the scan as a whole; nothing: there is none."""
+    """The traces of a watermark that is not verified, as processing; empty: there is none."""
     from manip3d.authenticate._verdict import Processing
 
     name = find_carrier(points)

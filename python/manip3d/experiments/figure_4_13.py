@@ -43,9 +43,11 @@ def view_steps(case: Case) -> Row:
     joints = person.positions.copy()
     joints[[16, 17], 1] -= options["shift"]
     frame = replace(capture.frame, skeletons=(replace(person, positions=joints),))
-    once = PhantomPipeline(affected=_LIMB, root_radius=0.0).process(frame)
-    twice = PhantomPipeline(affected=_LIMB).process(frame)
-    narrower = PhantomPipeline(affected=_LIMB, root_radius=_NARROWER).process(frame)
+    once = PhantomPipeline(affected=_LIMB, segmentation="paper", root_radius=0.0).process(frame)
+    twice = PhantomPipeline(affected=_LIMB, segmentation="paper").process(frame)
+    narrower = PhantomPipeline(affected=_LIMB, segmentation="paper", root_radius=_NARROWER).process(
+        frame
+    )
     mine = (frame.body_index == 0) & (frame.depth > 0)
     metres = frame.depth / 1000.0
     near, far = np.quantile(metres[mine], [0.01, 0.99])

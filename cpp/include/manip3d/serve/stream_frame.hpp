@@ -14,15 +14,16 @@ struct StreamImage {
   std::int64_t rows = 0, cols = 0;
 };
 
-/// What a page draws of one frame: a mesh in two ranges, each with the colours of its own frame.
+/// The contents of one frame for a page: a mesh in two ranges, each with the colours of its own
+/// frame.
 struct StreamFrame {
   std::span<const float> vertices;         ///< (N, 3) metres.
   std::span<const float> texcoords;        ///< (N, 2), v up; NaN: no colour.
   std::span<const std::uint8_t> phantoms;  ///< (N) not 0: the vertex belongs to the phantom.
   std::span<const std::int32_t> faces;     ///< (F, 3).
-  StreamImage color;                       ///< Of the body.
-  StreamImage phantom_color;               ///< Of the phantom; may be the same image.
-  float opacity = 1.0F;                    ///< Of the phantom.
+  StreamImage color;                       ///< The body's picture.
+  StreamImage phantom_color;               ///< The phantom's picture; may be the same.
+  float opacity = 1.0F;                    ///< The phantom's.
   std::uint32_t sequence = 0;
   std::int64_t time_ns = 0;      ///< By the sensor's clock.
   std::int64_t captured_ns = 0;  ///< When it came in, since 1970.
