@@ -19,6 +19,8 @@ for topic in (
     "simplify",
     "every_mesh",
     "depth",
+    "relief",
+    "every_depth",
     "cs3",
     "phantom",
 ):

@@ -6,6 +6,7 @@ by hand and stays.
 
 from __future__ import annotations
 
+import math
 import re
 import statistics
 from collections.abc import Iterable, Sequence
@@ -386,3 +387,68 @@ def _every_mesh_worse(cases: list[Row]) -> str:
         for factor, what, mine, best, peer, own in found
     ]  # fmt: skip
     return table(["worse than a peer", "error", "best peer", "ours", "its", "times"], body)
+
+
+def write_every_depth(results: Row, path: Path = RESULTS) -> None:
+    """The section `every_depth`."""
+    write_section("every_depth", every_depth(results), path)
+
+
+def every_depth(results: Row) -> str:
+    """Which aims hold, at each share of the points; and the images that miss one."""
+    rows = results["rows"]
+    images = len({row["input"] for row in rows})
+    parts = [environment_line(results["environment"]), f"{images} images and scans.\n"]
+    head = ("", "points", "error at most the peer's", "most", "coverage, least", "5 %", "median",
+            "bridges, most", "time over the peer's, most", "ms of 640x480, most")  # fmt: skip
+    groups: dict[tuple[str, float], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row["how"], row["share"]), []).append(row)
+    parts.append(table(head, (_depth_line(*key, of) for key, of in groups.items())))
+    parts.append(table(
+        ("image", "points", "effort", "error ratio", "coverage", "bridges", "stop"),
+        ((row["input"], f"{row['points']} ({_percent(row['share'])})", row["how"],
+          number(_error_ratio(row)), f"{row['coverage']:.3f}", _percent(row["bridges"]),
+          row["stop"]) for row in rows if _misses(row)),
+    ))  # fmt: skip
+    return "\n".join(parts)
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.3g} %"
+
+
+def _error_ratio(row: Row) -> float | None:
+    """Above 1: ours is worse; none where the peer came out empty."""
+    if row["peer"].get("mean") is None:
+        return None
+    return float(row["mean"] / row["peer"]["mean"]) if row.get("mean") is not None else math.inf
+
+
+def _least_coverage(row: Row) -> float:
+    return 0.99 if row["share"] >= 0.05 else 0.95 if row["share"] >= 0.01 else 0.0
+
+
+def _misses(row: Row) -> bool:
+    """One of the aims of a single image does not hold."""
+    ratio, limit = _error_ratio(row), 1.3 if row["how"] == "live" else 1.5
+    too_far = ratio is not None and ratio > limit
+    return too_far or row["coverage"] < _least_coverage(row) or row["bridges"] > 0.001
+
+
+def _depth_line(how: str, share: float, rows: list[Row]) -> tuple[str, ...]:
+    ratios = [ratio for ratio in map(_error_ratio, rows) if ratio is not None]
+    coverage = sorted(row["coverage"] for row in rows)
+    frames = [1e3 * row["cpu_s"] for row in rows if row["pixels"] == 640 * 480]
+    return (
+        how,
+        _percent(share),
+        f"{sum(ratio <= 1 for ratio in ratios)} of {len(ratios)}",
+        number(max(ratios, default=None)),
+        f"{coverage[0]:.3f}",
+        f"{coverage[len(coverage) // 20]:.3f}",
+        f"{statistics.median(coverage):.3f}",
+        _percent(max(row["bridges"] for row in rows)),
+        number(max(row["cpu_s"] / row["peer"]["cpu_s"] for row in rows)),
+        number(max(frames, default=None)),
+    )

@@ -37,7 +37,8 @@ struct LocalQuadric {
 /// - An edge collapses onto one of its ends. The quadric of a vertex [Garland & Heckbert 1997]
 ///   holds the planes of the surface near it, of total weight w (their area). The mean distance is
 ///   a sum of distances, not of squares, so the price of a collapse is how much sqrt(w Q) grows, an
-///   estimate of area times distance. Boundary edges add the area that is lost beside them.
+///   estimate of area times distance. Boundary edges add what is lost beside them, at a higher
+///   rate.
 /// - A hole that is down to three vertices is closed: they are interior ones then. Its price is the
 ///   area times the mean distance of that triangle from its sides, where the surface is.
 /// - A piece that is down to one triangle is left out: its area times the distance to the nearest
