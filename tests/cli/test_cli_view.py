@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from command_line import error_line, manip3d
-from manip3d import Intrinsics, LidarFrame, RgbdCalibration, RgbdFrame, Skeleton, capture
+from manip3d import Intrinsics, LidarFrame, Mesh, RgbdCalibration, RgbdFrame, Skeleton, capture
 from manip3d.viewer.page import BUNDLE
 
 CAMERA = Intrinsics(32, 24, 30.0, 30.0, 15.5, 11.5)
@@ -101,6 +101,27 @@ def test_view_takes_the_camera_of_a_depth_image(bundle: None, tmp_path: Path, de
     done = manip3d("view", depth, "--intrinsics", "30,30,15.5,11.5", "-o", tmp_path / "a.html")
     assert done.returncode == 0, done.stderr
     assert "assumed" not in done.stderr
+
+
+def test_play_takes_a_folder_in_the_order_of_its_names(bundle: None, tmp_path: Path) -> None:
+    (tmp_path / "frames").mkdir()
+    for frame in (1, 0):
+        Mesh(np.eye(3), [[0, 1, 2]]).write(tmp_path / f"frames/{frame}.glb")
+    page = tmp_path / "film.html"
+    done = manip3d("play", tmp_path / "frames", "-o", page, "--rate", 25)
+    assert done.returncode == 0, done.stderr
+    assert "2 frames" in done.stderr
+    text = page.read_text()
+    assert text.index("0.glb") < text.index("1.glb")
+    assert '"film": {"rate": 25.0}' in text
+    assert "--force" in error_line(manip3d("play", tmp_path / "frames", "-o", page))
+    assert "expected a name" in error_line(manip3d("play", tmp_path / "frames", "-o", "a.png"))
+
+
+def test_play_says_what_is_no_mesh(bundle: None, tmp_path: Path, depth: Path) -> None:
+    assert "depth" in error_line(manip3d("play", depth, "-o", tmp_path / "a.html"))
+    (tmp_path / "none").mkdir()
+    assert "none" in error_line(manip3d("play", tmp_path / "none", "-o", tmp_path / "a.html"))
 
 
 def test_without_a_display_view_says_where_the_page_is(bundle: None, depth: Path) -> None:

@@ -163,6 +163,9 @@ def make_sources(words: list[str], place: Path) -> None:
         line = 'forge stream "sim:body?motion=still&frames=12" --type 1 --still -q -o'
         forged = str(place / "forged")
         assert CliRunner().invoke(app, [*shlex.split(line), forged]).exit_code == 0
+    if sources == "play frames/":
+        (place / "frames").mkdir(exist_ok=True)
+        manip3d.Mesh(np.eye(3), [[0, 1, 2]]).write(place / "frames/0.glb")
     if sources == "report results" and not (place / "results").exists():
         line = "reproduce table-2.1 --scale quick --data simulated -q -o"
         results = str(place / "results")

@@ -14,7 +14,7 @@ from page_content import content, reddish, screenshot
 
 import manip3d
 from manip3d import InputError, Material, Mesh, RenderError, Texture
-from manip3d.viewer import _chromium, html, iframe, page, picture, view
+from manip3d.viewer import _chromium, film, html, iframe, page, picture, play, view
 
 pytestmark = pytest.mark.usefixtures("bundle")
 
@@ -197,7 +197,69 @@ def test_view_refuses_other_suffixes(quad: Mesh, tmp_path: Path) -> None:
         view(quad, tmp_path / "quad.jpg")
 
 
+def test_a_film_holds_its_frames_in_order(quad: Mesh) -> None:
+    page = content(film([quad, quad], labels=["a", "b"], rate=24, title="t"))
+    assert page["film"] == {"rate": 24}
+    assert [model["label"] for model in page["models"]] == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"rate": 0}, "rate"),
+        ({"rate": float("nan")}, "rate"),
+        ({"labels": ["one"]}, "labels"),
+        ({"max_faces": 0}, "max_faces"),
+    ],
+)
+def test_bad_options_of_a_film_are_named(quad: Mesh, options: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        film([quad, quad], **options)
+
+
+def test_a_film_takes_meshes_only(quad: Mesh) -> None:
+    cloud = manip3d.LidarFrame(np.eye(3))
+    with pytest.raises(InputError, match=r"meshes\[1\]: expected a mesh"):
+        film([quad, cloud])
+    with pytest.raises(InputError, match="at least one mesh"):
+        film([])
+
+
+def test_play_writes_pages_only(quad: Mesh, tmp_path: Path) -> None:
+    assert play([quad], tmp_path / "a.html").read_text().startswith("<!DOCTYPE html>")
+    with pytest.raises(InputError, match=r"\.html"):
+        play([quad], tmp_path / "a.png")
+
+
 # ------------------------------------------------------------------------------- the browser
+
+
+def test_the_browser_plays_a_film(chromium: None, quad: Mesh) -> None:
+    red = quad.replace(colors=[[255, 0, 0]] * 4)
+    text = film([red, quad, quad], rate=50, azimuth=0, elevation=0)
+    frame = "document.querySelector('footer output').textContent"
+    slide = "(s => { s.value = %d; s.dispatchEvent(new Event('input')); })"
+    with _chromium.open_page(text, (500, 400)) as tab:
+        tab.evaluate("manip3d")
+        assert tab.evaluate(frame) == "1 of 3"
+        first = screenshot(tab)
+        tab.evaluate(f"{slide % 2}(document.querySelector('footer input'))")
+        assert tab.evaluate(frame) == "3 of 3"
+        last = screenshot(tab)
+        press(tab, " ")
+        assert tab.evaluate("document.querySelector('footer button').textContent") == "Stop"
+        seen = tab.evaluate(
+            f"new Promise(done => {{ const seen = new Set(); const look = () => {{"
+            f" seen.add({frame}); seen.size === 3 ? done(seen.size) : requestAnimationFrame(look);"
+            f" }}; look(); }})"
+        )
+        press(tab, " ")
+        stopped = tab.evaluate(frame)
+        assert tab.evaluate("document.querySelector('footer button').textContent") == "Play"
+        assert tab.evaluate(frame) == stopped
+    assert reddish(first).sum() > 10_000
+    assert reddish(last).sum() == 0
+    assert seen == 3
 
 
 def test_the_browser_shows_each_mesh_in_its_pane(chromium: None, quad: Mesh) -> None:

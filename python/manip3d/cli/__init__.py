@@ -26,6 +26,7 @@ _VERBS = {
     "compare": "Measure how far a mesh is from its original.",
     "info": "Count what a mesh, a scan or a recording is made of.",
     "view": "Show a mesh or a scan, or write a page or a picture.",
+    "play": "Play a sequence of meshes on one page, with a time bar.",
     "convert": "Write a mesh or a scan in another format.",
     "simulate": "Make drives, scans and meshes with known truth.",
     "inspect": "Look for edits of a LiDAR scan, a drive or an RGB-D recording.",

@@ -30,7 +30,7 @@ NAMES = {
     "unknown": "a file of unknown kind",
 }
 VERBS = {
-    "mesh": "simplify, compare, info, view, convert",
+    "mesh": "simplify, compare, info, view, play, convert",
     "scan": "inspect, forge lidar, watermark, info, view, convert",
     "range grid": "depth, info, view, convert",
     "depth": "depth, info, view",
@@ -39,7 +39,7 @@ VERBS = {
     "drive": "inspect, watermark, alert, info, view, convert",
     "picture": "depth, as --color",
     "results": "report",
-    "folder": "simplify (of meshes), depth (of depth images), info and view (of a drive)",
+    "folder": "simplify and play (of meshes), depth (of depth images), info and view (of a drive)",
 }
 """The commands that take each kind."""
 

@@ -2,7 +2,7 @@
 
 from manip3d.viewer.evidence import evidence, forgery_points
 from manip3d.viewer.opening import Opened, kind_of, open_thing, rgbd_address, scan_address
-from manip3d.viewer.page import figure, has_display, html, iframe, view
+from manip3d.viewer.page import figure, film, has_display, html, iframe, play, view
 from manip3d.viewer.pictures import comparison, picture, png_bytes, points_picture
 from manip3d.viewer.points import (
     Classes,
@@ -37,6 +37,7 @@ __all__ = [
     "drawn_points",
     "evidence",
     "figure",
+    "film",
     "forgery_points",
     "has_display",
     "html",
@@ -44,6 +45,7 @@ __all__ = [
     "kind_of",
     "open_thing",
     "picture",
+    "play",
     "png_bytes",
     "points_picture",
     "renderer",

@@ -51,6 +51,7 @@ BUNDLE = Path(__file__).parent / "dist" / "viewer.js"
 VIEW = {"azimuth": 30.0, "elevation": 20.0, "up": "y"}
 MAX_FACES = 200_000  # 10 MB of page; a phone still turns it smoothly
 MAX_POINTS = 2_000_000  # 24 MB of page; while they turn, slow machines draw a part of them
+FILM_FACES = 20_000  # of each frame: 1 MB of page
 FIGURE_POINTS = 300_000  # 3 MB beside the other things of a page
 GRID = 65535.0  # steps of a point's place along each side of the scene
 FAR_OUT = 20.0  # times the bulk's extent: then single points would make the steps too large
@@ -361,6 +362,73 @@ def html(
     return page_of(entries, title, view, style)
 
 
+@checked
+def film(
+    meshes: Sequence[Any],
+    *,
+    rate: float = 10.0,
+    title: str = "",
+    labels: Sequence[str] | None = None,
+    azimuth: float | None = None,
+    elevation: float | None = None,
+    up: Up | None = None,
+    max_faces: int = FILM_FACES,
+) -> str:
+    """A page that plays a sequence of meshes, with a time bar.
+
+    The page holds all it needs, as that of `html`. Frames are left out where the machine cannot
+    draw them in time, so that the film keeps its speed.
+
+    Parameters
+    ----------
+    meshes : sequence of Mesh or results that hold one
+        At least one; in the order in which they are shown.
+    rate : float, frames per second
+    title : str
+    labels : sequence of str, optional
+        A name of each.
+    azimuth, elevation, up
+        As for `picture`; the camera stands where the whole film is seen.
+    max_faces : int
+        Larger meshes are shown simplified, and say so.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        No mesh, something that is none, or an option out of range.
+    RenderError
+        The viewer is not built; the message names the cure.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Mesh, viewer
+    >>> steps = [Mesh(size * np.eye(3), [[0, 1, 2]]) for size in (1.0, 1.5, 2.0)]
+    >>> page = viewer.film(steps, rate=2.0)
+    """
+    if not 0.0 < rate <= 1000.0:
+        raise InputError(f"rate: expected above 0 and at most 1000 frames per second, got {rate}")
+    if max_faces < 1:
+        raise InputError(f"max_faces: expected at least 1, got {max_faces}")
+    every = [shown(one) for one in meshes]
+    names = [""] * len(every) if labels is None else list(labels)
+    if not every or len(names) != len(every):
+        raise InputError(
+            f"labels: expected one for each of at least one mesh, got {len(names)} labels for "
+            f"{len(every)} meshes"
+        )
+    for index, one in enumerate(every):
+        if isinstance(one, DrawnPoints):
+            raise InputError(f"meshes[{index}]: expected a mesh, got points")
+    entries = [(*displayed(one, max_faces), name) for one, name in zip(every, names, strict=True)]
+    view = view_of(every[0], azimuth, elevation, up)
+    return page_of(entries, title, view, Style(), film_rate=rate)
+
+
 def _several(thing: Any) -> list[Any]:
     return list(thing) if isinstance(thing, list | tuple) else [thing]
 
@@ -393,9 +461,16 @@ def poses_of(thing: Shown) -> tuple[Pose, ...]:
 
 
 def page_of(
-    entries: Sequence[tuple[Shown, str, str]], title: str, view: dict[str, Any], style: Style
+    entries: Sequence[tuple[Shown, str, str]],
+    title: str,
+    view: dict[str, Any],
+    style: Style,
+    film_rate: float | None = None,
 ) -> str:
-    """The page of things that are small enough, each with its detail and its label."""
+    """The page of things that are small enough, each with its detail and its label.
+
+    With a rate they are shown one after the other.
+    """
     first = entries[0][0]
     placement = Placement.of(first)
     poses = () if view.get("fits") else poses_of(first)
@@ -407,6 +482,8 @@ def page_of(
         "looks": _looks(style, axes=not poses or poses[0].up != "-y"),
         "models": [model_entry(thing, placement, label, text) for thing, text, label in entries],
     }
+    if film_rate is not None:
+        page["film"] = {"rate": film_rate}
     return document(title or "manip3d", page)
 
 
@@ -509,12 +586,7 @@ def view(thing: Any, output: str | os.PathLike[str] | None = None, **options: An
         The file cannot be written.
     """
     if output is None:
-        handle, name = tempfile.mkstemp(prefix="manip3d-", suffix=".html")
-        os.close(handle)
-        path = view(thing, name, **options)
-        if has_display():
-            webbrowser.open(path.as_uri())
-        return path
+        return _opened(html(thing, **options))
     path = path_of(output, "output")
     suffix = path.suffix.lower()
     if suffix == ".html":
@@ -525,4 +597,53 @@ def view(thing: Any, output: str | os.PathLike[str] | None = None, **options: An
         atomic_write(path, png_bytes(image))
     else:
         raise InputError(f"output: expected a name that ends in .html or .png, got {str(path)!r}")
+    return path
+
+
+def _opened(page: str) -> Path:
+    """Open a page in the browser, where there is a display; return its temporary file."""
+    handle, name = tempfile.mkstemp(prefix="manip3d-", suffix=".html")
+    os.close(handle)
+    path = Path(name)
+    atomic_write(path, page)
+    if has_display():
+        webbrowser.open(path.as_uri())
+    return path
+
+
+@checked
+def play(
+    meshes: Sequence[Any], output: str | os.PathLike[str] | None = None, **options: Any
+) -> Path:
+    """Play a sequence of meshes: in the browser, or as an .html file.
+
+    Parameters
+    ----------
+    meshes : sequence of Mesh or results that hold one
+    output : path, optional
+        Where to write; without it a page in the folder for temporary files is opened in the
+        browser, where there is a display.
+    **options
+        Of `film`.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    InputError
+        ``output`` does not end in ``.html``, or as `film`.
+    RenderError
+        As `film`.
+    OSError
+        The file cannot be written.
+    """
+    if output is None:
+        return _opened(film(meshes, **options))
+    path = path_of(output, "output")
+    if path.suffix.lower() != ".html":
+        raise InputError(f"output: expected a name that ends in .html, got {str(path)!r}")
+    atomic_write(path, film(meshes, **options))
     return path

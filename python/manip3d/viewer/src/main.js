@@ -1,5 +1,6 @@
 // The page: reads what Python wrote into it, builds the panes and the toolbar.
 
+import { Film } from "./film.js";
 import { Model } from "./model.js";
 import { Cloud, legend } from "./points.js";
 import { Stage } from "./stage.js";
@@ -16,6 +17,7 @@ import css from "./viewer.css";
  * @property {Entry[]} models
  * @property {{size: number[], scale: number, pose: import("./stage.js").Pose, background: string}} [still]
  *   instead of a view, one picture: its PNG's data URL
+ * @property {{rate: number}} [film]  the models are shown one after the other, so many a second
  */
 
 /**
@@ -48,6 +50,7 @@ const HELP = [
   ["D", "dark or light"],
   ["?", "this list"],
 ];
+const FILM_HELP = [["space", "play or stop"]];
 const TURN = 0.1; // radians for each press of an arrow key
 const NEARER = 0.9; // times the distance
 const SHIFT = 30; // pixels
@@ -81,13 +84,13 @@ function hasWebGL() {
 async function start(page) {
   const message = element("p", { class: "message", role: "status" }, "Loading…");
   const canvas = element("canvas");
-  const panes = page.models.map(({ label, detail }) =>
-    element("figure", {}, element("figcaption", {}, element("b", {}, label), " ", detail)),
+  const panes = (page.film ? page.models.slice(0, 1) : page.models).map((entry) =>
+    element("figure", {}, element("figcaption", {}, ...caption(entry))),
   );
   const area = element("div", { class: "area" }, canvas, ...panes, message);
   const bar = element("header", {}, element("h1", {}, page.title));
   const switches = switchesOf(page.models);
-  const help = helpDialog(switches);
+  const help = helpDialog(switches, page.film ? FILM_HELP : []);
   document.head.append(element("style", {}, css));
   document.body.append(bar, area, help);
 
@@ -101,9 +104,46 @@ async function start(page) {
   const stage = new Stage(canvas, panes, models, page.view, page.places);
   if (page.still) return still(stage, page.looks, page.still);
   message.remove();
-  addToolbar(bar, stage, page.looks, help, switches);
+  /** @type {Record<string, () => void>} */
+  const actions = {};
+  if (page.film) actions[" "] = addFilm(page, stage, area);
+  addToolbar(bar, stage, page.looks, help, switches, actions);
   addManners(area, stage);
   return undefined;
+}
+
+/** @param {Entry} entry */
+function caption({ label, detail }) {
+  return [element("b", {}, label), " ", detail];
+}
+
+/**
+ * The bar of a film under its picture.
+ * @param {Page} page @param {Stage} stage @param {HTMLElement} area
+ * @returns {() => void}  plays, or stops
+ */
+function addFilm({ models, film }, stage, area) {
+  const text = /** @type {HTMLElement} */ (stage.panes[0].querySelector("figcaption"));
+  const button = element("button", { title: "Play or stop (space)" });
+  const slider = element("input", {
+    type: "range",
+    min: "0",
+    max: String(models.length - 1),
+    "aria-label": "Frame",
+  });
+  const place = element("output");
+  const reel = new Film(models.length, film?.rate ?? 1, (frame, isPlaying) => {
+    stage.turn = frame;
+    slider.value = String(frame);
+    place.textContent = `${frame + 1} of ${models.length}`;
+    button.textContent = isPlaying ? "Stop" : "Play";
+    text.replaceChildren(...caption(models[frame]));
+    stage.requestDraw();
+  });
+  button.addEventListener("click", () => reel.toggle());
+  slider.addEventListener("input", () => reel.show(slider.valueAsNumber));
+  area.after(element("footer", {}, button, slider, place));
+  return () => reel.toggle();
 }
 
 /** @param {Entry} entry @param {number[][]} ramp @returns {Promise<Model | Cloud>} */
@@ -138,10 +178,10 @@ function still(stage, looks, { size, scale, pose, background }) {
 
 /** @typedef {ReturnType<typeof switchesOf>} Switches */
 
-/** @param {Switches} switches */
-function helpDialog(switches) {
+/** @param {Switches} switches @param {string[][]} more */
+function helpDialog(switches, more) {
   const keys = switches.map(([, key, , what]) => [key.toUpperCase(), what]);
-  const rows = [...keys, ...HELP].map(([keys, what]) =>
+  const rows = [...more, ...keys, ...HELP].map(([keys, what]) =>
     element("tr", {}, element("th", {}, keys), element("td", {}, what)),
   );
   const close = element("button", {}, "Close");
@@ -153,10 +193,9 @@ function helpDialog(switches) {
 /**
  * @param {HTMLElement} bar @param {Stage} stage @param {import("./model.js").Looks} looks
  * @param {HTMLDialogElement} help @param {Switches} switches
+ * @param {Record<string, () => void>} actions  by key
  */
-function addToolbar(bar, stage, looks, help, switches) {
-  /** @type {Record<string, () => void>} */
-  const actions = {};
+function addToolbar(bar, stage, looks, help, switches, actions) {
   const update = () => {
     for (const model of stage.models) model.show(looks);
     showLegends(stage, looks);
@@ -255,7 +294,9 @@ function addKeys(stage, actions) {
   };
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return; // the browser's own
-    if (event.target instanceof HTMLSelectElement) return; // it has keys of its own
+    // They have keys of their own.
+    if (event.target instanceof HTMLSelectElement || event.target instanceof HTMLInputElement) return;
+    if (event.key === " " && event.target instanceof HTMLButtonElement) return;
     stage.held ||= event.key in arrows || "+=-".includes(event.key);
     if (event.key in arrows) {
       const [x, y] = arrows[event.key];

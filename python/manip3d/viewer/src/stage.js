@@ -58,7 +58,7 @@ function direction({ azimuth, elevation, up }) {
 export class Stage {
   /**
    * @param {HTMLCanvasElement} canvas
-   * @param {HTMLElement[]} panes  where on the canvas each model is drawn
+   * @param {HTMLElement[]} panes  where on the canvas each model is drawn; one: it shows them in turn
    * @param {(import("./model.js").Model | import("./points.js").Cloud)[]} models
    * @param {View} view
    * @param {Place[]} places  the first is where the camera stands first, if there is one
@@ -67,6 +67,7 @@ export class Stage {
     this.canvas = canvas;
     this.panes = panes;
     this.models = models;
+    this.turn = 0; // the model that the first pane shows
     this.view = view;
     this.places = places;
     /** @type {Place | undefined} */
@@ -250,7 +251,7 @@ export class Stage {
     this.panes.forEach((pane, index) => {
       const { left, bottom, width, height } = pane.getBoundingClientRect();
       if (width < 1 || height < 1) return;
-      this.models.forEach((model, other) => (model.root.visible = other === index));
+      this.models.forEach((model, other) => (model.root.visible = other === index + this.turn));
       this.renderer.setViewport(left - area.left, area.bottom - bottom, width, height);
       this.renderer.setScissor(left - area.left, area.bottom - bottom, width, height);
       this.camera.aspect = width / height;

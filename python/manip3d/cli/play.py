@@ -1,0 +1,56 @@
+"""``manip3d play``: a sequence of meshes as one page with a time bar."""
+
+from __future__ import annotations
+
+from pathlib import PurePosixPath
+from typing import Annotated
+
+import typer
+
+from manip3d.cli.kinds import expect_kind
+from manip3d.cli.options import Force, OptionalOutput, Quiet
+from manip3d.cli.sources import open_mesh
+from manip3d.cli.terminal import Terminal, check_output, counted
+from manip3d.io import READABLE
+
+
+def play(
+    source: Annotated[
+        list[str],
+        typer.Argument(help="Meshes, folders of them, or patterns: the frames, by their names."),
+    ],
+    output: OptionalOutput = None,
+    rate: Annotated[float, typer.Option(min=0.01, max=1000.0, help="Frames per second.")] = 10.0,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Play a sequence of meshes on one page, with a time bar.
+
+    The frames are in the order of their names, as 'manip3d depth' writes those of a folder of
+    depth images. Opens the browser, or writes the page (.html), which needs nothing else.
+
+    Example: manip3d play frames/ -o film.html --rate 30
+    """
+    from manip3d import viewer
+    from manip3d.batch import find_files
+
+    check_output(output, (".html",), force=force)
+    terminal = Terminal(quiet=quiet)
+    files = [file.name for file in find_files(source, suffixes=READABLE)]
+    for name in files:
+        expect_kind(name, "mesh", verb="play")
+    with terminal.progress("read") as progress:
+        meshes = []
+        for done, name in enumerate(files):
+            meshes.append(open_mesh(name, Terminal(quiet=True), may_be_empty=True))
+            if progress is not None:
+                progress((done + 1) / len(files), PurePosixPath(name).name)
+    title = PurePosixPath(source[0]).name
+    labels = [PurePosixPath(name).name for name in files]
+    path = viewer.play(meshes, output, rate=rate, title=title, labels=labels)
+    terminal.say(f"{counted(len(files), 'frame')}")
+    if output is not None:
+        terminal.say(f"wrote {output}")
+    elif not viewer.has_display():
+        print(path)  # a result: somebody may open it elsewhere
+        terminal.say("There is no display here: open this page in a browser.")
