@@ -68,6 +68,7 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "report.write_report results_dir": lambda p: report.write_report(p, "a.md"),
     "report.write_report output": lambda p: report.write_report(".", p + ".md"),
     "viewer.view output": lambda p: viewer.view(mesh, p + ".html"),
+    "viewer.play output": lambda p: viewer.play([mesh], p + ".html"),
     "io.is_color_png path": io.is_color_png,
     "io.read_depth_guessing path": io.read_depth_guessing,
     "simplify.simplify_depth_file source": lambda p: simplify.simplify_depth_file(p, "a", OPTIONS),
