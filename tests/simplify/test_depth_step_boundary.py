@@ -75,3 +75,16 @@ def test_an_infinite_step_changes_nothing() -> None:
     endless = simplify.relief(depth, CAMERA, 60, depth_step=float("inf"))
     assert np.array_equal(plain.pixels, endless.pixels)
     assert np.array_equal(plain.faces, endless.faces)
+
+
+def test_a_stream_leaves_the_same_steps_out() -> None:
+    depth = disc_before_slope()
+    alone = simplify.relief(depth, CAMERA, 60, depth_step=0.05)
+    stream = simplify.ReliefStream(CAMERA, 60, depth_step=0.05, stability=1.0, newest_share=1.0)
+    for _ in range(2):
+        found = stream.simplify(depth)
+        np.testing.assert_array_equal(found.faces, alone.faces)
+        assert found.surface.depth_step == 0.05
+        assert found.coverage == alone.coverage
+    with pytest.raises(InputError, match="max_step|depth_step"):
+        simplify.ReliefStream(CAMERA, 60, depth_step=-1.0).simplify(depth)

@@ -319,6 +319,8 @@ class ReliefStream:
     move_points : bool
     effort : 'live', 'fast', 'balanced', 'fine' or 'best'
     max_edge : float, metres, optional
+    depth_step : float, optional
+        As of `relief`.
     stability : float
         How many times as much it costs to give up a vertex of the frame before; 1: each frame
         chooses for itself.
@@ -354,6 +356,7 @@ class ReliefStream:
         move_points: bool = False,
         effort: Effort = "balanced",
         max_edge: float | None = None,
+        depth_step: float | None = None,
         stability: float = 30.0,
         newest_share: float = 0.15,
         gate: float = 0.03,
@@ -362,7 +365,13 @@ class ReliefStream:
         self._intrinsics = intrinsics
         self._registration = registration
         self._options = _options(
-            target_points, effort, move_points, max_edge, threads, from_origin=True
+            target_points,
+            effort,
+            move_points,
+            max_edge,
+            threads,
+            from_origin=True,
+            depth_step=depth_step,
         )
         self._options.stability = float(stability)
         self._solver = _core.ReliefSolver()
@@ -376,6 +385,10 @@ class ReliefStream:
         ----------
         depth : (H, W) uint16 in millimetres or float32 in metres
         color : (H', W', 3 or 4) uint8, optional
+
+        Returns
+        -------
+        Relief
 
         Raises
         ------
@@ -397,7 +410,9 @@ class ReliefStream:
                 self._options,
                 picture,
                 self._registration,
-                DenseImage(smooth, self._intrinsics, self._options.max_edge),
+                DenseImage(
+                    smooth, self._intrinsics, self._options.max_edge, self._options.max_step
+                ),
             )
 
     def reset(self) -> None:
