@@ -39,8 +39,10 @@ HEAVY = {
 def test_versions_agree() -> None:
     pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
     cmake = re.search(r"project\(manip3d VERSION (\S+)", (ROOT / "CMakeLists.txt").read_text())
+    cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
     assert cmake is not None
-    assert manip3d.__version__ == cmake[1] == pyproject
+    assert cited is not None
+    assert manip3d.__version__ == cmake[1] == pyproject == cited[1]
 
 
 def public_names() -> Iterator[tuple[str, str, object]]:
