@@ -5,8 +5,10 @@ from __future__ import annotations
 import base64
 import io
 import json
+import os
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from numpy.typing import NDArray
 from manip3d import RenderError
 from manip3d.phantom import MESSAGES, LiveSession, simulated_patient
 from manip3d.phantom._page import INTENDED_USE, live_pages
+from manip3d.phantom._session import Recorder
 from manip3d.rgbd import RgbdFrame
 from manip3d.viewer import _chromium
 from manip3d.viewer.page import BUNDLE
@@ -42,10 +45,17 @@ def chromium() -> None:
 class Stage:
     """A session, its server and a page of it, in lock-step: each frame is shown before the next."""
 
-    def __init__(self, frames: Iterator[RgbdFrame]) -> None:
-        self.session = LiveSession("right_arm", seed=3)
+    def __init__(
+        self,
+        frames: Iterator[RgbdFrame],
+        limb: str = "right_arm",
+        recorder: Recorder | None = None,
+        **options: Any,
+    ) -> None:
+        self.session = LiveSession(limb, recorder=recorder, **{"seed": 3, **options})  # type: ignore[arg-type]
         self.frames = frames
-        self.server = LocalServer(live_pages("right_arm", "sim:body"), self._hear).start()
+        pages = live_pages(limb, "sim:body", asks=recorder is not None)
+        self.server = LocalServer(pages, self._hear).start()
         self.heard: list[str] = []
 
     def _hear(self, client: StreamClient, text: str) -> None:
@@ -84,6 +94,14 @@ def press(tab: _chromium.Tab, key: str) -> None:
 
 def text_of(tab: _chromium.Tab, selector: str) -> str:
     return str(tab.evaluate(f"document.querySelector('{selector}').innerText"))
+
+
+def keep_picture(tab: _chromium.Tab, name: str) -> None:
+    """For people, where they ask for it."""
+    folder = os.environ.get("MANIP3D_PICTURES")
+    if folder:
+        content = base64.b64decode(tab.send("Page.captureScreenshot", format="png")["data"])
+        (Path(folder) / f"{name}.png").write_bytes(content)
 
 
 def screenshot(tab: _chromium.Tab) -> NDArray[np.int16]:
@@ -153,6 +171,61 @@ def test_the_phantom_hand_bursts_a_bubble_on_the_page(chromium: None, stage: Sta
         assert stats["latencyMs"]["p50"] > 0
         assert stage.server.report()[-1]["latency_ms"] is not None
     assert dict(stage.server.refused) == {}
+
+
+@pytest.mark.parametrize(
+    ("game", "kind", "told"),
+    [("pedal", "stroke", "Strokes 1 and 1 of 8"), ("piano", "note", "Score 1")],
+)
+def test_games_for_feet_are_played_with_the_phantom_leg(
+    chromium: None, game: str, kind: str, told: str
+) -> None:
+    """The simulated patient draws up the toes, or steps; the phantom foot scores on the page."""
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    from manip3d.simulate.sources import open_source
+
+    address = simulated_patient("left_leg", game) + "&frames=300"
+    frames = iter(open_source(address, threads=1))  # type: ignore[arg-type]
+    stage = Stage(frames, "left_leg", game=game, seed=1)  # the first key is where the foot steps
+    phantom_foot = 15
+    try:
+        with _chromium.open_address(stage.server.url, (1000, 800)) as tab:
+            wait_for(lambda: stage.server.num_clients == 1)
+            stage.show(45)  # the foot has been on the floor
+            assert text_of(tab, "#card").startswith({"pedal": "Pedal", "piano": "Piano"}[game])
+            idle = screenshot(tab)
+            press(tab, " ")
+            wait_for(lambda: stage.heard == ["ready"])
+            own: list[Any] = []
+            status: dict[str, Any] = {}
+            for _ in range(240):
+                stage.show(1)
+                status = json.loads(tab.evaluate("JSON.stringify(manip3dLive.status())"))
+                own += [
+                    event
+                    for event in status["game"].get("events", [])
+                    if event[0] == kind and event[2] == phantom_foot
+                ]
+                if own and status["state"] == "tracking":
+                    break
+            assert own, f"no {kind} by the phantom foot"
+            assert status["game"]["by_phantom"] == len(own)
+            assert told in text_of(tab, "#score") or status["game"]["score"] > 1
+            playing = screenshot(tab)
+            keep_picture(tab, f"{game}-playing")
+            assert (np.abs(playing - idle).max(axis=-1) > 40).sum() > 2000  # keys, or disks
+            sounds = json.loads(tab.evaluate("JSON.stringify(manip3dLive.sounds())"))
+            assert sounds[-1]["kind"] == kind
+            if game == "piano":
+                semitones = [0, 2, 4, 5, 7, 9, 11][own[-1][6]]
+                assert sounds[-1]["hertz"] == pytest.approx(261.63 * 2 ** (semitones / 12), abs=0.1)
+            press(tab, " ")
+            wait_for(lambda: stage.heard == ["ready", "stop"])
+            stage.show(2)
+            assert text_of(tab, "#card").startswith("Stopped")
+            keep_picture(tab, game)
+    finally:
+        stage.server.stop()
 
 
 def test_a_reload_rejoins_and_the_gate_speaks(chromium: None, stage: Stage) -> None:

@@ -169,6 +169,8 @@ class GameName(StrEnum):
 
     bubbles = "bubbles"
     bubbles_legs = "bubbles-legs"
+    pedal = "pedal"
+    piano = "piano"
 
 
 @app.command("live")

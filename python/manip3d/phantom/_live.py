@@ -14,6 +14,7 @@ from manip3d.errors import DeviceError, InputError
 from manip3d.modify import Limb
 from manip3d.phantom._page import live_pages
 from manip3d.phantom._session import MESSAGES, GameSummary, LiveSession
+from manip3d.phantom.games import GAMES
 from manip3d.serve import LocalServer, StreamClient, read_message
 from manip3d.viewer.phantom import limb_of
 
@@ -65,15 +66,19 @@ class LiveReport:
     games: tuple[GameSummary, ...]
 
 
-def simulated_patient(limb: str) -> str:
+def simulated_patient(limb: str, game: str | None = None) -> str:
     """Return the address of a simulated person who has lost a limb and exercises the other one.
 
     Examples
     --------
     >>> simulated_patient("left_leg")
     'sim:body?amputated=left-leg&motion=knee-extension&tracker=kinect-v2'
+    >>> simulated_patient("left_leg", "piano")
+    'sim:body?amputated=left-leg&motion=stepping&sitting=yes&tracker=kinect-v2'
     """
     motion = "arm-raise" if limb.endswith("arm") else "knee-extension"
+    if not limb.endswith("arm"):
+        motion = {"pedal": "dorsiflexion", "piano": "stepping&sitting=yes"}.get(game or "", motion)
     return f"sim:body?amputated={limb.replace('_', '-')}&motion={motion}&tracker=kinect-v2"
 
 
@@ -101,7 +106,7 @@ def run_live(
         time and over again, or a simulated person; by default `simulated_patient`.
     affected : str, optional
         The limb to replace; by default the one that a simulated person has lost, else the right
-        arm.
+        arm, or leg for a game of legs.
     game : str, optional
         Of `manip3d.phantom.games.GAMES`; by default one for that limb.
     difficulty, seed : int
@@ -129,8 +134,9 @@ def run_live(
     if seconds is not None and not seconds > 0:
         raise InputError(f"seconds: expected > 0, got {seconds}")
     began = time.monotonic()
-    limb = affected or (limb_of(source) if source else "right_arm")
-    address = source or simulated_patient(limb)
+    plays_legs = game in GAMES and GAMES[game].limbs == "legs"  # type: ignore[index]
+    limb = affected or (limb_of(source) if source else "right_leg" if plays_legs else "right_arm")
+    address = source or simulated_patient(limb, game)
     if address.startswith("sim:"):
         require("live")
     session = LiveSession(
