@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from manip3d._util.checked import checked
 from manip3d._util.extras import require
 from manip3d.errors import DeviceError, InputError
 from manip3d.modify import Limb
+from manip3d.phantom._diary import DiaryRecorder
 from manip3d.phantom._page import live_pages
 from manip3d.phantom._session import MESSAGES, GameSummary, LiveSession
 from manip3d.phantom.games import GAMES
@@ -93,6 +95,9 @@ def run_live(
     port: int = 0,
     seconds: float | None = None,
     jpeg_quality: int = 80,
+    diary: str | os.PathLike[str] | None = None,
+    participant: str | None = None,
+    diary_key: str | os.PathLike[str] | None = None,
     on_start: Callable[[str], object] | None = None,
 ) -> LiveReport:
     """Show a person with a phantom limb in a browser on this machine, live, with a game.
@@ -117,6 +122,9 @@ def run_live(
         Stop after so many; without it at Ctrl-C.
     jpeg_quality : int
         Of the colours, 1 to 100.
+    diary, participant, diary_key : path, str, path, optional
+        A diary file, who of its participants plays, and its key file where it is encrypted. Games
+        and ratings of pain are kept as they come.
     on_start : callable(str), optional
         Gets the page's address as soon as it can be opened.
 
@@ -129,8 +137,10 @@ def run_live(
     InputError, FormatError, DeviceError, OSError
         Of the source, before anything is shown; a camera that goes away later is waited for.
     MissingExtraError
-        aiohttp or, for simulated people, Open3D is not installed.
+        aiohttp or, for simulated people, Open3D is not installed; SQLAlchemy for a diary.
     """
+    if (diary is None) != (participant is None):
+        raise InputError("diary, participant: expected both or none")
     if seconds is not None and not seconds > 0:
         raise InputError(f"seconds: expected > 0, got {seconds}")
     began = time.monotonic()
@@ -139,12 +149,14 @@ def run_live(
     address = source or simulated_patient(limb, game)
     if address.startswith("sim:"):
         require("live")
+    recorder = None if diary is None else DiaryRecorder(diary, str(participant), diary_key)
     session = LiveSession(
         limb,  # type: ignore[arg-type]
         game=game,
         difficulty=difficulty,
         seed=seed,
         jpeg_quality=jpeg_quality,
+        recorder=recorder,
     )
 
     def on_message(client: StreamClient, text: str) -> None:
@@ -157,7 +169,10 @@ def run_live(
     end = None if seconds is None else began + seconds
     frames, first, states = 0, None, dict[str, int]()
     feed = _frames(address)
-    with LocalServer(live_pages(limb, address), on_message, port=port) as server:
+    pages = live_pages(limb, address, asks=recorder is not None)
+    with LocalServer(pages, on_message, port=port) as server:
+        if recorder is not None:
+            recorder.start()
         if on_start is not None:
             on_start(server.url)
         try:
@@ -184,6 +199,9 @@ def run_live(
             pass
         finally:
             feed.close()
+            session.end()
+            if recorder is not None:
+                recorder.end()
     return LiveReport(
         affected=limb,
         frames=frames,

@@ -207,6 +207,10 @@ class LiveSession:
         self._lowest.clear()
         self._last_time = None
 
+    def end(self) -> None:
+        """A game that goes on is stopped, and told to the recorder."""
+        self._stop()
+
     def notice(self, message: str) -> bytes:
         """A message for the page when there is no frame, such as that the camera is gone."""
         self._obey()
