@@ -19,7 +19,7 @@ from manip3d.errors import InputError, MissingExtraError
 
 OCCASIONS = tuple(name for name in get_args(Occasion) if name != "other")
 _LEVEL = 0.95
-_RATIO_MAX = 1e4  # of the variances between and within participants
+_RATIO_MAX = 1e6  # of the variances between and within participants
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ def fit_mixed_model(scores: ArrayLike) -> MixedModel:
     ratio = _best_ratio(y, design, together)
     beta, squares, inverse, _ = _generalised(y, design, together, ratio)
     within = squares / (len(y) - design.shape[1])
-    if within <= 1e-12 * max(float(y @ y), 1e-300):
+    if ratio > 0.5 * _RATIO_MAX or within <= 1e-12 * max(float(y @ y), 1e-300):
         raise InputError("scores: expected scores that vary; these follow the means exactly")
     variance = within * inverse  # of beta
     changes = []

@@ -44,6 +44,11 @@ _GAME_COLUMNS = (
 )  # fmt: skip
 
 
+_TABLES = (
+    "participants", "sessions", "games", "anomalies", "ratings", "questionnaires", "events",
+)  # fmt: skip
+
+
 # --- tables ---------------------------------------------------------------------------------------
 
 
@@ -66,7 +71,7 @@ def export_csv(
     participants : sequence of str, optional
         By default all.
     overwrite : bool
-        Replace the folder.
+        Replace the tables of a folder that holds nothing else.
 
     Raises
     ------
@@ -88,7 +93,14 @@ def export_csv(
     target = path_of(output, "output")
     if target.exists() and not overwrite:
         raise InputError(f"output: {target} exists")
-    tables = _tables(diary, _chosen(diary, participants))
+    if target.exists():
+        others = sorted(set(os.listdir(target)) - {f"{name}.csv" for name in _TABLES})
+        if others:
+            raise InputError(f"output: {target} holds other files: {', '.join(others[:3])}")
+    chosen = _chosen(diary, participants)
+    tables = _tables(diary, chosen)
+    for identifier in chosen:
+        diary.note_export(identifier)
     with atomic_folder(target) as folder:
         for name, (columns, rows) in tables.items():
             text = io.StringIO()
@@ -194,6 +206,7 @@ def export_fhir(
     if target.exists() and not overwrite:
         raise InputError(f"output: {target} exists")
     bundle = fhir_bundle(diary, identifier)
+    diary.note_export(identifier)
     atomic_write(target, json.dumps(bundle, indent=1) + "\n")
 
 
