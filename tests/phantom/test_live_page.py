@@ -213,6 +213,10 @@ def test_games_for_feet_are_played_with_the_phantom_leg(
             assert told in text_of(tab, "#score") or status["game"]["score"] > 1
             playing = screenshot(tab)
             keep_picture(tab, f"{game}-playing")
+            if game == "pedal":
+                # The body is whole after the phantom limb has grown: no shoe between the feet.
+                red, _, blue = np.moveaxis(playing[455:490, 492:520], -1, 0)
+                assert not (red > blue + 20).any()
             assert (np.abs(playing - idle).max(axis=-1) > 40).sum() > 2000  # keys, or disks
             sounds = json.loads(tab.evaluate("JSON.stringify(manip3dLive.sounds())"))
             assert sounds[-1]["kind"] == kind
@@ -226,6 +230,70 @@ def test_games_for_feet_are_played_with_the_phantom_leg(
             keep_picture(tab, game)
     finally:
         stage.server.stop()
+
+
+def test_a_played_game_and_the_pain_are_in_the_diary(chromium: None, tmp_path: Path) -> None:
+    """From the page to the file, and to FHIR; pain that rises by 2 ends the play."""
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+    from manip3d.diary import Diary, fhir_bundle
+    from manip3d.phantom._diary import DiaryRecorder
+    from manip3d.simulate.sources import open_source
+
+    path = tmp_path / "study.diary"
+    with Diary(path, create=True) as diary:
+        diary.enrol("P01", limb="right_arm")
+    recorder = DiaryRecorder(path, "P01", None)
+    address = simulated_patient("right_arm") + "&frames=200"
+    stage = Stage(iter(open_source(address, threads=1)), recorder=recorder)  # type: ignore[arg-type]
+    recorder.start()
+
+    def say(value: int) -> None:
+        before = len(stage.heard)
+        tab.evaluate(
+            f"{{const list = document.querySelector('#pain'); list.value = '{value}';"
+            "list.dispatchEvent(new Event('change'));}"
+        )
+        wait_for(lambda: len(stage.heard) > before)
+        stage.show(1)
+
+    try:
+        with _chromium.open_address(stage.server.url, (1000, 800)) as tab:
+            wait_for(lambda: stage.server.num_clients == 1)
+            stage.show(3)
+            say(3)
+            assert text_of(tab, "#pain-told") == "Noted: 3."
+            press(tab, " ")
+            wait_for(lambda: stage.heard == ["pain", "ready"])
+            stage.show(90)
+            press(tab, " ")
+            wait_for(lambda: stage.heard[-1] == "stop")
+            stage.show(2)
+            assert "How strong is the phantom pain now?" in text_of(tab, "#card")
+            say(6)
+            told = text_of(tab, "#card")
+            assert told.startswith("Stop for today")
+            assert "The pain rose from 3 to 6." in told
+            assert tab.evaluate("document.querySelector('#start').disabled")
+            keep_picture(tab, "diary")
+            press(tab, " ")
+            wait_for(lambda: stage.heard[-1] == "ready")
+            stage.show(2)
+            assert text_of(tab, "#card").startswith("Stop for today")
+    finally:
+        stage.server.stop()
+        recorder.end()
+    with Diary(path) as diary:
+        (session,) = diary.sessions("P01")
+        (game,) = session.games
+        summary = stage.session.summaries[0]
+        assert (game.game, game.ending, game.score) == ("bubbles", "stopped", summary.score)
+        assert game.by_phantom == summary.by_phantom >= 1
+        assert (session.pain_before, session.pain_after) == (3, 6)
+        assert session.ended is not None
+        assert [event.kind for event in diary.events("P01")] == ["pain"]
+        kinds = [entry["resource"]["resourceType"] for entry in fhir_bundle(diary, "P01")["entry"]]
+        assert (kinds.count("Observation"), kinds.count("AdverseEvent")) == (4, 1)
 
 
 def test_a_reload_rejoins_and_the_gate_speaks(chromium: None, stage: Stage) -> None:
