@@ -112,8 +112,26 @@ def adherence(
     return Adherence(days, expected, done, rest, len(played), done / expected)
 
 
+@checked
 def stop_reason(before: int | None, now: int) -> str:
-    """Why a session must stop; empty: it may go on.
+    """Say why a session must stop: the pain is 2 or more above that before it.
+
+    Parameters
+    ----------
+    before : int or None
+        The rating before the session, 0 to 10; None: nobody asked.
+    now : int
+        0 to 10.
+
+    Returns
+    -------
+    str
+        In words for the patient; empty: it may go on.
+
+    Raises
+    ------
+    InputError
+        A rating is out of range.
 
     Examples
     --------
@@ -122,6 +140,9 @@ def stop_reason(before: int | None, now: int) -> str:
     >>> stop_reason(3, 4)
     ''
     """
+    for name, rating in (("before", before), ("now", now)):
+        if rating is not None and not 0 <= rating <= 10:
+            raise InputError(f"{name}: expected 0 to 10, got {rating}")
     if before is None or now - before < STOP_RISE:
         return ""
     return f"The pain rose from {before} to {now}. Please stop for today and tell your therapist."
