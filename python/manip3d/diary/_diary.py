@@ -77,9 +77,7 @@ class Diary:
 
     Examples
     --------
-    >>> import tempfile
-    >>> folder = tempfile.TemporaryDirectory()
-    >>> with Diary(folder.name + "/study.diary", create=True) as diary:
+    >>> with Diary("study.diary", create=True) as diary:
     ...     _ = diary.enrol("P01", limb="left_leg")
     ...     session = diary.start_session("P01")
     ...     diary.add_rating("P01", 4, session=session)

@@ -82,12 +82,11 @@ def export_csv(
 
     Examples
     --------
-    >>> import os, tempfile
-    >>> folder = tempfile.TemporaryDirectory()
-    >>> with Diary(folder.name + "/study.diary", create=True) as diary:
+    >>> import os
+    >>> with Diary("tables.diary", create=True) as diary:
     ...     _ = diary.enrol("P01")
-    ...     export_csv(diary, folder.name + "/tables")
-    >>> "games.csv" in os.listdir(folder.name + "/tables")
+    ...     export_csv(diary, "tables")
+    >>> "games.csv" in os.listdir("tables")
     True
     """
     target = path_of(output, "output")
@@ -196,11 +195,9 @@ def export_fhir(
 
     Examples
     --------
-    >>> import tempfile
-    >>> folder = tempfile.TemporaryDirectory()
-    >>> with Diary(folder.name + "/study.diary", create=True) as diary:
+    >>> with Diary("export.diary", create=True) as diary:
     ...     _ = diary.enrol("P01")
-    ...     export_fhir(diary, folder.name + "/P01.json", "P01")
+    ...     export_fhir(diary, "P01.json", "P01")
     """
     target = path_of(output, "output")
     if target.exists() and not overwrite:
@@ -234,9 +231,7 @@ def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
 
     Examples
     --------
-    >>> import tempfile
-    >>> folder = tempfile.TemporaryDirectory()
-    >>> with Diary(folder.name + "/study.diary", create=True) as diary:
+    >>> with Diary("bundle.diary", create=True) as diary:
     ...     _ = diary.enrol("P01")
     ...     fhir_bundle(diary, "P01")["entry"][0]["resource"]["resourceType"]
     'Patient'

@@ -36,9 +36,7 @@ def make_key(path: str | os.PathLike[str]) -> None:
 
     Examples
     --------
-    >>> import tempfile
-    >>> folder = tempfile.TemporaryDirectory()
-    >>> make_key(folder.name + "/diary.key")
+    >>> make_key("diary.key")
     """
     target = path_of(path)
     descriptor = os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
