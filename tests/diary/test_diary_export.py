@@ -16,7 +16,7 @@ from manip3d import InputError
 pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
 pytest.importorskip("cryptography", reason="the extra 'diary' is not installed")
 
-from manip3d.diary import Diary, DiaryGame, export_csv, export_fhir, fhir_bundle
+from manip3d.diary import Diary, DiaryGame, export_csv, export_fhir, fhir_bundle, write_page
 
 START = datetime(2026, 3, 2, 9, 0, tzinfo=timezone(timedelta(hours=1)))
 
@@ -87,6 +87,23 @@ def test_some_participants_and_existing_folders(diary: Diary, tmp_path: Path) ->
     with pytest.raises(InputError, match="'P7' is not enrolled"):
         export_csv(diary, tmp_path / "more", participants=["P7"])
     assert not (tmp_path / "more").exists()
+
+
+def test_the_page_says_what_the_diary_says_and_runs_nothing(diary: Diary, tmp_path: Path) -> None:
+    diary.add_event("P01", "other", "<script>alert(1)</script>", at=START)
+    write_page(diary, tmp_path / "P01.html", "P01", today=START.date())
+    text = (tmp_path / "P01.html").read_text()
+    assert "0 of 2 sessions with all 3 games (0%) up to day 1, 1 more in part" in text
+    assert "pedal 12, piano 12" in text
+    assert "piano 2 to 14 s" in text
+    assert "The pain rose from 5 to 7." in text
+    assert "not a medical device" in text
+    assert text.count("<circle") == 2
+    assert 'stroke="#a02b1d"' in text
+    assert "<script" not in text
+    assert "http" not in text
+    with pytest.raises(InputError, match="exists"):
+        write_page(diary, tmp_path / "P01.html", "P01")
 
 
 def test_the_bundle_is_fhir(diary: Diary, tmp_path: Path) -> None:

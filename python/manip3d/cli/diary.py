@@ -250,11 +250,12 @@ def export(
         typer.Option(
             "-o",
             "--output",
-            help="A folder of tables (CSV), or NAME.json: FHIR R4 of a participant.",
+            help="A folder of tables (CSV); of one participant also NAME.json (FHIR R4) and "
+            "NAME.html (a page for the clinician).",
         ),
     ],
     participant: Annotated[
-        str | None, typer.Option(help="This participant only; needed for FHIR.")
+        str | None, typer.Option(help="This participant only; needed for FHIR and the page.")
     ] = None,
     key: Key = None,
     force: Force = False,
@@ -265,14 +266,15 @@ def export(
 
     Example: manip3d diary export study.diary -o tables
     """
-    from manip3d.diary import export_csv, export_fhir
+    from manip3d.diary import export_csv, export_fhir, write_page
 
-    check_output(output, (".json",), force=force, folder=True)
+    check_output(output, (".json", ".html"), force=force, folder=True)
     with _opened(path, key) as diary:
-        if output.suffix == ".json":
+        if output.suffix in (".json", ".html"):
             if participant is None:
-                raise InputError("participant: expected one with --participant, for FHIR")
-            export_fhir(diary, output, participant, overwrite=force)
+                raise InputError("participant: expected one with --participant, for this format")
+            write = export_fhir if output.suffix == ".json" else write_page
+            write(diary, output, participant, overwrite=force)
         else:
             chosen = None if participant is None else [participant]
             export_csv(diary, output, participants=chosen, overwrite=force)

@@ -16,6 +16,7 @@ from manip3d.diary._analysis import (
 from manip3d.diary._diary import Diary
 from manip3d.diary._export import export_csv, export_fhir, fhir_bundle
 from manip3d.diary._mcgill import MCGILL_GROUPS, McGillScore, score_mcgill
+from manip3d.diary._page import write_page
 from manip3d.diary._protocol import SICKNESS, Adherence, Protocol, adherence, stop_reason
 from manip3d.diary._records import (
     AdverseEvent,
@@ -53,4 +54,5 @@ __all__ = [
     "score_mcgill",
     "simulate_cohort",
     "stop_reason",
+    "write_page",
 ]

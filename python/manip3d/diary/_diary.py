@@ -562,13 +562,15 @@ class Diary:
             raise FileNotFoundError(2, "No such file or directory", str(self.path))
         try:
             with contextlib.closing(sqlite3.connect(self.path, timeout=_BUSY_S)) as plain:
-                mark, version, pages = (
+                mark, version = (
                     int(plain.execute(f"PRAGMA {name}").fetchone()[0])
-                    for name in ("application_id", "user_version", "page_count")
+                    for name in ("application_id", "user_version")
                 )
+                holds = int(plain.execute("SELECT count(*) FROM sqlite_master").fetchone()[0])
         except sqlite3.DatabaseError as error:
             raise FormatError(f"expected a diary: {error}", file=str(self.path)) from error
-        if pages == 0 and create:
+        # A file without tables: new, or its maker was killed before it was a diary.
+        if create and holds == 0 and mark == 0:
             return 0
         if mark != schema.APPLICATION:
             raise FormatError("expected a diary, got another file", file=str(self.path))
