@@ -25,7 +25,7 @@ from manip3d.diary import (
     fit_mixed_model,
     simulate_cohort,
 )
-from manip3d.diary._analysis import _share
+from manip3d.diary._analysis import _paired, _share
 
 EFFECTS = (-4.0, -10.0)
 START = datetime(2026, 3, 2, 9, 0, tzinfo=UTC)
@@ -99,6 +99,17 @@ def check_coverage(shares: list[float], cohorts: int) -> None:
 @pytest.mark.parametrize("missing", [0.0, 0.15])
 def test_intervals_hold_the_truth(missing: float) -> None:
     check_coverage(coverage(400, missing=missing), 400)
+
+
+def test_paired_intervals_hold_the_truth_where_participants_respond_differently() -> None:
+    hits = np.zeros(len(EFFECTS))
+    for seed in range(1000):
+        scores = simulate_cohort(EFFECTS, sd_response=8.0, seed=seed)
+        for which, true in enumerate(EFFECTS):
+            found = _paired(scores[:, 0], scores[:, which + 1])
+            assert found is not None
+            hits[which] += found.low <= true <= found.high
+    check_coverage((hits / 1000).tolist(), 1000)
 
 
 @pytest.mark.slow
