@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-ROOMS = ("forge", "io", "metrics", "simplify", "simulate")
+ROOMS = ("diary", "forge", "io", "metrics", "simplify", "simulate")
 
 WITHOUT_ERRORS = {
     "io.describe_unit",

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 import rgbd_frames
-from manip3d import capture
+from manip3d import RenderError, capture
 from manip3d.viewer.page import BUNDLE
 
 pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
@@ -92,3 +92,72 @@ def test_a_bad_source_is_said_before_a_page_is(arguments: list[str], message: st
     assert done.returncode == 1
     assert message in done.stderr
     assert "open http" not in done.stderr
+
+
+def test_ctrl_c_in_the_middle_of_a_game_keeps_it_in_the_diary(tmp_path: Path) -> None:
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+    from manip3d.diary import Diary
+    from manip3d.viewer import _chromium
+
+    try:
+        _chromium.program()
+    except RenderError as error:
+        pytest.skip(str(error))
+    path = tmp_path / "study.diary"
+    with Diary(path, create=True) as diary:
+        diary.enrol("P01", limb="left_leg")
+    words = ["--limb", "left-leg", "--game", "piano", "--diary", str(path), "--participant", "P01"]
+    program, url = started(*words, "--json")
+    try:
+        with _chromium.open_address(url, (640, 480)) as tab:
+            press = "document.querySelector('#start').click()"
+            phase = "globalThis.manip3dLive?.status()?.game.phase"
+            end = time.monotonic() + 60.0
+            while tab.evaluate(phase) not in ("playing", "paused"):
+                if tab.evaluate(phase) == "waiting":
+                    tab.evaluate(press)
+                assert time.monotonic() < end
+                time.sleep(0.3)
+            time.sleep(1.0)
+            program.send_signal(signal.SIGINT)
+            out, err = program.communicate(timeout=30)
+    finally:
+        program.kill()
+    assert program.returncode == 0, err
+    (told,) = json.loads(out)["games"]
+    with Diary(path) as diary:
+        (session,) = diary.sessions("P01")
+        (game,) = session.games
+        diary.check()
+    assert (game.game, game.ending, game.score) == ("piano", "stopped", told["score"])
+    assert session.ended is not None
+
+
+def test_a_participant_who_is_not_there_is_said_before_a_page_is(tmp_path: Path) -> None:
+    pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+    from manip3d.diary import Diary
+
+    path = tmp_path / "study.diary"
+    with Diary(path, create=True):
+        pass
+    command = [
+        sys.executable,
+        "-m",
+        "manip3d",
+        "phantom",
+        "live",
+        "--no-open",
+        "--diary",
+        str(path),
+    ]
+    for words, message in (
+        (["--participant", "P01"], "participant: 'P01' is not enrolled"),
+        ([], "diary, participant: expected both or none"),
+    ):
+        done = subprocess.run(
+            [*command, *words], capture_output=True, text=True, timeout=60, check=False
+        )
+        assert done.returncode == 1
+        assert message in done.stderr
+        assert "open http" not in done.stderr

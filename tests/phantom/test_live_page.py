@@ -5,8 +5,10 @@ from __future__ import annotations
 import base64
 import io
 import json
+import os
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from numpy.typing import NDArray
 from manip3d import RenderError
 from manip3d.phantom import MESSAGES, LiveSession, simulated_patient
 from manip3d.phantom._page import INTENDED_USE, live_pages
+from manip3d.phantom._session import Recorder
 from manip3d.rgbd import RgbdFrame
 from manip3d.viewer import _chromium
 from manip3d.viewer.page import BUNDLE
@@ -42,10 +45,17 @@ def chromium() -> None:
 class Stage:
     """A session, its server and a page of it, in lock-step: each frame is shown before the next."""
 
-    def __init__(self, frames: Iterator[RgbdFrame]) -> None:
-        self.session = LiveSession("right_arm", seed=3)
+    def __init__(
+        self,
+        frames: Iterator[RgbdFrame],
+        limb: str = "right_arm",
+        recorder: Recorder | None = None,
+        **options: Any,
+    ) -> None:
+        self.session = LiveSession(limb, recorder=recorder, **{"seed": 3, **options})  # type: ignore[arg-type]
         self.frames = frames
-        self.server = LocalServer(live_pages("right_arm", "sim:body"), self._hear).start()
+        pages = live_pages(limb, "sim:body", asks=recorder is not None)
+        self.server = LocalServer(pages, self._hear).start()
         self.heard: list[str] = []
 
     def _hear(self, client: StreamClient, text: str) -> None:
@@ -84,6 +94,14 @@ def press(tab: _chromium.Tab, key: str) -> None:
 
 def text_of(tab: _chromium.Tab, selector: str) -> str:
     return str(tab.evaluate(f"document.querySelector('{selector}').innerText"))
+
+
+def keep_picture(tab: _chromium.Tab, name: str) -> None:
+    """For people, where they ask for it."""
+    folder = os.environ.get("MANIP3D_PICTURES")
+    if folder:
+        content = base64.b64decode(tab.send("Page.captureScreenshot", format="png")["data"])
+        (Path(folder) / f"{name}.png").write_bytes(content)
 
 
 def screenshot(tab: _chromium.Tab) -> NDArray[np.int16]:
@@ -153,6 +171,129 @@ def test_the_phantom_hand_bursts_a_bubble_on_the_page(chromium: None, stage: Sta
         assert stats["latencyMs"]["p50"] > 0
         assert stage.server.report()[-1]["latency_ms"] is not None
     assert dict(stage.server.refused) == {}
+
+
+@pytest.mark.parametrize(
+    ("game", "kind", "told"),
+    [("pedal", "stroke", "Strokes 1 and 1 of 8"), ("piano", "note", "Score 1")],
+)
+def test_games_for_feet_are_played_with_the_phantom_leg(
+    chromium: None, game: str, kind: str, told: str
+) -> None:
+    """The simulated patient draws up the toes, or steps; the phantom foot scores on the page."""
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    from manip3d.simulate.sources import open_source
+
+    address = simulated_patient("left_leg", game) + "&frames=300"
+    frames = iter(open_source(address, threads=1))  # type: ignore[arg-type]
+    stage = Stage(frames, "left_leg", game=game, seed=1)  # the first key is where the foot steps
+    phantom_foot = 15
+    try:
+        with _chromium.open_address(stage.server.url, (1000, 800)) as tab:
+            wait_for(lambda: stage.server.num_clients == 1)
+            stage.show(45)  # the foot has been on the floor
+            assert text_of(tab, "#card").startswith({"pedal": "Pedal", "piano": "Piano"}[game])
+            idle = screenshot(tab)
+            press(tab, " ")
+            wait_for(lambda: stage.heard == ["ready"])
+            own: list[Any] = []
+            status: dict[str, Any] = {}
+            for _ in range(240):
+                stage.show(1)
+                status = json.loads(tab.evaluate("JSON.stringify(manip3dLive.status())"))
+                own += [
+                    event
+                    for event in status["game"].get("events", [])
+                    if event[0] == kind and event[2] == phantom_foot
+                ]
+                if own and status["state"] == "tracking":
+                    break
+            assert own, f"no {kind} by the phantom foot"
+            assert status["game"]["by_phantom"] == len(own)
+            assert told in text_of(tab, "#score") or status["game"]["score"] > 1
+            playing = screenshot(tab)
+            keep_picture(tab, f"{game}-playing")
+            if game == "pedal":
+                # The body is whole after the phantom limb has grown: no shoe between the feet.
+                red, _, blue = np.moveaxis(playing[455:490, 492:520], -1, 0)
+                assert not (red > blue + 20).any()
+            assert (np.abs(playing - idle).max(axis=-1) > 40).sum() > 2000  # keys, or disks
+            sounds = json.loads(tab.evaluate("JSON.stringify(manip3dLive.sounds())"))
+            assert sounds[-1]["kind"] == kind
+            if game == "piano":
+                semitones = [0, 2, 4, 5, 7, 9, 11][own[-1][6]]
+                assert sounds[-1]["hertz"] == pytest.approx(261.63 * 2 ** (semitones / 12), abs=0.1)
+            press(tab, " ")
+            wait_for(lambda: stage.heard == ["ready", "stop"])
+            stage.show(2)
+            assert text_of(tab, "#card").startswith("Stopped")
+            keep_picture(tab, game)
+    finally:
+        stage.server.stop()
+
+
+def test_a_played_game_and_the_pain_are_in_the_diary(chromium: None, tmp_path: Path) -> None:
+    """From the page to the file, and to FHIR; pain that rises by 2 ends the play."""
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+    from manip3d.diary import Diary, fhir_bundle
+    from manip3d.phantom._diary import DiaryRecorder
+    from manip3d.simulate.sources import open_source
+
+    path = tmp_path / "study.diary"
+    with Diary(path, create=True) as diary:
+        diary.enrol("P01", limb="right_arm")
+    recorder = DiaryRecorder(path, "P01", None)
+    address = simulated_patient("right_arm") + "&frames=200"
+    stage = Stage(iter(open_source(address, threads=1)), recorder=recorder)  # type: ignore[arg-type]
+    recorder.start()
+
+    def say(value: int) -> None:
+        before = len(stage.heard)
+        tab.evaluate(
+            f"{{const list = document.querySelector('#pain'); list.value = '{value}';"
+            "list.dispatchEvent(new Event('change'));}"
+        )
+        wait_for(lambda: len(stage.heard) > before)
+        stage.show(1)
+
+    try:
+        with _chromium.open_address(stage.server.url, (1000, 800)) as tab:
+            wait_for(lambda: stage.server.num_clients == 1)
+            stage.show(3)
+            say(3)
+            assert text_of(tab, "#pain-told") == "Noted: 3."
+            press(tab, " ")
+            wait_for(lambda: stage.heard == ["pain", "ready"])
+            stage.show(90)
+            press(tab, " ")
+            wait_for(lambda: stage.heard[-1] == "stop")
+            stage.show(2)
+            assert "How strong is the phantom pain now?" in text_of(tab, "#card")
+            say(6)
+            told = text_of(tab, "#card")
+            assert told.startswith("Stop for today")
+            assert "The pain rose from 3 to 6." in told
+            assert tab.evaluate("document.querySelector('#start').disabled")
+            keep_picture(tab, "diary")
+            press(tab, " ")
+            wait_for(lambda: stage.heard[-1] == "ready")
+            stage.show(2)
+            assert text_of(tab, "#card").startswith("Stop for today")
+    finally:
+        stage.server.stop()
+        recorder.end()
+    with Diary(path) as diary:
+        (session,) = diary.sessions("P01")
+        (game,) = session.games
+        summary = stage.session.summaries[0]
+        assert (game.game, game.ending, game.score) == ("bubbles", "stopped", summary.score)
+        assert game.by_phantom == summary.by_phantom >= 1
+        assert (session.pain_before, session.pain_after) == (3, 6)
+        assert session.ended is not None
+        assert [event.kind for event in diary.events("P01")] == ["pain"]
+        kinds = [entry["resource"]["resourceType"] for entry in fhir_bundle(diary, "P01")["entry"]]
+        assert (kinds.count("Observation"), kinds.count("AdverseEvent")) == (4, 1)
 
 
 def test_a_reload_rejoins_and_the_gate_speaks(chromium: None, stage: Stage) -> None:

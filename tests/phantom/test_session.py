@@ -145,6 +145,51 @@ def test_a_notice_is_a_frame_with_words() -> None:
     assert len(found.vertices) == 0
 
 
+class Heard:
+    """A diary that remembers, and stops at a pain of 8."""
+
+    def __init__(self) -> None:
+        self.games: list[GameSummary] = []
+        self.told: list[object] = []
+
+    def game(self, summary: GameSummary) -> None:
+        self.games.append(summary)
+
+    def pain(self, value: int) -> str:
+        self.told.append(value)
+        return "The pain is much stronger than before." if value >= 8 else ""
+
+    def unwell(self) -> str:
+        self.told.append("unwell")
+        return "You feel sick."
+
+
+def test_ratings_reach_the_diary_and_may_end_the_play() -> None:
+    heard = Heard()
+    session = LiveSession("right_arm", recorder=heard)
+    frames = patient()
+    session.command("pain", {"value": 5})
+    session.command("ready")
+    shown = play(session, frames[:40])[-1].status["game"]
+    assert (shown["phase"], shown["pain"], shown["halt"]) == ("playing", 5, "")
+    session.command("pain", {"value": 8})
+    shown = play(session, frames[40:42])[-1].status["game"]
+    assert (shown["phase"], shown["pain"]) == ("over", 8)
+    assert shown["halt"].startswith("The pain")
+    assert [game.ending for game in heard.games] == ["stopped"]
+    session.command("ready")
+    assert play(session, frames[42:50])[-1].status["game"]["phase"] == "over"
+    assert heard.told == [5, 8]
+
+
+def test_without_a_diary_ratings_are_not_kept() -> None:
+    session = LiveSession("right_arm")
+    session.command("pain", {"value": 9})
+    session.command("unwell")
+    game = play(session, patient()[:2])[-1].status["game"]
+    assert (game["pain"], game["halt"]) == (None, "")
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -162,5 +207,5 @@ def test_bad_options(options: dict[str, Any], message: str) -> None:
 
 def test_other_commands_are_refused() -> None:
     for name in ("ack", "quit", ""):
-        with pytest.raises(InputError, match="name: expected choose, ready or stop"):
+        with pytest.raises(InputError, match="name: expected one of choose, ready, stop"):
             LiveSession().command(name)

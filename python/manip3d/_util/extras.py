@@ -25,6 +25,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "parquet": ("pyarrow",),
     "alert": ("cv2", "PIL"),
     "live": ("aiohttp", "open3d", "PIL"),
+    "diary": ("sqlalchemy", "cryptography", "scipy"),
 }
 """Modules that each extra brings."""
 

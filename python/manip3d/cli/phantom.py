@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
@@ -169,6 +170,8 @@ class GameName(StrEnum):
 
     bubbles = "bubbles"
     bubbles_legs = "bubbles-legs"
+    pedal = "pedal"
+    piano = "piano"
 
 
 @app.command("live")
@@ -204,13 +207,22 @@ def phantom_live(
     seconds: Annotated[
         float | None, typer.Option(help="Stop after this time; without it at Ctrl-C.")
     ] = None,
+    diary: Annotated[
+        Path | None, typer.Option(help="Keep games and ratings of pain in this diary.")
+    ] = None,
+    participant: Annotated[
+        str | None,
+        typer.Option(help="Whose diary it is; 'manip3d diary enrol' adds a participant."),
+    ] = None,
+    diary_key: Annotated[Path | None, typer.Option(help="Key file of an encrypted diary.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Show a person with a phantom limb in the browser, live, with a game. Research software.
 
     The page is served to this machine only, to whoever has the address that is printed. Ctrl-C
-    ends the session.
+    ends the session. With a diary the page asks how strong the pain is; where it rises by 2 or
+    the patient feels sick, no further game starts.
 
     Example: manip3d phantom live --no-open --seconds 2
     """
@@ -233,6 +245,9 @@ def phantom_live(
         seed=seed,
         port=port,
         seconds=seconds,
+        diary=diary,
+        participant=participant,
+        diary_key=diary_key,
         on_start=on_start,
     )
     shell.say(
@@ -258,6 +273,9 @@ def phantom_live(
             "stage_ms": dict(report.stage_ms),
             "clients": [dict(client) for client in report.clients],
             "refused": dict(report.refused),
-            "games": [vars(summary) for summary in report.games],
+            "games": [
+                {**vars(summary), "anomalies": [vars(one) for one in summary.anomalies]}
+                for summary in report.games
+            ],
         }
     )

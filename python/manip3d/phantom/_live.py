@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -12,8 +13,10 @@ from manip3d._util.checked import checked
 from manip3d._util.extras import require
 from manip3d.errors import DeviceError, InputError
 from manip3d.modify import Limb
+from manip3d.phantom._diary import DiaryRecorder
 from manip3d.phantom._page import live_pages
 from manip3d.phantom._session import MESSAGES, GameSummary, LiveSession
+from manip3d.phantom.games import GAMES
 from manip3d.serve import LocalServer, StreamClient, read_message
 from manip3d.viewer.phantom import limb_of
 
@@ -65,15 +68,19 @@ class LiveReport:
     games: tuple[GameSummary, ...]
 
 
-def simulated_patient(limb: str) -> str:
+def simulated_patient(limb: str, game: str | None = None) -> str:
     """Return the address of a simulated person who has lost a limb and exercises the other one.
 
     Examples
     --------
     >>> simulated_patient("left_leg")
     'sim:body?amputated=left-leg&motion=knee-extension&tracker=kinect-v2'
+    >>> simulated_patient("left_leg", "piano")
+    'sim:body?amputated=left-leg&motion=stepping&sitting=yes&tracker=kinect-v2'
     """
     motion = "arm-raise" if limb.endswith("arm") else "knee-extension"
+    if not limb.endswith("arm"):
+        motion = {"pedal": "dorsiflexion", "piano": "stepping&sitting=yes"}.get(game or "", motion)
     return f"sim:body?amputated={limb.replace('_', '-')}&motion={motion}&tracker=kinect-v2"
 
 
@@ -88,6 +95,9 @@ def run_live(
     port: int = 0,
     seconds: float | None = None,
     jpeg_quality: int = 80,
+    diary: str | os.PathLike[str] | None = None,
+    participant: str | None = None,
+    diary_key: str | os.PathLike[str] | None = None,
     on_start: Callable[[str], object] | None = None,
 ) -> LiveReport:
     """Show a person with a phantom limb in a browser on this machine, live, with a game.
@@ -101,7 +111,7 @@ def run_live(
         time and over again, or a simulated person; by default `simulated_patient`.
     affected : str, optional
         The limb to replace; by default the one that a simulated person has lost, else the right
-        arm.
+        arm, or leg for a game of legs.
     game : str, optional
         Of `manip3d.phantom.games.GAMES`; by default one for that limb.
     difficulty, seed : int
@@ -112,6 +122,9 @@ def run_live(
         Stop after so many; without it at Ctrl-C.
     jpeg_quality : int
         Of the colours, 1 to 100.
+    diary, participant, diary_key : path, str, path, optional
+        A diary file, who of its participants plays, and its key file where it is encrypted. Games
+        and ratings of pain are kept as they come.
     on_start : callable(str), optional
         Gets the page's address as soon as it can be opened.
 
@@ -124,21 +137,26 @@ def run_live(
     InputError, FormatError, DeviceError, OSError
         Of the source, before anything is shown; a camera that goes away later is waited for.
     MissingExtraError
-        aiohttp or, for simulated people, Open3D is not installed.
+        aiohttp or, for simulated people, Open3D is not installed; SQLAlchemy for a diary.
     """
+    if (diary is None) != (participant is None):
+        raise InputError("diary, participant: expected both or none")
     if seconds is not None and not seconds > 0:
         raise InputError(f"seconds: expected > 0, got {seconds}")
     began = time.monotonic()
-    limb = affected or (limb_of(source) if source else "right_arm")
-    address = source or simulated_patient(limb)
+    plays_legs = game in GAMES and GAMES[game].limbs == "legs"  # type: ignore[index]
+    limb = affected or (limb_of(source) if source else "right_leg" if plays_legs else "right_arm")
+    address = source or simulated_patient(limb, game)
     if address.startswith("sim:"):
         require("live")
+    recorder = None if diary is None else DiaryRecorder(diary, str(participant), diary_key)
     session = LiveSession(
         limb,  # type: ignore[arg-type]
         game=game,
         difficulty=difficulty,
         seed=seed,
         jpeg_quality=jpeg_quality,
+        recorder=recorder,
     )
 
     def on_message(client: StreamClient, text: str) -> None:
@@ -151,7 +169,10 @@ def run_live(
     end = None if seconds is None else began + seconds
     frames, first, states = 0, None, dict[str, int]()
     feed = _frames(address)
-    with LocalServer(live_pages(limb, address), on_message, port=port) as server:
+    pages = live_pages(limb, address, asks=recorder is not None)
+    with LocalServer(pages, on_message, port=port) as server:
+        if recorder is not None:
+            recorder.start()
         if on_start is not None:
             on_start(server.url)
         try:
@@ -178,6 +199,9 @@ def run_live(
             pass
         finally:
             feed.close()
+            session.end()
+            if recorder is not None:
+                recorder.end()
     return LiveReport(
         affected=limb,
         frames=frames,

@@ -36,8 +36,8 @@ _HTML = """\
 """
 
 
-def live_pages(limb: str, source: str) -> dict[str, Page]:
-    """The page and what it loads, by path.
+def live_pages(limb: str, source: str, *, asks: bool = False) -> dict[str, Page]:
+    """The page and what it loads, by path; ``asks``: it has a place to say how strong the pain is.
 
     Raises
     ------
@@ -48,9 +48,15 @@ def live_pages(limb: str, source: str) -> dict[str, Page]:
         "limb": limb.replace("_", " "),
         "source": source,
         "intended_use": INTENDED_USE,
+        "asks": asks,
         "parents": PARENTS,
         "games": {
-            game.name: {"title": game.title, "how": game.how, "most_misses": game.most_misses}
+            game.name: {
+                "title": game.title,
+                "how": game.how,
+                "rules": game.rules,
+                "most_misses": game.most_misses,
+            }
             for game in GAMES.values()
         },
     }

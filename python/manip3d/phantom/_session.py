@@ -7,15 +7,26 @@ import time
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.modify import ColliderTracker, Limb, PhantomPipeline, PhantomState
-from manip3d.phantom.games import GAMES, GameState, begin, bones_of, step
-from manip3d.rgbd import NOT_TRACKED, RgbdFrame, Skeleton
+from manip3d.phantom._anomalies import Anomaly, AnomalyWatch
+from manip3d.phantom.games import (
+    GAMES,
+    ArmField,
+    GameState,
+    PedalField,
+    PianoField,
+    begin,
+    bones_of,
+    keys_of,
+    step,
+)
+from manip3d.rgbd import JOINTS, NOT_TRACKED, RgbdFrame, Skeleton
 from manip3d.serve import Kind, encode_frame
 
 if TYPE_CHECKING:
@@ -28,11 +39,29 @@ MESSAGES: Mapping[str, Mapping[str, Kind]] = {
     "choose": {"game": Kind(str, choices=tuple(GAMES)), "difficulty": Kind(int, 1, 3)},
     "ready": {},
     "stop": {},
+    "pain": {"value": Kind(int, 0, 10)},
+    "unwell": {},
 }
 """What a page may say; ``ack`` is answered by the server itself."""
 
 _LONGEST_STEP_S = 0.25  # a longer gap between frames is none of the player's time
 _FRAMES = 90  # over which times of stages are averaged
+_FLOOR_S = 4.0  # for so long the lowest place of a foot is the floor
+_FEET = tuple(JOINTS.index(name) for name in ("FootLeft", "FootRight"))
+
+
+@runtime_checkable
+class Recorder(Protocol):
+    """What a session tells a diary."""
+
+    def game(self, summary: GameSummary) -> None:
+        """Keep a game that is over."""
+
+    def pain(self, value: int) -> str:
+        """Keep a rating from 0 to 10; return why the session must stop, or nothing."""
+
+    def unwell(self) -> str:
+        """Keep that the patient feels sick; return why the session must stop."""
 
 
 @dataclass(frozen=True)
@@ -45,12 +74,14 @@ class GameSummary:
         Of `manip3d.phantom.games.GAMES`.
     difficulty, seed : int
     ending : str
-        ``time``, ``misses`` or ``stopped``.
+        ``time``, ``misses``, ``done`` or ``stopped``.
     seconds, paused_s : float
         Played, and waited for the phantom limb.
     score, misses : int
     by_phantom : int
-        Bursts by the phantom limb; the others are the intact limb's.
+        Points by the phantom limb; the others are the intact limb's.
+    anomalies : tuple of Anomaly
+        Times without a point though a target was in reach.
     """
 
     game: str
@@ -62,6 +93,7 @@ class GameSummary:
     score: int
     misses: int
     by_phantom: int
+    anomalies: tuple[Anomaly, ...] = ()
 
 
 @checked
@@ -83,6 +115,8 @@ class LiveSession:
         Of the first game; each further one has the next.
     jpeg_quality : int
         1 to 100.
+    recorder : Recorder, optional
+        Is told of games, ratings of pain and sickness.
 
     Attributes
     ----------
@@ -106,7 +140,13 @@ class LiveSession:
         difficulty: int = 1,
         seed: int = 0,
         jpeg_quality: int = 80,
+        recorder: Recorder | None = None,
     ) -> None:
+        self._recorder = recorder
+        self._halt = ""
+        self._pain: int | None = None
+        self._lowest: deque[tuple[int, float]] = deque()
+        self._watch = AnomalyWatch()
         self._pipeline = PhantomPipeline(affected)
         self.affected = str(affected)
         chosen = game or ("bubbles" if self.affected.endswith("arm") else "bubbles-legs")
@@ -155,7 +195,8 @@ class LiveSession:
             No such message.
         """
         if name not in MESSAGES or name == "ack":
-            raise InputError(f"name: expected choose, ready or stop, got {name!r}")
+            expected = ", ".join(known for known in MESSAGES if known != "ack")
+            raise InputError(f"name: expected one of {expected}, got {name!r}")
         self._commands.put((name, dict(fields or {})))
 
     def restart(self) -> None:
@@ -163,7 +204,12 @@ class LiveSession:
         self._pipeline.reset()
         self._body.reset()
         self._ends.reset()
+        self._lowest.clear()
         self._last_time = None
+
+    def end(self) -> None:
+        """A game that goes on is stopped, and told to the recorder."""
+        self._stop()
 
     def notice(self, message: str) -> bytes:
         """A message for the page when there is no frame, such as that the camera is gone."""
@@ -224,13 +270,30 @@ class LiveSession:
             if name == "choose":
                 self._choice = str(fields["game"]), int(fields["difficulty"])
             elif name == "ready":
-                if self._game is None or self._game.phase == "over":
+                if not self._halt and (self._game is None or self._game.phase == "over"):
                     self._game, self._wants_game = None, True
-            else:
-                self._wants_game = False
-                if self._game is not None and self._game.phase == "playing":
-                    self._finish("stopped")
-                    self._game = replace(self._game, phase="over", targets=(), events=())
+            elif name == "stop":
+                self._stop()
+            elif self._recorder is not None:
+                self._heed(name, fields)
+
+    def _stop(self) -> None:
+        self._wants_game = False
+        if self._game is not None and self._game.phase == "playing":
+            self._finish("stopped")
+            self._game = replace(self._game, phase="over", targets=(), events=())
+
+    def _heed(self, name: str, fields: Mapping[str, Any]) -> None:
+        """What the patient says of themselves; may end the play for today."""
+        assert self._recorder is not None
+        if name == "pain":
+            self._pain = int(fields["value"])
+            halt = self._recorder.pain(self._pain)
+        else:
+            halt = self._recorder.unwell()
+        if halt:
+            self._stop()
+            self._halt = halt
 
     def _play(self, shown: PhantomFrame, seconds: float) -> bool:
         """Whether the game went on in this frame."""
@@ -239,20 +302,34 @@ class LiveSession:
             if self._game is not None and self._game.phase == "playing":
                 self._paused_s += seconds
             return False
+        floor = self._floor(shown)
         if self._wants_game:
             name, difficulty = self._choice
             seed = self._seed + len(self.summaries)
-            self._game = begin(name, shown.skeleton, difficulty=difficulty, seed=seed)
+            self._game = begin(name, shown.skeleton, difficulty=difficulty, seed=seed, floor=floor)
             if self._game is None:  # somebody who faces the camera is asked for
                 return False
             self._wants_game, self._paused_s = False, 0.0
+            self._watch = AnomalyWatch()
         if self._game is None or self._game.phase == "over":
             return False
         self._ends.update(_ends_of(shown.skeleton, self._game))
-        self._game = step(self._game, seconds, self._touched)
+        self._game = step(self._game, seconds, self._touched, shown.skeleton)
+        self._watch.update(self._game)
         if self._game.phase == "over":
             self._finish(self._game.ending)
         return True
+
+    def _floor(self, shown: PhantomFrame) -> float | None:
+        """The lowest place (the largest y) of a foot in the last seconds."""
+        skeleton = shown.skeleton
+        feet = [float(skeleton.positions[j][1]) for j in _FEET if skeleton.states[j] != NOT_TRACKED]
+        now = self._last_time or 0
+        if feet:
+            self._lowest.append((now, max(feet)))
+        while self._lowest and now - self._lowest[0][0] > _FLOOR_S * 1e9:
+            self._lowest.popleft()
+        return max((y for _, y in self._lowest), default=None)
 
     def _touched(
         self, start: NDArray[np.float32], end: NDArray[np.float32], radius: NDArray[np.float32]
@@ -262,19 +339,22 @@ class LiveSession:
     def _finish(self, ending: str) -> None:
         game = self._game
         assert game is not None
-        self.summaries.append(
-            GameSummary(
-                game=game.game.name,
-                difficulty=game.difficulty,
-                seed=game.seed,
-                ending=ending,
-                seconds=round(game.clock, 3),
-                paused_s=round(self._paused_s, 3),
-                score=game.score,
-                misses=game.misses,
-                by_phantom=self._by_phantom(game),
-            )
+        self._watch.finish()
+        summary = GameSummary(
+            game=game.game.name,
+            difficulty=game.difficulty,
+            seed=game.seed,
+            ending=ending,
+            seconds=round(game.clock, 3),
+            paused_s=round(self._paused_s, 3),
+            score=game.score,
+            misses=game.misses,
+            by_phantom=self._by_phantom(game),
+            anomalies=tuple(self._watch.found),
         )
+        self.summaries.append(summary)
+        if self._recorder is not None:
+            self._recorder.game(summary)
 
     def _by_phantom(self, game: GameState) -> int:
         own = bones_of(game.game.limbs, self.affected.partition("_")[0])
@@ -324,10 +404,14 @@ class LiveSession:
         }
 
     def _game_status(self, *, playing: bool) -> dict[str, Any]:
+        about = {"halt": self._halt, "pain": self._pain}
+        return {"game": self._shown_game(playing) | about}
+
+    def _shown_game(self, playing: bool) -> dict[str, Any]:
         game, (chosen, difficulty) = self._game, self._choice
         if game is None:
             phase = "starting" if self._wants_game else "waiting"
-            return {"game": {"name": chosen, "difficulty": difficulty, "phase": phase}}
+            return {"name": chosen, "difficulty": difficulty, "phase": phase}
         phase = game.phase if playing or game.phase == "over" else "paused"
         found: dict[str, Any] = {
             "name": game.game.name,
@@ -338,18 +422,34 @@ class LiveSession:
             "misses": game.misses,
             "by_phantom": self._by_phantom(game),
             "radius": game.game.radius,
-            "ceiling": game.field.lefts[0][1] - game.field.rise,
+            **_field_status(game),
             "targets": [[t.number, *_rounded(t.place)] for t in game.targets],
             "stains": [_rounded(place) for place in game.stains],
             "events": [
-                [event.kind, event.number, event.bone, *_rounded(event.place)]
+                [event.kind, event.number, event.bone, *_rounded(event.place), event.key]
                 for event in (game.events if playing else ())
             ],
         }
         if game.phase == "over":
             found["ending"] = self.summaries[-1].ending
             found["paused_s"] = self.summaries[-1].paused_s
-        return {"game": found}
+        return found
+
+
+def _field_status(game: GameState) -> dict[str, Any]:
+    """What stands around the player."""
+    field = game.field
+    if isinstance(field, PianoField):
+        up = game.targets[0].key if game.targets else -1
+        return {"keys": [_rounded(place) for _, place in keys_of(field)], "up": up}
+    if isinstance(field, PedalField):
+        strokes = game.game.strokes[game.difficulty - 1]
+        starts = (*field.lefts, *field.rights)
+        disks = [_rounded((x, y - field.rise, z)) for x, y, z in starts]
+        return {"disks": disks, "starts": [_rounded(place) for place in starts],
+                "strokes": [foot.moves / 2 for foot in game.feet], "needed": strokes}  # fmt: skip
+    assert isinstance(field, ArmField)
+    return {"ceiling": field.lefts[0][1] - field.rise}
 
 
 def _rounded(values: Any) -> Any:

@@ -18,9 +18,17 @@ export interface GameStatus {
   ceiling?: number;
   targets?: number[][]; // number, x, y, z
   stains?: number[][];
-  events?: (string | number)[][]; // kind, number, bone, x, y, z
-  ending?: "time" | "misses" | "stopped";
+  keys?: number[][]; // of the piano, from the player's left
+  up?: number; // the key that lights up; -1: none
+  disks?: number[][]; // over the pedals: left, right
+  starts?: number[][];
+  strokes?: number[];
+  needed?: number;
+  events?: (string | number)[][]; // kind, number, bone, x, y, z, key
+  ending?: "time" | "misses" | "done" | "stopped";
   paused_s?: number;
+  halt: string; // why nothing more is played today
+  pain: number | null; // last rating
 }
 
 export interface Status {

@@ -3,16 +3,19 @@
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import type { Frame, GameStatus, Status } from "./frame";
+import { Pedals, Piano } from "./instruments";
 import { Link } from "./link";
 import { Bones, Bubbles, Colliders, room } from "./overlay";
 import { Person } from "./person";
+import { Sound } from "./sound";
 
 interface Content {
   limb: string;
   source: string;
   intended_use: string;
   parents: number[];
-  games: Record<string, { title: string; how: string; most_misses: number }>;
+  asks: boolean; // whether there is a diary that wants to know how strong the pain is
+  games: Record<string, { title: string; how: string; rules: string; most_misses: number }>;
 }
 
 const content = JSON.parse(document.getElementById("manip3d-live")!.textContent!) as Content;
@@ -63,6 +66,7 @@ const toggles = {
   colliders: toggle("Colliders", "c", false),
   tint: toggle("Mark phantom", "p", false),
   large: toggle("Large text", "l", false),
+  sound: toggle("Sound", "o", true),
 };
 
 function toggle(label: string, key: string, on: boolean): HTMLButtonElement {
@@ -78,6 +82,23 @@ function toggle(label: string, key: string, on: boolean): HTMLButtonElement {
 function isOn(button: HTMLButtonElement): boolean {
   return button.getAttribute("aria-pressed") === "true";
 }
+
+const pain = element("select", { id: "pain" });
+pain.append(element("option", { value: "" }, "choose"));
+for (let value = 0; value <= 10; value++) {
+  const word = { 0: "0 (none)", 10: "10 (worst)" }[value] ?? String(value);
+  pain.append(element("option", { value: String(value) }, word));
+}
+const painTold = element("span", { id: "pain-told", role: "status" });
+const unwell = element("button", { id: "unwell" }, "I feel sick");
+const asking = element(
+  "div",
+  { class: "row", id: "asking" },
+  element("label", {}, "Phantom pain now, 0 to 10 ", pain),
+  unwell,
+  painTold,
+);
+asking.hidden = !content.asks;
 
 document.body.append(
   element(
@@ -97,6 +118,7 @@ document.body.append(
       element("label", {}, "Difficulty ", difficulty),
       start,
     ),
+    asking,
     element("div", { class: "row", role: "group", "aria-label": "View" }, ...Object.values(toggles)),
     numbers,
     element("p", { id: "use" }, content.intended_use),
@@ -121,8 +143,11 @@ const person = new Person();
 const bones = new Bones(content.parents);
 const colliders = new Colliders(content.parents.length);
 const bubbles = new Bubbles(() => stillness.matches);
+const piano = new Piano();
+const pedals = new Pedals();
+const sound = new Sound();
 const floor = room();
-world.add(person.root, bones.root, colliders.root, bubbles.root, floor);
+world.add(person.root, bones.root, colliders.root, bubbles.root, piano.root, pedals.root, floor);
 scene.add(world);
 
 let placed = false;
@@ -159,6 +184,7 @@ function settle(): void {
   bones.root.visible = isOn(toggles.skeleton);
   colliders.root.visible = isOn(toggles.colliders);
   person.tint = isOn(toggles.tint);
+  sound.on = isOn(toggles.sound);
   document.documentElement.classList.toggle("large", isOn(toggles.large));
   fit();
 }
@@ -170,7 +196,11 @@ async function decode(frame: Frame): Promise<void> {
   newest = frame.status;
   bones.show(frame.status);
   colliders.show(frame.status);
-  bubbles.show(frame.status.game);
+  const game = frame.status.game;
+  bubbles.show(content.games[game.name].rules === "piano" ? { ...game, targets: [] } : game);
+  piano.show(game);
+  pedals.show(game);
+  for (const [kind, , , , , , key] of game.events ?? []) sound.event(String(kind), Number(key));
   place(frame.status);
   tell(frame.status);
 }
@@ -191,6 +221,8 @@ let phase = "";
 function tellGame(game: GameStatus, message: string): void {
   const { title, how, most_misses: most } = content.games[game.name];
   const idle = game.phase === "waiting" || game.phase === "over";
+  start.disabled = Boolean(game.halt);
+  write(painTold, game.pain === null ? "" : `Noted: ${game.pain}.`);
   if (document.activeElement !== gameChoice) gameChoice.value = game.name;
   if (document.activeElement !== difficulty) difficulty.value = String(game.difficulty);
   const word = idle ? (game.phase === "over" ? "Play again" : "Start when ready") : "Stop";
@@ -198,11 +230,15 @@ function tellGame(game: GameStatus, message: string): void {
   score.hidden = game.score === undefined || game.phase === "over";
   if (game.score !== undefined) {
     const left = Math.ceil(game.left_s ?? 0);
-    write(score, `Score ${game.score}   Missed ${game.misses} of ${most}   ${left} s`);
+    const missed = most ? `Missed ${game.misses} of ${most}` : `Missed ${game.misses}`;
+    const balls = (game.strokes ?? []).map((strokes) => Math.floor(strokes)).join(" and ");
+    const told = game.needed ? `Strokes ${balls} of ${game.needed}` : missed;
+    write(score, `Score ${game.score}   ${told}   ${left} s`);
   }
   const pause = game.phase === "paused" ? `: ${message}` : "";
-  if (phase === game.phase + pause) return;
-  phase = game.phase + pause;
+  const now = `${game.name} ${game.phase} ${pause} ${game.halt}`;
+  if (phase === now) return;
+  phase = now;
   card.hidden = game.phase === "playing";
   const lines: string[] = [];
   let heading = title;
@@ -213,11 +249,19 @@ function tellGame(game: GameStatus, message: string): void {
     lines.push(message, "Nothing is missed while the phantom limb is not followed.");
   }
   if (game.phase === "over") {
-    heading = { time: "Time over!", misses: "Game over", stopped: "Stopped" }[game.ending ?? "time"];
+    heading = { time: "Time over!", misses: "Game over", done: "Well done!", stopped: "Stopped" }[
+      game.ending ?? "time"
+    ];
+    const missed = content.games[game.name].rules === "pedal" ? "" : `Missed ${game.misses}. `;
     lines.push(
       `Score ${game.score}, of these ${game.by_phantom} with the phantom limb.`,
-      `Missed ${game.misses}. Paused for ${Math.round(game.paused_s ?? 0)} s.`,
+      `${missed}Paused for ${Math.round(game.paused_s ?? 0)} s.`,
     );
+    if (content.asks && !game.halt) lines.push("How strong is the phantom pain now? Say so below.");
+  }
+  if (game.halt) {
+    heading = "Stop for today";
+    lines.unshift(game.halt);
   }
   card.replaceChildren(element("h2", {}, heading), ...lines.map((line) => element("p", {}, line)));
 }
@@ -260,6 +304,18 @@ function choose(): void {
   link.send({ type: "choose", game: gameChoice.value, difficulty: Number(difficulty.value) });
 }
 
+pain.addEventListener("change", () => {
+  if (pain.value !== "") link.send({ type: "pain", value: Number(pain.value) });
+  pain.value = "";
+  pain.blur();
+});
+unwell.addEventListener("click", () => {
+  link.send({ type: "unwell" });
+  unwell.blur();
+});
+for (const kind of ["pointerdown", "keydown"]) {
+  document.addEventListener(kind, () => sound.wake());
+}
 start.addEventListener("click", () => {
   press();
   start.blur(); // else the space bar would press it a second time
@@ -277,6 +333,7 @@ const keys: Record<string, () => void> = {
   c: () => toggles.colliders.click(),
   p: () => toggles.tint.click(),
   l: () => toggles.large.click(),
+  o: () => toggles.sound.click(),
 };
 document.addEventListener("keydown", (event) => {
   const target = event.target as HTMLElement;
@@ -297,4 +354,6 @@ renderer.setAnimationLoop((now) => {
 });
 
 // For tests and for whoever looks with the browser's own tools.
-Object.assign(globalThis, { manip3dLive: { stats: () => link.stats(), status: () => newest } });
+Object.assign(globalThis, {
+  manip3dLive: { stats: () => link.stats(), status: () => newest, sounds: () => sound.played },
+});

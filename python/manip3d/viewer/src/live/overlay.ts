@@ -4,6 +4,8 @@ import * as THREE from "three";
 import type { GameStatus, Status } from "./frame";
 
 const BURST_MS = 450;
+const SPARKS_MS = 900;
+const SPARKS = 24;
 
 /** Lines between joints; yellow where a joint is a guess. */
 export class Bones {
@@ -99,6 +101,12 @@ export class Colliders {
   }
 }
 
+interface Sparks {
+  points: THREE.Points<THREE.BufferGeometry, THREE.PointsMaterial>;
+  ways: THREE.Vector3[];
+  began: number;
+}
+
 interface Burst {
   ring: THREE.Mesh<THREE.RingGeometry, THREE.MeshBasicMaterial>;
   began: number;
@@ -110,6 +118,7 @@ export class Bubbles {
   private bubbles = new Map<number, THREE.Mesh>();
   private stains: THREE.Mesh[] = [];
   private bursts: Burst[] = [];
+  private sparks: Sparks[] = [];
   private ball = new THREE.SphereGeometry(1, 24, 16);
   private disk = new THREE.CircleGeometry(0.1, 24);
   private drawn = ["#38b6ff", "#ff7ab8"].map(
@@ -153,7 +162,9 @@ export class Bubbles {
       this.bubbles.delete(number);
     }
     for (const [kind, , , x, y, z] of game.events ?? []) {
-      if (kind === "burst" && !this.still()) this.burst(Number(x), Number(y), Number(z));
+      if (kind === "missed" || kind === "stroke" || this.still()) continue;
+      this.burst(Number(x), Number(y), Number(z));
+      if (kind !== "burst") this.sparkle(Number(x), Number(y), Number(z));
     }
     this.showStains(game.stains ?? []);
   }
@@ -183,8 +194,47 @@ export class Bubbles {
     this.root.add(ring);
   }
 
-  /** Lets rings grow and vanish. */
+  private sparkle(x: number, y: number, z: number): void {
+    const ways = Array.from({ length: SPARKS }, (_, which) => {
+      const turn = (2 * Math.PI * which) / SPARKS;
+      const high = 0.25 + 0.2 * (which % 3);
+      return new THREE.Vector3(0.22 * Math.cos(turn), -high, 0.22 * Math.sin(turn));
+    });
+    const drawn = new THREE.PointsMaterial({
+      color: "#ffe066",
+      size: 0.045,
+      transparent: true,
+      depthTest: false,
+    });
+    const points = new THREE.Points(new THREE.BufferGeometry().setFromPoints(ways), drawn);
+    points.position.set(x, y, z);
+    points.renderOrder = 4;
+    points.frustumCulled = false;
+    this.sparks.push({ points, ways, began: performance.now() });
+    this.root.add(points);
+  }
+
+  private animateSparks(now: number): void {
+    this.sparks = this.sparks.filter(({ points, ways, began }) => {
+      const share = Math.max(0, (now - began) / SPARKS_MS);
+      const places = points.geometry.getAttribute("position") as THREE.BufferAttribute;
+      ways.forEach((way, which) => {
+        const fall = 0.25 * share * share; // y is down
+        places.setXYZ(which, way.x * share, way.y * share + fall, way.z * share);
+      });
+      places.needsUpdate = true;
+      points.material.opacity = Math.max(0, 1 - share);
+      if (share < 1) return true;
+      this.root.remove(points);
+      points.geometry.dispose();
+      points.material.dispose();
+      return false;
+    });
+  }
+
+  /** Lets rings and sparks grow and vanish. */
   animate(now: number): void {
+    this.animateSparks(now);
     this.bursts = this.bursts.filter(({ ring, began }) => {
       const share = (now - began) / BURST_MS;
       ring.scale.setScalar(0.08 + 0.16 * share);

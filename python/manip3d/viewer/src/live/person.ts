@@ -63,12 +63,13 @@ class Range {
     this.mesh.frustumCulled = false; // bounds change with each frame
   }
 
-  setIndex(faces: Uint16Array | Uint32Array): void {
+  /** `release` frees what both ranges have on the graphics card, where this one grows. */
+  setIndex(faces: Uint16Array | Uint32Array, release: () => void): void {
     const old = this.geometry.getIndex();
     if (old === null || old.array.constructor !== faces.constructor || old.count < faces.length) {
       const grown = faces.slice(0, 0).constructor as Uint16ArrayConstructor;
       const array = new grown(Math.ceil(faces.length * 1.5) + 3);
-      this.geometry.dispose();
+      release();
       this.geometry.setIndex(new THREE.BufferAttribute(array, 1));
     }
     const index = this.geometry.getIndex() as THREE.BufferAttribute;
@@ -104,13 +105,19 @@ export class Person {
     this.setTexture(this.body, color);
     this.setTexture(this.phantom, own ?? color);
     this.setVertices(frame);
-    this.body.setIndex(frame.faces.subarray(0, 3 * frame.bodyFaces));
-    this.phantom.setIndex(frame.faces.subarray(3 * frame.bodyFaces));
+    const release = (): void => this.release();
+    this.body.setIndex(frame.faces.subarray(0, 3 * frame.bodyFaces), release);
+    this.phantom.setIndex(frame.faces.subarray(3 * frame.bodyFaces), release);
     this.root.position.fromArray(frame.low);
     this.root.scale.fromArray(frame.step.map((step) => step || 1));
     const drawn = this.phantom.mesh.material;
     drawn.uniforms.opacity.value = frame.opacity;
     drawn.transparent = frame.opacity < 1;
+  }
+
+  /** Both at once: they share their vertices, and one that was not told would draw freed ones. */
+  private release(): void {
+    for (const { geometry } of [this.body, this.phantom]) geometry.dispose();
   }
 
   private setTexture(range: Range, next: THREE.Texture): void {
@@ -126,8 +133,8 @@ export class Person {
       const count = Math.ceil(1.5 * numVertices);
       this.positions = new THREE.BufferAttribute(new Uint16Array(3 * count), 3);
       this.texcoords = new THREE.BufferAttribute(new Uint16Array(2 * count), 2, true);
+      this.release();
       for (const { geometry } of [this.body, this.phantom]) {
-        geometry.dispose();
         geometry.setAttribute("position", this.positions);
         geometry.setAttribute("uv", this.texcoords);
       }

@@ -1,0 +1,407 @@
+"""``manip3d diary``: what patients played, how they felt, and whether it helps."""
+
+from __future__ import annotations
+
+from datetime import date, datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from manip3d.cli.options import Force, Json, Quiet
+from manip3d.cli.phantom import LimbName
+from manip3d.cli.terminal import Terminal, check_output, counted, table
+from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from manip3d.diary import Diary, DiaryAnalysis, Estimate
+
+app = typer.Typer(
+    name="diary",
+    help="Digital diaries of studies: sessions, pain, questionnaires, analysis.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+File = Annotated[Path, typer.Argument(metavar="DIARY", help="The diary file.")]
+Who = Annotated[str, typer.Argument(metavar="PARTICIPANT", help="The participant's pseudonym.")]
+Key = Annotated[
+    Path | None,
+    typer.Option("--key", help="Key file of an encrypted diary, of 'manip3d diary keygen'."),
+]
+
+
+class Occasion(StrEnum):
+    """When a questionnaire was filled in."""
+
+    baseline = "baseline"
+    week_1 = "week-1"
+    week_4 = "week-4"
+    other = "other"
+
+
+def _opened(path: Path, key: Path | None, *, create: bool = False) -> Diary:
+    from manip3d.diary import Diary
+
+    return Diary(path, key=key, create=create)
+
+
+@app.command("keygen")
+def keygen(
+    path: Annotated[Path, typer.Argument(metavar="KEY", help="File to make.")],
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Make a key file for an encrypted diary, which only its owner can read.
+
+    Keep it apart from the diary, and a copy of it: without its key a diary is lost. An existing
+    file is never replaced.
+
+    Example: manip3d diary keygen study.key
+    """
+    from manip3d.diary import make_key
+
+    make_key(path)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    shell.say(f"wrote {path}")
+    shell.result({"key": str(path)})
+
+
+@app.command("enrol")
+def enrol(
+    path: File,
+    participant: Who,
+    limb: Annotated[LimbName | None, typer.Option(help="The affected limb.")] = None,
+    key: Key = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Add a participant; a diary that does not exist is made, with --key an encrypted one.
+
+    Use a pseudonym, and keep elsewhere who it is. The days of the protocol are counted from today.
+
+    Example: manip3d diary enrol study.diary P02 --limb left-leg
+    """
+    with _opened(path, key, create=True) as diary:
+        person = diary.enrol(participant, limb=limb.value.replace("-", "_") if limb else "")
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    shell.say(f"enrolled {person.identifier} in {path}")
+    shell.result(_plain(person))
+
+
+@app.command("list")
+def list_participants(path: File, key: Key = None, as_json: Json = False) -> None:
+    """List the participants: sessions, the last one, share of the protocol that was done.
+
+    Example: manip3d diary list study.diary
+    """
+    from manip3d.diary import adherence
+
+    rows: list[dict[str, Any]] = []
+    with _opened(path, key) as diary:
+        for person in diary.participants():
+            sessions = diary.sessions(person.identifier)
+            done = adherence(sessions, person.enrolled, _today(person.enrolled))
+            rows.append(
+                {
+                    "participant": person.identifier,
+                    "limb": person.limb,
+                    "enrolled": person.enrolled.isoformat(),
+                    "sessions": len(sessions),
+                    "last": sessions[-1].started.isoformat() if sessions else None,
+                    "complete": done.complete,
+                    "expected": done.expected,
+                    "events": len(diary.events(person.identifier)),
+                }
+            )
+
+    def show(console: Console) -> None:
+        names = ("participant", "limb", "enrolled", "sessions", "last", "complete", "events")
+        cells = [
+            [row["participant"], row["limb"].replace("_", " "), row["enrolled"][:10],
+             str(row["sessions"]), (row["last"] or "-")[:16].replace("T", " "),
+             f"{row['complete']} of {row['expected']}", str(row["events"])]
+            for row in rows
+        ]  # fmt: skip
+        if cells:
+            table(console, cells, names)
+        else:
+            console.print("nobody is enrolled")
+
+    Terminal(as_json=as_json).result(rows, show)
+
+
+@app.command("show")
+def show_participant(path: File, participant: Who, key: Key = None, as_json: Json = False) -> None:
+    """Show the sessions, games, ratings, questionnaires and adverse events of a participant.
+
+    Example: manip3d diary show study.diary P01
+    """
+    from manip3d.diary import adherence
+
+    with _opened(path, key) as diary:
+        person = diary.participant(participant)
+        sessions = diary.sessions(participant)
+        filled, events = diary.questionnaires(participant), diary.events(participant)
+    done = adherence(sessions, person.enrolled, _today(person.enrolled))
+    record = {
+        **_plain(person),
+        "adherence": vars(done),
+        "sessions": [
+            {**_plain(session), "games": [_plain(game) for game in session.games],
+             "ratings": [_plain(rating) for rating in session.ratings]}
+            for session in sessions
+        ],
+        "questionnaires": [{**_plain(one), "score": vars(one.score)} for one in filled],
+        "events": [_plain(event) for event in events],
+    }  # fmt: skip
+
+    def show(console: Console) -> None:
+        limb = f", {person.limb.replace('_', ' ')}" if person.limb else ""
+        console.print(f"{person.identifier}{limb}, enrolled {_day(person.enrolled)}")
+        console.print(
+            f"{done.complete} of {done.expected} sessions complete in {counted(done.days, 'day')}, "
+            f"{done.partial} more in part"
+        )
+        rows = []
+        for session in sessions:
+            stuck = sum(len(game.anomalies) for game in session.games)
+            pain = f"{_dash(session.pain_before)} -> {_dash(session.pain_after)}"
+            games = ", ".join(f"{game.game} {game.score}" for game in session.games) or "none"
+            rows.append([_day(session.started), games, pain, str(stuck)])
+        if rows:
+            table(console, rows, ("session", "games and scores", "pain", "anomalies"))
+        for one in filled:
+            score = one.score
+            console.print(
+                f"McGill, {one.occasion}, {_day(one.at)}: PRI {score.pri} ({score.sensory} + "
+                f"{score.affective} + {score.evaluative} + {score.miscellaneous}), "
+                f"NWC {score.nwc}, PPI {score.ppi}"
+            )
+        for event in events:
+            console.print(
+                f"adverse event, {_day(event.at)}: {event.kind} {event.text}", markup=False
+            )
+
+    Terminal(as_json=as_json).result(record, show)
+
+
+@app.command("rate")
+def rate(
+    path: File,
+    participant: Who,
+    pain: Annotated[
+        int | None, typer.Option(min=0, max=10, help="Pain now, 0 (none) to 10 (the worst).")
+    ] = None,
+    mcgill: Annotated[
+        str | None,
+        typer.Option(
+            metavar="RANKS",
+            help="McGill questionnaire: for each of the 20 groups the rank of the chosen word, 0 "
+            "for none, with commas between.",
+        ),
+    ] = None,
+    ppi: Annotated[
+        int, typer.Option(min=0, max=5, help="Present pain intensity of that questionnaire.")
+    ] = 0,
+    occasion: Annotated[
+        Occasion, typer.Option(help="When the questionnaire was filled in.")
+    ] = Occasion.other,
+    event: Annotated[str | None, typer.Option(help="An adverse event, in words.")] = None,
+    key: Key = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write down a rating of pain, a McGill questionnaire or an adverse event.
+
+    The questionnaire's words are protected and not part of this program.
+
+    Example: manip3d diary rate study.diary P01 --pain 4
+    """
+    if pain is None and mcgill is None and event is None:
+        raise InputError("expected --pain, --mcgill or --event")
+    ranks = None if mcgill is None else _ranks(mcgill)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    record: dict[str, Any] = {"participant": participant}
+    with _opened(path, key) as diary:
+        if ranks is not None:
+            found = diary.add_mcgill(participant, ranks, ppi, occasion=occasion.value)
+            record["mcgill"] = vars(found.score)
+            shell.say(f"McGill, {occasion.value}: PRI {found.score.pri}, NWC {found.score.nwc}")
+        if pain is not None:
+            diary.add_rating(participant, pain)
+            record["pain"] = pain
+            shell.say(f"pain {pain} noted for {participant}")
+        if event is not None:
+            diary.add_event(participant, "other", event)
+            record["event"] = event
+            shell.say(f"adverse event noted for {participant}")
+    shell.result(record)
+
+
+@app.command("export")
+def export(
+    path: File,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            help="A folder of tables (CSV); of one participant also NAME.json (FHIR R4) and "
+            "NAME.html (a page for the clinician).",
+        ),
+    ],
+    participant: Annotated[
+        str | None, typer.Option(help="This participant only; needed for FHIR and the page.")
+    ] = None,
+    key: Key = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write a copy of a diary for other programs; what it holds is not encrypted any more.
+
+    Example: manip3d diary export study.diary -o tables
+    """
+    from manip3d.diary import export_csv, export_fhir, write_page
+
+    check_output(output, (".json", ".html"), force=force, folder=True)
+    with _opened(path, key) as diary:
+        if output.suffix in (".json", ".html"):
+            if participant is None:
+                raise InputError("participant: expected one with --participant, for this format")
+            write = export_fhir if output.suffix == ".json" else write_page
+            write(diary, output, participant, overwrite=force)
+        else:
+            chosen = None if participant is None else [participant]
+            export_csv(diary, output, participants=chosen, overwrite=force)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    shell.say(f"wrote {output}")
+    shell.result({"diary": str(path), "output": str(output)})
+
+
+@app.command("delete")
+def delete(
+    path: File,
+    participant: Who,
+    is_sure: Annotated[
+        bool, typer.Option("--yes", help="Delete without asking; nothing brings it back.")
+    ] = False,
+    key: Key = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Delete a participant: no byte of them remains in the diary.
+
+    Copies and exports are not reached, nor what the disk itself keeps of overwritten files.
+
+    Example: manip3d diary delete study.diary P01 --yes
+    """
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    with _opened(path, key) as diary:
+        diary.participant(participant)  # who is not there is said before asking
+        if not is_sure and not typer.confirm(f"Delete all of {participant} from {path}?", err=True):
+            raise InputError("nothing deleted")
+        diary.delete(participant)
+    shell.say(f"deleted {participant} from {path}")
+    shell.result({"diary": str(path), "deleted": participant})
+
+
+@app.command("analyse")
+def analyse(path: File, key: Key = None, as_json: Json = False) -> None:
+    """Analyse a study: McGill at baseline, week 1 and week 4, responders, adherence.
+
+    Changes are those of a mixed model with a random intercept, with 95 % intervals. Research
+    software: this is no advice on anybody's treatment.
+
+    Example: manip3d diary analyse study.diary
+    """
+    from manip3d.diary import analyse as analyse_diary
+
+    with _opened(path, key) as diary:
+        found = analyse_diary(diary)
+    Terminal(as_json=as_json).result(
+        {
+            "participants": list(found.identifiers),
+            "scores": found.scores.tolist(),
+            "model": None if found.model is None else _model(found),
+            "paired": [None if one is None else vars(one) for one in found.paired],
+            "responders_30": vars(found.responders_30),
+            "responders_50": vars(found.responders_50),
+            "adherence": {name: vars(one) for name, one in found.adherence.items()},
+            "adherence_slope": found.adherence_slope and vars(found.adherence_slope),
+        },
+        lambda console: _show_analysis(console, found),
+    )
+
+
+def _model(found: DiaryAnalysis) -> dict[str, Any]:
+    assert found.model is not None
+    return {**vars(found.model), "changes": [vars(one) for one in found.model.changes]}
+
+
+def _show_analysis(console: Console, found: DiaryAnalysis) -> None:
+    names = ("baseline", "week 1", "week 4")
+    rows = [
+        [name, *("-" if value != value else f"{value:.0f}" for value in scores),
+         f"{found.adherence[name].share:.0%}"]
+        for name, scores in zip(found.identifiers, found.scores.tolist(), strict=True)
+    ]  # fmt: skip
+    table(console, rows, ("PRI of", *names, "sessions done"))
+    if found.model is None:
+        console.print("mixed model: too few questionnaires so far (two participants with two each)")
+    else:
+        for name, change in zip(names[1:], found.model.changes, strict=True):
+            console.print(f"change to {name}, mixed model: {_interval(change)}")
+    for name, paired in zip(names[1:], found.paired, strict=True):
+        if paired is not None:
+            console.print(f"change to {name}, paired differences: {_interval(paired)}")
+    for least, share in ((30, found.responders_30), (50, found.responders_50)):
+        if share.of:
+            console.print(
+                f"PRI down by {least} % or more: {share.number} of {share.of} "
+                f"(95 %: {share.low:.0%} to {share.high:.0%})"
+            )
+    if found.adherence_slope is not None:
+        console.print(
+            f"change to week 4 with all sessions against none: {_interval(found.adherence_slope)}"
+        )
+
+
+def _interval(one: Estimate) -> str:
+    return f"{one.value:+.1f} (95 %: {one.low:+.1f} to {one.high:+.1f}; p = {one.p:.3g})"
+
+
+def _ranks(text: str) -> list[int]:
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"mcgill: expected 20 whole numbers with commas, got {text!r}") from None
+
+
+def _plain(thing: Any) -> dict[str, Any]:
+    """Fields of a record that JSON can hold; parts that are records themselves are left out."""
+    found: dict[str, Any] = {}
+    for name, value in vars(thing).items():
+        if isinstance(value, datetime):
+            found[name] = value.isoformat()
+        elif isinstance(value, tuple) and not (value and hasattr(value[0], "__dict__")):
+            found[name] = list(value)
+        elif not isinstance(value, tuple) and not hasattr(value, "__dict__"):
+            found[name] = value
+    return found
+
+
+def _today(enrolled: datetime) -> date:
+    return max(date.today(), enrolled.date())
+
+
+def _day(moment: datetime) -> str:
+    return moment.strftime("%Y-%m-%d %H:%M")
+
+
+def _dash(value: int | None) -> str:
+    return "-" if value is None else str(value)

@@ -1,0 +1,58 @@
+"""The digital diary of a study of phantom pain: sessions, games, ratings, questionnaires, analysis.
+
+Research software, no medical device.
+"""
+
+from __future__ import annotations
+
+from manip3d.diary._analysis import (
+    DiaryAnalysis,
+    Estimate,
+    MixedModel,
+    analyse,
+    fit_mixed_model,
+    simulate_cohort,
+)
+from manip3d.diary._diary import Diary
+from manip3d.diary._export import export_csv, export_fhir, fhir_bundle
+from manip3d.diary._mcgill import MCGILL_GROUPS, McGillScore, score_mcgill
+from manip3d.diary._page import write_page
+from manip3d.diary._protocol import SICKNESS, Adherence, Protocol, adherence, stop_reason
+from manip3d.diary._records import (
+    AdverseEvent,
+    DiaryGame,
+    DiarySession,
+    McGill,
+    Participant,
+    Rating,
+)
+from manip3d.diary._sealing import make_key
+
+__all__ = [
+    "MCGILL_GROUPS",
+    "SICKNESS",
+    "Adherence",
+    "AdverseEvent",
+    "Diary",
+    "DiaryAnalysis",
+    "DiaryGame",
+    "DiarySession",
+    "Estimate",
+    "McGill",
+    "McGillScore",
+    "MixedModel",
+    "Participant",
+    "Protocol",
+    "Rating",
+    "adherence",
+    "analyse",
+    "export_csv",
+    "export_fhir",
+    "fhir_bundle",
+    "fit_mixed_model",
+    "make_key",
+    "score_mcgill",
+    "simulate_cohort",
+    "stop_reason",
+    "write_page",
+]

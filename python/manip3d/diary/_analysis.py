@@ -1,0 +1,415 @@
+"""Does it help? The McGill index at baseline, week 1 and week 4, and who did how much."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import date
+from typing import get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from manip3d._util.checked import checked
+from manip3d.diary._diary import Diary
+from manip3d.diary._protocol import Adherence, Protocol, adherence
+from manip3d.diary._records import Occasion
+from manip3d.errors import InputError, MissingExtraError
+
+OCCASIONS = tuple(name for name in get_args(Occasion) if name != "other")
+_LEVEL = 0.95
+_RATIO_MAX = 1e6  # of the variances between and within participants
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number with its 95 % interval.
+
+    Attributes
+    ----------
+    value, low, high : float
+    p : float
+        Of a two-sided test against 0.
+    df : float
+        Degrees of freedom of its t distribution.
+    """
+
+    value: float
+    low: float
+    high: float
+    p: float
+    df: float
+
+
+@dataclass(frozen=True)
+class Share:
+    """A share of participants with its exact (Clopper-Pearson) 95 % interval.
+
+    Attributes
+    ----------
+    number, of : int
+    low, high : float
+    """
+
+    number: int
+    of: int
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class MixedModel:
+    """Scores = mean of the occasion + a constant of the participant + noise, fitted by REML.
+
+    Attributes
+    ----------
+    means : tuple of float
+        Of each occasion.
+    changes : tuple of Estimate
+        From the first occasion to each other one.
+    sd_between, sd_within : float
+        Between participants, and of one participant's scores about their own level.
+    participants, scores : int
+        That the model stands on.
+    """
+
+    means: tuple[float, ...]
+    changes: tuple[Estimate, ...]
+    sd_between: float
+    sd_within: float
+    participants: int
+    scores: int
+
+
+@dataclass(frozen=True)
+class DiaryAnalysis:
+    """What the diaries of a study say.
+
+    Attributes
+    ----------
+    identifiers : tuple of str
+    scores : (N, 3) float64
+        Pain rating index of each participant at baseline, week 1 and week 4; NaN: none.
+    model : MixedModel or None
+        None with fewer than two participants who have two of these each.
+    paired : tuple of (Estimate or None)
+        Changes to week 1 and week 4 of those who have both: a t interval of differences, which
+        assumes nothing about how they vary.
+    responders_30, responders_50 : Share
+        Whose index fell by at least 30 and 50 % from baseline to week 4, of those with both.
+    adherence : mapping of str to Adherence
+    adherence_slope : Estimate or None
+        Change of the index to week 4, in points for a whole protocol against none: a line through
+        the participants. None where there are fewer than three, or all did the same.
+    """
+
+    identifiers: tuple[str, ...]
+    scores: NDArray[np.float64]
+    model: MixedModel | None
+    paired: tuple[Estimate | None, ...]
+    responders_30: Share
+    responders_50: Share
+    adherence: Mapping[str, Adherence]
+    adherence_slope: Estimate | None
+
+
+@checked
+def fit_mixed_model(scores: ArrayLike) -> MixedModel:
+    """Fit a random intercept by restricted maximum likelihood.
+
+    Intervals use the t distribution with Satterthwaite's degrees of freedom (Giesbrecht and Burns
+    1985): with ten participants the normal distribution's are too short. For complete data they are
+    those of the analysis of variance with repeated measures. Of 2000 simulated studies of ten they
+    hold the truth in 95 %, but where participants respond differently (by 8 points, with a noise
+    of 4) in 89 % at week 4: `DiaryAnalysis.paired` then holds it in 95 %, and is to be believed.
+
+    Parameters
+    ----------
+    scores : (N, T) float
+        Of N participants at T occasions; NaN where one is missing.
+
+    Returns
+    -------
+    MixedModel
+
+    Raises
+    ------
+    InputError
+        Not such an array, an infinite score, an occasion without a score, fewer than two
+        participants with two scores each, or scores without any noise.
+    MissingExtraError
+        scipy is not installed.
+
+    Examples
+    --------
+    >>> model = fit_mixed_model([[40, 35, 30], [30, 26, 22], [50, 47, 36]])
+    >>> round(model.changes[1].value, 2)
+    -10.67
+    """
+    table = np.asarray(scores, np.float64)
+    if table.ndim != 2 or table.shape[1] < 2:
+        raise InputError(f"scores: expected (N, T) with T >= 2, got {table.shape}")
+    if np.isinf(table).any():
+        raise InputError("scores: expected finite numbers or NaN")
+    seen = ~np.isnan(table)
+    if not seen.any(axis=0).all():
+        raise InputError("scores: expected a score of somebody at each occasion")
+    if (seen.sum(axis=1) >= 2).sum() < 2:
+        raise InputError("scores: expected two participants with two scores each")
+    who, when = np.nonzero(seen)
+    y = table[seen]
+    design = (when[:, None] == np.arange(table.shape[1])).astype(np.float64)
+    together = (who[:, None] == who).astype(np.float64)  # J: pairs of one participant
+    ratio = _best_ratio(y, design, together)
+    beta, squares, inverse, _ = _generalised(y, design, together, ratio)
+    within = squares / (len(y) - design.shape[1])
+    if ratio > 0.5 * _RATIO_MAX or within <= 1e-12 * max(float(y @ y), 1e-300):
+        raise InputError("scores: expected scores that vary; these follow the means exactly")
+    variance = within * inverse  # of beta
+    changes = []
+    for occasion in range(1, table.shape[1]):
+        contrast = np.zeros(table.shape[1])
+        contrast[[0, occasion]] = -1.0, 1.0
+        df = _satterthwaite(design, together, within, ratio * within, contrast)
+        spread = math.sqrt(float(contrast @ variance @ contrast))
+        changes.append(_t_estimate(float(contrast @ beta), spread, df))
+    return MixedModel(
+        tuple(beta.tolist()),
+        tuple(changes),
+        math.sqrt(ratio * within),
+        math.sqrt(within),
+        len(np.unique(who)),
+        len(y),
+    )
+
+
+def _generalised(
+    y: NDArray[np.float64],
+    design: NDArray[np.float64],
+    together: NDArray[np.float64],
+    ratio: float,
+) -> tuple[NDArray[np.float64], float, NDArray[np.float64], float]:
+    """Least squares for V = I + ratio J, with the residuals r: beta, r' V^-1 r, (X' V^-1 X)^-1 and
+    log|V| + log|X' V^-1 X|."""
+    covariance = np.eye(len(y)) + ratio * together
+    weights = np.linalg.inv(covariance)
+    information = design.T @ weights @ design
+    inverse = np.linalg.inv(information).astype(np.float64)
+    beta = inverse @ (design.T @ weights @ y)
+    residual = y - design @ beta
+    logs = float(np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(information)[1])
+    return beta, float(residual @ weights @ residual), inverse, logs
+
+
+def _best_ratio(
+    y: NDArray[np.float64], design: NDArray[np.float64], together: NDArray[np.float64]
+) -> float:
+    """Of the two variances, where the restricted likelihood is largest."""
+    from scipy.optimize import minimize_scalar
+
+    free = len(y) - design.shape[1]
+
+    def deviance(ratio: float) -> float:
+        _, squares, _, logs = _generalised(y, design, together, ratio)
+        return float(free * math.log(max(squares, 1e-300)) + logs)
+
+    def of_logarithm(logarithm: float) -> float:
+        return deviance(math.exp(logarithm))
+
+    found = minimize_scalar(
+        of_logarithm, bounds=(math.log(1e-4), math.log(_RATIO_MAX)), method="bounded",
+        options={"xatol": 1e-5},
+    )  # fmt: skip
+    ratio = math.exp(float(found.x))
+    return ratio if deviance(ratio) < deviance(0.0) else 0.0
+
+
+def _satterthwaite(
+    design: NDArray[np.float64],
+    together: NDArray[np.float64],
+    within: float,
+    between: float,
+    contrast: NDArray[np.float64],
+) -> float:
+    """Degrees of freedom 2 f^2 / (g' I^-1 g): f the contrast's variance, g its gradient by the two
+    variances, I their restricted information, I_jk = tr(P V_j P V_k) / 2."""
+    parts = (np.eye(len(design)), together)
+    weights = np.linalg.inv(within * parts[0] + between * parts[1])
+    inverse = np.linalg.inv(design.T @ weights @ design)
+    projection = weights - weights @ design @ inverse @ design.T @ weights
+    projected = [projection @ part for part in parts]
+    information = [[0.5 * float(np.sum(a * b.T)) for b in projected] for a in projected]
+    seen = weights @ design @ inverse @ contrast
+    gradient = np.array([float(seen @ part @ seen) for part in parts])
+    value = float(contrast @ inverse @ contrast)
+    return 2.0 * value**2 / float(gradient @ np.linalg.solve(np.array(information), gradient))
+
+
+def _t_estimate(value: float, spread: float, df: float) -> Estimate:
+    from scipy import special
+
+    if spread == 0.0:
+        return Estimate(value, value, value, float(value == 0.0), df)
+    half = spread * float(special.stdtrit(df, 0.5 + _LEVEL / 2))
+    p = 2.0 * float(special.stdtr(df, -abs(value / spread)))
+    return Estimate(value, value - half, value + half, p, df)
+
+
+def _share(number: int, of: int) -> Share:
+    from scipy import special
+
+    tail = (1.0 - _LEVEL) / 2
+    low = float(special.betaincinv(number, of - number + 1, tail)) if number else 0.0
+    high = float(special.betaincinv(number + 1, of - number, 1 - tail)) if number < of else 1.0
+    return Share(number, of, low, high)
+
+
+def _paired(before: NDArray[np.float64], after: NDArray[np.float64]) -> Estimate | None:
+    change = (after - before)[~np.isnan(after - before)]
+    if len(change) < 2:
+        return None
+    spread = float(np.std(change, ddof=1)) / math.sqrt(len(change))
+    return _t_estimate(float(np.mean(change)), spread, len(change) - 1.0)
+
+
+def _slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> Estimate | None:
+    known = ~(np.isnan(x) | np.isnan(y))
+    x, y = x[known], y[known]
+    if len(x) < 3 or float(np.ptp(x)) < 1e-9:
+        return None
+    off = x - x.mean()
+    value = float(off @ y / (off @ off))
+    residual = y - y.mean() - value * off
+    df = len(x) - 2.0
+    return _t_estimate(value, math.sqrt(float(residual @ residual) / df / float(off @ off)), df)
+
+
+@checked
+def analyse(
+    diary: Diary, *, today: date | None = None, protocol: Protocol | None = None
+) -> DiaryAnalysis:
+    """Analyse all participants of a diary.
+
+    Parameters
+    ----------
+    diary : Diary
+    today : date, optional
+        Up to which sessions were to be done; by default today.
+    protocol : Protocol, optional
+
+    Returns
+    -------
+    DiaryAnalysis
+
+    Raises
+    ------
+    InputError
+        Nobody is enrolled, or somebody only after today.
+    MissingExtraError
+        scipy is not installed.
+
+    Examples
+    --------
+    >>> from manip3d.diary import Diary
+    >>> with Diary("study.diary", create=True) as diary:
+    ...     _ = diary.enrol("P01")
+    ...     _ = diary.add_mcgill("P01", [1] * 20, 3, occasion="baseline")
+    ...     _ = diary.add_mcgill("P01", [0] * 20, 0, occasion="week-4")
+    ...     analyse(diary).responders_50.number
+    1
+    """
+    try:
+        import scipy.special  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("scipy", "diary") from error
+    people = diary.participants()
+    if not people:
+        raise InputError("diary: expected participants, got none")
+    day = today or date.today()
+    scores = np.full((len(people), len(OCCASIONS)), np.nan)
+    kept = {}
+    for number, person in enumerate(people):
+        for filled in diary.questionnaires(person.identifier):
+            if filled.occasion in OCCASIONS:
+                scores[number, OCCASIONS.index(filled.occasion)] = filled.score.pri
+        kept[person.identifier] = adherence(
+            diary.sessions(person.identifier), person.enrolled, day, protocol=protocol
+        )
+    try:
+        model = fit_mixed_model(scores)
+    except InputError:  # too few so far
+        model = None
+    first, last = scores[:, 0], scores[:, -1]
+    both = ~np.isnan(first + last) & (first > 0)
+    fall = (first[both] - last[both]) / first[both]
+    shares = np.array([kept[person.identifier].share for person in people])
+    return DiaryAnalysis(
+        tuple(person.identifier for person in people),
+        scores,
+        model,
+        tuple(_paired(first, scores[:, which]) for which in (1, 2)),
+        _share(int((fall >= 0.3 - 1e-12).sum()), int(both.sum())),
+        _share(int((fall >= 0.5 - 1e-12).sum()), int(both.sum())),
+        kept,
+        _slope(shares, last - first),
+    )
+
+
+@checked
+def simulate_cohort(
+    effects: Sequence[float] = (-4.0, -10.0),
+    *,
+    participants: int = 10,
+    baseline: float = 38.0,
+    sd_between: float = 8.0,
+    sd_within: float = 4.0,
+    sd_response: float = 0.0,
+    missing: float = 0.0,
+    seed: int = 0,
+) -> NDArray[np.float64]:
+    """Draw the pain rating indices of a study with a known effect.
+
+    Parameters
+    ----------
+    effects : sequence of float
+        Mean changes from baseline to each further occasion.
+    participants : int
+    baseline, sd_between, sd_within : float
+        Mean at baseline; spread between participants, and of one participant's scores.
+    sd_response : float
+        Spread between participants of the effect at the last occasion; in proportion before.
+    missing : float
+        Probability that a score after baseline is missing, whatever it would have been.
+    seed : int
+
+    Returns
+    -------
+    (N, T) float64
+        Whole numbers from 0 to 78; NaN: missing.
+
+    Raises
+    ------
+    InputError
+        No participants or effects, a negative spread or seed, or no such probability.
+
+    Examples
+    --------
+    >>> simulate_cohort().shape
+    (10, 3)
+    """
+    if participants < 1 or len(effects) < 1:
+        raise InputError("participants, effects: expected at least one of each")
+    if min(sd_between, sd_within, sd_response, seed) < 0 or not 0 <= missing < 1:
+        raise InputError("expected spreads and a seed >= 0, and missing from 0 to 1")
+    random = np.random.default_rng(seed)
+    mean = baseline + np.array([0.0, *effects])
+    grows = np.arange(len(mean)) / (len(mean) - 1)
+    level = sd_between * random.standard_normal((participants, 1))
+    response = sd_response * random.standard_normal((participants, 1)) * grows
+    noise = sd_within * random.standard_normal((participants, len(mean)))
+    scores = np.clip(np.rint(mean + level + response + noise), 0.0, 78.0)
+    lost = random.random(scores.shape) < missing
+    lost[:, 0] = False
+    scores[lost] = np.nan
+    return scores

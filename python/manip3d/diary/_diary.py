@@ -1,0 +1,756 @@
+"""`Diary`: one SQLite file with all sessions of a study's participants."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import sqlite3
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from datetime import datetime
+from types import TracebackType
+from typing import Any, Literal, Self, get_args
+
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d.diary._mcgill import score_mcgill
+from manip3d.diary._protocol import stop_reason
+from manip3d.diary._records import (
+    AdverseEvent,
+    DiaryGame,
+    DiarySession,
+    McGill,
+    Moment,
+    Occasion,
+    Participant,
+    Rating,
+    aware,
+    identifier_of,
+)
+from manip3d.diary._sealing import (
+    new_key,
+    require_key_material,
+    seal,
+    seal_fields,
+    unseal,
+    unseal_fields,
+)
+from manip3d.errors import FormatError, InputError, MissingExtraError
+
+try:
+    import sqlalchemy as sql
+except ModuleNotFoundError as error:
+    raise MissingExtraError("sqlalchemy", "diary") from error
+
+from manip3d.diary import _schema as schema
+
+_CHECK = b"manip3d diary"
+_BUSY_S = 5.0  # another program that writes is waited for
+
+
+@checked
+class Diary:
+    """A diary file. What a method has written when it returns survives the end of the program.
+
+    One file holds all participants of a study, each under a pseudonym. With a key what they said
+    and did is encrypted, each participant's with a key of their own; without one it is plain JSON
+    in SQLite. Research software, no medical device.
+
+    Parameters
+    ----------
+    path : path
+        Of the file.
+    key : path, optional
+        Key file of `make_key`; without it the diary is not encrypted.
+    create : bool
+        Make a new diary where there is no file.
+
+    Raises
+    ------
+    InputError
+        The diary is encrypted and no key is given, or the other way round.
+    FormatError
+        The file is no diary, one of a later version, or of another key.
+    OSError
+        There is no such file, or it cannot be opened.
+
+    Examples
+    --------
+    >>> with Diary("study.diary", create=True) as diary:
+    ...     _ = diary.enrol("P01", limb="left_leg")
+    ...     session = diary.start_session("P01")
+    ...     diary.add_rating("P01", 4, session=session)
+    ...     [found.pain_before for found in diary.sessions("P01")]
+    ''
+    [4]
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        key: str | os.PathLike[str] | None = None,
+        create: bool = False,
+    ) -> None:
+        self.path = path_of(path)
+        self._key = require_key_material(key)
+        version = self._version_of_file(create)
+        self._engine = sql.create_engine(
+            sql.URL.create("sqlite", database=str(self.path)),
+            poolclass=sql.pool.NullPool,  # nobody holds the file between two calls
+            connect_args={"timeout": _BUSY_S},
+        )
+        sql.event.listen(self._engine, "connect", self._on_connect)
+        sql.event.listen(self._engine, "begin", _on_begin)
+        sql.event.listen(self._engine, "handle_error", self._on_error)
+        if version < schema.VERSION:
+            with self._engine.begin() as connection:
+                # Another program may have done it since.
+                now = int(connection.exec_driver_sql("PRAGMA user_version").scalar_one())
+                if now < schema.VERSION:
+                    schema.migrate(connection, now)
+                if now == 0:
+                    self._mark(connection)
+        self._check_key()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let the file go; nothing is lost without this."""
+        self._engine.dispose()
+
+    @property
+    def is_encrypted(self) -> bool:
+        """Whether a key is needed to read it."""
+        return self._key is not None
+
+    # --- writing ---------------------------------------------------------------------------------
+
+    def enrol(self, identifier: str, *, limb: str = "", at: datetime | None = None) -> Participant:
+        """Add a participant.
+
+        Parameters
+        ----------
+        identifier : str
+            A pseudonym: letters, digits, dots, hyphens and underscores.
+        limb : str
+            The affected one.
+        at : datetime, optional
+            By default now; the protocol's days are counted from this one.
+
+        Returns
+        -------
+        Participant
+
+        Raises
+        ------
+        InputError
+            The pseudonym is taken or no pseudonym, or the time has no offset from UTC.
+        """
+        name = identifier_of(identifier)
+        moment = aware(at, "at")
+        with self._engine.begin() as connection:
+            if any(found["identifier"] == name for _, _, found in self._all(connection)):
+                raise InputError(f"participant: {name} is enrolled already")
+            number, key = _new_number(), new_key() if self._key else None
+            fields = {"identifier": name, "limb": limb, "enrolled": moment.isoformat()}
+            wrapped = seal(self._key, key, f"participants {number} key") if key else b""
+            connection.execute(
+                sql.insert(schema.PARTICIPANTS).values(
+                    id=number, key=wrapped, payload=seal_fields(key, fields, _about(number))
+                )
+            )
+            self._note(connection, "enrol", number)
+        return Participant(name, limb, moment)
+
+    def start_session(self, identifier: str, *, at: datetime | None = None) -> int:
+        """Begin a sitting.
+
+        Parameters
+        ----------
+        identifier : str
+        at : datetime, optional
+
+        Returns
+        -------
+        int
+            Its number, for `add_game` and the like.
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        """
+        fields = {"started": aware(at, "at").isoformat(), "ended": None}
+        with self._engine.begin() as connection:
+            number, key = self._find(connection, identifier)
+            session = self._add(connection, schema.SESSIONS, number, key, fields)
+            self._note(connection, "session", number)
+        return session
+
+    def end_session(self, session: int, *, at: datetime | None = None) -> None:
+        """Say when a sitting ended.
+
+        Parameters
+        ----------
+        session : int
+        at : datetime, optional
+
+        Raises
+        ------
+        InputError
+            No such session.
+        """
+        moment = aware(at, "at")
+        with self._engine.begin() as connection:
+            number, key = self._of_session(connection, session)
+            table = schema.SESSIONS
+            payload = connection.execute(
+                sql.select(table.c.payload).where(table.c.id == session)
+            ).scalar_one()
+            about = _about(number, table, session)
+            fields = unseal_fields(key, payload, about) | {"ended": moment.isoformat()}
+            connection.execute(
+                sql.update(table)
+                .where(table.c.id == session)
+                .values(payload=seal_fields(key, fields, about))
+            )
+
+    def add_game(self, session: int, game: DiaryGame) -> None:
+        """Keep a game that is over, with its anomalies.
+
+        Parameters
+        ----------
+        session : int
+        game : DiaryGame
+
+        Raises
+        ------
+        InputError
+            No such session.
+        """
+        fields: dict[str, Any] = asdict(game) | {"at": aware(game.at, "at").isoformat()}
+        del fields["anomalies"]
+        with self._engine.begin() as connection:
+            number, key = self._of_session(connection, session)
+            row = self._add(connection, schema.GAMES, number, key, fields, session=session)
+            for start, end in game.anomalies:
+                part = {"start": start, "end": end}
+                self._add(connection, schema.ANOMALIES, number, key, part, game=row)
+            self._note(connection, "game", number)
+
+    def add_rating(
+        self,
+        identifier: str,
+        pain: int,
+        *,
+        session: int | None = None,
+        when: Moment | None = None,
+        at: datetime | None = None,
+    ) -> str:
+        """Keep how strong the pain is.
+
+        Parameters
+        ----------
+        identifier : str
+        pain : int
+            0 (none) to 10 (the worst).
+        session : int, optional
+        when : {"before", "after", "other"}, optional
+            By default ``before`` the first game of the session, ``after`` one; ``other`` without
+            a session.
+        at : datetime, optional
+
+        Returns
+        -------
+        str
+            Why the session must stop, where the pain is 2 or more above that before it, which is
+            kept as an adverse event too; else empty.
+
+        Raises
+        ------
+        InputError
+            No such participant or session, or no such rating.
+        """
+        if not 0 <= pain <= 10:
+            raise InputError(f"pain: expected 0 to 10, got {pain}")
+        if when is not None and when not in get_args(Moment):
+            raise InputError(f"when: expected {', '.join(get_args(Moment))}, got {when!r}")
+        moment = aware(at, "at")
+        with self._engine.begin() as connection:
+            number, key = self._find(connection, identifier)
+            reason = ""
+            if session is not None:
+                self._check_owner(connection, session, number)
+                past = self._session(connection, session, number, key)
+                when = when or ("after" if past.games else "before")
+                reason = stop_reason(past.pain_before, pain) if when == "after" else ""
+            fields = {"at": moment.isoformat(), "pain": pain, "when": when or "other"}
+            self._add(connection, schema.RATINGS, number, key, fields, session=session)
+            if reason:
+                told = {"at": moment.isoformat(), "kind": "pain", "text": reason}
+                self._add(connection, schema.EVENTS, number, key, told, session=session)
+            self._note(connection, "rating", number)
+        return reason
+
+    def add_mcgill(
+        self,
+        identifier: str,
+        ranks: Sequence[int],
+        ppi: int,
+        *,
+        occasion: Occasion,
+        at: datetime | None = None,
+    ) -> McGill:
+        """Keep a filled-in McGill Pain Questionnaire.
+
+        Parameters
+        ----------
+        identifier : str
+        ranks, ppi
+            As of `score_mcgill`.
+        occasion : {"baseline", "week-1", "week-4", "other"}
+        at : datetime, optional
+
+        Returns
+        -------
+        McGill
+
+        Raises
+        ------
+        InputError
+            No such participant or occasion, or the answers are none; the occasion has one already.
+        """
+        if occasion not in get_args(Occasion):
+            raise InputError(
+                f"occasion: expected {', '.join(get_args(Occasion))}, got {occasion!r}"
+            )
+        score = score_mcgill(ranks, ppi)
+        moment = aware(at, "at")
+        fields = {"at": moment.isoformat(), "occasion": occasion, "ranks": list(ranks), "ppi": ppi}
+        with self._engine.begin() as connection:
+            number, key = self._find(connection, identifier)
+            known = self._rows(connection, schema.QUESTIONNAIRES, number, key)
+            if occasion != "other" and any(f["occasion"] == occasion for _, f in known):
+                raise InputError(f"occasion: {identifier} has a questionnaire of {occasion}")
+            self._add(connection, schema.QUESTIONNAIRES, number, key, fields)
+            self._note(connection, "questionnaire", number)
+        return McGill(moment, occasion, tuple(ranks), score)
+
+    def add_event(
+        self,
+        identifier: str,
+        kind: Literal["pain", "sickness", "other"],
+        text: str = "",
+        *,
+        session: int | None = None,
+        at: datetime | None = None,
+    ) -> None:
+        """Keep an adverse event.
+
+        Parameters
+        ----------
+        identifier : str
+        kind : {"pain", "sickness", "other"}
+        text : str
+            In the therapist's words, at most 2000 characters.
+        session : int, optional
+        at : datetime, optional
+
+        Raises
+        ------
+        InputError
+            No such participant, session or kind, or too long a text.
+        """
+        if kind not in ("pain", "sickness", "other"):
+            raise InputError(f"kind: expected pain, sickness or other, got {kind!r}")
+        if len(text) > 2000:
+            raise InputError(f"text: expected at most 2000 characters, got {len(text)}")
+        fields = {"at": aware(at, "at").isoformat(), "kind": kind, "text": text}
+        with self._engine.begin() as connection:
+            number, key = self._find(connection, identifier)
+            if session is not None:
+                self._check_owner(connection, session, number)
+            self._add(connection, schema.EVENTS, number, key, fields, session=session)
+            self._note(connection, "event", number)
+
+    def note_export(self, identifier: str) -> None:
+        """Write into the audit that somebody took a copy.
+
+        Parameters
+        ----------
+        identifier : str
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        """
+        with self._engine.begin() as connection:
+            self._note(connection, "export", self._find(connection, identifier)[0])
+
+    def delete(self, identifier: str) -> None:
+        """Delete a participant so that no byte of them remains in the file or beside it.
+
+        The rows are overwritten with zeros, the file is written anew without them, and its
+        write-ahead log is removed. Copies, exports and what the disk itself keeps of overwritten
+        files are not reached: encrypt the disk too.
+
+        Parameters
+        ----------
+        identifier : str
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        OSError
+            Another program has the diary open; nothing was deleted.
+        """
+        with self._engine.connect() as connection:
+            raw = connection.connection.dbapi_connection
+            assert isinstance(raw, sqlite3.Connection)
+            with connection.begin():
+                number, _ = self._find(connection, identifier)
+            # Out of the write-ahead log, which only works while nobody else has the file open.
+            try:
+                mode = raw.execute("PRAGMA journal_mode = DELETE").fetchone()[0]
+            except sqlite3.OperationalError:
+                mode = "wal"
+            if mode != "delete":
+                raise OSError(f"{self.path}: another program has the diary open; nothing deleted")
+            with connection.begin():
+                connection.execute(
+                    sql.delete(schema.PARTICIPANTS).where(schema.PARTICIPANTS.c.id == number)
+                )
+                self._note(connection, "delete", None)
+            raw.execute("VACUUM")
+            raw.execute("PRAGMA journal_mode = WAL")
+
+    # --- reading ---------------------------------------------------------------------------------
+
+    def participants(self) -> list[Participant]:
+        """Everybody, by pseudonym."""
+        with self._engine.begin() as connection:
+            found = [_participant(fields) for _, _, fields in self._all(connection)]
+        return sorted(found, key=lambda one: one.identifier)
+
+    def participant(self, identifier: str) -> Participant:
+        """One participant.
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        """
+        with self._engine.begin() as connection:
+            self._find(connection, identifier)
+            found = (fields for _, _, fields in self._all(connection))
+            return _participant(next(f for f in found if f["identifier"] == identifier))
+
+    def sessions(self, identifier: str) -> list[DiarySession]:
+        """The sittings of a participant, by time, with games, anomalies and ratings.
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        """
+        with self._engine.begin() as connection:
+            number, key = self._find(connection, identifier)
+            rows = self._rows(connection, schema.SESSIONS, number, key)
+            found = [self._session(connection, row["id"], number, key) for row, _ in rows]
+        return sorted(found, key=lambda session: session.started)
+
+    def ratings(self, identifier: str) -> list[Rating]:
+        """All ratings of a participant's pain, by time.
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        """
+        return sorted(
+            (_rating(fields) for fields in self._fields(schema.RATINGS, identifier)),
+            key=lambda rating: rating.at,
+        )
+
+    def questionnaires(self, identifier: str) -> list[McGill]:
+        """The McGill questionnaires of a participant, by time.
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        """
+        found = [
+            McGill(
+                datetime.fromisoformat(fields["at"]),
+                fields["occasion"],
+                tuple(fields["ranks"]),
+                score_mcgill(fields["ranks"], fields["ppi"]),
+            )
+            for fields in self._fields(schema.QUESTIONNAIRES, identifier)
+        ]
+        return sorted(found, key=lambda one: one.at)
+
+    def events(self, identifier: str) -> list[AdverseEvent]:
+        """The adverse events of a participant, by time.
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        """
+        found = [
+            AdverseEvent(datetime.fromisoformat(fields["at"]), fields["kind"], fields["text"])
+            for fields in self._fields(schema.EVENTS, identifier)
+        ]
+        return sorted(found, key=lambda event: event.at)
+
+    def audit(self) -> list[tuple[datetime, str, str]]:
+        """What was done, by time: when, what (``enrol``, ``game``, ``delete`` ...), and whose; the
+        last one is empty where the participant was deleted."""
+        with self._engine.begin() as connection:
+            names = {number: fields["identifier"] for number, _, fields in self._all(connection)}
+            rows = connection.execute(sql.select(schema.AUDIT).order_by(schema.AUDIT.c.at)).all()
+        return [
+            (datetime.fromisoformat(row.at), row.action, names.get(row.participant, ""))
+            for row in rows
+        ]
+
+    def check(self) -> None:
+        """Read the whole file and open every payload.
+
+        Raises
+        ------
+        FormatError
+            The file is damaged, or a payload was changed.
+        """
+        with self._engine.begin() as connection:
+            told = connection.exec_driver_sql("PRAGMA integrity_check").scalars().all()
+            if told != ["ok"]:
+                raise FormatError(f"the diary is damaged: {told[0]}", file=str(self.path))
+            if connection.exec_driver_sql("PRAGMA foreign_key_check").first() is not None:
+                raise FormatError("the diary has rows of nobody", file=str(self.path))
+            people = self._all(connection)
+            for number, key, _ in people:
+                for table in (schema.SESSIONS, schema.GAMES, schema.ANOMALIES, schema.RATINGS,
+                              schema.QUESTIONNAIRES, schema.EVENTS):  # fmt: skip
+                    self._rows(connection, table, number, key)
+
+    # --- the file --------------------------------------------------------------------------------
+
+    def _version_of_file(self, create: bool) -> int:
+        """Of the schema; 0: a new file."""
+        if create:
+            with contextlib.suppress(FileExistsError):
+                os.close(os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
+        if not self.path.is_file():
+            if self.path.exists():
+                raise FormatError("expected a regular file", file=str(self.path))
+            raise FileNotFoundError(2, "No such file or directory", str(self.path))
+        try:
+            with contextlib.closing(sqlite3.connect(self.path, timeout=_BUSY_S)) as plain:
+                mark, version = (
+                    int(plain.execute(f"PRAGMA {name}").fetchone()[0])
+                    for name in ("application_id", "user_version")
+                )
+                holds = int(plain.execute("SELECT count(*) FROM sqlite_master").fetchone()[0])
+        except sqlite3.DatabaseError as error:
+            raise FormatError(f"expected a diary: {error}", file=str(self.path)) from error
+        # A file without tables: new, or its maker was killed before it was a diary.
+        if create and holds == 0 and mark == 0:
+            return 0
+        if mark != schema.APPLICATION:
+            raise FormatError("expected a diary, got another file", file=str(self.path))
+        if version > schema.VERSION:
+            raise FormatError(
+                f"expected a diary of version {schema.VERSION} at most, got {version}: a later "
+                "manip3d wrote it",
+                file=str(self.path),
+            )
+        return version
+
+    def _mark(self, connection: sql.Connection) -> None:
+        """What tells whether a key is the right one."""
+        connection.execute(
+            sql.insert(schema.META).values(name="check", value=seal(self._key, _CHECK, "meta"))
+        )
+
+    def _check_key(self) -> None:
+        with self._engine.begin() as connection:
+            table = schema.META
+            value = connection.execute(
+                sql.select(table.c.value).where(table.c.name == "check")
+            ).scalar_one_or_none()
+        if value is None:
+            raise FormatError("expected a diary, got another file", file=str(self.path))
+        is_plain = value == _CHECK
+        if is_plain and self._key is not None:
+            raise InputError(f"key: {self.path} is not encrypted; open it without a key")
+        if not is_plain and self._key is None:
+            raise InputError(f"key: {self.path} is encrypted; its key file is needed")
+        if not is_plain:
+            try:
+                unseal(self._key, value, "meta")
+            except FormatError:
+                raise FormatError("this key does not open it", file=str(self.path)) from None
+
+    def _on_connect(self, connection: sqlite3.Connection, record: object) -> None:
+        # SQLAlchemy says when a transaction begins; sqlite3 begins none for changes of tables.
+        connection.isolation_level = None
+        try:
+            for pragma in (
+                "journal_mode = WAL",
+                "synchronous = FULL",  # what was acknowledged is on the disk
+                "foreign_keys = ON",
+                "secure_delete = ON",  # what is deleted or moved is overwritten with zeros
+                "temp_store = MEMORY",
+            ):
+                connection.execute(f"PRAGMA {pragma}")
+        except sqlite3.DatabaseError as error:
+            raise self._told(error) from error
+
+    def _on_error(self, context: sql.ExceptionContext) -> None:
+        if isinstance(context.original_exception, sqlite3.DatabaseError):
+            raise self._told(context.original_exception) from context.original_exception
+
+    def _told(self, error: sqlite3.DatabaseError) -> Exception:
+        """A full disk, a lock or a file that cannot be written; else the file is damaged."""
+        if isinstance(error, sqlite3.OperationalError):
+            return OSError(f"{self.path}: {error}")
+        return FormatError(f"the diary is damaged: {error}", file=str(self.path))
+
+    # --- rows ------------------------------------------------------------------------------------
+
+    def _all(self, connection: sql.Connection) -> list[tuple[int, bytes | None, dict[str, Any]]]:
+        """Number, key and fields of everybody."""
+        found = []
+        for row in connection.execute(sql.select(schema.PARTICIPANTS)):
+            key = None
+            if self._key is not None:
+                key = unseal(self._key, row.key, f"participants {row.id} key")
+            found.append((row.id, key, unseal_fields(key, row.payload, _about(row.id))))
+        return found
+
+    def _find(self, connection: sql.Connection, identifier: str) -> tuple[int, bytes | None]:
+        for number, key, fields in self._all(connection):
+            if fields["identifier"] == identifier:
+                return number, key
+        raise InputError(f"participant: {identifier!r} is not enrolled in {self.path}")
+
+    def _of_session(self, connection: sql.Connection, session: int) -> tuple[int, bytes | None]:
+        table = schema.SESSIONS
+        number = connection.execute(
+            sql.select(table.c.participant).where(table.c.id == session)
+        ).scalar_one_or_none()
+        if number is None:
+            raise InputError(f"session: there is none of the number {session}")
+        return next((n, key) for n, key, _ in self._all(connection) if n == number)
+
+    def _check_owner(self, connection: sql.Connection, session: int, number: int) -> None:
+        if self._of_session(connection, session)[0] != number:
+            raise InputError(f"session: {session} is another participant's")
+
+    def _add(
+        self,
+        connection: sql.Connection,
+        table: sql.Table,
+        number: int,
+        key: bytes | None,
+        fields: Mapping[str, Any],
+        **parents: int | None,
+    ) -> int:
+        row = _new_number()
+        payload = seal_fields(key, fields, _about(number, table, row))
+        connection.execute(
+            sql.insert(table).values(id=row, participant=number, payload=payload, **parents)
+        )
+        return row
+
+    def _rows(
+        self, connection: sql.Connection, table: sql.Table, number: int, key: bytes | None
+    ) -> list[tuple[Mapping[str, Any], dict[str, Any]]]:
+        rows = connection.execute(sql.select(table).where(table.c.participant == number))
+        return [
+            (row._asdict(), unseal_fields(key, row.payload, _about(number, table, row.id)))
+            for row in rows
+        ]
+
+    def _fields(self, table: sql.Table, identifier: str) -> list[dict[str, Any]]:
+        with self._engine.begin() as connection:
+            number, key = self._find(connection, identifier)
+            return [fields for _, fields in self._rows(connection, table, number, key)]
+
+    def _session(
+        self, connection: sql.Connection, session: int, number: int, key: bytes | None
+    ) -> DiarySession:
+        def of_session(table: sql.Table) -> list[tuple[Mapping[str, Any], dict[str, Any]]]:
+            rows = self._rows(connection, table, number, key)
+            return [(row, fields) for row, fields in rows if row["session"] == session]
+
+        rows = self._rows(connection, schema.SESSIONS, number, key)
+        about = next(fields for row, fields in rows if row["id"] == session)
+        anomalies = self._rows(connection, schema.ANOMALIES, number, key)
+        games = []
+        for row, fields in of_session(schema.GAMES):
+            times = [(f["start"], f["end"]) for a, f in anomalies if a["game"] == row["id"]]
+            games.append(_game(fields, sorted(times)))
+        ratings = [_rating(fields) for _, fields in of_session(schema.RATINGS)]
+        return DiarySession(
+            session,
+            datetime.fromisoformat(about["started"]),
+            datetime.fromisoformat(about["ended"]) if about["ended"] else None,
+            tuple(sorted(games, key=lambda game: game.at)),
+            tuple(sorted(ratings, key=lambda rating: rating.at)),
+        )
+
+    def _note(self, connection: sql.Connection, action: str, number: int | None) -> None:
+        """One more line of the audit."""
+        connection.execute(
+            sql.insert(schema.AUDIT).values(
+                id=_new_number(),
+                at=datetime.now().astimezone().isoformat(),
+                action=action,
+                participant=number,
+            )
+        )
+
+
+def _on_begin(connection: sql.Connection) -> None:
+    connection.exec_driver_sql("BEGIN IMMEDIATE")
+
+
+def _new_number() -> int:
+    """Random, so that gaps between numbers do not tell of somebody who was deleted."""
+    return secrets.randbelow(2**62 - 1) + 1
+
+
+def _about(number: int, table: sql.Table | None = None, row: int = 0) -> str:
+    """What a payload belongs to: it is encrypted for this place only."""
+    return f"participants {number}" if table is None else f"{table.name} {row} of {number}"
+
+
+def _participant(fields: Mapping[str, Any]) -> Participant:
+    enrolled = datetime.fromisoformat(fields["enrolled"])
+    return Participant(fields["identifier"], fields["limb"], enrolled)
+
+
+def _rating(fields: Mapping[str, Any]) -> Rating:
+    return Rating(datetime.fromisoformat(fields["at"]), fields["pain"], fields["when"])
+
+
+def _game(fields: dict[str, Any], anomalies: Sequence[tuple[float, float]]) -> DiaryGame:
+    at = datetime.fromisoformat(fields.pop("at"))
+    return DiaryGame(at=at, **fields, anomalies=tuple(anomalies))

@@ -1,0 +1,360 @@
+"""Copies of a participant's diary for other programs: tables (CSV) and FHIR R4."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import uuid
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
+from datetime import datetime
+from typing import Any
+
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d.diary._diary import Diary
+from manip3d.diary._records import DiaryGame, DiarySession, McGill
+from manip3d.errors import InputError
+from manip3d.io._files import atomic_folder, atomic_write
+
+_NAMESPACE = uuid.UUID("6f6d1f6e-3f0b-5a52-9a7b-6d3364696172")
+_SURVEY = {
+    "coding": [
+        {
+            "system": "http://terminology.hl7.org/CodeSystem/observation-category",
+            "code": "survey",
+            "display": "Survey",
+        }
+    ]
+}
+_PAIN = {
+    "coding": [
+        {
+            "system": "http://loinc.org",
+            "code": "72514-3",
+            "display": "Pain severity - 0-10 verbal numeric rating [Score] - Reported",
+        }
+    ],
+    "text": "Phantom limb pain, 0 to 10",
+}
+_GAME_COLUMNS = (
+    "game", "difficulty", "seed", "ending", "seconds", "paused_s", "score", "misses", "by_phantom",
+)  # fmt: skip
+
+
+_TABLES = (
+    "participants", "sessions", "games", "anomalies", "ratings", "questionnaires", "events",
+)  # fmt: skip
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+@checked
+def export_csv(
+    diary: Diary,
+    output: str | os.PathLike[str],
+    *,
+    participants: Sequence[str] | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Write a folder of tables: participants, sessions, games, anomalies, ratings, questionnaires
+    and events.
+
+    Parameters
+    ----------
+    diary : Diary
+    output : path
+        A folder.
+    participants : sequence of str, optional
+        By default all.
+    overwrite : bool
+        Replace the tables of a folder that holds nothing else.
+
+    Raises
+    ------
+    InputError
+        No such participant, or the folder exists.
+    OSError
+        It cannot be written.
+
+    Examples
+    --------
+    >>> import os
+    >>> with Diary("tables.diary", create=True) as diary:
+    ...     _ = diary.enrol("P01")
+    ...     export_csv(diary, "tables")
+    >>> "games.csv" in os.listdir("tables")
+    True
+    """
+    target = path_of(output, "output")
+    if target.exists() and not overwrite:
+        raise InputError(f"output: {target} exists")
+    if target.exists():
+        others = sorted(set(os.listdir(target)) - {f"{name}.csv" for name in _TABLES})
+        if others:
+            raise InputError(f"output: {target} holds other files: {', '.join(others[:3])}")
+    chosen = _chosen(diary, participants)
+    tables = _tables(diary, chosen)
+    for identifier in chosen:
+        diary.note_export(identifier)
+    with atomic_folder(target) as folder:
+        for name, (columns, rows) in tables.items():
+            text = io.StringIO()
+            writer = csv.writer(text)
+            writer.writerow(columns)
+            writer.writerows([[_cell(value) for value in row] for row in rows])
+            (folder / f"{name}.csv").write_text(text.getvalue(), encoding="utf-8", newline="")
+
+
+def _chosen(diary: Diary, participants: Sequence[str] | None) -> list[str]:
+    if isinstance(participants, str):
+        raise InputError("participants: expected a sequence of pseudonyms, got one text")
+    if participants is None:
+        return [person.identifier for person in diary.participants()]
+    return [diary.participant(identifier).identifier for identifier in participants]
+
+
+def _cell(value: Any) -> Any:
+    """Text that a spreadsheet would take for a formula gets an apostrophe."""
+    if isinstance(value, datetime):
+        return value.isoformat()
+    if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r"):
+        return "'" + value
+    return "" if value is None else value
+
+
+_Tables = Mapping[str, tuple[Sequence[str], list[list[Any]]]]
+
+
+def _tables(diary: Diary, identifiers: Iterable[str]) -> _Tables:
+    found: dict[str, tuple[Sequence[str], list[list[Any]]]] = {
+        "participants": (("participant", "limb", "enrolled"), []),
+        "sessions": (("participant", "session", "started", "ended", "games", "pain_before",
+                      "pain_after"), []),
+        "games": (("participant", "session", "number", "at", *_GAME_COLUMNS), []),
+        "anomalies": (("participant", "session", "game", "start_s", "end_s"), []),
+        "ratings": (("participant", "at", "when", "pain"), []),
+        "questionnaires": (("participant", "at", "occasion", "sensory", "affective", "evaluative",
+                            "miscellaneous", "pri", "nwc", "ppi",
+                            *(f"rank_{n}" for n in range(1, 21))), []),
+        "events": (("participant", "at", "kind", "text"), []),
+    }  # fmt: skip
+    rows = {name: table[1] for name, table in found.items()}
+    for name in identifiers:
+        person = diary.participant(name)
+        rows["participants"].append([name, person.limb, person.enrolled])
+        for count, session in enumerate(diary.sessions(name), 1):
+            rows["sessions"].append(
+                [name, count, session.started, session.ended, len(session.games),
+                 session.pain_before, session.pain_after]
+            )  # fmt: skip
+            for number, game in enumerate(session.games, 1):
+                values = [getattr(game, column) for column in _GAME_COLUMNS]
+                rows["games"].append([name, count, number, game.at, *values])
+                for start, end in game.anomalies:
+                    rows["anomalies"].append([name, count, number, start, end])
+        for rating in diary.ratings(name):
+            rows["ratings"].append([name, rating.at, rating.when, rating.pain])
+        for filled in diary.questionnaires(name):
+            score = asdict(filled.score)
+            rows["questionnaires"].append(
+                [name, filled.at, filled.occasion, *score.values(), *filled.ranks]
+            )
+        for event in diary.events(name):
+            rows["events"].append([name, event.at, event.kind, event.text])
+    return found
+
+
+# --- FHIR -----------------------------------------------------------------------------------------
+
+
+@checked
+def export_fhir(
+    diary: Diary, output: str | os.PathLike[str], identifier: str, *, overwrite: bool = False
+) -> None:
+    """Write `fhir_bundle` as JSON.
+
+    Parameters
+    ----------
+    diary : Diary
+    output : path
+    identifier : str
+        The participant.
+    overwrite : bool
+        Replace the file.
+
+    Raises
+    ------
+    InputError
+        No such participant, or the file exists.
+    OSError
+        It cannot be written.
+
+    Examples
+    --------
+    >>> with Diary("export.diary", create=True) as diary:
+    ...     _ = diary.enrol("P01")
+    ...     export_fhir(diary, "P01.json", "P01")
+    """
+    target = path_of(output, "output")
+    if target.exists() and not overwrite:
+        raise InputError(f"output: {target} exists")
+    bundle = fhir_bundle(diary, identifier)
+    diary.note_export(identifier)
+    atomic_write(target, json.dumps(bundle, indent=1) + "\n")
+
+
+@checked
+def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
+    """Make a FHIR R4 Bundle (a collection) of a participant: Patient, Observations, AdverseEvents.
+
+    Ratings have LOINC's code 72514-3; sessions, games and the McGill indices, for which there is no
+    code, are named in words.
+
+    Parameters
+    ----------
+    diary : Diary
+    identifier : str
+
+    Returns
+    -------
+    dict
+        Ready for JSON.
+
+    Raises
+    ------
+    InputError
+        No such participant.
+
+    Examples
+    --------
+    >>> with Diary("bundle.diary", create=True) as diary:
+    ...     _ = diary.enrol("P01")
+    ...     fhir_bundle(diary, "P01")["entry"][0]["resource"]["resourceType"]
+    'Patient'
+    """
+    person = diary.participant(identifier)
+    resources: list[dict[str, Any]] = [
+        {
+            "resourceType": "Patient",
+            "identifier": [{"system": "urn:manip3d:participant", "value": person.identifier}],
+        }
+    ]
+    patient = {"reference": _url(identifier, 0)}
+    for rating in diary.ratings(identifier):
+        found = _observation(_PAIN, patient, rating.at)
+        found["valueInteger"] = rating.pain
+        if rating.when != "other":
+            found["note"] = [{"text": f"{rating.when} the session"}]
+        resources.append(found)
+    resources += [_questionnaire(one, patient) for one in diary.questionnaires(identifier)]
+    for session in diary.sessions(identifier):
+        first = len(resources)
+        resources += [_game(game, patient) for game in session.games]
+        members = [{"reference": _url(identifier, n)} for n in range(first, len(resources))]
+        resources.append(_session(session, patient, members))
+    for event in diary.events(identifier):
+        told = {"pain": "Pain rose by 2 or more during a session", "sickness": "Sickness"}
+        resources.append(
+            {
+                "resourceType": "AdverseEvent",
+                "actuality": "actual",
+                "event": {"text": told.get(event.kind) or event.text.strip() or "Adverse event"},
+                "subject": patient,
+                "date": event.at.isoformat(),
+            }
+        )
+    return {
+        "resourceType": "Bundle",
+        "type": "collection",
+        "timestamp": datetime.now().astimezone().isoformat(),
+        "entry": [
+            {"fullUrl": _url(identifier, number), "resource": resource}
+            for number, resource in enumerate(resources)
+        ],
+    }
+
+
+def _url(identifier: str, number: int) -> str:
+    return f"urn:uuid:{uuid.uuid5(_NAMESPACE, f'{identifier}/{number}')}"
+
+
+def _observation(
+    code: Mapping[str, Any], patient: Mapping[str, str], at: datetime
+) -> dict[str, Any]:
+    return {
+        "resourceType": "Observation",
+        "status": "final",
+        "category": [_SURVEY],
+        "code": code,
+        "subject": patient,
+        "effectiveDateTime": at.isoformat(),
+    }
+
+
+def _seconds(value: float) -> dict[str, Any]:
+    return {"value": value, "unit": "s", "system": "http://unitsofmeasure.org", "code": "s"}
+
+
+def _questionnaire(filled: McGill, patient: Mapping[str, str]) -> dict[str, Any]:
+    names = {
+        "sensory": "Pain rating index, sensory (0 to 42)",
+        "affective": "Pain rating index, affective (0 to 14)",
+        "evaluative": "Pain rating index, evaluative (0 to 5)",
+        "miscellaneous": "Pain rating index, miscellaneous (0 to 17)",
+        "pri": "Pain rating index (0 to 78)",
+        "nwc": "Number of words chosen (0 to 20)",
+        "ppi": "Present pain intensity (0 to 5)",
+    }
+    found = _observation({"text": "McGill Pain Questionnaire"}, patient, filled.at)
+    found["note"] = [{"text": filled.occasion}]
+    found["component"] = [
+        {"code": {"text": names[name]}, "valueInteger": value}
+        for name, value in asdict(filled.score).items()
+    ]
+    return found
+
+
+def _game(game: DiaryGame, patient: Mapping[str, str]) -> dict[str, Any]:
+    found = _observation({"text": f"Exercise game {game.game}"}, patient, game.at)
+    parts: list[dict[str, Any]] = [
+        {"code": {"text": text}, "valueInteger": value}
+        for text, value in (
+            ("Score", game.score),
+            ("Of these with the phantom limb", game.by_phantom),
+            ("Misses", game.misses),
+            ("Difficulty (1 to 3)", game.difficulty),
+        )
+    ]
+    parts += [
+        {"code": {"text": text}, "valueQuantity": _seconds(value)}
+        for text, value in (("Played", game.seconds), ("Paused", game.paused_s))
+    ]
+    parts.append({"code": {"text": "Ending"}, "valueString": game.ending})
+    parts += [
+        {
+            "code": {"text": "Seconds of play without a point though a target was in reach"},
+            "valueRange": {"low": _seconds(start), "high": _seconds(end)},
+        }
+        for start, end in game.anomalies
+    ]
+    found["component"] = parts
+    return found
+
+
+def _session(
+    session: DiarySession, patient: Mapping[str, str], members: list[dict[str, str]]
+) -> dict[str, Any]:
+    found = _observation({"text": "Phantom limb exercise session"}, patient, session.started)
+    del found["effectiveDateTime"]
+    period = {"start": session.started.isoformat()}
+    if session.ended is not None:
+        period["end"] = session.ended.isoformat()
+    found["effectivePeriod"] = period
+    found["valueInteger"] = len(session.games)  # how many games were played
+    if members:
+        found["hasMember"] = members
+    return found

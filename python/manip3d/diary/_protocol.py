@@ -1,0 +1,152 @@
+"""The study's protocol: how much is to be played, how much was, and when to stop."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date, datetime
+
+from manip3d._util.checked import checked
+from manip3d.diary._records import DiarySession
+from manip3d.errors import InputError
+
+STOP_RISE = 2
+"""A session stops when the pain is so much above that before it."""
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """What is to be done (section 4.8.3): 4 weeks, two sessions every day, three games in each.
+
+    Attributes
+    ----------
+    weeks, sessions_a_day, games_a_session : int
+    """
+
+    weeks: int = 4
+    sessions_a_day: int = 2
+    games_a_session: int = 3
+
+
+@dataclass(frozen=True)
+class Adherence:
+    """How much of the protocol was done so far.
+
+    Attributes
+    ----------
+    days : int
+        Of the protocol so far, the first one included.
+    expected, complete, partial : int
+        Sessions to be done in them; done with all games; done with fewer. More sessions in a day
+        than the protocol has count no further.
+    days_played : int
+        Days with at least one game.
+    share : float
+        Complete of expected ones.
+    """
+
+    days: int
+    expected: int
+    complete: int
+    partial: int
+    days_played: int
+    share: float
+
+
+@checked
+def adherence(
+    sessions: Sequence[DiarySession],
+    start: datetime,
+    today: date,
+    *,
+    protocol: Protocol | None = None,
+) -> Adherence:
+    """Compare sessions with a protocol.
+
+    A game that was stopped counts for nothing here; days are those of the clock where it was
+    played.
+
+    Parameters
+    ----------
+    sessions : sequence of DiarySession
+    start : datetime
+        First day of the protocol.
+    today : date
+        Last day that counts, at most the protocol's last one.
+    protocol : Protocol, optional
+
+    Returns
+    -------
+    Adherence
+
+    Raises
+    ------
+    InputError
+        Today is before the start.
+
+    Examples
+    --------
+    >>> from datetime import timezone
+    >>> adherence([], datetime(2026, 1, 1, tzinfo=timezone.utc), date(2026, 1, 7)).expected
+    14
+    """
+    plan = protocol or Protocol()
+    if today < start.date():
+        raise InputError(f"today: expected {start.date()} or later, got {today}")
+    days = min((today - start.date()).days + 1, 7 * plan.weeks)
+    complete, partial, played = Counter[int](), Counter[int](), set[int]()
+    for session in sessions:
+        day = (session.started.date() - start.date()).days
+        games = sum(game.ending != "stopped" for game in session.games)
+        if not 0 <= day < days or not games:
+            continue
+        played.add(day)
+        (complete if games >= plan.games_a_session else partial)[day] += 1
+    done = sum(min(number, plan.sessions_a_day) for number in complete.values())
+    rest = sum(
+        min(number, plan.sessions_a_day - min(complete[day], plan.sessions_a_day))
+        for day, number in partial.items()
+    )
+    expected = days * plan.sessions_a_day
+    return Adherence(days, expected, done, rest, len(played), done / expected)
+
+
+@checked
+def stop_reason(before: int | None, now: int) -> str:
+    """Say why a session must stop: the pain is 2 or more above that before it.
+
+    Parameters
+    ----------
+    before : int or None
+        The rating before the session, 0 to 10; None: nobody asked.
+    now : int
+        0 to 10.
+
+    Returns
+    -------
+    str
+        In words for the patient; empty: it may go on.
+
+    Raises
+    ------
+    InputError
+        A rating is out of range.
+
+    Examples
+    --------
+    >>> stop_reason(3, 5)
+    'The pain rose from 3 to 5. Please stop for today and tell your therapist.'
+    >>> stop_reason(3, 4)
+    ''
+    """
+    for name, rating in (("before", before), ("now", now)):
+        if rating is not None and not 0 <= rating <= 10:
+            raise InputError(f"{name}: expected 0 to 10, got {rating}")
+    if before is None or now - before < STOP_RISE:
+        return ""
+    return f"The pain rose from {before} to {now}. Please stop for today and tell your therapist."
+
+
+SICKNESS = "You feel sick. Please stop for today and tell your therapist."
+"""What the page says after the patient said so."""

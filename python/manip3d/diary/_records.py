@@ -1,0 +1,170 @@
+"""What stands in a diary."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Literal
+
+from manip3d.diary._mcgill import McGillScore
+from manip3d.errors import InputError
+
+Moment = Literal["before", "after", "other"]
+Occasion = Literal["baseline", "week-1", "week-4", "other"]
+
+_IDENTIFIER = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+
+
+def identifier_of(text: str) -> str:
+    """The pseudonym of a participant, which file names and tables can hold."""
+    if not _IDENTIFIER.fullmatch(text):
+        raise InputError(
+            "participant: expected up to 64 letters, digits, dots, hyphens and underscores, "
+            f"beginning with a letter or digit, got {text!r}"
+        )
+    return text
+
+
+def aware(moment: datetime | None, name: str) -> datetime:
+    """The moment, by default now; it must know its offset from UTC."""
+    if moment is None:
+        return datetime.now().astimezone()
+    if moment.tzinfo is None:
+        raise InputError(f"{name}: expected a time with its offset from UTC, got {moment}")
+    return moment
+
+
+@dataclass(frozen=True)
+class Participant:
+    """Somebody who takes part.
+
+    Attributes
+    ----------
+    identifier : str
+        A pseudonym; who it is stands elsewhere.
+    limb : str
+        The affected one, or empty.
+    enrolled : datetime
+    """
+
+    identifier: str
+    limb: str
+    enrolled: datetime
+
+
+@dataclass(frozen=True)
+class DiaryGame:
+    """A game that is over.
+
+    Attributes
+    ----------
+    at : datetime
+        When it was over.
+    game : str
+    difficulty, seed : int
+    ending : str
+        ``time``, ``misses``, ``done`` or ``stopped``.
+    seconds, paused_s : float
+        Played, and waited for the phantom limb.
+    score, misses, by_phantom : int
+    anomalies : tuple of (float, float)
+        From and to which second of play no point was made though a target was in reach.
+    """
+
+    at: datetime
+    game: str
+    difficulty: int
+    seed: int
+    ending: str
+    seconds: float
+    paused_s: float
+    score: int
+    misses: int
+    by_phantom: int
+    anomalies: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Rating:
+    """How strong the pain was, from 0 (none) to 10 (the worst).
+
+    Attributes
+    ----------
+    at : datetime
+    pain : int
+    when : str
+        ``before`` or ``after`` a session, or ``other``.
+    """
+
+    at: datetime
+    pain: int
+    when: Moment
+
+
+@dataclass(frozen=True)
+class DiarySession:
+    """One sitting.
+
+    Attributes
+    ----------
+    number : int
+        For `Diary.add_game` and the like.
+    started : datetime
+    ended : datetime or None
+        None while it goes on, or where the program was killed.
+    games : tuple of DiaryGame
+    ratings : tuple of Rating
+    """
+
+    number: int
+    started: datetime
+    ended: datetime | None
+    games: tuple[DiaryGame, ...]
+    ratings: tuple[Rating, ...]
+
+    @property
+    def pain_before(self) -> int | None:
+        """The last rating before the first game."""
+        return next((r.pain for r in reversed(self.ratings) if r.when == "before"), None)
+
+    @property
+    def pain_after(self) -> int | None:
+        """The last rating after a game."""
+        return next((r.pain for r in reversed(self.ratings) if r.when == "after"), None)
+
+
+@dataclass(frozen=True)
+class McGill:
+    """A filled-in McGill Pain Questionnaire.
+
+    Attributes
+    ----------
+    at : datetime
+    occasion : str
+        ``baseline``, ``week-1``, ``week-4`` or ``other``.
+    ranks : tuple of 20 int
+    score : McGillScore
+    """
+
+    at: datetime
+    occasion: Occasion
+    ranks: tuple[int, ...]
+    score: McGillScore
+
+
+@dataclass(frozen=True)
+class AdverseEvent:
+    """Something that should not happen.
+
+    Attributes
+    ----------
+    at : datetime
+    kind : str
+        ``pain`` (2 or more above the rating before the session), ``sickness`` or ``other``.
+    text : str
+    """
+
+    at: datetime
+    kind: Literal["pain", "sickness", "other"]
+    text: str

@@ -1,0 +1,102 @@
+"""Tables of a diary, and how an older file becomes one of today.
+
+What a participant said or did stands in ``payload``: JSON, encrypted with the participant's own key
+where the diary has one. The other columns only say what belongs together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from sqlalchemy import Column, Connection, ForeignKey, Integer, LargeBinary, MetaData, Table, Text
+
+APPLICATION = 0x4D334459  # "M3DY", the mark of a diary among SQLite files
+
+_metadata = MetaData()
+
+
+def _belongs_to(table: str) -> ForeignKey:
+    return ForeignKey(f"{table}.id", ondelete="CASCADE")
+
+
+META = Table(
+    "meta",
+    _metadata,
+    Column("name", Text, primary_key=True),
+    Column("value", LargeBinary, nullable=False),
+)
+PARTICIPANTS = Table(
+    "participants",
+    _metadata,
+    Column("id", Integer, primary_key=True),
+    Column("key", LargeBinary, nullable=False),
+    Column("payload", LargeBinary, nullable=False),
+)
+
+
+def _table(name: str, *parents: str) -> Table:
+    return Table(
+        name,
+        _metadata,
+        Column("id", Integer, primary_key=True),
+        Column("participant", _belongs_to("participants"), nullable=False),
+        *(Column(parent, _belongs_to(f"{parent}s")) for parent in parents),
+        Column("payload", LargeBinary, nullable=False),
+    )
+
+
+SESSIONS = _table("sessions")
+GAMES = _table("games", "session")
+ANOMALIES = _table("anomalies", "game")
+RATINGS = _table("ratings", "session")
+QUESTIONNAIRES = _table("questionnaires")
+EVENTS = _table("events", "session")
+AUDIT = Table(
+    "audit",
+    _metadata,
+    Column("id", Integer, primary_key=True),
+    Column("at", Text, nullable=False),
+    Column("action", Text, nullable=False),
+    Column("participant", _belongs_to("participants")),
+)
+
+_ID = "id INTEGER PRIMARY KEY"
+_GONE_TOO = "ON DELETE CASCADE"
+_ROW = f"{_ID}, participant INTEGER NOT NULL REFERENCES participants {_GONE_TOO}"
+_SESSION = f"session INTEGER REFERENCES sessions {_GONE_TOO}"
+_GAME = f"game INTEGER REFERENCES games {_GONE_TOO}"
+_PAYLOAD = "payload BLOB NOT NULL"
+_OF_PARTICIPANT = (
+    "sessions", "games", "anomalies", "ratings", "questionnaires", "events", "audit",
+)  # fmt: skip
+
+# What turns each version into the next one; entries are never changed, only added.
+MIGRATIONS: Sequence[Sequence[str]] = (
+    (  # 0, an empty file, to 1: who played what
+        "CREATE TABLE meta (name TEXT PRIMARY KEY, value BLOB NOT NULL)",
+        f"CREATE TABLE participants ({_ID}, key BLOB NOT NULL, {_PAYLOAD})",
+        f"CREATE TABLE sessions ({_ROW}, {_PAYLOAD})",
+        f"CREATE TABLE games ({_ROW}, {_SESSION}, {_PAYLOAD})",
+        f"CREATE TABLE audit ({_ID}, at TEXT NOT NULL, action TEXT NOT NULL, "
+        f"participant INTEGER REFERENCES participants {_GONE_TOO})",
+    ),
+    (  # 1 to 2: times without a point, ratings, questionnaires and adverse events
+        f"CREATE TABLE anomalies ({_ROW}, {_GAME}, {_PAYLOAD})",
+        f"CREATE TABLE ratings ({_ROW}, {_SESSION}, {_PAYLOAD})",
+        f"CREATE TABLE questionnaires ({_ROW}, {_PAYLOAD})",
+        f"CREATE TABLE events ({_ROW}, {_SESSION}, {_PAYLOAD})",
+    ),
+    tuple(  # 2 to 3: deleting and listing a participant looks at their rows only
+        f"CREATE INDEX {table}_of_participant ON {table} (participant)" for table in _OF_PARTICIPANT
+    ),
+)
+VERSION = len(MIGRATIONS)
+
+
+def migrate(connection: Connection, start: int, to: int = VERSION) -> None:
+    """Bring a file to a version, inside the transaction of the connection."""
+    for statements in MIGRATIONS[start:to]:
+        for statement in statements:
+            connection.exec_driver_sql(statement)
+    connection.exec_driver_sql(f"PRAGMA application_id = {APPLICATION}")
+    connection.exec_driver_sql(f"PRAGMA user_version = {to}")

@@ -1,0 +1,121 @@
+"""Keys of diaries, and payloads that nobody reads without one."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d.errors import FormatError, InputError
+
+_HEADER = "manip3d diary key 1 "
+_BYTES = 32
+_NONCE = 12
+
+
+@checked
+def make_key(path: str | os.PathLike[str]) -> None:
+    """Make a key file for an encrypted diary, which only its owner can read.
+
+    Keep it apart from the diary, and a copy of it: without the key the diary is lost.
+
+    Parameters
+    ----------
+    path : path
+        An existing file is never replaced.
+
+    Raises
+    ------
+    OSError
+        The file exists, or cannot be written.
+
+    Examples
+    --------
+    >>> make_key("diary.key")
+    """
+    target = path_of(path)
+    descriptor = os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "w") as file:
+        file.write(_HEADER + secrets.token_bytes(_BYTES).hex() + "\n")
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def read_key(path: Path) -> bytes:
+    """The key in a file that `make_key` made."""
+    with path.open("rb") as file:
+        text = file.read(256).decode("latin-1")
+    digits = text.removeprefix(_HEADER).strip()
+    try:
+        key = bytes.fromhex(digits) if text.startswith(_HEADER) else b""
+    except ValueError:
+        key = b""
+    if len(key) != _BYTES:
+        raise FormatError("expected a key of a diary, as 'manip3d diary keygen' makes it",
+                          file=str(path))  # fmt: skip
+    return key
+
+
+def new_key() -> bytes:
+    return secrets.token_bytes(_BYTES)
+
+
+def seal(key: bytes | None, content: bytes, about: str) -> bytes:
+    """AES-256-GCM with a new nonce before it; what it is about cannot be exchanged. Without a key
+    the content as it is."""
+    if key is None:
+        return content
+    from cryptography.hazmat.primitives.ciphers.aead import AESGCM
+
+    nonce = secrets.token_bytes(_NONCE)
+    return nonce + AESGCM(key).encrypt(nonce, content, about.encode())
+
+
+def unseal(key: bytes | None, sealed: bytes, about: str) -> bytes:
+    """Raises FormatError where the key is another one, or somebody changed a byte."""
+    if key is None:
+        return sealed
+    from cryptography.exceptions import InvalidTag
+    from cryptography.hazmat.primitives.ciphers.aead import AESGCM
+
+    try:
+        return AESGCM(key).decrypt(sealed[:_NONCE], sealed[_NONCE:], about.encode())
+    except (InvalidTag, ValueError):
+        raise FormatError(f"{about}: this key does not open it, or it was changed") from None
+
+
+def seal_fields(key: bytes | None, fields: Mapping[str, Any], about: str) -> bytes:
+    text = json.dumps(fields, separators=(",", ":"), allow_nan=False)
+    return seal(key, text.encode(), about)
+
+
+def unseal_fields(key: bytes | None, sealed: bytes, about: str) -> dict[str, Any]:
+    content = unseal(key, sealed, about)
+    try:
+        found = json.loads(content)
+    except ValueError:
+        raise FormatError(f"{about}: expected JSON; the diary may be encrypted") from None
+    if not isinstance(found, dict):
+        raise FormatError(f"{about}: expected fields")
+    return found
+
+
+def require_key_material(key: str | os.PathLike[str] | None) -> bytes | None:
+    """The key's bytes, where one is named."""
+    if key is None:
+        return None
+    try:
+        import cryptography  # noqa: F401
+    except ModuleNotFoundError as error:
+        from manip3d.errors import MissingExtraError
+
+        raise MissingExtraError("cryptography", "diary") from error
+    path = path_of(key, "key")
+    if path.is_dir():
+        raise InputError(f"key: expected a file, got the folder {path}")
+    return read_key(path)

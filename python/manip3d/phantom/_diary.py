@@ -1,0 +1,63 @@
+"""What a live session writes into a diary."""
+
+from __future__ import annotations
+
+import os
+from datetime import datetime
+
+from manip3d.phantom._session import GameSummary
+
+
+class DiaryRecorder:
+    """A session of a participant; each game and rating is on the disk when its method returns.
+
+    Raises
+    ------
+    InputError
+        No such participant.
+    FormatError, OSError
+        No such diary, or one of another key.
+    MissingExtraError
+        SQLAlchemy is not installed.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        participant: str,
+        key: str | os.PathLike[str] | None,
+    ) -> None:
+        from manip3d.diary import Diary
+
+        self._diary = Diary(path, key=key)
+        self._participant = self._diary.participant(participant).identifier
+        self._session: int | None = None
+
+    def start(self) -> None:
+        """The page is there."""
+        self._session = self._diary.start_session(self._participant)
+
+    def end(self) -> None:
+        """The page is gone."""
+        if self._session is not None:
+            self._diary.end_session(self._session)
+        self._diary.close()
+
+    def game(self, summary: GameSummary) -> None:
+        """Keep a game that is over."""
+        from manip3d.diary import DiaryGame
+
+        assert self._session is not None
+        fields = vars(summary) | {"anomalies": tuple((a.start, a.end) for a in summary.anomalies)}
+        self._diary.add_game(self._session, DiaryGame(at=datetime.now().astimezone(), **fields))
+
+    def pain(self, value: int) -> str:
+        """Keep a rating; return why the session must stop, or nothing."""
+        return self._diary.add_rating(self._participant, value, session=self._session)
+
+    def unwell(self) -> str:
+        """Keep that the patient feels sick; return that the session must stop."""
+        from manip3d.diary import SICKNESS
+
+        self._diary.add_event(self._participant, "sickness", session=self._session)
+        return SICKNESS

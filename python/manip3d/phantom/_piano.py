@@ -1,0 +1,130 @@
+"""Piano: keys pop up on the floor, one at a time, and are hit by stomping."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from manip3d.phantom._state import (
+    SIDES,
+    Event,
+    Foot,
+    Game,
+    GameState,
+    PianoField,
+    Point,
+    Target,
+    Touch,
+    joints,
+    level,
+    norm,
+)
+from manip3d.rgbd import JOINTS, Skeleton
+
+_DOWN_M = 0.04  # a foot is down that is no higher above the floor
+_REST_S = 0.6  # between one key and the next
+
+
+def piano_field(
+    skeleton: Skeleton, game: Game, difficulty: int, floor: float | None
+) -> PianoField | None:
+    """From where each foot is outwards, at shares of the shank's length."""
+    feet = joints(skeleton, "FootLeft", "FootRight")
+    hips = joints(skeleton, "HipLeft", "HipRight")
+    knees = joints(skeleton, "KneeLeft", "KneeRight")
+    ankles = joints(skeleton, "AnkleLeft", "AnkleRight")
+    if feet is None or hips is None or knees is None or ankles is None:
+        return None
+    lateral = level(hips[0] - hips[1])
+    if lateral is None:
+        return None
+    shank = max(norm(ankle - knee) for ankle, knee in zip(ankles, knees, strict=True))
+    ground = max(float(foot[1]) for foot in feet) if floor is None else float(floor)
+    sides = []
+    for foot, sign in zip(feet, (1.0, -1.0), strict=True):
+        keys = [foot + sign * share * shank * lateral for share in game.reaches[difficulty - 1]]
+        sides.append(tuple((float(key[0]), ground, float(key[2])) for key in keys))
+    return PianoField(sides[0], sides[1], ground)
+
+
+def play_piano(
+    state: GameState, seconds: float, touch: Touch, skeleton: Skeleton | None
+) -> GameState:
+    """A foot that was lifted and comes down on the key that is up plays its note."""
+    state = _popped(state, seconds)
+    feet, stomps = _stepped(state, skeleton)
+    events, by_bone, targets = list[Event](), dict(state.by_bone), list(state.targets)
+    for side, place in stomps:
+        for target in targets:
+            off = math.hypot(place[0] - target.place[0], place[2] - target.place[2])
+            if off > state.game.radius:
+                continue
+            bone = JOINTS.index(f"Foot{side.title()}")
+            by_bone[bone] = by_bone.get(bone, 0) + 1
+            events.append(Event("note", target.number, target.side, target.place, bone, target.key))
+        targets = [t for t in targets if all(t.number != event.number for event in events)]
+    notes = len(events)
+    kept = [target for target in targets if target.age < _life(state)]
+    for target in targets:
+        if target not in kept:
+            events.append(Event("missed", target.number, target.side, target.place, key=target.key))
+    return replace(
+        state,
+        feet=feet,
+        targets=tuple(kept),
+        wait=_REST_S if events else state.wait,
+        events=tuple(events),
+        by_bone=by_bone,
+        score=state.score + notes,
+        misses=state.misses + len(events) - notes,
+    )
+
+
+def keys_of(field: PianoField) -> list[tuple[str, Point]]:
+    """The keys with their sides, from the player's left to their right."""
+    lefts = [("left", place) for place in reversed(field.lefts)]
+    return lefts + [("right", place) for place in field.rights]
+
+
+def _life(state: GameState) -> float:
+    return state.game.intervals[state.difficulty - 1]
+
+
+def _popped(state: GameState, seconds: float) -> GameState:
+    """Keys grow older; where none is up and the rest is over, the seed says which comes."""
+    assert isinstance(state.field, PianoField)
+    if state.targets:
+        older = tuple(replace(target, age=target.age + seconds) for target in state.targets)
+        return replace(state, targets=older)
+    wait = state.wait - seconds
+    if wait > 0.0:
+        return replace(state, wait=wait)
+    keys = keys_of(state.field)
+    number = int(np.random.default_rng([state.seed, state.spawned]).integers(len(keys)))
+    side, place = keys[number]
+    key = Target(state.spawned, side, place, key=number)
+    return replace(state, targets=(key,), spawned=state.spawned + 1, wait=0.0)
+
+
+def _stepped(
+    state: GameState, skeleton: Skeleton | None
+) -> tuple[tuple[Foot, Foot], list[tuple[str, Point]]]:
+    """The feet now, and where one came down."""
+    assert isinstance(state.field, PianoField)
+    feet, stomps = [], list[tuple[str, Point]]()
+    for side, foot in zip(SIDES, state.feet, strict=True):
+        found = None if skeleton is None else joints(skeleton, f"Foot{side.title()}")
+        if found is None:
+            feet.append(foot)
+            continue
+        height = state.field.floor - float(found[0][1])
+        if not foot.is_up and height >= state.game.swings[state.difficulty - 1]:
+            foot = Foot(is_up=True, moves=foot.moves + 1)
+        elif foot.is_up and height <= _DOWN_M:
+            foot = Foot(is_up=False, moves=foot.moves + 1)
+            x, y, z = found[0].tolist()
+            stomps.append((side, (x, y, z)))
+        feet.append(foot)
+    return (feet[0], feet[1]), stomps

@@ -1,0 +1,93 @@
+"""``manip3d diary`` as a therapist types it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+pytest.importorskip("cryptography", reason="the extra 'diary' is not installed")
+pytest.importorskip("scipy", reason="the extra 'diary' is not installed")
+
+from manip3d.cli import app
+
+RANKS = ",".join(["1"] * 20)
+
+
+def run(*words: str, entered: str = "") -> Result:
+    return CliRunner().invoke(app, ["diary", *words], input=entered)
+
+
+def ran(*words: str) -> str:
+    done = run(*words)
+    assert done.exit_code == 0, (done.output, done.exception)
+    return done.stdout
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> str:
+    found = str(tmp_path / "study.diary")
+    ran("enrol", found, "P01", "--limb", "left-leg")
+    return found
+
+
+def test_a_study_from_enrolment_to_deletion(path: str, tmp_path: Path) -> None:
+    ran("rate", path, "P01", "--pain", "6")
+    ran("rate", path, "P01", "--mcgill", RANKS, "--ppi", "3", "--occasion", "baseline")
+    ran("rate", path, "P01", "--event", "a sore stump [red]")
+    shown = ran("show", path, "P01")
+    assert "P01, left leg, enrolled" in shown
+    assert "PRI 20 (10 + 5 + 1 + 4), NWC 20, PPI 3" in shown
+    assert "a sore stump [red]" in shown
+    assert "0 of 2" in ran("list", path)
+    found = json.loads(ran("show", path, "P01", "--json"))
+    assert found["questionnaires"][0]["score"]["pri"] == 20
+    ran("export", path, "-o", str(tmp_path / "tables"))
+    assert (tmp_path / "tables" / "ratings.csv").read_text().count("\n") == 2
+    ran("export", path, "-o", str(tmp_path / "P01.json"), "--participant", "P01")
+    assert json.loads((tmp_path / "P01.json").read_text())["resourceType"] == "Bundle"
+    assert "too few questionnaires so far" in ran("analyse", path)
+    assert json.loads(ran("analyse", path, "--json"))["scores"][0][0] == 20
+    assert run("delete", path, "P01", entered="n\n").exit_code == 1
+    assert "P01" in ran("list", path)
+    ran("delete", path, "P01", "--yes")
+    assert "nobody is enrolled" in ran("list", path)
+
+
+def test_an_encrypted_diary(tmp_path: Path) -> None:
+    key, path = str(tmp_path / "study.key"), str(tmp_path / "study.diary")
+    ran("keygen", key)
+    ran("enrol", path, "P01", "--key", key)
+    assert "P01" in ran("list", path, "--key", key)
+    assert "is encrypted; its key file is needed" in str(run("list", path).exception)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["show", "P02"], "'P02' is not enrolled"),
+        (["rate", "P01"], "expected --pain, --mcgill or --event"),
+        (["rate", "P01", "--mcgill", "1,2"], "ranks: expected 20, got 2"),
+        (["rate", "P01", "--mcgill", "a"], "mcgill: expected 20 whole numbers"),
+        (["delete", "P02", "--yes"], "'P02' is not enrolled"),
+        (["enrol", "P01"], "P01 is enrolled already"),
+    ],
+)
+def test_refusals(path: str, words: list[str], message: str) -> None:
+    done = run(words[0], path, *words[1:])
+    assert done.exit_code == 1
+    assert message in str(done.exception)
+
+
+def test_fhir_is_of_one_participant(path: str, tmp_path: Path) -> None:
+    done = run("export", path, "-o", str(tmp_path / "a.json"))
+    assert "expected one with --participant" in str(done.exception)
+    assert not (tmp_path / "a.json").exists()
+
+
+def test_a_diary_that_is_not_there_is_not_made_by_reading(tmp_path: Path) -> None:
+    assert run("list", str(tmp_path / "none")).exit_code == 1
+    assert not (tmp_path / "none").exists()

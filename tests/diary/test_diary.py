@@ -1,0 +1,369 @@
+"""The diary's file: what is written is read again; of those who were deleted nothing remains."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sqlite3
+from collections.abc import Iterator
+from datetime import date, datetime, timedelta, timezone
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from manip3d import FormatError, InputError
+
+pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+pytest.importorskip("cryptography", reason="the extra 'diary' is not installed")
+
+import sqlalchemy as sql
+
+from manip3d.diary import Diary, DiaryGame, DiarySession, Protocol, adherence, make_key
+from manip3d.diary import _schema as schema
+
+ZONE = timezone(timedelta(hours=-6))
+START = datetime(2026, 3, 2, 9, 0, tzinfo=ZONE)
+
+
+def game(minutes: float = 5, name: str = "piano", **changes: Any) -> DiaryGame:
+    fields: dict[str, Any] = {
+        "game": name, "difficulty": 2, "seed": 11, "ending": "time", "seconds": 60.0,
+        "paused_s": 2.5, "score": 17, "misses": 3, "by_phantom": 8,
+        "anomalies": ((4.0, 16.5), (30.0, 44.0)),
+    }  # fmt: skip
+    return DiaryGame(at=START + timedelta(minutes=minutes), **(fields | changes))
+
+
+def fill(diary: Diary, name: str = "P01") -> int:
+    """One of everything."""
+    diary.enrol(name, limb="left_leg", at=START)
+    session = diary.start_session(name, at=START)
+    diary.add_rating(name, 4, session=session, at=START)
+    diary.add_game(session, game())
+    diary.add_rating(name, 3, session=session, at=START + timedelta(minutes=6))
+    diary.add_event(name, "other", f"stump of {name} was sore", session=session, at=START)
+    diary.add_mcgill(name, [1] * 20, 2, occasion="baseline", at=START)
+    diary.end_session(session, at=START + timedelta(minutes=9))
+    return session
+
+
+@pytest.fixture(params=["plain", "encrypted"])
+def key(request: pytest.FixtureRequest, tmp_path: Path) -> Path | None:
+    if request.param == "plain":
+        return None
+    make_key(tmp_path / "study.key")
+    return tmp_path / "study.key"
+
+
+@pytest.fixture
+def diary(tmp_path: Path, key: Path | None) -> Iterator[Diary]:
+    with Diary(tmp_path / "study.diary", key=key, create=True) as found:
+        yield found
+
+
+def test_what_is_written_is_read_again_by_another_program(diary: Diary, key: Path | None) -> None:
+    number = fill(diary)
+    diary.close()
+    with Diary(diary.path, key=key) as again:
+        (session,) = again.sessions("P01")
+        assert session.number == number
+        assert session.games == (game(),)
+        assert (session.started, session.ended) == (START, START + timedelta(minutes=9))
+        assert (session.pain_before, session.pain_after) == (4, 3)
+        assert [rating.pain for rating in again.ratings("P01")] == [4, 3]
+        (filled,) = again.questionnaires("P01")
+        assert (filled.occasion, filled.score.pri, filled.ranks) == ("baseline", 20, (1,) * 20)
+        (event,) = again.events("P01")
+        assert (event.kind, event.text) == ("other", "stump of P01 was sore")
+        (person,) = again.participants()
+        assert (person.identifier, person.limb, person.enrolled) == ("P01", "left_leg", START)
+        actions = [action for _, action, whose in again.audit() if whose == "P01"]
+        assert actions == ["enrol", "session", "rating", "game", "rating", "event", "questionnaire"]
+        again.check()
+
+
+def test_pain_that_rises_by_two_stops_and_is_an_adverse_event(diary: Diary) -> None:
+    diary.enrol("P01")
+    session = diary.start_session("P01")
+    assert diary.add_rating("P01", 3, session=session) == ""
+    assert diary.add_rating("P01", 6, session=session) == ""  # said better, before any game
+    diary.add_game(session, game())
+    assert diary.add_rating("P01", 7, session=session) == ""
+    assert "rose from 6 to 8" in diary.add_rating("P01", 8, session=session)
+    assert [event.kind for event in diary.events("P01")] == ["pain"]
+    other = diary.start_session("P01")
+    diary.add_game(other, game())
+    assert diary.add_rating("P01", 10, session=other) == ""  # nobody knows what was before
+
+
+def test_refusals(diary: Diary) -> None:
+    diary.enrol("P01")
+    diary.enrol("P02")
+    session = diary.start_session("P01")
+    for call, message in (
+        (lambda: diary.enrol("P01"), "P01 is enrolled already"),
+        (lambda: diary.enrol("../P"), "participant: expected up to 64 letters"),
+        (lambda: diary.enrol(""), "participant: expected up to 64"),
+        (lambda: diary.enrol("=1+1"), "participant: expected up to 64"),
+        (
+            lambda: diary.enrol("P03", at=datetime(2026, 1, 1)),
+            "at: expected a time with its",
+        ),
+        (lambda: diary.start_session("P9"), "participant: 'P9' is not enrolled"),
+        (lambda: diary.add_game(1, game()), "session: there is none"),
+        (lambda: diary.add_rating("P01", 11), "pain: expected 0 to 10, got 11"),
+        (lambda: diary.add_rating("P02", 1, session=session), "is another participant's"),
+        (lambda: diary.add_rating("P01", 1, when="soon"), "when: expected"),
+        (lambda: diary.add_event("P01", "joy"), "kind: expected"),
+        (lambda: diary.add_event("P01", "other", "x" * 2001), "text: expected at most 2000"),
+        (lambda: diary.add_mcgill("P01", [1] * 20, 1, occasion="noon"), "occasion: expected"),
+        (lambda: diary.delete("P9"), "'P9' is not enrolled"),
+    ):
+        with pytest.raises(InputError, match=message):
+            call()
+    diary.add_mcgill("P01", [1] * 20, 1, occasion="week-1")
+    with pytest.raises(InputError, match="P01 has a questionnaire of week-1"):
+        diary.add_mcgill("P01", [1] * 20, 1, occasion="week-1")
+    assert len(diary.questionnaires("P01")) == 1
+    assert diary.sessions("P01")[0].ratings == ()
+    diary.check()
+
+
+# --- keys -----------------------------------------------------------------------------------------
+
+
+def test_an_encrypted_diary_says_nothing_without_its_key(tmp_path: Path) -> None:
+    make_key(tmp_path / "a.key")
+    make_key(tmp_path / "b.key")
+    path = tmp_path / "study.diary"
+    with Diary(path, key=tmp_path / "a.key", create=True) as diary:
+        fill(diary)
+        assert diary.is_encrypted
+    content = path.read_bytes()
+    for word in (b"P01", b"left_leg", b"piano", b"sore", b"baseline", b"2026-03-02"):
+        assert word not in content
+    with pytest.raises(InputError, match="is encrypted; its key file is needed"):
+        Diary(path)
+    with pytest.raises(FormatError, match="this key does not open it"):
+        Diary(path, key=tmp_path / "b.key")
+    with Diary(tmp_path / "plain", create=True):
+        pass
+    with pytest.raises(InputError, match="is not encrypted; open it without a key"):
+        Diary(tmp_path / "plain", key=tmp_path / "a.key")
+    assert (tmp_path / "a.key").stat().st_mode & 0o777 == 0o600
+    assert path.stat().st_mode & 0o777 == 0o600
+    with pytest.raises(FileExistsError):
+        make_key(tmp_path / "a.key")
+    (tmp_path / "c.key").write_text("manip3d diary key 1 zz")
+    with pytest.raises(FormatError, match="expected a key of a diary"):
+        Diary(path, key=tmp_path / "c.key")
+
+
+def test_a_payload_cannot_be_put_elsewhere(tmp_path: Path) -> None:
+    """Who can write the file but has no key cannot give one participant's game to another."""
+    make_key(tmp_path / "a.key")
+    path = tmp_path / "study.diary"
+    with Diary(path, key=tmp_path / "a.key", create=True) as diary:
+        fill(diary, "P01")
+        fill(diary, "P02")
+        with contextlib.closing(sqlite3.connect(path)) as raw:
+            rows = raw.execute("SELECT id, payload FROM games").fetchall()
+            raw.execute("UPDATE games SET payload = ? WHERE id = ?", (rows[0][1], rows[1][0]))
+            raw.commit()
+        with pytest.raises(FormatError, match="this key does not open it, or it was changed"):
+            diary.check()
+
+
+# --- deleting -------------------------------------------------------------------------------------
+
+
+def files_beside(path: Path) -> bytes:
+    return b"".join(
+        (path.parent / name).read_bytes()
+        for name in os.listdir(path.parent)
+        if name.startswith(path.name)
+    )
+
+
+def payloads(path: Path) -> list[bytes]:
+    """All blobs of the file, as they stand there."""
+    found: list[bytes] = []
+    with contextlib.closing(sqlite3.connect(path)) as raw:
+        for (name,) in raw.execute(
+            "SELECT name FROM sqlite_master WHERE type = 'table'"
+        ).fetchall():
+            for row in raw.execute(f"SELECT * FROM {name}").fetchall():
+                found += [value for value in row if isinstance(value, bytes) and len(value) > 13]
+    return found
+
+
+def test_no_byte_of_a_deleted_participant_remains(diary: Diary, key: Path | None) -> None:
+    for name in ("P01", "Zebra-77", "P03"):
+        session = fill(diary, name)
+        for number in range(40):
+            diary.add_game(session, game(6 + number, seed=880_000 + number))
+    kept = set(payloads(diary.path))
+    with contextlib.closing(sqlite3.connect(diary.path)) as raw:
+        (number,) = {row[0] for row in raw.execute("SELECT participant FROM games")} - {0} & {
+            one for one, _, f in _people(diary) if f["identifier"] == "Zebra-77"
+        }
+        theirs = []
+        ids = [number]
+        for table in ("sessions", "games", "anomalies", "ratings", "questionnaires", "events"):
+            for row in raw.execute(f"SELECT id, payload FROM {table} WHERE participant = {number}"):
+                ids.append(row[0])
+                theirs.append(row[1])
+        theirs += raw.execute(f"SELECT key FROM participants WHERE id = {number}").fetchone()
+        theirs += raw.execute(f"SELECT payload FROM participants WHERE id = {number}").fetchone()
+    theirs = [blob for blob in theirs if blob]
+    assert len(theirs) > 120
+    before = files_beside(diary.path)
+    assert all(blob in before for blob in theirs)
+    diary.delete("Zebra-77")
+    after = files_beside(diary.path)
+    assert b"Zebra" not in after
+    for blob in theirs:
+        if blob not in set(payloads(diary.path)):  # in plain, others may have said the very same
+            assert blob not in after
+            assert blob[13:] not in after or key is None
+    for one in ids:
+        assert one.to_bytes(8, "big") not in after
+    assert set(payloads(diary.path)) <= kept
+    assert [person.identifier for person in diary.participants()] == ["P01", "P03"]
+    assert len(diary.sessions("P03")[0].games) == 41
+    assert diary.audit()[-1][1:] == ("delete", "")
+    assert not [whose for _, _, whose in diary.audit() if whose == "Zebra-77"]
+    diary.check()
+
+
+def _people(diary: Diary) -> list[tuple[int, bytes | None, dict[str, Any]]]:
+    with diary._engine.begin() as connection:
+        return diary._all(connection)
+
+
+def test_nothing_is_deleted_while_another_program_reads(diary: Diary) -> None:
+    fill(diary)
+    with contextlib.closing(sqlite3.connect(diary.path)) as other:
+        other.execute("BEGIN")
+        other.execute("SELECT count(*) FROM games").fetchone()
+        with pytest.raises(OSError, match="another program has the diary open; nothing deleted"):
+            diary.delete("P01")
+        other.rollback()
+    assert len(diary.participants()) == 1
+    diary.delete("P01")
+    assert diary.participants() == []
+
+
+# --- versions -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("version", range(1, schema.VERSION))
+def test_an_older_file_becomes_one_of_today(tmp_path: Path, key: Path | None, version: int) -> None:
+    """Made by the statements of that version, filled through its tables alone."""
+    path = tmp_path / "old.diary"
+    with Diary(path, key=key, create=True) as today:
+        today.enrol("P01", at=START)
+        session = today.start_session("P01", at=START)
+        today.add_game(session, game(anomalies=()))
+    with contextlib.closing(sqlite3.connect(path)) as raw:  # back to what that version knew
+        for name in ("anomalies", "ratings", "questionnaires", "events") if version < 2 else ():
+            raw.execute(f"DROP TABLE {name}")
+        for (name,) in raw.execute(
+            "SELECT name FROM sqlite_master WHERE type = 'index' AND sql IS NOT NULL"
+        ).fetchall():
+            raw.execute(f"DROP INDEX {name}")
+        raw.execute(f"PRAGMA user_version = {version}")
+        raw.commit()
+    assert shape(path) == shape_of_version(tmp_path / "made", version)
+    with Diary(path, key=key) as again:
+        assert again.sessions("P01")[0].games == (game(anomalies=()),)
+        again.add_rating("P01", 5)
+        again.check()
+    assert shape(path) == shape_of_version(tmp_path / "now", schema.VERSION)
+
+
+def shape(path: Path) -> set[tuple[str, ...]]:
+    with contextlib.closing(sqlite3.connect(path)) as raw:
+        return set(raw.execute("SELECT type, name, sql FROM sqlite_master").fetchall())
+
+
+def shape_of_version(path: Path, version: int) -> set[tuple[str, ...]]:
+    engine = sql.create_engine(f"sqlite:///{path}", poolclass=sql.pool.NullPool)
+    with engine.begin() as connection:
+        schema.migrate(connection, 0, version)
+    return shape(path)
+
+
+def test_the_tables_of_the_code_are_those_of_the_file(tmp_path: Path) -> None:
+    with Diary(tmp_path / "d", create=True):
+        pass
+    with contextlib.closing(sqlite3.connect(tmp_path / "d")) as raw:
+        for name, table in schema._metadata.tables.items():
+            columns = [row[1] for row in raw.execute(f"PRAGMA table_info({name})")]
+            assert sorted(columns) == sorted(column.name for column in table.columns)
+
+
+def test_files_that_are_none(tmp_path: Path) -> None:
+    (tmp_path / "text").write_text("not a diary at all, but long enough to be read as one" * 9)
+    with contextlib.closing(sqlite3.connect(tmp_path / "other")) as raw:
+        raw.execute("CREATE TABLE things (a)")
+        raw.commit()
+    (tmp_path / "empty").write_bytes(b"")
+    before = (tmp_path / "other").read_bytes()
+    for name in ("text", "other", "empty"):
+        with pytest.raises(FormatError, match="expected a diary"):
+            Diary(tmp_path / name)
+    for name in ("text", "other"):
+        with pytest.raises(FormatError, match="expected a diary"):
+            Diary(tmp_path / name, create=True)
+    assert (tmp_path / "other").read_bytes() == before
+    with pytest.raises(FileNotFoundError):
+        Diary(tmp_path / "absent")
+    assert not (tmp_path / "absent").exists()
+    with pytest.raises(FormatError, match="expected a regular file"):
+        Diary(tmp_path)
+    with Diary(tmp_path / "later", create=True):
+        pass
+    with contextlib.closing(sqlite3.connect(tmp_path / "later")) as raw:
+        raw.execute("PRAGMA user_version = 99")
+    with pytest.raises(FormatError, match="of version 3 at most, got 99"):
+        Diary(tmp_path / "later")
+
+
+@pytest.mark.parametrize("part", ["tables", "page", "payload"])
+def test_a_damaged_file_is_said_to_be(tmp_path: Path, part: str) -> None:
+    path = tmp_path / "d"
+    with Diary(path, create=True) as diary:
+        session = fill(diary)
+        for number in range(60):
+            diary.add_game(session, game(number))
+    content = bytearray(path.read_bytes())
+    where = {"tables": 100, "page": 4096 * 2, "payload": content.index(b'"score":17')}[part]
+    content[where : where + 9] = b"\xa5" * 9
+    path.write_bytes(content)
+    with pytest.raises(FormatError), Diary(path) as damaged:
+        damaged.check()
+
+
+# --- protocol -------------------------------------------------------------------------------------
+
+
+def sitting(day: int, hour: int = 9, games: int = 3, ending: str = "time") -> DiarySession:
+    start = START.replace(hour=hour) + timedelta(days=day)
+    return DiarySession(1, start, None, (game(ending=ending),) * games, ())
+
+
+def test_adherence_counts_whole_sessions_up_to_two_a_day() -> None:
+    sessions = [sitting(0), sitting(0, 17), sitting(0, 20), sitting(1), sitting(1, 17, games=2),
+                sitting(2, games=0), sitting(3, ending="stopped"), sitting(30)]  # fmt: skip
+    found = adherence(sessions, START, date(2026, 3, 5))
+    assert (found.days, found.expected) == (4, 8)
+    assert (found.complete, found.partial, found.days_played) == (3, 1, 2)
+    assert found.share == 3 / 8
+    whole = adherence([sitting(d, h) for d in range(28) for h in (9, 18)], START, date(2027, 1, 1))
+    assert (whole.days, whole.expected, whole.complete, whole.share) == (28, 56, 56, 1.0)
+    short = adherence(sessions, START, date(2026, 3, 5), protocol=Protocol(1, 1, 2))
+    assert (short.expected, short.complete) == (4, 2)
+    with pytest.raises(InputError, match="today: expected 2026-03-02 or later"):
+        adherence([], START, date(2026, 3, 1))

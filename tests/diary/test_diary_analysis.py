@@ -1,0 +1,185 @@
+"""The analysis against closed forms, and against simulated studies whose effect is known."""
+
+from __future__ import annotations
+
+from datetime import UTC, date, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from manip3d import InputError
+
+pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+pytest.importorskip("cryptography", reason="the extra 'diary' is not installed")
+pytest.importorskip("scipy", reason="the extra 'diary' is not installed")
+
+from scipy import stats
+
+from manip3d.diary import (
+    MCGILL_GROUPS,
+    Diary,
+    DiaryGame,
+    analyse,
+    fit_mixed_model,
+    simulate_cohort,
+)
+from manip3d.diary._analysis import _paired, _share
+
+EFFECTS = (-4.0, -10.0)
+START = datetime(2026, 3, 2, 9, 0, tzinfo=UTC)
+
+
+def test_complete_data_give_the_analysis_of_variance() -> None:
+    scores = simulate_cohort(seed=3)
+    model = fit_mixed_model(scores)
+    people, times = scores.shape
+    means = scores.mean(axis=0)
+    residual = scores - scores.mean(axis=1, keepdims=True) - means + scores.mean()
+    df = (people - 1) * (times - 1)
+    within = float((residual**2).sum()) / df
+    between = people - 1
+    rows = times * float(((scores.mean(axis=1) - scores.mean()) ** 2).sum()) / between
+    assert model.means == pytest.approx(tuple(means))
+    assert model.sd_within == pytest.approx(np.sqrt(within), rel=1e-4)
+    assert model.sd_between == pytest.approx(np.sqrt((rows - within) / times), rel=1e-3)
+    half = stats.t.ppf(0.975, df) * np.sqrt(2 * within / people)
+    for change, mean in zip(model.changes, means[1:] - means[0], strict=True):
+        assert change.value == pytest.approx(mean)
+        assert change.df == pytest.approx(df, rel=1e-3)
+        assert (change.high - change.low) / 2 == pytest.approx(half, rel=1e-3)
+        t = abs(mean) / np.sqrt(2 * within / people)
+        assert change.p == pytest.approx(2 * stats.t.sf(t, df), rel=1e-2)
+
+
+def test_a_score_that_is_missing_takes_nobody_out() -> None:
+    scores = simulate_cohort(seed=5)
+    scores[2, 1] = scores[7, 2] = np.nan
+    model = fit_mixed_model(scores)
+    assert (model.participants, model.scores) == (10, 28)
+    assert 14 < model.changes[0].df < 18
+    alone = np.vstack([scores, [50.0, np.nan, np.nan]])
+    assert fit_mixed_model(alone).participants == 11
+
+
+@pytest.mark.parametrize(
+    ("scores", "message"),
+    [
+        ([1.0, 2.0], r"expected \(N, T\) with T >= 2"),
+        ([[1.0], [2.0]], "with T >= 2"),
+        ([[1.0, 2.0]], "two participants with two scores"),
+        ([[1.0, np.inf], [1.0, 2.0]], "finite numbers or NaN"),
+        ([[1.0, np.nan], [1.0, np.nan]], "somebody at each occasion"),
+        ([[1.0, 2.0], [2.0, 3.0]], "scores that vary"),
+        ([[0.0, 0.0], [0.0, 0.0]], "scores that vary"),
+    ],
+)
+def test_scores_that_say_nothing(scores: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        fit_mixed_model(scores)
+
+
+def coverage(cohorts: int, **options: float) -> list[float]:
+    """Shares of studies whose intervals hold the true changes."""
+    hits = np.zeros(len(EFFECTS))
+    for seed in range(cohorts):
+        model = fit_mixed_model(simulate_cohort(EFFECTS, seed=seed, **options))  # type: ignore[arg-type]
+        hits += [c.low <= true <= c.high for c, true in zip(model.changes, EFFECTS, strict=True)]
+    return [float(share) for share in hits / cohorts]
+
+
+def check_coverage(shares: list[float], cohorts: int) -> None:
+    """Within 93 to 97 %, but for what so many studies leave to chance (four standard errors)."""
+    slack = 4.0 * np.sqrt(0.95 * 0.05 / cohorts)
+    for share in shares:
+        assert 0.95 - max(slack, 0.02) <= share <= 0.95 + max(slack, 0.02)
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.15])
+def test_intervals_hold_the_truth(missing: float) -> None:
+    check_coverage(coverage(400, missing=missing), 400)
+
+
+def test_paired_intervals_hold_the_truth_where_participants_respond_differently() -> None:
+    hits = np.zeros(len(EFFECTS))
+    for seed in range(1000):
+        scores = simulate_cohort(EFFECTS, sd_response=8.0, seed=seed)
+        for which, true in enumerate(EFFECTS):
+            found = _paired(scores[:, 0], scores[:, which + 1])
+            assert found is not None
+            hits[which] += found.low <= true <= found.high
+    check_coverage((hits / 1000).tolist(), 1000)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("missing", [0.0, 0.15])
+def test_intervals_hold_the_truth_in_93_to_97_percent(missing: float) -> None:
+    shares = coverage(5000, missing=missing)
+    assert all(0.93 <= share <= 0.97 for share in shares), shares
+
+
+def test_shares_have_exact_intervals() -> None:
+    for number, of in ((0, 10), (3, 10), (10, 10)):
+        share = _share(number, of)
+        interval = stats.binomtest(number, of).proportion_ci(method="exact")
+        assert (share.low, share.high) == pytest.approx((interval.low, interval.high))
+
+
+def ranks(pri: int) -> list[int]:
+    """Some answers with this sum."""
+    found = []
+    for most in MCGILL_GROUPS:
+        found.append(min(most, pri))
+        pri -= found[-1]
+    assert pri == 0
+    return found
+
+
+def test_a_study_from_its_diary(tmp_path: Path) -> None:
+    scores = {
+        "P01": (40, 30, 18),
+        "P02": (30, 28, 20),
+        "P03": (50, 52, 45),
+        "P04": (20, None, None),
+    }
+    played = {"P01": 14, "P02": 10, "P03": 2, "P04": 0}
+    with Diary(tmp_path / "d", create=True) as diary:
+        for name, found in scores.items():
+            diary.enrol(name, at=START)
+            for occasion, pri in zip(("baseline", "week-1", "week-4"), found, strict=True):
+                if pri is not None:
+                    diary.add_mcgill(name, ranks(pri), 2, occasion=occasion, at=START)  # type: ignore[arg-type]
+            for number in range(played[name]):
+                at = START + timedelta(days=number // 2, hours=5 * (number % 2))
+                session = diary.start_session(name, at=at)
+                for title in ("pedal", "piano", "bubbles-legs"):
+                    diary.add_game(session, DiaryGame(at, title, 1, 0, "time", 60, 0, 5, 0, 2))
+        found = analyse(diary, today=date(2026, 3, 8))
+    assert found.identifiers == tuple(scores)
+    assert found.scores[0].tolist() == [40, 30, 18]
+    assert np.isnan(found.scores[3, 1:]).all()
+    assert found.model is not None
+    assert found.model.scores == 10
+    # 40 -> 18 is 55 %, 30 -> 20 is 33 %, 50 -> 45 is 10 %.
+    assert (found.responders_30.number, found.responders_30.of) == (2, 3)
+    assert (found.responders_50.number, found.responders_50.of) == (1, 3)
+    assert found.paired[1] is not None
+    assert found.paired[1].value == pytest.approx((-22 - 10 - 5) / 3)
+    t = stats.ttest_rel([18, 20, 45], [40, 30, 50]).confidence_interval()
+    assert (found.paired[1].low, found.paired[1].high) == pytest.approx((t.low, t.high))
+    assert [found.adherence[name].share for name in scores] == [1.0, 10 / 14, 2 / 14, 0.0]
+    line = stats.linregress([1.0, 10 / 14, 2 / 14], [-22.0, -10.0, -5.0])
+    assert found.adherence_slope is not None
+    assert found.adherence_slope.value == pytest.approx(line.slope)
+    assert found.adherence_slope.p == pytest.approx(line.pvalue)
+
+
+def test_a_study_that_has_just_begun(tmp_path: Path) -> None:
+    with Diary(tmp_path / "d", create=True) as diary:
+        with pytest.raises(InputError, match="expected participants, got none"):
+            analyse(diary)
+        diary.enrol("P01")
+        found = analyse(diary)
+    assert (found.model, found.paired, found.adherence_slope) == (None, (None, None), None)
+    assert (found.responders_30.of, found.responders_30.low, found.responders_30.high) == (0, 0, 1)

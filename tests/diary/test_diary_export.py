@@ -1,0 +1,147 @@
+"""Copies for other programs: tables that a spreadsheet reads, and bundles that are FHIR."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Iterator
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from manip3d import InputError
+
+pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+pytest.importorskip("cryptography", reason="the extra 'diary' is not installed")
+
+from manip3d.diary import Diary, DiaryGame, export_csv, export_fhir, fhir_bundle, write_page
+
+START = datetime(2026, 3, 2, 9, 0, tzinfo=timezone(timedelta(hours=1)))
+
+
+@pytest.fixture
+def diary(tmp_path: Path) -> Iterator[Diary]:
+    with Diary(tmp_path / "study.diary", create=True) as found:
+        for name in ("P01", "P02"):
+            found.enrol(name, limb="right_leg", at=START)
+            session = found.start_session(name, at=START)
+            found.add_rating(name, 5, session=session, at=START)
+            for number, title in enumerate(("pedal", "piano")):
+                found.add_game(
+                    session,
+                    DiaryGame(
+                        START + timedelta(minutes=number + 1), title, 1, number, "time", 60.0, 1.25,
+                        12, 3, 6, ((2.0, 14.5),) if number else (),
+                    ),
+                )  # fmt: skip
+            found.add_rating(name, 7, session=session, at=START + timedelta(minutes=4))
+            found.add_event(name, "sickness", at=START)
+            found.add_event(name, "other", '=HYPERLINK(1)\nfell, "slowly"', at=START)
+            found.add_mcgill(name, [1] * 20, 3, occasion="week-1", at=START)
+        found.start_session("P01", at=START + timedelta(hours=8))  # goes on
+        yield found
+
+
+def rows(folder: Path, name: str) -> list[dict[str, str]]:
+    with (folder / f"{name}.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_tables_hold_everything(diary: Diary, tmp_path: Path) -> None:
+    folder = tmp_path / "tables"
+    export_csv(diary, folder)
+    assert [row["participant"] for row in rows(folder, "participants")] == ["P01", "P02"]
+    sessions = rows(folder, "sessions")
+    assert [(row["games"], row["pain_before"], row["pain_after"]) for row in sessions] == [
+        ("2", "5", "7"), ("0", "", ""), ("2", "5", "7"),
+    ]  # fmt: skip
+    games = rows(folder, "games")
+    assert [row["game"] for row in games] == ["pedal", "piano"] * 2
+    assert (games[1]["score"], games[1]["by_phantom"], games[1]["seconds"]) == ("12", "6", "60.0")
+    assert rows(folder, "anomalies")[0] == {
+        "participant": "P01", "session": "1", "game": "2", "start_s": "2.0", "end_s": "14.5",
+    }  # fmt: skip
+    assert [row["pain"] for row in rows(folder, "ratings")] == ["5", "7", "5", "7"]
+    (first, _) = rows(folder, "questionnaires")
+    assert (first["pri"], first["nwc"], first["ppi"], first["rank_20"]) == ("20", "20", "3", "1")
+    told = {row["kind"]: row["text"] for row in rows(folder, "events")}
+    assert told["other"] == '\'=HYPERLINK(1)\nfell, "slowly"'  # no formula
+    assert "rose from 5 to 7" in told["pain"]
+    assert [a for _, a, _ in diary.audit()].count("export") == 2
+
+
+def test_some_participants_and_existing_folders(diary: Diary, tmp_path: Path) -> None:
+    folder = tmp_path / "tables"
+    export_csv(diary, folder, participants=["P02"])
+    assert {row["participant"] for row in rows(folder, "games")} == {"P02"}
+    with pytest.raises(InputError, match="exists"):
+        export_csv(diary, folder)
+    export_csv(diary, folder, overwrite=True)
+    assert {row["participant"] for row in rows(folder, "games")} == {"P01", "P02"}
+    (folder / "thesis.txt").write_text("years of work")
+    with pytest.raises(InputError, match=r"holds other files: thesis.txt"):
+        export_csv(diary, folder, overwrite=True)
+    assert (folder / "thesis.txt").exists()
+    with pytest.raises(InputError, match="'P7' is not enrolled"):
+        export_csv(diary, tmp_path / "more", participants=["P7"])
+    assert not (tmp_path / "more").exists()
+
+
+def test_the_page_says_what_the_diary_says_and_runs_nothing(diary: Diary, tmp_path: Path) -> None:
+    diary.add_event("P01", "other", "<script>alert(1)</script>", at=START)
+    write_page(diary, tmp_path / "P01.html", "P01", today=START.date())
+    text = (tmp_path / "P01.html").read_text()
+    assert "0 of 2 sessions with all 3 games (0%) up to day 1, 1 more in part" in text
+    assert "pedal 12, piano 12" in text
+    assert "piano 2 to 14 s" in text
+    assert "The pain rose from 5 to 7." in text
+    assert "not a medical device" in text
+    assert text.count("<circle") == 2
+    assert 'stroke="#a02b1d"' in text
+    assert "<script" not in text
+    assert "http" not in text
+    with pytest.raises(InputError, match="exists"):
+        write_page(diary, tmp_path / "P01.html", "P01")
+
+
+def test_the_bundle_is_fhir(diary: Diary, tmp_path: Path) -> None:
+    """R4B differs from R4 in none of these three resources."""
+    bundles = pytest.importorskip("fhir.resources.R4B.bundle")
+    export_fhir(diary, tmp_path / "P01.json", "P01")
+    content = json.loads((tmp_path / "P01.json").read_text())
+    bundle = bundles.Bundle.model_validate(content)
+    assert len(bundle.entry) == len(content["entry"])
+    broken = json.loads(json.dumps(content))
+    broken["entry"][1]["resource"]["status"] = None
+    broken["entry"][1]["resource"]["code"] = {"txt": "pain"}
+    with pytest.raises(ValueError, match="code"):
+        bundles.Bundle.model_validate(broken)
+
+
+def test_the_bundle_says_what_the_diary_says(diary: Diary) -> None:
+    bundle = fhir_bundle(diary, "P01")
+    resources: list[dict[str, Any]] = [entry["resource"] for entry in bundle["entry"]]
+    kinds = [resource["resourceType"] for resource in resources]
+    assert (kinds[0], kinds.count("Patient"), kinds.count("AdverseEvent")) == ("Patient", 1, 3)
+    urls = [entry["fullUrl"] for entry in bundle["entry"]]
+    assert len(set(urls)) == len(urls)
+    assert {r["subject"]["reference"] for r in resources[1:]} == {urls[0]}
+    pain = [r for r in resources if "coding" in r.get("code", {})]
+    assert {r["code"]["coding"][0]["code"] for r in pain} == {"72514-3"}
+    assert [r["valueInteger"] for r in pain] == [5, 7]
+    assert pain[0]["effectiveDateTime"] == "2026-03-02T09:00:00+01:00"
+    (mcgill,) = [r for r in resources if r.get("code", {}).get("text", "").startswith("McGill")]
+    assert {c["code"]["text"]: c["valueInteger"] for c in mcgill["component"]}[
+        "Pain rating index (0 to 78)"
+    ] == 20
+    session = next(r for r in resources if "effectivePeriod" in r)
+    assert "end" not in session["effectivePeriod"]
+    members = [urls.index(member["reference"]) for member in session["hasMember"]]
+    texts = [resources[member]["code"]["text"] for member in members]
+    assert texts == ["Exercise game pedal", "Exercise game piano"]
+    ranges = [c["valueRange"] for c in resources[members[1]]["component"] if "valueRange" in c]
+    assert [(r["low"]["value"], r["high"]["value"]) for r in ranges] == [(2.0, 14.5)]
+    with pytest.raises(InputError, match="'P7' is not enrolled"):
+        fhir_bundle(diary, "P7")

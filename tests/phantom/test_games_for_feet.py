@@ -1,0 +1,301 @@
+"""Pedal and Piano by feet that go where the test says; and times without a point."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import capsule_body
+from manip3d import InputError, Skeleton
+from manip3d.phantom._anomalies import ANOMALY_S, Anomaly, AnomalyWatch
+from manip3d.phantom.games import (
+    GAMES,
+    GameState,
+    PianoField,
+    ankle_angle,
+    begin,
+    can_reach,
+    keys_of,
+    step,
+)
+from manip3d.rgbd import JOINTS
+
+PLAYER = capsule_body.painted(0).skeletons[0]
+RATE = 32
+
+
+def no_touch(
+    start: NDArray[np.float32], end: NDArray[np.float32], radius: NDArray[np.float32]
+) -> NDArray[np.int8]:
+    return np.full(len(start), -1, np.int8)
+
+
+def started(name: str, **options: int) -> GameState:
+    state = begin(name, PLAYER, **options)
+    assert state is not None
+    return state
+
+
+def player(
+    *,
+    left: float = 0.0,
+    right: float = 0.0,
+    moved: dict[str, tuple[float, float, float]] | None = None,
+) -> Skeleton:
+    """Feet turned by degrees at the ankles, toes up; then joints moved by metres."""
+    positions = PLAYER.positions.copy()
+    for side, degrees in (("Left", left), ("Right", right)):
+        ankle, foot = JOINTS.index(f"Ankle{side}"), JOINTS.index(f"Foot{side}")
+        way = positions[foot] - positions[ankle]
+        c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        # About the x axis; y is down and the toes point to -z.
+        way = np.array([way[0], c * way[1] + s * way[2], -s * way[1] + c * way[2]], np.float32)
+        positions[foot] = positions[ankle] + way
+    for name, by in (moved or {}).items():
+        positions[JOINTS.index(name)] += np.float32(by)
+    return Skeleton(positions, states=PLAYER.states)
+
+
+def pedalled(state: GameState, degrees: list[tuple[float, float]]) -> tuple[GameState, list[str]]:
+    events = []
+    for left, right in degrees:
+        state = step(state, 1 / RATE, no_touch, player(left=left, right=right))
+        events += [f"{event.kind} {event.side}" for event in state.events]
+    return state, events
+
+
+# --- Pedal ----------------------------------------------------------------------------------------
+
+
+def test_the_angle_at_the_ankle_is_smaller_with_toes_up() -> None:
+    flat = ankle_angle(player(), "left")
+    up = ankle_angle(player(left=20), "left")
+    assert flat is not None
+    assert up is not None
+    assert flat - up == pytest.approx(20.0, abs=1.0)
+
+
+def test_toes_up_and_down_is_one_stroke_and_lifts_that_ball() -> None:
+    state, events = pedalled(started("pedal"), [(0, 0), (0, 8), (0, 16)])
+    assert events == []
+    half = state.targets[1].place[1]
+    state, events = pedalled(state, [(0, 8), (0, 0)])
+    assert events == ["stroke right"]
+    left, right = state.targets
+    field = state.field
+    assert left.place == field.lefts[0]
+    way = field.rights[0][1] - right.place[1]
+    assert field.rights[0][1] - half == pytest.approx(way / 2)
+    assert way == pytest.approx(1.6 / 8 * 0.402, rel=0.02)  # the shank's length
+    assert (state.score, state.by_bone) == (1, {JOINTS.index("FootRight"): 1})
+
+
+def test_shaking_counts_nothing() -> None:
+    random = np.random.default_rng(0)
+    shaking = [tuple(random.uniform(-5, 5, 2)) for _ in range(60 * RATE)]
+    state, events = pedalled(started("pedal"), shaking)
+    assert (events, state.score) == ([], 0)
+
+
+def test_moving_the_whole_leg_counts_nothing() -> None:
+    state = started("pedal")
+    for number in range(10 * RATE):
+        lift = -0.2 * abs(math.sin(number / 5))
+        by = {f"{joint}Left": (0.0, lift, 0.5 * lift) for joint in ("Knee", "Ankle", "Foot")}
+        state = step(state, 1 / RATE, no_touch, player(moved=by))
+    assert state.score == 0
+
+
+def test_both_balls_at_their_disks_end_the_game() -> None:
+    state, events = pedalled(started("pedal"), [(20, 0), (0, 0)] * 9)
+    assert events == ["stroke left"] * 7 + ["stroke left", "arrived left"]
+    assert (state.phase, state.score) == ("playing", 8)
+    state, events = pedalled(state, [(0, 20), (0, 0)] * 9)
+    assert events == ["stroke right"] * 7 + ["stroke right", "arrived right"]
+    assert (state.phase, state.ending, state.score, state.misses) == ("over", "done", 16, 0)
+    assert state.targets[0].place[1] == pytest.approx(state.field.lefts[0][1] - state.field.rise)  # type: ignore[union-attr]
+    assert step(state, 1.0, no_touch, player()) == replace(state, events=())
+
+
+@pytest.mark.parametrize(
+    ("difficulty", "strokes", "degrees"), [(1, 8, 13), (2, 12, 16), (3, 16, 19)]
+)
+def test_a_harder_pedal_wants_more_and_larger_strokes(
+    difficulty: int, strokes: int, degrees: float
+) -> None:
+    moves = [(degrees, degrees), (0, 0)] * 20
+    state, _ = pedalled(started("pedal", difficulty=difficulty), moves)
+    assert (state.ending, state.score) == ("done", 2 * strokes)
+    smaller = [(degrees - 2, degrees - 2), (0, 0)] * 20
+    state, _ = pedalled(started("pedal", difficulty=difficulty), smaller)
+    assert state.score == 0
+
+
+def test_pedalling_ends_with_the_time() -> None:
+    state = replace(started("pedal"), clock=119.9)
+    state, _ = pedalled(state, [(0, 0)] * 10)
+    assert (state.phase, state.ending) == ("over", "time")
+
+
+# --- Piano ----------------------------------------------------------------------------------------
+
+
+def stomp(state: GameState, place: tuple[float, float, float]) -> GameState:
+    """Lifts the foot of that side, brings it over a place and down."""
+    assert isinstance(state.field, PianoField)
+    side = "Left" if place in state.field.lefts else "Right"
+    foot = PLAYER.positions[JOINTS.index(f"Foot{side}")]
+    aside = float(place[0] - foot[0]), 0.0, float(place[2] - foot[2])
+    floor = state.field.floor - float(foot[1])
+    for height in (0.0, 0.15, 0.15, 0.02):
+        by = (aside[0], floor - height, aside[2]) if height != 0.0 else (0.0, 0.0, 0.0)
+        state = step(state, 1 / RATE, no_touch, player(moved={f"Foot{side}": by}))
+        if state.events:
+            return state
+    return state
+
+
+def test_keys_lie_from_left_to_right_and_one_is_up() -> None:
+    state = step(started("piano", difficulty=3), 0.0, no_touch, player())
+    assert isinstance(state.field, PianoField)
+    keys = keys_of(state.field)
+    assert len(keys) == 6
+    xs = [place[0] for _, place in keys]
+    assert xs == sorted(xs) or xs == sorted(xs, reverse=True)
+    assert [side for side, _ in keys] == ["left"] * 3 + ["right"] * 3
+    (key,) = state.targets
+    assert key.place == keys[key.key][1]
+
+
+def test_stomping_on_the_key_plays_its_note() -> None:
+    state = step(started("piano"), 0.0, no_touch, player())
+    key = state.targets[0]
+    state = stomp(state, key.place)
+    (event,) = state.events
+    assert (event.kind, event.key, event.side) == ("note", key.key, key.side)
+    assert event.bone == JOINTS.index(f"Foot{key.side.title()}")
+    assert (state.score, state.misses, state.targets) == (1, 0, ())
+
+
+def test_a_foot_that_rests_on_the_key_plays_nothing() -> None:
+    state = step(started("piano"), 0.0, no_touch, player())
+    for _ in range(5 * RATE):
+        state = step(state, 1 / RATE, no_touch, player())
+    assert state.score == 0
+
+
+def test_stomping_beside_the_key_plays_nothing_and_wants_a_new_lift() -> None:
+    state = step(started("piano", difficulty=3), 0.0, no_touch, player())
+    key = state.targets[0]
+    x = key.place[0]
+    sign = 1.0 if key.place in state.field.lefts else -1.0
+    foot = f"Foot{key.side.title()}"
+    start = PLAYER.positions[JOINTS.index(foot)]
+    off = float(x - start[0]) + 0.2 * sign
+    for by in ((off, -0.2, 0.0), (off, 0.0, 0.0), (off - 0.2 * sign, 0.0, 0.0)):
+        state = step(state, 1 / RATE, no_touch, player(moved={foot: by}))
+    assert state.score == 0
+
+
+def test_a_missed_key_leaves_the_score_and_never_ends_the_game() -> None:
+    state = step(started("piano", difficulty=3), 0.0, no_touch, player())
+    missed = 0
+    for _ in range(59 * RATE):
+        state = step(state, 1 / RATE, no_touch, player())
+        missed += sum(event.kind == "missed" for event in state.events)
+    assert state.phase == "playing"
+    assert missed == state.misses > 15
+    assert state.score == 0
+    state = step(state, 2.0, no_touch, player())
+    assert (state.phase, state.ending) == ("over", "time")
+
+
+def test_the_floor_may_be_known_from_before() -> None:
+    lifted = player(moved={"FootLeft": (0, -0.2, 0), "FootRight": (0, -0.2, 0)})
+    floor = float(PLAYER.positions[JOINTS.index("FootLeft")][1])
+    state = begin("piano", lifted, floor=floor)
+    assert state is not None
+    assert isinstance(state.field, PianoField)
+    assert state.field.floor == floor
+    with pytest.raises(InputError, match="floor: expected a finite number"):
+        begin("piano", lifted, floor=math.nan)
+
+
+@pytest.mark.parametrize("name", ["pedal", "piano"])
+def test_untracked_feet_are_waited_for(name: str) -> None:
+    states = PLAYER.states.copy()
+    states[JOINTS.index("FootLeft")] = 0
+    unseen = Skeleton(PLAYER.positions, states=states)
+    assert begin(name, unseen) is None
+    state = started(name)
+    for _ in range(RATE):
+        state = step(state, 1 / RATE, no_touch, unseen)
+    assert state.score == 0
+    assert begin(name, Skeleton(np.zeros((25, 3), np.float32))) is None
+
+
+@pytest.mark.parametrize("name", ["pedal", "piano"])
+def test_the_same_feet_and_seed_are_the_same_game(name: str) -> None:
+    def play(seed: int) -> list[GameState]:
+        random = np.random.default_rng(1)
+        state, seen = started(name, seed=seed), []
+        for _ in range(20 * RATE):
+            a, b = random.uniform(0, 25, 2)
+            lift = float(random.uniform(-0.3, 0.0))
+            moved = {"FootLeft": (0.0, lift, 0.0), "FootRight": (0.0, lift, 0.0)}
+            state = step(state, 1 / RATE, no_touch, player(left=a, right=b, moved=moved))
+            seen.append(state)
+        return seen
+
+    assert play(3) == play(3)
+    if name == "piano":
+        assert play(3) != play(4)
+
+
+# --- times without a point ------------------------------------------------------------------------
+
+
+def watched(states: list[GameState]) -> list[Anomaly]:
+    watch = AnomalyWatch()
+    for state in states:
+        watch.update(state)
+    watch.finish()
+    return watch.found
+
+
+def test_ten_seconds_without_a_point_are_an_anomaly() -> None:
+    state, states = step(started("pedal"), 0.0, no_touch, player()), []
+    for number in range(30 * RATE):
+        scores = number in (2 * RATE, 14 * RATE)  # the second stroke 12 s after the first one
+        for degrees in (20.0, 0.0) if scores else (0.0,):
+            state = step(state, (0.5 if scores else 1) / RATE, no_touch, player(left=degrees))
+            states.append(state)
+    assert can_reach(state)
+    assert state.score == 2
+    (first, second) = watched(states)
+    assert (first.start, first.end) == pytest.approx((2.03, 14.03), abs=0.1)
+    assert (second.start, second.end) == pytest.approx((14.03, 30.0), abs=0.1)
+
+
+def test_nothing_in_reach_is_nobodys_fault() -> None:
+    piano = started("piano")
+    piano = replace(piano, wait=30.0)
+    states = []
+    for _ in range(20 * RATE):
+        piano = step(piano, 1 / RATE, no_touch, player())
+        states.append(piano)
+    assert not can_reach(piano)
+    assert watched(states) == []
+
+
+def test_just_under_the_limit_is_none() -> None:
+    state, states = started("pedal"), []
+    for _ in range(round((ANOMALY_S - 0.1) * RATE)):
+        state = step(state, 1 / RATE, no_touch, player())
+        states.append(state)
+    assert watched(states) == []
+    assert GAMES["pedal"].seconds > ANOMALY_S
