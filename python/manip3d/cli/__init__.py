@@ -39,6 +39,7 @@ _VERBS = {
     "watermark": "Embed keyed watermarks into LiDAR scans and verify them.",
     "alert": "Watch the LiDAR of a drive: watermark, cameras, forensics, risk.",
     "phantom": "Render a missing limb by mirroring the intact one.",
+    "study": "Studies with people: rating of forgeries, JND, displays.",
     "capture": "RGB-D cameras and recordings: list, record, play, export, info.",
 }
 """Each verb, in the order of the help text, and what that says about it."""
