@@ -213,7 +213,7 @@ class JndStudy(Study):
         step = own.whole("step_percent", 1, 25, 5)
         rules = Rules(
             step=step,
-            lowest=own.whole("lowest_percent", step, 95, step),
+            lowest=own.whole("lowest_percent", 1, 95, step),
             highest=own.whole("highest_percent", 5, 99, 95),
             start=own.whole("start_percent", 1, 99, 50),
             reversals=own.whole("reversals", 2, 100, 12),

@@ -23,9 +23,10 @@ TARGET = math.sqrt(0.5)
 
 GUESS = 0.5  # of two, one is right
 
-# The prior: flat in the logarithm of the threshold; slopes of 1 to 9 within two standard
-# deviations; lapses up to 6 %, as Wichmann and Hill [2001] allow.
-_THRESHOLDS = np.geomspace(1.0, 400.0, 200)
+# The prior: flat in the threshold from 0 to 100 %, which is all that can be shown; slopes of 1 to 9
+# within two standard deviations; lapses up to 6 %, as Wichmann and Hill [2001] allow.
+_STEP = 0.5
+_THRESHOLDS = np.arange(0.5 * _STEP, 100.0, _STEP)
 _SLOPES = np.geomspace(0.5, 12.0, 36)
 _SLOPE_MIDDLE, _SLOPE_SPREAD = 3.0, math.log(3.0) / 2.0
 _LAPSES = np.array([0.0, 0.015, 0.03, 0.06])
@@ -135,8 +136,8 @@ def estimate_threshold(trials: Sequence[tuple[int, bool]]) -> Estimate:
     Notes
     -----
     A Weibull function with unknown threshold, slope and lapse rate; the posterior on a grid, summed
-    over slope and lapse. The prior is flat in the logarithm of the threshold, from 1 to 400 %: a
-    threshold above 100 % means that no simplification is seen. That the levels were chosen by the
+    over slope and lapse. The prior is flat in the threshold, from 0 to 100 %: who sees no
+    simplification at all has an interval that ends there. That the levels were chosen by the
     answers has no effect on a posterior. Experiment ``jnd-simulated`` counts how often the interval
     holds the truth.
 
@@ -163,10 +164,8 @@ def estimate_threshold(trials: Sequence[tuple[int, bool]]) -> Estimate:
     weights *= _LAPSE_WEIGHTS[:, None, None] * slope_prior[:, None]
     # Each point of the grid stands for the cell around it.
     heaped = np.concatenate([[0.0], np.cumsum(weights.sum(axis=(0, 1)))])
-    logs = np.log(_THRESHOLDS)
-    half = 0.5 * (logs[1] - logs[0])
-    edges = np.concatenate([logs - half, [logs[-1] + half]])
-    low, middle, high = np.exp(np.interp([0.025, 0.5, 0.975], heaped / heaped[-1], edges))
+    edges = np.arange(len(heaped)) * _STEP
+    low, middle, high = np.interp([0.025, 0.5, 0.975], heaped / heaped[-1], edges)
     return Estimate(float(middle), float(low), float(high))
 
 

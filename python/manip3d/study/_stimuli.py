@@ -304,11 +304,11 @@ def _scan_surface(is_forged: bool, seed: int) -> Image:
     if is_forged:
         made = models.MODELS[_OBJECTS[int(random.integers(len(_OBJECTS)))]]().vertices
         vertices = np.stack([made[:, 2], made[:, 0], made[:, 1]], axis=1)  # from y up to z up
-        scale = float(random.uniform(0.5, 0.9)) / float(np.ptp(vertices, axis=0).max())
-        floor = points[points[:, 2] < np.quantile(points[:, 2], 0.02) + 0.03]
+        scale = float(random.uniform(0.35, 0.7)) / float(np.ptp(vertices, axis=0).max())
+        stands = _level_places(grid)
         most = 0
         for _ in range(_PLACES):  # that where most of the object is seen
-            place = floor[int(random.integers(len(floor)))].astype(np.float64)
+            place = stands[int(random.integers(len(stands)))].copy()
             place[2] += scale * float(vertices[:, 2].mean() - vertices[:, 2].min())
             forged = forge.crtp(points, vertices, position=place, scale=scale)
             found, there, owner = _grid(forged.points[:, :3].astype(np.float64))
@@ -328,10 +328,20 @@ def _scan_surface(is_forged: bool, seed: int) -> Image:
     )
 
 
+def _level_places(grid: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points of level surfaces, floors and tables, in the middle of the view."""
+    step = np.abs(np.diff(grid, axis=0))
+    level = (step[..., 2] < 0.02) & (step[..., :2].max(axis=-1) > 0.02)  # rows go farther, not up
+    inside = np.zeros_like(level)
+    height, width = level.shape
+    inside[height // 6 : height // 2, width // 5 : -width // 5] = True
+    return grid[:-1][level & inside]
+
+
 def _grid(
     points: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.int64]]:
-    """The nearest point of each cell of the scanner's angular grid, rows upwards, and its number."""
+    """The nearest point of each cell of the angular grid, rows upwards, and its number."""
     (left, right), (low, high) = _SCAN_VIEW
     azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
     elevation = np.degrees(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))

@@ -226,7 +226,8 @@ function question(field) {
     label.append(input);
   } else {
     const input = make("input", { name: field.name, type: "range" });
-    Object.assign(input, { min: field.low, max: field.high, step: 0.5, value: 324 });
+    const most = Math.min(field.high, stage.clientWidth); // a card must be seen whole
+    Object.assign(input, { min: field.low, max: most, step: 0.5, value: 324 });
     const card = make("div", { className: "card" }, "card");
     const draw = () => {
       card.style.width = `${input.value}px`;
