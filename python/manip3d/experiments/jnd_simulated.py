@@ -117,10 +117,10 @@ EXPERIMENT = Experiment(
     ),
     notes=(
         "One-up-two-down in steps of 5 % of the polygons from 50 %, between 5 and 95 %, until 12 "
-        "reversals or 80 comparisons. Thresholds and lapse rates are drawn evenly, slopes log-normally, "
-        "as the estimate expects them, or as the row says. The "
-        "estimate's prior is flat in the threshold from 0 to 100 %: with few comparisons the slope "
-        "is hardly known, so that shallow observers are covered too seldom, steep ones too often.",
+        "reversals or 80 comparisons. Thresholds and lapse rates are drawn evenly, slopes "
+        "log-normally with the spread that the estimate's prior has, or as the row says; the prior "
+        "is flat in the threshold from 0 to 100 %. With so few comparisons the slope is hardly "
+        "known: shallow observers are covered too seldom, steep ones too often.",
         "Published: the plan of two studies (section 2.6), without participants.",
     ),
 )

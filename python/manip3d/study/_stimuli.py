@@ -335,7 +335,8 @@ def _level_places(grid: NDArray[np.float64]) -> NDArray[np.float64]:
     inside = np.zeros_like(level)
     height, width = level.shape
     inside[height // 6 : height // 2, width // 5 : -width // 5] = True
-    return grid[:-1][level & inside]
+    found: NDArray[np.float64] = grid[:-1][level & inside]
+    return found
 
 
 def _grid(
