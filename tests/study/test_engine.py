@@ -276,9 +276,11 @@ def test_long_texts_are_refused_and_long_reasons_are_kept(conductor: Conductor) 
 
 def test_a_folder_is_for_one_process_and_one_definition(definition: Path, tmp_path: Path) -> None:
     _, content = read_study(definition)
-    with StudyFolder(tmp_path / "a", content):
-        with pytest.raises(InputError, match="another process is using this study"):
-            StudyFolder(tmp_path / "a", content)
+    first = StudyFolder(tmp_path / "a", content)
+    with pytest.raises(InputError, match="another process is using this study"):
+        StudyFolder(tmp_path / "a", content)
+    first.close()
+    first.close()
     changed = copy.deepcopy(content)
     changed["title"] = "Another"
     with pytest.raises(InputError, match="holds answers to another definition"):

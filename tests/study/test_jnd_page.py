@@ -25,6 +25,7 @@ from manip3d.study import (
 from manip3d.viewer import _chromium
 
 
+@pytest.mark.slow
 def test_from_consent_to_csv(tmp_path: Path) -> None:
     require_chromium()
     pytest.importorskip("scipy")
@@ -35,7 +36,7 @@ def test_from_consent_to_csv(tmp_path: Path) -> None:
     with StudyFolder(tmp_path / "answers", content) as folder:
         with (
             served(study, folder) as server,
-            _chromium.open_address(server.url, (1280, 900)) as tab,
+            _chromium.open_address(server.url, (960, 700)) as tab,
         ):
             person = Participant(tab)
             person.begin("P1")

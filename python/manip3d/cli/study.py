@@ -253,7 +253,7 @@ def study_results(
 ) -> None:
     """Write answers as CSV with a REDCap data dictionary, and a summary beside what is published.
 
-    Example: manip3d study results answers -o results
+    Example: manip3d study results answers -o tables
     """
     from manip3d.study import StudyFolder, study_of, write_results
 

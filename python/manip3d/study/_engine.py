@@ -351,7 +351,28 @@ class StudyReport:
 
 
 def state_of(study: Study, session: Session) -> str:
-    """Return ``finished``, ``declined`` or ``unfinished``."""
+    """Return how far a participant is.
+
+    Parameters
+    ----------
+    study : Study
+    session : Session
+
+    Returns
+    -------
+    str
+        ``finished``, ``declined`` or ``unfinished``.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from manip3d import study
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     file = study.write_template("display", Path(place) / "study.toml", example=True)
+    ...     study.state_of(study.read_study(file)[0], study.Session("P1", 0))
+    'unfinished'
+    """
     agreed = session.answer("consent")
     if agreed is not None and agreed.values["agree"] != "yes":
         return "declined"
@@ -442,6 +463,18 @@ def simulate_participants(
         ``count`` is out of range.
     OSError
         An answer could not be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from manip3d import study
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     file = study.write_template("display", Path(place) / "study.toml", example=True)
+    ...     asked, definition = study.read_study(file)
+    ...     with study.StudyFolder(Path(place) / "answers", definition) as folder:
+    ...         study.simulate_participants(asked, folder, 2)
+    ['sim-000', 'sim-001']
     """
     if not 1 <= count <= 10_000:
         raise InputError(f"count: expected 1 to 10000, got {count}")

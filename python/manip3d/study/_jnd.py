@@ -414,8 +414,24 @@ def file_of(model: str, method: str = "", difference: int = 0) -> str:
 
 
 def reversal_mean(stairs: Staircase) -> float | None:
-    """Return the mean of the levels of the last reversals, an even number of them, without the
-    first two; None where there are fewer than four."""
+    """Return the mean of the levels of the last reversals.
+
+    Parameters
+    ----------
+    stairs : Staircase
+
+    Returns
+    -------
+    float or None
+        Without the first two reversals, and over an even number of them; None for fewer than four.
+
+    Examples
+    --------
+    >>> stairs = Staircase(50)
+    >>> stairs.reversals = [45, 50, 45, 60]
+    >>> reversal_mean(stairs)
+    52.5
+    """
     levels = (stairs.reversals or [])[2:]
     levels = levels[len(levels) % 2 :]
     return float(np.mean(levels)) if len(levels) >= 2 else None

@@ -103,7 +103,6 @@ function take(message) {
 /** @param {...Node} nodes */
 function replace(...nodes) {
   turntable?.stop();
-  turntable = null;
   generation += 1;
   stage.replaceChildren(...nodes);
   scrollTo(0, 0);
@@ -297,8 +296,8 @@ function show(step, sides, form) {
   if (sides) row.before(make("p", { id: "task" }, sides.label));
   const meshes = step.stimuli.filter(({ type }) => type === "mesh");
   if (meshes.length) {
-    turntable = new Turntable(row, panes);
-    return turntable.load(meshes.map(({ address }) => address), step.turn_s);
+    turntable ??= new Turntable();
+    return turntable.show(row, panes, meshes.map(({ address }) => address), step.turn_s);
   }
   return Promise.all(step.stimuli.map((stimulus, place) => picture(stimulus, panes[place])));
 }

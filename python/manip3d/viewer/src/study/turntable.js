@@ -14,23 +14,25 @@ function radians(degrees) {
   return (degrees * Math.PI) / 180;
 }
 
+/** One for the whole study: a graphics context takes long to make. */
 export class Turntable {
-  /** @param {HTMLElement} row  holds the panes @param {HTMLElement[]} panes */
-  constructor(row, panes) {
-    this.panes = panes;
+  constructor() {
     this.canvas = document.createElement("canvas");
-    row.prepend(this.canvas);
     this.angle = 0; // radians
-    this.stopped = false;
     /** @type {Stage | null} */
     this.stage = null;
+    this.shown = 0; // counts what is shown
+    addEventListener("resize", () => this.canvas.isConnected && this.stage?.resize());
   }
 
   /**
+   * @param {HTMLElement} row  holds the panes @param {HTMLElement[]} panes
    * @param {string[]} addresses  of GLB files @param {number} seconds  for one turn
    * @returns {Promise<void>} resolved when they have turned round
    */
-  async load(addresses, seconds) {
+  async show(row, panes, addresses, seconds) {
+    const shown = ++this.shown;
+    this.angle = 0;
     const models = await Promise.all(
       addresses.map(async (address) => {
         const answer = await fetch(address);
@@ -38,13 +40,48 @@ export class Turntable {
         return Model.load(await answer.arrayBuffer(), NO_LINES);
       }),
     );
-    if (this.stopped) return;
+    if (shown !== this.shown) return;
     const looks = { texture: true, flat: false, wireframe: false, boundary: false };
     for (const model of models) {
       model.show({ ...looks, backfaces: true, axes: false, lines: false, size: 1 });
     }
-    const view = { azimuth: 30, elevation: 15, up: /** @type {const} */ ("y") };
-    this.stage = new Stage(this.canvas, this.panes, models, view, []);
+    row.prepend(this.canvas);
+    this.#place(panes, models);
+    const began = performance.now();
+    await new Promise((done) => {
+      const turn = () => {
+        if (shown !== this.shown) return;
+        const share = seconds > 0 ? Math.min(1, (performance.now() - began) / (1000 * seconds)) : 1;
+        this.angle = 2 * Math.PI * share;
+        for (const model of models) model.root.rotation.y = this.angle;
+        this.stage?.draw();
+        if (share < 1) requestAnimationFrame(turn);
+        else done(undefined);
+      };
+      turn();
+    });
+  }
+
+  /** Nothing is shown any more. */
+  stop() {
+    this.shown += 1;
+  }
+
+  /** @param {HTMLElement[]} panes @param {Model[]} models */
+  #place(panes, models) {
+    if (this.stage) {
+      for (const model of this.stage.models) {
+        this.stage.scene.remove(model.root);
+        release(model.root);
+      }
+      this.stage.scene.add(...models.map((model) => model.root));
+      this.stage.models = models;
+      this.stage.panes = panes;
+      this.stage.resize();
+      return;
+    }
+    const view = { azimuth: 0, elevation: 0, up: /** @type {const} */ ("y") };
+    this.stage = new Stage(this.canvas, panes, models, view, []);
     this.stage.setBackground(PAPER);
     this.stage.controls.enabled = false; // everybody sees the same
     this.stage.held = true; // the camera stays where any side of a model fits into its pane
@@ -57,25 +94,17 @@ export class Turntable {
       near: far / 100,
       far: 4 * far,
     });
-    const began = performance.now();
-    await new Promise((done) => {
-      const turn = () => {
-        if (this.stopped) return;
-        const share = seconds > 0 ? Math.min(1, (performance.now() - began) / (1000 * seconds)) : 1;
-        this.angle = 2 * Math.PI * share;
-        for (const model of models) model.root.rotation.y = this.angle;
-        this.stage?.draw();
-        if (share < 1) requestAnimationFrame(turn);
-        else done(undefined);
-      };
-      turn();
-    });
   }
+}
 
-  /** Frees what the graphics card holds. */
-  stop() {
-    this.stopped = true;
-    this.stage?.renderer.dispose();
-    this.stage?.renderer.forceContextLoss();
-  }
+/** Frees what the graphics card holds of a model. @param {import("three").Object3D} root */
+function release(root) {
+  root.traverse((node) => {
+    const { geometry, material, userData } = /** @type {any} */ (node);
+    geometry?.dispose();
+    for (const each of [material, ...(userData.materials ?? [])]) {
+      each?.map?.dispose();
+      each?.dispose?.();
+    }
+  });
 }
