@@ -193,7 +193,7 @@ def test_both_planned_studies_are_there(
     study, _ = read_study(write_template(name, tmp_path / "study.toml", example=True))
     assert isinstance(study, JndStudy)
     assert study.methods == methods
-    kinds = [kind for _, _, kind in study.models]
+    kinds = [model.kind for model in study.models]
     assert kinds == ["manifold"] * 2 + ["boundaries"] * 2 + ["non-manifold"] * 2
     assert study.rules.step == 5
     assert pickle.loads(pickle.dumps(study)) == study

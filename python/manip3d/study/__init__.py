@@ -23,6 +23,7 @@ from manip3d.study._engine import (
 )
 from manip3d.study._jnd import (
     JndLevel,
+    JndModel,
     JndStudy,
     Rules,
     Staircase,
@@ -58,6 +59,7 @@ __all__ = [
     "Interval",
     "Item",
     "JndLevel",
+    "JndModel",
     "JndStudy",
     "MadeStimuli",
     "RatingStudy",

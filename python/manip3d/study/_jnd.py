@@ -26,7 +26,12 @@ from manip3d.study._steps import Field, Step, Value
 from manip3d.study._store import Session
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from manip3d._util.options import Rng
+    from manip3d.mesh import Mesh
+
+    Floats = NDArray[np.float64]
 
 METHODS = ("qem_orig", "qem_bp", "qem_tp", "qem_btp", "qem4vr")
 """Simplification methods by their names in `manip3d.simplify`."""
@@ -166,14 +171,34 @@ def simulate_staircase(
 
 
 @dataclass(frozen=True)
+class JndModel:
+    """A mesh of a JND study.
+
+    Attributes
+    ----------
+    name : str
+    file : str
+        Beside the definition, or ``data:`` and the name of a public mesh.
+    kind : str
+        Of `CLASSES`.
+    up : {"y", "z"}
+        The mesh's axis that points upwards: it turns about that.
+    """
+
+    name: str
+    file: str
+    kind: str
+    up: str = "y"
+
+
+@dataclass(frozen=True)
 class JndStudy(Study):
     """A study of just noticeable differences.
 
     Attributes
     ----------
     common : Common
-    models : sequence of (str, str, str)
-        Name, mesh file, one of `CLASSES`.
+    models : sequence of JndModel
     methods : sequence of str
         Of `METHODS`.
     rules : Rules
@@ -185,7 +210,7 @@ class JndStudy(Study):
     """
 
     common: Common
-    models: tuple[tuple[str, str, str], ...]
+    models: tuple[JndModel, ...]
     methods: tuple[str, ...]
     rules: Rules
     size_deg: float
@@ -201,10 +226,15 @@ class JndStudy(Study):
         models = []
         for section in own.sections("models", most=30):
             models.append(
-                (section.name("name"), section.text("file"), section.word("class", CLASSES))
+                JndModel(
+                    section.name("name"),
+                    section.text("file"),
+                    section.word("class", CLASSES),
+                    section.word("up", ("y", "z"), "y"),
+                )
             )
             section.finish()
-        names = [name for name, _, _ in models]
+        names = [model.name for model in models]
         if len(set(names)) != len(names):
             own.fail("models", "names that differ")
         methods = own.texts("methods", most=len(METHODS))
@@ -242,7 +272,7 @@ class JndStudy(Study):
     @property
     def conditions(self) -> list[tuple[str, str]]:
         """Model and method of each staircase."""
-        return [(model, method) for model, _, _ in self.models for method in self.methods]
+        return [(model.name, method) for model in self.models for method in self.methods]
 
     @property
     def levels(self) -> list[int]:
@@ -312,7 +342,7 @@ class JndStudy(Study):
     def files(self) -> Mapping[str, Path]:
         if self.stimuli is None:
             return {}
-        names = [file_of(model) for model, _, _ in self.models]
+        names = [file_of(model.name) for model in self.models]
         names += [
             file_of(*condition, level) for condition in self.conditions for level in self.levels
         ]
@@ -612,21 +642,24 @@ def make_jnd_stimuli(
     total = len(study.conditions) * len(study.levels)
     study.stimuli.parent.mkdir(parents=True, exist_ok=True)
     with atomic_folder(study.stimuli) as folder:
-        for model, file, _ in study.models:
-            name = file.removeprefix("data:")
-            mesh = load_mesh(name) if name != file else read_mesh(study.base / file)
+        for model in study.models:
+            name = model.file.removeprefix("data:")
+            is_public = name != model.file
+            mesh = load_mesh(name) if is_public else read_mesh(study.base / model.file)
+            if model.up == "z":
+                mesh = _turned_up(mesh)
             placement = Placement.of(mesh)
-            (folder / file_of(model)).write_bytes(placed_glb(mesh, placement))
+            (folder / file_of(model.name)).write_bytes(placed_glb(mesh, placement))
             for method in study.methods:
                 for level in study.levels:
                     target = max(1, round(mesh.num_faces * (100 - level) / 100))
                     result = getattr(simplify, method)(mesh, target_faces=target)
                     light = result.mesh
-                    out = file_of(model, method, level)
+                    out = file_of(model.name, method, level)
                     (folder / out).write_bytes(placed_glb(light, placement))
                     reached = 100.0 * (1.0 - light.num_faces / max(mesh.num_faces, 1))
                     found.append(
-                        JndLevel(out, model, method, level, light.num_faces, round(reached, 3))
+                        JndLevel(out, model.name, method, level, light.num_faces, round(reached, 3))
                     )
                     if progress is not None:
                         progress(len(found) / total, out)
@@ -637,9 +670,20 @@ def make_jnd_stimuli(
     return found
 
 
+def _turned_up(mesh: Mesh) -> Mesh:
+    """A mesh with z up as one with y up."""
+
+    def turned(vectors: Floats) -> Floats:
+        return np.stack([vectors[:, 0], vectors[:, 2], -vectors[:, 1]], axis=1)
+
+    normals = None if mesh.normals is None else turned(mesh.normals)
+    return mesh.replace(vertices=turned(mesh.vertices), normals=normals)
+
+
 __all__ = [
     "Estimate",
     "JndLevel",
+    "JndModel",
     "JndStudy",
     "Rules",
     "SimulatedObserver",
