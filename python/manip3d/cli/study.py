@@ -306,7 +306,7 @@ def study_power(
     """
     from manip3d.study import paired_power, required_participants
 
-    with naming_options("effect", "power", "alpha", "comparisons"):
+    with naming_options("power", "alpha", "comparisons"):
         needed = required_participants(effect, power=power, alpha=alpha, comparisons=comparisons)
     rows = [
         (count, paired_power(count, effect, alpha=alpha, comparisons=comparisons))

@@ -262,7 +262,8 @@ h1{font-size:1.4rem}h2{font-size:1.1rem;margin:1.6rem 0 .4rem}
 .wide{overflow-x:auto}table{border-collapse:collapse;font-size:.86rem}
 th,td{padding:.25rem .6rem;border-bottom:1px solid #d5dae2;text-align:right;white-space:nowrap}
 th:first-child,td:first-child,td.words{text-align:left}td.words{white-space:normal;min-width:9rem}
-svg{display:block}rect{fill:#1c62b9}text{font:9px sans-serif;fill:#566274}.quiet{color:#566274}
+svg{display:block}.shares th,.shares td{text-align:left}
+rect{fill:#1c62b9}text{font:9px sans-serif;fill:#566274}.quiet{color:#566274}
 """
 
 
@@ -339,7 +340,8 @@ def _histograms(rows: Sequence[Mapping[str, Any]]) -> str:
                 )
             title = html.escape(f"{part} ({group})")
             found.append(
-                f'<h2>{title}</h2><div class="wide"><table><tr><th>Question</th>{head}</tr>'
+                f'<h2>{title}</h2><div class="wide"><table class="shares">'
+                f"<tr><th>Question</th>{head}</tr>"
                 f"{''.join(lines)}</table></div>"
             )
     return "".join(found)
