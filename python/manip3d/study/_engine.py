@@ -425,9 +425,9 @@ def run_study(
         raise InputError(f"{missing[0]}: expected a stimulus, found none ({len(missing)} missing)")
     conductor = Conductor(study, folder, participant)
     with LocalServer(study_pages(study), conductor.hear, port=port) as server:
-        if on_start is not None:
-            on_start(server.url)
         with contextlib.suppress(KeyboardInterrupt):  # how it ends
+            if on_start is not None:
+                on_start(server.url)
             threading.Event().wait(seconds)
     return StudyReport(
         {code: state_of(study, session) for code, session in folder.sessions.items()},
