@@ -452,3 +452,20 @@ def test_free_texts_are_bounded_and_plain() -> None:
         read_message('{"type": "note", "text": 7}', types)
     with pytest.raises(FormatError, match="at most 9 characters"):
         read_message('{"type": "note", "text": ""}', types, max_length=9)
+
+
+def test_a_page_may_load_what_its_server_has_and_nothing_else() -> None:
+    def policy(*types: str) -> str:
+        pages = PAGES | {f"/{n}": Page(kind, b"") for n, kind in enumerate(types)}
+        with LocalServer(pages, acknowledge) as server:
+            _, head, _ = get(server, "/", {"Cookie": cookie(server)})
+        (line,) = (line for line in head.splitlines() if line.startswith("Content-Security"))
+        return line
+
+    plain = policy()
+    assert "default-src 'none'; script-src 'self'; style-src 'self'; img-src blob:; conn" in plain
+    assert "connect-src ws://" in plain
+    rich = policy("image/png", "video/webm", "model/gltf-binary")
+    assert "img-src 'self' blob:; media-src 'self'; connect-src 'self' blob: ws://" in rich
+    for wide in ("*", "unsafe", "data:", "https:"):
+        assert wide not in plain + rich

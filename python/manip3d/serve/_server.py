@@ -462,10 +462,14 @@ class LocalServer:
 
     def _headers(self) -> dict[str, str]:
         stream = self.origin.replace("http", "ws", 1) + "/stream"
+        kinds = {page.type.partition("/")[0] for page in self._pages.values()}
+        images = "'self' blob:" if "image" in kinds else "blob:"
+        videos = "media-src 'self'; " if "video" in kinds else ""
+        files = "'self' blob: " if "model" in kinds else ""
         return {
             "Content-Security-Policy": (
-                "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
-                f"media-src 'self'; connect-src 'self' blob: {stream}; base-uri 'none'; "
+                f"default-src 'none'; script-src 'self'; style-src 'self'; img-src {images}; "
+                f"{videos}connect-src {files}{stream}; base-uri 'none'; "
                 "form-action 'none'; frame-ancestors 'none'"
             ),
             "Cache-Control": "no-store",
