@@ -424,11 +424,12 @@ def run_study(
     if missing:
         raise InputError(f"{missing[0]}: expected a stimulus, found none ({len(missing)} missing)")
     conductor = Conductor(study, folder, participant)
-    with LocalServer(study_pages(study), conductor.hear, port=port) as server:
-        with contextlib.suppress(KeyboardInterrupt):  # how it ends
-            if on_start is not None:
-                on_start(server.url)
-            threading.Event().wait(seconds)
+    # Ctrl-C is how it ends.
+    server = LocalServer(study_pages(study), conductor.hear, port=port)
+    with server, contextlib.suppress(KeyboardInterrupt):
+        if on_start is not None:
+            on_start(server.url)
+        threading.Event().wait(seconds)
     return StudyReport(
         {code: state_of(study, session) for code, session in folder.sessions.items()},
         sum(len(session.answers) for session in folder.sessions.values()),
