@@ -285,6 +285,7 @@ def test_a_folder_is_for_one_process_and_one_definition(definition: Path, tmp_pa
     changed["title"] = "Another"
     with pytest.raises(InputError, match="holds answers to another definition"):
         StudyFolder(tmp_path / "a", changed)
+    assert (tmp_path / "a").stat().st_mode & 0o777 == 0o700
     with StudyFolder(tmp_path / "a") as folder:
         assert folder.definition == content
     with pytest.raises(InputError, match="found no study"):

@@ -120,7 +120,9 @@ class StudyFolder:
         self._lock: int | None = None
         if definition is None and not (self.path / _DEFINITION).is_file():
             raise InputError(f"{self.path}: expected a folder of a study, found no {_DEFINITION}")
-        (self.path / _PARTICIPANTS).mkdir(parents=True, exist_ok=True)
+        if not self.path.exists():
+            self.path.mkdir(mode=0o700, parents=True)  # answers of people are nobody else's
+        (self.path / _PARTICIPANTS).mkdir(exist_ok=True)
         lock = os.open(self.path / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
