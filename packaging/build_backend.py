@@ -43,7 +43,8 @@ def build_sdist(sdist_directory: str, config_settings: Settings | None = None) -
 
 
 def _is_lacking() -> bool:
-    built = all((VIEWER / "dist" / name).exists() for name in ("viewer.js", "live.js", "live.css"))
+    names = ("viewer.js", "live.js", "live.css", "study.js", "study.css")
+    built = all((VIEWER / "dist" / name).exists() for name in names)
     return (VIEWER / "package.json").exists() and not built
 
 

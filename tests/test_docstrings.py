@@ -10,13 +10,16 @@ from typing import Any
 
 import pytest
 
-ROOMS = ("diary", "forge", "io", "metrics", "simplify", "simulate")
+ROOMS = ("diary", "forge", "io", "metrics", "simplify", "simulate", "study")
 
 WITHOUT_ERRORS = {
     "io.describe_unit",
     "io.guess_depth_unit",
     "io.is_url",
     "simulate.street",
+    "study.px_per_degree",
+    "study.reversal_mean",
+    "study.state_of",
 }
 """Functions that raise nothing of their own."""
 
@@ -36,6 +39,9 @@ WITHOUT_EXAMPLE = {
     "simulate.stereo_pair",
     "simulate.terrestrial_scan",
     "simulate.write_drive",
+    "study.make_jnd_stimuli",
+    "study.make_rating_stimuli",
+    "study.run_study",
 }
 """Functions whose smallest input is too large for a docstring."""
 

@@ -156,7 +156,7 @@ def test_npm_comes_from_pypi_where_there_is_none(clone: Path) -> None:
 def test_a_bundle_that_is_there_is_kept(clone: Path) -> None:
     dist = clone / "python" / "manip3d" / "viewer" / "dist"
     dist.mkdir()
-    for name in ("viewer.js", "live.js", "live.css"):
+    for name in ("viewer.js", "live.js", "live.css", "study.js", "study.css"):
         (dist / name).write_text("kept")
     done = built(clone, "exit 1")
     assert done.returncode == 0, done.stderr

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -146,6 +147,8 @@ def check(line: str, place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     writes_nothing = (["capture", "info"], ["watermark", "keygen"], ["phantom", "live"])
     takes_force = takes_force and words[:2] not in writes_nothing
     takes_force = takes_force and (words[0] != "diary" or words[1] == "export")
+    if words[0] == "study":
+        takes_force = words[1] in ("define", "stimuli", "results")
     done = CliRunner().invoke(app, [*words, *(["--force"] if takes_force else [])])
     expected = next((code for name, code in EXIT_CODES.items() if name in line), 0)
     assert done.exit_code == expected, (line, done.output, done.exception)
@@ -162,6 +165,8 @@ def make_sources(words: list[str], place: Path) -> None:
         make_diary(place)
     if words[0] in ("watermark", "alert") or sources.startswith("inspect drive"):
         make_watermark(words, place)
+    if words[0] == "study":
+        make_study(words, place)
     if sources == "inspect forged" and not (place / "forged").exists():
         line = 'forge stream "sim:body?motion=still&frames=12" --type 1 --still -q -o'
         forged = str(place / "forged")
@@ -186,6 +191,37 @@ def make_diary(place: Path) -> None:
         session = diary.start_session("P01")
         diary.add_rating("P01", 5, session=session)
         diary.add_mcgill("P01", [1] * 20, 2, occasion="baseline")
+
+
+def make_study(words: list[str], place: Path) -> None:
+    """A small definition of the kind that a line needs, its stimuli, and answers."""
+    from manip3d.study import StudyFolder, read_study, simulate_participants, write_template
+
+    shutil.rmtree(place / "answers", ignore_errors=True)
+    name = {"rating": "rating", "jnd": "jnd-non-textured", "stimuli": "jnd-non-textured"}
+    file = write_template(name.get(words[1], "display"), place / "study.toml", example=True)
+    text = file.read_text()
+    if words[1] == "rating":
+        (place / "stimuli").mkdir(exist_ok=True)
+        Image.new("RGB", (8, 8)).save(place / "stimuli" / "a.png")
+        columns = "file,truth,modality,form,resolution,background,example"
+        row = "a.png,real,color,image,full,,0"
+        (place / "stimuli" / "stimuli.csv").write_text(f"{columns}\n{row}\n")
+        file.write_text(text.replace('composition = "published"', 'composition = "any"'))
+    elif words[1] in ("jnd", "stimuli"):
+        head, _, rest = text.partition("models = [")
+        model = '{ name = "head", file = "head.obj", class = "manifold" }'
+        text = f"{head}models = [{model}]" + rest.partition("\n]")[2]
+        text = text.replace("step_percent = 5", "step_percent = 15")
+        file.write_text(text)
+        if words[1] == "jnd":
+            line = f"study stimuli {file} --force -q"
+            assert CliRunner().invoke(app, line.split()).exit_code == 0
+    elif words[1] in ("results", "withdraw"):
+        study, content = read_study(file)
+        with StudyFolder(place / "answers", content) as folder:
+            simulate_participants(study, folder, 6)
+            folder.begin("P07")
 
 
 def make_watermark(words: list[str], place: Path) -> None:

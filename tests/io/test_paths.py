@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ from manip3d import (
     report,
     simplify,
     simulate,
+    study,
     viewer,
 )
 
@@ -38,6 +40,15 @@ scan = LidarFrame(np.random.default_rng(0).random((50, 3), np.float32))
 MISSING = Path("missing")
 
 OPTIONS = simplify.DepthOptions(points=10, intrinsics="kinect-v2")
+
+
+def write_results(path: str) -> object:
+    """The results of a study without answers."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = study.write_template("display", Path(folder) / "study.toml", example=True)
+        asked, definition = study.read_study(file)
+        with study.StudyFolder(Path(folder) / "answers", definition) as answers:
+            return study.write_results(asked, answers, path)
 
 
 # By "function parameter"; the callable gets the path.
@@ -114,6 +125,11 @@ ENTRIES: dict[str, Callable[[str], object]] = {
         authenticate.Watermarked(scan, b"", 0, 1), "a.bin", unchanged=p
     ),
     "forge.read_stream_truth path": forge.read_stream_truth,
+    "study.make_rating_stimuli output": study.make_rating_stimuli,
+    "study.make_stimuli definition": study.make_stimuli,
+    "study.read_study path": study.read_study,
+    "study.write_results output": write_results,
+    "study.write_template path": lambda p: study.write_template("display", p + ".toml"),
     "experiments.run folder": lambda p: experiments.run([], folder=Path(p)),
 }
 
@@ -121,7 +137,7 @@ ENTRIES: dict[str, Callable[[str], object]] = {
 def public_path_parameters() -> Iterator[str]:
     """All public functions with a parameter that is a path."""
     rooms = ("io", "capture", "simplify", "modify", "forge", "authenticate", "metrics", "datasets")
-    for room in (*rooms, "simulate", "experiments", "report", "viewer"):
+    for room in (*rooms, "simulate", "study", "experiments", "report", "viewer"):
         module = importlib.import_module(f"manip3d.{room}")
         for name in module.__all__:
             function = inspect.unwrap(getattr(module, name), stop=lambda f: inspect.isclass(f))
@@ -160,6 +176,7 @@ def test_methods_refuse_a_nul(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         lambda: forged.write("a.bin\0.bin"),
         lambda: lattice.load(NUL),
         lambda: authenticate.KeyFile(NUL),
+        lambda: study.StudyFolder(NUL, {}),
         lambda: authenticate.KeyFile.create(NUL),
         lambda: io.texture_path(mesh.replace(source="a.obj"), Texture("a.png\0.png")),
         lambda: _core.write_mesh(mesh, b"a.off\0.off", b"", 0, [], []),

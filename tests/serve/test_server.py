@@ -9,6 +9,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 from raw_client import RawStream, connect, cookie, get, read_all
@@ -404,3 +405,67 @@ def test_messages_are_read() -> None:
 def test_other_messages_are_refused(text: str, reason: str) -> None:
     with pytest.raises(FormatError, match=reason):
         read_message(text, TYPES)
+
+
+def test_texts_for_one_client_come_in_order_and_before_frames() -> None:
+    def echo(client: StreamClient, text: str) -> None:
+        for number in range(3):
+            client.say(f"{text} {number}")
+
+    with LocalServer(PAGES, echo) as server, RawStream(server) as one, RawStream(server) as other:
+        one.send(b"here")
+        assert [one.receive() for _ in range(3)] == [(1, b"here %d" % n) for n in range(3)]
+        server.publish(b"frame", sequence=1, captured_ns=time.time_ns())
+        assert other.receive() == (2, b"frame")  # and no text before it
+
+
+def test_a_page_may_be_a_file_that_is_written_later(tmp_path: Path) -> None:
+    file = tmp_path / "clip.webm"
+    pages = PAGES | {"/clip": Page("video/webm", file)}
+    with LocalServer(pages, acknowledge) as server:
+        visitor = {"Cookie": cookie(server)}
+        assert get(server, "/clip", visitor)[0] == 404
+        file.write_bytes(b"0123456789")
+        status, head, body = get(server, "/clip", visitor)
+        assert (status, body) == (200, b"0123456789")
+        assert "Content-Type: video/webm" in head
+        assert "Content-Security-Policy" in head
+        status, _, body = get(server, "/clip", visitor | {"Range": "bytes=2-4"})
+        assert (status, body) == (206, b"234")
+        assert get(server, "/clip")[0] == 403  # without a session
+        file.unlink()
+        file.mkdir()
+        assert get(server, "/clip", visitor)[0] == 404
+
+
+def test_free_texts_are_bounded_and_plain() -> None:
+    types = {"note": {"text": Kind(str, length=5)}}
+
+    def read(text: str) -> object:
+        return read_message(json.dumps({"type": "note", "text": text}), types)[1]["text"]
+
+    assert read("a\nö😀") == "a\nö😀"
+    for wrong in ("sixsix", "a\x00", "\x1b[1m", "\ud800"):
+        with pytest.raises(FormatError, match="text: expected"):
+            read(wrong)
+    with pytest.raises(FormatError, match="expected a text, got int"):
+        read_message('{"type": "note", "text": 7}', types)
+    with pytest.raises(FormatError, match="at most 9 characters"):
+        read_message('{"type": "note", "text": ""}', types, max_length=9)
+
+
+def test_a_page_may_load_what_its_server_has_and_nothing_else() -> None:
+    def policy(*types: str) -> str:
+        pages = PAGES | {f"/{n}": Page(kind, b"") for n, kind in enumerate(types)}
+        with LocalServer(pages, acknowledge) as server:
+            _, head, _ = get(server, "/", {"Cookie": cookie(server)})
+        (line,) = (line for line in head.splitlines() if line.startswith("Content-Security"))
+        return line
+
+    plain = policy()
+    assert "default-src 'none'; script-src 'self'; style-src 'self'; img-src blob:; conn" in plain
+    assert "connect-src ws://" in plain
+    rich = policy("image/png", "video/webm", "model/gltf-binary")
+    assert "img-src 'self' blob:; media-src 'self'; connect-src 'self' blob: ws://" in rich
+    for wide in ("*", "unsafe", "data:", "https:"):
+        assert wide not in plain + rich

@@ -58,6 +58,7 @@ _BUILT_IN = (
     "figure_5_7",
     "figure_5_8",
     "timing_5",
+    "jnd_simulated",
     "table_6_1",
     "table_6_2",
     "figure_6_3",

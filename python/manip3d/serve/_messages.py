@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
@@ -26,12 +27,16 @@ class Kind:
         Bounds of a number.
     choices : sequence of str
         What a text may be.
+    length : int
+        Characters of a free text, if it has no choices; control characters other than line feeds
+        and lone surrogates are refused.
     """
 
     type: type
     low: float = 0.0
     high: float = 0.0
     choices: Sequence[str] = ()
+    length: int = 0
 
     def read(self, name: str, value: Any) -> int | float | str:
         """Return the value of a field.
@@ -44,6 +49,8 @@ class Kind:
         if self.type is str:
             if isinstance(value, str) and value in self.choices:
                 return value
+            if self.length and not self.choices:
+                return self._free_text(name, value)
             raise FormatError(f"{name}: expected one of {', '.join(self.choices)}")
         accepted = (int,) if self.type is int else (int, float)
         if isinstance(value, bool) or not isinstance(value, accepted):
@@ -54,9 +61,20 @@ class Kind:
         number: int | float = self.type(value)
         return number
 
+    def _free_text(self, name: str, value: Any) -> str:
+        if not isinstance(value, str):
+            raise FormatError(f"{name}: expected a text, got {type(value).__name__}")
+        if len(value) > self.length:
+            raise FormatError(
+                f"{name}: expected at most {self.length} characters, got {len(value)}"
+            )
+        if any(unicodedata.category(sign) in ("Cc", "Cs") and sign != "\n" for sign in value):
+            raise FormatError(f"{name}: expected a text without control characters")
+        return value
+
 
 def read_message(
-    text: str, types: Mapping[str, Mapping[str, Kind]]
+    text: str, types: Mapping[str, Mapping[str, Kind]], *, max_length: int = MAX_LENGTH
 ) -> tuple[str, dict[str, int | float | str]]:
     """Read one message: a flat JSON object with a ``type`` and exactly the fields of that type.
 
@@ -66,6 +84,8 @@ def read_message(
         As it came.
     types : mapping of str to mapping of str to Kind
         The fields of each type of message.
+    max_length : int
+        Characters of a message.
 
     Returns
     -------
@@ -83,8 +103,8 @@ def read_message(
     >>> read_message('{"type": "ack", "sequence": 7}', {"ack": {"sequence": Kind(int, 0, 9)}})
     ('ack', {'sequence': 7})
     """
-    if len(text) > MAX_LENGTH:
-        raise FormatError(f"message: expected at most {MAX_LENGTH} characters, got {len(text)}")
+    if len(text) > max_length:
+        raise FormatError(f"message: expected at most {max_length} characters, got {len(text)}")
     try:
         found = json.loads(text, object_pairs_hook=_unique, parse_constant=_no_constant)
     except FormatError:

@@ -14,6 +14,7 @@ import weakref
 from collections import Counter, deque
 from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -71,10 +72,13 @@ class Limits:
 
 @dataclass(frozen=True)
 class Page:
-    """Something to be fetched: its media type and its bytes."""
+    """Something to be fetched: its media type and its bytes, or the file that holds them.
+
+    A file is read when somebody asks for it; it may be written while the server runs.
+    """
 
     type: str
-    content: bytes = field(repr=False)
+    content: bytes | Path = field(repr=False)
 
 
 class _Bucket:
@@ -120,6 +124,7 @@ class StreamClient:
         self.acknowledged = 0
         self._window = frames_in_flight
         self._next: _Frame | None = None
+        self._said: deque[str] = deque()
         self._flying: dict[int, int] = {}  # by sequence number: when the frame was captured
         self._changed = asyncio.Event()
         self._latencies: deque[float] = deque(maxlen=_HISTORY)
@@ -149,6 +154,22 @@ class StreamClient:
             self._latencies.append(decoded_ms - captured_ns / 1e6)
         self._changed.set()
 
+    def say(self, text: str) -> None:
+        """Send a text to this client: in order, before frames, never dropped.
+
+        Parameters
+        ----------
+        text : str
+            Sent as one text message.
+
+        Notes
+        -----
+        To be called in the server's thread, as ``on_message`` is. A client that takes no bytes is
+        disconnected, and texts that wait for it are lost.
+        """
+        self._said.append(text)
+        self._changed.set()
+
     def report(self) -> dict[str, Any]:
         """Frames, and percentiles 50 and 95 of latencies in milliseconds.
 
@@ -168,10 +189,13 @@ class StreamClient:
         self._next = frame
         self._changed.set()
 
-    async def _take(self) -> _Frame:
-        while self._next is None or len(self._flying) >= self._window:
+    async def _take(self) -> _Frame | str:
+        while not self._said and (self._next is None or len(self._flying) >= self._window):
             self._changed.clear()
             await self._changed.wait()
+        if self._said:
+            return self._said.popleft()
+        assert self._next is not None
         frame, self._next = self._next, None
         self._flying[frame.sequence] = frame.captured_ns
         self.sent += 1
@@ -438,11 +462,15 @@ class LocalServer:
 
     def _headers(self) -> dict[str, str]:
         stream = self.origin.replace("http", "ws", 1) + "/stream"
+        kinds = {page.type.partition("/")[0] for page in self._pages.values()}
+        images = "'self' blob:" if "image" in kinds else "blob:"
+        videos = "media-src 'self'; " if "video" in kinds else ""
+        files = "'self' blob: " if "model" in kinds else ""
         return {
             "Content-Security-Policy": (
-                "default-src 'none'; script-src 'self'; style-src 'self'; img-src blob:; "
-                f"connect-src {stream}; base-uri 'none'; form-action 'none'; "
-                "frame-ancestors 'none'"
+                f"default-src 'none'; script-src 'self'; style-src 'self'; img-src {images}; "
+                f"{videos}connect-src {files}{stream}; base-uri 'none'; "
+                "form-action 'none'; frame-ancestors 'none'"
             ),
             "Cache-Control": "no-store",
             "Cross-Origin-Opener-Policy": "same-origin",
@@ -482,7 +510,12 @@ class LocalServer:
             moved.set_cookie(self._cookie_name, self._cookie, httponly=True, samesite="Strict")
             return moved
         page = self._pages[request.path]
-        return web.Response(body=page.content, headers={"Content-Type": page.type})
+        headers = {"Content-Type": page.type}
+        if isinstance(page.content, bytes):
+            return web.Response(body=page.content, headers=headers)
+        if not page.content.is_file():
+            raise web.HTTPNotFound
+        return web.FileResponse(page.content, headers=headers)
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
         from aiohttp import web
@@ -518,9 +551,13 @@ class LocalServer:
         transport: asyncio.Transport | None,
     ) -> None:
         while True:
-            frame = await client._take()
+            taken = await client._take()
+            sending: Coroutine[Any, Any, None]
+            if isinstance(taken, str):
+                sending = stream.send_str(taken)
+            else:
+                sending = stream.send_bytes(taken.content)
             try:
-                sending: Coroutine[Any, Any, None] = stream.send_bytes(frame.content)
                 await asyncio.wait_for(sending, self.limits.send_seconds)
             except TimeoutError:
                 self._refuse("client takes no frames")

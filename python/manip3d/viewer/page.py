@@ -145,15 +145,20 @@ def _glb(mesh: Mesh) -> bytes:
         return path.read_bytes()
 
 
+def placed_glb(mesh: Mesh, placement: Placement) -> bytes:
+    """A mesh as the viewer shows it, at the place that ``placement`` gives it, as a GLB file."""
+    placed = _dressed(mesh).replace(vertices=placement(mesh.vertices))
+    return _glb(with_shading_normals(placed, "smooth"))
+
+
 def model_entry(thing: Shown, placement: Placement, label: str, detail: str) -> dict[str, Any]:
     """One mesh, or the points of one cloud, as the page's script reads it."""
     entry = {"label": label, "detail": detail}
     if isinstance(thing, DrawnPoints):
         return entry | {"points": _points_entry(thing, placement)}
     ends = placement(thing.vertices[boundary_edges(thing)].reshape(-1, 3))
-    placed = _dressed(thing).replace(vertices=placement(thing.vertices))
     return entry | {
-        "glb": _base64(_glb(with_shading_normals(placed, "smooth"))),
+        "glb": _base64(placed_glb(thing, placement)),
         "boundary": _floats(ends),
     }
 

@@ -16,7 +16,14 @@ if TYPE_CHECKING:
     from manip3d.rgbd import RgbdFrame
     from manip3d.viewer.scene import Image
 
-__all__ = ["depth_picture", "label_picture", "mesh_picture", "phantom_sheet", "textured_picture"]
+__all__ = [
+    "depth_picture",
+    "label_picture",
+    "mesh_picture",
+    "phantom_sheet",
+    "surface_picture",
+    "textured_picture",
+]
 
 _GREY = 200
 """Of points without a colour."""
@@ -125,32 +132,70 @@ def mesh_picture(
     MissingExtraError
         Open3D is not installed: ``pip install 'manip3d[simulate]'``.
     """
+    return surface_picture(
+        phantom.vertices,
+        phantom.faces,
+        phantom.texcoords,
+        color,
+        camera,
+        azimuth=azimuth,
+        threads=threads,
+    )
+
+
+def surface_picture(
+    vertices: NDArray[np.float32],
+    faces: NDArray[np.int32],
+    texcoords: NDArray[np.float32],
+    color: Image | None,
+    camera: Intrinsics,
+    *,
+    azimuth: float = 35.0,
+    threads: int = 0,
+) -> Image:
+    """A textured surface, turned about the vertical through its middle, on white.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float32, metres
+        In the frame of the depth camera.
+    faces : (m, 3) int32
+    texcoords : (n, 2) float32
+        Of each vertex.
+    color, camera, azimuth, threads
+        As of `mesh_picture`.
+
+    Raises
+    ------
+    MissingExtraError
+        Open3D is not installed: ``pip install 'manip3d[simulate]'``.
+    """
     from manip3d.simulate._raycast import CHUNK, RayCaster
 
     size = (camera.height, camera.width)
     picture = np.full((*size, 3), 255, np.uint8)
-    if not len(phantom.faces):
+    if not len(faces):
         return picture
-    vertices = phantom.vertices.astype(np.float64)
-    middle = np.median(vertices, axis=0)
+    placed = vertices.astype(np.float64)
+    middle = np.median(placed, axis=0)
     angle = np.deg2rad(azimuth)
     turn = np.array(
         [[np.cos(angle), 0, -np.sin(angle)], [0, 1, 0], [np.sin(angle), 0, np.cos(angle)]]
     )
-    caster = RayCaster((vertices - middle) @ turn.T + middle, phantom.faces)
+    caster = RayCaster((placed - middle) @ turn.T + middle, faces)
     rays = camera.unproject(np.ones(size, np.float32)).reshape(-1, 3)
     flat = picture.reshape(-1, 3)
     for start in range(0, len(rays), CHUNK):
         part = rays[start : start + CHUNK]
         hits = caster.cast(np.zeros(3, np.float32), part, threads=threads)
         hit = np.flatnonzero(np.isfinite(hits.distance))
-        corners = phantom.texcoords[phantom.faces[hits.face[hit].astype(np.int64)]]
-        texcoords = corners[:, 0] + hits.uv[hit, :1] * (corners[:, 1] - corners[:, 0])
-        texcoords += hits.uv[hit, 1:] * (corners[:, 2] - corners[:, 0])
+        corners = texcoords[faces[hits.face[hit].astype(np.int64)]]
+        at = corners[:, 0] + hits.uv[hit, :1] * (corners[:, 1] - corners[:, 0])
+        at += hits.uv[hit, 1:] * (corners[:, 2] - corners[:, 0])
         slant = np.abs((hits.normal[hit] * part[hit]).sum(axis=1))
         slant /= np.linalg.norm(part[hit], axis=1)
         shade = 0.6 + 0.4 * slant if color is None else np.ones(len(hit))
-        flat[start + hit] = _looked_up(texcoords, color) * shade[:, None]
+        flat[start + hit] = _looked_up(at, color) * shade[:, None]
     return picture
 
 

@@ -1,0 +1,322 @@
+"""``manip3d study``: studies with people, in a browser on this machine."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from manip3d.cli.options import Force, Json, Quiet, Seed
+from manip3d.cli.terminal import Terminal, counted, naming_options, refuse_existing, table
+from manip3d.errors import InputError
+
+app = typer.Typer(
+    name="study",
+    help="Studies with people: rating of forgeries, JND, displays.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+Definition = Annotated[
+    Path, typer.Argument(metavar="STUDY", help="A definition: 'manip3d study define' writes one.")
+]
+Answers = Annotated[
+    Path, typer.Argument(metavar="ANSWERS", help="Folder of answers of a study that was run.")
+]
+AnswersOut = Annotated[
+    Path, typer.Option("-o", "--output", help="Folder of answers; continued if it is there.")
+]
+Folder = Annotated[Path, typer.Option("-o", "--output", help="Folder to be made.")]
+Participant = Annotated[
+    str | None,
+    typer.Option(help="Code of the only participant; by default the page asks for a code."),
+]
+Port = Annotated[int, typer.Option(min=0, max=65535, help="Port on this machine; 0: a free one.")]
+Opened = Annotated[bool, typer.Option("--open/--no-open", help="Open the page in the browser.")]
+Seconds = Annotated[float | None, typer.Option(help="Stop after this time; without it at Ctrl-C.")]
+
+
+class Template(StrEnum):
+    """Definitions to begin with."""
+
+    rating = "rating"
+    jnd_non_textured = "jnd-non-textured"
+    jnd_textured = "jnd-textured"
+    display = "display"
+
+
+@app.command("define")
+def study_define(
+    template: Annotated[Template, typer.Argument(metavar="TEMPLATE", help="Kind of study.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Definition, .toml.")],
+    example: Annotated[
+        bool,
+        typer.Option("--example", help="Fill empty texts with placeholders, for a trial run."),
+    ] = False,
+    force: Force = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write a definition to fill in.
+
+    Question wording that the dissertation does not give, and the consent, are empty: a study with
+    an empty text does not start.
+
+    Example: manip3d study define display -o study.toml
+    """
+    from manip3d.study import write_template
+
+    refuse_existing(output, force=force)
+    with naming_options("output"):
+        write_template(template.value, output, example=example)
+    Terminal(quiet=quiet).say(f"wrote {output}")
+
+
+@app.command("stimuli")
+def study_stimuli(
+    definition: Definition,
+    frames: Annotated[int, typer.Option(min=2, help="Frames of a clip of a rating.")] = 24,
+    surfaces: Annotated[
+        int,
+        typer.Option(
+            min=0, help="Surfaces from LiDAR scans for a rating: so many real and forged."
+        ),
+    ] = 0,
+    seed: Seed = 0,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Make the stimuli that a definition names: forged streams, or simplified meshes.
+
+    They are written beside the definition, under the name that it gives.
+
+    Example: manip3d study stimuli study.toml
+    """
+    from manip3d.study import make_stimuli
+
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    with shell.progress("stimuli") as progress:
+        made = make_stimuli(
+            definition,
+            frames=frames,
+            surfaces=surfaces,
+            seed=seed,
+            overwrite=force,
+            progress=progress,
+        )
+    shell.say(f"wrote {counted(made.count, 'stimulus', 'stimuli')} to {made.folder}")
+    for problem in made.problems:
+        shell.say(problem)
+    shell.result(
+        {"folder": str(made.folder), "stimuli": made.count, "problems": list(made.problems)}
+    )
+
+
+def _run(
+    kind: str,
+    definition: Path,
+    output: Path,
+    participant: str | None,
+    port: int,
+    is_opened: bool,
+    seconds: float | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    from manip3d.study import StudyFolder, read_study, run_study
+
+    study, content = read_study(definition)
+    if study.common.kind != kind:
+        raise InputError(
+            f"{definition}: expected a definition of a {kind}, got {study.common.kind}"
+        )
+    shell = Terminal(as_json=as_json, quiet=quiet)
+
+    def on_start(url: str) -> None:
+        shell.say(f"open {url}")
+        if is_opened:
+            import webbrowser
+
+            webbrowser.open(url)
+
+    with StudyFolder(output, content) as folder, naming_options("seconds", "participant"):
+        report = run_study(
+            study,
+            folder,
+            participant=participant,
+            port=port,
+            seconds=seconds,
+            on_start=on_start,
+        )
+    states = list(report.participants.values())
+    shell.say(
+        f"{counted(len(states), 'participant')}, {states.count('finished')} to the end; "
+        f"{counted(report.answers, 'answer')} in {output}"
+    )
+    for reason, number in report.refused.items():
+        shell.say(f"refused {counted(number, 'time')}: {reason}")
+    shell.result(
+        {
+            "participants": dict(report.participants),
+            "answers": report.answers,
+            "refused": dict(report.refused),
+        }
+    )
+
+
+@app.command("rating")
+def study_rating(
+    definition: Definition,
+    output: AnswersOut,
+    participant: Participant = None,
+    port: Port = 0,
+    is_opened: Opened = True,
+    seconds: Seconds = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run a rating: real, manipulated or undecidable, and why. Ctrl-C ends it.
+
+    Example: manip3d study rating study.toml -o answers --no-open --seconds 2
+    """
+    _run("rating", definition, output, participant, port, is_opened, seconds, as_json, quiet)
+
+
+@app.command("jnd")
+def study_jnd(
+    definition: Definition,
+    output: AnswersOut,
+    participant: Participant = None,
+    port: Port = 0,
+    is_opened: Opened = True,
+    seconds: Seconds = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run staircases for the just noticeable difference of simplification. Ctrl-C ends it.
+
+    Example: manip3d study jnd study.toml -o answers --no-open --seconds 2
+    """
+    _run("jnd", definition, output, participant, port, is_opened, seconds, as_json, quiet)
+
+
+@app.command("display")
+def study_display(
+    definition: Definition,
+    output: AnswersOut,
+    participant: Participant = None,
+    port: Port = 0,
+    is_opened: Opened = True,
+    seconds: Seconds = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run the comparison of displays: familiarisation, play, questionnaire. Ctrl-C ends it.
+
+    Example: manip3d study display study.toml -o answers --no-open --seconds 2
+    """
+    _run("display", definition, output, participant, port, is_opened, seconds, as_json, quiet)
+
+
+@app.command("simulate")
+def study_simulate(
+    definition: Definition,
+    output: AnswersOut,
+    participants: Annotated[int, typer.Option(min=1, help="Number of simulated people.")] = 12,
+    seed: Seed = 0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Let simulated participants answer, to try a study before people do.
+
+    Example: manip3d study simulate study.toml -o answers --participants 6
+    """
+    from manip3d.study import StudyFolder, read_study, simulate_participants
+
+    study, content = read_study(definition)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    with StudyFolder(output, content) as folder, naming_options("seed"):
+        codes = simulate_participants(study, folder, participants, seed=seed)
+    shell.say(f"{counted(len(codes), 'simulated participant')} in {output}")
+    shell.result({"participants": codes})
+
+
+@app.command("results")
+def study_results(
+    answers: Answers,
+    output: Folder,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write answers as CSV with a REDCap data dictionary, and a summary beside what is published.
+
+    Example: manip3d study results answers -o tables
+    """
+    from manip3d.study import StudyFolder, study_of, write_results
+
+    refuse_existing(output, force=force)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    with StudyFolder(answers) as folder, naming_options("output"):
+        study = study_of(folder.definition)
+        written = write_results(study, folder, output, overwrite=force)
+    names = sorted(file.name for file in written.iterdir())
+    shell.say(f"wrote {output}: {', '.join(names)}")
+    shell.result({"output": str(output), "files": names})
+
+
+@app.command("withdraw")
+def study_withdraw(
+    answers: Answers,
+    participant: Annotated[str, typer.Argument(metavar="CODE", help="Participant code.")],
+    quiet: Quiet = False,
+) -> None:
+    """Delete all answers of a participant who has withdrawn their consent.
+
+    Results that were written before still hold them: write these again.
+
+    Example: manip3d study withdraw answers P07
+    """
+    from manip3d.study import StudyFolder
+
+    with StudyFolder(answers) as folder:
+        folder.withdraw(participant)
+    Terminal(quiet=quiet).say(f"deleted the answers of {participant}")
+
+
+@app.command("power")
+def study_power(
+    effect: Annotated[
+        float,
+        typer.Argument(help="Mean difference of two methods' JNDs over its standard deviation."),
+    ],
+    power: Annotated[float, typer.Option(help="Power to reach.")] = 0.8,
+    alpha: Annotated[float, typer.Option(help="Error of the first kind, two-sided.")] = 0.05,
+    comparisons: Annotated[
+        int, typer.Option(min=1, help="Comparisons that share it: 2 where QEM4VR meets two others.")
+    ] = 2,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Print how many participants a paired comparison of two methods needs.
+
+    Example: manip3d study power 0.5
+    """
+    from manip3d.study import paired_power, required_participants
+
+    with naming_options("power", "alpha", "comparisons"):
+        needed = required_participants(effect, power=power, alpha=alpha, comparisons=comparisons)
+    rows = [
+        (count, paired_power(count, effect, alpha=alpha, comparisons=comparisons))
+        for count in sorted({max(2, needed // 2), needed, 2 * needed})
+    ]
+    Terminal(as_json=as_json, quiet=quiet).result(
+        {"participants": needed, "power": dict(rows)},
+        lambda console: table(
+            console,
+            [[str(count), f"{reached:.3f}"] for count, reached in rows],
+            ("participants", "power"),
+        ),
+    )

@@ -1,0 +1,260 @@
+"""Displays: three displays in turn, each with familiarisation and a questionnaire (section 4.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from manip3d.study._definition import Common, Section
+from manip3d.study._engine import Study
+from manip3d.study._steps import Field, Step, Value
+from manip3d.study._store import Session
+
+LIKERT = 7
+ENDS = ("strongly agree", "strongly disagree")
+_AGREE = 3  # 1 to 3 agree, 4 is neutral; the text does not say which scores it counts
+
+
+@dataclass(frozen=True)
+class Part:
+    """Some questions under one title.
+
+    Attributes
+    ----------
+    title : str
+    questions : sequence of (str, str, str)
+        Name, wording, and the topic of a published percentage or an empty text.
+    """
+
+    title: str
+    questions: tuple[tuple[str, str, str], ...]
+
+
+PUBLISHED_AGREE: Mapping[str, Mapping[str, float]] = {
+    "finding": {"Oculus Rift": 100.0, "3D TV": 92.59},
+    "realistic": {"3D TV": 100.0, "Oculus Rift": 100.0, "Gear VR": 92.6},
+    "no_delay": {"3D TV": 88.89, "Oculus Rift": 92.59, "Gear VR": 74.07},
+}
+"""Percent of 27 participants who agreed, as printed in section 4.5.1, by topic and display."""
+
+
+@dataclass(frozen=True)
+class DisplayStudy(Study):
+    """The displays study.
+
+    Attributes
+    ----------
+    common : Common
+    displays : sequence of str
+    counterbalanced : bool
+        All orders in turn within each group; otherwise in the order given, as published.
+    familiarisation_s : float
+    task : sequence of str
+        Paragraphs after familiarisation.
+    parts : sequence of Part
+    """
+
+    common: Common
+    displays: tuple[str, ...]
+    counterbalanced: bool
+    familiarisation_s: float
+    task: tuple[str, ...]
+    parts: tuple[Part, ...]
+    _orders: tuple[tuple[int, ...], ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        orders = tuple(permutations(range(len(self.displays))))
+        # In an order by chance, so that the first participants do not share their first display.
+        mixed = np.random.default_rng(self.common.seed).permutation(len(orders))
+        object.__setattr__(self, "_orders", tuple(orders[int(n)] for n in mixed))
+
+    @classmethod
+    def read(cls, top: Section, base: Path | None) -> DisplayStudy:
+        """Read it from a definition."""
+        common = Common.read(top, ("display",))
+        own = top.section("display")
+        parts = tuple(_part(section) for section in own.sections("parts", most=20))
+        names = [name for part in parts for name, _, _ in part.questions]
+        for name in names:
+            if names.count(name) > 1:
+                own.fail("parts", f"each question's name once; {name} is there twice")
+        found = cls(
+            common=common,
+            displays=own.texts("displays", least=1, most=6),
+            counterbalanced=own.word("order", ("counterbalanced", "published")) != "published",
+            familiarisation_s=own.number("familiarisation_s", 0, 3600, 180.0),
+            task=own.texts("task"),
+            parts=parts,
+        )
+        own.finish()
+        top.finish()
+        return found
+
+    def order_of(self, session: Session) -> list[str]:
+        """The displays in this participant's order."""
+        if not self.counterbalanced:
+            return list(self.displays)
+        order = self._orders[session.assigned % len(self._orders)]
+        return [self.displays[n] for n in order]
+
+    def steps(self, session: Session) -> list[Step]:
+        """All steps of the study's own."""
+        found = []
+        for number, display in enumerate(self.order_of(session)):
+            truth = {"display": display, "session": number + 1}
+            key = f"d{number + 1}"
+            of_all = f"Session {number + 1} of {len(self.displays)}: {display}"
+            minutes = self.familiarisation_s / 60
+            long = f"{minutes:g} minutes" if minutes >= 1 else f"{self.familiarisation_s:g} seconds"
+            found.append(
+                Step(
+                    f"{key}_familiarisation",
+                    of_all,
+                    (f"Move about and explore the virtual game environment for {long}.",),
+                    minimum_s=self.familiarisation_s,
+                    condition=truth,
+                )
+            )
+            found.append(
+                Step(f"{key}_task", of_all, self.task, condition=truth, button="I have finished")
+            )
+            for place, part in enumerate(self.parts):
+                fields = tuple(
+                    Field(name, wording, "scale", low=1, high=LIKERT, ends=ENDS)
+                    for name, wording, _ in part.questions
+                )
+                title = f"{display}: {part.title}"
+                found.append(Step(f"{key}_part{place + 1}", title, (), fields, condition=truth))
+        found.append(
+            Step(
+                "comments",
+                "Your remarks",
+                (),
+                (
+                    Field("positive", "What did you like?", "text", optional=True),
+                    Field("negative", "What did you not like?", "text", optional=True),
+                ),
+            )
+        )
+        return found
+
+    def next_step(self, session: Session) -> Step | None:
+        done = {answer.step for answer in session.answers}
+        return next((step for step in self.steps(session) if step.id not in done), None)
+
+    def progress(self, session: Session) -> float:
+        steps = {step.id for step in self.steps(session)}
+        return len(steps & {answer.step for answer in session.answers}) / len(steps)
+
+    def files(self) -> Mapping[str, Path]:
+        return {}
+
+    def variables(self) -> Sequence[tuple[str, Field]]:
+        found = []
+        for number, display in enumerate(self.displays):
+            found.append(
+                (
+                    display,
+                    Field(
+                        f"d{number + 1}_session",
+                        f"{display}: session",
+                        "number",
+                        low=1,
+                        high=len(self.displays),
+                    ),
+                )
+            )
+            for part in self.parts:
+                found += [
+                    (
+                        f"{display}: {part.title}",
+                        Field(
+                            f"d{number + 1}_{name}", wording, "scale", low=1, high=LIKERT, ends=ENDS
+                        ),
+                    )
+                    for name, wording, _ in part.questions
+                ]
+        found += [
+            ("Remarks", Field(name, label, "text", optional=True))
+            for name, label in (
+                ("positive", "What did you like?"),
+                ("negative", "What did you not like?"),
+            )
+        ]
+        return found
+
+    def wide(self, session: Session) -> dict[str, Value]:
+        row: dict[str, Value] = {}
+        for answer in session.answers:
+            if "display" in answer.condition:
+                key = f"d{self.displays.index(str(answer.condition['display'])) + 1}"
+                row[f"{key}_session"] = int(answer.condition["session"])
+                row |= {f"{key}_{name}": value for name, value in answer.values.items()}
+            elif answer.step == "comments":
+                row |= answer.values
+        return row
+
+    def simulate(self, session: Session, step: Step, rng: np.random.Generator) -> dict[str, Value]:
+        return {
+            each.name: "" if each.type == "text" else int(rng.binomial(LIKERT - 1, 0.2)) + 1
+            for each in step.fields
+        }
+
+    def summary(self, sessions: Sequence[Session]) -> list[dict[str, Any]]:
+        """Histograms: one row for each group, display and question.
+
+        Returns
+        -------
+        list of dict
+            Group (empty: all), display, part, question, counts of the scores 1 to 7, percent who
+            agreed (scores 1 to 3), and the published percentage or None.
+        """
+        rows = []
+        for group in ("", *self.common.groups):
+            chosen = [s for s in sessions if group in ("", s.group)]
+            for number, display in enumerate(self.displays):
+                for part in self.parts:
+                    for name, wording, topic in part.questions:
+                        key = f"d{number + 1}_{name}"
+                        given = [self.wide(session).get(key) for session in chosen]
+                        scores = np.array([g for g in given if g is not None], np.int64)
+                        counts = np.bincount(scores, minlength=LIKERT + 1)[1:]
+                        answered = int(counts.sum())
+                        agree = float(100 * counts[:_AGREE].sum() / answered) if answered else None
+                        published = None if group else PUBLISHED_AGREE.get(topic, {}).get(display)
+                        rows.append(
+                            {
+                                "group": group or "all",
+                                "display": display,
+                                "part": part.title,
+                                "question": name,
+                                "wording": wording,
+                                **{f"score_{n + 1}": int(c) for n, c in enumerate(counts)},
+                                "answers": answered,
+                                "agree_percent": agree,
+                                "published_percent": published,
+                            }
+                        )
+        return rows
+
+
+def _part(section: Section) -> Part:
+    title = section.text("title", most=200)
+    questions = []
+    for each in section.sections("questions", most=40):
+        name = each.name("name")
+        if len(name) > 20:
+            each.fail("name", "at most 20 characters")
+        topic = each.word("topic", tuple(PUBLISHED_AGREE)) if each.has("topic") else ""
+        if each.has("about"):
+            each.text("about")
+        wording = each.text("text", most=400)
+        questions.append((name, wording, topic))
+        each.finish()
+    section.finish()
+    return Part(title, tuple(questions))

@@ -1,0 +1,520 @@
+"""The engine that all studies share: from a participant's code to the last answer, step by step."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import html
+import json
+import logging
+import threading
+import time
+import weakref
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from manip3d._util.checked import checked
+from manip3d.errors import FormatError, InputError, RenderError
+from manip3d.serve import Kind, LocalServer, Page, StreamClient, read_message
+from manip3d.study._definition import Common
+from manip3d.study._steps import Field, Step, Stimulus, Value, px_per_degree
+from manip3d.study._store import Answer, Session, StudyFolder
+from manip3d.viewer.page import BUNDLE
+
+LOG = logging.getLogger("manip3d.study")
+
+MOST_MESSAGE = 40_000
+"""Characters of an answer."""
+
+_TYPES = {
+    ".png": ("image", "image/png"),
+    ".jpg": ("image", "image/jpeg"),
+    ".jpeg": ("image", "image/jpeg"),
+    ".webp": ("image", "image/webp"),
+    ".gif": ("image", "image/gif"),
+    ".webm": ("video", "video/webm"),
+    ".mp4": ("video", "video/mp4"),
+    ".glb": ("mesh", "model/gltf-binary"),
+}
+SHOWABLE = tuple(_TYPES)
+"""Suffixes of stimuli."""
+
+_HTML = """\
+<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<link rel="stylesheet" href="/study.css">
+</head>
+<body>
+<noscript>The study needs JavaScript.</noscript>
+<main id="study"></main>
+<script src="/study.js"></script>
+</body>
+</html>
+"""
+
+
+class Study(ABC):
+    """A study by its definition: what a participant is asked next, given their answers so far.
+
+    Attributes
+    ----------
+    common : Common
+    """
+
+    common: Common
+
+    @abstractmethod
+    def next_step(self, session: Session) -> Step | None:
+        """The first step of the study's own that has no answer yet; None: it is over."""
+
+    @abstractmethod
+    def progress(self, session: Session) -> float:
+        """Share of the study's own steps that are answered."""
+
+    @abstractmethod
+    def files(self) -> Mapping[str, Path]:
+        """Stimuli by their names."""
+
+    @abstractmethod
+    def variables(self) -> Sequence[tuple[str, Field]]:
+        """What a participant answers in all: the title of its part, and the question.
+
+        Names are those of `wide`.
+        """
+
+    @abstractmethod
+    def wide(self, session: Session) -> dict[str, Value]:
+        """One row for a participant, by the names of `variables`; only what is answered."""
+
+    @abstractmethod
+    def summary(self, sessions: Sequence[Session]) -> list[dict[str, Any]]:
+        """What the answers say, as rows of a table."""
+
+    @abstractmethod
+    def simulate(self, session: Session, step: Step, rng: np.random.Generator) -> dict[str, Value]:
+        """Answers of a simulated participant to one of the study's own steps."""
+
+    def stimulus(self, name: str) -> Stimulus:
+        """A stimulus as the page gets it: under an address that says nothing about it."""
+        kind = _TYPES[Path(name).suffix.lower()][0]
+        return Stimulus(address_of(self.common.seed, name), kind)  # type: ignore[arg-type]
+
+    def order(self, session: Session, purpose: str, count: int) -> list[int]:
+        """0 to ``count`` - 1 in this participant's own order, the same whenever it is asked."""
+        return [int(n) for n in self.generator(session, purpose).permutation(count)]
+
+    def generator(self, session: Session, purpose: str) -> np.random.Generator:
+        """Random numbers for one purpose of one participant."""
+        text = f"{self.common.seed}/{session.number}/{purpose}"
+        return np.random.default_rng(int.from_bytes(hashlib.sha256(text.encode()).digest()))
+
+    def step(self, session: Session) -> Step | None:
+        """What the participant sees now; None: they have finished, or did not agree."""
+        for step in self.opening():
+            answer = session.answer(step.id)
+            if answer is None:
+                return step
+            if step.id == "consent" and answer.values["agree"] != "yes":
+                return None
+        return self.next_step(session)
+
+    def opening(self) -> list[Step]:
+        """Consent, the person, the introduction."""
+        agree = Field("agree", "", "choice", (("yes", "I agree"), ("no", "I do not agree")))
+        steps = [Step("consent", "Consent", self.common.consent, (agree,))]
+        about = list(self.common.demographics)
+        if self.common.groups:
+            choices = tuple((name, name) for name in self.common.groups)
+            about.insert(0, Field("group", "Which group do you belong to?", "choice", choices))
+        if about:
+            steps.append(Step("about", "About you", (), tuple(about)))
+        if self.common.introduction:
+            steps.append(Step("introduction", self.common.title, self.common.introduction))
+        return steps
+
+
+def address_of(seed: int, name: str) -> str:
+    """Return the path under which a stimulus is fetched."""
+    return "/stimulus/" + hashlib.sha256(f"{seed}/{name}".encode()).hexdigest()[:24]
+
+
+def study_pages(study: Study) -> dict[str, Page]:
+    """Return the page and all that it loads, by path.
+
+    Raises
+    ------
+    RenderError
+        The script is not built.
+    InputError
+        A stimulus is of a kind that a page does not show.
+    """
+    pages = {
+        "/": Page(
+            "text/html; charset=utf-8",
+            _HTML.format(title=html.escape(study.common.title)).encode(),
+        ),
+        "/study.js": Page("text/javascript; charset=utf-8", _built("study.js")),
+        "/study.css": Page("text/css; charset=utf-8", _built("study.css")),
+    }
+    for name, file in study.files().items():
+        if file.suffix.lower() not in _TYPES:
+            raise InputError(f"{file}: expected a stimulus that ends in {', '.join(_TYPES)}")
+        media = _TYPES[file.suffix.lower()][1]
+        pages[address_of(study.common.seed, name)] = Page(media, file)
+    return pages
+
+
+def _built(name: str) -> bytes:
+    path = BUNDLE.parent / name
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise RenderError(
+            f"the page is not built ({path} is missing): run 'make setup', or "
+            f"'npm ci && npm run build' in {path.parents[1]}"
+        ) from None
+
+
+class Conductor:
+    """Answers what pages say: who they are, and what they answer to the step they see.
+
+    Parameters
+    ----------
+    study : Study
+    folder : StudyFolder
+    participant : str, optional
+        The only one who may take part; by default whoever gives a code.
+    """
+
+    def __init__(self, study: Study, folder: StudyFolder, participant: str | None = None) -> None:
+        self.study, self.folder, self.participant = study, folder, participant
+        self._who: weakref.WeakKeyDictionary[StreamClient, Session] = weakref.WeakKeyDictionary()
+        self._shown: dict[tuple[str, str], float] = {}
+
+    def hear(self, client: StreamClient, text: str) -> None:
+        """Take one message of a page, and tell it what comes next.
+
+        Raises
+        ------
+        FormatError
+            It is no message that this page may send now.
+        """
+        session = self._who.get(client)
+        step = None if session is None else self.study.step(session)
+        types: dict[str, dict[str, Kind]] = {
+            "hello": {},
+            "begin": {"participant": Kind(str, length=32)},
+        }
+        if step is not None:
+            types["answer"] = _answer_kinds(step)
+        name, values = read_message(text, types, max_length=MOST_MESSAGE)
+        if name == "hello":
+            code = self.participant
+            if code is None:
+                client.say(_message("who", title=self.study.common.title))
+                return
+            self._begin(client, code)
+        elif name == "begin":
+            self._begin(client, str(values["participant"]))
+        else:
+            assert session is not None
+            assert step is not None
+            self._store(client, session, step, values)
+
+    def _begin(self, client: StreamClient, code: str) -> None:
+        if self.participant is not None and code != self.participant:
+            raise FormatError(f"participant: expected {self.participant}")
+        try:
+            session = self.folder.begin(code)
+        except InputError as error:
+            client.say(_message("who", title=self.study.common.title, problem=str(error)))
+            return
+        except OSError as error:
+            self._complain(client, error)
+            return
+        self._who[client] = session
+        self._tell(client, session)
+
+    def _store(
+        self,
+        client: StreamClient,
+        session: Session,
+        step: Step,
+        values: Mapping[str, int | float | str],
+    ) -> None:
+        shown = time.monotonic() - self._shown.get((session.participant, step.id), np.inf)
+        if shown < step.minimum_s:
+            raise FormatError(f"{step.id}: expected an answer after {step.minimum_s:g} s")
+        answer = Answer(
+            step.id,
+            dict(step.condition),
+            {f.name: f.read(values[f"answer.{f.name}"]) for f in step.fields},
+            elapsed_ms=float(values["elapsed_ms"]),
+            shown_px=float(values["shown_px"]),
+            assigned=self._assigned(values) if step.id == "about" else None,
+        )
+        try:
+            self.folder.store(session.participant, answer)
+        except OSError as error:
+            self._complain(client, error)
+            return
+        self._shown.pop((session.participant, step.id), None)
+        self._tell(client, session)
+
+    def _assigned(self, values: Mapping[str, int | float | str]) -> int:
+        group = str(values.get("answer.group", ""))
+        others = self.folder.sessions.values()
+        return sum(s.answer("about") is not None and s.group == group for s in others)
+
+    def _complain(self, client: StreamClient, error: OSError) -> None:
+        LOG.error("not stored: %s", error)
+        client.say(_message("problem", text="The answer could not be stored. Call the researcher."))
+
+    def _tell(self, client: StreamClient, session: Session) -> None:
+        step = self.study.step(session)
+        if step is None:
+            agreed = session.answer("consent")
+            declined = agreed is not None and agreed.values["agree"] != "yes"
+            client.say(_message("end", declined=declined, participant=session.participant))
+            return
+        self._shown.setdefault((session.participant, step.id), time.monotonic())
+        message = step.message(px_per_degree=scale_of(session))
+        progress = round(self.study.progress(session), 4)
+        client.say(json.dumps(message | {"progress": progress, "participant": session.participant}))
+
+
+def scale_of(session: Session) -> float | None:
+    """Return the pixels of a visual degree that a participant has measured, if they have."""
+    found = session.answer("screen")
+    if found is None:
+        return None
+    card, distance = found.values["card_px"], found.values["distance_cm"]
+    return px_per_degree(float(card or 0), float(distance or 0))
+
+
+def screen_step() -> Step:
+    """Return the step that measures the screen, for stimuli in visual degrees."""
+    return Step(
+        "screen",
+        "Your screen",
+        (
+            "Hold a bank card to the screen and move the slider until the drawn card is as wide "
+            "as yours. Then measure from your eyes to the screen, and keep that distance.",
+        ),
+        (
+            Field("card_px", "Width of the card", "card", low=100, high=1200),
+            Field("distance_cm", "From your eyes to the screen, cm", "number", low=20, high=300),
+        ),
+    )
+
+
+def _answer_kinds(step: Step) -> dict[str, Kind]:
+    own = {f"answer.{each.name}": each.kind for each in step.fields}
+    return {
+        "step": Kind(str, choices=[step.id]),
+        "elapsed_ms": Kind(float, 0.0, 1e9),
+        "shown_px": Kind(float, 0.0, 20_000.0),
+        **own,
+    }
+
+
+def _message(kind: str, **values: Any) -> str:
+    return json.dumps({"type": kind, **values})
+
+
+@dataclass(frozen=True)
+class StudyReport:
+    """What `run_study` did.
+
+    Attributes
+    ----------
+    participants : mapping of str to str
+        ``finished``, ``declined`` or ``unfinished`` of each who is in the folder.
+    answers : int
+        Stored in the folder.
+    refused : mapping of str to int
+        What the server refused, by reason.
+    """
+
+    participants: Mapping[str, str]
+    answers: int
+    refused: Mapping[str, int]
+
+
+def state_of(study: Study, session: Session) -> str:
+    """Return how far a participant is.
+
+    Parameters
+    ----------
+    study : Study
+    session : Session
+
+    Returns
+    -------
+    str
+        ``finished``, ``declined`` or ``unfinished``.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from manip3d import study
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     file = study.write_template("display", Path(place) / "study.toml", example=True)
+    ...     study.state_of(study.read_study(file)[0], study.Session("P1", 0))
+    'unfinished'
+    """
+    agreed = session.answer("consent")
+    if agreed is not None and agreed.values["agree"] != "yes":
+        return "declined"
+    return "unfinished" if study.step(session) is not None else "finished"
+
+
+@checked
+def run_study(
+    study: Study,
+    folder: StudyFolder,
+    *,
+    participant: str | None = None,
+    port: int = 0,
+    seconds: float | None = None,
+    on_start: Callable[[str], object] | None = None,
+) -> StudyReport:
+    """Serve a study to browsers on this machine, until Ctrl-C.
+
+    Parameters
+    ----------
+    study : Study
+    folder : StudyFolder
+        Where answers go; who was interrupted continues by giving the same code.
+    participant : str, optional
+        The only one who may take part.
+    port : int
+        0: one that is free.
+    seconds : float, optional
+        Stop after so many.
+    on_start : callable(str), optional
+        Gets the page's address as soon as it can be opened.
+
+    Returns
+    -------
+    StudyReport
+
+    Raises
+    ------
+    InputError
+        An argument is out of range, or a stimulus is missing.
+    RenderError
+        The page is not built.
+    MissingExtraError
+        aiohttp is not installed.
+    """
+    if seconds is not None and not seconds > 0:
+        raise InputError(f"seconds: expected > 0, got {seconds}")
+    missing = [file for file in study.files().values() if not file.is_file()]
+    if missing:
+        raise InputError(f"{missing[0]}: expected a stimulus, found none ({len(missing)} missing)")
+    conductor = Conductor(study, folder, participant)
+    # Ctrl-C is how it ends.
+    server = LocalServer(study_pages(study), conductor.hear, port=port)
+    with server, contextlib.suppress(KeyboardInterrupt):
+        if on_start is not None:
+            on_start(server.url)
+        threading.Event().wait(seconds)
+    return StudyReport(
+        {code: state_of(study, session) for code, session in folder.sessions.items()},
+        sum(len(session.answers) for session in folder.sessions.values()),
+        dict(server.refused),
+    )
+
+
+def simulate_participants(
+    study: Study,
+    folder: StudyFolder,
+    count: int,
+    *,
+    seed: int = 0,
+) -> list[str]:
+    """Let simulated participants take part, to try a study before people do.
+
+    Parameters
+    ----------
+    study : Study
+    folder : StudyFolder
+    count : int
+    seed : int
+
+    Returns
+    -------
+    list of str
+        Their codes, each of which begins with ``sim-``.
+
+    Raises
+    ------
+    InputError
+        ``count`` is out of range.
+    OSError
+        An answer could not be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from manip3d import study
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     file = study.write_template("display", Path(place) / "study.toml", example=True)
+    ...     asked, definition = study.read_study(file)
+    ...     with study.StudyFolder(Path(place) / "answers", definition) as folder:
+    ...         study.simulate_participants(asked, folder, 2)
+    ['sim-000', 'sim-001']
+    """
+    if not 1 <= count <= 10_000:
+        raise InputError(f"count: expected 1 to 10000, got {count}")
+    rng = np.random.default_rng([seed, study.common.seed])
+    codes = [f"sim-{number:03d}" for number in range(count)]
+    for number, code in enumerate(codes):
+        session = folder.begin(code)
+        while (step := study.step(session)) is not None:
+            own = {"consent", "about", "introduction", "screen"}
+            if step.id in own:
+                values = {f.name: _plausible(f, rng, number) for f in step.fields}
+            else:
+                values = study.simulate(session, step, rng)
+            group = values.get("group")
+            others = [s for s in folder.sessions.values() if s.answer("about")]
+            assigned = sum(s.group == (group or "") for s in others)
+            folder.store(
+                code,
+                Answer(
+                    step.id,
+                    dict(step.condition),
+                    values,
+                    assigned=assigned if step.id == "about" else None,
+                ),
+            )
+    return codes
+
+
+def _plausible(question: Field, rng: np.random.Generator, number: int) -> Value:
+    if question.name == "agree":
+        return "yes"
+    if question.name == "group":
+        return question.choices[number % len(question.choices)][0]
+    if question.type == "choice":
+        return question.choices[int(rng.integers(len(question.choices)))][0]
+    if question.type == "text":
+        return ""
+    if question.name == "card_px":
+        return 324.0
+    if question.name == "distance_cm":
+        return 60.0
+    return float(round(rng.uniform(question.low, question.high)))

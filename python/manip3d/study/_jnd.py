@@ -1,0 +1,696 @@
+"""Just noticeable difference of simplification: staircases, and what they say (section 2.6)."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from manip3d._util.checked import checked
+from manip3d._util.extras import require
+from manip3d._util.options import generator_of
+from manip3d.errors import InputError
+from manip3d.study._definition import Common, Section
+from manip3d.study._engine import Study, screen_step
+from manip3d.study._psychometric import (
+    Estimate,
+    SimulatedObserver,
+    estimate_threshold,
+)
+from manip3d.study._steps import Field, Step, Value
+from manip3d.study._store import Session
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d._util.options import Rng
+    from manip3d.mesh import Mesh
+
+    Floats = NDArray[np.float64]
+
+METHODS = ("qem_orig", "qem_bp", "qem_tp", "qem_btp", "qem4vr")
+"""Simplification methods by their names in `manip3d.simplify`."""
+
+CLASSES = ("manifold", "boundaries", "non-manifold")
+"""Kinds of models: manifold without boundaries, manifold with boundaries, non-manifold."""
+
+LEVELS = "levels.csv"
+"""In a folder of stimuli: which files show how much of which model."""
+
+Side = Literal["left", "right"]
+
+
+@dataclass
+class Staircase:
+    """One-up-two-down: a wrong answer makes the task easier, two right ones in a row harder.
+
+    Levels are differences in polygon counts, percent of the original's. The level at which one
+    goes up as often as down is that of p(right)^2 = 1/2: the 70.7 % point [Levitt 1971].
+
+    Attributes
+    ----------
+    level : int
+        Of the next comparison.
+    step : int
+        By which it changes.
+    lowest, highest : int
+    trials : list of (int, bool)
+        Level and whether the answer was right.
+    reversals : list of int
+        Levels at which the direction changed.
+
+    Examples
+    --------
+    >>> stairs = Staircase(level=50)
+    >>> for is_right in (True, True, False, True, True):
+    ...     stairs.answer(is_right)
+    >>> stairs.level, stairs.reversals
+    (45, [45, 50])
+    """
+
+    level: int
+    step: int = 5
+    lowest: int = 5
+    highest: int = 95
+    trials: list[tuple[int, bool]] | None = None
+    reversals: list[int] | None = None
+
+    def __post_init__(self) -> None:
+        self.trials = self.trials or []
+        self.reversals = self.reversals or []
+        self._right = 0
+        self._direction = 0
+
+    def answer(self, is_right: bool) -> None:
+        """Take the answer to the comparison at `level`."""
+        assert self.trials is not None
+        assert self.reversals is not None
+        self.trials.append((self.level, is_right))
+        if is_right:
+            self._right += 1
+            if self._right < 2:
+                return
+        direction = -1 if is_right else 1
+        self._right = 0
+        if self._direction not in (0, direction):
+            self.reversals.append(self.level)
+        self._direction = direction
+        self.level = min(self.highest, max(self.lowest, self.level + direction * self.step))
+
+
+@dataclass(frozen=True)
+class Rules:
+    """How long a staircase goes on.
+
+    Attributes
+    ----------
+    start, step, lowest, highest : int
+        Percent of the original's polygons.
+    reversals : int
+        After which it ends.
+    most_trials : int
+        After which it ends at the latest.
+    """
+
+    start: int = 50
+    step: int = 5
+    lowest: int = 5
+    highest: int = 95
+    reversals: int = 12
+    most_trials: int = 80
+
+    def begin(self) -> Staircase:
+        """A staircase at its start."""
+        return Staircase(self.start, self.step, self.lowest, self.highest)
+
+    def is_over(self, stairs: Staircase) -> bool:
+        """Whether it has said enough."""
+        assert stairs.trials is not None
+        assert stairs.reversals is not None
+        return len(stairs.reversals) >= self.reversals or len(stairs.trials) >= self.most_trials
+
+
+@checked
+def simulate_staircase(
+    observer: SimulatedObserver, *, rules: Rules | None = None, rng: Rng = None
+) -> Staircase:
+    """Run a staircase with a simulated observer to its end.
+
+    Parameters
+    ----------
+    observer : SimulatedObserver
+    rules : Rules, optional
+    rng : int, Generator or None
+
+    Returns
+    -------
+    Staircase
+
+    Raises
+    ------
+    InputError
+        ``rng`` is no seed.
+
+    Examples
+    --------
+    >>> stairs = simulate_staircase(SimulatedObserver(30.0), rng=3)
+    >>> len(stairs.reversals)
+    12
+    """
+    rules = rules or Rules()
+    random = generator_of(rng)
+    stairs = rules.begin()
+    while not rules.is_over(stairs):
+        stairs.answer(bool(random.random() < observer.probability(stairs.level)))
+    return stairs
+
+
+@dataclass(frozen=True)
+class JndModel:
+    """A mesh of a JND study.
+
+    Attributes
+    ----------
+    name : str
+    file : str
+        Beside the definition, or ``data:`` and the name of a public mesh.
+    kind : str
+        Of `CLASSES`.
+    up : {"y", "z"}
+        The mesh's axis that points upwards: it turns about that.
+    """
+
+    name: str
+    file: str
+    kind: str
+    up: str = "y"
+
+
+@dataclass(frozen=True)
+class JndStudy(Study):
+    """A study of just noticeable differences.
+
+    Attributes
+    ----------
+    common : Common
+    models : sequence of JndModel
+    methods : sequence of str
+        Of `METHODS`.
+    rules : Rules
+    size_deg : float
+        Width of each mesh's pane in visual degrees.
+    turn_s : float
+    stimuli : Path or None
+        Folder that `make_jnd_stimuli` has written; None: answers only.
+    """
+
+    common: Common
+    models: tuple[JndModel, ...]
+    methods: tuple[str, ...]
+    rules: Rules
+    size_deg: float
+    turn_s: float
+    stimuli: Path | None
+    base: Path | None = None
+
+    @classmethod
+    def read(cls, top: Section, base: Path | None) -> JndStudy:
+        """Read it from a definition."""
+        common = Common.read(top, ("jnd",))
+        own = top.section("jnd")
+        models = []
+        for section in own.sections("models", most=30):
+            models.append(
+                JndModel(
+                    section.name("name"),
+                    section.text("file"),
+                    section.word("class", CLASSES),
+                    section.word("up", ("y", "z"), "y"),
+                )
+            )
+            section.finish()
+        names = [model.name for model in models]
+        if len(set(names)) != len(names):
+            own.fail("models", "names that differ")
+        methods = own.texts("methods", most=len(METHODS))
+        if not set(methods) <= set(METHODS):
+            own.fail("methods", f"some of {', '.join(METHODS)}")
+        step = own.whole("step_percent", 1, 25, 5)
+        rules = Rules(
+            step=step,
+            lowest=own.whole("lowest_percent", 1, 95, step),
+            highest=own.whole("highest_percent", 5, 99, 95),
+            start=own.whole("start_percent", 1, 99, 50),
+            reversals=own.whole("reversals", 2, 100, 12),
+            most_trials=own.whole("most_trials", 2, 1000, 80),
+        )
+        if not rules.lowest <= rules.start <= rules.highest:
+            own.fail("start_percent", "a level between the lowest and the highest")
+        for end in (rules.lowest, rules.highest):
+            if (rules.start - end) % step:
+                own.fail("step_percent", "levels that lead from the start to both ends")
+        stimuli = own.text("stimuli")
+        found = cls(
+            common=common,
+            models=tuple(models),
+            methods=methods,
+            rules=rules,
+            size_deg=own.number("size_deg", 1, 60, 12.0),
+            turn_s=own.number("turn_s", 0, 60, 8.0),
+            stimuli=None if base is None else base / stimuli,
+            base=base,
+        )
+        own.finish()
+        top.finish()
+        return found
+
+    @property
+    def conditions(self) -> list[tuple[str, str]]:
+        """Model and method of each staircase."""
+        return [(model.name, method) for model in self.models for method in self.methods]
+
+    @property
+    def levels(self) -> list[int]:
+        """Differences that may be shown."""
+        return list(range(self.rules.lowest, self.rules.highest + 1, self.rules.step))
+
+    def staircases(self, session: Session) -> list[Staircase]:
+        """Where each staircase of a participant stands."""
+        found = [self.rules.begin() for _ in self.conditions]
+        places = {condition: n for n, condition in enumerate(self.conditions)}
+        for answer in session.answers:
+            truth = answer.condition
+            if "method" in truth:
+                chosen = answer.values["chosen"]
+                found[places[truth["model"], truth["method"]]].answer(chosen == truth["original"])
+        return found
+
+    def next_step(self, session: Session) -> Step | None:
+        if session.answer("screen") is None:
+            return screen_step()
+        staircases = self.staircases(session)
+        open_ones = [n for n, stairs in enumerate(staircases) if not self.rules.is_over(stairs)]
+        if not open_ones:
+            return None
+        trial = sum(len(stairs.trials or ()) for stairs in staircases)
+        # Staircases are interleaved by chance, so that nobody sees where one is going.
+        rng = self.generator(session, f"trial {trial}")
+        place = open_ones[int(rng.integers(len(open_ones)))]
+        original: Side = "left" if rng.random() < 0.5 else "right"
+        model, method = self.conditions[place]
+        level = staircases[place].level
+        files = [file_of(model), file_of(model, method, level)]
+        if original == "right":
+            files.reverse()
+        side = Field(
+            "chosen",
+            "Which of the two has the higher visual quality?",
+            "choice",
+            (("left", "The left one"), ("right", "The right one")),
+            is_side=True,
+        )
+        return Step(
+            f"t{trial:04d}",
+            f"Comparison {trial + 1}",
+            (),
+            (side,),
+            tuple(self.stimulus(name) for name in files),
+            size_deg=self.size_deg,
+            turn_s=self.turn_s,
+            condition={
+                "model": model,
+                "method": method,
+                "difference_percent": level,
+                "original": original,
+            },
+        )
+
+    def progress(self, session: Session) -> float:
+        reversals = sum(
+            min(len(stairs.reversals or ()), self.rules.reversals)
+            if not self.rules.is_over(stairs)
+            else self.rules.reversals
+            for stairs in self.staircases(session)
+        )
+        return reversals / (self.rules.reversals * len(self.conditions))
+
+    def files(self) -> Mapping[str, Path]:
+        if self.stimuli is None:
+            return {}
+        names = [file_of(model.name) for model in self.models]
+        names += [
+            file_of(*condition, level) for condition in self.conditions for level in self.levels
+        ]
+        return {name: self.stimuli / name for name in names}
+
+    def variables(self) -> Sequence[tuple[str, Field]]:
+        found = []
+        for place, (model, method) in enumerate(self.conditions):
+            key, part = f"c{place + 1}", f"{model}, {method}"
+            for suffix, label in (
+                ("jnd", "JND, percent of the polygons"),
+                ("low", "JND: 95 % interval, low end"),
+                ("high", "JND: 95 % interval, high end"),
+                ("trials", "Comparisons"),
+            ):
+                found.append(
+                    (part, Field(f"{key}_{suffix}", f"{part}: {label}", "number", optional=True))
+                )
+        return found
+
+    def wide(self, session: Session) -> dict[str, Value]:
+        row: dict[str, Value] = {}
+        for place, stairs in enumerate(self.staircases(session)):
+            if not stairs.trials:
+                continue
+            found = estimate_threshold(stairs.trials)
+            key = f"c{place + 1}"
+            row[f"{key}_jnd"] = round(found.threshold, 3)
+            row[f"{key}_low"], row[f"{key}_high"] = round(found.low, 3), round(found.high, 3)
+            row[f"{key}_trials"] = len(stairs.trials)
+        return row
+
+    def simulate(self, session: Session, step: Step, rng: np.random.Generator) -> dict[str, Value]:
+        if step.id == "screen":  # of the study's own steps, the only one without a difference
+            return {"card_px": 324.0, "distance_cm": 60.0}
+        observer = SimulatedObserver(25.0 + 5.0 * self.methods.index(str(step.condition["method"])))
+        is_right = rng.random() < observer.probability(float(step.condition["difference_percent"]))
+        original = str(step.condition["original"])
+        return {"chosen": original if is_right else {"left": "right", "right": "left"}[original]}
+
+    def summary(self, sessions: Sequence[Session]) -> list[dict[str, Any]]:
+        """Thresholds: one row for each participant and staircase, then one for each method.
+
+        Returns
+        -------
+        list of dict
+            Participant (empty: the mean of all), model, method, JND in percent with its 95 %
+            interval, comparisons, reversals, and the mean of the last reversals. The interval of a
+            mean is Student's over participants' means; None for fewer than two.
+        """
+        rows = []
+        means: dict[str, list[float]] = {method: [] for method in self.methods}
+        for session in sessions:
+            own: dict[str, list[float]] = {method: [] for method in self.methods}
+            for (model, method), stairs in zip(
+                self.conditions, self.staircases(session), strict=True
+            ):
+                if not stairs.trials or not self.rules.is_over(stairs):
+                    continue
+                found = estimate_threshold(stairs.trials)
+                own[method].append(found.threshold)
+                rows.append(
+                    {
+                        "participant": session.participant,
+                        "model": model,
+                        "method": method,
+                        "jnd_percent": found.threshold,
+                        "low": found.low,
+                        "high": found.high,
+                        "comparisons": len(stairs.trials),
+                        "reversals": len(stairs.reversals or ()),
+                        "reversal_mean": reversal_mean(stairs),
+                    }
+                )
+            for method, values in own.items():
+                if len(values) == len(self.models):
+                    means[method].append(float(np.mean(values)))
+        for method, values in means.items():
+            low, high = mean_interval(values)
+            rows.append(
+                {
+                    "participant": "",
+                    "model": "",
+                    "method": method,
+                    "jnd_percent": float(np.mean(values)) if values else None,
+                    "low": low,
+                    "high": high,
+                    "comparisons": len(values),
+                    "reversals": None,
+                    "reversal_mean": None,
+                }
+            )
+        return rows
+
+
+def file_of(model: str, method: str = "", difference: int = 0) -> str:
+    """Return the name of a stimulus: the original, or what a method left of it."""
+    return f"{model}.glb" if not difference else f"{model}-{method}-{100 - difference:02d}.glb"
+
+
+def reversal_mean(stairs: Staircase) -> float | None:
+    """Return the mean of the levels of the last reversals.
+
+    Parameters
+    ----------
+    stairs : Staircase
+
+    Returns
+    -------
+    float or None
+        Without the first two reversals, and over an even number of them; None for fewer than four.
+
+    Examples
+    --------
+    >>> stairs = Staircase(50)
+    >>> stairs.reversals = [45, 50, 45, 60]
+    >>> reversal_mean(stairs)
+    52.5
+    """
+    levels = (stairs.reversals or [])[2:]
+    levels = levels[len(levels) % 2 :]
+    return float(np.mean(levels)) if len(levels) >= 2 else None
+
+
+def mean_interval(values: Sequence[float]) -> tuple[float | None, float | None]:
+    """Return Student's 95 % interval of a mean; None for fewer than two values."""
+    if len(values) < 2:
+        return None, None
+    require("experiments")
+    from scipy import stats
+
+    half = float(stats.t.ppf(0.975, len(values) - 1)) * float(np.std(values, ddof=1))
+    half /= math.sqrt(len(values))
+    return float(np.mean(values)) - half, float(np.mean(values)) + half
+
+
+@checked
+def paired_power(
+    participants: int, effect: float, *, alpha: float = 0.05, comparisons: int = 1
+) -> float:
+    """Return the power of a paired t test of two methods' JNDs.
+
+    Parameters
+    ----------
+    participants : int
+        At least 2.
+    effect : float
+        Mean of the participants' differences over their standard deviation (Cohen's d_z).
+    alpha : float
+        Error of the first kind, two-sided, of all comparisons together.
+    comparisons : int
+        Among which ``alpha`` is shared evenly (Bonferroni).
+
+    Returns
+    -------
+    float
+        0 to 1.
+
+    Raises
+    ------
+    InputError
+        A number is out of range.
+    MissingExtraError
+        SciPy is not installed.
+
+    Examples
+    --------
+    >>> round(paired_power(34, 0.5), 3)  # as in tables of power
+    0.808
+    """
+    for name, value, low, high in (
+        ("participants", participants, 2, 100_000),
+        ("effect", effect, -100, 100),
+        ("comparisons", comparisons, 1, 1000),
+    ):
+        if not low <= value <= high:
+            raise InputError(f"{name}: expected {low} to {high}, got {value}")
+    if not 0.0 < alpha < 1.0:
+        raise InputError(f"alpha: expected between 0 and 1, got {alpha}")
+    require("experiments")
+    from scipy import stats
+
+    freedom = participants - 1
+    critical = float(stats.t.ppf(1.0 - alpha / comparisons / 2.0, freedom))
+    shifted = stats.nct(freedom, effect * math.sqrt(participants))
+    return float(shifted.sf(critical) + shifted.cdf(-critical))
+
+
+@checked
+def required_participants(
+    effect: float, *, power: float = 0.8, alpha: float = 0.05, comparisons: int = 1
+) -> int:
+    """Return how many participants a paired comparison of two methods' JNDs needs.
+
+    Parameters
+    ----------
+    effect : float
+        As of `paired_power`; not 0.
+    power : float
+        At least that.
+    alpha, comparisons
+        As of `paired_power`.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    InputError
+        A number is out of range, or 65 536 participants are too few.
+    MissingExtraError
+        SciPy is not installed.
+
+    Examples
+    --------
+    >>> required_participants(0.5)
+    34
+    """
+    if not 0.0 < power < 1.0:
+        raise InputError(f"power: expected between 0 and 1, got {power}")
+    low, high = 2, 4
+    while paired_power(high, effect, alpha=alpha, comparisons=comparisons) < power:
+        low, high = high, 2 * high
+        if high > 100_000:
+            raise InputError(f"effect: expected one that 65536 participants show, got {effect:g}")
+    while low < high:  # power grows with the number of participants
+        middle = (low + high) // 2
+        if paired_power(middle, effect, alpha=alpha, comparisons=comparisons) >= power:
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+@dataclass(frozen=True)
+class JndLevel:
+    """One stimulus of a JND study.
+
+    Attributes
+    ----------
+    file : str
+    model, method : str
+    difference_percent : int
+        That was asked for.
+    faces : int
+        That it has.
+    reached_percent : float
+        Difference that it has, percent of the original's faces.
+    """
+
+    file: str
+    model: str
+    method: str
+    difference_percent: int
+    faces: int
+    reached_percent: float
+
+
+@checked
+def make_jnd_stimuli(
+    study: JndStudy, *, overwrite: bool = False, progress: Any = None
+) -> list[JndLevel]:
+    """Simplify the models of a study to all its levels.
+
+    Parameters
+    ----------
+    study : JndStudy
+        Its folder of stimuli is written, with `LEVELS` beside them.
+    overwrite : bool
+        Replace the folder if it is there.
+    progress : callable, optional
+        Gets the fraction done and a message.
+
+    Returns
+    -------
+    list of JndLevel
+
+    Raises
+    ------
+    InputError
+        The folder is there, or a method does not apply to a model.
+    FormatError, OSError
+        A mesh cannot be read, or the folder not be written.
+    """
+    from manip3d import simplify
+    from manip3d.datasets import load_mesh
+    from manip3d.io import read_mesh
+    from manip3d.io._files import atomic_folder
+    from manip3d.viewer.page import Placement, placed_glb
+
+    if study.stimuli is None or study.base is None:
+        raise InputError("study: expected one that was read from a file")
+    if study.stimuli.exists() and not overwrite:
+        raise InputError(f"{study.stimuli}: exists already")
+    found: list[JndLevel] = []
+    total = len(study.conditions) * len(study.levels)
+    study.stimuli.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_folder(study.stimuli) as folder:
+        for model in study.models:
+            name = model.file.removeprefix("data:")
+            is_public = name != model.file
+            mesh = load_mesh(name) if is_public else read_mesh(study.base / model.file)
+            if model.up == "z":
+                mesh = _turned_up(mesh)
+            placement = Placement.of(mesh)
+            (folder / file_of(model.name)).write_bytes(placed_glb(mesh, placement))
+            for method in study.methods:
+                for level in study.levels:
+                    target = max(1, round(mesh.num_faces * (100 - level) / 100))
+                    result = getattr(simplify, method)(mesh, target_faces=target)
+                    light = result.mesh
+                    out = file_of(model.name, method, level)
+                    (folder / out).write_bytes(placed_glb(light, placement))
+                    reached = 100.0 * (1.0 - light.num_faces / max(mesh.num_faces, 1))
+                    found.append(
+                        JndLevel(out, model.name, method, level, light.num_faces, round(reached, 3))
+                    )
+                    if progress is not None:
+                        progress(len(found) / total, out)
+        with (folder / LEVELS).open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream, lineterminator="\n")
+            writer.writerow(JndLevel.__dataclass_fields__)
+            writer.writerows(vars(level).values() for level in found)
+    return found
+
+
+def _turned_up(mesh: Mesh) -> Mesh:
+    """A mesh with z up as one with y up."""
+
+    def turned(vectors: Floats) -> Floats:
+        return np.stack([vectors[:, 0], vectors[:, 2], -vectors[:, 1]], axis=1)
+
+    normals = None if mesh.normals is None else turned(mesh.normals)
+    return mesh.replace(vertices=turned(mesh.vertices), normals=normals)
+
+
+__all__ = [
+    "Estimate",
+    "JndLevel",
+    "JndModel",
+    "JndStudy",
+    "Rules",
+    "SimulatedObserver",
+    "Staircase",
+    "estimate_threshold",
+    "make_jnd_stimuli",
+    "paired_power",
+    "required_participants",
+    "simulate_staircase",
+]

@@ -1,0 +1,123 @@
+"""Stimuli of any study, by its definition."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d.errors import InputError
+from manip3d.study._definition import Section, read_table
+from manip3d.study._jnd import JndStudy, make_jnd_stimuli
+from manip3d.study._reading import read_study
+from manip3d.study._stimuli import make_rating_stimuli
+
+_MISSED = 0.5  # percent of the polygons by which a level may miss
+
+
+@dataclass(frozen=True)
+class MadeStimuli:
+    """What `make_stimuli` has made.
+
+    Attributes
+    ----------
+    folder : Path
+    count : int
+        Files.
+    problems : sequence of str
+        What is not as the definition says.
+    """
+
+    folder: Path
+    count: int
+    problems: tuple[str, ...]
+
+
+@checked
+def make_stimuli(
+    definition: str | os.PathLike[str],
+    *,
+    frames: int = 24,
+    surfaces: int = 0,
+    seed: int = 0,
+    overwrite: bool = False,
+    progress: Callable[[float, str], object] | None = None,
+) -> MadeStimuli:
+    """Make the stimuli that a definition of a rating or a JND names, beside it.
+
+    Parameters
+    ----------
+    definition : path-like
+        A TOML or JSON file.
+    frames, surfaces, seed : int
+        Of a rating, as of `make_rating_stimuli`.
+    overwrite : bool
+        Replace the folder if it is there.
+    progress : callable, optional
+        Gets the fraction done and a message.
+
+    Returns
+    -------
+    MadeStimuli
+
+    Raises
+    ------
+    InputError
+        The study has no stimuli, the folder is there, or an argument is out of range.
+    FormatError
+        The definition is none, or a mesh cannot be read.
+    DataMissingError
+        A public mesh that the definition names is not here.
+    MissingExtraError
+        Open3D or Pillow is not installed.
+    OSError
+        The folder cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from manip3d.study import write_template
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     file = write_template("display", Path(place) / "study.toml", example=True)
+    ...     make_stimuli(file)
+    Traceback (most recent call last):
+    manip3d.errors.InputError: definition: expected a rating or a jnd, got a display
+    """
+    file = path_of(definition)
+    table = read_table(file)
+    kind = Section(table, "", str(file)).word("kind", ("rating", "jnd", "display"))
+    if kind == "display":
+        raise InputError("definition: expected a rating or a jnd, got a display")
+    if kind == "rating":
+        name = Section(table, "", str(file)).section("rating").text("stimuli")
+        made = make_rating_stimuli(
+            file.parent / name,
+            frames=frames,
+            surfaces=surfaces,
+            seed=seed,
+            overwrite=overwrite,
+            progress=progress,
+        )
+        return MadeStimuli(file.parent / name, len(made), ())
+    study, _ = read_study(file)
+    assert isinstance(study, JndStudy)
+    assert study.stimuli is not None
+    levels = make_jnd_stimuli(study, overwrite=overwrite, progress=progress)
+    problems = []
+    for model, method in study.conditions:
+        short = [
+            level
+            for level in levels
+            if (level.model, level.method) == (model, method)
+            and level.reached_percent < level.difference_percent - _MISSED
+        ]
+        if short:
+            problems.append(
+                f"{model}, {method}: cannot be simplified beyond {short[0].reached_percent:.1f} %; "
+                f"levels from {short[0].difference_percent} % on show that"
+            )
+    count = len(levels) + len(study.models)
+    return MadeStimuli(study.stimuli, count, tuple(problems))

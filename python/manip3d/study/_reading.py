@@ -1,0 +1,150 @@
+"""Reading a definition: which study it is, and templates to begin with."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d.errors import InputError
+from manip3d.io._files import atomic_write
+from manip3d.study._definition import Section, read_table
+from manip3d.study._display import DisplayStudy
+from manip3d.study._engine import Study
+from manip3d.study._jnd import JndStudy
+from manip3d.study._rating import RatingStudy
+
+_KINDS = {"rating": RatingStudy, "jnd": JndStudy, "display": DisplayStudy}
+
+TEMPLATES = ("rating", "jnd-non-textured", "jnd-textured", "display")
+"""Definitions to begin with."""
+
+
+@checked
+def read_study(path: str | os.PathLike[str]) -> tuple[Study, dict[str, Any]]:
+    """Read a definition.
+
+    Parameters
+    ----------
+    path : path-like
+        A TOML file, or a JSON file by its suffix. Files of stimuli are looked for beside it.
+
+    Returns
+    -------
+    study : Study
+    definition : dict
+        As it stands in the file, for `StudyFolder`; with the stimuli of a rating.
+
+    Raises
+    ------
+    FormatError
+        It is no definition, or something in it is missing, unknown or out of range.
+    OSError
+        It cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = write_template("display", Path(folder) / "study.toml")
+    ...     read_study(file)
+    Traceback (most recent call last):
+    manip3d.errors.FormatError: ...consent: expected a list of 1 to 100 different texts that are ...
+    """
+    file = path_of(path)
+    definition = read_table(file)
+    study = _study(definition, file.parent, str(file))
+    if isinstance(study, RatingStudy):  # the answers need what the stimuli were
+        items = [{k: v for k, v in vars(item).items() if v != ""} for item in study.items]
+        definition["rating"] = definition["rating"] | {"items": items}
+    return study, definition
+
+
+@checked
+def study_of(definition: Mapping[str, Any]) -> Study:
+    """Return the study of a definition that is stored with its answers, without its stimuli.
+
+    Parameters
+    ----------
+    definition : mapping
+        As of `StudyFolder.definition`.
+
+    Returns
+    -------
+    Study
+
+    Raises
+    ------
+    FormatError
+        As `read_study`.
+
+    Examples
+    --------
+    >>> study_of({"kind": "none"})
+    Traceback (most recent call last):
+    manip3d.errors.FormatError: kind: expected one of rating, jnd, display, got 'none'
+    """
+    return _study(definition, None, "")
+
+
+def _study(definition: Mapping[str, Any], base: Path | None, file: str) -> Study:
+    top = Section(definition, "", file)
+    kind = top.word("kind", tuple(_KINDS))
+    return _KINDS[kind].read(Section(definition, "", file), base)  # type: ignore[attr-defined, no-any-return]
+
+
+_CONSENT = 'consent = ["This is a trial run with made-up questions; its answers mean nothing."]'
+
+
+@checked
+def write_template(name: str, path: str | os.PathLike[str], *, example: bool = False) -> Path:
+    """Write a definition to fill in.
+
+    Parameters
+    ----------
+    name : str
+        Of `TEMPLATES`.
+    path : path-like
+        A name that ends in ``.toml``.
+    example : bool
+        Fill the empty texts with placeholders, for a trial run; familiarisation takes a second.
+
+    Returns
+    -------
+    Path
+        ``path``.
+
+    Raises
+    ------
+    InputError
+        There is no such template, or the name ends in something else.
+    OSError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_template("jnd-textured", Path(folder) / "study.toml").read_text()[:5]
+    '# Jus'
+    """
+    if name not in TEMPLATES:
+        raise InputError(f"name: expected one of {', '.join(TEMPLATES)}, got {name!r}")
+    target = path_of(path)
+    if target.suffix.lower() != ".toml":
+        raise InputError(f"path: expected a name that ends in .toml, got {target.name}")
+    file = Path(__file__).parent / "templates" / f"{name}.toml"
+    content = file.read_text(encoding="utf-8")
+    if example:
+        lines = [
+            line.replace('text = ""', f'text = "Placeholder of line {number}"')
+            for number, line in enumerate(content.splitlines(), 1)
+        ]
+        content = "\n".join(lines) + "\n"
+        content = content.replace('consent = [""]', _CONSENT)
+        content = content.replace("familiarisation_s = 180", "familiarisation_s = 1")
+    atomic_write(target, content)
+    return target

@@ -1,0 +1,207 @@
+"""What a participant is shown and asked: one step at a time, each with its fields."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeAlias
+
+from manip3d.errors import FormatError
+from manip3d.serve import Kind
+
+FieldType = Literal["choice", "scale", "number", "text", "card"]
+"""``choice``: one of a few; ``scale``: whole numbers between two ends; ``number``; ``text``: free;
+``card``: the width in pixels of a bank card that the participant holds to the screen."""
+
+Value: TypeAlias = "int | float | str | None"
+
+NAME = re.compile(r"[a-z][a-z0-9_]{0,25}")
+"""Names of fields and questions: what REDCap takes for a variable, and its recommended length."""
+
+CARD_MM = 85.60
+"""Width of a bank card [ISO/IEC 7810, ID-1]."""
+
+MOST_TEXT = 2000
+"""Characters of a free text."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """One question of a step.
+
+    Attributes
+    ----------
+    name : str
+        Unique in its step; as `NAME`.
+    label : str
+        The question.
+    type : FieldType
+    choices : sequence of (str, str)
+        Of a choice: value and label.
+    low, high : float
+        Ends of a scale, a number or a card.
+    ends : (str, str)
+        What the ends of a scale mean.
+    optional : bool
+        It may be left empty.
+    is_side : bool
+        A choice between the stimuli, whose buttons stand below them.
+    """
+
+    name: str
+    label: str
+    type: FieldType
+    choices: Sequence[tuple[str, str]] = ()
+    low: float = 0.0
+    high: float = 0.0
+    ends: tuple[str, str] = ("", "")
+    optional: bool = False
+    is_side: bool = False
+
+    @property
+    def kind(self) -> Kind:
+        """What its message may hold."""
+        if self.type == "text":
+            return Kind(str, length=MOST_TEXT)
+        if self.type == "choice":
+            values = [value for value, _ in self.choices]
+            return Kind(str, choices=[*values, ""] if self.optional else values)
+        if self.optional:
+            return Kind(str, length=24)  # the number as text, or nothing
+        return Kind(int if self.type == "scale" else float, self.low, self.high)
+
+    def read(self, value: int | float | str) -> Value:
+        """Return the answer that a message's value means; None where it was left empty.
+
+        Raises
+        ------
+        FormatError
+            It is no answer to this question.
+        """
+        if self.optional and value == "":
+            return None
+        if self.type == "text":
+            text = str(value).strip()
+            if not text and not self.optional:
+                raise FormatError(f"{self.name}: expected a text")
+            return text
+        if self.type == "choice" or not isinstance(value, str):
+            return value
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if not self.low <= number <= self.high:
+            raise FormatError(f"{self.name}: expected {self.low:g} to {self.high:g}")
+        if self.type != "scale":
+            return number
+        if not number.is_integer():
+            raise FormatError(f"{self.name}: expected a whole number")
+        return int(number)
+
+    def message(self) -> dict[str, Any]:
+        """What the page needs to ask it."""
+        return {
+            "name": self.name,
+            "label": self.label,
+            "type": self.type,
+            "choices": [list(choice) for choice in self.choices],
+            "low": self.low,
+            "high": self.high,
+            "ends": list(self.ends),
+            "optional": self.optional,
+            "is_side": self.is_side,
+        }
+
+
+@dataclass(frozen=True)
+class Stimulus:
+    """Something to look at.
+
+    Attributes
+    ----------
+    address : str
+        Where the page fetches it; says nothing about what it is.
+    type : {"image", "video", "mesh"}
+        Animated pictures are images; meshes are GLB files that turn round once.
+    """
+
+    address: str
+    type: Literal["image", "video", "mesh"]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One screen of a study.
+
+    Attributes
+    ----------
+    id : str
+        Unique in the session.
+    title : str
+    text : sequence of str
+        Paragraphs.
+    fields : sequence of Field
+    stimuli : sequence of Stimulus
+    size_deg : float
+        Width of a stimulus in visual degrees; 0: as large as there is room.
+    turn_s : float
+        In which meshes turn round once.
+    minimum_s : float
+        For which it is shown at least.
+    button : str
+        What ends it.
+    condition : mapping
+        The truth about it: goes into the results, never to the page.
+    """
+
+    id: str
+    title: str
+    text: Sequence[str] = ()
+    fields: Sequence[Field] = ()
+    stimuli: Sequence[Stimulus] = ()
+    size_deg: float = 0.0
+    turn_s: float = 0.0
+    minimum_s: float = 0.0
+    button: str = "Continue"
+    condition: Mapping[str, Any] = field(default_factory=dict)
+
+    def message(self, *, px_per_degree: float | None) -> dict[str, Any]:
+        """The step as the page gets it: nothing that would tell the truth."""
+        width = 0.0 if px_per_degree is None else self.size_deg * px_per_degree
+        return {
+            "type": "step",
+            "id": self.id,
+            "title": self.title,
+            "text": list(self.text),
+            "fields": [each.message() for each in self.fields],
+            "stimuli": [{"address": s.address, "type": s.type} for s in self.stimuli],
+            "width_px": round(width, 2),
+            "turn_s": self.turn_s,
+            "minimum_s": self.minimum_s,
+            "button": self.button,
+        }
+
+
+def px_per_degree(card_px: float, distance_cm: float) -> float:
+    """Return how many pixels of a screen a visual degree at its middle covers.
+
+    Parameters
+    ----------
+    card_px : float
+        Width of a bank card on that screen, in CSS pixels.
+    distance_cm : float
+        From the eyes to the screen.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> round(px_per_degree(323.5, 60.0), 1)  # a screen of 96 dots per inch
+    39.6
+    """
+    return 2.0 * 10.0 * distance_cm * math.tan(math.radians(0.5)) * card_px / CARD_MM

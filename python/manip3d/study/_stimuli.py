@@ -1,0 +1,361 @@
+"""Stimuli of the rating study: simulated people, real and forged, as pictures and clips."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d._util.checked import checked
+from manip3d._util.extras import require
+from manip3d._util.paths import path_of
+from manip3d.errors import InputError
+from manip3d.io._files import atomic_folder
+from manip3d.study._rating import COLUMNS, FORMS, MANIFEST, PUBLISHED_COMPOSITION, Item
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d.forge import ForgedFrame
+    from manip3d.rgbd import RgbdFrame
+
+    Image = NDArray[np.uint8]
+
+ACTIONS = (("wave", "both"), ("arm-raise", "left"), ("arm-raise", "right"), ("arm-raise", "both"))
+"""Waving, raising the left arm, the right arm, both arms (section 5.2)."""
+
+PEOPLE = (0.86, 0.92, 0.98, 1.04, 1.12, 1.2)
+"""Girths of the six people; the third wears stripes."""
+
+_RATE = 10.0  # frames per second of a clip
+_LOW_WIDTH, _LOW_QUALITY = 160, 12
+_SURFACE_EDGE = 0.06  # metres: longer edges bridge a step in depth
+_NEAREST, _FARTHEST = 2.1, 2.9  # metres from the camera to a person
+_NEAR_MM, _FAR_MM = 1200.0, 5200.0  # one grey scale for all depth pictures
+
+
+@dataclass(frozen=True)
+class _Shot:
+    """Who does what, and what is forged of it."""
+
+    truth: str
+    running: bool
+    seed: int
+
+    def frames(self, times: Sequence[float]) -> list[tuple[RgbdFrame, NDArray[np.bool_]]]:
+        """Frames, each with the person's pixels."""
+        from manip3d import forge
+        from manip3d.rgbd import NO_BODY
+        from manip3d.simulate import BodySimulator
+
+        random = np.random.default_rng(self.seed)
+        person, action = int(random.integers(6)), int(random.integers(4))
+        motion, side = ACTIONS[action]
+        start = float(random.uniform(0.0, 3.0))
+        distance = float(random.uniform(_NEAREST, _FARTHEST))
+        actor = BodySimulator(
+            motion=motion,
+            side=side,
+            girth=PEOPLE[person],
+            stripes=person == 2,
+            distance=distance,
+            tracker="kinect-v2",
+            seed=self.seed,
+        )
+        seen = [actor.frame(start + time) for time in times]
+        if self.truth == "real":
+            return [(f, np.asarray(f.body_index != NO_BODY)) for f in seen]
+        scenes = [actor.background(start + 60.0 + time) for time in times]
+        pose = None
+        if self.truth == "type2":
+            other, side = ACTIONS[(action + 1 + int(random.integers(3))) % 4]
+            mover = BodySimulator(motion=other, side=side, color="none", seed=self.seed + 1)
+            pose = [mover.frame(start + time).skeletons[0] for time in times]
+        made: Iterator[ForgedFrame] = forge.stream(
+            seen,
+            scenes if self.running else scenes[0],
+            kind=2 if self.truth == "type2" else 1,
+            pose=pose,
+            # To another distance, and not to the side: recorded people stand in the middle too.
+            move=(0.0, 0.0, float(random.uniform(_NEAREST, _FARTHEST)) - distance),
+        ).frames()
+        return [(f.frame, f.mask) for f in made]
+
+
+def _depth(frame: RgbdFrame, person: NDArray[np.bool_]) -> Image:
+    from manip3d.viewer.people import depth_picture
+
+    return depth_picture(frame.depth, near=_NEAR_MM, far=_FAR_MM)
+
+
+def _color(frame: RgbdFrame, person: NDArray[np.bool_]) -> Image:
+    assert frame.color is not None
+    return np.ascontiguousarray(np.asarray(frame.color)[..., :3])
+
+
+def _rendered(frame: RgbdFrame, person: NDArray[np.bool_]) -> Image:
+    """The person as a textured surface, seen from 20 degrees beside the camera."""
+    from manip3d import simplify
+    from manip3d.viewer.people import surface_picture
+
+    camera = frame.calibration.depth
+    alone = np.where(person, frame.depth, np.zeros((), frame.depth.dtype))
+    mesh = simplify.dense_mesh(alone, camera, color=frame.color, max_edge=_SURFACE_EDGE)
+    assert mesh.texcoords is not None
+    color = np.asarray(frame.color)[..., :3]
+    return surface_picture(mesh.vertices, mesh.faces, mesh.texcoords, color, camera, azimuth=20.0)
+
+
+_DRAW: Mapping[str, Callable[[RgbdFrame, NDArray[np.bool_]], Image]] = {
+    "depth": _depth,
+    "color": _color,
+    "rendered": _rendered,
+}
+
+
+@checked
+def make_rating_stimuli(
+    output: str | os.PathLike[str],
+    *,
+    composition: Mapping[tuple[str, str, str], Mapping[str, int]] | None = None,
+    frames: int = 24,
+    examples: bool = True,
+    surfaces: int = 0,
+    seed: int = 0,
+    overwrite: bool = False,
+    progress: Callable[[float, str], object] | None = None,
+) -> tuple[Item, ...]:
+    """Make a folder of stimuli for a rating study, of simulated people and of LiDAR scans.
+
+    Parameters
+    ----------
+    output : path-like
+        A folder to be made, with ``stimuli.csv``.
+    composition : mapping, optional
+        Numbers of stimuli as `PUBLISHED_COMPOSITION`, which is the default.
+    frames : int
+        Of a clip, 10 a second.
+    examples : bool
+        Also one image of each class, shown before.
+    surfaces : int
+        Surfaces meshed from LiDAR scans: so many real ones, and as many with an object added.
+    seed : int
+    overwrite : bool
+        Replace the folder if it is there.
+    progress : callable, optional
+        Gets the fraction done and a message.
+
+    Returns
+    -------
+    tuple of Item
+        In the order of ``stimuli.csv``. File names are by chance and tell nothing.
+
+    Raises
+    ------
+    InputError
+        An argument is out of range, or the folder is there.
+    MissingExtraError
+        Open3D or Pillow is not installed: ``pip install 'manip3d[simulate]'``.
+    OSError
+        It cannot be written.
+
+    Notes
+    -----
+    Six people of different girths and four actions as published, in one simulated room: three
+    backgrounds are not simulated. The background of a forged clip is one still frame in every
+    second clip, a running sequence in the others. Depth has one grey scale throughout. Clips are
+    animated WebP, without loss except those of low resolution: 160 pixels wide, quality 12.
+    """
+    wanted = PUBLISHED_COMPOSITION if composition is None else composition
+    if not 2 <= frames <= 1000 or not 0 <= surfaces <= 1000:
+        raise InputError(
+            f"frames, surfaces: expected 2 to 1000 and 0 to 1000, got {frames} and {surfaces}"
+        )
+    for (form, modality, resolution), counts in wanted.items():
+        good = form in FORMS and modality in _DRAW and resolution in ("full", "low")
+        if not good or not set(counts) <= {"real", "type1", "type2"}:
+            raise InputError(
+                f"composition: {form}, {modality}, {resolution}: expected image or clip; "
+                f"{', '.join(_DRAW)}; full or low; numbers of real, type1 and type2"
+            )
+    target = path_of(output)
+    if target.exists() and not overwrite:
+        raise InputError(f"output: {target} exists already")
+    require("simulate")
+    plan = [
+        (Item("", truth, modality, form, resolution), number)
+        for (form, modality, resolution), counts in wanted.items()
+        for truth, count in counts.items()
+        for number in range(count)
+    ]
+    if examples:
+        plan += [
+            (Item("", truth, "color", "image", "full", "", True), 0)
+            for truth in ("real", "type1", "type2")
+        ]
+    plan += [
+        (Item("", truth, "surface", "image", "full"), number)
+        for number in range(surfaces)
+        for truth in ("real", "added")
+    ]
+    random = np.random.default_rng(seed)
+    names = random.choice(16**6, size=len(plan), replace=False)
+    made = []
+    with atomic_folder(target) as folder:
+        for place, (item, number) in enumerate(plan):
+            if progress is not None:
+                progress(place / len(plan), f"{item.modality} {item.form}")
+            name = f"{names[place]:06x}.{'webp' if item.form == 'clip' else 'png'}"
+            own_seed = int(random.integers(2**31))
+            content, background = _content(item, number, own_seed, frames)
+            (folder / name).write_bytes(content)
+            made.append(
+                Item(
+                    name,
+                    item.truth,
+                    item.modality,
+                    item.form,
+                    item.resolution,
+                    background,
+                    item.example,
+                )
+            )
+        made.sort(key=lambda item: item.file)
+        with (folder / MANIFEST).open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream, lineterminator="\n")
+            writer.writerow(COLUMNS)
+            for item in made:
+                row = [getattr(item, column) for column in COLUMNS]
+                writer.writerow([*row[:-1], "1" if item.example else "0"])
+    return tuple(made)
+
+
+def _content(item: Item, number: int, seed: int, frames: int) -> tuple[bytes, str]:
+    """The file, and which background was used."""
+    if item.modality == "surface":
+        return _png(_scan_surface(item.truth == "added", seed)), ""
+    running = item.form == "image" or number % 2 == 1
+    shot = _Shot(item.truth, running, seed)
+    times = [n / _RATE for n in range(frames)] if item.form == "clip" else [0.0]
+    pictures = [_DRAW[item.modality](*seen) for seen in shot.frames(times)]
+    background = "" if item.truth == "real" else ("running" if running else "still")
+    if item.form == "image":
+        return _png(pictures[0], low=item.resolution == "low"), background
+    return _clip(pictures, low=item.resolution == "low"), background
+
+
+def _small(picture: Image) -> Image:
+    from PIL import Image as Pillow
+
+    height = max(1, round(picture.shape[0] * _LOW_WIDTH / picture.shape[1]))
+    return np.asarray(Pillow.fromarray(picture).resize((_LOW_WIDTH, height)))
+
+
+def _png(picture: Image, *, low: bool = False) -> bytes:
+    from manip3d.viewer.pictures import png_bytes
+
+    return png_bytes(_small(picture) if low else picture)
+
+
+def _clip(pictures: Sequence[Image], *, low: bool) -> bytes:
+    """An animated WebP that is played over and over."""
+    from PIL import Image as Pillow
+
+    first, *rest = (Pillow.fromarray(_small(p) if low else p) for p in pictures)
+    stream = io.BytesIO()
+    first.save(
+        stream,
+        "WEBP",
+        save_all=True,
+        append_images=rest,
+        duration=round(1000 / _RATE),
+        loop=0,
+        lossless=not low,
+        quality=_LOW_QUALITY if low else 50,
+        method=2,
+    )
+    return stream.getvalue()
+
+
+_SCAN_DEG = 0.2
+_SCAN_VIEW = ((-40.0, 40.0), (-30.0, 24.0))
+_SCAN_EDGE = 0.25  # metres
+_PLACES = 8
+_OBJECTS = ("head", "rocker", "lifeboat")
+
+
+def _scan_surface(is_forged: bool, seed: int) -> Image:
+    """A terrestrial scan meshed along its angular grid, grey and lit from the viewer; forged: with
+    an object pasted onto the floor and sampled as the scanner would (CRTP)."""
+    from manip3d import Intrinsics, forge, simplify
+    from manip3d.simulate import models, scenes, terrestrial_scan
+    from manip3d.viewer.people import surface_picture
+
+    random = np.random.default_rng(seed)
+    scene = scenes.make(f"indoor-{int(random.integers(17)):02d}")
+    scan = terrestrial_scan(scene, resolution_deg=_SCAN_DEG, field_of_view=_SCAN_VIEW, rng=random)
+    points = scan.points
+    grid, valid, _ = _grid(points.astype(np.float64))
+    if is_forged:
+        made = models.MODELS[_OBJECTS[int(random.integers(len(_OBJECTS)))]]().vertices
+        vertices = np.stack([made[:, 2], made[:, 0], made[:, 1]], axis=1)  # from y up to z up
+        scale = float(random.uniform(0.35, 0.7)) / float(np.ptp(vertices, axis=0).max())
+        stands = _level_places(grid)
+        most = 0
+        for _ in range(_PLACES):  # that where most of the object is seen
+            place = stands[int(random.integers(len(stands)))].copy()
+            place[2] += scale * float(vertices[:, 2].mean() - vertices[:, 2].min())
+            forged = forge.crtp(points, vertices, position=place, scale=scale)
+            found, there, owner = _grid(forged.points[:, :3].astype(np.float64))
+            seen_cells = int(np.isin(owner, forged.added).sum())
+            if seen_cells > most:
+                most, grid, valid = seen_cells, found, there
+    mesh = simplify.dense_mesh_grid(grid, valid, max_edge=_SCAN_EDGE)
+    seen = np.stack([-mesh.vertices[:, 1], -mesh.vertices[:, 2], mesh.vertices[:, 0]], axis=1)
+    camera = Intrinsics(640, 440, 420.0, 420.0, 319.5, 219.5)
+    return surface_picture(
+        np.ascontiguousarray(seen, np.float32),
+        mesh.faces,
+        np.zeros((len(seen), 2), np.float32),
+        None,
+        camera,
+        azimuth=8.0,
+    )
+
+
+def _level_places(grid: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points of level surfaces, floors and tables, in the middle of the view."""
+    step = np.abs(np.diff(grid, axis=0))
+    level = (step[..., 2] < 0.02) & (step[..., :2].max(axis=-1) > 0.02)  # rows go farther, not up
+    inside = np.zeros_like(level)
+    height, width = level.shape
+    inside[height // 6 : height // 2, width // 5 : -width // 5] = True
+    found: NDArray[np.float64] = grid[:-1][level & inside]
+    return found
+
+
+def _grid(
+    points: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.int64]]:
+    """The nearest point of each cell of the angular grid, rows upwards, and its number."""
+    (left, right), (low, high) = _SCAN_VIEW
+    azimuth = np.degrees(np.arctan2(points[:, 1], points[:, 0]))
+    elevation = np.degrees(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))
+    # From left to right, as an image: azimuth grows to the left.
+    column = np.floor((right - azimuth) / _SCAN_DEG).astype(np.int64)
+    row = np.floor((elevation - low) / _SCAN_DEG).astype(np.int64)
+    width, height = round((right - left) / _SCAN_DEG), round((high - low) / _SCAN_DEG)
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    kept = np.flatnonzero(inside)
+    # The farthest first: nearer ones replace them.
+    kept = kept[np.argsort(-np.linalg.norm(points[kept], axis=1), kind="stable")]
+    grid = np.full((height, width, 3), np.nan)
+    grid[row[kept], column[kept]] = points[kept]
+    owner = np.full((height, width), -1, np.int64)
+    owner[row[kept], column[kept]] = kept
+    return grid, owner >= 0, owner

@@ -1,0 +1,286 @@
+"""A folder of answers: one journal for each participant; what was acknowledged is never lost."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import re
+import time
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d.errors import FormatError, InputError
+from manip3d.io._files import _sync_folder, atomic_write, regular_bytes
+from manip3d.study._steps import Value
+
+CODE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
+"""Codes of participants: pseudonyms, which are also file names."""
+
+_DEFINITION = "study.json"
+_PARTICIPANTS = "participants"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a participant answered to one step.
+
+    Attributes
+    ----------
+    step : str
+        Id of the step.
+    condition : mapping
+        The truth about it.
+    values : mapping of str to value
+        By the names of its fields.
+    elapsed_ms : float
+        From the step's being shown to the answer, by the page's clock.
+    shown_px : float
+        Width at which each stimulus was shown, in CSS pixels; 0 without stimuli.
+    time_ns : int
+        When it was stored, by `time.time_ns`.
+    assigned : int or None
+        Of the step that tells the group: how many others of that group came before.
+    """
+
+    step: str
+    condition: Mapping[str, Any]
+    values: Mapping[str, Value]
+    elapsed_ms: float = 0.0
+    shown_px: float = 0.0
+    time_ns: int = 0
+    assigned: int | None = None
+
+
+@dataclass
+class Session:
+    """What is known of one participant.
+
+    Attributes
+    ----------
+    participant : str
+    number : int
+        How many participants began before.
+    answers : list of Answer
+    """
+
+    participant: str
+    number: int
+    answers: list[Answer] = field(default_factory=list)
+
+    def answer(self, step: str) -> Answer | None:
+        """The answer to a step."""
+        return next((each for each in self.answers if each.step == step), None)
+
+    @property
+    def group(self) -> str:
+        """The group that they said they belong to; empty where nobody asked."""
+        about = self.answer("about")
+        return str(about.values.get("group") or "") if about else ""
+
+    @property
+    def assigned(self) -> int:
+        """How many of that group came before."""
+        about = self.answer("about")
+        return self.number if about is None or about.assigned is None else about.assigned
+
+
+@checked
+class StudyFolder:
+    """The answers of a study in a folder, for one process at a time.
+
+    Parameters
+    ----------
+    path : path-like
+        Made if it is absent.
+    definition : mapping, optional
+        Stored with the first answer folder; a folder that holds answers to another definition is
+        refused. Without it the folder must be there.
+
+    Raises
+    ------
+    InputError
+        The folder holds another definition, or is in use.
+    FormatError
+        A file in it is damaged.
+    OSError
+        It cannot be read or written.
+    """
+
+    def __init__(
+        self, path: str | os.PathLike[str], definition: Mapping[str, Any] | None = None
+    ) -> None:
+        self.path = path_of(path)
+        self._lock: int | None = None
+        if definition is None and not (self.path / _DEFINITION).is_file():
+            raise InputError(f"{self.path}: expected a folder of a study, found no {_DEFINITION}")
+        if not self.path.exists():
+            self.path.mkdir(mode=0o700, parents=True)  # answers of people are nobody else's
+        (self.path / _PARTICIPANTS).mkdir(exist_ok=True)
+        lock = os.open(self.path / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(lock)
+            raise InputError(f"{self.path}: another process is using this study") from None
+        self._lock = lock
+        try:
+            self.definition = self._agreed(definition)
+            self.sessions = {
+                file.stem: self._read(file)
+                for file in sorted((self.path / _PARTICIPANTS).glob("*.jsonl"))
+            }
+        except BaseException:
+            self.close()
+            raise
+
+    def _agreed(self, definition: Mapping[str, Any] | None) -> dict[str, Any]:
+        file = self.path / _DEFINITION
+        if file.exists():
+            try:
+                stored = json.loads(regular_bytes(file))
+            except ValueError as error:
+                raise FormatError(f"expected JSON: {error}", file=str(file)) from None
+            if not isinstance(stored, dict):
+                raise FormatError("expected an object", file=str(file))
+            if definition is not None and _canonical(definition) != _canonical(stored):
+                raise InputError(
+                    f"{self.path}: holds answers to another definition; a study that has changed "
+                    "needs another folder"
+                )
+            return stored
+        assert definition is not None
+        atomic_write(file, _canonical(definition) + "\n")
+        return dict(definition)
+
+    def begin(self, participant: str) -> Session:
+        """Return the session of a participant: a new one, or the one that was interrupted.
+
+        Raises
+        ------
+        InputError
+            The code is no code, or differs from another only in its letters' case.
+        """
+        if not CODE.fullmatch(participant):
+            raise InputError(
+                "participant: expected letters, digits, - and _, at most 32, "
+                f"got {participant[:40]!r}"
+            )
+        if participant in self.sessions:
+            return self.sessions[participant]
+        if participant.lower() in (code.lower() for code in self.sessions):
+            raise InputError(f"participant: {participant} differs from another code only in case")
+        number = 1 + max((s.number for s in self.sessions.values()), default=-1)
+        file = self._file(participant)
+        atomic_write(file, _line({"participant": participant, "number": number}))
+        self.sessions[participant] = Session(participant, number)
+        return self.sessions[participant]
+
+    def store(self, participant: str, answer: Answer) -> Answer:
+        """Append an answer; when this returns, it is on the disk.
+
+        Raises
+        ------
+        OSError
+            It could not be written; nothing of it is left in the file.
+        """
+        session = self.sessions[participant]
+        stamped = Answer(**{**vars(answer), "time_ns": time.time_ns()})
+        content = _line({key: value for key, value in vars(stamped).items()}).encode()
+        descriptor = os.open(self._file(participant), os.O_WRONLY | os.O_APPEND | os.O_CLOEXEC)
+        try:
+            size = os.fstat(descriptor).st_size
+            try:
+                rest = memoryview(content)
+                while rest:
+                    rest = rest[os.write(descriptor, rest) :]
+                os.fsync(descriptor)
+            except BaseException:
+                os.ftruncate(descriptor, size)
+                raise
+        finally:
+            os.close(descriptor)
+        session.answers.append(stamped)
+        return stamped
+
+    def withdraw(self, participant: str) -> None:
+        """Delete all answers of a participant who has withdrawn their consent.
+
+        Raises
+        ------
+        InputError
+            There is no such participant.
+        """
+        if participant not in self.sessions:
+            raise InputError(f"participant: expected one of this study, got {participant!r}")
+        self._file(participant).unlink()
+        _sync_folder(self.path / _PARTICIPANTS)
+        del self.sessions[participant]
+
+    def close(self) -> None:
+        """Let others use the folder; may be called twice."""
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _file(self, participant: str) -> Path:
+        return self.path / _PARTICIPANTS / f"{participant}.jsonl"
+
+    def _read(self, file: Path) -> Session:
+        """A journal without its torn end, which was never acknowledged."""
+        content = regular_bytes(file)
+        whole = content[: content.rfind(b"\n") + 1]
+        records = list(_records(whole, file))
+        if len(whole) != len(content):
+            with file.open("rb+") as stream:
+                stream.truncate(len(whole))
+                os.fsync(stream.fileno())
+        try:
+            head, *rest = records
+            session = Session(str(head["participant"]), int(head["number"]))
+            session.answers = [Answer(**record) for record in rest]
+        except (KeyError, TypeError, ValueError) as error:
+            raise FormatError(f"expected a journal of answers: {error}", file=str(file)) from None
+        if session.participant != file.stem:
+            raise FormatError(f"expected answers of {file.stem}", file=str(file))
+        return session
+
+
+def _canonical(definition: Mapping[str, Any]) -> str:
+    return json.dumps(definition, sort_keys=True, ensure_ascii=False, indent=1)
+
+
+def _line(record: Mapping[str, Any]) -> str:
+    """A record and its checksum as one line."""
+    text = json.dumps(record, ensure_ascii=True, separators=(",", ":"))
+    return f"{zlib.crc32(text.encode()):08x} {text}\n"
+
+
+def _records(content: bytes, file: Path) -> Iterator[dict[str, Any]]:
+    for number, line in enumerate(content.splitlines(), 1):
+        check, _, text = line.partition(b" ")
+        try:
+            good = int(check, 16) == zlib.crc32(text)
+            record = json.loads(text) if good else None
+        except ValueError:
+            record = None
+        if not isinstance(record, dict):
+            raise FormatError(f"line {number}: damaged", file=str(file))
+        yield record

@@ -1,0 +1,97 @@
+"""``manip3d study`` as somebody types it: what it prints, and what it refuses in one line."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from command_line import manip3d as run
+
+
+@pytest.fixture
+def definition(tmp_path: Path) -> Path:
+    file = tmp_path / "study.toml"
+    assert run("study", "define", "display", "-o", file, "--example", "-q").returncode == 0
+    return file
+
+
+def test_a_definition_is_not_replaced_without_force(definition: Path) -> None:
+    before = definition.read_bytes()
+    done = run("study", "define", "rating", "-o", definition)
+    assert done.returncode == 1
+    assert "exists already; --force replaces it" in done.stderr
+    assert definition.read_bytes() == before
+    assert run("study", "define", "rating", "-o", definition, "--force").returncode == 0
+    assert definition.read_bytes() != before
+
+
+def test_an_empty_definition_names_what_is_empty(tmp_path: Path) -> None:
+    file = tmp_path / "study.toml"
+    run("study", "define", "display", "-o", file)
+    done = run("study", "display", file, "-o", tmp_path / "a", "--no-open", "--seconds", "1")
+    assert done.returncode == 1
+    assert "consent: expected a list of 1 to 100 different texts that are not empty" in done.stderr
+    assert not (tmp_path / "a").exists()
+
+
+def test_another_kind_of_study_is_refused(definition: Path, tmp_path: Path) -> None:
+    done = run("study", "jnd", definition, "-o", tmp_path / "a", "--no-open", "--seconds", "1")
+    assert done.returncode == 1
+    assert "expected a definition of a jnd, got display" in done.stderr
+    assert not (tmp_path / "a").exists()
+
+
+def test_from_simulated_people_to_results(definition: Path, tmp_path: Path) -> None:
+    answers, tables = tmp_path / "answers", tmp_path / "tables"
+    done = run("study", "simulate", definition, "-o", answers, "--participants", "3", "--json")
+    assert json.loads(done.stdout) == {"participants": ["sim-000", "sim-001", "sim-002"]}
+    assert run("study", "withdraw", answers, "sim-001").returncode == 0
+    done = run("study", "results", answers, "-o", tables, "--json")
+    assert json.loads(done.stdout)["files"] == [
+        "answers.csv",
+        "participants.csv",
+        "redcap_dictionary.csv",
+        "summary.csv",
+        "summary.html",
+    ]
+    assert "sim-001" not in (tables / "participants.csv").read_text()
+    done = run("study", "results", answers, "-o", tables)
+    assert done.returncode == 1
+    assert "exists already; --force replaces it" in done.stderr
+    assert run("study", "results", answers, "-o", tables, "--force").returncode == 0
+
+
+def test_power_is_a_table(tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    done = run("study", "power", "0.5", "--comparisons", "1", "--json")
+    found = json.loads(done.stdout)
+    assert found["participants"] == 34
+    assert found["power"]["34"] >= 0.8
+    done = run("study", "power", "0")
+    assert done.returncode == 1
+    assert "effect: expected one that" in done.stderr
+
+
+def test_ctrl_c_ends_a_study(definition: Path, tmp_path: Path) -> None:
+    pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
+    from manip3d.viewer.page import BUNDLE
+
+    if not (BUNDLE.parent / "study.js").exists():
+        pytest.skip("the page is not built: make setup")
+    words = ["study", "display", str(definition), "-o", str(tmp_path / "a"), "--no-open"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "manip3d", *words], stderr=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    line = process.stderr.readline()
+    assert re.fullmatch(r"open http://127\.0\.0\.1:\d+/\?token=\S+\n", line)
+    process.send_signal(signal.SIGINT)
+    _, rest = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert "0 participants, 0 to the end; 0 answers in" in rest

@@ -1,0 +1,137 @@
+"""A participant in headless Chromium: reads what a page asks, and answers it."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from manip3d import RenderError
+from manip3d.serve import LocalServer
+from manip3d.study import Study, StudyFolder
+from manip3d.study._engine import Conductor, study_pages
+from manip3d.viewer import _chromium
+from manip3d.viewer.page import BUNDLE
+
+SECONDS = 30.0
+
+
+def require_chromium() -> None:
+    """Skip where there is no browser or no page."""
+    if not (BUNDLE.parent / "study.js").exists():
+        pytest.skip("the page is not built: make setup")
+    try:
+        _chromium.program()
+    except RenderError as error:
+        pytest.skip(str(error))
+
+
+def wait_for(condition: Callable[[], Any], what: str = "") -> Any:
+    """What a condition gives once it holds."""
+    end = time.monotonic() + SECONDS
+    while not (found := condition()):
+        assert time.monotonic() < end, what
+        time.sleep(0.01)
+    return found
+
+
+@contextmanager
+def served(study: Study, folder: StudyFolder, port: int = 0) -> Iterator[LocalServer]:
+    """A study on a server."""
+    with LocalServer(study_pages(study), Conductor(study, folder).hear, port=port) as server:
+        yield server
+
+
+class Participant:
+    """Somebody before a page."""
+
+    def __init__(self, tab: _chromium.Tab) -> None:
+        self.tab = tab
+
+    def begin(self, code: str) -> None:
+        """Type a code."""
+        wait_for(lambda: self.tab.evaluate("!!document.querySelector('[name=participant]')"), code)
+        self.tab.evaluate(
+            f"document.querySelector('[name=participant]').value = {json.dumps(code)};"
+            "document.querySelector('#continue').click()"
+        )
+
+    def step(self) -> dict[str, Any] | None:
+        """The step that is shown and can be answered, or None."""
+        text = self.tab.evaluate(
+            "JSON.stringify((() => {"
+            "const buttons = [...document.querySelectorAll('#form button')];"
+            "const ready = buttons.length && buttons.every((b) => !b.disabled);"
+            "return ready && !manip3dStudy.pending() ? manip3dStudy.step() : null; })())"
+        )
+        found: dict[str, Any] | None = json.loads(text)
+        return found
+
+    def next_step(self, after: str = "") -> dict[str, Any] | None:
+        """The next step that can be answered; None at the end."""
+
+        def there() -> dict[str, Any] | bool | None:
+            if self.tab.evaluate("!!document.querySelector('#end')"):
+                return True
+            step = self.step()
+            return step if step is not None and step["id"] != after else None
+
+        found = wait_for(there, f"a step after {after}")
+        return None if found is True else found
+
+    def answer(self, values: dict[str, str]) -> None:
+        """Fill in the form and send it, as hands would: by its inputs and its buttons."""
+        self.tab.evaluate(
+            f"""(() => {{
+            const values = {json.dumps(values)};
+            for (const [name, value] of Object.entries(values)) {{
+              const sides = [...document.querySelectorAll("button[data-side]")];
+              const side = sides.find((button) => button.dataset.side === value);
+              if (side) {{ side.click(); return; }}
+              const inputs = [...document.querySelectorAll(`#form [name="${{name}}"]`)];
+              const radio = inputs.find((i) => i.type === "radio" && i.value === value);
+              if (radio) radio.click();
+              else {{
+                inputs[0].value = value;
+                inputs[0].dispatchEvent(new Event("input", {{bubbles: true}}));
+              }}
+            }}
+            document.querySelector("#continue").click();
+            }})()"""
+        )
+
+    def answer_all(self, choose: Callable[[dict[str, Any]], dict[str, str]]) -> list[str]:
+        """Answer to the end; return the ids of the steps."""
+        seen: list[str] = []
+        while (step := self.next_step(seen[-1] if seen else "")) is not None:
+            self.answer(choose(step))
+            seen.append(step["id"])
+        return seen
+
+
+def plain_answer(step: dict[str, Any]) -> dict[str, str]:
+    """An answer to the questions that all studies ask, and a fixed one to others."""
+    found = {}
+    for field in step["fields"]:
+        if field["type"] == "choice":
+            found[field["name"]] = field["choices"][0][0]
+        elif field["type"] == "text":
+            found[field["name"]] = 'edges of the person, "quoted"\nand ä'
+        else:
+            found[field["name"]] = {"card_px": "330", "distance_cm": "55"}.get(field["name"], "30")
+        if field["type"] == "scale":
+            found[field["name"]] = "2"
+    return found
+
+
+def picture_of(tab: _chromium.Tab, path: Path) -> None:
+    """Write what is seen."""
+    import base64
+
+    tab.evaluate("new Promise(d => requestAnimationFrame(() => requestAnimationFrame(d)))")
+    path.write_bytes(base64.b64decode(tab.send("Page.captureScreenshot", format="png")["data"]))

@@ -1,0 +1,164 @@
+"""The displays study in a real browser, from consent to CSV; and the engine's promises there."""
+
+from __future__ import annotations
+
+import asyncio
+import csv
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
+
+from browser import Participant, plain_answer, require_chromium, served, wait_for
+
+from manip3d.study import (
+    DisplayStudy,
+    StudyFolder,
+    read_study,
+    study_of,
+    write_results,
+    write_template,
+)
+from manip3d.viewer import _chromium
+
+
+@pytest.fixture
+def definition(tmp_path: Path) -> Path:
+    file = write_template("display", tmp_path / "study.toml", example=True)
+    text = file.read_text().replace("familiarisation_s = 1\n", "familiarisation_s = 0.3\n")
+    file.write_text(text)
+    return file
+
+
+def rows_of(file: Path) -> list[dict[str, str]]:
+    with file.open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_from_consent_to_csv(definition: Path, tmp_path: Path) -> None:
+    require_chromium()
+    study, content = read_study(definition)
+    assert isinstance(study, DisplayStudy)
+    with StudyFolder(tmp_path / "answers", content) as folder:
+        with (
+            served(study, folder) as server,
+            _chromium.open_address(server.url, (1280, 900)) as tab,
+        ):
+            person = Participant(tab)
+            person.begin("P1")
+            seen = person.answer_all(plain_answer)
+            assert seen[:3] == ["consent", "about", "introduction"]
+            assert seen[3:8] == [
+                "d1_familiarisation",
+                "d1_task",
+                "d1_part1",
+                "d1_part2",
+                "d1_part3",
+            ]
+            assert len(seen) == 3 + 3 * 5 + 1
+            assert set(server.refused) <= {"not found"}  # a picture for the tab
+        results = write_results(study_of(folder.definition), folder, tmp_path / "results")
+
+    (row,) = rows_of(results / "participants.csv")
+    assert (row["record_id"], row["state"], row["group"], row["age"]) == (
+        "P1",
+        "finished",
+        "1",
+        "30.0",
+    )
+    scales = [name for name in row if name.startswith("d1_") and name != "d1_session"]
+    assert len(scales) == 13
+    assert {row[name] for name in scales} == {"2"}
+    assert sorted(row[f"d{n}_session"] for n in (1, 2, 3)) == ["1", "2", "3"]
+    assert row["positive"] == 'edges of the person, "quoted"\nand ä'
+    dictionary = rows_of(results / "redcap_dictionary.csv")
+    assert [entry["Variable / Field Name"] for entry in dictionary] == list(row)
+    answers = rows_of(results / "answers.csv")
+    assert len([a for a in answers if a["step"].startswith("d2_part")]) == 13
+    waited = next(a for a in answers if a["step"] == "d1_familiarisation")
+    assert float(waited["elapsed_ms"]) >= 300
+    assert "100.0 % agreed; published 92.59 %" in (results / "summary.html").read_text()
+
+
+def test_a_killed_server_and_a_reloaded_page_lose_nothing(definition: Path, tmp_path: Path) -> None:
+    require_chromium()
+    study, content = read_study(definition)
+    answers = tmp_path / "answers"
+    with StudyFolder(answers, content) as folder, served(study, folder) as server:
+        with _chromium.open_address(server.url, (420, 900)) as tab:
+            person = Participant(tab)
+            person.begin("P1")
+            for step in ("consent", "about"):
+                found = person.next_step()
+                assert found is not None
+                assert found["id"] == step
+                person.answer(plain_answer(found))
+                wait_for(lambda step=step: folder.sessions["P1"].answer(step))
+            tab.send("Page.reload")
+            found = person.next_step("about")
+            assert found is not None
+            assert found["id"] == "introduction"
+        port = server.port
+    kept = (answers / "participants" / "P1.jsonl").read_bytes()
+    # The last answer was cut off in the middle, as by a loss of power: it was never acknowledged.
+    (answers / "participants" / "P1.jsonl").write_bytes(kept + b'00000000 {"step": "introd')
+    with StudyFolder(answers, content) as folder, served(study, folder, port) as server:
+        assert [a.step for a in folder.sessions["P1"].answers] == ["consent", "about"]
+        with _chromium.open_address(server.url, (420, 900)) as tab:
+            narrow = {"width": 420, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+            tab.send("Emulation.setDeviceMetricsOverride", **narrow)
+            person = Participant(tab)
+            person.begin("P1")
+            found = person.next_step()
+            assert found is not None
+            assert found["id"] == "introduction"
+            assert tab.evaluate("document.documentElement.scrollWidth") <= 420
+    assert (answers / "participants" / "P1.jsonl").read_bytes() == kept
+
+
+def test_an_answer_waits_for_the_server_to_come_back(definition: Path, tmp_path: Path) -> None:
+    require_chromium()
+    study, content = read_study(definition)
+    with StudyFolder(tmp_path / "answers", content) as folder, served(study, folder) as server:
+        url = server.url
+        with _chromium.open_address(url, (800, 900)) as tab:
+            person = Participant(tab)
+            person.begin("P1")
+            found = person.next_step()
+            assert found is not None
+            # The connection breaks before the answer arrives.
+            tab.send("Network.enable")
+            tab.evaluate(
+                "window.kept = WebSocket.prototype.send; WebSocket.prototype.send = () => 0"
+            )
+            person.answer(plain_answer(found))
+            assert tab.evaluate("manip3dStudy.pending()")
+            assert folder.sessions["P1"].answers == []
+            tab.evaluate("WebSocket.prototype.send = window.kept")
+            loop = server._loop
+            assert loop is not None
+            for _, stream in tuple(server._clients.values()):
+                asyncio.run_coroutine_threadsafe(stream.close(), loop)
+            found = person.next_step("consent")
+            assert found is not None
+            assert found["id"] == "about"
+            assert [a.step for a in folder.sessions["P1"].answers] == ["consent"]
+
+
+def test_who_does_not_agree_is_asked_nothing(definition: Path, tmp_path: Path) -> None:
+    require_chromium()
+    study, content = read_study(definition)
+    with StudyFolder(tmp_path / "answers", content) as folder:
+        with served(study, folder) as server, _chromium.open_address(server.url, (420, 700)) as tab:
+            person = Participant(tab)
+            person.begin("../P1")  # the page's own check refuses it
+            assert tab.evaluate("!!document.querySelector('[name=participant]')")
+            person.begin("P1")
+            assert person.next_step() is not None
+            person.answer({"agree": "no"})
+            assert person.next_step("consent") is None
+            assert "did not agree" in tab.evaluate("document.querySelector('#end').innerText")
+        results = write_results(study, folder, tmp_path / "results")
+    assert rows_of(results / "participants.csv") == []
+    assert rows_of(results / "answers.csv") == []

@@ -1,0 +1,527 @@
+"""The engine without a browser: what it stores, what it refuses, and what it never loses."""
+
+from __future__ import annotations
+
+import copy
+import json
+import os
+import pickle
+import random
+import signal
+import subprocess
+import sys
+import textwrap
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from manip3d import FormatError, InputError
+from manip3d.study import (
+    TEMPLATES,
+    Answer,
+    DisplayStudy,
+    Field,
+    Session,
+    Step,
+    StudyFolder,
+    px_per_degree,
+    read_study,
+    run_study,
+    simulate_participants,
+    state_of,
+    study_of,
+    write_results,
+    write_template,
+)
+from manip3d.study._definition import read_table
+from manip3d.study._engine import Conductor
+
+
+class Client:
+    """Stands in for a page's connection."""
+
+    def __init__(self) -> None:
+        self.heard: list[dict[str, Any]] = []
+
+    def say(self, text: str) -> None:
+        self.heard.append(json.loads(text))
+
+
+@pytest.fixture
+def definition(tmp_path: Path) -> Path:
+    file = write_template("display", tmp_path / "study.toml", example=True)
+    file.write_text(file.read_text().replace("familiarisation_s = 1\n", "familiarisation_s = 0\n"))
+    return file
+
+
+@pytest.fixture
+def conductor(definition: Path, tmp_path: Path) -> Iterator[Conductor]:
+    study, content = read_study(definition)
+    with StudyFolder(tmp_path / "answers", content) as folder:
+        yield Conductor(study, folder)
+
+
+def say(conductor: Conductor, client: Client, **message: Any) -> dict[str, Any]:
+    conductor.hear(client, json.dumps(message))  # type: ignore[arg-type]
+    return client.heard[-1]
+
+
+def reply(step: dict[str, Any], /, **values: Any) -> dict[str, Any]:
+    """A right answer to a step, with some values replaced."""
+    given: dict[str, Any] = {}
+    for field in step["fields"]:
+        value: Any = ""
+        if not field["optional"]:
+            value = {"choice": "", "scale": 2, "number": field["low"], "text": "x"}[field["type"]]
+            if field["type"] == "choice":
+                value = field["choices"][0][0]
+        given[f"answer.{field['name']}"] = value
+    message = {"type": "answer", "step": step["id"], "elapsed_ms": 5.5, "shown_px": 0}
+    return message | given | values
+
+
+def to_the_end(conductor: Conductor, client: Client, code: str) -> list[str]:
+    step = say(conductor, client, type="begin", participant=code)
+    seen = []
+    while step["type"] == "step":
+        seen.append(step["id"])
+        step = say(conductor, client, **reply(step))
+    assert step["type"] == "end"
+    return seen
+
+
+def test_a_participant_from_code_to_end(conductor: Conductor) -> None:
+    client = Client()
+    assert say(conductor, client, type="hello") == {"type": "who", "title": "Comparing displays"}
+    assert len(to_the_end(conductor, client, "P1")) == 3 + 3 * 5 + 1
+    assert state_of(conductor.study, conductor.folder.sessions["P1"]) == "finished"
+    assert say(conductor, client, type="begin", participant="P1")["type"] == "end"
+
+
+def test_orders_of_displays_are_counterbalanced_within_each_group(conductor: Conductor) -> None:
+    study = conductor.study
+    assert isinstance(study, DisplayStudy)
+    for number in range(24):
+        client = Client()
+        step = say(conductor, client, type="begin", participant=f"P{number}")
+        step = say(conductor, client, **reply(step))
+        # Experts and healthy people come in no order.
+        group = "expert" if number % 4 in (0, 3) else "healthy"
+        say(conductor, client, **reply(step, **{"answer.group": group}))
+    for group in ("expert", "healthy"):
+        orders = Counter(
+            tuple(study.order_of(s)) for s in conductor.folder.sessions.values() if s.group == group
+        )
+        assert len(orders) == 6
+        assert set(orders.values()) == {2}
+
+
+@pytest.mark.parametrize(
+    "code", ["", "-a", "../P1", "a/b", "a" * 33, "ä", "P 1", "P1\n", ".", "P1.jsonl"]
+)
+def test_codes_that_are_none_are_refused(conductor: Conductor, code: str) -> None:
+    client = Client()
+    try:
+        answer = say(conductor, client, type="begin", participant=code)
+    except FormatError:
+        return
+    assert answer["type"] == "who"
+    assert "participant" in answer["problem"]
+    assert conductor.folder.sessions == {}
+
+
+def test_codes_that_differ_in_case_alone_are_refused(conductor: Conductor) -> None:
+    say(conductor, Client(), type="begin", participant="P1")
+    answer = say(conductor, Client(), type="begin", participant="p1")
+    assert "differs from another code only in case" in answer["problem"]
+
+
+def test_one_participant_alone_where_one_is_named(conductor: Conductor) -> None:
+    conductor.participant = "P7"
+    client = Client()
+    assert say(conductor, client, type="hello")["participant"] == "P7"
+    with pytest.raises(FormatError, match="participant: expected P7"):
+        say(conductor, client, type="begin", participant="P8")
+
+
+WRONG: list[tuple[dict[str, Any], str]] = [
+    ({"step": "about"}, "step: expected one of consent"),
+    ({"answer.agree": "perhaps"}, "answer.agree: expected one of yes, no"),
+    ({"answer.agree": 1}, "answer.agree: expected one of"),
+    ({"elapsed_ms": -1}, "elapsed_ms: expected 0 to"),
+    ({"elapsed_ms": 1e999}, "expected"),
+    ({"elapsed_ms": True}, "elapsed_ms: expected float, got bool"),
+    ({"shown_px": "wide"}, "shown_px: expected float"),
+    ({"answer.other": "x"}, "answer: expected"),
+    ({"truth": "real"}, "answer: expected"),
+]
+
+
+@pytest.mark.parametrize(("values", "message"), WRONG)
+def test_answers_that_are_none_are_refused(
+    conductor: Conductor, values: dict[str, Any], message: str
+) -> None:
+    client = Client()
+    step = say(conductor, client, type="begin", participant="P1")
+    with pytest.raises(FormatError, match=message):
+        say(conductor, client, **reply(step, **values))
+    assert conductor.folder.sessions["P1"].answers == []
+    assert say(conductor, client, **reply(step))["id"] == "about"
+
+
+def test_nobody_answers_before_they_have_begun_or_twice(conductor: Conductor) -> None:
+    client = Client()
+    step = say(conductor, Client(), type="begin", participant="P1")
+    with pytest.raises(FormatError, match="type: expected one of hello, begin"):
+        say(conductor, client, **reply(step))
+    say(conductor, client, type="begin", participant="P1")
+    say(conductor, client, **reply(step))
+    with pytest.raises(FormatError, match="answer: expected step"):
+        say(conductor, client, **reply(step))  # from a second window
+
+
+def test_familiarisation_cannot_be_cut_short(definition: Path, tmp_path: Path) -> None:
+    definition.write_text(
+        definition.read_text().replace("familiarisation_s = 0\n", "familiarisation_s = 60\n")
+    )
+    study, content = read_study(definition)
+    with StudyFolder(tmp_path / "a", content) as folder:
+        conductor, client = Conductor(study, folder), Client()
+        step = say(conductor, client, type="begin", participant="P1")
+        while step["id"] != "d1_familiarisation":
+            step = say(conductor, client, **reply(step))
+        assert step["minimum_s"] == 60
+        with pytest.raises(FormatError, match="expected an answer after 60 s"):
+            say(conductor, client, **reply(step))
+
+
+def test_the_published_order_and_familiarisation(tmp_path: Path) -> None:
+    file = write_template("display", tmp_path / "study.toml", example=True)
+    text = file.read_text().replace('order = "counterbalanced"', 'order = "published"')
+    file.write_text(text)
+    study, _ = read_study(file)
+    assert isinstance(study, DisplayStudy)
+    for number in range(6):
+        order = study.order_of(Session("P", number))
+        assert order == ["3D TV", "Oculus Rift", "Gear VR"]
+    assert sum(len(part.questions) for part in study.parts) == 13
+    empty = read_table(write_template("display", tmp_path / "empty.toml"))
+    assert empty["display"]["familiarisation_s"] == 180
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=6), inner, max_size=3)
+    ),
+    max_leaves=6,
+)
+KEYS = st.sampled_from(["type", "step", "elapsed_ms", "shown_px", "answer.agree", "participant"])
+WORDS = st.sampled_from(["answer", "begin", "hello", "consent", "yes", "P1", "about"])
+
+
+@pytest.fixture(scope="module")
+def fuzzed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Conductor]:
+    place = tmp_path_factory.mktemp("fuzz")
+    study, content = read_study(write_template("display", place / "study.toml", example=True))
+    with StudyFolder(place / "answers", content) as folder:
+        yield Conductor(study, folder)
+
+
+@settings(max_examples=400)
+@given(st.dictionaries(KEYS | st.text(max_size=4), WORDS | JSON, max_size=6) | JSON, st.data())
+def test_whatever_a_page_says_is_an_answer_or_a_format_error(
+    fuzzed: Conductor, message: Any, data: st.DataObject
+) -> None:
+    client = Client()
+    fuzzed.hear(client, '{"type": "begin", "participant": "P1"}')  # type: ignore[arg-type]
+    text = json.dumps(message)
+    cut = data.draw(st.integers(0, len(text)))
+    for said in (text, text[:cut], text[:cut] + "\x00\ud800" + text[cut:]):
+        told = ""
+        try:
+            fuzzed.hear(client, said)  # type: ignore[arg-type]
+        except FormatError as error:
+            told = str(error)
+        assert told.isprintable()
+    for session in fuzzed.folder.sessions.values():
+        assert {a.step for a in session.answers} <= {"consent"}
+
+
+def test_long_texts_are_refused_and_long_reasons_are_kept(conductor: Conductor) -> None:
+    client = Client()
+    step = say(conductor, client, type="begin", participant="P1")
+    while step["id"] != "comments":
+        step = say(conductor, client, **reply(step))
+    with pytest.raises(FormatError, match="at most 2000 characters"):
+        say(conductor, client, **reply(step, **{"answer.positive": "ä" * 2001}))
+    with pytest.raises(FormatError, match="message: expected at most"):
+        say(conductor, client, **reply(step, **{"answer.positive": "ä" * 50_000}))
+    with pytest.raises(FormatError, match="control characters"):
+        say(conductor, client, **reply(step, **{"answer.positive": "\x1b[2J"}))
+    text = ("a 😀\n" * 500)[:2000].strip()
+    assert say(conductor, client, **reply(step, **{"answer.positive": text}))["type"] == "end"
+    found = conductor.folder.sessions["P1"].answer("comments")
+    assert found is not None
+    assert found.values == {"positive": text, "negative": None}
+
+
+# --- what is stored -------------------------------------------------------------------------------
+
+
+def test_a_folder_is_for_one_process_and_one_definition(definition: Path, tmp_path: Path) -> None:
+    _, content = read_study(definition)
+    first = StudyFolder(tmp_path / "a", content)
+    with pytest.raises(InputError, match="another process is using this study"):
+        StudyFolder(tmp_path / "a", content)
+    first.close()
+    first.close()
+    changed = copy.deepcopy(content)
+    changed["title"] = "Another"
+    with pytest.raises(InputError, match="holds answers to another definition"):
+        StudyFolder(tmp_path / "a", changed)
+    assert (tmp_path / "a").stat().st_mode & 0o777 == 0o700
+    with StudyFolder(tmp_path / "a") as folder:
+        assert folder.definition == content
+    with pytest.raises(InputError, match="found no study"):
+        StudyFolder(tmp_path / "none")
+
+
+def test_every_cut_of_a_journal_leaves_whole_answers(conductor: Conductor) -> None:
+    to_the_end(conductor, Client(), "P1")
+    folder = conductor.folder
+    folder.close()
+    file = folder.path / "participants" / "P1.jsonl"
+    content = file.read_bytes()
+    first = content.index(b"\n") + 1
+    for cut in sorted({*range(first, len(content), 97), len(content) - 1}):
+        file.write_bytes(content[:cut])
+        with StudyFolder(folder.path) as again:
+            assert len(again.sessions["P1"].answers) == content[:cut].count(b"\n") - 1
+        assert file.read_bytes() == content[: content[:cut].rfind(b"\n") + 1]
+
+
+def test_a_damaged_journal_is_told_by_its_line(conductor: Conductor) -> None:
+    to_the_end(conductor, Client(), "P1")
+    folder = conductor.folder
+    folder.close()
+    file = folder.path / "participants" / "P1.jsonl"
+    lines = file.read_bytes().split(b"\n")
+    lines[3] = lines[3].replace(b"e", b"f", 1)
+    file.write_bytes(b"\n".join(lines))
+    with pytest.raises(FormatError, match="line 4: damaged"):
+        StudyFolder(folder.path)
+    with pytest.raises(FormatError, match="line 4: damaged"):
+        StudyFolder(folder.path)  # the lock was given back
+
+
+def test_a_full_disk_loses_nothing_that_was_acknowledged(
+    conductor: Conductor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client = Client()
+    step = say(conductor, client, type="begin", participant="P1")
+    step = say(conductor, client, **reply(step))
+    file = conductor.folder.path / "participants" / "P1.jsonl"
+    before = file.read_bytes()
+    write = os.write
+
+    def full(descriptor: int, content: Any) -> int:
+        write(descriptor, bytes(content)[:7])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "write", full)
+    answer = say(conductor, client, **reply(step))
+    monkeypatch.undo()
+    assert answer == {
+        "type": "problem",
+        "text": "The answer could not be stored. Call the researcher.",
+    }
+    assert file.read_bytes() == before
+    assert say(conductor, client, **reply(step))["id"] == "introduction"
+
+
+KILLED = """
+import json, sys
+from manip3d.study import Answer, StudyFolder, read_study
+study, content = read_study(sys.argv[1])
+with StudyFolder(sys.argv[2], content) as folder:
+    session = folder.begin("P1")
+    for number in range(len(session.answers), 100_000):
+        folder.store("P1", Answer(f"s{number}", {}, {"text": "x" * 300}))
+        print(number, flush=True)
+"""
+
+
+def test_whoever_is_killed_has_stored_all_that_was_acknowledged(
+    definition: Path, tmp_path: Path
+) -> None:
+    _, content = read_study(definition)
+    rng = random.Random(3)
+    stored = 0
+    for _ in range(8):
+        process = subprocess.Popen(
+            [sys.executable, "-c", textwrap.dedent(KILLED), str(definition), str(tmp_path / "a")],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert process.stdout is not None
+        acknowledged = stored - 1
+        for _ in range(rng.randrange(1, 40)):
+            acknowledged = int(process.stdout.readline())
+        process.send_signal(signal.SIGKILL)
+        for line in process.stdout:
+            acknowledged = int(line)
+        process.wait()
+        process.stdout.close()
+        with StudyFolder(tmp_path / "a", content) as folder:
+            answers = folder.sessions["P1"].answers
+        assert len(answers) > acknowledged
+        assert [a.step for a in answers] == [f"s{n}" for n in range(len(answers))]
+        stored = len(answers)
+
+
+def test_who_withdraws_leaves_nothing(definition: Path, tmp_path: Path) -> None:
+    study, content = read_study(definition)
+    with StudyFolder(tmp_path / "a", content) as folder:
+        simulate_participants(study, folder, 3)
+        folder.withdraw("sim-001")
+        with pytest.raises(InputError, match="participant: expected one of this study"):
+            folder.withdraw("sim-001")
+        assert folder.begin("new").number == 3  # no number twice
+    names = [path.name for path in (tmp_path / "a").rglob("*.jsonl")]
+    assert sorted(names) == ["new.jsonl", "sim-000.jsonl", "sim-002.jsonl"]
+    for path in (tmp_path / "a").rglob("*"):
+        assert path.is_dir() or b"sim-001" not in path.read_bytes()
+
+
+def test_results_replace_nothing_that_is_not_theirs(definition: Path, tmp_path: Path) -> None:
+    study, content = read_study(definition)
+    with StudyFolder(tmp_path / "a", content) as folder:
+        simulate_participants(study, folder, 2)
+        write_results(study_of(folder.definition), folder, tmp_path / "r")
+        with pytest.raises(InputError, match="exists already"):
+            write_results(study, folder, tmp_path / "r")
+        write_results(study, folder, tmp_path / "r", overwrite=True)
+        (tmp_path / "r" / "mine.txt").write_text("kept")
+        with pytest.raises(InputError, match="expected a folder of results"):
+            write_results(study, folder, tmp_path / "r", overwrite=True)
+        assert (tmp_path / "r" / "mine.txt").read_text() == "kept"
+
+
+# --- definitions ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", TEMPLATES)
+def test_a_template_is_refused_until_it_is_filled_in(name: str, tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match="consent: expected a list of"):
+        read_study(write_template(name, tmp_path / "study.toml"))
+
+
+def test_each_empty_wording_is_named(tmp_path: Path) -> None:
+    file = write_template("display", tmp_path / "study.toml")
+    file.write_text(file.read_text().replace('consent = [""]', 'consent = ["yes"]'))
+    message = (
+        r"display\.parts\[0\]\.questions\[0\]\.text: expected a text that is not empty, got ''"
+    )
+    with pytest.raises(FormatError, match=message):
+        read_study(file)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('kind = "display"', 'kind = "other"', "kind: expected one of rating, jnd, display"),
+        ("seed = 1", "seed = -1", "seed: expected a whole number from 0"),
+        ("seed = 1", "seed = true", "seed: expected a whole number"),
+        ("seed = 1", "seeds = 1", "seeds: expected no such key"),
+        (
+            "familiarisation_s = 0",
+            "familiarisation_s = nan",
+            "familiarisation_s: expected a number",
+        ),
+        (
+            'name = "age"',
+            'name = "group"',
+            r"demographics\[0\].name: expected a name that no other",
+        ),
+        ('name = "age"', 'name = "Age"', r"demographics\[0\].name: expected a small letter"),
+        ('topic = "finding"', 'topic = "x"', "topic: expected one of finding, realistic, no_delay"),
+        ('name = "finding"', 'name = "easy"', "easy is there twice"),
+        ("high = 120", "high = 3", r"demographics\[0\].high: expected a number from 18"),
+        (
+            '["3D TV", "Oculus Rift", "Gear VR"]',
+            '["a", "a"]',
+            "displays: expected a list of 1 to 6",
+        ),
+        ("seed = 1", "seed = 1979-05-27", "seed: expected a whole number"),
+        ("seed = 1", "seed = ", "expected TOML or JSON"),
+    ],
+)
+def test_definitions_are_read_strictly(old: str, new: str, message: str, definition: Path) -> None:
+    text = definition.read_text()
+    assert old in text
+    definition.write_text(text.replace(old, new, 1))
+    with pytest.raises(FormatError, match=message):
+        read_study(definition)
+
+
+def test_json_is_as_good_as_toml(definition: Path, tmp_path: Path) -> None:
+    _, content = read_study(definition)
+    file = tmp_path / "study.json"
+    file.write_text(json.dumps(content))
+    assert read_study(file)[1] == content
+    for wrong in (b"[1]", b"\xff", b"[" * 100_000, b" " * ((1 << 20) + 1)):
+        file.write_bytes(wrong)
+        with pytest.raises(FormatError):
+            read_study(file)
+
+
+@settings(max_examples=300)
+@given(st.data())
+def test_whatever_stands_in_a_definition_is_read_or_a_format_error(data: st.DataObject) -> None:
+    name = data.draw(st.sampled_from(["display", "jnd-textured", "rating"]))
+    file = Path(sys.modules["manip3d.study"].__file__ or "").parent / "templates" / f"{name}.toml"
+    table = read_table(file)
+    table["consent"] = ["yes"]
+    for _ in range(data.draw(st.integers(1, 3))):
+        place: Any = table
+        while isinstance(place, dict | list) and place:
+            keys = list(place) if isinstance(place, dict) else list(range(len(place)))
+            key = data.draw(st.sampled_from(keys))
+            if not isinstance(place[key], dict | list) or data.draw(st.booleans()):
+                place[key] = data.draw(JSON)
+                break
+            place = place[key]
+    told = ""
+    try:
+        study_of(table)
+    except FormatError as error:
+        told = str(error)
+    assert told.isprintable()
+
+
+def test_things_can_be_pickled(definition: Path) -> None:
+    study, _ = read_study(definition)
+    step = Step("a", "A", fields=(Field("b", "B", "choice", (("c", "C"),)),))
+    for thing in (study, step, Answer("a", {}, {"b": "c"}), Session("P1", 0)):
+        assert pickle.loads(pickle.dumps(thing)) == thing
+
+
+def test_a_visual_degree() -> None:
+    # A screen of 96 dots per inch: a card of 85.6 mm is 323.5 pixels; at 57.3 cm a degree is 1 cm.
+    assert abs(px_per_degree(323.53, 57.29) - 37.8) < 0.05
+
+
+def test_missing_stimuli_and_wrong_times_are_told(tmp_path: Path) -> None:
+    study, content = read_study(write_template("jnd-textured", tmp_path / "s.toml", example=True))
+    with StudyFolder(tmp_path / "a", content) as folder:
+        with pytest.raises(InputError, match=r"head\.glb: expected a stimulus, found none"):
+            run_study(study, folder)
+        with pytest.raises(InputError, match="seconds: expected > 0"):
+            run_study(study, folder, seconds=0.0)
+    assert not (tmp_path / "stimuli-textured").exists()

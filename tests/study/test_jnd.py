@@ -1,0 +1,267 @@
+"""The staircase by hand, its threshold against the truth, and sample sizes against tables."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from manip3d import InputError
+from manip3d.study import (
+    JndStudy,
+    Rules,
+    SimulatedObserver,
+    Staircase,
+    StudyFolder,
+    estimate_threshold,
+    make_stimuli,
+    paired_power,
+    read_study,
+    required_participants,
+    reversal_mean,
+    simulate_participants,
+    simulate_staircase,
+    write_results,
+    write_template,
+)
+from manip3d.study._psychometric import TARGET
+
+
+def test_one_up_two_down_by_hand() -> None:
+    # right: +, wrong: -        level before each answer
+    answers = "++-+-+++++-"
+    levels = [50, 50, 45, 50, 50, 55, 55, 50, 50, 45, 45]
+    #             45: up       55: down                 (45, 45: second right would go to 40)
+    stairs = Staircase(50)
+    seen = []
+    for sign in answers:
+        seen.append(stairs.level)
+        stairs.answer(sign == "+")
+    assert seen == levels
+    assert stairs.level == 50
+    assert stairs.reversals == [45, 55, 45]
+
+
+def test_levels_stay_between_the_ends() -> None:
+    stairs = Staircase(10)
+    for _ in range(10):
+        stairs.answer(True)
+    assert stairs.level == 5
+    for _ in range(40):
+        stairs.answer(False)
+    assert stairs.level == 95
+
+
+def test_a_staircase_ends_by_reversals_or_by_comparisons() -> None:
+    rules = Rules(reversals=4, most_trials=30)
+    sure = simulate_staircase(SimulatedObserver(1e-3, lapse=0.0), rules=rules, rng=0)
+    assert sure.trials is not None
+    assert len(sure.trials) == 30
+    assert sure.reversals == []
+    assert reversal_mean(sure) is None
+    usual = simulate_staircase(SimulatedObserver(30.0), rules=rules, rng=0)
+    assert usual.reversals is not None
+    assert len(usual.reversals) == 4
+
+
+@pytest.mark.parametrize("law", ["weibull", "lognormal"])
+@pytest.mark.parametrize("lapse", [0.0, 0.05])
+def test_an_observer_is_right_by_chance_at_nothing_and_by_the_target_at_the_threshold(
+    law: str, lapse: float
+) -> None:
+    observer = SimulatedObserver(30.0, 3.0, lapse, law)  # type: ignore[arg-type]
+    assert observer.probability(0.0) == 0.5
+    assert math.isclose(observer.probability(30.0), TARGET, rel_tol=1e-12)
+    shares = [observer.probability(level) for level in range(101)]
+    assert shares == sorted(shares)
+    assert shares[-1] <= 1.0 - lapse
+
+
+def test_the_interval_holds_the_truth_about_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(5)
+    held = 0
+    for _ in range(200):
+        observer = SimulatedObserver(rng.uniform(10, 60), rng.uniform(1.5, 6), rng.uniform(0, 0.05))
+        stairs = simulate_staircase(observer, rng=rng)
+        found = estimate_threshold(stairs.trials or [])
+        held += found.low <= observer.threshold <= found.high
+    # 190 are expected; 3.5 standard deviations are 11. The experiment jnd-simulated counts 1000.
+    assert 179 <= held <= 200
+
+
+def test_more_answers_make_the_interval_narrower_and_the_estimate_right() -> None:
+    observer = SimulatedObserver(33.0, 4.0, 0.01)
+    widths = []
+    for trials in (40, 400, 4000):
+        rules = Rules(reversals=100_000, most_trials=trials)
+        found = estimate_threshold(simulate_staircase(observer, rules=rules, rng=2).trials or [])
+        widths.append(found.high - found.low)
+    assert widths == sorted(widths, reverse=True)
+    assert abs(found.threshold - 33.0) < 1.5
+
+
+def test_nobody_who_sees_nothing_gets_a_small_threshold() -> None:
+    blind = estimate_threshold([(level, n % 2 == 0) for n in range(80) for level in (90, 95)])
+    assert blind.low > 50.0
+
+
+@pytest.mark.parametrize("trials", [[], [(0, True)], [(101, False)]])
+def test_answers_to_no_difference_are_refused(trials: list[tuple[int, bool]]) -> None:
+    with pytest.raises(InputError, match="trials: expected"):
+        estimate_threshold(trials)
+
+
+def test_observers_are_checked() -> None:
+    for wrong in ({"threshold": 0.0}, {"threshold": 9.0, "slope": math.nan}):
+        with pytest.raises(InputError, match="threshold, slope: expected > 0"):
+            SimulatedObserver(**wrong)
+    with pytest.raises(InputError, match="lapse: expected 0 to"):
+        SimulatedObserver(9.0, lapse=0.3)
+    with pytest.raises(InputError, match="law: expected"):
+        SimulatedObserver(9.0, law="other")  # type: ignore[arg-type]
+
+
+# Two-sided paired t test, alpha 0.05, power 0.8, as tables and programs give it.
+@pytest.mark.parametrize(("effect", "needed"), [(0.2, 199), (0.5, 34), (0.8, 15)])
+def test_sample_sizes_are_those_of_the_tables(effect: float, needed: int) -> None:
+    pytest.importorskip("scipy")
+    assert required_participants(effect) == needed
+    assert required_participants(-effect) == needed
+    assert paired_power(needed - 1, effect) < 0.8 <= paired_power(needed, effect)
+
+
+def test_power_is_the_share_of_simulated_studies_that_find_the_effect() -> None:
+    stats = pytest.importorskip("scipy.stats")
+    rng = np.random.default_rng(0)
+    differences = rng.normal(0.6, 1.0, size=(4000, 20))
+    found = np.mean(stats.ttest_1samp(differences, 0.0, axis=1).pvalue < 0.05 / 2)
+    assert abs(found - paired_power(20, 0.6, comparisons=2)) < 4 * math.sqrt(0.25 / 4000)
+    assert math.isclose(paired_power(20, 0.0), 0.05, rel_tol=1e-6)
+
+
+def test_impossible_sample_sizes_are_refused() -> None:
+    pytest.importorskip("scipy")
+    with pytest.raises(InputError, match="effect: expected one that"):
+        required_participants(0.0)
+    with pytest.raises(InputError, match="power: expected"):
+        required_participants(0.5, power=1.0)
+    with pytest.raises(InputError, match="alpha: expected"):
+        paired_power(5, 0.5, alpha=0.0)
+
+
+def small(folder: Path, **options: object) -> Path:
+    """The first planned study with one small model and two methods."""
+    from manip3d.simulate import models
+
+    file = write_template("jnd-non-textured", folder / "study.toml", example=True)
+    text = file.read_text()
+    head, _, rest = text.partition("models = [")
+    text = head + 'models = [{ name = "rocker", file = "a.ply", class = "manifold" }]\n'
+    text += rest.partition("\n]\n")[2]
+    text = text.replace(
+        'methods = ["qem_orig", "qem_bp", "qem4vr"]', 'methods = ["qem_bp", "qem4vr"]'
+    )
+    for name, value in {
+        "step_percent": 15,
+        "highest_percent": 80,
+        "reversals": 3,
+        **options,
+    }.items():
+        lines = [
+            f"{name} = {value}" if line.startswith(f"{name} =") else line
+            for line in text.splitlines()
+        ]
+        text = "\n".join(lines) + "\n"
+    file.write_text(text)
+    models.rocker(5000).write(folder / "a.ply")
+    return file
+
+
+@pytest.mark.parametrize(
+    ("name", "methods"),
+    [
+        ("jnd-non-textured", ("qem_orig", "qem_bp", "qem4vr")),
+        ("jnd-textured", ("qem_tp", "qem_btp", "qem4vr")),
+    ],
+)
+def test_both_planned_studies_are_there(
+    name: str, methods: tuple[str, ...], tmp_path: Path
+) -> None:
+    study, _ = read_study(write_template(name, tmp_path / "study.toml", example=True))
+    assert isinstance(study, JndStudy)
+    assert study.methods == methods
+    kinds = [model.kind for model in study.models]
+    assert kinds == ["manifold"] * 2 + ["boundaries"] * 2 + ["non-manifold"] * 2
+    assert study.rules.step == 5
+    assert pickle.loads(pickle.dumps(study)) == study
+
+
+def test_stimuli_have_the_faces_that_their_names_say(tmp_path: Path) -> None:
+    file = small(tmp_path)
+    made = make_stimuli(file)
+    assert made.problems == ()
+    study, _ = read_study(file)
+    assert isinstance(study, JndStudy)
+    assert made.count == len(study.files()) == 1 + 2 * len(study.levels)
+    assert all(path.is_file() for path in study.files().values())
+    lines = (made.folder / "levels.csv").read_text().splitlines()
+    assert lines[0] == "file,model,method,difference_percent,faces,reached_percent"
+    for line in lines[1:]:
+        _, _, _, wanted, _, reached = line.split(",")
+        assert abs(float(wanted) - float(reached)) < 0.5
+    with pytest.raises(InputError, match="exists already"):
+        make_stimuli(file)
+
+
+def test_the_truth_never_reaches_the_page(tmp_path: Path) -> None:
+    study, content = read_study(small(tmp_path))
+    assert isinstance(study, JndStudy)
+    with StudyFolder(tmp_path / "answers", content) as folder:
+        simulate_participants(study, folder, 2)
+        session = folder.sessions["sim-000"]
+        session.answers = [a for a in session.answers if not a.step.startswith("t")]
+        step = study.step(session)
+        assert step is not None
+        told = str(step.message(px_per_degree=40.0))
+        for word in ("rocker", "qem", "original", "35", "50"):
+            assert word not in told.replace(step.stimuli[0].address, "").replace(
+                step.stimuli[1].address, ""
+            )
+
+
+def test_sides_are_balanced_and_the_same_again(tmp_path: Path) -> None:
+    study, content = read_study(small(tmp_path, reversals=20, most_trials=100))
+    assert isinstance(study, JndStudy)
+    with StudyFolder(tmp_path / "answers", content) as folder:
+        simulate_participants(study, folder, 4)
+        sides = [
+            a.condition["original"]
+            for s in folder.sessions.values()
+            for a in s.answers
+            if "original" in a.condition
+        ]
+        assert abs(sides.count("left") / len(sides) - 0.5) < 3 * 0.5 / math.sqrt(len(sides))
+        first = [(a.step, dict(a.condition)) for a in folder.sessions["sim-001"].answers]
+    with StudyFolder(tmp_path / "again", content) as folder:
+        simulate_participants(study, folder, 4)
+        assert [(a.step, dict(a.condition)) for a in folder.sessions["sim-001"].answers] == first
+
+
+def test_results_have_a_threshold_for_each_staircase(tmp_path: Path) -> None:
+    pytest.importorskip("scipy")
+    study, content = read_study(small(tmp_path, reversals=6))
+    with StudyFolder(tmp_path / "answers", content) as folder:
+        simulate_participants(study, folder, 3)
+        rows = study.summary(list(folder.sessions.values()))
+        assert len(rows) == 3 * 2 + 2
+        assert all(row["low"] < row["jnd_percent"] < row["high"] for row in rows)
+        results = write_results(study, folder, tmp_path / "results")
+    header, *lines = (results / "participants.csv").read_text().splitlines()
+    assert header.startswith(
+        "record_id,state,age,glasses,card_px,distance_cm,c1_jnd,c1_low,c1_high"
+    )
+    assert len(lines) == 3
+    assert "shown_deg" in (results / "answers.csv").read_text().splitlines()[0]

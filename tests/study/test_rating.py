@@ -1,0 +1,259 @@
+"""Ratings: the published composition, stimuli of the package's own, confusion and agreement."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from manip3d import FormatError, InputError
+from manip3d.study import (
+    PUBLISHED_COMPOSITION,
+    Answer,
+    RatingStudy,
+    Session,
+    StudyFolder,
+    fleiss_kappa,
+    fleiss_kappa_interval,
+    make_rating_stimuli,
+    read_study,
+    share_interval,
+    simulate_participants,
+    study_of,
+    write_results,
+    write_template,
+)
+from manip3d.study._rating import COLUMNS
+
+# Fourteen raters, ten items, five categories: the worked example of textbooks.
+EXAMPLE = [
+    [0, 0, 0, 0, 14],
+    [0, 2, 6, 4, 2],
+    [0, 0, 3, 5, 6],
+    [0, 3, 9, 2, 0],
+    [2, 2, 8, 1, 1],
+    [7, 7, 0, 0, 0],
+    [3, 2, 6, 3, 0],
+    [2, 5, 3, 2, 2],
+    [6, 5, 2, 1, 0],
+    [0, 2, 2, 3, 7],
+]
+
+
+def test_kappa_is_that_of_the_worked_example() -> None:
+    assert round(fleiss_kappa(EXAMPLE), 3) == 0.210
+
+
+def test_kappa_against_pairs_of_raters() -> None:
+    # Agreement of all pairs of raters, counted one by one.
+    rng = np.random.default_rng(0)
+    ratings = rng.integers(3, size=(25, 6))
+    counts = [[int((row == c).sum()) for c in range(3)] for row in ratings]
+    pairs = [row[a] == row[b] for row in ratings for a in range(6) for b in range(a)]
+    chance = sum((np.mean(ratings == c)) ** 2 for c in range(3))
+    assert math.isclose(fleiss_kappa(counts), (np.mean(pairs) - chance) / (1 - chance))
+
+
+def test_the_interval_of_kappa_is_narrower_with_more_items() -> None:
+    rng = np.random.default_rng(1)
+    few, many = (rng.multinomial(6, [0.6, 0.2, 0.2], size=n) for n in (12, 400))
+    wide, narrow = fleiss_kappa_interval(few), fleiss_kappa_interval(many)
+    assert narrow.high - narrow.low < 0.5 * (wide.high - wide.low)
+    assert wide.low <= wide.value <= wide.high
+    assert fleiss_kappa_interval(few) == wide
+
+
+def test_one_category_alone_has_no_kappa() -> None:
+    assert math.isnan(fleiss_kappa([[4, 0], [4, 0]]))
+    assert math.isnan(fleiss_kappa_interval([[4, 0], [4, 0]]).low)
+
+
+@pytest.mark.parametrize("counts", [[], [[1, 0]], [[2, 1], [1, 1]], [[-1, 3]], [[1.5, 1.5]]])
+def test_tables_that_are_none_are_refused(counts: list[list[float]]) -> None:
+    with pytest.raises(InputError, match="counts: expected"):
+        fleiss_kappa(counts)
+
+
+def test_shares_have_wilson_intervals() -> None:
+    assert [round(x, 4) for x in share_interval(0, 10)] == [0.0, 0.0, 0.2775]
+    assert [round(x, 4) for x in share_interval(15, 20)] == [0.75, 0.5313, 0.8881]
+    with pytest.raises(InputError, match="hits, count"):
+        share_interval(3, 2)
+
+
+def folder_of(path: Path, items: list[tuple[str, ...]]) -> Path:
+    """A folder of stimuli with one grey picture for each item."""
+    image = pytest.importorskip("PIL.Image")
+    path.mkdir()
+    with (path / "stimuli.csv").open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(COLUMNS)
+        for number, item in enumerate(items):
+            name = f"s{number:03d}.png"
+            image.new("RGB", (40, 30), (number, 90, 90)).save(path / name)
+            writer.writerow([name, *item])
+    return path
+
+
+def published_items() -> list[tuple[str, ...]]:
+    return [
+        (truth, modality, form, resolution, "", "0")
+        for (form, modality, resolution), counts in PUBLISHED_COMPOSITION.items()
+        for truth, count in counts.items()
+        for _ in range(count)
+    ]
+
+
+def template(folder: Path, composition: str = "published") -> Path:
+    file = write_template("rating", folder / "study.toml", example=True)
+    text = file.read_text().replace('composition = "published"', f'composition = "{composition}"')
+    file.write_text(text)
+    return file
+
+
+def test_the_published_composition() -> None:
+    images: dict[str, int] = {}
+    for (form, modality, _), counts in PUBLISHED_COMPOSITION.items():
+        if form == "image":
+            images[modality] = sum(counts.values())
+    assert images == {"depth": 40, "color": 40, "rendered": 20}
+    clips = [c for (form, _, _), c in PUBLISHED_COMPOSITION.items() if form == "clip"]
+    assert all(counts == {"real": 2, "type1": 2, "type2": 2} for counts in clips)
+
+
+def test_another_composition_is_refused_unless_it_is_meant(tmp_path: Path) -> None:
+    folder_of(tmp_path / "stimuli", published_items()[1:])
+    with pytest.raises(FormatError, match="expected the published composition"):
+        read_study(template(tmp_path))
+    study, _ = read_study(template(tmp_path, "any"))
+    assert isinstance(study, RatingStudy)
+    assert len(study.items) == len(published_items()) - 1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t.replace("real", "genuine", 1), "line 2: truth: expected real, type1"),
+        (lambda t: t.replace("s001.png", "../s.png"), "line 3: file: expected a name"),
+        (lambda t: t.replace("s001.png", "s000.png"), "line 3: s000.png is there twice"),
+        (lambda t: t.replace("s001.png", "other.png"), "line 3: there is no file other.png"),
+        (lambda t: t.replace("s001.png", "s001.svg"), "line 3: file: expected a name"),
+        (lambda t: t.replace("file,", "name,", 1), "line 1: expected file,truth"),
+        (lambda t: t + "a.png,real\n", "expected 7 columns, got 2"),
+        (lambda t: t + '"', "expected CSV"),
+        (lambda t: "", "line 1: expected"),
+    ],
+)
+def test_lists_of_stimuli_are_read_strictly(
+    change: Callable[[str], str], message: str, tmp_path: Path
+) -> None:
+    folder = folder_of(tmp_path / "stimuli", [("real", "depth", "image", "full", "", "0")] * 3)
+    listed = folder / "stimuli.csv"
+    listed.write_text(change(listed.read_text()))
+    with pytest.raises(FormatError, match=message):
+        read_study(template(tmp_path, "any"))
+
+
+def test_orders_differ_between_participants_and_not_between_runs(tmp_path: Path) -> None:
+    folder_of(tmp_path / "stimuli", published_items())
+    study, _ = read_study(template(tmp_path))
+    assert isinstance(study, RatingStudy)
+    orders = [[s.id for s in study.steps(Session(f"P{n}", n))] for n in (0, 1, 0)]
+    assert orders[0] == orders[2] != orders[1]
+    assert sorted(orders[0]) == sorted(orders[1])
+    step = study.steps(Session("P0", 0))[0]
+    told = str(step.message(px_per_degree=None))
+    for word in (".png", "type1", "type2", "truth", "depth", "rendered"):
+        assert word not in told
+
+
+def test_confusion_and_the_published_share_beside_it(tmp_path: Path) -> None:
+    items = [("real", "color", "clip", "low", "", "0"), ("type1", "color", "clip", "low", "", "0")]
+    folder_of(tmp_path / "stimuli", items)
+    study, _ = read_study(template(tmp_path, "any"))
+    assert isinstance(study, RatingStudy)
+    # By hand: both see through the forgery; on the real one they differ.
+    told = {"A": ("real", "manipulated"), "B": ("undecidable", "manipulated")}
+    sessions = []
+    for number, (code, verdicts) in enumerate(told.items()):
+        session = Session(code, number)
+        steps = {s.condition["file"]: s for s in study.steps(session)}
+        for item, verdict in zip(study.items, verdicts, strict=True):
+            step = steps[item.file]
+            values = {"verdict": verdict, "reason": ""}
+            session.answers.append(Answer(step.id, step.condition, values))
+        sessions.append(session)
+    real, forged, both = study.summary(sessions)
+    assert (real["real"], real["manipulated"], real["undecidable"]) == (1, 0, 1)
+    assert (forged["manipulated"], forged["right_percent"]) == (2, 100.0)
+    assert (both["right_percent"], both["undecidable_percent"]) == (75.0, 25.0)
+    assert both["published_unable_percent"] == 76.0
+    assert "published_unable_percent" not in real
+    assert both["raters"] == 2
+    assert math.isclose(both["kappa"], fleiss_kappa([[1, 0, 1], [0, 2, 0]]))
+
+
+def test_results_without_the_stimuli(tmp_path: Path) -> None:
+    folder_of(tmp_path / "stimuli", published_items())
+    study, content = read_study(template(tmp_path))
+    with StudyFolder(tmp_path / "answers", content) as folder:
+        simulate_participants(study, folder, 6)
+    for file in (tmp_path / "stimuli").iterdir():
+        file.unlink()
+    with StudyFolder(tmp_path / "answers") as folder:
+        results = write_results(study_of(folder.definition), folder, tmp_path / "results")
+    with (results / "summary.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    low = next(r for r in rows if r["resolution"] == "low" and r["truth"] == "all")
+    assert low["published_unable_percent"] == "76.0"
+    assert low["raters"] == "6"
+    assert 0 < float(low["undecidable_percent"]) < 100  # measured: of 36 simulated answers
+    page = (results / "summary.html").read_text()
+    assert "6 of them are simulated" in page
+
+
+def test_stimuli_of_the_package_are_of_their_kinds(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    composition = {
+        ("image", "depth", "full"): {"real": 1, "type1": 1},
+        ("image", "rendered", "full"): {"type2": 1},
+        ("clip", "color", "low"): {"type2": 1},
+    }
+    folder = tmp_path / "stimuli"
+    made = make_rating_stimuli(
+        folder, composition=composition, frames=3, examples=False, surfaces=1, seed=5
+    )
+    assert sorted(i.truth for i in made) == ["added", "real", "real", "type1", "type2", "type2"]
+    for item in made:
+        with image.open(folder / item.file) as picture:
+            frames = getattr(picture, "n_frames", 1)
+            assert frames == (3 if item.form == "clip" else 1)
+            assert (picture.width == 160) == (item.resolution == "low")
+            pixels = np.asarray(picture.convert("RGB"))
+        assert pixels.std() > 5
+    # Names are in an order by chance, which tells nothing.
+    assert [i.file for i in made] == sorted(i.file for i in made)
+    again = make_rating_stimuli(
+        tmp_path / "again", composition=composition, frames=3, examples=False, surfaces=1, seed=5
+    )
+    assert again == made
+    for item in made:
+        assert (folder / item.file).read_bytes() == (tmp_path / "again" / item.file).read_bytes()
+    study, _ = read_study(template(tmp_path, "any"))
+    assert isinstance(study, RatingStudy)
+    assert study.items == made
+    with pytest.raises(InputError, match="exists already"):
+        make_rating_stimuli(folder)
+
+
+def test_compositions_are_checked(tmp_path: Path) -> None:
+    wrong = {("image", "sound", "full"): {"real": 1}}
+    with pytest.raises(InputError, match="composition: image, sound, full"):
+        make_rating_stimuli(tmp_path / "a", composition=wrong)
+    with pytest.raises(InputError, match="frames, surfaces"):
+        make_rating_stimuli(tmp_path / "a", frames=1)

@@ -1,0 +1,71 @@
+"""The rating in a real browser: images and animated clips, verdict and reason, to CSV."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
+
+from browser import Participant, plain_answer, require_chromium, served
+from test_rating import folder_of, template
+
+from manip3d.study import StudyFolder, read_study, study_of, write_results
+from manip3d.viewer import _chromium
+
+
+def test_from_consent_to_csv(tmp_path: Path) -> None:
+    require_chromium()
+    image = pytest.importorskip("PIL.Image")
+    items = [
+        ("real", "color", "image", "full", "", "1"),
+        ("real", "depth", "image", "full", "", "0"),
+        ("type1", "color", "image", "full", "", "0"),
+        ("type2", "rendered", "image", "full", "", "0"),
+        ("type2", "color", "clip", "low", "still", "0"),
+    ]
+    folder = folder_of(tmp_path / "stimuli", items)
+    clip = [image.new("RGB", (160, 90), (60 * n, 0, 0)) for n in range(3)]
+    (folder / "s004.png").unlink()
+    clip[0].save(folder / "s004.webp", save_all=True, append_images=clip[1:], duration=100, loop=0)
+    listed = folder / "stimuli.csv"
+    listed.write_text(listed.read_text().replace("s004.png", "s004.webp"))
+    study, content = read_study(template(tmp_path, "any"))
+    with StudyFolder(tmp_path / "answers", content) as answers:
+        with (
+            served(study, answers) as server,
+            _chromium.open_address(server.url, (1000, 900)) as tab,
+        ):
+            person = Participant(tab)
+            person.begin("P1")
+            sizes = []
+
+            def choose(step: dict[str, Any]) -> dict[str, str]:
+                if step["stimuli"]:
+                    sizes.append(
+                        tab.evaluate("document.querySelector('.stimulus img').naturalWidth")
+                    )
+                if any(f["name"] == "verdict" for f in step["fields"]):
+                    return {"verdict": "undecidable", "reason": "=HYPERLINK(1)"}
+                return plain_answer(step)
+
+            seen = person.answer_all(choose)
+            assert set(server.refused) <= {"not found"}
+        assert seen[3] == "i000_example"
+        assert sorted(seen[4:]) == ["i001", "i002", "i003", "i004"]
+        assert sorted(sizes) == [40, 40, 40, 40, 160]
+        results = write_results(study_of(answers.definition), answers, tmp_path / "results")
+    with (results / "answers.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    verdicts = [row for row in rows if row["question"] == "verdict"]
+    assert [row["answer"] for row in verdicts] == ["undecidable"] * 4
+    assert sum("truth=type2" in row["condition"] for row in verdicts) == 2
+    # What somebody types is no formula in a spreadsheet.
+    assert {row["answer"] for row in rows if row["question"] == "reason"} == {"'=HYPERLINK(1)"}
+    with (results / "summary.csv").open(newline="") as stream:
+        low = [row for row in csv.DictReader(stream) if row["resolution"] == "low"]
+    assert low[-1]["undecidable_percent"] == "100.0"
+    assert low[-1]["published_unable_percent"] == "76.0"
