@@ -86,5 +86,5 @@ def test_a_stream_leaves_the_same_steps_out() -> None:
         np.testing.assert_array_equal(found.faces, alone.faces)
         assert found.surface.depth_step == 0.05
         assert found.coverage == alone.coverage
-    with pytest.raises(InputError, match="max_step|depth_step"):
+    with pytest.raises(InputError, match="depth_step"):
         simplify.ReliefStream(CAMERA, 60, depth_step=-1.0).simplify(depth)

@@ -1,0 +1,201 @@
+"""The command ``manip3d``: each verb parses its arguments, calls a public function and prints.
+
+One module for each verb: its options, and how its result is printed. A verb's module is imported
+when the verb is used, so that ``manip3d --help`` is quick.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import io
+import json
+import os
+import sys
+from typing import Annotated, Any, NoReturn, TextIO
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+__all__ = ["app", "main"]
+
+_VERBS = {
+    "simplify": "Reduce the faces of a mesh.",
+    "lod": "Write levels of detail of a mesh.",
+    "depth": "Turn a depth image or a range scan into a sparse textured mesh.",
+    "compare": "Measure how far a mesh is from its original.",
+    "info": "Count what a mesh, a scan or a recording is made of.",
+    "view": "Show a mesh or a scan, or write a page or a picture.",
+    "play": "Play a sequence of meshes on one page, with a time bar.",
+    "convert": "Write a mesh or a scan in another format.",
+    "simulate": "Make drives, scans and meshes with known truth.",
+    "inspect": "Look for edits of a LiDAR scan, a drive or an RGB-D recording.",
+    "demo": "Show on one page what this is for, with pictures.",
+    "doctor": "Print what is installed, what is missing, why, and the cure.",
+    "reproduce": "Run the experiments behind published tables and figures.",
+    "report": "Turn a results folder into one page: .html, .md or .csv.",
+    "cs3": "Same as 'depth', whose default method is CS3.",
+    "data": "Public data sets: what is here, and fetching more.",
+    "forge": "Forge LiDAR scans and RGB-D streams, with the truth beside them.",
+    "watermark": "Embed keyed watermarks into LiDAR scans and verify them.",
+    "alert": "Watch the LiDAR of a drive: watermark, cameras, forensics, risk.",
+    "phantom": "Render a missing limb by mirroring the intact one.",
+    "diary": "Digital diaries of studies: sessions, pain, questionnaires, analysis.",
+    "study": "Studies with people: rating of forgeries, JND, displays.",
+    "capture": "RGB-D cameras and recordings: list, record, play, export, info.",
+}
+"""Each verb, in the order of the help text, and what that says about it."""
+
+
+class _Verbs(TyperGroup):
+    """The verbs by name and one line of help; a verb is loaded when it is resolved."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        for name, line in _VERBS.items():
+            self.add_command(TyperCommand(name, help=line))
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        if args[0] in _VERBS:
+            self.add_command(load(args[0]), args[0])
+        return super().resolve_command(ctx, args)
+
+
+def load(verb: str) -> Any:
+    """Import the module of a verb; return its command, or its group of commands."""
+    module = importlib.import_module(f"manip3d.cli.{'depth' if verb == 'cs3' else verb}")
+    if hasattr(module, "app"):
+        return typer.main.get_group(module.app)
+    single = typer.Typer(rich_markup_mode=None, add_completion=False)
+    single.command(verb, help=_VERBS[verb] if verb == "cs3" else None)(getattr(module, verb))
+    return typer.main.get_command(single)
+
+
+app = typer.Typer(
+    name="manip3d",
+    cls=_Verbs,
+    help="Make 3D content lighter, change it, and tell whether somebody else changed it.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+) -> None:
+    if version:
+        from manip3d import __version__
+
+        print(f"manip3d {__version__}")
+        raise typer.Exit
+
+
+def main(arguments: list[str] | None = None) -> NoReturn:
+    """Run the command line; ends the process with its exit code."""
+    from manip3d.errors import Error
+
+    words = sys.argv[1:] if arguments is None else arguments
+    as_json = "--json" in words
+    _prepare_streams()
+    try:
+        try:
+            _start_logging(words)
+            app(arguments, prog_name="manip3d")
+        finally:
+            _flush(sys.stdout)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except BrokenPipeError:  # who read the output has read enough
+        sys.exit(1)
+    except (Error, OSError) as error:
+        _fail(error, _one_line(error), as_json)
+    except MemoryError as error:
+        _fail(error, "out of memory", as_json)
+    except Exception as error:  # a bug of ours: say so in one line too
+        message = f"internal error: {type(error).__name__}: {error} (MANIP3D_LOG=debug: where)"
+        _fail(error, message, as_json)
+    sys.exit(0)
+
+
+def _prepare_streams() -> None:
+    """Make the standard streams print any file name, and stand in for those that are closed.
+
+    What is printed to a closed stdout is lost, which is an error; a closed stdin is empty. The
+    numbers of closed streams are taken, lest an output file gets one and is printed into.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            flags = os.O_WRONLY if name == "stderr" else os.O_RDONLY
+            opened = os.open(os.devnull, flags)
+            if opened != number:
+                os.dup2(opened, number)
+                os.close(opened)
+            setattr(sys, name, os.fdopen(number, "r" if name == "stdin" else "w", closefd=False))
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _flush(stream: TextIO) -> None:
+    """Write out what is buffered; after a failure forget it: Python would try again at exit."""
+    try:
+        stream.flush()
+    except OSError:
+        devnull = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(devnull, stream.fileno())
+        os.close(devnull)
+        raise
+
+
+def _start_logging(arguments: list[str]) -> None:
+    if os.environ.get("MANIP3D_LOG"):
+        from manip3d.cli.terminal import configure_logging
+
+        configure_logging(quiet="--quiet" in arguments or "-q" in arguments)
+
+
+def _one_line(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    return str(error)
+
+
+def _fail(error: BaseException, message: str, as_json: bool) -> NoReturn:
+    """One clear line on stderr; the traceback only for ``MANIP3D_LOG=debug``.
+
+    Under ``--json`` the code and the details go to stdout.
+    """
+    if os.environ.get("MANIP3D_LOG", "").lower() == "debug":
+        import traceback
+
+        traceback.print_exception(error)
+    line = " ".join(message.split())
+    with contextlib.suppress(OSError):
+        if as_json and not _has_answered():
+            print(json.dumps({"error": _details(error, line)}))
+            _flush(sys.stdout)
+    with contextlib.suppress(OSError):  # also where stdout has failed
+        print("manip3d: error: " + line, file=sys.stderr)
+        _flush(sys.stderr)
+    sys.exit(1)
+
+
+def _has_answered() -> bool:
+    """Whether stdout holds the verb's result already: that of files that did not fail."""
+    from manip3d.cli.terminal import Terminal
+
+    return Terminal.has_answered
+
+
+def _details(error: BaseException, line: str) -> dict[str, object]:
+    """Fields of an error for programs: its code first."""
+    from manip3d.errors import Error
+
+    if isinstance(error, Error):
+        return dict(error.details())
+    if isinstance(error, OSError):
+        return {"code": "file", "message": line, "file": error.filename}
+    return {"code": "memory" if isinstance(error, MemoryError) else "internal", "message": line}
