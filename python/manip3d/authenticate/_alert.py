@@ -32,10 +32,6 @@ _FRAME_S = 0.1  # between frames of scanners that turn ten times a second
 
 WITNESSES = ("watermark", "cross-modal", "forensics")
 
-CLEAN_ACCUSED = "6 of 36 clean simulated frames"
-"""What `cross_modal_consistency` does to frames that chose none of its thresholds (experiment
-``table-7.2-cross-modal``); of clean real ones it accuses 2 of 6."""
-
 
 @dataclass(frozen=True)
 class WitnessReport:
@@ -400,8 +396,8 @@ def _joined(told: Mapping[str, WitnessReport], *, has_key: bool) -> tuple[str, s
         if told[name].verdict == "tampered":
             return "tampered", f"{name}: {told[name].reason}"
     if told["cross-modal"].verdict == "tampered":
-        reason = f"cross-modal: {told['cross-modal'].reason}; cameras accuse {CLEAN_ACCUSED}"
-        return "undecidable", f"{reason}, so that another witness has to agree"
+        reason = f"cross-modal: {told['cross-modal'].reason}; cameras accuse clean frames too"
+        return "undecidable", f"{reason}, so another witness has to agree"
     sworn = told["watermark"]
     if has_key:
         return sworn.verdict, f"watermark: {sworn.reason}"

@@ -121,11 +121,14 @@ class Disparity:
         Pixels of the image that one pixel of the map stands for, each way.
     producer : str
         What computed it.
+    grey : (h, w) uint8, optional
+        The left picture at the size of this map: it tells dark surfaces, which LiDAR may not see.
     """
 
     values: NDArray[np.float32]
     step: int = 1
     producer: str = field(default="", compare=False)
+    grey: NDArray[np.uint8] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         values = np.ascontiguousarray(self.values, np.float32)
@@ -134,6 +137,13 @@ class Disparity:
         if not self.step >= 1:
             raise InputError(f"step: expected at least 1, got {self.step}")
         object.__setattr__(self, "values", values)
+        if self.grey is not None:
+            grey = np.ascontiguousarray(self.grey)
+            if grey.dtype != np.uint8 or grey.shape != values.shape:
+                raise InputError(
+                    f"grey: expected uint8 of shape {values.shape}, got {grey.dtype} {grey.shape}"
+                )
+            object.__setattr__(self, "grey", grey)
 
     def camera(self, rig: StereoRig) -> tuple[float, float, float, float]:
         """Return focal length and principal point in pixels of the map, and the baseline."""
@@ -204,7 +214,7 @@ def stereo_disparity(left: ArrayLike, right: ArrayLike) -> Disparity:
     )
     sixteenths = matcher.compute(*halved)
     values = np.maximum(sixteenths, 0).astype(np.float32) / np.float32(16.0)
-    return Disparity(values, STEP, f"OpenCV {cv2.__version__} SGBM 3-way, halved")
+    return Disparity(values, STEP, f"OpenCV {cv2.__version__} SGBM 3-way, halved", halved[0])
 
 
 def opencv() -> Any:
