@@ -316,6 +316,36 @@ def test_a_shifted_picture_has_the_disparity_of_the_shift() -> None:
         cv2.setNumThreads(before)
 
 
+def test_where_the_picture_is_plain_nothing_is_measured() -> None:
+    """As of the sky beside a tree, which would be given the depth of the tree."""
+    pytest.importorskip("cv2", reason="the extra 'alert' is not installed")
+    noise = np.random.default_rng(1)
+    pair = []
+    for shift in (0, 24):
+        picture = textured(shift)
+        picture[:60] = 230
+        pair.append(np.clip(picture + noise.normal(0, 1.5, picture.shape), 0, 255).astype(np.uint8))
+    found = stereo_disparity(*pair)
+    assert np.mean(found.values[:24] > 0) < 0.01  # the plain half, in pixels of the map
+    assert np.mean(found.values[36:-5, 55:-5] == 12.0) > 0.9
+    assert found.grey is not None
+    assert found.grey.shape == found.values.shape
+    assert 225 < np.mean(found.grey[:24]) < 235
+
+
+def test_what_only_one_picture_sees_is_not_measured() -> None:
+    """Behind the left edge of a near thing the left camera sees what the right one does not."""
+    pytest.importorskip("cv2", reason="the extra 'alert' is not installed")
+    behind, before = textured(0, (120, 500)), textured(30, (120, 500))[40:80, :120]
+    left, right = behind[:, 40:440].copy(), behind[:, 50:450].copy()  # 10 pixels
+    left[40:80, 200:320], right[40:80, 140:260] = before, before  # 60 pixels
+    found = stereo_disparity(left, right).values
+    hidden = found[22:38, 76:98]  # 50 pixels to the left of the near thing
+    assert np.mean(hidden > 0) < 0.2
+    assert np.mean(found[22:38, 105:155] == 30.0) > 0.9
+    assert np.mean(found[22:38, 60:70] == 5.0) > 0.9
+
+
 def test_bad_pictures_are_named() -> None:
     pytest.importorskip("cv2", reason="the extra 'alert' is not installed")
     good = textured(0)

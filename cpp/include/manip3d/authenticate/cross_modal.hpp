@@ -39,7 +39,7 @@ struct CrossModalOptions {
   double dark_weight = 0.25;       ///< Of a cell that is dark and empty, as evidence; 0 to 1.
   std::int64_t min_cells = 25;     ///< Components of fewer cells are not reported.
   double min_added_area = 0.25;    ///< Square metres of evidence, at the component's own range.
-  double min_missing_area = 0.25;  ///< Square metres of evidence.
+  double min_missing_area = 0.2;   ///< Square metres of evidence.
 };
 
 /// Neighbouring cells in which LiDAR and cameras contradict each other in the same way.
