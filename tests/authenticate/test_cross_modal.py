@@ -284,7 +284,7 @@ def test_bad_rigs_and_maps_are_named() -> None:
         (lambda: Disparity(np.zeros(5, np.float32)), "values: expected shape"),
         (lambda: Disparity(np.zeros((5, 5), np.float32), step=0), "step: expected"),
         (lambda: picture_of(np.zeros((5, 4), np.uint8)), r"grey: expected uint8 of shape \(5, 5\)"),
-        (lambda: picture_of(np.zeros((5, 5), np.int16)), "grey: expected uint8"),  # type: ignore[arg-type]
+        (lambda: picture_of(np.zeros((5, 5), np.int16)), "grey: expected uint8"),
     ]
     for make, words in bad:
         with pytest.raises(InputError, match=words):
