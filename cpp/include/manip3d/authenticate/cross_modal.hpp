@@ -27,19 +27,19 @@ struct DisparityView {
 };
 
 struct CrossModalOptions {
-  double azimuth_step = 0.3;       ///< Degrees.
-  double elevation_step = 0.45;    ///< Degrees.
-  double half_azimuth = 45.0;      ///< Degrees to each side of straight ahead.
-  double lowest = -24.0;           ///< Degrees: the scanner's own field of view, without its edges.
-  double highest = 1.5;            ///< Degrees.
-  double min_range = 4.5;          ///< Metres: nearer than that neither is trusted, also by depth.
-  double max_range = 30.0;         ///< Metres: farther away a pixel of disparity is too much depth.
-  double tolerance = 2.0;          ///< Pixels of disparity that the two may differ by.
-  double dark_level = 50.0;        ///< Grey level below which a surface may well return nothing.
-  double dark_weight = 0.25;       ///< Of a cell that is dark and empty, as evidence; 0 to 1.
-  std::int64_t min_cells = 25;     ///< Components of fewer cells are not reported.
-  double min_added_area = 0.25;    ///< Square metres of evidence, at the component's own range.
-  double min_missing_area = 0.2;   ///< Square metres of evidence.
+  double azimuth_step = 0.3;      ///< Degrees.
+  double elevation_step = 0.45;   ///< Degrees.
+  double half_azimuth = 45.0;     ///< Degrees to each side of straight ahead.
+  double lowest = -24.0;          ///< Degrees: the scanner's own field of view, without its edges.
+  double highest = 1.5;           ///< Degrees.
+  double min_range = 4.5;         ///< Metres: nearer than that neither is trusted, also by depth.
+  double max_range = 30.0;        ///< Metres: farther away a pixel of disparity is too much depth.
+  double tolerance = 2.0;         ///< Pixels of disparity that the two may differ by.
+  double dark_level = 50.0;       ///< Grey level below which a surface may well return nothing.
+  double dark_weight = 0.25;      ///< Of a cell that is dark and empty, as evidence; 0 to 1.
+  std::int64_t min_cells = 25;    ///< Components of fewer cells are not reported.
+  double min_added_area = 0.25;   ///< Square metres of evidence, at the component's own range.
+  double min_missing_area = 0.2;  ///< Square metres of evidence.
 };
 
 /// Neighbouring cells in which LiDAR and cameras contradict each other in the same way.
