@@ -15,6 +15,7 @@ for topic in (
     "metrics",
     "forensics",
     "watermark",
+    "alert",
     "scans",
     "simplify",
     "every_mesh",

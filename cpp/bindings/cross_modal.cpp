@@ -4,6 +4,8 @@
 #include <pybind11/stl.h>
 
 #include <array>
+#include <cstdint>
+#include <optional>
 #include <tuple>
 #include <utility>
 
@@ -25,6 +27,8 @@ constexpr std::tuple kCrossModalOptions{
     Field{"min_range", &CrossModalOptions::min_range},
     Field{"max_range", &CrossModalOptions::max_range},
     Field{"tolerance", &CrossModalOptions::tolerance},
+    Field{"dark_level", &CrossModalOptions::dark_level},
+    Field{"dark_weight", &CrossModalOptions::dark_weight},
     Field{"min_cells", &CrossModalOptions::min_cells},
     Field{"min_added_area", &CrossModalOptions::min_added_area},
     Field{"min_missing_area", &CrossModalOptions::min_missing_area},
@@ -55,10 +59,17 @@ void bind_cross_modal(py::module_& m) {
       "compare_cross_modal",
       [](const CArray<float>& points, const CArray<float>& disparity,
          const std::array<double, 4>& camera, const Eigen::Matrix4d& lidar_from_camera,
-         const CrossModalOptions& options) {
+         const CrossModalOptions& options, const std::optional<CArray<std::uint8_t>>& grey) {
         const PointsView view = points_view(points, {});
         check_image(disparity, 0, "disparity");
-        const DisparityView image{disparity.data(), disparity.shape(0), disparity.shape(1)};
+        DisparityView image{disparity.data(), disparity.shape(0), disparity.shape(1)};
+        if (grey.has_value()) {
+          check_image(*grey, 0, "grey");
+          if (grey->shape(0) != image.height || grey->shape(1) != image.width) {
+            throw InputError("grey: expected as many pixels as disparity");
+          }
+          image.grey = grey->data();
+        }
         const StereoView left{camera[0], camera[1], camera[2], camera[3], lidar_from_camera};
         CrossModalResult result;
         {
@@ -67,13 +78,14 @@ void bind_cross_modal(py::module_& m) {
         }
         py::list components;
         for (const CrossModalComponent& c : result.components) {
-          components.append(py::make_tuple(c.added, c.cells, c.empty, c.solid_angle, c.area,
-                                           c.difference, to_array(c.lower), to_array(c.upper)));
+          components.append(py::make_tuple(c.added, c.cells, c.empty, c.dark, c.solid_angle, c.area,
+                                           c.evidence, c.difference, to_array(c.lower),
+                                           to_array(c.upper)));
         }
         return py::make_tuple(to_fields(std::move(result), kCrossModalResult), components);
       },
       py::arg("points").noconvert(), py::arg("disparity").noconvert(), py::arg("camera"),
-      py::arg("lidar_from_camera"), py::arg("options"));
+      py::arg("lidar_from_camera"), py::arg("options"), py::arg("grey").noconvert() = py::none());
 }
 
 }  // namespace manip3d::bindings

@@ -11,7 +11,7 @@ build=${FUZZ_BUILD:-$here/../../build/fuzz/cpp/fuzz}
 executions=${1:?usage: run.sh EXECUTIONS [TARGET...]}
 shift
 # Kernels are no parsers: each execution runs them several times over. The longest begin.
-export kernels=" detectors relief phantom cs3 attacks metrics grid_delaunay simplify "
+export kernels=" detectors cross_modal relief phantom cs3 attacks metrics grid_delaunay simplify "
 if [ $# -eq 0 ]; then
   set -- $kernels
   for source in "$here"/fuzz_*.cpp; do

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import ANY
 
 import numpy as np
 import pytest
@@ -96,6 +99,82 @@ def test_cameras_that_are_too_slow_speak_once_a_second_and_the_rest_is_counted(
     assert monitor.counts.skipped == {"cross-modal": 38, "forensics": 38}
     never = AlertMonitor(rig=RIG, budget_s=0.05, every_s=math.inf, clock=clock)
     assert asked(never, 41)["forensics"] == []
+
+
+def test_forensics_in_the_background_speak_of_the_frame_that_they_saw(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    go_on, seen = threading.Event(), []
+
+    def look(frame: LidarFrame, **options: Any) -> Any:
+        seen.append((frame.num_points, options["threads"]))
+        assert go_on.wait(30)
+        return SimpleNamespace(verdict="tampered", reason="a hole", regions=(), scan=None)
+
+    monkeypatch.setattr(_alert, "inspect", look)
+    monitor = AlertMonitor(background=True, every_s=1.0)
+    scan = LidarFrame(np.zeros((7, 3), np.float32))
+
+    def told(number: int, frame: LidarFrame = FRAME) -> tuple[str, str, str]:
+        alert = monitor.judge(frame, speed_mps=1.0, time_s=number / 10)
+        report = alert.witnesses["forensics"]
+        assert alert.number == number
+        return alert.verdict, report.verdict, report.reason
+
+    assert told(0, scan) == ("undecidable", "skipped", "not due")  # they have only begun
+    scan.points[:] = np.nan  # nobody else's
+    for number in range(1, 15):  # due again, but still at work
+        assert told(number) == ("undecidable", "skipped", "still at frame 0")
+    go_on.set()
+    assert monitor.finish() == WitnessReport("tampered", "frame 0: a hole", ANY)
+    assert monitor.finish() is None
+    assert told(15) == ("undecidable", "skipped", "not due")  # and asked again
+    for _ in range(10_000):
+        heard = monitor.judge(FRAME, speed_mps=1.0, time_s=1.6)
+        if heard.witnesses["forensics"].verdict != "skipped":
+            break
+        time.sleep(0.001)
+    assert heard.verdict == "tampered"
+    assert heard.reason == "forensics: frame 15: a hole"
+    assert heard.forensics is not None
+    assert seen == [(7, 1), (0, 1)]
+    assert monitor.counts.skipped["forensics"] == heard.number
+
+
+def test_what_goes_wrong_in_the_background_is_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: Any, **__: Any) -> Any:
+        raise InputError("points: row 3 is not finite")
+
+    monkeypatch.setattr(_alert, "inspect", fail)
+    monitor = AlertMonitor(background=True)
+    monitor.judge(FRAME, speed_mps=1.0)
+    with pytest.raises(InputError, match="row 3"):
+        monitor.finish()
+
+
+def test_a_monitor_that_is_behind_verifies_the_watermark_alone(
+    clock: Clock, tmp_path: Path
+) -> None:
+    with (
+        KeyFile(key_file(tmp_path / "key")) as key,
+        Watermarker(key) as sender,
+        Watermarker(key) as receiver,
+    ):
+        monitor = AlertMonitor(receiver, rig=RIG, budget_s=0.1, clock=clock)
+        for number, waited in enumerate((0.0, 0.3, 0.03, 0.01)):
+            sent = sender.embed(LidarFrame(grid_scan(2000)))
+            alert = monitor.judge(
+                sent.frame, record=sent.record, left=PICTURE, right=PICTURE, speed_mps=1.0,
+                time_s=number / 10, waited_s=waited,
+            )  # fmt: skip
+            cameras = "no_trace" if waited <= 0.02 else "skipped"  # they take 80 ms
+            assert alert.witnesses["watermark"].verdict == "authentic"
+            assert alert.witnesses["cross-modal"].verdict == cameras
+            assert alert.is_late == (number in (0, 1))  # forensics, waiting
+            assert alert.seconds >= waited
+    for wrong in (-0.1, math.nan, math.inf):
+        with pytest.raises(InputError, match="waited_s"):
+            monitor.judge(FRAME, speed_mps=1.0, waited_s=wrong)
 
 
 def test_a_stream_that_begins_again_is_asked_again(clock: Clock) -> None:

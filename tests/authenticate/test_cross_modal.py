@@ -170,6 +170,41 @@ def test_where_the_cameras_see_nothing_nothing_is_said() -> None:
     assert not result.judged[:, : result.judged.shape[1] // 2 - 5].any()
 
 
+def test_that_a_dark_car_returns_nothing_is_weak_evidence() -> None:
+    everything = lidar(CAR)
+    gone = everything.select(~CAR.contains(everything.points))
+    seen = cameras(CAR)
+    regions = []
+    for level in (200, 20):
+        grey = np.full(seen.values.shape, level, np.uint8)
+        told = judged(gone, Disparity(seen.values, grey=grey))
+        assert told.attack == "subtractive"  # a whole car is enough even so
+        regions.append(told.regions[0])
+    bright, dark = regions
+    assert bright.dark == 0
+    assert dark.dark == dark.empty > 0
+    assert dark.area == bright.area == bright.evidence
+    # Cells in which the scanner sees what is behind the car count as before.
+    assert 0.25 * dark.area <= dark.evidence < 0.6 * dark.area
+    assert dark.score < bright.score
+    least = (dark.evidence + bright.evidence) / 2
+    for level, expected in ((200, "tampered"), (20, "no_trace")):
+        grey = np.full(seen.values.shape, level, np.uint8)
+        told = judged(gone, Disparity(seen.values, grey=grey), min_missing_area=least)
+        assert told.verdict == expected
+    # A dark car that the scanner sees elsewhere is as good as any other.
+    grey = np.full(seen.values.shape, 20, np.uint8)
+    behind = judged(lidar(), Disparity(seen.values, grey=grey)).regions[0]
+    assert behind.dark <= behind.empty < behind.cells // 2
+
+
+def test_what_is_nearer_than_cameras_can_match_is_not_added() -> None:
+    """At 5 m and 40 degrees to the side a thing is 3.6 m before the cameras: they cannot see it."""
+    for x, expected in ((3.7, "no_trace"), (5.2, "tampered")):
+        beside = Box((x, -3.4, -0.6), (0.6, 0.6, 2.0))
+        assert judged(lidar(beside), cameras()).verdict == expected, x
+
+
 def test_risk_counts_what_is_missing_too() -> None:
     clean = lidar(CAR)
     gone = clean.select(~CAR.contains(clean.points))
@@ -227,11 +262,17 @@ def test_strange_scans_and_maps_are_judged_or_refused() -> None:
         ({"max_range": math.inf}, "min_range, max_range"),
         ({"tolerance": math.nan}, "tolerance: expected a number > 0"),
         ({"min_added_area": math.nan}, "min_cells, min_added_area"),
+        ({"dark_level": math.inf}, "dark_level, dark_weight"),
+        ({"dark_weight": 1.5}, "dark_level, dark_weight"),
     ],
 )
 def test_bad_parameters_are_named(parameters: dict[str, float], words: str) -> None:
     with pytest.raises(InputError, match=words):
         judged(lidar(), cameras(), **parameters)
+
+
+def picture_of(grey: NDArray[np.uint8]) -> Disparity:
+    return Disparity(np.zeros((5, 5), np.float32), grey=grey)
 
 
 def test_bad_rigs_and_maps_are_named() -> None:
@@ -242,6 +283,8 @@ def test_bad_rigs_and_maps_are_named() -> None:
         (lambda: StereoRig(9.0, (1.0, 1.0), 0.5, np.eye(3)), "T_lidar_camera: expected"),
         (lambda: Disparity(np.zeros(5, np.float32)), "values: expected shape"),
         (lambda: Disparity(np.zeros((5, 5), np.float32), step=0), "step: expected"),
+        (lambda: picture_of(np.zeros((5, 4), np.uint8)), r"grey: expected uint8 of shape \(5, 5\)"),
+        (lambda: picture_of(np.zeros((5, 5), np.int16)), "grey: expected uint8"),
     ]
     for make, words in bad:
         with pytest.raises(InputError, match=words):
@@ -271,6 +314,36 @@ def test_a_shifted_picture_has_the_disparity_of_the_shift() -> None:
             assert np.array_equal(again.values, found.values)
     finally:
         cv2.setNumThreads(before)
+
+
+def test_where_the_picture_is_plain_nothing_is_measured() -> None:
+    """As of the sky beside a tree, which would be given the depth of the tree."""
+    pytest.importorskip("cv2", reason="the extra 'alert' is not installed")
+    noise = np.random.default_rng(1)
+    pair = []
+    for shift in (0, 24):
+        picture = textured(shift)
+        picture[:60] = 230
+        pair.append(np.clip(picture + noise.normal(0, 1.5, picture.shape), 0, 255).astype(np.uint8))
+    found = stereo_disparity(*pair)
+    assert np.mean(found.values[:24] > 0) < 0.01  # the plain half, in pixels of the map
+    assert np.mean(found.values[36:-5, 55:-5] == 12.0) > 0.9
+    assert found.grey is not None
+    assert found.grey.shape == found.values.shape
+    assert 225 < np.mean(found.grey[:24]) < 235
+
+
+def test_what_only_one_picture_sees_is_not_measured() -> None:
+    """Behind the left edge of a near thing the left camera sees what the right one does not."""
+    pytest.importorskip("cv2", reason="the extra 'alert' is not installed")
+    behind, before = textured(0, (120, 500)), textured(30, (120, 500))[40:80, :120]
+    left, right = behind[:, 40:440].copy(), behind[:, 50:450].copy()  # 10 pixels
+    left[40:80, 200:320], right[40:80, 140:260] = before, before  # 60 pixels
+    found = stereo_disparity(left, right).values
+    hidden = found[22:38, 76:98]  # 50 pixels to the left of the near thing
+    assert np.mean(hidden > 0) < 0.2
+    assert np.mean(found[22:38, 105:155] == 30.0) > 0.9
+    assert np.mean(found[22:38, 60:70] == 5.0) > 0.9
 
 
 def test_bad_pictures_are_named() -> None:

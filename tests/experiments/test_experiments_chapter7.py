@@ -5,7 +5,17 @@ from __future__ import annotations
 import pytest
 
 import manip3d
-from manip3d.experiments import Case, Plan, registry, security, table_7_1, table_7_2
+from manip3d.experiments import (
+    Case,
+    Plan,
+    figure_7_8,
+    figure_7_10,
+    figure_7_12,
+    registry,
+    security,
+    table_7_1,
+    table_7_2,
+)
 from manip3d.experiments._model import Row
 from watermark_scans import grid_scan, reflectances
 
@@ -48,6 +58,76 @@ def test_one_frame_of_each_attack() -> None:
         assert row["attacked"] == 1
         expected = 0 if case.options["attack"] == "original" else 1
         assert [row[kind] for kind in table_7_2._KINDS] == [expected] * 5
+
+
+# --- Figures --------------------------------------------------------------------------------------
+
+
+def test_late_patterns_weigh_more_and_a_wrong_weight_is_told() -> None:
+    experiment = registry()["figure-7.8"]
+    found = [{**case.options, **figure_7_8.weigh(case)} for case in experiment.cases(QUICK)]
+    factors = {row["model"]: row["factor"] for row in found}
+    # x_n / X_n times c_n / X_n, section 7.3.5.
+    expected = {"11100": 0.36, "00111": 0.6, "11111": 1.0, "10000": 0.04, "00001": 0.2}
+    assert {name: factors[name] for name in expected} == pytest.approx(expected)
+    (claim,) = experiment.claims
+    assert claim.verdict(found).holds is True
+    found[0]["factor"] = 0.9  # 11100
+    assert claim.verdict(found).holds is False
+    assert experiment.figures is not None
+    assert len(experiment.figures(found)) == 1
+
+
+def test_a_watermark_moves_points_by_what_is_printed(monkeypatch: pytest.MonkeyPatch) -> None:
+    frame = manip3d.LidarFrame(grid_scan(40_000), reflectances(40_000))
+    monkeypatch.setattr(table_7_2, "_frames", lambda *_: iter([(frame, ())] * 2))
+    experiment, found = registry()["figure-7.10"], []
+    for case in experiment.cases(QUICK)[:5]:
+        row = figure_7_10.embed(case)
+        found.append(experiment.complete({**case.options, **row}))
+        assert row["recovered"] == 1.0
+    largest = {row["method"]: row["largest_mm"] for row in found}
+    assert largest["keyed detached"] == 0.0
+    assert largest["lbm"] == pytest.approx(3**0.5, abs=0.004)
+    assert 1.0 < largest["qim-printed"] <= 1.254
+    assert 1.254 < largest["keyed qim"] <= 1.879
+    printed, moved, recovered = experiment.claims
+    assert moved.verdict(found).holds is True
+    assert recovered.verdict(found).holds is True
+    assert {f.subject: f.holds for f in printed.verdict(found).findings}["drive 1, lbm"] is True
+    found[0]["largest_mm"] = 1.8
+    found[1]["recovered"] = 0.5
+    assert moved.verdict(found).holds is False
+    assert recovered.verdict(found).holds is False
+
+
+def test_attacks_are_claimed_where_they_were_made() -> None:
+    experiment = registry()["figure-7.12"]
+    (claim,) = experiment.claims
+    row: Row = {"model": "street 100", "attack": "original", "verdict": "no_trace", "type": ""}
+    for change, holds in (
+        ({}, True),
+        ({"verdict": "tampered"}, False),
+        ({"attack": "rotation", "verdict": "tampered", "placed": True}, True),
+        ({"attack": "rotation", "verdict": "tampered", "placed": False}, False),
+    ):
+        assert claim.verdict([row | change]).holds is holds
+    maps = {name: [[0.0, 5.0], [9.0, 0.0]] for name in ("lidar", "stereo", "mask")}
+    assert experiment.figures is not None
+    assert len(experiment.figures([row | maps])) == 1
+
+
+def test_an_attack_is_seen_in_the_maps() -> None:
+    pytest.importorskip("open3d")
+    pytest.importorskip("cv2", reason="the extra 'alert' is not installed")
+    cases = registry()["figure-7.12"].cases(QUICK)
+    original, gone = (figure_7_12.locate(cases[place]) for place in (0, 2))
+    assert cases[2].options["attack"] == "subtractive"
+    assert original["verdict"] == "no_trace"
+    assert gone["placed"]
+    assert gone["type"] == "subtractive"
+    assert original["stereo"] == gone["stereo"]
+    assert original["lidar"] != gone["lidar"]
 
 
 # --- Security -------------------------------------------------------------------------------------

@@ -26,6 +26,7 @@ FEWEST_VIEWS = {
     "04_phantom_limb": 2,
     "05_stream_forgery": 2,
     "06_lidar_forensics": 3,
+    "07_lidar_alert": 2,
 }
 
 
@@ -152,12 +153,20 @@ def write_scan(folder: Path) -> str:
     return f"MY_FILE = {str(folder / 'own.pcd')!r}"
 
 
+def write_drive(folder: Path) -> str:
+    pytest.importorskip("open3d")
+    street = simulate.streets.street(4)
+    own = simulate.write_drive(street, folder / "own", 2, pictures=False)
+    return f"MY_FILE = {str(own)!r}"
+
+
 OWN_FILES: dict[str, tuple[Callable[[Path], str], str, type]] = {
     "02_mesh_simplification": (write_model, "original", manip3d.Mesh),
     "03_depth_simplification": (write_depth, "depth", np.ndarray),
     "04_phantom_limb": (write_recording, "frame", manip3d.RgbdFrame),
     "05_stream_forgery": (write_recording, "frame", manip3d.RgbdFrame),
     "06_lidar_forensics": (write_scan, "scan", manip3d.LidarFrame),
+    "07_lidar_alert": (write_drive, "scans", list),
 }
 
 
@@ -183,6 +192,9 @@ def test_takes_the_readers_own_file(
         assert values["camera"].width == values["depth"].shape[1]
     if name.startswith("05"):
         assert len(values["frames"]) == len(values["scenes"]) == 2
+    if name.startswith("07"):
+        assert len(values["scans"]) == 2
+        assert values["pairs"] == [None, None]
     if name.startswith("04"):
         assert values["missing"] == "left_arm"
         assert len(values["frames"]) == 2

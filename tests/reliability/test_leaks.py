@@ -13,7 +13,8 @@ import pytest
 from numpy.typing import NDArray
 
 import kernels
-from manip3d import DeviceError, InputError, authenticate, capture, simplify
+from manip3d import DeviceError, InputError, LidarFrame, authenticate, capture, simplify
+from watermark_scans import grid_scan, key_file
 
 WARM_UP, CALLS = 100, 500
 MOST_PER_CALL = 512  # bytes
@@ -117,6 +118,33 @@ def test_no_kernel_leaks(name: str, two_cores: None, request: pytest.FixtureRequ
     for _ in range(WARM_UP // share):
         call()
     assert least_growth(call, CALLS // share) < MOST_PER_CALL
+
+
+def test_a_monitor_keeps_nothing_of_its_frames(tmp_path: Path) -> None:
+    """Watermark and cameras in every frame; only the risk remembers, so far back."""
+    pytest.importorskip("cv2", reason="the extra 'alert' is not installed")
+    scan = LidarFrame(grid_scan(1500))
+    random = np.random.default_rng(0)
+    left, right = random.integers(0, 256, (2, 40, 260, 3), np.uint8)
+    rig = authenticate.StereoRig(88.0, (130.0, 20.0), 0.5, np.eye(4)[[2, 0, 1, 3]])
+    with (
+        authenticate.KeyFile(key_file(tmp_path / "key")) as key,
+        authenticate.Watermarker(key) as sender,
+        authenticate.Watermarker(key) as receiver,
+    ):
+        monitor = authenticate.AlertMonitor(receiver, rig=rig, budget_s=np.inf, every_s=np.inf)
+
+        def judge() -> None:
+            sent = sender.embed(scan)
+            alert = monitor.judge(
+                sent.frame, record=sent.record, left=left, right=right, speed_mps=200.0
+            )
+            assert alert.witnesses["watermark"].verdict == "authentic"
+
+        for _ in range(WARM_UP // 4):
+            judge()
+        assert least_growth(judge, CALLS // 10) < MOST_PER_CALL
+        assert monitor.counts.skipped == {"forensics": monitor.counts.frames}
 
 
 def descriptors() -> int:

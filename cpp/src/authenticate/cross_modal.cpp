@@ -53,6 +53,10 @@ void check_cross_modal_options(const CrossModalOptions& options) {
   if (!(options.tolerance > 0.0 && std::isfinite(options.tolerance))) {
     throw InputError("tolerance: expected a number > 0, got " + std::to_string(options.tolerance));
   }
+  if (!(std::isfinite(options.dark_level) && options.dark_weight >= 0.0 &&
+        options.dark_weight <= 1.0)) {
+    throw InputError("dark_level, dark_weight: expected a number and 0 to 1");
+  }
   if (!(options.min_cells >= 1 && options.min_added_area >= 0.0 &&
         options.min_missing_area >= 0.0)) {
     throw InputError("min_cells, min_added_area, min_missing_area: expected >= 1, >= 0 and >= 0");
@@ -119,6 +123,12 @@ struct InverseRanges {
         sum(cells, 0.0),
         count(cells, 0) {}
 
+  // A cell is as bright as its pixels are on average: their sum, where there is a picture.
+  void add(std::int32_t cell, float inverse, std::uint8_t level) {
+    if (grey.empty()) grey.assign(count.size(), 0);
+    grey[cell] += level;
+    add(cell, inverse);
+  }
   void add(std::int32_t cell, float inverse) {
     nearest[cell] = std::max(nearest[cell], inverse);
     farthest[cell] = std::min(farthest[cell], inverse);
@@ -128,10 +138,15 @@ struct InverseRanges {
   [[nodiscard]] double mean(std::int64_t cell) const {
     return count[cell] > 0 ? sum[cell] / count[cell] : 0.0;
   }
+  [[nodiscard]] bool is_dark(std::int64_t cell, double level) const {
+    return !grey.empty() && count[cell] > 0 &&
+           static_cast<double>(grey[cell]) < level * count[cell];
+  }
 
   std::vector<float> nearest, farthest;
   std::vector<double> sum;
   std::vector<std::int32_t> count;
+  std::vector<std::int64_t> grey;
 };
 
 struct CellOfPoint {
@@ -169,6 +184,7 @@ void project_disparity(const DisparityView& disparity, const StereoView& camera,
   const double depth_of_pixel = camera.focal * camera.baseline;
   Directions directions;
   float xyz[3 * Directions::kBlock];
+  std::uint8_t level[Directions::kBlock] = {};
   for (std::int64_t v = 0; v < disparity.height; ++v) {
     ticker.tick();
     const Eigen::Vector3d first =
@@ -180,7 +196,12 @@ void project_disparity(const DisparityView& disparity, const StereoView& camera,
       for (std::int64_t k = 0; k < size; ++k) {
         if (!(directions.range[k] > 0.0F)) continue;
         const std::int32_t cell = map.cell(directions.azimuth[k], directions.elevation[k]);
-        if (cell != kOutsideMap) seen.add(cell, 1.0F / directions.range[k]);
+        if (cell == kOutsideMap) continue;
+        if (disparity.grey != nullptr) {
+          seen.add(cell, 1.0F / directions.range[k], level[k]);
+        } else {
+          seen.add(cell, 1.0F / directions.range[k]);
+        }
       }
       size = 0;
     };
@@ -192,6 +213,7 @@ void project_disparity(const DisparityView& disparity, const StereoView& camera,
         xyz[3 * size + axis] =
             static_cast<float>(eye[axis] + z * (first[axis] + across * turn(axis, 0)));
       }
+      if (disparity.grey != nullptr) level[size] = disparity.grey[v * disparity.width + u];
       if (++size == Directions::kBlock) flush();
     }
     flush();
@@ -224,8 +246,11 @@ Around around(const InverseRanges& seen, const FrontMap& map, std::int64_t row,
 
 // Marks each cell; `limit` keeps, for added cells, the inverse range above which a point is one.
 void mark_cells(const InverseRanges& lidar, const InverseRanges& stereo, const FrontMap& map,
-                const CrossModalOptions& options, double pixels, CrossModalResult& result,
-                std::vector<float>& limit) {
+                const StereoView& camera, const CrossModalOptions& options,
+                CrossModalResult& result, std::vector<float>& limit) {
+  const double pixels = camera.focal * camera.baseline;
+  const Eigen::Vector3d ahead = camera.lidar_from_camera.col(2).head<3>();
+  const double eye = ahead.dot(camera.lidar_from_camera.col(3).head<3>());
   const auto tolerance = static_cast<float>(options.tolerance / pixels);
   const auto nearest = static_cast<float>(1.0 / options.min_range);
   const auto farthest = static_cast<float>(1.0 / options.max_range);
@@ -236,7 +261,9 @@ void mark_cells(const InverseRanges& lidar, const InverseRanges& stereo, const F
       if (cameras.cells < kEnoughNeighbours) continue;
       const Around scanner = around(lidar, map, row, column);
       const float front = lidar.nearest[cell];
-      const bool could_be_added = front >= farthest && front <= nearest;
+      // Cameras match a surface by its depth: nearer than `min_range` they find no partner for it.
+      const bool could_be_added = front >= farthest && front <= nearest &&
+                                  ahead.dot(map.direction(cell)) / front - eye >= options.min_range;
       const bool could_be_missing =
           cameras.farthest >= farthest && cameras.nearest <= nearest && stereo.count[cell] > 0;
       if (!could_be_added && !could_be_missing) continue;
@@ -291,6 +318,10 @@ void find_components(const InverseRanges& lidar, const InverseRanges& stereo, co
       part.empty += static_cast<std::int64_t>(lidar.count[cell] == 0);
       part.solid_angle += angle;
       part.area += angle / (inverse * inverse);
+      const bool dark =
+          !added && lidar.count[cell] == 0 && stereo.is_dark(cell, options.dark_level);
+      part.dark += static_cast<std::int64_t>(dark);
+      part.evidence += (dark ? options.dark_weight : 1.0) * angle / (inverse * inverse);
       part.difference += result.difference[cell];
       if (!added) each.extend(map.direction(cell) / inverse);
     });
@@ -299,7 +330,7 @@ void find_components(const InverseRanges& lidar, const InverseRanges& stereo, co
   std::vector<std::int32_t> number(sums.size(), kOutsideMap);
   for (std::size_t k = 0; k < sums.size(); ++k) {
     CrossModalComponent& part = sums[k].component;
-    if (part.cells < options.min_cells || part.area < least) continue;
+    if (part.cells < options.min_cells || part.evidence < least) continue;
     part.added = added;
     part.difference /= static_cast<double>(part.cells);
     number[k] = static_cast<std::int32_t>(kept.size());
@@ -348,7 +379,7 @@ CrossModalResult compare_cross_modal(const PointsView& view, const DisparityView
   result.mask.assign(map.cells(), 0);
   result.judged.assign(map.cells(), 0);
   std::vector<float> limit(map.cells(), std::numeric_limits<float>::infinity());
-  mark_cells(lidar, stereo, map, options, camera.focal * camera.baseline, result, limit);
+  mark_cells(lidar, stereo, map, camera, options, result, limit);
 
   std::vector<std::int32_t> component_of(map.cells(), kOutsideMap);
   std::vector<ComponentSums> kept;

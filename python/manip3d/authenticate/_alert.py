@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import threading
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -31,10 +33,6 @@ if TYPE_CHECKING:
 _FRAME_S = 0.1  # between frames of scanners that turn ten times a second
 
 WITNESSES = ("watermark", "cross-modal", "forensics")
-
-CLEAN_ACCUSED = "6 of 36 clean simulated frames"
-"""What `cross_modal_consistency` does to frames that chose none of its thresholds (experiment
-``table-7.2-cross-modal``); of clean real ones it accuses 2 of 6."""
 
 
 @dataclass(frozen=True)
@@ -183,6 +181,10 @@ class AlertMonitor:
         only within the budget, forensics never.
     cross_modal : CrossModalParameters, optional
     risk : RiskParameters, optional
+    background : bool
+        Forensics work in a thread of their own, on one core, while further frames are judged. They
+        take several times as long as a frame lasts. What they say comes with the first frame after
+        they are done and names the frame that they saw; `finish` waits for the last word.
     clock : callable, optional
         Seconds that pass, for latencies; by default `time.perf_counter`.
 
@@ -213,6 +215,7 @@ class AlertMonitor:
         every_s: float = 1.0,
         cross_modal: CrossModalParameters | None = None,
         risk: RiskParameters | None = None,
+        background: bool = False,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         for name, value in (("budget_s", budget_s), ("every_s", every_s)):
@@ -224,6 +227,8 @@ class AlertMonitor:
         self._risk = RiskTracker(risk)
         self._latest = Risk(0.0, 0.0, "none", ACTIONS["none"])
         self._clock = clock
+        self._worker = ThreadPoolExecutor(1, "forensics") if background else None
+        self._running: tuple[int, Future[tuple[Inspection, float]]] | None = None
         self._lock = threading.Lock()
         self._number = 0
         self._last: dict[str, float] = {}  # time of the stream at which a witness spoke
@@ -244,6 +249,7 @@ class AlertMonitor:
         speed_mps: float,
         motion: tuple[float, float, float] = (0.0, 0.0, 0.0),
         time_s: float | None = None,
+        waited_s: float = 0.0,
     ) -> Alert:
         """Judge the next frame.
 
@@ -260,11 +266,15 @@ class AlertMonitor:
             As for `RiskTracker.update`.
         time_s : float, optional
             Of the stream; by default a budget after the frame before, at most 0.1 s.
+        waited_s : float, seconds
+            For which the frame has waited for those before it. It counts: a monitor that is behind
+            leaves out the cameras and verifies the watermark alone until it has caught up.
 
         Raises
         ------
         InputError
-            One picture without the other, pictures of another kind, a time that is not finite.
+            One picture without the other, pictures of another kind, a time that is not finite, a
+            negative wait.
         MissingExtraError
             There are pictures and OpenCV is not installed.
         """
@@ -272,8 +282,10 @@ class AlertMonitor:
             raise InputError("left, right: expected both pictures or none")
         if time_s is not None and not math.isfinite(time_s):
             raise InputError(f"time_s: expected a finite number, got {time_s}")
+        if not 0.0 <= waited_s < math.inf:
+            raise InputError(f"waited_s: expected a number >= 0, got {waited_s}")
         with self._lock:
-            begin = self._clock()
+            begin = self._clock() - waited_s
             now = self._number * min(self._budget, _FRAME_S) if time_s is None else time_s
             watermark, sworn = self._ask_watermark(frame, record)
             cross, seen = self._ask_cameras(frame, left, right, now, begin)
@@ -311,6 +323,21 @@ class AlertMonitor:
             )
             self._count(alert)
             return alert
+
+    @checked
+    def finish(self) -> WitnessReport | None:
+        """Wait for forensics that still work in the background.
+
+        Returns
+        -------
+        WitnessReport or None
+            What they say of the last frame that they saw; None: nothing was left to say. It is in
+            no `Alert` and is not counted.
+        """
+        with self._lock:
+            if self._running is None:
+                return None
+            return self._last_word(wait=True)[1]
 
     @property
     def counts(self) -> AlertCounts:
@@ -366,13 +393,38 @@ class AlertMonitor:
     def _ask_forensics(
         self, frame: LidarFrame, watermark: WatermarkResult | None, now: float
     ) -> tuple[Inspection | None, WitnessReport]:
+        # The displacement of a verified watermark is allowed for; its own report says the rest.
+        verified = watermark if watermark is not None and watermark.content == "intact" else None
+        if self._worker is not None:
+            heard = self._last_word()
+            if self._running is None and self._is_due("forensics", now):
+                kept = copy.deepcopy(frame)  # the caller may change it after this call
+                self._running = (self._number, self._worker.submit(self._looked, kept, verified))
+                self._last["forensics"] = now
+            return heard
         if not self._is_due("forensics", now):
             return None, WitnessReport("skipped", "not due")
         start = self._clock()
-        # The displacement of a verified watermark is allowed for; its own report says the rest.
-        verified = watermark if watermark is not None and watermark.content == "intact" else None
         found = inspect(frame, watermark=verified, power=False)
         return found, self._heard("forensics", found.verdict, found.reason, start, now)
+
+    def _looked(
+        self, frame: LidarFrame, verified: WatermarkResult | None
+    ) -> tuple[Inspection, float]:
+        start = self._clock()
+        found = inspect(frame, watermark=verified, power=False, threads=1)
+        return found, self._clock() - start
+
+    def _last_word(self, *, wait: bool = False) -> tuple[Inspection | None, WitnessReport]:
+        """What forensics in the background have found since they were asked."""
+        if self._running is None:
+            return None, WitnessReport("skipped", "not due")
+        number, future = self._running
+        if not (wait or future.done()):
+            return None, WitnessReport("skipped", f"still at frame {number}")
+        self._running = None
+        found, seconds = future.result()
+        return found, WitnessReport(found.verdict, f"frame {number}: {found.reason}", seconds)
 
     def _is_due(self, witness: str, now: float) -> bool:
         # A time that goes backwards begins another stream.
@@ -400,8 +452,8 @@ def _joined(told: Mapping[str, WitnessReport], *, has_key: bool) -> tuple[str, s
         if told[name].verdict == "tampered":
             return "tampered", f"{name}: {told[name].reason}"
     if told["cross-modal"].verdict == "tampered":
-        reason = f"cross-modal: {told['cross-modal'].reason}; cameras accuse {CLEAN_ACCUSED}"
-        return "undecidable", f"{reason}, so that another witness has to agree"
+        reason = f"cross-modal: {told['cross-modal'].reason}; cameras accuse clean frames too"
+        return "undecidable", f"{reason}, so another witness has to agree"
     sworn = told["watermark"]
     if has_key:
         return sworn.verdict, f"watermark: {sworn.reason}"

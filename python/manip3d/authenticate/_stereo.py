@@ -21,6 +21,14 @@ BLOCK = 5
 """Pixels of the matched windows, each way."""
 STEP = 2
 """Both images are halved first: on KITTI 2015 that is as accurate and six times as fast."""
+PATH_COST = 8 * BLOCK * BLOCK
+"""Of a step of one pixel of disparity along a path; four times as much of a longer one."""
+WINDOW = 7
+"""Pixels of the map, each way, in which a pixel's surroundings must have texture."""
+TEXTURE = 0.7
+"""Least root mean square of the horizontal slope in the window, grey levels a pixel: twice what the
+noise of a camera leaves in halved pictures. Where there is less, as in the sky, semi-global
+matching fills in the depth of what stands beside."""
 MAX_DISPARITY = 96
 """Pixels of the whole image: with KITTI's cameras everything from 4 m on."""
 
@@ -121,11 +129,14 @@ class Disparity:
         Pixels of the image that one pixel of the map stands for, each way.
     producer : str
         What computed it.
+    grey : (h, w) uint8, optional
+        The left picture at the size of this map: it tells dark surfaces, which LiDAR may not see.
     """
 
     values: NDArray[np.float32]
     step: int = 1
     producer: str = field(default="", compare=False)
+    grey: NDArray[np.uint8] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         values = np.ascontiguousarray(self.values, np.float32)
@@ -134,6 +145,13 @@ class Disparity:
         if not self.step >= 1:
             raise InputError(f"step: expected at least 1, got {self.step}")
         object.__setattr__(self, "values", values)
+        if self.grey is not None:
+            grey = np.ascontiguousarray(self.grey)
+            if grey.dtype != np.uint8 or grey.shape != values.shape:
+                raise InputError(
+                    f"grey: expected uint8 of shape {values.shape}, got {grey.dtype} {grey.shape}"
+                )
+            object.__setattr__(self, "grey", grey)
 
     def camera(self, rig: StereoRig) -> tuple[float, float, float, float]:
         """Return focal length and principal point in pixels of the map, and the baseline."""
@@ -150,6 +168,8 @@ class Disparity:
 @checked
 def stereo_disparity(left: ArrayLike, right: ArrayLike) -> Disparity:
     """Match a rectified pair: OpenCV's SGBM with three paths, at half resolution.
+
+    Kept is what is found again from the right picture and has texture around it.
 
     Parameters
     ----------
@@ -171,8 +191,10 @@ def stereo_disparity(left: ArrayLike, right: ArrayLike) -> Disparity:
     Notes
     -----
     Hirschmueller, "Stereo Processing by Semiglobal Matching and Mutual Information", PAMI 2008.
-    On frames 2 and 83 of KITTI 2015, halved, 7.7 and 2.1 % of the pixels are off by more than 3
-    pixels, in 13 ms on one core; whole images with five paths: 12.2 and 1.8 % in 137 ms.
+    On frames 2, 83, 124 and 131 of KITTI 2015 5.5, 1.8, 3.0 and 4.1 % of the pixels that are
+    measured are off by more than 3 pixels, and 77 to 90 % of those with truth are measured, in
+    30 ms on one core. Without the second match and the check for texture: 7.8, 2.1, 3.7 and 5.5 %
+    of 89 to 92 %, in 14 ms.
     """
     cv2 = opencv()
     images = [_grey(cv2, image, name) for image, name in ((left, "left"), (right, "right"))]
@@ -189,12 +211,23 @@ def stereo_disparity(left: ArrayLike, right: ArrayLike) -> Disparity:
         cv2.resize(image[: size[1] * STEP, : size[0] * STEP], size, interpolation=cv2.INTER_AREA)
         for image in images
     ]
+    left_pixels = _matched(cv2, *halved)
+    right_pixels = _matched(cv2, *(image[:, ::-1].copy() for image in reversed(halved)))[:, ::-1]
+    sixteenths = np.where(
+        _agrees(left_pixels, right_pixels) & _has_texture(cv2, halved[0]), left_pixels, 0
+    )
+    values = sixteenths.astype(np.float32) / np.float32(16.0)
+    return Disparity(values, STEP, f"OpenCV {cv2.__version__} SGBM 3-way, halved", halved[0])
+
+
+def _matched(cv2: Any, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.int16]:
+    """Disparity in sixteenths of a pixel; 0: not matched."""
     matcher = cv2.StereoSGBM_create(
         minDisparity=1,
         numDisparities=MAX_DISPARITY // STEP,
         blockSize=BLOCK,
-        P1=8 * BLOCK * BLOCK,
-        P2=32 * BLOCK * BLOCK,
+        P1=PATH_COST,
+        P2=4 * PATH_COST,
         disp12MaxDiff=1,
         preFilterCap=31,
         uniquenessRatio=10,
@@ -202,9 +235,29 @@ def stereo_disparity(left: ArrayLike, right: ArrayLike) -> Disparity:
         speckleRange=2,
         mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )
-    sixteenths = matcher.compute(*halved)
-    values = np.maximum(sixteenths, 0).astype(np.float32) / np.float32(16.0)
-    return Disparity(values, STEP, f"OpenCV {cv2.__version__} SGBM 3-way, halved")
+    sixteenths: NDArray[np.int16] = np.maximum(matcher.compute(left, right), 0)
+    return sixteenths
+
+
+def _agrees(left: NDArray[np.int16], right: NDArray[np.int16]) -> NDArray[np.bool_]:
+    """Where the right picture, matched by itself, finds the same pixel of the left one again.
+
+    Its own right edge, for which all disparities would lie outside the left one, is not asked.
+    """
+    width = left.shape[1]
+    columns = np.arange(width) - (left.astype(np.int32) + 8) // 16
+    seen = np.take_along_axis(right, np.maximum(columns, 0), axis=1)
+    same = (seen > 0) & (abs(seen - left) <= 16)
+    agrees: NDArray[np.bool_] = (columns >= 0) & (same | (columns >= width - MAX_DISPARITY // STEP))
+    return agrees
+
+
+def _has_texture(cv2: Any, grey: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Where the surroundings of a pixel change along the row, as matching needs; in integers."""
+    slope = cv2.Sobel(grey, cv2.CV_64F, 1, 0, ksize=3)  # eight times the slope
+    total = cv2.boxFilter(slope * slope, -1, (WINDOW, WINDOW), normalize=False)
+    has_texture: NDArray[np.bool_] = total >= (8.0 * TEXTURE * WINDOW) ** 2
+    return has_texture
 
 
 def opencv() -> Any:

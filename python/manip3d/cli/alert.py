@@ -33,6 +33,7 @@ EXIT_CODES = {"authentic": 0, "no_trace": 0, "tampered": 3, "undecidable": MISSE
 """Exit code of each verdict."""
 
 _LIVE_BUDGET = 0.1  # seconds: ten frames a second
+_FARTHEST_BEHIND = 1.0  # seconds that a frame may wait for those before it
 _SPEED = 10.0  # m/s, where the drive does not tell
 
 
@@ -87,7 +88,7 @@ def run(
     ] = 1.0,
     live: Annotated[
         bool,
-        typer.Option("--live", help="Play in real time; frames that come too soon are skipped."),
+        typer.Option("--live", help="Play in real time; what there is no time for is skipped."),
     ] = False,
     frames: MostFrames = None,
     force: Force = False,
@@ -97,7 +98,8 @@ def run(
     """Judge every frame of a drive and follow the risk.
 
     The watermark is verified in every frame if there is a key, LiDAR and cameras are compared in
-    every frame (under --live where there is time), and forensics are asked once a second. The
+    every frame (under --live where there is time), and forensics are asked once a second (under
+    --live beside the frames, so that their word comes some frames later). The
     output is a timeline with maps and boxes (.html) or the numbers (.json). The exit code is 0 when
     nothing was found, 3 when a frame was tampered with, and 4 when nothing can be said of a frame.
 
@@ -117,12 +119,17 @@ def run(
             marker = stack.enter_context(authenticate.Watermarker(secret))
         if budget is None:
             budget = _LIVE_BUDGET if live else math.inf
-        monitor = authenticate.AlertMonitor(marker, rig=rig, budget_s=budget, every_s=every)
+        monitor = authenticate.AlertMonitor(
+            marker, rig=rig, budget_s=budget, every_s=every, background=live
+        )
         view = stack.enter_context(_View(shell, source, total))
         for alert in _judged(monitor, moments, speed, live=live):
             timeline.add(alert)
             view.show(alert)
             told.append((alert.verdict, alert.reason))
+        last = monitor.finish()
+        if last is not None and last.verdict == "tampered":
+            told.append((last.verdict, f"forensics: {last.reason}"))
     if not told:
         raise InputError(f"{source}: expected frames, found none")
     verdict, reason = authenticate.verdict_of_alerts(told)
@@ -138,15 +145,17 @@ def run(
 def _judged(
     monitor: AlertMonitor, moments: Iterator[_Moment], speed: float, *, live: bool
 ) -> Iterator[Alert]:
-    """One alert for each frame; in real time, frames whose successor is due are skipped."""
+    """One alert for each frame; in real time, those that come a second too soon are skipped."""
     begin, first, last = time.monotonic(), None, None
     for moment in moments:
+        waited = 0.0
         if live and moment.time is not None:
             first = moment.time if first is None else first
             late = time.monotonic() - begin - (moment.time - first)
             if late < 0.0:
                 time.sleep(-late)
-            elif last is not None and late > max(moment.time - last, 0.0):
+            waited = max(late, 0.0)
+            if last is not None and late > _FARTHEST_BEHIND:
                 last = moment.time
                 yield monitor.skip()
                 continue
@@ -162,6 +171,7 @@ def _judged(
             speed_mps=abs(ahead),
             motion=(ahead * step, left * step, turn * step),
             time_s=moment.time,
+            waited_s=waited,
         )
 
 

@@ -22,20 +22,24 @@ struct StereoView {
 struct DisparityView {
   const float* data = nullptr;  ///< (height, width), pixels; not above 0: not measured.
   std::int64_t height = 0, width = 0;
+  const std::uint8_t* grey =
+      nullptr;  ///< The left picture, (height, width); null: nothing is dark.
 };
 
 struct CrossModalOptions {
-  double azimuth_step = 0.3;       ///< Degrees.
-  double elevation_step = 0.45;    ///< Degrees.
-  double half_azimuth = 45.0;      ///< Degrees to each side of straight ahead.
-  double lowest = -24.0;           ///< Degrees: the scanner's own field of view, without its edges.
-  double highest = 1.5;            ///< Degrees.
-  double min_range = 4.5;          ///< Metres: nearer than that neither is trusted.
-  double max_range = 30.0;         ///< Metres: farther away a pixel of disparity is too much depth.
-  double tolerance = 2.0;          ///< Pixels of disparity that the two may differ by.
-  std::int64_t min_cells = 20;     ///< Components of fewer cells are not reported.
-  double min_added_area = 0.15;    ///< Square metres at the component's own range.
-  double min_missing_area = 0.35;  ///< Square metres.
+  double azimuth_step = 0.3;      ///< Degrees.
+  double elevation_step = 0.45;   ///< Degrees.
+  double half_azimuth = 45.0;     ///< Degrees to each side of straight ahead.
+  double lowest = -24.0;          ///< Degrees: the scanner's own field of view, without its edges.
+  double highest = 1.5;           ///< Degrees.
+  double min_range = 4.5;         ///< Metres: nearer than that neither is trusted, also by depth.
+  double max_range = 30.0;        ///< Metres: farther away a pixel of disparity is too much depth.
+  double tolerance = 2.0;         ///< Pixels of disparity that the two may differ by.
+  double dark_level = 50.0;       ///< Grey level below which a surface may well return nothing.
+  double dark_weight = 0.25;      ///< Of a cell that is dark and empty, as evidence; 0 to 1.
+  std::int64_t min_cells = 25;    ///< Components of fewer cells are not reported.
+  double min_added_area = 0.25;   ///< Square metres of evidence, at the component's own range.
+  double min_missing_area = 0.2;  ///< Square metres of evidence.
 };
 
 /// Neighbouring cells in which LiDAR and cameras contradict each other in the same way.
@@ -43,8 +47,10 @@ struct CrossModalComponent {
   bool added = false;  ///< The LiDAR sees something in front; else something is missing.
   std::int64_t cells = 0;
   std::int64_t empty = 0;    ///< Cells in which the LiDAR sees nothing at all.
+  std::int64_t dark = 0;     ///< Missing: those of them that are dark in the picture.
   double solid_angle = 0.0;  ///< Steradians.
   double area = 0.0;         ///< Square metres, each cell at its own range.
+  double evidence = 0.0;     ///< The same with dark empty cells at their weight.
   double difference = 0.0;   ///< Pixels of disparity, mean of the cells.
   Eigen::Vector3d lower = Eigen::Vector3d::Zero();  ///< Box around what was added or is missing.
   Eigen::Vector3d upper = Eigen::Vector3d::Zero();
@@ -68,8 +74,10 @@ struct CrossModalResult {
 /// Both become equirectangular maps of inverse range around the scanner, in which the error of
 /// stereo is the same near and far. A cell is marked "added" where the nearest LiDAR point is
 /// nearer than all that the cameras see in the 3x3 cells around, and "missing" where all that the
-/// cameras see there is nearer than every LiDAR point. Components of 8 neighbours above the
-/// thresholds are reported. The same bytes on every machine.
+/// cameras see there is nearer than every LiDAR point. What is nearer to the cameras than they can
+/// match is never added. That a dark surface returns nothing is weak evidence: such cells count
+/// `dark_weight`. Components of 8 neighbours above the thresholds are reported. The same bytes on
+/// every machine.
 /// @throws InputError  what check_points refuses, a camera or an option out of range.
 CrossModalResult compare_cross_modal(const PointsView& view, const DisparityView& disparity,
                                      const StereoView& camera,
