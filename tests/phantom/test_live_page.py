@@ -126,7 +126,7 @@ def stage() -> Iterator[Stage]:
 
 
 def test_the_phantom_hand_bursts_a_bubble_on_the_page(chromium: None, stage: Stage) -> None:
-    with _chromium.open_address(stage.server.url, (1280, 800)) as tab:
+    with _chromium.open_address(stage.server.new_url(), (1280, 800)) as tab:
         wait_for(lambda: stage.server.num_clients == 1)
         assert tab.evaluate("location.search") == ""  # the token has left the address bar
         stage.show(20)
@@ -189,7 +189,7 @@ def test_games_for_feet_are_played_with_the_phantom_leg(
     stage = Stage(frames, "left_leg", game=game, seed=1)  # the first key is where the foot steps
     phantom_foot = 15
     try:
-        with _chromium.open_address(stage.server.url, (1000, 800)) as tab:
+        with _chromium.open_address(stage.server.new_url(), (1000, 800)) as tab:
             wait_for(lambda: stage.server.num_clients == 1)
             stage.show(45)  # the foot has been on the floor
             assert text_of(tab, "#card").startswith({"pedal": "Pedal", "piano": "Piano"}[game])
@@ -258,7 +258,7 @@ def test_a_played_game_and_the_pain_are_in_the_diary(chromium: None, tmp_path: P
         stage.show(1)
 
     try:
-        with _chromium.open_address(stage.server.url, (1000, 800)) as tab:
+        with _chromium.open_address(stage.server.new_url(), (1000, 800)) as tab:
             wait_for(lambda: stage.server.num_clients == 1)
             stage.show(3)
             say(3)
@@ -297,7 +297,7 @@ def test_a_played_game_and_the_pain_are_in_the_diary(chromium: None, tmp_path: P
 
 
 def test_a_reload_rejoins_and_the_gate_speaks(chromium: None, stage: Stage) -> None:
-    with _chromium.open_address(stage.server.url, (420, 800)) as tab:
+    with _chromium.open_address(stage.server.new_url(), (420, 800)) as tab:
         wait_for(lambda: stage.server.num_clients == 1)
         stage.show(3)
         tab.send("Page.reload")
@@ -317,7 +317,7 @@ def test_a_reload_rejoins_and_the_gate_speaks(chromium: None, stage: Stage) -> N
 
 
 def test_bad_frames_are_counted_and_do_no_harm(chromium: None, stage: Stage) -> None:
-    with _chromium.open_address(stage.server.url, (640, 480)) as tab:
+    with _chromium.open_address(stage.server.new_url(), (640, 480)) as tab:
         wait_for(lambda: stage.server.num_clients == 1)
         stage.show(1)
         message = stage.session.process(next(stage.frames), captured_ns=1)

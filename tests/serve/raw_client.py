@@ -46,7 +46,7 @@ def get(
 
 def cookie(server: LocalServer) -> str:
     """What the server gives to whoever has its address."""
-    status, head, _ = get(server, "/" + server.url.partition("/?")[2].join(["?", ""]))
+    status, head, _ = get(server, "/" + server.new_url().partition("/?")[2].join(["?", ""]))
     assert status == 303, head
     found = re.search(r"(?im)^set-cookie: ([^;]+); ([^\r]+)", head)
     assert found is not None

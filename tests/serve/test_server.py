@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import re
 import socket
 import threading
 import time
@@ -89,13 +90,26 @@ def refused(server: LocalServer, reason: str) -> None:
 
 
 def test_the_address_lets_in_and_the_token_leaves_the_address_bar(server: LocalServer) -> None:
-    head = get(server, server.url.removeprefix(server.origin))[1]
+    url = server.new_url()
+    head = get(server, url.removeprefix(server.origin))[1]
     assert "Location: /\r\n" in head
     status, head, body = get(server, "/", {"Cookie": cookie(server)})
     assert (status, body) == (200, b"<p>here</p>")
     assert "default-src 'none'; script-src 'self'" in head
     assert "X-Content-Type-Options: nosniff" in head
-    assert server.url.partition("token=")[2] not in head
+    assert url.partition("token=")[2] not in head
+
+
+def test_an_address_lets_one_browser_in(server: LocalServer) -> None:
+    path = server.new_url().removeprefix(server.origin)
+    status, head, _ = get(server, path)
+    assert status == 303
+    found = re.search(r"(?im)^set-cookie: ([^;]+);", head)
+    assert found is not None
+    status, _, body = get(server, path)
+    assert (status, body.startswith(b"wrong token")) == (403, True)
+    assert get(server, path, {"Cookie": found[1]})[0] == 303  # the browser that is in already
+    assert get(server, server.new_url().removeprefix(server.origin))[0] == 303
 
 
 @pytest.mark.parametrize(
@@ -122,12 +136,13 @@ def test_strangers_are_refused_and_logged(
     session: Session,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
+    token = server.new_url().partition("token=")[2]
     with caplog.at_level(logging.WARNING, "manip3d.serve"):
         found, _, body = get(server, path, headers)
     assert found == status
     assert body.startswith(reason.encode())
     assert f"refused: {reason}" in caplog.text
-    assert server.url.partition("token=")[2] not in caplog.text
+    assert token not in caplog.text
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "HEAD"])
@@ -358,8 +373,8 @@ def test_other_hosts_are_not_served(host: str) -> None:
 
 def test_tokens_differ_and_are_long(server: LocalServer) -> None:
     other = LocalServer(PAGES, acknowledge)
-    tokens = {each.url.partition("token=")[2] for each in (server, other)}
-    assert len(tokens) == 2
+    tokens = {each.new_url().partition("token=")[2] for each in (server, server, other)}
+    assert len(tokens) == 3
     assert all(len(token) == 43 for token in tokens)  # 256 bits
     assert all(token not in repr(other) for token in tokens)
 

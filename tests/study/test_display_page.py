@@ -43,7 +43,7 @@ def test_from_consent_to_csv(definition: Path, tmp_path: Path) -> None:
     with StudyFolder(tmp_path / "answers", content) as folder:
         with (
             served(study, folder) as server,
-            _chromium.open_address(server.url, (1280, 900)) as tab,
+            _chromium.open_address(server.new_url(), (1280, 900)) as tab,
         ):
             person = Participant(tab)
             person.begin("P1")
@@ -86,7 +86,7 @@ def test_a_killed_server_and_a_reloaded_page_lose_nothing(definition: Path, tmp_
     study, content = read_study(definition)
     answers = tmp_path / "answers"
     with StudyFolder(answers, content) as folder, served(study, folder) as server:
-        with _chromium.open_address(server.url, (420, 900)) as tab:
+        with _chromium.open_address(server.new_url(), (420, 900)) as tab:
             person = Participant(tab)
             person.begin("P1")
             for step in ("consent", "about"):
@@ -105,7 +105,7 @@ def test_a_killed_server_and_a_reloaded_page_lose_nothing(definition: Path, tmp_
     (answers / "participants" / "P1.jsonl").write_bytes(kept + b'00000000 {"step": "introd')
     with StudyFolder(answers, content) as folder, served(study, folder, port) as server:
         assert [a.step for a in folder.sessions["P1"].answers] == ["consent", "about"]
-        with _chromium.open_address(server.url, (420, 900)) as tab:
+        with _chromium.open_address(server.new_url(), (420, 900)) as tab:
             narrow = {"width": 420, "height": 900, "deviceScaleFactor": 1, "mobile": False}
             tab.send("Emulation.setDeviceMetricsOverride", **narrow)
             person = Participant(tab)
@@ -121,7 +121,7 @@ def test_an_answer_waits_for_the_server_to_come_back(definition: Path, tmp_path:
     require_chromium()
     study, content = read_study(definition)
     with StudyFolder(tmp_path / "answers", content) as folder, served(study, folder) as server:
-        url = server.url
+        url = server.new_url()
         with _chromium.open_address(url, (800, 900)) as tab:
             person = Participant(tab)
             person.begin("P1")
@@ -150,7 +150,10 @@ def test_who_does_not_agree_is_asked_nothing(definition: Path, tmp_path: Path) -
     require_chromium()
     study, content = read_study(definition)
     with StudyFolder(tmp_path / "answers", content) as folder:
-        with served(study, folder) as server, _chromium.open_address(server.url, (420, 700)) as tab:
+        with (
+            served(study, folder) as server,
+            _chromium.open_address(server.new_url(), (420, 700)) as tab,
+        ):
             person = Participant(tab)
             person.begin("../P1")  # the page's own check refuses it
             assert tab.evaluate("!!document.querySelector('[name=participant]')")

@@ -36,7 +36,7 @@ def test_from_consent_to_csv(tmp_path: Path) -> None:
     with StudyFolder(tmp_path / "answers", content) as folder:
         with (
             served(study, folder) as server,
-            _chromium.open_address(server.url, (960, 700)) as tab,
+            _chromium.open_address(server.new_url(), (960, 700)) as tab,
         ):
             person = Participant(tab)
             person.begin("P1")

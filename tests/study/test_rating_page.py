@@ -37,7 +37,7 @@ def test_from_consent_to_csv(tmp_path: Path) -> None:
     with StudyFolder(tmp_path / "answers", content) as answers:
         with (
             served(study, answers) as server,
-            _chromium.open_address(server.url, (1000, 900)) as tab,
+            _chromium.open_address(server.new_url(), (1000, 900)) as tab,
         ):
             person = Participant(tab)
             person.begin("P1")

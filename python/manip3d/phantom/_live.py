@@ -174,7 +174,7 @@ def run_live(
         if recorder is not None:
             recorder.start()
         if on_start is not None:
-            on_start(server.url)
+            on_start(server.new_url())
         try:
             for found in feed:
                 if found is None:

@@ -269,7 +269,7 @@ class LocalServer:
         self.refused: Counter[str] = Counter()
         self._pages = dict(pages)
         self._on_message = on_message
-        self._token = secrets.token_urlsafe(32)
+        self._tokens: set[str] = set()  # that let in, each once
         self._cookie = secrets.token_urlsafe(32)
         self._clients: dict[int, tuple[StreamClient, web.WebSocketResponse]] = {}
         self._finished: list[dict[str, Any]] = []
@@ -284,10 +284,12 @@ class LocalServer:
 
     # --- from any thread -------------------------------------------------------------------------
 
-    @property
-    def url(self) -> str:
-        """Address that lets in; whoever has it may watch and steer the session."""
-        return f"{self.origin}/?token={self._token}"
+    def new_url(self) -> str:
+        """Make an address that lets one browser in, once; who has it may watch and steer."""
+        token = secrets.token_urlsafe(32)
+        with self._lock:
+            self._tokens.add(token)
+        return f"{self.origin}/?token={token}"
 
     @property
     def origin(self) -> str:
@@ -490,12 +492,20 @@ class LocalServer:
             return 403, "foreign origin"
         if request.method != "GET":
             return 405, "method not allowed"
+        is_known = _is_same(request.cookies.get(self._cookie_name, ""), self._cookie)
         token = request.query.get("token")
         if request.path == "/" and token is not None:
-            return None if _is_same(token, self._token) else (403, "wrong token")
-        if not _is_same(request.cookies.get(self._cookie_name, ""), self._cookie):
-            return 403, "no session: open the address that 'manip3d' printed"
-        return None
+            if self._takes(token) or is_known:
+                return None
+            return 403, "wrong token, or one that has let a browser in already"
+        return None if is_known else (403, "no session: open the address that 'manip3d' printed")
+
+    def _takes(self, token: str) -> bool:
+        """Whether a token lets in; it does so once."""
+        with self._lock:
+            found = [kept for kept in self._tokens if _is_same(token, kept)]
+            self._tokens.difference_update(found)
+        return bool(found)
 
     @property
     def _cookie_name(self) -> str:

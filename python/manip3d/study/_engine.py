@@ -428,7 +428,7 @@ def run_study(
     server = LocalServer(study_pages(study), conductor.hear, port=port)
     with server, contextlib.suppress(KeyboardInterrupt):
         if on_start is not None:
-            on_start(server.url)
+            on_start(server.new_url())
         threading.Event().wait(seconds)
     return StudyReport(
         {code: state_of(study, session) for code, session in folder.sessions.items()},
