@@ -348,7 +348,7 @@ def run_without_extras(arguments: list[str], folder: Path) -> subprocess.Complet
 def test_lines_of_readme_need_the_extra_that_they_name(
     line: str, place: Path, tmp_path: Path
 ) -> None:
-    named = re.search(r"# (\w+)$", re.sub("# exit code .*", "", line))
+    named = re.search(r"# (?:\w+, )*(\w+)$", re.sub("# exit code .*", "", line))
     words = shortened(line)
     if "-o" in words:
         at = words.index("-o") + 1

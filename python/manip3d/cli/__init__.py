@@ -40,7 +40,7 @@ _VERBS = {
     "watermark": "Embed keyed watermarks into LiDAR scans and verify them.",
     "alert": "Watch the LiDAR of a drive: watermark, cameras, forensics, risk.",
     "phantom": "Render a missing limb by mirroring the intact one.",
-    "diary": "Digital diaries of studies: sessions, pain, questionnaires, analysis.",
+    "diary": "Digital diaries of studies: sessions, pain, analysis.",
     "study": "Studies with people: rating of forgeries, JND, displays.",
     "capture": "RGB-D cameras and recordings: list, record, play, export, info.",
 }

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="diary",
-    help="Digital diaries of studies: sessions, pain, questionnaires, analysis.",
+    help="Digital diaries of studies: sessions, pain, analysis.",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -264,7 +264,7 @@ def export(
 ) -> None:
     """Write a copy of a diary for other programs; what it holds is not encrypted any more.
 
-    Example: manip3d diary export study.diary -o tables
+    Example: manip3d diary export study.diary -o export
     """
     from manip3d.diary import export_csv, export_fhir, write_page
 
