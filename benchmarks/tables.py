@@ -395,7 +395,7 @@ def write_every_depth(results: Row, path: Path = RESULTS) -> None:
 
 
 def every_depth(results: Row) -> str:
-    """What was reached at each share of the points; and images with too large an error."""
+    """The results at each share of the points, and the images with too large an error."""
     rows = results["rows"]
     images = len({row["input"] for row in rows})
     parts = [environment_line(results["environment"]), f"{images} images and scans.\n"]

@@ -345,7 +345,7 @@ TEST(CrossModal, IsWhatLoopsOverAllPointsAndPixelsFind) {
       dark += b.dark > 0 ? 1 : 0;
     }
   }
-  // What is compared is not nothing: both kinds of region, with dark cells and without.
+  // The scenes held something to compare: both kinds of region, with dark cells and without.
   EXPECT_GT(compared, 100) << refused;
   EXPECT_GT(added, 50);
   EXPECT_GT(missing, 50);

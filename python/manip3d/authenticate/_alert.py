@@ -416,7 +416,7 @@ class AlertMonitor:
         return found, self._clock() - start
 
     def _last_word(self, *, wait: bool = False) -> tuple[Inspection | None, WitnessReport]:
-        """What forensics in the background have found since they were asked."""
+        """Take the result of the forensics in the background, if there is a new one."""
         if self._running is None:
             return None, WitnessReport("skipped", "not due")
         number, future = self._running

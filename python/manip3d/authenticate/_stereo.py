@@ -22,7 +22,7 @@ BLOCK = 5
 STEP = 2
 """Both images are halved first: on KITTI 2015 that is as accurate and six times as fast."""
 PATH_COST = 8 * BLOCK * BLOCK
-"""Of a step of one pixel of disparity along a path; four times as much of a longer one."""
+"""Penalty for a step of one pixel of disparity along a path; a longer one costs four times it."""
 WINDOW = 7
 """Pixels of the map, each way, in which a pixel's surroundings must have texture."""
 TEXTURE = 0.7
@@ -240,7 +240,7 @@ def _matched(cv2: Any, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDA
 
 
 def _agrees(left: NDArray[np.int16], right: NDArray[np.int16]) -> NDArray[np.bool_]:
-    """Where the right picture, matched by itself, finds the same pixel of the left one again.
+    """Mark the pixels that the right picture, matched by itself, finds again in the left one.
 
     Its own right edge, for which all disparities would lie outside the left one, is not asked.
     """
@@ -253,7 +253,7 @@ def _agrees(left: NDArray[np.int16], right: NDArray[np.int16]) -> NDArray[np.boo
 
 
 def _has_texture(cv2: Any, grey: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Where the surroundings of a pixel change along the row, as matching needs; in integers."""
+    """Mark the pixels whose surroundings change along the row, as matching needs; in integers."""
     slope = cv2.Sobel(grey, cv2.CV_64F, 1, 0, ksize=3)  # eight times the slope
     total = cv2.boxFilter(slope * slope, -1, (WINDOW, WINDOW), normalize=False)
     has_texture: NDArray[np.bool_] = total >= (8.0 * TEXTURE * WINDOW) ** 2

@@ -84,7 +84,7 @@ class MixedModel:
 
 @dataclass(frozen=True)
 class DiaryAnalysis:
-    """What the diaries of a study say.
+    """Results of the diaries of a study.
 
     Attributes
     ----------
@@ -205,7 +205,7 @@ def _generalised(
 def _best_ratio(
     y: NDArray[np.float64], design: NDArray[np.float64], together: NDArray[np.float64]
 ) -> float:
-    """Of the two variances, where the restricted likelihood is largest."""
+    """Find the ratio of the two variances at which the restricted likelihood is largest."""
     from scipy.optimize import minimize_scalar
 
     free = len(y) - design.shape[1]

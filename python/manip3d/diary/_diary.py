@@ -519,8 +519,8 @@ class Diary:
         return sorted(found, key=lambda event: event.at)
 
     def audit(self) -> list[tuple[datetime, str, str]]:
-        """What was done, by time: when, what (``enrol``, ``game``, ``delete`` ...), and whose; the
-        last one is empty where the participant was deleted."""
+        """List what was done, by time: when, what (``enrol``, ``game``, ``delete`` ...), and whose;
+        the last one is empty where the participant was deleted."""
         with self._engine.begin() as connection:
             names = {number: fields["identifier"] for number, _, fields in self._all(connection)}
             rows = connection.execute(sql.select(schema.AUDIT).order_by(schema.AUDIT.c.at)).all()
@@ -552,7 +552,7 @@ class Diary:
     # --- the file --------------------------------------------------------------------------------
 
     def _version_of_file(self, create: bool) -> int:
-        """Of the schema; 0: a new file."""
+        """Read the version of the schema; 0: a new file."""
         if create:
             with contextlib.suppress(FileExistsError):
                 os.close(os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
@@ -583,7 +583,7 @@ class Diary:
         return version
 
     def _mark(self, connection: sql.Connection) -> None:
-        """What tells whether a key is the right one."""
+        """Store what a key is checked by when the diary is opened."""
         connection.execute(
             sql.insert(schema.META).values(name="check", value=seal(self._key, _CHECK, "meta"))
         )

@@ -334,7 +334,7 @@ class ReliefStream:
     Raises
     ------
     InputError
-        An option out of range.
+        An option of the wrong kind; numbers out of range are told at the first frame.
 
     Examples
     --------

@@ -36,7 +36,7 @@ struct CrossModalOptions {
   double max_range = 30.0;        ///< Metres: farther away a pixel of disparity is too much depth.
   double tolerance = 2.0;         ///< Pixels of disparity that the two may differ by.
   double dark_level = 50.0;       ///< Grey level below which a surface may well return nothing.
-  double dark_weight = 0.25;      ///< Of a cell that is dark and empty, as evidence; 0 to 1.
+  double dark_weight = 0.25;      ///< Weight of a dark, empty cell as evidence; 0 to 1.
   std::int64_t min_cells = 25;    ///< Components of fewer cells are not reported.
   double min_added_area = 0.25;   ///< Square metres of evidence, at the component's own range.
   double min_missing_area = 0.2;  ///< Square metres of evidence.
