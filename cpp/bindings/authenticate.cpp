@@ -31,14 +31,9 @@ ScanGrid to_grid(const Grid& grid) {
           std::get<3>(grid), std::get<4>(grid), std::get<5>(grid)};
 }
 
-py::tuple to_python(const OrientedBox& box) {
-  return py::make_tuple(std::vector<double>{box.center.x(), box.center.y(), box.center.z()},
-                        std::vector<double>{box.size.x(), box.size.y(), box.size.z()}, box.yaw);
-}
-
 py::tuple to_python(const OcclusionComponent& c) {
   return py::make_tuple(c.cells, c.solid_angle, c.range, c.area, c.first_row, c.last_row,
-                        c.first_column, c.last_column, to_python(c.box));
+                        c.first_column, c.last_column, box_to_python(c.box));
 }
 
 DensityOptions density_options(const Eigen::Vector3d& origin, std::int64_t sector,

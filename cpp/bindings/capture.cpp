@@ -18,7 +18,7 @@ namespace {
 using Fields = py::typing::Dict<py::str, py::object>;
 using Lasers = Rows<double, 8>;  // the members of LaserCalibration, in their order
 
-VelodyneCalibration to_calibration(const CArray<double>& array, double range_unit) {
+VelodyneCalibration velodyne_calibration(const CArray<double>& array, double range_unit) {
   VelodyneCalibration calibration;
   calibration.range_unit_m = range_unit;
   const auto table = rows<Lasers>(array, "lasers");
@@ -80,7 +80,7 @@ Fields to_fields(const VelodyneCounters& c) {
 
 // The next frame's fields; True: none in time; False: none any more.
 template <typename Source>
-py::object read(Exclusive<Source>& self, int timeout_ms) {
+py::object read_frame(Exclusive<Source>& self, int timeout_ms) {
   VelodyneFrame frame;
   const ReadStatus status = self.with([&](Source& source) {
     const py::gil_scoped_release nogil;
@@ -99,7 +99,7 @@ void bind_capture(py::module_& m) {
                        double max_range) {
              VelodyneOptions options;
              options.model = to_model(model);
-             options.calibration = to_calibration(lasers, range_unit);
+             options.calibration = velodyne_calibration(lasers, range_unit);
              options.cut_azimuth_deg = cut_azimuth;
              options.interpolate_azimuth = interpolate_azimuth;
              options.min_range_m = min_range;
@@ -120,7 +120,7 @@ void bind_capture(py::module_& m) {
                                                                     max_bytes);
            }),
            py::arg("path"), py::arg("options"), py::arg("port"), py::arg("max_bytes"))
-      .def("read", &read<VelodynePcapSource>, py::arg("timeout_ms"))
+      .def("read", &read_frame<VelodynePcapSource>, py::arg("timeout_ms"))
       .def("counters", [](Exclusive<VelodynePcapSource>& self) {
         const auto [decoded, c] = self.with([](const VelodynePcapSource& source) {
           return std::pair(source.counters(), source.file_counters());
@@ -154,7 +154,7 @@ void bind_capture(py::module_& m) {
              self.shared().stop();
            })
       .def("port", [](Exclusive<VelodyneUdpSource>& self) { return self.shared().port(); })
-      .def("read", &read<VelodyneUdpSource>, py::arg("timeout_ms"))
+      .def("read", &read_frame<VelodyneUdpSource>, py::arg("timeout_ms"))
       .def("counters", [](Exclusive<VelodyneUdpSource>& self) {
         Fields fields =
             to_fields(self.with([](const VelodyneUdpSource& source) { return source.counters(); }));

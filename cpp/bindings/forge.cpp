@@ -24,11 +24,6 @@ OrientedBox to_box(const Box& box) {
   return {std::get<0>(box), std::get<1>(box), std::get<2>(box)};
 }
 
-py::tuple to_python(const OrientedBox& box) {
-  return py::make_tuple(std::vector<double>{box.center.x(), box.center.y(), box.center.z()},
-                        std::vector<double>{box.size.x(), box.size.y(), box.size.z()}, box.yaw);
-}
-
 py::tuple to_python(Forgery&& forged) {
   const bool has_intensity = forged.intensity.size() > 0;
   const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> transform = forged.transform;
@@ -37,7 +32,7 @@ py::tuple to_python(Forgery&& forged) {
       has_intensity ? py::object(to_numpy_rows<1>(std::move(forged.intensity))) : py::none(),
       to_numpy(std::move(forged.added)), to_numpy(std::move(forged.moved)),
       to_numpy(std::move(forged.moved_from)), to_numpy(std::move(forged.removed)),
-      to_python(forged.box), py::array_t<double>({4, 4}, transform.data()));
+      box_to_python(forged.box), py::array_t<double>({4, 4}, transform.data()));
 }
 
 ObjectPlacement placement(const Eigen::Vector3d& position, const Eigen::Matrix3d& rotation,
@@ -229,7 +224,7 @@ void bind_forge(py::module_& m) {
               interruptible());
         }
         py::list boxes;
-        for (const OrientedBox& box : result.boxes) boxes.append(to_python(box));
+        for (const OrientedBox& box : result.boxes) boxes.append(box_to_python(box));
         return py::make_tuple(to_numpy(std::move(result.labels)), boxes);
       },
       py::arg("points").noconvert(), py::arg("origin"), py::arg("max_range"),

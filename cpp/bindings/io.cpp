@@ -30,7 +30,7 @@ py::list to_list(const std::vector<std::string>& strings) {
 // (mesh, format, number of polygons, number of skipped items, warnings)
 py::tuple to_tuple(ReadResult&& result) {
   const py::list warnings = to_list(result.warnings);
-  return py::make_tuple(to_python(std::move(result.mesh)), format_name(result.format),
+  return py::make_tuple(mesh_to_python(std::move(result.mesh)), format_name(result.format),
                         result.num_polygons, result.num_skipped, warnings);
 }
 

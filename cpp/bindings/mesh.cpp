@@ -135,13 +135,13 @@ std::vector<Material> materials_of(const py::object& mesh) {
   return materials;
 }
 
-py::object to_python(TriangleMesh&& mesh) {
+py::object mesh_to_python(TriangleMesh&& mesh) {
   py::list materials;
   for (const Material& m : mesh.materials) materials.append(to_python(m));
   return make_mesh(std::move(mesh), materials);
 }
 
-py::object to_python(TriangleMesh&& mesh, const py::object& source) {
+py::object mesh_to_python(TriangleMesh&& mesh, const py::object& source) {
   return make_mesh(std::move(mesh), source.attr("materials"), source.attr("source"));
 }
 

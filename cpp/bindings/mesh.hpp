@@ -29,9 +29,9 @@ py::str readable(const std::string& bytes);
 std::vector<Material> materials_of(const py::object& mesh);
 
 /// A `manip3d.Mesh` that owns the tables of `mesh`.
-py::object to_python(TriangleMesh&& mesh);
+py::object mesh_to_python(TriangleMesh&& mesh);
 
 /// A `manip3d.Mesh` with the tables of `mesh`, and the material objects and file name of `source`.
-py::object to_python(TriangleMesh&& mesh, const py::object& source);
+py::object mesh_to_python(TriangleMesh&& mesh, const py::object& source);
 
 }  // namespace manip3d::bindings

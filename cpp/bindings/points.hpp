@@ -1,11 +1,14 @@
 #pragma once
 
+#include <pybind11/stl.h>
+
 #include <memory>
 #include <utility>
 #include <vector>
 
 #include "manip3d/geometry/large_array.hpp"
 #include "manip3d/geometry/mesh.hpp"
+#include "manip3d/geometry/oriented_box.hpp"
 #include "manip3d/geometry/point_cloud.hpp"
 #include "numpy.hpp"
 
@@ -14,6 +17,12 @@ namespace manip3d::bindings {
 /// Views points (N, 3) and their intensities, (N,) or (0,), without copying.
 inline PointsView points_view(const CArray<float>& points, const CArray<float>& intensity) {
   return PointsView(rows<Points>(points, "points"), rows<Intensities>(intensity, "intensity"));
+}
+
+/// (center, size, yaw)
+inline py::tuple box_to_python(const OrientedBox& box) {
+  return py::make_tuple(std::vector<double>{box.center.x(), box.center.y(), box.center.z()},
+                        std::vector<double>{box.size.x(), box.size.y(), box.size.z()}, box.yaw);
 }
 
 inline std::vector<std::int32_t> row_vector(const CArray<std::int32_t>& values) {

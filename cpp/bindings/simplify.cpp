@@ -53,7 +53,7 @@ constexpr std::tuple kQemOptions{
 };
 
 Fields to_fields(CleanResult&& result, const py::object& source) {
-  py::object mesh = to_python(std::move(result.mesh), source);
+  py::object mesh = mesh_to_python(std::move(result.mesh), source);
   Fields fields = to_fields(std::move(result), kCleanFields);
   fields["mesh"] = std::move(mesh);
   return fields;
@@ -107,7 +107,7 @@ Counts rejections(const std::array<std::int64_t, kNumRejections>& counts) {
 Fields to_fields(QemResult&& r, const py::object& source) {
   CollapseArrays collapses = to_arrays(r.collapses);
   Counts rejected = rejections(r.rejected);
-  py::object mesh = to_python(std::move(r.mesh), source);
+  py::object mesh = mesh_to_python(std::move(r.mesh), source);
   Fields result = to_fields(std::move(r), kQemFields);
   result["mesh"] = std::move(mesh);
   result["collapses"] = to_numpy(std::move(collapses.vertices));
@@ -118,7 +118,7 @@ Fields to_fields(QemResult&& r, const py::object& source) {
 
 Fields to_fields(QualityResult&& r, const py::object& source) {
   Fields result;
-  result["mesh"] = to_python(std::move(r.mesh), source);
+  result["mesh"] = mesh_to_python(std::move(r.mesh), source);
   result["vertex_map"] = to_numpy(std::move(r.vertex_map));
   result["face_map"] = to_numpy(std::move(r.face_map));
   result["max_error"] = r.max_error;
