@@ -231,7 +231,9 @@ void bind_quality(py::module_& m) {
       .def_readwrite("max_distance", &QualityOptions::max_distance)
       .def_readwrite("boundary_weight", &QualityOptions::boundary_weight)
       .def_readwrite("seam_weight", &QualityOptions::seam_weight)
-      .def_readwrite("texture_weight", &QualityOptions::texture_weight);
+      .def_readwrite("texture_weight", &QualityOptions::texture_weight)
+      .def_readwrite("locked", &QualityOptions::locked)
+      .def_readwrite("importance", &QualityOptions::importance);
   m.def(
       "simplify_quality",
       [](const py::object& mesh, const QualityOptions& options, const py::object& progress) {

@@ -202,6 +202,30 @@ def test_quality_is_the_mode_of_users(torus: Path, tmp_path: Path) -> None:
     assert "--mode published" in error_line(clash)
 
 
+@pytest.mark.parametrize("mode", ["quality", "fast"])
+def test_what_lies_in_the_lock_box_stays(torus: Path, tmp_path: Path, mode: str) -> None:
+    output = tmp_path / "light.ply"
+    base = ("simplify", torus, "-o", output, "--ratio", "0.2", "--force", "--mode", mode)
+    done = manip3d(*base, "--lock-box", "2", "-1", "-0.5", "3", "1", "0.5")
+    assert done.returncode == 0
+    original = read_mesh(torus).vertices
+    low, high = [2, -1, -0.5], [3, 1, 0.5]
+    kept = original[((original >= low) & (original <= high)).all(axis=1)]
+    assert f"--lock-box holds {len(kept)} vertices" in done.stderr
+    assert len(kept) > 10
+    after = {tuple(vertex) for vertex in read_mesh(output).vertices}
+    assert all(tuple(vertex) in after for vertex in kept)
+    assert read_mesh(output).num_faces <= 231
+    refused = manip3d(*base[:-1], "published", "--lock-box", "0", "0", "0", "1", "1", "1")
+    assert "--mode quality or fast" in error_line(refused)
+
+
+def test_seam_mode_is_for_the_published_method(torus: Path, tmp_path: Path) -> None:
+    base = ("simplify", torus, "-o", tmp_path / "x.ply", "--ratio", "0.5", "--seam-mode", "paper")
+    assert "--method qem4vr" in error_line(manip3d(*base))
+    assert manip3d(*base, "--mode", "published").returncode == 0
+
+
 def test_targets_refer_to_the_faces_as_read(torus: Path, tmp_path: Path) -> None:
     mesh = read_mesh(torus)
     doubled = tmp_path / "doubled.ply"

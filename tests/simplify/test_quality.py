@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -279,3 +280,129 @@ def test_a_flat_shape_does_not_vanish_for_free() -> None:
     assert area(result.mesh) == pytest.approx(1.0, abs=0.02)
     assert result.stop == StopReason.ERROR_LIMIT
     assert simplify.quality(flat(2), target_faces=0).mesh.num_faces >= 1
+
+
+def _every(n: int, step: int) -> NDArray[np.bool_]:
+    chosen = np.zeros(n, dtype=bool)
+    chosen[::step] = True
+    return chosen
+
+
+def test_locked_vertices_stay_with_their_texture() -> None:
+    hill = exact_models.hill(40)
+    uv = np.random.default_rng(1).random((hill.num_vertices, 2))  # no fit would keep it by itself
+    hill = hill.replace(texcoords=uv, face_texcoords=hill.faces)
+    locked = _every(hill.num_vertices, 37)
+    result = simplify.quality(hill, ratio=0.1, locked=locked)
+    assert result.stop == StopReason.TARGET_REACHED
+    rows = result.vertex_map[locked]
+    assert len(set(rows)) == locked.sum()
+    np.testing.assert_array_equal(result.mesh.vertices[rows], hill.vertices[locked])
+    assert result.mesh.texcoords is not None
+    assert result.mesh.face_texcoords is not None
+    found = dict(zip(result.mesh.faces.ravel(), result.mesh.face_texcoords.ravel(), strict=True))
+    kept = result.mesh.texcoords[[found[row] for row in rows]]
+    np.testing.assert_array_equal(kept, hill.texcoords[locked])
+    free = simplify.quality(hill, ratio=0.1)
+    moved = free.mesh.vertices[free.vertex_map[locked]] != hill.vertices[locked]
+    assert moved.any(axis=1).mean() > 0.9
+
+
+@pytest.mark.parametrize("method", [simplify.quality, simplify.fast])
+@pytest.mark.parametrize("seed", range(8))
+def test_locked_vertices_stay_in_any_soup(method: Any, seed: int) -> None:
+    """Also as the only corner of a last face, and where the rules are relaxed."""
+    rng = np.random.default_rng(seed)
+    vertices = rng.random((60, 3))
+    faces = rng.integers(0, 60, (90, 3), dtype=np.int32)
+    soup = Mesh(vertices, faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)])
+    locked = np.isin(np.arange(60), soup.faces) & (rng.random(60) < 0.2)
+    result = method(soup, target_faces=1, locked=locked)
+    rows = result.vertex_map[locked]
+    assert (rows >= 0).all()
+    assert len(set(rows)) == locked.sum()
+    np.testing.assert_array_equal(result.mesh.vertices[rows], soup.vertices[locked])
+    assert result.mesh.num_faces < soup.num_faces // 2
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize("method", [simplify.quality, simplify.fast])
+def test_locked_vertices_stay_on_a_model_of_many_parts(method: Any, realdata: RealData) -> None:
+    mesh = read_mesh(realdata("meshes/wild/igl_truck.obj.xz"))
+    rng = np.random.default_rng(0)
+    for share in (0.01, 0.2):
+        locked = np.isin(np.arange(mesh.num_vertices), mesh.faces)
+        locked &= (rng.random(mesh.num_vertices) < share) & (simplify.clean(mesh).vertex_map >= 0)
+        result = method(mesh, ratio=0.02, locked=locked)
+        rows = result.vertex_map[locked]
+        assert (rows >= 0).all()
+        np.testing.assert_array_equal(result.mesh.vertices[rows], mesh.vertices[locked])
+
+
+def test_a_piece_with_a_locked_vertex_does_not_vanish() -> None:
+    mesh = together(exact_models.ball(), tetrahedron((0.1, 0.1, 0.1), 1e-3))
+    assert simplify.quality(mesh, target_faces=60).removed_pieces == 1
+    locked = np.arange(mesh.num_vertices) == mesh.num_vertices - 1
+    result = simplify.quality(mesh, target_faces=60, locked=locked)
+    assert result.removed_pieces == 0
+    assert result.mesh.num_faces <= 60
+    np.testing.assert_array_equal(result.mesh.vertices[result.vertex_map[-1]], mesh.vertices[-1])
+
+
+def test_what_is_important_keeps_more_faces_and_less_error() -> None:
+    hill = exact_models.hill(60)
+    left = hill.vertices[:, 0] < np.median(hill.vertices[:, 0])
+
+    def halves(importance: NDArray[np.float64] | None) -> tuple[float, float, float]:
+        mesh = simplify.quality(hill, ratio=0.05, importance=importance).mesh
+        error = metrics.closest_points(mesh, hill.vertices).distance
+        share = (mesh.vertices[:, 0] < np.median(hill.vertices[:, 0])).mean()
+        return float(error[left].mean()), float(error[~left].mean()), float(share)
+
+    plain, weighted = halves(None), halves(np.where(left, 16.0, 1.0))
+    assert weighted[0] < 0.9 * plain[0]
+    assert weighted[1] > 2 * plain[1]
+    assert plain[2] < 0.6 < 0.8 < weighted[2]  # of the vertices
+
+
+def test_equal_importance_changes_nothing() -> None:
+    hill = exact_models.hill(30)
+    plain = simplify.quality(hill, ratio=0.1).mesh
+    weighted = simplify.quality(hill, ratio=0.1, importance=np.full(hill.num_vertices, 4)).mesh
+    np.testing.assert_array_equal(weighted.vertices, plain.vertices)
+    np.testing.assert_array_equal(weighted.faces, plain.faces)
+
+
+def test_welding_keeps_the_strictest_of_one_place() -> None:
+    """Two copies of a square share an edge; only one copy's vertices are locked or important."""
+    right = flat(6).replace(vertices=flat(6).vertices + np.array([1, 0, 0]))
+    mesh = together(flat(6), right)
+    seam = np.isclose(mesh.vertices[:, 0], 1.0) & (np.arange(mesh.num_vertices) < 49)
+    result = simplify.quality(mesh, target_faces=20, locked=seam)
+    np.testing.assert_array_equal(
+        result.mesh.vertices[result.vertex_map[seam]], mesh.vertices[seam]
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"locked": np.zeros(3, bool)}, r"locked: expected bool of shape \(49,\), got bool of"),
+        ({"locked": np.zeros(49)}, "locked: expected bool of shape"),
+        ({"importance": np.ones(3)}, r"importance: expected numbers of shape \(49,\), got"),
+        ({"importance": np.zeros(49)}, "importance: expected numbers > 0, got 0.0 at vertex 0"),
+        ({"importance": np.full(49, np.nan)}, "importance: expected numbers > 0, got nan"),
+        ({"importance": np.full(49, "x")}, "importance: expected an array of numbers or None"),
+        (
+            {"importance": np.ones(49), "mode": "fast"},
+            "importance: expected mode='quality', got mode='fast'",
+        ),
+        (
+            {"locked": np.ones(49, bool), "mode": "published"},
+            "locked: expected mode='quality' or 'fast', got mode='published'",
+        ),
+    ],
+)
+def test_control_that_is_no_control_is_refused(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        simplify.simplify(flat(6), target_faces=2, **arguments)

@@ -867,6 +867,7 @@ class FastSimplifier {
     const auto num_gone = static_cast<std::int64_t>(first.across.size());
     if (num_gone == 0 || num_gone > quota) return std::nullopt;  // another one may fit
     if (first.rest.empty() && second.rest.empty()) return Rejection::kDegenerate;
+    if (takes_last_face_of_locked(v, t, first, worker)) return Rejection::kDegenerate;
     if (rules_ != FastRules::kFlips) {
       if (const auto reason = check_links(v, t, first, second)) return reason;
     }
@@ -902,6 +903,25 @@ class FastSimplifier {
 
   [[nodiscard]] bool is_locked(std::int32_t v) const {
     return !is_locked_.empty() && is_locked_[id_[v]] != 0;
+  }
+
+  /// Whether a locked vertex may have no faces but those on the edge, which go. While blocks work
+  /// at the same time, nobody knows what becomes of its faces in other blocks.
+  [[nodiscard]] bool takes_last_face_of_locked(std::int32_t v, std::int32_t t, const Fan& first,
+                                               const Worker& worker) const {
+    if (is_locked_.empty()) return false;
+    const bool sees_all = &worker == &workers_.back();
+    return std::any_of(first.across.begin(), first.across.end(), [&](std::int32_t w) {
+      if (!is_locked(w)) return false;
+      if (!sees_all && block_of(w) < 0) return true;
+      bool stays = false;
+      for_each_face(w, [&](std::uint32_t, std::uint32_t, std::int32_t a, std::int32_t b) {
+        const std::int32_t x = remap_[a], y = remap_[b];
+        const bool is_on_edge = (x == v && y == t) || (x == t && y == v);
+        stays = stays || (x != y && x != w && y != w && !is_on_edge);
+      });
+      return !stays;
+    });
   }
 
   /// What may not happen to the edges and faces around v and t:

@@ -7,6 +7,7 @@
 #include <initializer_list>
 #include <limits>
 #include <optional>
+#include <set>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -97,6 +98,8 @@ class QualitySimplifier {
         version_(mesh_.num_vertices(), 0),
         blocked_(mesh_.num_vertices(), false),
         into_(mesh_.num_vertices(), -1),
+        is_locked_(options.locked),
+        importance_(options.importance),
         is_textured_(input.has_texcoords() && options.texture_weight > 0.0) {
     if (options.max_distance < std::numeric_limits<double>::infinity()) {
       guard_.emplace(input, options.max_distance);
@@ -110,6 +113,11 @@ class QualitySimplifier {
     for (std::int32_t v = 0; v < mesh_.num_vertices(); ++v) {
       ticker.tick();
       add_borders(v);
+    }
+    for (std::int32_t i = 0; i < pieces_.size(); ++i) {
+      for (const std::int32_t v : pieces_.vertices(i)) {
+        if (is_locked(v)) kept_pieces_.insert(i);
+      }
     }
     for (Eigen::Index v = 0; v < input.colors.rows(); ++v) {
       colors_.emplace_back(input.colors.row(v).cast<double>().transpose());
@@ -335,7 +343,7 @@ class QualitySimplifier {
     plan.price = kSurfaceShare * integral(star.quadric(p), star.area) +
                  std::max(0.0, plan.owed - owed_[v] - owed_[t]) +
                  kShortEdgeWeight * (area_[v] + area_[t]) * length;
-    plan.price /= num_edge_faces;
+    plan.price *= std::max(importance(v), importance(t)) / num_edge_faces;
     return plan;
   }
 
@@ -345,8 +353,8 @@ class QualitySimplifier {
                                   const Quadric& borders, double length) const {
     const Vector3d &first = mesh_.position(v), &second = mesh_.position(t);
     const Vector3d middle = 0.5 * (first + second);
-    if (place == Place::kFirst) return first;
-    if (place == Place::kSecond) return second;
+    if (place == Place::kFirst || is_locked(v)) return first;
+    if (place == Place::kSecond || is_locked(t)) return second;
     if (place == Place::kMiddle) return middle;
     LeastSquares squares;
     squares.add(star.quadric, 1.0);
@@ -363,6 +371,7 @@ class QualitySimplifier {
   // --- The queue -----------------------------------------------------------------------------
 
   void push_edge(std::int32_t v, std::int32_t t, std::int32_t num_faces) {
+    if (is_locked(v) && is_locked(t)) return;
     const Plan best = plan(v, t, num_faces, Place::kBest);
     queue_.push({best.price, v, t, version_[v] + version_[t]});
   }
@@ -391,12 +400,19 @@ class QualitySimplifier {
   }
 
   void push_piece(std::int32_t i) {
-    if (guard_ || !pieces_.is_there(i) || !std::isfinite(pieces_.cost(i))) return;
+    if (guard_ || kept_pieces_.contains(i)) return;
+    if (!pieces_.is_there(i) || !std::isfinite(pieces_.cost(i))) return;
     queue_.push({piece_price(i), i, -1, 0});
   }
 
   [[nodiscard]] double piece_price(std::int32_t i) const {
-    return kPieceFactor * pieces_.cost(i) / static_cast<double>(pieces_.num_faces(i));
+    double factor = kPieceFactor;
+    if (!importance_.empty()) {
+      double largest = 0.0;
+      for (const std::int32_t v : pieces_.vertices(i)) largest = std::max(largest, importance(v));
+      factor *= largest;
+    }
+    return factor * pieces_.cost(i) / static_cast<double>(pieces_.num_faces(i));
   }
 
   /// Something else has become cheaper than what was on top.
@@ -423,6 +439,7 @@ class QualitySimplifier {
     if (edge == nullptr) return;
     if (faces_left(t) <= edge->num_faces) return refuse(v, t, Rejection::kDegenerate);
     if (makes_edge_of_three(v, t)) return refuse(v, t, Rejection::kLink);
+    if (takes_last_face_of_locked(v, t)) return refuse(v, t, Rejection::kDegenerate);
     Plan best = plan(v, t, edge->num_faces, Place::kBest);
     std::optional<Rejection> refusal = check_faces(v, t, best.position);
     if (refusal) {
@@ -504,8 +521,8 @@ class QualitySimplifier {
 
   // --- What is legal -------------------------------------------------------------------------
   //
-  // Nothing is locked: boundaries may shrink, holes may close, seams may be left, all at their
-  // price. What may not happen, by Rules:
+  // Nothing is locked but what the caller locks: boundaries may shrink, holes may close, seams may
+  // be left, all at their price. What may not happen, by Rules:
   //   three faces on one edge, where neither of the edges that meet had them   kLink
   //   a face that turns by more than 78 degrees                                kFlip
   //   a face without area, the last faces of a piece                           kDegenerate
@@ -526,6 +543,32 @@ class QualitySimplifier {
       const std::int32_t left =
           edge.num_faces + other->num_faces - 2 * count_faces(edge.vertex, v, t);
       return left > std::max({2, edge.num_faces, other->num_faces});
+    });
+  }
+
+  [[nodiscard]] bool is_locked(std::int32_t v) const {
+    return !is_locked_.empty() && is_locked_[v];
+  }
+
+  [[nodiscard]] double importance(std::int32_t v) const {
+    return importance_.empty() ? 1.0 : importance_[v];
+  }
+
+  /// Whether a locked vertex has no faces but those on the edge, which go.
+  [[nodiscard]] bool takes_last_face_of_locked(std::int32_t v, std::int32_t t) const {
+    if (is_locked_.empty()) return false;
+    const auto num_faces = [&](std::int32_t of) {
+      std::int32_t faces = 0;
+      mesh_.for_each_face(of, [&](std::int32_t, std::int32_t) { ++faces; });
+      return faces;
+    };
+    if (is_locked(v) || is_locked(t)) {
+      const std::int32_t on_edge = ring_v_.find(t)->num_faces;
+      if (num_faces(v) + num_faces(t) == 2 * on_edge) return true;
+    }
+    return std::any_of(ring_v_.edges().begin(), ring_v_.edges().end(), [&](const RingEdge& edge) {
+      const std::int32_t w = edge.vertex;
+      return w != t && is_locked(w) && num_faces(w) == count_faces(w, v, t);
     });
   }
 
@@ -595,6 +638,8 @@ class QualitySimplifier {
     area_[t] += area_[v];
     border_[t] += border_[v];
     owed_[t] = plan.owed;
+    if (is_locked(v)) is_locked_[t] = true;
+    if (!importance_.empty()) importance_[t] = std::max(importance_[v], importance_[t]);
     into_[v] = t;
     ++version_[t];
     if (pieces_.size() > 0) {
@@ -630,6 +675,10 @@ class QualitySimplifier {
     uvs_.clear();
     for (const auto& [wedge, quadric] : wedges_) {
       texture_[wedge] = quadric;
+      if (const auto from = locked_wedge(v, t, wedge)) {
+        uvs_.emplace_back(wedge, mesh_.uv(*from));
+        continue;
+      }
       if (!(quadric.weight > 0.0)) continue;
       Vector2d low = Vector2d::Constant(std::numeric_limits<double>::infinity()), high = -low;
       for (const std::int32_t from : {v, t}) {
@@ -645,6 +694,22 @@ class QualitySimplifier {
       uvs_.emplace_back(wedge, quadric.best(p).cwiseMax(low).cwiseMin(high));
     }
     for (const auto& [wedge, uv] : uvs_) mesh_.set_uv(wedge, uv);
+  }
+
+  /// The wedge of the locked one of v and t that becomes this wedge, or is it.
+  [[nodiscard]] std::optional<std::int32_t> locked_wedge(std::int32_t v, std::int32_t t,
+                                                         std::int32_t wedge) const {
+    std::optional<std::int32_t> found;
+    if (is_locked(v)) {
+      for (const WedgeMap::Pair& pair : map_.pairs) {
+        if (pair.to == wedge && mesh_.has_texture(pair.from)) found = pair.from;
+      }
+    } else if (is_locked(t)) {
+      mesh_.for_each_face(t, [&](std::int32_t f, std::int32_t c) {
+        if (mesh_.wedges(f)[c] == wedge) found = wedge;
+      });
+    }
+    return found;
   }
 
   /// Between the colours of v and t, as p lies between them.
@@ -683,7 +748,7 @@ class QualitySimplifier {
             return pieces_.size() == 0 || pieces_.is_there(pieces_.of_vertex(v));
           },
           [&](std::int32_t v, const Vector3d& p) {
-            bool fits = true;
+            bool fits = !is_locked(v);
             mesh_.for_each_face(v, [&](std::int32_t f, std::int32_t c) {
               const auto& face = mesh_.face(f);
               fits = fits && !check_face(v, face[(c + 1) % 3], face[(c + 2) % 3], p);
@@ -691,7 +756,10 @@ class QualitySimplifier {
             return fits && (!guard_ || keeps_distance({v}, p));
           },
           part_of(progress_, 0.8, is_textured_ ? 0.95 : 1.0));
-      if (is_textured_) fit_.fit_texture(mesh_, part_of(progress_, 0.95, 1.0));
+      if (is_textured_) {
+        const auto may_change = [&](std::int32_t v) { return !is_locked(v); };
+        fit_.fit_texture(mesh_, may_change, part_of(progress_, 0.95, 1.0));
+      }
     }
     if (mesh_.num_faces() <= options_.target_faces) {
       result_.stop = CollapseStop::kTargetReached;
@@ -716,6 +784,13 @@ class QualitySimplifier {
       while (into_[end] >= 0) end = into_[end];
       result_.vertex_map[v] = result_.vertex_map[end];
     }
+    // Computed in other units, a locked place may be off by rounding.
+    for (std::size_t v = 0; v < options_.locked.size(); ++v) {
+      const std::int32_t row = result_.vertex_map[v];
+      if (options_.locked[v] && row >= 0) {
+        result_.mesh.vertices.row(row) = input_.vertices.row(static_cast<Eigen::Index>(v));
+      }
+    }
     return std::move(result_);
   }
 
@@ -736,6 +811,9 @@ class QualitySimplifier {
   std::vector<bool> blocked_;              // vertices with an edge that was refused
   std::vector<std::int32_t> into_;         // what a vertex collapsed onto, or -1
   std::vector<Vector3d> colors_;           // of a vertex; empty: none
+  std::vector<bool> is_locked_;            // of a vertex; empty: none
+  std::vector<double> importance_;         // of a vertex; empty: all 1
+  std::set<std::int32_t> kept_pieces_;     // those with a locked vertex
   bool is_textured_;
   double texture_length_ = 0.0;  // on the surface, of a unit of texture
   std::int32_t center_ = -1;     // the vertex whose edges are being priced, or -1
@@ -754,7 +832,7 @@ class QualitySimplifier {
   QualityResult result_;
 };
 
-void check_options(const QualityOptions& options) {
+void check_options(const MeshView& mesh, const QualityOptions& options) {
   const auto check = [](const char* name, double value, bool may_be_infinite) {
     if (value >= 0.0 && (may_be_infinite || std::isfinite(value))) return;
     throw InputError(std::string(name) + ": expected a number >= 0, got " + std::to_string(value));
@@ -769,6 +847,19 @@ void check_options(const QualityOptions& options) {
   check("boundary_weight", options.boundary_weight, false);
   check("seam_weight", options.seam_weight, false);
   check("texture_weight", options.texture_weight, false);
+  const auto check_size = [&](const char* name, std::size_t size) {
+    if (size == 0 || size == static_cast<std::size_t>(mesh.num_vertices())) return;
+    throw InputError(std::string(name) + ": expected one for each vertex (" +
+                     std::to_string(mesh.num_vertices()) + "), got " + std::to_string(size));
+  };
+  check_size("locked", options.locked.size());
+  check_size("importance", options.importance.size());
+  for (std::size_t v = 0; v < options.importance.size(); ++v) {
+    const double value = options.importance[v];
+    if (value > 0.0 && std::isfinite(value)) continue;
+    throw InputError("importance: expected numbers > 0, got " + std::to_string(value) +
+                     " at vertex " + std::to_string(v));
+  }
 }
 
 }  // namespace
@@ -776,7 +867,7 @@ void check_options(const QualityOptions& options) {
 QualityResult simplify_quality(const MeshView& mesh, const QualityOptions& options,
                                const Progress& progress) {
   check_mesh(mesh);
-  check_options(options);
+  check_options(mesh, options);
   return QualitySimplifier(mesh, options, progress).run();
 }
 

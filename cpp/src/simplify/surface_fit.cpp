@@ -90,7 +90,9 @@ void SurfaceFit::keep(const std::function<bool(std::int32_t)>& is_there) {
   texture_.resize(row);
 }
 
-void SurfaceFit::fit_texture(CollapseMesh& mesh, const Progress& progress) const {
+void SurfaceFit::fit_texture(CollapseMesh& mesh,
+                             const std::function<bool(std::int32_t)>& may_change,
+                             const Progress& progress) const {
   const TriangleMesh now = current(mesh, mesh.num_slots());
   std::vector<std::int32_t> slots;  // of a row of now.faces
   for (std::int32_t f = 0; f < mesh.num_slots(); ++f) {
@@ -130,6 +132,7 @@ void SurfaceFit::fit_texture(CollapseMesh& mesh, const Progress& progress) const
       const Eigen::Vector2d r = residual(s);
       if (r.norm() > limit) continue;  // another chart
       for (int k = 0; k < 3; ++k) {
+        if (!may_change(mesh.face(s.face)[k])) continue;
         const double w = areas_[s.index] * s.barycentric[k];
         const std::int32_t wedge = mesh.wedges(s.face)[k];
         pull[wedge] += w * r;

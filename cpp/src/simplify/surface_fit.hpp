@@ -26,7 +26,9 @@ class SurfaceFit {
            const Progress& progress);
 
   /// Fits texture coordinates to those of the original at the nearest points; after run().
-  void fit_texture(CollapseMesh& mesh, const Progress& progress) const;
+  /// @param may_change  whether those of a vertex may.
+  void fit_texture(CollapseMesh& mesh, const std::function<bool(std::int32_t)>& may_change,
+                   const Progress& progress) const;
 
  private:
   void step(CollapseMesh& mesh,

@@ -9,6 +9,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from manip3d.cli.kinds import expect_kind
@@ -27,6 +28,8 @@ from manip3d.cli.terminal import Progress, Terminal, check_output, count, counte
 from manip3d.errors import InputError
 from manip3d.io import READABLE, WRITABLE
 
+Box = tuple[float, float, float, float, float, float]
+
 
 @dataclass(frozen=True)
 class Order:
@@ -38,6 +41,7 @@ class Order:
     max_error: float | None
     max_distance: float | None
     clean: bool
+    lock_box: Box | None
     options: dict[str, Any]
 
     def __post_init__(self) -> None:
@@ -75,6 +79,12 @@ def simplify_file(
         limits["max_distance"] = order.max_distance
     elif order.max_distance is not None:
         raise InputError("--max-distance: expected --mode quality or published, got fast")
+    if order.lock_box is not None:
+        low, high = np.reshape(order.lock_box, (2, 3))
+        limits["locked"] = ((cleaned.vertices >= low) & (cleaned.vertices <= high)).all(axis=1)
+        terminal.say(
+            f"--lock-box holds {counted(int(limits['locked'].sum()), 'vertex', 'vertices')}"
+        )
     own: dict[str, Callable[..., simplify.QualityResult | simplify.SimplifyResult]] = {
         "quality": simplify.quality,
         "fast": simplify.fast,
@@ -138,6 +148,14 @@ class Method(StrEnum):
     qem_btp = "qem-btp"
 
 
+class SeamMode(StrEnum):
+    """What holds texture seams in place."""
+
+    planes = "planes"
+    paper = "paper"
+    lock = "lock"
+
+
 @over_files(lambda: READABLE, writable=lambda: WRITABLE, otherwise=".glb")
 def simplify(
     source: Annotated[
@@ -176,6 +194,17 @@ def simplify(
         Method | None,
         typer.Option(help="Method of chapter 2; implies --mode published, whose own is qem4vr."),
     ] = None,
+    seam_mode: Annotated[
+        SeamMode | None,
+        typer.Option(help="What holds texture seams in place, for --method qem4vr."),
+    ] = None,
+    lock_box: Annotated[
+        Box | None,
+        typer.Option(
+            metavar="X Y Z X Y Z",
+            help="Vertices between these two corners stay where they are.",
+        ),
+    ] = None,
     no_clean: Annotated[
         bool, typer.Option("--no-clean", help="Do not clean the mesh first.")
     ] = False,
@@ -199,7 +228,14 @@ def simplify(
     if method is not None and mode not in (None, Mode.published):
         raise InputError(f"--method {method}: expected --mode published, got {mode}")
     name: str = method or (Method.qem4vr if mode == Mode.published else mode or Mode.quality)
-    order = Order(str(name), faces, ratio, max_error, max_distance, not no_clean, {})
+    options: dict[str, Any] = {}
+    if seam_mode is not None:
+        if name != Method.qem4vr:
+            raise InputError(f"--seam-mode: expected --method qem4vr, got {name}")
+        options["seam_mode"] = str(seam_mode)
+    if lock_box is not None and name not in (Mode.quality, Mode.fast):
+        raise InputError(f"--lock-box: expected --mode quality or fast, got {name}")
+    order = Order(str(name), faces, ratio, max_error, max_distance, not no_clean, lock_box, options)
     expect_kind(source, "mesh", verb="simplify")
     check_output(output, WRITABLE, force=force)
     with shell.progress("simplify") as progress:

@@ -17,7 +17,7 @@ from manip3d.simplify._collapse import SimplifyResult, StopReason, _target, clea
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from manip3d._util.options import Progress
     from manip3d.mesh import Mesh
@@ -25,6 +25,12 @@ if TYPE_CHECKING:
 __all__ = ["Mode", "QualityResult", "fast", "quality", "simplify"]
 
 Mode = Literal["quality", "published", "fast"]
+
+_MODES_WITH: dict[str, tuple[Mode, ...]] = {
+    "max_distance": ("quality", "published"),
+    "locked": ("quality", "fast"),
+    "importance": ("quality",),
+}
 
 
 @dataclass(frozen=True)
@@ -85,6 +91,38 @@ def _follow(first: NDArray[np.int32], second: NDArray[np.int32]) -> NDArray[np.i
     return np.where(first < 0, gone, second[first])
 
 
+def _locked(mesh: Mesh, locked: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+    """One of each vertex."""
+    if locked is None:
+        return None
+    chosen = np.asarray(locked)
+    if chosen.dtype != np.bool_ or chosen.shape != (mesh.num_vertices,):
+        raise InputError(
+            f"locked: expected bool of shape ({mesh.num_vertices},), got {chosen.dtype} of "
+            f"shape {chosen.shape}"
+        )
+    return chosen
+
+
+def _importance(mesh: Mesh, importance: ArrayLike | None) -> NDArray[np.float64] | None:
+    """One of each vertex, all above 0."""
+    if importance is None:
+        return None
+    weights = np.asarray(importance)
+    if weights.dtype.kind not in "iuf" or weights.shape != (mesh.num_vertices,):
+        raise InputError(
+            f"importance: expected numbers of shape ({mesh.num_vertices},), got {weights.dtype} of "
+            f"shape {weights.shape}"
+        )
+    weights = weights.astype(np.float64)
+    wrong = np.flatnonzero(~(np.isfinite(weights) & (weights > 0)))
+    if len(wrong):
+        raise InputError(
+            f"importance: expected numbers > 0, got {weights[wrong[0]]} at vertex {wrong[0]}"
+        )
+    return weights
+
+
 @checked
 def quality(
     mesh: Mesh,
@@ -96,6 +134,8 @@ def quality(
     boundary_weight: float = 1.0,
     seam_weight: float = 3.0,
     texture_weight: float = 0.1,
+    locked: NDArray[np.bool_] | None = None,
+    importance: ArrayLike | None = None,
     progress: Progress = None,
 ) -> QualityResult:
     """Edge collapse with vertices where the error is least, on any mesh, textured or not.
@@ -122,6 +162,12 @@ def quality(
     texture_weight : float
         How much a shifted texture counts beside a shifted surface; 0: texture coordinates are
         carried along, for nothing.
+    locked : (V,) bool, optional
+        Vertices that stay where they are, with their texture coordinates; a piece with one of
+        them does not vanish. At one place, one that is locked locks all.
+    importance : (V,) float > 0, optional
+        How many times as much as elsewhere it costs to change the surface at a vertex. At one
+        place, and for what becomes one vertex, the largest counts.
     progress : None, True or callable
         ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
 
@@ -144,8 +190,8 @@ def quality(
     times its mean distance to the rest. At the end the vertices are fitted to the original surface
     and its texture coordinates.
 
-    No face turns over. Edges get no third face and nothing is locked, unless the input has
-    it or the target is out of reach otherwise.
+    No face turns over, and edges get no third face, unless the input has it or the target is out
+    of reach otherwise. Nothing but `locked` is locked.
 
     References
     ----------
@@ -170,7 +216,18 @@ def quality(
     options.boundary_weight = boundary_weight
     options.seam_weight = seam_weight
     options.texture_weight = texture_weight
+    chosen = _locked(mesh, locked)
+    weights = _importance(mesh, importance)
     cleaned = clean(mesh)
+    stays = cleaned.vertex_map >= 0
+    if chosen is not None:
+        options.locked = np.isin(
+            np.arange(cleaned.mesh.num_vertices), cleaned.vertex_map[chosen & stays]
+        ).tolist()
+    if weights is not None:
+        largest = np.zeros(cleaned.mesh.num_vertices)
+        np.maximum.at(largest, cleaned.vertex_map[stays], weights[stays])
+        options.importance = largest.tolist()
     with reporting(progress, "simplify") as report:
         fields = _core.simplify_quality(cleaned.mesh, options, report)
     fields["stop"] = StopReason(fields["stop"].name.lower())
@@ -212,7 +269,8 @@ def fast(
         How much the planes along boundaries, or along borders between materials or texture
         charts, count beside the surface.
     locked : (V,) bool, optional
-        Vertices that stay where they are. At one place, one that is locked locks all.
+        Vertices that stay where they are, with one face at least. At one place, one that is
+        locked locks all.
     threads : int
         0: all cores. The result is the same, bit for bit, for any number.
     progress : None, True or callable
@@ -255,13 +313,8 @@ def fast(
     options.boundary_weight = boundary_weight
     options.seam_weight = seam_weight
     options.num_threads = threads
-    if locked is not None:
-        chosen = np.asarray(locked)
-        if chosen.dtype != np.bool_ or chosen.shape != (mesh.num_vertices,):
-            raise InputError(
-                f"locked: expected bool of shape ({mesh.num_vertices},), got {chosen.dtype} of "
-                f"shape {chosen.shape}"
-            )
+    chosen = _locked(mesh, locked)
+    if chosen is not None:
         options.locked = chosen.tolist()
     with reporting(progress, "simplify") as report:
         fields = _core.simplify_fast(mesh, options, report)
@@ -278,6 +331,8 @@ def simplify(
     ratio: float | None = None,
     max_error: float | None = None,
     max_distance: float | None = None,
+    locked: NDArray[np.bool_] | None = None,
+    importance: ArrayLike | None = None,
     progress: Progress = None,
 ) -> QualityResult | SimplifyResult:
     """Simplify a mesh: the function to start with.
@@ -301,6 +356,11 @@ def simplify(
         unit, does not exceed it. 0 (exactly coplanar collapses) is for ``mode='published'``;
         ``mode='fast'`` has no such limit.
         Targets combine; the first one reached stops. One is needed.
+    locked : (V,) bool, optional
+        Vertices that stay where they are; for ``mode='quality'`` and ``mode='fast'``.
+    importance : (V,) float > 0, optional
+        How many times as much as elsewhere it costs to change the surface at a vertex; for
+        ``mode='quality'``.
     progress : None, True or callable
         ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
 
@@ -330,10 +390,14 @@ def simplify(
         "ratio": ratio,
         "max_error": max_error,
     }
-    if mode != "fast":
-        limits["max_distance"] = max_distance
-    elif max_distance is not None:
-        raise InputError(f"max_distance: expected None with mode='fast', got {max_distance}")
+    more = {"max_distance": max_distance, "locked": locked, "importance": importance}
+    for name, value in more.items():
+        if value is None:
+            continue
+        if mode not in _MODES_WITH[name]:
+            modes = " or ".join(repr(m) for m in _MODES_WITH[name])
+            raise InputError(f"{name}: expected mode={modes}, got mode={mode!r}")
+        limits[name] = value
     methods: dict[str, Callable[..., QualityResult | SimplifyResult]] = {
         "quality": quality,
         "published": qem4vr,

@@ -21,6 +21,9 @@ struct QualityOptions {
   double boundary_weight = 1.0;  ///< Price of a strip along a boundary; a shifted surface has 1.
   double seam_weight = 3.0;      ///< The same along borders of materials and texture charts.
   double texture_weight = 0.1;   ///< Price of a shifted texture; a shifted surface has 1.
+  std::vector<bool> locked;      ///< Vertices that stay where they are; empty: none.
+  /// Of each vertex, > 0: what it costs to change the surface there; elsewhere 1. Empty: all 1.
+  std::vector<double> importance;
 };
 
 struct QualityResult {
@@ -49,7 +52,8 @@ struct QualityResult {
 /// to the rest. In the end the vertices are fitted to the original surface.
 ///
 /// No face turns over, none is degenerate or double, and no edge gets a third face, as long as the
-/// target can be reached so. Deterministic for any number of threads. O(E log E) time, O(V + F)
+/// target can be reached so. Locked vertices stay in any case, with their texture coordinates and
+/// the pieces that they are in. Deterministic for any number of threads. O(E log E) time, O(V + F)
 /// memory.
 /// @throws InputError  as check_mesh(); an option out of range.
 QualityResult simplify_quality(const MeshView& mesh, const QualityOptions& options,
