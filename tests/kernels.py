@@ -202,6 +202,9 @@ KERNELS: dict[str, Kernel] = {
     "authenticate.generic_consistency": lambda t: authenticate.generic_consistency(
         scan, calibration=scanner, threads=t
     ),
+    "authenticate.turn_consistency": lambda t: authenticate.turn_consistency(
+        scan, scan, scan, lattice=scanner, threads=t
+    ),
     "metrics.render_depth": lambda t: metrics.render_depth(dense, CAMERA, threads=t),
     "metrics.range_image_error": lambda t: metrics.range_image_error(
         DEPTH, CAMERA, dense, threads=t

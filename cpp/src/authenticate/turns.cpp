@@ -304,12 +304,9 @@ class TurnComparison {
     const bool in_reach = near > options_.nearest && near < options_.farthest;
     const bool solid =
         std::min(before_.points(ring, column), after_.points(ring, column)) >= kSolidPoints;
-    bool answered = false;
-    for (int d = -1; d <= 1; ++d) {
-      answered = answered || now_.points(ring, now_.points.wrapped(column + d)) > 0;
-    }
+    const bool answered = now_.points(ring, column) > 0;
     told.lost = !answered && solid && in_reach;
-    if (now_.points(ring, column) == 0) return told;
+    if (!answered) return told;
     // One surface in all nine directions, of both turns: an edge shows what is behind it, too.
     const bool one_surface = far - near < slack(far);
     told.through = in_reach && one_surface && is_above(ring, column, near) &&

@@ -330,7 +330,8 @@ def inspect_drive(
 
 
 _WITHOUT_MAPS: Mapping[str, Any] = {
-    "density": None, "occlusion": None, "generic": None, "scan": None, "watermark": None,
+    "density": None, "occlusion": None, "generic": None, "turns": None, "scan": None,
+    "watermark": None,
 }  # fmt: skip
 """What a drive's results go without, so that memory does not grow with them."""
 
