@@ -4,8 +4,10 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
+#include <memory>
 #include <numeric>
 #include <optional>
+#include <span>
 
 #include "authenticate/file_order.hpp"
 #include "authenticate/ground_plane.hpp"
@@ -13,6 +15,7 @@
 #include "authenticate/ring_image.hpp"
 #include "authenticate/void_search.hpp"
 #include "geometry/constants.hpp"
+#include "geometry/median.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/angles.hpp"
 
@@ -24,6 +27,18 @@ constexpr double kFloatRounding = 1e-5;  // metres
 
 // A million windows of clean ranges reach this exponent in 2 % of the frames at most.
 constexpr double kWindowThreshold = 18.0;
+
+// Coordinates of whole millimetres leave an error that averages out; what was moved along rays from
+// the scanner's centre leaves the lines of lasers that are beside it, all points by the same.
+// Windows of so many rows of cells and columns to each side are averaged.
+constexpr int kDriftRows = 1;
+constexpr int kDriftColumns = 2;
+constexpr std::int32_t kFewestDrifting = 8;
+constexpr std::size_t kFewestDriftWindows = 1000;
+constexpr double kDriftGate = 0.0012;    // metres from the line: what is farther speaks for itself
+constexpr double kDriftThreshold = 8.0;  // deviations; clean windows of KITTI's frames reach 7.6
+constexpr double kRoundingShare = 0.2887;  // 1 / sqrt(12): deviation of an even spread
+constexpr double kNormalMad = 1.4826;      // deviation of a normal spread over its median
 
 // Where the turn before was answered, fewer answers beside a gap will do: 6 of 8.
 constexpr int kAnsweredBesideInTime = 6;
@@ -65,11 +80,12 @@ class Examination {
     constexpr Stage kStages[] = {&Examination::examine_coordinates, &Examination::examine_lines,
                                  &Examination::examine_steps,       &Examination::examine_firings,
                                  &Examination::examine_duplicates,  &Examination::examine_order,
-                                 &Examination::examine_ranges,      &Examination::examine_voids,
-                                 &Examination::tally_flags,         &Examination::gather_regions};
+                                 &Examination::examine_ranges,      &Examination::examine_drift,
+                                 &Examination::examine_voids,       &Examination::tally_flags,
+                                 &Examination::gather_regions};
     double done = 0.0;
     for (const Stage stage : kStages) {
-      if (progress_) progress_(0.1 + 0.09 * done++);
+      if (progress_) progress_(0.1 + 0.08 * done++);
       (this->*stage)();
     }
     return std::move(result_);
@@ -267,6 +283,115 @@ class Examination {
     }
   }
 
+  struct DriftTally {
+    std::int32_t points = 0;
+    double error = 0.0;  // metres, summed
+    double doubt = 0.0;  // what the line may be off, summed: all points of a laser share it
+  };
+
+  void examine_drift() {
+    const double step = lattice_.coordinate_step;
+    const bool known = step > 0.0 && options_.tolerance <= 2.001 * step;
+    if (!usable(Evidence::kDrift, known, {Evidence::kLine, Evidence::kGrid})) return;
+    const auto voxels = drift_tallies();
+    const auto deviations = drift_deviations(*voxels, kRoundingShare * step);
+    if (!deviations) return;
+    std::vector<std::int32_t> drifting;
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      if (!is_near_line(i)) continue;
+      const int layer = range_layer(points_.points.row(i).squaredNorm());
+      const int column = cell_column(reading_.azimuth(i));
+      const float deviation = (*deviations)(cell_row(i), column, layer);
+      if (!(std::abs(deviation) > kDriftThreshold)) continue;
+      double& strength = cells_(cell_row(i), column)[index_of(Evidence::kDrift)];
+      strength = std::max<double>(strength, std::abs(deviation));
+      if ((reading_.line_error(i) > 0.0F) == (deviation > 0.0F)) drifting.push_back(i);
+    }
+    flag_points(Evidence::kDrift, drifting);
+    if (!dropped(Evidence::kDrift)) return;
+    report(Evidence::kDrift).dropped = Dropped::kUnknown;  // of another unit, about as this one
+    for (int row = 0; row < cells_.rings(); ++row) {
+      for (int column = 0; column < cells_.columns(); ++column) {
+        cells_(row, column)[index_of(Evidence::kDrift)] = 0.0;
+      }
+    }
+  }
+
+  [[nodiscard]] bool is_near_line(std::int32_t i) const {
+    return reading_.ring(i) >= 0 && std::abs(reading_.line_error(i)) < kDriftGate;
+  }
+
+  // Errors by direction and distance, less the mean of each laser.
+  [[nodiscard]] std::unique_ptr<RangeVoxels<DriftTally>> drift_tallies() const {
+    std::vector<DriftTally> rings(lattice_.rings.size());
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      if (!is_near_line(i)) continue;
+      DriftTally& ring = rings[static_cast<std::size_t>(reading_.ring(i))];
+      ++ring.points;
+      ring.error += reading_.line_error(i);
+    }
+    auto voxels =
+        std::make_unique<RangeVoxels<DriftTally>>(cells_.rings(), cells_.columns(), DriftTally{});
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      if (!is_near_line(i)) continue;
+      const auto number = static_cast<std::size_t>(reading_.ring(i));
+      const Eigen::RowVector3d p = points_.points.row(i).cast<double>();
+      const double rho = std::sqrt(p.x() * p.x() + p.y() * p.y());
+      const int layer = range_layer(points_.points.row(i).squaredNorm());
+      DriftTally& tally = (*voxels)(cell_row(i), cell_column(reading_.azimuth(i)), layer);
+      ++tally.points;
+      tally.error += reading_.line_error(i) - rings[number].error / rings[number].points;
+      tally.doubt += 0.25 * lattice_.rings[number].uncertainty(rho);  // it states 4 deviations
+    }
+    return voxels;
+  }
+
+  // Deviations of the mean of the window around each voxel, in units of their common spread where
+  // that is larger than rounding explains; none where few windows hold enough points.
+  [[nodiscard]] static std::optional<RangeVoxels<float>> drift_deviations(
+      const RangeVoxels<DriftTally>& voxels, double rounding) {
+    RangeVoxels<float> deviations(voxels.rows(), voxels.columns(), 0.0F);
+    std::vector<float> sizes;
+    for (int row = 0; row < voxels.rows(); ++row) {
+      for (int column = 0; column < voxels.columns(); ++column) {
+        for (int layer = 0; layer < RangeVoxels<DriftTally>::kLayers; ++layer) {
+          if (voxels(row, column, layer).points == 0) continue;
+          const DriftTally sum = drift_window(voxels, row, column, layer);
+          if (sum.points < kFewestDrifting) continue;
+          const double spread = std::sqrt(sum.points * rounding * rounding + sum.doubt * sum.doubt);
+          deviations(row, column, layer) = static_cast<float>(sum.error / spread);
+          sizes.push_back(std::abs(deviations(row, column, layer)));
+        }
+      }
+    }
+    if (sizes.size() < kFewestDriftWindows) return std::nullopt;
+    const double common = std::max(1.0, kNormalMad * median(std::span(sizes)));
+    for (int row = 0; row < voxels.rows(); ++row) {
+      for (int column = 0; column < voxels.columns(); ++column) {
+        for (int layer = 0; layer < RangeVoxels<DriftTally>::kLayers; ++layer) {
+          deviations(row, column, layer) /= static_cast<float>(common);
+        }
+      }
+    }
+    return deviations;
+  }
+
+  [[nodiscard]] static DriftTally drift_window(const RangeVoxels<DriftTally>& voxels, int row,
+                                               int column, int layer) {
+    DriftTally sum;
+    const int columns = voxels.columns();
+    for (int r = std::max(0, row - kDriftRows); r <= std::min(voxels.rows() - 1, row + kDriftRows);
+         ++r) {
+      for (int d = -kDriftColumns; d <= kDriftColumns; ++d) {
+        const DriftTally& tally = voxels(r, (column + d + columns) % columns, layer);
+        sum.points += tally.points;
+        sum.error += tally.error;
+        sum.doubt += tally.doubt;
+      }
+    }
+    return sum;
+  }
+
   void examine_voids() {
     const bool known = lattice_.steps > 0;
     const auto basis = {Evidence::kLine, Evidence::kStep, Evidence::kFiring};
@@ -390,8 +515,8 @@ class Examination {
       const Strength& cell = cells_(row, column);
       for (std::size_t e = 0; e < kNumEvidence; ++e) {
         double& strength = found.strength[e];
-        strength =
-            e == index_of(Evidence::kRange) ? std::max(strength, cell[e]) : strength + cell[e];
+        const bool is_window = e == index_of(Evidence::kRange) || e == index_of(Evidence::kDrift);
+        strength = is_window ? std::max(strength, cell[e]) : strength + cell[e];
       }
     }
     return found;
@@ -403,10 +528,11 @@ class Examination {
     found.upper = found.upper.cwiseMax(point);
   }
 
-  // Windows of ranges reach beyond what was forged. Where single points are known to be, they say
+  // Windows reach beyond what was forged. Where single points are known to be, they say
   // better where.
   void forget_windows_beside_points(const RingImage<std::int32_t>& region_of) {
-    constexpr auto kWindow = static_cast<std::uint8_t>(1U << index_of(Evidence::kRange));
+    constexpr auto kWindow = static_cast<std::uint8_t>(1U << index_of(Evidence::kRange) |
+                                                       1U << index_of(Evidence::kDrift));
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
       std::uint8_t& flags = result_.flags[i];
       if ((flags & kWindow) == 0) continue;
