@@ -4,7 +4,6 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
-#include <memory>
 #include <numeric>
 #include <optional>
 #include <span>
@@ -285,25 +284,29 @@ class Examination {
 
   struct DriftTally {
     std::int32_t points = 0;
-    double error = 0.0;  // metres, summed
-    double doubt = 0.0;  // what the line may be off, summed: all points of a laser share it
+    float error = 0.0F;  // metres, summed
+    float doubt = 0.0F;  // what the line may be off, summed: all points of a laser share it
+  };
+  struct Voxel {
+    int row, column, layer;
+  };
+  struct DriftVoxels {
+    RangeVoxels<DriftTally> tallies;
+    std::vector<Voxel> occupied;  // in the order of their first points
   };
 
   void examine_drift() {
     const double step = lattice_.coordinate_step;
     const bool known = step > 0.0 && options_.tolerance <= 2.001 * step;
     if (!usable(Evidence::kDrift, known, {Evidence::kLine, Evidence::kGrid})) return;
-    const auto voxels = drift_tallies();
-    const auto deviations = drift_deviations(*voxels, kRoundingShare * step);
-    if (!deviations) return;
+    const RangeVoxels<float> deviations = drift_deviations(drift_voxels(), kRoundingShare * step);
     std::vector<std::int32_t> drifting;
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
       if (!is_near_line(i)) continue;
-      const int layer = range_layer(points_.points.row(i).squaredNorm());
-      const int column = cell_column(reading_.azimuth(i));
-      const float deviation = (*deviations)(cell_row(i), column, layer);
+      const Voxel at = voxel_of(i);
+      const float deviation = deviations(at.row, at.column, at.layer);
       if (!(std::abs(deviation) > kDriftThreshold)) continue;
-      double& strength = cells_(cell_row(i), column)[index_of(Evidence::kDrift)];
+      double& strength = cells_(at.row, at.column)[index_of(Evidence::kDrift)];
       strength = std::max<double>(strength, std::abs(deviation));
       if ((reading_.line_error(i) > 0.0F) == (deviation > 0.0F)) drifting.push_back(i);
     }
@@ -321,69 +324,69 @@ class Examination {
     return reading_.ring(i) >= 0 && std::abs(reading_.line_error(i)) < kDriftGate;
   }
 
+  [[nodiscard]] Voxel voxel_of(std::int32_t i) const {
+    return {cell_row(i), cell_column(reading_.azimuth(i)),
+            range_layer(points_.points.row(i).squaredNorm())};
+  }
+
   // Errors by direction and distance, less the mean of each laser.
-  [[nodiscard]] std::unique_ptr<RangeVoxels<DriftTally>> drift_tallies() const {
-    std::vector<DriftTally> rings(lattice_.rings.size());
+  [[nodiscard]] DriftVoxels drift_voxels() const {
+    std::vector<std::int32_t> points(lattice_.rings.size(), 0);
+    std::vector<double> errors(lattice_.rings.size(), 0.0);
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
       if (!is_near_line(i)) continue;
-      DriftTally& ring = rings[static_cast<std::size_t>(reading_.ring(i))];
-      ++ring.points;
-      ring.error += reading_.line_error(i);
+      ++points[static_cast<std::size_t>(reading_.ring(i))];
+      errors[static_cast<std::size_t>(reading_.ring(i))] += reading_.line_error(i);
     }
-    auto voxels =
-        std::make_unique<RangeVoxels<DriftTally>>(cells_.rings(), cells_.columns(), DriftTally{});
+    DriftVoxels voxels{{cells_.rings(), cells_.columns(), DriftTally{}}, {}};
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
       if (!is_near_line(i)) continue;
-      const auto number = static_cast<std::size_t>(reading_.ring(i));
-      const Eigen::RowVector3d p = points_.points.row(i).cast<double>();
-      const double rho = std::sqrt(p.x() * p.x() + p.y() * p.y());
-      const int layer = range_layer(points_.points.row(i).squaredNorm());
-      DriftTally& tally = (*voxels)(cell_row(i), cell_column(reading_.azimuth(i)), layer);
-      ++tally.points;
-      tally.error += reading_.line_error(i) - rings[number].error / rings[number].points;
-      tally.doubt += 0.25 * lattice_.rings[number].uncertainty(rho);  // it states 4 deviations
+      const auto ring = static_cast<std::size_t>(reading_.ring(i));
+      const Eigen::RowVector2d p = points_.points.row(i).head<2>().cast<double>();
+      const Voxel at = voxel_of(i);
+      DriftTally& tally = voxels.tallies(at.row, at.column, at.layer);
+      if (tally.points++ == 0) voxels.occupied.push_back(at);
+      tally.error += static_cast<float>(reading_.line_error(i) - errors[ring] / points[ring]);
+      // The lattice states 4 deviations.
+      tally.doubt += static_cast<float>(
+          0.25 * lattice_.rings[ring].uncertainty(std::sqrt(p.x() * p.x() + p.y() * p.y())));
     }
     return voxels;
   }
 
   // Deviations of the mean of the window around each voxel, in units of their common spread where
-  // that is larger than rounding explains; none where few windows hold enough points.
-  [[nodiscard]] static std::optional<RangeVoxels<float>> drift_deviations(
-      const RangeVoxels<DriftTally>& voxels, double rounding) {
-    RangeVoxels<float> deviations(voxels.rows(), voxels.columns(), 0.0F);
+  // that is larger than rounding explains; 0 where few windows hold enough points.
+  [[nodiscard]] static RangeVoxels<float> drift_deviations(const DriftVoxels& voxels,
+                                                           double rounding) {
+    RangeVoxels<float> deviations(voxels.tallies.rows(), voxels.tallies.columns(), 0.0F);
     std::vector<float> sizes;
-    for (int row = 0; row < voxels.rows(); ++row) {
-      for (int column = 0; column < voxels.columns(); ++column) {
-        for (int layer = 0; layer < RangeVoxels<DriftTally>::kLayers; ++layer) {
-          if (voxels(row, column, layer).points == 0) continue;
-          const DriftTally sum = drift_window(voxels, row, column, layer);
-          if (sum.points < kFewestDrifting) continue;
-          const double spread = std::sqrt(sum.points * rounding * rounding + sum.doubt * sum.doubt);
-          deviations(row, column, layer) = static_cast<float>(sum.error / spread);
-          sizes.push_back(std::abs(deviations(row, column, layer)));
-        }
-      }
+    std::vector<float*> judged;
+    for (const Voxel& at : voxels.occupied) {
+      const DriftTally sum = drift_window(voxels.tallies, at);
+      if (sum.points < kFewestDrifting) continue;
+      const double doubt = sum.doubt;
+      const double spread = std::sqrt(sum.points * rounding * rounding + doubt * doubt);
+      float& deviation = deviations(at.row, at.column, at.layer);
+      deviation = static_cast<float>(sum.error / spread);
+      sizes.push_back(std::abs(deviation));
+      judged.push_back(&deviation);
     }
-    if (sizes.size() < kFewestDriftWindows) return std::nullopt;
-    const double common = std::max(1.0, kNormalMad * median(std::span(sizes)));
-    for (int row = 0; row < voxels.rows(); ++row) {
-      for (int column = 0; column < voxels.columns(); ++column) {
-        for (int layer = 0; layer < RangeVoxels<DriftTally>::kLayers; ++layer) {
-          deviations(row, column, layer) /= static_cast<float>(common);
-        }
-      }
+    const bool enough = sizes.size() >= kFewestDriftWindows;
+    const double common = enough ? std::max(1.0, kNormalMad * median(std::span(sizes))) : 0.0;
+    for (float* deviation : judged) {
+      *deviation = enough ? static_cast<float>(*deviation / common) : 0.0F;
     }
     return deviations;
   }
 
-  [[nodiscard]] static DriftTally drift_window(const RangeVoxels<DriftTally>& voxels, int row,
-                                               int column, int layer) {
+  [[nodiscard]] static DriftTally drift_window(const RangeVoxels<DriftTally>& tallies,
+                                               const Voxel& at) {
     DriftTally sum;
-    const int columns = voxels.columns();
-    for (int r = std::max(0, row - kDriftRows); r <= std::min(voxels.rows() - 1, row + kDriftRows);
-         ++r) {
+    const int columns = tallies.columns();
+    for (int r = std::max(0, at.row - kDriftRows);
+         r <= std::min(tallies.rows() - 1, at.row + kDriftRows); ++r) {
       for (int d = -kDriftColumns; d <= kDriftColumns; ++d) {
-        const DriftTally& tally = voxels(r, (column + d + columns) % columns, layer);
+        const DriftTally& tally = tallies(r, (at.column + d + columns) % columns, at.layer);
         sum.points += tally.points;
         sum.error += tally.error;
         sum.doubt += tally.doubt;

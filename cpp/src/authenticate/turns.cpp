@@ -454,10 +454,11 @@ TurnResult compare_turns(const PointsView& points, const PointsView& previous,
   result.has_ground = ground.has_value();
   if (!result.has_ground) return result;
   const SeenFromAbove seen(points, *ground);
-  result.previous = align_scans(previous, points, seen.best_motion(previous, *ground),
-                                part_of(progress, 0.0, 0.4));
-  result.following = align_scans(following, points, seen.best_motion(following, *ground),
-                                 part_of(progress, 0.4, 0.8));
+  ScanAligner aligner(points, part_of(progress, 0.0, 0.1));
+  result.previous =
+      aligner.align(previous, seen.best_motion(previous, *ground), part_of(progress, 0.1, 0.4));
+  result.following =
+      aligner.align(following, seen.best_motion(following, *ground), part_of(progress, 0.4, 0.8));
   result.is_steady = goes_on(result.previous, result.following);
   if (!result.is_judged()) return result;
   const std::array<Points, 2> turns{moved_points(previous, result.previous),

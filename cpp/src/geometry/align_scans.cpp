@@ -2,8 +2,9 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <bit>
 #include <cmath>
-#include <unordered_set>
+#include <utility>
 #include <vector>
 
 #include "geometry/kd_tree.hpp"
@@ -28,9 +29,28 @@ constexpr double kFarReach = 1.5, kNearReach = 0.5;       // metres
 constexpr double kWideKernel = 0.3, kTightKernel = 0.05;  // metres
 constexpr double kAlignConverged = 1e-4;                  // metres and radians
 
+// Keys that are not 0, by open addressing: they are only asked for once each.
+class VoxelSet {
+ public:
+  explicit VoxelSet(std::size_t most) : keys_(std::bit_ceil(2 * most + 2), 0) {}
+
+  // Whether the key is new.
+  bool insert(std::uint64_t key) {
+    const std::size_t mask = keys_.size() - 1;
+    std::size_t at = (key * 0x9E3779B97F4A7C15U >> 20U) & mask;
+    while (keys_[at] != 0 && keys_[at] != key) at = (at + 1) & mask;
+    const bool is_new = keys_[at] == 0;
+    keys_[at] = key;
+    return is_new;
+  }
+
+ private:
+  std::vector<std::uint64_t> keys_;
+};
+
 // The first point of each voxel, in the order of the scan.
 Points one_per_voxel(const PointsView& view) {
-  std::unordered_set<std::uint64_t> seen;
+  VoxelSet seen(static_cast<std::size_t>(view.num_points()));
   std::vector<Eigen::Index> kept;
   for (Eigen::Index i = 0; i < view.num_points(); ++i) {
     const Eigen::RowVector3d p = view.points.row(i).cast<double>();
@@ -42,7 +62,7 @@ Points one_per_voxel(const PointsView& view) {
     for (int axis = 0; axis < 3; ++axis) {
       key = key << 16 | static_cast<std::uint64_t>(std::floor((p[axis] + 64.0) / kAlignVoxel));
     }
-    if (seen.insert(key).second) kept.push_back(i);
+    if (seen.insert(key)) kept.push_back(i);
   }
   Points points(static_cast<Eigen::Index>(kept.size()), 3);
   for (std::size_t k = 0; k < kept.size(); ++k) {
@@ -54,10 +74,10 @@ Points one_per_voxel(const PointsView& view) {
 // LocalPlanes around the points of a scan, fitted when they are first asked for.
 class LocalPlanes {
  public:
-  explicit LocalPlanes(const Points& points)
+  LocalPlanes(const Points& points, const Progress& progress)
       : points_(points),
         view_(PointsView::Map<Points>(points.data(), points.rows(), 3)),
-        tree_(view_),
+        tree_(view_, progress),
         planes_(static_cast<std::size_t>(points.rows())) {}
 
   struct Plane {
@@ -119,18 +139,32 @@ Eigen::Matrix3d turned_by(const Eigen::Vector3d& w) {
 
 }  // namespace
 
-ScanMotion align_scans(const PointsView& source, const PointsView& target, const ScanMotion& start,
-                       const Progress& progress) {
-  check_points(source);
+struct ScanAligner::Target {
+  explicit Target(Points thinned, const Progress& progress)
+      : points(std::move(thinned)), planes(points, progress) {}
+  Points points;
+  LocalPlanes planes;
+};
+
+ScanAligner::ScanAligner(const PointsView& target, const Progress& progress) {
   check_points(target);
+  target_ = std::make_unique<Target>(one_per_voxel(target), progress);
+}
+ScanAligner::~ScanAligner() = default;
+ScanAligner::ScanAligner(ScanAligner&&) noexcept = default;
+ScanAligner& ScanAligner::operator=(ScanAligner&&) noexcept = default;
+
+ScanMotion ScanAligner::align(const PointsView& source, const ScanMotion& start,
+                              const Progress& progress) {
+  check_points(source);
   const Points from = one_per_voxel(source);
-  const Points onto = one_per_voxel(target);
+  LocalPlanes& planes = target_->planes;
   ScanMotion motion;
   motion.rotation = start.rotation;
   motion.translation = start.translation;
-  if (static_cast<std::size_t>(std::min(from.rows(), onto.rows())) < kFewestMatches) return motion;
+  const Eigen::Index fewest = std::min(from.rows(), target_->points.rows());
+  if (static_cast<std::size_t>(fewest) < kFewestMatches) return motion;
   if (progress) progress(0.2);
-  LocalPlanes planes(onto);
   const auto stride =
       std::max<Eigen::Index>(1, from.rows() / static_cast<Eigen::Index>(kAlignSource));
   double reach = kFarReach;

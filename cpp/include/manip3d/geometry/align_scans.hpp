@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <memory>
 
 #include "manip3d/geometry/point_cloud.hpp"
 #include "manip3d/progress.hpp"
@@ -23,11 +24,25 @@ struct ScanMotion {
   }
 };
 
-/// Align two scans of one place by point-to-plane ICP [Chen & Medioni, 1992], one point a voxel,
-/// with the weights of Geman and McClure. The same on every run, and on any machine.
-/// @param start  A motion within a metre of the one that is looked for.
-/// @throws InputError  what check_points refuses.
-ScanMotion align_scans(const PointsView& source, const PointsView& target,
-                       const ScanMotion& start = {}, const Progress& progress = {});
+/// Aligns scans of one place with one of them by point-to-plane ICP [Chen & Medioni, 1992], one
+/// point a voxel, with the weights of Geman and McClure. The same on every run, and on any machine.
+class ScanAligner {
+ public:
+  /// @throws InputError  what check_points refuses.
+  explicit ScanAligner(const PointsView& target, const Progress& progress = {});
+  ~ScanAligner();
+  ScanAligner(ScanAligner&&) noexcept;
+  ScanAligner& operator=(ScanAligner&&) noexcept;
+
+  /// The motion of another scan into the coordinates of the target.
+  /// @param start  A motion within a metre of the one that is looked for.
+  /// @throws InputError  what check_points refuses.
+  ScanMotion align(const PointsView& source, const ScanMotion& start = {},
+                   const Progress& progress = {});
+
+ private:
+  struct Target;
+  std::unique_ptr<Target> target_;
+};
 
 }  // namespace manip3d
