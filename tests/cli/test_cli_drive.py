@@ -121,6 +121,28 @@ def test_the_map_shows_the_way_and_what_is_suspected(tmp_path: Path) -> None:
         report.write_drive_evidence(found, tmp_path / "x.txt", names=list("abcd"))
 
 
+def test_the_verdicts_of_a_drive_do_not_depend_on_threads(
+    frames: list[manip3d.LidarFrame],
+) -> None:
+    mixed: list[manip3d.LidarFrame | None] = [None, *frames, None, *frames]
+
+    def records(threads: int) -> list[object]:
+        found = authenticate.inspect_drive(mixed, lattice=LATTICE, threads=threads)
+        return [None if each is None else each.record() for each in found]
+
+    one = records(1)
+    assert [each is None for each in one] == [each is None for each in mixed]
+    assert records(3) == one
+
+
+def test_an_error_in_a_drive_arrives() -> None:
+    bad = manip3d.LidarFrame(np.full((5000, 3), np.float32(1.0)))
+    frames = iter([bad, bad, "no frame"])
+    found = authenticate.inspect_drive(frames, lattice=LATTICE, threads=2)  # type: ignore[arg-type]
+    with pytest.raises(manip3d.InputError):
+        list(found)
+
+
 def test_no_scans_are_a_page(tmp_path: Path) -> None:
     report.write_drive_evidence([], tmp_path / "none.html", names=[])
     assert "There are no scans" in (tmp_path / "none.html").read_text()
