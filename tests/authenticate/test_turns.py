@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ import lattice_scans as scans
 import turn_scans
 from manip3d import InputError, LidarFrame, authenticate, forge
 from manip3d.authenticate import TurnResult, turn_consistency
+from manip3d.report import write_evidence
 
 LATTICE = turn_scans.LATTICE
 STEP = 0.9
@@ -119,7 +122,13 @@ def with_far_point(points: np.ndarray) -> np.ndarray:
     return points
 
 
-def test_inspect_asks_the_turns(turns: list[np.ndarray]) -> None:
+def report_page(found: authenticate.Inspection, folder: Path) -> str:
+    pytest.importorskip("matplotlib")
+    write_evidence(found, folder / "evidence.html")
+    return (folder / "evidence.html").read_text()
+
+
+def test_inspect_asks_the_turns(turns: list[np.ndarray], tmp_path: Path) -> None:
     frame = with_far_point(turns[1][~turn_scans.box_at(0, 0.0).contains(turns[1])])
     before, now, after = (LidarFrame(p, origin=(0, 0, 0)) for p in (turns[0], frame, turns[2]))
     found = authenticate.inspect(now, previous=before, following=after, lattice=LATTICE)
@@ -129,6 +138,7 @@ def test_inspect_asks_the_turns(turns: list[np.ndarray]) -> None:
     assert report.verdict == found.turns.verdict
     assert report.calibration is not None
     assert report.calibration.num_scans > 500
+    assert report_page(found, tmp_path).count("what the turn before saw there in blue") >= 1
     alone = authenticate.inspect(now, lattice=LATTICE)
     assert alone.turns is None
     cropped = now.replace(points=frame[np.abs(frame[:, 1]) < 5.0], exact=None, format=None)
