@@ -47,8 +47,9 @@ int turn_column(double azimuth) {
 // The points of a scan that lasers of the lattice can see, with their directions.
 class Directed {
  public:
-  Directed(const PointsView& points, const ScanLattice& lattice, int num_threads)
-      : points_(points), reading_(read_lattice(points, lattice, num_threads)) {}
+  Directed(const PointsView& points, const ScanLattice& lattice, int num_threads,
+           const Progress& progress)
+      : points_(points), reading_(read_lattice(points, lattice, num_threads, progress)) {}
 
   template <typename Visitor>
   void each(const Visitor& visit) const {
@@ -107,6 +108,7 @@ Points moved_points(const PointsView& view, const ScanMotion& motion) {
   Points points(view.num_points(), 3);
   for (Eigen::Index i = 0; i < view.num_points(); ++i) {
     points.row(i) = (turn * view.points.row(i).transpose()).transpose() + shift;
+    if (!points.row(i).allFinite()) points.row(i).setZero();  // no scanner sees so far
   }
   return points;
 }
@@ -226,16 +228,17 @@ bool goes_on(const ScanMotion& previous, const ScanMotion& following) {
 class TurnComparison {
  public:
   TurnComparison(const PointsView& points, const ScanLattice& lattice, const GroundPlane& ground,
-                 const TurnOptions& options, const std::array<Points, 2>& turns)
+                 const TurnOptions& options, const std::array<Points, 2>& turns,
+                 const Progress& progress)
       : lattice_(lattice),
         ground_(ground),
         options_(options),
-        directed_(points, lattice, options.num_threads),
+        directed_(points, lattice, options.num_threads, progress),
         now_(single_view(directed_, lattice.num_rings())),
         turns_(turns),
         views_{view_of(turns[0]), view_of(turns[1])},
-        others_{Directed(views_[0], lattice, options.num_threads),
-                Directed(views_[1], lattice, options.num_threads)},
+        others_{Directed(views_[0], lattice, options.num_threads, progress),
+                Directed(views_[1], lattice, options.num_threads, progress)},
         before_(spread_view(single_view(others_[0], lattice.num_rings()))),
         after_(spread_view(single_view(others_[1], lattice.num_rings()))) {}
 
@@ -464,7 +467,8 @@ TurnResult compare_turns(const PointsView& points, const PointsView& previous,
   const std::array<Points, 2> turns{moved_points(previous, result.previous),
                                     moved_points(following, result.following)};
   if (progress) progress(0.9);
-  result.regions = TurnComparison(points, lattice, *ground, options, turns).run();
+  result.regions =
+      TurnComparison(points, lattice, *ground, options, turns, part_of(progress, 0.9, 0.9)).run();
   return result;
 }
 

@@ -49,10 +49,12 @@ class VoxelSet {
 };
 
 // The first point of each voxel, in the order of the scan.
-Points one_per_voxel(const PointsView& view) {
+Points one_per_voxel(const PointsView& view, const Progress& progress) {
+  Ticker ticker(progress, 1U << 16);
   VoxelSet seen(static_cast<std::size_t>(view.num_points()));
   std::vector<Eigen::Index> kept;
   for (Eigen::Index i = 0; i < view.num_points(); ++i) {
+    ticker.tick();
     const Eigen::RowVector3d p = view.points.row(i).cast<double>();
     const double square = p.x() * p.x() + p.y() * p.y();
     if (!(square > kAlignNearest * kAlignNearest && square < kAlignFarthest * kAlignFarthest))
@@ -148,7 +150,7 @@ struct ScanAligner::Target {
 
 ScanAligner::ScanAligner(const PointsView& target, const Progress& progress) {
   check_points(target);
-  target_ = std::make_unique<Target>(one_per_voxel(target), progress);
+  target_ = std::make_unique<Target>(one_per_voxel(target, progress), progress);
 }
 ScanAligner::~ScanAligner() = default;
 ScanAligner::ScanAligner(ScanAligner&&) noexcept = default;
@@ -157,7 +159,7 @@ ScanAligner& ScanAligner::operator=(ScanAligner&&) noexcept = default;
 ScanMotion ScanAligner::align(const PointsView& source, const ScanMotion& start,
                               const Progress& progress) {
   check_points(source);
-  const Points from = one_per_voxel(source);
+  const Points from = one_per_voxel(source, progress);
   LocalPlanes& planes = target_->planes;
   ScanMotion motion;
   motion.rotation = start.rotation;
