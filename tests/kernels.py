@@ -14,6 +14,7 @@ import numpy as np
 import capsule_body
 import exact_models as models
 import lattice_scans
+import turn_scans
 from manip3d import (
     Box,
     Intrinsics,
@@ -50,6 +51,7 @@ rings = forge.Lattice([[k / 64, 0.125] for k in range(-24, 8)], 2**-6)
 pasted = forge.ctp(cloud, hoax, position=(4, 1, 0), threads=1)
 scanner = lattice_scans.lattice()
 scan = lattice_scans.scan(np.random.default_rng(0))[::10].copy()
+yard = turn_scans.turn(0.0, 0)
 wall = Box((0.0, 6.0, 0.0), (3.0, 8.0, 2.0))
 near_wall = np.ascontiguousarray(scan[wall.contains(scan)])
 person = capsule_body.painted(0)
@@ -201,6 +203,9 @@ KERNELS: dict[str, Kernel] = {
     ),
     "authenticate.generic_consistency": lambda t: authenticate.generic_consistency(
         scan, calibration=scanner, threads=t
+    ),
+    "authenticate.turn_consistency": lambda t: authenticate.turn_consistency(
+        yard[~turn_scans.box_at(0, 0.0).contains(yard)], yard, yard, lattice=scanner, threads=t
     ),
     "metrics.render_depth": lambda t: metrics.render_depth(dense, CAMERA, threads=t),
     "metrics.range_image_error": lambda t: metrics.range_image_error(

@@ -124,6 +124,14 @@ LONG: dict[str, Callable[[], Callable[[], object]]] = {
     "authenticate.generic_consistency": lambda: partial(
         authenticate.generic_consistency, scan(30), calibration=lattice_scans.lattice(), threads=1
     ),
+    "authenticate.turn_consistency": lambda: partial(
+        authenticate.turn_consistency,
+        scan(30),
+        scan(30),
+        scan(30),
+        lattice=lattice_scans.lattice(),
+        threads=1,
+    ),
     "metrics.render_depth": lambda: partial(metrics.render_depth, wall(), SMALL, threads=1),
     "metrics.range_image_error": lambda: partial(
         metrics.range_image_error, FLAT, SMALL, wall(), threads=1

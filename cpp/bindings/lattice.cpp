@@ -9,6 +9,7 @@
 
 #include "interruptible.hpp"
 #include "manip3d/authenticate/generic.hpp"
+#include "manip3d/authenticate/turns.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
 #include "numpy.hpp"
@@ -51,6 +52,36 @@ py::list to_list(const std::vector<SuspectRegion>& regions) {
                                std::array{region.upper.x(), region.upper.y(), region.upper.z()}));
   }
   return list;
+}
+
+constexpr const char* kTurnEvidenceNames[] = {"lost", "through", "before"};
+
+py::list to_list(std::vector<TurnRegion>&& regions) {
+  py::list list;
+  for (TurnRegion& region : regions) {
+    Fields fields;
+    fields["kind"] = py::str(kTurnEvidenceNames[static_cast<int>(region.kind)]);
+    fields["cells"] = region.cells;
+    fields["agreed"] = region.agreed;
+    fields["ground"] = region.ground;
+    fields["moved"] = region.moved;
+    fields["distance"] = region.distance;
+    fields["stood"] = to_numpy(std::move(region.stood));
+    fields["rows"] = to_numpy(std::move(region.rows));
+    list.append(std::move(fields));
+  }
+  return list;
+}
+
+Fields to_fields(const ScanMotion& motion) {
+  Fields fields;
+  fields["rotation"] = to_numpy(Eigen::Matrix3d(motion.rotation));
+  fields["translation"] = to_numpy(Eigen::Vector3d(motion.translation));
+  fields["residual"] = motion.residual;
+  fields["pairs"] = motion.pairs;
+  fields["tried"] = motion.tried;
+  fields["found"] = motion.is_found();
+  return fields;
 }
 
 }  // namespace
@@ -107,6 +138,31 @@ void bind_lattice(py::module_& m) {
       py::arg("range_step"), py::arg("coordinate_step"), py::arg("tolerance"),
       py::arg("range_incoherence"), py::arg("azimuth_error"), py::arg("previous").noconvert(),
       py::arg("following").noconvert(), py::arg("threads"));
+  m.def(
+      "compare_turns",
+      [](const CArray<float>& points, const CArray<float>& previous, const CArray<float>& following,
+         const CArray<double>& rings, int threads) {
+        const PointsView view(rows<Points>(points, "points"));
+        const PointsView earlier(rows<Points>(previous, "previous"));
+        const PointsView later(rows<Points>(following, "following"));
+        const ScanLattice lattice = to_lattice(rings, 0, 0.0, 0.0);
+        TurnOptions options;
+        options.num_threads = threads;
+        TurnResult result;
+        {
+          const py::gil_scoped_release nogil;
+          result = compare_turns(view, earlier, later, lattice, options, interruptible());
+        }
+        Fields fields;
+        fields["judged"] = result.is_judged();
+        fields["has_ground"] = result.has_ground;
+        fields["previous"] = to_fields(result.previous);
+        fields["following"] = to_fields(result.following);
+        fields["regions"] = to_list(std::move(result.regions));
+        return fields;
+      },
+      py::arg("points").noconvert(), py::arg("previous").noconvert(),
+      py::arg("following").noconvert(), py::arg("rings").noconvert(), py::arg("threads"));
   m.attr("CELL_COLUMNS") = kCellColumns;
   m.attr("CELL_RINGS") = kCellRings;
 }

@@ -13,6 +13,7 @@
 #include "manip3d/authenticate/density.hpp"
 #include "manip3d/authenticate/generic.hpp"
 #include "manip3d/authenticate/occlusion.hpp"
+#include "manip3d/authenticate/turns.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/nearest_neighbours.hpp"
 #include "manip3d/geometry/scan_grid.hpp"
@@ -105,6 +106,14 @@ void check_generic(const PointCloud& scan, const PointCloud& previous, const Sca
   require(two.flags == one.flags && two.cells == one.cells);
 }
 
+void check_turns(const PointCloud& scan, const PointCloud& beside, const ScanLattice& lattice) {
+  const TurnResult found = compare_turns(scan, beside, beside, lattice, {.num_threads = 1});
+  for (const TurnRegion& region : found.regions) {
+    require(region.cells > 0 && region.agreed + region.ground <= region.cells);
+    require(ascending_rows(region.rows, scan.points.rows()));
+  }
+}
+
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
@@ -140,6 +149,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const ScanLattice lattice = take_lattice(bytes);
     const PointCloud previous = fuzzing::take_scan(bytes);
     check_generic(scan, previous, lattice);
+    check_turns(scan, previous, lattice);
   });
   if (bytes.take<std::uint8_t>() % 64 != 7) return 0;  // what follows takes a tenth of a second
   run([&] {

@@ -90,6 +90,7 @@ __all__: list[str] = [
     "closest_points",
     "compare_cross_modal",
     "compare_paper_watermark",
+    "compare_turns",
     "composite",
     "copy_transform_paste",
     "deform",
@@ -1867,6 +1868,13 @@ def compare_paper_watermark(
     counts: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
     options: PaperSettings,
 ) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
+def compare_turns(
+    points: numpy.typing.NDArray[numpy.float32],
+    previous: numpy.typing.NDArray[numpy.float32],
+    following: numpy.typing.NDArray[numpy.float32],
+    rings: numpy.typing.NDArray[numpy.float64],
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> dict[str, typing.Any]: ...
 def composite(
     vertices: numpy.typing.NDArray[numpy.float32],
     faces: numpy.typing.NDArray[numpy.int32],

@@ -276,6 +276,29 @@ def test_ranges_that_the_scanner_cannot_print(clean: np.ndarray) -> None:
     assert all(result.evidence[k].strength == 0.0 for k in ("line", "step", "firing", "duplicate"))
 
 
+@pytest.mark.parametrize("shift", [0.05, -0.06])
+def test_points_moved_along_rays_drift_off_the_lines(clean: np.ndarray, shift: float) -> None:
+    """By whole steps of the range and less than rounding: no single point tells."""
+    rows = box_of(clean, 1.0, 0.12, 0.6) & (np.hypot(clean[:, 0], clean[:, 1]) > 14.0)
+    far = clean[rows].astype(np.float64)
+    moved = far * (1.0 + shift / np.linalg.norm(far, axis=1, keepdims=True))
+    forged = clean.copy()
+    forged[rows] = scans.rounded(moved)
+    result = judged(forged)
+    assert result.verdict == "tampered"
+    assert all(result.evidence[k].strength == 0.0 for k in ("line", "step", "duplicate"))
+    assert result.evidence["drift"].strength > 10.5
+    assert rows[result.suspected].mean() > 0.9
+    assert judged(clean).evidence["drift"].strength == 0.0
+
+
+def test_drift_is_not_looked_for_where_points_were_moved(clean: np.ndarray) -> None:
+    coarse = SensorLattice(**{**vars(LATTICE), "coordinate_step": 0.0})
+    assert not generic_consistency(clean, calibration=coarse).evidence["drift"].used
+    loose = generic_consistency(clean, calibration=LATTICE, tolerance=0.004)
+    assert not loose.evidence["drift"].used
+
+
 def test_removed_object_leaves_a_void() -> None:
     rng = np.random.default_rng(5)
     clean = scans.scan(rng)

@@ -11,8 +11,10 @@ from typer.testing import CliRunner, Result
 
 import lattice_scans as scans
 import manip3d
+import turn_scans
 from manip3d import authenticate, report
 from manip3d.cli import app
+from manip3d.report._drive_evidence import scanner_poses
 from real_data import RealData
 
 LATTICE = scans.lattice()
@@ -79,6 +81,73 @@ def test_a_drive_is_a_line_a_scan_and_a_table(drive: Path, tmp_path: Path) -> No
     assert run(drive, *lattice, "-q", "--policy", "tampered=9").exit_code == 9
 
 
+def test_a_drive_is_one_page(drive: Path, tmp_path: Path) -> None:
+    page = tmp_path / "drive.html"
+    (drive / SCANS / "0000000003.bin").write_bytes(b"<no scan>")
+    done = run(drive, "--lattice", tmp_path / "lattice.json", "-q", "-o", page)
+    assert done.exit_code == 1, done.output
+    text = page.read_text()
+    assert text.count("<rect") == 4
+    for part in ("0000000001.bin: tampered", "0000000003.bin: not read", "Timeline", "<svg"):
+        assert part in text
+    assert "script" not in text
+    assert "http" not in text
+    again = run(drive, "-q", "-o", page)
+    assert "--force" in str(again.exception)
+    assert page.read_text() == text
+
+
+def test_the_map_shows_the_way_and_what_is_suspected(tmp_path: Path) -> None:
+    clouds = [turn_scans.turn(0.9 * k, 30 + k) for k in range(4)]
+    clouds[2] = clouds[2][~turn_scans.box_at(0, 1.8).contains(clouds[2])]
+    far = np.float32([[79.0, 0.0, 1.0]])
+    scenes = [manip3d.LidarFrame(np.vstack([far, cloud]), origin=(0, 0, 0)) for cloud in clouds]
+    found = list(authenticate.inspect_drive(scenes, lattice=turn_scans.LATTICE))
+    poses = scanner_poses(found)
+    assert all(pose is not None for pose in poses)
+    way = np.array([pose[:3, 3] for pose in poses if pose is not None])
+    np.testing.assert_allclose(way, [(0.9 * k, 0, 0) for k in range(4)], atol=0.05)
+    page = tmp_path / "drive.html"
+    report.write_drive_evidence(found, page, names=[f"a & {k}" for k in range(4)])
+    text = page.read_text()
+    assert text.count("<polyline") == 1
+    assert text.count("<polygon") == sum(
+        len(each.regions) for each in found if each is not None and each.verdict == "tampered"
+    )
+    assert "a &amp; 2: tampered" in text
+    with pytest.raises(manip3d.InputError, match="names"):
+        report.write_drive_evidence(found, page, names=["one"])
+    with pytest.raises(manip3d.InputError, match="output"):
+        report.write_drive_evidence(found, tmp_path / "x.txt", names=list("abcd"))
+
+
+def test_the_verdicts_of_a_drive_do_not_depend_on_threads(
+    frames: list[manip3d.LidarFrame],
+) -> None:
+    mixed: list[manip3d.LidarFrame | None] = [None, *frames, None, *frames]
+
+    def records(threads: int) -> list[object]:
+        found = authenticate.inspect_drive(mixed, lattice=LATTICE, threads=threads)
+        return [None if each is None else each.record() for each in found]
+
+    one = records(1)
+    assert [each is None for each in one] == [each is None for each in mixed]
+    assert records(3) == one
+
+
+def test_an_error_in_a_drive_arrives() -> None:
+    bad = manip3d.LidarFrame(np.full((5000, 3), np.float32(1.0)))
+    frames = iter([bad, bad, "no frame"])
+    found = authenticate.inspect_drive(frames, lattice=LATTICE, threads=2)  # type: ignore[arg-type]
+    with pytest.raises(manip3d.InputError):
+        list(found)
+
+
+def test_no_scans_are_a_page(tmp_path: Path) -> None:
+    report.write_drive_evidence([], tmp_path / "none.html", names=[])
+    assert "There are no scans" in (tmp_path / "none.html").read_text()
+
+
 def test_a_scan_that_cannot_be_read_is_an_error_and_no_end(drive: Path, tmp_path: Path) -> None:
     (drive / SCANS / "0000000001.bin").write_bytes(b"\0" * 7)
     done = run(drive, "--lattice", tmp_path / "lattice.json", "--json", "-q")
@@ -128,7 +197,7 @@ def test_options_of_single_scans_are_refused(drive: Path, tmp_path: Path) -> Non
     done = run(scan, "--calibration", tmp_path / "db.xml")
     assert "--calibration: expected with a recording" in str(done.exception)
     assert "pcap:PATH" in str(run("nothing:here").exception)
-    refused = run(drive, "-o", tmp_path / "page.html")
+    refused = run(drive, "-o", tmp_path / "page.csv")
     assert ".json" in str(refused.exception)
 
 

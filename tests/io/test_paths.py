@@ -96,6 +96,9 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "report.write_evidence output": lambda p: report.write_evidence(
         authenticate.inspect(scan), p + ".json"
     ),
+    "report.write_drive_evidence output": lambda p: report.write_drive_evidence(
+        [], p + ".html", names=[]
+    ),
     "report.append_log path": lambda p: report.append_log(
         p, authenticate.inspect(scan), source="x"
     ),

@@ -6,6 +6,7 @@
 #include <limits>
 #include <numeric>
 #include <optional>
+#include <span>
 
 #include "authenticate/file_order.hpp"
 #include "authenticate/ground_plane.hpp"
@@ -13,6 +14,7 @@
 #include "authenticate/ring_image.hpp"
 #include "authenticate/void_search.hpp"
 #include "geometry/constants.hpp"
+#include "geometry/median.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/angles.hpp"
 
@@ -24,6 +26,18 @@ constexpr double kFloatRounding = 1e-5;  // metres
 
 // A million windows of clean ranges reach this exponent in 2 % of the frames at most.
 constexpr double kWindowThreshold = 18.0;
+
+// Coordinates of whole millimetres leave an error that averages out; what was moved along rays from
+// the scanner's centre leaves the lines of lasers that are beside it, all points by the same.
+// Windows of so many rows of cells and columns to each side are averaged.
+constexpr int kDriftRows = 1;
+constexpr int kDriftColumns = 2;
+constexpr std::int32_t kFewestDrifting = 8;
+constexpr std::size_t kFewestDriftWindows = 1000;
+constexpr double kDriftGate = 0.0012;    // metres from the line: what is farther speaks for itself
+constexpr double kDriftThreshold = 8.0;  // deviations; clean windows of KITTI's frames reach 7.6
+constexpr double kRoundingShare = 0.2887;  // 1 / sqrt(12): deviation of an even spread
+constexpr double kNormalMad = 1.4826;      // deviation of a normal spread over its median
 
 // Where the turn before was answered, fewer answers beside a gap will do: 6 of 8.
 constexpr int kAnsweredBesideInTime = 6;
@@ -65,11 +79,12 @@ class Examination {
     constexpr Stage kStages[] = {&Examination::examine_coordinates, &Examination::examine_lines,
                                  &Examination::examine_steps,       &Examination::examine_firings,
                                  &Examination::examine_duplicates,  &Examination::examine_order,
-                                 &Examination::examine_ranges,      &Examination::examine_voids,
-                                 &Examination::tally_flags,         &Examination::gather_regions};
+                                 &Examination::examine_ranges,      &Examination::examine_drift,
+                                 &Examination::examine_voids,       &Examination::tally_flags,
+                                 &Examination::gather_regions};
     double done = 0.0;
     for (const Stage stage : kStages) {
-      if (progress_) progress_(0.1 + 0.09 * done++);
+      if (progress_) progress_(0.1 + 0.08 * done++);
       (this->*stage)();
     }
     return std::move(result_);
@@ -267,6 +282,119 @@ class Examination {
     }
   }
 
+  struct DriftTally {
+    std::int32_t points = 0;
+    float error = 0.0F;  // metres, summed
+    float doubt = 0.0F;  // what the line may be off, summed: all points of a laser share it
+  };
+  struct Voxel {
+    int row, column, layer;
+  };
+  struct DriftVoxels {
+    RangeVoxels<DriftTally> tallies;
+    std::vector<Voxel> occupied;  // in the order of their first points
+  };
+
+  void examine_drift() {
+    const double step = lattice_.coordinate_step;
+    const bool known = step > 0.0 && options_.tolerance <= 2.001 * step;
+    if (!usable(Evidence::kDrift, known, {Evidence::kLine, Evidence::kGrid})) return;
+    const RangeVoxels<float> deviations = drift_deviations(drift_voxels(), kRoundingShare * step);
+    std::vector<std::int32_t> drifting;
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      if (!is_near_line(i)) continue;
+      const Voxel at = voxel_of(i);
+      const float deviation = deviations(at.row, at.column, at.layer);
+      if (!(std::abs(deviation) > kDriftThreshold)) continue;
+      double& strength = cells_(at.row, at.column)[index_of(Evidence::kDrift)];
+      strength = std::max<double>(strength, std::abs(deviation));
+      if ((reading_.line_error(i) > 0.0F) == (deviation > 0.0F)) drifting.push_back(i);
+    }
+    flag_points(Evidence::kDrift, drifting);
+    if (!dropped(Evidence::kDrift)) return;
+    report(Evidence::kDrift).dropped = Dropped::kUnknown;  // of another unit, about as this one
+    for (int row = 0; row < cells_.rings(); ++row) {
+      for (int column = 0; column < cells_.columns(); ++column) {
+        cells_(row, column)[index_of(Evidence::kDrift)] = 0.0;
+      }
+    }
+  }
+
+  [[nodiscard]] bool is_near_line(std::int32_t i) const {
+    return reading_.ring(i) >= 0 && std::abs(reading_.line_error(i)) < kDriftGate;
+  }
+
+  [[nodiscard]] Voxel voxel_of(std::int32_t i) const {
+    return {cell_row(i), cell_column(reading_.azimuth(i)),
+            range_layer(points_.points.row(i).squaredNorm())};
+  }
+
+  // Errors by direction and distance, less the mean of each laser.
+  [[nodiscard]] DriftVoxels drift_voxels() const {
+    std::vector<std::int32_t> points(lattice_.rings.size(), 0);
+    std::vector<double> errors(lattice_.rings.size(), 0.0);
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      if (!is_near_line(i)) continue;
+      ++points[static_cast<std::size_t>(reading_.ring(i))];
+      errors[static_cast<std::size_t>(reading_.ring(i))] += reading_.line_error(i);
+    }
+    DriftVoxels voxels{{cells_.rings(), cells_.columns(), DriftTally{}}, {}};
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      if (!is_near_line(i)) continue;
+      const auto ring = static_cast<std::size_t>(reading_.ring(i));
+      const Eigen::RowVector2d p = points_.points.row(i).head<2>().cast<double>();
+      const Voxel at = voxel_of(i);
+      DriftTally& tally = voxels.tallies(at.row, at.column, at.layer);
+      if (tally.points++ == 0) voxels.occupied.push_back(at);
+      tally.error += static_cast<float>(reading_.line_error(i) - errors[ring] / points[ring]);
+      // The lattice states 4 deviations.
+      tally.doubt += static_cast<float>(
+          0.25 * lattice_.rings[ring].uncertainty(std::sqrt(p.x() * p.x() + p.y() * p.y())));
+    }
+    return voxels;
+  }
+
+  // Deviations of the mean of the window around each voxel, in units of their common spread where
+  // that is larger than rounding explains; 0 where few windows hold enough points.
+  [[nodiscard]] static RangeVoxels<float> drift_deviations(const DriftVoxels& voxels,
+                                                           double rounding) {
+    RangeVoxels<float> deviations(voxels.tallies.rows(), voxels.tallies.columns(), 0.0F);
+    std::vector<float> sizes;
+    std::vector<float*> judged;
+    for (const Voxel& at : voxels.occupied) {
+      const DriftTally sum = drift_window(voxels.tallies, at);
+      if (sum.points < kFewestDrifting) continue;
+      const double doubt = sum.doubt;
+      const double spread = std::sqrt(sum.points * rounding * rounding + doubt * doubt);
+      float& deviation = deviations(at.row, at.column, at.layer);
+      deviation = static_cast<float>(sum.error / spread);
+      sizes.push_back(std::abs(deviation));
+      judged.push_back(&deviation);
+    }
+    const bool enough = sizes.size() >= kFewestDriftWindows;
+    const double common = enough ? std::max(1.0, kNormalMad * median(std::span(sizes))) : 0.0;
+    for (float* deviation : judged) {
+      *deviation = enough ? static_cast<float>(*deviation / common) : 0.0F;
+    }
+    return deviations;
+  }
+
+  [[nodiscard]] static DriftTally drift_window(const RangeVoxels<DriftTally>& tallies,
+                                               const Voxel& at) {
+    DriftTally sum;
+    const int columns = tallies.columns();
+    for (int r = std::max(0, at.row - kDriftRows);
+         r <= std::min(tallies.rows() - 1, at.row + kDriftRows); ++r) {
+      for (int d = -kDriftColumns; d <= kDriftColumns; ++d) {
+        const DriftTally& tally = tallies(r, (at.column + d + columns) % columns, at.layer);
+        sum.points += tally.points;
+        sum.error += tally.error;
+        sum.doubt += tally.doubt;
+      }
+    }
+    return sum;
+  }
+
   void examine_voids() {
     const bool known = lattice_.steps > 0;
     const auto basis = {Evidence::kLine, Evidence::kStep, Evidence::kFiring};
@@ -390,8 +518,8 @@ class Examination {
       const Strength& cell = cells_(row, column);
       for (std::size_t e = 0; e < kNumEvidence; ++e) {
         double& strength = found.strength[e];
-        strength =
-            e == index_of(Evidence::kRange) ? std::max(strength, cell[e]) : strength + cell[e];
+        const bool is_window = e == index_of(Evidence::kRange) || e == index_of(Evidence::kDrift);
+        strength = is_window ? std::max(strength, cell[e]) : strength + cell[e];
       }
     }
     return found;
@@ -403,10 +531,11 @@ class Examination {
     found.upper = found.upper.cwiseMax(point);
   }
 
-  // Windows of ranges reach beyond what was forged. Where single points are known to be, they say
+  // Windows reach beyond what was forged. Where single points are known to be, they say
   // better where.
   void forget_windows_beside_points(const RingImage<std::int32_t>& region_of) {
-    constexpr auto kWindow = static_cast<std::uint8_t>(1U << index_of(Evidence::kRange));
+    constexpr auto kWindow = static_cast<std::uint8_t>(1U << index_of(Evidence::kRange) |
+                                                       1U << index_of(Evidence::kDrift));
     for (std::int32_t i = 0; i < points_.num_points(); ++i) {
       std::uint8_t& flags = result_.flags[i];
       if ((flags & kWindow) == 0) continue;

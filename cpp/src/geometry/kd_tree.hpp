@@ -43,6 +43,16 @@ class KdTree {
     found.squared_distances.resize(count);
   }
 
+  /// The k nearest of any place.
+  void nearest_to(const Eigen::Vector3d& place, std::size_t k, Neighbours& found) const {
+    found.rows.resize(k);
+    found.squared_distances.resize(k);
+    const std::size_t count =
+        tree_.knnSearch(place.data(), k, found.rows.data(), found.squared_distances.data());
+    found.rows.resize(count);
+    found.squared_distances.resize(count);
+  }
+
   /// Distance of a row from its nearest other row; infinite where there is no other.
   [[nodiscard]] double nearest_distance(std::int64_t row) const {
     std::array<std::uint32_t, 2> rows;

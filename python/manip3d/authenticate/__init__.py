@@ -80,6 +80,7 @@ from manip3d.authenticate._streams import (
     inspect_stream,
     inter_frame_noise,
 )
+from manip3d.authenticate._turns import TurnRegion, TurnResult, turn_consistency
 from manip3d.authenticate._verdict import Calibration, Power, Processing, Region, Verdict
 from manip3d.authenticate._watermark import (
     EMBEDDINGS,
@@ -158,6 +159,8 @@ __all__ = [
     "StreamReport",
     "SuspectRegion",
     "Tile",
+    "TurnRegion",
+    "TurnResult",
     "Verdict",
     "WatermarkResult",
     "Watermarked",
@@ -193,6 +196,7 @@ __all__ = [
     "refuse_existing_record",
     "stereo_disparity",
     "temporal_factor",
+    "turn_consistency",
     "verdict_of_alerts",
     "verdict_of_drive",
     "verdict_of_stream",

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from collections import Counter
+import os
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from manip3d._util.checked import checked
+from manip3d._util.options import threads_of
 from manip3d.authenticate._inspect import FALSE_ALARM_RATE, Inspection, inspect
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._watermark import KeyFile, Policy, Watermarker
@@ -62,7 +65,9 @@ def inspect_drive(
     Yields
     ------
     Inspection or None
-        One for each frame, as soon as the frame after it was read. Three frames are held at a time.
+        One for each frame, in their order. With one thread as soon as the frame after it was read,
+        and three frames are held at a time; with several, once the scanner's lattice is known, as
+        many frames later and more.
 
     Raises
     ------
@@ -90,11 +95,12 @@ def inspect_drive(
         ),
         itertools.repeat(None) if records is None or key is None else iter(records),
         key,
-        lambda frame, before, after, known, signed: inspect(
+        lambda frame, before, after, known, signed, cores: inspect(
             frame, previous=before, following=after, lattice=known, sensor=sensor, origin=origin,
-            watermark=signed, power=power, printed=printed, threads=threads,
+            watermark=signed, power=power, printed=printed, threads=cores,
         ),
         lattice,
+        threads_of(threads),
     )  # fmt: skip
 
 
@@ -158,26 +164,48 @@ def _each(
     key: KeyFile | None,
     judge: Callable[..., Inspection],
     lattice: SensorLattice | None,
+    threads: int,
 ) -> Iterator[Inspection | None]:
+    """Frame by frame until the lattice is known, then a frame a thread at a time.
+
+    Watermarks are verified in order, one after the other.
+    """
+
     def beside(other: _Numbered | None, number: int) -> LidarFrame | None:
         return None if other is None or other[1] != number else other[0]
 
+    many = threads or len(os.sched_getaffinity(0))
     verifier = None if key is None else Watermarker(key)
     before: _Numbered | None = None
+    waiting: deque[Future[Inspection] | Inspection | None] = deque()
+    pool = ThreadPoolExecutor(many)  # its threads are started when they are first needed
     try:
         for (frame, number), after in pairs:
-            record, found = next(records, None), None
-            if frame is not None:
+            record = next(records, None)
+            if frame is None:
+                waiting.append(None)
+            else:
                 signed = None
                 if verifier is not None and record is not None:
                     signed = verifier.verify(frame, record, policy=Policy(order="any"))
-                found = judge(
-                    frame, beside(before, number - 1), beside(after, number + 1), lattice, signed
-                )
-                if lattice is None and found.sensor is not None:
-                    lattice = found.sensor.lattice
+                scans = frame, beside(before, number - 1), beside(after, number + 1)
+                if many > 1 and lattice is not None:
+                    waiting.append(pool.submit(judge, *scans, lattice, signed, 1))
+                else:
+                    found = judge(*scans, lattice, signed, threads)
+                    if lattice is None and found.sensor is not None:
+                        lattice = found.sensor.lattice
+                    waiting.append(found)
             before = frame, number
-            yield found
+            while waiting and (len(waiting) > many or not isinstance(waiting[0], Future)):
+                yield _result_of(waiting.popleft())
+        while waiting:
+            yield _result_of(waiting.popleft())
     finally:
+        pool.shutdown(cancel_futures=True)
         if verifier is not None:
             verifier.close()
+
+
+def _result_of(found: Future[Inspection] | Inspection | None) -> Inspection | None:
+    return found.result() if isinstance(found, Future) else found

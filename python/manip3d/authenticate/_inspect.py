@@ -31,6 +31,7 @@ from manip3d.authenticate._origin import LEAST_EXPLAINED, estimate_origin
 from manip3d.authenticate._power import BLIND, known_power
 from manip3d.authenticate._processing import find_processing
 from manip3d.authenticate._sensors import Sensor, identify_sensor, nothing_to_tell
+from manip3d.authenticate._turns import TurnResult, turn_consistency
 from manip3d.authenticate._verdict import Calibration, Power, Processing, Region, Verdict
 from manip3d.authenticate._watermark import KeyFile, Policy, Watermarker, WatermarkResult
 from manip3d.errors import InputError
@@ -50,6 +51,7 @@ TITLES = {
     "density": "I: spacing follows range",
     "occlusion": "II: nothing behind anything",
     "generic": "III: the sensor's lattice",
+    "turns": "IV: the turns before and after",
     "watermark": "Keyed watermark",
 }
 """What each detector tests, by its name."""
@@ -82,7 +84,7 @@ class DetectorReport:
 
     Attributes
     ----------
-    name : 'density', 'occlusion', 'generic' or 'watermark'
+    name : 'density', 'occlusion', 'generic', 'turns' or 'watermark'
     verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
     reason : str
         The verdict's reason in words.
@@ -148,11 +150,11 @@ class Inspection(Showable):
     origin_from : str
         ``argument``, ``file``, the words of `estimate_origin`, or why the position is not known.
     detectors : tuple of DetectorReport
-        One report each of detectors I, II and III, and of the watermark where a record was given
-        and a key.
+        One report each of detectors I, II and III; of detector IV where the frames before and
+        after were given; and of the watermark where a record was given and a key.
     blind : tuple of str
         Classes of edits that no detector finds in scans of this scanner.
-    density, occlusion, generic
+    density, occlusion, generic, turns
         The detectors' own results with their maps; None where a detector did not run.
     scan : LidarFrame or None
         What was judged, so that the result can be shown.
@@ -172,6 +174,7 @@ class Inspection(Showable):
     density: DensityResult | None = field(default=None, repr=False)
     occlusion: OcclusionResult | None = field(default=None, repr=False)
     generic: GenericResult | None = field(default=None, repr=False)
+    turns: TurnResult | None = field(default=None, repr=False)
     scan: LidarFrame | None = field(default=None, repr=False)
     watermark: WatermarkResult | None = field(default=None, repr=False)
 
@@ -260,6 +263,8 @@ class Inspection(Showable):
             values["cell_degrees"] = [grid.azimuth_deg, grid.elevation_deg]
         if report.name == "generic" and self.generic is not None:
             values["false_alarm_rate"] = self.generic.false_alarm_rate
+        if report.name == "turns" and self.turns is not None:
+            values["false_alarm_rate"] = self.turns.false_alarm_rate
         return values
 
 
@@ -290,7 +295,8 @@ def inspect(
     frame : LidarFrame, (N, 3) or (N, 4) float32
         One scan of one scanner, metres.
     previous, following : the same, optional
-        The frames a turn earlier and later: what was answered then is missed now.
+        The frames a turn earlier and later: what was answered then is missed now. With both,
+        detector IV compares what the turns saw.
     lattice : SensorLattice, optional
         Of the scanner, from `estimate_lattice` on clean scans; else that of KITTI's scanner is
         tried, and one is estimated from the frame.
@@ -541,12 +547,20 @@ def _by_lattice(
     if generic is not None and processing:
         generic = generic.without(EVIDENCE if generic.values_changed else MISSING)
     why = f"detector III judges the {sensor.name}"
+    turns = None
+    judged = generic is not None and not processing
+    if judged and sensor.lattice is not None and before is not None and after is not None:
+        turns = turn_consistency(
+            centred, before, after, lattice=sensor.lattice,
+            false_alarm_rate=FALSE_ALARM_RATE, threads=threads,
+        )  # fmt: skip
     reports = (
         DetectorReport("density", "undecidable", why),
         DetectorReport("occlusion", "undecidable", why),
         _of_generic(generic, place, sensor, embedding),
+        *(() if turns is None else (_of_turns(turns, place, sensor, embedding),)),
     )
-    return _combined(scan, place, source, sensor, reports, processing, generic=generic)
+    return _combined(scan, place, source, sensor, reports, processing, generic=generic, turns=turns)
 
 
 def _by_angles(
@@ -685,6 +699,19 @@ def _of_generic(
     return DetectorReport(
         "generic", found.verdict, _GENERIC_REASONS[found.verdict], found.score, found.p_value,
         regions, found.suspected, known_power("generic", sensor, embedding),
+    )  # fmt: skip
+
+
+def _of_turns(found: TurnResult, place: Place, sensor: Sensor, embedding: str) -> DetectorReport:
+    regions = tuple(
+        Region(
+            _moved(region.box, place), region.rows, region.p_value, {region.kind: region.strength}
+        )
+        for region in found.regions
+    )
+    return DetectorReport(
+        "turns", found.verdict, found.reason, found.score, found.p_value, regions, found.suspected,
+        known_power("turns", sensor, embedding), found.calibration,
     )  # fmt: skip
 
 

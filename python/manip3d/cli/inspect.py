@@ -121,8 +121,8 @@ def inspect(
     scans of a drive and of packets are judged with their neighbours, a line each; without them
     where numbers are missing between, and in folders without times (object and stereo benchmarks).
     No verdict says that a scan is authentic: only a keyed watermark does. With -o the evidence is
-    written: a page with pictures and boxes (.html), or the numbers (.json; of drives and recordings
-    only these).
+    written: a page with pictures and boxes (.html; of a drive a timeline and a map), or the numbers
+    (.json; of RGB-D recordings only these).
 
     Example: manip3d inspect scan.bin -o evidence.html
     """
@@ -137,7 +137,7 @@ def inspect(
         raise typer.Exit(codes[inspect_recording(source, output, shell)])
     known = None if lattice is None else authenticate.SensorLattice.load(lattice)
     if kind in ("drive", "packets", "stream"):
-        check_output(output, (".json",), force=force)
+        check_output(output, report.EVIDENCE_KINDS, force=force)
         _refuse_single(previous=previous, following=following, watermark=watermark, rows=rows)
         with _key_of(key) as secret:
             ended = inspect_drive(
@@ -319,7 +319,12 @@ def inspect_drive(
             report.append_log(log, each, source=f"{source}: {name}", source_sha256=digest)
     verdict, reason = authenticate.verdict_of_drive(found)
     if output is not None:
-        atomic_write(output, (json.dumps(records, indent=1) + "\n").encode())
+        if output.suffix.lower() == ".html":
+            report.write_drive_evidence(
+                found, output, names=drive.names, source=source, errors=list(drive.errors.values())
+            )
+        else:
+            atomic_write(output, (json.dumps(records, indent=1) + "\n").encode())
         shell.say(f"wrote {output}")
     row = {"verdict": verdict, "reason": reason, "scans": len(found), "failed": len(drive.errors)}
     shell.result(
@@ -332,7 +337,8 @@ def inspect_drive(
 _WITHOUT_MAPS: Mapping[str, Any] = {
     "density": None, "occlusion": None, "generic": None, "scan": None, "watermark": None,
 }  # fmt: skip
-"""What a drive's results go without, so that memory does not grow with them."""
+"""What a drive's results go without, so that memory does not grow with them. What the turns say
+stays: the regions, and how the scanner moved."""
 
 
 def show_drive(

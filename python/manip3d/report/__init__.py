@@ -14,6 +14,7 @@ from manip3d.experiments import RESULTS_FORMAT
 from manip3d.io._files import atomic_write
 from manip3d.report._alert import ALERT_KINDS, AlertTimeline
 from manip3d.report._case_log import append_log, read_log
+from manip3d.report._drive_evidence import write_drive_evidence
 from manip3d.report._evidence import (
     EVIDENCE_KINDS,
     place_sentence,
@@ -28,6 +29,7 @@ __all__ = [
     "append_log",
     "place_sentence",
     "read_log",
+    "write_drive_evidence",
     "write_evidence",
     "write_report",
     "write_suspected_rows",

@@ -8,6 +8,7 @@ import io
 import json
 import math
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -121,7 +122,10 @@ def _pictures(inspection: Inspection) -> dict[str, str]:
         pictures[caption] = _png(_occlusion_figure(Figure, inspection.occlusion))
     regions = _region_figure(Figure, inspection)
     if regions is not None:
-        pictures["Regions of the accusing detector: suspected points in orange"] = _png(regions)
+        caption = "Regions of the accusing detector: suspected points in orange"
+        if inspection.accusing is not None and inspection.accusing.name == "turns":
+            caption += ", what the turn before saw there in blue"
+        pictures[caption] = _png(regions)
     return pictures
 
 
@@ -177,33 +181,54 @@ def _region_figure(figure_type: type[Figure], inspection: Inspection) -> Figure 
     report, scan = inspection.accusing, inspection.scan
     if report is None or scan is None:
         return None
-    shown = [region for region in report.regions if len(region.rows)][:_MOST_REGIONS]
+    stood: Sequence[NDArray[np.float32]] = [np.empty((0, 3), np.float32)] * len(report.regions)
+    if report.name == "turns" and inspection.turns is not None:
+        stood = [region.stood for region in inspection.turns.regions]
+    shown = [
+        (region, before.astype(np.float64))
+        for region, before in zip(report.regions, stood, strict=True)
+        if len(region.rows) or len(before)
+    ][:_MOST_REGIONS]
     if not shown:
         return None
     figure = figure_type(figsize=(8, 2.6 * len(shown)), layout="constrained")
     seen = scan.points.astype(np.float64) - np.asarray(inspection.origin or (0.0, 0.0, 0.0))
-    rho = np.hypot(seen[:, 0], seen[:, 1])
-    azimuth, height = np.arctan2(seen[:, 1], seen[:, 0]), np.arctan2(seen[:, 2], rho)
+    rho, azimuth, height = _directions(seen)
     pairs = figure.subplots(len(shown), 2, squeeze=False)
-    for number, (region, (across, along)) in enumerate(zip(shown, pairs, strict=True)):
-        middle = float(np.angle(np.exp(1j * azimuth[region.rows]).mean()))
+    for number, ((region, before), (across, along)) in enumerate(zip(shown, pairs, strict=True)):
+        there = np.concatenate([seen[region.rows], before])
+        far, around, above = _directions(there)
+        middle = float(np.angle(np.exp(1j * around).mean()))
         turned = np.angle(np.exp(1j * (azimuth - middle)))
-        half = 1.5 * float(np.abs(turned[region.rows]).max()) + np.radians(1.0)
-        low, high = height[region.rows].min() - 0.02, height[region.rows].max() + 0.02
-        near = (np.abs(turned) < half) & (height > low) & (height < high)
+        wide = np.angle(np.exp(1j * (around - middle)))
+        half = 1.5 * float(np.abs(wide).max()) + np.radians(1.0)
+        near = (np.abs(turned) < half) & (height > above.min() - 0.02)
+        near &= height < above.max() + 0.02
         suspected = np.zeros(len(rho), np.bool_)
         suspected[region.rows] = True
         for rows, color, size in ((near & ~suspected, "#999999", 2), (suspected, "#D55E00", 5)):
             degrees = np.degrees(middle + turned[rows])
             across.scatter(degrees, np.degrees(height[rows]), s=size, color=color, linewidths=0)
             along.scatter(rho[rows], seen[rows, 2], s=size, color=color, linewidths=0)
-        _draw_lattice(along, inspection, rho[region.rows], seen[region.rows, 2])
+        old = slice(len(region.rows), None)
+        degrees = np.degrees(middle + wide[old])
+        across.scatter(degrees, np.degrees(above[old]), s=2, color="#0072B2", linewidths=0)
+        along.scatter(far[old], there[old, 2], s=2, color="#0072B2", linewidths=0)
+        _draw_lattice(along, inspection, far, there[:, 2])
         said = "" if region.p_value is None else f", p <= {region.p_value:.1e}"
         across.set(
             title=f"region {number + 1}{said}", xlabel="azimuth, deg", ylabel="elevation, deg"
         )
         along.set(title="points against the lattice", xlabel="distance, m", ylabel="height, m")
     return figure
+
+
+def _directions(
+    points: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Horizontal distance, azimuth and elevation of points, metres and radians."""
+    rho = np.hypot(points[:, 0], points[:, 1])
+    return rho, np.arctan2(points[:, 1], points[:, 0]), np.arctan2(points[:, 2], rho)
 
 
 def _draw_lattice(
@@ -228,7 +253,7 @@ def _png(figure: Figure) -> str:
 
 # --- the page -------------------------------------------------------------------------------------
 
-_STYLE = (
+PAGE_STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}"
     ".wide{overflow-x:auto}table{border-collapse:collapse}td,th{padding:.2rem .8rem;"
     "text-align:left;border-bottom:1px solid #ccc}img{max-width:100%}"
@@ -244,7 +269,7 @@ def _page(inspection: Inspection, source: str) -> str:
     return (
         "<!doctype html><html lang=en><meta charset=utf-8>"
         '<meta name=viewport content="width=device-width">'
-        f"<title>{html.escape(source)}: {verdict}</title><style>{_STYLE}</style>"
+        f"<title>{html.escape(source)}: {verdict}</title><style>{PAGE_STYLE}</style>"
         f"<h1 class={verdict}>{verdict}</h1>"
         f"<p>{html.escape(inspection.reason)}</p>"
         f"<p>{html.escape(source)}, {points} points; {html.escape(place_sentence(inspection))}</p>"
@@ -312,6 +337,11 @@ def _facts(inspection: Inspection, source: str) -> str:
         )
         used = [kind for kind, said in generic.evidence.items() if said.used]
         facts.append(f"kinds of evidence that were used: {', '.join(used) or 'none'}")
+    if inspection.turns is not None:
+        facts.append(
+            f"detector IV: p-values up to {inspection.turns.false_alarm_rate:g} alarm; smallest of "
+            f"this scan {inspection.turns.p_value:.2g}"
+        )
     return "<ul>" + "".join(f"<li>{html.escape(fact)}</li>" for fact in facts) + "</ul>"
 
 
@@ -321,7 +351,7 @@ def _regions(inspection: Inspection) -> str:
         + "".join(f"<td>{v:.2f}</td>" for v in (*region.box.center, *region.box.size))
         + f"<td>{math.degrees(region.box.yaw):.0f}</td><td>{len(region.rows)}</td>"
         + f"<td>{'' if region.p_value is None else f'{region.p_value:.1e}'}</td>"
-        + f"<td>{html.escape(', '.join(f'{k} {v:.0f}' for k, v in region.evidence.items()))}</td>"
+        + f"<td>{html.escape(', '.join(f'{k} {v:.3g}' for k, v in region.evidence.items()))}</td>"
         + "</tr>"
         for report in inspection.detectors
         for region in report.regions

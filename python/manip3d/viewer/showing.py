@@ -130,6 +130,7 @@ NAMES = {
     "density": "detector I",
     "occlusion": "detector II",
     "generic": "detector III",
+    "turns": "detector IV",
     "watermark": "watermark",
 }
 

@@ -12,7 +12,8 @@
 /// Detector III: has this LiDAR scan been edited, told from the scan alone?
 namespace manip3d {
 
-/// What a scan of a known lattice can contradict. All but the last three are said of single points.
+/// What a scan of a known lattice can contradict. All but the last
+/// four are said of single points.
 enum class Evidence : std::uint8_t {
   kGrid,       ///< Coordinates that are no whole numbers of the coordinate step.
   kLine,       ///< Points beside the line of every laser.
@@ -21,10 +22,11 @@ enum class Evidence : std::uint8_t {
   kDuplicate,  ///< Two returns of one firing of one laser.
   kOrder,      ///< Points at the wrong place in the file.
   kRange,      ///< Windows whose ranges are not whole numbers of the range step.
+  kDrift,      ///< Windows whose points lie beside their lines on average, by less than rounding.
   kVoid,       ///< Firings that got no return although they went to the ground.
   kTime,       ///< Firings that got no return and were answered in the turns beside this one.
 };
-inline constexpr int kNumEvidence = 9;
+inline constexpr int kNumEvidence = 10;
 
 struct GenericOptions {
   double tolerance = 0.002;    ///< Metres from line and step; rounding to 1 mm leaves 0.0008.
@@ -60,7 +62,7 @@ struct EvidenceReport {
 /// A connected set of cells with evidence.
 struct SuspectRegion {
   std::array<double, kNumEvidence>
-      strength{};  ///< Points; kRange: exponent; kVoid, kTime: firings.
+      strength{};  ///< Points; kRange: exponent; kDrift: deviations; kVoid, kTime: firings.
   Eigen::Vector3d lower = Eigen::Vector3d::Zero();  ///< Metres: axis-parallel box of the suspected
   Eigen::Vector3d upper = Eigen::Vector3d::Zero();  ///< points, or where removed ones stood.
 };

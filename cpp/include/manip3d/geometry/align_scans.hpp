@@ -1,0 +1,48 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <memory>
+
+#include "manip3d/geometry/point_cloud.hpp"
+#include "manip3d/progress.hpp"
+
+namespace manip3d {
+
+/// The rigid motion between two scans of one place: target = rotation * source + translation.
+struct ScanMotion {
+  Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
+  Eigen::Vector3d translation = Eigen::Vector3d::Zero();  ///< Metres.
+  double residual = 0.0;   ///< Metres: median distance of the pairs from their planes.
+  std::int64_t pairs = 0;  ///< Points of the source that met a plane of the target.
+  std::int64_t tried = 0;  ///< Points of the source that were looked at.
+
+  /// Whether two thirds of the points meet a plane of the target, half of them within 8 cm: scans
+  /// that follow each other, of KITTI and of simulated streets, have 75 % and 1 to 3 cm.
+  [[nodiscard]] bool is_found() const {
+    return tried > 0 && 3 * pairs >= 2 * tried && residual < 0.08;
+  }
+};
+
+/// Aligns scans of one place with one of them by point-to-plane ICP [Chen & Medioni, 1992], one
+/// point a voxel, with the weights of Geman and McClure. The same on every run, and on any machine.
+class ScanAligner {
+ public:
+  /// @throws InputError  what check_points refuses.
+  explicit ScanAligner(const PointsView& target, const Progress& progress = {});
+  ~ScanAligner();
+  ScanAligner(ScanAligner&&) noexcept;
+  ScanAligner& operator=(ScanAligner&&) noexcept;
+
+  /// The motion of another scan into the coordinates of the target.
+  /// @param start  A motion within a metre of the one that is looked for.
+  /// @throws InputError  what check_points refuses.
+  ScanMotion align(const PointsView& source, const ScanMotion& start = {},
+                   const Progress& progress = {});
+
+ private:
+  struct Target;
+  std::unique_ptr<Target> target_;
+};
+
+}  // namespace manip3d

@@ -1,0 +1,475 @@
+#include "manip3d/authenticate/turns.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <span>
+#include <string>
+
+#include "authenticate/ground_plane.hpp"
+#include "authenticate/ring_image.hpp"
+#include "geometry/constants.hpp"
+#include "geometry/median.hpp"
+#include "manip3d/error.hpp"
+#include "manip3d/geometry/angles.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr float kNothingNear = std::numeric_limits<float>::infinity();
+
+// Points farther from every line are in no laser's view: lines are 6 to 9 mrad apart.
+constexpr double kOffLines = 0.0045;  // of the distance
+
+// Of the nine directions around one, at least so many points of a turn that saw something solid.
+constexpr int kSolidPoints = 4;
+
+// Regions are built of blocks of so many directions: edges of things are one or two wide.
+constexpr int kTurnBlockRings = 2;
+constexpr int kTurnBlockColumns = 3;
+constexpr std::int64_t kFewestDirections = 6;
+
+// What moves by has left its place at most so many directions (9 degrees) and lasers away.
+constexpr int kMovedColumns = 28;
+constexpr int kMovedRings = 2;
+
+// What a turn saw by direction.
+struct TurnView {
+  RingImage<float> near, far;      // metres: of the direction and the eight around it
+  RingImage<std::int32_t> points;  // in the nine directions
+};
+
+int turn_column(double azimuth) {
+  return std::min(static_cast<int>(azimuth * (kTurnColumns / kFullTurn)), kTurnColumns - 1);
+}
+
+// The points of a scan that lasers of the lattice can see, with their directions.
+class Directed {
+ public:
+  Directed(const PointsView& points, const ScanLattice& lattice, int num_threads,
+           const Progress& progress)
+      : points_(points), reading_(read_lattice(points, lattice, num_threads, progress)) {}
+
+  template <typename Visitor>
+  void each(const Visitor& visit) const {
+    for (Eigen::Index i = 0; i < points_.num_points(); ++i) {
+      if (reading_.ring(i) < 0) continue;
+      const float range = points_.points.row(i).norm();
+      if (!(std::abs(reading_.line_error(i)) < kOffLines * range)) continue;
+      visit(i, reading_.ring(i), turn_column(reading_.azimuth(i)), range);
+    }
+  }
+
+ private:
+  const PointsView& points_;
+  LatticeReading reading_;
+};
+
+TurnView single_view(const Directed& directed, int rings) {
+  TurnView view{{rings, kTurnColumns, kNothingNear},
+                {rings, kTurnColumns, -kNothingNear},
+                {rings, kTurnColumns, 0}};
+  directed.each([&](Eigen::Index, int ring, int column, float range) {
+    view.near(ring, column) = std::min(view.near(ring, column), range);
+    view.far(ring, column) = std::max(view.far(ring, column), range);
+    ++view.points(ring, column);
+  });
+  return view;
+}
+
+// Another turn looks from another place, so that its points fall between directions of this one.
+TurnView spread_view(const TurnView& view) {
+  TurnView spread = view;
+  for (int ring = 0; ring < view.near.rings(); ++ring) {
+    for (int column = 0; column < kTurnColumns; ++column) {
+      float near = kNothingNear;
+      float far = -kNothingNear;
+      std::int32_t points = 0;
+      for (int r = std::max(0, ring - 1); r <= std::min(view.near.rings() - 1, ring + 1); ++r) {
+        for (int d = -1; d <= 1; ++d) {
+          const int c = view.near.wrapped(column + d);
+          near = std::min(near, view.near(r, c));
+          far = std::max(far, view.far(r, c));
+          points += view.points(r, c);
+        }
+      }
+      spread.near(ring, column) = near;
+      spread.far(ring, column) = far;
+      spread.points(ring, column) = points;
+    }
+  }
+  return spread;
+}
+
+Points moved_points(const PointsView& view, const ScanMotion& motion) {
+  const Eigen::Matrix3f turn = motion.rotation.cast<float>();
+  const Eigen::RowVector3f shift = motion.translation.transpose().cast<float>();
+  Points points(view.num_points(), 3);
+  for (Eigen::Index i = 0; i < view.num_points(); ++i) {
+    points.row(i) = (turn * view.points.row(i).transpose()).transpose() + shift;
+    if (!points.row(i).allFinite()) points.row(i).setZero();  // no scanner sees so far
+  }
+  return points;
+}
+
+PointsView view_of(const Points& points) {
+  return PointsView(PointsView::Map<Points>(points.data(), points.rows(), 3));
+}
+
+RingImage<std::uint8_t> opened_directions(const RingImage<std::uint8_t>& image) {
+  RingImage<std::uint8_t> kept(image.rings(), image.columns(), 0);
+  for (int ring = 0; ring + kTurnBlockRings <= image.rings(); ++ring) {
+    for (int column = 0; column < image.columns(); ++column) {
+      bool full = true;
+      for (int r = 0; full && r < kTurnBlockRings; ++r) {
+        for (int c = 0; full && c < kTurnBlockColumns; ++c) {
+          full = image(ring + r, image.wrapped(column + c)) != 0;
+        }
+      }
+      if (!full) continue;
+      for (int r = 0; r < kTurnBlockRings; ++r) {
+        for (int c = 0; c < kTurnBlockColumns; ++c) kept(ring + r, image.wrapped(column + c)) = 1;
+      }
+    }
+  }
+  return kept;
+}
+
+// The first guess of a motion: what stands on the ground, seen from above on a grid, is shifted and
+// turned until most of it meets what stood there in the other turn.
+constexpr double kGuessCell = 0.25;   // metres
+constexpr double kGuessReach = 40.0;  // metres
+constexpr double kGuessHeight = 0.5;  // metres above the ground
+constexpr int kGuessAhead = 16;       // cells: 4 m in a tenth of a second are 144 km/h
+constexpr int kGuessAside = 2;
+constexpr int kGuessTurns = 4;  // degrees: 40 a second
+constexpr std::size_t kGuessPoints = 1000;
+
+class SeenFromAbove {
+ public:
+  SeenFromAbove(const PointsView& points, const GroundPlane& ground)
+      : occupied_(static_cast<std::size_t>(kSide) * kSide, 0) {
+    for (const Eigen::Vector2d& p : standing(points, ground)) {
+      if (const int cell = cell_at(p.x(), p.y()); cell >= 0) {
+        occupied_[static_cast<std::size_t>(cell)] = 1;
+      }
+    }
+  }
+
+  static std::vector<Eigen::Vector2d> standing(const PointsView& points,
+                                               const GroundPlane& ground) {
+    std::vector<Eigen::Vector2d> found;
+    for (Eigen::Index i = 0; i < points.num_points(); ++i) {
+      const Eigen::RowVector3d p = points.points.row(i).cast<double>();
+      if (!(std::abs(p.x()) < kGuessReach && std::abs(p.y()) < kGuessReach)) continue;
+      if (p.x() * p.x() + p.y() * p.y() < 16.0) continue;  // the scanner's own vehicle
+      const double height = ground.above(p.x(), p.y(), p.z());
+      if (height > kGuessHeight && height < kGuessHeight + 2.0) found.emplace_back(p.x(), p.y());
+    }
+    return found;
+  }
+
+  [[nodiscard]] ScanMotion best_motion(const PointsView& source, const GroundPlane& ground) const {
+    const std::vector<Eigen::Vector2d> all = standing(source, ground);
+    const std::size_t stride = std::max<std::size_t>(1, all.size() / kGuessPoints);
+    ScanMotion best;
+    int most = -1;
+    for (int degrees = -kGuessTurns; degrees <= kGuessTurns; ++degrees) {
+      const SinCos turn = sin_cos(degrees * (kFullTurn / 360.0));
+      std::vector<Eigen::Vector2d> turned;
+      for (std::size_t k = 0; k < all.size(); k += stride) {
+        turned.emplace_back(turn.cos * all[k].x() - turn.sin * all[k].y(),
+                            turn.sin * all[k].x() + turn.cos * all[k].y());
+      }
+      for (int ahead = -kGuessAhead; ahead <= kGuessAhead; ++ahead) {
+        for (int aside = -kGuessAside; aside <= kGuessAside; ++aside) {
+          const int met = num_met(turned, ahead * kGuessCell, aside * kGuessCell);
+          if (met <= most) continue;
+          most = met;
+          best.rotation << turn.cos, -turn.sin, 0.0, turn.sin, turn.cos, 0.0, 0.0, 0.0, 1.0;
+          best.translation = {ahead * kGuessCell, aside * kGuessCell, 0.0};
+        }
+      }
+    }
+    return best;
+  }
+
+ private:
+  static constexpr int kSide = static_cast<int>(2.0 * kGuessReach / kGuessCell);
+
+  static int cell_at(double x, double y) {
+    const double column = std::floor((x + kGuessReach) / kGuessCell);
+    const double row = std::floor((y + kGuessReach) / kGuessCell);
+    if (!(column >= 0.0 && column < kSide && row >= 0.0 && row < kSide)) return -1;
+    return static_cast<int>(row) * kSide + static_cast<int>(column);
+  }
+
+  [[nodiscard]] int num_met(const std::vector<Eigen::Vector2d>& points, double x, double y) const {
+    int met = 0;
+    for (const Eigen::Vector2d& p : points) {
+      const int cell = cell_at(p.x() + x, p.y() + y);
+      if (cell >= 0) met += occupied_[static_cast<std::size_t>(cell)];
+    }
+    return met;
+  }
+
+  std::vector<std::uint8_t> occupied_;
+};
+
+// Whether the scanner went on between the turns about as it did before: brakes change a step of a
+// tenth of a second by 10 cm, a wrong alignment by more.
+bool goes_on(const ScanMotion& previous, const ScanMotion& following) {
+  const Eigen::Vector3d there_and_on =
+      previous.rotation * following.translation + previous.translation;
+  return there_and_on.norm() < 0.3;
+}
+
+class TurnComparison {
+ public:
+  TurnComparison(const PointsView& points, const ScanLattice& lattice, const GroundPlane& ground,
+                 const TurnOptions& options, const std::array<Points, 2>& turns,
+                 const Progress& progress)
+      : lattice_(lattice),
+        ground_(ground),
+        options_(options),
+        directed_(points, lattice, options.num_threads, progress),
+        now_(single_view(directed_, lattice.num_rings())),
+        turns_(turns),
+        views_{view_of(turns[0]), view_of(turns[1])},
+        others_{Directed(views_[0], lattice, options.num_threads, progress),
+                Directed(views_[1], lattice, options.num_threads, progress)},
+        before_(spread_view(single_view(others_[0], lattice.num_rings()))),
+        after_(spread_view(single_view(others_[1], lattice.num_rings()))) {}
+
+  std::vector<TurnRegion> run() {
+    std::array<RingImage<std::uint8_t>, kNumTurnEvidence> images{blank(), blank(), blank()};
+    for (int ring = 0; ring < lattice_.num_rings(); ++ring) {
+      for (int column = 0; column < kTurnColumns; ++column) {
+        const Told told = tell(ring, column);
+        images[0](ring, column) = told.lost ? 1 : 0;
+        images[1](ring, column) = told.through ? 1 : 0;
+        images[2](ring, column) = told.before ? 1 : 0;
+      }
+    }
+    std::vector<TurnRegion> regions;
+    for (int kind = 0; kind < kNumTurnEvidence; ++kind) {
+      add_regions(static_cast<TurnEvidence>(kind), images, regions);
+    }
+    return regions;
+  }
+
+ private:
+  struct Told {
+    bool lost = false, through = false, before = false;
+  };
+
+  [[nodiscard]] RingImage<std::uint8_t> blank() const {
+    return {lattice_.num_rings(), kTurnColumns, 0};
+  }
+
+  [[nodiscard]] float nearest_seen(int ring, int column) const {
+    return std::min(before_.near(ring, column), after_.near(ring, column));
+  }
+  [[nodiscard]] float farthest_seen(int ring, int column) const {
+    return std::max(before_.far(ring, column), after_.far(ring, column));
+  }
+
+  [[nodiscard]] double slack(double range) const {
+    return options_.tolerance + options_.tolerance_share * range;
+  }
+
+  // Whether both turns saw something at the same distance.
+  [[nodiscard]] bool agree(int ring, int column) const {
+    const float a = before_.near(ring, column);
+    const float b = after_.near(ring, column);
+    return a < kNothingNear && b < kNothingNear &&
+           std::abs(a - b) < slack(farthest_seen(ring, column));
+  }
+
+  // Whether what a laser sees at a distance is above the ground.
+  [[nodiscard]] bool is_above(int ring, int column, double range) const {
+    const ScanLattice::Ring& laser = lattice_.rings[static_cast<std::size_t>(ring)];
+    const double cosine = 1.0 / std::sqrt(1.0 + laser.slope * laser.slope);
+    const double rho = range * cosine;
+    const double z = laser.slope * rho + laser.offset;
+    const SinCos azimuth = sin_cos(kFullTurn * (column + 0.5) / kTurnColumns);
+    return ground_.above(rho * azimuth.cos, rho * azimuth.sin, z) > options_.height;
+  }
+
+  [[nodiscard]] Told tell(int ring, int column) const {
+    Told told;
+    const double near = nearest_seen(ring, column);
+    if (!(near < kNothingNear)) return told;
+    const double far = farthest_seen(ring, column);
+    const bool both = before_.points(ring, column) > 0 && after_.points(ring, column) > 0;
+    if (!both) return told;
+    const bool in_reach = near > options_.nearest && near < options_.farthest;
+    const bool solid =
+        std::min(before_.points(ring, column), after_.points(ring, column)) >= kSolidPoints;
+    const bool answered = now_.points(ring, column) > 0;
+    told.lost = !answered && solid && in_reach;
+    if (!answered) return told;
+    // One surface in all nine directions, of both turns: an edge shows what is behind it, too.
+    const bool one_surface = far - near < slack(far);
+    told.through = in_reach && one_surface && is_above(ring, column, near) &&
+                   now_.near(ring, column) > far + slack(far);
+    const double here = now_.far(ring, column);
+    told.before = here > options_.nearest && here < options_.farthest &&
+                  is_above(ring, column, here) && near > here + slack(here);
+    return told;
+  }
+
+  void add_regions(TurnEvidence kind,
+                   const std::array<RingImage<std::uint8_t>, kNumTurnEvidence>& images,
+                   std::vector<TurnRegion>& regions) const {
+    const auto& image = images[static_cast<std::size_t>(kind)];
+    const std::size_t first = regions.size();
+    RingImage<std::int32_t> region_of(image.rings(), image.columns(), -1);
+    for (const auto& component : connected_components(opened_directions(image))) {
+      if (static_cast<std::int64_t>(component.size()) < kFewestDirections) continue;
+      for (const auto& [ring, column] : component) {
+        region_of(ring, column) = static_cast<std::int32_t>(regions.size());
+      }
+      regions.push_back(region(kind, component));
+      regions.back().moved = moved_beside(kind, component, images);
+    }
+    if (regions.size() > first) name_points(kind, region_of, regions);
+  }
+
+  [[nodiscard]] TurnRegion region(TurnEvidence kind, const std::vector<RingCell>& component) const {
+    TurnRegion found;
+    found.kind = kind;
+    found.cells = static_cast<std::int64_t>(component.size());
+    std::vector<double> distances;
+    for (const auto& [ring, column] : component) {
+      const double near =
+          kind == TurnEvidence::kBefore ? now_.far(ring, column) : nearest_seen(ring, column);
+      const bool above = is_above(ring, column, near);
+      found.ground += above ? 0 : 1;
+      found.agreed += above && agree(ring, column) ? 1 : 0;
+      distances.push_back(near);
+    }
+    found.distance = median(std::span(distances));
+    return found;
+  }
+
+  // What moved by leaves a hole, or a place that can be looked through, near where it came to.
+  [[nodiscard]] std::int64_t moved_beside(
+      TurnEvidence kind, const std::vector<RingCell>& component,
+      const std::array<RingImage<std::uint8_t>, kNumTurnEvidence>& images) const {
+    int top = lattice_.num_rings();
+    int bottom = 0;
+    std::vector<std::uint8_t> around(kTurnColumns, 0);
+    for (const auto& [ring, column] : component) {
+      top = std::min(top, ring - kMovedRings);
+      bottom = std::max(bottom, ring + kMovedRings);
+      for (int d = -kMovedColumns; d <= kMovedColumns; ++d) {
+        around[static_cast<std::size_t>(images[0].wrapped(column + d))] = 1;
+      }
+    }
+    top = std::max(top, 0);
+    bottom = std::min(bottom, lattice_.num_rings() - 1);
+    std::int64_t before = 0;
+    std::int64_t after = 0;
+    for (int column = 0; column < kTurnColumns; ++column) {
+      if (around[static_cast<std::size_t>(column)] == 0) continue;
+      for (int ring = top; ring <= bottom; ++ring) {
+        if (now_.points(ring, column) == 0) continue;
+        before += gone(kind, before_, ring, column) ? 1 : 0;
+        after += gone(kind, after_, ring, column) ? 1 : 0;
+      }
+    }
+    return std::max(before, after);
+  }
+
+  // Whether a turn has in a direction what the frame has elsewhere.
+  [[nodiscard]] bool gone(TurnEvidence kind, const TurnView& turn, int ring, int column) const {
+    if (kind == TurnEvidence::kLost) return turn.points(ring, column) == 0;
+    const double here = now_.near(ring, column);
+    if (kind == TurnEvidence::kBefore) {
+      const double there = turn.far(ring, column);
+      return there > options_.nearest && here > there + slack(there) &&
+             is_above(ring, column, there);
+    }
+    return here < options_.farthest && turn.near(ring, column) > here + slack(here) &&
+           turn.near(ring, column) < kNothingNear && is_above(ring, column, here);
+  }
+
+  // Rows of the frame, or what the turn before saw there.
+  void name_points(TurnEvidence kind, const RingImage<std::int32_t>& region_of,
+                   std::vector<TurnRegion>& regions) const {
+    directed_.each([&](Eigen::Index i, int ring, int column, float) {
+      const std::int32_t number = region_of(ring, column);
+      if (number >= 0) {
+        regions[static_cast<std::size_t>(number)].rows.push_back(static_cast<std::int32_t>(i));
+      }
+    });
+    if (kind == TurnEvidence::kBefore) return;
+    std::vector<std::vector<Eigen::Index>> seen(regions.size());
+    others_[0].each([&](Eigen::Index i, int ring, int column, float range) {
+      const std::int32_t number = region_of(ring, column);
+      if (number >= 0 && range < nearest_seen(ring, column) + slack(range)) {
+        seen[static_cast<std::size_t>(number)].push_back(i);
+      }
+    });
+    for (std::size_t k = 0; k < regions.size(); ++k) {
+      if (regions[k].kind != kind) continue;
+      regions[k].stood.resize(static_cast<Eigen::Index>(seen[k].size()), 3);
+      for (std::size_t j = 0; j < seen[k].size(); ++j) {
+        regions[k].stood.row(static_cast<Eigen::Index>(j)) = turns_[0].row(seen[k][j]);
+      }
+    }
+  }
+
+  const ScanLattice& lattice_;
+  const GroundPlane& ground_;
+  const TurnOptions& options_;
+  Directed directed_;
+  TurnView now_;
+  const std::array<Points, 2>& turns_;
+  std::array<PointsView, 2> views_;
+  std::array<Directed, 2> others_;
+  TurnView before_, after_;
+};
+
+void check_turn_options(const TurnOptions& options) {
+  const auto refuse = [](const char* name, double value) {
+    throw InputError(std::string(name) + ": expected a number > 0, got " + std::to_string(value));
+  };
+  if (!(options.nearest > 0.0)) refuse("nearest", options.nearest);
+  if (!(options.farthest > options.nearest)) refuse("farthest", options.farthest);
+  if (!(options.tolerance > 0.0)) refuse("tolerance", options.tolerance);
+  if (!(options.tolerance_share >= 0.0)) refuse("tolerance_share", options.tolerance_share);
+}
+
+}  // namespace
+
+TurnResult compare_turns(const PointsView& points, const PointsView& previous,
+                         const PointsView& following, const ScanLattice& lattice,
+                         const TurnOptions& options, const Progress& progress) {
+  check_turn_options(options);
+  check_points(points);
+  check_points(previous);
+  check_points(following);
+  TurnResult result;
+  const auto ground = find_ground_plane(points);
+  result.has_ground = ground.has_value();
+  if (!result.has_ground) return result;
+  const SeenFromAbove seen(points, *ground);
+  ScanAligner aligner(points, part_of(progress, 0.0, 0.1));
+  result.previous =
+      aligner.align(previous, seen.best_motion(previous, *ground), part_of(progress, 0.1, 0.4));
+  result.following =
+      aligner.align(following, seen.best_motion(following, *ground), part_of(progress, 0.4, 0.8));
+  result.is_steady = goes_on(result.previous, result.following);
+  if (!result.is_judged()) return result;
+  const std::array<Points, 2> turns{moved_points(previous, result.previous),
+                                    moved_points(following, result.following)};
+  if (progress) progress(0.9);
+  result.regions =
+      TurnComparison(points, lattice, *ground, options, turns, part_of(progress, 0.9, 0.9)).run();
+  return result;
+}
+
+}  // namespace manip3d

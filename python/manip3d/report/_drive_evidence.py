@@ -1,0 +1,304 @@
+"""The evidence of a whole drive as one page that loads nothing: timeline, map and table."""
+
+from __future__ import annotations
+
+import html
+import math
+import os
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d import __version__
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d.errors import InputError
+from manip3d.io._files import atomic_write
+from manip3d.report._evidence import PAGE_STYLE
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d.authenticate import Inspection
+    from manip3d.lidar import Box
+
+    Pose = NDArray[np.float64]
+
+COLORS = {
+    "no_trace": "#7fb285",
+    "tampered": "#b00020",
+    "processed": "#c9a227",
+    "undecidable": "#8d8d8d",
+    "not read": "#dddddd",
+}
+"""By verdict; every bar also has its verdict as a tooltip, and the table names it."""
+
+WIDTH, BAR, PLOT = 900.0, 26.0, 120.0
+HIGHEST = 600.0
+"""Pixels of the pictures."""
+
+DEEPEST = 12.0
+"""Powers of ten down to which p-values are drawn."""
+
+MOST_ROWS = 500
+"""Of the table; the rest is counted."""
+
+
+@checked
+def write_drive_evidence(
+    found: Sequence[Inspection | None],
+    output: str | os.PathLike[str],
+    *,
+    names: Sequence[str],
+    source: str = "drive",
+    errors: Sequence[str] = (),
+) -> None:
+    """Write what the detectors found in the scans of a drive as one page.
+
+    Parameters
+    ----------
+    found : sequence of (Inspection or None)
+        The results of `manip3d.authenticate.inspect_drive`; None: a scan that could not be read.
+    output : path
+        ``.html``, self-contained: a timeline of verdicts and p-values, a map of the way of the
+        scanner with the places that are suspected, and a table. An existing file is replaced.
+    names : sequence of str
+        One for each scan.
+    source : str
+        Name of the drive, for the title.
+    errors : sequence of str
+        What was said of the scans that could not be read.
+
+    Raises
+    ------
+    InputError
+        Another suffix; another number of names than of results.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame, authenticate, report
+    >>> empty = LidarFrame(np.zeros((0, 3), np.float32))
+    >>> found = list(authenticate.inspect_drive([empty, empty]))
+    >>> page = pathlib.Path(tempfile.mkdtemp()) / "drive.html"
+    >>> report.write_drive_evidence(found, page, names=["0", "1"])
+    >>> "undecidable" in page.read_text()
+    True
+    """
+    path = path_of(output, "output")
+    if path.suffix.lower() != ".html":
+        raise InputError(f"output: expected a name that ends in .html, got {path.name}")
+    if len(names) != len(found):
+        raise InputError(f"names: expected {len(found)}, one for each scan, got {len(names)}")
+    atomic_write(path, _drive_page(found, names, source, errors).encode())
+
+
+def scanner_poses(found: Sequence[Inspection | None]) -> list[Pose | None]:
+    """Return where the scanner was at each scan, in the coordinates of the first.
+
+    Parameters
+    ----------
+    found : sequence of (Inspection or None)
+
+    Returns
+    -------
+    list of ((4, 4) float64 or None)
+        As the alignments of detector IV follow each other; None from where they are interrupted.
+    """
+    poses: list[Pose | None] = []
+    for number, each in enumerate(found):
+        if number == 0:
+            poses.append(np.eye(4))
+            continue
+        last, before = poses[-1], found[number - 1]
+        pose = None
+        if last is not None and each is not None and _aligned(each):
+            assert each.turns is not None
+            pose = last @ np.linalg.inv(each.turns.previous)
+        elif last is not None and before is not None and _aligned(before):
+            assert before.turns is not None
+            pose = last @ before.turns.following
+        poses.append(pose)
+    return poses
+
+
+def _aligned(found: Inspection) -> bool:
+    return found.turns is not None and found.turns.verdict != "undecidable"
+
+
+def _drive_page(
+    found: Sequence[Inspection | None], names: Sequence[str], source: str, errors: Sequence[str]
+) -> str:
+    from manip3d.authenticate import verdict_of_drive
+
+    verdict, reason = verdict_of_drive(found)
+    counts = Counter(_word(each) for each in found)
+    summary = ", ".join(f"{number} {word}" for word, number in sorted(counts.items()))
+    title = html.escape(source)
+    return (
+        "<!doctype html><html lang=en><meta charset=utf-8>"
+        '<meta name=viewport content="width=device-width">'
+        f"<title>{title}: {verdict}</title><style>{PAGE_STYLE}</style>"
+        f"<h1 class={verdict}>{verdict}</h1><p>{html.escape(reason)}</p>"
+        f"<p>{title}: {len(found)} scans; {html.escape(summary)}</p>"
+        + _limits(found)
+        + "<h2>Timeline</h2>"
+        + _timeline(found, names)
+        + _map(found, names)
+        + _table(found, names)
+        + "".join(f"<p>{html.escape(error)}</p>" for error in errors)
+        + "</html>\n"
+    )
+
+
+def _word(found: Inspection | None) -> str:
+    return "not read" if found is None else found.verdict
+
+
+def _limits(found: Sequence[Inspection | None]) -> str:
+    """By what was judged, and where the thresholds come from."""
+    facts = [
+        f"manip3d {__version__}",
+        "No verdict says that a scan is authentic: only a keyed watermark does.",
+    ]
+    scanners = Counter(each.sensor.name for each in found if each is not None and each.sensor)
+    facts += [f"scanner of {number} scans: {name}" for name, number in scanners.items()]
+    told = {}
+    for each in found:
+        for report in () if each is None else each.detectors:
+            if report.calibration is not None:
+                known = report.calibration
+                told[report.title] = (
+                    f"{report.title}: thresholds of {known.num_scans} clean scans "
+                    f"({known.scenes}), of which {known.false_alarms} alarm. {known.note}"
+                )
+    facts += list(told.values())
+    return "<ul>" + "".join(f"<li>{html.escape(fact)}</li>" for fact in facts) + "</ul>"
+
+
+def _timeline(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
+    """A bar for each scan, and below it the p-values of detectors III and IV."""
+    if not found:
+        return "<p>There are no scans.</p>"
+    step = WIDTH / len(found)
+    bars = "".join(
+        f'<rect x="{number * step:.2f}" y="0" width="{max(step - 0.5, 0.5):.2f}" height="{BAR:g}" '
+        f'fill="{COLORS[_word(each)]}"><title>{html.escape(name)}: {_word(each)}</title></rect>'
+        for number, (each, name) in enumerate(zip(found, names, strict=True))
+    )
+    top = BAR + 12.0
+    lines = "".join(
+        f'<line x1="0" x2="{WIDTH:g}" y1="{top + PLOT * power / DEEPEST:.1f}" '
+        f'y2="{top + PLOT * power / DEEPEST:.1f}" stroke="#ccc"/>'
+        f'<text x="4" y="{top + PLOT * power / DEEPEST - 3:.1f}" font-size="11">{label}</text>'
+        for power, label in ((2.0, "p = 0.01"), (6.0, "1e-6"), (12.0, "1e-12 and below"))
+    )
+    marks = ""
+    for kind, color, radius in (("generic", "#0072B2", 2.5), ("turns", "#D55E00", 4.0)):
+        for number, each in enumerate(found):
+            p_value = None if each is None else _p_of(each, kind)
+            if p_value is None:
+                continue
+            depth = min(DEEPEST, -math.log10(max(p_value, 1e-300)))
+            marks += (
+                f'<circle cx="{(number + 0.5) * step:.2f}" cy="{top + PLOT * depth / DEEPEST:.2f}" '
+                f'r="{radius}" fill="none" stroke="{color}"/>'
+            )
+    return (
+        f'<div class=wide><svg viewBox="0 0 {WIDTH:g} {top + PLOT + 8:g}" width="{WIDTH:g}" '
+        f'role="img" aria-label="Verdict and p-values of each scan">{bars}{lines}{marks}</svg>'
+        "</div><p>A bar for each scan: "
+        + ", ".join(
+            f'<span style="border-left:1em solid {color}"> {word}</span>'
+            for word, color in COLORS.items()
+        )
+        + ". Small circles: p-value of detector III; large ones: of detector IV, whose smallest is "
+        "that of its calibration.</p>"
+    )
+
+
+def _p_of(found: Inspection, detector: str) -> float | None:
+    return next((r.p_value for r in found.detectors if r.name == detector), None)
+
+
+def _map(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
+    """The way of the scanner from above, with the boxes of regions of scans that are accused."""
+    poses = scanner_poses(found)
+    way = [pose[:2, 3] for pose in poses if pose is not None]
+    outlines = [
+        (name, _outline(region.box, pose))
+        for each, name, pose in zip(found, names, poses, strict=True)
+        if each is not None and each.verdict == "tampered" and pose is not None
+        for region in each.regions
+    ]
+    if len(way) < 2 and not outlines:
+        return ""
+    everything = np.concatenate([np.array(way), *(corners for _, corners in outlines)])
+    low, high = everything.min(axis=0) - 5.0, everything.max(axis=0) + 5.0
+    scale = WIDTH / float(max(high[0] - low[0], 1.0))
+    height = scale * float(high[1] - low[1])
+    if height > HIGHEST:
+        scale, height = scale * HIGHEST / height, HIGHEST
+    low[0] -= 0.5 * (WIDTH / scale - (high[0] - low[0]))  # in the middle
+
+    def at(points: NDArray[np.float64]) -> str:
+        return " ".join(
+            f"{scale * (x - low[0]):.1f},{height - scale * (y - low[1]):.1f}"
+            for x, y in points.tolist()
+        )
+
+    boxes = "".join(
+        f'<polygon points="{at(corners)}" fill="#b0002033" stroke="#b00020">'
+        f"<title>{html.escape(name)}</title></polygon>"
+        for name, corners in outlines
+    )
+    path = f'<polyline points="{at(np.array(way))}" fill="none" stroke="#0072B2" stroke-width="2"/>'
+    start = at(np.array(way[:1])).split(",")
+    return (
+        "<h2>Map</h2>"
+        f'<div class=wide><svg viewBox="0 0 {WIDTH:g} {height:.1f}" width="{WIDTH:g}" role="img" '
+        f'aria-label="Way of the scanner and suspected places from above">{path}'
+        f'<circle cx="{start[0]}" cy="{start[1]}" r="5" fill="#0072B2"/>{boxes}</svg></div>'
+        f"<p>The way of the scanner as detector IV aligned the scans, from the dot on; "
+        f"{WIDTH / scale:.0f} m from left to right. Boxes: suspected places.</p>"
+    )
+
+
+def _outline(box: Box, pose: Pose) -> NDArray[np.float64]:
+    """(4, 2): corners of a box from above, in the coordinates of the drive."""
+    cos, sin = math.cos(box.yaw), math.sin(box.yaw)
+    length, width = max(box.size[0], 0.3) / 2.0, max(box.size[1], 0.3) / 2.0
+    corners = np.array([(length, width), (-length, width), (-length, -width), (length, -width)])
+    turned = corners @ np.array([[cos, sin], [-sin, cos]]) + np.asarray(box.center[:2])
+    places = np.column_stack([turned, np.full(4, box.center[2]), np.ones(4)])
+    outline: NDArray[np.float64] = (places @ pose.T)[:, :2]
+    return outline
+
+
+def _p_text(p_value: float | None) -> str:
+    if p_value is None:
+        return ""
+    return f"{p_value:.1e}" if p_value > 0.0 else "below 1e-300"
+
+
+def _table(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
+    """The scans of which something is said."""
+    rows = [
+        f"<tr><td>{html.escape(name)}</td><td class={each.verdict}>{each.verdict}</td>"
+        f"<td>{html.escape(each.reason)}</td>"
+        f"<td>{_p_text(each.p_value)}</td>"
+        f"<td>{len(each.regions)}</td></tr>"
+        for each, name in zip(found, names, strict=True)
+        if each is not None and each.verdict != "no_trace"
+    ]
+    if not rows:
+        return ""
+    header = "<tr><th>scan<th>verdict<th>why<th>p at most<th>regions</tr>"
+    more = "" if len(rows) <= MOST_ROWS else f"<p>and {len(rows) - MOST_ROWS} more</p>"
+    return (
+        "<h2>Scans of which something is said</h2>"
+        f"<div class=wide><table>{header}{''.join(rows[:MOST_ROWS])}</table></div>{more}"
+    )
