@@ -53,6 +53,7 @@ def write_results(path: str) -> object:
 
 # By "function parameter"; the callable gets the path.
 ENTRIES: dict[str, Callable[[str], object]] = {
+    "io.read_bvh path": io.read_bvh,
     "io.read_depth path": io.read_depth,
     "io.read_mesh path": io.read_mesh,
     "io.read_report path": io.read_report,

@@ -25,7 +25,7 @@ from manip3d.lidar import Box, LidarFrame
 
 if TYPE_CHECKING:
     from manip3d.forge import Forgery
-    from manip3d.rgbd import RgbdFrame
+    from manip3d.rgbd import RgbdFrame, Skeleton
 
 app = typer.Typer(
     name="forge",
@@ -448,7 +448,7 @@ def forge_frames(
     if not background:
         terminal.say("background: the scene behind the person, from the source's own frames")
     behind = scenes[0] if still else scenes
-    motion = read(pose) if pose else None
+    motion = _motion(pose, people, read) if pose else None
     forged = forge.stream(people, behind, kind=kind, pose=motion, **options)
     with terminal.progress("forge") as progress:
         done = capture.record(
@@ -469,6 +469,19 @@ def forge_frames(
     }
 
 
+def _motion(
+    pose: str, people: Sequence[RgbdFrame], read: Callable[[str], list[RgbdFrame]]
+) -> Sequence[RgbdFrame | Skeleton]:
+    """The poses of a motion file at the rate of the people's frames, or of any source."""
+    if not pose.lower().endswith(".bvh"):
+        return read(pose)
+    from manip3d.io import read_bvh
+    from manip3d.modify import skeletons_from_motion
+
+    step = float(np.median(np.diff([frame.time for frame in people]))) if len(people) > 1 else 0.0
+    return skeletons_from_motion(read_bvh(pose), rate=1e9 / step if step > 0 else 30.0)
+
+
 @app.command("stream")
 def forge_stream(
     source: RgbdPlace,
@@ -480,7 +493,10 @@ def forge_stream(
         ),
     ],
     pose: Annotated[
-        str, typer.Option(metavar="SOURCE", help="Motion for type 2: any source with skeletons.")
+        str,
+        typer.Option(
+            metavar="MOTION", help="Poses for type 2: a .bvh file or any source with skeletons."
+        ),
     ] = "",
     background: Annotated[
         str,
