@@ -76,6 +76,7 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "datasets.open_kitti calibration": lambda p: datasets.open_kitti(".", calibration=p),
     "datasets.open_range_images path": datasets.open_range_images,
     "datasets.open_people uri": lambda p: datasets.open_people(f"people:{p}"),
+    "simulate.write_forged_people folder": simulate.write_forged_people,
     "simulate.write_drive folder": lambda p: simulate.write_drive(None, p, 1),  # type: ignore[arg-type]
     "report.write_report results_dir": lambda p: report.write_report(p, "a.md"),
     "report.write_report output": lambda p: report.write_report(".", p + ".md"),

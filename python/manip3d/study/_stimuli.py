@@ -6,7 +6,7 @@ import csv
 import io
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,17 +26,11 @@ if TYPE_CHECKING:
 
     Image = NDArray[np.uint8]
 
-ACTIONS = (("wave", "both"), ("arm-raise", "left"), ("arm-raise", "right"), ("arm-raise", "both"))
-"""Waving, raising the left arm, the right arm, both arms (section 5.2)."""
-
-PEOPLE = (0.86, 0.92, 0.98, 1.04, 1.12, 1.2)
-"""Girths of the six people; the third wears stripes."""
-
 _RATE = 10.0  # frames per second of a clip
 _LOW_WIDTH, _LOW_QUALITY = 160, 12
 _SURFACE_EDGE = 0.06  # metres: longer edges bridge a step in depth
 _NEAREST, _FARTHEST = 2.1, 2.9  # metres from the camera to a person
-_NEAR_MM, _FAR_MM = 1200.0, 5200.0  # one grey scale for all depth pictures
+_NEAR_MM, _FAR_MM = 1200.0, 6000.0  # one grey scale for all depth pictures
 
 
 @dataclass(frozen=True)
@@ -52,25 +46,30 @@ class _Shot:
         from manip3d import forge
         from manip3d.rgbd import NO_BODY
         from manip3d.simulate import BodySimulator
+        from manip3d.simulate.forged_people import ACTIONS, PEOPLE, SCENES, STRIPED
 
         random = np.random.default_rng(self.seed)
         person, action = int(random.integers(6)), int(random.integers(4))
         motion, side = ACTIONS[action]
         start = float(random.uniform(0.0, 3.0))
         distance = float(random.uniform(_NEAREST, _FARTHEST))
+        scene = int(random.integers(len(SCENES)))
         actor = BodySimulator(
             motion=motion,
             side=side,
             girth=PEOPLE[person],
-            stripes=person == 2,
+            stripes=person == STRIPED,
             distance=distance,
             tracker="kinect-v2",
+            # The person of a forgery was recorded somewhere else.
+            scene=SCENES[scene if self.truth == "real" else (scene + 1) % len(SCENES)],
             seed=self.seed,
         )
         seen = [actor.frame(start + time) for time in times]
         if self.truth == "real":
             return [(f, np.asarray(f.body_index != NO_BODY)) for f in seen]
-        scenes = [actor.background(start + 60.0 + time) for time in times]
+        room = replace(actor, scene=SCENES[scene])
+        scenes = [room.background(start + 60.0 + time) for time in times]
         pose = None
         if self.truth == "type2":
             other, side = ACTIONS[(action + 1 + int(random.integers(3))) % 4]
@@ -166,8 +165,8 @@ def make_rating_stimuli(
 
     Notes
     -----
-    Six people of different girths and four actions as published, in one simulated room: three
-    backgrounds are not simulated. The background of a forged clip is one still frame in every
+    Six people of different girths, four actions and three backgrounds as published, simulated. The
+    background of a forged clip is one still frame in every
     second clip, a running sequence in the others. Depth has one grey scale throughout. Clips are
     animated WebP, without loss except those of low resolution: 160 pixels wide, quality 12.
     """
