@@ -99,5 +99,11 @@ def test_inspect_takes_recordings(person: Path, tmp_path: Path) -> None:
     shown = manip3d("inspect", out)
     assert shown.stdout.startswith("processed: cropped")
     assert manip3d("inspect", out, "--policy", "processed=0", "-q").returncode == 0
-    refused = manip3d("inspect", out, "-o", tmp_path / "page.html")
-    assert "expected a name that ends in .json" in refused.stderr
+    refused = manip3d("inspect", out, "-o", tmp_path / "page.pdf")
+    assert "expected a name that ends in .html or .json" in refused.stderr
+    page = tmp_path / "page.html"
+    assert manip3d("inspect", out, "-o", page, "-q").returncode == 4
+    text = page.read_text()
+    assert text.count("<figure>") == 6
+    assert text.count("<polyline") == 2
+    assert "http" not in text

@@ -98,6 +98,9 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "report.write_evidence output": lambda p: report.write_evidence(
         authenticate.inspect(scan), p + ".json"
     ),
+    "report.write_stream_evidence output": lambda p: report.write_stream_evidence(
+        authenticate.inspect_stream(rgbd_frames.frames(1)), rgbd_frames.frames(1), p + ".json"
+    ),
     "report.append_log path": lambda p: report.append_log(
         p, authenticate.inspect(scan), source="x"
     ),

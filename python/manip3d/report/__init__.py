@@ -20,6 +20,7 @@ from manip3d.report._evidence import (
     write_evidence,
     write_suspected_rows,
 )
+from manip3d.report._stream_evidence import write_stream_evidence
 
 __all__ = [
     "ALERT_KINDS",
@@ -30,6 +31,7 @@ __all__ = [
     "read_log",
     "write_evidence",
     "write_report",
+    "write_stream_evidence",
     "write_suspected_rows",
 ]
 

@@ -228,7 +228,7 @@ def _png(figure: Figure) -> str:
 
 # --- the page -------------------------------------------------------------------------------------
 
-_STYLE = (
+STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem}"
     ".wide{overflow-x:auto}table{border-collapse:collapse}td,th{padding:.2rem .8rem;"
     "text-align:left;border-bottom:1px solid #ccc}img{max-width:100%}"
@@ -244,7 +244,7 @@ def _page(inspection: Inspection, source: str) -> str:
     return (
         "<!doctype html><html lang=en><meta charset=utf-8>"
         '<meta name=viewport content="width=device-width">'
-        f"<title>{html.escape(source)}: {verdict}</title><style>{_STYLE}</style>"
+        f"<title>{html.escape(source)}: {verdict}</title><style>{STYLE}</style>"
         f"<h1 class={verdict}>{verdict}</h1>"
         f"<p>{html.escape(inspection.reason)}</p>"
         f"<p>{html.escape(source)}, {points} points; {html.escape(place_sentence(inspection))}</p>"
