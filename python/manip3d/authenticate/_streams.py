@@ -63,7 +63,7 @@ POWER: Mapping[str, Power] = ReadOnlyMapping(
         "still background": Power(32, 32, source=_STREAMS),
         "running background": Power(32, 32, source=_STREAMS),
         "running background, moving camera": Power(
-            6, 16, source="8 people of UTD-MHAD in the red kitchen of 7-Scenes"
+            10, 16, source="8 people of UTD-MHAD in the red kitchen of 7-Scenes"
         ),
     }
 )

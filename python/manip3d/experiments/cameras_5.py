@@ -102,7 +102,8 @@ def _resized(depth: Depth, factor: float, smooth: bool) -> Depth:
     size = (round(width * factor), round(height * factor))
     how = Image.Resampling.BILINEAR if smooth else Image.Resampling.NEAREST
     image = Image.fromarray(depth.astype(np.float32)).resize(size, how)
-    return np.rint(np.asarray(image)).astype(np.uint16)
+    resized: Depth = np.rint(np.asarray(image)).astype(np.uint16)
+    return resized
 
 
 def _smaller_and_back(depth: Depth) -> Depth:
@@ -123,7 +124,8 @@ def _jpeg(depth: Depth) -> Depth:
     stream = io.BytesIO()
     levels = np.minimum(depth.astype(np.int64) * 255 // 8000, 255).astype(np.uint8)
     Image.fromarray(levels).save(stream, "JPEG", quality=75)
-    return np.asarray(np.asarray(Image.open(stream)).astype(np.int64) * 8000 // 255, np.uint16)
+    decoded = np.asarray(Image.open(stream)).astype(np.int64)
+    return (decoded * 8000 // 255).astype(np.uint16)
 
 
 PROCESSING: dict[str, Callable[[Depth], Depth]] = {
