@@ -55,6 +55,16 @@ def test_forged_streams_are_found_and_clean_ones_are_not_accused() -> None:
     assert claim.verdict(missed).holds is False
 
 
+def test_points_pasted_into_a_cloud_are_found_and_composited_ones_are_not() -> None:
+    experiment = registry()["clouds-5"]
+    row = run(experiment.cases(QUICK)[0])
+    assert (row["II clean"], row["II pasted"], row["II composited"]) == (0, 1, 0)
+    words = [claim.verdict([row]).word for claim in experiment.claims]
+    assert words == ["holds", "holds", "reported", "reported"]
+    missed = [claim.verdict([row | {"II pasted": 0}]).word for claim in experiment.claims]
+    assert missed[1] != "holds"
+
+
 @pytest.mark.realdata
 def test_clean_recordings_are_not_accused_however_processed(realdata: RealData) -> None:
     experiment = registry()["cameras-5"]

@@ -130,6 +130,9 @@ ENTRIES: dict[str, Callable[[str], object]] = {
         authenticate.Watermarked(scan, b"", 0, 1), "a.bin", unchanged=p
     ),
     "forge.read_stream_truth path": forge.read_stream_truth,
+    "study.copy_rating_stimuli images": lambda p: study.copy_rating_stimuli(p, "b"),
+    "study.copy_rating_stimuli output": lambda p: study.copy_rating_stimuli(".", p),
+    "study.make_stimuli images": lambda p: study.make_stimuli(p, images=p),
     "study.make_rating_stimuli output": study.make_rating_stimuli,
     "study.make_stimuli definition": study.make_stimuli,
     "study.read_study path": study.read_study,

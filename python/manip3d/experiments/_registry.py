@@ -51,6 +51,7 @@ _BUILT_IN = (
     "accuracy_4",
     "real_people_4",
     "cameras_5",
+    "clouds_5",
     "figure_5_1",
     "figure_5_3",
     "figure_5_4",

@@ -13,6 +13,7 @@ import numpy as np
 
 from manip3d import capture, forge
 from manip3d._util.checked import checked
+from manip3d._util.extras import require
 from manip3d._util.fingerprint import code_fingerprint
 from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
@@ -151,6 +152,7 @@ def write_forged_people(
         raise InputError(f"jobs, seed: expected >= 0, got {jobs} and {seed}")
     if not kinds or not set(kinds) <= set(KINDS) or len(set(kinds)) != len(kinds):
         raise InputError(f"kinds: expected some of {', '.join(KINDS)}, got {', '.join(kinds)}")
+    require("simulate")
     target = path_of(folder, "folder")
     stored = target / "streams.csv.rows"
     if target.exists() and not stored.is_dir() and any(target.iterdir()):
