@@ -642,11 +642,19 @@ def _forge(
 def _without_speckles(depth: NDArray[np.uint16], labels: NDArray[np.uint8]) -> NDArray[np.uint16]:
     """The depth with single lost pixels between two of one bone filled; ``labels`` are, too."""
     filled = depth.copy()
-    for image, bones in ((filled, labels), (filled.T, labels.T)):
-        left, right = image[:, :-2].astype(np.int32), image[:, 2:].astype(np.int32)
+    rows, columns = labels.any(axis=1), labels.any(axis=0)
+    if not rows.any():
+        return filled
+    # Nothing is filled beside the person: their box is a fraction of the image.
+    top, bottom = int(rows.argmax()), len(rows) - int(rows[::-1].argmax())
+    left, right = int(columns.argmax()), len(columns) - int(columns[::-1].argmax())
+    box = np.s_[top:bottom, left:right]
+    inside, own = filled[box], labels[box]
+    for image, bones in ((inside, own), (inside.T, own.T)):
+        before, after = image[:, :-2].astype(np.int32), image[:, 2:].astype(np.int32)
         between = (bones[:, 1:-1] == 0) & (bones[:, :-2] > 0) & (bones[:, :-2] == bones[:, 2:])
-        between &= np.abs(left - right) < 0.03 * left
-        image[:, 1:-1][between] = ((left + right) // 2)[between]
+        between &= np.abs(before - after) < 0.03 * before
+        image[:, 1:-1][between] = ((before + after) // 2)[between]
         bones[:, 1:-1][between] = bones[:, :-2][between]
     return filled
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.errors import FormatError
+from manip3d.errors import FormatError, InputError
 from manip3d.io._files import regular_bytes
 
 Floats = NDArray[np.float64]
@@ -46,12 +46,30 @@ class Motion:
         In the file's own unit; y is up in nearly all files.
     frame_s : float
         Seconds from frame to frame.
+
+    Raises
+    ------
+    InputError
+        Sizes that do not agree, a position that is not finite, a time that is not positive.
     """
 
     names: tuple[str, ...]
     parents: tuple[int, ...]
     positions: Floats = field(repr=False)
     frame_s: float
+
+    def __post_init__(self) -> None:
+        joints = len(self.names)
+        if self.positions.ndim != 3 or self.positions.shape[1:] != (joints, 3):
+            raise InputError(
+                f"positions: expected shape (T, {joints}, 3), got {self.positions.shape}"
+            )
+        if not len(self.positions) or not np.isfinite(self.positions).all():
+            raise InputError("positions: expected finite ones of a frame at least")
+        if len(self.parents) != joints:
+            raise InputError(f"parents: expected {joints}, got {len(self.parents)}")
+        if not 0.0 < self.frame_s < math.inf:
+            raise InputError(f"frame_s: expected > 0, got {self.frame_s}")
 
     def __len__(self) -> int:
         return len(self.positions)
