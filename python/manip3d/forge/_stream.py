@@ -314,6 +314,7 @@ class StreamForger:
             raise InputError("pose: expected a motion for type 2, got none")
         if kind == 1 and pose is not None:
             raise InputError("pose: expected none for type 1, which keeps the recorded pose")
+        _check_poses(pose)
         for name, value, known in (
             ("method", method, _core.Skinning.__members__),
             ("scope", scope, _core.PoseScope.__members__),
@@ -522,6 +523,16 @@ def stream(
     return ForgedStream(source, forger)
 
 
+def _check_poses(pose: object) -> None:
+    """Refuse a container that holds something else than poses; sources are not looked into."""
+    if isinstance(pose, np.ndarray):
+        raise InputError(f"pose: expected frames or skeletons, got an array of shape {pose.shape}")
+    if isinstance(pose, list | tuple | set | frozenset | dict):
+        for each in pose:
+            if not isinstance(each, RgbdFrame | Skeleton):
+                raise InputError(f"pose: expected frames or skeletons, got {type(each).__name__}")
+
+
 def _calibration_of(
     background: RgbdFrame | Iterable[RgbdFrame],
 ) -> tuple[RgbdCalibration, RgbdFrame | Iterable[RgbdFrame]]:
@@ -642,7 +653,7 @@ def _forge(
 def _without_speckles(depth: NDArray[np.uint16], labels: NDArray[np.uint8]) -> NDArray[np.uint16]:
     """The depth with single lost pixels between two of one bone filled; ``labels`` are, too."""
     filled = depth.copy()
-    rows, columns = labels.any(axis=1), labels.any(axis=0)
+    rows, columns = (np.asarray(labels.any(axis=axis)) for axis in (1, 0))
     if not rows.any():
         return filled
     # Nothing is filled beside the person: their box is a fraction of the image.
