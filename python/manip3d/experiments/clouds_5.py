@@ -66,17 +66,17 @@ def _judged(frames: Sequence[RgbdFrame], seed: int) -> Row:
     from manip3d.authenticate import density_consistency, occlusion_consistency
 
     actor = _person("room", "wave", seed + 60)
-    hoax = cloud(actor, np.asarray(actor.body_index == 0)) + np.array(_ASIDE, np.float32)
+    hoax = points_of(actor, np.asarray(actor.body_index == 0)) + np.array(_ASIDE, np.float32)
     row: Row = {"frames": len(frames)}
     for kind in _KINDS:
         density, occlusion = [], []
         for frame in frames:
-            points = cloud(frame)
+            points = points_of(frame)
             if kind == "pasted":
                 points = np.concatenate([points, hoax.astype(np.float32)])
             elif kind == "composited":
                 moved = forge.stream([actor], frame, kind=1, move=(-_ASIDE[1], 0.0, _ASIDE[0]))
-                points = cloud(next(iter(moved)))
+                points = points_of(next(iter(moved)))
             where: dict[str, Any] = {"origin": (0.0, 0.0, 0.0)}
             density.append(density_consistency(points, **where).verdict)
             occlusion.append(occlusion_consistency(points, **where).verdict)
@@ -86,7 +86,7 @@ def _judged(frames: Sequence[RgbdFrame], seed: int) -> Row:
     return row
 
 
-def cloud(frame: RgbdFrame, mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
+def points_of(frame: RgbdFrame, mask: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
     """Points of a depth image, x ahead, y left, z up."""
     depth = frame.depth if mask is None else np.where(mask, frame.depth, 0)
     rays = frame.calibration.depth.unproject(depth.astype(np.float32) / np.float32(1000.0))
