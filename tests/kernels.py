@@ -23,11 +23,13 @@ from manip3d import (
     _core,
     authenticate,
     forge,
+    io,
     metrics,
     modify,
     simplify,
 )
 from manip3d.errors import MissingExtraError
+from manip3d.rgbd import JOINTS, PARENTS
 
 Kernel = Callable[[int], object]
 """Of the number of threads; those that take none ignore it."""
@@ -70,6 +72,12 @@ verified = authenticate.WatermarkResult(
 )
 
 walk = [capsule_body.painted(number) for number in range(6)]
+moves = io.Motion(
+    JOINTS,
+    PARENTS,
+    np.stack([f.skeletons[0].positions.astype(np.float64) * (1.0, -1.0, -1.0) for f in walk]),
+    1.0 / 30.0,
+)
 LABELS = modify.segment_body(person.depth, person.calibration.depth, skeleton).labels
 person_mesh = modify.animation_mesh(person.depth, person.calibration.depth, LABELS)
 
@@ -153,6 +161,7 @@ KERNELS: dict[str, Kernel] = {
     "modify.skeleton_from": lambda _: modify.skeleton_from(
         skeleton.positions, skeleton.states, layout="kinect-v2"
     ),
+    "modify.skeletons_from_motion": lambda _: modify.skeletons_from_motion(moves),
     "modify.joint_layouts": lambda _: modify.joint_layouts(),
     "forge.segment": lambda _: forge.segment(cloud).label,
     "forge.nearest_object": lambda _: forge.nearest_object(street),

@@ -70,6 +70,16 @@ def test_cut_out_silhouettes_are_found_and_located() -> None:
     np.testing.assert_allclose(np.median(boxes, axis=0), (120, 60, 80, 140), atol=8)
 
 
+def test_a_stream_that_is_forged_for_a_while_is_found() -> None:
+    frames = [sensed(number, soft=not 8 <= number < 14) for number in range(24)]
+    found = authenticate.inspect_stream(frames)
+    assert found.verdict == "tampered"
+    assert "in frames 8 to 12 most of all" in found.reason
+    assert [bool(mask.any()) for mask in found.masks] == [8 <= n < 14 for n in range(24)]
+    few = [sensed(number, soft=not 8 <= number < 10) for number in range(24)]
+    assert authenticate.inspect_stream(few).verdict == "no_trace"
+
+
 def test_a_still_background_is_found_and_the_rest_is_located() -> None:
     first = sensed(0).depth
     frames = []

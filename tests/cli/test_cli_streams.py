@@ -56,6 +56,21 @@ def test_forge_writes_a_recording_and_its_truth(person: Path, tmp_path: Path) ->
     assert manip3d(*command, "--force", "-q").returncode == 0
 
 
+def test_poses_of_a_motion_file(person: Path, tmp_path: Path) -> None:
+    motion, out = tmp_path / "motion.bvh", tmp_path / "forged"
+    assert manip3d("capture", "export", person, "-o", motion).returncode == 0
+    command = ("forge", "stream", person, "--type", 2, "--pose", motion, "-o", out, "--json")
+    done = manip3d(*command)
+    assert done.returncode == 0, done.stderr
+    record = json.loads(done.stdout)
+    assert (record["frames"], record["frames_without_person"]) == (8, 0)
+    assert record["forged_share"] > 0.03
+    motion.write_text("HIERARCHY\nROOT Hips {")
+    broken = manip3d(*command, "--force")
+    assert broken.returncode == 1
+    assert "motion.bvh: line 2: expected" in broken.stderr
+
+
 def test_forge_names_wrong_options(person: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     done = manip3d("forge", "stream", person, "--type", 2, "-o", out)
@@ -84,5 +99,11 @@ def test_inspect_takes_recordings(person: Path, tmp_path: Path) -> None:
     shown = manip3d("inspect", out)
     assert shown.stdout.startswith("processed: cropped")
     assert manip3d("inspect", out, "--policy", "processed=0", "-q").returncode == 0
-    refused = manip3d("inspect", out, "-o", tmp_path / "page.html")
-    assert "expected a name that ends in .json" in refused.stderr
+    refused = manip3d("inspect", out, "-o", tmp_path / "page.pdf")
+    assert "expected a name that ends in" in refused.stderr
+    page = tmp_path / "page.html"
+    assert manip3d("inspect", out, "-o", page, "-q").returncode == 4
+    text = page.read_text()
+    assert text.count("<figure>") == 6
+    assert text.count("<polyline") == 2
+    assert "http" not in text

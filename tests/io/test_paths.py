@@ -53,6 +53,7 @@ def write_results(path: str) -> object:
 
 # By "function parameter"; the callable gets the path.
 ENTRIES: dict[str, Callable[[str], object]] = {
+    "io.read_bvh path": io.read_bvh,
     "io.read_depth path": io.read_depth,
     "io.read_mesh path": io.read_mesh,
     "io.read_report path": io.read_report,
@@ -75,6 +76,7 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "datasets.open_kitti calibration": lambda p: datasets.open_kitti(".", calibration=p),
     "datasets.open_range_images path": datasets.open_range_images,
     "datasets.open_people uri": lambda p: datasets.open_people(f"people:{p}"),
+    "simulate.write_forged_people folder": simulate.write_forged_people,
     "simulate.write_drive folder": lambda p: simulate.write_drive(None, p, 1),  # type: ignore[arg-type]
     "report.write_report results_dir": lambda p: report.write_report(p, "a.md"),
     "report.write_report output": lambda p: report.write_report(".", p + ".md"),
@@ -98,6 +100,9 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     ),
     "report.write_drive_evidence output": lambda p: report.write_drive_evidence(
         [], p + ".html", names=[]
+    ),
+    "report.write_stream_evidence output": lambda p: report.write_stream_evidence(
+        authenticate.inspect_stream(rgbd_frames.frames(1)), rgbd_frames.frames(1), p + ".json"
     ),
     "report.append_log path": lambda p: report.append_log(
         p, authenticate.inspect(scan), source="x"
@@ -128,6 +133,9 @@ ENTRIES: dict[str, Callable[[str], object]] = {
         authenticate.Watermarked(scan, b"", 0, 1), "a.bin", unchanged=p
     ),
     "forge.read_stream_truth path": forge.read_stream_truth,
+    "study.copy_rating_stimuli images": lambda p: study.copy_rating_stimuli(p, "b"),
+    "study.copy_rating_stimuli output": lambda p: study.copy_rating_stimuli(".", p),
+    "study.make_stimuli images": lambda p: study.make_stimuli(p, images=p),
     "study.make_rating_stimuli output": study.make_rating_stimuli,
     "study.make_stimuli definition": study.make_stimuli,
     "study.read_study path": study.read_study,

@@ -152,6 +152,12 @@ OBJECTS: dict[str, tuple[dict[str, Any], Methods]] = {
          "hold_seconds": 0.5, "texturing": "source"},
         {"process": {"frame": PERSON}, "select": {"person": 1}},
     ),
+    "forge.StreamForger": (
+        {"background": PERSON, "kind": 2, "pose": [POSE], "method": "lbs", "scope": "limbs",
+         "move": (0.0, 0.0, 0.1), "surface": "mesh", "fill_pinholes": True, "blend": 1,
+         "smoothing": True, "by_label": True},
+        {"process": {"frame": PERSON}},
+    ),
     "modify.JointSmoother": (
         {"preset": "default", "smoothing": 0.2, "jitter_radius": None},
         {"add": {"skeleton": POSE}},

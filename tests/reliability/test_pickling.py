@@ -79,6 +79,7 @@ def streams() -> Iterator[object]:
     labels = modify.segment_body(person.depth, camera, skeleton, segmentation="region").labels
     mesh = modify.animation_mesh(person.depth, camera, labels, skeleton)
     yield from (mesh, modify.animate(mesh.vertices, mesh.labels, skeleton, skeleton))
+    yield kernels.moves
     forged = forge.stream([person], person, kind=1)
     yield from (next(forged.frames()), forged.truth)
     still = authenticate.inspect_stream([dataclasses.replace(person, number=n) for n in range(8)])

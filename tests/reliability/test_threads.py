@@ -22,7 +22,7 @@ import capsule_body
 import kernels
 import rgbd_frames
 import velodyne_packets
-from manip3d import Error, RgbdFrame, _core, authenticate, capture, modify, simplify
+from manip3d import Error, RgbdFrame, _core, authenticate, capture, forge, modify, simplify
 from watermark_scans import grid_scan, key_file
 
 THREADS = 8
@@ -150,6 +150,10 @@ def fields(frame: modify.PhantomFrame) -> tuple[object, ...]:
     return frame.state, frame.depth, frame.labels, frame.late_frames
 
 
+def forged(frame: forge.ForgedFrame | None) -> object:
+    return None if frame is None else (frame.frame.depth, frame.mask)
+
+
 OBJECTS: dict[str, tuple[Callable[[], Any], list[Callable[[Any], object]]]] = {
     "ReliefSolver": (
         _core.ReliefSolver,
@@ -174,6 +178,10 @@ OBJECTS: dict[str, tuple[Callable[[], Any], list[Callable[[Any], object]]]] = {
     "ArrayPool": (
         _core.ArrayPool,
         [lambda p, n=n: np.full_like(p.empty((n, 3), np.float32), n) for n in (1, 2, 2000)],
+    ),
+    "StreamForger": (
+        lambda: forge.StreamForger(PEOPLE, kind=2, pose=SKELETONS),
+        [lambda s, f=f: forged(s.process(f)) for f in PEOPLE] + [lambda s: s.reset()],
     ),
     "JointSmoother": (
         modify.JointSmoother,

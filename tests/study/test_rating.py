@@ -17,6 +17,7 @@ from manip3d.study import (
     RatingStudy,
     Session,
     StudyFolder,
+    copy_rating_stimuli,
     fleiss_kappa,
     fleiss_kappa_interval,
     make_rating_stimuli,
@@ -257,3 +258,98 @@ def test_compositions_are_checked(tmp_path: Path) -> None:
         make_rating_stimuli(tmp_path / "a", composition=wrong)
     with pytest.raises(InputError, match="frames, surfaces"):
         make_rating_stimuli(tmp_path / "a", frames=1)
+
+
+def own_images(folder: Path) -> Path:
+    """Pictures and a clip in folders that say what they are."""
+    for number, place in enumerate(
+        ("real/a.png", "real/depth/a.PNG", "type1/b.jpg", "type2/low/c.webm", "real/example/d.png")
+    ):
+        file = folder / place
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(b"picture %d" % number)
+    (folder / ".hidden").write_text("x")
+    return folder
+
+
+def test_stimuli_of_ones_own_get_names_that_tell_nothing(tmp_path: Path) -> None:
+    images = own_images(tmp_path / "mine")
+    made = copy_rating_stimuli(images, tmp_path / "stimuli", seed=3)
+    told = {(i.truth, i.modality, i.form, i.resolution, i.example) for i in made}
+    assert told == {
+        ("real", "color", "image", "full", False),
+        ("real", "depth", "image", "full", False),
+        ("type1", "color", "image", "full", False),
+        ("type2", "color", "clip", "low", False),
+        ("real", "color", "image", "full", True),
+    }
+    low = next(i for i in made if i.resolution == "low")
+    assert (tmp_path / "stimuli" / low.file).read_bytes() == b"picture 3"
+    assert all(len(Path(i.file).stem) == 6 for i in made)
+    study, _ = read_study(template(tmp_path, "any"))
+    assert isinstance(study, RatingStudy)
+    assert study.items == made
+    again = copy_rating_stimuli(images, tmp_path / "again", seed=3)
+    assert again == made
+    with pytest.raises(InputError, match="exists already"):
+        copy_rating_stimuli(images, tmp_path / "stimuli")
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        ("a.png", "expected a folder of real, type1"),
+        ("fake/a.png", "got 'fake'"),
+        ("real/a.txt", "expected a name that ends in .png"),
+        ("real/a.glb", "expected a name that ends in .png"),
+        ("real/other/a.png", "expected folders of color, depth"),
+        ("real/depth/color/a.png", "expected folders of color, depth"),
+    ],
+)
+def test_folders_of_images_that_say_nothing_are_refused(
+    place: str, message: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "mine" / place
+    file.parent.mkdir(parents=True)
+    file.write_bytes(b"x")
+    with pytest.raises(InputError, match=message):
+        copy_rating_stimuli(tmp_path / "mine", tmp_path / "stimuli")
+    assert not (tmp_path / "stimuli").exists()
+
+
+def test_folders_without_images_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="images: expected a folder"):
+        copy_rating_stimuli(tmp_path / "none", tmp_path / "stimuli")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="expected 1 to 10000 files, found 0"):
+        copy_rating_stimuli(tmp_path / "empty", tmp_path / "stimuli")
+    images = own_images(tmp_path / "mine")
+    with pytest.raises(InputError, match="not within it"):
+        copy_rating_stimuli(images, images / "stimuli")
+
+
+def test_answers_may_be_read_while_a_study_is_run(tmp_path: Path) -> None:
+    file = write_template("display", tmp_path / "study.toml", example=True)
+    study, content = read_study(file)
+    with StudyFolder(tmp_path / "answers", content) as writer:
+        simulate_participants(study, writer, 2)
+        journal = tmp_path / "answers" / "participants" / "sim-000.jsonl"
+        with journal.open("ab") as stream:
+            stream.write(b"0000 {half of a li")
+        torn = journal.read_bytes()
+        with StudyFolder(tmp_path / "answers", read_only=True) as reader:
+            assert sorted(reader.sessions) == ["sim-000", "sim-001"]
+            write_results(study_of(reader.definition), reader, tmp_path / "tables")
+            for change in (
+                lambda: reader.begin("P3"),
+                lambda: reader.store("sim-001", Answer("x", {}, {})),
+                lambda: reader.withdraw("sim-001"),
+            ):
+                with pytest.raises(InputError, match="opened for reading only"):
+                    change()
+        assert journal.read_bytes() == torn  # its writer may be in the middle of a line
+        with pytest.raises(InputError, match="another process is using this study"):
+            StudyFolder(tmp_path / "answers", content)
+    with pytest.raises(InputError, match="expected a folder of a study"):
+        StudyFolder(tmp_path / "nothing", read_only=True)
+    assert not (tmp_path / "nothing").exists()

@@ -15,6 +15,7 @@ from manip3d._util.paths import path_of
 from manip3d.errors import InputError
 from manip3d.io._remote import filesystem, is_url, naming_remote
 
+_ADDRESSES = ("sim:", "forged:")
 _MAGIC = re.compile(r"[*?\[]")
 _STAMPS = ("ETag", "etag", "md5Hash", "checksum", "LastModified", "mtime", "modified", "created")
 
@@ -43,7 +44,12 @@ class SourceFile:
 
 @checked
 def is_pattern(source: str) -> bool:
-    """Return whether the source is a pattern such as ``scans/*.bin``, and no file of that name."""
+    """Return whether the source is a pattern such as ``scans/*.bin``, and no file of that name.
+
+    The ``?`` of an address such as ``sim:body?motion=wave`` begins its options.
+    """
+    if source.startswith(_ADDRESSES):
+        return False
     return _MAGIC.search(source) is not None and (is_url(source) or not Path(source).exists())
 
 

@@ -18,7 +18,15 @@ from __future__ import annotations
 
 from manip3d.capture._joints import ExportedJoints, export_joints
 from manip3d.capture._lidar import DEFAULT_PORT, RETURN_TYPES, LidarSource, open_lidar
-from manip3d.capture._rgbd import Recording, RgbdSource, Scheme, from_frames, open_rgbd, record
+from manip3d.capture._rgbd import (
+    ForgedSource,
+    Recording,
+    RgbdSource,
+    Scheme,
+    from_frames,
+    open_rgbd,
+    record,
+)
 from manip3d.capture._sources import open, sources
 from manip3d.capture._velodyne_calibration import VelodyneCalibration, read_velodyne_calibration
 
@@ -26,6 +34,7 @@ __all__ = [
     "DEFAULT_PORT",
     "RETURN_TYPES",
     "ExportedJoints",
+    "ForgedSource",
     "LidarSource",
     "Recording",
     "RgbdSource",

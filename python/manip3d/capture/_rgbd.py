@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 from collections.abc import Iterable, Mapping, Sized
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -15,6 +17,7 @@ from manip3d._util.checked import checked
 from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
 from manip3d.camera import Intrinsics, Registration
+from manip3d.capture._forged import MOST_KEPT, SwitchedForgery, motion_of, read_plan
 from manip3d.capture._frame_source import FrameSource
 from manip3d.errors import InputError
 from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
@@ -145,6 +148,29 @@ class RgbdSource(FrameSource[RgbdFrame]):
         self._source.stop()
 
 
+@checked
+class ForgedSource(RgbdSource):
+    """A source whose person stands before another scene, or does not: ``forged:SOURCE``.
+
+    Attributes
+    ----------
+    forged : bool
+        Whether the next frames are forged; may be set at any time, from any thread. A file that
+        the address names as its ``switch``, or a time after which they alternate, has precedence.
+    """
+
+    @property
+    def forged(self) -> bool:
+        """Whether the next frames are forged."""
+        return bool(self._source.is_forged)
+
+    @forged.setter
+    def forged(self, value: bool) -> None:
+        if not isinstance(value, bool):
+            raise InputError(f"forged: expected True or False, got {value!r}")
+        self._source.is_forged = value
+
+
 class _Iterated:
     """Any iterable of frames; the same face as the core's sources."""
 
@@ -230,7 +256,8 @@ def open_rgbd(
     uri : str
         ``folder:FOLDER``, ``mkv:FILE``, ``tum:FOLDER``, ``openni2:``, ...: `sources` lists them.
         ``sim:body...`` is `manip3d.simulate.sources.open_source`; ``utd-mhad:``, ``labanotation:``
-        and ``people:`` are `manip3d.datasets.open_people`.
+        and ``people:`` are `manip3d.datasets.open_people`. ``forged:SOURCE#OPTIONS`` is a
+        `ForgedSource` of any of these; its options are described in `Notes`.
     speed : float
         Of recordings. 0: every frame, when it is read. 1: as a camera would give them, by their
         times; frames that a slow reader misses are counted as ``dropped``. 2: twice as fast.
@@ -250,8 +277,23 @@ def open_rgbd(
         The scheme is not built in, or there is no such device.
     OSError
         `FileNotFoundError` and the like.
+
+    Notes
+    -----
+    Options of ``forged:`` are joined by ``&``; write ``%26`` for one in a value. ``type``: 1, or 2
+    for the poses of ``pose`` (a source with skeletons, or a .bvh file). ``background``: a source of
+    the same camera, of which ``still=yes`` takes the first frame only; without it the scene behind
+    the person, learnt from the first 30 frames, which stay real. ``move`` (X,Y,Z in metres) and
+    ``blend`` as of `forge.stream`. ``show``: ``real``, ``forged``, or a number of seconds after
+    which they alternate, first real. ``switch``: a file that says ``real`` or ``forged``, looked at
+    before each frame. At most 300 frames of a background or motion are kept, and played to and fro.
+    Colour is left out of all frames where the background has none.
     """
     scheme = uri.partition(":")[0]
+    if scheme == "forged":
+        if camera is not None or units_per_metre is not None:
+            raise InputError("camera, units_per_metre: expected none of them for forged:")
+        return _open_forged(uri, speed)
     if scheme == "sim" or scheme in _PEOPLE:
         if speed != 0.0 or camera is not None or units_per_metre is not None:
             raise InputError(f"speed, camera, units_per_metre: expected none of them for {scheme}:")
@@ -263,6 +305,32 @@ def open_rgbd(
     calibration = given if isinstance(camera, Intrinsics) else camera
     source = _core.open_rgbd(os.fsencode(uri), speed, units_per_metre or 0.0, calibration)
     return RgbdSource(uri, source)
+
+
+def _open_forged(uri: str, speed: float) -> ForgedSource:
+    if not 0.0 <= speed < math.inf:
+        raise InputError(f"speed: expected >= 0, got {speed}")
+    plan = read_plan(uri)
+    if plan.source.startswith("forged:"):
+        raise InputError("uri: expected a source that is not forged itself")
+
+    def kept(place: str) -> list[RgbdFrame]:
+        with open_rgbd(place) as source:
+            frames = list(islice(source, MOST_KEPT))
+        if not frames:
+            raise InputError(f"{place}: expected a frame, found none")
+        return frames
+
+    pose = (motion_of(plan.pose) or kept(plan.pose)) if plan.pose else None
+    background = kept(plan.background) if plan.background else []
+    waits = plan.source.partition(":")[0] in ("sim", *_PEOPLE)  # for its reader
+    inner = open_rgbd(plan.source, speed=0.0 if waits else speed)
+    try:
+        switched = SwitchedForgery(plan, inner, background, pose, speed if waits else 0.0)
+    except BaseException:
+        inner.stop()
+        raise
+    return ForgedSource(uri, switched)
 
 
 def _frames_of(uri: str, scheme: str) -> Iterable[RgbdFrame]:

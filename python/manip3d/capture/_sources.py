@@ -73,6 +73,7 @@ def sources() -> tuple[Scheme, ...]:
             Scheme(name, "NAME", "people of the data sets (manip3d data list)", "rgbd")
             for name in ("utd-mhad", "labanotation", "people")
         ),
+        Scheme("forged", "SOURCE[#OPTIONS]", "another source's person, forged on demand", "rgbd"),
         Scheme("pcap", "FILE", "recorded packets of Velodyne LiDARs", "lidar"),
         Scheme("velodyne", "[ADDRESS:]PORT", "a Velodyne LiDAR on the network", "lidar"),
         Scheme(

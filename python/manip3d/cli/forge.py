@@ -17,7 +17,7 @@ from manip3d.cli.convert import Up
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import Force, Jobs, Json, MostFrames, Output, Quiet, RgbdPlace, Scan, Seed
-from manip3d.cli.terminal import Terminal, check_output, counted
+from manip3d.cli.terminal import Terminal, check_output, counted, naming_options
 from manip3d.errors import InputError
 from manip3d.io import SCAN_SUFFIXES
 from manip3d.io._files import atomic_write
@@ -25,7 +25,7 @@ from manip3d.lidar import Box, LidarFrame
 
 if TYPE_CHECKING:
     from manip3d.forge import Forgery
-    from manip3d.rgbd import RgbdFrame
+    from manip3d.rgbd import RgbdFrame, Skeleton
 
 app = typer.Typer(
     name="forge",
@@ -448,7 +448,7 @@ def forge_frames(
     if not background:
         terminal.say("background: the scene behind the person, from the source's own frames")
     behind = scenes[0] if still else scenes
-    motion = read(pose) if pose else None
+    motion = _motion(pose, people, read) if pose else None
     forged = forge.stream(people, behind, kind=kind, pose=motion, **options)
     with terminal.progress("forge") as progress:
         done = capture.record(
@@ -469,6 +469,19 @@ def forge_frames(
     }
 
 
+def _motion(
+    pose: str, people: Sequence[RgbdFrame], read: Callable[[str], list[RgbdFrame]]
+) -> Sequence[RgbdFrame | Skeleton]:
+    """The poses of a motion file at the rate of the people's frames, or of any source."""
+    if not pose.lower().endswith(".bvh"):
+        return read(pose)
+    from manip3d.io import read_bvh
+    from manip3d.modify import skeletons_from_motion
+
+    step = float(np.median(np.diff([frame.time for frame in people]))) if len(people) > 1 else 0.0
+    return skeletons_from_motion(read_bvh(pose), rate=1e9 / step if step > 0 else 30.0)
+
+
 @app.command("stream")
 def forge_stream(
     source: RgbdPlace,
@@ -480,7 +493,10 @@ def forge_stream(
         ),
     ],
     pose: Annotated[
-        str, typer.Option(metavar="SOURCE", help="Motion for type 2: any source with skeletons.")
+        str,
+        typer.Option(
+            metavar="MOTION", help="Poses for type 2: a .bvh file or any source with skeletons."
+        ),
     ] = "",
     background: Annotated[
         str,
@@ -528,3 +544,86 @@ def forge_stream(
         options=options,
     )
     shell.result(record)
+
+
+class PeopleKind(StrEnum):
+    """What ``forge people`` makes of a person."""
+
+    real = "real"
+    type1 = "type1"
+    type2 = "type2"
+
+
+@app.command("people")
+def forge_people(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder to be made; continued if it is there.")
+    ],
+    people: Annotated[int, typer.Option(min=1, max=6, help="Number of people.")] = 6,
+    actions: Annotated[
+        int,
+        typer.Option(
+            min=1, max=4, help="Waving, raising the left arm, the right arm, both: the first ones."
+        ),
+    ] = 4,
+    scenes: Annotated[
+        int, typer.Option(min=1, max=3, help="Room, office, hall: the first ones.")
+    ] = 3,
+    kinds: Annotated[
+        list[PeopleKind] | None,
+        typer.Option("--kind", help="real, type1 or type2, repeated; by default all three."),
+    ] = None,
+    frames: Annotated[int, typer.Option(min=1, help="Frames of a recording, 30 a second.")] = 60,
+    still: Annotated[
+        bool, typer.Option("--still", help="One still background frame for each forgery.")
+    ] = False,
+    no_color: Annotated[bool, typer.Option("--no-color", help="Depth only.")] = False,
+    mkv: Annotated[
+        bool, typer.Option("--mkv", help="Write .mkv files instead of folders.")
+    ] = False,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    jobs: Annotated[
+        int, typer.Option("--jobs", "-j", min=0, help="Number of processes; 0: all cores.")
+    ] = 0,
+    seed: Seed = 0,
+) -> None:
+    """Forge the published set: six simulated people, four actions, three backgrounds, with truth.
+
+    A run that was stopped goes on where it was when the same command is given again.
+
+    Example: manip3d forge people -o streams --people 1 --actions 1 --scenes 1 --frames 3
+    """
+    from manip3d.simulate import write_forged_people
+
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    with shell.progress("forge") as progress, naming_options("output"):
+        made = write_forged_people(
+            output,
+            people=people,
+            actions=actions,
+            scenes=scenes,
+            kinds=[kind.value for kind in kinds or PeopleKind],
+            frames=frames,
+            still=still,
+            color=not no_color,
+            matroska=mkv,
+            seed=seed,
+            jobs=jobs,
+            overwrite=force,
+            progress=progress,
+            on_error=lambda name, error: shell.say(f"error: {name}: {error}"),
+        )
+    resumed = f", {made.resumed} of them there already" if made.resumed else ""
+    shell.say(f"wrote {counted(len(made.rows) - made.failed, 'stream')} to {output}{resumed}")
+    shell.result(
+        {
+            "output": str(output),
+            "streams": len(made.rows),
+            "resumed": made.resumed,
+            "failed": made.failed,
+        }
+    )
+    if made.failed:
+        raise typer.Exit(1)

@@ -121,8 +121,8 @@ def inspect(
     scans of a drive and of packets are judged with their neighbours, a line each; without them
     where numbers are missing between, and in folders without times (object and stereo benchmarks).
     No verdict says that a scan is authentic: only a keyed watermark does. With -o the evidence is
-    written: a page with pictures and boxes (.html; of a drive a timeline and a map), or the numbers
-    (.json; of RGB-D recordings only these).
+    written: a page with pictures and boxes (.html; of a drive a timeline and a map, of a recording
+    frames, what was inserted in them and the curves of noise), or the numbers (.json).
 
     Example: manip3d inspect scan.bin -o evidence.html
     """
@@ -133,7 +133,7 @@ def inspect(
     kind = expect_kind(source, "scan", "drive", "packets", "recording", verb="inspect")
     shell = Terminal(as_json=as_json, quiet=quiet)
     if kind == "recording" or _is_rgbd(source):
-        check_output(output, (".json",), force=force)
+        check_output(output, report.EVIDENCE_KINDS, force=force)
         raise typer.Exit(codes[inspect_recording(source, output, shell)])
     known = None if lattice is None else authenticate.SensorLattice.load(lattice)
     if kind in ("drive", "packets", "stream"):
@@ -209,6 +209,7 @@ def _record_of(source: str, record: Path | None, key: Path | None) -> bytes | No
     return found
 
 
+_MOST_LIVE = 60  # frames of a camera
 _LIDAR_SCHEMES = ("pcap", "ouster", "kitti")
 
 
@@ -371,21 +372,17 @@ def _is_rgbd(source: str) -> bool:
 
 def inspect_recording(source: str, output: Path | None, shell: Terminal) -> str:
     """Inspect an RGB-D recording, print and write what was found, and return the verdict."""
-    import json
-
-    from manip3d import authenticate
+    from manip3d import authenticate, report
     from manip3d.cli.capture import open_source
-    from manip3d.io._files import atomic_write
 
     with open_source(source, shell) as opened:
-        frames = list(opened) if not opened.is_live else opened
-        with shell.progress("inspect") as progress:
-            found = authenticate.inspect_stream(frames, progress=progress)
-    record = {"source": source} | found.record()
+        frames = list(itertools.islice(opened, _MOST_LIVE if opened.is_live else None))
+    with shell.progress("inspect") as progress:
+        found = authenticate.inspect_stream(frames, progress=progress)
     if output is not None:
-        atomic_write(output, (json.dumps(record, indent=1) + "\n").encode())
+        report.write_stream_evidence(found, frames, output, source=source)
         shell.say(f"wrote {output}")
-    shell.result(record, lambda console: show_stream(console, found))
+    shell.result({"source": source} | found.record(), lambda console: show_stream(console, found))
     return found.verdict
 
 

@@ -83,6 +83,13 @@ def study_stimuli(
             min=0, help="Surfaces from LiDAR scans for a rating: so many real and forged."
         ),
     ] = 0,
+    images: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of one's own pictures and clips for a rating, in sub-folders real, type1, "
+            "type2, added or deformed; below these depth, color (the default), rendered or surface."
+        ),
+    ] = None,
     seed: Seed = 0,
     force: Force = False,
     as_json: Json = False,
@@ -90,18 +97,20 @@ def study_stimuli(
 ) -> None:
     """Make the stimuli that a definition names: forged streams, or simplified meshes.
 
-    They are written beside the definition, under the name that it gives.
+    They are written beside the definition, under the name that it gives. Those of --images get
+    names that tell nothing, and a rating of them needs composition = "any".
 
     Example: manip3d study stimuli study.toml
     """
     from manip3d.study import make_stimuli
 
     shell = Terminal(as_json=as_json, quiet=quiet)
-    with shell.progress("stimuli") as progress:
+    with shell.progress("stimuli") as progress, naming_options("images"):
         made = make_stimuli(
             definition,
             frames=frames,
             surfaces=surfaces,
+            images=images,
             seed=seed,
             overwrite=force,
             progress=progress,
@@ -114,7 +123,40 @@ def study_stimuli(
     )
 
 
-def _run(
+_RUNS = {
+    "rating": "Run a rating: real, manipulated or undecidable, and why. Ctrl-C ends it.",
+    "jnd": "Run staircases for the just noticeable difference of simplification. Ctrl-C ends it.",
+    "display": "Run the comparison of displays: practice, play, questionnaire. Ctrl-C ends it.",
+}
+"""Kinds of studies, and what their commands do."""
+
+
+def _add_run(kind: str, words: str) -> None:
+    """Add the command that runs studies of a kind; all have the same options."""
+
+    def run(
+        definition: Definition,
+        output: AnswersOut,
+        participant: Participant = None,
+        port: Port = 0,
+        is_opened: Opened = True,
+        seconds: Seconds = None,
+        as_json: Json = False,
+        quiet: Quiet = False,
+    ) -> None:
+        shell = Terminal(as_json=as_json, quiet=quiet)
+        run_kind(kind, definition, output, participant, port, is_opened, seconds, shell)
+
+    example = f"manip3d study {kind} study.toml -o answers --no-open --seconds 2"
+    run.__doc__ = f"{words}\n\n    Example: {example}\n"
+    app.command(kind)(run)
+
+
+for _kind, _words in _RUNS.items():
+    _add_run(_kind, _words)
+
+
+def run_kind(
     kind: str,
     definition: Path,
     output: Path,
@@ -122,9 +164,9 @@ def _run(
     port: int,
     is_opened: bool,
     seconds: float | None,
-    as_json: bool,
-    quiet: bool,
+    shell: Terminal,
 ) -> None:
+    """Run a study of one kind, and say what came of it."""
     from manip3d.study import StudyFolder, read_study, run_study
 
     study, content = read_study(definition)
@@ -132,7 +174,6 @@ def _run(
         raise InputError(
             f"{definition}: expected a definition of a {kind}, got {study.common.kind}"
         )
-    shell = Terminal(as_json=as_json, quiet=quiet)
 
     def on_start(url: str) -> None:
         shell.say(f"open {url}")
@@ -164,60 +205,6 @@ def _run(
             "refused": dict(report.refused),
         }
     )
-
-
-@app.command("rating")
-def study_rating(
-    definition: Definition,
-    output: AnswersOut,
-    participant: Participant = None,
-    port: Port = 0,
-    is_opened: Opened = True,
-    seconds: Seconds = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Run a rating: real, manipulated or undecidable, and why. Ctrl-C ends it.
-
-    Example: manip3d study rating study.toml -o answers --no-open --seconds 2
-    """
-    _run("rating", definition, output, participant, port, is_opened, seconds, as_json, quiet)
-
-
-@app.command("jnd")
-def study_jnd(
-    definition: Definition,
-    output: AnswersOut,
-    participant: Participant = None,
-    port: Port = 0,
-    is_opened: Opened = True,
-    seconds: Seconds = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Run staircases for the just noticeable difference of simplification. Ctrl-C ends it.
-
-    Example: manip3d study jnd study.toml -o answers --no-open --seconds 2
-    """
-    _run("jnd", definition, output, participant, port, is_opened, seconds, as_json, quiet)
-
-
-@app.command("display")
-def study_display(
-    definition: Definition,
-    output: AnswersOut,
-    participant: Participant = None,
-    port: Port = 0,
-    is_opened: Opened = True,
-    seconds: Seconds = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Run the comparison of displays: familiarisation, play, questionnaire. Ctrl-C ends it.
-
-    Example: manip3d study display study.toml -o answers --no-open --seconds 2
-    """
-    _run("display", definition, output, participant, port, is_opened, seconds, as_json, quiet)
 
 
 @app.command("simulate")
@@ -253,13 +240,15 @@ def study_results(
 ) -> None:
     """Write answers as CSV with a REDCap data dictionary, and a summary beside what is published.
 
+    Also while the study is run: answers that are stored by then are taken.
+
     Example: manip3d study results answers -o tables
     """
     from manip3d.study import StudyFolder, study_of, write_results
 
     refuse_existing(output, force=force)
     shell = Terminal(as_json=as_json, quiet=quiet)
-    with StudyFolder(answers) as folder, naming_options("output"):
+    with StudyFolder(answers, read_only=True) as folder, naming_options("output"):
         study = study_of(folder.definition)
         written = write_results(study, folder, output, overwrite=force)
     names = sorted(file.name for file in written.iterdir())

@@ -50,6 +50,8 @@ _BUILT_IN = (
     "figure_4_13",
     "accuracy_4",
     "real_people_4",
+    "cameras_5",
+    "clouds_5",
     "figure_5_1",
     "figure_5_3",
     "figure_5_4",

@@ -56,14 +56,14 @@ def walls(margin: int = MARGIN) -> list[RgbdFrame]:
 
     frames = []
     for frame in turning():
-        person = _grown(np.asarray(frame.body_index != NO_BODY), margin)
+        person = grown(np.asarray(frame.body_index != NO_BODY), margin)
         depth = np.where(person, np.uint16(WALL_MM), frame.depth)
         nobody = np.full_like(depth, NO_BODY, dtype=np.uint8)
         frames.append(replace(frame, depth=depth, body_index=nobody))
     return frames
 
 
-def _grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
+def grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
     """A mask and all within so many steps to the four neighbours."""
     grown = mask.copy()
     for _ in range(pixels):

@@ -26,6 +26,7 @@ from manip3d.forge._objects import Segmentation, nearest_object, segment
 from manip3d.forge._stream import (
     ForgedFrame,
     ForgedStream,
+    StreamForger,
     StreamTruth,
     background_plate,
     read_stream_truth,
@@ -42,6 +43,7 @@ __all__ = [
     "Forgery",
     "Lattice",
     "Segmentation",
+    "StreamForger",
     "StreamTruth",
     "additive",
     "additive_subtractive",

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import io
 import os
+import threading
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
@@ -249,6 +251,140 @@ def without_people(frame: RgbdFrame, plate: RgbdFrame) -> RgbdFrame:
     )
 
 
+@dataclass(frozen=True)
+class _Options:
+    method: Skinning
+    scope: PoseScope
+    move: NDArray[np.float64]
+    surface: Surface
+    fill_pinholes: bool
+    blend: int
+    smooths: bool
+    by_label: bool
+
+
+@checked
+class StreamForger:
+    """Forges one frame after the other, as `stream` does: for live sources.
+
+    Parameters
+    ----------
+    background, kind, pose, method, scope, move, surface, fill_pinholes, blend, smoothing, by_label
+        As of `stream`.
+
+    Attributes
+    ----------
+    kind : int
+    calibration : RgbdCalibration
+        Of the background's camera.
+
+    Raises
+    ------
+    InputError
+        As `stream`.
+
+    Examples
+    --------
+    >>> from manip3d import capture, forge
+    >>> with capture.open("openni2:") as camera:  # doctest: +SKIP
+    ...     scene = forge.background_plate([camera.read() for _ in range(30)])
+    ...     forger = forge.StreamForger(scene, kind=1)
+    ...     for frame in camera:
+    ...         forged = forger.process(frame)
+    """
+
+    def __init__(
+        self,
+        background: RgbdFrame | Iterable[RgbdFrame],
+        *,
+        kind: int,
+        pose: Iterable[RgbdFrame | Skeleton] | None = None,
+        method: Skinning = "lbs",
+        scope: PoseScope = "limbs",
+        move: ArrayLike = (0.0, 0.0, 0.0),
+        surface: Surface = "mesh",
+        fill_pinholes: bool = True,
+        blend: int = 1,
+        smoothing: bool = True,
+        by_label: bool = True,
+    ) -> None:
+        if kind not in (1, 2):
+            raise InputError(f"kind: expected 1 or 2, got {kind}")
+        if kind == 2 and pose is None:
+            raise InputError("pose: expected a motion for type 2, got none")
+        if kind == 1 and pose is not None:
+            raise InputError("pose: expected none for type 1, which keeps the recorded pose")
+        _check_poses(pose)
+        for name, value, known in (
+            ("method", method, _core.Skinning.__members__),
+            ("scope", scope, _core.PoseScope.__members__),
+            ("surface", surface, _core.CompositeSurface.__members__),
+        ):
+            if value.upper() not in known:
+                raise InputError(
+                    f"{name}: expected one of {', '.join(known).lower()}, got {value!r}"
+                )
+        if not 0 <= blend <= 64:
+            raise InputError(f"blend: expected 0 to 64, got {blend}")
+        self.kind = kind
+        self._options = _Options(
+            method,
+            scope,
+            vector(move, 3, "move"),
+            surface,
+            fill_pinholes,
+            blend,
+            smoothing,
+            by_label,
+        )
+        self.calibration, self._background = _calibration_of(background)
+        self._pose = pose
+        self._lock = threading.RLock()
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin again: with the first background and pose, and without a past to smooth by."""
+        with self._lock:
+            self._number = 0
+            self._scenes = _endless(self._background)
+            self._poses = _endless(self._pose) if self._pose is not None else None
+            self._own, self._other = JointSmoother(), JointSmoother()
+
+    def skip(self) -> None:
+        """Leave a frame out: background and poses go on, and nothing is smoothed across it."""
+        with self._lock:
+            self._next()
+            self._own, self._other = JointSmoother(), JointSmoother()
+
+    def _next(self) -> tuple[RgbdFrame | None, RgbdFrame | Skeleton | None]:
+        """Background and pose of the next frame."""
+        scene = self._scenes(self._number)
+        pose = None if self._poses is None else self._poses(self._number)
+        self._number += 1
+        return scene, pose
+
+    def process(self, frame: RgbdFrame) -> ForgedFrame | None:
+        """Forge a frame; None: the background or the poses have ended.
+
+        Raises
+        ------
+        InputError
+            A frame without people's pixels, images whose sizes do not agree.
+        """
+        check_frames("source", [frame])
+        with self._lock:
+            scene, pose = self._next()
+            if scene is None or (self._poses is not None and pose is None):
+                return None
+            person = _first_skeleton(frame)
+            if self._options.smooths and person is not None:
+                person = self._own.add(person)
+            target = _first_skeleton(pose) if isinstance(pose, RgbdFrame) else pose
+            if self._options.smooths and target is not None:
+                target = self._other.add(target)
+            return _forge(frame, person, scene, target, self.kind, self._options)
+
+
 class ForgedStream:
     """Frames of a person before another scene; made by `stream`.
 
@@ -264,20 +400,10 @@ class ForgedStream:
         Frames of the last iteration in which nobody was found: they show the background alone.
     """
 
-    def __init__(
-        self,
-        kind: int,
-        calibration: RgbdCalibration,
-        source: Iterable[RgbdFrame],
-        background: RgbdFrame | Iterable[RgbdFrame],
-        pose: Iterable[RgbdFrame | Skeleton] | None,
-        options: _Options,
-    ) -> None:
-        self.kind = kind
-        self.calibration = calibration
+    def __init__(self, source: Iterable[RgbdFrame], forger: StreamForger) -> None:
+        self.kind, self.calibration = forger.kind, forger.calibration
         self.missed = 0
-        self._source, self._background, self._pose = source, background, pose
-        self._options = options
+        self._source, self._forger = source, forger
         self._bits: list[NDArray[np.uint8]] = []
         self._numbers: list[int] = []
 
@@ -287,22 +413,12 @@ class ForgedStream:
     def frames(self) -> Iterator[ForgedFrame]:
         """Give each frame with the mask of what is forged in it."""
         self.missed, self._bits, self._numbers = 0, [], []
-        scenes = _endless(self._background)
-        poses = _endless(self._pose) if self._pose is not None else None
-        own, other = JointSmoother(), JointSmoother()
-        for number, frame in enumerate(self._source):
-            check_frames("source", [frame])
-            scene = scenes(number)
-            pose = None if poses is None else poses(number)
-            if scene is None or (poses is not None and pose is None):
+        forger = copy(self._forger)  # each iteration begins again, whatever another one does
+        forger.reset()
+        for frame in self._source:
+            forged = forger.process(frame)
+            if forged is None:
                 return
-            person = _first_skeleton(frame)
-            if self._options.smooths and person is not None:
-                person = own.add(person)
-            target = _first_skeleton(pose) if isinstance(pose, RgbdFrame) else pose
-            if self._options.smooths and target is not None:
-                target = other.add(target)
-            forged = _forge(frame, person, scene, target, self.kind, self._options)
             self.missed += not forged.mask.any()
             self._bits.append(np.packbits(forged.mask))
             self._numbers.append(forged.frame.number)
@@ -317,18 +433,6 @@ class ForgedStream:
         shape = (len(masks), camera.height, camera.width)
         numbers = np.array(self._numbers, np.int64)
         return StreamTruth(self.kind, np.array(masks, bool).reshape(shape), numbers)
-
-
-@dataclass(frozen=True)
-class _Options:
-    method: Skinning
-    scope: PoseScope
-    move: NDArray[np.float64]
-    surface: Surface
-    fill_pinholes: bool
-    blend: int
-    smooths: bool
-    by_label: bool
 
 
 @checked
@@ -403,33 +507,30 @@ def stream(
     [(424, 512), (424, 512)]
     """
     check_frames("source", source)
-    if kind not in (1, 2):
-        raise InputError(f"kind: expected 1 or 2, got {kind}")
-    if kind == 2 and pose is None:
-        raise InputError("pose: expected a motion for type 2, got none")
-    if kind == 1 and pose is not None:
-        raise InputError("pose: expected none for type 1, which keeps the recorded pose")
-    for name, value, known in (
-        ("method", method, _core.Skinning.__members__),
-        ("scope", scope, _core.PoseScope.__members__),
-        ("surface", surface, _core.CompositeSurface.__members__),
-    ):
-        if value.upper() not in known:
-            raise InputError(f"{name}: expected one of {', '.join(known).lower()}, got {value!r}")
-    if not 0 <= blend <= 64:
-        raise InputError(f"blend: expected 0 to 64, got {blend}")
-    options = _Options(
-        method,
-        scope,
-        vector(move, 3, "move"),
-        surface,
-        fill_pinholes,
-        blend,
-        smoothing,
-        by_label,
+    forger = StreamForger(
+        background,
+        kind=kind,
+        pose=pose,
+        method=method,
+        scope=scope,
+        move=move,
+        surface=surface,
+        fill_pinholes=fill_pinholes,
+        blend=blend,
+        smoothing=smoothing,
+        by_label=by_label,
     )
-    calibration, scenes = _calibration_of(background)
-    return ForgedStream(kind, calibration, source, scenes, pose, options)
+    return ForgedStream(source, forger)
+
+
+def _check_poses(pose: object) -> None:
+    """Refuse a container that holds something else than poses; sources are not looked into."""
+    if isinstance(pose, np.ndarray):
+        raise InputError(f"pose: expected frames or skeletons, got an array of shape {pose.shape}")
+    if isinstance(pose, list | tuple | set | frozenset | dict):
+        for each in pose:
+            if not isinstance(each, RgbdFrame | Skeleton):
+                raise InputError(f"pose: expected frames or skeletons, got {type(each).__name__}")
 
 
 def _calibration_of(
@@ -502,7 +603,7 @@ def _forge(
     if kind == 1 or (person is not None and pose is not None):
         labels = _labels(frame, person)
     stays = not options.move.any()
-    in_place = kind == 1 and stays and _same_camera(camera, scene.calibration.depth)
+    in_place = kind == 1 and stays and same_camera(camera, scene.calibration.depth)
     seen = frame.depth if in_place else _without_speckles(frame.depth, labels)
     mesh = animation_mesh(seen, camera, labels, person, by_label=by_label)
     vertices = mesh.vertices
@@ -552,16 +653,24 @@ def _forge(
 def _without_speckles(depth: NDArray[np.uint16], labels: NDArray[np.uint8]) -> NDArray[np.uint16]:
     """The depth with single lost pixels between two of one bone filled; ``labels`` are, too."""
     filled = depth.copy()
-    for image, bones in ((filled, labels), (filled.T, labels.T)):
-        left, right = image[:, :-2].astype(np.int32), image[:, 2:].astype(np.int32)
+    rows, columns = (np.asarray(labels.any(axis=axis)) for axis in (1, 0))
+    if not rows.any():
+        return filled
+    # Nothing is filled beside the person: their box is a fraction of the image.
+    top, bottom = int(rows.argmax()), len(rows) - int(rows[::-1].argmax())
+    left, right = int(columns.argmax()), len(columns) - int(columns[::-1].argmax())
+    box = np.s_[top:bottom, left:right]
+    inside, own = filled[box], labels[box]
+    for image, bones in ((inside, own), (inside.T, own.T)):
+        before, after = image[:, :-2].astype(np.int32), image[:, 2:].astype(np.int32)
         between = (bones[:, 1:-1] == 0) & (bones[:, :-2] > 0) & (bones[:, :-2] == bones[:, 2:])
-        between &= np.abs(left - right) < 0.03 * left
-        image[:, 1:-1][between] = ((left + right) // 2)[between]
+        between &= np.abs(before - after) < 0.03 * before
+        image[:, 1:-1][between] = ((before + after) // 2)[between]
         bones[:, 1:-1][between] = bones[:, :-2][between]
     return filled
 
 
-def _same_camera(one: Any, other: Any) -> bool:
+def same_camera(one: Any, other: Any) -> bool:
     if one is other:
         return True
     names = ("width", "height", "fx", "fy", "cx", "cy", "distortion", "mirrored")

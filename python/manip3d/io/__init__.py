@@ -6,6 +6,7 @@ than the file can hold end in a `FormatError` that names the file and the line o
 
 from __future__ import annotations
 
+from manip3d.io._bvh import Motion, read_bvh
 from manip3d.io._depth_files import DEPTH_SUFFIXES, is_color_png, read_depth
 from manip3d.io._depth_units import (
     DEPTH_UNITS,
@@ -37,6 +38,7 @@ __all__ = [
     "SCAN_SUFFIXES",
     "WRITABLE",
     "DepthReading",
+    "Motion",
     "RangeGrid",
     "ReadReport",
     "describe_unit",
@@ -45,6 +47,7 @@ __all__ = [
     "is_url",
     "local_copy",
     "local_output",
+    "read_bvh",
     "read_depth",
     "read_depth_guessing",
     "read_mesh",

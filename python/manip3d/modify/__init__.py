@@ -13,6 +13,7 @@ from manip3d.modify._animation import (
 from manip3d.modify._colliders import TORSO, BodyColliders, ColliderTracker, Hits
 from manip3d.modify._joints import JointLayout, joint_layouts, skeleton_from
 from manip3d.modify._lower_limb import Placement, PlacementEstimator, ShoeCoverTracker, Side
+from manip3d.modify._motions import skeletons_from_motion
 from manip3d.modify._phantom import (
     BodyMirror,
     BodyPlane,
@@ -76,4 +77,5 @@ __all__ = [
     "repose",
     "segment_body",
     "skeleton_from",
+    "skeletons_from_motion",
 ]

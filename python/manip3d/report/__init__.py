@@ -21,6 +21,7 @@ from manip3d.report._evidence import (
     write_evidence,
     write_suspected_rows,
 )
+from manip3d.report._stream_evidence import write_stream_evidence
 
 __all__ = [
     "ALERT_KINDS",
@@ -32,6 +33,7 @@ __all__ = [
     "write_drive_evidence",
     "write_evidence",
     "write_report",
+    "write_stream_evidence",
     "write_suspected_rows",
 ]
 

@@ -2,8 +2,18 @@
 
 from __future__ import annotations
 
+from manip3d.serve._bundles import bundled_pages
 from manip3d.serve._frames import encode_frame
 from manip3d.serve._messages import Kind, read_message
 from manip3d.serve._server import Limits, LocalServer, Page, StreamClient
 
-__all__ = ["Kind", "Limits", "LocalServer", "Page", "StreamClient", "encode_frame", "read_message"]
+__all__ = [
+    "Kind",
+    "Limits",
+    "LocalServer",
+    "Page",
+    "StreamClient",
+    "bundled_pages",
+    "encode_frame",
+    "read_message",
+]

@@ -3,6 +3,7 @@
 from manip3d.simulate import depth, models, scenes, streets
 from manip3d.simulate.cameras import StereoPair, stereo_pair
 from manip3d.simulate.drives import DriveFrame, drive, write_drive
+from manip3d.simulate.forged_people import ForgedPeople, write_forged_people
 from manip3d.simulate.lidar import LidarScan, hdl64e
 from manip3d.simulate.people import (
     LIMBS,
@@ -22,6 +23,7 @@ __all__ = [
     "BodySimulator",
     "BodyTruth",
     "DriveFrame",
+    "ForgedPeople",
     "LidarScan",
     "StereoPair",
     "Street",
@@ -40,4 +42,5 @@ __all__ = [
     "streets",
     "terrestrial_scan",
     "write_drive",
+    "write_forged_people",
 ]

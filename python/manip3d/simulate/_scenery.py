@@ -108,21 +108,29 @@ class Scenery:
         return Background(depth, slant, color, rays)
 
 
+SCENES = ("room", "office", "hall")
+"""What can be around a person."""
+
+_BEHIND = {"room": 1.4, "office": 1.4, "hall": 2.6}  # metres from a person to the wall
+_WALLS = {"room": _WALL, "office": (176, 190, 196), "hall": (214, 198, 168)}
+_FLOORS = {"room": _FLOOR, "office": (104, 112, 124), "hall": (168, 150, 122)}
+
+
 def furnish(
-    room: bool, seat: float | None, turn: float, distance: float, camera_height: float
+    scene: str, seat: float | None, turn: float, distance: float, camera_height: float
 ) -> Scenery:
-    """A room around a person, and a chair under one who sits.
+    """A scene around a person, and a chair under one who sits.
 
     Parameters
     ----------
-    room : bool
-        Without it there is nothing at all.
+    scene : str
+        Of `SCENES`; empty: there is nothing at all.
     seat : float, optional
         Distance of the chair, metres.
     turn : float, degrees
         Of the chair.
     distance : float, metres
-        Of the person; the wall stands 1.4 m behind.
+        Of the person; the wall stands 1.4 m behind, in a hall 2.6 m.
     camera_height : float, metres
     """
     vertices: list[Floats] = []
@@ -137,18 +145,56 @@ def furnish(
         vertices.append(corners)
         colors.append(np.repeat(np.array([box.color], np.float32), len(sides), axis=0))
 
-    if not room:
+    if not scene:
         nothing = np.zeros((0, 3), np.float32)
         return Scenery(nothing, nothing.astype(np.int32), nothing)
-    floor, wall = camera_height, distance + 1.4
-    add(Box((-2.6, floor, -1.0), (2.6, floor + 0.1, wall), _FLOOR))
-    add(Box((-2.6, -1.7, wall), (2.6, floor, wall + 0.1), _WALL))
+    floor, wall = camera_height, distance + _BEHIND[scene]
+    add(Box((-2.6, floor, -1.0), (2.6, floor + 0.1, wall), _FLOORS[scene]))
+    add(Box((-2.6, -1.7, wall), (2.6, floor, wall + 0.1), _WALLS[scene]))
     for x in (-2.7, 2.6):
         add(Box((x, -1.7, -1.0), (x + 0.1, floor, wall), (186, 184, 178)))
+    for box in {"room": [], "office": _office(floor, wall), "hall": _hall(floor, wall)}[scene]:
+        add(box)
     if seat is not None:
         for box in _chair():
             add(box, np.array([0.0, floor, seat]))
     return Scenery(np.concatenate(vertices), np.concatenate(faces), np.concatenate(colors))
+
+
+def _office(floor: float, wall: float) -> list[Box]:
+    """A desk with a screen on the left of the picture, a cupboard on the right, a board."""
+    desk = floor - 0.74
+    back = wall - 0.15
+    legs = [
+        Box((x, desk, z), (x + 0.05, floor, z + 0.05), _METAL)
+        for x in (-2.2, -0.95)
+        for z in (back - 0.65, back - 0.05)
+    ]
+    return [
+        Box((-2.2, desk - 0.03, back - 0.65), (-0.9, desk, back), _WOOD),
+        *legs,
+        Box((-1.8, desk - 0.43, back - 0.3), (-1.25, desk - 0.08, back - 0.26), (40, 44, 52)),
+        Box((-1.58, desk - 0.08, back - 0.3), (-1.47, desk - 0.03, back - 0.2), _METAL),
+        Box((1.0, floor - 1.9, wall - 0.45), (1.9, floor, wall), (132, 98, 62)),
+        Box((-0.7, -0.75, wall - 0.03), (0.75, 0.1, wall), (226, 228, 224)),
+    ]
+
+
+def _hall(floor: float, wall: float) -> list[Box]:
+    """Two pillars, a bench and a door."""
+    pillars = [
+        Box((x, -1.7, wall - 1.5), (x + 0.35, floor, wall - 1.15), (196, 186, 170))
+        for x in (-1.75, 1.4)
+    ]
+    return [
+        *pillars,
+        Box((-1.1, floor - 0.45, wall - 0.5), (-0.2, floor - 0.37, wall - 0.1), _WOOD),
+        *(
+            Box((x, floor - 0.37, wall - 0.45), (x + 0.06, floor, wall - 0.15), _METAL)
+            for x in (-1.0, -0.36)
+        ),
+        Box((0.35, floor - 2.05, wall - 0.05), (1.25, floor, wall), (92, 66, 48)),
+    ]
 
 
 def _chair() -> list[Box]:

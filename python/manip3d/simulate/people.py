@@ -35,7 +35,7 @@ from manip3d.simulate._clothes import SIDE, Clothes, paint
 from manip3d.simulate._figure import LIMBS, PosedFigure, opposite, pose_figure
 from manip3d.simulate._motions import MOTIONS, pose_at, walk
 from manip3d.simulate._raycast import CHUNK, RayCaster
-from manip3d.simulate._scenery import Box, Scenery, box_mesh, furnish
+from manip3d.simulate._scenery import SCENES, Box, Scenery, box_mesh, furnish
 from manip3d.simulate._skin import TILES, Skin, build_skin
 from manip3d.simulate._time_of_flight import MAX_DEPTH, measure
 
@@ -211,6 +211,9 @@ class BodySimulator:
         ``none``.
     room : bool
         Floor, walls and furniture; without them, nothing is behind the person.
+    scene : str
+        What is behind: ``room`` (bare), ``office`` (desk, cupboard, board) or ``hall`` (pillars, a
+        bench, a wall farther away).
     rate : float
         Frames per second.
     frames : int
@@ -262,6 +265,7 @@ class BodySimulator:
     noise: float = 1.0
     color: str = "depth"
     room: bool = True
+    scene: str = "room"
     rate: float = 30.0
     frames: int = 300
     seed: int = 0
@@ -277,6 +281,7 @@ class BodySimulator:
             ("amputated", self.amputated, [None, *LIMBS]),
             ("cover", self.cover, ["none", "left", "right", "both"]),
             ("color", self.color, ["depth", "full", "none"]),
+            ("scene", self.scene, list(SCENES)),
         ):
             if value not in choices:
                 names = ", ".join(str(choice) for choice in choices if choice)
@@ -418,7 +423,8 @@ class BodySimulator:
     @functools.cached_property
     def _scenery(self) -> Scenery:
         seat = self.distance if self._is_sitting else None
-        return furnish(self.room, seat, self.turn, self.distance, CAMERA_HEIGHT)
+        scene = self.scene if self.room else ""
+        return furnish(scene, seat, self.turn, self.distance, CAMERA_HEIGHT)
 
     @functools.cached_property
     def _wardrobe(self) -> tuple[_Look, ...]:

@@ -44,7 +44,7 @@ from manip3d.study._rating import (
 from manip3d.study._reading import TEMPLATES, read_study, study_of, write_template
 from manip3d.study._results import write_results
 from manip3d.study._steps import Field, Step, Stimulus, px_per_degree
-from manip3d.study._stimuli import make_rating_stimuli
+from manip3d.study._stimuli import copy_rating_stimuli, make_rating_stimuli
 from manip3d.study._store import Answer, Session, StudyFolder
 
 __all__ = [
@@ -72,6 +72,7 @@ __all__ = [
     "Study",
     "StudyFolder",
     "StudyReport",
+    "copy_rating_stimuli",
     "estimate_threshold",
     "fleiss_kappa",
     "fleiss_kappa_interval",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import html
 import json
 import logging
 import threading
@@ -19,12 +18,11 @@ from typing import Any
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d.errors import FormatError, InputError, RenderError
-from manip3d.serve import Kind, LocalServer, Page, StreamClient, read_message
+from manip3d.errors import FormatError, InputError
+from manip3d.serve import Kind, LocalServer, Page, StreamClient, bundled_pages, read_message
 from manip3d.study._definition import Common
 from manip3d.study._steps import Field, Step, Stimulus, Value, px_per_degree
 from manip3d.study._store import Answer, Session, StudyFolder
-from manip3d.viewer.page import BUNDLE
 
 LOG = logging.getLogger("manip3d.study")
 
@@ -43,23 +41,6 @@ _TYPES = {
 }
 SHOWABLE = tuple(_TYPES)
 """Suffixes of stimuli."""
-
-_HTML = """\
-<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{title}</title>
-<link rel="stylesheet" href="/study.css">
-</head>
-<body>
-<noscript>The study needs JavaScript.</noscript>
-<main id="study"></main>
-<script src="/study.js"></script>
-</body>
-</html>
-"""
 
 
 class Study(ABC):
@@ -157,31 +138,13 @@ def study_pages(study: Study) -> dict[str, Page]:
     InputError
         A stimulus is of a kind that a page does not show.
     """
-    pages = {
-        "/": Page(
-            "text/html; charset=utf-8",
-            _HTML.format(title=html.escape(study.common.title)).encode(),
-        ),
-        "/study.js": Page("text/javascript; charset=utf-8", _built("study.js")),
-        "/study.css": Page("text/css; charset=utf-8", _built("study.css")),
-    }
+    pages = bundled_pages("study", study.common.title, '<main id="study"></main>')
     for name, file in study.files().items():
         if file.suffix.lower() not in _TYPES:
             raise InputError(f"{file}: expected a stimulus that ends in {', '.join(_TYPES)}")
         media = _TYPES[file.suffix.lower()][1]
         pages[address_of(study.common.seed, name)] = Page(media, file)
     return pages
-
-
-def _built(name: str) -> bytes:
-    path = BUNDLE.parent / name
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise RenderError(
-            f"the page is not built ({path} is missing): run 'make setup', or "
-            f"'npm ci && npm run build' in {path.parents[1]}"
-        ) from None
 
 
 class Conductor:

@@ -13,7 +13,7 @@ from manip3d.errors import InputError
 from manip3d.study._definition import Section, read_table
 from manip3d.study._jnd import JndStudy, make_jnd_stimuli
 from manip3d.study._reading import read_study
-from manip3d.study._stimuli import make_rating_stimuli
+from manip3d.study._stimuli import copy_rating_stimuli, make_rating_stimuli
 
 _MISSED = 0.5  # percent of the polygons by which a level may miss
 
@@ -42,6 +42,7 @@ def make_stimuli(
     *,
     frames: int = 24,
     surfaces: int = 0,
+    images: str | os.PathLike[str] | None = None,
     seed: int = 0,
     overwrite: bool = False,
     progress: Callable[[float, str], object] | None = None,
@@ -54,6 +55,8 @@ def make_stimuli(
         A TOML or JSON file.
     frames, surfaces, seed : int
         Of a rating, as of `make_rating_stimuli`.
+    images : path-like, optional
+        Of a rating: take one's own pictures and clips instead, by `copy_rating_stimuli`.
     overwrite : bool
         Replace the folder if it is there.
     progress : callable, optional
@@ -93,6 +96,9 @@ def make_stimuli(
         raise InputError("definition: expected a rating or a jnd, got a display")
     if kind == "rating":
         name = Section(table, "", str(file)).section("rating").text("stimuli")
+        if images is not None:
+            copied = copy_rating_stimuli(images, file.parent / name, seed=seed, overwrite=overwrite)
+            return MadeStimuli(file.parent / name, len(copied), ())
         made = make_rating_stimuli(
             file.parent / name,
             frames=frames,
@@ -102,6 +108,8 @@ def make_stimuli(
             progress=progress,
         )
         return MadeStimuli(file.parent / name, len(made), ())
+    if images is not None:
+        raise InputError("images: expected with a rating, got a jnd")
     study, _ = read_study(file)
     assert isinstance(study, JndStudy)
     assert study.stimuli is not None

@@ -6,7 +6,8 @@ import csv
 import io
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,8 +16,17 @@ from manip3d._util.checked import checked
 from manip3d._util.extras import require
 from manip3d._util.paths import path_of
 from manip3d.errors import InputError
-from manip3d.io._files import atomic_folder
-from manip3d.study._rating import COLUMNS, FORMS, MANIFEST, PUBLISHED_COMPOSITION, Item
+from manip3d.io._files import atomic_folder, regular_bytes
+from manip3d.study._engine import SHOWABLE
+from manip3d.study._rating import (
+    COLUMNS,
+    FORMS,
+    MANIFEST,
+    MODALITIES,
+    PUBLISHED_COMPOSITION,
+    TRUTHS,
+    Item,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -26,17 +36,11 @@ if TYPE_CHECKING:
 
     Image = NDArray[np.uint8]
 
-ACTIONS = (("wave", "both"), ("arm-raise", "left"), ("arm-raise", "right"), ("arm-raise", "both"))
-"""Waving, raising the left arm, the right arm, both arms (section 5.2)."""
-
-PEOPLE = (0.86, 0.92, 0.98, 1.04, 1.12, 1.2)
-"""Girths of the six people; the third wears stripes."""
-
 _RATE = 10.0  # frames per second of a clip
 _LOW_WIDTH, _LOW_QUALITY = 160, 12
 _SURFACE_EDGE = 0.06  # metres: longer edges bridge a step in depth
 _NEAREST, _FARTHEST = 2.1, 2.9  # metres from the camera to a person
-_NEAR_MM, _FAR_MM = 1200.0, 5200.0  # one grey scale for all depth pictures
+_NEAR_MM, _FAR_MM = 1200.0, 6000.0  # one grey scale for all depth pictures
 
 
 @dataclass(frozen=True)
@@ -52,25 +56,30 @@ class _Shot:
         from manip3d import forge
         from manip3d.rgbd import NO_BODY
         from manip3d.simulate import BodySimulator
+        from manip3d.simulate.forged_people import ACTIONS, PEOPLE, SCENES, STRIPED
 
         random = np.random.default_rng(self.seed)
         person, action = int(random.integers(6)), int(random.integers(4))
         motion, side = ACTIONS[action]
         start = float(random.uniform(0.0, 3.0))
         distance = float(random.uniform(_NEAREST, _FARTHEST))
+        scene = int(random.integers(len(SCENES)))
         actor = BodySimulator(
             motion=motion,
             side=side,
             girth=PEOPLE[person],
-            stripes=person == 2,
+            stripes=person == STRIPED,
             distance=distance,
             tracker="kinect-v2",
+            # The person of a forgery was recorded somewhere else.
+            scene=SCENES[scene if self.truth == "real" else (scene + 1) % len(SCENES)],
             seed=self.seed,
         )
         seen = [actor.frame(start + time) for time in times]
         if self.truth == "real":
             return [(f, np.asarray(f.body_index != NO_BODY)) for f in seen]
-        scenes = [actor.background(start + 60.0 + time) for time in times]
+        room = replace(actor, scene=SCENES[scene])
+        scenes = [room.background(start + 60.0 + time) for time in times]
         pose = None
         if self.truth == "type2":
             other, side = ACTIONS[(action + 1 + int(random.integers(3))) % 4]
@@ -166,8 +175,8 @@ def make_rating_stimuli(
 
     Notes
     -----
-    Six people of different girths and four actions as published, in one simulated room: three
-    backgrounds are not simulated. The background of a forged clip is one still frame in every
+    Six people of different girths, four actions and three backgrounds as published, simulated. The
+    background of a forged clip is one still frame in every
     second clip, a running sequence in the others. Depth has one grey scale throughout. Clips are
     animated WebP, without loss except those of low resolution: 160 pixels wide, quality 12.
     """
@@ -226,13 +235,128 @@ def make_rating_stimuli(
                 )
             )
         made.sort(key=lambda item: item.file)
-        with (folder / MANIFEST).open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream, lineterminator="\n")
-            writer.writerow(COLUMNS)
-            for item in made:
-                row = [getattr(item, column) for column in COLUMNS]
-                writer.writerow([*row[:-1], "1" if item.example else "0"])
+        _write_manifest(folder, made)
     return tuple(made)
+
+
+def _write_manifest(folder: Path, items: Sequence[Item]) -> None:
+    with (folder / MANIFEST).open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        for item in items:
+            row = [getattr(item, column) for column in COLUMNS]
+            writer.writerow([*row[:-1], "1" if item.example else "0"])
+
+
+_EXAMPLE, _LOW = "example", "low"
+_MOST_STIMULI = 10_000
+_MOST_BYTES = 1 << 28  # of one stimulus
+
+
+@checked
+def copy_rating_stimuli(
+    images: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    *,
+    seed: int = 0,
+    overwrite: bool = False,
+) -> tuple[Item, ...]:
+    """Make a folder of stimuli for a rating study of one's own pictures and clips.
+
+    Parameters
+    ----------
+    images : path-like
+        A folder with sub-folders ``real``, ``type1``, ``type2``, ``added`` or ``deformed``, which
+        are the truth. Below them folders may tell the modality (``depth``, ``color``, ``rendered``,
+        ``surface``; without one ``color``), low resolution (``low``), and what is an ``example``
+        that is shown before. Hidden files are left out.
+    output : path-like
+        A folder to be made, with ``stimuli.csv``.
+    seed : int
+        Of the names that the files get.
+    overwrite : bool
+        Replace the folder if it is there.
+
+    Returns
+    -------
+    tuple of Item
+        In the order of ``stimuli.csv``. File names are by chance and tell nothing; what a picture
+        holds beside its pixels, such as its time, is copied with it.
+
+    Raises
+    ------
+    InputError
+        The folder holds nothing to show, files of other kinds, or folders of other names; the
+        output is there, or lies within the folder.
+    OSError
+        A file cannot be read or written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> with tempfile.TemporaryDirectory() as place:
+    ...     for truth in ("real", "type2"):
+    ...         (Path(place) / "mine" / truth / "depth").mkdir(parents=True)
+    ...         _ = (Path(place) / "mine" / truth / "depth" / "a.png").write_bytes(b"...")
+    ...     made = copy_rating_stimuli(Path(place) / "mine", Path(place) / "stimuli")
+    ...     sorted((item.truth, item.modality, item.form) for item in made)
+    [('real', 'depth', 'image'), ('type2', 'depth', 'image')]
+    """
+    source, target = path_of(images, "images"), path_of(output)
+    if not source.is_dir():
+        raise InputError(f"images: expected a folder, got {source}")
+    if target.exists() and not overwrite:
+        raise InputError(f"output: {target} exists already")
+    if target.resolve().is_relative_to(source.resolve()):
+        raise InputError("output: expected a folder beside that of the images, not within it")
+    if not 0 <= seed < 2**31:
+        raise InputError(f"seed: expected >= 0, got {seed}")
+    files = sorted(
+        path
+        for path in source.rglob("*")
+        if path.is_file() and not any(p.startswith(".") for p in path.relative_to(source).parts)
+    )
+    if not 1 <= len(files) <= _MOST_STIMULI:
+        raise InputError(f"images: expected 1 to {_MOST_STIMULI} files, found {len(files)}")
+    names = np.random.default_rng(seed).choice(16**6, size=len(files), replace=False)
+    made = [
+        _own_item(path.relative_to(source), f"{name:06x}")
+        for path, name in zip(files, names.tolist(), strict=True)
+    ]
+    with atomic_folder(target) as folder:
+        for path, item in zip(files, made, strict=True):
+            if path.stat().st_size > _MOST_BYTES:
+                raise InputError(f"images: {path}: expected at most {_MOST_BYTES} bytes")
+            (folder / item.file).write_bytes(regular_bytes(path))
+        made.sort(key=lambda item: item.file)
+        _write_manifest(folder, made)
+    return tuple(made)
+
+
+def _own_item(place: Path, name: str) -> Item:
+    """What the folders of a file say about it."""
+    truth, *others = place.parts[:-1] or ("",)
+    suffix = place.suffix.lower()
+    if truth not in TRUTHS:
+        raise InputError(
+            f"images: {place}: expected a folder of {', '.join(TRUTHS)}, got {truth or 'none'!r}"
+        )
+    if suffix not in SHOWABLE or suffix == ".glb":
+        shown = ", ".join(each for each in SHOWABLE if each != ".glb")
+        raise InputError(f"images: {place}: expected a name that ends in {shown}")
+    known = {*MODALITIES, _EXAMPLE, _LOW}
+    if not set(others) <= known or len(set(others) & set(MODALITIES)) > 1:
+        raise InputError(
+            f"images: {place}: expected folders of {', '.join(sorted(known))} below {truth}"
+        )
+    modality = next((other for other in others if other in MODALITIES), "color")
+    form = "clip" if suffix in _CLIPS else "image"
+    resolution = "low" if _LOW in others else "full"
+    return Item(f"{name}{suffix}", truth, modality, form, resolution, "", _EXAMPLE in others)
+
+
+_CLIPS = (".gif", ".webm", ".mp4")
 
 
 def _content(item: Item, number: int, seed: int, frames: int) -> tuple[bytes, str]:

@@ -93,7 +93,7 @@ class Session:
 
 @checked
 class StudyFolder:
-    """The answers of a study in a folder, for one process at a time.
+    """The answers of a study in a folder, for one process at a time; others may read them.
 
     Parameters
     ----------
@@ -102,6 +102,9 @@ class StudyFolder:
     definition : mapping, optional
         Stored with the first answer folder; a folder that holds answers to another definition is
         refused. Without it the folder must be there.
+    read_only : bool
+        Read the answers that are stored at this moment, also while another process runs the study.
+        Nothing can be stored.
 
     Raises
     ------
@@ -114,12 +117,36 @@ class StudyFolder:
     """
 
     def __init__(
-        self, path: str | os.PathLike[str], definition: Mapping[str, Any] | None = None
+        self,
+        path: str | os.PathLike[str],
+        definition: Mapping[str, Any] | None = None,
+        *,
+        read_only: bool = False,
     ) -> None:
         self.path = path_of(path)
+        self.read_only = read_only
         self._lock: int | None = None
+        if read_only and definition is not None:
+            raise InputError("definition: expected none with read_only")
         if definition is None and not (self.path / _DEFINITION).is_file():
             raise InputError(f"{self.path}: expected a folder of a study, found no {_DEFINITION}")
+        if not read_only:
+            self._lock = self._locked()
+        try:
+            self.definition = self._agreed(definition)
+            self.sessions: dict[str, Session] = {}
+            for file in sorted((self.path / _PARTICIPANTS).glob("*.jsonl")):
+                try:
+                    self.sessions[file.stem] = self._read(file)
+                except FileNotFoundError:
+                    if not read_only:  # somebody has withdrawn meanwhile
+                        raise
+        except BaseException:
+            self.close()
+            raise
+
+    def _locked(self) -> int:
+        """Make the folder if it is absent, and keep other writers out of it."""
         if not self.path.exists():
             self.path.mkdir(mode=0o700, parents=True)  # answers of people are nobody else's
         (self.path / _PARTICIPANTS).mkdir(exist_ok=True)
@@ -129,16 +156,11 @@ class StudyFolder:
         except BlockingIOError:
             os.close(lock)
             raise InputError(f"{self.path}: another process is using this study") from None
-        self._lock = lock
-        try:
-            self.definition = self._agreed(definition)
-            self.sessions = {
-                file.stem: self._read(file)
-                for file in sorted((self.path / _PARTICIPANTS).glob("*.jsonl"))
-            }
-        except BaseException:
-            self.close()
-            raise
+        return lock
+
+    def _refuse_if_read_only(self) -> None:
+        if self.read_only:
+            raise InputError(f"{self.path}: opened for reading only")
 
     def _agreed(self, definition: Mapping[str, Any] | None) -> dict[str, Any]:
         file = self.path / _DEFINITION
@@ -165,7 +187,8 @@ class StudyFolder:
         Raises
         ------
         InputError
-            The code is no code, or differs from another only in its letters' case.
+            The code is no code, or differs from another only in its letters' case; the folder was
+            opened for reading only.
         """
         if not CODE.fullmatch(participant):
             raise InputError(
@@ -174,6 +197,7 @@ class StudyFolder:
             )
         if participant in self.sessions:
             return self.sessions[participant]
+        self._refuse_if_read_only()
         if participant.lower() in (code.lower() for code in self.sessions):
             raise InputError(f"participant: {participant} differs from another code only in case")
         number = 1 + max((s.number for s in self.sessions.values()), default=-1)
@@ -187,9 +211,12 @@ class StudyFolder:
 
         Raises
         ------
+        InputError
+            The folder was opened for reading only.
         OSError
             It could not be written; nothing of it is left in the file.
         """
+        self._refuse_if_read_only()
         session = self.sessions[participant]
         stamped = Answer(**{**vars(answer), "time_ns": time.time_ns()})
         content = _line({key: value for key, value in vars(stamped).items()}).encode()
@@ -215,8 +242,9 @@ class StudyFolder:
         Raises
         ------
         InputError
-            There is no such participant.
+            There is no such participant, or the folder was opened for reading only.
         """
+        self._refuse_if_read_only()
         if participant not in self.sessions:
             raise InputError(f"participant: expected one of this study, got {participant!r}")
         self._file(participant).unlink()
@@ -248,7 +276,7 @@ class StudyFolder:
         content = regular_bytes(file)
         whole = content[: content.rfind(b"\n") + 1]
         records = list(_records(whole, file))
-        if len(whole) != len(content):
+        if len(whole) != len(content) and not self.read_only:  # the writer is at it
             with file.open("rb+") as stream:
                 stream.truncate(len(whole))
                 os.fsync(stream.fileno())

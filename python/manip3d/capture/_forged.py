@@ -1,0 +1,305 @@
+"""A source whose person stands before another scene, switched on and off while it runs."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qsl
+
+import numpy as np
+
+from manip3d._util.paths import path_of
+from manip3d.camera import Registration
+from manip3d.errors import FormatError, InputError
+from manip3d.forge import StreamForger, background_plate
+from manip3d.forge._stream import same_camera
+from manip3d.io import read_bvh
+from manip3d.io._files import open_regular
+from manip3d.modify import skeletons_from_motion
+from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
+
+LEARNED = 30
+"""First frames of a source, from which the scene behind its person is learnt; they stay real."""
+
+MOST_KEPT = 300
+"""Frames of a background or a motion that are kept."""
+
+_RATE = 30.0
+
+
+@dataclass(frozen=True)
+class ForgedPlan:
+    """What follows the # of an address ``forged:SOURCE#OPTIONS``.
+
+    Attributes
+    ----------
+    source : str
+    kind : int
+    pose, background : str
+        Sources, or a BVH file; empty: none.
+    still : bool
+    move : (float, float, float)
+    blend : int
+    is_forged : bool
+        Whether it begins forged.
+    period_s : float
+        Seconds after which real and forged alternate; 0: never.
+    switch : str
+        A file that says ``real`` or ``forged``.
+    """
+
+    source: str
+    kind: int = 1
+    pose: str = ""
+    background: str = ""
+    still: bool = False
+    move: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    blend: int = 1
+    is_forged: bool = True
+    period_s: float = 0.0
+    switch: str = ""
+
+
+def read_plan(uri: str) -> ForgedPlan:
+    """Read an address.
+
+    Raises
+    ------
+    InputError
+        There is no source; an unknown option or value.
+    """
+    place, mark, text = uri.removeprefix("forged:").rpartition("#")
+    source, options = (place, dict(parse_qsl(text, keep_blank_values=True))) if mark else (text, {})
+    if not source:
+        raise InputError(f"uri: expected forged:SOURCE or forged:SOURCE#OPTIONS, got {uri!r}")
+    values: dict[str, Any] = {}
+    for name, value in options.items():
+        if name not in _OPTIONS:
+            raise InputError(f"{name}: expected one of {', '.join(_OPTIONS)} behind # in {uri!r}")
+        expected, read = _OPTIONS[name]
+        try:
+            values |= read(value)
+        except ValueError:
+            raise InputError(f"{name}: expected {expected}, got {value!r}") from None
+    plan = ForgedPlan(source, **values)
+    if (plan.kind == 2) != bool(plan.pose):
+        raise InputError("pose: expected a motion for type=2, and for type=2 only")
+    return plan
+
+
+def _one_of(words: Mapping[str, Any], text: str) -> Any:
+    if text not in words:
+        raise ValueError
+    return words[text]
+
+
+def _number(text: str, low: float, high: float) -> float:
+    value = float(text)
+    if not low <= value <= high:
+        raise ValueError
+    return value
+
+
+def _shown(text: str) -> dict[str, Any]:
+    if text in ("real", "forged"):
+        return {"is_forged": text == "forged"}
+    return {"is_forged": False, "period_s": _number(text, 0.01, 86_400.0)}
+
+
+def _moved(text: str) -> dict[str, Any]:
+    x, y, z = (_number(part, -100.0, 100.0) for part in text.split(","))
+    return {"move": (x, y, z)}
+
+
+def _read(name: str, read: Callable[[str], Any]) -> Callable[[str], dict[str, Any]]:
+    return lambda text: {name: read(text)}
+
+
+_OPTIONS: dict[str, tuple[str, Callable[[str], dict[str, Any]]]] = {
+    "type": ("1 or 2", _read("kind", lambda text: _one_of({"1": 1, "2": 2}, text))),
+    "pose": ("a source or a .bvh file", _read("pose", str)),
+    "background": ("a source", _read("background", str)),
+    "still": ("yes or no", _read("still", lambda t: _one_of({"yes": True, "no": False}, t))),
+    "move": ("X,Y,Z in metres", _moved),
+    "blend": ("0 to 64 pixels", _read("blend", lambda text: int(_number(text, 0, 64)))),
+    "show": ("real, forged, or seconds after which they alternate", _shown),
+    "switch": ("a file", _read("switch", str)),
+}
+
+
+class SwitchedForgery:
+    """Frames of another source, real or forged; the same face as the core's sources.
+
+    Parameters
+    ----------
+    plan : ForgedPlan
+    inner : source
+        What it reads from.
+    background : sequence of RgbdFrame
+        Empty: the scene behind the person, learnt from the first `LEARNED` frames.
+    pose : sequence, optional
+    speed : float
+        At which frames of an inner source that does not wait are given; 0: as they come.
+    """
+
+    def __init__(
+        self,
+        plan: ForgedPlan,
+        inner: Any,
+        background: Sequence[RgbdFrame],
+        pose: Sequence[RgbdFrame | Skeleton] | None,
+        speed: float,
+    ) -> None:
+        self.is_forged = plan.is_forged
+        self._plan, self._inner, self._pose, self._speed = plan, inner, pose, speed
+        self._switch = Path(path_of(plan.switch, "switch")) if plan.switch else None
+        self._lock = threading.RLock()
+        self._counts = {"real": 0, "forged": 0}
+        self._learnt: list[RgbdFrame] = []
+        self._held: RgbdFrame | None = None
+        self._clock: tuple[float, int] | None = None
+        self._began: int | None = None
+        own = inner.calibration
+        if background:
+            seen = background[0].calibration
+            if not same_camera(own.depth, seen.depth) or not _same(
+                own.registration, seen.registration
+            ):
+                raise InputError(
+                    "background: expected frames of the source's camera, since frames of two "
+                    "cameras make no stream; 'forge stream' takes any"
+                )
+            self._has_color = all(frame.color is not None for frame in background)
+        else:
+            self._has_color = own.registration is None
+        self._calibration = own if self._has_color else RgbdCalibration(own.depth)
+        self._forger = self._forger_before(background) if background else None
+
+    def _forger_before(self, background: Sequence[RgbdFrame]) -> StreamForger:
+        plan = self._plan
+        kept = [self._same_kind(frame) for frame in background]
+        return StreamForger(
+            kept[0] if plan.still else kept,
+            kind=plan.kind,
+            pose=self._pose,
+            move=plan.move,
+            blend=plan.blend,
+        )
+
+    def read(self, timeout_ms: int) -> RgbdFrame | bool:
+        """The next frame; True: not yet; False: there is none."""
+        with self._lock:
+            if self._held is None:
+                found = self._inner._source.read(timeout_ms)
+                if isinstance(found, bool):
+                    return found
+                self._held = self._inner._to_frame(found) if isinstance(found, Mapping) else found
+            if not self._is_due(timeout_ms):
+                return True
+            frame, self._held = self._held, None
+            return self._shown(frame)
+
+    def _is_due(self, timeout_ms: int) -> bool:
+        """Wait for the time of the frame that is held, at most so long."""
+        assert self._held is not None
+        if not self._speed > 0.0:
+            return True
+        now = time.monotonic()
+        if self._clock is None:
+            self._clock = now, self._held.time
+        began, first = self._clock
+        left = began + (self._held.time - first) * 1e-9 / self._speed - now
+        if left < 0.0:  # made more slowly than in real time: the clock waits for the frames
+            self._clock = now, self._held.time
+        time.sleep(min(max(left, 0.0), timeout_ms / 1000.0))
+        return left <= timeout_ms / 1000.0
+
+    def _shown(self, frame: RgbdFrame) -> RgbdFrame | bool:
+        frame = self._same_kind(frame)
+        is_forged = self._wanted(frame.time)
+        if self._forger is None:
+            self._learn(frame)
+            is_forged, self._began = False, None
+        elif not is_forged:
+            self._forger.skip()
+        if is_forged:
+            assert self._forger is not None
+            forged = self._forger.process(frame)
+            if forged is None:
+                return False
+            frame = self._same_kind(forged.frame)
+        self._counts["forged" if is_forged else "real"] += 1
+        return frame
+
+    def _same_kind(self, frame: RgbdFrame) -> RgbdFrame:
+        """The frame with the one calibration; without colour where forged frames have none."""
+        color = frame.color if self._has_color else None
+        return replace(frame, calibration=self._calibration, color=color)
+
+    def _learn(self, frame: RgbdFrame) -> None:
+        self._learnt.append(frame)
+        if len(self._learnt) >= LEARNED:
+            self._forger = self._forger_before([background_plate(self._learnt)])
+            self._learnt = []
+
+    def _wanted(self, time_ns: int) -> bool:
+        """Whether the frame of a time is to be forged."""
+        if self._switch is not None:
+            with contextlib.suppress(OSError, FormatError), open_regular(self._switch) as file:
+                word = file.read(16).strip()
+                if word in (b"real", b"forged"):
+                    self.is_forged = word == b"forged"
+        elif self._plan.period_s:
+            if self._began is None:
+                self._began = time_ns
+            rounds = math.floor((time_ns - self._began) * 1e-9 / self._plan.period_s)
+            return rounds % 2 == 1
+        return self.is_forged
+
+    def calibration(self) -> RgbdCalibration:
+        """Of all frames, real and forged."""
+        return self._calibration
+
+    def counters(self) -> dict[str, int]:
+        """Those of the source it reads from, and how many frames were real and forged."""
+        return {**self._inner.counters, **self._counts}
+
+    def num_frames(self) -> int | None:
+        """As many as the source it reads from."""
+        found: int | None = self._inner.num_frames
+        return found
+
+    def is_live(self) -> bool:
+        """Whether the source it reads from is."""
+        return bool(self._inner.is_live)
+
+    def start(self) -> None:
+        """Open the device again."""
+        self._inner.start()
+
+    def stop(self) -> None:
+        """End the thread of the source it reads from."""
+        self._inner.stop()
+
+
+def _same(one: Registration | None, other: Registration | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return (
+        same_camera(one.color, other.color)
+        and np.array_equal(one.rotation, other.rotation)
+        and np.array_equal(one.translation, other.translation)
+    )
+
+
+def motion_of(place: str, rate: float = _RATE) -> list[Skeleton] | None:
+    """The poses of a BVH file at a rate; None: the place is no such file."""
+    if not place.lower().endswith(".bvh"):
+        return None
+    return list(skeletons_from_motion(read_bvh(place), rate=rate))

@@ -1,0 +1,336 @@
+"""Motion files in Biovision's BVH: a skeleton and its joints' angles, frame by frame."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d.errors import FormatError, InputError
+from manip3d.io._files import regular_bytes
+
+Floats = NDArray[np.float64]
+
+MOST_BYTES = 1 << 26
+"""Of a motion file."""
+
+MOST_JOINTS = 1024
+"""Of a skeleton; motion capture of bodies and hands has about a hundred."""
+
+_MOST_FRAMES = 1 << 24
+_FARTHEST = 1e9  # offsets and channels; beyond it sums along a chain lose their decimals
+_CHANNELS = {
+    f"{axis}{kind}".lower(): (number, kind == "rotation")
+    for kind in ("position", "rotation")
+    for number, axis in enumerate("XYZ")
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Where the joints of a skeleton are over time.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the J joints, in the order of the file; End Sites are left out.
+    parents : tuple of int
+        The joint that each one hangs from; -1 of the root.
+    positions : (T, J, 3) float64
+        In the file's own unit; y is up in nearly all files.
+    frame_s : float
+        Seconds from frame to frame.
+
+    Raises
+    ------
+    InputError
+        Sizes that do not agree, a position that is not finite, a time that is not positive.
+    """
+
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    positions: Floats = field(repr=False)
+    frame_s: float
+
+    def __post_init__(self) -> None:
+        joints = len(self.names)
+        if self.positions.ndim != 3 or self.positions.shape[1:] != (joints, 3):
+            raise InputError(
+                f"positions: expected shape (T, {joints}, 3), got {self.positions.shape}"
+            )
+        if not len(self.positions) or not np.isfinite(self.positions).all():
+            raise InputError("positions: expected finite ones of a frame at least")
+        if len(self.parents) != joints:
+            raise InputError(f"parents: expected {joints}, got {len(self.parents)}")
+        if not 0.0 < self.frame_s < math.inf:
+            raise InputError(f"frame_s: expected > 0, got {self.frame_s}")
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+
+@dataclass
+class _Joint:
+    name: str
+    parent: int
+    offset: tuple[float, ...] = ()
+    channels: tuple[str, ...] | None = None
+
+
+@checked
+def read_bvh(path: str | os.PathLike[str]) -> Motion:
+    """Read a motion from a BVH file.
+
+    Parameters
+    ----------
+    path : path-like
+        A file with one ROOT; channels in any order, at least one for each joint. A frame may run
+        over several lines.
+
+    Returns
+    -------
+    Motion
+
+    Raises
+    ------
+    FormatError
+        The file is no BVH, is damaged, or larger than 64 MiB; names the line.
+    OSError
+        It cannot be read.
+
+    Notes
+    -----
+    A joint's frame is that of its parent, moved by OFFSET (and by its position channels, if it has
+    any) and turned by its rotation channels in the order in which they stand [M. Meredith and
+    S. Maddock, "Motion Capture File Formats Explained", Sheffield 2001]. Position channels of the
+    root take the place of its OFFSET, those of other joints are added.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> text = '''HIERARCHY
+    ... ROOT Hips { OFFSET 0 0 0 CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation
+    ...   Yrotation JOINT Head { OFFSET 0 60 0 CHANNELS 3 Zrotation Xrotation Yrotation
+    ...   End Site { OFFSET 0 20 0 } } }
+    ... MOTION
+    ... Frames: 1
+    ... Frame Time: 0.0333
+    ... 0 90 0 90 0 0 0 0 0'''
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     _ = (Path(folder) / "bow.bvh").write_text(text)
+    ...     motion = read_bvh(Path(folder) / "bow.bvh")
+    >>> motion.names, motion.positions[0, 1].round(3).tolist()
+    (('Hips', 'Head'), [-60.0, 90.0, 0.0])
+    """
+    name = str(path)
+    size = os.stat(path_of(path)).st_size
+    if size > MOST_BYTES:
+        raise FormatError(f"expected at most {MOST_BYTES} bytes, got {size}", file=name)
+    lines = regular_bytes(path_of(path)).splitlines()
+    reader = _Reader(lines, name)
+    joints = _hierarchy(reader)
+    count, frame_s = _header(reader)
+    values = _numbers(reader, count, sum(len(j.channels or ()) for j in joints))
+    return Motion(
+        tuple(joint.name for joint in joints),
+        tuple(joint.parent for joint in joints),
+        _places(joints, values),
+        frame_s,
+    )
+
+
+class _Reader:
+    """The words of a file one after the other, with the line that each stands in."""
+
+    def __init__(self, lines: list[bytes], file: str) -> None:
+        self._lines, self._file = lines, file
+        self.line = 0  # 1-based number of the line of the word given last
+        self._words: Iterator[bytes] = iter(())
+
+    def fail(self, reason: str) -> FormatError:
+        return FormatError(reason, file=self._file, line=max(1, self.line))
+
+    def word(self, expected: str) -> str:
+        """The next word."""
+        while (found := next(self._words, None)) is None:
+            if self.line >= len(self._lines):
+                raise self.fail(f"expected {expected}, found the end of the file")
+            self._words = iter(self._lines[self.line].split())
+            self.line += 1
+        if len(found) > 256:
+            raise self.fail(f"expected {expected}, got a word of {len(found)} bytes")
+        return found.decode("utf-8", "surrogateescape")
+
+    def expect(self, *words: str) -> None:
+        """Words that have to come."""
+        for wanted in words:
+            if (got := self.word(wanted)).lower() != wanted.lower():
+                raise self.fail(f"expected {wanted}, got {got!r}")
+
+    def number(self, expected: str) -> float:
+        """A finite number."""
+        got = self.word(expected)
+        value = _float(got)
+        if not abs(value) <= _FARTHEST:  # not of NaN either
+            raise self.fail(f"expected {expected}, got {got!r}")
+        return value
+
+    def whole(self, expected: str, low: int, high: int) -> int:
+        """A whole number between two ends."""
+        got = self.word(expected)
+        if not (got.isascii() and got.isdigit() and len(got) < 12 and low <= int(got) <= high):
+            raise self.fail(f"expected {expected}, {low} to {high}, got {got!r}")
+        return int(got)
+
+    def rest(self) -> Iterator[bytes]:
+        """The words that are left of this line, then the lines that are left."""
+        yield b" ".join(self._words)
+        while self.line < len(self._lines):
+            self.line += 1
+            yield self._lines[self.line - 1]
+
+
+def _float(text: str) -> float:
+    """The number that a text is; NaN of any other, also of what only Python takes for one."""
+    try:
+        return math.nan if "_" in text else float(text)
+    except ValueError:
+        return math.nan
+
+
+def _hierarchy(reader: _Reader) -> list[_Joint]:
+    """The joints in the order of the file, each behind its parent."""
+    reader.expect("HIERARCHY", "ROOT")
+    joints: list[_Joint] = []
+    open_: list[int] = []  # numbers of the joints whose braces are open
+    _begin(reader, joints, open_)
+    while open_:
+        joint = joints[open_[-1]]
+        word = reader.word("OFFSET, CHANNELS, JOINT, End Site or }")
+        match word.lower():
+            case "offset" if not joint.offset:
+                joint.offset = tuple(reader.number("three numbers of an OFFSET") for _ in range(3))
+            case "channels" if joint.channels is None:
+                joint.channels = _channels(reader)
+            case "joint":
+                _begin(reader, joints, open_)
+            case "end":
+                reader.expect("Site", "{", "OFFSET")
+                for _ in range(3):
+                    reader.number("three numbers of an OFFSET")
+                reader.expect("}")
+            case "}" if joint.offset and joint.channels:
+                open_.pop()
+            case "}":
+                missing = "CHANNELS" if joint.offset else "OFFSET"
+                raise reader.fail(f"expected {missing} of the joint {joint.name}, found none")
+            case _:
+                raise reader.fail(f"expected OFFSET, CHANNELS, JOINT, End Site or }}, got {word!r}")
+    return joints
+
+
+def _begin(reader: _Reader, joints: list[_Joint], open_: list[int]) -> None:
+    """The name of a joint and its opening brace; a name may have spaces."""
+    words = [reader.word("a joint's name")]
+    while (word := reader.word("{")) != "{":
+        words.append(word)
+        if len(words) > 16:
+            raise reader.fail("expected { behind a joint's name")
+    if words[0] == "{":
+        raise reader.fail("expected a joint's name, got '{'")
+    if len(joints) >= MOST_JOINTS:
+        raise reader.fail(f"expected at most {MOST_JOINTS} joints")
+    joints.append(_Joint(" ".join(words), open_[-1] if open_ else -1))
+    open_.append(len(joints) - 1)
+
+
+def _channels(reader: _Reader) -> tuple[str, ...]:
+    count = reader.whole("the number of CHANNELS", 1, len(_CHANNELS))
+    names = tuple(reader.word("a channel").lower() for _ in range(count))
+    for name in names:
+        if name not in _CHANNELS or names.count(name) > 1:
+            raise reader.fail(f"expected different channels such as Xrotation, got {name!r}")
+    return names
+
+
+def _header(reader: _Reader) -> tuple[int, float]:
+    """Number of frames, and seconds from one to the next."""
+    word = reader.word("MOTION")
+    if word.lower() == "root":
+        raise reader.fail("expected MOTION, got a second ROOT: one person a file")
+    if word.lower() != "motion":
+        raise reader.fail(f"expected MOTION, got {word!r}")
+    reader.expect("Frames:")
+    count = reader.whole("the number of frames", 1, _MOST_FRAMES)
+    reader.expect("Frame", "Time:")
+    frame_s = reader.number("the time of a frame")
+    if not 1e-6 <= frame_s <= 3600.0:
+        raise reader.fail(f"expected a time of a frame in seconds, got {frame_s:g}")
+    return count, frame_s
+
+
+def _numbers(reader: _Reader, frames: int, channels: int) -> Floats:
+    """(frames, channels); memory grows with what the file holds, not with what it claims."""
+    rows: list[Floats] = []
+    found = 0
+    for line in reader.rest():
+        words = line.split()
+        if not words:
+            continue
+        found += len(words)
+        if found > frames * channels:
+            raise reader.fail(f"expected {frames} frames of {channels} numbers, found more")
+        row = np.array([_float(word.decode("latin-1")) for word in words])
+        if not (np.abs(row) <= _FARTHEST).all():
+            bad = words[int(np.argmin(np.abs(row) <= _FARTHEST))].decode("utf-8", "surrogateescape")
+            raise reader.fail(f"expected a number, got {bad[:40]!r}")
+        rows.append(row)
+    if found != frames * channels:
+        raise reader.fail(f"expected {frames} frames of {channels} numbers, found {found} numbers")
+    return np.concatenate(rows).reshape(frames, channels)
+
+
+def _places(joints: list[_Joint], values: Floats) -> Floats:
+    """(T, J, 3) positions by forward kinematics, from the root outwards."""
+    places = np.zeros((len(values), len(joints), 3))
+    turned: list[Floats] = []
+    at = 0
+    for number, joint in enumerate(joints):
+        moved = np.tile(joint.offset, (len(values), 1))
+        own = np.tile(np.eye(3), (len(values), 1, 1))
+        channels = joint.channels or ()
+        if joint.parent < 0 and any(not _CHANNELS[channel][1] for channel in channels):
+            moved[:] = 0.0
+        for channel in channels:
+            axis, is_rotation = _CHANNELS[channel]
+            if is_rotation:
+                own = _turned(own, axis, values[:, at])
+            else:
+                moved[:, axis] += values[:, at]
+            at += 1
+        if joint.parent < 0:
+            places[:, number] = moved
+        else:
+            before = turned[joint.parent]
+            places[:, number] = places[:, joint.parent] + np.einsum("tij,tj->ti", before, moved)
+            own = np.einsum("tij,tjk->tik", before, own)
+        turned.append(own)
+    return places
+
+
+def _turned(rotation: Floats, axis: int, degrees: Floats) -> Floats:
+    """Rotations, each followed in its own frame by a turn about one of its axes."""
+    angle = np.deg2rad(degrees)
+    cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    result = rotation.copy()
+    result[:, :, i] = rotation[:, :, i] * cosine + rotation[:, :, j] * sine
+    result[:, :, j] = rotation[:, :, j] * cosine - rotation[:, :, i] * sine
+    return result

@@ -1,0 +1,161 @@
+"""Motions of motion capture as the Kinect V2's 25 joints.
+
+``bvh_layouts.csv`` says what the joints of each convention are called in the order of Kinect V1's,
+the first name that a file has; `skeleton_from` makes the 25 of them.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d._util.checked import checked
+from manip3d.errors import InputError
+from manip3d.io import Motion
+from manip3d.modify._joints import joint_layouts, skeleton_from
+from manip3d.rgbd import JOINTS, NOT_TRACKED, TRACKED, Skeleton
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 0.0254 / 0.45)
+"""Metres of the units in use; the last is that of Carnegie Mellon's data set."""
+
+_LEG = 0.85
+"""Metres from hip to ankle of an adult, by which the unit is told."""
+
+_OPTIONAL = {"HandLeft", "HandRight", "FootLeft", "FootRight", "Spine"}
+_AWAY = 2.5  # metres from the camera to the first frame's base of the spine
+_MOST_SKELETONS = 1 << 20
+
+
+@cache
+def _layouts() -> dict[str, dict[str, tuple[str, ...]]]:
+    """By convention: what Kinect V1's joints may be called there."""
+    text = files("manip3d.modify").joinpath("bvh_layouts.csv").read_text(encoding="utf-8")
+    found = {}
+    for row in csv.DictReader(text.splitlines()):
+        layout = row.pop("layout")
+        found[layout] = {joint: tuple(names.split()) for joint, names in row.items()}
+    return found
+
+
+@checked
+def skeletons_from_motion(
+    motion: Motion, *, metres_per_unit: float | None = None, rate: float | None = None
+) -> tuple[Skeleton, ...]:
+    """Return the poses of a motion as skeletons before a camera.
+
+    Parameters
+    ----------
+    motion : Motion
+        As of `io.read_bvh`, y up. Joints are known by their names: those of `rgbd.JOINTS` (as
+        `capture.export_joints` writes them), of Carnegie Mellon's and Mixamo's files (``Hips``,
+        ``LeftArm``, ``LeftForeArm``, with any prefix up to a colon), of Biovision's (``Hips``,
+        ``LeftShoulder``, ``LeftElbow``) and of Poser's (``hip``, ``lShldr``, ``lForeArm``).
+    metres_per_unit : float, optional
+        Without it metres, centimetres, millimetres, inches, feet or Carnegie Mellon's unit,
+        whichever makes the legs nearest to an adult's.
+    rate : float, optional
+        Skeletons per second, each the nearest frame in time; by default every frame.
+
+    Returns
+    -------
+    tuple of Skeleton
+        In camera axes: the motion is turned about the vertical, and moved, as a whole, so that the
+        person faces the camera in the first frame, 2.5 m away. Joints that the file does not have
+        are `NOT_TRACKED`, or inferred by `skeleton_from`.
+
+    Raises
+    ------
+    InputError
+        Names of no known convention, an option out of range.
+
+    Examples
+    --------
+    >>> from manip3d import io, modify
+    >>> poses = modify.skeletons_from_motion(io.read_bvh("walk.bvh"))  # doctest: +SKIP
+    """
+    if metres_per_unit is not None and not 1e-6 <= metres_per_unit <= 1e6:
+        raise InputError(f"metres_per_unit: expected 1e-6 to 1e6, got {metres_per_unit}")
+    if rate is not None and not 1e-3 <= rate <= 1e4:
+        raise InputError(f"rate: expected 0.001 to 10000, got {rate}")
+    chosen = _frames_at(len(motion), motion.frame_s, rate)
+    layout, columns = _columns(motion.names)
+    seen = np.array([column is not None for column in columns])
+    taken = np.array([0 if column is None else column for column in columns])
+    places = motion.positions[np.ix_(chosen, taken)]
+    names = joint_layouts()["kinect-v2" if layout == "kinect-v2" else "kinect-v1"]
+    unit = metres_per_unit or _unit(places[0], names)
+    faced = _before_the_camera(places * unit, names)
+    states = np.where(seen, np.uint8(TRACKED), np.uint8(NOT_TRACKED))
+    kind = "kinect-v2" if layout == "kinect-v2" else "kinect-v1"
+    return tuple(skeleton_from(each, states, layout=kind) for each in faced)  # type: ignore[arg-type]
+
+
+def _frames_at(count: int, frame_s: float, rate: float | None) -> NDArray[np.intp]:
+    """Numbers of the frames that are nearest to the times of a rate."""
+    if rate is None:
+        return np.arange(count)
+    wanted = int((count - 1) * frame_s * rate + 1e-6) + 1
+    if wanted > _MOST_SKELETONS:
+        raise InputError(f"rate: expected at most {_MOST_SKELETONS} skeletons, got {wanted}")
+    nearest = np.rint(np.arange(wanted) / (rate * frame_s)).astype(np.intp)
+    return np.asarray(np.minimum(nearest, count - 1))
+
+
+def _columns(names: Sequence[str]) -> tuple[str, list[int | None]]:
+    """The convention of a file, and where its joints are; None: it has none of that kind."""
+    plain = {name.rpartition(":")[2].lower(): column for column, name in enumerate(names)}
+    if all(joint.lower() in plain for joint in JOINTS):
+        return "kinect-v2", [plain[joint.lower()] for joint in JOINTS]
+    for layout, joints in _layouts().items():
+        found = {
+            joint: next((plain[n.lower()] for n in words if n.lower() in plain), None)
+            for joint, words in joints.items()
+        }
+        if all(column is not None for joint, column in found.items() if joint not in _OPTIONAL):
+            return layout, [found[joint] for joint in joint_layouts()["kinect-v1"]]
+    known = "Kinect's, Carnegie Mellon's or Mixamo's, Biovision's or Poser's"
+    shown = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+    raise InputError(f"motion: expected names of joints such as {known}, got {shown}")
+
+
+def _joint(places: NDArray[np.float64], names: Sequence[str], name: str) -> NDArray[np.float64]:
+    return np.asarray(places[..., names.index(name), :])
+
+
+def _unit(places: NDArray[np.float64], names: Sequence[str]) -> float:
+    """Metres of the unit that makes the legs nearest to an adult's."""
+    length = 0.0
+    for side in ("Left", "Right"):
+        hip, knee, ankle = (_joint(places, names, f"{part}{side}") for part in _LEG_PARTS)
+        length += 0.5 * float(np.linalg.norm(knee - hip) + np.linalg.norm(ankle - knee))
+    if not length > 0.0:
+        raise InputError("motion: expected legs that have a length, to tell the unit by")
+    return min(_UNITS, key=lambda unit: abs(np.log(length * unit / _LEG)))
+
+
+_LEG_PARTS = ("Hip", "Knee", "Ankle")
+
+
+def _before_the_camera(places: NDArray[np.float64], names: Sequence[str]) -> NDArray[np.float64]:
+    """Metres, y up -> camera axes, turned to face the camera in the first frame."""
+    first = places[0]
+    left = sum(
+        _joint(first, names, f"{part}Left") - _joint(first, names, f"{part}Right")
+        for part in ("Shoulder", "Hip")
+    )
+    base = _joint(first, names, "SpineBase" if "SpineBase" in names else "HipCenter")
+    across = np.array([left[0], 0.0, left[2]])  # type: ignore[index]
+    length = float(np.linalg.norm(across))
+    cosine, sine = (across[0] / length, across[2] / length) if length > 1e-9 else (1.0, 0.0)
+    # About y, so that the person's left is at +x, then half a turn about x: y down, z ahead.
+    turn = np.array([[cosine, 0.0, sine], [0.0, -1.0, 0.0], [sine, 0.0, -cosine]])
+    moved = np.einsum("ij,tkj->tki", turn, places - base)
+    return np.asarray(moved + np.array([0.0, 0.0, _AWAY]))

@@ -1,0 +1,202 @@
+"""The evidence of one inspected RGB-D stream as a page that loads nothing, or as JSON."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d import __version__
+from manip3d._util.checked import checked
+from manip3d._util.json import finite
+from manip3d._util.paths import path_of
+from manip3d.authenticate import depth_noise
+from manip3d.datasets import file_sha256
+from manip3d.errors import InputError
+from manip3d.io._files import atomic_write
+from manip3d.report._evidence import EVIDENCE_KINDS, PAGE_STYLE
+from manip3d.rgbd import RgbdFrame, check_frames
+from manip3d.viewer.people import depth_picture
+from manip3d.viewer.pictures import png_bytes
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d.authenticate import StreamInspection
+
+_MOST_FRAMES = 6
+_MARK = np.array([230.0, 94.0, 0.0])  # what was inserted
+_WIDTH, _HEIGHT = 720, 180  # of a curve, in its own units
+
+
+@checked
+def write_stream_evidence(
+    inspection: StreamInspection,
+    frames: Iterable[RgbdFrame],
+    output: str | os.PathLike[str],
+    *,
+    source: str = "stream",
+) -> None:
+    """Write what was found in an RGB-D stream as one file.
+
+    Parameters
+    ----------
+    inspection : StreamInspection
+        The result of `manip3d.authenticate.inspect_stream`.
+    frames : iterable of RgbdFrame
+        Those that were judged, by their numbers; others are left out.
+    output : path
+        ``.html``: a self-contained page with frames, what was inserted in them, and the curves of
+        noise; ``.json``: the numbers. An existing file is replaced.
+    source : str
+        Name of the stream, for the title.
+
+    Raises
+    ------
+    InputError
+        The suffix is neither of the two, or none of the frames was judged.
+    MissingExtraError
+        Pillow, which draws the frames, is not installed.
+
+    Examples
+    --------
+    >>> from manip3d import authenticate, capture, report
+    >>> frames = list(capture.open_rgbd("folder:walk"))  # doctest: +SKIP
+    >>> found = authenticate.inspect_stream(frames)  # doctest: +SKIP
+    >>> report.write_stream_evidence(found, frames, "walk.html")  # doctest: +SKIP
+    """
+    path = path_of(output, "output")
+    kind = path.suffix.lower()
+    if kind not in EVIDENCE_KINDS:
+        raise InputError(f"output: expected a name that ends in .html or .json, got {path.name}")
+    if kind == ".json":
+        text = json.dumps(finite({"source": source} | inspection.record()), indent=1) + "\n"
+    else:
+        some = list(frames)
+        check_frames("frames", some)
+        by_number = {frame.number: frame for frame in some}
+        judged = [by_number[n] for n in inspection.numbers.tolist() if n in by_number]
+        if not judged:
+            raise InputError("frames: expected those that were judged, got none of them")
+        text = _page(inspection, judged, source)
+    atomic_write(path, text.encode())
+
+
+def _page(inspection: StreamInspection, frames: Sequence[RgbdFrame], source: str) -> str:
+    verdict = inspection.verdict
+    camera = frames[0].calibration.depth
+    return (
+        "<!doctype html><html lang=en><meta charset=utf-8>"
+        '<meta name=viewport content="width=device-width">'
+        f"<title>{html.escape(source)}: {verdict}</title><style>{PAGE_STYLE}"
+        "figure{display:inline-block;margin:0 .6rem .6rem 0}figcaption{font-size:.85rem}"
+        "svg{width:100%;height:auto}</style>"
+        f"<h1 class={verdict}>{verdict}</h1><p>{html.escape(inspection.reason)}</p>"
+        f"<p>{html.escape(source)}: {len(inspection.numbers)} frames of {camera.width} x "
+        f"{camera.height} pixels were judged. No verdict says that a stream is authentic.</p>"
+        + _facts(inspection, source)
+        + _table(
+            ("detector", "verdict", "score", "why"),
+            [
+                (r.name, r.verdict, "" if r.score is None else f"{r.score:.3f}", r.reason)
+                for r in inspection.detectors
+            ],
+        )
+        + "<h2>Frames; what was inserted is orange</h2>"
+        + _frames(inspection, frames)
+        + _curves(inspection, frames)
+        + "<h2>How many forged streams are found</h2>"
+        + _table(
+            ("kind of forgery", "found", "of which"),
+            [
+                (name, f"{power.share:.0%}", f"{power.found} of {power.planted}")
+                for name, power in inspection.power.items()
+            ],
+        )
+        + f"<p>The threshold was fixed on {inspection.calibration.num_scans} clean frames: "
+        f"{html.escape(inspection.calibration.scenes)}. Not covered: "
+        f"{html.escape(inspection.calibration.note)}.</p></html>\n"
+    )
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    head = "".join(f"<th>{html.escape(name)}" for name in heads)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    )
+    return f"<div class=wide><table><tr>{head}</tr>{body}</table></div>"
+
+
+def _facts(inspection: StreamInspection, source: str) -> str:
+    facts = [f"manip3d {__version__}"]
+    if Path(source).is_file():
+        facts.append(f"SHA-256 of the file: {file_sha256(Path(source))}")
+    facts += [f"{step.kind}: {step.detail}" for step in inspection.processing]
+    return "<ul>" + "".join(f"<li>{html.escape(fact)}</li>" for fact in facts) + "</ul>"
+
+
+def _frames(inspection: StreamInspection, frames: Sequence[RgbdFrame]) -> str:
+    """Up to six frames, spread over the stream."""
+    masks = dict(zip(inspection.numbers.tolist(), inspection.masks, strict=False))
+    places = np.linspace(0, len(frames) - 1, min(_MOST_FRAMES, len(frames))).round().astype(int)
+    shown = []
+    for place in places.tolist():
+        frame = frames[place]
+        mask = masks.get(frame.number)
+        pixels = 0 if mask is None else int(mask.sum())
+        caption = f"frame {frame.number}, {frame.time / 1e9:.2f} s" + (
+            f", {pixels} pixels inserted" if pixels else ""
+        )
+        data = base64.b64encode(png_bytes(_marked(frame, mask))).decode()
+        shown.append(
+            f'<figure><img width=300 alt="{caption}" src="data:image/png;base64,{data}">'
+            f"<figcaption>{caption}</figcaption></figure>"
+        )
+    return "<div>" + "".join(shown) + "</div>"
+
+
+def _marked(frame: RgbdFrame, mask: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
+    """The depth in grey, the mask in orange; at most 640 columns."""
+    picture = depth_picture(frame.depth)
+    if mask is not None:
+        picture[mask] = (0.5 * picture[mask] + 0.5 * _MARK).astype(np.uint8)
+    step = -(-picture.shape[1] // 640)
+    return np.ascontiguousarray(picture[::step, ::step])
+
+
+def _curves(inspection: StreamInspection, frames: Sequence[RgbdFrame]) -> str:
+    noise = np.array([depth_noise(frame.depth).mean() for frame in frames])
+    pairs = inspection.noise
+    text = "<h2>Noise of the depth</h2>" + _curve(
+        noise, f"Mean noise of each frame, mm; median {np.median(noise):.3g}"
+    )
+    if len(pairs):
+        text += _curve(
+            pairs,
+            f"Relative change of the noise from frame to frame, as published; "
+            f"median {np.median(pairs):.4f}",
+        )
+    return text
+
+
+def _curve(values: NDArray[np.float64], caption: str) -> str:
+    """A line over the number of the frame, from 0 to the largest value."""
+    top = float(values.max()) or 1.0
+    across = np.linspace(40.0, _WIDTH - 10.0, max(2, len(values)))
+    up = _HEIGHT - 20.0 - (_HEIGHT - 40.0) * values / top
+    points = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(across, up, strict=False))
+    base = _HEIGHT - 20
+    return (
+        f"<p>{html.escape(caption)}</p><svg viewBox='0 0 {_WIDTH} {_HEIGHT}' role=img "
+        f"aria-label='{html.escape(caption)}'>"
+        f"<path d='M40 20V{base}H{_WIDTH - 10}' fill=none stroke=#999></path>"
+        f"<text x=36 y=24 font-size=11 text-anchor=end>{top:.3g}</text>"
+        f"<text x=36 y={base} font-size=11 text-anchor=end>0</text>"
+        f"<polyline points='{points}' fill=none stroke=#0072B2 stroke-width=1.5></polyline></svg>"
+    )

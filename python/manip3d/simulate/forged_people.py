@@ -1,0 +1,337 @@
+"""Simulated people, forged: six of them in four actions before three backgrounds (section 5.2)."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d import capture, forge
+from manip3d._util.checked import checked
+from manip3d._util.extras import require
+from manip3d._util.fingerprint import code_fingerprint
+from manip3d._util.options import reporting
+from manip3d._util.paths import path_of
+from manip3d.batch import Rows, run_stored, write_table
+from manip3d.errors import InputError
+from manip3d.io._files import atomic_write
+from manip3d.rgbd import RgbdCalibration, RgbdFrame, Skeleton
+from manip3d.simulate._scenery import SCENES
+from manip3d.simulate.people import BodySimulator
+
+if TYPE_CHECKING:
+    from manip3d._util.options import Progress
+
+__all__ = ["ACTIONS", "KINDS", "PEOPLE", "SCENES", "ForgedPeople", "write_forged_people"]
+
+PEOPLE = (0.86, 0.92, 0.98, 1.04, 1.12, 1.2)
+"""Girths of the six people; the third wears stripes."""
+
+STRIPED = 2
+"""Number of the person who wears stripes."""
+
+ACTIONS = (("wave", "both"), ("arm-raise", "left"), ("arm-raise", "right"), ("arm-raise", "both"))
+"""Waving, raising the left arm, the right arm, both arms (section 5.2)."""
+
+KINDS = ("real", "type1", "type2")
+"""A person who is there; the person of another recording; that person in somebody else's poses."""
+
+_NAMES = ("wave", "raise-left", "raise-right", "raise-both")
+_AWAY_S = 60.0  # the scene is taken so much later, while nobody is there
+_NEAREST, _FARTHEST = 2.1, 2.7  # metres from the camera to a person
+
+
+@dataclass(frozen=True)
+class ForgedPeople:
+    """What `write_forged_people` has made.
+
+    Attributes
+    ----------
+    folder : Path
+    rows : list of dict
+        One a recording, as in ``streams.csv``; ``error`` is empty where there is none.
+    resumed : int
+        Recordings that were there already.
+    failed : int
+    """
+
+    folder: Path
+    rows: list[dict[str, Any]]
+    resumed: int
+    failed: int
+
+
+@checked
+def write_forged_people(
+    folder: str | os.PathLike[str],
+    *,
+    people: int = 6,
+    actions: int = 4,
+    scenes: int = 3,
+    kinds: Sequence[str] = KINDS,
+    frames: int = 60,
+    still: bool = False,
+    color: bool = True,
+    matroska: bool = False,
+    seed: int = 0,
+    jobs: int = 0,
+    overwrite: bool = False,
+    progress: Progress = None,
+    on_error: Callable[[str, str], object] = lambda name, error: None,
+) -> ForgedPeople:
+    """Write the published set of streams, by simulated people: real ones and both kinds of forgery.
+
+    Parameters
+    ----------
+    folder : path-like
+        Made. Holds a recording of each person, action, scene and kind, such as
+        ``p1-wave-office-type2``, beside each forged one its truth (``.truth.npz``, as
+        `forge.read_stream_truth` reads it), ``streams.csv`` with a row for each, and
+        ``provenance.json``. A call that was stopped goes on where it was when it is made again.
+    people, actions, scenes : int
+        How many: at most 6, 4 (waving, raising the left arm, the right arm, both) and 3 (`SCENES`).
+    kinds : sequence of str
+        Of `KINDS`.
+    frames : int
+        Of each recording, 30 a second.
+    still : bool
+        Forgeries stand before one still frame, else before a running background.
+    color : bool
+        Write colours too.
+    matroska : bool
+        Write ``.mkv`` files, else folders of images.
+    seed : int
+    jobs : int
+        Processes; 0: one per core; 1: in this one.
+    overwrite : bool
+        Make what is there again.
+    progress : None, True or callable(fraction, message)
+    on_error : callable(name, error)
+        Called for each recording that fails; the others are made.
+
+    Returns
+    -------
+    ForgedPeople
+
+    Raises
+    ------
+    InputError
+        A number is out of range; the folder holds something else, or streams of other options.
+    MissingExtraError
+        Open3D is not installed.
+    OSError
+        The folder cannot be written.
+
+    Notes
+    -----
+    Type 1: the person as recorded in another scene. Type 2: the person, recorded in another scene
+    and in the next action, takes the poses of the next person, who does the action of the name. All
+    are seen by the Kinect V2 of `BodySimulator`; the published recordings are not public.
+
+    Examples
+    --------
+    >>> from manip3d import simulate
+    >>> made = simulate.write_forged_people("streams", people=1, frames=10)  # doctest: +SKIP
+    >>> len(made.rows)  # doctest: +SKIP
+    36
+    """
+    for name, value, most in (
+        ("people", people, len(PEOPLE)),
+        ("actions", actions, len(ACTIONS)),
+        ("scenes", scenes, len(SCENES)),
+        ("frames", frames, 100_000),
+    ):
+        if not 1 <= value <= most:
+            raise InputError(f"{name}: expected 1 to {most}, got {value}")
+    if jobs < 0 or not 0 <= seed < 2**31:
+        raise InputError(f"jobs, seed: expected >= 0, got {jobs} and {seed}")
+    if not kinds or not set(kinds) <= set(KINDS) or len(set(kinds)) != len(kinds):
+        raise InputError(f"kinds: expected some of {', '.join(KINDS)}, got {', '.join(kinds)}")
+    require("simulate")
+    target = path_of(folder, "folder")
+    stored = target / "streams.csv.rows"
+    if target.exists() and not stored.is_dir() and any(target.iterdir()):
+        raise InputError(f"folder: expected a new one, {target} holds something else")
+    options: dict[str, Any] = {"frames": frames, "still": still, "color": color, "seed": seed}
+    wanted = [
+        _Stream(person, action, scene, kind, **options)
+        for person in range(people)
+        for action in range(actions)
+        for scene in range(scenes)
+        for kind in KINDS
+        if kind in kinds
+    ]
+    suffix = ".mkv" if matroska else ""
+    target.mkdir(parents=True, exist_ok=True)
+    made_of = {"function": "write_forged_people", "library": code_fingerprint(), **options}
+    store = Rows(str(stored), made_of | {"suffix": suffix}, overwrite=overwrite)
+    tasks = {each.name: (_write, (each, str(target), suffix)) for each in wanted}
+    try:
+        with reporting(None if callable(progress) else progress, "streams") as told:
+            found = run_stored(
+                tasks,
+                _WholeOnly(store, target),
+                jobs or len(os.sched_getaffinity(0)),
+                progress=progress if callable(progress) else _fraction_only(told),
+                on_error=on_error,
+            )
+    finally:
+        store.flush()
+    rows = [
+        found.done.get(each.name) or {"stream": each.name, "error": found.failed[each.name]}
+        for each in wanted
+    ]
+    write_table(rows, target / "streams.csv")
+    provenance = made_of | {
+        "people": "simulated before a simulated Kinect V2 (manip3d.simulate.BodySimulator)",
+        "streams": [each.provenance() for each in wanted],
+    }
+    atomic_write(target / "provenance.json", json.dumps(provenance, indent=1) + "\n")
+    return ForgedPeople(target, rows, found.resumed, len(found.failed))
+
+
+def _fraction_only(told: Callable[[float], object] | None) -> Callable[[float, str], object] | None:
+    return None if told is None else lambda fraction, _: told(fraction)
+
+
+class _WholeOnly:
+    """Stored rows whose recordings are still there."""
+
+    def __init__(self, rows: Rows, folder: Path) -> None:
+        self._rows, self._folder = rows, folder
+
+    def load(self, key: str) -> dict[str, Any] | None:
+        row = self._rows.load(key)
+        if row is None or not (self._folder / row["recording"]).exists():
+            return None
+        return None if row["truth"] and not (self._folder / row["truth"]).exists() else row
+
+    def save(self, key: str, row: dict[str, Any]) -> dict[str, Any]:
+        return self._rows.save(key, row)
+
+
+@dataclass(frozen=True)
+class _Stream:
+    """Who does what, where, and what is forged of it."""
+
+    person: int
+    action: int
+    scene: int
+    kind: str
+    frames: int
+    still: bool
+    color: bool
+    seed: int
+
+    @property
+    def name(self) -> str:
+        action = _NAMES[self.action]
+        return f"p{self.person + 1}-{action}-{SCENES[self.scene]}-{self.kind}"
+
+    @property
+    def _own_seed(self) -> int:
+        """Of noise and tracker: another one for each stream, whatever others are made."""
+        place = (self.person, self.action, self.scene, KINDS.index(self.kind))
+        return int(np.random.default_rng([self.seed, *place]).integers(2**31))
+
+    @property
+    def _distance(self) -> float:
+        return float(np.linspace(_NEAREST, _FARTHEST, len(PEOPLE))[self.person])
+
+    def provenance(self) -> dict[str, Any]:
+        """What the stream was made of, as JSON values."""
+        found: dict[str, Any] = {"stream": self.name, "seed": self._own_seed, "kind": self.kind}
+        if self.kind != "real":
+            found["recorded in"] = SCENES[self._studio]
+            found["background"] = "one still frame" if self.still else "running"
+        if self.kind == "type2":
+            found["recorded action"] = _NAMES[(self.action + 1) % len(ACTIONS)]
+            found["poses of"] = f"p{(self.person + 1) % len(PEOPLE) + 1}"
+        return found
+
+    @property
+    def _studio(self) -> int:
+        """The scene in which the person of a forgery was recorded."""
+        return (self.scene + 1) % len(SCENES)
+
+    def _simulator(self, person: int, action: int, scene: int, **options: Any) -> BodySimulator:
+        motion, side = ACTIONS[action]
+        given: dict[str, Any] = {
+            "motion": motion,
+            "side": side,
+            "girth": PEOPLE[person],
+            "stripes": person == STRIPED,
+            "distance": self._distance,
+            "scene": SCENES[scene],
+            "tracker": "kinect-v2",
+            "color": "depth" if self.color else "none",
+            "frames": self.frames,
+            "seed": self._own_seed,
+            "threads": 1,  # streams are made side by side
+        }
+        return BodySimulator(**given | options)
+
+    def source(self) -> BodySimulator | forge.ForgedStream:
+        """The frames."""
+        if self.kind == "real":
+            return self._simulator(self.person, self.action, self.scene)
+        scene = _EmptyScene(self._simulator(self.person, self.action, self.scene), self.still)
+        if self.kind == "type1":
+            actor = self._simulator(self.person, self.action, self._studio)
+            return forge.stream(actor, scene, kind=1)
+        recorded = (self.action + 1) % len(ACTIONS)
+        actor = self._simulator(self.person, recorded, self._studio)
+        other = (self.person + 1) % len(PEOPLE)
+        mover = self._simulator(other, self.action, self.scene, color="none", room=False)
+        return forge.stream(actor, scene, kind=2, pose=_poses(mover))
+
+
+def _poses(mover: BodySimulator) -> Iterator[Skeleton]:
+    for frame in mover:
+        yield frame.skeletons[0]
+
+
+class _EmptyScene:
+    """A scene while nobody is there, frame after frame."""
+
+    def __init__(self, simulator: BodySimulator, still: bool) -> None:
+        self._simulator, self._still = simulator, still
+        self.calibration: RgbdCalibration = simulator.calibration
+
+    def __iter__(self) -> Iterator[RgbdFrame]:
+        look = self._simulator.background
+        first = look(_AWAY_S)
+        for number in range(self._simulator.frames):
+            yield first if self._still else look(_AWAY_S + number / self._simulator.rate)
+
+
+def _write(stream: _Stream, folder: str, suffix: str) -> dict[str, Any]:
+    """Record one stream, and its truth; return its row."""
+    target = Path(folder) / f"{stream.name}{suffix}"
+    truth = Path(folder) / f"{stream.name}.truth.npz"
+    source = stream.source()
+    done = capture.record(source, target, overwrite=target.exists())
+    is_forged = isinstance(source, forge.ForgedStream)
+    share = 0.0
+    if isinstance(source, forge.ForgedStream):
+        source.truth.write(truth)
+        share = float(source.truth.masks.mean())
+    return {
+        "stream": stream.name,
+        "recording": target.name,
+        "truth": truth.name if is_forged else "",
+        "person": stream.person + 1,
+        "action": _NAMES[stream.action],
+        "scene": SCENES[stream.scene],
+        "kind": stream.kind,
+        "background": ("still" if stream.still else "running") if is_forged else "",
+        "frames": done.frames,
+        "forged_share": share,
+        "frames_without_person": source.missed if isinstance(source, forge.ForgedStream) else 0,
+        "error": "",
+    }

@@ -1,0 +1,100 @@
+"""The set of forged people: what is written, its truth, and what happens when it is stopped."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from manip3d import InputError, capture, forge
+from manip3d.rgbd import NO_BODY
+from manip3d.simulate import BodySimulator, write_forged_people
+
+pytest.importorskip("open3d")
+
+FEW: dict[str, Any] = {"people": 1, "actions": 2, "scenes": 1, "frames": 2, "jobs": 1}
+
+
+def test_every_stream_has_a_recording_and_every_forged_one_its_truth(tmp_path: Path) -> None:
+    made = write_forged_people(tmp_path / "set", **FEW)
+    assert (len(made.rows), made.resumed, made.failed) == (6, 0, 0)
+    with (tmp_path / "set" / "streams.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["kind"] for row in rows[:3]] == ["real", "type1", "type2"]
+    assert {row["action"] for row in rows} == {"wave", "raise-left"}
+    for row in rows:
+        frames = list(capture.open_rgbd(f"folder:{tmp_path / 'set' / row['recording']}"))
+        assert len(frames) == int(row["frames"]) == 2
+        assert all(frame.skeletons and frame.color is not None for frame in frames)
+        if row["kind"] == "real":
+            assert row["truth"] == ""
+            continue
+        truth = forge.read_stream_truth(tmp_path / "set" / row["truth"])
+        assert truth.kind == int(row["kind"][-1])
+        for frame, mask in zip(frames, truth.masks, strict=True):
+            np.testing.assert_array_equal(np.asarray(frame.body_index != NO_BODY), mask)
+            assert 0.02 < mask.mean() < 0.2
+    told = json.loads((tmp_path / "set" / "provenance.json").read_text())
+    assert told["frames"] == 2
+    assert len({each["seed"] for each in told["streams"]}) == 6
+
+
+def test_a_stopped_run_goes_on_and_gives_the_same(tmp_path: Path) -> None:
+    def stop(fraction: float, message: str) -> None:
+        if fraction > 0.4:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_forged_people(tmp_path / "set", **FEW, progress=stop)
+    shutil.rmtree(tmp_path / "set" / "p1-wave-room-type1")  # one that was lost is made again
+    again = write_forged_people(tmp_path / "set", **FEW)
+    assert 0 < again.resumed < 6
+    whole = write_forged_people(tmp_path / "whole", **FEW)
+    assert again.rows == whole.rows
+    for row in whole.rows:
+        one, other = (
+            [frame.depth for frame in capture.open_rgbd(f"folder:{tmp_path / place}")]
+            for place in (f"set/{row['recording']}", f"whole/{row['recording']}")
+        )
+        np.testing.assert_array_equal(one, other)
+
+
+def test_wrong_options_are_named(tmp_path: Path) -> None:
+    for options, message in (
+        ({"people": 7}, "people: expected 1 to 6, got 7"),
+        ({"actions": 0}, "actions: expected 1 to 4"),
+        ({"scenes": 4}, "scenes: expected 1 to 3"),
+        ({"frames": 0}, "frames: expected"),
+        ({"kinds": ("type3",)}, "kinds: expected some of real, type1, type2, got type3"),
+        ({"kinds": ()}, "kinds: expected some"),
+        ({"seed": -1}, "jobs, seed"),
+    ):
+        with pytest.raises(InputError, match=message):
+            write_forged_people(tmp_path / "set", **options)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("x")
+    with pytest.raises(InputError, match="holds something else"):
+        write_forged_people(tmp_path / "mine", **FEW)
+    assert not (tmp_path / "set").exists()
+
+
+def test_scenes_differ_and_the_person_does_not() -> None:
+    frames = {
+        s: BodySimulator(scene=s, motion="still").frame(0.0) for s in ("room", "office", "hall")
+    }
+    first = frames["room"]
+    for name in ("office", "hall"):
+        frame = frames[name]
+        person = np.asarray(frame.body_index == 0) & np.asarray(first.body_index == 0)
+        assert person.mean() > 0.04
+        behind = ~np.asarray(frame.body_index == 0) & (frame.depth > 0) & (first.depth > 0)
+        steps = np.abs(frame.depth.astype(int) - first.depth)
+        assert (steps[behind] > 200).mean() > 0.05
+        assert np.median(steps[person]) < 20
+    with pytest.raises(InputError, match="scene: expected one of room, office, hall, got 'beach'"):
+        BodySimulator(scene="beach")
