@@ -24,7 +24,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "remote": ("fsspec", "s3fs", "aiohttp"),
     "parquet": ("pyarrow",),
     "alert": ("cv2", "PIL"),
-    "live": ("aiohttp", "open3d", "PIL"),
+    "live": ("aiohttp", "cryptography", "open3d", "PIL"),
     "diary": ("sqlalchemy", "cryptography", "scipy"),
 }
 """Modules that each extra brings."""

@@ -36,13 +36,17 @@ if TYPE_CHECKING:
 
 MESSAGES: Mapping[str, Mapping[str, Kind]] = {
     "ack": {"sequence": Kind(int, 0, 2**32 - 1), "decoded_ms": Kind(float, 0, 1e15)},
+    "clock": {"sent_ms": Kind(float, 0, 1e15)},
     "choose": {"game": Kind(str, choices=tuple(GAMES)), "difficulty": Kind(int, 1, 3)},
     "ready": {},
     "stop": {},
     "pain": {"value": Kind(int, 0, 10)},
     "unwell": {},
 }
-"""What a page may say; ``ack`` is answered by the server itself."""
+"""What a page may say."""
+
+OF_THE_CONNECTION = ("ack", "clock")
+"""Messages that `answer_client` takes; all others are the session's."""
 
 _LONGEST_STEP_S = 0.25  # a longer gap between frames is none of the player's time
 _FRAMES = 90  # over which times of stages are averaged
@@ -194,8 +198,8 @@ class LiveSession:
         InputError
             No such message.
         """
-        if name not in MESSAGES or name == "ack":
-            expected = ", ".join(known for known in MESSAGES if known != "ack")
+        if name not in MESSAGES or name in OF_THE_CONNECTION:
+            expected = ", ".join(known for known in MESSAGES if known not in OF_THE_CONNECTION)
             raise InputError(f"name: expected one of {expected}, got {name!r}")
         self._commands.put((name, dict(fields or {})))
 
