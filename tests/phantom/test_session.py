@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import functools
+import io
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 import capsule_body
@@ -13,6 +16,8 @@ from frame_reader import ReadFrame, read_frame
 from manip3d import InputError
 from manip3d.modify import PhantomState
 from manip3d.phantom import GameSummary, LiveSession, simulated_patient
+from manip3d.phantom._session import Pictures
+from manip3d.phantom.games import begin
 from manip3d.rgbd import RgbdFrame
 
 
@@ -152,8 +157,11 @@ class Heard:
         self.games: list[GameSummary] = []
         self.told: list[object] = []
 
-    def game(self, summary: GameSummary) -> None:
+    wants_clips = False
+
+    def game(self, summary: GameSummary, clips: Sequence[Pictures]) -> None:
         self.games.append(summary)
+        self.clips = list(clips)
 
     def pain(self, value: int) -> str:
         self.told.append(value)
@@ -180,6 +188,74 @@ def test_ratings_reach_the_diary_and_may_end_the_play() -> None:
     session.command("ready")
     assert play(session, frames[42:50])[-1].status["game"]["phase"] == "over"
     assert heard.told == [5, 8]
+
+
+@pytest.mark.parametrize("consents", [True, False])
+def test_an_anomaly_is_filmed_from_five_seconds_before_it(consents: bool) -> None:
+    """Bubbles rise before the legs of somebody who moves their arms only."""
+    from PIL import Image
+
+    heard = Heard()
+    heard.wants_clips = consents
+    session = LiveSession("right_arm", game="bubbles-legs", recorder=heard)
+    session.command("ready")
+    frames = patient()
+    there_and_back = [*frames[30:], *frames[-2:30:-1]]  # without a jump
+    for number in range(30 * 22):
+        frame = there_and_back[number % len(there_and_back)]
+        time = frames[0].time + number * 33_333_333
+        session.process(replace(frame, time=time, number=number), captured_ns=1)
+    session.end()
+    (game,) = heard.games
+    assert game.anomalies
+    anomaly = game.anomalies[0]
+    assert anomaly.end - anomaly.start >= 10.0
+    assert len(heard.clips) == len(game.anomalies)
+    if not consents:
+        assert not any(heard.clips)
+        return
+    pictures = heard.clips[0]
+    times = [seconds for seconds, _ in pictures]
+    first = max(0.0, anomaly.start - 5.0)
+    assert first - 1e-6 <= times[0] <= first + 0.2
+    assert times[-1] == pytest.approx(min(anomaly.end, anomaly.start + 25.0), abs=0.2)
+    assert len(times) == pytest.approx(10 * (times[-1] - times[0]), rel=0.3)
+    assert sum(len(content) for _, content in pictures) < 20_000 * len(pictures)
+    with Image.open(io.BytesIO(pictures[-1][1])) as image:
+        assert image.size == (320, 265)
+        pixels = np.asarray(image).astype(int)
+    assert (np.abs(pixels - 32).max(axis=-1) < 12).mean() > 0.5  # nothing of the room
+    assert (np.abs(pixels - 32).max(axis=-1) > 60).sum() > 2000  # the person
+
+
+def test_pictures_older_than_five_seconds_are_let_go() -> None:
+    from manip3d.phantom._clips import ClipRing
+
+    session = LiveSession("right_arm")
+    frames = patient()
+    shown = [session._pipeline.process(frame) for frame in frames[:40]][-1]
+    game = begin("bubbles", shown.skeleton)
+    assert game is not None
+    ring = ClipRing()
+    camera = frames[0].calibration.depth
+
+    def pass_to(seconds: float, since: float | None = None) -> None:
+        while clock[0] < seconds:
+            clock[0] += 1 / 30
+            ring.add(shown, replace(game, clock=clock[0]), camera, since)
+
+    clock = [0.0]
+    pass_to(12.0)
+    assert [ring._pictures[0][0]] == pytest.approx([7.0], abs=0.11)
+    pass_to(30.0, since=12.0)  # it goes on
+    found = ring.take(12.0, 30.0)
+    assert (found[0][0], found[-1][0]) == (pytest.approx(7.0, abs=0.11), pytest.approx(30, abs=0.1))
+    pass_to(60.0, since=12.0)
+    assert ring.take(12.0, 60.0)[-1][0] == pytest.approx(12.0 + 25.0, abs=0.11)
+    pass_to(61.0)
+    assert ring._pictures[0][0] >= 56.0 - 0.11
+    ring.clear()
+    assert ring.take(0.0, 99.0) == ()
 
 
 def test_without_a_diary_ratings_are_not_kept() -> None:

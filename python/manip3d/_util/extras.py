@@ -25,7 +25,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "parquet": ("pyarrow",),
     "alert": ("cv2", "PIL"),
     "live": ("aiohttp", "cryptography", "open3d", "PIL"),
-    "diary": ("sqlalchemy", "cryptography", "scipy"),
+    "diary": ("sqlalchemy", "cryptography", "scipy", "PIL"),
 }
 """Modules that each extra brings."""
 

@@ -13,6 +13,7 @@ from manip3d.diary._analysis import (
     fit_mixed_model,
     simulate_cohort,
 )
+from manip3d.diary._clips import Clip, export_clips, film
 from manip3d.diary._diary import Diary
 from manip3d.diary._export import export_csv, export_fhir, fhir_bundle
 from manip3d.diary._mcgill import MCGILL_GROUPS, McGillScore, score_mcgill
@@ -33,6 +34,7 @@ __all__ = [
     "SICKNESS",
     "Adherence",
     "AdverseEvent",
+    "Clip",
     "Diary",
     "DiaryAnalysis",
     "DiaryGame",
@@ -46,9 +48,11 @@ __all__ = [
     "Rating",
     "adherence",
     "analyse",
+    "export_clips",
     "export_csv",
     "export_fhir",
     "fhir_bundle",
+    "film",
     "fit_mixed_model",
     "make_key",
     "score_mcgill",

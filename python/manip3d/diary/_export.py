@@ -131,7 +131,7 @@ _Tables = Mapping[str, tuple[Sequence[str], list[list[Any]]]]
 
 def _tables(diary: Diary, identifiers: Iterable[str]) -> _Tables:
     found: dict[str, tuple[Sequence[str], list[list[Any]]]] = {
-        "participants": (("participant", "limb", "enrolled"), []),
+        "participants": (("participant", "limb", "enrolled", "clips"), []),
         "sessions": (("participant", "session", "started", "ended", "games", "pain_before",
                       "pain_after"), []),
         "games": (("participant", "session", "number", "at", *_GAME_COLUMNS), []),
@@ -145,7 +145,7 @@ def _tables(diary: Diary, identifiers: Iterable[str]) -> _Tables:
     rows = {name: table[1] for name, table in found.items()}
     for name in identifiers:
         person = diary.participant(name)
-        rows["participants"].append([name, person.limb, person.enrolled])
+        rows["participants"].append([name, person.limb, person.enrolled, person.clips])
         for count, session in enumerate(diary.sessions(name), 1):
             rows["sessions"].append(
                 [name, count, session.started, session.ended, len(session.games),

@@ -46,11 +46,14 @@ class Participant:
     limb : str
         The affected one, or empty.
     enrolled : datetime
+    clips : bool
+        Whether they consented to clips of anomalies.
     """
 
     identifier: str
     limb: str
     enrolled: datetime
+    clips: bool = False
 
 
 @dataclass(frozen=True)

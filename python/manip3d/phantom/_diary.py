@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from datetime import datetime
 
-from manip3d.phantom._session import GameSummary
+from manip3d.phantom._session import GameSummary, Pictures
 
 
 class DiaryRecorder:
@@ -43,13 +44,20 @@ class DiaryRecorder:
             self._diary.end_session(self._session)
         self._diary.close()
 
-    def game(self, summary: GameSummary) -> None:
-        """Keep a game that is over."""
+    @property
+    def wants_clips(self) -> bool:
+        """Whether the patient consented to short films of anomalies."""
+        return self._diary.participant(self._participant).clips
+
+    def game(self, summary: GameSummary, clips: Sequence[Pictures] = ()) -> None:
+        """Keep a game that is over, and what was filmed of it."""
         from manip3d.diary import DiaryGame
 
         assert self._session is not None
         fields = vars(summary) | {"anomalies": tuple((a.start, a.end) for a in summary.anomalies)}
-        self._diary.add_game(self._session, DiaryGame(at=datetime.now().astimezone(), **fields))
+        game = DiaryGame(at=datetime.now().astimezone(), **fields)
+        # Who has taken back their consent meanwhile is filmed no longer.
+        self._diary.add_game(self._session, game, clips if self.wants_clips else ())
 
     def pain(self, value: int) -> str:
         """Keep a rating; return why the session must stop, or nothing."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
@@ -15,6 +15,7 @@ from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.modify import ColliderTracker, Limb, PhantomPipeline, PhantomState
 from manip3d.phantom._anomalies import Anomaly, AnomalyWatch
+from manip3d.phantom._clips import ClipRing
 from manip3d.phantom.games import (
     GAMES,
     ArmField,
@@ -48,6 +49,8 @@ MESSAGES: Mapping[str, Mapping[str, Kind]] = {
 OF_THE_CONNECTION = ("ack", "clock")
 """Messages that `answer_client` takes; all others are the session's."""
 
+Pictures = Sequence[tuple[float, bytes]]
+
 _LONGEST_STEP_S = 0.25  # a longer gap between frames is none of the player's time
 _FRAMES = 90  # over which times of stages are averaged
 _FLOOR_S = 4.0  # for so long the lowest place of a foot is the floor
@@ -58,8 +61,13 @@ _FEET = tuple(JOINTS.index(name) for name in ("FootLeft", "FootRight"))
 class Recorder(Protocol):
     """What a session tells a diary."""
 
-    def game(self, summary: GameSummary) -> None:
-        """Keep a game that is over."""
+    @property
+    def wants_clips(self) -> bool:
+        """Whether the patient consented to short films of anomalies."""
+
+    def game(self, summary: GameSummary, clips: Sequence[Pictures]) -> None:
+        """Keep a game that is over; for each anomaly its pictures (seconds of play, JPEG), or
+        none."""
 
     def pain(self, value: int) -> str:
         """Keep a rating from 0 to 10; return why the session must stop, or nothing."""
@@ -151,6 +159,8 @@ class LiveSession:
         self._pain: int | None = None
         self._lowest: deque[tuple[int, float]] = deque()
         self._watch = AnomalyWatch()
+        self._ring: ClipRing | None = None
+        self._clips: list[Pictures] = []
         self._pipeline = PhantomPipeline(affected)
         self.affected = str(affected)
         chosen = game or ("bubbles" if self.affected.endswith("arm") else "bubbles-legs")
@@ -252,6 +262,8 @@ class LiveSession:
         seconds = self._seconds_since_last(frame.time)
         colliders = self._body.update(shown.skeleton)
         playing = self._play(shown, seconds)
+        if playing and self._ring is not None and self._game is not None:
+            self._ring.add(shown, self._game, frame.calibration.depth, self._watch.since)
         status = self._frame_status(shown, colliders) | self._game_status(playing=playing)
         ruled = time.perf_counter()
         message = self._encoded(shown, status, frame.time, captured)
@@ -315,14 +327,23 @@ class LiveSession:
                 return False
             self._wants_game, self._paused_s = False, 0.0
             self._watch = AnomalyWatch()
+            wanted = self._recorder is not None and self._recorder.wants_clips
+            self._ring, self._clips = ClipRing() if wanted else None, []
         if self._game is None or self._game.phase == "over":
             return False
         self._ends.update(_ends_of(shown.skeleton, self._game))
         self._game = step(self._game, seconds, self._touched, shown.skeleton)
         self._watch.update(self._game)
+        self._keep_clips()
         if self._game.phase == "over":
             self._finish(self._game.ending)
         return True
+
+    def _keep_clips(self) -> None:
+        """The pictures of anomalies that are over now."""
+        for anomaly in self._watch.found[len(self._clips) :]:
+            ring = self._ring
+            self._clips.append(() if ring is None else ring.take(anomaly.start, anomaly.end))
 
     def _floor(self, shown: PhantomFrame) -> float | None:
         """The lowest place (the largest y) of a foot in the last seconds."""
@@ -344,6 +365,7 @@ class LiveSession:
         game = self._game
         assert game is not None
         self._watch.finish()
+        self._keep_clips()
         summary = GameSummary(
             game=game.game.name,
             difficulty=game.difficulty,
@@ -358,7 +380,8 @@ class LiveSession:
         )
         self.summaries.append(summary)
         if self._recorder is not None:
-            self._recorder.game(summary)
+            self._recorder.game(summary, tuple(self._clips))
+        self._ring, self._clips = None, []
 
     def _by_phantom(self, game: GameState) -> int:
         own = bones_of(game.game.limbs, self.affected.partition("_")[0])
