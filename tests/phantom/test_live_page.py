@@ -201,6 +201,113 @@ def test_a_played_game_and_the_pain_are_in_the_diary(chromium: None, tmp_path: P
         assert (kinds.count("Observation"), kinds.count("AdverseEvent")) == (4, 1)
 
 
+@pytest.mark.parametrize("width", [1280, 420])
+def test_set_up_touch_and_hazards_on_the_page(chromium: None, tmp_path: Path, width: int) -> None:
+    """What a therapist does before and beside the games, and what the diary keeps of it."""
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+    from manip3d.diary import Diary
+    from manip3d.phantom import _touch
+    from manip3d.phantom._diary import DiaryRecorder
+    from manip3d.simulate.sources import open_source
+
+    path = tmp_path / "study.diary"
+    with Diary(path, create=True) as diary:
+        diary.enrol("P01", limb="right_arm")
+    recorder = DiaryRecorder(path, "P01", None)
+    address = simulated_patient("right_arm") + "&frames=400"
+    stage = Stage(iter(open_source(address, threads=1)), recorder=recorder)  # type: ignore[arg-type]
+    recorder.start()
+
+    def click(selector: str) -> None:
+        tab.evaluate(f"document.querySelector('{selector}').click()")
+
+    def said(name: str) -> None:
+        wait_for(lambda: name in stage.heard)
+        stage.show(1)
+
+    def picture(name: str) -> None:
+        screenshot(tab)
+        keep_picture(tab, f"{name}-{width}")
+        assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+    try:
+        with _chromium.open_address(stage.server.new_url(), (width, 900)) as tab:
+            wait_for(lambda: stage.server.num_clients == 1)
+            stage.show(35)
+            picture("live")
+            press(tab, "u")
+            assert text_of(tab, "#setup h2") == "1 of 5: Intended use"
+            assert tab.evaluate("document.querySelector('#setup-next').disabled")
+            picture("setup-1")
+            click("#setup-read")
+            click("#setup-next")
+            stage.show(1)
+            told = text_of(tab, "#setup")
+            assert "2 of 5: Camera" in told
+            assert "Distance." in told
+            picture("setup-2")
+            click("#setup-next")
+            assert "This is the patient" in text_of(tab, "#setup")
+            picture("setup-3")
+            click("#setup-next")
+            click("#setup-still")
+            said("calibrate")
+            assert "Hold still" in text_of(tab, "#setup")
+            picture("setup-4")
+            click("#setup-next")
+            click("#setup-clips")
+            said("consent")
+            assert tab.evaluate("document.querySelector('#setup-clips').checked")
+            picture("setup-5")
+            press(tab, "u")
+            assert tab.evaluate("document.querySelector('#setup').hidden")
+
+            tab.evaluate("document.querySelector('#event').value = 'a chair fell over'")
+            click("#note")
+            said("event")
+
+            press(tab, "t")
+            tab.evaluate("document.querySelector('#felt [name=length]').value = '60'")
+            tab.evaluate("document.querySelector('#felt').requestSubmit()")
+            said("felt")
+            click("#touch-asynchronous")
+            said("touch")
+            ticks = "manip3dLive.sounds().filter(s => s.kind === 'touch').length"
+            wait_for(lambda: (stage.show(1), tab.evaluate(ticks))[1] >= 1)
+            picture("touch")
+            assert "asynchronous: " in text_of(tab, "#touch")
+            cue = stage.session._cue
+            assert cue is not None
+            cue.clock = _touch.SECONDS  # the minute is over
+            stage.show(1)
+            assert "How was it?" in text_of(tab, "#touch")
+            picture("ownership")
+            for number in range(1, 7):
+                tab.evaluate(
+                    f"document.querySelector('#ownership [name=q{number}]').value = '{number - 4}'"
+                )
+            tab.evaluate("document.querySelector('#ownership').requestSubmit()")
+            said("ownership")
+            assert "How was it?" not in text_of(tab, "#touch")
+
+            tab.send("Page.navigate", url=stage.server.origin + "/hazards")
+            wait_for(lambda: "sickness" in tab.evaluate("document.body?.innerText ?? ''"))
+            picture("hazards")
+    finally:
+        stage.server.stop()
+        recorder.end()
+    assert dict(stage.server.refused) == {}
+    with Diary(path) as diary:
+        assert diary.participant("P01").clips
+        assert [(e.kind, e.text) for e in diary.events("P01")] == [("other", "a chair fell over")]
+        (felt,) = diary.felt("P01")
+        assert (felt.length, felt.telescoping, felt.raised, felt.bent) == (60, 0, 0, 0)
+        (answers,) = diary.ownership("P01")
+        assert (answers.mode, answers.answers) == ("asynchronous", (-3, -2, -1, 0, 1, 2))
+        assert (answers.ownership, answers.control) == (-2.0, 1.0)
+
+
 def test_a_reload_rejoins_and_the_gate_speaks(chromium: None, stage: Stage) -> None:
     with _chromium.open_address(stage.server.new_url(), (420, 800)) as tab:
         wait_for(lambda: stage.server.num_clients == 1)

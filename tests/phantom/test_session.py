@@ -16,6 +16,7 @@ from frame_reader import ReadFrame, read_frame
 from manip3d import InputError
 from manip3d.modify import PhantomState
 from manip3d.phantom import GameSummary, LiveSession, simulated_patient
+from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._session import Pictures
 from manip3d.phantom.games import begin
 from manip3d.rgbd import RgbdFrame
@@ -166,6 +167,18 @@ class Heard:
     def pain(self, value: int) -> str:
         self.told.append(value)
         return "The pain is much stronger than before." if value >= 8 else ""
+
+    def event(self, text: str) -> None:
+        self.told.append(text)
+
+    def consent(self, clips: bool) -> None:
+        self.wants_clips = clips
+
+    def ownership(self, mode: str, answers: Sequence[int]) -> None:
+        self.told.append((mode, *answers))
+
+    def felt(self, felt: FeltLimb) -> None:
+        self.told.append(felt)
 
     def unwell(self) -> str:
         self.told.append("unwell")

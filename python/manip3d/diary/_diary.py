@@ -21,9 +21,11 @@ from manip3d.diary._records import (
     AdverseEvent,
     DiaryGame,
     DiarySession,
+    FeltRecord,
     McGill,
     Moment,
     Occasion,
+    Ownership,
     Participant,
     Rating,
     aware,
@@ -47,6 +49,7 @@ except ModuleNotFoundError as error:
 from manip3d.diary import _schema as schema
 
 _CHECK = b"manip3d diary"
+_OWNERSHIP, _FELT = "ownership", "felt"  # kinds of questionnaires
 _BUSY_S = 5.0  # another program that writes is waited for
 
 
@@ -408,11 +411,101 @@ class Diary:
         with self._engine.begin() as connection:
             number, key = self._find(connection, identifier)
             known = self._rows(connection, schema.QUESTIONNAIRES, number, key)
-            if occasion != "other" and any(f["occasion"] == occasion for _, f in known):
+            if occasion != "other" and any(f.get("occasion") == occasion for _, f in known):
                 raise InputError(f"occasion: {identifier} has a questionnaire of {occasion}")
             self._add(connection, schema.QUESTIONNAIRES, number, key, fields)
             self._note(connection, "questionnaire", number)
         return McGill(moment, occasion, tuple(ranks), score)
+
+    def add_ownership(
+        self,
+        identifier: str,
+        mode: Literal["synchronous", "asynchronous"],
+        answers: Sequence[int],
+        *,
+        session: int | None = None,
+        at: datetime | None = None,
+    ) -> Ownership:
+        """Keep the answers after a touch cue.
+
+        Parameters
+        ----------
+        identifier : str
+        mode : {"synchronous", "asynchronous"}
+        answers : sequence of 6 int
+            From -3 (not at all) to 3 (very much); the first three are about ownership.
+        session : int, optional
+        at : datetime, optional
+
+        Returns
+        -------
+        Ownership
+
+        Raises
+        ------
+        InputError
+            No such participant, session or mode, or answers that are none.
+        """
+        if mode not in ("synchronous", "asynchronous"):
+            raise InputError(f"mode: expected synchronous or asynchronous, got {mode!r}")
+        given = tuple(int(one) for one in answers)
+        if len(given) != 6 or not all(-3 <= one <= 3 for one in given):
+            raise InputError(f"answers: expected 6 from -3 to 3, got {list(answers)}")
+        moment = aware(at, "at")
+        fields = {"at": moment.isoformat(), "kind": _OWNERSHIP, "mode": mode, "answers": given}
+        self._add_answers(identifier, fields, session)
+        return Ownership(moment, mode, given)
+
+    def add_felt(
+        self,
+        identifier: str,
+        *,
+        length: int,
+        telescoping: int,
+        raised: int,
+        bent: int,
+        session: int | None = None,
+        at: datetime | None = None,
+    ) -> FeltRecord:
+        """Keep how a participant feels the limb that is not there.
+
+        Parameters
+        ----------
+        identifier : str
+        length, telescoping : int, per cent
+            20 to 150 of the intact limb's length; 0 to 100, how far the end has moved up.
+        raised, bent : int, degrees
+            -30 to 180 sideways from hanging down; 0 to 150 at elbow or knee.
+        session : int, optional
+        at : datetime, optional
+
+        Returns
+        -------
+        FeltRecord
+
+        Raises
+        ------
+        InputError
+            No such participant or session, or a number out of range.
+        """
+        numbers = {"length": length, "telescoping": telescoping, "raised": raised, "bent": bent}
+        for name, low, high in (
+            ("length", 20, 150), ("telescoping", 0, 100), ("raised", -30, 180), ("bent", 0, 150)
+        ):  # fmt: skip
+            if not low <= numbers[name] <= high:
+                raise InputError(f"{name}: expected {low} to {high}, got {numbers[name]}")
+        moment = aware(at, "at")
+        self._add_answers(identifier, {"at": moment.isoformat(), "kind": _FELT, **numbers}, session)
+        return FeltRecord(moment, **numbers)
+
+    def _add_answers(self, identifier: str, fields: Mapping[str, Any], session: int | None) -> None:
+        with self._engine.begin() as connection:
+            number, key = self._find(connection, identifier)
+            if session is not None:
+                self._check_owner(connection, session, number)
+            about = fields if session is None else {**fields, "session": session}
+            self._add(connection, schema.QUESTIONNAIRES, number, key, about)
+            self._note(connection, "questionnaire", number)
 
     def add_event(
         self,
@@ -595,9 +688,43 @@ class Diary:
                 tuple(fields["ranks"]),
                 score_mcgill(fields["ranks"], fields["ppi"]),
             )
-            for fields in self._fields(schema.QUESTIONNAIRES, identifier)
+            for fields in self._answers(identifier, "")
         ]
         return sorted(found, key=lambda one: one.at)
+
+    def ownership(self, identifier: str) -> list[Ownership]:
+        """The answers of a participant after touch cues, by time.
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        """
+        found = [
+            Ownership(datetime.fromisoformat(f["at"]), f["mode"], tuple(f["answers"]))
+            for f in self._answers(identifier, _OWNERSHIP)
+        ]
+        return sorted(found, key=lambda one: one.at)
+
+    def felt(self, identifier: str) -> list[FeltRecord]:
+        """How a participant felt the limb that is not there, by time.
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        """
+        names = ("length", "telescoping", "raised", "bent")
+        found = [
+            FeltRecord(datetime.fromisoformat(f["at"]), **{name: f[name] for name in names})
+            for f in self._answers(identifier, _FELT)
+        ]
+        return sorted(found, key=lambda one: one.at)
+
+    def _answers(self, identifier: str, kind: str) -> list[dict[str, Any]]:
+        """Filled-in questionnaires of a kind; those without one are McGill's."""
+        rows = self._fields(schema.QUESTIONNAIRES, identifier)
+        return [fields for fields in rows if fields.get("kind", "") == kind]
 
     def events(self, identifier: str) -> list[AdverseEvent]:
         """The adverse events of a participant, by time.

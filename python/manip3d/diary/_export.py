@@ -46,6 +46,7 @@ _GAME_COLUMNS = (
 
 _TABLES = (
     "participants", "sessions", "games", "anomalies", "ratings", "questionnaires", "events",
+    "ownership", "felt",
 )  # fmt: skip
 
 
@@ -60,8 +61,8 @@ def export_csv(
     participants: Sequence[str] | None = None,
     overwrite: bool = False,
 ) -> None:
-    """Write a folder of tables: participants, sessions, games, anomalies, ratings, questionnaires
-    and events.
+    """Write a folder of tables: participants, sessions, games, anomalies, ratings, questionnaires,
+    events, ownership and felt limbs.
 
     Parameters
     ----------
@@ -141,6 +142,9 @@ def _tables(diary: Diary, identifiers: Iterable[str]) -> _Tables:
                             "miscellaneous", "pri", "nwc", "ppi",
                             *(f"rank_{n}" for n in range(1, 21))), []),
         "events": (("participant", "at", "kind", "text"), []),
+        "ownership": (("participant", "at", "mode", "ownership", "control",
+                       *(f"q{n}" for n in range(1, 7))), []),
+        "felt": (("participant", "at", "length", "telescoping", "raised", "bent"), []),
     }  # fmt: skip
     rows = {name: table[1] for name, table in found.items()}
     for name in identifiers:
@@ -165,6 +169,11 @@ def _tables(diary: Diary, identifiers: Iterable[str]) -> _Tables:
             )
         for event in diary.events(name):
             rows["events"].append([name, event.at, event.kind, event.text])
+        for one in diary.ownership(name):
+            means = (round(one.ownership, 3), round(one.control, 3))
+            rows["ownership"].append([name, one.at, one.mode, *means, *one.answers])
+        for felt in diary.felt(name):
+            rows["felt"].append([name, *vars(felt).values()])
     return found
 
 

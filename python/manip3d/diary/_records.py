@@ -157,6 +157,54 @@ class McGill:
 
 
 @dataclass(frozen=True)
+class Ownership:
+    """Answers after a touch cue, each from -3 (not at all) to 3 (very much).
+
+    Attributes
+    ----------
+    at : datetime
+    mode : str
+        ``synchronous`` or ``asynchronous``.
+    answers : tuple of 6 int
+        Three about ownership of the limb, then three controls.
+    """
+
+    at: datetime
+    mode: Literal["synchronous", "asynchronous"]
+    answers: tuple[int, ...]
+
+    @property
+    def ownership(self) -> float:
+        """Mean of the first three."""
+        return sum(self.answers[:3]) / 3
+
+    @property
+    def control(self) -> float:
+        """Mean of the others."""
+        return sum(self.answers[3:]) / 3
+
+
+@dataclass(frozen=True)
+class FeltRecord:
+    """How the patient feels the limb that is not there.
+
+    Attributes
+    ----------
+    at : datetime
+    length, telescoping : int, per cent
+        Of the intact limb's length; how far the hand or foot has moved up into the stump.
+    raised, bent : int, degrees
+        The limb sideways from hanging down; elbow or knee.
+    """
+
+    at: datetime
+    length: int
+    telescoping: int
+    raised: int
+    bent: int
+
+
+@dataclass(frozen=True)
 class AdverseEvent:
     """Something that should not happen.
 

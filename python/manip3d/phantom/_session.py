@@ -16,6 +16,9 @@ from manip3d.errors import InputError
 from manip3d.modify import ColliderTracker, Limb, PhantomPipeline, PhantomState
 from manip3d.phantom._anomalies import Anomaly, AnomalyWatch
 from manip3d.phantom._clips import ClipRing
+from manip3d.phantom._felt import LIMITS, FeltLimb, felt_places
+from manip3d.phantom._setup import PlacementCalibration, moved_to, placement_checks
+from manip3d.phantom._touch import ARM, LEG, MODES, SECONDS, STATEMENTS, TouchCue
 from manip3d.phantom.games import (
     GAMES,
     ArmField,
@@ -35,6 +38,8 @@ if TYPE_CHECKING:
 
     from manip3d.modify import BodyColliders, PhantomFrame
 
+LIMBS: Sequence[Limb] = ("left_arm", "right_arm", "left_leg", "right_leg")
+
 MESSAGES: Mapping[str, Mapping[str, Kind]] = {
     "ack": {"sequence": Kind(int, 0, 2**32 - 1), "decoded_ms": Kind(float, 0, 1e15)},
     "clock": {"sent_ms": Kind(float, 0, 1e15)},
@@ -43,6 +48,15 @@ MESSAGES: Mapping[str, Mapping[str, Kind]] = {
     "stop": {},
     "pain": {"value": Kind(int, 0, 10)},
     "unwell": {},
+    "event": {"text": Kind(str, length=500)},
+    "consent": {"clips": Kind(int, 0, 1)},
+    "limb": {"limb": Kind(str, choices=LIMBS)},
+    "patient": {"which": Kind(int, 0, 9)},
+    "calibrate": {},
+    "touch": {"mode": Kind(str, choices=(*MODES, "off"))},
+    "ownership": {"mode": Kind(str, choices=MODES)}
+    | {f"q{number}": Kind(int, -3, 3) for number in range(1, len(STATEMENTS) + 1)},
+    "felt": {name: Kind(int, low, high) for name, (low, high) in LIMITS.items()},
 }
 """What a page may say."""
 
@@ -74,6 +88,18 @@ class Recorder(Protocol):
 
     def unwell(self) -> str:
         """Keep that the patient feels sick; return why the session must stop."""
+
+    def event(self, text: str) -> None:
+        """Keep an adverse event in words."""
+
+    def consent(self, clips: bool) -> None:
+        """Keep whether the patient consents to films; without consent theirs are deleted."""
+
+    def ownership(self, mode: str, answers: Sequence[int]) -> None:
+        """Keep the answers after a touch cue."""
+
+    def felt(self, felt: FeltLimb) -> None:
+        """Keep how the patient feels the limb."""
 
 
 @dataclass(frozen=True)
@@ -163,6 +189,14 @@ class LiveSession:
         self._clips: list[Pictures] = []
         self._pipeline = PhantomPipeline(affected)
         self.affected = str(affected)
+        self._people: list[Skeleton] = []
+        self._is_chosen = False
+        self._times: deque[int] = deque(maxlen=_FRAMES)
+        self._calibration: PlacementCalibration | None = None
+        self._measured: Skeleton | None = None
+        self._cue: TouchCue | None = None
+        self._cues = 0
+        self._felt: FeltLimb | None = None
         chosen = game or ("bubbles" if self.affected.endswith("arm") else "bubbles-legs")
         if chosen not in GAMES:
             raise InputError(f"game: expected one of {', '.join(GAMES)}, got {game!r}")
@@ -219,6 +253,7 @@ class LiveSession:
         self._body.reset()
         self._ends.reset()
         self._lowest.clear()
+        self._times.clear()
         self._last_time = None
 
     def end(self) -> None:
@@ -260,11 +295,22 @@ class LiveSession:
         self.state = shown.state.value
         self._obey()
         seconds = self._seconds_since_last(frame.time)
+        self._people = sorted(frame.skeletons, key=lambda one: float(one.positions[0][0]))
+        self._times.append(frame.time)
+        if self._calibration is not None and shown.state == PhantomState.TRACKING:
+            measured = self._calibration.add(shown.skeleton)
+            if measured is not None:
+                self._measured, self._calibration = measured, None
         colliders = self._body.update(shown.skeleton)
         playing = self._play(shown, seconds)
         if playing and self._ring is not None and self._game is not None:
             self._ring.add(shown, self._game, frame.calibration.depth, self._watch.since)
-        status = self._frame_status(shown, colliders) | self._game_status(playing=playing)
+        status = (
+            self._frame_status(shown, colliders)
+            | self._setup_status(shown, frame)
+            | self._touch_status(shown, seconds)
+            | self._game_status(playing=playing)
+        )
         ruled = time.perf_counter()
         message = self._encoded(shown, status, frame.time, captured)
         done = time.perf_counter()
@@ -290,6 +336,8 @@ class LiveSession:
                     self._game, self._wants_game = None, True
             elif name == "stop":
                 self._stop()
+            elif name in ("limb", "patient", "calibrate", "touch", "felt"):
+                self._set_up(name, fields)
             elif self._recorder is not None:
                 self._heed(name, fields)
 
@@ -305,11 +353,60 @@ class LiveSession:
         if name == "pain":
             self._pain = int(fields["value"])
             halt = self._recorder.pain(self._pain)
-        else:
+        elif name == "unwell":
             halt = self._recorder.unwell()
+        else:
+            halt = ""
+            self._note(name, fields)
         if halt:
             self._stop()
             self._halt = halt
+
+    def _note(self, name: str, fields: Mapping[str, Any]) -> None:
+        assert self._recorder is not None
+        if name == "event":
+            self._recorder.event(str(fields["text"]))
+        elif name == "consent":
+            self._recorder.consent(bool(fields["clips"]))
+            if not fields["clips"]:
+                self._ring = None
+        else:
+            answers = [int(fields[f"q{number}"]) for number in range(1, len(STATEMENTS) + 1)]
+            self._recorder.ownership(str(fields["mode"]), answers)
+
+    def _set_up(self, name: str, fields: Mapping[str, Any]) -> None:
+        """What the therapist says before a game; a game that goes on is stopped by another limb or
+        patient."""
+        if name == "limb":
+            self._change_limb(fields["limb"])
+        elif name == "patient":
+            if int(fields["which"]) < len(self._people):
+                self._stop()
+                self._is_chosen = True
+                self._pipeline.select(self._people[int(fields["which"])].id)
+        elif name == "calibrate":
+            self._calibration, self._measured = PlacementCalibration(), None
+        elif name == "touch":
+            self._stop()
+            mode = str(fields["mode"])
+            self._cue = None if mode == "off" else TouchCue(mode, self._seed + self._cues)  # type: ignore[arg-type]
+            self._cues += 1
+        else:
+            self._felt = FeltLimb(**{key: int(fields[key]) for key in LIMITS})
+            if self._recorder is not None:
+                self._recorder.felt(self._felt)
+
+    def _change_limb(self, limb: Limb) -> None:
+        if limb == self.affected:
+            return
+        self._stop()
+        self._game, self._measured, self._felt, self._cue = None, None, None, None
+        self._pipeline, self.affected = PhantomPipeline(limb), str(limb)
+        self._is_chosen = False
+        self.restart()
+        if not GAMES[self._choice[0]].limbs.startswith(limb.partition("_")[2]):
+            name = "bubbles" if limb.endswith("arm") else "bubbles-legs"
+            self._choice = name, self._choice[1]
 
     def _play(self, shown: PhantomFrame, seconds: float) -> bool:
         """Whether the game went on in this frame."""
@@ -322,7 +419,11 @@ class LiveSession:
         if self._wants_game:
             name, difficulty = self._choice
             seed = self._seed + len(self.summaries)
-            self._game = begin(name, shown.skeleton, difficulty=difficulty, seed=seed, floor=floor)
+            body = shown.skeleton
+            if self._measured is not None:
+                body = moved_to(self._measured, body)
+            self._cue = None
+            self._game = begin(name, body, difficulty=difficulty, seed=seed, floor=floor)
             if self._game is None:  # somebody who faces the camera is asked for
                 return False
             self._wants_game, self._paused_s = False, 0.0
@@ -428,6 +529,52 @@ class LiveSession:
             "colliders": _rounded(capsules),
             "torso": torso,
             "stage_ms": {name: round(value, 2) for name, value in self.stage_ms.items()},
+        }
+
+    def _setup_status(self, shown: PhantomFrame, frame: RgbdFrame) -> dict[str, Any]:
+        people = self._people
+        span = (self._times[-1] - self._times[0]) / 1e9 if len(self._times) > 30 else 0.0
+        checks = placement_checks(
+            shown,
+            frame.calibration.depth,
+            people=len(people),
+            is_chosen=self._is_chosen,
+            rate=(len(self._times) - 1) / span if span > 0 else 0.0,
+        )
+        calibrated = 1.0 if self._measured is not None else None
+        if self._calibration is not None:
+            calibrated = round(self._calibration.share, 2)
+        return {
+            "affected": self.affected,
+            "checks": [[check.name, check.is_met, check.advice] for check in checks],
+            "people": [one.id == shown.skeleton.id for one in people],
+            "calibrated": calibrated,
+            "clips": None if self._recorder is None else self._recorder.wants_clips,
+        }
+
+    def _touch_status(self, shown: PhantomFrame, seconds: float) -> dict[str, Any]:
+        felt = None
+        if self._felt is not None:
+            places = felt_places(self._felt, shown.skeleton, self.affected)
+            felt = None if places is None else _rounded(places)
+        cue = self._cue
+        if cue is None:
+            return {"touch": None, "felt": felt}
+        joint, is_felt, place = None, False, None
+        if shown.state == PhantomState.TRACKING and not cue.is_over:
+            joint, is_felt = cue.pass_time(seconds)
+        if joint is not None:
+            side, _, limb = self.affected.partition("_")
+            name = (ARM if limb == "arm" else LEG)[joint] + side.title()
+            place = _rounded(shown.skeleton.positions[JOINTS.index(name)])
+        return {
+            "touch": {
+                "mode": cue.mode,
+                "left_s": round(SECONDS - cue.clock, 2),
+                "place": place,
+                "felt": is_felt,
+            },
+            "felt": felt,
         }
 
     def _game_status(self, *, playing: bool) -> dict[str, Any]:

@@ -5,19 +5,20 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import type { Frame, GameStatus, Status } from "./frame";
 import { Pedals, Piano } from "./instruments";
 import { Link } from "./link";
-import { Bones, Bubbles, Colliders, room } from "./overlay";
+import { Bones, Bubbles, Colliders, Cues, room } from "./overlay";
 import { Person } from "./person";
 import { Haptics } from "./haptics";
 import { Panel } from "./panel";
+import { element, write } from "./parts";
+import { Setup, type SetupContent } from "./setup";
+import { TouchPanel, type TouchContent } from "./touch";
 import { Sound } from "./sound";
 import { hasHeadset, Views, WAYS, type Way } from "./views";
 
-interface Content {
+interface Content extends SetupContent, TouchContent {
   limb: string;
   source: string;
-  intended_use: string;
   parents: number[];
-  asks: boolean; // whether there is a diary that wants to know how strong the pain is
   games: Record<string, { title: string; how: string; rules: string; most_misses: number }>;
 }
 
@@ -37,17 +38,6 @@ const STATES: Record<string, string> = {
   fading: "Fading",
   lost: "Not visible",
 };
-
-function element<K extends keyof HTMLElementTagNameMap>(
-  name: K,
-  attributes: Record<string, string> = {},
-  ...children: (Node | string)[]
-): HTMLElementTagNameMap[K] {
-  const made = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  made.append(...children);
-  return made;
-}
 
 // --- what stands on the page -----------------------------------------------------------------------
 
@@ -105,23 +95,51 @@ for (let value = 0; value <= 10; value++) {
 }
 const painTold = element("span", { id: "pain-told", role: "status" });
 const unwell = element("button", { id: "unwell" }, "I feel sick");
+const event = element("input", { id: "event", maxlength: "500", placeholder: "what, in words" });
+const note = element("button", { id: "note" }, "Note it");
 const asking = element(
   "div",
   { class: "row", id: "asking" },
   element("label", {}, "Phantom pain now, 0 to 10 ", pain),
   unwell,
   painTold,
+  element("label", {}, "Something bad happened ", event),
+  note,
 );
 asking.hidden = !content.asks;
 
+const setup = new Setup(content, (message) => link.send(message), tellPanels);
+const touching = new TouchPanel(content, (message) => link.send(message), tellPanels);
+const openSetup = element("button", { id: "open-setup" }, "Set up", element("kbd", {}, "U"));
+const openTouch = element("button", { id: "open-touch" }, "Touch", element("kbd", {}, "T"));
+openSetup.addEventListener("click", () => {
+  touching.root.hidden = true;
+  if (setup.isOpen) setup.close();
+  else setup.open();
+  tellPanels();
+});
+openTouch.addEventListener("click", () => {
+  if (setup.isOpen) setup.close();
+  touching.root.hidden = !touching.root.hidden;
+  tellPanels();
+});
+
+/** The card about the game makes room for panels. */
+function tellPanels(): void {
+  document.body.dataset.panel = String(setup.isOpen || !touching.root.hidden);
+  openSetup.setAttribute("aria-pressed", String(setup.isOpen));
+  openTouch.setAttribute("aria-pressed", String(!touching.root.hidden));
+}
+
+const title = element("h1", {}, `Phantom ${content.limb}`);
 document.body.append(
   element(
     "header",
     {},
-    element("h1", {}, `Phantom ${content.limb}`),
+    title,
     element("p", { id: "status", role: "status" }, stateWord, " ", stateText),
   ),
-  element("main", {}, canvas, score, card),
+  element("main", {}, canvas, score, card, setup.root, touching.root),
   element(
     "footer",
     {},
@@ -131,6 +149,8 @@ document.body.append(
       element("label", {}, "Game ", gameChoice),
       element("label", {}, "Difficulty ", difficulty),
       start,
+      openSetup,
+      openTouch,
     ),
     asking,
     element(
@@ -141,7 +161,12 @@ document.body.append(
       ...Object.values(toggles),
     ),
     numbers,
-    element("p", { id: "use" }, content.intended_use),
+    element(
+      "p",
+      { id: "use" },
+      `${content.intended_use} `,
+      element("a", { href: "/hazards", target: "_blank" }, "Hazards"),
+    ),
   ),
 );
 
@@ -169,11 +194,14 @@ const sound = new Sound();
 const haptics = new Haptics();
 const panel = new Panel();
 const floor = room();
+const cues = new Cues();
 world.add(person.root, bones.root, colliders.root, bubbles.root, piano.root, pedals.root, floor);
+world.add(cues.root);
 renderer.xr.enabled = true;
 const views = new Views(renderer, camera, world);
 scene.add(world, views.rig, panel.root);
 let session: XRSession | null = null;
+const outside = new THREE.Vector3(); // where the camera was before it became one's own eyes
 
 let placed = false;
 let newest: Status | null = null;
@@ -206,6 +234,8 @@ function fit(): void {
 
 /** What the buttons say. */
 function settle(): void {
+  if (isOn(toggles.own) && !views.own) outside.copy(camera.position);
+  if (!isOn(toggles.own) && views.own) camera.position.copy(outside);
   views.own = isOn(toggles.own);
   views.way = way.value as Way;
   document.body.dataset.way = views.way;
@@ -237,11 +267,20 @@ async function decode(frame: Frame): Promise<void> {
     sound.event(String(kind), Number(key));
     if (kind !== "missed") haptics.hit(Number(bone), session);
   }
+  cues.show(frame.status);
+  if (frame.status.touch?.felt) {
+    sound.event("touch", 0);
+    haptics.hit(frame.status.affected?.startsWith("left") ? 7 : 11, session);
+  }
   place(frame.status);
   tell(frame.status);
 }
 
-function tell({ state, message, game }: Status): void {
+function tell(status: Status): void {
+  const { state, message, game } = status;
+  if (status.affected) write(title, `Phantom ${status.affected.replace("_", " ")}`);
+  setup.tell(status);
+  touching.tell(status);
   if (document.body.dataset.state !== state) document.body.dataset.state = state;
   write(stateWord, STATES[state] ?? state);
   write(stateText, views.own ? `${message} ${HATCHED}` : message);
@@ -251,10 +290,6 @@ function tell({ state, message, game }: Status): void {
   const lines = [...card.children].map((line) => line.textContent ?? "");
   const heading = card.hidden ? (score.textContent ?? "").replace(/ {3}/g, ", ") : lines[0];
   panel.say([heading, ...(card.hidden ? [message] : lines.slice(1))]);
-}
-
-function write(where: HTMLElement, text: string): void {
-  if (where.textContent !== text) where.textContent = text; // else screen readers repeat it
 }
 
 let phase = "";
@@ -355,6 +390,11 @@ unwell.addEventListener("click", () => {
   link.send({ type: "unwell" });
   unwell.blur();
 });
+note.addEventListener("click", () => {
+  if (event.value.trim() !== "") link.send({ type: "event", text: event.value.trim() });
+  event.value = "";
+  note.blur();
+});
 for (const kind of ["pointerdown", "keydown"]) {
   document.addEventListener(kind, () => sound.wake());
 }
@@ -377,6 +417,8 @@ const keys: Record<string, () => void> = {
   l: () => toggles.large.click(),
   o: () => toggles.sound.click(),
   e: () => toggles.own.click(),
+  u: () => openSetup.click(),
+  t: () => openTouch.click(),
   d: () => {
     way.value = WAYS[(WAYS.indexOf(way.value as Way) + 1) % WAYS.length];
     settle();
@@ -385,7 +427,7 @@ const keys: Record<string, () => void> = {
 document.addEventListener("keydown", (event) => {
   const target = event.target as HTMLElement;
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
-  if (target instanceof HTMLSelectElement) return;
+  if (target instanceof HTMLSelectElement || target instanceof HTMLInputElement) return;
   if (target instanceof HTMLButtonElement && event.key === " ") return; // presses that button
   const action = keys[event.key.toLowerCase()];
   if (!action) return;
