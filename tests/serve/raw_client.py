@@ -69,15 +69,17 @@ class RawStream:
     """An open stream, frame by frame [RFC 6455]."""
 
     def __init__(self, server: LocalServer, headers: Mapping[str, str] | None = None) -> None:
+        given = dict(headers or {})
+        self.cookie = given.get("Cookie") or cookie(server)
         own = {
             "Host": server.origin.partition("//")[2],
             "Origin": server.origin,
-            "Cookie": cookie(server),
+            "Cookie": self.cookie,
             "Upgrade": "websocket",
             "Connection": "Upgrade",
             "Sec-WebSocket-Version": "13",
             "Sec-WebSocket-Key": base64.b64encode(bytes(16)).decode(),
-        } | dict(headers or {})
+        } | given
         self.link = connect(server)
         self.link.sendall(request("/stream", own))
         head = b""

@@ -347,7 +347,8 @@ const link = new Link(decode, (connected) => {
   document.body.dataset.connected = String(connected);
   if (connected) return;
   write(stateWord, "No connection");
-  write(stateText, "The program has ended or is starting again; this page will come back by itself.");
+  const again = "If the program was started anew, open the address that it prints.";
+  write(stateText, `This page comes back by itself while the program runs. ${again}`);
 });
 
 setInterval(() => {
