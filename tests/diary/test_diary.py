@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import random
 import sqlite3
 from collections.abc import Iterator
 from datetime import date, datetime, timedelta, timezone
@@ -286,6 +287,26 @@ def test_who_takes_back_consent_is_filmed_no_longer(diary: Diary, key: Path | No
     assert len(diary.clips("Zebra-77")) == 1
     assert [action for _, action, _ in diary.audit()].count("no consent") == 1
     diary.check()
+
+
+def test_damaged_clips_are_said_to_be() -> None:
+    from manip3d.diary._clips import pack, unpack
+
+    chance = random.Random(2)
+    whole = pack([(0.1 * number, jpeg("x", 50 + number)) for number in range(5)])
+    assert len(unpack(whole, "clip")) == 5
+    refused = 0
+    for _ in range(5000):
+        found = bytearray(whole[: chance.randrange(len(whole) + 1)])
+        for _ in range(chance.randrange(4)):
+            if found:
+                found[chance.randrange(len(found))] = chance.randrange(256)
+        try:
+            pictures = unpack(bytes(found), "clip")
+            assert sum(len(content) for _, content in pictures) < len(whole)
+        except FormatError:
+            refused += 1
+    assert refused > 2500
 
 
 def test_clips_that_are_none(diary: Diary) -> None:

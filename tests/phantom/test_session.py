@@ -271,6 +271,24 @@ def test_pictures_older_than_five_seconds_are_let_go() -> None:
     assert ring.take(0.0, 99.0) == ()
 
 
+def test_enhanced_joints_turn_further_and_the_summary_says_so() -> None:
+    def hand(session: LiveSession) -> float:
+        """How high the phantom hand is over its shoulder."""
+        joints = play(session, patient()[:60])[-1].status["joints"]
+        return float(joints[8][1] - joints[11][1])
+
+    plain, enhanced = LiveSession("right_arm"), LiveSession("right_arm")
+    enhanced.command("gain", {"value": 1.5})
+    enhanced.command("ready")
+    before, after = hand(plain), hand(enhanced)
+    assert after > before + 0.1
+    session = LiveSession("right_arm", gain=1.5)
+    session.command("ready")
+    assert hand(session) == pytest.approx(after, abs=0.02)
+    session.end()
+    assert session.summaries[0].gain == 1.5
+
+
 def test_without_a_diary_ratings_are_not_kept() -> None:
     session = LiveSession("right_arm")
     session.command("pain", {"value": 9})
@@ -287,6 +305,8 @@ def test_without_a_diary_ratings_are_not_kept() -> None:
         ({"difficulty": 4}, "difficulty: expected 1 to 3, got 4"),
         ({"seed": -1}, "seed: expected 0 to"),
         ({"jpeg_quality": 0}, "jpeg_quality: expected 1 to 100"),
+        ({"gain": 2.5}, r"gain: expected 1 to 2, got 2\.5"),
+        ({"gain": float("nan")}, "gain: expected 1 to 2, got nan"),
     ],
 )
 def test_bad_options(options: dict[str, Any], message: str) -> None:

@@ -201,6 +201,14 @@ def phantom_live(
         int, typer.Option(min=1, max=3, help="Difficulty of the first game.")
     ] = 1,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the first game.")] = 0,
+    gain: Annotated[
+        float,
+        typer.Option(
+            min=1.0,
+            max=2.0,
+            help="Virtual enhancement: joints turn so many times as far as the patient's.",
+        ),
+    ] = 1.0,
     host: Annotated[
         str,
         typer.Option(
@@ -272,6 +280,7 @@ def phantom_live(
         game=game.value if game else None,
         difficulty=difficulty,
         seed=seed,
+        gain=gain,
         host=host,
         port=port,
         certificate=certificate,

@@ -41,6 +41,7 @@ _PAIN = {
 }
 _GAME_COLUMNS = (
     "game", "difficulty", "seed", "ending", "seconds", "paused_s", "score", "misses", "by_phantom",
+    "gain",
 )  # fmt: skip
 
 
@@ -343,6 +344,9 @@ def _game(game: DiaryGame, patient: Mapping[str, str]) -> dict[str, Any]:
         for text, value in (("Played", game.seconds), ("Paused", game.paused_s))
     ]
     parts.append({"code": {"text": "Ending"}, "valueString": game.ending})
+    if game.gain != 1.0:
+        told = "Gain of movements (virtual enhancement)"
+        parts.append({"code": {"text": told}, "valueQuantity": {"value": game.gain}})
     parts += [
         {
             "code": {"text": "Seconds of play without a point though a target was in reach"},

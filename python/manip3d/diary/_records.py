@@ -71,6 +71,8 @@ class DiaryGame:
     seconds, paused_s : float
         Played, and waited for the phantom limb.
     score, misses, by_phantom : int
+    gain : float
+        Of virtual enhancement; 1: none.
     anomalies : tuple of (float, float)
         From and to which second of play no point was made though a target was in reach.
     """
@@ -86,6 +88,7 @@ class DiaryGame:
     misses: int
     by_phantom: int
     anomalies: tuple[tuple[float, float], ...] = ()
+    gain: float = 1.0
 
 
 @dataclass(frozen=True)

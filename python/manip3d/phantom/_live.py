@@ -107,6 +107,7 @@ def run_live(
     certificate: str | os.PathLike[str] | None = None,
     seconds: float | None = None,
     jpeg_quality: int = 80,
+    gain: float = 1.0,
     diary: str | os.PathLike[str] | None = None,
     participant: str | None = None,
     diary_key: str | os.PathLike[str] | None = None,
@@ -142,6 +143,8 @@ def run_live(
         Stop after so many; without it at Ctrl-C.
     jpeg_quality : int
         Of the colours, 1 to 100.
+    gain : float
+        Virtual enhancement, as of `LiveSession`; the page changes it.
     diary, participant, diary_key : path, str, path, optional
         A diary file, who of its participants plays, and its key file where it is encrypted. Games
         and ratings of pain are kept as they come.
@@ -178,6 +181,7 @@ def run_live(
         difficulty=difficulty,
         seed=seed,
         jpeg_quality=jpeg_quality,
+        gain=gain,
         recorder=recorder,
     )
 

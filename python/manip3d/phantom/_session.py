@@ -13,7 +13,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
-from manip3d.modify import ColliderTracker, Limb, PhantomPipeline, PhantomState
+from manip3d.modify import ColliderTracker, Limb, PhantomPipeline, PhantomState, repose
 from manip3d.phantom._anomalies import Anomaly, AnomalyWatch
 from manip3d.phantom._clips import ClipRing
 from manip3d.phantom._felt import LIMITS, FeltLimb, felt_places
@@ -38,6 +38,11 @@ if TYPE_CHECKING:
 
     from manip3d.modify import BodyColliders, PhantomFrame
 
+MOST_GAIN = 2.0
+"""Of virtual enhancement."""
+
+_ENHANCED = {"arm": ("Shoulder", "Elbow"), "leg": ("Hip", "Knee", "Ankle")}
+
 LIMBS: Sequence[Limb] = ("left_arm", "right_arm", "left_leg", "right_leg")
 
 MESSAGES: Mapping[str, Mapping[str, Kind]] = {
@@ -53,6 +58,7 @@ MESSAGES: Mapping[str, Mapping[str, Kind]] = {
     "limb": {"limb": Kind(str, choices=LIMBS)},
     "patient": {"which": Kind(int, 0, 9)},
     "calibrate": {},
+    "gain": {"value": Kind(float, 1, MOST_GAIN)},
     "touch": {"mode": Kind(str, choices=(*MODES, "off"))},
     "ownership": {"mode": Kind(str, choices=MODES)}
     | {f"q{number}": Kind(int, -3, 3) for number in range(1, len(STATEMENTS) + 1)},
@@ -118,6 +124,8 @@ class GameSummary:
     score, misses : int
     by_phantom : int
         Points by the phantom limb; the others are the intact limb's.
+    gain : float
+        What joints' angles were multiplied by at the end.
     anomalies : tuple of Anomaly
         Times without a point though a target was in reach.
     """
@@ -131,6 +139,7 @@ class GameSummary:
     score: int
     misses: int
     by_phantom: int
+    gain: float = 1.0
     anomalies: tuple[Anomaly, ...] = ()
 
 
@@ -153,6 +162,9 @@ class LiveSession:
         Of the first game; each further one has the next.
     jpeg_quality : int
         1 to 100.
+    gain : float
+        Virtual enhancement, 1 to 2: by how much the joints of both arms, or both legs, turn
+        further from rest on the page, and in the games, than the patient turns them.
     recorder : Recorder, optional
         Is told of games, ratings of pain and sickness.
 
@@ -178,6 +190,7 @@ class LiveSession:
         difficulty: int = 1,
         seed: int = 0,
         jpeg_quality: int = 80,
+        gain: float = 1.0,
         recorder: Recorder | None = None,
     ) -> None:
         self._recorder = recorder
@@ -204,9 +217,11 @@ class LiveSession:
             ("difficulty", difficulty, 1, 3),
             ("seed", seed, 0, 2**62),
             ("jpeg_quality", jpeg_quality, 1, 100),
+            ("gain", gain, 1, MOST_GAIN),
         ):
             if not low <= value <= high:
-                raise InputError(f"{name}: expected {low} to {high}, got {value}")
+                raise InputError(f"{name}: expected {low:g} to {high:g}, got {value}")
+        self._gain = float(gain)
         self.summaries: list[GameSummary] = []
         self._choice = chosen, int(difficulty)
         self._seed = seed
@@ -290,6 +305,7 @@ class LiveSession:
         began = time.perf_counter()
         shown = self._pipeline.process(frame)
         seen = time.perf_counter()
+        shown = self._enhanced(shown)
         if shown.state == PhantomState.LATE:
             return None
         self.state = shown.state.value
@@ -319,6 +335,17 @@ class LiveSession:
             times.append(value)
         return message
 
+    def _enhanced(self, shown: PhantomFrame) -> PhantomFrame:
+        """The same person with further turned joints; the measured body is what is at rest."""
+        if self._gain == 1.0 or len(shown.vertices) == 0:
+            return shown
+        names = _ENHANCED[self.affected.partition("_")[2]]
+        gains = {f"{name}{side}": self._gain for name in names for side in ("Left", "Right")}
+        found = repose(shown.vertices, shown.skeleton, gains=gains, rest=self._measured, threads=1)
+        if found is None:
+            return shown
+        return replace(shown, vertices=found.vertices, skeleton=found.skeleton)
+
     # --- the game --------------------------------------------------------------------------------
 
     def _seconds_since_last(self, now: int) -> float:
@@ -336,6 +363,8 @@ class LiveSession:
                     self._game, self._wants_game = None, True
             elif name == "stop":
                 self._stop()
+            elif name == "gain":
+                self._gain = float(fields["value"])
             elif name in ("limb", "patient", "calibrate", "touch", "felt"):
                 self._set_up(name, fields)
             elif self._recorder is not None:
@@ -477,6 +506,7 @@ class LiveSession:
             score=game.score,
             misses=game.misses,
             by_phantom=self._by_phantom(game),
+            gain=self._gain,
             anomalies=tuple(self._watch.found),
         )
         self.summaries.append(summary)
@@ -546,6 +576,7 @@ class LiveSession:
             calibrated = round(self._calibration.share, 2)
         return {
             "affected": self.affected,
+            "gain": self._gain,
             "checks": [[check.name, check.is_met, check.advice] for check in checks],
             "people": [one.id == shown.skeleton.id for one in people],
             "calibrated": calibrated,

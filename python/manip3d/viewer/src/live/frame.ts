@@ -48,6 +48,7 @@ export interface Status {
   torso?: { centre: number[]; axes: number[][]; half: number[] } | null;
   stage_ms?: Record<string, number>;
   affected?: string;
+  gain?: number; // of virtual enhancement
   checks?: [string, boolean, string][]; // name, whether it is met, what to do
   people?: boolean[]; // in view, from left to right in the picture; which one is the patient
   calibrated?: number | null; // share of the time that is over; 1: done

@@ -53,6 +53,14 @@ const difficulty = element("select", { id: "difficulty" });
 ["easy", "medium", "hard"].forEach((word, which) =>
   difficulty.append(element("option", { value: String(which + 1) }, word)),
 );
+const gain = element("select", { id: "gain" });
+for (const value of ["1", "1.25", "1.5", "2"]) {
+  gain.append(element("option", { value }, value === "1" ? "as it is" : `${value} times`));
+}
+gain.addEventListener("change", () => {
+  link.send({ type: "gain", value: Number(gain.value) });
+  gain.blur();
+});
 const start = element("button", { id: "start", class: "main" }, "Start when ready");
 const score = element("div", { id: "score", hidden: "" });
 const card = element("section", { id: "card", "aria-live": "polite" });
@@ -148,6 +156,7 @@ document.body.append(
       { class: "row" },
       element("label", {}, "Game ", gameChoice),
       element("label", {}, "Difficulty ", difficulty),
+      element("label", {}, "Movement ", gain),
       start,
       openSetup,
       openTouch,
@@ -279,6 +288,7 @@ async function decode(frame: Frame): Promise<void> {
 function tell(status: Status): void {
   const { state, message, game } = status;
   if (status.affected) write(title, `Phantom ${status.affected.replace("_", " ")}`);
+  if (document.activeElement !== gain) gain.value = String(status.gain ?? 1);
   setup.tell(status);
   touching.tell(status);
   if (document.body.dataset.state !== state) document.body.dataset.state = state;
