@@ -21,6 +21,7 @@ from manip3d.viewer import _chromium
 
 FRAMES = 300
 WINDOW = (1280, 800)
+START_S = 20.0  # of the browser, at most
 
 
 def main(seconds: float) -> None:
@@ -31,7 +32,9 @@ def main(seconds: float) -> None:
         def on_start(url: str, made: object) -> None:
             threading.Thread(target=_watch, args=(url, seconds, told), daemon=True).start()
 
-        report = run_live(address, affected="right_arm", seconds=seconds + 6.0, on_start=on_start)
+        report = run_live(
+            address, affected="right_arm", seconds=seconds + START_S, on_start=on_start
+        )
     print(
         json.dumps(
             {

@@ -18,7 +18,7 @@ from manip3d.phantom._live import hear
 from manip3d.phantom._page import live_pages
 from manip3d.phantom._session import OF_THE_CONNECTION, Recorder
 from manip3d.rgbd import RgbdFrame
-from manip3d.serve import LocalServer, StreamClient, read_message
+from manip3d.serve import Certificate, LocalServer, StreamClient, read_message
 from manip3d.viewer import _chromium
 
 SECONDS = 30.0
@@ -32,12 +32,14 @@ class Stage:
         frames: Iterator[RgbdFrame],
         limb: str = "right_arm",
         recorder: Recorder | None = None,
+        host: str = "127.0.0.1",
+        certificate: Certificate | None = None,
         **options: Any,
     ) -> None:
         self.session = LiveSession(limb, recorder=recorder, **{"seed": 3, **options})  # type: ignore[arg-type]
         self.frames = frames
         pages = live_pages(limb, "sim:body", asks=recorder is not None)
-        self.server = LocalServer(pages, self._hear).start()
+        self.server = LocalServer(pages, self._hear, host=host, certificate=certificate).start()
         self.heard: list[str] = []
 
     def _hear(self, client: StreamClient, text: str) -> None:

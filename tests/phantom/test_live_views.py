@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,7 +11,9 @@ import numpy as np
 import pytest
 from live_stage import Stage, keep_picture, press, screenshot, text_of, wait_for
 
+import capsule_body
 from manip3d.phantom import simulated_patient
+from manip3d.serve import make_certificate
 from manip3d.viewer import _chromium
 from manip3d.viewer.page import BUNDLE
 
@@ -81,6 +84,38 @@ def test_from_ones_own_eyes_what_the_camera_cannot_see_is_hatched(stage: Stage) 
         assert "hatched" not in text_of(tab, "#status")
         back = np.array(tab.evaluate("manip3dLive.eye()"))
         assert np.linalg.norm(back - np.array(outside)) < 0.01
+
+
+def test_a_headset_on_the_network_gets_the_page_encrypted(chromium: None) -> None:
+    """At an address that is not loopback, where browsers know no WebXR without HTTPS."""
+    pytest.importorskip("cryptography", reason="the extra 'live' is not installed")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
+        try:
+            asked.connect(("192.0.2.1", 9))  # nothing is sent
+        except OSError:
+            pytest.skip("this machine has no network")
+        host = asked.getsockname()[0]
+    frames = iter([capsule_body.painted(number) for number in range(12)])
+    stage = Stage(frames, host=host, certificate=make_certificate(host))
+    try:
+        with _chromium.open_address("about:blank", (640, 480)) as tab:
+            # As somebody does who has compared the fingerprint.
+            tab.send("Security.setIgnoreCertificateErrors", ignore=True)
+            tab.send("Page.navigate", url=stage.server.new_url())
+            wait_for(lambda: stage.server.num_clients == 1)
+            stage.show(5)
+            assert tab.evaluate("isSecureContext")
+            assert tab.evaluate("location.origin") == f"https://{host}:{stage.server.port}"
+            assert tab.evaluate("'xr' in navigator")
+            wait_for(lambda: tab.evaluate("manip3dLive.stats().clockWithinMs") is not None)
+            stage.show(5)
+            stats = tab.evaluate("manip3dLive.stats()")
+            assert (stats["frames"], stats["lost"], stats["bad"]) == (10, 0, 0)
+            assert 0 < stats["clockWithinMs"] < 500  # two clocks of one machine
+            assert -500 < stats["latencyMs"]["p50"] < 5000
+        assert dict(stage.server.refused) == {}
+    finally:
+        stage.server.stop()
 
 
 DEVICE = """

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import functools
 import io
+import os
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -239,6 +242,55 @@ def test_an_anomaly_is_filmed_from_five_seconds_before_it(consents: bool) -> Non
         pixels = np.asarray(image).astype(int)
     assert (np.abs(pixels - 32).max(axis=-1) < 12).mean() > 0.5  # nothing of the room
     assert (np.abs(pixels - 32).max(axis=-1) > 60).sum() > 2000  # the person
+
+
+def test_from_the_camera_to_film_diary_and_fhir(tmp_path: Path) -> None:
+    """The simulated amputee scores with one game and not with another; what is kept of both."""
+    pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+    from PIL import Image
+
+    from manip3d.diary import Diary, export_clips, fhir_bundle, write_page
+    from manip3d.phantom._diary import DiaryRecorder
+
+    path = tmp_path / "study.diary"
+    with Diary(path, create=True) as diary:
+        diary.enrol("P01", limb="right_arm", clips=True)
+    recorder = DiaryRecorder(path, "P01", None)
+    session = LiveSession("right_arm", recorder=recorder)
+    recorder.start()
+    frames = patient()
+    there_and_back = [*frames[30:], *frames[-2:30:-1]]
+    for number in range(30 * 22):
+        if number in (0, 200):
+            session.command("choose", {"game": "bubbles-legs" if number else "bubbles",
+                                       "difficulty": 1})  # fmt: skip
+            session.command("stop")
+            session.command("ready")
+        frame = there_and_back[number % len(there_and_back)]
+        time = frames[0].time + number * 33_333_333
+        session.process(replace(frame, time=time, number=number), captured_ns=1)
+    session.end()
+    recorder.end()
+    with Diary(path) as diary:
+        (sitting,) = diary.sessions("P01")
+        assert [game.game for game in sitting.games] == ["bubbles", "bubbles-legs"]
+        assert sitting.games[0].by_phantom >= 1
+        assert sitting.games[0].score == session.summaries[0].score
+        assert len(sitting.games[1].anomalies) == 1
+        (clip,) = diary.clips("P01")
+        assert (clip.start, clip.end) == sitting.games[1].anomalies[0]
+        assert len(clip.pictures) > 80
+        (film,) = export_clips(diary, tmp_path / "films", "P01")
+        with Image.open(film) as moving:
+            assert moving.n_frames > 80  # type: ignore[attr-defined]
+        observations = [e["resource"] for e in fhir_bundle(diary, "P01")["entry"]]
+        games = [o for o in observations if "Exercise game" in o.get("code", {}).get("text", "")]
+        ranges = [p for p in games[1]["component"] if "valueRange" in p]
+        assert ranges[0]["valueRange"]["low"]["value"] == clip.start
+        write_page(diary, tmp_path / "P01.html", "P01", clips=True)
+    keep = os.environ.get("MANIP3D_PICTURES")
+    if keep:
+        shutil.copy(tmp_path / "P01.html", keep)
 
 
 def test_pictures_older_than_five_seconds_are_let_go() -> None:
