@@ -87,6 +87,35 @@ def test_tables_hold_everything(diary: Diary, tmp_path: Path) -> None:
     assert [a for _, a, _ in diary.audit()].count("export") == 2
 
 
+def test_answers_after_touch_and_felt_limbs_are_exported(diary: Diary, tmp_path: Path) -> None:
+    given = diary.add_ownership("P01", "synchronous", [3, 2, 1, -3, 0, 0], at=START)
+    assert (given.ownership, given.control) == (2.0, -1.0)
+    diary.add_felt("P01", length=60, telescoping=25, raised=-10, bent=90, at=START)
+    assert len(diary.questionnaires("P01")) == 1  # McGill's alone
+    export_csv(diary, tmp_path / "tables")
+    (answers,) = rows(tmp_path / "tables", "ownership")
+    assert (answers["mode"], answers["ownership"], answers["q4"]) == ("synchronous", "2.0", "-3")
+    (felt,) = rows(tmp_path / "tables", "felt")
+    assert [felt[n] for n in ("length", "telescoping", "raised", "bent")] == [
+        "60",
+        "25",
+        "-10",
+        "90",
+    ]
+    write_page(diary, tmp_path / "P01.html", "P01")
+    page = (tmp_path / "P01.html").read_text()
+    assert "+2.0" in page
+    assert "25 %" in page
+    for wrong in ([3] * 5, [4, 0, 0, 0, 0, 0]):
+        with pytest.raises(InputError, match="answers: expected 6 from -3 to 3"):
+            diary.add_ownership("P01", "synchronous", wrong)
+    with pytest.raises(InputError, match="mode: expected synchronous or asynchronous"):
+        diary.add_ownership("P01", "both", [0] * 6)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="bent: expected 0 to 150, got 151"):
+        diary.add_felt("P01", length=60, telescoping=0, raised=0, bent=151)
+    diary.check()
+
+
 def test_some_participants_and_existing_folders(diary: Diary, tmp_path: Path) -> None:
     folder = tmp_path / "tables"
     export_csv(diary, folder, participants=["P02"])

@@ -201,6 +201,18 @@ def test_a_played_game_and_the_pain_are_in_the_diary(chromium: None, tmp_path: P
         assert (kinds.count("Observation"), kinds.count("AdverseEvent")) == (4, 1)
 
 
+def phone_or_desktop(tab: _chromium.Tab, width: int) -> None:
+    """Windows of Chromium are never narrower than 500 pixels, what it emulates is."""
+    tab.send(
+        "Emulation.setDeviceMetricsOverride",
+        width=width,
+        height=900,
+        deviceScaleFactor=1,
+        mobile=False,
+    )
+    assert tab.evaluate("innerWidth") == width
+
+
 @pytest.mark.parametrize("width", [1280, 420])
 def test_set_up_touch_and_hazards_on_the_page(chromium: None, tmp_path: Path, width: int) -> None:
     """What a therapist does before and beside the games, and what the diary keeps of it."""
@@ -233,6 +245,7 @@ def test_set_up_touch_and_hazards_on_the_page(chromium: None, tmp_path: Path, wi
 
     try:
         with _chromium.open_address(stage.server.new_url(), (width, 900)) as tab:
+            phone_or_desktop(tab, width)
             wait_for(lambda: stage.server.num_clients == 1)
             stage.show(35)
             picture("live")
@@ -310,6 +323,7 @@ def test_set_up_touch_and_hazards_on_the_page(chromium: None, tmp_path: Path, wi
 
 def test_a_reload_rejoins_and_the_gate_speaks(chromium: None, stage: Stage) -> None:
     with _chromium.open_address(stage.server.new_url(), (420, 800)) as tab:
+        phone_or_desktop(tab, 420)
         wait_for(lambda: stage.server.num_clients == 1)
         stage.show(3)
         tab.send("Page.reload")

@@ -95,12 +95,15 @@ def write_page(
         _events(diary, identifier),
         "<h2>McGill Pain Questionnaire</h2>",
         _mcgill(diary, identifier),
+        "<h2>Touch cues and the limb as it feels</h2>",
+        _felt(diary, identifier),
         "<h2>Sessions</h2>",
         _sessions(sessions),
         *(["<h2>Films of difficulties</h2>", _films(diary, identifier)] if clips else []),
     ]
     text = (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>Diary of {html.escape(person.identifier)}</title>\n<style>{_STYLE}</style>\n"
         "</head>\n<body>\n" + "\n".join(parts) + "\n</body>\n</html>\n"
     )
@@ -171,6 +174,22 @@ def _mcgill(diary: Diary, identifier: str) -> str:
     names = ("Occasion", "When", "Pain rating index, of 78", "Words chosen, of 20",
              "Present pain, of 5")  # fmt: skip
     return _table(names, rows)
+
+
+def _felt(diary: Diary, identifier: str) -> str:
+    cues = [
+        (_day(one.at), one.mode, f"{one.ownership:+.1f}", f"{one.control:+.1f}")
+        for one in diary.ownership(identifier)
+    ]
+    limbs = [
+        (_day(one.at), f"{one.length} %", f"{one.telescoping} %", f"{one.raised}°", f"{one.bent}°")
+        for one in diary.felt(identifier)
+    ]
+    names = ("When", "Touch", "Ownership, -3 to 3", "Controls, -3 to 3")
+    parts = [_table(names, cues)] if cues else []
+    if limbs:
+        parts.append(_table(("When", "Length", "Drawn up", "Raised", "Bent"), limbs))
+    return "\n".join(parts) or "<p>None yet.</p>"
 
 
 def _sessions(sessions: Sequence[DiarySession]) -> str:
