@@ -93,11 +93,12 @@ ctest: setup
 pytest: setup ctest
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
-lint: setup ## Check format, ruff, mypy, the layers of the package and the type stubs of the core
+lint: setup ## Check format, ruff, mypy, TypeScript, the layers of the package and the type stubs of the core
 	$(BIN)/clang-format --dry-run -Werror $(CPP_FORMATTED)
 	$(BIN)/ruff check --no-cache --quiet .
 	$(BIN)/ruff format --no-cache --quiet --check .
 	$(BIN)/mypy
+	PATH="$$PATH:$(CURDIR)/$(BIN)" npm --prefix $(VIEWER) run --silent check
 	$(BIN)/lint-imports
 	$(BIN)/python .ci/stubs.py --check
 

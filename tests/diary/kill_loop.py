@@ -18,18 +18,20 @@ from pathlib import Path
 
 from manip3d.diary import Diary, DiaryGame
 
+PICTURE = b"\xff\xd8" + bytes(20_000)
+
 
 def write_for_ever(path: Path, key: Path | None, first: int, out: int) -> None:
     with Diary(path, key=key, create=True) as diary:
         if not diary.participants():
-            diary.enrol("P01")
+            diary.enrol("P01", clips=True)
         session = diary.start_session("P01")
         for number in range(first, first + 10_000):
             game = DiaryGame(
                 datetime.now().astimezone(), "piano", 1, number, "time", 60.0, 0.0, 9, 1, 4,
                 ((1.0, 12.0),),
             )  # fmt: skip
-            diary.add_game(session, game)
+            diary.add_game(session, game, [[(0.5, PICTURE + b"%d" % number)]])
             os.write(out, b"%d\n" % number)
 
 
@@ -72,7 +74,12 @@ def main(folder: Path, kills: int, seed: int, key: Path | None) -> None:
                 for session in diary.sessions(person.identifier)
                 for game in session.games
             }
-            whole = all(
+            filmed = {
+                int(clip.pictures[0][1].removeprefix(PICTURE))
+                for person in diary.participants()
+                for clip in diary.clips(person.identifier)
+            }
+            whole = filmed == kept and all(
                 game.anomalies == ((1.0, 12.0),)
                 for person in diary.participants()
                 for session in diary.sessions(person.identifier)
@@ -83,7 +90,7 @@ def main(folder: Path, kills: int, seed: int, key: Path | None) -> None:
         if len(kept - acknowledged) > number + 1:
             raise SystemExit(f"kill {number}: made up {sorted(kept - acknowledged)}")
         if not whole:
-            raise SystemExit(f"kill {number}: a game without its anomaly")
+            raise SystemExit(f"kill {number}: a game without its anomaly or clip")
         acknowledged = kept  # what was written but not told in time is no loss later either
     print(json.dumps({"kills": kills, "without_a_game": idle}))
 

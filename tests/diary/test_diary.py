@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import random
 import sqlite3
 from collections.abc import Iterator
 from datetime import date, datetime, timedelta, timezone
@@ -35,12 +36,18 @@ def game(minutes: float = 5, name: str = "piano", **changes: Any) -> DiaryGame:
     return DiaryGame(at=START + timedelta(minutes=minutes), **(fields | changes))
 
 
+def jpeg(text: str, size: int = 400) -> bytes:
+    """Something that is stored as an image."""
+    return b"\xff\xd8" + (f"picture of {text} " * size)[:size].encode()
+
+
 def fill(diary: Diary, name: str = "P01") -> int:
     """One of everything."""
-    diary.enrol(name, limb="left_leg", at=START)
+    diary.enrol(name, limb="left_leg", clips=True, at=START)
     session = diary.start_session(name, at=START)
     diary.add_rating(name, 4, session=session, at=START)
-    diary.add_game(session, game())
+    films = [[(0.0, jpeg(name)), (0.1, jpeg(name))], [(25.0, jpeg(name, 90_000))]]
+    diary.add_game(session, game(), films)
     diary.add_rating(name, 3, session=session, at=START + timedelta(minutes=6))
     diary.add_event(name, "other", f"stump of {name} was sore", session=session, at=START)
     diary.add_mcgill(name, [1] * 20, 2, occasion="baseline", at=START)
@@ -72,6 +79,11 @@ def test_what_is_written_is_read_again_by_another_program(diary: Diary, key: Pat
         assert (session.started, session.ended) == (START, START + timedelta(minutes=9))
         assert (session.pain_before, session.pain_after) == (4, 3)
         assert [rating.pain for rating in again.ratings("P01")] == [4, 3]
+        first, second = again.clips("P01")
+        assert (first.game, first.start, first.end) == ("piano", 4.0, 16.5)
+        assert first.pictures == ((0.0, jpeg("P01")), (0.1, jpeg("P01")))
+        assert second.pictures == ((25.0, jpeg("P01", 90_000)),)
+        assert jpeg("P01") not in repr(first).encode()
         (filled,) = again.questionnaires("P01")
         assert (filled.occasion, filled.score.pri, filled.ranks) == ("baseline", 20, (1,) * 20)
         (event,) = again.events("P01")
@@ -198,6 +210,12 @@ def payloads(path: Path) -> list[bytes]:
     return found
 
 
+def remains(blob: bytes, files: bytes) -> bool:
+    """Whether a part of it does; a large one lies in pieces."""
+    pieces = [blob[at : at + 64] for at in range(0, len(blob) - 63, 64)] or [blob]
+    return any(piece in files for piece in pieces)
+
+
 def test_no_byte_of_a_deleted_participant_remains(diary: Diary, key: Path | None) -> None:
     for name in ("P01", "Zebra-77", "P03"):
         session = fill(diary, name)
@@ -210,7 +228,9 @@ def test_no_byte_of_a_deleted_participant_remains(diary: Diary, key: Path | None
         }
         theirs = []
         ids = [number]
-        for table in ("sessions", "games", "anomalies", "ratings", "questionnaires", "events"):
+        for table in (
+            "sessions", "games", "anomalies", "clips", "ratings", "questionnaires", "events"
+        ):  # fmt: skip
             for row in raw.execute(f"SELECT id, payload FROM {table} WHERE participant = {number}"):
                 ids.append(row[0])
                 theirs.append(row[1])
@@ -219,13 +239,14 @@ def test_no_byte_of_a_deleted_participant_remains(diary: Diary, key: Path | None
     theirs = [blob for blob in theirs if blob]
     assert len(theirs) > 120
     before = files_beside(diary.path)
-    assert all(blob in before for blob in theirs)
+    assert all(remains(blob, before) for blob in theirs)
     diary.delete("Zebra-77")
     after = files_beside(diary.path)
-    assert b"Zebra" not in after
+    assert b"Zebra" not in after  # in pictures neither
     for blob in theirs:
         if blob not in set(payloads(diary.path)):  # in plain, others may have said the very same
             assert blob not in after
+            assert len(blob) < 1000 or not remains(blob, after)
             assert blob[13:] not in after or key is None
     for one in ids:
         assert one.to_bytes(8, "big") not in after
@@ -240,6 +261,67 @@ def test_no_byte_of_a_deleted_participant_remains(diary: Diary, key: Path | None
 def _people(diary: Diary) -> list[tuple[int, bytes | None, dict[str, Any]]]:
     with diary._engine.begin() as connection:
         return diary._all(connection)
+
+
+def test_who_takes_back_consent_is_filmed_no_longer(diary: Diary, key: Path | None) -> None:
+    session = fill(diary, "Zebra-77")
+    fill(diary, "P02")
+    with contextlib.closing(sqlite3.connect(diary.path)) as raw:
+        stored = [row[0] for row in raw.execute("SELECT payload FROM clips")]
+    assert len(stored) == 4
+    before = files_beside(diary.path)
+    assert all(remains(one, before) for one in stored)
+    diary.set_consent("Zebra-77", clips=False)
+    assert diary.participant("Zebra-77").clips is False
+    assert diary.clips("Zebra-77") == []
+    assert len(diary.clips("P02")) == 2
+    after = files_beside(diary.path)
+    assert sum(remains(one, after) for one in stored) == 2
+    assert b"picture of Zebra" not in after
+    assert diary.sessions("Zebra-77")[0].games[0].anomalies == ((4.0, 16.5), (30.0, 44.0))
+    with pytest.raises(InputError, match="did not consent"):
+        diary.add_game(session, game(9), [[(0.0, jpeg("x"))], []])
+    diary.add_game(session, game(9), [[], []])
+    diary.set_consent("Zebra-77", clips=True)
+    diary.add_game(session, game(10), [[(0.0, jpeg("x"))], []])
+    assert len(diary.clips("Zebra-77")) == 1
+    assert [action for _, action, _ in diary.audit()].count("no consent") == 1
+    diary.check()
+
+
+def test_damaged_clips_are_said_to_be() -> None:
+    from manip3d.diary._clips import pack, unpack
+
+    chance = random.Random(2)
+    whole = pack([(0.1 * number, jpeg("x", 50 + number)) for number in range(5)])
+    assert len(unpack(whole, "clip")) == 5
+    refused = 0
+    for _ in range(5000):
+        found = bytearray(whole[: chance.randrange(len(whole) + 1)])
+        for _ in range(chance.randrange(4)):
+            if found:
+                found[chance.randrange(len(found))] = chance.randrange(256)
+        try:
+            pictures = unpack(bytes(found), "clip")
+            assert sum(len(content) for _, content in pictures) < len(whole)
+        except FormatError:
+            refused += 1
+    assert refused > 2500
+
+
+def test_clips_that_are_none(diary: Diary) -> None:
+    session = fill(diary)
+    for clips, message in (
+        ([[(0.0, jpeg("x"))]], "clips: expected 2, got 1"),
+        ([[(0.0, b"GIF89a")], []], "expected JPEG"),
+        ([[(2.0, jpeg("x")), (1.0, jpeg("x"))], []], "times that do not fall"),
+        ([[(-1.0, jpeg("x"))], []], "times that do not fall"),
+        ([[(float("nan"), jpeg("x"))], []], "times that do not fall"),
+        ([[(0.0, jpeg("x", 65_000_000))], []], "at most 64000000 bytes"),
+    ):
+        with pytest.raises(InputError, match=message):
+            diary.add_game(session, game(9), clips)
+    assert len(diary.sessions("P01")[0].games) == 1
 
 
 def test_nothing_is_deleted_while_another_program_reads(diary: Diary) -> None:
@@ -273,6 +355,10 @@ def test_an_older_file_becomes_one_of_today(tmp_path: Path, key: Path | None, ve
             "SELECT name FROM sqlite_master WHERE type = 'index' AND sql IS NOT NULL"
         ).fetchall():
             raw.execute(f"DROP INDEX {name}")
+        raw.execute("DROP TABLE clips")
+        if version == 3:
+            for statement in schema.MIGRATIONS[2]:
+                raw.execute(statement)
         raw.execute(f"PRAGMA user_version = {version}")
         raw.commit()
     assert shape(path) == shape_of_version(tmp_path / "made", version)
@@ -327,7 +413,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         pass
     with contextlib.closing(sqlite3.connect(tmp_path / "later")) as raw:
         raw.execute("PRAGMA user_version = 99")
-    with pytest.raises(FormatError, match="of version 3 at most, got 99"):
+    with pytest.raises(FormatError, match="of version 4 at most, got 99"):
         Diary(tmp_path / "later")
 
 

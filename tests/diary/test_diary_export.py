@@ -3,20 +3,35 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from manip3d import InputError
+from manip3d import FormatError, InputError
 
 pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
 pytest.importorskip("cryptography", reason="the extra 'diary' is not installed")
 
-from manip3d.diary import Diary, DiaryGame, export_csv, export_fhir, fhir_bundle, write_page
+pytest.importorskip("PIL.Image", reason="the extra 'diary' is not installed")
+
+from PIL import Image
+
+from manip3d.diary import (
+    Diary,
+    DiaryGame,
+    export_clips,
+    export_csv,
+    export_fhir,
+    fhir_bundle,
+    film,
+    write_page,
+)
 
 START = datetime(2026, 3, 2, 9, 0, tzinfo=timezone(timedelta(hours=1)))
 
@@ -70,6 +85,35 @@ def test_tables_hold_everything(diary: Diary, tmp_path: Path) -> None:
     assert told["other"] == '\'=HYPERLINK(1)\nfell, "slowly"'  # no formula
     assert "rose from 5 to 7" in told["pain"]
     assert [a for _, a, _ in diary.audit()].count("export") == 2
+
+
+def test_answers_after_touch_and_felt_limbs_are_exported(diary: Diary, tmp_path: Path) -> None:
+    given = diary.add_ownership("P01", "synchronous", [3, 2, 1, -3, 0, 0], at=START)
+    assert (given.ownership, given.control) == (2.0, -1.0)
+    diary.add_felt("P01", length=60, telescoping=25, raised=-10, bent=90, at=START)
+    assert len(diary.questionnaires("P01")) == 1  # McGill's alone
+    export_csv(diary, tmp_path / "tables")
+    (answers,) = rows(tmp_path / "tables", "ownership")
+    assert (answers["mode"], answers["ownership"], answers["q4"]) == ("synchronous", "2.0", "-3")
+    (felt,) = rows(tmp_path / "tables", "felt")
+    assert [felt[n] for n in ("length", "telescoping", "raised", "bent")] == [
+        "60",
+        "25",
+        "-10",
+        "90",
+    ]
+    write_page(diary, tmp_path / "P01.html", "P01")
+    page = (tmp_path / "P01.html").read_text()
+    assert "+2.0" in page
+    assert "25 %" in page
+    for wrong in ([3] * 5, [4, 0, 0, 0, 0, 0]):
+        with pytest.raises(InputError, match="answers: expected 6 from -3 to 3"):
+            diary.add_ownership("P01", "synchronous", wrong)
+    with pytest.raises(InputError, match="mode: expected synchronous or asynchronous"):
+        diary.add_ownership("P01", "both", [0] * 6)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="bent: expected 0 to 150, got 151"):
+        diary.add_felt("P01", length=60, telescoping=0, raised=0, bent=151)
+    diary.check()
 
 
 def test_some_participants_and_existing_folders(diary: Diary, tmp_path: Path) -> None:
@@ -145,3 +189,42 @@ def test_the_bundle_says_what_the_diary_says(diary: Diary) -> None:
     assert [(r["low"]["value"], r["high"]["value"]) for r in ranges] == [(2.0, 14.5)]
     with pytest.raises(InputError, match="'P7' is not enrolled"):
         fhir_bundle(diary, "P7")
+
+
+def photo(shade: int) -> bytes:
+    content = io.BytesIO()
+    Image.new("RGB", (64, 48), (shade, 90, 40)).save(content, "JPEG")
+    return content.getvalue()
+
+
+def test_films_of_difficulties(diary: Diary, tmp_path: Path) -> None:
+    diary.set_consent("P01", clips=True)
+    session = diary.sessions("P01")[0].number
+    when = START + timedelta(minutes=30)
+    played = DiaryGame(when, "bubbles", 1, 5, "time", 60.0, 0.0, 3, 1, 1, ((6.0, 19.0),))
+    pictures = [(1.0 + 0.1 * number, photo(60 + 10 * number)) for number in range(12)]
+    diary.add_game(session, played, [pictures])
+    (clip,) = diary.clips("P01")
+    with Image.open(io.BytesIO(film(clip))) as moving:
+        assert (moving.format, moving.n_frames, moving.size) == ("WEBP", 12, (64, 48))
+        moving.seek(11)
+        assert moving.convert("RGB").getpixel((9, 9))[0] == pytest.approx(170, abs=6)
+    (path,) = export_clips(diary, tmp_path / "films", "P01")
+    assert path.read_bytes() == film(clip)
+    assert path.name == f"P01-{when:%Y-%m-%d-%H%M}-bubbles-001.webp"
+    with pytest.raises(InputError, match="exists"):
+        export_clips(diary, tmp_path / "films", "P01")
+    export_clips(diary, tmp_path / "films", "P01", overwrite=True)
+    (tmp_path / "films" / "letter.txt").write_text("mine")
+    with pytest.raises(InputError, match="exists"):
+        export_clips(diary, tmp_path / "films", "P01", overwrite=True)
+    write_page(diary, tmp_path / "with.html", "P01", clips=True)
+    page = (tmp_path / "with.html").read_text()
+    assert "no point from 6 to 19 s" in page
+    assert page.count("data:image/webp;base64,") == 1
+    write_page(diary, tmp_path / "without.html", "P01")
+    assert "data:image/webp" not in (tmp_path / "without.html").read_text()
+    with pytest.raises(FormatError, match="expected JPEG images"):
+        film(replace(clip, pictures=((0.0, b"\xff\xd8 and no more"),)))
+    with pytest.raises(InputError, match="expected pictures"):
+        film(replace(clip, pictures=()))

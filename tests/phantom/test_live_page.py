@@ -2,116 +2,21 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import json
-import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from live_stage import Stage, keep_picture, press, screenshot, text_of, wait_for
 
-from manip3d import RenderError
-from manip3d.phantom import MESSAGES, LiveSession, simulated_patient
-from manip3d.phantom._page import INTENDED_USE, live_pages
-from manip3d.phantom._session import Recorder
-from manip3d.rgbd import RgbdFrame
+from manip3d.phantom import simulated_patient
+from manip3d.phantom._page import INTENDED_USE
 from manip3d.viewer import _chromium
-from manip3d.viewer.page import BUNDLE
-
-pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
-
-from manip3d.serve import LocalServer, StreamClient, read_message
 
 PHANTOM_HAND = {10, 11, 23, 24}
-SECONDS = 30.0
-
-
-@pytest.fixture
-def chromium() -> None:
-    pytest.importorskip("PIL.Image")
-    if not (BUNDLE.parent / "live.js").exists():
-        pytest.skip("the page is not built: make setup")
-    try:
-        _chromium.program()
-    except RenderError as error:
-        pytest.skip(str(error))
-
-
-class Stage:
-    """A session, its server and a page of it, in lock-step: each frame is shown before the next."""
-
-    def __init__(
-        self,
-        frames: Iterator[RgbdFrame],
-        limb: str = "right_arm",
-        recorder: Recorder | None = None,
-        **options: Any,
-    ) -> None:
-        self.session = LiveSession(limb, recorder=recorder, **{"seed": 3, **options})  # type: ignore[arg-type]
-        self.frames = frames
-        pages = live_pages(limb, "sim:body", asks=recorder is not None)
-        self.server = LocalServer(pages, self._hear).start()
-        self.heard: list[str] = []
-
-    def _hear(self, client: StreamClient, text: str) -> None:
-        name, fields = read_message(text, MESSAGES)
-        if name == "ack":
-            client.acknowledge(int(fields["sequence"]), float(fields["decoded_ms"]))
-        else:
-            self.session.command(name, fields)
-            self.heard.append(name)
-
-    def show(self, count: int) -> None:
-        """Frames that the page has decoded, each."""
-        for _ in range(count):
-            captured = time.time_ns()
-            sequence = self.session.sequence
-            message = self.session.process(next(self.frames), captured_ns=captured)
-            assert message is not None
-            before = self.acknowledged()
-            self.server.publish(message, sequence=sequence, captured_ns=captured)
-            wait_for(lambda: self.acknowledged() == before + 1)  # noqa: B023
-
-    def acknowledged(self) -> int:
-        return int(self.server.report()[-1]["acknowledged"])
-
-
-def wait_for(condition: Callable[[], Any]) -> None:
-    end = time.monotonic() + SECONDS
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.002)
-
-
-def press(tab: _chromium.Tab, key: str) -> None:
-    tab.evaluate(f"document.dispatchEvent(new KeyboardEvent('keydown', {{key: '{key}'}}))")
-
-
-def text_of(tab: _chromium.Tab, selector: str) -> str:
-    return str(tab.evaluate(f"document.querySelector('{selector}').innerText"))
-
-
-def keep_picture(tab: _chromium.Tab, name: str) -> None:
-    """For people, where they ask for it."""
-    folder = os.environ.get("MANIP3D_PICTURES")
-    if folder:
-        content = base64.b64decode(tab.send("Page.captureScreenshot", format="png")["data"])
-        (Path(folder) / f"{name}.png").write_bytes(content)
-
-
-def screenshot(tab: _chromium.Tab) -> NDArray[np.int16]:
-    from PIL import Image
-
-    # What was asked for is drawn with the next picture but one.
-    tab.evaluate("new Promise(d => requestAnimationFrame(() => requestAnimationFrame(d)))")
-    content = base64.b64decode(tab.send("Page.captureScreenshot", format="png")["data"])
-    with Image.open(io.BytesIO(content)) as image:
-        return np.asarray(image.convert("RGB")).astype(np.int16)
 
 
 @pytest.fixture
@@ -296,8 +201,129 @@ def test_a_played_game_and_the_pain_are_in_the_diary(chromium: None, tmp_path: P
         assert (kinds.count("Observation"), kinds.count("AdverseEvent")) == (4, 1)
 
 
+def phone_or_desktop(tab: _chromium.Tab, width: int) -> None:
+    """Windows of Chromium are never narrower than 500 pixels, what it emulates is."""
+    tab.send(
+        "Emulation.setDeviceMetricsOverride",
+        width=width,
+        height=900,
+        deviceScaleFactor=1,
+        mobile=False,
+    )
+    assert tab.evaluate("innerWidth") == width
+
+
+@pytest.mark.parametrize("width", [1280, 420])
+def test_set_up_touch_and_hazards_on_the_page(chromium: None, tmp_path: Path, width: int) -> None:
+    """What a therapist does before and beside the games, and what the diary keeps of it."""
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+    from manip3d.diary import Diary
+    from manip3d.phantom import _touch
+    from manip3d.phantom._diary import DiaryRecorder
+    from manip3d.simulate.sources import open_source
+
+    path = tmp_path / "study.diary"
+    with Diary(path, create=True) as diary:
+        diary.enrol("P01", limb="right_arm")
+    recorder = DiaryRecorder(path, "P01", None)
+    address = simulated_patient("right_arm") + "&frames=400"
+    stage = Stage(iter(open_source(address, threads=1)), recorder=recorder)  # type: ignore[arg-type]
+    recorder.start()
+
+    def click(selector: str) -> None:
+        tab.evaluate(f"document.querySelector('{selector}').click()")
+
+    def said(name: str) -> None:
+        wait_for(lambda: name in stage.heard)
+        stage.show(1)
+
+    def picture(name: str) -> None:
+        screenshot(tab)
+        keep_picture(tab, f"{name}-{width}")
+        assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+    try:
+        with _chromium.open_address(stage.server.new_url(), (width, 900)) as tab:
+            phone_or_desktop(tab, width)
+            wait_for(lambda: stage.server.num_clients == 1)
+            stage.show(35)
+            picture("live")
+            press(tab, "u")
+            assert text_of(tab, "#setup h2") == "1 of 5: Intended use"
+            assert tab.evaluate("document.querySelector('#setup-next').disabled")
+            picture("setup-1")
+            click("#setup-read")
+            click("#setup-next")
+            stage.show(1)
+            told = text_of(tab, "#setup")
+            assert "2 of 5: Camera" in told
+            assert "Distance." in told
+            picture("setup-2")
+            click("#setup-next")
+            assert "This is the patient" in text_of(tab, "#setup")
+            picture("setup-3")
+            click("#setup-next")
+            click("#setup-still")
+            said("calibrate")
+            assert "Hold still" in text_of(tab, "#setup")
+            picture("setup-4")
+            click("#setup-next")
+            click("#setup-clips")
+            said("consent")
+            assert tab.evaluate("document.querySelector('#setup-clips').checked")
+            picture("setup-5")
+            press(tab, "u")
+            assert tab.evaluate("document.querySelector('#setup').hidden")
+
+            tab.evaluate("document.querySelector('#event').value = 'a chair fell over'")
+            click("#note")
+            said("event")
+
+            press(tab, "t")
+            tab.evaluate("document.querySelector('#felt [name=length]').value = '60'")
+            tab.evaluate("document.querySelector('#felt').requestSubmit()")
+            said("felt")
+            click("#touch-asynchronous")
+            said("touch")
+            ticks = "manip3dLive.sounds().filter(s => s.kind === 'touch').length"
+            wait_for(lambda: (stage.show(1), tab.evaluate(ticks))[1] >= 1)
+            picture("touch")
+            assert "asynchronous: " in text_of(tab, "#touch")
+            cue = stage.session._cue
+            assert cue is not None
+            cue.clock = _touch.SECONDS  # the minute is over
+            stage.show(1)
+            assert "How was it?" in text_of(tab, "#touch")
+            picture("ownership")
+            for number in range(1, 7):
+                tab.evaluate(
+                    f"document.querySelector('#ownership [name=q{number}]').value = '{number - 4}'"
+                )
+            tab.evaluate("document.querySelector('#ownership').requestSubmit()")
+            said("ownership")
+            assert "How was it?" not in text_of(tab, "#touch")
+
+            tab.send("Page.navigate", url=stage.server.origin + "/hazards")
+            wait_for(lambda: "sickness" in tab.evaluate("document.body?.innerText ?? ''"))
+            picture("hazards")
+    finally:
+        stage.server.stop()
+        recorder.end()
+    assert dict(stage.server.refused) == {}
+    with Diary(path) as diary:
+        assert diary.participant("P01").clips
+        assert [(e.kind, e.text) for e in diary.events("P01")] == [("other", "a chair fell over")]
+        (felt,) = diary.felt("P01")
+        assert (felt.length, felt.telescoping, felt.raised, felt.bent) == (60, 0, 0, 0)
+        (answers,) = diary.ownership("P01")
+        assert (answers.mode, answers.answers) == ("asynchronous", (-3, -2, -1, 0, 1, 2))
+        assert (answers.ownership, answers.control) == (-2.0, 1.0)
+
+
 def test_a_reload_rejoins_and_the_gate_speaks(chromium: None, stage: Stage) -> None:
     with _chromium.open_address(stage.server.new_url(), (420, 800)) as tab:
+        phone_or_desktop(tab, 420)
         wait_for(lambda: stage.server.num_clients == 1)
         stage.show(3)
         tab.send("Page.reload")

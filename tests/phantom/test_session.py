@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import functools
+import io
+import os
+import shutil
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import capsule_body
@@ -13,6 +19,9 @@ from frame_reader import ReadFrame, read_frame
 from manip3d import InputError
 from manip3d.modify import PhantomState
 from manip3d.phantom import GameSummary, LiveSession, simulated_patient
+from manip3d.phantom._felt import FeltLimb
+from manip3d.phantom._session import Pictures
+from manip3d.phantom.games import begin
 from manip3d.rgbd import RgbdFrame
 
 
@@ -152,12 +161,27 @@ class Heard:
         self.games: list[GameSummary] = []
         self.told: list[object] = []
 
-    def game(self, summary: GameSummary) -> None:
+    wants_clips = False
+
+    def game(self, summary: GameSummary, clips: Sequence[Pictures]) -> None:
         self.games.append(summary)
+        self.clips = list(clips)
 
     def pain(self, value: int) -> str:
         self.told.append(value)
         return "The pain is much stronger than before." if value >= 8 else ""
+
+    def event(self, text: str) -> None:
+        self.told.append(text)
+
+    def consent(self, clips: bool) -> None:
+        self.wants_clips = clips
+
+    def ownership(self, mode: str, answers: Sequence[int]) -> None:
+        self.told.append((mode, *answers))
+
+    def felt(self, felt: FeltLimb) -> None:
+        self.told.append(felt)
 
     def unwell(self) -> str:
         self.told.append("unwell")
@@ -182,6 +206,141 @@ def test_ratings_reach_the_diary_and_may_end_the_play() -> None:
     assert heard.told == [5, 8]
 
 
+@pytest.mark.parametrize("consents", [True, False])
+def test_an_anomaly_is_filmed_from_five_seconds_before_it(consents: bool) -> None:
+    """Bubbles rise before the legs of somebody who moves their arms only."""
+    from PIL import Image
+
+    heard = Heard()
+    heard.wants_clips = consents
+    session = LiveSession("right_arm", game="bubbles-legs", recorder=heard)
+    session.command("ready")
+    frames = patient()
+    there_and_back = [*frames[30:], *frames[-2:30:-1]]  # without a jump
+    for number in range(30 * 22):
+        frame = there_and_back[number % len(there_and_back)]
+        time = frames[0].time + number * 33_333_333
+        session.process(replace(frame, time=time, number=number), captured_ns=1)
+    session.end()
+    (game,) = heard.games
+    assert game.anomalies
+    anomaly = game.anomalies[0]
+    assert anomaly.end - anomaly.start >= 10.0
+    assert len(heard.clips) == len(game.anomalies)
+    if not consents:
+        assert not any(heard.clips)
+        return
+    pictures = heard.clips[0]
+    times = [seconds for seconds, _ in pictures]
+    first = max(0.0, anomaly.start - 5.0)
+    assert first - 1e-6 <= times[0] <= first + 0.2
+    assert times[-1] == pytest.approx(min(anomaly.end, anomaly.start + 25.0), abs=0.2)
+    assert len(times) == pytest.approx(10 * (times[-1] - times[0]), rel=0.3)
+    assert sum(len(content) for _, content in pictures) < 20_000 * len(pictures)
+    with Image.open(io.BytesIO(pictures[-1][1])) as image:
+        assert image.size == (320, 265)
+        pixels = np.asarray(image).astype(int)
+    assert (np.abs(pixels - 32).max(axis=-1) < 12).mean() > 0.5  # nothing of the room
+    assert (np.abs(pixels - 32).max(axis=-1) > 60).sum() > 2000  # the person
+
+
+def test_from_the_camera_to_film_diary_and_fhir(tmp_path: Path) -> None:
+    """The simulated amputee scores with one game and not with another; what is kept of both."""
+    pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+    from PIL import Image
+
+    from manip3d.diary import Diary, export_clips, fhir_bundle, write_page
+    from manip3d.phantom._diary import DiaryRecorder
+
+    path = tmp_path / "study.diary"
+    with Diary(path, create=True) as diary:
+        diary.enrol("P01", limb="right_arm", clips=True)
+    recorder = DiaryRecorder(path, "P01", None)
+    session = LiveSession("right_arm", recorder=recorder)
+    recorder.start()
+    frames = patient()
+    there_and_back = [*frames[30:], *frames[-2:30:-1]]
+    for number in range(30 * 22):
+        if number in (0, 200):
+            session.command("choose", {"game": "bubbles-legs" if number else "bubbles",
+                                       "difficulty": 1})  # fmt: skip
+            session.command("stop")
+            session.command("ready")
+        frame = there_and_back[number % len(there_and_back)]
+        time = frames[0].time + number * 33_333_333
+        session.process(replace(frame, time=time, number=number), captured_ns=1)
+    session.end()
+    recorder.end()
+    with Diary(path) as diary:
+        (sitting,) = diary.sessions("P01")
+        assert [game.game for game in sitting.games] == ["bubbles", "bubbles-legs"]
+        assert sitting.games[0].by_phantom >= 1
+        assert sitting.games[0].score == session.summaries[0].score
+        assert len(sitting.games[1].anomalies) == 1
+        (clip,) = diary.clips("P01")
+        assert (clip.start, clip.end) == sitting.games[1].anomalies[0]
+        assert len(clip.pictures) > 80
+        (film,) = export_clips(diary, tmp_path / "films", "P01")
+        with Image.open(film) as moving:
+            assert moving.n_frames > 80  # type: ignore[attr-defined]
+        observations = [e["resource"] for e in fhir_bundle(diary, "P01")["entry"]]
+        games = [o for o in observations if "Exercise game" in o.get("code", {}).get("text", "")]
+        ranges = [p for p in games[1]["component"] if "valueRange" in p]
+        assert ranges[0]["valueRange"]["low"]["value"] == clip.start
+        write_page(diary, tmp_path / "P01.html", "P01", clips=True)
+    keep = os.environ.get("MANIP3D_PICTURES")
+    if keep:
+        shutil.copy(tmp_path / "P01.html", keep)
+
+
+def test_pictures_older_than_five_seconds_are_let_go() -> None:
+    from manip3d.phantom._clips import ClipRing
+
+    session = LiveSession("right_arm")
+    frames = patient()
+    shown = [session._pipeline.process(frame) for frame in frames[:40]][-1]
+    game = begin("bubbles", shown.skeleton)
+    assert game is not None
+    ring = ClipRing()
+    camera = frames[0].calibration.depth
+
+    def pass_to(seconds: float, since: float | None = None) -> None:
+        while clock[0] < seconds:
+            clock[0] += 1 / 30
+            ring.add(shown, replace(game, clock=clock[0]), camera, since)
+
+    clock = [0.0]
+    pass_to(12.0)
+    assert [ring._pictures[0][0]] == pytest.approx([7.0], abs=0.11)
+    pass_to(30.0, since=12.0)  # it goes on
+    found = ring.take(12.0, 30.0)
+    assert (found[0][0], found[-1][0]) == (pytest.approx(7.0, abs=0.11), pytest.approx(30, abs=0.1))
+    pass_to(60.0, since=12.0)
+    assert ring.take(12.0, 60.0)[-1][0] == pytest.approx(12.0 + 25.0, abs=0.11)
+    pass_to(61.0)
+    assert ring._pictures[0][0] >= 56.0 - 0.11
+    ring.clear()
+    assert ring.take(0.0, 99.0) == ()
+
+
+def test_enhanced_joints_turn_further_and_the_summary_says_so() -> None:
+    def hand(session: LiveSession) -> float:
+        """How high the phantom hand is over its shoulder."""
+        joints = play(session, patient()[:60])[-1].status["joints"]
+        return float(joints[8][1] - joints[11][1])
+
+    plain, enhanced = LiveSession("right_arm"), LiveSession("right_arm")
+    enhanced.command("gain", {"value": 1.5})
+    enhanced.command("ready")
+    before, after = hand(plain), hand(enhanced)
+    assert after > before + 0.1
+    session = LiveSession("right_arm", gain=1.5)
+    session.command("ready")
+    assert hand(session) == pytest.approx(after, abs=0.02)
+    session.end()
+    assert session.summaries[0].gain == 1.5
+
+
 def test_without_a_diary_ratings_are_not_kept() -> None:
     session = LiveSession("right_arm")
     session.command("pain", {"value": 9})
@@ -198,6 +357,8 @@ def test_without_a_diary_ratings_are_not_kept() -> None:
         ({"difficulty": 4}, "difficulty: expected 1 to 3, got 4"),
         ({"seed": -1}, "seed: expected 0 to"),
         ({"jpeg_quality": 0}, "jpeg_quality: expected 1 to 100"),
+        ({"gain": 2.5}, r"gain: expected 1 to 2, got 2\.5"),
+        ({"gain": float("nan")}, "gain: expected 1 to 2, got nan"),
     ],
 )
 def test_bad_options(options: dict[str, Any], message: str) -> None:

@@ -7,6 +7,7 @@ import contextlib
 import os
 import re
 import socket
+import ssl
 import struct
 from collections.abc import Mapping
 
@@ -16,7 +17,16 @@ SECONDS = 10.0
 
 
 def connect(server: LocalServer) -> socket.socket:
-    return socket.create_connection((server.host, server.port), timeout=SECONDS)
+    link = socket.create_connection((server.host, server.port), timeout=SECONDS)
+    if server.certificate is None:
+        return link
+    return trusting(server.certificate.pem).wrap_socket(link, server_hostname=server.host)
+
+
+def trusting(pem: bytes) -> ssl.SSLContext:
+    """A client that trusts this certificate alone, for the address that it names."""
+    certificate = pem[pem.index(b"-----BEGIN CERTIFICATE-----") :].decode()
+    return ssl.create_default_context(cadata=certificate)
 
 
 def read_all(link: socket.socket) -> bytes:
@@ -50,7 +60,8 @@ def cookie(server: LocalServer) -> str:
     assert status == 303, head
     found = re.search(r"(?im)^set-cookie: ([^;]+); ([^\r]+)", head)
     assert found is not None
-    assert {"HttpOnly", "SameSite=Strict"} <= set(found[2].split("; "))
+    marks = {"HttpOnly", "SameSite=Strict"} | ({"Secure"} if server.certificate else set())
+    assert marks <= set(found[2].split("; "))
     return found[1]
 
 
@@ -58,15 +69,17 @@ class RawStream:
     """An open stream, frame by frame [RFC 6455]."""
 
     def __init__(self, server: LocalServer, headers: Mapping[str, str] | None = None) -> None:
+        given = dict(headers or {})
+        self.cookie = given.get("Cookie") or cookie(server)
         own = {
             "Host": server.origin.partition("//")[2],
             "Origin": server.origin,
-            "Cookie": cookie(server),
+            "Cookie": self.cookie,
             "Upgrade": "websocket",
             "Connection": "Upgrade",
             "Sec-WebSocket-Version": "13",
             "Sec-WebSocket-Key": base64.b64encode(bytes(16)).decode(),
-        } | dict(headers or {})
+        } | given
         self.link = connect(server)
         self.link.sendall(request("/stream", own))
         head = b""

@@ -24,8 +24,8 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "remote": ("fsspec", "s3fs", "aiohttp"),
     "parquet": ("pyarrow",),
     "alert": ("cv2", "PIL"),
-    "live": ("aiohttp", "open3d", "PIL"),
-    "diary": ("sqlalchemy", "cryptography", "scipy"),
+    "live": ("aiohttp", "cryptography", "open3d", "PIL"),
+    "diary": ("sqlalchemy", "cryptography", "scipy", "PIL"),
 }
 """Modules that each extra brings."""
 

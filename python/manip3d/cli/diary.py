@@ -75,6 +75,9 @@ def enrol(
     path: File,
     participant: Who,
     limb: Annotated[LimbName | None, typer.Option(help="The affected limb.")] = None,
+    clips: Annotated[
+        bool, typer.Option("--clips", help="They consent to short films of difficulties.")
+    ] = False,
     key: Key = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -86,10 +89,62 @@ def enrol(
     Example: manip3d diary enrol study.diary P02 --limb left-leg
     """
     with _opened(path, key, create=True) as diary:
-        person = diary.enrol(participant, limb=limb.value.replace("-", "_") if limb else "")
+        person = diary.enrol(
+            participant, limb=limb.value.replace("-", "_") if limb else "", clips=clips
+        )
     shell = Terminal(as_json=as_json, quiet=quiet)
     shell.say(f"enrolled {person.identifier} in {path}")
     shell.result(_plain(person))
+
+
+@app.command("consent")
+def consent(
+    path: File,
+    participant: Who,
+    clips: Annotated[
+        bool,
+        typer.Option("--clips/--no-clips", help="Whether they consent to films of difficulties."),
+    ],
+    key: Key = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Note whether a participant consents to short films; without consent theirs are deleted.
+
+    A film shows the person before a grey ground, nothing of the room, from 5 s before 10 s without
+    a point.
+
+    Example: manip3d diary consent study.diary P01 --clips
+    """
+    with _opened(path, key) as diary:
+        diary.set_consent(participant, clips=clips)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    shell.say(f"{participant} {'consents' if clips else 'does not consent'} to films")
+    shell.result({"participant": participant, "clips": clips})
+
+
+@app.command("clips")
+def write_clips(
+    path: File,
+    participant: Who,
+    output: Annotated[Path, typer.Option("-o", "--output", help="A folder.")],
+    key: Key = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write the films of a participant into a folder (animated WebP, not encrypted).
+
+    Example: manip3d diary clips study.diary P01 -o clips
+    """
+    from manip3d.diary import export_clips
+
+    check_output(output, (), force=force, folder=True)
+    with _opened(path, key) as diary:
+        written = export_clips(diary, output, participant, overwrite=force)
+    shell = Terminal(as_json=as_json, quiet=quiet)
+    shell.say(f"wrote {output}: {counted(len(written), 'film')}")
+    shell.result({"participant": participant, "films": [str(one) for one in written]})
 
 
 @app.command("list")
@@ -257,6 +312,9 @@ def export(
     participant: Annotated[
         str | None, typer.Option(help="This participant only; needed for FHIR and the page.")
     ] = None,
+    clips: Annotated[
+        bool, typer.Option("--clips", help="The page shows the films of difficulties too.")
+    ] = False,
     key: Key = None,
     force: Force = False,
     as_json: Json = False,
@@ -273,8 +331,10 @@ def export(
         if output.suffix in (".json", ".html"):
             if participant is None:
                 raise InputError("participant: expected one with --participant, for this format")
-            write = export_fhir if output.suffix == ".json" else write_page
-            write(diary, output, participant, overwrite=force)
+            if output.suffix == ".json":
+                export_fhir(diary, output, participant, overwrite=force)
+            else:
+                write_page(diary, output, participant, clips=clips, overwrite=force)
         else:
             chosen = None if participant is None else [participant]
             export_csv(diary, output, participants=chosen, overwrite=force)

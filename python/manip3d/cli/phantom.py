@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.options import Force, Jobs, Json, MostFrames, Output, Quiet
 from manip3d.cli.terminal import Terminal, check_output, counted, naming_options
+
+if TYPE_CHECKING:
+    from manip3d.serve import Certificate
 
 app = typer.Typer(
     name="phantom",
@@ -198,9 +201,33 @@ def phantom_live(
         int, typer.Option(min=1, max=3, help="Difficulty of the first game.")
     ] = 1,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the first game.")] = 0,
+    gain: Annotated[
+        float,
+        typer.Option(
+            min=1.0,
+            max=2.0,
+            help="Virtual enhancement: joints turn so many times as far as the patient's.",
+        ),
+    ] = 1.0,
+    host: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Address of this machine to serve at. Other than 127.0.0.1, other machines on its "
+            "network reach it, such as a headset, by an encrypted connection (HTTPS).",
+        ),
+    ] = "127.0.0.1",
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port on this machine; 0: one that is free.")
     ] = 0,
+    certificate: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Keep the certificate of the encrypted connection in this file, so that a headset "
+            "asks about it only once; made where there is none.",
+        ),
+    ] = None,
     is_opened: Annotated[
         bool, typer.Option("--open/--no-open", help="Open the page in the browser.")
     ] = True,
@@ -215,14 +242,21 @@ def phantom_live(
         typer.Option(help="Whose diary it is; 'manip3d diary enrol' adds a participant."),
     ] = None,
     diary_key: Annotated[Path | None, typer.Option(help="Key file of an encrypted diary.")] = None,
+    log: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write frames, latency and memory into this file every 10 s (JSON lines).",
+        ),
+    ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Show a person with a phantom limb in the browser, live, with a game. Research software.
 
-    The page is served to this machine only, to whoever has the address that is printed. Ctrl-C
-    ends the session. With a diary the page asks how strong the pain is; where it rises by 2 or
-    the patient feels sick, no further game starts.
+    The page is served to this machine only (see --host), to whoever has the address that is
+    printed. Ctrl-C ends the session. With a diary the page asks how strong the pain is; where it
+    rises by 2 or the patient feels sick, no further game starts.
 
     Example: manip3d phantom live --no-open --seconds 2
     """
@@ -230,8 +264,11 @@ def phantom_live(
 
     shell = Terminal(as_json=as_json, quiet=quiet)
 
-    def on_start(url: str) -> None:
+    def on_start(url: str, made: Certificate | None) -> None:
         shell.say(f"open {url}")
+        if made is not None:
+            shell.say("the browser warns that nobody has signed the certificate; compare SHA-256:")
+            shell.say(made.fingerprint)
         if is_opened:
             import webbrowser
 
@@ -243,11 +280,15 @@ def phantom_live(
         game=game.value if game else None,
         difficulty=difficulty,
         seed=seed,
+        gain=gain,
+        host=host,
         port=port,
+        certificate=certificate,
         seconds=seconds,
         diary=diary,
         participant=participant,
         diary_key=diary_key,
+        log=log,
         on_start=on_start,
     )
     shell.say(

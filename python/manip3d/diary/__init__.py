@@ -13,6 +13,7 @@ from manip3d.diary._analysis import (
     fit_mixed_model,
     simulate_cohort,
 )
+from manip3d.diary._clips import Clip, export_clips, film
 from manip3d.diary._diary import Diary
 from manip3d.diary._export import export_csv, export_fhir, fhir_bundle
 from manip3d.diary._mcgill import MCGILL_GROUPS, McGillScore, score_mcgill
@@ -22,7 +23,9 @@ from manip3d.diary._records import (
     AdverseEvent,
     DiaryGame,
     DiarySession,
+    FeltRecord,
     McGill,
+    Ownership,
     Participant,
     Rating,
 )
@@ -33,22 +36,27 @@ __all__ = [
     "SICKNESS",
     "Adherence",
     "AdverseEvent",
+    "Clip",
     "Diary",
     "DiaryAnalysis",
     "DiaryGame",
     "DiarySession",
     "Estimate",
+    "FeltRecord",
     "McGill",
     "McGillScore",
     "MixedModel",
+    "Ownership",
     "Participant",
     "Protocol",
     "Rating",
     "adherence",
     "analyse",
+    "export_clips",
     "export_csv",
     "export_fhir",
     "fhir_bundle",
+    "film",
     "fit_mixed_model",
     "make_key",
     "score_mcgill",

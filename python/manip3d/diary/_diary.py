@@ -6,7 +6,7 @@ import contextlib
 import os
 import secrets
 import sqlite3
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import datetime
 from types import TracebackType
@@ -14,15 +14,18 @@ from typing import Any, Literal, Self, get_args
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d.diary._clips import Clip, Pictures, seal_pictures, unseal_pictures
 from manip3d.diary._mcgill import score_mcgill
 from manip3d.diary._protocol import stop_reason
 from manip3d.diary._records import (
     AdverseEvent,
     DiaryGame,
     DiarySession,
+    FeltRecord,
     McGill,
     Moment,
     Occasion,
+    Ownership,
     Participant,
     Rating,
     aware,
@@ -46,6 +49,7 @@ except ModuleNotFoundError as error:
 from manip3d.diary import _schema as schema
 
 _CHECK = b"manip3d diary"
+_OWNERSHIP, _FELT = "ownership", "felt"  # kinds of questionnaires
 _BUSY_S = 5.0  # another program that writes is waited for
 
 
@@ -136,7 +140,9 @@ class Diary:
 
     # --- writing ---------------------------------------------------------------------------------
 
-    def enrol(self, identifier: str, *, limb: str = "", at: datetime | None = None) -> Participant:
+    def enrol(
+        self, identifier: str, *, limb: str = "", clips: bool = False, at: datetime | None = None
+    ) -> Participant:
         """Add a participant.
 
         Parameters
@@ -145,6 +151,8 @@ class Diary:
             A pseudonym: letters, digits, dots, hyphens and underscores.
         limb : str
             The affected one.
+        clips : bool
+            Whether they consented to clips of anomalies; `set_consent` changes it.
         at : datetime, optional
             By default now; the protocol's days are counted from this one.
 
@@ -163,7 +171,9 @@ class Diary:
             if any(found["identifier"] == name for _, _, found in self._all(connection)):
                 raise InputError(f"participant: {name} is enrolled already")
             number, key = _new_number(), new_key() if self._key else None
-            fields = {"identifier": name, "limb": limb, "enrolled": moment.isoformat()}
+            fields: dict[str, Any] = {
+                "identifier": name, "limb": limb, "enrolled": moment.isoformat(), "clips": clips
+            }  # fmt: skip
             wrapped = seal(self._key, key, f"participants {number} key") if key else b""
             connection.execute(
                 sql.insert(schema.PARTICIPANTS).values(
@@ -171,7 +181,49 @@ class Diary:
                 )
             )
             self._note(connection, "enrol", number)
-        return Participant(name, limb, moment)
+        return Participant(name, limb, moment, clips)
+
+    def set_consent(self, identifier: str, *, clips: bool) -> None:
+        """Say whether a participant consents to clips; without consent theirs are deleted.
+
+        Parameters
+        ----------
+        identifier : str
+        clips : bool
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        OSError
+            There are clips to delete and another program has the diary open; nothing was changed.
+        """
+        with self._engine.begin() as connection:
+            number, _ = self._find(connection, identifier)
+            held = connection.execute(
+                sql.select(schema.CLIPS.c.id).where(schema.CLIPS.c.participant == number)
+            ).first()
+        if clips or held is None:
+            with self._engine.begin() as connection:
+                self._write_consent(connection, identifier, clips)
+            return
+        with self._without_remains() as connection:
+            self._write_consent(connection, identifier, clips)
+            connection.execute(sql.delete(schema.CLIPS).where(schema.CLIPS.c.participant == number))
+
+    def _write_consent(self, connection: sql.Connection, identifier: str, clips: bool) -> None:
+        number, key = self._find(connection, identifier)
+        table = schema.PARTICIPANTS
+        payload = connection.execute(
+            sql.select(table.c.payload).where(table.c.id == number)
+        ).scalar_one()
+        fields = unseal_fields(key, payload, _about(number)) | {"clips": clips}
+        connection.execute(
+            sql.update(table)
+            .where(table.c.id == number)
+            .values(payload=seal_fields(key, fields, _about(number)))
+        )
+        self._note(connection, "consent" if clips else "no consent", number)
 
     def start_session(self, identifier: str, *, at: datetime | None = None) -> int:
         """Begin a sitting.
@@ -226,27 +278,45 @@ class Diary:
                 .values(payload=seal_fields(key, fields, about))
             )
 
-    def add_game(self, session: int, game: DiaryGame) -> None:
+    def add_game(self, session: int, game: DiaryGame, clips: Sequence[Pictures] = ()) -> None:
         """Keep a game that is over, with its anomalies.
 
         Parameters
         ----------
         session : int
         game : DiaryGame
+        clips : sequence of sequences of (float, bytes)
+            For each anomaly the seconds of play and the JPEG of each picture, or no pictures; by
+            default there are no clips.
 
         Raises
         ------
         InputError
-            No such session.
+            No such session, clips of somebody who did not consent, or more or fewer than anomalies.
         """
+        if clips and len(clips) != len(game.anomalies):
+            raise InputError(f"clips: expected {len(game.anomalies)}, got {len(clips)}")
         fields: dict[str, Any] = asdict(game) | {"at": aware(game.at, "at").isoformat()}
         del fields["anomalies"]
         with self._engine.begin() as connection:
             number, key = self._of_session(connection, session)
             row = self._add(connection, schema.GAMES, number, key, fields, session=session)
-            for start, end in game.anomalies:
+            if any(clips) and not self._consents(connection, number):
+                raise InputError("clips: expected none, as the participant did not consent")
+            for which, (start, end) in enumerate(game.anomalies):
                 part = {"start": start, "end": end}
-                self._add(connection, schema.ANOMALIES, number, key, part, game=row)
+                anomaly = self._add(connection, schema.ANOMALIES, number, key, part, game=row)
+                if clips and clips[which]:
+                    clip = _new_number()
+                    about = _about(number, schema.CLIPS, clip)
+                    connection.execute(
+                        sql.insert(schema.CLIPS).values(
+                            id=clip,
+                            participant=number,
+                            anomaly=anomaly,
+                            payload=seal_pictures(key, clips[which], about),
+                        )
+                    )
             self._note(connection, "game", number)
 
     def add_rating(
@@ -341,11 +411,101 @@ class Diary:
         with self._engine.begin() as connection:
             number, key = self._find(connection, identifier)
             known = self._rows(connection, schema.QUESTIONNAIRES, number, key)
-            if occasion != "other" and any(f["occasion"] == occasion for _, f in known):
+            if occasion != "other" and any(f.get("occasion") == occasion for _, f in known):
                 raise InputError(f"occasion: {identifier} has a questionnaire of {occasion}")
             self._add(connection, schema.QUESTIONNAIRES, number, key, fields)
             self._note(connection, "questionnaire", number)
         return McGill(moment, occasion, tuple(ranks), score)
+
+    def add_ownership(
+        self,
+        identifier: str,
+        mode: Literal["synchronous", "asynchronous"],
+        answers: Sequence[int],
+        *,
+        session: int | None = None,
+        at: datetime | None = None,
+    ) -> Ownership:
+        """Keep the answers after a touch cue.
+
+        Parameters
+        ----------
+        identifier : str
+        mode : {"synchronous", "asynchronous"}
+        answers : sequence of 6 int
+            From -3 (not at all) to 3 (very much); the first three are about ownership.
+        session : int, optional
+        at : datetime, optional
+
+        Returns
+        -------
+        Ownership
+
+        Raises
+        ------
+        InputError
+            No such participant, session or mode, or answers that are none.
+        """
+        if mode not in ("synchronous", "asynchronous"):
+            raise InputError(f"mode: expected synchronous or asynchronous, got {mode!r}")
+        given = tuple(int(one) for one in answers)
+        if len(given) != 6 or not all(-3 <= one <= 3 for one in given):
+            raise InputError(f"answers: expected 6 from -3 to 3, got {list(answers)}")
+        moment = aware(at, "at")
+        fields = {"at": moment.isoformat(), "kind": _OWNERSHIP, "mode": mode, "answers": given}
+        self._add_answers(identifier, fields, session)
+        return Ownership(moment, mode, given)
+
+    def add_felt(
+        self,
+        identifier: str,
+        *,
+        length: int,
+        telescoping: int,
+        raised: int,
+        bent: int,
+        session: int | None = None,
+        at: datetime | None = None,
+    ) -> FeltRecord:
+        """Keep how a participant feels the limb that is not there.
+
+        Parameters
+        ----------
+        identifier : str
+        length, telescoping : int, per cent
+            20 to 150 of the intact limb's length; 0 to 100, how far the end has moved up.
+        raised, bent : int, degrees
+            -30 to 180 sideways from hanging down; 0 to 150 at elbow or knee.
+        session : int, optional
+        at : datetime, optional
+
+        Returns
+        -------
+        FeltRecord
+
+        Raises
+        ------
+        InputError
+            No such participant or session, or a number out of range.
+        """
+        numbers = {"length": length, "telescoping": telescoping, "raised": raised, "bent": bent}
+        for name, low, high in (
+            ("length", 20, 150), ("telescoping", 0, 100), ("raised", -30, 180), ("bent", 0, 150)
+        ):  # fmt: skip
+            if not low <= numbers[name] <= high:
+                raise InputError(f"{name}: expected {low} to {high}, got {numbers[name]}")
+        moment = aware(at, "at")
+        self._add_answers(identifier, {"at": moment.isoformat(), "kind": _FELT, **numbers}, session)
+        return FeltRecord(moment, **numbers)
+
+    def _add_answers(self, identifier: str, fields: Mapping[str, Any], session: int | None) -> None:
+        with self._engine.begin() as connection:
+            number, key = self._find(connection, identifier)
+            if session is not None:
+                self._check_owner(connection, session, number)
+            about = fields if session is None else {**fields, "session": session}
+            self._add(connection, schema.QUESTIONNAIRES, number, key, about)
+            self._note(connection, "questionnaire", number)
 
     def add_event(
         self,
@@ -417,11 +577,20 @@ class Diary:
         OSError
             Another program has the diary open; nothing was deleted.
         """
+        with self._engine.begin() as connection:
+            number, _ = self._find(connection, identifier)
+        with self._without_remains() as connection:
+            connection.execute(
+                sql.delete(schema.PARTICIPANTS).where(schema.PARTICIPANTS.c.id == number)
+            )
+            self._note(connection, "delete", None)
+
+    @contextlib.contextmanager
+    def _without_remains(self) -> Iterator[sql.Connection]:
+        """A transaction after which what it deleted is neither in the file nor beside it."""
         with self._engine.connect() as connection:
             raw = connection.connection.dbapi_connection
             assert isinstance(raw, sqlite3.Connection)
-            with connection.begin():
-                number, _ = self._find(connection, identifier)
             # Out of the write-ahead log, which only works while nobody else has the file open.
             try:
                 mode = raw.execute("PRAGMA journal_mode = DELETE").fetchone()[0]
@@ -430,10 +599,7 @@ class Diary:
             if mode != "delete":
                 raise OSError(f"{self.path}: another program has the diary open; nothing deleted")
             with connection.begin():
-                connection.execute(
-                    sql.delete(schema.PARTICIPANTS).where(schema.PARTICIPANTS.c.id == number)
-                )
-                self._note(connection, "delete", None)
+                yield connection
             raw.execute("VACUUM")
             raw.execute("PRAGMA journal_mode = WAL")
 
@@ -472,6 +638,28 @@ class Diary:
             found = [self._session(connection, row["id"], number, key) for row, _ in rows]
         return sorted(found, key=lambda session: session.started)
 
+    def clips(self, identifier: str) -> list[Clip]:
+        """The clips of a participant's anomalies, by time.
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        """
+        found = []
+        with self._engine.begin() as connection:
+            number, key = self._find(connection, identifier)
+            games = {row["id"]: f for row, f in self._rows(connection, schema.GAMES, number, key)}
+            anomalies = {
+                row["id"]: (games[row["game"]], f)
+                for row, f in self._rows(connection, schema.ANOMALIES, number, key)
+            }
+            for row, pictures in self._pictures(connection, number, key):
+                game, times = anomalies[row["anomaly"]]
+                at = datetime.fromisoformat(game["at"])
+                found.append(Clip(at, game["game"], times["start"], times["end"], pictures))
+        return sorted(found, key=lambda clip: (clip.at, clip.start))
+
     def ratings(self, identifier: str) -> list[Rating]:
         """All ratings of a participant's pain, by time.
 
@@ -500,9 +688,43 @@ class Diary:
                 tuple(fields["ranks"]),
                 score_mcgill(fields["ranks"], fields["ppi"]),
             )
-            for fields in self._fields(schema.QUESTIONNAIRES, identifier)
+            for fields in self._answers(identifier, "")
         ]
         return sorted(found, key=lambda one: one.at)
+
+    def ownership(self, identifier: str) -> list[Ownership]:
+        """The answers of a participant after touch cues, by time.
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        """
+        found = [
+            Ownership(datetime.fromisoformat(f["at"]), f["mode"], tuple(f["answers"]))
+            for f in self._answers(identifier, _OWNERSHIP)
+        ]
+        return sorted(found, key=lambda one: one.at)
+
+    def felt(self, identifier: str) -> list[FeltRecord]:
+        """How a participant felt the limb that is not there, by time.
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        """
+        names = ("length", "telescoping", "raised", "bent")
+        found = [
+            FeltRecord(datetime.fromisoformat(f["at"]), **{name: f[name] for name in names})
+            for f in self._answers(identifier, _FELT)
+        ]
+        return sorted(found, key=lambda one: one.at)
+
+    def _answers(self, identifier: str, kind: str) -> list[dict[str, Any]]:
+        """Filled-in questionnaires of a kind; those without one are McGill's."""
+        rows = self._fields(schema.QUESTIONNAIRES, identifier)
+        return [fields for fields in rows if fields.get("kind", "") == kind]
 
     def events(self, identifier: str) -> list[AdverseEvent]:
         """The adverse events of a participant, by time.
@@ -548,6 +770,8 @@ class Diary:
                 for table in (schema.SESSIONS, schema.GAMES, schema.ANOMALIES, schema.RATINGS,
                               schema.QUESTIONNAIRES, schema.EVENTS):  # fmt: skip
                     self._rows(connection, table, number, key)
+                for _ in self._pictures(connection, number, key):
+                    pass
 
     # --- the file --------------------------------------------------------------------------------
 
@@ -688,6 +912,20 @@ class Diary:
             for row in rows
         ]
 
+    def _pictures(
+        self, connection: sql.Connection, number: int, key: bytes | None
+    ) -> Iterator[tuple[Mapping[str, Any], tuple[tuple[float, bytes], ...]]]:
+        """Rows of clips, one after the other: they are large."""
+        table = schema.CLIPS
+        ids = connection.execute(sql.select(table.c.id).where(table.c.participant == number))
+        for one in ids.scalars().all():
+            row = connection.execute(sql.select(table).where(table.c.id == one)).one()
+            yield row._asdict(), unseal_pictures(key, row.payload, _about(number, table, one))
+
+    def _consents(self, connection: sql.Connection, number: int) -> bool:
+        fields = next(f for n, _, f in self._all(connection) if n == number)
+        return bool(fields.get("clips", False))
+
     def _fields(self, table: sql.Table, identifier: str) -> list[dict[str, Any]]:
         with self._engine.begin() as connection:
             number, key = self._find(connection, identifier)
@@ -744,7 +982,7 @@ def _about(number: int, table: sql.Table | None = None, row: int = 0) -> str:
 
 def _participant(fields: Mapping[str, Any]) -> Participant:
     enrolled = datetime.fromisoformat(fields["enrolled"])
-    return Participant(fields["identifier"], fields["limb"], enrolled)
+    return Participant(fields["identifier"], fields["limb"], enrolled, fields.get("clips", False))
 
 
 def _rating(fields: Mapping[str, Any]) -> Rating:

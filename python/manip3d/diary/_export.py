@@ -41,11 +41,13 @@ _PAIN = {
 }
 _GAME_COLUMNS = (
     "game", "difficulty", "seed", "ending", "seconds", "paused_s", "score", "misses", "by_phantom",
+    "gain",
 )  # fmt: skip
 
 
 _TABLES = (
     "participants", "sessions", "games", "anomalies", "ratings", "questionnaires", "events",
+    "ownership", "felt",
 )  # fmt: skip
 
 
@@ -60,8 +62,8 @@ def export_csv(
     participants: Sequence[str] | None = None,
     overwrite: bool = False,
 ) -> None:
-    """Write a folder of tables: participants, sessions, games, anomalies, ratings, questionnaires
-    and events.
+    """Write a folder of tables: participants, sessions, games, anomalies, ratings, questionnaires,
+    events, ownership and felt limbs.
 
     Parameters
     ----------
@@ -131,7 +133,7 @@ _Tables = Mapping[str, tuple[Sequence[str], list[list[Any]]]]
 
 def _tables(diary: Diary, identifiers: Iterable[str]) -> _Tables:
     found: dict[str, tuple[Sequence[str], list[list[Any]]]] = {
-        "participants": (("participant", "limb", "enrolled"), []),
+        "participants": (("participant", "limb", "enrolled", "clips"), []),
         "sessions": (("participant", "session", "started", "ended", "games", "pain_before",
                       "pain_after"), []),
         "games": (("participant", "session", "number", "at", *_GAME_COLUMNS), []),
@@ -141,11 +143,14 @@ def _tables(diary: Diary, identifiers: Iterable[str]) -> _Tables:
                             "miscellaneous", "pri", "nwc", "ppi",
                             *(f"rank_{n}" for n in range(1, 21))), []),
         "events": (("participant", "at", "kind", "text"), []),
+        "ownership": (("participant", "at", "mode", "ownership", "control",
+                       *(f"q{n}" for n in range(1, 7))), []),
+        "felt": (("participant", "at", "length", "telescoping", "raised", "bent"), []),
     }  # fmt: skip
     rows = {name: table[1] for name, table in found.items()}
     for name in identifiers:
         person = diary.participant(name)
-        rows["participants"].append([name, person.limb, person.enrolled])
+        rows["participants"].append([name, person.limb, person.enrolled, person.clips])
         for count, session in enumerate(diary.sessions(name), 1):
             rows["sessions"].append(
                 [name, count, session.started, session.ended, len(session.games),
@@ -165,6 +170,11 @@ def _tables(diary: Diary, identifiers: Iterable[str]) -> _Tables:
             )
         for event in diary.events(name):
             rows["events"].append([name, event.at, event.kind, event.text])
+        for one in diary.ownership(name):
+            means = (round(one.ownership, 3), round(one.control, 3))
+            rows["ownership"].append([name, one.at, one.mode, *means, *one.answers])
+        for felt in diary.felt(name):
+            rows["felt"].append([name, *vars(felt).values()])
     return found
 
 
@@ -334,6 +344,9 @@ def _game(game: DiaryGame, patient: Mapping[str, str]) -> dict[str, Any]:
         for text, value in (("Played", game.seconds), ("Paused", game.paused_s))
     ]
     parts.append({"code": {"text": "Ending"}, "valueString": game.ending})
+    if game.gain != 1.0:
+        told = "Gain of movements (virtual enhancement)"
+        parts.append({"code": {"text": told}, "valueQuantity": {"value": game.gain}})
     parts += [
         {
             "code": {"text": "Seconds of play without a point though a target was in reach"},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import html
 import os
 from collections.abc import Sequence
@@ -9,6 +10,7 @@ from datetime import date, datetime
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d.diary._clips import film
 from manip3d.diary._diary import Diary
 from manip3d.diary._protocol import Protocol, adherence
 from manip3d.diary._records import DiarySession
@@ -23,6 +25,8 @@ table { border-collapse: collapse; width: 100%; }
 th, td { padding: .3rem .6rem; border-bottom: 1px solid #d5dbe3; text-align: left; }
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 .quiet { color: #5a6675; } .warning { color: #a02b1d; font-weight: 600; }
+figure { display: inline-block; margin: 0 1rem 1rem 0; max-width: 20rem; }
+figure img { width: 100%; } figcaption { font-size: .85rem; color: #5a6675; }
 svg { width: 100%; height: auto; } svg text { font-size: 12px; fill: #5a6675; }
 """
 _WIDE, _HIGH, _LEFT, _TOP = 860, 220, 30, 12
@@ -38,6 +42,7 @@ def write_page(
     identifier: str,
     *,
     today: date | None = None,
+    clips: bool = False,
     overwrite: bool = False,
 ) -> None:
     """Write a page about one participant: adherence, pain before and after, games, difficulties.
@@ -50,6 +55,8 @@ def write_page(
     identifier : str
     today : date, optional
         Up to which sessions were to be done; by default today.
+    clips : bool
+        With the films of difficulties.
     overwrite : bool
         Replace the file.
 
@@ -88,11 +95,15 @@ def write_page(
         _events(diary, identifier),
         "<h2>McGill Pain Questionnaire</h2>",
         _mcgill(diary, identifier),
+        "<h2>Touch cues and the limb as it feels</h2>",
+        _felt(diary, identifier),
         "<h2>Sessions</h2>",
         _sessions(sessions),
+        *(["<h2>Films of difficulties</h2>", _films(diary, identifier)] if clips else []),
     ]
     text = (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>Diary of {html.escape(person.identifier)}</title>\n<style>{_STYLE}</style>\n"
         "</head>\n<body>\n" + "\n".join(parts) + "\n</body>\n</html>\n"
     )
@@ -165,6 +176,22 @@ def _mcgill(diary: Diary, identifier: str) -> str:
     return _table(names, rows)
 
 
+def _felt(diary: Diary, identifier: str) -> str:
+    cues = [
+        (_day(one.at), one.mode, f"{one.ownership:+.1f}", f"{one.control:+.1f}")
+        for one in diary.ownership(identifier)
+    ]
+    limbs = [
+        (_day(one.at), f"{one.length} %", f"{one.telescoping} %", f"{one.raised}°", f"{one.bent}°")
+        for one in diary.felt(identifier)
+    ]
+    names = ("When", "Touch", "Ownership, -3 to 3", "Controls, -3 to 3")
+    parts = [_table(names, cues)] if cues else []
+    if limbs:
+        parts.append(_table(("When", "Length", "Drawn up", "Raised", "Bent"), limbs))
+    return "\n".join(parts) or "<p>None yet.</p>"
+
+
 def _sessions(sessions: Sequence[DiarySession]) -> str:
     if not sessions:
         return "<p>None yet.</p>"
@@ -179,6 +206,19 @@ def _sessions(sessions: Sequence[DiarySession]) -> str:
         pain = f"{_dash(session.pain_before)} to {_dash(session.pain_after)}"
         rows.append((_day(session.started), games, pain, ", ".join(stuck) or "-"))
     return _table(("Begun", "Games and scores", "Pain", "No point though in reach"), rows)
+
+
+def _films(diary: Diary, identifier: str) -> str:
+    found = diary.clips(identifier)
+    if not found:
+        return "<p>None.</p>"
+    return "\n".join(
+        f'<figure><img alt="" src="data:image/webp;base64,{base64.b64encode(film(clip)).decode()}">'
+        f"<figcaption>{_day(clip.at)}, {html.escape(clip.game)}: no point from {clip.start:.0f} to "
+        f"{clip.end:.0f} s of play, though something was in reach. The phantom limb is bluish."
+        "</figcaption></figure>"
+        for clip in found
+    )
 
 
 def _table(names: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

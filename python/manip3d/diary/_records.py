@@ -46,11 +46,14 @@ class Participant:
     limb : str
         The affected one, or empty.
     enrolled : datetime
+    clips : bool
+        Whether they consented to clips of anomalies.
     """
 
     identifier: str
     limb: str
     enrolled: datetime
+    clips: bool = False
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,8 @@ class DiaryGame:
     seconds, paused_s : float
         Played, and waited for the phantom limb.
     score, misses, by_phantom : int
+    gain : float
+        Of virtual enhancement; 1: none.
     anomalies : tuple of (float, float)
         From and to which second of play no point was made though a target was in reach.
     """
@@ -83,6 +88,7 @@ class DiaryGame:
     misses: int
     by_phantom: int
     anomalies: tuple[tuple[float, float], ...] = ()
+    gain: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -151,6 +157,54 @@ class McGill:
     occasion: Occasion
     ranks: tuple[int, ...]
     score: McGillScore
+
+
+@dataclass(frozen=True)
+class Ownership:
+    """Answers after a touch cue, each from -3 (not at all) to 3 (very much).
+
+    Attributes
+    ----------
+    at : datetime
+    mode : str
+        ``synchronous`` or ``asynchronous``.
+    answers : tuple of 6 int
+        Three about ownership of the limb, then three controls.
+    """
+
+    at: datetime
+    mode: Literal["synchronous", "asynchronous"]
+    answers: tuple[int, ...]
+
+    @property
+    def ownership(self) -> float:
+        """Mean of the first three."""
+        return sum(self.answers[:3]) / 3
+
+    @property
+    def control(self) -> float:
+        """Mean of the others."""
+        return sum(self.answers[3:]) / 3
+
+
+@dataclass(frozen=True)
+class FeltRecord:
+    """How the patient feels the limb that is not there.
+
+    Attributes
+    ----------
+    at : datetime
+    length, telescoping : int, per cent
+        Of the intact limb's length; how far the hand or foot has moved up into the stump.
+    raised, bent : int, degrees
+        The limb sideways from hanging down; elbow or knee.
+    """
+
+    at: datetime
+    length: int
+    telescoping: int
+    raised: int
+    bent: int
 
 
 @dataclass(frozen=True)

@@ -34,13 +34,16 @@ PARTICIPANTS = Table(
 )
 
 
+_TABLE_OF = {"anomaly": "anomalies"}
+
+
 def _table(name: str, *parents: str) -> Table:
     return Table(
         name,
         _metadata,
         Column("id", Integer, primary_key=True),
         Column("participant", _belongs_to("participants"), nullable=False),
-        *(Column(parent, _belongs_to(f"{parent}s")) for parent in parents),
+        *(Column(parent, _belongs_to(_TABLE_OF.get(parent, f"{parent}s"))) for parent in parents),
         Column("payload", LargeBinary, nullable=False),
     )
 
@@ -48,6 +51,7 @@ def _table(name: str, *parents: str) -> Table:
 SESSIONS = _table("sessions")
 GAMES = _table("games", "session")
 ANOMALIES = _table("anomalies", "game")
+CLIPS = _table("clips", "anomaly")
 RATINGS = _table("ratings", "session")
 QUESTIONNAIRES = _table("questionnaires")
 EVENTS = _table("events", "session")
@@ -65,6 +69,7 @@ _GONE_TOO = "ON DELETE CASCADE"
 _ROW = f"{_ID}, participant INTEGER NOT NULL REFERENCES participants {_GONE_TOO}"
 _SESSION = f"session INTEGER REFERENCES sessions {_GONE_TOO}"
 _GAME = f"game INTEGER REFERENCES games {_GONE_TOO}"
+_ANOMALY = f"anomaly INTEGER REFERENCES anomalies {_GONE_TOO}"
 _PAYLOAD = "payload BLOB NOT NULL"
 _OF_PARTICIPANT = (
     "sessions", "games", "anomalies", "ratings", "questionnaires", "events", "audit",
@@ -88,6 +93,10 @@ MIGRATIONS: Sequence[Sequence[str]] = (
     ),
     tuple(  # 2 to 3: deleting and listing a participant looks at their rows only
         f"CREATE INDEX {table}_of_participant ON {table} (participant)" for table in _OF_PARTICIPANT
+    ),
+    (  # 3 to 4: films of anomalies
+        f"CREATE TABLE clips ({_ROW}, {_ANOMALY}, {_PAYLOAD})",
+        "CREATE INDEX clips_of_participant ON clips (participant)",
     ),
 )
 VERSION = len(MIGRATIONS)

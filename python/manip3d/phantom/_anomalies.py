@@ -45,6 +45,11 @@ class AnomalyWatch:
         self._start: float | None = None
         self._idle = 0.0
 
+    @property
+    def since(self) -> float | None:
+        """When that began which may become an anomaly; None: nothing has."""
+        return self._start
+
     def update(self, state: GameState) -> None:
         """Take the state after a step."""
         before, self._clock = self._clock, state.clock

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from datetime import datetime
 
-from manip3d.phantom._session import GameSummary
+from manip3d.phantom._felt import FeltLimb
+from manip3d.phantom._session import GameSummary, Pictures
 
 
 class DiaryRecorder:
@@ -30,7 +32,8 @@ class DiaryRecorder:
         from manip3d.diary import Diary
 
         self._diary = Diary(path, key=key)
-        self._participant = self._diary.participant(participant).identifier
+        person = self._diary.participant(participant)
+        self._participant, self._wants_clips = person.identifier, person.clips
         self._session: int | None = None
 
     def start(self) -> None:
@@ -43,17 +46,43 @@ class DiaryRecorder:
             self._diary.end_session(self._session)
         self._diary.close()
 
-    def game(self, summary: GameSummary) -> None:
-        """Keep a game that is over."""
+    @property
+    def wants_clips(self) -> bool:
+        """Whether the patient consented to short films of anomalies."""
+        return self._wants_clips
+
+    def game(self, summary: GameSummary, clips: Sequence[Pictures] = ()) -> None:
+        """Keep a game that is over, and what was filmed of it."""
         from manip3d.diary import DiaryGame
 
         assert self._session is not None
         fields = vars(summary) | {"anomalies": tuple((a.start, a.end) for a in summary.anomalies)}
-        self._diary.add_game(self._session, DiaryGame(at=datetime.now().astimezone(), **fields))
+        game = DiaryGame(at=datetime.now().astimezone(), **fields)
+        # Who has taken back their consent meanwhile is filmed no longer.
+        self._diary.add_game(self._session, game, clips if self.wants_clips else ())
 
     def pain(self, value: int) -> str:
         """Keep a rating; return why the session must stop, or nothing."""
         return self._diary.add_rating(self._participant, value, session=self._session)
+
+    def event(self, text: str) -> None:
+        """Keep an adverse event in words."""
+        if text.strip():
+            self._diary.add_event(self._participant, "other", text.strip(), session=self._session)
+
+    def consent(self, clips: bool) -> None:
+        """Keep whether the patient consents to films; without consent theirs are deleted."""
+        if clips != self._wants_clips:
+            self._diary.set_consent(self._participant, clips=clips)
+            self._wants_clips = clips
+
+    def ownership(self, mode: str, answers: Sequence[int]) -> None:
+        """Keep the answers after a touch cue."""
+        self._diary.add_ownership(self._participant, mode, answers, session=self._session)  # type: ignore[arg-type]
+
+    def felt(self, felt: FeltLimb) -> None:
+        """Keep how the patient feels the limb."""
+        self._diary.add_felt(self._participant, **vars(felt), session=self._session)
 
     def unwell(self) -> str:
         """Keep that the patient feels sick; return that the session must stop."""

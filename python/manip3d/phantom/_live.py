@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ipaddress
+import json
 import os
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
@@ -14,10 +16,18 @@ from manip3d._util.extras import require
 from manip3d.errors import DeviceError, InputError
 from manip3d.modify import Limb
 from manip3d.phantom._diary import DiaryRecorder
+from manip3d.phantom._log import SessionLog
 from manip3d.phantom._page import live_pages
 from manip3d.phantom._session import MESSAGES, GameSummary, LiveSession
 from manip3d.phantom.games import GAMES
-from manip3d.serve import LocalServer, StreamClient, read_message
+from manip3d.serve import (
+    Certificate,
+    LocalServer,
+    StreamClient,
+    kept_certificate,
+    make_certificate,
+    read_message,
+)
 from manip3d.viewer.phantom import limb_of
 
 if TYPE_CHECKING:
@@ -92,15 +102,19 @@ def run_live(
     game: str | None = None,
     difficulty: int = 1,
     seed: int = 0,
+    host: str = "127.0.0.1",
     port: int = 0,
+    certificate: str | os.PathLike[str] | None = None,
     seconds: float | None = None,
     jpeg_quality: int = 80,
+    gain: float = 1.0,
     diary: str | os.PathLike[str] | None = None,
     participant: str | None = None,
     diary_key: str | os.PathLike[str] | None = None,
-    on_start: Callable[[str], object] | None = None,
+    log: str | os.PathLike[str] | None = None,
+    on_start: Callable[[str, Certificate | None], object] | None = None,
 ) -> LiveReport:
-    """Show a person with a phantom limb in a browser on this machine, live, with a game.
+    """Show a person with a phantom limb in a browser, live, with a game.
 
     Research software, no medical device.
 
@@ -116,17 +130,28 @@ def run_live(
         Of `manip3d.phantom.games.GAMES`; by default one for that limb.
     difficulty, seed : int
         Of the first game.
+    host : str
+        Address of this machine at which the page is served. Other than a loopback address other
+        machines reach it, a headset for instance; the connection is encrypted then.
     port : int
         0: one that is free.
+    certificate : path, optional
+        Private key and certificate (PEM) of an encrypted connection; made where there is no such
+        file. Without it a new one is made for each session with another ``host`` than a loopback
+        address, which browsers ask about each time.
     seconds : float, optional
         Stop after so many; without it at Ctrl-C.
     jpeg_quality : int
         Of the colours, 1 to 100.
+    gain : float
+        Virtual enhancement, as of `LiveSession`; the page changes it.
     diary, participant, diary_key : path, str, path, optional
         A diary file, who of its participants plays, and its key file where it is encrypted. Games
         and ratings of pain are kept as they come.
-    on_start : callable(str), optional
-        Gets the page's address as soon as it can be opened.
+    log : path, optional
+        A file of JSON lines: every ten seconds frames, states, latency, times of stages and memory.
+    on_start : callable(str, Certificate or None), optional
+        Gets the page's address as soon as it can be opened, and what encrypts it.
 
     Returns
     -------
@@ -156,25 +181,24 @@ def run_live(
         difficulty=difficulty,
         seed=seed,
         jpeg_quality=jpeg_quality,
+        gain=gain,
         recorder=recorder,
     )
 
     def on_message(client: StreamClient, text: str) -> None:
-        name, fields = read_message(text, MESSAGES)
-        if name == "ack":
-            client.acknowledge(int(fields["sequence"]), float(fields["decoded_ms"]))
-        else:
-            session.command(name, fields)
+        hear(session, client, text)
 
     end = None if seconds is None else began + seconds
     frames, first, states = 0, None, dict[str, int]()
     feed = _frames(address)
     pages = live_pages(limb, address, asks=recorder is not None)
-    with LocalServer(pages, on_message, port=port) as server:
+    made = _certificate(host, certificate)
+    server = LocalServer(pages, on_message, host=host, port=port, certificate=made)
+    with SessionLog(log) as journal, server:
         if recorder is not None:
             recorder.start()
         if on_start is not None:
-            on_start(server.new_url())
+            on_start(server.new_url(), server.certificate)
         try:
             for found in feed:
                 if found is None:
@@ -193,6 +217,7 @@ def run_live(
                     frames += not isinstance(found, str)
                     if first is None:
                         first = time.monotonic() - began
+                journal.tell(session, server, frames, states)
                 if end is not None and time.monotonic() >= end:
                     break
         except KeyboardInterrupt:  # how a session without a limit ends
@@ -213,6 +238,33 @@ def run_live(
         refused=dict(server.refused),
         games=tuple(session.summaries),
     )
+
+
+def _certificate(host: str, path: str | os.PathLike[str] | None) -> Certificate | None:
+    if path is not None:
+        return kept_certificate(path, host)
+    try:
+        is_here = ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        is_here = True  # no address at all: the server says so
+    return None if is_here else make_certificate(host)
+
+
+def hear(session: LiveSession, client: StreamClient, text: str) -> None:
+    """Take what a page says: of the connection here, all else to the session.
+
+    Raises
+    ------
+    FormatError
+        It is none of `MESSAGES`.
+    """
+    name, fields = read_message(text, MESSAGES)
+    if name == "ack":
+        client.acknowledge(int(fields["sequence"]), float(fields["decoded_ms"]))
+    elif name == "clock":  # a page on another machine learns how far its clock is off
+        client.say(json.dumps({"clock": [fields["sent_ms"], time.time_ns() / 1e6]}))
+    else:
+        session.command(name, fields)
 
 
 def _frames(address: str) -> Generator[_Found, None, None]:

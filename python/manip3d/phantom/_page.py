@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import html
 import json
+from collections.abc import Sequence
 from typing import Any
 
+from manip3d.phantom._felt import LIMITS
+from manip3d.phantom._session import LIMBS
+from manip3d.phantom._touch import STATEMENTS
 from manip3d.phantom.games import GAMES
 from manip3d.rgbd import PARENTS
 from manip3d.serve import Page, bundled_pages
@@ -13,6 +18,70 @@ INTENDED_USE = (
     "Research software for studies of phantom limb pain. It is not a medical device and is not "
     "meant for diagnosis or treatment."
 )
+
+HAZARDS: Sequence[tuple[str, str, str]] = (
+    (
+        "pain grows during a session",
+        "asks before and after; at 2 points more it says stop, starts no further game and notes an "
+        "adverse event (only with a diary)",
+        "ask; stop at any time with Stop or the space bar",
+    ),
+    (
+        "sickness, a disturbing sight",
+        '"I feel sick" ends the play and is noted (only with a diary)',
+        "stay with the patient; begin on a screen before a headset",
+    ),
+    (
+        "a phantom limb in the wrong place",
+        "the state is shown in words; while it is not followed nothing can be hit or missed",
+        "stop where the picture is not believable",
+    ),
+    (
+        "falls, strain, a headset that hides the room",
+        "games for legs are played sitting; difficulty begins at easy",
+        "a chair that does not move; free space; hold who wears a headset",
+    ),
+    (
+        "somebody reads or changes what is kept",
+        "pseudonyms, encryption of the diary on demand, an encrypted connection for other "
+        "machines, an address that lets in one browser, once",
+        "keep keys elsewhere; encrypt the disk; exports and films are not encrypted",
+    ),
+    (
+        "films of a patient",
+        "none without consent; the person before a grey ground, nothing of the room; taken back, "
+        "they are deleted",
+        "ask for consent on paper too; delete copies",
+    ),
+    (
+        "data are lost",
+        "each game and rating is on the disk before the next one begins",
+        "copies of the diary, and of its key",
+    ),
+)
+"""What may go wrong, what the software does about it, and what people must do."""
+
+_HAZARD_PAGE = """\
+<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Intended use and hazards</title>
+<link rel="stylesheet" href="/live.css">
+</head>
+<body class="document">
+<h1>Intended use and hazards</h1>
+<p>{use} It is run by people who know the patients and the study's approval; no number of it is
+advice on anybody's care.</p>
+<table>
+<tr><th>Hazard</th><th>What the software does</th><th>What people must do</th></tr>
+{rows}
+</table>
+<p><a href="/">Back to the session</a></p>
+</body>
+</html>
+"""
 
 
 def live_pages(limb: str, source: str, *, asks: bool = False) -> dict[str, Page]:
@@ -28,6 +97,9 @@ def live_pages(limb: str, source: str, *, asks: bool = False) -> dict[str, Page]
         "source": source,
         "intended_use": INTENDED_USE,
         "asks": asks,
+        "limbs": LIMBS,
+        "statements": STATEMENTS,
+        "felt": {name: list(limits) for name, limits in LIMITS.items()},
         "parents": PARENTS,
         "games": {
             game.name: {
@@ -41,4 +113,13 @@ def live_pages(limb: str, source: str, *, asks: bool = False) -> dict[str, Page]
     }
     text = json.dumps(content).replace("<", "\\u003c")
     body = f'<script type="application/json" id="manip3d-live">{text}</script>'
-    return bundled_pages("live", f"Phantom {content['limb']}", body)
+    hazards = Page("text/html; charset=utf-8", _hazard_page().encode())
+    return bundled_pages("live", f"Phantom {content['limb']}", body) | {"/hazards": hazards}
+
+
+def _hazard_page() -> str:
+    rows = "\n".join(
+        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
+        for row in HAZARDS
+    )
+    return _HAZARD_PAGE.format(use=html.escape(INTENDED_USE), rows=rows)

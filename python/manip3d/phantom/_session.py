@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
@@ -13,8 +13,12 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d.errors import InputError
-from manip3d.modify import ColliderTracker, Limb, PhantomPipeline, PhantomState
+from manip3d.modify import ColliderTracker, Limb, PhantomPipeline, PhantomState, repose
 from manip3d.phantom._anomalies import Anomaly, AnomalyWatch
+from manip3d.phantom._clips import ClipRing
+from manip3d.phantom._felt import LIMITS, FeltLimb, felt_places
+from manip3d.phantom._setup import PlacementCalibration, moved_to, placement_checks
+from manip3d.phantom._touch import ARM, LEG, MODES, SECONDS, STATEMENTS, TouchCue
 from manip3d.phantom.games import (
     GAMES,
     ArmField,
@@ -34,15 +38,38 @@ if TYPE_CHECKING:
 
     from manip3d.modify import BodyColliders, PhantomFrame
 
+MOST_GAIN = 2.0
+"""Of virtual enhancement."""
+
+_ENHANCED = {"arm": ("Shoulder", "Elbow"), "leg": ("Hip", "Knee", "Ankle")}
+
+LIMBS: Sequence[Limb] = ("left_arm", "right_arm", "left_leg", "right_leg")
+
 MESSAGES: Mapping[str, Mapping[str, Kind]] = {
     "ack": {"sequence": Kind(int, 0, 2**32 - 1), "decoded_ms": Kind(float, 0, 1e15)},
+    "clock": {"sent_ms": Kind(float, 0, 1e15)},
     "choose": {"game": Kind(str, choices=tuple(GAMES)), "difficulty": Kind(int, 1, 3)},
     "ready": {},
     "stop": {},
     "pain": {"value": Kind(int, 0, 10)},
     "unwell": {},
+    "event": {"text": Kind(str, length=500)},
+    "consent": {"clips": Kind(int, 0, 1)},
+    "limb": {"limb": Kind(str, choices=LIMBS)},
+    "patient": {"which": Kind(int, 0, 9)},
+    "calibrate": {},
+    "gain": {"value": Kind(float, 1, MOST_GAIN)},
+    "touch": {"mode": Kind(str, choices=(*MODES, "off"))},
+    "ownership": {"mode": Kind(str, choices=MODES)}
+    | {f"q{number}": Kind(int, -3, 3) for number in range(1, len(STATEMENTS) + 1)},
+    "felt": {name: Kind(int, low, high) for name, (low, high) in LIMITS.items()},
 }
-"""What a page may say; ``ack`` is answered by the server itself."""
+"""What a page may say."""
+
+OF_THE_CONNECTION = ("ack", "clock")
+"""Messages that `answer_client` takes; all others are the session's."""
+
+Pictures = Sequence[tuple[float, bytes]]
 
 _LONGEST_STEP_S = 0.25  # a longer gap between frames is none of the player's time
 _FRAMES = 90  # over which times of stages are averaged
@@ -54,14 +81,31 @@ _FEET = tuple(JOINTS.index(name) for name in ("FootLeft", "FootRight"))
 class Recorder(Protocol):
     """What a session tells a diary."""
 
-    def game(self, summary: GameSummary) -> None:
-        """Keep a game that is over."""
+    @property
+    def wants_clips(self) -> bool:
+        """Whether the patient consented to short films of anomalies."""
+
+    def game(self, summary: GameSummary, clips: Sequence[Pictures]) -> None:
+        """Keep a game that is over; for each anomaly its pictures (seconds of play, JPEG), or
+        none."""
 
     def pain(self, value: int) -> str:
         """Keep a rating from 0 to 10; return why the session must stop, or nothing."""
 
     def unwell(self) -> str:
         """Keep that the patient feels sick; return why the session must stop."""
+
+    def event(self, text: str) -> None:
+        """Keep an adverse event in words."""
+
+    def consent(self, clips: bool) -> None:
+        """Keep whether the patient consents to films; without consent theirs are deleted."""
+
+    def ownership(self, mode: str, answers: Sequence[int]) -> None:
+        """Keep the answers after a touch cue."""
+
+    def felt(self, felt: FeltLimb) -> None:
+        """Keep how the patient feels the limb."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +124,8 @@ class GameSummary:
     score, misses : int
     by_phantom : int
         Points by the phantom limb; the others are the intact limb's.
+    gain : float
+        What joints' angles were multiplied by at the end.
     anomalies : tuple of Anomaly
         Times without a point though a target was in reach.
     """
@@ -93,6 +139,7 @@ class GameSummary:
     score: int
     misses: int
     by_phantom: int
+    gain: float = 1.0
     anomalies: tuple[Anomaly, ...] = ()
 
 
@@ -115,6 +162,9 @@ class LiveSession:
         Of the first game; each further one has the next.
     jpeg_quality : int
         1 to 100.
+    gain : float
+        Virtual enhancement, 1 to 2: by how much the joints of both arms, or both legs, turn
+        further from rest on the page, and in the games, than the patient turns them.
     recorder : Recorder, optional
         Is told of games, ratings of pain and sickness.
 
@@ -140,6 +190,7 @@ class LiveSession:
         difficulty: int = 1,
         seed: int = 0,
         jpeg_quality: int = 80,
+        gain: float = 1.0,
         recorder: Recorder | None = None,
     ) -> None:
         self._recorder = recorder
@@ -147,8 +198,18 @@ class LiveSession:
         self._pain: int | None = None
         self._lowest: deque[tuple[int, float]] = deque()
         self._watch = AnomalyWatch()
+        self._ring: ClipRing | None = None
+        self._clips: list[Pictures] = []
         self._pipeline = PhantomPipeline(affected)
         self.affected = str(affected)
+        self._people: list[Skeleton] = []
+        self._is_chosen = False
+        self._times: deque[int] = deque(maxlen=_FRAMES)
+        self._calibration: PlacementCalibration | None = None
+        self._measured: Skeleton | None = None
+        self._cue: TouchCue | None = None
+        self._cues = 0
+        self._felt: FeltLimb | None = None
         chosen = game or ("bubbles" if self.affected.endswith("arm") else "bubbles-legs")
         if chosen not in GAMES:
             raise InputError(f"game: expected one of {', '.join(GAMES)}, got {game!r}")
@@ -156,9 +217,11 @@ class LiveSession:
             ("difficulty", difficulty, 1, 3),
             ("seed", seed, 0, 2**62),
             ("jpeg_quality", jpeg_quality, 1, 100),
+            ("gain", gain, 1, MOST_GAIN),
         ):
             if not low <= value <= high:
-                raise InputError(f"{name}: expected {low} to {high}, got {value}")
+                raise InputError(f"{name}: expected {low:g} to {high:g}, got {value}")
+        self._gain = float(gain)
         self.summaries: list[GameSummary] = []
         self._choice = chosen, int(difficulty)
         self._seed = seed
@@ -194,8 +257,8 @@ class LiveSession:
         InputError
             No such message.
         """
-        if name not in MESSAGES or name == "ack":
-            expected = ", ".join(known for known in MESSAGES if known != "ack")
+        if name not in MESSAGES or name in OF_THE_CONNECTION:
+            expected = ", ".join(known for known in MESSAGES if known not in OF_THE_CONNECTION)
             raise InputError(f"name: expected one of {expected}, got {name!r}")
         self._commands.put((name, dict(fields or {})))
 
@@ -205,6 +268,7 @@ class LiveSession:
         self._body.reset()
         self._ends.reset()
         self._lowest.clear()
+        self._times.clear()
         self._last_time = None
 
     def end(self) -> None:
@@ -241,14 +305,28 @@ class LiveSession:
         began = time.perf_counter()
         shown = self._pipeline.process(frame)
         seen = time.perf_counter()
+        shown = self._enhanced(shown)
         if shown.state == PhantomState.LATE:
             return None
         self.state = shown.state.value
         self._obey()
         seconds = self._seconds_since_last(frame.time)
+        self._people = sorted(frame.skeletons, key=lambda one: float(one.positions[0][0]))
+        self._times.append(frame.time)
+        if self._calibration is not None and shown.state == PhantomState.TRACKING:
+            measured = self._calibration.add(shown.skeleton)
+            if measured is not None:
+                self._measured, self._calibration = measured, None
         colliders = self._body.update(shown.skeleton)
         playing = self._play(shown, seconds)
-        status = self._frame_status(shown, colliders) | self._game_status(playing=playing)
+        if playing and self._ring is not None and self._game is not None:
+            self._ring.add(shown, self._game, frame.calibration.depth, self._watch.since)
+        status = (
+            self._frame_status(shown, colliders)
+            | self._setup_status(shown, frame)
+            | self._touch_status(shown, seconds)
+            | self._game_status(playing=playing)
+        )
         ruled = time.perf_counter()
         message = self._encoded(shown, status, frame.time, captured)
         done = time.perf_counter()
@@ -256,6 +334,17 @@ class LiveSession:
         for times, value in zip(self._stages.values(), spent, strict=True):
             times.append(value)
         return message
+
+    def _enhanced(self, shown: PhantomFrame) -> PhantomFrame:
+        """The same person with further turned joints; the measured body is what is at rest."""
+        if self._gain == 1.0 or len(shown.vertices) == 0:
+            return shown
+        names = _ENHANCED[self.affected.partition("_")[2]]
+        gains = {f"{name}{side}": self._gain for name in names for side in ("Left", "Right")}
+        found = repose(shown.vertices, shown.skeleton, gains=gains, rest=self._measured, threads=1)
+        if found is None:
+            return shown
+        return replace(shown, vertices=found.vertices, skeleton=found.skeleton)
 
     # --- the game --------------------------------------------------------------------------------
 
@@ -274,6 +363,10 @@ class LiveSession:
                     self._game, self._wants_game = None, True
             elif name == "stop":
                 self._stop()
+            elif name == "gain":
+                self._gain = float(fields["value"])
+            elif name in ("limb", "patient", "calibrate", "touch", "felt"):
+                self._set_up(name, fields)
             elif self._recorder is not None:
                 self._heed(name, fields)
 
@@ -289,11 +382,60 @@ class LiveSession:
         if name == "pain":
             self._pain = int(fields["value"])
             halt = self._recorder.pain(self._pain)
-        else:
+        elif name == "unwell":
             halt = self._recorder.unwell()
+        else:
+            halt = ""
+            self._note(name, fields)
         if halt:
             self._stop()
             self._halt = halt
+
+    def _note(self, name: str, fields: Mapping[str, Any]) -> None:
+        assert self._recorder is not None
+        if name == "event":
+            self._recorder.event(str(fields["text"]))
+        elif name == "consent":
+            self._recorder.consent(bool(fields["clips"]))
+            if not fields["clips"]:
+                self._ring = None
+        else:
+            answers = [int(fields[f"q{number}"]) for number in range(1, len(STATEMENTS) + 1)]
+            self._recorder.ownership(str(fields["mode"]), answers)
+
+    def _set_up(self, name: str, fields: Mapping[str, Any]) -> None:
+        """What the therapist says before a game; a game that goes on is stopped by another limb or
+        patient."""
+        if name == "limb":
+            self._change_limb(fields["limb"])
+        elif name == "patient":
+            if int(fields["which"]) < len(self._people):
+                self._stop()
+                self._is_chosen = True
+                self._pipeline.select(self._people[int(fields["which"])].id)
+        elif name == "calibrate":
+            self._calibration, self._measured = PlacementCalibration(), None
+        elif name == "touch":
+            self._stop()
+            mode = str(fields["mode"])
+            self._cue = None if mode == "off" else TouchCue(mode, self._seed + self._cues)  # type: ignore[arg-type]
+            self._cues += 1
+        else:
+            self._felt = FeltLimb(**{key: int(fields[key]) for key in LIMITS})
+            if self._recorder is not None:
+                self._recorder.felt(self._felt)
+
+    def _change_limb(self, limb: Limb) -> None:
+        if limb == self.affected:
+            return
+        self._stop()
+        self._game, self._measured, self._felt, self._cue = None, None, None, None
+        self._pipeline, self.affected = PhantomPipeline(limb), str(limb)
+        self._is_chosen = False
+        self.restart()
+        if not GAMES[self._choice[0]].limbs.startswith(limb.partition("_")[2]):
+            name = "bubbles" if limb.endswith("arm") else "bubbles-legs"
+            self._choice = name, self._choice[1]
 
     def _play(self, shown: PhantomFrame, seconds: float) -> bool:
         """Whether the game went on in this frame."""
@@ -306,19 +448,32 @@ class LiveSession:
         if self._wants_game:
             name, difficulty = self._choice
             seed = self._seed + len(self.summaries)
-            self._game = begin(name, shown.skeleton, difficulty=difficulty, seed=seed, floor=floor)
+            body = shown.skeleton
+            if self._measured is not None:
+                body = moved_to(self._measured, body)
+            self._cue = None
+            self._game = begin(name, body, difficulty=difficulty, seed=seed, floor=floor)
             if self._game is None:  # somebody who faces the camera is asked for
                 return False
             self._wants_game, self._paused_s = False, 0.0
             self._watch = AnomalyWatch()
+            wanted = self._recorder is not None and self._recorder.wants_clips
+            self._ring, self._clips = ClipRing() if wanted else None, []
         if self._game is None or self._game.phase == "over":
             return False
         self._ends.update(_ends_of(shown.skeleton, self._game))
         self._game = step(self._game, seconds, self._touched, shown.skeleton)
         self._watch.update(self._game)
+        self._keep_clips()
         if self._game.phase == "over":
             self._finish(self._game.ending)
         return True
+
+    def _keep_clips(self) -> None:
+        """The pictures of anomalies that are over now."""
+        for anomaly in self._watch.found[len(self._clips) :]:
+            ring = self._ring
+            self._clips.append(() if ring is None else ring.take(anomaly.start, anomaly.end))
 
     def _floor(self, shown: PhantomFrame) -> float | None:
         """The lowest place (the largest y) of a foot in the last seconds."""
@@ -340,6 +495,7 @@ class LiveSession:
         game = self._game
         assert game is not None
         self._watch.finish()
+        self._keep_clips()
         summary = GameSummary(
             game=game.game.name,
             difficulty=game.difficulty,
@@ -350,11 +506,13 @@ class LiveSession:
             score=game.score,
             misses=game.misses,
             by_phantom=self._by_phantom(game),
+            gain=self._gain,
             anomalies=tuple(self._watch.found),
         )
         self.summaries.append(summary)
         if self._recorder is not None:
-            self._recorder.game(summary)
+            self._recorder.game(summary, tuple(self._clips))
+        self._ring, self._clips = None, []
 
     def _by_phantom(self, game: GameState) -> int:
         own = bones_of(game.game.limbs, self.affected.partition("_")[0])
@@ -401,6 +559,53 @@ class LiveSession:
             "colliders": _rounded(capsules),
             "torso": torso,
             "stage_ms": {name: round(value, 2) for name, value in self.stage_ms.items()},
+        }
+
+    def _setup_status(self, shown: PhantomFrame, frame: RgbdFrame) -> dict[str, Any]:
+        people = self._people
+        span = (self._times[-1] - self._times[0]) / 1e9 if len(self._times) > 30 else 0.0
+        checks = placement_checks(
+            shown,
+            frame.calibration.depth,
+            people=len(people),
+            is_chosen=self._is_chosen,
+            rate=(len(self._times) - 1) / span if span > 0 else 0.0,
+        )
+        calibrated = 1.0 if self._measured is not None else None
+        if self._calibration is not None:
+            calibrated = round(self._calibration.share, 2)
+        return {
+            "affected": self.affected,
+            "gain": self._gain,
+            "checks": [[check.name, check.is_met, check.advice] for check in checks],
+            "people": [one.id == shown.skeleton.id for one in people],
+            "calibrated": calibrated,
+            "clips": None if self._recorder is None else self._recorder.wants_clips,
+        }
+
+    def _touch_status(self, shown: PhantomFrame, seconds: float) -> dict[str, Any]:
+        felt = None
+        if self._felt is not None:
+            places = felt_places(self._felt, shown.skeleton, self.affected)
+            felt = None if places is None else _rounded(places)
+        cue = self._cue
+        if cue is None:
+            return {"touch": None, "felt": felt}
+        joint, is_felt, place = None, False, None
+        if shown.state == PhantomState.TRACKING and not cue.is_over:
+            joint, is_felt = cue.pass_time(seconds)
+        if joint is not None:
+            side, _, limb = self.affected.partition("_")
+            name = (ARM if limb == "arm" else LEG)[joint] + side.title()
+            place = _rounded(shown.skeleton.positions[JOINTS.index(name)])
+        return {
+            "touch": {
+                "mode": cue.mode,
+                "left_s": round(SECONDS - cue.clock, 2),
+                "place": place,
+                "felt": is_felt,
+            },
+            "felt": felt,
         }
 
     def _game_status(self, *, playing: bool) -> dict[str, Any]:

@@ -1,11 +1,10 @@
-"""`LocalServer`: HTTP and one WebSocket on the loopback interface, in a thread of its own."""
+"""`LocalServer`: HTTP and one WebSocket for this machine or, encrypted, for one on its network."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
 import hmac
-import ipaddress
 import logging
 import secrets
 import threading
@@ -22,6 +21,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d.errors import DeviceError, FormatError, InputError, MissingExtraError
+from manip3d.serve._certificate import Certificate, address_of
 
 if TYPE_CHECKING:
     from aiohttp import web
@@ -211,7 +211,7 @@ def _percentiles(values: deque[float]) -> tuple[float, float] | None:
 
 @checked
 class LocalServer:
-    """Serve pages and a stream of frames to browsers on this machine.
+    """Serve pages and a stream of frames to browsers on this machine or, encrypted, on its network.
 
     Whoever knows `url` gets a cookie for it and is let in; everybody else, pages of other origins
     in the same browser included, is refused, counted in `refused` and logged. A client that is
@@ -225,15 +225,19 @@ class LocalServer:
         Gets what a client says, in the server's thread; raises `FormatError` to have the client
         disconnected.
     host : str
-        A loopback address.
+        A loopback address; with a certificate also another one of this machine, which other
+        machines reach.
     port : int
         0: one that is free.
     limits : Limits
+    certificate : Certificate, optional
+        HTTPS with it, for ``host``.
 
     Raises
     ------
     InputError
-        ``host`` is no loopback address, or a number is out of range.
+        ``host`` is no loopback address and there is no certificate, the certificate is for another
+        one, or a number is out of range.
     MissingExtraError
         aiohttp is not installed.
 
@@ -252,20 +256,25 @@ class LocalServer:
         host: str = "127.0.0.1",
         port: int = 0,
         limits: Limits | None = None,
+        certificate: Certificate | None = None,
     ) -> None:
         try:
             import aiohttp  # noqa: F401
         except ImportError as error:
             raise MissingExtraError("aiohttp", "live") from error
-        if not _is_loopback(host):
+        address = address_of(host)
+        if certificate is None and not address.is_loopback:
             raise InputError(
-                f"host: expected a loopback address such as 127.0.0.1, got {host!r}; another host "
-                "needs an encrypted connection, which this server does not have yet"
+                f"host: expected a loopback address such as 127.0.0.1, got {host!r}; another one "
+                "needs a certificate, so that the connection is encrypted"
             )
+        if certificate is not None and certificate.host != str(address):
+            raise InputError(f"certificate: expected one for {host}, got {certificate.host}")
         if not 0 <= port <= 65535:
             raise InputError(f"port: expected 0 to 65535, got {port}")
         self.limits = limits or Limits()
         self.host, self.port = host, port
+        self.certificate = certificate
         self.refused: Counter[str] = Counter()
         self._pages = dict(pages)
         self._on_message = on_message
@@ -295,7 +304,8 @@ class LocalServer:
     def origin(self) -> str:
         """Scheme, host and port."""
         host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"http://{host}:{self.port}"
+        scheme, usual = ("https", 443) if self.certificate else ("http", 80)
+        return f"{scheme}://{host}" + ("" if self.port == usual else f":{self.port}")
 
     def start(self) -> Self:
         """Listen; return when connections are accepted.
@@ -401,12 +411,21 @@ class LocalServer:
         def connected() -> asyncio.Protocol:
             protocol = accept()
             # The transport is made after this, and known in the turn after the next.
-            loop.call_soon(loop.call_soon, self._admit, protocol)
+            loop.call_soon(lambda: loop.call_soon(self._admit, protocol))
             loop.call_later(self.limits.request_seconds, self._drop_if_silent, protocol)
             return protocol
 
+        encryption: dict[str, Any] = {}
+        if self.certificate is not None:
+            encryption = {
+                "ssl": self.certificate.context(),
+                "ssl_handshake_timeout": self.limits.request_seconds,
+                "ssl_shutdown_timeout": 1.0,
+            }
         try:
-            listener = await loop.create_server(connected, self.host, self.port, backlog=64)
+            listener = await loop.create_server(
+                connected, self.host, self.port, backlog=64, **encryption
+            )
             self.port = listener.sockets[0].getsockname()[1]
             self._loop, self._stopping = loop, asyncio.Event()
             ready.set()
@@ -419,10 +438,13 @@ class LocalServer:
             self._loop = None
             await runner.cleanup()
 
-    def _admit(self, protocol: Any) -> None:
+    def _admit(self, protocol: Any, waits: int = 100) -> None:
         """Close a connection at once where there are too many."""
         transport = protocol.transport
         if transport is None:
+            if self.certificate is not None and waits > 0:  # it is there after the handshake
+                later = self.limits.request_seconds / 100
+                asyncio.get_running_loop().call_later(later, self._admit, protocol, waits - 1)
             return
         self._transports.add(transport)
         if sum(not t.is_closing() for t in self._transports) > self.limits.connections:
@@ -517,7 +539,13 @@ class LocalServer:
         if "token" in request.query:
             # The token leaves the address bar and the history.
             moved = web.Response(status=303, headers={"Location": "/"})
-            moved.set_cookie(self._cookie_name, self._cookie, httponly=True, samesite="Strict")
+            moved.set_cookie(
+                self._cookie_name,
+                self._cookie,
+                httponly=True,
+                samesite="Strict",
+                secure=self.certificate is not None,
+            )
             return moved
         page = self._pages[request.path]
         headers = {"Content-Type": page.type}
@@ -605,10 +633,3 @@ class LocalServer:
 
 def _is_same(given: str, kept: str) -> bool:
     return hmac.compare_digest(given.encode("utf-8", "surrogateescape"), kept.encode())
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False

@@ -31,6 +31,13 @@ export interface GameStatus {
   pain: number | null; // last rating
 }
 
+export interface TouchStatus {
+  mode: "synchronous" | "asynchronous";
+  left_s: number;
+  place: number[] | null; // where the ball touches the limb now
+  felt: boolean; // whether the patient is to be touched now
+}
+
 export interface Status {
   state: string;
   reason: string;
@@ -40,6 +47,14 @@ export interface Status {
   colliders?: number[][]; // start, end, radius of each bone
   torso?: { centre: number[]; axes: number[][]; half: number[] } | null;
   stage_ms?: Record<string, number>;
+  affected?: string;
+  gain?: number; // of virtual enhancement
+  checks?: [string, boolean, string][]; // name, whether it is met, what to do
+  people?: boolean[]; // in view, from left to right in the picture; which one is the patient
+  calibrated?: number | null; // share of the time that is over; 1: done
+  clips?: boolean | null; // consent; null: there is no diary
+  touch?: TouchStatus | null;
+  felt?: number[][] | null; // root, middle and end of the limb that the patient feels
   game: GameStatus;
 }
 

@@ -4,6 +4,7 @@ import { readFrame, type Frame } from "./frame";
 
 const AGAIN_MS = 1000;
 const HISTORY = 300; // frames that latency is told of: ten seconds
+const CLOCK_EXCHANGES = 10;
 
 /** What became of the frames so far. */
 export interface Stats {
@@ -12,6 +13,31 @@ export interface Stats {
   bad: number;
   perSecond: number;
   latencyMs: { p50: number; p95: number } | null;
+  clockWithinMs: number; // of the server's clock, that latencies are told to
+}
+
+/** How far the server's clock is ahead of this one; an exchange says it to half its own length. */
+class Clock {
+  private best = Infinity;
+  aheadMs = 0;
+
+  static now(): number {
+    return performance.timeOrigin + performance.now();
+  }
+
+  /** Takes an exchange: said at `sentMs` here, answered at `serverMs` there, heard now. */
+  take(sentMs: number, serverMs: number): void {
+    const heardMs = Clock.now();
+    const length = heardMs - sentMs;
+    if (!(length >= 0) || length > this.best) return;
+    this.best = length;
+    this.aheadMs = serverMs - (sentMs + heardMs) / 2;
+  }
+
+  /** To half of what an exchange takes. */
+  get withinMs(): number {
+    return this.best / 2;
+  }
 }
 
 export class Link {
@@ -21,6 +47,7 @@ export class Link {
   private times: number[] = [];
   private chain: Promise<void> = Promise.resolve();
   private counted = { frames: 0, lost: 0, bad: 0 };
+  private clock = new Clock();
 
   /**
    * @param decode  takes a frame to where it can be drawn
@@ -45,17 +72,28 @@ export class Link {
       ...this.counted,
       perSecond: span > 0 ? (1000 * (this.times.length - 1)) / span : 0,
       latencyMs: sorted.length > 0 ? { p50: share(0.5), p95: share(0.95) } : null,
+      clockWithinMs: this.clock.withinMs,
     };
   }
 
   private open(): void {
-    const socket = new WebSocket(`ws://${location.host}/stream`);
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const socket = new WebSocket(`${scheme}://${location.host}/stream`);
     socket.binaryType = "arraybuffer";
     socket.addEventListener("open", () => {
       this.last = null;
+      this.clock = new Clock();
+      for (let number = 0; number < CLOCK_EXCHANGES; number++) {
+        setTimeout(() => this.send({ type: "clock", sent_ms: Clock.now() }), 200 * number);
+      }
       this.onState(true);
     });
     socket.addEventListener("message", ({ data }) => {
+      if (typeof data === "string") {
+        const { clock } = JSON.parse(data) as { clock: [number, number] };
+        this.clock.take(...clock);
+        return;
+      }
       // One after the other: images are decoded asynchronously.
       this.chain = this.chain.then(() => this.take(data as ArrayBuffer));
     });
@@ -76,7 +114,7 @@ export class Link {
       console.error(error);
       return;
     }
-    const decodedMs = performance.timeOrigin + performance.now();
+    const decodedMs = Clock.now() + this.clock.aheadMs;
     this.send({ type: "ack", sequence: frame.sequence, decoded_ms: decodedMs });
     if (this.last !== null && frame.sequence > this.last) {
       this.counted.lost += frame.sequence - this.last - 1;

@@ -5,24 +5,32 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import type { Frame, GameStatus, Status } from "./frame";
 import { Pedals, Piano } from "./instruments";
 import { Link } from "./link";
-import { Bones, Bubbles, Colliders, room } from "./overlay";
+import { Bones, Bubbles, Colliders, Cues, room } from "./overlay";
 import { Person } from "./person";
+import { Haptics } from "./haptics";
+import { Panel } from "./panel";
+import { element, write } from "./parts";
+import { Setup, type SetupContent } from "./setup";
+import { TouchPanel, type TouchContent } from "./touch";
 import { Sound } from "./sound";
+import { hasHeadset, Views, WAYS, type Way } from "./views";
 
-interface Content {
+interface Content extends SetupContent, TouchContent {
   limb: string;
   source: string;
-  intended_use: string;
   parents: number[];
-  asks: boolean; // whether there is a diary that wants to know how strong the pain is
   games: Record<string, { title: string; how: string; rules: string; most_misses: number }>;
 }
 
 const content = JSON.parse(document.getElementById("manip3d-live")!.textContent!) as Content;
 const VIEW_ANGLE = 40; // degrees, vertical
+const OWN_ANGLE = 75; // through one's own eyes
 const SHOWN_M = { width: 1.9, height: 2.2 }; // around the person, at any shape of the window
+const ARM_M = 0.8; // from one's own eyes to what is on the screen of a 3D television
+const TURN = 0.004; // radians a pixel
 const WORDS_MS = 500; // between two readings of latency, lest the numbers flicker
 
+const HATCHED = "What the camera cannot see is hatched.";
 const STATES: Record<string, string> = {
   tracking: "Following",
   degraded: "Not reliable",
@@ -30,17 +38,6 @@ const STATES: Record<string, string> = {
   fading: "Fading",
   lost: "Not visible",
 };
-
-function element<K extends keyof HTMLElementTagNameMap>(
-  name: K,
-  attributes: Record<string, string> = {},
-  ...children: (Node | string)[]
-): HTMLElementTagNameMap[K] {
-  const made = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  made.append(...children);
-  return made;
-}
 
 // --- what stands on the page -----------------------------------------------------------------------
 
@@ -56,11 +53,26 @@ const difficulty = element("select", { id: "difficulty" });
 ["easy", "medium", "hard"].forEach((word, which) =>
   difficulty.append(element("option", { value: String(which + 1) }, word)),
 );
+const gain = element("select", { id: "gain" });
+for (const value of ["1", "1.25", "1.5", "2"]) {
+  gain.append(element("option", { value }, value === "1" ? "as it is" : `${value} times`));
+}
+gain.addEventListener("change", () => {
+  link.send({ type: "gain", value: Number(gain.value) });
+  gain.blur();
+});
 const start = element("button", { id: "start", class: "main" }, "Start when ready");
 const score = element("div", { id: "score", hidden: "" });
 const card = element("section", { id: "card", "aria-live": "polite" });
 
+const way = element("select", { id: "way" });
+for (const [value, word] of [["screen", "Screen"], ["side-by-side", "3D television, side by side"]]) {
+  way.append(element("option", { value }, word));
+}
+const headset = element("button", { id: "headset", hidden: "" }, "Enter headset");
+
 const toggles = {
+  own: toggle("Own eyes", "e", false),
   mirror: toggle("Mirror", "m", true),
   skeleton: toggle("Skeleton", "s", false),
   colliders: toggle("Colliders", "c", false),
@@ -91,23 +103,51 @@ for (let value = 0; value <= 10; value++) {
 }
 const painTold = element("span", { id: "pain-told", role: "status" });
 const unwell = element("button", { id: "unwell" }, "I feel sick");
+const event = element("input", { id: "event", maxlength: "500", placeholder: "what, in words" });
+const note = element("button", { id: "note" }, "Note it");
 const asking = element(
   "div",
   { class: "row", id: "asking" },
   element("label", {}, "Phantom pain now, 0 to 10 ", pain),
   unwell,
   painTold,
+  element("label", {}, "Something bad happened ", event),
+  note,
 );
 asking.hidden = !content.asks;
 
+const setup = new Setup(content, (message) => link.send(message), tellPanels);
+const touching = new TouchPanel(content, (message) => link.send(message), tellPanels);
+const openSetup = element("button", { id: "open-setup" }, "Set up", element("kbd", {}, "U"));
+const openTouch = element("button", { id: "open-touch" }, "Touch", element("kbd", {}, "T"));
+openSetup.addEventListener("click", () => {
+  touching.root.hidden = true;
+  if (setup.isOpen) setup.close();
+  else setup.open();
+  tellPanels();
+});
+openTouch.addEventListener("click", () => {
+  if (setup.isOpen) setup.close();
+  touching.root.hidden = !touching.root.hidden;
+  tellPanels();
+});
+
+/** The card about the game makes room for panels. */
+function tellPanels(): void {
+  document.body.dataset.panel = String(setup.isOpen || !touching.root.hidden);
+  openSetup.setAttribute("aria-pressed", String(setup.isOpen));
+  openTouch.setAttribute("aria-pressed", String(!touching.root.hidden));
+}
+
+const title = element("h1", {}, `Phantom ${content.limb}`);
 document.body.append(
   element(
     "header",
     {},
-    element("h1", {}, `Phantom ${content.limb}`),
+    title,
     element("p", { id: "status", role: "status" }, stateWord, " ", stateText),
   ),
-  element("main", {}, canvas, score, card),
+  element("main", {}, canvas, score, card, setup.root, touching.root),
   element(
     "footer",
     {},
@@ -116,12 +156,26 @@ document.body.append(
       { class: "row" },
       element("label", {}, "Game ", gameChoice),
       element("label", {}, "Difficulty ", difficulty),
+      element("label", {}, "Movement ", gain),
       start,
+      openSetup,
+      openTouch,
     ),
     asking,
-    element("div", { class: "row", role: "group", "aria-label": "View" }, ...Object.values(toggles)),
+    element(
+      "div",
+      { class: "row", role: "group", "aria-label": "View" },
+      element("label", {}, "View ", way),
+      headset,
+      ...Object.values(toggles),
+    ),
     numbers,
-    element("p", { id: "use" }, content.intended_use),
+    element(
+      "p",
+      { id: "use" },
+      `${content.intended_use} `,
+      element("a", { href: "/hazards", target: "_blank" }, "Hazards"),
+    ),
   ),
 );
 
@@ -146,9 +200,17 @@ const bubbles = new Bubbles(() => stillness.matches);
 const piano = new Piano();
 const pedals = new Pedals();
 const sound = new Sound();
+const haptics = new Haptics();
+const panel = new Panel();
 const floor = room();
+const cues = new Cues();
 world.add(person.root, bones.root, colliders.root, bubbles.root, piano.root, pedals.root, floor);
-scene.add(world);
+world.add(cues.root);
+renderer.xr.enabled = true;
+const views = new Views(renderer, camera, world);
+scene.add(world, views.rig, panel.root);
+let session: XRSession | null = null;
+const outside = new THREE.Vector3(); // where the camera was before it became one's own eyes
 
 let placed = false;
 let newest: Status | null = null;
@@ -169,6 +231,7 @@ function fit(): void {
   const { clientWidth: width, clientHeight: height } = canvas.parentElement as HTMLElement;
   renderer.setSize(width, height, false);
   camera.aspect = width / Math.max(height, 1);
+  camera.fov = views.own ? OWN_ANGLE : VIEW_ANGLE;
   camera.updateProjectionMatrix();
   const tangent = Math.tan(THREE.MathUtils.degToRad(VIEW_ANGLE / 2));
   const needed = Math.max(SHOWN_M.height, SHOWN_M.width / camera.aspect) / 2 / tangent;
@@ -180,12 +243,21 @@ function fit(): void {
 
 /** What the buttons say. */
 function settle(): void {
-  world.scale.set(isOn(toggles.mirror) ? -1 : 1, -1, -1);
+  if (isOn(toggles.own) && !views.own) outside.copy(camera.position);
+  if (!isOn(toggles.own) && views.own) camera.position.copy(outside);
+  views.own = isOn(toggles.own);
+  views.way = way.value as Way;
+  document.body.dataset.way = views.way;
+  document.body.dataset.own = String(views.own);
+  // From one's own eyes the world is no mirror image.
+  world.scale.set(isOn(toggles.mirror) && !views.own ? -1 : 1, -1, -1);
+  controls.enabled = !views.own;
   bones.root.visible = isOn(toggles.skeleton);
   colliders.root.visible = isOn(toggles.colliders);
   person.tint = isOn(toggles.tint);
   sound.on = isOn(toggles.sound);
   document.documentElement.classList.toggle("large", isOn(toggles.large));
+  if (newest) tell(newest);
   fit();
 }
 
@@ -200,20 +272,34 @@ async function decode(frame: Frame): Promise<void> {
   bubbles.show(content.games[game.name].rules === "piano" ? { ...game, targets: [] } : game);
   piano.show(game);
   pedals.show(game);
-  for (const [kind, , , , , , key] of game.events ?? []) sound.event(String(kind), Number(key));
+  for (const [kind, , bone, , , , key] of game.events ?? []) {
+    sound.event(String(kind), Number(key));
+    if (kind !== "missed") haptics.hit(Number(bone), session);
+  }
+  cues.show(frame.status);
+  if (frame.status.touch?.felt) {
+    sound.event("touch", 0);
+    haptics.hit(frame.status.affected?.startsWith("left") ? 7 : 11, session);
+  }
   place(frame.status);
   tell(frame.status);
 }
 
-function tell({ state, message, game }: Status): void {
+function tell(status: Status): void {
+  const { state, message, game } = status;
+  if (status.affected) write(title, `Phantom ${status.affected.replace("_", " ")}`);
+  if (document.activeElement !== gain) gain.value = String(status.gain ?? 1);
+  setup.tell(status);
+  touching.tell(status);
   if (document.body.dataset.state !== state) document.body.dataset.state = state;
   write(stateWord, STATES[state] ?? state);
-  write(stateText, message);
+  write(stateText, views.own ? `${message} ${HATCHED}` : message);
   tellGame(game, message);
-}
-
-function write(where: HTMLElement, text: string): void {
-  if (where.textContent !== text) where.textContent = text; // else screen readers repeat it
+  panel.root.visible = views.wantsPanel;
+  if (!views.wantsPanel) return;
+  const lines = [...card.children].map((line) => line.textContent ?? "");
+  const heading = card.hidden ? (score.textContent ?? "").replace(/ {3}/g, ", ") : lines[0];
+  panel.say([heading, ...(card.hidden ? [message] : lines.slice(1))]);
 }
 
 let phase = "";
@@ -236,13 +322,14 @@ function tellGame(game: GameStatus, message: string): void {
     write(score, `Score ${game.score}   ${told}   ${left} s`);
   }
   const pause = game.phase === "paused" ? `: ${message}` : "";
-  const now = `${game.name} ${game.phase} ${pause} ${game.halt}`;
+  const now = `${game.name} ${game.phase} ${pause} ${game.halt} ${views.inHeadset}`;
   if (phase === now) return;
   phase = now;
   card.hidden = game.phase === "playing";
   const lines: string[] = [];
   let heading = title;
-  if (game.phase === "waiting") lines.push(how, "Press Start, or the space bar, when you are ready.");
+  const button = views.inHeadset ? "the trigger of a controller" : "Start, or the space bar,";
+  if (game.phase === "waiting") lines.push(how, `Press ${button} when you are ready.`);
   if (game.phase === "starting") lines.push("Stand so that the whole body is seen, facing the camera.");
   if (game.phase === "paused") {
     heading = "Paused";
@@ -270,7 +357,8 @@ const link = new Link(decode, (connected) => {
   document.body.dataset.connected = String(connected);
   if (connected) return;
   write(stateWord, "No connection");
-  write(stateText, "The program has ended or is starting again; this page will come back by itself.");
+  const again = "If the program was started anew, open the address that it prints.";
+  write(stateText, `This page comes back by itself while the program runs. ${again}`);
 });
 
 setInterval(() => {
@@ -313,6 +401,11 @@ unwell.addEventListener("click", () => {
   link.send({ type: "unwell" });
   unwell.blur();
 });
+note.addEventListener("click", () => {
+  if (event.value.trim() !== "") link.send({ type: "event", text: event.value.trim() });
+  event.value = "";
+  note.blur();
+});
 for (const kind of ["pointerdown", "keydown"]) {
   document.addEventListener(kind, () => sound.wake());
 }
@@ -334,11 +427,18 @@ const keys: Record<string, () => void> = {
   p: () => toggles.tint.click(),
   l: () => toggles.large.click(),
   o: () => toggles.sound.click(),
+  e: () => toggles.own.click(),
+  u: () => openSetup.click(),
+  t: () => openTouch.click(),
+  d: () => {
+    way.value = WAYS[(WAYS.indexOf(way.value as Way) + 1) % WAYS.length];
+    settle();
+  },
 };
 document.addEventListener("keydown", (event) => {
   const target = event.target as HTMLElement;
   if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
-  if (target instanceof HTMLSelectElement) return;
+  if (target instanceof HTMLSelectElement || target instanceof HTMLInputElement) return;
   if (target instanceof HTMLButtonElement && event.key === " ") return; // presses that button
   const action = keys[event.key.toLowerCase()];
   if (!action) return;
@@ -346,14 +446,80 @@ document.addEventListener("keydown", (event) => {
   action();
 });
 
+way.addEventListener("change", () => {
+  settle();
+  way.blur();
+});
+canvas.addEventListener("pointermove", (event) => {
+  if (!views.own || event.buttons !== 1) return;
+  views.turn(event.movementX * TURN, event.movementY * TURN);
+});
+void hasHeadset().then((found) => {
+  headset.hidden = !found;
+});
+headset.addEventListener("click", () => {
+  headset.blur();
+  if (session) {
+    void session.end();
+    return;
+  }
+  const left = (): void => {
+    session = null;
+    headset.replaceChildren("Enter headset");
+    settle();
+  };
+  views
+    .enterHeadset(left, press)
+    .then((entered) => {
+      session = entered;
+      headset.replaceChildren("Leave headset");
+      if (newest) tell(newest);
+    })
+    .catch((error: Error) => write(stateText, `The headset did not start: ${error.message}`));
+});
+
 new ResizeObserver(fit).observe(canvas.parentElement as HTMLElement);
 settle();
-renderer.setAnimationLoop((now) => {
+let drawnAt = performance.now();
+renderer.setAnimationLoop(() => {
+  const now = performance.now();
   bubbles.animate(now);
-  renderer.render(scene, camera);
+  if (newest) views.look(newest, now);
+  const level = -floor.position.y; // y of the floor in the scene
+  const isPlaced = views.place(controls.target, level, (now - drawnAt) / 1000);
+  drawnAt = now;
+  person.ownEyes(views.hidden);
+  if (!isPlaced) controls.update();
+  placePanel(level);
+  views.render(scene, views.own ? ARM_M : camera.position.distanceTo(controls.target));
 });
+
+/** Beside the person in front of whoever looks, never over them. */
+function placePanel(level: number): void {
+  if (!panel.root.visible) return;
+  const { x, y, z } = controls.target;
+  if (views.own) {
+    const eye = camera.getWorldPosition(new THREE.Vector3());
+    const ahead = camera.getWorldDirection(new THREE.Vector3());
+    if (views.inHeadset) ahead.setY(0).normalize(); // stays where it is when the head nods
+    panel.root.position.copy(eye).addScaledVector(ahead, 2.2);
+    panel.root.position.y += views.inHeadset ? 0.5 : 0.55;
+    panel.root.lookAt(eye);
+    return;
+  }
+  panel.root.rotation.set(0, 0, 0);
+  if (views.inHeadset) panel.root.position.set(x, level + 2.25, z - 0.4);
+  else panel.root.position.set(x, card.hidden ? y + 0.95 : y - 0.88, z + 0.1);
+}
 
 // For tests and for whoever looks with the browser's own tools.
 Object.assign(globalThis, {
-  manip3dLive: { stats: () => link.stats(), status: () => newest, sounds: () => sound.played },
+  manip3dLive: {
+    stats: () => link.stats(),
+    status: () => newest,
+    sounds: () => sound.played,
+    pulses: () => haptics.pulses,
+    eye: () => camera.getWorldPosition(new THREE.Vector3()).toArray(),
+    panel: () => (panel.root.visible ? panel.said : null),
+  },
 });

@@ -248,6 +248,52 @@ export class Bubbles {
   }
 }
 
+/** The ball that strokes the phantom limb, and the limb that the patient feels. */
+export class Cues {
+  readonly root = new THREE.Group();
+  private ball: THREE.Mesh;
+  private felt: { shaft: THREE.Mesh; end: THREE.Mesh }[];
+
+  constructor() {
+    const drawn = new THREE.MeshPhongMaterial({ color: "#ffd54a", emissive: "#a06a00" });
+    this.ball = new THREE.Mesh(new THREE.SphereGeometry(0.045, 24, 16), drawn);
+    const ghost = new THREE.MeshBasicMaterial({
+      color: "#c9a6ff",
+      transparent: true,
+      opacity: 0.55,
+      depthTest: false,
+    });
+    this.felt = [0.05, 0.04].map((radius) => {
+      const shaft = new THREE.Mesh(new THREE.CylinderGeometry(radius, radius, 1, 16), ghost);
+      const end = new THREE.Mesh(new THREE.SphereGeometry(radius * 1.15, 16, 12), ghost);
+      shaft.renderOrder = end.renderOrder = 2;
+      this.root.add(shaft, end);
+      return { shaft, end };
+    });
+    this.root.add(this.ball);
+  }
+
+  show({ touch, felt }: Status): void {
+    this.ball.visible = Boolean(touch?.place);
+    if (touch?.place) {
+      const [x, y, z] = touch.place;
+      this.ball.position.set(x, y, z - 0.07); // on the side of the camera
+    }
+    this.felt.forEach(({ shaft, end }, which) => {
+      shaft.visible = end.visible = Boolean(felt);
+      if (!felt) return;
+      const from = new THREE.Vector3().fromArray(felt[which]);
+      const to = new THREE.Vector3().fromArray(felt[which + 1]);
+      const way = to.clone().sub(from);
+      const length = Math.max(way.length(), 1e-4);
+      shaft.position.copy(from).addScaledVector(way, 0.5);
+      shaft.scale.set(1, length, 1);
+      shaft.quaternion.setFromUnitVectors(UP, way.divideScalar(length));
+      end.position.copy(to);
+    });
+  }
+}
+
 /** The floor, so that the person stands somewhere. */
 export function room(): THREE.GridHelper {
   const floor = new THREE.GridHelper(6, 12, "#7c8aa0", "#3d4656");

@@ -4,9 +4,13 @@ import * as THREE from "three";
 import type { Frame } from "./frame";
 
 const VERTEX = /* glsl */ `
+  uniform vec3 low;
+  uniform vec3 span;
   varying vec2 vTexel;
   varying float vBare;
+  varying vec3 vPlace; // metres, in the camera's frame
   void main() {
+    vPlace = low + span * position;
     vTexel = uv * (65535.0 / 65534.0);
     vBare = step(65534.5, uv.x * 65535.0);
     gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
@@ -16,14 +20,23 @@ const FRAGMENT = /* glsl */ `
   uniform sampler2D map;
   uniform float opacity;
   uniform float tint;
+  uniform float hatch; // whether what the camera cannot see is marked
+  uniform vec4 hidden; // a ball that is not drawn: around one's own head
   varying vec2 vTexel;
   varying float vBare;
+  varying vec3 vPlace;
   void main() {
+    if (distance(vPlace, hidden.xyz) < hidden.w) discard;
     vec3 color = mix(texture2D(map, vTexel).rgb, vec3(0.55), step(0.01, vBare));
     color = mix(color, vec3(0.20, 0.62, 1.0), tint);
+    if (hatch > 0.5 && !gl_FrontFacing) { // the side that faces away from the camera
+      float stripe = step(0.5, fract(30.0 * (vPlace.x + vPlace.y + vPlace.z)));
+      color = mix(vec3(dot(color, vec3(0.3, 0.59, 0.11))) * 0.6, vec3(0.95, 0.78, 0.35), 0.8 * stripe);
+    }
     gl_FragColor = vec4(color, opacity);
   }`;
 
+const OWN_HEAD_M = 0.24;
 const BARE = new THREE.DataTexture(new Uint8Array([140, 140, 140, 255]), 1, 1);
 BARE.needsUpdate = true;
 
@@ -31,7 +44,15 @@ function material(): THREE.ShaderMaterial {
   return new THREE.ShaderMaterial({
     vertexShader: VERTEX,
     fragmentShader: FRAGMENT,
-    uniforms: { map: { value: BARE }, opacity: { value: 1 }, tint: { value: 0 } },
+    uniforms: {
+      map: { value: BARE },
+      opacity: { value: 1 },
+      tint: { value: 0 },
+      low: { value: new THREE.Vector3() },
+      span: { value: new THREE.Vector3(1, 1, 1) },
+      hatch: { value: 0 },
+      hidden: { value: new THREE.Vector4(0, 0, 0, 0) },
+    },
     side: THREE.DoubleSide,
   });
 }
@@ -97,6 +118,15 @@ export class Person {
     this.phantom.mesh.material.uniforms.tint.value = on ? 0.45 : 0;
   }
 
+  /** From one's own eyes: no own head before them, and what the camera cannot see is hatched. */
+  ownEyes(head: THREE.Vector3 | null): void {
+    for (const { mesh } of [this.body, this.phantom]) {
+      const { hatch, hidden } = mesh.material.uniforms;
+      hatch.value = head ? 1 : 0;
+      hidden.value.set(...(head ? head.toArray() : [0, 0, 0]), head ? OWN_HEAD_M : 0);
+    }
+  }
+
   async show(frame: Frame): Promise<void> {
     const [color, own] = await Promise.all([
       texture(frame.bodyJpeg),
@@ -110,6 +140,10 @@ export class Person {
     this.phantom.setIndex(frame.faces.subarray(3 * frame.bodyFaces), release);
     this.root.position.fromArray(frame.low);
     this.root.scale.fromArray(frame.step.map((step) => step || 1));
+    for (const { mesh } of [this.body, this.phantom]) {
+      mesh.material.uniforms.low.value.copy(this.root.position);
+      mesh.material.uniforms.span.value.copy(this.root.scale);
+    }
     const drawn = this.phantom.mesh.material;
     drawn.uniforms.opacity.value = frame.opacity;
     drawn.transparent = frame.opacity < 1;

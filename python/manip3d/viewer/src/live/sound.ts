@@ -27,6 +27,7 @@ export class Sound {
     if (kind === "burst") this.tone(kind, 620, 0.12, 0.6);
     if (kind === "stroke") this.tone(kind, 330, 0.1, 1);
     if (kind === "arrived") this.tone(kind, 880, 0.9, 1);
+    if (kind === "touch") this.tone(kind, 1200, 0.06, 0.9);
     if (kind === "note") this.tone(kind, pitch(key), 0.8, 1);
   }
 

@@ -1,0 +1,208 @@
+"""Clips of a diary: how pictures stand in a row of the file, and how they become a film."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import os
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d.diary._sealing import seal, unseal
+from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d.io._files import atomic_folder
+
+if TYPE_CHECKING:
+    from manip3d.diary._diary import Diary
+
+Pictures = Sequence[tuple[float, bytes]]
+"""Seconds of play, and a JPEG image, of each picture."""
+
+_MARK = b"M3CL\x01\0\0\0"
+_PICTURE = struct.Struct("<dI")
+MOST_BYTES = 64_000_000
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A short film of an anomaly.
+
+    Attributes
+    ----------
+    at : datetime
+        When the game was over.
+    game : str
+    start, end : float
+        Of the anomaly, seconds of play.
+    pictures : tuple of (float, bytes)
+        Seconds of play and JPEG; they begin up to 5 s before ``start``.
+    """
+
+    at: datetime
+    game: str
+    start: float
+    end: float
+    pictures: tuple[tuple[float, bytes], ...] = field(repr=False)
+
+
+def pack(pictures: Pictures) -> bytes:
+    """Pictures as one text of bytes."""
+    parts = [_MARK]
+    before = -1.0
+    for seconds, content in pictures:
+        if not 0.0 <= seconds < 1e6 or seconds < before:
+            raise InputError(f"clips: expected times that do not fall, got {seconds:g} s")
+        if not content.startswith(b"\xff\xd8"):
+            raise InputError("clips: expected JPEG images")
+        before = seconds
+        parts += [_PICTURE.pack(seconds, len(content)), content]
+    packed = b"".join(parts)
+    if len(packed) > MOST_BYTES:
+        raise InputError(f"clips: expected at most {MOST_BYTES} bytes, got {len(packed)}")
+    return packed
+
+
+def unpack(packed: bytes, about: str) -> tuple[tuple[float, bytes], ...]:
+    """Raises FormatError where they are no pictures."""
+    found = []
+    place = len(_MARK)
+    whole = packed.startswith(_MARK)
+    while whole and place < len(packed):
+        whole = place + _PICTURE.size <= len(packed)
+        if whole:
+            seconds, size = _PICTURE.unpack_from(packed, place)
+            place += _PICTURE.size
+            whole = place + size <= len(packed)
+            found.append((seconds, packed[place : place + size]))
+            place += size
+    if not whole:
+        raise FormatError(f"{about}: expected the pictures of a clip; the diary is damaged")
+    return tuple(found)
+
+
+def seal_pictures(key: bytes | None, pictures: Pictures, about: str) -> bytes:
+    return seal(key, pack(pictures), about)
+
+
+def unseal_pictures(
+    key: bytes | None, sealed: bytes, about: str
+) -> tuple[tuple[float, bytes], ...]:
+    return unpack(unseal(key, sealed, about), about)
+
+
+@checked
+def film(clip: Clip) -> bytes:
+    """Make an animated WebP of a clip, which browsers show.
+
+    Parameters
+    ----------
+    clip : Clip
+
+    Returns
+    -------
+    bytes
+        At the speed of what happened, over and over.
+
+    Raises
+    ------
+    InputError
+        The clip has no pictures.
+    FormatError
+        A picture is no image.
+    MissingExtraError
+        Pillow is not installed.
+
+    Examples
+    --------
+    >>> from datetime import UTC, datetime
+    >>> film(Clip(datetime.now(UTC), "piano", 5.0, 20.0, ()))
+    Traceback (most recent call last):
+        ...
+    manip3d.errors.InputError: clip: expected pictures, got none
+    """
+    if not clip.pictures:
+        raise InputError("clip: expected pictures, got none")
+    try:
+        from PIL import Image, UnidentifiedImageError
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("PIL", "diary") from error
+    images = []
+    try:
+        for _, content in clip.pictures:
+            with Image.open(io.BytesIO(content), formats=["JPEG"]) as image:
+                images.append(image.convert("RGB"))
+    except (UnidentifiedImageError, OSError) as error:
+        raise FormatError(f"clip: expected JPEG images: {error}") from error
+    times = [seconds for seconds, _ in clip.pictures]
+    lasts = [round(1000 * (b - a)) for a, b in itertools.pairwise(times)] + [1000]
+    made = io.BytesIO()
+    images[0].save(
+        made,
+        "WEBP",
+        save_all=True,
+        append_images=images[1:],
+        duration=[min(max(one, 20), 2000) for one in lasts],
+        loop=0,
+        quality=60,
+        method=2,
+    )
+    return made.getvalue()
+
+
+@checked
+def export_clips(
+    diary: Diary, output: str | os.PathLike[str], identifier: str, *, overwrite: bool = False
+) -> list[Path]:
+    """Write the clips of a participant as films (WebP), which are not encrypted.
+
+    Parameters
+    ----------
+    diary : Diary
+    output : path
+        A folder.
+    identifier : str
+        The participant.
+    overwrite : bool
+        Replace a folder that holds such films only.
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    InputError
+        No such participant, or the folder exists.
+    OSError
+        It cannot be written.
+    MissingExtraError
+        Pillow is not installed.
+
+    Examples
+    --------
+    >>> from manip3d.diary import Diary
+    >>> with Diary("clips.diary", create=True) as diary:
+    ...     _ = diary.enrol("P01")
+    ...     export_clips(diary, "clips", "P01")
+    []
+    """
+    target = path_of(output, "output")
+    if target.exists():
+        others = not target.is_dir() or any(one.suffix != ".webp" for one in target.iterdir())
+        if not overwrite or others:
+            raise InputError(f"output: {target} exists")
+    clips = diary.clips(identifier)
+    diary.note_export(identifier)
+    names = []
+    with atomic_folder(target) as folder:
+        for number, clip in enumerate(clips, 1):
+            name = f"{identifier}-{clip.at:%Y-%m-%d-%H%M}-{clip.game}-{number:03d}.webp"
+            (folder / name).write_bytes(film(clip))
+            names.append(target / name)
+    return names

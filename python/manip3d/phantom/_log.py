@@ -1,0 +1,78 @@
+"""What a session says about itself while it runs: a line of JSON every ten seconds."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
+
+from manip3d._util.paths import path_of
+from manip3d.phantom._session import LiveSession
+from manip3d.serve import LocalServer
+
+_EVERY_S = 10.0
+
+
+class SessionLog:
+    """A file that grows by a line every ten seconds; without a path nothing is written.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+    """
+
+    def __init__(self, path: str | os.PathLike[str] | None) -> None:
+        self._path = None if path is None else path_of(path, "log")
+        self._file: IO[str] | None = None
+        self._due = 0.0
+
+    def __enter__(self) -> Self:
+        if self._path is not None:
+            self._file = self._path.open("a", encoding="utf-8")
+            self._due = time.monotonic() + _EVERY_S
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._file is not None:
+            self._file.close()
+
+    def tell(
+        self, session: LiveSession, server: LocalServer, frames: int, states: Mapping[str, int]
+    ) -> None:
+        """Write a line where it is time for one."""
+        if self._file is None or time.monotonic() < self._due:
+            return
+        self._due += _EVERY_S
+        record = {
+            "at": datetime.now().astimezone().isoformat(timespec="milliseconds"),
+            "frames": frames,
+            "states": dict(states),
+            "stage_ms": {name: round(value, 3) for name, value in session.stage_ms.items()},
+            "clients": server.num_clients,
+            "latest_client": next(reversed(server.report()), None),
+            "refused": dict(server.refused),
+            "games": len(session.summaries),
+            "memory_mib": memory_mib(),
+        }
+        self._file.write(json.dumps(record) + "\n")
+        self._file.flush()
+
+
+def memory_mib() -> float | None:
+    """Resident memory of this process; None where the system does not say."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    except (OSError, ValueError, IndexError):
+        return None
+    return round(pages * os.sysconf("SC_PAGE_SIZE") / 2**20, 1)

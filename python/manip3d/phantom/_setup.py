@@ -1,0 +1,176 @@
+"""Before a session: whether the camera sees what it must, and how large the patient is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d.phantom._state import joints, level
+from manip3d.rgbd import JOINTS, NOT_TRACKED, Skeleton
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d.camera import Intrinsics
+    from manip3d.modify import PhantomFrame
+
+NEAREST_M, FARTHEST_M = 1.4, 3.6
+MOST_TURN = 25.0
+"""Degrees away from the camera; beyond them mirroring turns too much surface out of its sight."""
+LEAST_VISIBLE = 0.9
+LEAST_RATE = 20.0
+MARGIN = 0.01
+"""Of the image's sides, within which a joint is at its edge."""
+
+STILL_FRAMES = 60
+STILL_M = 0.03
+"""How far a joint may move in that time; a tracker's own noise is less."""
+
+_PARTS = (
+    ("head", ("Head",)),
+    ("hands", ("HandLeft", "HandRight")),
+    ("feet", ("AnkleLeft", "AnkleRight")),
+)
+_TRUNK = ("SpineBase", "SpineMid", "SpineShoulder", "ShoulderLeft", "ShoulderRight",
+          "HipLeft", "HipRight")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that must hold.
+
+    Attributes
+    ----------
+    name : str
+        In two or three words.
+    is_met : bool
+    advice : str
+        What to do where it is not; empty where it is.
+    """
+
+    name: str
+    is_met: bool
+    advice: str = ""
+
+
+def placement_checks(
+    shown: PhantomFrame, camera: Intrinsics, *, people: int, is_chosen: bool, rate: float
+) -> list[Check]:
+    """What the camera sees of the patient, point by point.
+
+    ``people``: skeletons in view; ``is_chosen``: somebody said who of them the patient is;
+    ``rate``: frames a second.
+    """
+    skeleton = shown.skeleton
+    found = joints(skeleton, "SpineBase")
+    if found is None:
+        return [Check("Somebody in view", False, "Stand before the camera.")]
+    distance = float(found[0][2])
+    checks = [
+        Check("Somebody in view", True),
+        _distance(distance),
+        _inside(skeleton, camera),
+        _facing(skeleton),
+        Check(
+            "Intact limb seen",
+            shown.visible >= LEAST_VISIBLE,
+            "" if shown.visible >= LEAST_VISIBLE else "Nothing may be before the intact limb.",
+        ),
+    ]
+    if people > 1:
+        advice = "" if is_chosen else "Say below who the patient is, or ask the others to step out."
+        checks.append(Check("One patient", is_chosen, advice))
+    if rate > 0.0:
+        is_met = rate >= LEAST_RATE
+        advice = "" if is_met else f"Only {rate:.0f} pictures a second: close other programs."
+        checks.append(Check("Pictures in time", is_met, advice))
+    return checks
+
+
+def _distance(metres: float) -> Check:
+    advice = ""
+    if metres < NEAREST_M:
+        advice = f"Step back: {metres:.1f} m now, {NEAREST_M} m at least."
+    elif metres > FARTHEST_M:
+        advice = f"Come nearer: {metres:.1f} m now, {FARTHEST_M} m at most."
+    return Check("Distance", not advice, advice)
+
+
+def _inside(skeleton: Skeleton, camera: Intrinsics) -> Check:
+    outside = []
+    for part, names in _PARTS:
+        numbers = [JOINTS.index(name) for name in names]
+        known = [n for n in numbers if skeleton.states[n] != NOT_TRACKED]
+        pixels = camera.project(skeleton.positions[known].astype(np.float64))
+        u, v = pixels.T if len(known) else (np.empty(0), np.empty(0))
+        wide, high = MARGIN * camera.width, MARGIN * camera.height
+        is_in = (u >= wide) & (u < camera.width - wide) & (v >= high) & (v < camera.height - high)
+        if not is_in.all() or not known:
+            outside.append(part)
+    if not outside:
+        return Check("Whole body in the picture", True)
+    told = " and ".join(outside)
+    return Check("Whole body in the picture", False, f"Not in the picture: {told}.")
+
+
+def _facing(skeleton: Skeleton) -> Check:
+    name = "Facing the camera"
+    found = joints(skeleton, "ShoulderLeft", "ShoulderRight")
+    across = None if found is None else level(found[1] - found[0])
+    if across is None:
+        return Check(name, False, "Turn both shoulders to the camera.")
+    # Who faces the camera has the right shoulder at smaller x.
+    turn = math.degrees(math.acos(min(1.0, max(-1.0, -float(across[0])))))
+    if turn <= MOST_TURN:
+        return Check(name, True)
+    return Check(name, False, f"Turn to the camera: {turn:.0f} degrees away now.")
+
+
+class PlacementCalibration:
+    """The patient's measures, from two seconds in which they stand, or sit, still."""
+
+    def __init__(self) -> None:
+        self._frames: list[NDArray[np.float64]] = []
+        self._states: list[NDArray[np.uint8]] = []
+
+    @property
+    def share(self) -> float:
+        """How much of the time is over."""
+        return min(1.0, len(self._frames) / STILL_FRAMES)
+
+    def add(self, skeleton: Skeleton) -> Skeleton | None:
+        """Take a frame; return the body when it has held still for long enough.
+
+        Whoever moves begins again.
+        """
+        if joints(skeleton, *_TRUNK) is None:
+            self._frames, self._states = [], []
+            return None
+        now = skeleton.positions.astype(np.float64)
+        known = skeleton.states != NOT_TRACKED
+        if self._frames:
+            both = known & (self._states[0] != NOT_TRACKED)
+            moved = np.linalg.norm(now - np.median(self._frames, axis=0), axis=1)[both]
+            if np.median(moved) > STILL_M or float(np.quantile(moved, 0.9)) > 3 * STILL_M:
+                self._frames, self._states = [], []
+        self._frames.append(now)
+        self._states.append(skeleton.states.copy())
+        if len(self._frames) < STILL_FRAMES:
+            return None
+        places = np.median(self._frames, axis=0).astype(np.float32)
+        states = np.min(self._states, axis=0).astype(np.uint8)
+        return Skeleton(places, skeleton.orientations, states, skeleton.id, skeleton.body)
+
+
+def moved_to(body: Skeleton, skeleton: Skeleton) -> Skeleton:
+    """The measured body where the patient is now, by the base of the spine."""
+    here, there = joints(skeleton, "SpineBase"), joints(body, "SpineBase")
+    if here is None or there is None:
+        return body
+    shift = (here[0] - there[0]).astype(np.float32)
+    return Skeleton(
+        body.positions + shift, body.orientations, body.states, skeleton.id, skeleton.body
+    )

@@ -1,0 +1,198 @@
+"""A certificate that this machine makes for itself, so that a headset on the local network may talk
+to it in private."""
+
+from __future__ import annotations
+
+import contextlib
+import ipaddress
+import os
+import ssl
+import tempfile
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d.errors import FormatError, InputError, MissingExtraError
+
+DAYS = 397
+"""For which a new certificate is valid; browsers refuse some that are valid for longer."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A certificate and its private key.
+
+    Attributes
+    ----------
+    host : str
+        The address that it is for.
+    fingerprint : str
+        SHA-256 in pairs of hexadecimal digits, as browsers show it.
+    until : datetime
+        End of its validity.
+    pem : bytes
+        Private key and certificate; whoever has them can pretend to be this machine.
+    """
+
+    host: str
+    fingerprint: str
+    until: datetime
+    pem: bytes = field(repr=False)
+
+    def context(self) -> ssl.SSLContext:
+        """Settings of a server that shows this certificate, TLS 1.2 or later."""
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.minimum_version = ssl.TLSVersion.TLSv1_2
+        # OpenSSL reads keys from files only; this one is the owner's and gone at once.
+        descriptor, name = tempfile.mkstemp(suffix=".pem")
+        try:
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(self.pem)
+            context.load_cert_chain(name)
+        finally:
+            os.unlink(name)
+        return context
+
+
+@checked
+def make_certificate(host: str) -> Certificate:
+    """Make a certificate that nobody has signed but its own key (ECDSA, P-256).
+
+    Parameters
+    ----------
+    host : str
+        The address of this machine, such as 192.168.1.20.
+
+    Returns
+    -------
+    Certificate
+
+    Raises
+    ------
+    InputError
+        ``host`` is no address of one machine.
+    MissingExtraError
+        cryptography is not installed.
+
+    Examples
+    --------
+    >>> make_certificate("192.168.1.20").host
+    '192.168.1.20'
+    """
+    address = address_of(host)
+    try:
+        from cryptography import x509
+        from cryptography.hazmat.primitives import hashes, serialization
+        from cryptography.hazmat.primitives.asymmetric import ec
+        from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("cryptography", "live") from error
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "manip3d")])
+    now = datetime.now(UTC)
+    made = (
+        x509.CertificateBuilder()
+        .subject_name(name)
+        .issuer_name(name)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - timedelta(hours=1))  # a headset whose clock is slow
+        .not_valid_after(now + timedelta(days=DAYS))
+        .add_extension(x509.SubjectAlternativeName([x509.IPAddress(address)]), critical=False)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), critical=False)
+        .sign(key, hashes.SHA256())
+    )
+    private = key.private_bytes(
+        serialization.Encoding.PEM,
+        serialization.PrivateFormat.PKCS8,
+        serialization.NoEncryption(),
+    )
+    return _certificate(private + made.public_bytes(serialization.Encoding.PEM), "certificate")
+
+
+@checked
+def kept_certificate(path: str | os.PathLike[str], host: str) -> Certificate:
+    """Read a certificate from a file, or make one and keep it there.
+
+    With the same certificate as last time a headset does not ask again.
+
+    Parameters
+    ----------
+    path : path
+        Private key and certificate (PEM); only its owner can read it.
+    host : str
+        The address of this machine.
+
+    Returns
+    -------
+    Certificate
+
+    Raises
+    ------
+    FormatError
+        The file holds no key and certificate.
+    InputError
+        It is for another address, or no longer valid: delete it to have a new one made.
+    OSError
+        It cannot be read or written.
+    MissingExtraError
+        cryptography is not installed.
+
+    Examples
+    --------
+    >>> first = kept_certificate("manip3d.pem", "192.168.1.20")
+    >>> kept_certificate("manip3d.pem", "192.168.1.20") == first
+    True
+    """
+    target = path_of(path)
+    with contextlib.suppress(FileNotFoundError):
+        found = _certificate(target.read_bytes(), str(target))
+        if found.host != str(address_of(host)):
+            raise InputError(f"{target}: expected a certificate for {host}, got {found.host}")
+        if found.until <= datetime.now(UTC):
+            raise InputError(f"{target}: no longer valid since {found.until:%Y-%m-%d}")
+        return found
+    made = make_certificate(host)
+    _write_new(target, made.pem)
+    return made
+
+
+def address_of(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+    """The address of one machine; names and 0.0.0.0 are none."""
+    try:
+        address = ipaddress.ip_address(host)
+    except ValueError:
+        raise InputError(f"host: expected an address such as 127.0.0.1, got {host!r}") from None
+    if address.is_unspecified or address.is_multicast:
+        raise InputError(
+            f"host: expected the address of one network interface such as 192.168.1.20, got {host}"
+        )
+    return address
+
+
+def _certificate(pem: bytes, file: str) -> Certificate:
+    try:
+        from cryptography import x509
+        from cryptography.hazmat.primitives import hashes, serialization
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("cryptography", "live") from error
+    try:
+        serialization.load_pem_private_key(pem, password=None)
+        made = x509.load_pem_x509_certificate(pem)
+        names = made.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        (address,) = names.get_values_for_type(x509.IPAddress)
+    except (ValueError, TypeError, x509.ExtensionNotFound, x509.UnsupportedGeneralNameType):
+        raise FormatError(
+            "expected a private key and a certificate of one address (PEM)", file=file
+        ) from None
+    digits = made.fingerprint(hashes.SHA256()).hex(":").upper()
+    return Certificate(str(address), digits, made.not_valid_after_utc, pem)
+
+
+def _write_new(target: Path, pem: bytes) -> None:
+    descriptor = os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(pem)

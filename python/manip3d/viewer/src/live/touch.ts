@@ -1,0 +1,118 @@
+// The touch cue with its questions, and the limb that the patient feels.
+
+import type { Status } from "./frame";
+import { element, write, type Send } from "./parts";
+
+export interface TouchContent {
+  statements: string[];
+  felt: Record<string, [number, number]>;
+  asks: boolean;
+}
+
+const WORDS: Record<string, string> = {
+  length: "Length, % of the other limb's",
+  telescoping: "Drawn up into the stump, %",
+  raised: "Raised to the side, degrees",
+  bent: "Bent, degrees",
+};
+const START: Record<string, number> = { length: 100, telescoping: 0, raised: 0, bent: 0 };
+
+export class TouchPanel {
+  readonly root = element("section", { id: "touch", hidden: "", "aria-label": "Touch" });
+  private told = element("p", { role: "status" });
+  private questions = element("form", { id: "ownership", hidden: "" });
+  private mode = "";
+  private answered = true;
+
+  constructor(
+    private content: TouchContent,
+    private send: Send,
+    onEnd: () => void,
+  ) {
+    const buttons = ["synchronous", "asynchronous"].map((mode) => {
+      const made = element("button", { id: `touch-${mode}` }, mode[0].toUpperCase() + mode.slice(1));
+      made.addEventListener("click", () => {
+        this.answered = false;
+        send({ type: "touch", mode });
+      });
+      return made;
+    });
+    const off = element("button", {}, "Stop");
+    off.addEventListener("click", () => send({ type: "touch", mode: "off" }));
+    const close = element("button", {}, "Close");
+    close.addEventListener("click", () => {
+      this.root.hidden = true;
+      onEnd();
+    });
+    this.root.append(
+      element("h2", {}, "Touch"),
+      element(
+        "p",
+        {},
+        "For a minute a ball touches the phantom limb. Touch the patient at each tick, or let the " +
+          "controller in their hand do it.",
+      ),
+      element("div", { class: "row" }, ...buttons, off),
+      this.told,
+      this.questions,
+      this.feltForm(),
+      close,
+    );
+    this.makeQuestions();
+  }
+
+  private makeQuestions(): void {
+    const lists = this.content.statements.map((statement, which) => {
+      const list = element("select", { name: `q${which + 1}`, required: "" });
+      list.append(element("option", { value: "" }, "choose"));
+      for (let value = -3; value <= 3; value++) {
+        const word = { [-3]: " (not at all)", 3: " (very much)" }[value] ?? "";
+        list.append(element("option", { value: String(value) }, `${value}${word}`));
+      }
+      return element("label", {}, `${statement} `, list);
+    });
+    const keep = element("button", { class: "main" }, "Keep the answers");
+    this.questions.append(element("h3", {}, "How was it?"), ...lists, keep);
+    this.questions.addEventListener("submit", (event) => {
+      event.preventDefault();
+      const message: Record<string, string | number> = { type: "ownership", mode: this.mode };
+      for (const [name, value] of new FormData(this.questions)) message[name] = Number(value);
+      this.send(message);
+      this.answered = true;
+      this.questions.reset();
+    });
+  }
+
+  private feltForm(): HTMLElement {
+    const form = element("form", { id: "felt" }, element("h3", {}, "The limb as it feels"));
+    for (const [name, [low, high]] of Object.entries(this.content.felt)) {
+      const range = element("input", {
+        type: "range",
+        name,
+        min: String(low),
+        max: String(high),
+        value: String(START[name]),
+      });
+      const shown = element("output", {}, String(START[name]));
+      range.addEventListener("input", () => write(shown, range.value));
+      form.append(element("label", {}, `${WORDS[name]} `, range, shown));
+    }
+    form.append(element("button", {}, this.content.asks ? "Show and keep" : "Show"));
+    form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      const message: Record<string, string | number> = { type: "felt" };
+      for (const [name, value] of new FormData(form)) message[name] = Number(value);
+      this.send(message);
+    });
+    return form;
+  }
+
+  tell({ touch }: Status): void {
+    if (this.root.hidden) return;
+    if (touch) this.mode = touch.mode;
+    const over = Boolean(touch && touch.left_s <= 0);
+    const left = touch && !over ? `${touch.mode}: ${Math.ceil(touch.left_s)} s left` : "";
+    write(this.told, over && this.answered ? "Over." : left);
+    this.questions.hidden = !(over && !this.answered && this.content.asks);
+  }
+}

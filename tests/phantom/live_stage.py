@@ -1,0 +1,96 @@
+"""A live session with a page in a real browser, in lock-step, for tests."""
+
+from __future__ import annotations
+
+import base64
+import io
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from manip3d.phantom import MESSAGES, LiveSession
+from manip3d.phantom._live import hear
+from manip3d.phantom._page import live_pages
+from manip3d.phantom._session import OF_THE_CONNECTION, Recorder
+from manip3d.rgbd import RgbdFrame
+from manip3d.serve import Certificate, LocalServer, StreamClient, read_message
+from manip3d.viewer import _chromium
+
+SECONDS = 30.0
+
+
+class Stage:
+    """A session, its server and a page of it, in lock-step: each frame is shown before the next."""
+
+    def __init__(
+        self,
+        frames: Iterator[RgbdFrame],
+        limb: str = "right_arm",
+        recorder: Recorder | None = None,
+        host: str = "127.0.0.1",
+        certificate: Certificate | None = None,
+        **options: Any,
+    ) -> None:
+        self.session = LiveSession(limb, recorder=recorder, **{"seed": 3, **options})  # type: ignore[arg-type]
+        self.frames = frames
+        pages = live_pages(limb, "sim:body", asks=recorder is not None)
+        self.server = LocalServer(pages, self._hear, host=host, certificate=certificate).start()
+        self.heard: list[str] = []
+
+    def _hear(self, client: StreamClient, text: str) -> None:
+        hear(self.session, client, text)
+        name = read_message(text, MESSAGES)[0]
+        if name not in OF_THE_CONNECTION:
+            self.heard.append(name)
+
+    def show(self, count: int) -> None:
+        """Frames that the page has decoded, each."""
+        for _ in range(count):
+            captured = time.time_ns()
+            sequence = self.session.sequence
+            message = self.session.process(next(self.frames), captured_ns=captured)
+            assert message is not None
+            before = self.acknowledged()
+            self.server.publish(message, sequence=sequence, captured_ns=captured)
+            wait_for(lambda: self.acknowledged() == before + 1)  # noqa: B023
+
+    def acknowledged(self) -> int:
+        return int(self.server.report()[-1]["acknowledged"])
+
+
+def wait_for(condition: Callable[[], Any]) -> None:
+    end = time.monotonic() + SECONDS
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.002)
+
+
+def press(tab: _chromium.Tab, key: str) -> None:
+    tab.evaluate(f"document.dispatchEvent(new KeyboardEvent('keydown', {{key: '{key}'}}))")
+
+
+def text_of(tab: _chromium.Tab, selector: str) -> str:
+    return str(tab.evaluate(f"document.querySelector('{selector}').innerText"))
+
+
+def keep_picture(tab: _chromium.Tab, name: str) -> None:
+    """For people, where they ask for it."""
+    folder = os.environ.get("MANIP3D_PICTURES")
+    if folder:
+        content = base64.b64decode(tab.send("Page.captureScreenshot", format="png")["data"])
+        (Path(folder) / f"{name}.png").write_bytes(content)
+
+
+def screenshot(tab: _chromium.Tab) -> NDArray[np.int16]:
+    from PIL import Image
+
+    # What was asked for is drawn with the next picture but one.
+    tab.evaluate("new Promise(d => requestAnimationFrame(() => requestAnimationFrame(d)))")
+    content = base64.b64decode(tab.send("Page.captureScreenshot", format="png")["data"])
+    with Image.open(io.BytesIO(content)) as image:
+        return np.asarray(image.convert("RGB")).astype(np.int16)

@@ -1,0 +1,197 @@
+"""A camera that is pulled out, a program that is killed: the session goes on, nothing is lost."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import pytest
+
+import capsule_body
+from manip3d import DeviceError, capture
+from manip3d.phantom import _live, run_live
+from manip3d.rgbd import RgbdFrame
+from manip3d.viewer.page import BUNDLE
+
+pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
+
+from live_player import Player
+
+
+@pytest.fixture(autouse=True)
+def _bundle() -> None:
+    if not (BUNDLE.parent / "live.js").exists():
+        pytest.skip("the page is not built: make setup")
+
+
+class PulledCamera:
+    """Gives frames; its cable is pulled out and put back twice."""
+
+    def __init__(self) -> None:
+        self.number = 0
+        self.starts = 0
+        self.gone = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        pass
+
+    def start(self) -> None:
+        self.starts += 1
+        if self.starts % 3:
+            raise DeviceError("no such device")
+
+    def read(self, timeout: float) -> RgbdFrame | None:
+        time.sleep(0.02)
+        self.number += 1
+        if self.number in (40, 80):
+            self.gone += 1
+            raise DeviceError("transfer failed")
+        step = self.number % 80  # to and fro
+        frame = capsule_body.painted(step if step < 40 else 80 - step)
+        return replace(frame, time=self.number * 33_333_333, number=self.number)
+
+
+def test_a_camera_that_is_pulled_out_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    camera = PulledCamera()
+    monkeypatch.setattr(capture, "open_rgbd", lambda *_, **__: camera)
+    monkeypatch.setattr(_live, "_AGAIN_S", 0.05)
+    players: list[Player] = []
+    opened = threading.Event()
+
+    def on_start(url: str, made: object) -> None:
+        def join() -> None:
+            players.append(Player(url))
+            opened.set()
+
+        threading.Thread(target=join, daemon=True).start()
+
+    report = run_live("openni2:", affected="right_arm", seconds=6.0, on_start=on_start)
+    assert opened.is_set()
+    (player,) = players
+    player.close()
+    assert (camera.gone, camera.starts) == (2, 6)
+    gone = "The camera is gone: check its cable."
+    told = player.messages
+    assert told.count(gone) == 2
+    after = [message for message in told[told.index(gone) + 1 :] if message != gone]
+    assert "The phantom limb follows the intact limb." in after
+    assert report.states["tracking"] > 50
+    assert report.frames >= 100
+    assert dict(report.refused) == {}
+
+
+# --- killed ---------------------------------------------------------------------------------------
+
+
+def started(diary: Path) -> tuple[subprocess.Popen[str], str]:
+    program = subprocess.Popen(
+        [sys.executable, "-m", "manip3d", "phantom", "live", "--no-open", "--limb", "right-arm",
+         "--diary", str(diary), "--participant", "P01"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert program.stderr is not None
+    found = re.match(r"open (http://\S+)\n", program.stderr.readline())
+    assert found is not None
+    return program, found[1]
+
+
+@pytest.fixture
+def programs() -> Iterator[list[subprocess.Popen[str]]]:
+    made: list[subprocess.Popen[str]] = []
+    yield made
+    for program in made:
+        program.kill()
+        program.communicate(timeout=30)
+
+
+def test_what_was_recorded_survives_a_kill_in_the_middle_of_a_game(
+    tmp_path: Path, programs: list[subprocess.Popen[str]]
+) -> None:
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+    from manip3d.diary import Diary
+
+    path = tmp_path / "study.diary"
+    with Diary(path, create=True) as diary:
+        diary.enrol("P01", limb="right_arm")
+
+    def play(url: str, pain: int) -> tuple[Player, int]:
+        """A game that is stopped after two seconds, and another one that has begun."""
+        player = Player(url)
+        player.say("pain", value=pain)
+        player.wait(lambda s: s["game"]["pain"] == pain)
+        player.say("ready")
+        player.wait(lambda s: s["game"]["phase"] == "playing" and s["game"]["left_s"] < 58)
+        player.say("stop")
+        player.wait(lambda s: s["game"]["phase"] == "over")
+        score = player.status["game"]["score"]
+        player.say("ready")
+        player.wait(lambda s: s["game"]["phase"] == "playing")
+        return player, score
+
+    scores = []
+    for pain in (3, 4):
+        program, url = started(path)
+        programs.append(program)
+        player, score = play(url, pain)
+        scores.append(score)
+        program.send_signal(signal.SIGKILL)
+        program.wait(30)
+        player.close()
+    with Diary(path) as diary:
+        diary.check()
+        first, second = diary.sessions("P01")
+        assert [game.score for s in (first, second) for game in s.games] == scores
+        assert [game.ending for s in (first, second) for game in s.games] == ["stopped"] * 2
+        assert (first.pain_before, second.pain_before) == (3, 4)
+        assert first.ended is None
+        assert second.ended is None
+
+
+def test_a_page_that_hangs_slows_nobody(tmp_path: Path) -> None:
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    log = tmp_path / "log"
+    players: list[Player] = []
+
+    def on_start(url: str, made: object) -> None:
+        def join() -> None:
+            players.append(Player(url, acknowledges=False))
+            players.append(Player(url, cookie=players[0].stream.cookie))
+
+        threading.Thread(target=join, daemon=True).start()
+
+    with pytest.MonkeyPatch.context() as patch:
+        from manip3d.phantom import _log
+
+        patch.setattr(_log, "_EVERY_S", 1.0)
+        report = run_live(seconds=6.0, log=log, on_start=on_start)
+    for player in players:
+        player.close()
+    lines: list[dict[str, Any]] = [json.loads(line) for line in log.read_text().splitlines()]
+    assert len(lines) >= 4
+    frames = [line["frames"] for line in lines]
+    assert frames == sorted(frames)
+    assert frames[-1] <= report.frames
+    assert all(line["memory_mib"] > 10 for line in lines)
+    assert {"pipeline", "rules", "encode"} <= set(lines[-1]["stage_ms"])
+    stuck = max(report.clients, key=lambda one: one["dropped"])
+    assert stuck["sent"] == 2  # as many as may stay unacknowledged
+    assert stuck["dropped"] >= report.frames / 2

@@ -1,0 +1,191 @@
+"""The live page side by side, from one's own eyes, and in a headset (iwer's emulator of WebXR)."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from live_stage import Stage, keep_picture, press, screenshot, text_of, wait_for
+
+import capsule_body
+from manip3d.phantom import simulated_patient
+from manip3d.serve import make_certificate
+from manip3d.viewer import _chromium
+from manip3d.viewer.page import BUNDLE
+
+EMULATOR = BUNDLE.parents[1] / "node_modules" / "iwer" / "build" / "iwer.min.js"
+PHANTOM_HAND = {10, 11, 23, 24}
+FLOOR = 400  # of 800 pixels: above it the person, beneath it buttons
+
+
+@pytest.fixture
+def stage(chromium: None, request: pytest.FixtureRequest) -> Iterator[Stage]:
+    pytest.importorskip("open3d", reason="the extra 'simulate' is not installed")
+    from manip3d.simulate.sources import open_source
+
+    motion = getattr(request, "param", "arm-raise")
+    address = simulated_patient("right_arm").replace("arm-raise", motion) + "&frames=400"
+    found = Stage(iter(open_source(address, threads=1)))  # type: ignore[arg-type]
+    yield found
+    found.server.stop()
+
+
+def test_side_by_side_shows_two_pictures_that_differ_by_the_eyes(stage: Stage) -> None:
+    with _chromium.open_address(stage.server.new_url(), (1280, 900)) as tab:
+        wait_for(lambda: stage.server.num_clients == 1)
+        stage.show(20)
+        press(tab, "d")
+        assert tab.evaluate("document.querySelector('#way').value") == "side-by-side"
+        assert not tab.evaluate("document.querySelector('#card').offsetParent")
+        assert "when you are ready" in tab.evaluate("manip3dLive.panel()")
+        image = screenshot(tab)
+        keep_picture(tab, "side-by-side")
+        left, right = image[60:500, :640], image[60:500, 640:]
+        drawn = [(np.abs(half - half[0, 0]).max(axis=-1) > 40) for half in (left, right)]
+        assert drawn[0].sum() > 8_000  # a person in each half
+        assert drawn[1].sum() == pytest.approx(drawn[0].sum(), rel=0.05)
+        assert (left != right).any()
+        # What is nearer than the screen lies further left for the right eye, by pixels and no more.
+        columns = [np.nonzero(half)[1].mean() for half in drawn]
+        assert abs(columns[0] - columns[1]) < 12
+        press(tab, "d")
+        assert tab.evaluate("manip3dLive.panel()") is None
+
+
+@pytest.mark.parametrize("stage", ["reach"], indirect=True)
+def test_from_ones_own_eyes_what_the_camera_cannot_see_is_hatched(stage: Stage) -> None:
+    with _chromium.open_address(stage.server.new_url(), (1280, 900)) as tab:
+        wait_for(lambda: stage.server.num_clients == 1)
+        stage.show(30)  # the arms are stretched out
+        outside = tab.evaluate("manip3dLive.eye()")
+        press(tab, "e")
+        stage.show(3)
+        screenshot(tab)  # pictures have been drawn since
+        head = json.loads(tab.evaluate("JSON.stringify(manip3dLive.status().joints[3])"))
+        eye = tab.evaluate("manip3dLive.eye()")
+        # The scene has y up and z towards the camera; the eyes are before and above that joint.
+        there = np.array([head[0], -head[1], -head[2]])
+        assert np.linalg.norm(np.array(eye) - there) < 0.15
+        assert np.linalg.norm(np.array(eye) - np.array(outside)) > 1.0
+        assert eye[2] > there[2]  # ahead is towards the camera, which the person faces
+        assert "hatched" in text_of(tab, "#status")
+        image = screenshot(tab)
+        keep_picture(tab, "own-eyes")
+        red, green, blue = np.moveaxis(image[260:600], -1, 0)
+        assert ((red > 90) & (red > blue + 20)).sum() > 5_000  # both arms, stretched out
+        # The camera sees them from above as the eyes do; of the hands some is seen from behind.
+        assert ((red > blue + 70) & (green > blue + 50)).sum() > 50  # yellow stripes
+        press(tab, "e")
+        stage.show(1)
+        assert "hatched" not in text_of(tab, "#status")
+        back = np.array(tab.evaluate("manip3dLive.eye()"))
+        assert np.linalg.norm(back - np.array(outside)) < 0.01
+
+
+def test_a_headset_on_the_network_gets_the_page_encrypted(chromium: None) -> None:
+    """At an address that is not loopback, where browsers know no WebXR without HTTPS."""
+    pytest.importorskip("cryptography", reason="the extra 'live' is not installed")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
+        try:
+            asked.connect(("192.0.2.1", 9))  # nothing is sent
+        except OSError:
+            pytest.skip("this machine has no network")
+        host = asked.getsockname()[0]
+    frames = iter([capsule_body.painted(number) for number in range(12)])
+    stage = Stage(frames, host=host, certificate=make_certificate(host))
+    try:
+        with _chromium.open_address("about:blank", (640, 480)) as tab:
+            # As somebody does who has compared the fingerprint.
+            tab.send("Security.setIgnoreCertificateErrors", ignore=True)
+            tab.send("Page.navigate", url=stage.server.new_url())
+            wait_for(lambda: stage.server.num_clients == 1)
+            stage.show(5)
+            assert tab.evaluate("isSecureContext")
+            assert tab.evaluate("location.origin") == f"https://{host}:{stage.server.port}"
+            assert tab.evaluate("'xr' in navigator")
+            wait_for(lambda: tab.evaluate("manip3dLive.stats().clockWithinMs") is not None)
+            stage.show(5)
+            stats = tab.evaluate("manip3dLive.stats()")
+            assert (stats["frames"], stats["lost"], stats["bad"]) == (10, 0, 0)
+            assert 0 < stats["clockWithinMs"] < 500  # two clocks of one machine
+            assert -500 < stats["latencyMs"]["p50"] < 5000
+        assert dict(stage.server.refused) == {}
+    finally:
+        stage.server.stop()
+
+
+DEVICE = """
+;globalThis.device = new IWER.XRDevice(IWER.metaQuest3);
+device.stereoEnabled = true;
+device.installRuntime({forceInstall: true});
+delete globalThis.XRWebGLBinding; // of the browser itself; it takes no emulated session
+device.position.set(0, 1.6, 0);
+"""
+
+
+def entered(tab: _chromium.Tab, url: str, stage: Stage) -> None:
+    """The page with an emulated headset, and into it."""
+    tab.send("Page.addScriptToEvaluateOnNewDocument", source=EMULATOR.read_text() + DEVICE)
+    tab.send("Page.navigate", url=url)
+    wait_for(lambda: stage.server.num_clients == 1)
+    stage.show(10)
+    wait_for(lambda: tab.evaluate("document.querySelector('#headset')?.hidden === false"))
+    tab.evaluate("document.querySelector('#headset').click()")
+    wait_for(lambda: text_of(tab, "#headset") == "Leave headset")
+
+
+def trigger(tab: _chromium.Tab) -> None:
+    """Press and let go of the right controller's trigger."""
+    for value in (1, 0):
+        tab.evaluate(f"device.controllers.right.updateButtonValue('trigger', {value})")
+        tab.evaluate("new Promise(d => setTimeout(d, 300))")
+
+
+def test_a_bubble_is_burst_in_a_headset(stage: Stage) -> None:
+    if not EMULATOR.is_file():
+        pytest.skip("the emulator is not installed: make setup")
+    with _chromium.open_address("about:blank", (1280, 900)) as tab:
+        entered(tab, stage.server.new_url(), stage)
+        stage.show(2)
+        assert "the trigger of a controller" in tab.evaluate("manip3dLive.panel()")
+        image = screenshot(tab)
+        keep_picture(tab, "headset")
+        left, right = image[60:500, :640], image[60:500, 640:]
+        assert (left != right).any()
+        for half in (left, right):
+            assert (np.abs(half - half[0, 0]).max(axis=-1) > 40).sum() > 5000
+
+        trigger(tab)
+        wait_for(lambda: stage.heard == ["ready"])
+        own: list[Any] = []
+        for _ in range(300):
+            stage.show(1)
+            status = json.loads(tab.evaluate("JSON.stringify(manip3dLive.status())"))
+            events = status["game"].get("events", [])
+            own += [e for e in events if e[0] == "burst" and e[2] in PHANTOM_HAND]
+            if own:
+                break
+        assert own, "the phantom hand burst nothing"
+        assert tab.evaluate("manip3dLive.pulses()")[-1]["hand"] in ("left", "right")
+        keep_picture(tab, "headset-playing")
+        assert "Score" in tab.evaluate("manip3dLive.panel()")
+
+        # Through one's own eyes: the emulated head is where the joints say.
+        press(tab, "e")
+        stage.show(2)
+        screenshot(tab)
+        status = json.loads(tab.evaluate("JSON.stringify(manip3dLive.status())"))
+        x, y, z = status["joints"][3]
+        eye = np.array(tab.evaluate("manip3dLive.eye()"))
+        assert np.linalg.norm(eye - np.array([x, -y, -z])) < 0.25
+        keep_picture(tab, "headset-own-eyes")
+
+        tab.evaluate("document.querySelector('#headset').click()")
+        wait_for(lambda: text_of(tab, "#headset") == "Enter headset")
+        stage.show(2)
+        assert tab.evaluate("manip3dLive.panel()") is None
+        assert tab.evaluate("manip3dLive.stats().bad") == 0
