@@ -11,7 +11,7 @@
 namespace manip3d {
 namespace {
 
-constexpr std::int64_t kReach = 2;  // of a window of 5 pixels
+constexpr std::int64_t kWindowReach = 2;  // of a window of 5 pixels
 
 void check_millimetres(const DepthView& depth) {
   if (depth.millimetres == nullptr || depth.rows == 0 || depth.cols == 0) {
@@ -124,8 +124,8 @@ void number_objects(std::vector<SilhouetteSpan>& spans, const std::vector<float>
   UnionFind sets(count);
   std::int32_t first = 0;
   for (std::int32_t i = 0; i < count; ++i) {
-    constexpr std::int32_t kRows = 2;
-    while (spans[first].row < spans[i].row - kRows) ++first;
+    constexpr std::int32_t kMostRows = 2;
+    while (spans[first].row < spans[i].row - kMostRows) ++first;
     for (std::int32_t j = first; j < i && spans[j].row < spans[i].row; ++j) {
       const std::int32_t common =
           std::min(spans[i].end, spans[j].end) - std::max(spans[i].begin, spans[j].begin);
@@ -157,8 +157,8 @@ std::vector<double> depth_noise(const DepthView& depth, const DepthNoiseOptions&
     const std::uint16_t* line = depth.millimetres + v * cols;
     for (std::int64_t u = 0; u < cols; ++u) {
       double sum = 0.0;
-      for (std::int64_t k = -kReach; k <= kReach; ++k) {
-        sum += weights[k + kReach] * line[mirrored(u + k, cols)];
+      for (std::int64_t k = -kWindowReach; k <= kWindowReach; ++k) {
+        sum += weights[k + kWindowReach] * line[mirrored(u + k, cols)];
       }
       smooth[v * cols + u] = sum;
     }
@@ -167,8 +167,8 @@ std::vector<double> depth_noise(const DepthView& depth, const DepthNoiseOptions&
   for (std::int64_t v = 0; v < rows; ++v) {
     for (std::int64_t u = 0; u < cols; ++u) {
       double sum = 0.0;
-      for (std::int64_t k = -kReach; k <= kReach; ++k) {
-        sum += weights[k + kReach] * smooth[mirrored(v + k, rows) * cols + u];
+      for (std::int64_t k = -kWindowReach; k <= kWindowReach; ++k) {
+        sum += weights[k + kWindowReach] * smooth[mirrored(v + k, rows) * cols + u];
       }
       means[v / side * across + u / side] += std::abs(depth.millimetres[v * cols + u] - sum);
     }

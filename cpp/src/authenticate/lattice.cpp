@@ -54,9 +54,9 @@ double small_arc_tangent(double t) {
   return arc_tangent(t, 1.0);
 }
 
-class Reader {
+class LatticeReader {
  public:
-  Reader(const PointsView& points, const ScanLattice& lattice, LatticeReading& reading)
+  LatticeReader(const PointsView& points, const ScanLattice& lattice, LatticeReading& reading)
       : points_(points),
         reading_(reading),
         beams_(beams_of(lattice)),
@@ -154,7 +154,7 @@ LatticeReading read_lattice(const PointsView& points, const ScanLattice& lattice
   LatticeReading reading{Indices::Constant(n, -1), Indices::Constant(n, -1),
                          Eigen::VectorXf::Zero(n), Eigen::VectorXf::Zero(n),
                          Eigen::VectorXf::Zero(n), Eigen::VectorXf::Zero(n)};
-  const Reader reader(points, lattice, reading);
+  const LatticeReader reader(points, lattice, reading);
   const auto read = [&](std::int64_t begin, std::int64_t end) { reader.read(begin, end); };
   parallel_chunks(n, kChunk, num_threads, read, progress);
   return reading;

@@ -14,7 +14,7 @@
 namespace manip3d {
 namespace {
 
-constexpr double kQuarters = 1600.0;  // quarters of the step of 2.5 mm a metre
+constexpr double kCellQuarters = 1600.0;  // quarters of the step of 2.5 mm a metre
 
 void check(const PaperOptions& options, std::span<const std::uint8_t> blocks) {
   if (options.block_bits < 1 || options.block_bits > 1'000'000) {
@@ -188,9 +188,10 @@ PaperMarked embed_paper(const PointsView& points, std::span<const std::uint8_t> 
       write_sample(sample, bits[j], keyed_kind(options.embedding), xyz);
       if (printed) {
         xyz[2] = static_cast<float>(static_cast<double>(printed_quantizer(sample.z, bits[j])) /
-                                    kQuarters);
+                                    kCellQuarters);
       } else if (options.embedding == PaperEmbedding::kQimCell && is_no_return(sample)) {
-        xyz[2] = static_cast<float>((bits[j] != 0 ? 3.0 : 1.0) / kQuarters);  // all points carry
+        xyz[2] =
+            static_cast<float>((bits[j] != 0 ? 3.0 : 1.0) / kCellQuarters);  // all points carry
       }
     }
   }

@@ -37,7 +37,7 @@ constexpr int kWidening = 1;
 // again above, what is beside it must be the ground, or stand at about its distance.
 constexpr double kShareOfRange = 0.7;  // of the ground's range
 constexpr int kSide = 8;               // firings
-constexpr int kLongestGap = 250;
+constexpr int kLongestColumnGap = 250;
 
 // An earlier turn answered at a firing where at least so many of the nearest five did.
 constexpr int kEarlierSpan = 2;
@@ -121,7 +121,7 @@ class Gaps {
     for (int column = start; column < start + columns;) {
       int end = column;
       while (end < start + columns && lost(ring, end)) ++end;
-      if (end > column && end - column <= kLongestGap) judge(ring, column, end);
+      if (end > column && end - column <= kLongestColumnGap) judge(ring, column, end);
       column = std::max(end, column + 1);
     }
   }

@@ -31,9 +31,9 @@ class Writer {
   std::vector<std::uint8_t> bytes_;
 };
 
-class Reader {
+class RecordReader {
  public:
-  explicit Reader(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
+  explicit RecordReader(std::span<const std::uint8_t> bytes) : bytes_(bytes) {}
 
   template <typename T>
   T get() {
@@ -62,7 +62,7 @@ class Reader {
 };
 
 // Tiles are numbered by their first slices, and none is without one.
-void check_merge_map(const WatermarkHeader& header, const Reader& reader) {
+void check_merge_map(const WatermarkHeader& header, const RecordReader& reader) {
   std::uint16_t seen = 0;
   for (const std::uint16_t tile : header.tile_of) {
     if (tile > seen || tile >= header.num_tiles) reader.fail("the merge map skips a tile");
@@ -102,7 +102,7 @@ WatermarkRecord WatermarkRecord::parse(std::span<const std::uint8_t> bytes) {
   if (bytes.size() > kMaxSize) {
     throw FormatError::at_byte(kMaxSize, "expected a record of at most 16384 bytes");
   }
-  Reader in(bytes);
+  RecordReader in(bytes);
   in.need(kRecordMagic.size());
   if (!std::equal(kRecordMagic.begin(), kRecordMagic.end(), bytes.begin())) {
     in.fail("expected a record, which begins with m3d-wm01");

@@ -124,7 +124,7 @@ std::unique_ptr<RecordingLock> prepare_folder(const fs::path& folder, bool overw
   return lock;
 }
 
-std::string described(const RgbdCalibration& calibration) {
+std::string calibration_text(const RgbdCalibration& calibration) {
   const Json json = {{"format", "manip3d-rgbd"},
                      {"version", 1},
                      {"calibration", calibration_to_json(calibration)}};
@@ -140,7 +140,7 @@ class FolderRecorder final : public RgbdRecorder {
   FolderRecorder(const fs::path& folder, const RgbdCalibration& calibration,
                  const RecorderOptions& options)
       : folder_(folder), options_(options), jpeg_(options.jpeg_quality), checks_(calibration) {
-    const std::string text = described(calibration);
+    const std::string text = calibration_text(calibration);
     lock_ = prepare_folder(folder, options.overwrite);
     AtomicFile file(folder / kCalibrationFile);
     file.write(text.data(), text.size());

@@ -219,10 +219,10 @@ class MkvSource final : public RgbdSource {
   }
 
   void fill(const JsonPlace& record, RgbdFrame& frame) {
-    constexpr std::int64_t kLeast = std::numeric_limits<std::int64_t>::min();
-    constexpr std::int64_t kMost = std::numeric_limits<std::int64_t>::max();
-    frame.number = record.member("number").integer(kLeast, kMost);
-    frame.time_ns = record.member("time").integer(kLeast, kMost);
+    constexpr std::int64_t kLeastInteger = std::numeric_limits<std::int64_t>::min();
+    constexpr std::int64_t kMostInteger = std::numeric_limits<std::int64_t>::max();
+    frame.number = record.member("number").integer(kLeastInteger, kMostInteger);
+    frame.time_ns = record.member("time").integer(kLeastInteger, kMostInteger);
     const JsonPlace packets = record.member("packets");
     if (!packets.has(mkv::kDepth)) packets.fail("expected a packet of depth");
     fill_image(packets, depth_, mkv::kDepth, 1, frame.depth);

@@ -12,7 +12,7 @@
 namespace manip3d {
 namespace {
 
-using Bytes = std::span<const std::byte>;
+using ByteSpan = std::span<const std::byte>;
 
 constexpr std::size_t kLargestRecord = std::size_t{1} << 18;  // libpcap's own limit
 
@@ -29,13 +29,13 @@ enum LinkType : std::uint32_t {
   kLinuxCooked2 = 276
 };
 
-std::uint32_t big16(Bytes bytes, std::size_t at) {
+std::uint32_t big16(ByteSpan bytes, std::size_t at) {
   return std::to_integer<std::uint32_t>(bytes[at]) << 8 |
          std::to_integer<std::uint32_t>(bytes[at + 1]);
 }
 
 // The bytes from `from` on; none where there are fewer.
-std::optional<Bytes> after(Bytes bytes, std::size_t from) {
+std::optional<ByteSpan> after(ByteSpan bytes, std::size_t from) {
   if (bytes.size() < from) return std::nullopt;
   return bytes.subspan(from);
 }
@@ -43,10 +43,10 @@ std::optional<Bytes> after(Bytes bytes, std::size_t from) {
 enum class Layer : std::uint8_t { kIp, kOther, kCut };
 struct Network {
   Layer layer = Layer::kOther;
-  Bytes bytes;
+  ByteSpan bytes;
 };
 
-Network network_at(Bytes frame, std::size_t header, std::size_t type_at) {
+Network network_at(ByteSpan frame, std::size_t header, std::size_t type_at) {
   constexpr std::uint32_t kIpv4 = 0x0800, kIpv6 = 0x86DD, kTag = 0x8100, kOuterTag = 0x88A8;
   constexpr int kMostTags = 4;
   if (frame.size() < header) return {Layer::kCut, {}};
@@ -60,7 +60,7 @@ Network network_at(Bytes frame, std::size_t header, std::size_t type_at) {
   return {Layer::kIp, frame.subspan(header)};
 }
 
-Network network_layer(Bytes frame, std::uint32_t link) {
+Network network_layer(ByteSpan frame, std::uint32_t link) {
   switch (link) {
     case kEthernet:
       return network_at(frame, 14, 12);
@@ -89,10 +89,10 @@ enum class Found : std::uint8_t { kUdp, kOther, kFragment, kCut };
 
 struct Datagram {
   std::uint16_t port = 0;
-  Bytes payload;
+  ByteSpan payload;
 };
 
-Found udp_of(Bytes segment, Datagram& datagram) {
+Found udp_of(ByteSpan segment, Datagram& datagram) {
   constexpr std::size_t kHeader = 8;
   if (segment.size() < kHeader) return Found::kCut;
   const std::size_t length = big16(segment, 4);
@@ -102,19 +102,19 @@ Found udp_of(Bytes segment, Datagram& datagram) {
   return Found::kUdp;
 }
 
-Found ipv4_of(Bytes packet, Datagram& datagram) {
+Found ipv4_of(ByteSpan packet, Datagram& datagram) {
   constexpr std::uint32_t kUdp = 17, kMoreFragments = 0x2000, kOffset = 0x1FFF;
-  constexpr std::size_t kLeast = 20;
-  if (packet.size() < kLeast) return Found::kCut;
+  constexpr std::size_t kLeastHeader = 20;
+  if (packet.size() < kLeastHeader) return Found::kCut;
   const std::size_t header = 4 * (std::to_integer<std::size_t>(packet[0]) & 0xF);
   const std::size_t total = big16(packet, 2);
-  if (header < kLeast || total < header || total > packet.size()) return Found::kCut;
+  if (header < kLeastHeader || total < header || total > packet.size()) return Found::kCut;
   if (std::to_integer<std::uint32_t>(packet[9]) != kUdp) return Found::kOther;
   if ((big16(packet, 6) & (kMoreFragments | kOffset)) != 0) return Found::kFragment;
   return udp_of(packet.subspan(header, total - header), datagram);
 }
 
-Found ipv6_of(Bytes packet, Datagram& datagram) {
+Found ipv6_of(ByteSpan packet, Datagram& datagram) {
   constexpr std::uint32_t kUdp = 17, kFragmentHeader = 44;
   constexpr std::size_t kHeader = 40;
   if (packet.size() < kHeader) return Found::kCut;
@@ -126,7 +126,7 @@ Found ipv6_of(Bytes packet, Datagram& datagram) {
   return udp_of(packet.subspan(kHeader, length), datagram);
 }
 
-Found datagram_of(Bytes frame, std::uint32_t link, Datagram& datagram) {
+Found datagram_of(ByteSpan frame, std::uint32_t link, Datagram& datagram) {
   const Network network = network_layer(frame, link);
   if (network.layer == Layer::kCut) return Found::kCut;
   if (network.layer == Layer::kOther) return Found::kOther;
@@ -146,7 +146,7 @@ class PcapReader::Records {
     double time = 0.0;
     std::uint32_t link = 0;
     bool is_whole = false;
-    Bytes bytes;
+    ByteSpan bytes;
   };
 
   explicit Records(ByteSource& source) : input_(source) {
@@ -171,16 +171,16 @@ class PcapReader::Records {
     return v >> 24 | (v >> 8 & 0xFF00) | (v << 8 & 0xFF0000) | v << 24;
   }
 
-  [[nodiscard]] std::uint32_t u32(Bytes bytes, std::size_t at) const {
+  [[nodiscard]] std::uint32_t u32(ByteSpan bytes, std::size_t at) const {
     const std::uint32_t big = big16(bytes, at) << 16 | big16(bytes, at + 2);
     return is_big_ ? big : swapped(big);
   }
-  [[nodiscard]] std::uint32_t u16(Bytes bytes, std::size_t at) const {
+  [[nodiscard]] std::uint32_t u16(ByteSpan bytes, std::size_t at) const {
     const std::uint32_t big = big16(bytes, at);
     return is_big_ ? big : (big >> 8 | (big << 8 & 0xFF00));
   }
 
-  Bytes bytes(std::size_t size, const char* what) {
+  ByteSpan bytes(std::size_t size, const char* what) {
     return {reinterpret_cast<const std::byte*>(input_.bytes(size, what)), size};
   }
 
@@ -191,7 +191,7 @@ class PcapReader::Records {
       throw FormatError::at_byte(0, "expected a pcap or pcapng file");
     }
     tick_ = native == kNanoseconds ? 1e-9 : 1e-6;
-    const Bytes header = bytes(24, "the header");
+    const ByteSpan header = bytes(24, "the header");
     // The upper half of the link type can hold the length of check sums.
     constexpr std::uint32_t kLinkMask = 0xFFFF;
     link_ = u32(header, 20) & kLinkMask;
@@ -200,7 +200,7 @@ class PcapReader::Records {
   bool next_classic(Record& record) {
     if (input_.at_end()) return false;
     const std::int64_t offset = input_.offset();
-    const Bytes header = bytes(16, "the header of a record");
+    const ByteSpan header = bytes(16, "the header of a record");
     record.time = static_cast<double>(u32(header, 0)) + tick_ * static_cast<double>(u32(header, 4));
     const std::uint32_t stored = u32(header, 8);
     record.is_whole = stored >= u32(header, 12);
@@ -225,7 +225,7 @@ class PcapReader::Records {
       const std::int64_t offset = input_.offset();
       const std::string_view seen = input_.peek(12);
       if (seen.size() < 12) bytes(12, "a block");  // throws, with the byte
-      const Bytes head{reinterpret_cast<const std::byte*>(seen.data()), seen.size()};
+      const ByteSpan head{reinterpret_cast<const std::byte*>(seen.data()), seen.size()};
       if (u32(head, 0) == kSection) start_section(head, offset);
       const std::uint32_t type = u32(head, 0);
       const std::uint32_t length = u32(head, 4);
@@ -235,7 +235,7 @@ class PcapReader::Records {
             "expected a block of 12 bytes or more, a multiple of 4, got " + std::to_string(length));
       }
       check_length(length, offset + 4);
-      const Bytes body = bytes(length, "a block").subspan(8, length - 12);
+      const ByteSpan body = bytes(length, "a block").subspan(8, length - 12);
       if (type == kInterface) add_interface(body, offset);
       if (type == kEnhanced) return read_enhanced(body, offset, record);
       if (type == kSimple) return read_simple(body, offset, record);
@@ -243,7 +243,7 @@ class PcapReader::Records {
     return false;
   }
 
-  void start_section(Bytes head, std::int64_t offset) {
+  void start_section(ByteSpan head, std::int64_t offset) {
     constexpr std::uint32_t kOrder = 0x1A2B3C4D;
     is_big_ = true;
     is_big_ = u32(head, 8) == kOrder;
@@ -262,7 +262,7 @@ class PcapReader::Records {
     throw FormatError::at_byte(offset, "a block is too short for what it should hold");
   }
 
-  void add_interface(Bytes body, std::int64_t offset) {
+  void add_interface(ByteSpan body, std::int64_t offset) {
     constexpr std::size_t kMostInterfaces = 4096;
     constexpr std::uint32_t kTimeResolution = 9;
     if (body.size() < 8) fail_short(offset);
@@ -284,7 +284,7 @@ class PcapReader::Records {
     interfaces_.push_back(added);
   }
 
-  bool read_enhanced(Bytes body, std::int64_t offset, Record& record) {
+  bool read_enhanced(ByteSpan body, std::int64_t offset, Record& record) {
     constexpr std::size_t kHeader = 20;
     if (body.size() < kHeader) fail_short(offset);
     const std::uint32_t index = u32(body, 0);
@@ -302,7 +302,7 @@ class PcapReader::Records {
     return true;
   }
 
-  bool read_simple(Bytes body, std::int64_t offset, Record& record) {
+  bool read_simple(ByteSpan body, std::int64_t offset, Record& record) {
     if (body.size() < 4) fail_short(offset);
     if (interfaces_.empty()) throw FormatError::at_byte(offset, "no interface 0");
     const std::size_t length = u32(body, 0);

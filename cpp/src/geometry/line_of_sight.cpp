@@ -27,7 +27,7 @@ Vector2d undistort(const std::array<double, 5>& k, const Vector2d& distorted) {
 }
 
 /// a and b mixed; an end that does not count may be NaN.
-Vector2d mix(const Vector2d& a, const Vector2d& b, double part) {
+Vector2d between(const Vector2d& a, const Vector2d& b, double part) {
   if (part == 0.0) return a;
   if (part == 1.0) return b;
   return a + (b - a) * part;
@@ -87,16 +87,16 @@ Vector2d RayTable::clamped(const Vector2d& pixel) const {
 Vector2d RayTable::at(const Vector2d& pixel) const {
   if (!(clamped(pixel) == pixel)) return {kNan, kNan};
   const auto [u, v, part] = place(pixel);
-  return mix(mix(ray(u, v), ray(u + 1, v), part.x()),
-             mix(ray(u, v + 1), ray(u + 1, v + 1), part.x()), part.y());
+  return between(between(ray(u, v), ray(u + 1, v), part.x()),
+                 between(ray(u, v + 1), ray(u + 1, v + 1), part.x()), part.y());
 }
 
 Eigen::Matrix2d RayTable::slope(const Vector2d& pixel) const {
   const auto [u, v, part] = place(pixel);
   const Vector2d a = ray(u, v), b = ray(u + 1, v), c = ray(u, v + 1), d = ray(u + 1, v + 1);
   Eigen::Matrix2d result;
-  result.col(0) = mix(b - a, d - c, part.y());
-  result.col(1) = mix(c - a, d - b, part.x());
+  result.col(0) = between(b - a, d - c, part.y());
+  result.col(1) = between(c - a, d - b, part.x());
   return result;
 }
 

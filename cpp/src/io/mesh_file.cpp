@@ -14,15 +14,15 @@ namespace manip3d {
 namespace fs = std::filesystem;
 namespace {
 
-using Reader = ReadResult (*)(ByteSource&, const ReadOptions&, const Progress&);
+using MeshReader = ReadResult (*)(ByteSource&, const ReadOptions&, const Progress&);
 using Writer = void (*)(Output&, const WriteJob&);
 
 struct Format {
   MeshFormat format;
   const char* name;
   const char* suffix;
-  Reader read;   ///< Null: not read.
-  Writer write;  ///< Null: not written.
+  MeshReader read;  ///< Null: not read.
+  Writer write;     ///< Null: not written.
 };
 
 // A new format is one line here.

@@ -11,7 +11,7 @@ namespace manip3d {
 namespace fs = std::filesystem;
 namespace {
 
-struct Format {
+struct PointFileFormat {
   PointFormat format;
   const char* name;
   const char* suffix;
@@ -20,7 +20,7 @@ struct Format {
 };
 
 // A new format is one line here; a suffix that ends in another stands before it.
-constexpr Format kFormats[] = {
+constexpr PointFileFormat kPointFormats[] = {
     {PointFormat::kNuScenes, "nuscenes", ".pcd.bin", read_nuscenes, write_nuscenes},
     {PointFormat::kKitti, "kitti", ".bin", read_kitti, write_kitti},
     {PointFormat::kPcd, "pcd", ".pcd", read_pcd, write_pcd},
@@ -35,14 +35,14 @@ std::string lower_case(std::string_view text) {
   return lower;
 }
 
-const Format& format_of(const fs::path& path) {
+const PointFileFormat& format_of(const fs::path& path) {
   const std::string name = lower_case(without_compression_suffix(path).filename().string());
-  for (const Format& f : kFormats) {
+  for (const PointFileFormat& f : kPointFormats) {
     // A hidden file named ".pcd" has no suffix.
     if (name.ends_with(f.suffix) && name != f.suffix) return f;
   }
   std::string suffixes;
-  for (const Format& f : kFormats) suffixes += std::string(f.suffix) + " ";
+  for (const PointFileFormat& f : kPointFormats) suffixes += std::string(f.suffix) + " ";
   throw InputError("path: expected a point file (" + suffixes +
                    "then .gz or .xz if wanted), got '" + path.string() + "'");
 }
@@ -80,7 +80,7 @@ std::string header_value(const PointHeader& header, std::string_view key) {
 
 PointTable read_points(const fs::path& path, const ReadPointsOptions& options,
                        const Progress& progress) {
-  const Format& format = format_of(path);
+  const PointFileFormat& format = format_of(path);
   try {
     const auto source = decompressed(file_source(path), compression_of(path), options.max_bytes);
     PointTable table = format.read(*source, progress);
@@ -94,13 +94,13 @@ PointTable read_points(const fs::path& path, const ReadPointsOptions& options,
 PointTable read_points(std::span<const std::byte> data, PointFormat format,
                        const ReadPointsOptions& options, const Progress& progress) {
   const auto source = decompressed(memory_source(data), Compression::kNone, options.max_bytes);
-  const auto* entry = std::find_if(std::begin(kFormats), std::end(kFormats),
-                                   [&](const Format& f) { return f.format == format; });
+  const auto* entry = std::find_if(std::begin(kPointFormats), std::end(kPointFormats),
+                                   [&](const PointFileFormat& f) { return f.format == format; });
   return entry->read(*source, progress);
 }
 
 void write_points(const fs::path& path, const PointTableView& table, const Progress& progress) {
-  const Format& format = format_of(path);
+  const PointFileFormat& format = format_of(path);
   if (static_cast<std::int64_t>(table.rows.size()) != table.num_points * row_bytes(table.fields)) {
     throw InputError("rows: expected " + std::to_string(table.num_points) + " of " +
                      std::to_string(row_bytes(table.fields)) + " bytes, got " +
@@ -113,7 +113,7 @@ void write_points(const fs::path& path, const PointTableView& table, const Progr
 
 std::optional<PointFormat> point_format_of_suffix(std::string_view suffix) {
   const std::string lower = lower_case(suffix);
-  for (const Format& f : kFormats) {
+  for (const PointFileFormat& f : kPointFormats) {
     if (lower == f.suffix) return f.format;
   }
   return std::nullopt;
@@ -121,13 +121,13 @@ std::optional<PointFormat> point_format_of_suffix(std::string_view suffix) {
 
 std::vector<std::string> point_suffixes() {
   std::vector<std::string> suffixes;
-  for (const Format& f : kFormats) suffixes.emplace_back(f.suffix);
+  for (const PointFileFormat& f : kPointFormats) suffixes.emplace_back(f.suffix);
   return suffixes;
 }
 
 const char* point_format_name(PointFormat format) {
-  const auto* entry = std::find_if(std::begin(kFormats), std::end(kFormats),
-                                   [&](const Format& f) { return f.format == format; });
+  const auto* entry = std::find_if(std::begin(kPointFormats), std::end(kPointFormats),
+                                   [&](const PointFileFormat& f) { return f.format == format; });
   return entry->name;
 }
 

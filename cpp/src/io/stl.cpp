@@ -17,7 +17,7 @@
 namespace manip3d {
 namespace {
 
-constexpr std::size_t kHeaderBytes = 84;  // 80 of comment, then the number of triangles
+constexpr std::size_t kStlHeaderBytes = 84;  // 80 of comment, then the number of triangles
 constexpr std::size_t kTriangleBytes = 50;
 
 class StlReader {
@@ -40,9 +40,9 @@ class StlReader {
   // length of the file; where the length is not known, a byte that no text holds tells.
   bool is_binary() {
     const auto size = input_.remaining();
-    const std::string_view head = input_.peek(2 * kHeaderBytes);
-    if (size && head.size() >= kHeaderBytes &&
-        *size == kHeaderBytes + std::uint64_t{kTriangleBytes} * claimed(head)) {
+    const std::string_view head = input_.peek(2 * kStlHeaderBytes);
+    if (size && head.size() >= kStlHeaderBytes &&
+        *size == kStlHeaderBytes + std::uint64_t{kTriangleBytes} * claimed(head)) {
       return true;
     }
     const auto text = std::find_if(head.begin(), head.end(),
@@ -56,15 +56,15 @@ class StlReader {
 
   static std::uint32_t claimed(std::string_view head) {
     const auto byte = [&](std::size_t i) {
-      return std::uint32_t{static_cast<unsigned char>(head[kHeaderBytes - 4 + i])};
+      return std::uint32_t{static_cast<unsigned char>(head[kStlHeaderBytes - 4 + i])};
     };
     return byte(0) | byte(1) << 8U | byte(2) << 16U | byte(3) << 24U;
   }
 
   void read_binary() {
-    const std::string_view head(input_.bytes(kHeaderBytes, "the header"), kHeaderBytes);
+    const std::string_view head(input_.bytes(kStlHeaderBytes, "the header"), kStlHeaderBytes);
     const std::uint32_t num_faces = claimed(head);
-    constexpr std::int64_t kCountOffset = kHeaderBytes - 4;
+    constexpr std::int64_t kCountOffset = kStlHeaderBytes - 4;
     builder_.reserve_faces(
         input_.checked_claim(num_faces, kTriangleBytes, "triangles", {std::nullopt, kCountOffset}));
     for (std::uint32_t i = 0; i < num_faces; ++i) {
@@ -138,7 +138,7 @@ void write_stl(Output& out, const WriteJob& job) {
   if (mesh.colors.rows() > 0) warn(job.warnings, "STL: colors left out");
   // Never "solid", which would look like text to others.
   std::string header = "binary STL";
-  header.resize(kHeaderBytes - 4, ' ');
+  header.resize(kStlHeaderBytes - 4, ' ');
   out.text(header);
   out.binary(static_cast<std::uint32_t>(mesh.num_faces()));
   bool exact = true;

@@ -71,7 +71,7 @@ class BonePairs {
 // --- Motions ------------------------------------------------------------------------------------
 
 /// Spine, neck and head, collar bones, pelvis.
-bool is_trunk_bone(std::size_t bone) {
+bool is_bone_of_trunk(std::size_t bone) {
   constexpr std::array<std::uint8_t, 8> kTrunk = {1, 2, 3, 4, 8, 12, 16, 20};
   return std::ranges::find(kTrunk, bone) != kTrunk.end();
 }
@@ -127,9 +127,9 @@ struct SphericalTurn {
 };
 
 /// Motions in single precision, with what blending needs to know of the bones.
-class Skin {
+class AvatarSkin {
  public:
-  Skin(const Skeleton& source, const BoneMotions& motions) : moves_(motions.moves) {
+  AvatarSkin(const Skeleton& source, const BoneMotions& motions) : moves_(motions.moves) {
     for (std::size_t bone = 0; bone < kNumJoints; ++bone) {
       rotation_[bone] = motions.rotation[bone].toRotationMatrix().cast<float>();
       translation_[bone] = motions.translation[bone].cast<float>();
@@ -186,7 +186,7 @@ class Skin {
     for (std::size_t i = 0; i < num_children_[bone]; ++i) {
       partner.consider(children_[bone][i], (1.0F - at) * length, length);
     }
-    if (is_trunk_bone(bone)) {  // limbs hang from bones inside the trunk: its flesh is near them
+    if (is_bone_of_trunk(bone)) {  // limbs hang from bones inside the trunk: its flesh is near them
       for (const std::size_t limb : {5U, 9U, 13U, 17U}) {
         partner.consider(limb, (v - start_[limb]).norm(), length_[limb]);
       }
@@ -302,7 +302,7 @@ std::optional<BoneMotions> follow_pose(const Skeleton& source, const Skeleton& p
     motions.rotation[bone] = motions.rotation[joint];
     motions.translation[bone] = motions.translation[joint];
     motions.moves[bone] = motions.moves[joint];
-    if (scope == PoseScope::kLimbs && is_trunk_bone(bone)) continue;
+    if (scope == PoseScope::kLimbs && is_bone_of_trunk(bone)) continue;
     const auto from = bone_direction(source, bone), to = bone_direction(pose, bone);
     if (!from || !to) continue;
     const Eigen::Vector3d wanted = scope == PoseScope::kLimbs ? Eigen::Vector3d(turn * *to) : *to;
@@ -317,7 +317,7 @@ std::optional<BoneMotions> follow_pose(const Skeleton& source, const Skeleton& p
 
 void animate(const float* vertices, const std::uint8_t* labels, std::int64_t count,
              const Skeleton& source, const BoneMotions& motions, Skinning method, float* out) {
-  const Skin skin(source, motions);
+  const AvatarSkin skin(source, motions);
   for (std::int64_t i = 0; i < count; ++i) {
     const Eigen::Vector3f v = Eigen::Map<const Eigen::Vector3f>(vertices + 3 * i);
     const std::size_t bone = labels[i];

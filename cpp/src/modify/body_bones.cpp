@@ -18,7 +18,7 @@ constexpr float kStature = 1.69F;
 constexpr float kBiceps = of_girth(0.33F), kForearm = of_girth(0.29F), kWrist = of_girth(0.17F);
 constexpr float kHand = of_girth(0.20F), kThumb = 0.5F * 0.022F;
 constexpr float kThigh = of_girth(0.62F), kKnee = of_girth(0.41F), kAnkle = of_girth(0.22F);
-constexpr float kFoot = of_girth(0.24F), kNeck = of_girth(0.36F), kHeadWidth = of_girth(0.57F);
+constexpr float kFoot = of_girth(0.24F), kNeckWidth = of_girth(0.36F), kHeadWidth = of_girth(0.57F);
 constexpr float kChestBreadth = 0.28F, kChestDepth = 0.25F;
 constexpr float kWaistBreadth = 0.31F, kWaistDepth = 0.23F;
 /// From SpineShoulder, at the height of the shoulder joints, up to the top of the breastbone.
@@ -43,8 +43,8 @@ constexpr std::array<BoneRadii, kNumJoints> kMeanRadii = [] {
   };
   both_sides(Joint::kSpineMid, {kWaist, kWaist});
   both_sides(Joint::kSpineShoulder, {kWaist, kChest});
-  both_sides(Joint::kNeck, {kNeck, kNeck});
-  both_sides(Joint::kHead, {kNeck, kHeadWidth});
+  both_sides(Joint::kNeck, {kNeckWidth, kNeckWidth});
+  both_sides(Joint::kHead, {kNeckWidth, kHeadWidth});
   both_sides(Joint::kShoulderLeft, {kBiceps, kBiceps});
   both_sides(Joint::kElbowLeft, {kBiceps, kForearm});
   both_sides(Joint::kWristLeft, {kForearm, kWrist});

@@ -17,7 +17,7 @@
 namespace manip3d {
 namespace {
 
-constexpr float kInfinity = std::numeric_limits<float>::infinity();
+constexpr float kUnreached = std::numeric_limits<float>::infinity();
 constexpr std::int32_t kNoPoint = -1;
 
 /// Distances from points to the pieces of one bone.
@@ -31,9 +31,9 @@ class BoneDistances {
   }
 
   struct Distance {
-    float judged = kInfinity;   ///< What the nearness of the skin is judged by.
-    float squared = kInfinity;  ///< To the bone itself.
-    float skin = kInfinity;     ///< To the skin.
+    float judged = kUnreached;   ///< What the nearness of the skin is judged by.
+    float squared = kUnreached;  ///< To the bone itself.
+    float skin = kUnreached;     ///< To the skin.
   };
   [[nodiscard]] Distance to(std::size_t label, float x, float y, float z) const {
     Distance best;
@@ -73,7 +73,7 @@ class Flood {
     for (std::int64_t i = 0; i < points.count; ++i) {
       point_at_[points.pixel[i]] = static_cast<std::int32_t>(i);
       points.label[i] = 0;
-      points.squared_distance[i] = points.skin_distance[i] = kInfinity;
+      points.squared_distance[i] = points.skin_distance[i] = kUnreached;
     }
     queue_.reserve(static_cast<std::size_t>(2 * points.count));
   }
@@ -164,7 +164,7 @@ class Flood {
   std::vector<std::uint8_t> offer_;     ///< Its bone.
   std::vector<std::uint64_t> queue_;    ///< Rank and point; a heap, the least first.
   std::vector<Blocked> blocked_;        ///< Offers that met a contour.
-  float reach_ = kInfinity;
+  float reach_ = kUnreached;
   bool crosses_ = false;
 };
 
@@ -210,7 +210,7 @@ void grow_bones(const Skeleton& skeleton, const Intrinsics& camera, bool by_inde
   for (std::size_t bone = 1; bone < kNumJoints; ++bone) {
     seed_bone(skeleton, camera, bone, options.line_seeds, flood);
   }
-  flood.spread_within_contours(by_index ? kInfinity : static_cast<float>(options.surface_reach));
+  flood.spread_within_contours(by_index ? kUnreached : static_cast<float>(options.surface_reach));
   flood.spread_beyond_contours(static_cast<float>(options.reach));
 }
 

@@ -127,9 +127,9 @@ float depth_at(const DepthView& depth, std::int32_t pixel) {
 /// Depth of a plane is linear in the pixel over its depth, and nearly in the pixel itself.
 std::optional<Eigen::Vector3d> normal_at(const DepthView& depth, const PixelRays& rays,
                                          std::int32_t pixel) {
-  constexpr double kReach = 0.05;        // metres: wide, as one step of a Kinect V1 is 2 cm
-  constexpr double kSameSurface = 0.08;  // metres
-  constexpr double kLeastCosine = 0.3;   // surfaces seen at a slant are edges
+  constexpr double kReach = 0.05;       // metres: wide, as one step of a Kinect V1 is 2 cm
+  constexpr double kSameTrunk = 0.08;   // metres
+  constexpr double kLeastCosine = 0.3;  // surfaces seen at a slant are edges
   const std::int64_t u = pixel % depth.cols, v = pixel / depth.cols;
   if (u < 1 || v < 1 || u + 1 >= depth.cols || v + 1 >= depth.rows) return std::nullopt;
   const double z = depth_at(depth, pixel);
@@ -147,7 +147,7 @@ std::optional<Eigen::Vector3d> normal_at(const DepthView& depth, const PixelRays
       if (u + du < 0 || v + dv < 0 || u + du >= depth.cols || v + dv >= depth.rows) continue;
       const auto other = static_cast<std::int32_t>((v + dv) * depth.cols + u + du);
       const float there = depth_at(depth, other);
-      if (!(std::abs(there - z) < kSameSurface) || !has_ray(rays, u + du, v + dv)) continue;
+      if (!(std::abs(there - z) < kSameTrunk) || !has_ray(rays, u + du, v + dv)) continue;
       const Eigen::Vector3d q = lift(rays, u + du, v + dv, there).cast<double>() - p;
       const Eigen::Vector3d row(q.x(), q.y(), 1.0);
       moments += row * row.transpose();
@@ -184,7 +184,7 @@ std::optional<SurfaceResidual> residual_at(const Eigen::Vector3d& p, const Eigen
   return SurfaceResidual{off, 1.0 + (off * off) / (kSurfaceScale * kSurfaceScale)};
 }
 
-bool is_trunk_bone(std::uint8_t bone) {
+bool is_on_trunk(std::uint8_t bone) {
   switch (static_cast<Joint>(bone)) {
     case kSpineMid:
     case kSpineShoulder:
@@ -508,7 +508,7 @@ void TrunkTracker::learn(const PersonPoints& points, const DepthView& depth, con
     half = std::max(half, std::abs(mean.place.x()));
   }
   const auto is_candidate = [&](std::size_t i) {
-    if (!is_trunk_bone(points.label[i])) return false;
+    if (!is_on_trunk(points.label[i])) return false;
     const Eigen::Vector3d place =
         back * (Eigen::Vector3d(points.x[i], points.y[i], points.z[i]) - pose_->translation);
     return place.y() > low - 0.02 && place.y() < high + 0.02 && std::abs(place.x()) < half;
