@@ -144,3 +144,23 @@ def test_inspect_asks_the_turns(turns: list[np.ndarray], tmp_path: Path) -> None
     cropped = now.replace(points=frame[np.abs(frame[:, 1]) < 5.0], exact=None, format=None)
     half = authenticate.inspect(cropped, previous=before, following=after, lattice=LATTICE)
     assert (half.verdict, half.turns) == ("processed", None)
+
+
+def test_power_says_what_neighbours_add_for_white_box_edits(turns: list[np.ndarray]) -> None:
+    frames = [LidarFrame(points, origin=(0, 0, 0)) for points in turns]
+    alone = authenticate.measure_power(frames[1:2], LATTICE, planted=3, rng=1)
+    assert set(alone) == set(authenticate.EDITS)
+    for name in ("white-box removed", "white-box added", "spoofed"):
+        assert (alone[name].found, alone[name].planted) == (0, 3)
+    beside = authenticate.measure_power(frames, LATTICE, planted=6, neighbours=True, rng=2)
+    assert {power.planted for power in beside.values()} == {6}
+    assert beside["removed"].found == 6
+    assert beside["white-box removed"].found > 0
+    assert beside["white-box added"].found > 0
+
+
+def test_power_without_an_encoder_leaves_white_box_edits_out(turns: list[np.ndarray]) -> None:
+    blind = authenticate.SensorLattice(**{**vars(LATTICE), "steps": 0})
+    power = authenticate.measure_power([LidarFrame(turns[1])], blind, planted=1)
+    assert "moved" in power
+    assert "spoofed" not in power
