@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import logging
 import os
@@ -55,6 +56,7 @@ def server(request: pytest.FixtureRequest) -> Iterator[LocalServer]:
     with LocalServer(PAGES, acknowledge, limits=limits, certificate=made) as running:
         assert running.origin.startswith(f"{request.param}://127.0.0.1:")
         yield running
+    gc.collect()  # a socket that was left open is said to be, in the test that left it
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
