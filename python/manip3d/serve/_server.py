@@ -370,8 +370,9 @@ class LocalServer:
 
     def report(self) -> list[dict[str, Any]]:
         """`StreamClient.report` of each stream so far, the open ones last."""
-        open_now = [client.report() for client, _ in tuple(self._clients.values())]
-        return [*self._finished, *open_now]
+        with self._lock:
+            open_now = [client.report() for client, _ in tuple(self._clients.values())]
+            return [*self._finished, *open_now]
 
     def __enter__(self) -> Self:
         return self.start()
@@ -581,8 +582,9 @@ class LocalServer:
             await self._receive(client, stream)
         finally:
             sender.cancel()
-            del self._clients[client.number]
-            self._finished = [*self._finished, client.report()][-100:]
+            with self._lock:  # else a report would see the stream neither open nor finished
+                del self._clients[client.number]
+                self._finished = [*self._finished, client.report()][-100:]
             with contextlib.suppress(asyncio.CancelledError):
                 await sender
         return stream
