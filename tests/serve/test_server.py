@@ -81,14 +81,14 @@ class Session:
         self.sequence = 0
 
     def check(self) -> None:
-        """A frame goes out and is acknowledged within a second."""
+        """A frame goes out and is acknowledged within three seconds, on a busy machine too."""
         self.sequence += 1
         content = b"frame %d" % self.sequence
         begin = time.monotonic()
         self.server.publish(content, sequence=self.sequence, captured_ns=time.time_ns())
         assert self.stream.receive() == (2, content)
         self.stream.send(ack(self.sequence))
-        assert time.monotonic() - begin < 1.0
+        assert time.monotonic() - begin < 3.0
 
 
 @pytest.fixture
