@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import logging
 import os
@@ -55,6 +56,7 @@ def server(request: pytest.FixtureRequest) -> Iterator[LocalServer]:
     with LocalServer(PAGES, acknowledge, limits=limits, certificate=made) as running:
         assert running.origin.startswith(f"{request.param}://127.0.0.1:")
         yield running
+    gc.collect()  # a socket that was left open is said to be, in the test that left it
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
@@ -79,14 +81,14 @@ class Session:
         self.sequence = 0
 
     def check(self) -> None:
-        """A frame goes out and is acknowledged within a second."""
+        """A frame goes out and is acknowledged within three seconds, on a busy machine too."""
         self.sequence += 1
         content = b"frame %d" % self.sequence
         begin = time.monotonic()
         self.server.publish(content, sequence=self.sequence, captured_ns=time.time_ns())
         assert self.stream.receive() == (2, content)
         self.stream.send(ack(self.sequence))
-        assert time.monotonic() - begin < 1.0
+        assert time.monotonic() - begin < 3.0
 
 
 @pytest.fixture
@@ -364,7 +366,7 @@ def test_latencies_are_those_of_acknowledged_frames(server: LocalServer) -> None
     assert report["latency_ms"] is None  # this client told no times
     session.stream.close()
     wait_for(lambda: server.num_clients == 0)
-    assert server.report()[-1]["sent"] == 5
+    assert server.report()[-1]["sent"] == 5  # of a stream that is over
 
 
 # --- beginning and end ----------------------------------------------------------------------------

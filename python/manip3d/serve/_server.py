@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 LOG = logging.getLogger("manip3d.serve")
 
 START_SECONDS = 10.0
+GOODBYE_SECONDS = 0.5
 _HISTORY = 1000  # latencies that are remembered: half a minute
 _CLOCK = 60_000.0  # ms: a page whose clock is farther off is on another machine
 
@@ -369,8 +370,9 @@ class LocalServer:
 
     def report(self) -> list[dict[str, Any]]:
         """`StreamClient.report` of each stream so far, the open ones last."""
-        open_now = [client.report() for client, _ in tuple(self._clients.values())]
-        return [*self._finished, *open_now]
+        with self._lock:
+            open_now = [client.report() for client, _ in tuple(self._clients.values())]
+            return [*self._finished, *open_now]
 
     def __enter__(self) -> Self:
         return self.start()
@@ -420,7 +422,7 @@ class LocalServer:
             encryption = {
                 "ssl": self.certificate.context(),
                 "ssl_handshake_timeout": self.limits.request_seconds,
-                "ssl_shutdown_timeout": 1.0,
+                "ssl_shutdown_timeout": GOODBYE_SECONDS,
             }
         try:
             listener = await loop.create_server(
@@ -437,6 +439,10 @@ class LocalServer:
         finally:
             self._loop = None
             await runner.cleanup()
+            if encryption:
+                # An encrypted connection waits so long for the other end's goodbye; only then is
+                # its socket closed, which needs the loop.
+                await asyncio.sleep(GOODBYE_SECONDS + 0.1)
 
     def _admit(self, protocol: Any, waits: int = 100) -> None:
         """Close a connection at once where there are too many."""
@@ -576,8 +582,9 @@ class LocalServer:
             await self._receive(client, stream)
         finally:
             sender.cancel()
-            del self._clients[client.number]
-            self._finished = [*self._finished, client.report()][-100:]
+            with self._lock:  # else a report would see the stream neither open nor finished
+                del self._clients[client.number]
+                self._finished = [*self._finished, client.report()][-100:]
             with contextlib.suppress(asyncio.CancelledError):
                 await sender
         return stream
