@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 #include "manip3d/geometry/parallel.hpp"
@@ -10,8 +11,18 @@
 namespace manip3d {
 namespace {
 
-/// Centroids per piece: enough for a mean distance, few enough for thousands of pieces.
-constexpr std::size_t kSamples = 24;
+/// Points per piece: enough for a mean distance, few enough for thousands of pieces.
+constexpr std::int64_t kLeastSamples = 6, kMostSamples = 24;
+
+/// Where on its face a sample lies: the R2 sequence (Roberts 2018), folded into the triangle.
+Eigen::Vector3d barycentric_of(std::int64_t sample) {
+  constexpr double kStep1 = 0.7548776662466927, kStep2 = 0.5698402909980532;
+  const auto number = static_cast<double>(sample + 1);
+  double u = number * kStep1 - std::floor(number * kStep1);
+  double v = number * kStep2 - std::floor(number * kStep2);
+  if (u + v > 1.0) u = 1.0 - u, v = 1.0 - v;
+  return {1.0 - u - v, u, v};
+}
 
 }  // namespace
 
@@ -27,17 +38,22 @@ Pieces::Pieces(const MeshView& mesh, double scale, const Progress& progress)
   for (std::int32_t f = 0; f < mesh.num_faces(); ++f) {
     if (is_degenerate(mesh.faces, f)) continue;
     Piece& piece = pieces_[of_vertex_(mesh.faces(f, 0))];
-    piece.samples.push_back(f);
     piece.area += area(f);
     ++piece.faces;
   }
-  for (Piece& piece : pieces_) {
-    const std::size_t stride = (piece.samples.size() + kSamples - 1) / kSamples;
-    std::size_t kept = 0;
-    for (std::size_t i = 0; i < piece.samples.size(); i += stride) {
-      piece.samples[kept++] = piece.samples[i];
+  // At equal steps of area: a few large faces among many small ones are most of a surface.
+  std::vector<double> passed(pieces_.size(), 0.0);
+  for (std::int32_t f = 0; f < mesh.num_faces(); ++f) {
+    if (is_degenerate(mesh.faces, f)) continue;
+    const std::int32_t i = of_vertex_(mesh.faces(f, 0));
+    Piece& piece = pieces_[i];
+    const std::int64_t count = std::clamp(piece.faces, kLeastSamples, kMostSamples);
+    const double step = piece.area / static_cast<double>(count);
+    passed[i] += area(f);
+    for (auto k = static_cast<std::int64_t>(piece.samples.size());
+         k < count && !(passed[i] < (static_cast<double>(k) + 0.5) * step); ++k) {
+      piece.samples.push_back(f);
     }
-    piece.samples.resize(kept);
   }
   bvh_ = std::make_unique<TriangleBvh>(mesh, part_of(progress, 0.0, 0.5));
   parallel_chunks(
@@ -48,9 +64,10 @@ Pieces::Pieces(const MeshView& mesh, double scale, const Progress& progress)
       part_of(progress, 0.5, 1.0));
 }
 
-Eigen::Vector3d Pieces::centroid(std::int32_t face) const {
+Eigen::Vector3d Pieces::point_of(std::int32_t face, std::int64_t sample) const {
+  const Eigen::Vector3d weights = barycentric_of(sample);
   Eigen::RowVector3d sum = Eigen::RowVector3d::Zero();
-  for (int c = 0; c < 3; ++c) sum += mesh_.vertices.row(mesh_.faces(face, c)) / 3.0;
+  for (int c = 0; c < 3; ++c) sum += weights[c] * mesh_.vertices.row(mesh_.faces(face, c));
   return sum;
 }
 
@@ -77,9 +94,10 @@ bool Pieces::refresh(std::int32_t piece) {
 void Pieces::measure(std::int32_t index) {
   Piece& piece = pieces_[index];
   piece.nearest.clear();
-  double distances = 0.0, areas = 0.0;
-  for (const std::int32_t f : piece.samples) {
-    const SurfacePoint point = bvh_->closest_point_where(centroid(f), [&](std::int32_t face) {
+  double distances = 0.0;
+  for (std::size_t i = 0; i < piece.samples.size(); ++i) {
+    const Eigen::Vector3d sample = point_of(piece.samples[i], static_cast<std::int64_t>(i));
+    const SurfacePoint point = bvh_->closest_point_where(sample, [&](std::int32_t face) {
       const std::int32_t other = of_vertex_(mesh_.faces(face, 0));
       return other >= 0 && other != index && is_there(other);
     });
@@ -87,14 +105,14 @@ void Pieces::measure(std::int32_t index) {
       piece.cost = std::numeric_limits<double>::infinity();
       return;
     }
-    distances += area(f) * (point.distance / scale_);
-    areas += area(f);
+    distances += point.distance / scale_;
     const std::int32_t other = of_vertex_(mesh_.faces(point.face, 0));
     if (std::find(piece.nearest.begin(), piece.nearest.end(), other) == piece.nearest.end()) {
       piece.nearest.push_back(other);
     }
   }
-  piece.cost = areas > 0.0 ? piece.area * distances / areas : 0.0;
+  const auto count = static_cast<double>(std::max<std::size_t>(1, piece.samples.size()));
+  piece.cost = piece.area * distances / count;
 }
 
 }  // namespace manip3d

@@ -35,7 +35,7 @@ class Pieces {
  private:
   struct Piece {
     std::vector<std::int32_t> vertices;
-    std::vector<std::int32_t> samples;  // faces whose centroids stand for the surface
+    std::vector<std::int32_t> samples;  // faces with a point that stands for the surface
     std::vector<std::int32_t> nearest;  // the pieces that the samples are near to
     std::int64_t faces = 0;             // still there
     double area = 0.0;
@@ -43,7 +43,7 @@ class Pieces {
   };
 
   void measure(std::int32_t piece);
-  [[nodiscard]] Eigen::Vector3d centroid(std::int32_t face) const;
+  [[nodiscard]] Eigen::Vector3d point_of(std::int32_t face, std::int64_t sample) const;
   [[nodiscard]] double area(std::int32_t face) const;
 
   const MeshView& mesh_;

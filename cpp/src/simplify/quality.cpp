@@ -412,7 +412,10 @@ class QualitySimplifier {
       for (const std::int32_t v : pieces_.vertices(i)) largest = std::max(largest, importance(v));
       factor *= largest;
     }
-    return factor * pieces_.cost(i) / static_cast<double>(pieces_.num_faces(i));
+    // Faces beyond the target are no gain.
+    const std::int64_t needed =
+        std::max<std::int64_t>(1, mesh_.num_faces() - options_.target_faces);
+    return factor * pieces_.cost(i) / static_cast<double>(std::min(pieces_.num_faces(i), needed));
   }
 
   /// Something else has become cheaper than what was on top.
