@@ -406,3 +406,37 @@ def test_welding_keeps_the_strictest_of_one_place() -> None:
 def test_control_that_is_no_control_is_refused(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         simplify.simplify(flat(6), target_faces=2, **arguments)
+
+
+def test_a_piece_of_few_large_faces_is_not_judged_by_its_small_ones() -> None:
+    """A wing on a ball, with 50 small faces where it is fastened."""
+    ball = exact_models.ball()
+    top = float(ball.vertices[:, 2].max())
+    angle = np.linspace(0, 2 * np.pi, 51)
+    ring = np.column_stack([1e-6 * np.cos(angle), 1e-6 * np.sin(angle), np.full(51, top + 1e-6)])
+    vertices = np.vstack(
+        [[0, 0, top + 1e-6], ring, [[3, 0, top], [3, 1, top], [-3, 0, top], [-3, 1, top]]]
+    )
+    faces = [[0, i + 1, i + 2] for i in range(50)]
+    faces.insert(1, [0, 52, 53])  # one face in three was looked at: the first, the fourth, ...
+    faces.insert(2, [0, 54, 55])
+    mesh = together(ball, Mesh(vertices, faces))
+    result = simplify.quality(mesh, target_faces=int(0.8 * mesh.num_faces))
+    assert result.removed_pieces == 0
+    assert np.ptp(result.mesh.vertices[:, 0]) > 5.9
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize(
+    ("name", "ratio", "limit"), [("lifeboat", 0.1, 0.1e-3), ("lifeboat", 0.02, 1e-3)]
+)
+def test_edges_of_many_faces_do_not_stand_in_the_way(
+    real_mesh: Callable[[str], Mesh], name: str, ratio: float, limit: float
+) -> None:
+    """Forbidden as on clean meshes, such edges cost four and eleven times the error here."""
+    read = real_mesh(name)
+    mesh = Mesh(read.vertices, read.faces)
+    result = simplify.quality(mesh, ratio=ratio)
+    assert result.stop == StopReason.TARGET_REACHED
+    assert result.relaxed_collapses == 0
+    assert metrics.metro(mesh, result.mesh, sampling="area", samples=100_000).mean <= limit

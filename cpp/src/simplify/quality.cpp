@@ -526,19 +526,37 @@ class QualitySimplifier {
   //
   // Nothing is locked but what the caller locks: boundaries may shrink, holes may close, seams may
   // be left, all at their price. What may not happen, by Rules:
-  //   three faces on one edge, where neither of the edges that meet had them   kLink
+  //   three faces on one edge, around vertices whose edges have fewer          kLink
   //   a face that turns by more than 78 degrees                                kFlip
   //   a face without area, the last faces of a piece                           kDegenerate
   //   two faces on the same vertices                                           kDuplicate
-  // With Rules::kFlips faces may turn, and of two faces on the same vertices one goes.
+  // Where an edge has three faces or more already, more do no harm, and of two faces on the same
+  // vertices one goes: forbidding both kept such models from their targets. With Rules::kFlips
+  // faces may turn, and doubles go everywhere.
 
   /// Of the piece with this vertex: only try_piece() takes the last ones.
   [[nodiscard]] std::int64_t faces_left(std::int32_t v) const {
     return pieces_.size() > 0 ? pieces_.num_faces(pieces_.of_vertex(v)) : mesh_.num_faces();
   }
 
+  /// Whether an edge of v or t, whose rings were gathered, has more than two faces.
+  [[nodiscard]] bool is_complex() const {
+    const auto has_one = [](const Ring& ring) {
+      return std::any_of(ring.edges().begin(), ring.edges().end(),
+                         [](const RingEdge& edge) { return edge.num_faces > 2; });
+    };
+    return has_one(ring_v_) || has_one(ring_t_);
+  }
+
+  /// Whether two faces may come to lie on the same vertices; one of them goes. The guard of
+  /// max_distance knows nothing of that.
+  [[nodiscard]] bool may_double() const {
+    return rules_ == Rules::kFlips || (!guard_ && is_complex());
+  }
+
   [[nodiscard]] bool makes_edge_of_three(std::int32_t v, std::int32_t t) const {
     if (rules_ != Rules::kAll) return false;
+    if (is_complex()) return false;
     return std::any_of(ring_v_.edges().begin(), ring_v_.edges().end(), [&](const RingEdge& edge) {
       const RingEdge* other = ring_t_.find(edge.vertex);
       if (other == nullptr) return false;
@@ -594,7 +612,7 @@ class QualitySimplifier {
         if (refusal || a == other || b == other) return;  // those on the edge go
         refusal = check_face(from, a, b, p);
         const bool meets = from == v && ring_t_.find(a) != nullptr && ring_t_.find(b) != nullptr;
-        const bool is_forbidden = meets && rules_ != Rules::kFlips;
+        const bool is_forbidden = meets && !may_double();
         if (!refusal && is_forbidden && count_faces(t, a, b) > 0) refusal = Rejection::kDuplicate;
       });
     };
@@ -632,10 +650,11 @@ class QualitySimplifier {
       map_wedges(v, t);
     }
     if (!colors_.empty()) colors_[t] = color_at(v, t, plan.position);
+    const bool is_doubling = may_double();
     const std::int64_t before = mesh_.num_faces();
     mesh_.collapse(v, t, map_);
     mesh_.move(t, plan.position);
-    if (rules_ == Rules::kFlips) remove_duplicates(t);
+    if (is_doubling) remove_duplicates(t);
     surface_[t] += surface_[v];
     borders_[t] += borders_[v];
     area_[t] += area_[v];
