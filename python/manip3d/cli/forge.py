@@ -571,7 +571,7 @@ def forge_people(
     ] = 3,
     kinds: Annotated[
         list[PeopleKind] | None,
-        typer.Option("--kind", help="real, type1 or type2, repeated; by default all three."),
+        typer.Option("--kind", help="Kind: real, type1 or type2, repeated; by default all three."),
     ] = None,
     frames: Annotated[int, typer.Option(min=1, help="Frames of a recording, 30 a second.")] = 60,
     still: Annotated[
