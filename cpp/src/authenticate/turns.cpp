@@ -22,7 +22,7 @@ constexpr float kNothingNear = std::numeric_limits<float>::infinity();
 // Points farther from every line are in no laser's view: lines are 6 to 9 mrad apart.
 constexpr double kOffLines = 0.0045;  // of the distance
 
-// Of the nine directions around one, at least so many points of a turn that saw something solid.
+// A turn saw something solid where at least so many of the nine directions around have points.
 constexpr int kSolidPoints = 4;
 
 // Regions are built of blocks of so many directions: edges of things are one or two wide.
@@ -30,11 +30,11 @@ constexpr int kTurnBlockRings = 2;
 constexpr int kTurnBlockColumns = 3;
 constexpr std::int64_t kFewestDirections = 6;
 
-// What moves by has left its place at most so many directions (9 degrees) and lasers away.
+// A passing object has left its place at most so many directions (9 degrees) and lasers away.
 constexpr int kMovedColumns = 28;
 constexpr int kMovedRings = 2;
 
-// What a turn saw by direction.
+// The ranges that a turn saw, by direction.
 struct TurnView {
   RingImage<float> near, far;      // metres: of the direction and the eight around it
   RingImage<std::int32_t> points;  // in the nine directions
@@ -354,7 +354,7 @@ class TurnComparison {
     return found;
   }
 
-  // What moved by leaves a hole, or a place that can be looked through, near where it came to.
+  // A passing object leaves a hole, or a place that can be looked through, near its new place.
   [[nodiscard]] std::int64_t moved_beside(
       TurnEvidence kind, const std::vector<RingCell>& component,
       const std::array<RingImage<std::uint8_t>, kNumTurnEvidence>& images) const {

@@ -31,7 +31,7 @@ class BoneDistances {
   }
 
   struct Distance {
-    float judged = kUnreached;   ///< What the nearness of the skin is judged by.
+    float judged = kUnreached;   ///< Judges the nearness of the skin.
     float squared = kUnreached;  ///< To the bone itself.
     float skin = kUnreached;     ///< To the skin.
   };

@@ -14,7 +14,7 @@ namespace {
 /// Points per piece: enough for a mean distance, few enough for thousands of pieces.
 constexpr std::int64_t kLeastSamples = 6, kMostSamples = 24;
 
-/// Where on its face a sample lies: the R2 sequence (Roberts 2018), folded into the triangle.
+/// The place of a sample on its face: the R2 sequence (Roberts 2018), folded into the triangle.
 Eigen::Vector3d barycentric_of(std::int64_t sample) {
   constexpr double kStep1 = 0.7548776662466927, kStep2 = 0.5698402909980532;
   const auto number = static_cast<double>(sample + 1);

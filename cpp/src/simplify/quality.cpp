@@ -530,8 +530,8 @@ class QualitySimplifier {
   //   a face that turns by more than 78 degrees                                kFlip
   //   a face without area, the last faces of a piece                           kDegenerate
   //   two faces on the same vertices                                           kDuplicate
-  // Where an edge has three faces or more already, more do no harm, and of two faces on the same
-  // vertices one goes: forbidding both kept such models from their targets. With Rules::kFlips
+  // Around an edge of three faces or more, further such edges do no harm, and of two faces on the
+  // same vertices one goes: forbidding both kept such models from their targets. With Rules::kFlips
   // faces may turn, and doubles go everywhere.
 
   /// Of the piece with this vertex: only try_piece() takes the last ones.

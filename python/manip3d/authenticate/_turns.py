@@ -178,7 +178,8 @@ def turn_consistency(
     holes, too; these move, so that directions nearby that were silent in another turn and answer
     now are subtracted. A region weighs its directions times their distance in metres.
 
-    An edit of three consecutive frames is not seen by this detector in the middle one.
+    Both neighbours must show the place unedited: where two or more frames in a row are edited
+    there, this detector sees none of it.
 
     Examples
     --------

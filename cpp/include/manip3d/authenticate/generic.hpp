@@ -12,7 +12,7 @@
 /// Detector III: has this LiDAR scan been edited, told from the scan alone?
 namespace manip3d {
 
-/// What a scan of a known lattice can contradict. All but the last
+/// Ways in which a scan can contradict its known lattice. All but the last
 /// four are said of single points.
 enum class Evidence : std::uint8_t {
   kGrid,       ///< Coordinates that are no whole numbers of the coordinate step.

@@ -8,7 +8,7 @@
 #include "manip3d/geometry/align_scans.hpp"
 
 /// @file
-/// What the turns before and after a frame saw and the frame does not show.
+/// Evidence that a frame hides what the turns before and after it saw.
 namespace manip3d {
 
 enum class TurnEvidence : std::uint8_t {
@@ -26,7 +26,7 @@ struct TurnRegion {
   std::int64_t ground = 0;  ///< Those at which both turns saw the ground.
   std::int64_t moved = 0;   ///< Directions nearby with the opposite: something moved away.
   double distance = 0.0;    ///< Metres: median distance of what the turns saw there.
-  Points stood;             ///< What they saw there, in the frame's coordinates.
+  Points stood;             ///< The points that they saw there, in the frame's coordinates.
   std::vector<std::int32_t> rows;  ///< Points of the frame in those directions.
 };
 
@@ -40,7 +40,7 @@ struct TurnOptions {
 };
 
 struct TurnResult {
-  ScanMotion previous, following;  ///< Of the turns into the frame's coordinates.
+  ScanMotion previous, following;  ///< They take the turns into the frame's coordinates.
   bool has_ground = false;
   bool is_steady = false;           ///< The scanner went on after the frame as it did before.
   std::vector<TurnRegion> regions;  ///< By kind, then in the order of their first directions.

@@ -22,7 +22,7 @@ struct QualityOptions {
   double seam_weight = 3.0;      ///< The same along borders of materials and texture charts.
   double texture_weight = 0.1;   ///< Price of a shifted texture; a shifted surface has 1.
   std::vector<bool> locked;      ///< Vertices that stay where they are; empty: none.
-  /// Of each vertex, > 0: what it costs to change the surface there; elsewhere 1. Empty: all 1.
+  /// The factor, > 0, of each vertex on the price of changing the surface there. Empty: all 1.
   std::vector<double> importance;
 };
 
