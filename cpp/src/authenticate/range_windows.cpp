@@ -75,9 +75,9 @@ class Window {
 
 int range_layer(float squared_range) {
   // Exponent and first bit of the mantissa: two layers per octave of the square.
-  constexpr int kNearest = 250;  // of 0.25
+  constexpr int kNearestOctave = 250;  // of 0.25
   const auto octaves = static_cast<int>(std::bit_cast<std::uint32_t>(squared_range) >> 22U);
-  return std::clamp(octaves - kNearest, 0, RangeVoxels<float>::kLayers - 1);
+  return std::clamp(octaves - kNearestOctave, 0, RangeVoxels<float>::kLayers - 1);
 }
 
 RangeVoxels<float> incoherent_windows(const RangeVoxels<RangeTally>& voxels, double incoherence,

@@ -18,7 +18,7 @@ namespace {
 
 constexpr std::int64_t kTile = 8;  // a row of its mask is one 64-bit word
 constexpr std::size_t kTilePoints = 64;
-constexpr std::uint8_t kNobody = 0xff;
+constexpr std::uint8_t kNoBodyIndex = 0xff;
 
 struct DepthBounds {
   float near = 0.0F, far = 0.0F;
@@ -70,9 +70,9 @@ class MaskRow {
     if (body_index_ == nullptr) return;
     const std::uint8_t* index = body_index_ + first;
     const std::uint8_t body = body_;
-    if (body == kNobody) {
+    if (body == kNoBodyIndex) {
       for (std::int64_t u = 0; u < depth_.cols; ++u) {
-        mask[u] &= static_cast<std::uint8_t>(index[u] != kNobody);
+        mask[u] &= static_cast<std::uint8_t>(index[u] != kNoBodyIndex);
       }
     } else {
       for (std::int64_t u = 0; u < depth_.cols; ++u) {
@@ -265,7 +265,7 @@ void find_person(const DepthView& depth, const std::uint8_t* body_index, const S
   if (points.rows != depth.rows || points.cols != depth.cols) {
     points.resize(depth.rows, depth.cols);
   }
-  const bool by_index = body_index != nullptr && skeleton.body != kNobody;
+  const bool by_index = body_index != nullptr && skeleton.body != kNoBodyIndex;
   const MaskRow row(depth, body_index, skeleton.body, depth_bounds(skeleton, by_index, options));
   Collector collector(depth, rays, points);
   const std::int64_t stride = (depth.cols + kTile - 1) / kTile * kTile;

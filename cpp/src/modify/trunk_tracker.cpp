@@ -24,7 +24,7 @@ constexpr double kWindow = 90.0;           // frames over which joints are avera
 constexpr double kSurfaceNoise = 0.010, kSharedNoise = 4.0;
 constexpr double kSurfaceScale = 0.02;  // metres: of the Geman-McClure weight
 // Metres: of a trunk's joint. Jitter is measured; below 1 cm what joints show is slow, and wrong.
-constexpr double kJointNoise = 0.01, kMostJointNoise = 0.04;
+constexpr double kLeastJointNoise = 0.01, kMostJointNoise = 0.04;
 constexpr double kJointScale = 0.05;  // metres: of the Cauchy weight
 // What the trunk's motion changes by in a frame: radians and metres of the Cauchy prior.
 constexpr double kTurnNoise = 0.010, kMoveNoise = 0.006;
@@ -372,7 +372,7 @@ bool TrunkTracker::contradicts(const Skeleton& joints) const {
 void TrunkTracker::fit(const Skeleton* joints, const DepthView& depth, const PixelRays& rays,
                        const Intrinsics& camera) {
   const PixelProjector projector(camera, rays);
-  const double joint_noise = std::clamp(std::sqrt(jitter_), kJointNoise, kMostJointNoise);
+  const double joint_noise = std::clamp(std::sqrt(jitter_), kLeastJointNoise, kMostJointNoise);
   const double surface_noise = std::max(kSurfaceNoise, kSharedNoise * residual_);
   Vector6 moved = Vector6::Zero();
   Matrix6 information = Matrix6::Zero();
