@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import manip3d
 from manip3d.experiments import (
     Case,
     Plan,
+    figure_7_7,
     figure_7_8,
     figure_7_10,
     figure_7_12,
@@ -61,6 +63,22 @@ def test_one_frame_of_each_attack() -> None:
 
 
 # --- Figures --------------------------------------------------------------------------------------
+
+
+def test_the_safety_region_grows_with_the_speed() -> None:
+    experiment = registry()["figure-7.7"]
+    rows = [{**case.options, **figure_7_7.measure(case)} for case in experiment.cases(QUICK)]
+    points = [row["points"] for row in rows]
+    assert points == sorted(points)
+    assert points[0] < points[-1]
+    fifty = next(row for row in rows if row["speed_kmh"] == 50)
+    # 1.5 s on the way at 13.9 m/s, then braking at 6 m/s^2.
+    assert fifty["safe_m"] == pytest.approx(50 / 3.6 * 1.5 + (50 / 3.6) ** 2 / 12)
+    seen, inside = np.asarray(fifty["seen"]), np.asarray(fifty["inside"])
+    assert 0 < seen[inside, 0].min() <= seen[inside, 0].max() <= fifty["safe_m"] + 0.01
+    assert abs(seen[inside, 1]).max() <= 10.01
+    assert experiment.figures is not None
+    assert len(experiment.figures(rows)) == 1
 
 
 def test_late_patterns_weigh_more_and_a_wrong_weight_is_told() -> None:

@@ -58,7 +58,7 @@ class Projector {
   float fx_, fy_, cx_, cy_;
 };
 
-/// Calls `use(pixel, a, b, c)` with the barycentric coordinates of each pixel centre within a
+/// Calls `use(u, v, a, b, c)` with the barycentric coordinates of each pixel centre within a
 /// triangle, its edges included.
 template <typename Use>
 void rasterize(const Drawn& a, const Drawn& b, const Drawn& c, std::int64_t rows, std::int64_t cols,
@@ -68,8 +68,11 @@ void rasterize(const Drawn& a, const Drawn& b, const Drawn& c, std::int64_t rows
   const auto right = static_cast<float>(cols - 1), bottom = static_cast<float>(rows - 1);
   // Fails on NaN: a corner is behind the camera.
   if (!(most_u >= 0.0F && least_u <= right && most_v >= 0.0F && least_v <= bottom)) return;
-  const auto u0 = static_cast<std::int32_t>(std::ceil(std::max(least_u, 0.0F)));
-  const auto v0 = static_cast<std::int32_t>(std::ceil(std::max(least_v, 0.0F)));
+  const auto first = [](float least) {  // std::ceil is a call where there is no SSE 4.1
+    const auto whole = static_cast<std::int32_t>(std::max(least, 0.0F));
+    return whole + (static_cast<float>(whole) < least ? 1 : 0);
+  };
+  const std::int32_t u0 = first(least_u), v0 = first(least_v);
   const auto u1 = static_cast<std::int32_t>(std::min(most_u, right));
   const auto v1 = static_cast<std::int32_t>(std::min(most_v, bottom));
   if (u0 > u1 || v0 > v1) return;
@@ -89,7 +92,7 @@ void rasterize(const Drawn& a, const Drawn& b, const Drawn& c, std::int64_t rows
       const float wb = wb0 + pu * b_du, wc = wc0 + pu * c_du;
       const float wa = 1.0F - wb - wc;
       if (std::min(wa, std::min(wb, wc)) < kEdge) continue;
-      use(v * cols + u, wa, wb, wc);
+      use(u, v, wa, wb, wc);
     }
   }
 }
@@ -170,34 +173,58 @@ DepthBuffer draw_depth(const PersonSurface& person, const SceneView& scene,
     const Drawn &a = at[face[0]], &b = at[face[1]], &c = at[face[2]];
     const float ia = 1.0F / a.z, ib = 1.0F / b.z, ic = 1.0F / c.z;  // linear in the image
     rasterize(a, b, c, scene.rows, scene.cols,
-              [&](std::int64_t pixel, float wa, float wb, float wc) {
-                image.nearer(pixel, 1.0F / (wa * ia + wb * ib + wc * ic));
+              [&](std::int32_t u, std::int32_t v, float wa, float wb, float wc) {
+                image.nearer(v * scene.cols + u, 1.0F / (wa * ia + wb * ib + wc * ic));
               });
   }
   return image;
 }
 
+/// Depth and truth: the scene, and the person where nothing of it is nearer.
+/// @param box  All that is drawn lies in it.
+void put_before(const DepthBuffer& person, const SceneView& scene, const PixelBox& box,
+                const CompositeBuffers& out) {
+  constexpr float kFarthest = 65.535F;
+  std::copy_n(scene.depth, scene.rows * scene.cols, out.depth);
+  std::fill_n(out.mask, scene.rows * scene.cols, std::uint8_t{0});
+  for (std::int64_t v = box.v0; v < box.v0 + box.height; ++v) {
+    for (std::int64_t u = box.u0; u < box.u0 + box.width; ++u) {
+      const std::int64_t i = v * scene.cols + u;
+      const float z = person.z[i];
+      if (!(z <= kFarthest) || is_hidden(scene, i, z)) continue;
+      out.mask[i] = 1;
+      out.depth[i] = static_cast<std::uint16_t>(1000.0F * z + 0.5F);
+    }
+  }
+}
+
 using Rgb = std::array<std::uint8_t, 3>;
 
 /// The colour between four pixels; those beyond the image are its edge's.
-Rgb sample(const ColorView& image, float u, float v) {
+inline Rgb sample(const ColorView& image, float u, float v) {
   const float x = std::clamp(u, 0.0F, static_cast<float>(image.cols - 1));
   const float y = std::clamp(v, 0.0F, static_cast<float>(image.rows - 1));
   const auto u0 = static_cast<std::int32_t>(x), v0 = static_cast<std::int32_t>(y);
   const std::int64_t right = u0 + 1 < image.cols ? 3 : 0;
   const std::int64_t below = v0 + 1 < image.rows ? 3 * image.cols : 0;
   // Weights in 1/256, so that sums are whole numbers.
-  const auto fu = static_cast<std::int32_t>((x - static_cast<float>(u0)) * 256.0F + 0.5F);
-  const auto fv = static_cast<std::int32_t>((y - static_cast<float>(v0)) * 256.0F + 0.5F);
+  const auto fu = static_cast<std::uint32_t>((x - static_cast<float>(u0)) * 256.0F + 0.5F);
+  const auto fv = static_cast<std::uint32_t>((y - static_cast<float>(v0)) * 256.0F + 0.5F);
   const std::uint8_t* top = image.pixels + 3 * (v0 * image.cols + u0);
   const std::uint8_t* bottom = top + below;
-  Rgb rgb;
-  for (std::int64_t k = 0; k < 3; ++k) {
-    const std::int32_t above = (256 - fu) * top[k] + fu * top[right + k];
-    const std::int32_t under = (256 - fu) * bottom[k] + fu * bottom[right + k];
-    rgb[k] = static_cast<std::uint8_t>(((256 - fv) * above + fv * under + 32768) >> 16);
-  }
-  return rgb;
+  // Red and blue are blended at once, in the two halves of a word.
+  const auto red_blue = [](const std::uint8_t* p) { return p[0] | std::uint64_t{p[2]} << 32; };
+  const auto blend = [&](std::uint64_t p, std::uint64_t p_right, std::uint64_t q,
+                         std::uint64_t q_right, std::uint64_t half) {
+    const std::uint64_t above = (256 - fu) * p + fu * p_right;
+    const std::uint64_t under = (256 - fu) * q + fu * q_right;
+    return ((256 - fv) * above + fv * under + half) >> 16;
+  };
+  const std::uint64_t rb = blend(red_blue(top), red_blue(top + right), red_blue(bottom),
+                                 red_blue(bottom + right), 0x0000'8000'0000'8000);
+  const std::uint64_t g = blend(top[1], top[right + 1], bottom[1], bottom[right + 1], 0x8000);
+  return {static_cast<std::uint8_t>(rb), static_cast<std::uint8_t>(g),
+          static_cast<std::uint8_t>(rb >> 32)};
 }
 
 /// The colours of a person whose edges may fade, within a box of the image.
@@ -211,43 +238,48 @@ class ColorPainter {
     std::copy_n(scene_.pixels, 3 * scene_.rows * scene_.cols, out_);
   }
 
-  /// @param pixel  Of the box.
-  void paint(std::int64_t pixel, const Rgb& rgb) {
-    covered_[pixel] = 1;
-    std::copy_n(rgb.begin(), 3, out_ + 3 * in_image(pixel));
+  /// @param u, v  In the box.
+  void paint(std::int64_t u, std::int64_t v, const Rgb& rgb) {
+    covered_[v * box_.width + u] = 1;
+    std::copy_n(rgb.begin(), 3, out_ + 3 * in_image(u, v));
   }
-  [[nodiscard]] const std::uint8_t* painted(std::int64_t pixel) const {
-    return out_ + 3 * in_image(pixel);
+  [[nodiscard]] const std::uint8_t* painted(std::int64_t u, std::int64_t v) const {
+    return out_ + 3 * in_image(u, v);
   }
 
   /// The person's share of a pixel is that of the square of side 2 radius + 1 around it.
   void fade(int radius) {
     if (radius == 0) return;
     const std::int64_t cols = box_.width, rows = box_.height, size = 2 * radius + 1;
-    std::vector<std::int32_t> column(static_cast<std::size_t>(cols), 0);
+    // Of each column the covered pixels of the rows around; `radius` columns of nothing beside it.
+    std::vector<std::int32_t> padded(static_cast<std::size_t>(cols + 2 * radius), 0);
+    std::int32_t* column = padded.data() + radius;
     for (std::int64_t v = 0; v < std::min<std::int64_t>(radius, rows); ++v) add_row(v, 1, column);
     for (std::int64_t v = 0; v < rows; ++v) {
       if (v + radius < rows) add_row(v + radius, 1, column);
       if (v - radius - 1 >= 0) add_row(v - radius - 1, -1, column);
+      const std::uint8_t* covered = covered_.data() + v * cols;
+      const std::int64_t first = std::find(covered, covered + cols, 1) - covered;
+      std::int64_t end = cols;
+      while (end > first && covered[end - 1] == 0) --end;
       std::int32_t sum = 0;
-      for (std::int64_t u = 0; u < std::min<std::int64_t>(radius, cols); ++u) sum += column[u];
-      for (std::int64_t u = 0; u < cols; ++u) {
-        if (u + radius < cols) sum += column[u + radius];
-        if (u - radius - 1 >= 0) sum -= column[u - radius - 1];
-        const std::int64_t pixel = v * cols + u;
-        if (sum == 0 || sum == size * size || covered_[pixel] == 0) continue;
-        mix(in_image(pixel), sum, static_cast<std::int32_t>(size * size));
+      for (std::int64_t u = first - radius; u < first + radius && first < end; ++u)
+        sum += column[u];
+      for (std::int64_t u = first; u < end; ++u) {
+        sum += column[u + radius];
+        if (covered[u] != 0 && sum < size * size) {
+          mix(in_image(u, v), sum, static_cast<std::int32_t>(size * size));
+        }
+        sum -= column[u - radius];
       }
     }
   }
 
  private:
-  [[nodiscard]] std::int64_t in_image(std::int64_t pixel) const {
-    const auto p = static_cast<std::uint32_t>(pixel),
-               width = static_cast<std::uint32_t>(box_.width);
-    return (box_.v0 + p / width) * scene_.cols + box_.u0 + p % width;
+  [[nodiscard]] std::int64_t in_image(std::int64_t u, std::int64_t v) const {
+    return (box_.v0 + v) * scene_.cols + box_.u0 + u;
   }
-  void add_row(std::int64_t v, std::int32_t sign, std::vector<std::int32_t>& column) const {
+  void add_row(std::int64_t v, std::int32_t sign, std::int32_t* column) const {
     const std::uint8_t* row = covered_.data() + v * box_.width;
     for (std::int64_t u = 0; u < box_.width; ++u) column[u] += sign * row[u];
   }
@@ -265,7 +297,7 @@ class ColorPainter {
 };
 
 /// The pixels of an image in which the vertices lie.
-PixelBox box_around(const std::vector<Drawn>& at, const ColorView& image) {
+PixelBox box_around(const std::vector<Drawn>& at, std::int64_t cols, std::int64_t rows) {
   float u0 = kInfinity, v0 = kInfinity, u1 = -kInfinity, v1 = -kInfinity;
   for (const Drawn& d : at) {
     if (!(std::abs(d.u) + std::abs(d.v) < kInfinity)) continue;
@@ -278,8 +310,8 @@ PixelBox box_around(const std::vector<Drawn>& at, const ColorView& image) {
     return static_cast<std::int64_t>(std::clamp(value, 0.0F, static_cast<float>(size)));
   };
   if (!(u0 <= u1)) return {};
-  const std::int64_t left = pixel(u0, image.cols), top = pixel(v0, image.rows);
-  return {left, top, pixel(u1 + 2.0F, image.cols) - left, pixel(v1 + 2.0F, image.rows) - top};
+  const std::int64_t left = pixel(u0, cols), top = pixel(v0, rows);
+  return {left, top, pixel(u1 + 2.0F, cols) - left, pixel(v1 + 2.0F, rows) - top};
 }
 
 /// Where each vertex's colour is in the image of the person's frame.
@@ -317,14 +349,14 @@ void paint_faces(const PersonSurface& person, const SceneView& scene, const std:
     const std::int32_t i = person.faces[3 * f], j = person.faces[3 * f + 1],
                        k = person.faces[3 * f + 2];
     const int num_shown = shown[i] + shown[j] + shown[k];
+    if (num_shown == 0) continue;
     const auto in_box = [&](const Drawn& d) {
       return Drawn{d.u - static_cast<float>(box.u0), d.v - static_cast<float>(box.v0), d.z};
     };
     const Drawn a = in_box(at[i]), b = in_box(at[j]), c = in_box(at[k]);
     const Drawn &ta = texels[i], &tb = texels[j], &tc = texels[k];
-    if (num_shown == 0) continue;
     rasterize(a, b, c, image.rows, image.cols,
-              [&](std::int64_t pixel, float wa, float wb, float wc) {
+              [&](std::int32_t pu, std::int32_t pv, float wa, float wb, float wc) {
                 if (num_shown < 3) {
                   const float share = wa * static_cast<float>(shown[i]) +
                                       wb * static_cast<float>(shown[j]) +
@@ -335,8 +367,8 @@ void paint_faces(const PersonSurface& person, const SceneView& scene, const std:
                 const float u = wa * ta.u + wb * tb.u + wc * tc.u;
                 const float v = wa * ta.v + wb * tb.v + wc * tc.v;
                 if (!(std::abs(u) + std::abs(v) < kInfinity)) return;
-                if (image.nearer(pixel, wa * a.z + wb * b.z + wc * c.z)) {
-                  painter.paint(pixel, sample(person.color, u, v));
+                if (image.nearer(pv * box.width + pu, wa * a.z + wb * b.z + wc * c.z)) {
+                  painter.paint(pu, pv, sample(person.color, u, v));
                 }
               });
   }
@@ -352,26 +384,27 @@ void paint_points(const PersonSurface& person, const SceneView& scene, const std
     const std::int64_t pixel = image.pixel_at(at[i].u, at[i].v);
     if (pixel < 0 || mask[pixel] == 0 || !image.nearer(pixel, at[i].z)) continue;
     if (!(std::abs(texels[i].u) + std::abs(texels[i].v) < kInfinity)) continue;
-    painter.paint(pixel, sample(person.color, texels[i].u, texels[i].v));
+    painter.paint(pixel % scene.cols, pixel / scene.cols,
+                  sample(person.color, texels[i].u, texels[i].v));
   }
   for (const std::int64_t pixel : filled) {
     if (mask[pixel] == 0) continue;
     std::array<std::int32_t, 3> sum{};
     std::int32_t count = 0;
     const std::int64_t u = pixel % scene.cols, v = pixel / scene.cols;
-    const auto add = [&](std::int64_t neighbour) {
-      if (!(image.z[neighbour] < kInfinity)) return;
-      for (std::size_t k = 0; k < 3; ++k) sum[k] += painter.painted(neighbour)[k];
+    const auto add = [&](std::int64_t next_u, std::int64_t next_v) {
+      if (!(image.z[next_v * scene.cols + next_u] < kInfinity)) return;
+      for (std::size_t k = 0; k < 3; ++k) sum[k] += painter.painted(next_u, next_v)[k];
       ++count;
     };
-    if (u > 0) add(pixel - 1);
-    if (v > 0) add(pixel - scene.cols);
-    if (u + 1 < scene.cols) add(pixel + 1);
-    if (v + 1 < scene.rows) add(pixel + scene.cols);
+    if (u > 0) add(u - 1, v);
+    if (v > 0) add(u, v - 1);
+    if (u + 1 < scene.cols) add(u + 1, v);
+    if (v + 1 < scene.rows) add(u, v + 1);
     if (count == 0) continue;
     Rgb rgb;
     for (std::size_t k = 0; k < 3; ++k) rgb[k] = static_cast<std::uint8_t>(sum[k] / count);
-    painter.paint(pixel, rgb);
+    painter.paint(u, v, rgb);
     image.z[pixel] = 0.0F;  // has a colour now, for those that are filled after it
   }
 }
@@ -416,13 +449,7 @@ void composite(const PersonSurface& person, const SceneView& scene, const Compos
   }
   std::vector<std::int64_t> filled;
   const DepthBuffer drawn = draw_depth(person, scene, at, options, filled);
-  for (std::int64_t i = 0; i < scene.rows * scene.cols; ++i) {
-    const float z = drawn.z[i];
-    constexpr float kFarthest = 65.535F;
-    const bool is_person = z <= kFarthest && !is_hidden(scene, i, z);
-    out.mask[i] = is_person ? 1 : 0;
-    out.depth[i] = is_person ? static_cast<std::uint16_t>(1000.0F * z + 0.5F) : scene.depth[i];
-  }
+  put_before(drawn, scene, box_around(at, scene.cols, scene.rows), out);
   if (scene.color.pixels == nullptr || out.color == nullptr) return;
   const PixelBox whole{0, 0, scene.color.cols, scene.color.rows};
   if (options.surface == CompositeSurface::kPoints && !scene.registration) {
@@ -436,7 +463,7 @@ void composite(const PersonSurface& person, const SceneView& scene, const Compos
     const Projector camera(*scene.registration);
     for (std::size_t i = 0; i < at.size(); ++i) in_color[i] = camera(person.vertices + 3 * i);
   }
-  const PixelBox box = box_around(in_color, scene.color);
+  const PixelBox box = box_around(in_color, scene.color.cols, scene.color.rows);
   ColorPainter painter(scene, box, out.color);
   if (!box.empty()) paint_faces(person, scene, in_color, at, box, painter);
   painter.fade(options.blend);

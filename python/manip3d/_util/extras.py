@@ -18,6 +18,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "las": ("laspy", "lazrs"),
     "e57": ("pye57",),
     "ouster": ("ouster",),
+    "bags": ("rosbags",),
     "pose": ("mediapipe",),
     "video": ("av",),
     "dask": ("distributed",),

@@ -492,26 +492,19 @@ def _observation(
         if observed is not None:
             return observed
     if forensics is not None and forensics.verdict == "tampered":
-        return _by_forensics(forensics, region, region.safe_distance(speed_mps))
+        return _by_forensics(forensics, region, speed_mps)
     if watermark is not None and watermark.verdict == "tampered":
         return _by_tiles(watermark, region)
     return None
 
 
-def _by_forensics(found: Inspection, region: RiskParameters, reach: float) -> AttackObservation:
+def _by_forensics(found: Inspection, region: RiskParameters, speed_mps: float) -> AttackObservation:
     """Suspected points say where; of what kind the attack is they do not tell."""
     places = [each.box.center[:2] for each in found.regions] or [(region.nearest_m, 0.0)]
     x, y = min(places, key=lambda place: math.hypot(*place))
     if found.scan is None:
         return AttackObservation("modification", (x, y), 0, 0)
-    points = found.scan.points
-    inside = (
-        (points[:, 0] >= region.nearest_m)
-        & (points[:, 0] <= reach)
-        & (abs(points[:, 1]) <= region.half_width_m)
-        & (points[:, 2] >= region.bottom_m)
-        & (points[:, 2] <= region.top_m)
-    )
+    inside = region.contains(found.scan.points, speed_mps)
     suspected = {int(row) for each in found.regions for row in each.rows}
     changed = sum(bool(inside[row]) for row in suspected)
     return AttackObservation("modification", (float(x), float(y)), changed, int(inside.sum()))

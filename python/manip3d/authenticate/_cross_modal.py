@@ -235,13 +235,13 @@ class CrossModalResult(Showable):
             return None
         region = RiskParameters() if parameters is None else parameters
         near = min(self.regions, key=lambda each: _nearest(each.box))
-        inside = self._in_region(region, region.safe_distance(speed_mps)) & self.judged
+        inside = self._in_region(region, speed_mps) & self.judged
         changed = int(np.count_nonzero(inside & (self.mask != 0)))
         return AttackObservation(
             self.attack, _nearest_place(near.box), changed, int(np.count_nonzero(inside))
         )
 
-    def _in_region(self, region: RiskParameters, reach: float) -> NDArray[np.bool_]:
+    def _in_region(self, region: RiskParameters, speed_mps: float) -> NDArray[np.bool_]:
         """Cells whose surface lies in the safety region: what is missing counts where it was."""
         p = self.parameters
         rows, columns = self.mask.shape
@@ -249,18 +249,10 @@ class CrossModalResult(Showable):
         elevation = np.radians(p.highest - p.elevation_step * (np.arange(rows) + 0.5))[:, None]
         seen = np.where(self.mask < 0, self.stereo, self.lidar)
         distance = np.where(seen > 0.0, seen, self.stereo).astype(np.float64)
-        x = distance * np.cos(elevation) * np.cos(azimuth)
-        y = distance * np.cos(elevation) * np.sin(azimuth)
-        z = distance * np.sin(elevation)
-        inside: NDArray[np.bool_] = (
-            (distance > 0.0)
-            & (x >= region.nearest_m)
-            & (x <= reach)
-            & (abs(y) <= region.half_width_m)
-            & (z >= region.bottom_m)
-            & (z <= region.top_m)
-        )
-        return inside
+        over_ground = distance * np.cos(elevation)
+        ahead, left = over_ground * np.cos(azimuth), over_ground * np.sin(azimuth)
+        places = np.stack([ahead, left, distance * np.sin(elevation)], axis=-1)
+        return np.asarray((distance > 0.0) & region.contains(places, speed_mps))
 
     def record(self) -> dict[str, object]:
         """Return what was found without the maps, ready for JSON."""

@@ -8,11 +8,16 @@ import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
 
 ATTACK_TYPES: Mapping[str, float] = ReadOnlyMapping(
     {
@@ -92,6 +97,46 @@ class RiskParameters:
         """
         _check_speed(speed_mps)
         return speed_mps * self.reaction_s + speed_mps * speed_mps / (2.0 * self.braking_mps2)
+
+    def contains(self, points: ArrayLike, speed_mps: float) -> NDArray[np.bool_]:
+        """Return which points lie in the safety region (figure 7.7): a box ahead of the car.
+
+        Parameters
+        ----------
+        points : (..., 3), metres
+            In the LiDAR's frame: ahead, to the left, up.
+        speed_mps : float, m/s
+            Of the car: the box ends at the stopping distance.
+
+        Returns
+        -------
+        (...) bool
+
+        Raises
+        ------
+        InputError
+            Points of another shape, a negative speed.
+
+        Examples
+        --------
+        >>> RiskParameters().contains([[20.0, 0.0, 0.0], [50.0, 0.0, 0.0]], 50 / 3.6).tolist()
+        [True, False]
+        """
+        places = np.asarray(points)
+        if places.ndim == 0 or places.shape[-1] != 3 or places.dtype.kind not in "fiu":
+            raise InputError(
+                f"points: expected numbers of shape (..., 3), got shape {places.shape} of "
+                f"{places.dtype}"
+            )
+        ahead, left, up = np.moveaxis(places, -1, 0)
+        inside: NDArray[np.bool_] = (
+            (ahead >= self.nearest_m)
+            & (ahead <= self.safe_distance(speed_mps))
+            & (abs(left) <= self.half_width_m)
+            & (up >= self.bottom_m)
+            & (up <= self.top_m)
+        )
+        return inside
 
     def frames(self, speed_mps: float) -> int:
         """Return X_n, the number of frames in which the car drives 100 m: 5 to 720.

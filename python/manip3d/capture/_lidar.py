@@ -1,4 +1,4 @@
-"""LiDARs and their recordings as `LidarFrame`s: Velodyne, Ouster, KITTI drives."""
+"""LiDARs and their recordings as `LidarFrame`s: Velodyne, Ouster, ROS bags, KITTI drives."""
 
 from __future__ import annotations
 
@@ -131,7 +131,10 @@ def open_lidar(
         ``velodyne:[ADDRESS:]PORT``, which listens on an address of this machine (127.0.0.1;
         0.0.0.0 for a sensor on the network; port 2368; 0: a free one), or ``ouster:FILE`` (a pcap
         of an Ouster, through ouster-sdk; of the options below only ``metadata`` is for it), or
-        ``kitti:FOLDER`` (`manip3d.datasets.open_kitti`; takes none of them).
+        ``kitti:FOLDER`` (`manip3d.datasets.open_kitti`; takes none of them), or
+        ``bag:PATH[#TOPIC]``: the PointCloud2 messages of a ROS bag (a ``.mcap`` or ``.db3`` file, a
+        ROS 2 bag's folder, a ROS 1 ``.bag``) through rosbags; it takes ``max_bytes`` only. Without
+        a topic the bag has one of clouds.
     model : str, optional
         ``hdl64e``, ``hdl32e``, ``vlp16`` or ``vlp32c``; without it the first packet says.
     calibration : VelodyneCalibration or path, optional
@@ -163,6 +166,9 @@ def open_lidar(
         `RETURN_TYPES`). ``timestamp`` is when the frame's first packet was received. ``format``
         tells the model, the sensor's own time and whether the turn is complete. An Ouster's
         ``fields`` are ``column``, ``range``, ``time``, ``return`` (1, 2) and its own (``near_ir``).
+        A bag's are those of its messages; ``timestamp`` is the message's own, else when it was
+        recorded; ``origin`` is None where the frame's name says that the scanner is elsewhere
+        (``base_link``, ``map``, ``odom``).
 
     Raises
     ------
@@ -174,7 +180,7 @@ def open_lidar(
     DeviceError
         The port is taken.
     MissingExtraError
-        ouster-sdk is not installed: ``pip install 'manip3d[ouster]'``.
+        ouster-sdk or rosbags is not installed: ``pip install 'manip3d[ouster]'``, ``[bags]``.
     """
     scheme, colon, rest = uri.partition(":")
     _refuse_unused(scheme, locals())
@@ -202,6 +208,13 @@ def open_lidar(
         from manip3d.capture._ouster import OusterRecording
 
         return LidarSource(uri, OusterRecording(path_of(rest, "uri"), metadata), live=False)
+    if colon and scheme == "bag":
+        from manip3d.capture._bag import BagRecording
+        from manip3d.io._scan_tables import byte_limit
+
+        place, _, topic = rest.partition("#")
+        bag = BagRecording(path_of(place, "uri"), topic, byte_limit(max_bytes) or None)
+        return LidarSource(uri, bag, live=False)
     if colon and scheme == "kitti":
         return LidarSource(uri, _Drive(path_of(rest, "uri")), live=False)
     if colon and scheme == "velodyne":
@@ -214,7 +227,8 @@ def open_lidar(
         source.start()
         return LidarSource(uri, source, live=True)
     raise InputError(
-        f"uri: expected pcap:FILE, ouster:FILE or velodyne:[ADDRESS:]PORT, got {uri!r}"
+        "uri: expected pcap:FILE, ouster:FILE, kitti:FOLDER, bag:PATH[#TOPIC] or "
+        f"velodyne:[ADDRESS:]PORT, got {uri!r}"
     )
 
 
@@ -226,6 +240,7 @@ _USED = {
     "velodyne": _VELODYNE | {"sender", "ring_packets"},
     "ouster": frozenset({"metadata"}),
     "kitti": frozenset[str](),
+    "bag": frozenset({"max_bytes"}),
 }
 """The options of `open_lidar` that each scheme uses."""
 

@@ -13,7 +13,7 @@ from manip3d.capture._rgbd import (
     open_rgbd,
 )
 
-_LIDAR = ("pcap", "velodyne", "ouster", "kitti")
+_LIDAR = ("pcap", "velodyne", "ouster", "kitti", "bag")
 
 
 @checked
@@ -25,8 +25,8 @@ def open(uri: str, **options: Any) -> LidarSource | RgbdSource:
     uri : str
         ``SCHEME:PLACE``.
     **options
-        Those of `open_lidar` (``pcap:``, ``velodyne:``, ``ouster:``, ``kitti:``) or of `open_rgbd`
-        (all others).
+        Those of `open_lidar` (``pcap:``, ``velodyne:``, ``ouster:``, ``kitti:``, ``bag:``) or of
+        `open_rgbd` (all others).
 
     Returns
     -------
@@ -58,7 +58,9 @@ def sources() -> tuple[Scheme, ...]:
     """
     from importlib.util import find_spec
 
-    ouster, open3d = (find_spec(module) is None for module in ("ouster", "open3d"))
+    ouster, open3d, rosbags = (
+        find_spec(module) is None for module in ("ouster", "open3d", "rosbags")
+    )
     return (
         *core_schemes(),
         Scheme(
@@ -85,4 +87,12 @@ def sources() -> tuple[Scheme, ...]:
             "pip install 'manip3d[ouster]'" if ouster else "",
         ),
         Scheme("kitti", "FOLDER", "drives in KITTI's layout", "lidar"),
+        Scheme(
+            "bag",
+            "PATH[#TOPIC]",
+            "point clouds of ROS 1, ROS 2 and MCAP bags",
+            "lidar",
+            "rosbags is not installed" if rosbags else "",
+            "pip install 'manip3d[bags]'" if rosbags else "",
+        ),
     )

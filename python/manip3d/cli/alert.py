@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Iterator
@@ -58,7 +59,8 @@ def run(
         str,
         typer.Argument(
             metavar="DRIVE",
-            help="A folder of a KITTI drive, or sim:street?seed=0&frames=10 for a simulated one.",
+            help="A folder of a KITTI drive, a recording of a LiDAR (.pcap, .mcap, a ROS bag), or "
+            "sim:street?seed=0&frames=10 for a simulated drive.",
         ),
     ],
     key: Annotated[
@@ -183,8 +185,29 @@ def _opened(
         if calibration is not None:
             raise InputError("--calibration: expected with a folder, got a simulated drive")
         return _simulated(source, frames)
-    expect_kind(source, "drive", verb="alert run")
-    return _recorded(source, calibration, frames, has_key=has_key)
+    kind = expect_kind(source, "drive", "packets", verb="alert run")
+    if kind == "drive":
+        return _recorded(source, calibration, frames, has_key=has_key)
+    if calibration is not None:
+        raise InputError("--calibration: expected with a KITTI drive, got a recording of a LiDAR")
+    return _scans_only(source, frames)
+
+
+def _scans_only(source: str, frames: int | None) -> tuple[None, Iterator[_Moment], int]:
+    """A recording without cameras, records and speeds."""
+    from manip3d import capture
+    from manip3d.viewer import scan_address
+
+    address = scan_address(source)
+    if address is None:
+        raise InputError(f"{source}: expected a drive or a recording of a LiDAR")
+
+    def moments() -> Iterator[_Moment]:
+        with capture.open_lidar(address) as recording:
+            for frame in itertools.islice(recording, frames):
+                yield _Moment(frame, None, None, None, frame.timestamp)
+
+    return None, moments(), frames or 0
 
 
 def _simulated(address: str, frames: int | None) -> tuple[StereoRig, Iterator[_Moment], int]:

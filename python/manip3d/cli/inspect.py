@@ -46,8 +46,9 @@ def inspect(
         typer.Argument(
             metavar="SOURCE",
             help="A scan: .bin, .pcd, .ply, .3d, .las, .laz or .e57 file; a drive of scans in "
-            "KITTI's layout or a recording of LiDAR packets (.pcap); or an RGB-D recording: a "
-            ".mkv file, a recorded folder or an address that 'capture list' shows.",
+            "KITTI's layout, a recording of LiDAR packets (.pcap) or of point clouds (.mcap, a "
+            "ROS bag); or an RGB-D recording: a .mkv file, a recorded folder or an address that "
+            "'capture list' shows.",
         ),
     ],
     output: OptionalOutput = None,
@@ -210,7 +211,7 @@ def _record_of(source: str, record: Path | None, key: Path | None) -> bytes | No
 
 
 _MOST_LIVE = 60  # frames of a camera
-_LIDAR_SCHEMES = ("pcap", "ouster", "kitti")
+_LIDAR_SCHEMES = ("pcap", "ouster", "kitti", "bag")
 
 
 class Drive:
@@ -236,8 +237,9 @@ class Drive:
         """The scans; None for one that cannot be read."""
         from manip3d import authenticate, capture
         from manip3d.io import read_scan
+        from manip3d.viewer import scan_address
 
-        if Path(self._source).is_dir():
+        if self._is_folder_of_scans():
             if self._calibration is not None:
                 raise InputError("--calibration: expected with a recording of packets, got scans")
             for number, path in enumerate(authenticate.drive_scans(self._source)):
@@ -249,11 +251,10 @@ class Drive:
                     self.errors[number] = str(error)
                     yield None
             return
-        scheme = self._source.partition(":")[0]
-        if not Path(self._source).exists() and scheme not in _LIDAR_SCHEMES:
+        uri = scan_address(self._source)
+        if uri is None or uri.partition(":")[0] not in _LIDAR_SCHEMES:
             known = ", ".join(f"{name}:PATH" for name in _LIDAR_SCHEMES)
             raise InputError(f"{self._source}: expected a file, a folder or one of {known}")
-        uri = f"pcap:{self._source}" if Path(self._source).exists() else self._source
         with capture.open_lidar(uri, calibration=self._calibration) as opened:
             for number, frame in enumerate(opened):
                 self.names.append(f"frame {number}")
@@ -263,8 +264,15 @@ class Drive:
         """Numbers of the scans, by which neighbours are told; None: all follow each other."""
         from manip3d import authenticate
 
-        is_folder = Path(self._source).is_dir()
-        return authenticate.drive_numbers(self._source) if is_folder else None
+        scans = self._is_folder_of_scans()
+        return authenticate.drive_numbers(self._source) if scans else None
+
+    def _is_folder_of_scans(self) -> bool:
+        """Whether it is a folder, but not that of a bag."""
+        from manip3d.viewer import scan_address
+
+        path = Path(self._source)
+        return path.is_dir() and not (scan_address(self._source) or "").startswith("bag:")
 
     def records(self) -> Iterator[bytes | None]:
         """The watermarks' records beside the scans."""

@@ -21,7 +21,7 @@ NAMES = {
     "scan": "a LiDAR scan",
     "range grid": "a range scan",
     "depth": "a depth image",
-    "packets": "a recording of LiDAR packets",
+    "packets": "a recording of a LiDAR",
     "recording": "an RGB-D recording",
     "drive": "a drive of LiDAR scans",
     "picture": "a colour picture",
@@ -59,7 +59,7 @@ def kind_of(source: str) -> str:
         return _kind_of_folder(path)
     path.stat()  # a missing file is an OSError that names it
     suffix = _suffix(path)
-    if suffix in (".pcap", ".pcapng"):
+    if suffix in (".pcap", ".pcapng", ".mcap", ".db3"):
         return "packets"
     if suffix in (".mkv", ".bag"):
         return "recording"
@@ -121,6 +121,8 @@ def _kind_of_folder(path: Path) -> str:
     names = ("frames.jsonl", "depth.txt", "depth")
     if any((path / name).exists() for name in names):
         return "recording"
+    if (path / "metadata.yaml").is_file():  # of a ROS 2 bag
+        return "packets"
     is_drive = (path / "velodyne").is_dir() or (path / "velodyne_points").is_dir()
     return "drive" if is_drive else "folder"
 
@@ -144,7 +146,7 @@ def _kind_of_ply(path: Path) -> str:
 
 def shown_suffixes() -> tuple[str, ...]:
     """Return the suffixes of files that info and view take from a folder."""
-    return (*READABLE, *SCAN_SUFFIXES, *DEPTH_SUFFIXES, ".pcap", ".pcapng", ".mkv")
+    return (*READABLE, *SCAN_SUFFIXES, *DEPTH_SUFFIXES, ".pcap", ".pcapng", ".mcap", ".mkv")
 
 
 def converted_suffixes() -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""``info`` and ``convert`` on scans and on recordings of LiDAR packets."""
+"""``info`` and ``convert`` on scans and on recordings of LiDARs."""
 
 from __future__ import annotations
 

@@ -73,6 +73,7 @@ _BUILT_IN = (
     "table_7_2",
     "security",
     "cross_modal_7",
+    "figure_7_7",
     "figure_7_8",
     "figure_7_10",
     "figure_7_12",

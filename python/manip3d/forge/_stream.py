@@ -686,10 +686,9 @@ def _people(
     index = np.full(drawn.shape, NO_BODY, np.uint8)
     if scene.body_index is not None:
         index[:] = scene.body_index
-    used = np.flatnonzero(np.bincount(index.ravel(), minlength=256))
-    taken = {int(body) for body in used} | {s.body for s in scene.skeletons}
-    body = next(number for number in count() if number not in taken)
-    index[drawn] = body
+    taken = {skeleton.body for skeleton in scene.skeletons}
+    body = next(number for number in count() if number not in taken and not (index == number).any())
+    np.copyto(index, np.uint8(body), where=drawn)
     if moved is None or not drawn.any():
         return index, scene.skeletons
     taken_ids = {skeleton.id for skeleton in scene.skeletons}

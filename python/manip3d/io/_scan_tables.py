@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
@@ -82,42 +82,71 @@ def _dtype(columns: Sequence[Column]) -> np.dtype[Any]:
     )
 
 
+@dataclass
+class Table:
+    """Columns by name, one value or row of values per point, and where they are from."""
+
+    kind: str
+    columns: dict[str, NDArray[Any]]
+    source: str
+    layout: tuple[Column, ...] = ()
+    header: dict[str, Any] = field(default_factory=dict)
+
+
 def read_table(path: str | os.PathLike[str], limit: int) -> LidarFrame:
     name = os.fspath(path)
     kind, fields, pairs, num_points, raw = _core.read_points(os.fsencode(name), limit)
     columns = tuple((str(a), str(b), int(c)) for a, b, c in fields)
     dtype = _dtype(columns)
-    table = raw.view(dtype) if raw.size else np.empty(num_points, dtype)
-    by_name = _columns(table, columns)
+    values = raw.view(dtype) if raw.size else np.empty(num_points, dtype)
+    header: dict[str, Any] = {"pairs": tuple((str(a), str(b)) for a, b in pairs)}
+    table = Table(kind, _columns(values, columns), name, columns, header)
+    frame = frame_of_table(table, origin=_origin(kind, dict(header["pairs"])))
+    if kind == "3dtk":
+        header["pose"] = read_pose(Path(name))
+    return frame
+
+
+def frame_of_table(
+    table: Table,
+    *,
+    origin: tuple[float, float, float] | None,
+    timestamp: float | None = None,
+) -> LidarFrame:
+    """The scan that a table of points is: those without coordinates (NaN) are left out.
+
+    Raises
+    ------
+    FormatError
+        x, y or z is absent; a number that no scan has.
+    """
+    kind, name, by_name = table.kind, table.source, dict(table.columns)
     missing = [axis for axis in "xyz" if axis not in by_name or by_name[axis].ndim != 1]
     if missing:
         raise FormatError(f"a scan has x, y and z; {', '.join(missing)} not found", file=name)
     measured = ~np.any([np.isnan(by_name[axis]) for axis in "xyz"], axis=0)
-    num_dropped = int(num_points - np.count_nonzero(measured))
+    num_dropped = int(measured.size - np.count_nonzero(measured))
     if num_dropped:
         by_name = {key: values[measured] for key, values in by_name.items()}
     stored = np.column_stack([by_name.pop(axis) for axis in "xyz"])
-    header: dict[str, Any] = {"pairs": tuple((str(a), str(b)) for a, b in pairs)}
-    layout = ScanFormat(kind, columns, header, _to_file(kind))
+    layout = ScanFormat(kind, table.layout, table.header, _to_file(kind))
     points = measured_points(stored, layout, name)
     intensity = _take(by_name, _INTENSITY, "fiu")
     ring = _take(by_name, _RING, "iu")
     if ring is None and kind == "nuscenes":
         ring = _whole(by_name, "ring", name)
-    frame = LidarFrame(
+    return LidarFrame(
         points=points,
         intensity=None if intensity is None else _finite(intensity.astype(np.float32), name),
         ring=ring,
-        origin=_origin(kind, dict(header["pairs"])),
+        origin=origin,
+        timestamp=timestamp,
         source=name,
         fields={key: np.ascontiguousarray(values) for key, values in by_name.items()},
         exact=exact_coordinates(stored, points),
         format=layout,
         num_dropped=num_dropped,
     )
-    if kind == "3dtk":
-        header["pose"] = read_pose(Path(name))
-    return frame
 
 
 def _columns(table: NDArray[Any], columns: Sequence[Column]) -> dict[str, NDArray[Any]]:

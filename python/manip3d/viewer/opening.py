@@ -35,7 +35,8 @@ __all__ = ["Kind", "Opened", "kind_of", "open_thing", "rgbd_address", "scan_addr
 Kind = Literal["mesh", "scan", "depth", "rgbd"]
 
 _PACKETS = (".pcap", ".pcapng")
-_LIDAR_SCHEMES = ("pcap:", "ouster:", "kitti:", "velodyne:")
+_BAGS = (".mcap", ".db3")
+_LIDAR_SCHEMES = ("pcap:", "ouster:", "kitti:", "velodyne:", "bag:")
 _SCHEME = re.compile(r"[a-z][a-z0-9-]+:")  # of two characters at least: C:\scan.pcd is a file
 _HEADER_BYTES = 1 << 16  # where a PLY file names its elements
 
@@ -79,12 +80,14 @@ def kind_of(source: str | os.PathLike[str]) -> Kind:
 
 @checked
 def scan_address(source: str) -> str | None:
-    """The address of LiDAR packets or of a drive, for `manip3d.capture.open_lidar`; or None."""
+    """The address of packets, a bag or a drive, for `manip3d.capture.open_lidar`; or None."""
     if source.startswith(_LIDAR_SCHEMES):
         return source
     if scan_suffix(source) in _PACKETS:
         return f"pcap:{source}"
     path = Path(source)
+    if scan_suffix(source) in _BAGS or (path / "metadata.yaml").is_file():
+        return f"bag:{source}"
     is_drive = (path / "velodyne").is_dir() or (path / "velodyne_points").is_dir()
     return f"kitti:{source}" if is_drive else None
 

@@ -1,0 +1,162 @@
+"""Point clouds of ROS bags: ROS 1 (.bag), ROS 2 (a folder, .db3) and MCAP, through rosbags."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import subprocess
+import sys
+import threading
+import weakref
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from manip3d.errors import FormatError, InputError, MissingExtraError
+from manip3d.io._files import check_regular
+from manip3d.io._scan_tables import Table, frame_of_table
+from manip3d.lidar import LidarFrame
+
+_MEMORY = 4 << 30
+"""Bytes of address space in which a bag is read: a chunk of some hundred megabytes fits."""
+_KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+"""NumPy's names of sensor_msgs/PointField's types."""
+_MOST_POINTS = 1 << 28
+_FIXED_FRAMES = ("base", "map", "odom", "world", "earth", "utm")
+"""How frames are called in which the scanner is somewhere else than at the origin (REP 105)."""
+
+
+class BagRecording:
+    """Frames of one topic of a bag; the same face as the core's sources."""
+
+    def __init__(self, path: Path, topic: str, max_bytes: int | None = None) -> None:
+        if importlib.util.find_spec("rosbags") is None:
+            raise MissingExtraError("rosbags", "bags")
+        if not path.is_dir():
+            check_regular(path)  # the operating system's word first
+        elif not (path / "metadata.yaml").is_file():
+            raise FormatError("a folder of a ROS 2 bag has a metadata.yaml", file=str(path))
+        self._path = path
+        self._uri = f"bag:{path}"
+        self._left = max_bytes
+        self._counters = {"frames": 0, "points": 0, "no_return": 0}
+        self._lock = threading.RLock()
+        self._ended = False
+        script = Path(__file__).with_name("_bag_process.py")
+        # -P: this folder does not say what the script imports.
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", str(script), str(path.absolute()), topic, str(_MEMORY)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,  # Ctrl-C is for the reader of the frames
+        )
+        weakref.finalize(self, _end, self._process)
+
+    def read(self, timeout_ms: int) -> LidarFrame | bool:
+        """The next frame, or False at the end."""
+        with self._lock:
+            if self._ended:
+                return False
+            header = self._header()
+            if "end" in header:
+                self._close()
+                return False
+            frame = self._frame(header, self._data(header))
+            self._counters["frames"] += 1
+            self._counters["points"] += frame.num_points
+            self._counters["no_return"] += frame.num_dropped
+            return frame
+
+    def counters(self) -> dict[str, int]:
+        """Frames, points, and points without coordinates."""
+        return dict(self._counters)
+
+    def _header(self) -> dict[str, Any]:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        if not line.endswith(b"\n"):
+            raise self._refuse("damaged bag: its reader ended")
+        header: dict[str, Any] = json.loads(line)
+        if "error" in header:
+            raise self._refuse(f"damaged bag: {header['error']}")
+        if "topics" in header:
+            self._close()
+            names = ", ".join(header["topics"]) or "none"
+            raise InputError(
+                f"uri: expected {self._uri}#TOPIC with one of the topics of point clouds: {names}"
+            )
+        return header
+
+    def _data(self, header: dict[str, Any]) -> bytes:
+        assert self._process.stdout is not None
+        if self._left is not None:
+            self._left -= header["size"]
+            if self._left < 0:
+                raise self._refuse("more than max_bytes")
+        data = self._process.stdout.read(header["size"])
+        if len(data) != header["size"]:
+            raise self._refuse("damaged bag: its reader ended")
+        return data
+
+    def _frame(self, header: dict[str, Any], data: bytes) -> LidarFrame:
+        where = f"{self._uri}, message {self._counters['frames']}"
+        rows, columns = header["height"], header["width"]
+        step, row_step = header["point_step"], header["row_step"]
+        if rows * columns > _MOST_POINTS:
+            raise self._refuse(f"{where}: {rows} x {columns} points; at most {_MOST_POINTS}")
+        # A cloud of one row may leave row_step out.
+        if rows <= 1 and row_step < columns * step:
+            row_step = columns * step
+        if row_step < columns * step or rows * row_step > len(data):
+            raise self._refuse(
+                f"{where}: {rows} rows of {columns} points of {step} bytes do not fit {len(data)} "
+                f"bytes with rows of {row_step}"
+            )
+        dtype, names = self._dtype(header, where)
+        lines = np.frombuffer(data, np.uint8, rows * row_step).reshape(rows, row_step)
+        packed = np.ascontiguousarray(lines[:, : columns * step])
+        values = packed.reshape(-1).view(dtype) if packed.size else np.empty(0, dtype)
+        table = Table("ros", {name: values[key] for name, key in names.items()}, self._uri)
+        table.header = {key: header[key] for key in ("topic", "frame_id", "height", "width")}
+        lowered = header["frame_id"].lower()
+        at_sensor = not any(name in lowered for name in _FIXED_FRAMES)
+        stamp = header["stamp_ns"] or header["received_ns"]
+        return frame_of_table(
+            table, origin=(0.0, 0.0, 0.0) if at_sensor else None, timestamp=stamp / 1e9
+        )
+
+    def _dtype(self, header: dict[str, Any], where: str) -> tuple[np.dtype[Any], dict[str, str]]:
+        """The layout of a point, and the key of each named field; the first of a name counts."""
+        order = ">" if header["is_bigendian"] else "<"
+        keys, formats, offsets, names = [], [], [], dict[str, str]()
+        for number, (name, offset, kind, count) in enumerate(header["fields"]):
+            if kind not in _KINDS:
+                raise self._refuse(f"{where}: field {name!r} has the unknown type {kind}")
+            one = np.dtype(order + _KINDS[kind])
+            count = count or 1  # some drivers write 0
+            if offset + count * one.itemsize > header["point_step"]:
+                raise self._refuse(f"{where}: field {name!r} does not fit a point's bytes")
+            keys.append(f"{number} {name}")
+            formats.append((one, (count,)) if count != 1 else one)
+            offsets.append(offset)
+            names.setdefault(name, keys[-1])
+        layout = {"names": keys, "formats": formats, "offsets": offsets,
+                  "itemsize": header["point_step"]}  # fmt: skip
+        return np.dtype(layout), names  # type: ignore[call-overload]
+
+    def _refuse(self, reason: str) -> FormatError:
+        self._close()
+        return FormatError(reason, file=str(self._path))
+
+    def _close(self) -> None:
+        self._ended = True
+        _end(self._process)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    process.wait()
+    if process.stdout is not None:
+        process.stdout.close()

@@ -1,0 +1,238 @@
+"""Point clouds of ROS bags: what rosbags writes is read to the bit, and what damaged bags say."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from manip3d import FormatError, InputError, capture
+
+rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="the extra 'bags' is not installed")
+rosbag2 = pytest.importorskip("rosbags.rosbag2")
+typesys = pytest.importorskip("rosbags.typesys")
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+LAYOUT = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"),
+          ("time", "<f8")]  # fmt: skip
+KINDS = {"<i1": 1, "<u1": 2, "<i2": 3, "<u2": 4, "<i4": 5, "<u4": 6, "<f4": 7, "<f8": 8}
+
+
+def points_of(number: int, count: int = 50) -> np.ndarray[Any, Any]:
+    rng = np.random.default_rng(number)
+    table = np.zeros(count, LAYOUT)
+    for name, kind in LAYOUT:
+        table[name] = rng.integers(0, 60, count) if "u" in kind else rng.normal(size=count)
+    return table
+
+
+def message(
+    types: Any,
+    table: np.ndarray[Any, Any],
+    *,
+    stamp: float = 0.0,
+    rows: int = 1,
+    padding: int = 0,
+    frame: str = "velodyne",
+    ros1: bool = False,
+) -> Any:
+    """A cloud of so many rows; so many bytes beside each row that are no points."""
+    dtype = table.dtype
+    fields = [
+        types.types["sensor_msgs/msg/PointField"](
+            name, dtype.fields[name][1], KINDS[dtype[name].str.replace("|", "<")], 1
+        )
+        for name in dtype.names
+    ]
+    width = len(table) // rows
+    lines = np.zeros((rows, width * dtype.itemsize + padding), np.uint8)
+    lines[:, : width * dtype.itemsize] = table.view(np.uint8).reshape(rows, -1)
+    time = types.types["builtin_interfaces/msg/Time"](int(stamp), round(stamp % 1 * 1e9))
+    sequence = (0,) if ros1 else ()
+    header = types.types["std_msgs/msg/Header"](*sequence, stamp=time, frame_id=frame)
+    return types.types[CLOUD](
+        header, rows, width, fields, False, dtype.itemsize, lines.shape[1], lines.reshape(-1), True
+    )
+
+
+def write_bag(
+    path: Path, clouds: dict[str, Sequence[Any]], storage: str = "mcap", mode: str = "NONE"
+) -> Path:
+    """A ROS 2 bag of the clouds of each topic; 0.1 s lie between two of them."""
+    types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    plugin = getattr(rosbag2.StoragePlugin, storage.upper())
+    writer = rosbag2.Writer(path, version=8, storage_plugin=plugin)
+    if mode != "NONE":
+        writer.set_compression(rosbag2.CompressionMode[mode], rosbag2.CompressionFormat.ZSTD)
+    with writer:
+        for topic, messages in clouds.items():
+            connection = writer.add_connection(topic, CLOUD, typestore=types)
+            for number, each in enumerate(messages):
+                raw = types.serialize_cdr(each, CLOUD)
+                writer.write(connection, 10**9 + number * 10**8, raw)
+    return path
+
+
+TYPES = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+
+
+@pytest.mark.parametrize(("storage", "mode"), [
+    ("mcap", "NONE"), ("sqlite3", "NONE"), ("mcap", "STORAGE"), ("sqlite3", "MESSAGE"),
+])  # fmt: skip
+def test_clouds_of_a_bag_are_those_that_were_written(
+    tmp_path: Path, storage: str, mode: str
+) -> None:
+    tables = [points_of(number) for number in range(3)]
+    clouds = [message(TYPES, each, stamp=5.25 + i) for i, each in enumerate(tables)]
+    bag = write_bag(tmp_path / "bag", {"/points": clouds}, storage, mode)
+    with capture.open(f"bag:{bag}") as source:
+        frames = list(source)
+    assert source.counters == {"frames": 3, "points": 150, "no_return": 0, "skipped": 0}
+    for number, (frame, table) in enumerate(zip(frames, tables, strict=True)):
+        assert np.array_equal(frame.points, np.column_stack([table[axis] for axis in "xyz"]))
+        assert np.array_equal(frame.intensity, table["intensity"])
+        assert np.array_equal(frame.ring, table["ring"])
+        assert np.array_equal(frame.fields["time"], table["time"])
+        assert frame.timestamp == 5.25 + number
+        assert frame.origin == (0.0, 0.0, 0.0)
+        assert frame.format is not None
+        assert frame.format.header["frame_id"] == "velodyne"
+    files = list(bag.glob("*.mcap")) + list(bag.glob("*.db3"))
+    if mode in ("NONE", "STORAGE"):
+        assert len(list(capture.open(f"bag:{files[0]}"))) == 3
+
+
+def test_ros1_bags(tmp_path: Path) -> None:
+    types = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
+    path, table = tmp_path / "a.bag", points_of(1)
+    with rosbag1.Writer(path) as writer:
+        connection = writer.add_connection("/points", CLOUD, typestore=types)
+        raw = types.serialize_ros1(message(types, table, ros1=True), CLOUD)
+        writer.write(connection, 7 * 10**9, raw)
+    (frame,) = capture.open(f"bag:{path}")
+    assert np.array_equal(frame.fields["time"], table["time"])
+    assert frame.timestamp == 7.0  # the message has none of its own
+
+
+def test_organised_clouds_with_padded_rows_and_points_without_a_return(tmp_path: Path) -> None:
+    table = points_of(2, 60)
+    table["x"][[3, 7, 59]] = np.nan
+    cloud = message(TYPES, table, rows=4, padding=13, frame="base_link")
+    bag = write_bag(tmp_path / "bag", {"/points": [cloud]})
+    (frame,) = capture.open(f"bag:{bag}")
+    kept = ~np.isnan(table["x"])
+    assert np.array_equal(frame.points[:, 0], table["x"][kept])
+    assert np.array_equal(frame.ring, table["ring"][kept])
+    assert frame.num_dropped == 3
+    assert frame.origin is None  # the scanner is not where the vehicle is
+
+
+def test_a_topic_is_named_where_there_are_several(tmp_path: Path) -> None:
+    clouds = {
+        f"/{side}": [message(TYPES, points_of(i))] for i, side in enumerate(("left", "right"))
+    }
+    bag = write_bag(tmp_path / "bag", clouds)
+    with pytest.raises(InputError, match="with one of the topics of point clouds: /left, /right"):
+        list(capture.open(f"bag:{bag}"))
+    with pytest.raises(InputError, match="/left, /right"):
+        list(capture.open(f"bag:{bag}#/middle"))
+    (frame,) = capture.open(f"bag:{bag}#/right")
+    assert np.array_equal(frame.ring, points_of(1)["ring"])
+
+
+def test_refusals(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        capture.open(f"bag:{tmp_path / 'a.mcap'}")
+    with pytest.raises(FormatError, match=r"metadata\.yaml"):
+        capture.open(f"bag:{tmp_path}")
+    with pytest.raises(InputError, match="model: expected none for bag:"):
+        capture.open(f"bag:{tmp_path}", model="vlp16")
+    bag = write_bag(tmp_path / "bag", {"/points": [message(TYPES, points_of(1))]})
+    with pytest.raises(FormatError, match="more than max_bytes"):
+        list(capture.open(f"bag:{bag}", max_bytes=10))
+    for changed, reason in (
+        ({"point_step": 20}, "does not fit a point's bytes"),
+        ({"width": 51}, "do not fit"),
+        ({"height": 2**31, "width": 2**31}, "at most"),
+        ({"row_step": 1, "height": 2, "width": 25}, "do not fit"),
+    ):
+        cloud = message(TYPES, points_of(1))
+        for name, value in changed.items():
+            setattr(cloud, name, value)
+        other = write_bag(tmp_path / f"{reason[:3]}{len(changed)}", {"/points": [cloud]})
+        with pytest.raises(FormatError, match=reason):
+            list(capture.open(f"bag:{other}"))
+
+
+def test_damaged_bags_are_typed_errors_or_frames(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", {"/points": [message(TYPES, points_of(i)) for i in range(3)]})
+    (path,) = bag.glob("*.mcap")
+    whole, rng = path.read_bytes(), np.random.default_rng(0)
+    cases = [b"", b"abc", whole[:100], whole[: len(whole) // 2], bytes(5000)]
+    for _ in range(5):
+        data = bytearray(whole)
+        at = rng.integers(len(data) - 8)
+        data[at : at + 8] = rng.bytes(8)
+        cases.append(bytes(data))
+    refused = 0
+    for data in cases:
+        path.write_bytes(data)
+        try:
+            list(capture.open(f"bag:{path}"))
+        except FormatError as error:
+            refused += error.file == str(path)
+    assert refused >= 5
+
+
+def test_what_expands_without_end_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A message of a few kilobytes that holds more zeros than the reader may have memory."""
+    monkeypatch.setattr("manip3d.capture._bag._MEMORY", 1 << 30)
+    zstd = pytest.importorskip("backports.zstd")
+    folder = write_bag(
+        tmp_path / "bag", {"/points": [message(TYPES, points_of(1))]}, "sqlite3", "MESSAGE"
+    )
+    compressor = zstd.ZstdCompressor()
+    block = bytes(1 << 24)
+    bomb = b"".join(compressor.compress(block) for _ in range(80)) + compressor.flush()
+    import sqlite3
+
+    (database,) = folder.glob("*.db3")
+    with sqlite3.connect(database) as connection:
+        connection.execute("update messages set data = ?", (bomb,))
+    with pytest.raises(FormatError, match="needs more than 1024 MiB"):
+        list(capture.open(f"bag:{folder}"))
+
+
+def test_the_reader_ends_with_the_source(tmp_path: Path) -> None:
+    clouds = [message(TYPES, points_of(i, 20000)) for i in range(5)]
+    source = capture.open(f"bag:{write_bag(tmp_path / 'bag', {'/points': clouds})}")
+    assert source.read() is not None
+    process: subprocess.Popen[bytes] = source._source._process
+    assert process.poll() is None
+    del source
+    assert process.wait(10) is not None
+
+
+def test_commands_take_bags(tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from manip3d.cli import app
+
+    clouds = [message(TYPES, points_of(i), stamp=1.0 + i) for i in range(2)]
+    bag = write_bag(tmp_path / "bag", {"/points": clouds})
+    (file,) = bag.glob("*.mcap")
+    for source in (bag, file):
+        told = CliRunner().invoke(app, ["info", str(source), "--json"])
+        assert told.exit_code == 0
+        assert told.output.count('"points": 50') == 2
+        judged = CliRunner().invoke(app, ["inspect", str(source), "--no-power", "-q"])
+        assert judged.exit_code == 4
+        assert "undecidable: 2 of 2 scans" in judged.output
+    watched = CliRunner().invoke(app, ["alert", "run", str(file), "-q"])
+    assert watched.exit_code == 4
