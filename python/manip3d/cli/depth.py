@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -47,21 +48,28 @@ class Variant(StrEnum):
 
 
 _OPTIONS = ("intrinsics", "unit", "variant", "by-distance", "move-points", "max-edge", "depth-step",
-            "color", "points", "method",
+            "color", "mask", "confidence", "confidence-max", "points", "method",
             "min-coverage")  # fmt: skip
 
 
 def _of_frames(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
-    """One unit for all frames, and the colour image of each."""
+    """One unit for all frames, and the colour image, mask and confidence of each."""
     from manip3d import simplify
     from manip3d.io import is_color_png, is_url
 
     names = [f.name for f in files if is_url(f.name) or not is_color_png(f.name)]
-    with naming_options("color", "unit"):
+    each: dict[str, dict[str, str]] = {file.name: {"color": ""} for file in files}
+    with naming_options("color", "mask", "confidence", "unit"):
         options["unit"] = simplify.common_depth_unit(names, options["unit"], options["intrinsics"])
         colors = options.pop("color")
-        images = simplify.colors_of_frames(names, colors) if colors else {}
-    return {file.name: {"color": images.get(file.name, "")} for file in files}
+        folders = {"color": colors} if colors else {}
+        for name in ("mask", "confidence"):  # a file is that of all frames
+            if options[name] and Path(options[name]).is_dir():
+                folders[name] = options.pop(name)
+        for name, folder in folders.items():
+            for frame, image in simplify.colors_of_frames(names, folder, name=name).items():
+                each[frame][name] = image
+    return each
 
 
 @over_files(
@@ -127,6 +135,28 @@ def depth(
             "images, a folder of as many, in the order of their names."
         ),
     ] = "",
+    mask: Annotated[
+        str,
+        typer.Option(
+            help="Grey image or .npy of the same size: 0 where the depth is not to be used. For "
+            "several depth images, one of all, or a folder of as many."
+        ),
+    ] = "",
+    confidence: Annotated[
+        str,
+        typer.Option(
+            help="Grey image or .npy of the same size: how far each pixel is believed, as levels "
+            "or 0 to 1; its error counts that many times (--method relief). A file or a folder, "
+            "as --mask."
+        ),
+    ] = "",
+    confidence_max: Annotated[
+        int | None,
+        typer.Option(
+            help="Level of --confidence that is fully believed: 2 for ARKit, 15 for a RealSense "
+            "L515. Default: the largest number that the image can hold."
+        ),
+    ] = None,
     min_coverage: Annotated[
         float,
         typer.Option(
@@ -168,7 +198,15 @@ def depth(
         )
         expect_kind(source, "depth", "range grid", verb="depth")
         check_output(output, WRITABLE, force=force)
-        result = simplify.simplify_depth_file(source, output, options, color=color or None)
+        result = simplify.simplify_depth_file(
+            source,
+            output,
+            options,
+            color=color or None,
+            mask=mask or None,
+            confidence=confidence or None,
+            confidence_max=confidence_max,
+        )
     _tell(shell, result)
     shell.result(_record(result))
     if strict and (result.target_missed or result.coverage_missed):

@@ -14,17 +14,19 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.camera import CAMERA_PRESETS, Intrinsics, read_intrinsics
+from manip3d.camera import CAMERA_PRESETS, Intrinsics, _depth_image, read_intrinsics
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io import (
     DEPTH_SUFFIXES,
     DepthReading,
     read_depth_guessing,
+    read_pixel_map,
     read_range_grid,
     write_mesh,
 )
 from manip3d.simplify._depth import DepthSimplification, Variant, cs3, cs3_grid
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
+from manip3d.simplify._pixel_maps import confidence_of_levels, mask_image, masked_depth
 from manip3d.simplify._relief import relief, relief_grid
 from manip3d.simplify._sampling import sample_depth, sample_depth_grid
 
@@ -164,6 +166,8 @@ def simplify_depth(
     *,
     color: ArrayLike | None = None,
     registration: Registration | None = None,
+    mask: ArrayLike | None = None,
+    confidence: ArrayLike | None = None,
 ) -> DepthSimplification:
     """Simplify a depth image by any method, without faces across steps in depth.
 
@@ -178,6 +182,10 @@ def simplify_depth(
         Of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
         Position of the colour camera; without it both images share their pixels.
+    mask : (H, W) bool, optional
+        Pixels to use; where it is False there is no measurement.
+    confidence : (H, W) float, 0 to 1, optional
+        How far each pixel is believed, as of `relief`; not with the other methods.
 
     Returns
     -------
@@ -199,8 +207,10 @@ def simplify_depth(
     >>> simplify.simplify_depth(wall, camera, options).num_vertices <= 100
     True
     """
-    found = _uncut(depth, intrinsics, options, color, registration)
-    return cut_depth_steps(found, depth, step=options.depth_step) if options.depth_step else found
+    image = _depth_image(depth, intrinsics)
+    image = masked_depth(image, mask_image(mask, image.shape))
+    found = _uncut(image, intrinsics, options, color, registration, confidence)
+    return cut_depth_steps(found, image, step=options.depth_step) if options.depth_step else found
 
 
 def _uncut(
@@ -209,6 +219,7 @@ def _uncut(
     options: DepthOptions,
     color: ArrayLike | None,
     registration: Registration | None = None,
+    confidence: ArrayLike | None = None,
 ) -> DepthSimplification:
     """What a method makes of an image; faces across depth steps are still there, if it has some."""
     asked: dict[str, Any] = {
@@ -217,14 +228,21 @@ def _uncut(
         "registration": registration,
         "threads": options.threads,
     }
+    _check_confidence(options, confidence is not None)
     if options.method == "cs3":
         asked |= {"variant": options.variant, "distance_dependent": options.by_distance}
         return cs3(depth, intrinsics, options.points, **asked)
     if options.method == "relief":
         asked |= {"move_points": options.move_points, "depth_step": options.depth_step or None}
+        asked |= {"confidence": confidence}
         return relief(depth, intrinsics, options.points, **asked)
     asked |= {"method": options.method, "rng": options.seed}
     return sample_depth(depth, intrinsics, options.points, **asked)
+
+
+def _check_confidence(options: DepthOptions, is_given: bool) -> None:
+    if is_given and options.method != "relief":
+        raise InputError(f"confidence: expected with method relief only, got {options.method}")
 
 
 @checked
@@ -234,6 +252,9 @@ def simplify_depth_file(
     options: DepthOptions,
     *,
     color: str | os.PathLike[str] | None = None,
+    mask: str | os.PathLike[str] | None = None,
+    confidence: str | os.PathLike[str] | None = None,
+    confidence_max: int | None = None,
 ) -> DepthFileResult:
     """Turn one depth image or range scan into a sparse textured mesh in a file.
 
@@ -247,6 +268,15 @@ def simplify_depth_file(
     options : DepthOptions
     color : path-like, optional
         Colour image of the same pixels: the texture.
+    mask : path-like, optional
+        A file of as many pixels, as `manip3d.io.read_pixel_map` reads it: where it is 0 there is
+        no measurement.
+    confidence : path-like, optional
+        A file of as many pixels: how far each is believed (``relief``). Floats are from 0 to 1,
+        whole numbers are levels up to ``confidence_max``.
+    confidence_max : int, optional
+        The level of a pixel that is fully believed; default: the largest number that the file's
+        pixels can hold.
 
     Returns
     -------
@@ -270,15 +300,45 @@ def simplify_depth_file(
     (True, True)
     """
     path, target = path_of(source, "source"), path_of(output, "output")
-    picture = None if color is None else _color_image(path_of(color, "color"))
+    _check_confidence(options, confidence is not None)
+    if confidence_max is not None and confidence is None:
+        raise InputError("confidence_max: expected with confidence")
+    maps = _Maps(
+        None if color is None else _color_image(path_of(color, "color")),
+        None if mask is None else read_pixel_map(path_of(mask, "mask")) != 0,
+        None if confidence is None else _read_confidence(confidence, confidence_max),
+    )
     if path.suffix.lower() in DEPTH_SUFFIXES:
-        return _from_image(path, target, options, picture)
-    return _from_scan(path, target, options, picture)
+        return _from_image(path, target, options, maps)
+    return _from_scan(path, target, options, maps)
 
 
-def _from_image(
-    path: Path, output: Path, options: DepthOptions, color: NDArray[np.uint8] | None
-) -> DepthFileResult:
+@dataclass(frozen=True, eq=False)
+class _Maps:
+    """What is known of the pixels beside their depth."""
+
+    color: NDArray[np.uint8] | None
+    mask: NDArray[np.bool_] | None
+    confidence: NDArray[Any] | None
+
+
+def _read_confidence(path: str | os.PathLike[str], highest: int | None) -> NDArray[Any]:
+    found = read_pixel_map(path_of(path, "confidence"))
+    if found.dtype.kind == "f":
+        if highest is not None:
+            raise InputError("confidence_max: expected with whole numbers, got floats in the file")
+        return found
+    levels = found.astype(np.uint8) if found.dtype == np.bool_ else found
+    if highest is None:
+        highest = 1 if found.dtype == np.bool_ else 2 ** (8 * levels.dtype.itemsize) - 1
+    if highest < 1:
+        raise InputError(f"confidence_max: expected at least 1, got {highest}")
+    if levels.max() > highest:
+        raise InputError(f"confidence_max: expected at least {levels.max()}, got {highest}")
+    return confidence_of_levels(levels, highest)
+
+
+def _from_image(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> DepthFileResult:
     if not options.intrinsics:
         raise InputError(
             f"intrinsics: expected the camera of the depth image: fx,fy,cx,cy, a .json file or one "
@@ -288,18 +348,19 @@ def _from_image(
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
     started = time.perf_counter()
-    uncut = _uncut(reading.depth, camera, options, color)
+    depth = masked_depth(reading.depth, mask_image(maps.mask, reading.depth.shape))
+    uncut = _uncut(depth, camera, options, maps.color, confidence=maps.confidence)
     seconds = time.perf_counter() - started
     found = uncut
     if options.depth_step:
-        found = cut_depth_steps(uncut, reading.depth, step=options.depth_step)
+        found = cut_depth_steps(uncut, depth, step=options.depth_step)
     mesh = found.mesh
     if output.name.lower().removesuffix(".xz").removesuffix(".gz").endswith(_YUP_SUFFIXES):
         # cameras look along +z, y down; glTF has +y up
         mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
     write_mesh(mesh, output)
     return _result(
-        path, output, options, found, reading.num_measured, seconds,
+        path, output, options, found, int(np.count_nonzero(depth > 0)), seconds,
         depth=words, unit=reading.unit, faces_cut=uncut.num_faces - found.num_faces,
     )  # fmt: skip
 
@@ -318,13 +379,13 @@ def _read(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
     return known, words
 
 
-def _from_scan(
-    path: Path, output: Path, options: DepthOptions, color: NDArray[np.uint8] | None
-) -> DepthFileResult:
+def _from_scan(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> DepthFileResult:
     if options.by_distance:
         raise InputError("by_distance: expected with a depth image, got a scan")
     grid = read_range_grid(path)
-    asked: dict[str, Any] = {"max_edge": options.max_edge, "color": color}
+    mask = mask_image(maps.mask, grid.valid.shape)
+    valid = grid.valid if mask is None else grid.valid & mask
+    asked: dict[str, Any] = {"max_edge": options.max_edge, "color": maps.color}
     function: Callable[..., DepthSimplification]
     if options.method == "cs3":
         function = cs3_grid
@@ -332,14 +393,15 @@ def _from_scan(
     elif options.method == "relief":
         function = relief_grid
         asked |= {"move_points": options.move_points, "threads": options.threads}
+        asked |= {"confidence": maps.confidence}
     else:
         function = sample_depth_grid
         asked |= {"method": options.method, "rng": options.seed}
     started = time.perf_counter()
-    found = function(grid.points, grid.valid, options.points, **asked)
+    found = function(grid.points, valid, options.points, **asked)
     seconds = time.perf_counter() - started
     write_mesh(found.mesh, output)
-    return _result(path, output, options, found, int(grid.valid.sum()), seconds)
+    return _result(path, output, options, found, int(valid.sum()), seconds)
 
 
 def _result(
@@ -383,7 +445,10 @@ def _color_image(path: Path) -> NDArray[np.uint8]:
 
 @checked
 def colors_of_frames(
-    frames: Sequence[str | os.PathLike[str]], colors: str | os.PathLike[str]
+    frames: Sequence[str | os.PathLike[str]],
+    colors: str | os.PathLike[str],
+    *,
+    name: str = "color",
 ) -> dict[str, str]:
     """Return the colour image of each depth image: both in the order of their names.
 
@@ -391,7 +456,9 @@ def colors_of_frames(
     ----------
     frames : sequence of path-like
     colors : path-like
-        Folder of as many colour images.
+        Folder of as many colour images; or masks, or confidences.
+    name : str
+        The argument that an error is about.
 
     Returns
     -------
@@ -413,10 +480,10 @@ def colors_of_frames(
     >>> simplify.colors_of_frames(["d1.png", "d2.png"], "colors")
     {'d1.png': 'colors/a.jpg', 'd2.png': 'colors/b.jpg'}
     """
-    images = sorted(path for path in path_of(colors, "colors").iterdir() if path.is_file())
+    images = sorted(path for path in path_of(colors, name).iterdir() if path.is_file())
     if len(images) != len(frames):
         raise InputError(
-            f"color: expected {len(frames)} images in {os.fspath(colors)}, found {len(images)}"
+            f"{name}: expected {len(frames)} images in {os.fspath(colors)}, found {len(images)}"
         )
     for frame in frames:
         path_of(frame, "frames")

@@ -21,6 +21,7 @@ from manip3d.simplify._depth import (
     _limit,
     _point_grid,
 )
+from manip3d.simplify._pixel_maps import confidence_image, mask_image, masked_depth
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -127,8 +128,9 @@ def _run(
     color: NDArray[np.uint8] | None,
     registration: Registration | None,
     surface: DenseImage | DenseGrid,
+    confidence: NDArray[np.float32] | None,
 ) -> Relief:
-    fields = solver.run(points, valid, rows_up, options)
+    fields = solver.run(points, valid, rows_up, options, confidence)
     fields["stop"] = fields["stop"].name
     fields["cover"] = fields.pop("coverage"), fields.pop("bridges")
     fields["surface"] = surface
@@ -145,6 +147,8 @@ def relief(
     *,
     color: ArrayLike | None = None,
     registration: Registration | None = None,
+    mask: ArrayLike | None = None,
+    confidence: ArrayLike | None = None,
     move_points: bool = False,
     effort: Effort = "balanced",
     max_edge: float | None = None,
@@ -167,6 +171,12 @@ def relief(
         Of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
         Where the colour camera stands; without it both images share their pixels.
+    mask : (H, W) bool, optional
+        Pixels to use; where it is False there is no measurement.
+    confidence : (H, W) float, 0 to 1, optional
+        How far each pixel is believed: its error, area times distance from the mesh, counts this
+        many times. 0: the pixel says nothing about the shape, but what it shows is a surface still
+        and is covered. `confidence_of_levels` makes it from a camera's levels; see Notes.
     move_points : bool
         Let vertices leave the measured points along their lines of sight, where the least-squares
         fit of all pixels wants it and the error around them falls; ``mean_move`` and ``max_move``
@@ -195,7 +205,8 @@ def relief(
     Raises
     ------
     InputError
-        Another shape or dtype, a negative or infinite depth, or an option out of range.
+        Another shape or dtype, a negative or infinite depth, a confidence outside 0 to 1, or an
+        option out of range.
 
     Notes
     -----
@@ -206,6 +217,12 @@ def relief(
     met: where it costs less than the next collapse, holes are closed, bays of the silhouette
     filled and small pieces left out; ``coverage`` and ``bridges`` say how much.
 
+    A confidence multiplies the distance that decides whether a bisection is needed at its pixel,
+    and the pixel's area in the sum of distances that flips and moves lower. A triangle's quadric,
+    and what is lost beside its outer sides, count by the least of its corners' confidences and of
+    the mean of the other pixels in it. Closing a hole or filling a bay costs the same whatever is
+    believed, and ``coverage`` counts each pixel alike.
+
     Examples
     --------
     >>> import numpy as np, manip3d
@@ -213,9 +230,21 @@ def relief(
     >>> wall = np.full((48, 64), 2000, np.uint16)
     >>> manip3d.simplify.relief(wall, camera, 4).pixels.tolist()
     [[0, 0], [63, 0], [0, 47], [63, 47]]
+
+    A wrong measurement that the camera does not believe itself, and a wall cut to its left half:
+
+    >>> wall[20, 30] = 1500
+    >>> believed = np.where(wall == 1500, 0.0, 1.0)
+    >>> manip3d.simplify.relief(wall, camera, 4, confidence=believed).pixels.tolist()
+    [[0, 0], [63, 0], [0, 47], [63, 47]]
+    >>> left = np.arange(64) < 32
+    >>> half = manip3d.simplify.relief(wall, camera, 100, mask=np.tile(left, (48, 1)))
+    >>> int(half.pixels[:, 0].max())
+    31
     """
     image = _depth_image(depth, intrinsics)
     picture = _color_image(color, image.shape, registration)
+    image = masked_depth(image, mask_image(mask, image.shape))
     options = _options(
         target_points,
         effort,
@@ -236,6 +265,7 @@ def relief(
         picture,
         registration,
         DenseImage(image.copy(), intrinsics, options.max_edge, options.max_step),
+        confidence_image(confidence, image.shape),
     )
 
 
@@ -246,6 +276,8 @@ def relief_grid(
     target_points: int,
     *,
     color: ArrayLike | None = None,
+    mask: ArrayLike | None = None,
+    confidence: ArrayLike | None = None,
     rows_up: bool = True,
     move_points: bool = False,
     effort: Effort = "balanced",
@@ -264,6 +296,10 @@ def relief_grid(
     target_points : int
         At most so many vertices; at least 3.
     color : (H, W, 3 or 4) uint8, optional
+    mask : (H, W) bool, optional
+        Of the valid pixels, those to use.
+    confidence : (H, W) float, 0 to 1, optional
+        As of `relief`.
     rows_up : bool
         Seen from the sensor, do rows go upward (Stanford's scans) or downward (images)?
     move_points : bool
@@ -294,13 +330,26 @@ def relief_grid(
     >>> simplify.relief_grid(points, None, 100).num_vertices
     100
     """
-    grid, mask = _point_grid(points, valid)
-    picture = _color_image(color, mask.shape)
+    grid, used = _point_grid(points, valid)
+    picture = _color_image(color, used.shape)
+    chosen = mask_image(mask, used.shape)
+    if chosen is not None:
+        used = used & chosen
     options = _options(
         target_points, effort, move_points, max_edge, threads, from_origin=False, levels=levels
     )
-    surface = DenseGrid(grid, mask, options.max_edge)
-    return _run(_core.ReliefSolver(), grid, mask, bool(rows_up), options, picture, None, surface)
+    surface = DenseGrid(grid, used, options.max_edge)
+    return _run(
+        _core.ReliefSolver(),
+        grid,
+        used,
+        bool(rows_up),
+        options,
+        picture,
+        None,
+        surface,
+        confidence_image(confidence, used.shape),
+    )
 
 
 @checked
@@ -378,13 +427,22 @@ class ReliefStream:
         self._smoother = _core.DepthSmoother(float(newest_share), float(gate))
         self._lock = threading.RLock()
 
-    def simplify(self, depth: ArrayLike, *, color: ArrayLike | None = None) -> Relief:
+    def simplify(
+        self,
+        depth: ArrayLike,
+        *,
+        color: ArrayLike | None = None,
+        mask: ArrayLike | None = None,
+        confidence: ArrayLike | None = None,
+    ) -> Relief:
         """Simplify the next frame.
 
         Parameters
         ----------
         depth : (H, W) uint16 in millimetres or float32 in metres
         color : (H', W', 3 or 4) uint8, optional
+        mask, confidence : (H, W) bool, and float from 0 to 1, optional
+            As of `relief`; of this frame.
 
         Returns
         -------
@@ -397,6 +455,8 @@ class ReliefStream:
         """
         image = _depth_image(depth, self._intrinsics)
         picture = _color_image(color, image.shape, self._registration)
+        image = masked_depth(image, mask_image(mask, image.shape))
+        shares = confidence_image(confidence, image.shape)
         with self._lock:
             smooth = self._smoother.add(image)
             points, valid, rows_up = _core.unproject(
@@ -413,6 +473,7 @@ class ReliefStream:
                 DenseImage(
                     smooth, self._intrinsics, self._options.max_edge, self._options.max_step
                 ),
+                shares,
             )
 
     def reset(self) -> None:
