@@ -158,7 +158,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   try {
     for (int frame = 0; frame < num_frames; ++frame) {
       fill(bytes, grid);
-      if (kind % 32 / 2 % 4 == 1) confidence = take_confidence(bytes, count);
+      if (kind / 2 % 4 == 1) confidence = take_confidence(bytes, count);
       one.run(grid.view(), options, result, confidence);
       check(grid, options, result);
       if (kind / 32 != 0) continue;

@@ -378,3 +378,23 @@ def test_masks_of_many_frames(frames: Path, tmp_path: Path) -> None:
     (masks / "0.npy").unlink()
     done = manip3d(*base, "-q", "-o", tmp_path / "few", "--mask", masks)
     assert "--mask: expected 4 images in" in error_line(done)
+
+
+def test_points_by_bandwidth(frames: Path, tmp_path: Path) -> None:
+    base = ("depth", frames, "--intrinsics", FOCAL, "--jobs", "1", "--force")
+    asked = ("--bandwidth", "80000", "--rate", "10", "-o", tmp_path / "out")
+    rows = json.loads(manip3d(*base, *asked, "--json").stdout)
+    sizes = [path.stat().st_size for path in sorted((tmp_path / "out").glob("*.glb"))]
+    assert [row["bytes"] for row in rows] == sizes
+    assert all(
+        7000 < size <= 8000 == row["max_bytes"] for size, row in zip(sizes, rows, strict=True)
+    )
+    one = ("depth", frames / "000.depth.png", "--intrinsics", FOCAL, "-o", tmp_path / "x.glb")
+    done = manip3d(*one, *asked[:4])
+    assert " of 8,000 bytes" in done.stderr or " of 8 000 bytes" in done.stderr
+    assert "--points: expected a number, or" in error_line(manip3d(*one, "-q", "--force"))
+    few = manip3d(*one, "-q", "--force", "--bandwidth", "5000", "--rate", "10")
+    assert "--bandwidth: expected at least" in error_line(few)
+    assert "--bandwidth, --rate: expected both" in error_line(
+        manip3d(*one, "-q", "--force", "--rate", "10")
+    )

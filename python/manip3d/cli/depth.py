@@ -49,7 +49,7 @@ class Variant(StrEnum):
 
 _OPTIONS = ("intrinsics", "unit", "variant", "by-distance", "move-points", "max-edge", "depth-step",
             "color", "mask", "confidence", "confidence-max", "points", "method",
-            "min-coverage")  # fmt: skip
+            "min-coverage", "bandwidth", "rate")  # fmt: skip
 
 
 def _of_frames(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
@@ -85,7 +85,10 @@ def depth(
         ),
     ],
     output: Output,
-    points: Annotated[int, typer.Option(min=1, help="Largest number of vertices.")],
+    points: Annotated[
+        int | None,
+        typer.Option(min=1, help="Largest number of vertices; needed unless --bandwidth is given."),
+    ] = None,
     intrinsics: Annotated[
         str,
         typer.Option(
@@ -163,6 +166,16 @@ def depth(
             min=0, max=1, help="Under --strict: exit 4 if less of the surface's pixels is covered."
         ),
     ] = 0.9,
+    bandwidth: Annotated[
+        float | None,
+        typer.Option(
+            help="Bytes a second: each file, which is a frame, has the points that fit into its "
+            "share of them. With --rate."
+        ),
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Frames a second that share --bandwidth.")
+    ] = None,
     force: Force = False,
     strict: Strict = False,
     as_json: Json = False,
@@ -195,6 +208,8 @@ def depth(
             seed,
             jobs,
             min_coverage,
+            bandwidth,
+            rate,
         )
         expect_kind(source, "depth", "range grid", verb="depth")
         check_output(output, WRITABLE, force=force)
@@ -228,14 +243,16 @@ def _sentence(result: DepthFileResult) -> str:
     options = result.options
     variant = f" ({options.variant})" if options.method == "cs3" else ""
     cut = f", {counted(result.faces_cut, 'face')} across depth steps left out"
-    missed = f"; target of {counted(options.points, 'point')} missed"
+    missed = f"; target of {counted(options.points or 0, 'point')} missed"
+    share = f"; {count(result.num_bytes or 0)} of {counted(options.max_bytes or 0, 'byte')}"
     low = f", less than {100 * options.min_coverage:.0f} %"
     return (
         f"{options.method}{variant}: {counted(result.points_before, 'point')} -> "
         f"{count(result.points)}, {counted(result.faces, 'face')}{cut if result.faces_cut else ''} "
         f"in {result.seconds * 1000:.1f} ms; covers {100 * result.coverage:.1f} % of the surface's "
         f"pixels{low if result.coverage_missed else ''}, {100 * result.bridges:.2f} % of its area "
-        f"bridges gaps{missed if result.target_missed else ''}; "
+        f"bridges gaps{missed if result.target_missed else ''}"
+        f"{share if result.num_bytes is not None else ''}; "
         f"wrote {result.output}"
     )
 
@@ -252,6 +269,8 @@ def _record(result: DepthFileResult) -> dict[str, Any]:
         "points_before": result.points_before,
         "target_points": result.options.points,
         "points": result.points,
+        "bytes": result.num_bytes,
+        "max_bytes": result.options.max_bytes,
         "faces": result.faces,
         "faces_cut": result.faces_cut,
         "stop": result.stop,

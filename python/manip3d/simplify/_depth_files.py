@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -24,6 +26,7 @@ from manip3d.io import (
     read_range_grid,
     write_mesh,
 )
+from manip3d.simplify._bandwidth import Bandwidth, fit_bytes
 from manip3d.simplify._depth import DepthSimplification, Variant, cs3, cs3_grid
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
 from manip3d.simplify._pixel_maps import confidence_of_levels, mask_image, masked_depth
@@ -34,11 +37,14 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from manip3d.camera import Registration
+    from manip3d.mesh import Mesh
 
 DepthMethod = Literal["relief", "cs3", "uniform", "poisson", "ssa"]
 _METHODS = ("relief", "cs3", "uniform", "poisson", "ssa")
 _YUP_SUFFIXES = (".glb", ".gltf")
 _FRAMES_FOR_A_GUESS = 9
+_BYTES_PER_POINT = 40.0  # of a .glb: a vertex with texture coordinates and two faces
+_MOST_POINTS = 2**31 - 1
 
 
 @dataclass(frozen=True)
@@ -47,8 +53,8 @@ class DepthOptions:
 
     Attributes
     ----------
-    points : int
-        At most this many vertices.
+    points : int or None
+        At most this many vertices; None: as many as ``bandwidth`` allows.
     method : 'relief', 'cs3', 'uniform', 'poisson' or 'ssa'
     variant : 'cios', 'lios', 'cnms' or 'lnms'
         Variant of ``cs3``.
@@ -69,9 +75,11 @@ class DepthOptions:
         0: all cores.
     min_coverage : float
         Share of the dense surface's pixels, 0 to 1, below which a result counts as missed.
+    bandwidth, rate : float or None, bytes and frames a second
+        Both or none: the files of a result have no more bytes than such a frame's share.
     """
 
-    points: int
+    points: int | None
     method: DepthMethod = "relief"
     variant: Variant = "cios"
     intrinsics: str = ""
@@ -83,6 +91,15 @@ class DepthOptions:
     seed: int = 0
     threads: int = 1
     min_coverage: float = 0.9
+    bandwidth: float | None = None
+    rate: float | None = None
+
+    @property
+    def max_bytes(self) -> int | None:
+        """Bytes that a frame may have."""
+        if self.bandwidth is None or self.rate is None:
+            return None
+        return Bandwidth(self.bandwidth, self.rate).share
 
     def __post_init__(self) -> None:
         if self.method not in _METHODS:
@@ -97,6 +114,10 @@ class DepthOptions:
             raise InputError(f"depth_step: expected >= 0, got {self.depth_step}")
         if not 0 <= self.min_coverage <= 1:
             raise InputError(f"min_coverage: expected 0 to 1, got {self.min_coverage}")
+        if (self.bandwidth is None) != (self.rate is None):
+            raise InputError("bandwidth, rate: expected both or none of them")
+        if self.max_bytes is None and self.points is None:
+            raise InputError("points: expected a number, or bandwidth and rate, got none of them")
 
 
 @dataclass(frozen=True)
@@ -123,12 +144,15 @@ class DepthFileResult:
     literal_count : int or None
         Points that the printed formulas give (``cs3``).
     seconds : float
-        Time of the method alone: without reading, leaving out faces, and writing.
+        Time of the method alone: without reading, leaving out faces, and writing. With a bandwidth
+        that of all tries.
     coverage : float
         Share of the dense mesh's pixels in or on a face, whose triangles have no edge longer than
         ``max_edge``.
     bridges : float
         Share of the faces' area that lies over no triangle of that dense mesh.
+    num_bytes : int or None
+        Of all files that were written, where ``options`` have a bandwidth.
     """
 
     source: Path
@@ -146,6 +170,7 @@ class DepthFileResult:
     seconds: float = 0.0
     coverage: float = 1.0
     bridges: float = 0.0
+    num_bytes: int | None = None
 
     @property
     def coverage_missed(self) -> bool:
@@ -154,7 +179,12 @@ class DepthFileResult:
 
     @property
     def target_missed(self) -> bool:
-        """Fewer than 99 % of the points that were asked for and are there."""
+        """Fewer than 99 % of the points that were asked for and are there.
+
+        Never where the bandwidth says how many points there are.
+        """
+        if self.options.points is None or self.num_bytes is not None:
+            return False
         return self.points < 0.99 * min(self.options.points, self.points_before)
 
 
@@ -209,7 +239,9 @@ def simplify_depth(
     """
     image = _depth_image(depth, intrinsics)
     image = masked_depth(image, mask_image(mask, image.shape))
-    found = _uncut(image, intrinsics, options, color, registration, confidence)
+    if options.points is None:
+        raise InputError("options.points: expected a number, as nothing is written here, got None")
+    found = _uncut(image, intrinsics, options, options.points, color, registration, confidence)
     return cut_depth_steps(found, image, step=options.depth_step) if options.depth_step else found
 
 
@@ -217,6 +249,7 @@ def _uncut(
     depth: ArrayLike,
     intrinsics: Intrinsics,
     options: DepthOptions,
+    points: int,
     color: ArrayLike | None,
     registration: Registration | None = None,
     confidence: ArrayLike | None = None,
@@ -231,13 +264,13 @@ def _uncut(
     _check_confidence(options, confidence is not None)
     if options.method == "cs3":
         asked |= {"variant": options.variant, "distance_dependent": options.by_distance}
-        return cs3(depth, intrinsics, options.points, **asked)
+        return cs3(depth, intrinsics, points, **asked)
     if options.method == "relief":
         asked |= {"move_points": options.move_points, "depth_step": options.depth_step or None}
         asked |= {"confidence": confidence}
-        return relief(depth, intrinsics, options.points, **asked)
+        return relief(depth, intrinsics, points, **asked)
     asked |= {"method": options.method, "rng": options.seed}
-    return sample_depth(depth, intrinsics, options.points, **asked)
+    return sample_depth(depth, intrinsics, points, **asked)
 
 
 def _check_confidence(options: DepthOptions, is_given: bool) -> None:
@@ -347,22 +380,76 @@ def _from_image(path: Path, output: Path, options: DepthOptions, maps: _Maps) ->
     reading, words = _read(path, options)
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
-    started = time.perf_counter()
     depth = masked_depth(reading.depth, mask_image(maps.mask, reading.depth.shape))
-    uncut = _uncut(depth, camera, options, maps.color, confidence=maps.confidence)
-    seconds = time.perf_counter() - started
-    found = uncut
-    if options.depth_step:
-        found = cut_depth_steps(uncut, depth, step=options.depth_step)
-    mesh = found.mesh
-    if output.name.lower().removesuffix(".xz").removesuffix(".gz").endswith(_YUP_SUFFIXES):
-        # cameras look along +z, y down; glTF has +y up
-        mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
-    write_mesh(mesh, output)
+    is_yup = output.name.lower().removesuffix(".xz").removesuffix(".gz").endswith(_YUP_SUFFIXES)
+
+    def make(points: int) -> _Made:
+        started = time.perf_counter()
+        uncut = _uncut(depth, camera, options, points, maps.color, confidence=maps.confidence)
+        seconds = time.perf_counter() - started
+        found = uncut
+        if options.depth_step:
+            found = cut_depth_steps(uncut, depth, step=options.depth_step)
+        mesh = found.mesh
+        if is_yup:  # cameras look along +z, y down; glTF has +y up
+            mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
+        return _Made(found, mesh, uncut.num_faces - found.num_faces, seconds)
+
+    made = _write(make, output, options)
     return _result(
-        path, output, options, found, int(np.count_nonzero(depth > 0)), seconds,
-        depth=words, unit=reading.unit, faces_cut=uncut.num_faces - found.num_faces,
+        path, output, options, made, int(np.count_nonzero(depth > 0)),
+        depth=words, unit=reading.unit,
     )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Made:
+    """What a method made, and the mesh to write."""
+
+    found: DepthSimplification
+    mesh: Mesh
+    faces_cut: int
+    seconds: float
+    num_bytes: int | None = None
+
+
+def _write(make: Callable[[int], _Made], output: Path, options: DepthOptions) -> _Made:
+    """Make a mesh of the points that are asked for or that the bytes allow, and write it."""
+    allowance = options.max_bytes
+    if allowance is None:
+        assert options.points is not None
+        made = make(options.points)
+        write_mesh(made.mesh, output)
+        return made
+    seconds, least = 0.0, 0
+    with tempfile.TemporaryDirectory() as folder:
+
+        def measured(points: int) -> tuple[_Made, int, int]:
+            nonlocal seconds, least
+            trial = Path(folder, str(points), output.name)
+            trial.parent.mkdir(exist_ok=True)
+            made = make(points)
+            seconds += made.seconds
+            write_mesh(made.mesh, trial)
+            least = sum(path.stat().st_size for path in trial.parent.iterdir())
+            return replace(made, num_bytes=least), made.found.num_vertices, least
+
+        fitting = fit_bytes(
+            measured,
+            most_points=_MOST_POINTS if options.points is None else options.points,
+            allowance=allowance,
+            guess=allowance / _BYTES_PER_POINT,
+            bytes_per_point=_BYTES_PER_POINT,
+            least_share=0.95,
+        )
+    if fitting is None:
+        assert options.rate is not None
+        raise InputError(
+            f"bandwidth: expected at least {least * math.ceil(options.rate)} bytes a second: three "
+            f"points with their picture are {least} bytes, and a frame may have {allowance}"
+        )
+    write_mesh(fitting.mesh, output)
+    return replace(fitting, seconds=seconds)
 
 
 def _read(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
@@ -397,22 +484,24 @@ def _from_scan(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> 
     else:
         function = sample_depth_grid
         asked |= {"method": options.method, "rng": options.seed}
-    started = time.perf_counter()
-    found = function(grid.points, valid, options.points, **asked)
-    seconds = time.perf_counter() - started
-    write_mesh(found.mesh, output)
-    return _result(path, output, options, found, int(valid.sum()), seconds)
+
+    def make(points: int) -> _Made:
+        started = time.perf_counter()
+        found = function(grid.points, valid, points, **asked)
+        return _Made(found, found.mesh, 0, time.perf_counter() - started)
+
+    return _result(path, output, options, _write(make, output, options), int(valid.sum()))
 
 
 def _result(
     path: Path,
     output: Path,
     options: DepthOptions,
-    found: DepthSimplification,
+    made: _Made,
     measured: int,
-    seconds: float,
     **more: Any,
 ) -> DepthFileResult:
+    found = made.found
     reached = getattr(found, "reached", None)
     return DepthFileResult(
         source=path,
@@ -424,7 +513,9 @@ def _result(
         stop=found.stop,
         reached=None if reached is None else str(reached),
         literal_count=getattr(found, "literal_count", None),
-        seconds=seconds,
+        seconds=made.seconds,
+        faces_cut=made.faces_cut,
+        num_bytes=made.num_bytes,
         coverage=found.coverage,
         bridges=found.bridges,
         **more,

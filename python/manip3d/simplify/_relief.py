@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, get_args
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal, Self, get_args
 
 import numpy as np
 
@@ -13,6 +13,13 @@ from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d.camera import _depth_image
 from manip3d.errors import InputError
+from manip3d.simplify._bandwidth import (
+    LEAST_POINTS,
+    SECOND_NS,
+    Bandwidth,
+    SlidingSecond,
+    fit_bytes,
+)
 from manip3d.simplify._depth import (
     DenseGrid,
     DenseImage,
@@ -24,13 +31,16 @@ from manip3d.simplify._depth import (
 from manip3d.simplify._pixel_maps import confidence_image, mask_image, masked_depth
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
     from manip3d.camera import Intrinsics, Registration
 
 __all__ = ["Effort", "Relief", "ReliefStream", "relief", "relief_grid"]
+
+_BYTES_PER_POINT = 22.0
+"""Of a message: a vertex with texture coordinates and two faces, in 16 bits each."""
 
 Effort = Literal["live", "fast", "balanced", "fine", "best"]
 
@@ -41,11 +51,12 @@ class Relief(DepthSimplification):
 
     Attributes
     ----------
-    stop : 'target', 'all_points', 'small_pieces' or 'smaller_level'
+    stop : 'target', 'all_points', 'small_pieces', 'smaller_level' or 'bandwidth'
         Reduced to the target; the surface has no more points than that; pieces were left out:
         small separate ones, whose points serve better elsewhere, or all but one triangle where no
         collapse is left; or the vertices of a smaller level left no way to more, so that its mesh
-        is the result.
+        is the result. ``bandwidth`` (`ReliefStream`): not even three points fit into the bytes that
+        are left, and the mesh is empty.
     dropped_pixels : int
         Pixels of the pieces left out.
     mean_move, max_move : float
@@ -53,12 +64,24 @@ class Relief(DepthSimplification):
     levels : tuple of (num_vertices, (m, 3) int32)
         The smaller meshes asked for: each holds the first so many vertices; see `prefix`. Then
         vertices of smaller levels come first, else they go by pixel, row by row.
+    encoded : bytes or None
+        What is to be sent of a frame of a stream with a ``bandwidth``.
     """
 
     dropped_pixels: int
     mean_move: float
     max_move: float
     levels: tuple[tuple[int, NDArray[np.int32]], ...] = field(repr=False)
+    encoded: bytes | None = field(default=None, repr=False)
+
+    def with_faces(self, faces: NDArray[np.int32]) -> Self:
+        """The same points with other triangles, yet to be measured and encoded.
+
+        Parameters
+        ----------
+        faces : (m, 3) int32
+        """
+        return replace(super().with_faces(faces), encoded=None)
 
     def prefix(self, num_vertices: int) -> DepthSimplification:
         """The largest of `levels` with at most so many vertices, over the first of these.
@@ -379,6 +402,15 @@ class ReliefStream:
     gate : float
         A pixel that changes by a larger part of its depth starts anew.
     threads : int
+    bandwidth : float, bytes a second, optional
+        What may be sent: each frame gets the points, up to ``target_points``, whose encoded mesh,
+        with the picture, fits into its share of the bytes. No second has more, also if frames come
+        more often than ``rate``.
+    rate : float, frames a second
+        With ``bandwidth``: the frames that share it alike.
+    encode : callable, optional
+        With ``bandwidth``: takes a `Relief` and returns the bytes that are sent of it. Default:
+        `DepthMesh.encode`, with the number and the time of the frame.
 
     Raises
     ------
@@ -394,6 +426,13 @@ class ReliefStream:
     >>> frames = [2000 + noise.integers(0, 9, (48, 64)).astype(np.uint16) for _ in range(3)]
     >>> [stream.simplify(frame).num_vertices for frame in frames]
     [100, 100, 100]
+
+    Ten frames a second in 20 000 bytes:
+
+    >>> stream = manip3d.simplify.ReliefStream(camera, 3000, bandwidth=20_000, rate=10)
+    >>> sent = [stream.simplify(frame).encoded for frame in frames]
+    >>> [1800 < len(message) <= 2000 for message in sent]
+    [True, True, True]
     """
 
     def __init__(
@@ -410,7 +449,19 @@ class ReliefStream:
         newest_share: float = 0.15,
         gate: float = 0.03,
         threads: int = 1,
+        bandwidth: float | None = None,
+        rate: float | None = None,
+        encode: Callable[[Relief], bytes] | None = None,
     ) -> None:
+        self._budget: SlidingSecond | None = None
+        if bandwidth is not None and rate is not None:
+            self._budget = SlidingSecond(Bandwidth(bandwidth, rate))
+            self._rate = rate
+        elif bandwidth is not None or rate is not None or encode is not None:
+            raise InputError("bandwidth, rate: expected both, encode only with them")
+        self._encode = encode
+        self._number = 0
+        self._last: tuple[int, int] | None = None
         self._intrinsics = intrinsics
         self._registration = registration
         self._options = _options(
@@ -422,6 +473,7 @@ class ReliefStream:
             from_origin=True,
             depth_step=depth_step,
         )
+        self._most_points = self._options.target_points
         self._options.stability = float(stability)
         self._solver = _core.ReliefSolver()
         self._smoother = _core.DepthSmoother(float(newest_share), float(gate))
@@ -434,6 +486,7 @@ class ReliefStream:
         color: ArrayLike | None = None,
         mask: ArrayLike | None = None,
         confidence: ArrayLike | None = None,
+        time_ns: int | None = None,
     ) -> Relief:
         """Simplify the next frame.
 
@@ -443,6 +496,8 @@ class ReliefStream:
         color : (H', W', 3 or 4) uint8, optional
         mask, confidence : (H, W) bool, and float from 0 to 1, optional
             As of `relief`; of this frame.
+        time_ns : int, optional
+            When it was taken, for the ``bandwidth``; default: frames come at the ``rate``.
 
         Returns
         -------
@@ -451,7 +506,7 @@ class ReliefStream:
         Raises
         ------
         InputError
-            As `relief`.
+            As `relief`; an earlier ``time_ns`` than that of the frame before.
         """
         image = _depth_image(depth, self._intrinsics)
         picture = _color_image(color, image.shape, self._registration)
@@ -462,22 +517,86 @@ class ReliefStream:
             points, valid, rows_up = _core.unproject(
                 smooth, self._intrinsics, self._options.num_threads
             )
-            return _run(
-                self._solver,
-                points.reshape(*image.shape, 3),
-                valid.reshape(image.shape).view(np.bool_),
-                rows_up,
-                self._options,
-                picture,
-                self._registration,
-                DenseImage(
-                    smooth, self._intrinsics, self._options.max_edge, self._options.max_step
-                ),
-                shares,
+            surface = DenseImage(
+                smooth, self._intrinsics, self._options.max_edge, self._options.max_step
             )
 
+            def make(target: int) -> Relief:
+                self._options.target_points = target
+                return _run(
+                    self._solver,
+                    points.reshape(*image.shape, 3),
+                    valid.reshape(image.shape).view(np.bool_),
+                    rows_up,
+                    self._options,
+                    picture,
+                    self._registration,
+                    surface,
+                    shares,
+                )
+
+            if self._budget is None:
+                return make(self._most_points)
+            return self._within_bytes(self._budget, make, time_ns)
+
+    def _within_bytes(
+        self, budget: SlidingSecond, make: Callable[[int], Relief], time_ns: int | None
+    ) -> Relief:
+        """The frame of as many points as its bytes hold; an empty one if these are too few."""
+        if time_ns is None:
+            time_ns = round(self._number * SECOND_NS / self._rate)
+        elif isinstance(time_ns, bool) or not isinstance(time_ns, int | np.integer):
+            raise InputError(f"time_ns: expected a whole number, got {time_ns!r}")
+        time_ns = int(time_ns)
+        number = self._number
+        allowance = budget.allowance(time_ns)
+        self._number += 1
+
+        def encoded(target: int) -> tuple[Relief, int, int]:
+            found = make(target)
+            if self._encode is not None:
+                data = self._encode(found)
+            else:
+                data = found.encode(sequence=number % 2**32, time_ns=time_ns)
+            if not isinstance(data, bytes | bytearray | memoryview):
+                raise InputError(f"encode: expected bytes, got {type(data).__name__}")
+            self._last = target, len(data)
+            return replace(found, encoded=bytes(data)), found.num_vertices, len(data)
+
+        if self._last is None:
+            guess, least_share = allowance / _BYTES_PER_POINT, 0.9
+        else:
+            points, size = self._last
+            guess, least_share = points + (0.97 * allowance - size) / _BYTES_PER_POINT, 0.7
+        found = fit_bytes(
+            encoded,
+            most_points=self._most_points,
+            allowance=allowance,
+            guess=guess,
+            bytes_per_point=_BYTES_PER_POINT,
+            least_share=least_share,
+        )
+        if found is None:
+            found = replace(_without_points(make(LEAST_POINTS)), stop="bandwidth", encoded=b"")
+        assert found.encoded is not None
+        budget.spend(time_ns, len(found.encoded))
+        return found
+
     def reset(self) -> None:
-        """Forget all frames."""
+        """Forget all frames, but not the bytes that were sent."""
         with self._lock:
             self._solver.reset()
             self._smoother.reset()
+
+
+def _without_points(found: Relief) -> Relief:
+    return replace(
+        found,
+        vertices=found.vertices[:0],
+        faces=found.faces[:0],
+        pixels=found.pixels[:0],
+        texcoords=found.texcoords[:0],
+        cover=(0.0, 0.0),
+        mean_move=0.0,
+        max_move=0.0,
+    )
