@@ -4,6 +4,8 @@
 #include <pybind11/typing.h>
 
 #include <algorithm>
+#include <optional>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -73,17 +75,23 @@ void bind_relief(py::module_& m) {
       .def(
           "run",
           [](Exclusive<Relief>& self, const CArray<float>& points, const CArray<bool>& valid,
-             bool rows_up, const ReliefOptions& options) {
+             bool rows_up, const ReliefOptions& options,
+             const std::optional<CArray<float>>& confidence) {
             const BorrowedGrid grid(points, valid, rows_up);
+            std::span<const float> shares;
+            if (confidence) {
+              check_image(*confidence, 0, "confidence");
+              shares = {confidence->data(), static_cast<std::size_t>(confidence->size())};
+            }
             ReliefResult result;
             self.with([&](Relief& relief) {
               const py::gil_scoped_release nogil;
-              relief.run(grid.view, options, result);
+              relief.run(grid.view, options, result, shares);
             });
             return to_fields(std::move(result));
           },
           py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("rows_up"),
-          py::arg("options"));
+          py::arg("options"), py::arg("confidence").noconvert() = py::none());
   m.def(
       "depth_coverage",
       [](const CArray<float>& points, const CArray<bool>& valid, const CArray<std::int32_t>& pixels,

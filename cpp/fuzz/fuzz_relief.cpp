@@ -42,6 +42,12 @@ void fill(fuzzing::Bytes& bytes, Grid& grid) {
   }
 }
 
+std::vector<float> take_confidence(fuzzing::Bytes& bytes, std::size_t count) {
+  std::vector<float> confidence(count);
+  for (float& share : confidence) share = static_cast<float>(bytes.take<std::uint8_t>()) / 255.0F;
+  return confidence;
+}
+
 ReliefOptions take_options(fuzzing::Bytes& bytes) {
   ReliefOptions options;
   const auto choices = bytes.take<std::uint16_t>();
@@ -147,14 +153,16 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   ReliefOptions threads = options;
   threads.num_threads = 2;
   ReliefResult result, same;
+  std::vector<float> confidence;
   const int num_frames = kind / 2 % 4 == 0 ? 2 : 1;
   try {
     for (int frame = 0; frame < num_frames; ++frame) {
       fill(bytes, grid);
-      one.run(grid.view(), options, result);
+      if (kind / 2 % 4 == 1) confidence = take_confidence(bytes, count);
+      one.run(grid.view(), options, result, confidence);
       check(grid, options, result);
       if (kind / 32 != 0) continue;
-      two.run(grid.view(), threads, same);
+      two.run(grid.view(), threads, same, confidence);
       require(same.mesh.pixels == result.mesh.pixels);
       require(same.mesh.faces == result.mesh.faces);
     }

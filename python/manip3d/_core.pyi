@@ -552,6 +552,7 @@ class ReliefSolver:
         valid: numpy.typing.NDArray[numpy.bool],
         rows_up: bool,
         options: ReliefOptions,
+        confidence: numpy.typing.NDArray[numpy.float32] | None = None,
     ) -> dict[str, typing.Any]: ...
 
 class DepthSmoother:

@@ -313,3 +313,88 @@ def test_default_method_of_both_names(verb: str, method: str, frame: Path, tmp_p
     assert record["stop"] in ("target", "small_pieces")  # noisy pixels are pieces
     assert 0.5 < record["coverage"] <= 1.0  # noisy, at 2 % of the points
     assert f"[default: {method}]" in " ".join(manip3d(verb, "--help").stdout.split())
+
+
+def test_a_mask_and_confidences_come_from_files(frame: Path, tmp_path: Path) -> None:
+    left = np.tile(np.arange(160) < 80, (120, 1))
+    masks = [tmp_path / "mask.png", tmp_path / "mask.npy"]
+    Image.fromarray(left).save(masks[0])  # of one bit
+    np.save(masks[1], left)
+    outputs = []
+    base = ("depth", frame, "--points", "300", "--intrinsics", FOCAL, "--force")
+    for number, mask in enumerate(masks):
+        outputs.append(tmp_path / f"{number}.ply")
+        done = manip3d(*base, "-o", outputs[-1], "--mask", mask, "--json")
+        depth = np.array(Image.open(frame))
+        assert json.loads(done.stdout)["points_before"] == np.count_nonzero(depth[left])
+    assert outputs[0].read_bytes() == outputs[1].read_bytes()
+    assert read_mesh(outputs[0]).vertices[:, 0].max() < 0.05
+    levels = tmp_path / "levels.png"
+    Image.fromarray(np.where(left, 2, 0).astype(np.uint8)).save(levels)
+    shares = tmp_path / "shares.npy"
+    np.save(shares, left.astype(np.float32))
+    asked = {
+        "levels": ("--confidence", levels, "--confidence-max", "2"),
+        "shares": ("--confidence", shares),
+        "plain": (),
+    }
+    meshes = {}
+    for name, options in asked.items():
+        assert manip3d(*base, "-q", "-o", tmp_path / "x.ply", *options).returncode == 0
+        meshes[name] = (tmp_path / "x.ply").read_bytes()
+    assert meshes["levels"] == meshes["shares"] != meshes["plain"]
+
+
+def test_wrong_maps_are_one_line(frame: Path, tmp_path: Path) -> None:
+    small, levels, color = (tmp_path / name for name in ("small.npy", "levels.npy", "rgb.png"))
+    np.save(small, np.ones((9, 9), bool))
+    np.save(levels, np.full((120, 160), 7, np.uint8))
+    Image.fromarray(np.zeros((120, 160, 3), np.uint8)).save(color)
+    base = ("depth", frame, "--points", "99", "--intrinsics", FOCAL, "-q", "-o", tmp_path / "x.ply")
+    for options, message in (
+        (("--mask", small), "--mask: expected bool of shape (120, 160), got bool of (9, 9)"),
+        (("--mask", color), "expected 8 or 16 bits of grey, got mode RGB"),
+        (("--mask", frame.with_name("none.png")), "none.png"),
+        (("--confidence", levels, "--confidence-max", "2"), "--confidence-max: expected at least"),
+        (("--confidence-max", "2"), "--confidence-max: expected with confidence"),
+        (("--confidence", levels, "--method", "ssa"), "--confidence: expected with method relief"),
+    ):
+        assert message in error_line(manip3d(*base, *options))
+    assert not (tmp_path / "x.ply").exists()
+
+
+def test_masks_of_many_frames(frames: Path, tmp_path: Path) -> None:
+    masks = tmp_path / "masks"
+    masks.mkdir()
+    for number in range(4):
+        np.save(masks / f"{number}.npy", np.tile(np.arange(160) < 60 + 20 * number, (120, 1)))
+    base = ("depth", frames, "--points", "150", "--intrinsics", FOCAL, "--jobs", "1", "--json")
+    rows = json.loads(manip3d(*base, "-o", tmp_path / "each", "--mask", masks).stdout)
+    counts = [row["points_before"] for row in rows]
+    assert counts == sorted(counts)
+    assert counts[0] < counts[-1]
+    one = manip3d(*base, "-o", tmp_path / "all", "--mask", masks / "0.npy")
+    assert max(row["points_before"] for row in json.loads(one.stdout)) < 1.2 * counts[0]
+    (masks / "0.npy").unlink()
+    done = manip3d(*base, "-q", "-o", tmp_path / "few", "--mask", masks)
+    assert "--mask: expected 4 images in" in error_line(done)
+
+
+def test_points_by_bandwidth(frames: Path, tmp_path: Path) -> None:
+    base = ("depth", frames, "--intrinsics", FOCAL, "--jobs", "1", "--force")
+    asked = ("--bandwidth", "80000", "--rate", "10", "-o", tmp_path / "out")
+    rows = json.loads(manip3d(*base, *asked, "--json").stdout)
+    sizes = [path.stat().st_size for path in sorted((tmp_path / "out").glob("*.glb"))]
+    assert [row["bytes"] for row in rows] == sizes
+    assert all(
+        7000 < size <= 8000 == row["max_bytes"] for size, row in zip(sizes, rows, strict=True)
+    )
+    one = ("depth", frames / "000.depth.png", "--intrinsics", FOCAL, "-o", tmp_path / "x.glb")
+    done = manip3d(*one, *asked[:4])
+    assert " of 8,000 bytes" in done.stderr or " of 8 000 bytes" in done.stderr
+    assert "--points: expected a number, or" in error_line(manip3d(*one, "-q", "--force"))
+    few = manip3d(*one, "-q", "--force", "--bandwidth", "5000", "--rate", "10")
+    assert "--bandwidth: expected at least" in error_line(few)
+    assert "--bandwidth, --rate: expected both" in error_line(
+        manip3d(*one, "-q", "--force", "--rate", "10")
+    )

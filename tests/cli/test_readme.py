@@ -85,6 +85,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("scan", "a", "b", "c"):
         manip3d.LidarFrame(hoax, np.zeros(len(hoax), np.float32)).write(folder / f"{name}.bin")
     Image.fromarray(depth_image()).save(folder / "depth.png")
+    Image.fromarray(depth_image() < 3000).save(folder / "mask.png")
+    Image.fromarray((2 - depth_image() // 3000).astype(np.uint8)).save(folder / "levels.png")
     return folder
 
 

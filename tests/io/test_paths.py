@@ -55,6 +55,7 @@ def write_results(path: str) -> object:
 ENTRIES: dict[str, Callable[[str], object]] = {
     "io.read_bvh path": io.read_bvh,
     "io.read_depth path": io.read_depth,
+    "io.read_pixel_map path": io.read_pixel_map,
     "io.read_mesh path": io.read_mesh,
     "io.read_report path": io.read_report,
     "io.read_range_grid path": io.read_range_grid,
@@ -88,6 +89,12 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "simplify.simplify_depth_file output": lambda p: simplify.simplify_depth_file("a", p, OPTIONS),
     "simplify.simplify_depth_file color": lambda p: simplify.simplify_depth_file(
         "a", "b", OPTIONS, color=p
+    ),
+    "simplify.simplify_depth_file mask": lambda p: simplify.simplify_depth_file(
+        "a", "b", OPTIONS, mask=p
+    ),
+    "simplify.simplify_depth_file confidence": lambda p: simplify.simplify_depth_file(
+        "a", "b", OPTIONS, confidence=p
     ),
     "simplify.colors_of_frames frames": lambda p: simplify.colors_of_frames([p], "."),
     "simplify.colors_of_frames colors": lambda p: simplify.colors_of_frames([], p),

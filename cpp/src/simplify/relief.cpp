@@ -72,6 +72,19 @@ void check_options(const ReliefOptions& options) {
   }
 }
 
+void check_confidence(const PointGridView& grid, std::span<const float> confidence) {
+  const auto num_pixels = static_cast<std::size_t>(grid.rows * grid.cols);
+  if (!confidence.empty() && confidence.size() != num_pixels) {
+    throw InputError("confidence: expected " + std::to_string(num_pixels) + " numbers, got " +
+                     std::to_string(confidence.size()));
+  }
+  for (const float share : confidence) {
+    if (!(share >= 0.0F && share <= 1.0F)) {
+      throw InputError("confidence: expected 0 to 1, got " + std::to_string(share));
+    }
+  }
+}
+
 }  // namespace
 
 struct Relief::Memory {
@@ -117,7 +130,7 @@ void Relief::Memory::recall(const PointGridView& grid, const ReliefOptions& opti
     const std::int64_t v = pixel / grid.cols - surface.input_v(0);
     if (u < 0 || v < 0 || u >= surface.cols() || v >= surface.rows()) continue;
     const auto at = static_cast<std::int32_t>(v * surface.cols() + u);
-    if (surface.sample(at).area > 0.0F) keep[at] = Keep::kPrefer;
+    if (surface.is_used(at)) keep[at] = Keep::kPrefer;
   }
 }
 
@@ -136,7 +149,7 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
   result.stop = used <= target ? ReliefStop::kAllPoints : ReliefStop::kTarget;
   result.dropped_pixels = 0;
   if (mesh.num_vertices() <= target) return;
-  collapser.assign(mesh, keep, static_cast<float>(options.stability));
+  collapser.assign(surface, mesh, keep, static_cast<float>(options.stability));
   result.dropped_pixels = collapser.run(surface, mesh, target, budget.round_share);
   if (result.dropped_pixels > 0) result.stop = ReliefStop::kSmallPieces;
 }
@@ -285,12 +298,14 @@ Relief::~Relief() = default;
 Relief::Relief(Relief&&) noexcept = default;
 Relief& Relief::operator=(Relief&&) noexcept = default;
 
-void Relief::run(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result) {
+void Relief::run(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result,
+                 std::span<const float> confidence) {
   check_options(options);
   check_point_grid(grid);
+  check_confidence(grid, confidence);
   Memory& m = *memory_;
   m.levels.clear();
-  m.surface.assign(grid, options.dense, options.num_threads);
+  m.surface.assign(grid, options.dense, confidence, options.num_threads);
   if (m.surface.empty()) {
     m.mesh.clear();
     m.levels.assign(options.levels.size(), m.mesh);
@@ -311,9 +326,10 @@ void Relief::reset() {
   memory_->before.clear();
 }
 
-ReliefResult relief(const PointGridView& grid, const ReliefOptions& options) {
+ReliefResult relief(const PointGridView& grid, const ReliefOptions& options,
+                    std::span<const float> confidence) {
   ReliefResult result;
-  Relief().run(grid, options, result);
+  Relief().run(grid, options, result, confidence);
   return result;
 }
 

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "simplify/relief_raster.hpp"
+
 namespace manip3d::relief_detail {
 namespace {
 
@@ -30,6 +32,25 @@ float price_of_cut(const Vec3& a, const Vec3& b, const Vec3& c) {
   const float doubled_area = (b - a).cross(c - a).norm();
   const float side = (c - a).norm();
   return side > 0.0F ? kBoundaryWeight * doubled_area * doubled_area / side : 0.0F;
+}
+
+/// A triangle's plane is believed no more than its corners are, and counts no more than the pixels
+/// in it.
+float confidence_of(const Surface& surface, const Triangulation& mesh, const Triangle& corners) {
+  if (!surface.has_confidence()) return 1.0F;
+  const auto &a = mesh.vertex(corners[0]), &b = mesh.vertex(corners[1]),
+             &c = mesh.vertex(corners[2]);
+  float sum = 0.0F;
+  int count = 0;
+  visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, SidePixels::kClosed,
+               [&](std::int32_t p) {
+                 if (p == a.pixel || p == b.pixel || p == c.pixel) return;
+                 sum += surface.confidence(p);
+                 ++count;
+               });
+  const float mean = count > 0 ? sum / static_cast<float>(count) : 1.0F;
+  return std::min({mean, surface.confidence(a.pixel), surface.confidence(b.pixel),
+                   surface.confidence(c.pixel)});
 }
 
 /// Twice the area in pixels of all triangles but one.
@@ -70,7 +91,8 @@ void LocalQuadric::add(const LocalQuadric& q, const Vec3& offset) {
   weight += q.weight;
 }
 
-void Collapser::assign(const Triangulation& mesh, std::span<const Keep> keep, float keep_factor) {
+void Collapser::assign(const Surface& surface, const Triangulation& mesh,
+                       std::span<const Keep> keep, float keep_factor) {
   for (auto* numbers : {&factor_, &spent_}) make_room(*numbers, mesh.num_slots());
   for (auto* quadrics : {&surface_, &boundary_}) make_room(*quadrics, mesh.num_slots());
   make_room(seen_, mesh.num_face_slots());
@@ -94,8 +116,9 @@ void Collapser::assign(const Triangulation& mesh, std::span<const Keep> keep, fl
     const float twice_area = normal.norm();
     if (!(twice_area > 0.0F)) continue;
     const Vec3 n = normal / twice_area;
+    const float trust = confidence_of(surface, mesh, corners);
     for (int i = 0; i < 3; ++i) {
-      surface_[corners[i]].add_plane_through_origin(n, twice_area * (1.0F / 6.0F));
+      surface_[corners[i]].add_plane_through_origin(n, trust * (twice_area * (1.0F / 6.0F)));
       if (mesh.neighbors(t)[i] != Triangulation::kNone) continue;
       // The plane along the side, upright on the triangle.
       const std::int32_t p = corners[(i + 1) % 3], q = corners[(i + 2) % 3];
@@ -104,7 +127,8 @@ void Collapser::assign(const Triangulation& mesh, std::span<const Keep> keep, fl
       const float length = upright.norm();
       if (!(length > 0.0F)) continue;
       for (const std::int32_t end : {p, q}) {
-        boundary_[end].add_plane_through_origin(upright / length, kBoundaryWeight * length);
+        boundary_[end].add_plane_through_origin(upright / length,
+                                                trust * (kBoundaryWeight * length));
       }
     }
   }
@@ -174,7 +198,8 @@ int Collapser::cheapest(const Surface& surface, const Triangulation& mesh, std::
   if (mesh.has_bay(v, fan)) {
     cover = kCoverFactor * mesh.bay(surface, v, fan).price;
   } else if (mesh.vertex(v).on_boundary) {
-    cut = price_of_cut(mesh.vertex(fan.neighbors[0]).point, mesh.vertex(v).point,
+    cut = surface.confidence(mesh.vertex(v).pixel) *
+          price_of_cut(mesh.vertex(fan.neighbors[0]).point, mesh.vertex(v).point,
                        mesh.vertex(fan.neighbors[fan.num_neighbors - 1]).point);
   }
   int best = -1;

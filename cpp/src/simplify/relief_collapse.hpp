@@ -46,7 +46,8 @@ struct LocalQuadric {
 class Collapser {
  public:
   /// @param keep  by pixel, may be empty: vertices there cost `keep_factor` times as much, or stay.
-  void assign(const Triangulation& mesh, std::span<const Keep> keep, float keep_factor);
+  void assign(const Surface& surface, const Triangulation& mesh, std::span<const Keep> keep,
+              float keep_factor);
   /// Stops at `target` vertices, or with more where vertices that stay leave no other way. Best
   /// first in rounds, each of which removes at most the share `round_share` of the vertices.
   /// @return  pixels of the pieces left out.

@@ -60,7 +60,7 @@ DepthCoverage coverage_of(const Surface& surface,
     visit_pixels(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed, [&](std::int32_t p) {
       covered[p] = 1;
       ++inside;
-      without += !(surface.sample(p).area > 0.0F) || holds_cut_cell(surface, t, p) ? 1 : 0;
+      without += !surface.is_used(p) || holds_cut_cell(surface, t, p) ? 1 : 0;
     });
     const double own = area_of(surface, t);
     area += own;
@@ -68,7 +68,7 @@ DepthCoverage coverage_of(const Surface& surface,
   }
   std::int64_t both = 0;
   for (std::size_t p = 0; p < covered.size(); ++p) {
-    both += covered[p] != 0 && surface.sample(static_cast<std::int32_t>(p)).area > 0.0F ? 1 : 0;
+    both += covered[p] != 0 && surface.is_used(static_cast<std::int32_t>(p)) ? 1 : 0;
   }
   result.coverage = static_cast<double>(both) / static_cast<double>(surface.num_used());
   result.bridges = area > 0.0 ? bridges / area : 0.0;
@@ -103,7 +103,7 @@ DepthCoverage depth_coverage(const PointGridView& grid,
     }
   }
   relief_detail::Surface surface;
-  surface.assign(grid, rule, 1);
+  surface.assign(grid, rule, {}, 1);
   std::vector<std::uint8_t> covered;
   return relief_detail::coverage_of(surface, pixels, faces, covered);
 }

@@ -33,7 +33,7 @@ float triangle_error(const Surface& surface, const SurfaceCorner& a, const Surfa
   visit_pixels(surface.cols(), {a.u, a.v}, {b.u, b.v}, {c.u, c.v}, SidePixels::kShared,
                [&](std::int32_t p) {
                  const Sample& s = surface.sample(p);
-                 sum += s.area * std::abs(n.x() * s.x + n.y() * s.y + n.z() * s.z - d);
+                 sum += s.weight * std::abs(n.x() * s.x + n.y() * s.y + n.z() * s.z - d);
                });
   return sum;
 }
@@ -157,7 +157,7 @@ int Refiner::move_vertices(const Surface& surface, Triangulation& mesh, int radi
         if (u0 + du < 0 || v0 + dv < 0 || u0 + du >= surface.cols() || v0 + dv >= surface.rows())
           continue;
         const std::int32_t pixel = (v0 + dv) * surface.cols() + u0 + du;
-        if (!(surface.sample(pixel).area > 0.0F)) continue;
+        if (!surface.is_used(pixel)) continue;
         const SurfaceCorner center{u0 + du, v0 + dv, surface.sample(pixel).point()};
         float sum = 0.0F;
         int i = 0;
@@ -212,10 +212,10 @@ Refiner::Block Refiner::normal_equations(const Surface& surface, const Triangula
                  const float wb = (du * vc - dv * uc) * inverse;
                  const float wc = (ub * dv - vb * du) * inverse;
                  const float pa = (1.0F - wb - wc) * ka, pb = wb * kb, pc = wc * kc;
-                 const float e = s.area * (n.x() * s.x + n.y() * s.y + n.z() * s.z - d);
-                 block.aa += s.area * pa * pa, block.bb += s.area * pb * pb;
-                 block.cc += s.area * pc * pc, block.ab += s.area * pa * pb;
-                 block.bc += s.area * pb * pc, block.ca += s.area * pc * pa;
+                 const float e = s.weight * (n.x() * s.x + n.y() * s.y + n.z() * s.z - d);
+                 block.aa += s.weight * pa * pa, block.bb += s.weight * pb * pb;
+                 block.cc += s.weight * pc * pc, block.ab += s.weight * pa * pb;
+                 block.bc += s.weight * pb * pc, block.ca += s.weight * pc * pa;
                  block.ra += pa * e, block.rb += pb * e, block.rc += pc * e;
                });
   return block;

@@ -21,7 +21,7 @@ class EdgeMemory {
 };
 
 /// Improves a triangulation by what the mean distance measures: the sum over the surface's pixels
-/// of their area times their distance from the plane of the triangle that they appear in.
+/// of their weight times their distance from the plane of the triangle that they appear in.
 class Refiner {
  public:
   void assign(const Triangulation& mesh);

@@ -71,7 +71,7 @@ void StartMesh::measure_sides(const Surface& surface, std::span<const Keep> keep
         const float own =
             distance_from_line(surface.sample(p).point(), surface.sample(p - away).point(),
                                surface.sample(p + away).point());
-        error = std::max(error, own * weight);
+        error = std::max(error, own * weight * surface.confidence(p));
       }
       errors_[p] = is_kept(keep, p) && error >= 0.0F ? kMustSplit : error;
     }
@@ -91,7 +91,7 @@ void StartMesh::measure_diagonals(const Surface& surface, std::span<const Keep> 
         const float own =
             distance_from_line(surface.sample(p).point(), surface.sample(p - away).point(),
                                surface.sample(p + away).point());
-        error = std::max(error, own * weight);
+        error = std::max(error, own * weight * surface.confidence(p));
       }
       errors_[p] = is_kept(keep, p) && error >= 0.0F ? kMustSplit : error;
     }

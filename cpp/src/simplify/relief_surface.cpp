@@ -138,7 +138,7 @@ void Surface::add_areas() {
     const Vec3 p = samples_[t[0]].point();
     const Vec3 q = samples_[t[1]].point(), r = samples_[t[2]].point();
     const float third = kSixth * (q - p).cross(r - p).norm();
-    for (const std::int32_t pixel : t) samples_[pixel].area += third;
+    for (const std::int32_t pixel : t) samples_[pixel].weight += third;
     ++num_faces_;
   };
   for (int v = 0; v + 1 < used_rows_; ++v) {
@@ -150,15 +150,29 @@ void Surface::add_areas() {
     }
   }
   double total = 0.0;
-  for (const Sample& sample : samples_) {
-    num_used_ += sample.area > 0.0F ? 1 : 0;
-    total += sample.area;
+  used_.resize(samples_.size());
+  for (std::size_t p = 0; p < samples_.size(); ++p) {
+    used_[p] = samples_[p].weight > 0.0F ? 1 : 0;
+    num_used_ += used_[p];
+    total += samples_[p].weight;
   }
   mean_area_ =
       static_cast<float>(total / static_cast<double>(std::max<std::int64_t>(num_used_, 1)));
 }
 
-void Surface::assign(const PointGridView& grid, const DenseRule& rule, int num_threads) {
+void Surface::weigh(const PointGridView& grid, std::span<const float> confidence) {
+  confidence_.clear();
+  if (confidence.empty()) return;
+  confidence_.assign(samples_.size(), 0.0F);
+  for (int v = 0; v < used_rows_; ++v) {
+    const float* from = confidence.data() + (v + v0_) * grid.cols + u0_;
+    std::copy(from, from + used_cols_, confidence_.begin() + std::ptrdiff_t{v} * cols_);
+  }
+  for (std::size_t p = 0; p < samples_.size(); ++p) samples_[p].weight *= confidence_[p];
+}
+
+void Surface::assign(const PointGridView& grid, const DenseRule& rule,
+                     std::span<const float> confidence, int num_threads) {
   num_faces_ = num_used_ = 0;
   if (!crop(grid)) return;
   cols_ = padded(used_cols_);
@@ -166,6 +180,7 @@ void Surface::assign(const PointGridView& grid, const DenseRule& rule, int num_t
   load_samples(grid, num_threads);
   cut_cells(rule, num_threads);
   add_areas();
+  weigh(grid, confidence);
 }
 
 Vec3 Surface::mean_normal() const {
@@ -184,8 +199,8 @@ Vec3 Surface::mean_normal() const {
 
 Eigen::Vector2f Surface::pixels_along(std::int32_t pixel, const Vec3& move) const {
   const auto difference = [&](std::int32_t step, int at, int end) {
-    const bool before = at > 0 && samples_[pixel - step].area > 0.0F;
-    const bool after = at + 1 < end && samples_[pixel + step].area > 0.0F;
+    const bool before = at > 0 && is_used(pixel - step);
+    const bool after = at + 1 < end && is_used(pixel + step);
     const Vec3 from = samples_[before ? pixel - step : pixel].point();
     const Vec3 to = samples_[after ? pixel + step : pixel].point();
     return Vec3((to - from) / (before && after ? 2.0F : 1.0F));

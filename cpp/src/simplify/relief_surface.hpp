@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "manip3d/geometry/depth_image.hpp"
@@ -20,10 +21,10 @@ void make_room(std::vector<Item>& items, std::int64_t size) {
   if (items.capacity() < needed) items.reserve(needed + needed / 4);
 }
 
-/// A measured point and the area of the dense mesh that belongs to it: a third of each triangle
-/// around it. A pixel that no dense triangle uses has none.
+/// A measured point and how much its distance from a mesh counts: the area of the dense mesh that
+/// belongs to it, a third of each triangle around it, times its confidence.
 struct Sample {
-  float x = 0.0F, y = 0.0F, z = 0.0F, area = 0.0F;
+  float x = 0.0F, y = 0.0F, z = 0.0F, weight = 0.0F;
   [[nodiscard]] Vec3 point() const { return {x, y, z}; }
 };
 
@@ -50,7 +51,9 @@ class Surface {
   static constexpr int kTile = 16;  ///< Pixels between the corners of the coarsest triangles.
 
   /// The dense mesh is that of grid_mesh(), as far as the rule allows.
-  void assign(const PointGridView& grid, const DenseRule& rule, int num_threads);
+  /// @param confidence  by pixel of the grid, 0 to 1; may be empty: all are 1.
+  void assign(const PointGridView& grid, const DenseRule& rule, std::span<const float> confidence,
+              int num_threads);
 
   [[nodiscard]] bool empty() const { return num_faces_ == 0; }
   [[nodiscard]] int cols() const { return cols_; }
@@ -59,6 +62,12 @@ class Surface {
   [[nodiscard]] int u(std::int32_t pixel) const { return pixel % cols_; }
   [[nodiscard]] int v(std::int32_t pixel) const { return pixel / cols_; }
   [[nodiscard]] const Sample& sample(std::int32_t pixel) const { return samples_[pixel]; }
+  /// Does some dense triangle of an area use the pixel?
+  [[nodiscard]] bool is_used(std::int32_t pixel) const { return used_[pixel] != 0; }
+  [[nodiscard]] bool has_confidence() const { return !confidence_.empty(); }
+  [[nodiscard]] float confidence(std::int32_t pixel) const {
+    return confidence_.empty() ? 1.0F : confidence_[pixel];
+  }
   [[nodiscard]] std::uint8_t cell(std::int32_t pixel) const { return cells_[pixel]; }
   [[nodiscard]] std::int64_t num_faces() const { return num_faces_; }
   /// Pixels that some dense triangle uses.
@@ -84,6 +93,7 @@ class Surface {
   void load_samples(const PointGridView& grid, int num_threads);
   void cut_cells(const DenseRule& rule, int num_threads);
   void add_areas();
+  void weigh(const PointGridView& grid, std::span<const float> confidence);
 
   int cols_ = 0, rows_ = 0;            ///< Padded.
   int u0_ = 0, v0_ = 0;                ///< The crop's corner in the input.
@@ -91,7 +101,8 @@ class Surface {
   double unit_ = 1.0;                  ///< Input units per unit here.
   Eigen::Vector3d center_ = Eigen::Vector3d::Zero();
   std::vector<Sample> samples_;
-  std::vector<std::uint8_t> valid_;
+  std::vector<std::uint8_t> valid_, used_;
+  std::vector<float> confidence_;  ///< By pixel; or empty.
   std::vector<std::uint8_t> cells_;
   std::int64_t num_faces_ = 0, num_used_ = 0;
   float mean_area_ = 0.0F;

@@ -207,7 +207,7 @@ Triangulation::Bay Triangulation::bay(const Surface& surface, std::int32_t v,
                  const int own = p == b.pixel ? 1 : 0;
                  const bool at_end = p == a.pixel || p == c.pixel;
                  bay.free = bay.free && (at_end || num_at_[p] == own);
-                 without += surface.sample(p).area > 0.0F ? 0 : 1;
+                 without += surface.is_used(p) ? 0 : 1;
                  ++pixels;
                });
   if (!bay.free || without == 0) return bay;

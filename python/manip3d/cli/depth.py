@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -47,21 +48,28 @@ class Variant(StrEnum):
 
 
 _OPTIONS = ("intrinsics", "unit", "variant", "by-distance", "move-points", "max-edge", "depth-step",
-            "color", "points", "method",
-            "min-coverage")  # fmt: skip
+            "color", "mask", "confidence", "confidence-max", "points", "method",
+            "min-coverage", "bandwidth", "rate")  # fmt: skip
 
 
 def _of_frames(files: list[SourceFile], options: dict[str, Any]) -> dict[str, dict[str, str]]:
-    """One unit for all frames, and the colour image of each."""
+    """One unit for all frames, and the colour image, mask and confidence of each."""
     from manip3d import simplify
     from manip3d.io import is_color_png, is_url
 
     names = [f.name for f in files if is_url(f.name) or not is_color_png(f.name)]
-    with naming_options("color", "unit"):
+    each: dict[str, dict[str, str]] = {file.name: {"color": ""} for file in files}
+    with naming_options("color", "mask", "confidence", "unit"):
         options["unit"] = simplify.common_depth_unit(names, options["unit"], options["intrinsics"])
         colors = options.pop("color")
-        images = simplify.colors_of_frames(names, colors) if colors else {}
-    return {file.name: {"color": images.get(file.name, "")} for file in files}
+        folders = {"color": colors} if colors else {}
+        for name in ("mask", "confidence"):  # a file is that of all frames
+            if options[name] and Path(options[name]).is_dir():
+                folders[name] = options.pop(name)
+        for name, folder in folders.items():
+            for frame, image in simplify.colors_of_frames(names, folder, name=name).items():
+                each[frame][name] = image
+    return each
 
 
 @over_files(
@@ -77,7 +85,10 @@ def depth(
         ),
     ],
     output: Output,
-    points: Annotated[int, typer.Option(min=1, help="Largest number of vertices.")],
+    points: Annotated[
+        int | None,
+        typer.Option(min=1, help="Largest number of vertices; needed unless --bandwidth is given."),
+    ] = None,
     intrinsics: Annotated[
         str,
         typer.Option(
@@ -127,12 +138,44 @@ def depth(
             "images, a folder of as many, in the order of their names."
         ),
     ] = "",
+    mask: Annotated[
+        str,
+        typer.Option(
+            help="Grey image or .npy of the same size: 0 where the depth is not to be used. For "
+            "several depth images, one of all, or a folder of as many."
+        ),
+    ] = "",
+    confidence: Annotated[
+        str,
+        typer.Option(
+            help="Grey image or .npy of the same size: how far each pixel is believed, as levels "
+            "or 0 to 1; its error counts that many times (--method relief). A file or a folder, "
+            "as --mask."
+        ),
+    ] = "",
+    confidence_max: Annotated[
+        int | None,
+        typer.Option(
+            help="Level of --confidence that is fully believed: 2 for ARKit, 15 for a RealSense "
+            "L515. Default: the largest number that the image can hold."
+        ),
+    ] = None,
     min_coverage: Annotated[
         float,
         typer.Option(
             min=0, max=1, help="Under --strict: exit 4 if less of the surface's pixels is covered."
         ),
     ] = 0.9,
+    bandwidth: Annotated[
+        float | None,
+        typer.Option(
+            help="Bytes a second: each file, which is a frame, has the points that fit into its "
+            "share of them. With --rate."
+        ),
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Frames a second that share --bandwidth.")
+    ] = None,
     force: Force = False,
     strict: Strict = False,
     as_json: Json = False,
@@ -165,10 +208,20 @@ def depth(
             seed,
             jobs,
             min_coverage,
+            bandwidth,
+            rate,
         )
         expect_kind(source, "depth", "range grid", verb="depth")
         check_output(output, WRITABLE, force=force)
-        result = simplify.simplify_depth_file(source, output, options, color=color or None)
+        result = simplify.simplify_depth_file(
+            source,
+            output,
+            options,
+            color=color or None,
+            mask=mask or None,
+            confidence=confidence or None,
+            confidence_max=confidence_max,
+        )
     _tell(shell, result)
     shell.result(_record(result))
     if strict and (result.target_missed or result.coverage_missed):
@@ -190,14 +243,16 @@ def _sentence(result: DepthFileResult) -> str:
     options = result.options
     variant = f" ({options.variant})" if options.method == "cs3" else ""
     cut = f", {counted(result.faces_cut, 'face')} across depth steps left out"
-    missed = f"; target of {counted(options.points, 'point')} missed"
+    missed = f"; target of {counted(options.points or 0, 'point')} missed"
+    share = f"; {count(result.num_bytes or 0)} of {counted(options.max_bytes or 0, 'byte')}"
     low = f", less than {100 * options.min_coverage:.0f} %"
     return (
         f"{options.method}{variant}: {counted(result.points_before, 'point')} -> "
         f"{count(result.points)}, {counted(result.faces, 'face')}{cut if result.faces_cut else ''} "
         f"in {result.seconds * 1000:.1f} ms; covers {100 * result.coverage:.1f} % of the surface's "
         f"pixels{low if result.coverage_missed else ''}, {100 * result.bridges:.2f} % of its area "
-        f"bridges gaps{missed if result.target_missed else ''}; "
+        f"bridges gaps{missed if result.target_missed else ''}"
+        f"{share if result.num_bytes is not None else ''}; "
         f"wrote {result.output}"
     )
 
@@ -214,6 +269,8 @@ def _record(result: DepthFileResult) -> dict[str, Any]:
         "points_before": result.points_before,
         "target_points": result.options.points,
         "points": result.points,
+        "bytes": result.num_bytes,
+        "max_bytes": result.options.max_bytes,
         "faces": result.faces,
         "faces_cut": result.faces_cut,
         "stop": result.stop,

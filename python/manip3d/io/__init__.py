@@ -7,7 +7,7 @@ than the file can hold end in a `FormatError` that names the file and the line o
 from __future__ import annotations
 
 from manip3d.io._bvh import Motion, read_bvh
-from manip3d.io._depth_files import DEPTH_SUFFIXES, is_color_png, read_depth
+from manip3d.io._depth_files import DEPTH_SUFFIXES, is_color_png, read_depth, read_pixel_map
 from manip3d.io._depth_units import (
     DEPTH_UNITS,
     DepthReading,
@@ -52,6 +52,7 @@ __all__ = [
     "read_depth_guessing",
     "read_mesh",
     "read_mesh_bytes",
+    "read_pixel_map",
     "read_range_grid",
     "read_report",
     "read_scan",

@@ -17,6 +17,8 @@ from manip3d.io._files import open_regular
 from manip3d.io._remote import local_copy
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
 DEPTH_SUFFIXES = (".png", ".pgm", ".tif", ".tiff", ".npy")
@@ -79,6 +81,12 @@ def read_stored_depth(
     path: str | os.PathLike[str], *, max_pixels: int = MOST_PIXELS
 ) -> NDArray[Any]:
     """Read a depth image's numbers as they are stored, in whatever unit; as `read_depth`."""
+    return _read(path, max_pixels, _decode)
+
+
+def _read(
+    path: str | os.PathLike[str], max_pixels: int, decode: Callable[[bytes, int], NDArray[Any]]
+) -> NDArray[Any]:
     if not max_pixels > 0:
         raise InputError(f"max_pixels: expected > 0, got {max_pixels}")
     name = os.fspath(path)
@@ -87,10 +95,51 @@ def read_stored_depth(
     try:
         if len(data) > 8 * max_pixels + _HEADER_BYTES:
             raise FormatError(f"expected at most {max_pixels} pixels, got a larger file")
-        return _decode(data, max_pixels)
+        return decode(data, max_pixels)
     except FormatError as error:
         offset = error.byte_offset
         raise FormatError(error.reason, file=name, byte_offset=offset) from error.__cause__
+
+
+@checked
+def read_pixel_map(
+    path: str | os.PathLike[str], *, max_pixels: int = MOST_PIXELS
+) -> NDArray[np.bool_ | np.uint8 | np.uint16 | np.float32 | np.float64]:
+    """Read numbers that belong to the pixels of a depth image: a mask, or confidences.
+
+    Parameters
+    ----------
+    path : path-like or URL
+        Black and white or grey PNG or TIFF, or ``.npy`` of bool, uint8, uint16, float32 or float64;
+        the content decides, not the suffix.
+    max_pixels : int
+        Larger images are refused before anything is allocated for them.
+
+    Returns
+    -------
+    (H, W) bool, uint8, uint16, float32 or float64
+        As stored.
+
+    Raises
+    ------
+    FormatError
+        The file is damaged, no grey image, or larger than ``max_pixels``.
+    InputError
+        ``max_pixels`` is not positive.
+    OSError
+        `FileNotFoundError` and the like.
+    MissingExtraError
+        Pillow is not installed (PNG and TIFF).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import io
+    >>> np.save("mask.npy", np.eye(3, dtype=bool))
+    >>> int(io.read_pixel_map("mask.npy").sum())
+    3
+    """
+    return _read(path, max_pixels, _decode_map)
 
 
 @checked
@@ -124,6 +173,17 @@ def _decode(data: bytes, max_pixels: int) -> NDArray[Any]:
         return _read_with_pillow(data, max_pixels)
     kinds = "a 16-bit PNG, PGM or TIFF, or a .npy file"
     raise FormatError(f"expected {kinds}, got bytes that begin with {data[:8]!r}", byte_offset=0)
+
+
+def _decode_map(data: bytes, max_pixels: int) -> NDArray[Any]:
+    if data.startswith(b"\x93NUMPY"):
+        return _read_npy(data, max_pixels, _MAP_DTYPES)
+    if data.startswith((b"\x89PNG\r\n\x1a\n", b"II*\0", b"MM\0*")):
+        return _read_with_pillow(data, max_pixels, ("1", "L"))
+    raise FormatError(
+        f"expected a grey PNG or TIFF, or a .npy file, got bytes that begin with {data[:8]!r}",
+        byte_offset=0,
+    )
 
 
 def _checked_size(rows: int, columns: int, max_pixels: int) -> None:
@@ -163,7 +223,13 @@ def _read_pgm(data: bytes, max_pixels: int) -> NDArray[np.uint16]:
 # --- NumPy -------------------------------------------------------------------------------------
 
 
-def _read_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
+_DTYPES = (np.uint16, np.float32, np.float64)
+_MAP_DTYPES = (np.bool_, np.uint8, *_DTYPES)
+
+
+def _read_npy(
+    data: bytes, max_pixels: int, dtypes: tuple[type[np.generic], ...] = _DTYPES
+) -> NDArray[Any]:
     stream = io.BytesIO(data)
     try:
         version = np.lib.format.read_magic(stream)
@@ -174,9 +240,10 @@ def _read_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
         shape, fortran, dtype = read_header(stream, max_header_size=10_000)
     except Exception as error:  # the header is a Python literal: it fails in many ways
         raise FormatError("expected a header of a .npy file", byte_offset=0) from error
-    if len(shape) != 2 or dtype not in (np.uint16, np.float32, np.float64):
+    if len(shape) != 2 or dtype not in dtypes:
+        *names, last = (np.dtype(known).name for known in dtypes)
         raise FormatError(
-            f"expected a 2-D array of uint16, float32 or float64, got {dtype} {shape}"
+            f"expected a 2-D array of {', '.join(names)} or {last}, got {dtype} {shape}"
         )
     _checked_size(*shape, max_pixels)
     size = shape[0] * shape[1] * dtype.itemsize
@@ -192,7 +259,9 @@ def _read_npy(data: bytes, max_pixels: int) -> NDArray[Any]:
 # --- PNG and TIFF ------------------------------------------------------------------------------
 
 
-def _read_with_pillow(data: bytes, max_pixels: int) -> NDArray[Any]:
+def _read_with_pillow(
+    data: bytes, max_pixels: int, narrow_modes: tuple[str, ...] = ()
+) -> NDArray[Any]:
     try:
         from PIL import Image
     except ImportError:
@@ -202,8 +271,11 @@ def _read_with_pillow(data: bytes, max_pixels: int) -> NDArray[Any]:
             warnings.simplefilter("error")  # a warning about a file is a verdict on it
             with Image.open(io.BytesIO(data), formats=("PNG", "TIFF")) as image:
                 _checked_size(image.height, image.width, max_pixels)
+                if image.mode in narrow_modes:
+                    return np.array(image)
                 if not image.mode.startswith("I;16") and image.mode not in ("I", "F"):
-                    raise FormatError(f"expected 16 bits of grey, got mode {image.mode}")
+                    bits = "8 or 16" if narrow_modes else "16"
+                    raise FormatError(f"expected {bits} bits of grey, got mode {image.mode}")
                 stored = np.array(image)
     except Error:
         raise

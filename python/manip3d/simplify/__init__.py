@@ -45,6 +45,7 @@ from manip3d.simplify._depth_files import (
 )
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
 from manip3d.simplify._lod import LodChain, LodLevel, SharedBudget, lod_chain, share_budget
+from manip3d.simplify._pixel_maps import confidence_of_levels
 from manip3d.simplify._quality import Mode, QualityResult, fast, quality, simplify
 from manip3d.simplify._relief import (
     Effort,
@@ -92,6 +93,7 @@ __all__ = [
     "clean",
     "colors_of_frames",
     "common_depth_unit",
+    "confidence_of_levels",
     "cs3",
     "cs3_cameras",
     "cs3_grid",

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -14,17 +16,20 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.camera import CAMERA_PRESETS, Intrinsics, read_intrinsics
+from manip3d.camera import CAMERA_PRESETS, Intrinsics, _depth_image, read_intrinsics
 from manip3d.errors import FormatError, InputError, MissingExtraError
 from manip3d.io import (
     DEPTH_SUFFIXES,
     DepthReading,
     read_depth_guessing,
+    read_pixel_map,
     read_range_grid,
     write_mesh,
 )
+from manip3d.simplify._bandwidth import Bandwidth, fit_bytes
 from manip3d.simplify._depth import DepthSimplification, Variant, cs3, cs3_grid
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
+from manip3d.simplify._pixel_maps import confidence_of_levels, mask_image, masked_depth
 from manip3d.simplify._relief import relief, relief_grid
 from manip3d.simplify._sampling import sample_depth, sample_depth_grid
 
@@ -32,11 +37,14 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from manip3d.camera import Registration
+    from manip3d.mesh import Mesh
 
 DepthMethod = Literal["relief", "cs3", "uniform", "poisson", "ssa"]
 _METHODS = ("relief", "cs3", "uniform", "poisson", "ssa")
 _YUP_SUFFIXES = (".glb", ".gltf")
 _FRAMES_FOR_A_GUESS = 9
+_BYTES_PER_POINT = 40.0  # of a .glb: a vertex with texture coordinates and two faces
+_MOST_POINTS = 2**31 - 1
 
 
 @dataclass(frozen=True)
@@ -45,8 +53,8 @@ class DepthOptions:
 
     Attributes
     ----------
-    points : int
-        At most this many vertices.
+    points : int or None
+        At most this many vertices; None: as many as ``bandwidth`` allows.
     method : 'relief', 'cs3', 'uniform', 'poisson' or 'ssa'
     variant : 'cios', 'lios', 'cnms' or 'lnms'
         Variant of ``cs3``.
@@ -67,9 +75,11 @@ class DepthOptions:
         0: all cores.
     min_coverage : float
         Share of the dense surface's pixels, 0 to 1, below which a result counts as missed.
+    bandwidth, rate : float or None, bytes and frames a second
+        Both or none: the files of a result have no more bytes than such a frame's share.
     """
 
-    points: int
+    points: int | None
     method: DepthMethod = "relief"
     variant: Variant = "cios"
     intrinsics: str = ""
@@ -81,6 +91,15 @@ class DepthOptions:
     seed: int = 0
     threads: int = 1
     min_coverage: float = 0.9
+    bandwidth: float | None = None
+    rate: float | None = None
+
+    @property
+    def max_bytes(self) -> int | None:
+        """Bytes that a frame may have."""
+        if self.bandwidth is None or self.rate is None:
+            return None
+        return Bandwidth(self.bandwidth, self.rate).share
 
     def __post_init__(self) -> None:
         if self.method not in _METHODS:
@@ -95,6 +114,10 @@ class DepthOptions:
             raise InputError(f"depth_step: expected >= 0, got {self.depth_step}")
         if not 0 <= self.min_coverage <= 1:
             raise InputError(f"min_coverage: expected 0 to 1, got {self.min_coverage}")
+        if (self.bandwidth is None) != (self.rate is None):
+            raise InputError("bandwidth, rate: expected both or none of them")
+        if self.max_bytes is None and self.points is None:
+            raise InputError("points: expected a number, or bandwidth and rate, got none of them")
 
 
 @dataclass(frozen=True)
@@ -121,12 +144,15 @@ class DepthFileResult:
     literal_count : int or None
         Points that the printed formulas give (``cs3``).
     seconds : float
-        Time of the method alone: without reading, leaving out faces, and writing.
+        Time of the method alone: without reading, leaving out faces, and writing. With a bandwidth
+        that of all tries.
     coverage : float
         Share of the dense mesh's pixels in or on a face, whose triangles have no edge longer than
         ``max_edge``.
     bridges : float
         Share of the faces' area that lies over no triangle of that dense mesh.
+    num_bytes : int or None
+        Of all files that were written, where ``options`` have a bandwidth.
     """
 
     source: Path
@@ -144,6 +170,7 @@ class DepthFileResult:
     seconds: float = 0.0
     coverage: float = 1.0
     bridges: float = 0.0
+    num_bytes: int | None = None
 
     @property
     def coverage_missed(self) -> bool:
@@ -152,7 +179,12 @@ class DepthFileResult:
 
     @property
     def target_missed(self) -> bool:
-        """Fewer than 99 % of the points that were asked for and are there."""
+        """Fewer than 99 % of the points that were asked for and are there.
+
+        Never where the bandwidth says how many points there are.
+        """
+        if self.options.points is None or self.num_bytes is not None:
+            return False
         return self.points < 0.99 * min(self.options.points, self.points_before)
 
 
@@ -164,6 +196,8 @@ def simplify_depth(
     *,
     color: ArrayLike | None = None,
     registration: Registration | None = None,
+    mask: ArrayLike | None = None,
+    confidence: ArrayLike | None = None,
 ) -> DepthSimplification:
     """Simplify a depth image by any method, without faces across steps in depth.
 
@@ -178,6 +212,10 @@ def simplify_depth(
         Of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
         Position of the colour camera; without it both images share their pixels.
+    mask : (H, W) bool, optional
+        Pixels to use; where it is False there is no measurement.
+    confidence : (H, W) float, 0 to 1, optional
+        How far each pixel is believed, as of `relief`; not with the other methods.
 
     Returns
     -------
@@ -199,16 +237,22 @@ def simplify_depth(
     >>> simplify.simplify_depth(wall, camera, options).num_vertices <= 100
     True
     """
-    found = _uncut(depth, intrinsics, options, color, registration)
-    return cut_depth_steps(found, depth, step=options.depth_step) if options.depth_step else found
+    image = _depth_image(depth, intrinsics)
+    image = masked_depth(image, mask_image(mask, image.shape))
+    if options.points is None:
+        raise InputError("options.points: expected a number, as nothing is written here, got None")
+    found = _uncut(image, intrinsics, options, options.points, color, registration, confidence)
+    return cut_depth_steps(found, image, step=options.depth_step) if options.depth_step else found
 
 
 def _uncut(
     depth: ArrayLike,
     intrinsics: Intrinsics,
     options: DepthOptions,
+    points: int,
     color: ArrayLike | None,
     registration: Registration | None = None,
+    confidence: ArrayLike | None = None,
 ) -> DepthSimplification:
     """What a method makes of an image; faces across depth steps are still there, if it has some."""
     asked: dict[str, Any] = {
@@ -217,14 +261,21 @@ def _uncut(
         "registration": registration,
         "threads": options.threads,
     }
+    _check_confidence(options, confidence is not None)
     if options.method == "cs3":
         asked |= {"variant": options.variant, "distance_dependent": options.by_distance}
-        return cs3(depth, intrinsics, options.points, **asked)
+        return cs3(depth, intrinsics, points, **asked)
     if options.method == "relief":
         asked |= {"move_points": options.move_points, "depth_step": options.depth_step or None}
-        return relief(depth, intrinsics, options.points, **asked)
+        asked |= {"confidence": confidence}
+        return relief(depth, intrinsics, points, **asked)
     asked |= {"method": options.method, "rng": options.seed}
-    return sample_depth(depth, intrinsics, options.points, **asked)
+    return sample_depth(depth, intrinsics, points, **asked)
+
+
+def _check_confidence(options: DepthOptions, is_given: bool) -> None:
+    if is_given and options.method != "relief":
+        raise InputError(f"confidence: expected with method relief only, got {options.method}")
 
 
 @checked
@@ -234,6 +285,9 @@ def simplify_depth_file(
     options: DepthOptions,
     *,
     color: str | os.PathLike[str] | None = None,
+    mask: str | os.PathLike[str] | None = None,
+    confidence: str | os.PathLike[str] | None = None,
+    confidence_max: int | None = None,
 ) -> DepthFileResult:
     """Turn one depth image or range scan into a sparse textured mesh in a file.
 
@@ -247,6 +301,15 @@ def simplify_depth_file(
     options : DepthOptions
     color : path-like, optional
         Colour image of the same pixels: the texture.
+    mask : path-like, optional
+        A file of as many pixels, as `manip3d.io.read_pixel_map` reads it: where it is 0 there is
+        no measurement.
+    confidence : path-like, optional
+        A file of as many pixels: how far each is believed (``relief``). Floats are from 0 to 1,
+        whole numbers are levels up to ``confidence_max``.
+    confidence_max : int, optional
+        The level of a pixel that is fully believed; default: the largest number that the file's
+        pixels can hold.
 
     Returns
     -------
@@ -270,15 +333,45 @@ def simplify_depth_file(
     (True, True)
     """
     path, target = path_of(source, "source"), path_of(output, "output")
-    picture = None if color is None else _color_image(path_of(color, "color"))
+    _check_confidence(options, confidence is not None)
+    if confidence_max is not None and confidence is None:
+        raise InputError("confidence_max: expected with confidence")
+    maps = _Maps(
+        None if color is None else _color_image(path_of(color, "color")),
+        None if mask is None else read_pixel_map(path_of(mask, "mask")) != 0,
+        None if confidence is None else _read_confidence(confidence, confidence_max),
+    )
     if path.suffix.lower() in DEPTH_SUFFIXES:
-        return _from_image(path, target, options, picture)
-    return _from_scan(path, target, options, picture)
+        return _from_image(path, target, options, maps)
+    return _from_scan(path, target, options, maps)
 
 
-def _from_image(
-    path: Path, output: Path, options: DepthOptions, color: NDArray[np.uint8] | None
-) -> DepthFileResult:
+@dataclass(frozen=True, eq=False)
+class _Maps:
+    """What is known of the pixels beside their depth."""
+
+    color: NDArray[np.uint8] | None
+    mask: NDArray[np.bool_] | None
+    confidence: NDArray[Any] | None
+
+
+def _read_confidence(path: str | os.PathLike[str], highest: int | None) -> NDArray[Any]:
+    found = read_pixel_map(path_of(path, "confidence"))
+    if found.dtype.kind == "f":
+        if highest is not None:
+            raise InputError("confidence_max: expected with whole numbers, got floats in the file")
+        return found
+    levels = found.astype(np.uint8) if found.dtype == np.bool_ else found
+    if highest is None:
+        highest = 1 if found.dtype == np.bool_ else 2 ** (8 * levels.dtype.itemsize) - 1
+    if highest < 1:
+        raise InputError(f"confidence_max: expected at least 1, got {highest}")
+    if levels.max() > highest:
+        raise InputError(f"confidence_max: expected at least {levels.max()}, got {highest}")
+    return confidence_of_levels(levels, highest)
+
+
+def _from_image(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> DepthFileResult:
     if not options.intrinsics:
         raise InputError(
             f"intrinsics: expected the camera of the depth image: fx,fy,cx,cy, a .json file or one "
@@ -287,21 +380,76 @@ def _from_image(
     reading, words = _read(path, options)
     height, width = reading.depth.shape
     camera = read_intrinsics(options.intrinsics, width=width, height=height)
-    started = time.perf_counter()
-    uncut = _uncut(reading.depth, camera, options, color)
-    seconds = time.perf_counter() - started
-    found = uncut
-    if options.depth_step:
-        found = cut_depth_steps(uncut, reading.depth, step=options.depth_step)
-    mesh = found.mesh
-    if output.name.lower().removesuffix(".xz").removesuffix(".gz").endswith(_YUP_SUFFIXES):
-        # cameras look along +z, y down; glTF has +y up
-        mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
-    write_mesh(mesh, output)
+    depth = masked_depth(reading.depth, mask_image(maps.mask, reading.depth.shape))
+    is_yup = output.name.lower().removesuffix(".xz").removesuffix(".gz").endswith(_YUP_SUFFIXES)
+
+    def make(points: int) -> _Made:
+        started = time.perf_counter()
+        uncut = _uncut(depth, camera, options, points, maps.color, confidence=maps.confidence)
+        seconds = time.perf_counter() - started
+        found = uncut
+        if options.depth_step:
+            found = cut_depth_steps(uncut, depth, step=options.depth_step)
+        mesh = found.mesh
+        if is_yup:  # cameras look along +z, y down; glTF has +y up
+            mesh = mesh.replace(vertices=mesh.vertices * np.array([1.0, -1.0, -1.0]))
+        return _Made(found, mesh, uncut.num_faces - found.num_faces, seconds)
+
+    made = _write(make, output, options)
     return _result(
-        path, output, options, found, reading.num_measured, seconds,
-        depth=words, unit=reading.unit, faces_cut=uncut.num_faces - found.num_faces,
+        path, output, options, made, int(np.count_nonzero(depth > 0)),
+        depth=words, unit=reading.unit,
     )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Made:
+    """What a method made, and the mesh to write."""
+
+    found: DepthSimplification
+    mesh: Mesh
+    faces_cut: int
+    seconds: float
+    num_bytes: int | None = None
+
+
+def _write(make: Callable[[int], _Made], output: Path, options: DepthOptions) -> _Made:
+    """Make a mesh of the points that are asked for or that the bytes allow, and write it."""
+    allowance = options.max_bytes
+    if allowance is None:
+        assert options.points is not None
+        made = make(options.points)
+        write_mesh(made.mesh, output)
+        return made
+    seconds, least = 0.0, 0
+    with tempfile.TemporaryDirectory() as folder:
+
+        def measured(points: int) -> tuple[_Made, int, int]:
+            nonlocal seconds, least
+            trial = Path(folder, str(points), output.name)
+            trial.parent.mkdir(exist_ok=True)
+            made = make(points)
+            seconds += made.seconds
+            write_mesh(made.mesh, trial)
+            least = sum(path.stat().st_size for path in trial.parent.iterdir())
+            return replace(made, num_bytes=least), made.found.num_vertices, least
+
+        fitting = fit_bytes(
+            measured,
+            most_points=_MOST_POINTS if options.points is None else options.points,
+            allowance=allowance,
+            guess=allowance / _BYTES_PER_POINT,
+            bytes_per_point=_BYTES_PER_POINT,
+            least_share=0.95,
+        )
+    if fitting is None:
+        assert options.rate is not None
+        raise InputError(
+            f"bandwidth: expected at least {least * math.ceil(options.rate)} bytes a second: three "
+            f"points with their picture are {least} bytes, and a frame may have {allowance}"
+        )
+    write_mesh(fitting.mesh, output)
+    return replace(fitting, seconds=seconds)
 
 
 def _read(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
@@ -318,13 +466,13 @@ def _read(path: Path, options: DepthOptions) -> tuple[DepthReading, str]:
     return known, words
 
 
-def _from_scan(
-    path: Path, output: Path, options: DepthOptions, color: NDArray[np.uint8] | None
-) -> DepthFileResult:
+def _from_scan(path: Path, output: Path, options: DepthOptions, maps: _Maps) -> DepthFileResult:
     if options.by_distance:
         raise InputError("by_distance: expected with a depth image, got a scan")
     grid = read_range_grid(path)
-    asked: dict[str, Any] = {"max_edge": options.max_edge, "color": color}
+    mask = mask_image(maps.mask, grid.valid.shape)
+    valid = grid.valid if mask is None else grid.valid & mask
+    asked: dict[str, Any] = {"max_edge": options.max_edge, "color": maps.color}
     function: Callable[..., DepthSimplification]
     if options.method == "cs3":
         function = cs3_grid
@@ -332,25 +480,28 @@ def _from_scan(
     elif options.method == "relief":
         function = relief_grid
         asked |= {"move_points": options.move_points, "threads": options.threads}
+        asked |= {"confidence": maps.confidence}
     else:
         function = sample_depth_grid
         asked |= {"method": options.method, "rng": options.seed}
-    started = time.perf_counter()
-    found = function(grid.points, grid.valid, options.points, **asked)
-    seconds = time.perf_counter() - started
-    write_mesh(found.mesh, output)
-    return _result(path, output, options, found, int(grid.valid.sum()), seconds)
+
+    def make(points: int) -> _Made:
+        started = time.perf_counter()
+        found = function(grid.points, valid, points, **asked)
+        return _Made(found, found.mesh, 0, time.perf_counter() - started)
+
+    return _result(path, output, options, _write(make, output, options), int(valid.sum()))
 
 
 def _result(
     path: Path,
     output: Path,
     options: DepthOptions,
-    found: DepthSimplification,
+    made: _Made,
     measured: int,
-    seconds: float,
     **more: Any,
 ) -> DepthFileResult:
+    found = made.found
     reached = getattr(found, "reached", None)
     return DepthFileResult(
         source=path,
@@ -362,7 +513,9 @@ def _result(
         stop=found.stop,
         reached=None if reached is None else str(reached),
         literal_count=getattr(found, "literal_count", None),
-        seconds=seconds,
+        seconds=made.seconds,
+        faces_cut=made.faces_cut,
+        num_bytes=made.num_bytes,
         coverage=found.coverage,
         bridges=found.bridges,
         **more,
@@ -383,7 +536,10 @@ def _color_image(path: Path) -> NDArray[np.uint8]:
 
 @checked
 def colors_of_frames(
-    frames: Sequence[str | os.PathLike[str]], colors: str | os.PathLike[str]
+    frames: Sequence[str | os.PathLike[str]],
+    colors: str | os.PathLike[str],
+    *,
+    name: str = "color",
 ) -> dict[str, str]:
     """Return the colour image of each depth image: both in the order of their names.
 
@@ -391,7 +547,9 @@ def colors_of_frames(
     ----------
     frames : sequence of path-like
     colors : path-like
-        Folder of as many colour images.
+        Folder of as many colour images; or masks, or confidences.
+    name : str
+        The argument that an error is about.
 
     Returns
     -------
@@ -413,10 +571,10 @@ def colors_of_frames(
     >>> simplify.colors_of_frames(["d1.png", "d2.png"], "colors")
     {'d1.png': 'colors/a.jpg', 'd2.png': 'colors/b.jpg'}
     """
-    images = sorted(path for path in path_of(colors, "colors").iterdir() if path.is_file())
+    images = sorted(path for path in path_of(colors, name).iterdir() if path.is_file())
     if len(images) != len(frames):
         raise InputError(
-            f"color: expected {len(frames)} images in {os.fspath(colors)}, found {len(images)}"
+            f"{name}: expected {len(frames)} images in {os.fspath(colors)}, found {len(images)}"
         )
     for frame in frames:
         path_of(frame, "frames")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, get_args
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal, Self, get_args
 
 import numpy as np
 
@@ -13,6 +13,13 @@ from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d.camera import _depth_image
 from manip3d.errors import InputError
+from manip3d.simplify._bandwidth import (
+    LEAST_POINTS,
+    SECOND_NS,
+    Bandwidth,
+    SlidingSecond,
+    fit_bytes,
+)
 from manip3d.simplify._depth import (
     DenseGrid,
     DenseImage,
@@ -21,15 +28,19 @@ from manip3d.simplify._depth import (
     _limit,
     _point_grid,
 )
+from manip3d.simplify._pixel_maps import confidence_image, mask_image, masked_depth
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import ArrayLike, NDArray
 
     from manip3d.camera import Intrinsics, Registration
 
 __all__ = ["Effort", "Relief", "ReliefStream", "relief", "relief_grid"]
+
+_BYTES_PER_POINT = 22.0
+"""Of a message: a vertex with texture coordinates and two faces, in 16 bits each."""
 
 Effort = Literal["live", "fast", "balanced", "fine", "best"]
 
@@ -40,11 +51,12 @@ class Relief(DepthSimplification):
 
     Attributes
     ----------
-    stop : 'target', 'all_points', 'small_pieces' or 'smaller_level'
+    stop : 'target', 'all_points', 'small_pieces', 'smaller_level' or 'bandwidth'
         Reduced to the target; the surface has no more points than that; pieces were left out:
         small separate ones, whose points serve better elsewhere, or all but one triangle where no
         collapse is left; or the vertices of a smaller level left no way to more, so that its mesh
-        is the result.
+        is the result. ``bandwidth`` (`ReliefStream`): not even three points fit into the bytes that
+        are left, and the mesh is empty.
     dropped_pixels : int
         Pixels of the pieces left out.
     mean_move, max_move : float
@@ -52,12 +64,24 @@ class Relief(DepthSimplification):
     levels : tuple of (num_vertices, (m, 3) int32)
         The smaller meshes asked for: each holds the first so many vertices; see `prefix`. Then
         vertices of smaller levels come first, else they go by pixel, row by row.
+    encoded : bytes or None
+        What is to be sent of a frame of a stream with a ``bandwidth``.
     """
 
     dropped_pixels: int
     mean_move: float
     max_move: float
     levels: tuple[tuple[int, NDArray[np.int32]], ...] = field(repr=False)
+    encoded: bytes | None = field(default=None, repr=False)
+
+    def with_faces(self, faces: NDArray[np.int32]) -> Self:
+        """The same points with other triangles, yet to be measured and encoded.
+
+        Parameters
+        ----------
+        faces : (m, 3) int32
+        """
+        return replace(super().with_faces(faces), encoded=None)
 
     def prefix(self, num_vertices: int) -> DepthSimplification:
         """The largest of `levels` with at most so many vertices, over the first of these.
@@ -127,8 +151,9 @@ def _run(
     color: NDArray[np.uint8] | None,
     registration: Registration | None,
     surface: DenseImage | DenseGrid,
+    confidence: NDArray[np.float32] | None,
 ) -> Relief:
-    fields = solver.run(points, valid, rows_up, options)
+    fields = solver.run(points, valid, rows_up, options, confidence)
     fields["stop"] = fields["stop"].name
     fields["cover"] = fields.pop("coverage"), fields.pop("bridges")
     fields["surface"] = surface
@@ -145,6 +170,8 @@ def relief(
     *,
     color: ArrayLike | None = None,
     registration: Registration | None = None,
+    mask: ArrayLike | None = None,
+    confidence: ArrayLike | None = None,
     move_points: bool = False,
     effort: Effort = "balanced",
     max_edge: float | None = None,
@@ -167,6 +194,12 @@ def relief(
         Of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
         Where the colour camera stands; without it both images share their pixels.
+    mask : (H, W) bool, optional
+        Pixels to use; where it is False there is no measurement.
+    confidence : (H, W) float, 0 to 1, optional
+        How far each pixel is believed: its error, area times distance from the mesh, counts this
+        many times. 0: the pixel says nothing about the shape, but what it shows is a surface still
+        and is covered. `confidence_of_levels` makes it from a camera's levels; see Notes.
     move_points : bool
         Let vertices leave the measured points along their lines of sight, where the least-squares
         fit of all pixels wants it and the error around them falls; ``mean_move`` and ``max_move``
@@ -195,7 +228,8 @@ def relief(
     Raises
     ------
     InputError
-        Another shape or dtype, a negative or infinite depth, or an option out of range.
+        Another shape or dtype, a negative or infinite depth, a confidence outside 0 to 1, or an
+        option out of range.
 
     Notes
     -----
@@ -206,6 +240,12 @@ def relief(
     met: where it costs less than the next collapse, holes are closed, bays of the silhouette
     filled and small pieces left out; ``coverage`` and ``bridges`` say how much.
 
+    A confidence multiplies the distance that decides whether a bisection is needed at its pixel,
+    and the pixel's area in the sum of distances that flips and moves lower. A triangle's quadric,
+    and what is lost beside its outer sides, count by the least of its corners' confidences and of
+    the mean of the other pixels in it. Closing a hole or filling a bay costs the same whatever is
+    believed, and ``coverage`` counts each pixel alike.
+
     Examples
     --------
     >>> import numpy as np, manip3d
@@ -213,9 +253,21 @@ def relief(
     >>> wall = np.full((48, 64), 2000, np.uint16)
     >>> manip3d.simplify.relief(wall, camera, 4).pixels.tolist()
     [[0, 0], [63, 0], [0, 47], [63, 47]]
+
+    A wrong measurement that the camera does not believe itself, and a wall cut to its left half:
+
+    >>> wall[20, 30] = 1500
+    >>> believed = np.where(wall == 1500, 0.0, 1.0)
+    >>> manip3d.simplify.relief(wall, camera, 4, confidence=believed).pixels.tolist()
+    [[0, 0], [63, 0], [0, 47], [63, 47]]
+    >>> left = np.arange(64) < 32
+    >>> half = manip3d.simplify.relief(wall, camera, 100, mask=np.tile(left, (48, 1)))
+    >>> int(half.pixels[:, 0].max())
+    31
     """
     image = _depth_image(depth, intrinsics)
     picture = _color_image(color, image.shape, registration)
+    image = masked_depth(image, mask_image(mask, image.shape))
     options = _options(
         target_points,
         effort,
@@ -236,6 +288,7 @@ def relief(
         picture,
         registration,
         DenseImage(image.copy(), intrinsics, options.max_edge, options.max_step),
+        confidence_image(confidence, image.shape),
     )
 
 
@@ -246,6 +299,8 @@ def relief_grid(
     target_points: int,
     *,
     color: ArrayLike | None = None,
+    mask: ArrayLike | None = None,
+    confidence: ArrayLike | None = None,
     rows_up: bool = True,
     move_points: bool = False,
     effort: Effort = "balanced",
@@ -264,6 +319,10 @@ def relief_grid(
     target_points : int
         At most so many vertices; at least 3.
     color : (H, W, 3 or 4) uint8, optional
+    mask : (H, W) bool, optional
+        Of the valid pixels, those to use.
+    confidence : (H, W) float, 0 to 1, optional
+        As of `relief`.
     rows_up : bool
         Seen from the sensor, do rows go upward (Stanford's scans) or downward (images)?
     move_points : bool
@@ -294,13 +353,26 @@ def relief_grid(
     >>> simplify.relief_grid(points, None, 100).num_vertices
     100
     """
-    grid, mask = _point_grid(points, valid)
-    picture = _color_image(color, mask.shape)
+    grid, used = _point_grid(points, valid)
+    picture = _color_image(color, used.shape)
+    chosen = mask_image(mask, used.shape)
+    if chosen is not None:
+        used = used & chosen
     options = _options(
         target_points, effort, move_points, max_edge, threads, from_origin=False, levels=levels
     )
-    surface = DenseGrid(grid, mask, options.max_edge)
-    return _run(_core.ReliefSolver(), grid, mask, bool(rows_up), options, picture, None, surface)
+    surface = DenseGrid(grid, used, options.max_edge)
+    return _run(
+        _core.ReliefSolver(),
+        grid,
+        used,
+        bool(rows_up),
+        options,
+        picture,
+        None,
+        surface,
+        confidence_image(confidence, used.shape),
+    )
 
 
 @checked
@@ -330,6 +402,15 @@ class ReliefStream:
     gate : float
         A pixel that changes by a larger part of its depth starts anew.
     threads : int
+    bandwidth : float, bytes a second, optional
+        What may be sent: each frame gets the points, up to ``target_points``, whose encoded mesh,
+        with the picture, fits into its share of the bytes. No second has more, also if frames come
+        more often than ``rate``.
+    rate : float, frames a second
+        With ``bandwidth``: the frames that share it alike.
+    encode : callable, optional
+        With ``bandwidth``: takes a `Relief` and returns the bytes that are sent of it. Default:
+        `DepthMesh.encode`, with the number and the time of the frame.
 
     Raises
     ------
@@ -345,6 +426,13 @@ class ReliefStream:
     >>> frames = [2000 + noise.integers(0, 9, (48, 64)).astype(np.uint16) for _ in range(3)]
     >>> [stream.simplify(frame).num_vertices for frame in frames]
     [100, 100, 100]
+
+    Ten frames a second in 20 000 bytes:
+
+    >>> stream = manip3d.simplify.ReliefStream(camera, 3000, bandwidth=20_000, rate=10)
+    >>> sent = [stream.simplify(frame).encoded for frame in frames]
+    >>> [1800 < len(message) <= 2000 for message in sent]
+    [True, True, True]
     """
 
     def __init__(
@@ -361,7 +449,19 @@ class ReliefStream:
         newest_share: float = 0.15,
         gate: float = 0.03,
         threads: int = 1,
+        bandwidth: float | None = None,
+        rate: float | None = None,
+        encode: Callable[[Relief], bytes] | None = None,
     ) -> None:
+        self._budget: SlidingSecond | None = None
+        if bandwidth is not None and rate is not None:
+            self._budget = SlidingSecond(Bandwidth(bandwidth, rate))
+            self._rate = rate
+        elif bandwidth is not None or rate is not None or encode is not None:
+            raise InputError("bandwidth, rate: expected both, encode only with them")
+        self._encode = encode
+        self._number = 0
+        self._last: tuple[int, int] | None = None
         self._intrinsics = intrinsics
         self._registration = registration
         self._options = _options(
@@ -373,18 +473,31 @@ class ReliefStream:
             from_origin=True,
             depth_step=depth_step,
         )
+        self._most_points = self._options.target_points
         self._options.stability = float(stability)
         self._solver = _core.ReliefSolver()
         self._smoother = _core.DepthSmoother(float(newest_share), float(gate))
         self._lock = threading.RLock()
 
-    def simplify(self, depth: ArrayLike, *, color: ArrayLike | None = None) -> Relief:
+    def simplify(
+        self,
+        depth: ArrayLike,
+        *,
+        color: ArrayLike | None = None,
+        mask: ArrayLike | None = None,
+        confidence: ArrayLike | None = None,
+        time_ns: int | None = None,
+    ) -> Relief:
         """Simplify the next frame.
 
         Parameters
         ----------
         depth : (H, W) uint16 in millimetres or float32 in metres
         color : (H', W', 3 or 4) uint8, optional
+        mask, confidence : (H, W) bool, and float from 0 to 1, optional
+            As of `relief`; of this frame.
+        time_ns : int, optional
+            When it was taken, for the ``bandwidth``; default: frames come at the ``rate``.
 
         Returns
         -------
@@ -393,30 +506,97 @@ class ReliefStream:
         Raises
         ------
         InputError
-            As `relief`.
+            As `relief`; an earlier ``time_ns`` than that of the frame before.
         """
         image = _depth_image(depth, self._intrinsics)
         picture = _color_image(color, image.shape, self._registration)
+        image = masked_depth(image, mask_image(mask, image.shape))
+        shares = confidence_image(confidence, image.shape)
         with self._lock:
             smooth = self._smoother.add(image)
             points, valid, rows_up = _core.unproject(
                 smooth, self._intrinsics, self._options.num_threads
             )
-            return _run(
-                self._solver,
-                points.reshape(*image.shape, 3),
-                valid.reshape(image.shape).view(np.bool_),
-                rows_up,
-                self._options,
-                picture,
-                self._registration,
-                DenseImage(
-                    smooth, self._intrinsics, self._options.max_edge, self._options.max_step
-                ),
+            surface = DenseImage(
+                smooth, self._intrinsics, self._options.max_edge, self._options.max_step
             )
 
+            def make(target: int) -> Relief:
+                self._options.target_points = target
+                return _run(
+                    self._solver,
+                    points.reshape(*image.shape, 3),
+                    valid.reshape(image.shape).view(np.bool_),
+                    rows_up,
+                    self._options,
+                    picture,
+                    self._registration,
+                    surface,
+                    shares,
+                )
+
+            if self._budget is None:
+                return make(self._most_points)
+            return self._within_bytes(self._budget, make, time_ns)
+
+    def _within_bytes(
+        self, budget: SlidingSecond, make: Callable[[int], Relief], time_ns: int | None
+    ) -> Relief:
+        """The frame of as many points as its bytes hold; an empty one if these are too few."""
+        if time_ns is None:
+            time_ns = round(self._number * SECOND_NS / self._rate)
+        elif isinstance(time_ns, bool) or not isinstance(time_ns, int | np.integer):
+            raise InputError(f"time_ns: expected a whole number, got {time_ns!r}")
+        time_ns = int(time_ns)
+        number = self._number
+        allowance = budget.allowance(time_ns)
+        self._number += 1
+
+        def encoded(target: int) -> tuple[Relief, int, int]:
+            found = make(target)
+            if self._encode is not None:
+                data = self._encode(found)
+            else:
+                data = found.encode(sequence=number % 2**32, time_ns=time_ns)
+            if not isinstance(data, bytes | bytearray | memoryview):
+                raise InputError(f"encode: expected bytes, got {type(data).__name__}")
+            self._last = target, len(data)
+            return replace(found, encoded=bytes(data)), found.num_vertices, len(data)
+
+        if self._last is None:
+            guess, least_share = allowance / _BYTES_PER_POINT, 0.9
+        else:
+            points, size = self._last
+            guess, least_share = points + (0.97 * allowance - size) / _BYTES_PER_POINT, 0.7
+        found = fit_bytes(
+            encoded,
+            most_points=self._most_points,
+            allowance=allowance,
+            guess=guess,
+            bytes_per_point=_BYTES_PER_POINT,
+            least_share=least_share,
+        )
+        if found is None:
+            found = replace(_without_points(make(LEAST_POINTS)), stop="bandwidth", encoded=b"")
+        assert found.encoded is not None
+        budget.spend(time_ns, len(found.encoded))
+        return found
+
     def reset(self) -> None:
-        """Forget all frames."""
+        """Forget all frames, but not the bytes that were sent."""
         with self._lock:
             self._solver.reset()
             self._smoother.reset()
+
+
+def _without_points(found: Relief) -> Relief:
+    return replace(
+        found,
+        vertices=found.vertices[:0],
+        faces=found.faces[:0],
+        pixels=found.pixels[:0],
+        texcoords=found.texcoords[:0],
+        cover=(0.0, 0.0),
+        mean_move=0.0,
+        max_move=0.0,
+    )

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <limits>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "manip3d/geometry/depth_image.hpp"
@@ -80,6 +81,11 @@ struct ReliefResult {
 ///    before stay: a progressive order of the vertices. Where they leave no legal way to a size,
 ///    its mesh is that of the size before.
 ///
+/// Where pixels have a confidence, each of these measures is times it: the error of a pixel that is
+/// halved or of the pixels that a triangle lies over, and the area of a triangle of step 2, which
+/// counts by the least of its corners' confidences and of the mean of the other pixels in it. Only
+/// what closes holes and fills bays does not depend on it: nothing was measured there.
+///
 /// Keeps its memory between frames of the same size. The result depends on the input alone.
 class Relief {
  public:
@@ -89,9 +95,14 @@ class Relief {
   Relief& operator=(Relief&&) noexcept;
 
   /// Overwrites `result`, reusing its memory.
+  /// @param confidence  by pixel, 0 to 1: how much its distance from the mesh counts, beside its
+  ///                    area; may be empty: all are 1. What a pixel of confidence 0 shows is still
+  ///                    a surface that is to be covered.
   /// @throws InputError  as check_point_grid; target_points < 3; DenseRule::check();
-  ///                     stability < 1; levels as above; num_threads < 0.
-  void run(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result);
+  ///                     stability < 1; levels as above; num_threads < 0; another number of
+  ///                     confidences than of pixels, or one that is not 0 to 1.
+  void run(const PointGridView& grid, const ReliefOptions& options, ReliefResult& result,
+           std::span<const float> confidence = {});
 
   /// Forgets the frame before.
   void reset();
@@ -102,6 +113,7 @@ class Relief {
 };
 
 /// The same for a single frame.
-ReliefResult relief(const PointGridView& grid, const ReliefOptions& options);
+ReliefResult relief(const PointGridView& grid, const ReliefOptions& options,
+                    std::span<const float> confidence = {});
 
 }  // namespace manip3d

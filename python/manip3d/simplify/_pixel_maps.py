@@ -1,0 +1,95 @@
+"""What is known of each pixel beside its depth: whether it counts, and how far it is believed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d._util.checked import checked
+from manip3d.errors import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["confidence_of_levels"]
+
+
+@checked
+def confidence_of_levels(levels: ArrayLike, highest: int) -> NDArray[np.float32]:
+    """Return the confidence of each pixel for the levels that a camera gives.
+
+    Parameters
+    ----------
+    levels : (H, W) unsigned integers
+        0: not believed at all.
+    highest : int
+        The level of a pixel that is fully believed: 2 for ARKit, 15 for a RealSense L515, 255 for
+        an image of grey values.
+
+    Returns
+    -------
+    (H, W) float32
+        ``levels / highest``, as `relief` takes it.
+
+    Raises
+    ------
+    InputError
+        Another shape or dtype, ``highest`` below 1, or a higher level than that.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import simplify
+    >>> simplify.confidence_of_levels(np.array([[0, 1, 2]], np.uint8), 2).tolist()
+    [[0.0, 0.5, 1.0]]
+    """
+    found = np.asarray(levels)
+    if found.ndim != 2 or found.dtype.kind != "u":
+        raise InputError(
+            f"levels: expected unsigned integers of shape (H, W), got {found.dtype} of "
+            f"{found.shape}"
+        )
+    if isinstance(highest, bool) or not isinstance(highest, int | np.integer) or highest < 1:
+        raise InputError(f"highest: expected a whole number of at least 1, got {highest!r}")
+    if found.size and found.max() > highest:
+        raise InputError(f"levels: expected at most {highest}, got {found.max()}")
+    return (found / np.float64(highest)).astype(np.float32)
+
+
+def mask_image(
+    mask: ArrayLike | None, shape: tuple[int, ...], name: str = "mask"
+) -> NDArray[np.bool_] | None:
+    """A mask of the given shape; True: the pixel counts."""
+    if mask is None:
+        return None
+    found = np.asarray(mask)
+    if found.dtype != np.bool_ or found.shape != shape:
+        raise InputError(
+            f"{name}: expected bool of shape {shape}, got {found.dtype} of {found.shape}"
+        )
+    return found
+
+
+def confidence_image(
+    confidence: ArrayLike | None, shape: tuple[int, ...], name: str = "confidence"
+) -> NDArray[np.float32] | None:
+    """Confidences of the given shape, 0 to 1."""
+    if confidence is None:
+        return None
+    found = np.asarray(confidence)
+    if found.dtype.kind != "f" or found.shape != shape:
+        raise InputError(
+            f"{name}: expected floats of shape {shape}, got {found.dtype} of {found.shape}; "
+            "confidence_of_levels makes them from a camera's levels"
+        )
+    if not ((found >= 0) & (found <= 1)).all():
+        raise InputError(f"{name}: expected 0 to 1, got {found.min():g} to {found.max():g}")
+    return np.ascontiguousarray(found, dtype=np.float32)
+
+
+def masked_depth(
+    depth: NDArray[np.uint16 | np.float32], mask: NDArray[np.bool_] | None
+) -> NDArray[np.uint16 | np.float32]:
+    """A depth image without measurements where the mask is False."""
+    return depth if mask is None else np.where(mask, depth, depth.dtype.type(0))

@@ -1,0 +1,167 @@
+"""Points by bandwidth: no second ever has more bytes than it may, counted from what is sent."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from frame_reader import read_frame
+from manip3d import InputError, Intrinsics, read_mesh, simplify
+from manip3d.simplify import DepthOptions, ReliefStream
+
+CAMERA = Intrinsics(120, 90, 110.0, 110.0, 59.5, 44.5)
+V, U = np.mgrid[0:90, 0:120]
+SECOND = 1_000_000_000
+
+
+def frames(count: int) -> list[NDArray[np.uint16]]:
+    """A scene that grows rougher, with noise and holes."""
+    rng = np.random.default_rng(0)
+    found = []
+    for number in range(count):
+        scene = 1500 + 30 * number * np.sin(U / 9) * np.cos(V / 7) + 3 * rng.normal(size=U.shape)
+        scene[rng.random(U.shape) < 0.001 * number] = 0
+        found.append(scene.astype(np.uint16))
+    return found
+
+
+def picture(seed: int) -> NDArray[np.uint8]:
+    """Colours that are hard to compress in some frames and easy in others."""
+    rng = np.random.default_rng(seed)
+    noise = rng.integers(0, 256, (90, 120, 3))
+    return (noise * (seed % 3) // 2).astype(np.uint8)
+
+
+def most_in_a_second(times: list[int], sizes: list[int]) -> int:
+    """Of all seconds that begin just before a frame."""
+    return max(
+        sum(size for t, size in zip(times, sizes, strict=True) if begin <= t < begin + SECOND)
+        for begin in times
+    )
+
+
+def test_a_stream_has_no_more_bytes_than_its_bandwidth() -> None:
+    for bandwidth, rate in ((40_000, 10), (123_456, 29.97), (3_000, 2.5)):
+        stream = ReliefStream(CAMERA, 5000, bandwidth=bandwidth, rate=rate, effort="live")
+        results = [stream.simplify(frame) for frame in frames(12)]
+        sizes = [len(r.encoded or b"") for r in results]
+        times = [round(i * SECOND / rate) for i in range(12)]
+        assert most_in_a_second(times, sizes) <= bandwidth
+        share = bandwidth // -(-rate // 1)
+        # What may be sent is used.
+        assert min(sizes) > 0.6 * share
+        assert sum(sizes) > 0.9 * 12 * share
+        for number, result in enumerate(results):
+            assert result.encoded is not None
+            sent = read_frame(result.encoded)
+            assert (sent.sequence, sent.time_ns) == (number, times[number])
+            np.testing.assert_array_equal(sent.body, result.faces)
+            extent = np.ptp(result.vertices, axis=0)
+            assert (np.abs(sent.vertices - result.vertices) <= extent / 65_000 + 1e-6).all()
+
+
+def test_pictures_count_and_frames_that_come_too_often_share_what_is_left() -> None:
+    rng = np.random.default_rng(4)
+    times = np.cumsum(rng.integers(1, 80_000_000, 40)).tolist()  # up to 80 ms apart, on average 40
+    stream = ReliefStream(CAMERA, 2000, bandwidth=60_000, rate=10, effort="live")
+    results = [
+        stream.simplify(frame, color=picture(number), time_ns=times[number])
+        for number, frame in enumerate(frames(10) * 4)
+    ]
+    sizes = [len(r.encoded or b"") for r in results]
+    assert most_in_a_second(times, sizes) <= 60_000
+    assert max(sizes) <= 6_000
+    skipped = [r for r in results if r.stop == "bandwidth"]
+    assert 0 < len(skipped) < 40
+    for result in skipped:
+        assert (result.num_vertices, result.num_faces, result.encoded) == (0, 0, b"")
+        assert result.coverage == 0
+    assert all(read_frame(r.encoded).body_jpeg for r in results if r.encoded)
+
+
+def test_what_is_sent_can_be_anything() -> None:
+    def encode(found: simplify.Relief) -> bytes:
+        return bytes(1000 + 100 * found.num_vertices)
+
+    stream = ReliefStream(CAMERA, 5000, bandwidth=50_000, rate=10, encode=encode, effort="live")
+    for frame in frames(5):
+        result = stream.simplify(frame)
+        assert result.encoded is not None
+        assert len(result.encoded) == 1000 + 100 * result.num_vertices
+        assert 30 <= result.num_vertices <= 40
+    assert result.with_faces(result.faces[:5]).encoded is None
+
+
+def test_a_stream_of_few_points_needs_no_more() -> None:
+    stream = ReliefStream(CAMERA, 60, bandwidth=1e9, rate=30)
+    assert [stream.simplify(frame).num_vertices for frame in frames(3)] == [60, 60, 60]
+    plain = ReliefStream(CAMERA, 60)
+    assert plain.simplify(frames(1)[0]).encoded is None
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"bandwidth": 1000.0}, "bandwidth, rate: expected both"),
+        ({"rate": 30.0}, "bandwidth, rate: expected both"),
+        ({"encode": bytes}, "encode only with them"),
+        ({"bandwidth": 0.0, "rate": 30.0}, "bandwidth: expected > 0"),
+        ({"bandwidth": float("nan"), "rate": 30.0}, "bandwidth: expected > 0"),
+        ({"bandwidth": 1e6, "rate": float("inf")}, "rate: expected > 0"),
+        ({"bandwidth": 20.0, "rate": 30.0}, "bandwidth: expected at least 30 bytes a second"),
+    ],
+)
+def test_bad_options(options: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        ReliefStream(CAMERA, 50, **options)  # type: ignore[arg-type]
+
+
+def test_bad_times() -> None:
+    stream = ReliefStream(CAMERA, 50, bandwidth=1e6, rate=30)
+    stream.simplify(frames(1)[0], time_ns=1000)
+    for time_ns, message in ((999, "time_ns: expected 1000 or later"), (1.5, "time_ns")):
+        with pytest.raises(InputError, match=message):
+            stream.simplify(frames(1)[0], time_ns=time_ns)  # type: ignore[arg-type]
+    text = ReliefStream(CAMERA, 50, bandwidth=1e6, rate=30, encode=lambda _: "x")  # type: ignore[arg-type, return-value]
+    with pytest.raises(InputError, match="encode: expected bytes, got str"):
+        text.simplify(frames(1)[0])
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".ply", ".obj", ".ply.gz"])
+@pytest.mark.parametrize("points", [None, 40])
+def test_files_have_no_more_bytes(tmp_path: Path, suffix: str, points: int | None) -> None:
+    source, output = tmp_path / "depth.npy", tmp_path / "out" / f"mesh{suffix}"
+    output.parent.mkdir()
+    np.save(source, frames(5)[4])
+    options = DepthOptions(points, intrinsics="110,110,59.5,44.5", bandwidth=450_000, rate=29.97)
+    found = simplify.simplify_depth_file(source, output, options)
+    size = sum(path.stat().st_size for path in output.parent.iterdir())
+    assert found.num_bytes == size <= options.max_bytes == 15_000
+    if points is None:
+        assert size > 0.9 * 15_000
+    else:
+        assert found.points == 40
+    assert read_mesh(output).num_faces == found.faces
+    assert not found.target_missed
+
+
+def test_a_scan_and_a_picture_that_is_too_large(tmp_path: Path) -> None:
+    pytest.importorskip("PIL")
+    from PIL import Image
+
+    source, color, output = (tmp_path / name for name in ("d.npy", "c.png", "o.glb"))
+    np.save(source, frames(1)[0])
+    Image.fromarray(picture(2)).save(color)
+    options = DepthOptions(500, intrinsics="110,110,59.5,44.5", bandwidth=50_000, rate=10)
+    with pytest.raises(InputError, match=r"bandwidth: expected at least .* bytes a second"):
+        simplify.simplify_depth_file(source, output, options, color=color)
+    assert not output.exists()
+    with pytest.raises(InputError, match="bandwidth, rate: expected both"):
+        DepthOptions(500, rate=30.0)
+    with pytest.raises(InputError, match="points: expected a number"):
+        DepthOptions(None)
+    with pytest.raises(InputError, match=r"options\.points: expected a number"):
+        simplify.simplify_depth(frames(1)[0], CAMERA, DepthOptions(None, bandwidth=1e5, rate=9.0))
