@@ -21,6 +21,7 @@ from manip3d.authenticate import (
     Processing,
     combined_verdict,
 )
+from manip3d.authenticate._processing import Firings, firings_of, is_cut_at_height
 
 LATTICE = scans.lattice()
 DIRECTIONS = np.random.default_rng(1).normal(size=(50_000, 3))
@@ -132,6 +133,30 @@ def test_more_pasted_points_than_scanned_ones_do_not_hide_the_scanner() -> None:
     found = street_with(paste)
     assert (found.verdict, found.processing) == ("tampered", ())
     np.testing.assert_allclose(found.regions[0].box.center, [12.0, -4.0, -1.0], atol=0.2)
+
+
+def street_above(cut: float) -> tuple[np.ndarray, Firings]:
+    """Heights of a street above a cut, as if that were at a round height, and its firings."""
+    points = street()
+    points = points[points[:, 2] >= cut]
+    height = points[:, 2].astype(np.float64)
+    return height - height.min() - 1.8, firings_of(LATTICE.read(points), len(LATTICE.slope))
+
+
+def test_a_street_that_ends_at_a_round_height_is_not_cropped() -> None:
+    height, firings = street_above(-9.0)
+    height = np.maximum(height, np.sort(height)[500])  # its lowest place is flat
+    height -= height.min() + 1.8
+    assert np.count_nonzero(height < -1.75) > 500
+    assert is_cut_at_height(-height, None)  # which firings answered is what tells
+    assert not is_cut_at_height(-height, firings)
+
+
+@pytest.mark.parametrize("cut", [-1.7, -1.0, 0.0, 0.5])
+def test_a_crop_at_a_round_height_leaves_firings_silent(cut: float) -> None:
+    height, firings = street_above(cut)
+    assert np.count_nonzero(height < -1.75) > 200
+    assert is_cut_at_height(-height, firings)
 
 
 def test_near_points_are_missed_where_the_lowest_lasers_are_silent() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -36,11 +36,15 @@ meet 4 m away; where nothing answers them, what is near was cut off."""
 
 FACE, MOST_ON_FACE = 0.05, 200
 """Metres, points: where a frame was cut at a height, many points lie next to the cut; the lowest
-and highest 5 cm of KITTI's whole frames hold 42 at most. A flat street has many, too, but not at a
-round height."""
+and highest 5 cm of KITTI's whole frames hold 42 at most. A flat street has many, too, and one in 25
+ends at a round height by chance."""
 
 ROUND_HEIGHT, OFF_ROUND = 0.1, 0.002
 """Metres: heights that people cut at, and how near to the cut the next point lies."""
+
+CUT_EDGE, FEWEST_AT_EDGE, LEAST_SILENT = 0.005, 20, 0.4
+"""Metres, points, share: of the points so near to a cut, many have a neighbour in the lasers or the
+firings that was cut off. The lowest points of a street have neighbours that answered."""
 
 FIRST_AZIMUTH = 1.0
 """Degrees from straight ahead at which rings of whole frames begin at most."""
@@ -136,13 +140,12 @@ def _of_extent(
         found.append(Processing("cropped", f"no points beyond {distance.max():.1f} m"))
     if distance.min() > NEAREST_RANGE and _lowest_are_silent(reading, sensor.lattice):
         found.append(Processing("cropped", f"no points nearer than {distance.min():.1f} m"))
+    firings = firings_of(reading, len(sensor.lattice.slope))
     for name, height in (("above", wide[:, 2]), ("below", -wide[:, 2])):
-        top = float(height.max())
-        off = abs(top - ROUND_HEIGHT * round(top / ROUND_HEIGHT))
-        if off < OFF_ROUND and np.count_nonzero(height > top - FACE) > MOST_ON_FACE:
-            cut = top if name == "above" else -top
+        if is_cut_at_height(height, firings):
+            cut = float(height.max()) if name == "above" else -float(height.max())
             found.append(Processing("cropped", f"no points {name} a height of {cut:.2f} m"))
-    if gap <= WIDEST_GAP and _is_thin(reading.ring, reading.count, len(sensor.lattice.slope)):
+    if gap <= WIDEST_GAP and _is_thin(firings):
         found.append(Processing("thinned", "fewer returns from the ground than a whole frame has"))
     first = _first_azimuth(reading.ring, reading.azimuth)
     if gap <= WIDEST_GAP and abs(first) > FIRST_AZIMUTH and "order" not in generic.contradicted:
@@ -171,16 +174,74 @@ def _first_azimuth(ring: NDArray[np.int32], azimuth: NDArray[np.float32]) -> flo
     return float(np.median(180.0 - np.mod(180.0 - np.degrees(azimuth[starts]), 360.0)))
 
 
-def _is_thin(ring: NDArray[np.int32], count: NDArray[np.int32], rings: int) -> bool:
+def _is_thin(firings: Firings | None) -> bool:
     """Whether the firings of the lower half of the lasers have too few returns."""
-    known = (ring >= 0) & (count >= 0)
-    if not known.any():
+    if firings is None:
         return False
-    votes = np.bincount(count[known])
+    rings = len(firings.answered)
+    below = firings.answered[(3 * rings) // 8 : (7 * rings) // 8]
+    return bool(np.count_nonzero(below) < LEAST_FILL * below.size)
+
+
+class Firings(NamedTuple):
+    """Which lasers answered at which firings.
+
+    Attributes
+    ----------
+    answered : (rings, F) bool
+    firing : (N,) int64
+        Of each point; -1: of none.
+    ring : (N,) int32
+        Laser of each point.
+    """
+
+    answered: NDArray[np.bool_]
+    firing: NDArray[np.int64]
+    ring: NDArray[np.int32]
+
+
+def firings_of(reading: LatticeReading, rings: int) -> Firings | None:
+    """Return the firings of the head; None: the lattice has no encoder, or no point is on it."""
+    known = (reading.ring >= 0) & (reading.count >= 0)
+    if not known.any():
+        return None
+    votes = np.bincount(reading.count[known])
     around = np.max([np.roll(votes, k) for k in range(-2, 3)], axis=0)
-    fired = np.count_nonzero((votes > 0) & (votes >= 0.6 * around))
-    low, high = (3 * rings) // 8, (7 * rings) // 8
-    below = known & (ring >= low) & (ring < high)
-    answered = np.zeros((rings, len(votes)), np.bool_)
-    answered[ring[below], count[below]] = True
-    return bool(np.count_nonzero(answered) < LEAST_FILL * fired * (high - low))
+    fired = (votes > 0) & (votes >= 0.6 * around)
+    number = np.where(fired, np.cumsum(fired) - 1, -1)
+    firing = np.where(known, number[np.where(known, reading.count, 0)], -1)
+    answered = np.zeros((rings, int(np.count_nonzero(fired))), np.bool_)
+    on = firing >= 0
+    answered[reading.ring[on], firing[on]] = True
+    return Firings(answered, firing, reading.ring)
+
+
+def is_cut_at_height(height: NDArray[np.float64], firings: Firings | None) -> bool:
+    """Return whether points end at a round height because what lay beyond it was cut off.
+
+    Parameters
+    ----------
+    height : (N,) float64, metres
+        Upwards where the top may be cut, downwards where the bottom may be.
+    firings : Firings or None
+        None: firings are not known, and the points at the edge say it alone.
+    """
+    top = float(height.max())
+    off = abs(top - ROUND_HEIGHT * round(top / ROUND_HEIGHT))
+    if off >= OFF_ROUND or np.count_nonzero(height > top - FACE) <= MOST_ON_FACE:
+        return False
+    return firings is None or _is_silent_beyond(height > top - CUT_EDGE, firings)
+
+
+def _is_silent_beyond(at_edge: NDArray[np.bool_], firings: Firings) -> bool:
+    """Whether many of the points at an edge have a neighbour without a return."""
+    edge = np.flatnonzero(at_edge & (firings.firing >= 0))
+    if len(edge) < FEWEST_AT_EDGE:
+        return False
+    ring, firing = firings.ring[edge], firings.firing[edge]
+    rings, count = firings.answered.shape
+    surrounded = np.ones(len(edge), np.bool_)
+    for up, on in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        beside = np.clip(ring + up, 0, rings - 1)
+        surrounded &= firings.answered[beside, (firing + on) % count]
+    return bool(np.mean(~surrounded) >= LEAST_SILENT)
