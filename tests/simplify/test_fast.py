@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -160,6 +161,42 @@ def test_equal_places_and_equal_faces_are_taken_once() -> None:
     assert both.mesh.num_vertices < ball.num_vertices
 
 
+Method = Callable[..., simplify.QualityResult]
+
+
+@pytest.mark.parametrize("method", [simplify.fast, simplify.quality])
+def test_where_edges_have_many_faces_no_rule_is_broken_for_the_target(method: Method) -> None:
+    """Every triangle of 16 points: 14 faces on each edge, and all collapses double some."""
+    points = np.random.default_rng(3).random((16, 3))
+    faces = np.array(list(itertools.combinations(range(16), 3)), dtype=np.int32)
+    result = method(Mesh(points, faces), target_faces=60)
+    assert result.stop == StopReason.TARGET_REACHED
+    assert result.relaxed_collapses == 0
+    assert result.mesh.num_faces > 30
+    corners = np.sort(result.mesh.faces, axis=1)
+    assert len(np.unique(corners, axis=0)) == len(corners)
+
+
+@pytest.mark.parametrize("method", [simplify.fast, simplify.quality])
+def test_a_sheet_of_two_sides_keeps_both(method: Method) -> None:
+    """Each face has one behind it: whoever draws front sides only still sees the sheet."""
+    hill = exact_models.hill(12)
+    sheet = hill.replace(faces=np.concatenate([hill.faces, hill.faces[:, ::-1]]))
+    mesh = method(sheet, target_faces=60).mesh
+    assert 40 <= mesh.num_faces <= 60
+    turned = {tuple(np.roll(face, -int(face.argmin()))) for face in mesh.faces}
+    assert len(turned) == mesh.num_faces
+    assert all((a, c, b) in turned for a, b, c in turned)
+
+
+def test_blocks_of_many_faces_on_an_edge_do_not_depend_on_threads() -> None:
+    hill = exact_models.hill(100)
+    sheet = hill.replace(faces=np.concatenate([hill.faces, hill.faces[:, ::-1]]))
+    one = simplify.fast(sheet, ratio=0.1, threads=1)
+    assert one.stop == StopReason.TARGET_REACHED
+    assert_same(one, simplify.fast(sheet, ratio=0.1, threads=2))
+
+
 def test_max_error_stops_before_the_target() -> None:
     hill = exact_models.hill(40)
     result = simplify.fast(hill, max_error=1e-3)
@@ -214,6 +251,23 @@ def test_wild_models_reach_every_target(realdata: RealData, name: str) -> None:
         target = int(ratio * mesh.num_faces)
         assert 0.95 * target - 2 <= result.mesh.num_faces <= target
         assert_same(result, simplify.fast(mesh, ratio=ratio, threads=2))
+
+
+@pytest.mark.realdata
+@pytest.mark.parametrize(
+    ("name", "ratio", "limit"),
+    [("lifeboat", 0.1, 0.2e-3), ("lifeboat", 0.02, 2e-3), ("abominevole", 0.5, 0.2e-3)],
+)
+def test_edges_of_many_faces_do_not_stand_in_the_way_of_speed(
+    real_mesh: Callable[[str], Mesh], name: str, ratio: float, limit: float
+) -> None:
+    """Forbidden as on clean meshes, such edges cost 74, 8 and 3 times the error here."""
+    mesh = simplify.clean(real_mesh(name)).mesh
+    result = simplify.fast(mesh, ratio=ratio, threads=1)
+    assert result.stop == StopReason.TARGET_REACHED
+    assert result.relaxed_collapses == 0
+    assert metrics.metro(mesh, result.mesh, sampling="area", samples=100_000).mean <= limit
+    assert_same(result, simplify.fast(mesh, ratio=ratio, threads=2))
 
 
 @pytest.mark.realdata

@@ -14,6 +14,7 @@
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/parallel.hpp"
 #include "manip3d/geometry/topology.hpp"
+#include "simplify/collapse_rules.hpp"
 #include "simplify/pieces.hpp"
 #include "simplify/quadric_vertex.hpp"
 #include "simplify/spatial_order.hpp"
@@ -65,9 +66,6 @@ constexpr std::uint32_t kNoEdge = 0xFFFFFFFFU;
 constexpr std::uint32_t kTooDear = 0xFFFFFFFEU;  // above max_error
 constexpr std::uint32_t kDearest = 0x7F800000U;  // infinity, as an order of prices
 
-/// Rules on what is forbidden, as in the quality mode.
-enum class FastRules : std::uint8_t { kAll, kAnyEdges, kFlips };
-
 /// Prices are not negative, so their bits have their order.
 std::uint32_t key_of(float price) {
   return price > 0.0F ? std::min(std::bit_cast<std::uint32_t>(price), kDearest)
@@ -105,20 +103,44 @@ void sort_candidates(std::vector<PricedEdge>& items, std::vector<PricedEdge>& ot
 
 /// The faces around a vertex, in the order of a pass that has not ended.
 struct Fan {
-  std::vector<std::array<std::int32_t, 2>> rest;  // the other two corners
-  std::vector<std::int32_t> across;               // third corners of the faces on the edge
+  std::vector<Side> rest;            // the other two corners
+  std::vector<std::int32_t> across;  // third corners of the faces on the edge
 
   void clear() {
     rest.clear();
     across.clear();
   }
+
+  /// Other ends of the edges of `rest`, sorted: each as often as the edge has faces.
+  void append_ends(std::vector<std::int32_t>& ends) const {
+    for (const auto& [a, b] : rest) ends.push_back(a), ends.push_back(b);
+    std::sort(ends.begin(), ends.end());
+  }
+
+  /// The edges opposite the vertex, of `rest`, the lower end first; sorted.
+  void append_sides(std::vector<Side>& sides) const {
+    for (const auto& [a, b] : rest) sides.push_back({std::min(a, b), std::max(a, b)});
+    std::sort(sides.begin(), sides.end());
+  }
 };
+
+/// Whether a vertex has a complex edge: `ends` are those of its edges, once for each face, sorted.
+bool has_complex_edge(const std::vector<std::int32_t>& ends) {
+  for (std::size_t i = 2; i < ends.size(); ++i) {
+    if (ends[i] == ends[i - 2]) return true;
+  }
+  return false;
+}
 
 /// Buffers and counters of one task.
 struct Worker {
   std::vector<PricedEdge> candidates, sorted;
   std::vector<PricedEdge> crossing;  // edges of this block that touch others
   Fan first, second;
+  std::vector<std::int32_t> ends;
+  std::vector<Side> sides, twins;
+  std::vector<std::int32_t> doubling;  // vertices whose faces may lie on others'
+  std::vector<Triple> twin_faces;      // around them: vertices of faces back to back
   std::vector<std::pair<std::int32_t, std::int32_t>> wedge_pairs;
   std::vector<std::int32_t> merged_wedges;
   std::vector<Vector2d> merged_uvs;
@@ -157,7 +179,10 @@ class FastSimplifier {
     while (num_faces() > options_.target_faces) {
       const double gone = start - static_cast<double>(num_faces());
       report(0.2 + 0.7 * gone / std::max(1.0, start - target));
-      if (!std::exchange(is_fresh, false)) build_adjacency();
+      if (!std::exchange(is_fresh, false)) {
+        build_adjacency();
+        if (!is_complex_.empty() || rules_ != Rules::kAll) find_complex_edges();
+      }
       if (!pass()) break;
     }
     report(0.9);
@@ -423,6 +448,7 @@ class FastSimplifier {
   /// Each plane goes through the vertex it is added to, so b and c are zero at first.
   void sum_quadrics() {
     is_open_.assign(vertices_.size(), 0);
+    is_complex_.assign(vertices_.size(), 0);
     over_vertices([&](std::int32_t v) {
       QuadricVertex& vertex = vertices_[v];
       const Vector3f p = position_of(vertex);
@@ -436,6 +462,9 @@ class FastSimplifier {
         add_borders(v);
       }
     });
+    if (std::find(is_complex_.begin(), is_complex_.end(), 1) == is_complex_.end()) {
+      is_complex_.clear();
+    }
     report(0.16);
   }
 
@@ -470,32 +499,51 @@ class FastSimplifier {
 
   /// Planes through boundaries and seams, perpendicular to their faces.
   void add_borders(std::int32_t v) {
-    struct Side {
+    struct Spoke {
       std::int32_t end;
       std::uint32_t face, corner, end_corner;
     };
-    std::vector<Side> sides;
+    std::vector<Spoke> spokes;
     for_each_face(v, [&](std::uint32_t f, std::uint32_t c, std::int32_t a, std::int32_t b) {
-      sides.push_back({a, f, c, c == 2 ? 0 : c + 1});
-      sides.push_back({b, f, c, c == 0 ? 2 : c - 1});
+      spokes.push_back({a, f, c, c == 2 ? 0 : c + 1});
+      spokes.push_back({b, f, c, c == 0 ? 2 : c - 1});
     });
-    std::sort(sides.begin(), sides.end(), [](const Side& a, const Side& b) {
+    std::sort(spokes.begin(), spokes.end(), [](const Spoke& a, const Spoke& b) {
       return a.end != b.end ? a.end < b.end : a.face < b.face;
     });
-    for (std::size_t begin = 0, end = 0; begin < sides.size(); begin = end) {
+    for (std::size_t begin = 0, end = 0; begin < spokes.size(); begin = end) {
       bool is_seam = false;
-      for (end = begin; end < sides.size() && sides[end].end == sides[begin].end; ++end) {
+      for (end = begin; end < spokes.size() && spokes[end].end == spokes[begin].end; ++end) {
         if (!has_wedges()) continue;
-        const Triple &w = wedges_[sides[end].face], &w0 = wedges_[sides[begin].face];
-        is_seam |= w[sides[end].corner] != w0[sides[begin].corner] ||
-                   w[sides[end].end_corner] != w0[sides[begin].end_corner];
+        const Triple &w = wedges_[spokes[end].face], &w0 = wedges_[spokes[begin].face];
+        is_seam |= w[spokes[end].corner] != w0[spokes[begin].corner] ||
+                   w[spokes[end].end_corner] != w0[spokes[begin].end_corner];
       }
+      if (is_complex_edge(static_cast<std::int64_t>(end - begin))) is_complex_[v] = 1;
       const bool is_boundary = end - begin == 1;
       if (!is_boundary && !is_seam) continue;
       const double weight = is_boundary ? options_.boundary_weight
                                         : options_.seam_weight / static_cast<double>(end - begin);
-      for (std::size_t i = begin; i < end; ++i) add_border(v, sides[i].end, sides[i].face, weight);
+      for (std::size_t i = begin; i < end; ++i)
+        add_border(v, spokes[i].end, spokes[i].face, weight);
     }
+  }
+
+  /// Which vertices have complex edges now: a collapse makes some of its neighbours' so.
+  void find_complex_edges() {
+    is_complex_.resize(vertices_.size());
+    over(num_vertices(), kBlock / 2, [&](std::int64_t begin, std::int64_t end) {
+      std::vector<std::int32_t> ends;
+      for (auto v = static_cast<std::int32_t>(begin); v < end; ++v) {
+        ends.clear();
+        for_each_face(v, [&](std::uint32_t, std::uint32_t, std::int32_t a, std::int32_t b) {
+          ends.push_back(a), ends.push_back(b);
+        });
+        std::sort(ends.begin(), ends.end());
+        is_complex_[v] = has_complex_edge(ends) ? 1 : 0;
+        is_open_[v] |= is_complex_[v];
+      }
+    });
   }
 
   void add_border(std::int32_t v, std::int32_t t, std::uint32_t f, double weight) {
@@ -611,10 +659,10 @@ class FastSimplifier {
     gather_candidates(limit);
     // With flips allowed some faces double others and go too: the target is neared by halves.
     const std::int64_t quota =
-        rules_ == FastRules::kFlips ? (needed + 1) / 2 : std::min(needed, 2 * wanted_);
+        rules_ == Rules::kFlips ? (needed + 1) / 2 : std::min(needed, 2 * wanted_);
     collapse_blocks(quota);
     const std::int64_t made = collapse_crossing(quota);
-    if (rules_ != FastRules::kAll) result_.relaxed_collapses += made;
+    if (rules_ != Rules::kAll) result_.relaxed_collapses += made;
     if (made > 0) compact();
     const double price_limit = std::bit_cast<float>(std::min(limit, kDearest));
     const std::int64_t vanished = remove_pieces(is_everything_ ? 0.0 : price_limit, Choice::kCheap);
@@ -631,8 +679,8 @@ class FastSimplifier {
     if (num_too_dear > 0) count(Rejection::kErrorLimit) += num_too_dear;
     if (options_.target_faces > 0 && count(Rejection::kErrorLimit) == 0) {
       if (remove_pieces(0.0, Choice::kCheapest) > 0) return true;
-      if (rules_ != FastRules::kFlips) {
-        rules_ = rules_ == FastRules::kAll ? FastRules::kAnyEdges : FastRules::kFlips;
+      if (rules_ != Rules::kFlips) {
+        rules_ = rules_ == Rules::kAll ? Rules::kAnyEdges : Rules::kFlips;
         return true;
       }
       if (made == 0 && remove_pieces(0.0, Choice::kAny) > 0) return true;
@@ -864,11 +912,14 @@ class FastSimplifier {
     Fan &first = worker.first, &second = worker.second;
     gather(v, t, first);
     gather(t, v, second);
-    const auto num_gone = static_cast<std::int64_t>(first.across.size());
-    if (num_gone == 0 || num_gone > quota) return std::nullopt;  // another one may fit
+    if (first.across.empty()) return std::nullopt;
+    const bool is_doubling = may_double_faces(rules_, has_complex_edge_at(v, t, worker));
+    const auto num_gone =
+        static_cast<std::int64_t>(first.across.size()) + (is_doubling ? count_doubles(worker) : 0);
+    if (num_gone > quota) return std::nullopt;  // another one may fit
     if (first.rest.empty() && second.rest.empty()) return Rejection::kDegenerate;
     if (takes_last_face_of_locked(v, t, first, worker)) return Rejection::kDegenerate;
-    if (rules_ != FastRules::kFlips) {
+    if (!is_doubling) {
       if (const auto reason = check_links(v, t, first, second)) return reason;
     }
     const EdgeQuadric<float> edge(vertices_[v], vertices_[t]);
@@ -896,6 +947,10 @@ class FastSimplifier {
     }
     if (reason) return reason;
     apply(v, t, offset, edge, worker);
+    if (is_doubling) {
+      worker.doubling.push_back(v);
+      for (const auto& [a, b] : worker.twins) worker.twin_faces.push_back({v, a, b});
+    }
     worker.removed += num_gone;
     ++worker.collapses;
     return std::nullopt;
@@ -924,9 +979,38 @@ class FastSimplifier {
     });
   }
 
-  /// What may not happen to the edges and faces around v and t:
-  ///   three faces on one edge, where neither of the edges that meet had them   kLink
-  ///   two faces on the same vertices                                           kDuplicate
+  /// Of v or t, whose fans were gathered.
+  [[nodiscard]] bool has_complex_edge_at(std::int32_t v, std::int32_t t, Worker& worker) const {
+    if (is_complex_.empty() || (is_complex_[v] == 0 && is_complex_[t] == 0)) return false;
+    const Fan &first = worker.first, &second = worker.second;
+    if (is_complex_edge(static_cast<std::int64_t>(first.across.size()))) return true;
+    for (const Fan* fan : {&first, &second}) {
+      worker.ends = fan->across;
+      fan->append_ends(worker.ends);
+      if (has_complex_edge(worker.ends)) return true;
+    }
+    return false;
+  }
+
+  /// How many faces around v and t lie on the vertices of others when v and t are one. Finds the
+  /// twins among them.
+  [[nodiscard]] static std::int64_t count_doubles(Worker& worker) {
+    std::vector<Side>&sides = worker.sides, &twins = worker.twins;
+    twins.clear();
+    for (const Fan* fan : {&worker.first, &worker.second}) {
+      sides = fan->rest;
+      append_twins(sides, twins);
+    }
+    std::sort(twins.begin(), twins.end());
+    sides.clear();
+    for (const Fan* fan : {&worker.first, &worker.second}) {
+      for (const Side& side : fan->rest) sides.push_back(double_key(side, twins));
+    }
+    std::sort(sides.begin(), sides.end());
+    return sides.end() - std::unique(sides.begin(), sides.end());
+  }
+
+  /// What a collapse may do to the edges and faces around v and t: collapse_rules.hpp.
   [[nodiscard]] std::optional<Rejection> check_links(std::int32_t v, std::int32_t t,
                                                      const Fan& first, const Fan& second) const {
     const auto is_across = [&](std::int32_t w) {
@@ -939,11 +1023,11 @@ class FastSimplifier {
       const bool across_a = is_across(a);
       for (const auto& [x, y] : second.rest) {
         if ((x == a && y == b) || (x == b && y == a)) return Rejection::kDuplicate;
-        if (rules_ != FastRules::kAll) continue;
+        if (rules_ != Rules::kAll) continue;
         if (is_simple) {
           if (a == x && !across_a) return Rejection::kLink;
-        } else if (((a == x || a == y) && makes_edge_of_three(a, first, second)) ||
-                   ((b == x || b == y) && makes_edge_of_three(b, first, second))) {
+        } else if (((a == x || a == y) && makes_complex_edge_at(a, first, second)) ||
+                   ((b == x || b == y) && makes_complex_edge_at(b, first, second))) {
           return Rejection::kLink;
         }
       }
@@ -958,35 +1042,26 @@ class FastSimplifier {
   }
 
   /// The faces v t w go; the other ones on v w and on t w meet on one edge.
-  [[nodiscard]] static bool makes_edge_of_three(std::int32_t w, const Fan& first,
-                                                const Fan& second) {
+  [[nodiscard]] static bool makes_complex_edge_at(std::int32_t w, const Fan& first,
+                                                  const Fan& second) {
     const std::int64_t across = std::count(first.across.begin(), first.across.end(), w);
     const std::int64_t one = count_faces(w, first), two = count_faces(w, second);
-    return one > 0 && two > 0 &&
-           one + two > std::max({std::int64_t{2}, one + across, two + across});
+    return makes_complex_edge(one + across, two + across, across);
   }
 
   /// The same for vertices with very many faces, by sorting.
   [[nodiscard]] std::optional<Rejection> check_long_links(const Fan& first,
                                                           const Fan& second) const {
-    const auto sides = [](const Fan& fan) {
-      std::vector<std::array<std::int32_t, 2>> sorted;
-      for (const auto& [a, b] : fan.rest) sorted.push_back({std::min(a, b), std::max(a, b)});
-      std::sort(sorted.begin(), sorted.end());
-      return sorted;
-    };
-    const auto ends = [](const Fan& fan) {
-      std::vector<std::int32_t> sorted;
-      for (const auto& [a, b] : fan.rest) sorted.push_back(a), sorted.push_back(b);
-      std::sort(sorted.begin(), sorted.end());
-      return sorted;
-    };
-    const auto s1 = sides(first), s2 = sides(second);
+    std::vector<Side> s1, s2;
+    first.append_sides(s1);
+    second.append_sides(s2);
     for (const auto& side : s1) {
       if (std::binary_search(s2.begin(), s2.end(), side)) return Rejection::kDuplicate;
     }
-    if (rules_ != FastRules::kAll) return std::nullopt;
-    const auto e1 = ends(first), e2 = ends(second);
+    if (rules_ != Rules::kAll) return std::nullopt;
+    std::vector<std::int32_t> e1, e2;
+    first.append_ends(e1);
+    second.append_ends(e2);
     auto across = first.across;
     std::sort(across.begin(), across.end());
     const auto count_in = [](const std::vector<std::int32_t>& sorted, std::int32_t w) {
@@ -996,9 +1071,7 @@ class FastSimplifier {
     for (auto w = e1.begin(); w != e1.end(); w = std::upper_bound(w, e1.end(), *w)) {
       const std::int64_t one = count_in(e1, *w), two = count_in(e2, *w),
                          gone = count_in(across, *w);
-      if (two > 0 && one + two > std::max({std::int64_t{2}, one + gone, two + gone})) {
-        return Rejection::kLink;
-      }
+      if (makes_complex_edge(one + gone, two + gone, gone)) return Rejection::kLink;
     }
     return std::nullopt;
   }
@@ -1025,7 +1098,7 @@ class FastSimplifier {
         const float longest =
             std::max({ea.squaredNorm(), eb.squaredNorm(), (pb - pa).squaredNorm()});
         if (!(area > kLeastSquaredSine * longest * longest)) return Rejection::kDegenerate;
-        if (rules_ == FastRules::kFlips || !(area_before > 0.0F)) continue;
+        if (may_turn_faces(rules_) || !(area_before > 0.0F)) continue;
         const float cosine = before.dot(after);
         if (!(cosine > 0.0F && cosine * cosine > kLeastSquaredCosine * area * area_before)) {
           return Rejection::kFlip;
@@ -1247,21 +1320,49 @@ class FastSimplifier {
       to += length;
     }
     resize_faces(to);
-    if (rules_ == FastRules::kFlips) remove_double_faces();
+    remove_double_faces();
   }
 
-  /// The first of the faces on the same three vertices stays.
+  /// Of faces on the same three vertices the first one stays, of faces back to back the first on
+  /// each side: around the vertices of this pass where faces may have come to lie on others.
   void remove_double_faces() {
-    std::vector<std::pair<Triple, std::int32_t>> sorted;
-    for (std::size_t f = 0; f < faces_.size(); ++f) {
-      Triple face = faces_[f];
-      std::sort(face.begin(), face.end());
-      sorted.emplace_back(face, static_cast<std::int32_t>(f));
+    is_doubling_.assign(vertices_.size(), 0);
+    std::vector<Triple> twins;
+    bool is_needed = false;
+    for (Worker& worker : workers_) {
+      is_needed = is_needed || !worker.doubling.empty();
+      for (const std::int32_t v : worker.doubling) is_doubling_[remap_[v]] = 1;
+      for (Triple face : worker.twin_faces) {
+        for (std::int32_t& v : face) v = remap_[v];
+        std::sort(face.begin(), face.end());
+        twins.push_back(face);
+      }
+      worker.doubling.clear();
+      worker.twin_faces.clear();
     }
-    std::sort(sorted.begin(), sorted.end());
+    if (!is_needed) return;
+    std::sort(twins.begin(), twins.end());
+    std::vector<std::pair<Triple, std::int32_t>> keys;
+    for (std::size_t f = 0; f < faces_.size(); ++f) {
+      const Triple& face = faces_[f];
+      if (std::none_of(face.begin(), face.end(),
+                       [&](std::int32_t v) { return is_doubling_[v] != 0; })) {
+        continue;
+      }
+      Triple key = face;
+      std::sort(key.begin(), key.end());
+      if (std::binary_search(twins.begin(), twins.end(), key)) {
+        std::rotate_copy(face.begin(), std::min_element(face.begin(), face.end()), face.end(),
+                         key.begin());
+      }
+      keys.emplace_back(key, static_cast<std::int32_t>(f));
+    }
+    std::sort(keys.begin(), keys.end());
     std::vector<bool> is_double(faces_.size(), false);
-    for (std::size_t i = 1; i < sorted.size(); ++i) {
-      if (sorted[i].first == sorted[i - 1].first) is_double[sorted[i].second] = true;
+    for (std::size_t i = 1; i < keys.size(); ++i) {
+      if (keys[i].first != keys[i - 1].first) continue;
+      is_double[keys[i].second] = true;
+      for (const std::int32_t v : keys[i].first) is_open_[v] = 1;
     }
     keep_faces([&](std::int32_t f) { return !is_double[f]; });
   }
@@ -1390,12 +1491,13 @@ class FastSimplifier {
   SpatialOrder order_;
 
   std::vector<QuadricVertex> vertices_;
-  std::vector<std::int32_t> id_;         // of a vertex: its number at the beginning
-  std::vector<std::uint8_t> is_open_;    // of a vertex: not closed around, or with several wedges
-  std::vector<std::int32_t> into_;       // of a vertex at the beginning: what took it in, or -1
-  std::vector<std::uint8_t> is_moved_;   // of a vertex at the beginning
-  std::vector<std::uint8_t> is_locked_;  // of a vertex at the beginning; empty: none
-  std::vector<Vector3f> colors_;         // of a vertex at the beginning; empty: none
+  std::vector<std::int32_t> id_;          // of a vertex: its number at the beginning
+  std::vector<std::uint8_t> is_open_;     // of a vertex: not closed around, or with several wedges
+  std::vector<std::uint8_t> is_complex_;  // of a vertex: with complex edges; empty: none
+  std::vector<std::int32_t> into_;        // of a vertex at the beginning: what took it in, or -1
+  std::vector<std::uint8_t> is_moved_;    // of a vertex at the beginning
+  std::vector<std::uint8_t> is_locked_;   // of a vertex at the beginning; empty: none
+  std::vector<Vector3f> colors_;          // of a vertex at the beginning; empty: none
 
   std::vector<Triple> faces_;
   std::vector<std::int32_t> face_ids_;  // of a face: row of the input
@@ -1407,9 +1509,10 @@ class FastSimplifier {
   std::vector<std::uint32_t> first_, corners_;  // of a vertex: its corners
   std::vector<std::uint32_t> keys_;             // of a corner: the price of the edge to the next
   std::vector<std::uint32_t> histogram_;
-  std::vector<std::int32_t> remap_;      // in a pass, of a vertex: what it went into
-  std::vector<std::uint8_t> is_taken_;   // in a pass, of a vertex: has collapsed
-  std::vector<std::uint16_t> refusals_;  // in a pass, of a vertex
+  std::vector<std::int32_t> remap_;        // in a pass, of a vertex: what it went into
+  std::vector<std::uint8_t> is_doubling_;  // in a pass, of a vertex left: faces may be double
+  std::vector<std::uint8_t> is_taken_;     // in a pass, of a vertex: has collapsed
+  std::vector<std::uint16_t> refusals_;    // in a pass, of a vertex
   std::vector<std::int64_t> kept_of_block_;
   std::vector<Worker> workers_;
 
@@ -1422,7 +1525,7 @@ class FastSimplifier {
   double patience_ = 1.0;       // candidates for each collapse that is wanted
   std::int64_t wanted_ = 1;     // collapses of this pass
   bool is_everything_ = false;  // all edges were candidates
-  FastRules rules_ = FastRules::kAll;
+  Rules rules_ = Rules::kAll;
   double piece_error_ = 0.0;
   double fraction_ = 0.0;
   QualityResult result_;

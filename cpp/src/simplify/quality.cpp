@@ -15,6 +15,7 @@
 #include "manip3d/error.hpp"
 #include "simplify/attribute_quadric.hpp"
 #include "simplify/collapse_mesh.hpp"
+#include "simplify/collapse_rules.hpp"
 #include "simplify/distance_guard.hpp"
 #include "simplify/flat_heap.hpp"
 #include "simplify/legality.hpp"
@@ -43,13 +44,6 @@ constexpr double kStripDistance = 0.5;
 
 /// A piece that vanishes is missed more than its distance says.
 constexpr double kPieceFactor = 2.0;
-
-/// What is forbidden. Later ones hold only when the target was out of reach before.
-enum class Rules : std::uint8_t {
-  kAll,       // no new edge with more than two faces, no flip, no degenerate or duplicate face
-  kAnyEdges,  // edges may get more faces
-  kFlips,     // faces may turn over, and of two on the same vertices one goes
-};
 
 struct Entry {
   double price;           // per face that goes
@@ -441,7 +435,7 @@ class QualitySimplifier {
     const RingEdge* edge = ring_v_.find(t);
     if (edge == nullptr) return;
     if (faces_left(t) <= edge->num_faces) return refuse(v, t, Rejection::kDegenerate);
-    if (makes_edge_of_three(v, t)) return refuse(v, t, Rejection::kLink);
+    if (breaks_link(v, t)) return refuse(v, t, Rejection::kLink);
     if (takes_last_face_of_locked(v, t)) return refuse(v, t, Rejection::kDegenerate);
     Plan best = plan(v, t, edge->num_faces, Place::kBest);
     std::optional<Rejection> refusal = check_faces(v, t, best.position);
@@ -524,46 +518,33 @@ class QualitySimplifier {
 
   // --- What is legal -------------------------------------------------------------------------
   //
-  // Nothing is locked but what the caller locks: boundaries may shrink, holes may close, seams may
-  // be left, all at their price. What may not happen, by Rules:
-  //   three faces on one edge, around vertices whose edges have fewer          kLink
-  //   a face that turns by more than 78 degrees                                kFlip
-  //   a face without area, the last faces of a piece                           kDegenerate
-  //   two faces on the same vertices                                           kDuplicate
-  // Around an edge of three faces or more, further such edges do no harm, and of two faces on the
-  // same vertices one goes: forbidding both kept such models from their targets. With Rules::kFlips
-  // faces may turn, and doubles go everywhere.
+  // The rules are those of collapse_rules.hpp.
 
   /// Of the piece with this vertex: only try_piece() takes the last ones.
   [[nodiscard]] std::int64_t faces_left(std::int32_t v) const {
     return pieces_.size() > 0 ? pieces_.num_faces(pieces_.of_vertex(v)) : mesh_.num_faces();
   }
 
-  /// Whether an edge of v or t, whose rings were gathered, has more than two faces.
-  [[nodiscard]] bool is_complex() const {
+  /// Of v or t, whose rings were gathered.
+  [[nodiscard]] bool has_complex_edge() const {
     const auto has_one = [](const Ring& ring) {
       return std::any_of(ring.edges().begin(), ring.edges().end(),
-                         [](const RingEdge& edge) { return edge.num_faces > 2; });
+                         [](const RingEdge& edge) { return is_complex_edge(edge.num_faces); });
     };
     return has_one(ring_v_) || has_one(ring_t_);
   }
 
-  /// Whether two faces may come to lie on the same vertices; one of them goes. The guard of
-  /// max_distance knows nothing of that.
+  /// The guard of max_distance knows nothing of faces that go because they double others.
   [[nodiscard]] bool may_double() const {
-    return rules_ == Rules::kFlips || (!guard_ && is_complex());
+    return may_double_faces(rules_, !guard_ && has_complex_edge());
   }
 
-  [[nodiscard]] bool makes_edge_of_three(std::int32_t v, std::int32_t t) const {
-    if (rules_ != Rules::kAll) return false;
-    if (is_complex()) return false;
+  [[nodiscard]] bool breaks_link(std::int32_t v, std::int32_t t) const {
+    if (may_make_complex_edge(rules_, has_complex_edge())) return false;
     return std::any_of(ring_v_.edges().begin(), ring_v_.edges().end(), [&](const RingEdge& edge) {
       const RingEdge* other = ring_t_.find(edge.vertex);
-      if (other == nullptr) return false;
-      // The faces v t w go; the other ones on v w and on t w meet on one edge.
-      const std::int32_t left =
-          edge.num_faces + other->num_faces - 2 * count_faces(edge.vertex, v, t);
-      return left > std::max({2, edge.num_faces, other->num_faces});
+      return other != nullptr &&
+             makes_complex_edge(edge.num_faces, other->num_faces, count_faces(edge.vertex, v, t));
     });
   }
 
@@ -629,7 +610,7 @@ class QualitySimplifier {
     const double longest =
         std::max({(pa - p).squaredNorm(), (pb - p).squaredNorm(), (pb - pa).squaredNorm()});
     if (!(after.norm() > kLeastSine * longest)) return Rejection::kDegenerate;
-    if (rules_ == Rules::kFlips || !(before.squaredNorm() > 0.0)) return std::nullopt;
+    if (may_turn_faces(rules_) || !(before.squaredNorm() > 0.0)) return std::nullopt;
     if (!(before.dot(after) > kLeastNormalCosine * before.norm() * after.norm())) {
       return Rejection::kFlip;
     }
@@ -651,6 +632,7 @@ class QualitySimplifier {
     }
     if (!colors_.empty()) colors_[t] = color_at(v, t, plan.position);
     const bool is_doubling = may_double();
+    if (is_doubling) find_twins(v, t);
     const std::int64_t before = mesh_.num_faces();
     mesh_.collapse(v, t, map_);
     mesh_.move(t, plan.position);
@@ -675,19 +657,33 @@ class QualitySimplifier {
     }
   }
 
-  /// Among faces on the same three vertices, the first one of t's list stays.
-  void remove_duplicates(std::int32_t t) {
-    doubled_.clear();
-    mesh_.for_each_face(t, [&](std::int32_t f, std::int32_t c) {
-      const std::int32_t a = mesh_.face(f)[(c + 1) % 3], b = mesh_.face(f)[(c + 2) % 3];
-      bool is_first = true, is_before = true;
-      mesh_.for_each_face(t, [&](std::int32_t other, std::int32_t k) {
-        is_before = is_before && other != f;
-        const std::int32_t x = mesh_.face(other)[(k + 1) % 3], y = mesh_.face(other)[(k + 2) % 3];
-        if (is_before && std::minmax(a, b) == std::minmax(x, y)) is_first = false;
+  /// The faces of v and those of t that lie back to back.
+  void find_twins(std::int32_t v, std::int32_t t) {
+    twins_.clear();
+    for (const std::int32_t from : {v, t}) {
+      sides_.clear();
+      mesh_.for_each_face(from, [&](std::int32_t f, std::int32_t c) {
+        sides_.push_back({mesh_.face(f)[(c + 1) % 3], mesh_.face(f)[(c + 2) % 3]});
       });
-      if (!is_first) doubled_.push_back(f);
+      append_twins(sides_, twins_);
+    }
+    std::sort(twins_.begin(), twins_.end());
+  }
+
+  /// Among faces on the same three vertices, the first one of t's list stays; of twins, the first
+  /// one on each side.
+  void remove_duplicates(std::int32_t t) {
+    keys_.clear();
+    mesh_.for_each_face(t, [&](std::int32_t f, std::int32_t c) {
+      const Side side{mesh_.face(f)[(c + 1) % 3], mesh_.face(f)[(c + 2) % 3]};
+      keys_.emplace_back(double_key(side, twins_), f);
     });
+    std::stable_sort(keys_.begin(), keys_.end(),
+                     [](const auto& a, const auto& b) { return a.first < b.first; });
+    doubled_.clear();
+    for (std::size_t i = 1; i < keys_.size(); ++i) {
+      if (keys_[i].first == keys_[i - 1].first) doubled_.push_back(keys_[i].second);
+    }
     for (const std::int32_t f : doubled_) mesh_.remove_face(f);
   }
 
@@ -851,6 +847,8 @@ class QualitySimplifier {
   std::vector<std::pair<std::int32_t, Vector2d>> uvs_;
   std::vector<std::int32_t> neighbours_;
   std::vector<std::int32_t> doubled_;
+  std::vector<std::pair<Side, std::int32_t>> keys_;
+  std::vector<Side> sides_, twins_;  // in a collapse: of faces, and of those back to back
   QualityResult result_;
 };
 
