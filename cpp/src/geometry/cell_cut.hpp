@@ -45,11 +45,11 @@ CellCut cut_cell(unsigned valid, const SquaredDistance& squared_distance) {
 
 /// The corners of the triangles of a cell.
 inline std::span<const std::array<std::uint8_t, 3>> cell_triangles(CellCut cut) {
-  static constexpr std::array<std::array<std::uint8_t, 3>, 8> kTriangles = {
+  static constexpr std::array<std::array<std::uint8_t, 3>, 8> kCellTriangles = {
       {{1, 2, 3}, {0, 2, 3}, {0, 1, 3}, {0, 1, 2}, {0, 1, 2}, {0, 2, 3}, {1, 2, 3}, {1, 3, 0}}};
   static constexpr std::array<std::uint8_t, 8> kFirstTriangle = {0, 0, 1, 2, 3, 4, 6, 8};
   const auto i = static_cast<std::size_t>(cut);
-  return std::span(kTriangles)
+  return std::span(kCellTriangles)
       .subspan(kFirstTriangle[i], kFirstTriangle[i + 1] - kFirstTriangle[i]);
 }
 
