@@ -91,7 +91,7 @@ ctest: setup
 	ctest --test-dir build/dev --output-on-failure -j "$$(nproc)"
 
 pytest: setup ctest
-	$(BIN)/python -m pytest -n auto --dist worksteal
+	$(BIN)/python -m pytest -n auto --dist worksteal --durations=15
 
 lint: setup ## Check format, ruff, mypy, TypeScript, the layers of the package and the type stubs of the core
 	$(BIN)/clang-format --dry-run -Werror $(CPP_FORMATTED)
