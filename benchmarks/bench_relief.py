@@ -1,10 +1,13 @@
 """Depth images to sparse meshes beside the dense mesh and an edge collapse: time, error, points.
 
-``python benchmarks/bench_relief.py [--cases ...] [--rounds N] [-o results.json]``
+``python benchmarks/bench_relief.py [--cases ...] [--shares ...] [--rounds N] [-o results.json]``
 
 One core, same run, equal number of vertices. The peers' time is that of the dense mesh and the
 library's own call. A round runs all once; times are the least of the rounds. Errors are mean
 distances (`area` samples, one-sided, over the bounding box's diagonal) from the dense mesh.
+
+Prefix meshes (`levels`) are made at 4, 2, 1, 1/2 and 1/4 times the points of a share, together and
+each in a run of its own.
 """
 
 from __future__ import annotations
@@ -31,6 +34,8 @@ EFFORTS = get_args(simplify.Effort)
 COLLAPSES = ("meshoptimizer subset", "meshoptimizer attributes", "meshoptimizer update")
 MOST_SAMPLES = 400_000
 PUBLISHED_SHARE = 0.05  # of the points, as in the published tables
+SHARES = (PUBLISHED_SHARE, 0.01, 0.005)
+PREFIXES = (4.0, 2.0, 1.0, 0.5, 0.25)  # of the points of a share
 SCENE_EDGE = 0.1  # metres: longer triangles of scenes are no surface
 SCANS = {"bun000": 2012, "happyStandRight_0": 3902, "dragonStandRight_0": None}
 PEOPLE = ("person_turning", "person_ddrnet", "person_normalgan", "person_frontsurfaces",
@@ -45,7 +50,7 @@ class Case:
 
     points: int
     dense: Callable[[], simplify.DepthMesh]
-    ours: Callable[..., simplify.DepthMesh]
+    ours: Callable[..., simplify.Relief]  # of a number of points
     height: NDArray[np.float32]  # (H, W) depth; NaN = none
 
 
@@ -86,26 +91,29 @@ def greedy_insertion(case: Case) -> Callable[[], tuple[Mesh, float]]:
     return lambda: run(wanted)
 
 
-def case_of(name: str) -> Case:
-    """A scan, a person (its pixels alone) or a scene."""
+def case_of(name: str, share: float) -> Case:
+    """A scan, a person (its pixels alone) or a scene, with so many of its points."""
     if name in SCANS:
         scan = datasets.load_scan(name)
         points = np.ascontiguousarray(scan.points, np.float32)
-        count = SCANS[name] or math.ceil(PUBLISHED_SHARE * int(scan.valid.sum()))
+        published = SCANS[name] if share == PUBLISHED_SHARE else None
+        count = published or math.ceil(share * int(scan.valid.sum()))
         return Case(
             count,
             lambda: simplify.dense_mesh_grid(points, scan.valid),
-            lambda **options: simplify.relief_grid(points, scan.valid, count, **options),
+            lambda wanted, **options: simplify.relief_grid(points, scan.valid, wanted, **options),
             np.where(scan.valid, points[..., 2], np.float32(np.nan)),
         )
     frame = datasets.load_frame(name)
     depth: NDArray[Any] = np.ascontiguousarray(frame.person)
     edge = None if name in PEOPLE else SCENE_EDGE
-    count = math.ceil(PUBLISHED_SHARE * np.count_nonzero(depth))
+    count = math.ceil(share * np.count_nonzero(depth))
     return Case(
         count,
         lambda: simplify.dense_mesh(depth, frame.intrinsics, max_edge=edge),
-        lambda **options: simplify.relief(depth, frame.intrinsics, count, max_edge=edge, **options),
+        lambda wanted, **options: simplify.relief(
+            depth, frame.intrinsics, wanted, max_edge=edge, **options
+        ),
         np.where(depth > 0, depth, np.nan).astype(np.float32),
     )
 
@@ -124,12 +132,16 @@ def faces_for(peer: Any, mesh: Mesh, points: int) -> int:
     return best or faces
 
 
+def mean_of(dense: Mesh, mesh: Mesh) -> float:
+    """Mean distance."""
+    samples = min(10 * dense.num_faces, MOST_SAMPLES)
+    return metrics.metro(dense, mesh, sampling="area", samples=samples, threads=1).mean
+
+
 def error_of(dense: Mesh, mesh: Mesh) -> dict[str, float | None]:
     """Mean distance and mean deviation of texture coordinates."""
+    row: dict[str, float | None] = {"mean": mean_of(dense, mesh)}
     samples = min(10 * dense.num_faces, MOST_SAMPLES)
-    row: dict[str, float | None] = {
-        "mean": metrics.metro(dense, mesh, sampling="area", samples=samples, threads=1).mean
-    }
     if mesh.texcoords is not None:
         row["texture"] = metrics.texture_error(dense, mesh, samples=samples, threads=1).mean
     return row
@@ -158,7 +170,7 @@ def run_case(case: Case, rounds: int) -> list[dict[str, Any]]:
         for effort in EFFORTS:
 
             def ours(effort: str = effort, move: bool = move) -> tuple[Mesh, float]:
-                result, cost = measure(case.ours, effort=effort, move_points=move)
+                result, cost = measure(case.ours, case.points, effort=effort, move_points=move)
                 return result.mesh, cost.cpu_s
 
             calls[f"relief {effort}{' moved' if move else ''}"] = ours
@@ -173,6 +185,43 @@ def run_case(case: Case, rounds: int) -> list[dict[str, Any]]:
         | error_of(dense, mesh)
         for name, mesh in meshes.items()
     ]
+
+
+def run_prefixes(case: Case, rounds: int) -> list[dict[str, Any]]:
+    """One row per effort: the errors of prefix meshes over those of runs of their own."""
+    dense = case.dense().mesh
+    sizes = [max(3, round(factor * case.points)) for factor in PREFIXES]
+    rows = []
+    for effort in EFFORTS:
+        together, alone = math.inf, dict.fromkeys(sizes, math.inf)
+        for _ in range(rounds):
+            levels, cost = measure(case.ours, sizes[0], effort=effort, levels=sizes[1:])
+            together = min(together, cost.cpu_s)
+            own = {}
+            for size in sizes:
+                own[size], cost = measure(case.ours, size, effort=effort)
+                alone[size] = min(alone[size], cost.cpu_s)
+        meshes = [(levels.prefix(size).mesh, own[size].mesh) for size in sizes]
+        errors = [[mean_of(dense, mesh) for mesh in pair] for pair in meshes]
+        rows.append({
+            "effort": effort,
+            "sizes": sizes,
+            "vertices": [levels.prefix(size).num_vertices for size in sizes],
+            "error_ratios": [prefix / single for prefix, single in errors],
+            "time_ratio": together / sum(alone.values()),
+        })  # fmt: skip
+    return rows
+
+
+def show_prefixes(name: str, rows: list[dict[str, Any]]) -> None:
+    """Error ratios, the largest mesh first."""
+    table = Table(title=f"{name}: prefix meshes, error and time over runs of their own")
+    for head in ("effort", *(str(size) for size in rows[0]["sizes"]), "time ratio"):
+        table.add_column(head, justify="left" if head == "effort" else "right")
+    for row in rows:
+        ratios = [f"{ratio:.2f}" for ratio in row["error_ratios"]]
+        table.add_row(row["effort"], *ratios, f"{row['time_ratio']:.2f}")
+    Console(width=110).print(table)
 
 
 def show(name: str, rows: list[dict[str, Any]]) -> None:
@@ -196,21 +245,30 @@ def main() -> None:
     """Run the cases that are here."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", nargs="*", default=[*SCANS, *PEOPLE, *SCENES])
+    parser.add_argument("--shares", nargs="*", type=float, default=SHARES)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("-o", "--output", type=Path)
     arguments = parser.parse_args()
     one_thread()
     results: dict[str, Any] = {"environment": environment(), "cases": {}}
     for name in arguments.cases:
-        try:
-            case = case_of(name)
-        except datasets.DataMissingError:
-            print(f"{name}: not here")
-            continue
-        results["cases"][name] = run_case(case, arguments.rounds)
-        show(name, results["cases"][name])
-        if arguments.output:
-            arguments.output.write_text(json.dumps(results, indent=1) + "\n")
+        for share in arguments.shares:
+            try:
+                case = case_of(name, share)
+            except datasets.DataMissingError:
+                print(f"{name}: not here")
+                break
+            title = f"{name}, {100 * share:g} %"
+            methods = run_case(case, arguments.rounds)
+            show(title, methods)
+            prefixes = run_prefixes(case, arguments.rounds)
+            show_prefixes(title, prefixes)
+            results["cases"].setdefault(name, {})[f"{share:g}"] = {
+                "methods": methods,
+                "prefixes": prefixes,
+            }
+            if arguments.output:
+                arguments.output.write_text(json.dumps(results, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -131,6 +131,7 @@ KERNELS: dict[str, Kernel] = {
     "simplify.lod_chain": lambda _: simplify.lod_chain(hill, 3),
     "simplify.share_budget": lambda _: simplify.share_budget([hill, pipe], 200),
     "simplify.cs3_cameras": lambda t: simplify.cs3_cameras(views, 60, threads=t),
+    "simplify.relief_cameras": lambda t: simplify.relief_cameras(views, 60, threads=t),
     "simplify.dense_mesh": lambda t: simplify.dense_mesh(DEPTH, CAMERA, threads=t),
     "simplify.dense_mesh_grid": lambda t: simplify.dense_mesh_grid(GRID, threads=t),
     "simplify.cs3": lambda t: simplify.cs3(DEPTH, CAMERA, 100, threads=t),

@@ -81,6 +81,9 @@ LONG: dict[str, Callable[[], Callable[[], object]]] = {
     "simplify.qem_bp": lambda: partial(simplify.qem_bp, hill(400), ratio=0.1),
     "simplify.lod_chain": lambda: partial(simplify.lod_chain, hill(400), 3),
     "simplify.share_budget": lambda: partial(simplify.share_budget, [hill(300)] * 2, 200),
+    "simplify.relief_cameras": lambda: partial(
+        simplify.relief_cameras, [simplify.CameraView(depth(), CAMERA)] * 3, 9000, threads=1
+    ),
     "simplify.cs3_cameras": lambda: partial(
         simplify.cs3_cameras, [simplify.CameraView(depth(), CAMERA)] * 3, 9000, threads=1
     ),

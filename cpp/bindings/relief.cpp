@@ -40,6 +40,12 @@ Fields to_fields(ReliefResult&& result) {
   return fields;
 }
 
+std::span<const float> shares_of(const std::optional<CArray<float>>& confidence) {
+  if (!confidence) return {};
+  check_image(*confidence, 0, "confidence");
+  return {confidence->data(), static_cast<std::size_t>(confidence->size())};
+}
+
 }  // namespace
 
 void bind_relief(py::module_& m) {
@@ -78,11 +84,7 @@ void bind_relief(py::module_& m) {
              bool rows_up, const ReliefOptions& options,
              const std::optional<CArray<float>>& confidence) {
             const BorrowedGrid grid(points, valid, rows_up);
-            std::span<const float> shares;
-            if (confidence) {
-              check_image(*confidence, 0, "confidence");
-              shares = {confidence->data(), static_cast<std::size_t>(confidence->size())};
-            }
+            const std::span<const float> shares = shares_of(confidence);
             ReliefResult result;
             self.with([&](Relief& relief) {
               const py::gil_scoped_release nogil;
@@ -92,6 +94,25 @@ void bind_relief(py::module_& m) {
           },
           py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("rows_up"),
           py::arg("options"), py::arg("confidence").noconvert() = py::none());
+  m.def(
+      "relief_flip_edges",
+      [](const CArray<float>& points, const CArray<bool>& valid, bool rows_up,
+         const CArray<std::int32_t>& pixels, const CArray<std::int32_t>& faces,
+         const std::optional<CArray<float>>& confidence) {
+        const BorrowedGrid grid(points, valid, rows_up);
+        const auto at = rows<Rows<std::int32_t, 2>>(pixels, "pixels");
+        const auto triangles = rows<Rows<std::int32_t, 3>>(faces, "faces");
+        const std::span<const float> shares = shares_of(confidence);
+        Rows<std::int32_t, 3> flipped;
+        {
+          const py::gil_scoped_release nogil;
+          flipped = flip_edges(grid.view, at, triangles, shares);
+        }
+        return to_numpy(std::move(flipped));
+      },
+      py::arg("points").noconvert(), py::arg("valid").noconvert(), py::arg("rows_up"),
+      py::arg("pixels").noconvert(), py::arg("faces").noconvert(),
+      py::arg("confidence").noconvert());
   m.def(
       "depth_coverage",
       [](const CArray<float>& points, const CArray<bool>& valid, const CArray<std::int32_t>& pixels,

@@ -132,6 +132,7 @@ __all__: list[str] = [
     "read_range_grid",
     "readable_suffixes",
     "registered_texcoords",
+    "relief_flip_edges",
     "render_depth",
     "replace_folder",
     "replace_rows",
@@ -2158,6 +2159,14 @@ def read_range_grid(
 def readable_suffixes() -> list[typing.Any]: ...
 def registered_texcoords(
     vertices: numpy.typing.NDArray[numpy.float32], registration: typing.Any
+) -> numpy.ndarray: ...
+def relief_flip_edges(
+    points: numpy.typing.NDArray[numpy.float32],
+    valid: numpy.typing.NDArray[numpy.bool],
+    rows_up: bool,
+    pixels: numpy.typing.NDArray[numpy.int32],
+    faces: numpy.typing.NDArray[numpy.int32],
+    confidence: numpy.typing.NDArray[numpy.float32] | None,
 ) -> numpy.ndarray: ...
 def render_depth(
     mesh: typing.Any,

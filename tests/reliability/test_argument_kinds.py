@@ -128,8 +128,9 @@ OBJECTS: dict[str, tuple[dict[str, Any], Methods]] = {
     "simplify.ReliefStream": (
         {"intrinsics": kernels.CAMERA, "target_points": 60, "registration": None,
          "move_points": False, "effort": "live", "max_edge": 0.2, "stability": 30.0,
-         "newest_share": 0.2, "gate": 0.03, "threads": 1},
-        {"simplify": {"depth": kernels.DEPTH, "color": None}},
+         "newest_share": 0.2, "gate": 0.03, "threads": 1, "bandwidth": 1e5, "rate": 30.0},
+        {"simplify": {"depth": kernels.DEPTH, "color": None, "mask": None, "confidence": None,
+                      "time_ns": 0}},
     ),
     "modify.ColliderTracker": (
         {"percentile": 0.9, "frames": 30, "min_points": 20, "min_radius": 0.03,

@@ -98,6 +98,7 @@ LIGHT: dict[str, kernels.Kernel] = {
     ),
     "authenticate.identify_sensor": lambda t: authenticate.identify_sensor(few, threads=t),
     "simplify.cs3_cameras": lambda t: simplify.cs3_cameras(small, 30, threads=t),
+    "simplify.relief_cameras": lambda t: simplify.relief_cameras(small, 30, threads=t),
 }
 """Smaller inputs, with which hundreds of calls take seconds and not minutes."""
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from manip3d import InputError, Intrinsics, Mesh, Registration, datasets, metrics, simplify
-from manip3d.simplify import CameraView, JointSimplification, cs3_cameras
+from manip3d import InputError, Intrinsics, Mesh, Registration, _core, datasets, metrics, simplify
+from manip3d.simplify import CameraView, JointSimplification, cs3_cameras, relief_cameras
 from real_data import RealData
 
+Join = Callable[..., JointSimplification]
+BOTH = pytest.mark.parametrize("join", [cs3_cameras, relief_cameras])
 CAMERA = Intrinsics(160, 120, 150.0, 150.0, 79.5, 59.5)
 
 
@@ -89,8 +93,9 @@ def layers_of(joint: JointSimplification, views: list[CameraView]) -> tuple[floa
 
 
 @pytest.mark.parametrize("count", [2, 3])
-def test_the_overlap_is_sampled_once(count: int) -> None:
-    joint = cs3_cameras(VIEWS[:count], 900)
+@BOTH
+def test_the_overlap_is_sampled_once(count: int, join: Join) -> None:
+    joint = join(VIEWS[:count], 900)
     assert 0.95 * 900 <= joint.num_vertices <= 900
     assert sorted(set(joint.vertex_view.tolist())) == list(range(count))
     np.testing.assert_allclose(np.linalg.norm(joint.vertices, axis=1), 1, atol=1e-6)
@@ -102,39 +107,48 @@ def test_the_overlap_is_sampled_once(count: int) -> None:
         joint.vertices[joint.faces[:, 1]] - joint.vertices[joint.faces[:, 0]],
         joint.vertices[joint.faces[:, 2]] - joint.vertices[joint.faces[:, 0]],
     )
-    assert (np.einsum("ij,ij->i", normals, joint.vertices[joint.faces[:, 0]]) > 0).all()
+    corner = joint.vertices[joint.faces[:, 0]]
+    outward = np.einsum("ij,ij->i", normals, corner) > 0
+    sensors = np.array([np.asarray(view.pose)[:3, 3] for view in VIEWS])[joint.face_view]
+    seen = np.einsum("ij,ij->i", normals, sensors - corner) > 0
+    # Three points of the outline span a face that looks past the ball's centre.
+    assert outward.all() if join is cs3_cameras else (outward.mean() > 0.998 and seen.all())
     doubled, holes = layers_of(joint, VIEWS[:count])
     assert doubled < 0.002
     assert holes < 0.01
     # The density where two views overlap is that of one view.
     assert VIEWS[0].depth is not None
     share = joint.views[0].num_vertices
-    alone = simplify.cs3(VIEWS[0].depth, CAMERA, share)
+    method = simplify.cs3 if join is cs3_cameras else simplify.relief
+    alone = method(VIEWS[0].depth, CAMERA, share)
     inside = np.hypot(alone.pixels[:, 0] - 79.5, alone.pixels[:, 1] - 59.5) < 40
     there = (joint.vertex_view == 0) & (np.hypot(*(joint.pixels - [79.5, 59.5]).T) < 40)
     other = (joint.vertex_view > 0) & (joint.vertices @ [0, 0, -1] > 0.8)
     assert abs(there.sum() + other.sum() - inside.sum()) <= 0.1 * inside.sum()
 
 
-def test_views_without_overlap_stay_apart() -> None:
+@BOTH
+def test_views_without_overlap_stay_apart(join: Join) -> None:
     back = looking_at_origin(np.pi)
-    joint = cs3_cameras([VIEWS[0], CameraView(depth=ball(back), intrinsics=CAMERA, pose=back)], 500)
+    joint = join([VIEWS[0], CameraView(depth=ball(back), intrinsics=CAMERA, pose=back)], 500)
     assert not any(covered.any() for covered in joint.covered)
     assert joint.mesh.summary().components == 2
 
 
-def test_a_view_that_adds_nothing() -> None:
-    joint = cs3_cameras([VIEWS[0], VIEWS[0]], 500)
+@BOTH
+def test_a_view_that_adds_nothing(join: Join) -> None:
+    joint = join([VIEWS[0], VIEWS[0]], 500)
     assert joint.covered[1].sum() > 0.9 * (np.asarray(VIEWS[0].depth) > 0).sum()
     assert (joint.vertex_view == 0).mean() > 0.85
     empty = CameraView(depth=np.zeros((120, 160), np.uint16), intrinsics=CAMERA)
-    nothing = cs3_cameras([empty, empty], 10)
+    nothing = join([empty, empty], 10)
     assert nothing.num_vertices == nothing.num_faces == nothing.mesh.num_faces == 0
-    first = cs3_cameras([empty, VIEWS[0]], 300)
+    first = join([empty, VIEWS[0]], 300)
     assert first.vertex_view.tolist() == [1] * first.num_vertices
 
 
-def test_textures_stay_with_their_views() -> None:
+@BOTH
+def test_textures_stay_with_their_views(join: Join) -> None:
     red, blue = (np.full((120, 160, 3), c, np.uint8) for c in ((255, 0, 0), (0, 0, 255)))
     views = [
         CameraView(
@@ -148,7 +162,7 @@ def test_textures_stay_with_their_views() -> None:
             VIEWS[:2], (red, blue), (None, Registration(CAMERA)), strict=True
         )
     ]
-    joint = cs3_cameras(views, 600)
+    joint = join(views, 600)
     mesh = joint.mesh
     assert mesh.face_material is not None
     np.testing.assert_array_equal(mesh.face_material, joint.face_view)
@@ -166,8 +180,9 @@ def test_textures_stay_with_their_views() -> None:
         assert off <= (1.0 / 120 if index == 0 else 1e-5)
 
 
-def test_same_bytes_for_any_number_of_threads() -> None:
-    one, two = (cs3_cameras(VIEWS, 700, threads=threads) for threads in (1, 2))
+@BOTH
+def test_same_bytes_for_any_number_of_threads(join: Join) -> None:
+    one, two = (join(VIEWS, 700, threads=threads) for threads in (1, 2))
     for name in ("vertices", "faces", "pixels", "vertex_view", "face_view", "corner_texcoords"):
         assert getattr(one, name).tobytes() == getattr(two, name).tobytes()
 
@@ -188,27 +203,30 @@ def test_same_bytes_for_any_number_of_threads() -> None:
         (None, r"views\[0\]: expected CameraView, got None"),
     ],
 )
-def test_bad_views(view: CameraView, message: str) -> None:
+@BOTH
+def test_bad_views(view: CameraView, message: str, join: Join) -> None:
     with pytest.raises(InputError, match=message):
-        cs3_cameras([view], 10)
+        join([view], 10)
 
 
-def test_bad_options() -> None:
+@BOTH
+def test_bad_options(join: Join) -> None:
     with pytest.raises(InputError, match="views: expected at least one"):
-        cs3_cameras([], 10)
+        join([], 10)
     with pytest.raises(InputError, match="target_points"):
-        cs3_cameras(VIEWS, -1)
+        join(VIEWS, -1)
     with pytest.raises(InputError, match="tolerance: expected > 0"):
-        cs3_cameras(VIEWS, 10, tolerance=np.nan)
+        join(VIEWS, 10, tolerance=np.nan)
 
 
 @pytest.mark.parametrize("names", [("bun000", "bun045"), ("bun000", "bun045", "bun090", "bun315")])
-def test_bunny_scans(realdata: RealData, names: tuple[str, ...]) -> None:
+@BOTH
+def test_bunny_scans(realdata: RealData, names: tuple[str, ...], join: Join) -> None:
     """Poses of bun.conf: one mesh, no doubled layer, the overlap as dense as a single scan."""
     realdata.needs(*names)
     scans = [datasets.load_scan(name) for name in names]
     views = [CameraView(points=s.points, valid=s.valid, pose=s.pose) for s in scans]
-    joint = cs3_cameras(views, 4000)
+    joint = join(views, 4000)
     assert joint.num_vertices <= 4000
     mesh = joint.mesh
     summary = mesh.summary()
@@ -255,3 +273,88 @@ def normals_of(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArr
     p, q, r = (vertices[faces[:, i]] for i in range(3))
     result: NDArray[np.float64] = np.cross(q - p, r - p)
     return result
+
+
+def test_one_view_is_relief() -> None:
+    joint = relief_cameras(VIEWS[:1], 400)
+    assert VIEWS[0].depth is not None
+    single = simplify.relief(VIEWS[0].depth, CAMERA, 400)
+    faces = joint.vertices[joint.faces], single.vertices[single.faces] + VIEWS[0].pose[:3, 3]  # type: ignore[index]
+    assert joint.num_vertices == 400
+    assert joint.num_faces == pytest.approx(single.num_faces, rel=0.02)
+    np.testing.assert_allclose(*(np.linalg.norm(f, axis=2).mean() for f in faces), atol=1e-3)
+
+
+def test_relief_is_nearer_than_cs3_with_as_many_points(realdata: RealData) -> None:
+    names = ("bun000", "bun045")
+    realdata.needs(*names)
+    scans = [datasets.load_scan(name) for name in names]
+    views = [CameraView(points=s.points, valid=s.valid, pose=s.pose) for s in scans]
+    world = np.concatenate(
+        [s.points[s.valid][::7] @ s.pose[:3, :3].T + s.pose[:3, 3] for s in scans]
+    )
+    cs3, relief = (
+        metrics.closest_points(join(views, 2000).mesh, world).distance
+        for join in (cs3_cameras, relief_cameras)
+    )
+    assert relief.mean() < 0.8 * cs3.mean()
+    assert np.quantile(relief, 0.99) < np.quantile(cs3, 0.99)
+
+
+def test_masks_and_confidences_of_views() -> None:
+    rng = np.random.default_rng(0)
+    left = np.tile(np.arange(160) < 80, (120, 1))
+    masked = CameraView(VIEWS[0].depth, CAMERA, mask=left)
+    depth = np.asarray(VIEWS[0].depth)
+    cut = CameraView(np.where(left, depth, np.float32(0)), CAMERA)
+    for join in (cs3_cameras, relief_cameras):
+        one, two = join([masked], 300), join([cut], 300)
+        assert one.vertices.tobytes() == two.vertices.tobytes()
+        assert one.faces.tobytes() == two.faces.tobytes()
+    noise = np.where(left, 0.03 * rng.normal(size=depth.shape), 0).astype(np.float32)
+    noisy = np.where(depth > 0, depth + noise, np.float32(0))
+    plain, weighed = (
+        relief_cameras([CameraView(noisy, CAMERA, confidence=c)], 300)
+        for c in (None, np.where(left, 0.05, 1.0))
+    )
+    assert (weighed.pixels[:, 0] >= 80).sum() > 1.2 * (plain.pixels[:, 0] >= 80).sum()
+    for bad, message in (
+        (CameraView(depth, CAMERA, mask=left[1:]), r"views\[0\]\.mask: expected bool of shape"),
+        (CameraView(depth, CAMERA, confidence=left), r"views\[0\]\.confidence: expected floats"),
+    ):
+        with pytest.raises(InputError, match=message):
+            relief_cameras([bad], 300)
+
+
+def test_flips_take_any_surface_and_nothing_else() -> None:
+    points = np.zeros((4, 5, 3), np.float32)
+    points[..., 0], points[..., 1] = np.meshgrid(np.arange(5), np.arange(4))
+    points[..., 2] = (points[..., 0] / 4 - points[..., 1] / 3) ** 2  # a valley along one diagonal
+    valid = np.ones((4, 5), bool)
+    pixels = np.int32([[0, 0], [4, 0], [0, 3], [4, 3]])
+    along = [[0, 1, 3], [0, 3, 2]]
+    across = np.int32([[0, 1, 2], [1, 3, 2]])
+
+    def sides(faces: NDArray[np.int32]) -> set[frozenset[int]]:
+        return {frozenset(face) for face in faces.tolist()}
+
+    def flip(pixels: NDArray[np.int32], faces: NDArray[np.int32]) -> NDArray[np.int32]:
+        return _core.relief_flip_edges(points, valid, True, pixels, faces, None)
+
+    expected = {frozenset(face) for face in along}
+    assert sides(flip(pixels, across)) == expected
+    assert sides(flip(pixels, np.int32(along))) == expected
+    empty = np.empty((0, 3), np.int32)
+    assert flip(pixels, empty).shape == (0, 3)
+    for bad_pixels, bad_faces, message in (
+        (pixels, np.int32([[0, 1, 4]]), "faces: index out of range: 4"),
+        (pixels, across[:, ::-1].copy(), "faces: expected front faces"),
+        (pixels, across[[0, 0]], "at most one face on each side"),
+        (pixels[[0, 1, 2, 2]], across, "expected each pixel once"),
+        (pixels + np.int32(1), across, "expected valid pixels"),
+    ):
+        with pytest.raises(InputError, match=message):
+            flip(bad_pixels, bad_faces)
+    valid[:] = False
+    with pytest.raises(InputError, match="faces: expected none without a surface"):
+        flip(pixels, across)

@@ -20,6 +20,7 @@ namespace {
 using relief_detail::EdgeMemory;
 using relief_detail::Keep;
 using relief_detail::Surface;
+using relief_detail::Triangle;
 using relief_detail::Triangulation;
 using relief_detail::Vec3;
 
@@ -83,6 +84,59 @@ void check_confidence(const PointGridView& grid, std::span<const float> confiden
       throw InputError("confidence: expected 0 to 1, got " + std::to_string(share));
     }
   }
+}
+
+std::vector<Triangle> triangles_of(const Surface& surface, const PointGridView& grid,
+                                   const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                                   const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
+                                   std::vector<std::int32_t>& vertex_at) {
+  std::vector<std::int32_t> at(pixels.rows());
+  vertex_at.assign(surface.num_pixels(), Triangulation::kNone);
+  for (Eigen::Index i = 0; i < pixels.rows(); ++i) {
+    const std::int64_t u = pixels(i, 0), v = pixels(i, 1);
+    if (u < 0 || v < 0 || u >= grid.cols || v >= grid.rows || grid.valid[v * grid.cols + u] == 0) {
+      throw InputError("pixels: expected valid pixels of the grid, got (" + std::to_string(u) +
+                       ", " + std::to_string(v) + ")");
+    }
+    at[i] = static_cast<std::int32_t>((v - surface.input_v(0)) * surface.cols() + u -
+                                      surface.input_u(0));
+    if (vertex_at[at[i]] != Triangulation::kNone) {
+      throw InputError("pixels: expected each pixel once, got (" + std::to_string(u) + ", " +
+                       std::to_string(v) + ") again");
+    }
+    vertex_at[at[i]] = static_cast<std::int32_t>(i);
+  }
+  std::vector<Triangle> triangles;
+  std::vector<std::uint64_t> sides;
+  for (Eigen::Index f = 0; f < faces.rows(); ++f) {
+    Triangle t{};
+    for (int i = 0; i < 3; ++i) {
+      const std::int32_t vertex = faces(f, i);
+      if (vertex < 0 || vertex >= pixels.rows()) {
+        throw InputError("faces: index out of range: " + std::to_string(vertex));
+      }
+      t[i] = at[vertex];
+    }
+    if (!grid.rows_up) std::swap(t[1], t[2]);
+    const std::int64_t du1 = surface.u(t[1]) - surface.u(t[0]);
+    const std::int64_t dv1 = surface.v(t[1]) - surface.v(t[0]);
+    const std::int64_t du2 = surface.u(t[2]) - surface.u(t[0]);
+    const std::int64_t dv2 = surface.v(t[2]) - surface.v(t[0]);
+    if (du1 * dv2 - dv1 * du2 <= 0) {
+      throw InputError("faces: expected front faces that look at the sensor, got face " +
+                       std::to_string(f));
+    }
+    for (int i = 0; i < 3; ++i) {
+      sides.push_back(static_cast<std::uint64_t>(t[i]) << 32 |
+                      static_cast<std::uint64_t>(t[(i + 1) % 3]));
+    }
+    triangles.push_back(t);
+  }
+  std::sort(sides.begin(), sides.end());
+  if (std::adjacent_find(sides.begin(), sides.end()) != sides.end()) {
+    throw InputError("faces: expected at most one face on each side of an edge, got more");
+  }
+  return triangles;
 }
 
 }  // namespace
@@ -331,6 +385,35 @@ ReliefResult relief(const PointGridView& grid, const ReliefOptions& options,
   ReliefResult result;
   Relief().run(grid, options, result, confidence);
   return result;
+}
+
+Rows<std::int32_t, 3> flip_edges(const PointGridView& grid,
+                                 const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
+                                 const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
+                                 std::span<const float> confidence) {
+  check_point_grid(grid);
+  check_confidence(grid, confidence);
+  Surface surface;
+  surface.assign(grid, {}, confidence, 1);
+  std::vector<std::int32_t> vertex_at;
+  if (surface.empty()) {
+    if (faces.rows() > 0) throw InputError("faces: expected none without a surface");
+    return faces;
+  }
+  Triangulation mesh;
+  mesh.assign(surface, triangles_of(surface, grid, pixels, faces, vertex_at));
+  const Budget budget = budget_of(ReliefEffort::kBalanced);
+  relief_detail::Refiner refiner;
+  refiner.assign(mesh);
+  refiner.flip_edges(surface, mesh, budget.flip_sweeps, budget.flip_floor, EdgeMemory());
+  Rows<std::int32_t, 3> flipped(faces.rows(), 3);
+  for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
+    for (int i = 0; i < 3; ++i) {
+      flipped(t, i) = vertex_at[mesh.vertex(mesh.triangle(t)[i]).pixel];
+    }
+    if (!grid.rows_up) std::swap(flipped(t, 1), flipped(t, 2));
+  }
+  return flipped;
 }
 
 }  // namespace manip3d

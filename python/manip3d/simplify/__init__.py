@@ -1,6 +1,11 @@
 """Fewer points and faces for the same shape."""
 
-from manip3d.simplify._cameras import CameraView, JointSimplification, cs3_cameras
+from manip3d.simplify._cameras import (
+    CameraView,
+    JointSimplification,
+    cs3_cameras,
+    relief_cameras,
+)
 from manip3d.simplify._collapse import (
     METHODS,
     Boundary,
@@ -110,6 +115,7 @@ __all__ = [
     "qem_tp",
     "quality",
     "relief",
+    "relief_cameras",
     "relief_grid",
     "sample_depth",
     "sample_depth_grid",

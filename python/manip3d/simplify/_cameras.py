@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -19,7 +19,9 @@ from manip3d._util.showing import Showable
 from manip3d.camera import Intrinsics, Registration, _depth_image
 from manip3d.errors import InputError
 from manip3d.mesh import Material, Mesh, Texture
+from manip3d.simplify._bandwidth import LEAST_POINTS
 from manip3d.simplify._depth import (
+    Cs3Result,
     DepthSimplification,
     Variant,
     _color_image,
@@ -29,11 +31,13 @@ from manip3d.simplify._depth import (
     _point_grid,
     cs3_grid,
 )
+from manip3d.simplify._pixel_maps import confidence_image, mask_image, masked_depth
+from manip3d.simplify._relief import Effort, Relief, relief_grid
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["CameraView", "JointSimplification", "cs3_cameras"]
+__all__ = ["CameraView", "JointSimplification", "cs3_cameras", "relief_cameras"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +58,10 @@ class CameraView:
         As for `cs3`; with ``depth`` only.
     rows_up : bool
         As for `dense_mesh_grid`; with ``points`` only.
+    mask : (H, W) bool, optional
+        Pixels to use.
+    confidence : (H, W) float, 0 to 1, optional
+        As for `relief`; `relief_cameras` only.
     """
 
     depth: ArrayLike | None = None
@@ -64,6 +72,8 @@ class CameraView:
     color: ArrayLike | None = None
     registration: Registration | None = None
     rows_up: bool = True
+    mask: ArrayLike | None = None
+    confidence: ArrayLike | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +153,7 @@ class _View:
     pose: NDArray[np.float64]
     color: NDArray[np.uint8] | None
     registration: Registration | None
+    confidence: NDArray[np.float32] | None
 
     @property
     def world(self) -> NDArray[np.float64]:
@@ -171,17 +182,22 @@ def _take(view: CameraView, index: int, threads: int) -> _View:
         raise InputError(f"{name}: expected either depth with intrinsics, or points")
     if view.points is not None:
         points, valid = _point_grid(view.points, view.valid)
+        mask = mask_image(view.mask, valid.shape, f"{name}.mask")
+        confidence = confidence_image(view.confidence, valid.shape, f"{name}.confidence")
+        valid = valid if mask is None else valid & mask
         color = _color_image(view.color, valid.shape)
-        return _View(points, valid, bool(view.rows_up), pose, color, None)
+        return _View(points, valid, bool(view.rows_up), pose, color, None, confidence)
     if view.intrinsics is None:
         raise InputError(f"{name}: expected intrinsics beside depth")
     assert view.depth is not None
     image = _depth_image(view.depth, view.intrinsics)
+    image = masked_depth(image, mask_image(view.mask, image.shape, f"{name}.mask"))
+    confidence = confidence_image(view.confidence, image.shape, f"{name}.confidence")
     color = _color_image(view.color, image.shape, view.registration)
     flat, flags, rows_up = _core.unproject(image, view.intrinsics, threads)
     points = flat.reshape(*image.shape, 3)
     valid = flags.reshape(image.shape).view(np.bool_)
-    return _View(points, valid, rows_up, pose, color, view.registration)
+    return _View(points, valid, rows_up, pose, color, view.registration, confidence)
 
 
 def _normals(points: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
@@ -294,7 +310,13 @@ class _Joint:
         max_edge: float,
     ) -> None:
         """Triangulate the chosen pixels of a view together with the border, and join them."""
-        own = ~np.isin(_pixel_keys(chosen.pixels), _pixel_keys(border[1]))
+        if isinstance(chosen, Relief) and not len(border[0]):
+            self._append(index, view, chosen)
+            return
+        _, first = np.unique(_pixel_keys(chosen.pixels), return_index=True)
+        own = np.zeros(chosen.num_vertices, bool)
+        own[first] = True  # a relief has two vertices where two fans of triangles meet
+        own &= ~np.isin(_pixel_keys(chosen.pixels), _pixel_keys(border[1]))
         pixels = np.concatenate([border[1], chosen.pixels[own]])
         new = np.arange(len(self.vertices), len(self.vertices) + own.sum(), dtype=np.int32)
         vertex = np.concatenate([border[0], new])
@@ -318,13 +340,44 @@ class _Joint:
         if max_edge < math.inf:
             sides = vertices[faces] - vertices[np.roll(faces, 1, axis=1)]
             keep &= np.linalg.norm(sides, axis=2).max(axis=1) <= max_edge
+        corners = corners[keep]
+        if isinstance(chosen, Relief):
+            seam = (corners < len(border[0])).any(axis=1)
+            corners[~seam] = self._flipped(view, pixels, corners[~seam])
+        faces = vertex[corners]
         texcoords = _uvs(view, vertices[vertex], pixels)
         self.vertices = vertices
-        self.faces = np.concatenate([self.faces, faces[keep]])
+        self.faces = np.concatenate([self.faces, faces])
         self.vertex_view = np.concatenate([self.vertex_view, np.full(len(new), index, np.int32)])
         self.pixels = np.concatenate([self.pixels, chosen.pixels[own]])
-        self.face_view = np.concatenate([self.face_view, np.full(keep.sum(), index, np.int32)])
-        self.corner_texcoords = np.concatenate([self.corner_texcoords, texcoords[corners[keep]]])
+        self.face_view = np.concatenate([self.face_view, np.full(len(faces), index, np.int32)])
+        self.corner_texcoords = np.concatenate([self.corner_texcoords, texcoords[corners]])
+
+    def _append(self, index: int, view: _View, chosen: DepthSimplification) -> None:
+        """A view that meets nothing of what is there keeps its triangles."""
+        count = len(self.vertices)
+        local = chosen.vertices.astype(np.float64)
+        world = product(local, view.pose[:3, :3].T) + view.pose[:3, 3]
+        texcoords = _uvs(view, world, chosen.pixels)
+        self.vertices = np.concatenate([self.vertices, world])
+        self.faces = np.concatenate([self.faces, chosen.faces + np.int32(count)])
+        self.vertex_view = np.concatenate(
+            [self.vertex_view, np.full(chosen.num_vertices, index, np.int32)]
+        )
+        self.pixels = np.concatenate([self.pixels, chosen.pixels])
+        self.face_view = np.concatenate(
+            [self.face_view, np.full(chosen.num_faces, index, np.int32)]
+        )
+        self.corner_texcoords = np.concatenate([self.corner_texcoords, texcoords[chosen.faces]])
+
+    @staticmethod
+    def _flipped(
+        view: _View, pixels: NDArray[np.int32], corners: NDArray[np.int32]
+    ) -> NDArray[np.int32]:
+        """Triangles between pixels of the view alone, with edges flipped as in a relief."""
+        return _core.relief_flip_edges(
+            view.points, view.valid, view.rows_up, pixels, corners, view.confidence
+        )
 
     def _fits(self, faces: NDArray[np.int32]) -> NDArray[np.bool_]:
         """Triangles that leave no edge with more than two faces; of several the first ones."""
@@ -420,6 +473,99 @@ def cs3_cameras(
     >>> simplify.cs3_cameras(views, 200).mesh.num_vertices
     198
     """
+
+    def choose(view: _View, open_pixels: NDArray[np.bool_], share: int) -> Cs3Result:
+        return cs3_grid(
+            view.points,
+            open_pixels,
+            share,
+            rows_up=view.rows_up,
+            variant=variant,
+            threads=threads,
+        )
+
+    return _join(views, target_points, choose, max_edge, tolerance, threads)
+
+
+@checked
+def relief_cameras(
+    views: Sequence[CameraView],
+    target_points: int,
+    *,
+    effort: Effort = "balanced",
+    max_edge: float | None = None,
+    tolerance: float | None = None,
+    threads: int = 1,
+) -> JointSimplification:
+    """Simplify what several calibrated cameras saw into one mesh by `relief`.
+
+    Parameters
+    ----------
+    views : sequence of CameraView
+        The earlier ones are preferred where several see the same surface. Their ``mask`` and
+        ``confidence`` are looked at.
+    target_points : int
+        For all views together, at least 3; never exceeded. Each view gets a share by its pixels
+        that no earlier view shows.
+    effort, max_edge, threads
+        As for `relief`.
+    tolerance : float, optional
+        As for `cs3_cameras`.
+
+    Returns
+    -------
+    JointSimplification
+
+    Raises
+    ------
+    InputError
+        No view, or one of them is not as `CameraView` says.
+
+    Notes
+    -----
+    The way is that of `cs3_cameras`. A view without a seam keeps the triangles of its relief; in
+    one with a seam, edges beside it are flipped while that lowers the sum of distances between the
+    pixels and their triangles' planes, as in `relief`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import Intrinsics, simplify
+    >>> camera = Intrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
+    >>> v, u = np.mgrid[0:48, 0:64]
+    >>> hill = (2.0 - 0.2 * np.exp(-((u - 32) ** 2 + (v - 24) ** 2) / 200)).astype(np.float32)
+    >>> view = simplify.CameraView(hill, camera)
+    >>> simplify.relief_cameras([view, view], 100).num_vertices
+    100
+    """
+
+    def choose(view: _View, open_pixels: NDArray[np.bool_], share: int) -> Relief:
+        enough = share >= LEAST_POINTS
+        return relief_grid(
+            view.points,
+            open_pixels if enough else np.zeros_like(open_pixels),
+            max(share, LEAST_POINTS),
+            confidence=view.confidence,
+            rows_up=view.rows_up,
+            effort=effort,
+            max_edge=max_edge,
+            threads=threads,
+        )
+
+    if _count(target_points, "target_points") < LEAST_POINTS:
+        raise InputError(f"target_points: expected at least 3, got {target_points}")
+    return _join(views, target_points, choose, max_edge, tolerance, threads)
+
+
+def _join(
+    views: Sequence[CameraView],
+    target_points: int,
+    choose: Callable[[_View, NDArray[np.bool_], int], DepthSimplification],
+    max_edge: float | None,
+    tolerance: float | None,
+    threads: int,
+) -> JointSimplification:
+    """One mesh of the pixels that a method chooses in each view."""
     if not len(views):
         raise InputError("views: expected at least one")
     remaining = _count(target_points, "target_points")
@@ -456,14 +602,7 @@ def cs3_cameras(
             covered[view.valid] = so_far.covers(view.world, facing[i], near[i], threads)
         open_pixels = view.valid & ~covered
         share = min(remaining, math.floor(rate * int(open_pixels.sum())))
-        chosen = cs3_grid(
-            view.points,
-            open_pixels,
-            share,
-            rows_up=view.rows_up,
-            variant=variant,
-            threads=threads,
-        )
+        chosen = choose(view, open_pixels, share)
         border = joint.border_in(view, surfaces[i].mesh, dense[i]["pixels"], near[i], threads)
         before = len(joint.vertices)
         joint.add(i, view, chosen, open_pixels, border, normals[i], _limit(max_edge))
