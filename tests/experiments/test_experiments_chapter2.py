@@ -229,3 +229,62 @@ def test_counts_of_the_published_files(realdata: RealData, tmp_path: Path) -> No
     results = run(select(["table-2.1"]), tmp_path, plan=Plan(scale="quick"), jobs=1).results
     verdicts = results["experiments"]["table-2.1"]["verdicts"]
     assert [verdict["word"] for verdict in verdicts] == ["holds", "holds"]
+
+
+def frame_row(models: int, method: str, polygons: int, ms: float | None) -> Row:
+    """A measured row of table 2.5."""
+    return {
+        "model": f"{models} models",
+        "models": models,
+        "method": method,
+        "renderer": "pyvista",
+        "data": "simulated",
+        "polygons": polygons,
+        "driver": "a test",
+        "ms": ms,
+        "fps": None if ms is None else 1000.0 / ms,
+        "published_fps": 57.0,
+        "error": "",
+    }
+
+
+def test_table_2_5_has_the_published_scenes() -> None:
+    experiment = registry()["table-2.5"]
+    cases = experiment.cases(Plan(data="simulated"))
+    assert len(cases) == 48
+    whole = {c.options["method"]: c for c in cases if c.options["models"] == 6}
+    assert [part["faces"] for part in whole["original"].options["scene"]] == [
+        66_496, 80_354, 35_095, 268_630, 17_684, 37_986,
+    ]  # fmt: skip
+    assert sum(part["faces"] for part in whole["QEM_BP"].options["scene"]) == 130_886
+    assert {case.options["data"] for case in cases} == {"simulated"}
+
+
+def test_table_2_5_judges_time_against_polygons() -> None:
+    claims = registry()["table-2.5"].claims
+    rows = [
+        frame_row(6, "original", 500_000, 30.0),
+        frame_row(6, "QEM_BP", 130_000, 17.0),
+        frame_row(6, "QEM_4VR", 48_000, 16.0),
+    ]
+    assert words(claims, rows) == ["holds", "holds", "reported"]
+    rows[2]["ms"] = 18.0
+    assert words(claims, rows) == ["holds", "undecided", "reported"]
+    nobody = [row | {"ms": None} for row in rows]
+    assert words(claims, nobody) == ["not applicable", "not applicable", "not applicable"]
+
+
+def test_table_2_5_without_a_renderer_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    from manip3d import RenderError, viewer
+    from manip3d.experiments import table_2_5
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise RenderError("no browser")
+
+    monkeypatch.setattr(viewer, "frame_times", fail)
+    case = table_2_5._case(1, "QEM_4VR", "chromium", Plan(data="simulated", scale="quick"))
+    case.options["scene"][0].update({"mesh": "airplane", "simulated_faces": 9000})
+    row = table_2_5.draw(case)
+    assert row["ms"] is None
+    assert row["driver"] == "none: no browser"
+    assert row["polygons"] in (6796, 6797, 6795, 6794)

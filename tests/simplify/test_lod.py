@@ -13,7 +13,7 @@ import pytest
 from command_line import manip3d
 from gltf_files import PNG
 from manip3d import InputError, Material, Mesh, Texture, io, read_mesh, simplify
-from manip3d.simplify import lod_chain, qem4vr, share_budget
+from manip3d.simplify import lod_chain, polygon_budget, qem4vr, share_budget
 from zoo import grid, sphere
 
 
@@ -221,3 +221,35 @@ def test_the_command_takes_many(tmp_path: Path) -> None:
     assert done.returncode == 0
     for name in ("a.glb", "b.glb"):
         assert len(document_of(tmp_path / "out" / name)["meshes"]) == 4
+
+
+def test_a_budget_is_the_time_between_two_pictures_over_that_of_a_triangle() -> None:
+    assert polygon_budget(10.0, 50, views=1, share=1.0) == 2_000_000
+    assert polygon_budget(10.0, 50) == 800_000
+    assert polygon_budget(10.0, 50, other_ms=8.0) == 400_000
+    assert polygon_budget(10.0, 50, other_ms=30.0) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((0.0, 90.0), "ms_per_million: expected a number > 0"),
+        ((1.0, float("nan")), "refresh_hz: expected a number > 0"),
+        ((1e-323, 1e-300), "ms_per_million: .* gives no number"),
+    ],
+)
+def test_a_budget_without_sense_is_refused(arguments: tuple[float, float], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        polygon_budget(*arguments)
+    for name, value in {"views": 0, "share": 0.0, "other_ms": -1.0}.items():
+        with pytest.raises(InputError, match=f"{name}: expected"):
+            polygon_budget(1.0, 90.0, **{name: value})  # type: ignore[arg-type]
+
+
+def test_the_command_takes_a_headset(tmp_path: Path) -> None:
+    hills().write(tmp_path / "hills.obj")
+    order = ("simplify", str(tmp_path / "hills.obj"), "-o", str(tmp_path / "out.ply"), "--json")
+    done = manip3d(*order, "--headset", "20000", "90")  # 8.9 ms for two eyes
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["target_faces"] == 222
+    assert manip3d(*order, "--force", "--headset", "20000", "90", "--faces", "9").returncode == 1

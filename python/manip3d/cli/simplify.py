@@ -130,6 +130,17 @@ def _sentence(record: dict[str, Any]) -> str:
     )
 
 
+def _headset_faces(headset: tuple[float, float], faces: int | None) -> int:
+    from manip3d.simplify import polygon_budget
+
+    if faces is not None:
+        raise InputError("--headset: expected without --faces, got both")
+    budget = polygon_budget(*headset)
+    if budget < 1:
+        raise InputError(f"--headset: {headset[0]:g} ms and {headset[1]:g} Hz leave no face")
+    return budget
+
+
 class Mode(StrEnum):
     """What a simplification is for."""
 
@@ -168,6 +179,14 @@ def simplify(
     faces: Annotated[int | None, typer.Option(min=1, help="Stop at this many faces.")] = None,
     ratio: Annotated[
         float | None, typer.Option(help="Stop at this fraction of the faces as read, 0 to 1.")
+    ] = None,
+    headset: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            metavar="MS HZ",
+            help="Stop at as many faces as a headset draws in time for both eyes, from its "
+            "milliseconds for a million triangles and its refresh rate.",
+        ),
     ] = None,
     max_error: Annotated[
         float | None,
@@ -235,6 +254,9 @@ def simplify(
         options["seam_mode"] = str(seam_mode)
     if lock_box is not None and name not in (Mode.quality, Mode.fast):
         raise InputError(f"--lock-box: expected --mode quality or fast, got {name}")
+    if headset is not None:
+        faces = _headset_faces(headset, faces)
+        shell.say(f"--headset: {counted(faces, 'face')}")
     order = Order(str(name), faces, ratio, max_error, max_distance, not no_clean, lock_box, options)
     expect_kind(source, "mesh", verb="simplify")
     check_output(output, WRITABLE, force=force)

@@ -19,6 +19,7 @@ _BUILT_IN = (
     "table_2_2",
     "table_2_3",
     "table_2_4",
+    "table_2_5",
     "table_2_6",
     "table_2_7",
     "figure_2_11",

@@ -49,7 +49,14 @@ from manip3d.simplify._depth_files import (
     simplify_depth_file,
 )
 from manip3d.simplify._depth_steps import DEPTH_STEP, cut_depth_steps
-from manip3d.simplify._lod import LodChain, LodLevel, SharedBudget, lod_chain, share_budget
+from manip3d.simplify._lod import (
+    LodChain,
+    LodLevel,
+    SharedBudget,
+    lod_chain,
+    polygon_budget,
+    share_budget,
+)
 from manip3d.simplify._pixel_maps import confidence_of_levels
 from manip3d.simplify._quality import Mode, QualityResult, fast, quality, simplify
 from manip3d.simplify._relief import (
@@ -108,6 +115,7 @@ __all__ = [
     "fast",
     "grid_delaunay",
     "lod_chain",
+    "polygon_budget",
     "qem4vr",
     "qem_bp",
     "qem_btp",

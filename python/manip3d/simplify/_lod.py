@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -221,6 +222,71 @@ class SharedBudget:
     num_faces: int
     max_error: float
     reached: bool
+
+
+@checked
+def polygon_budget(
+    ms_per_million: float,
+    refresh_hz: float,
+    *,
+    views: int = 2,
+    share: float = 0.8,
+    other_ms: float = 0.0,
+) -> int:
+    """How many triangles a headset draws in time.
+
+    Parameters
+    ----------
+    ms_per_million : float
+        Milliseconds for each million triangles, measured on that device with a scene like one's
+        own: `FrameTimes.ms_per_million` of `manip3d.viewer.frame_times`.
+    refresh_hz : float
+        Of the display, such as 72 or 90.
+    views : int
+        How often the scene is drawn for each picture: 2 for two eyes one after the other, 1 where
+        the device draws both at once.
+    share : float in (0, 1]
+        Part of the time between two pictures that may be used: frames differ, and a late one is
+        seen.
+    other_ms : float
+        What else each picture takes, whatever is in it.
+
+    Returns
+    -------
+    int
+        For `share_budget`, or ``target_faces`` of a single model; 0 where the other work alone
+        takes too long.
+
+    Raises
+    ------
+    InputError
+        An argument out of its range.
+
+    Notes
+    -----
+    The time is taken as proportional to the triangles, which holds for scenes that are large
+    enough: small ones wait for their pixels, and the budget is then too small.
+
+    Examples
+    --------
+    >>> from manip3d import simplify
+    >>> simplify.polygon_budget(50.0, 60)
+    133333
+    """
+    for name, value in {"ms_per_million": ms_per_million, "refresh_hz": refresh_hz}.items():
+        if not (value > 0.0 and math.isfinite(value)):
+            raise InputError(f"{name}: expected a number > 0, got {value}")
+    if views < 1:
+        raise InputError(f"views: expected >= 1, got {views}")
+    if not 0.0 < share <= 1.0:
+        raise InputError(f"share: expected a number in (0, 1], got {share}")
+    if not (other_ms >= 0.0 and math.isfinite(other_ms)):
+        raise InputError(f"other_ms: expected a number >= 0, got {other_ms}")
+    left_ms = share * (1000.0 / refresh_hz) - other_ms
+    budget = 1e6 * max(left_ms, 0.0) / (views * ms_per_million)
+    if not math.isfinite(budget):
+        raise InputError(f"ms_per_million: {ms_per_million} gives no number of triangles")
+    return int(budget)
 
 
 @checked

@@ -21,12 +21,14 @@ from manip3d.viewer.points import (
 from manip3d.viewer.renderer import renderer
 from manip3d.viewer.scene import Pose
 from manip3d.viewer.showing import shown
+from manip3d.viewer.timing import FrameTimes, frame_times
 
 __all__ = [
     "Classes",
     "Colors",
     "DepthImage",
     "DrawnPoints",
+    "FrameTimes",
     "Lines",
     "Opened",
     "Pose",
@@ -39,6 +41,7 @@ __all__ = [
     "figure",
     "film",
     "forgery_points",
+    "frame_times",
     "has_display",
     "html",
     "iframe",

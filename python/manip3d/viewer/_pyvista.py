@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -66,6 +68,32 @@ def draw(thing: Mesh | DrawnPoints, camera: Camera, style: Style) -> Image:
         finally:
             plotter.close()
     return downsampled(large, SUPERSAMPLING)
+
+
+@contextlib.contextmanager
+def scene(meshes: Sequence[Mesh], camera: Camera, style: Style) -> Iterator[Any]:
+    """A plotter of VTK with all meshes, to be drawn as often as one likes."""
+    try:
+        import pyvista
+    except ImportError as error:
+        raise MissingExtraError("pyvista", "viz") from error
+    with egl_window():
+        plotter: Any = pyvista.Plotter(
+            off_screen=True,
+            window_size=list(style.size),
+            lighting="none",
+            theme=pyvista.themes.Theme(),
+        )
+        try:
+            plotter.set_background(style.background)
+            for mesh in meshes:
+                _add_mesh(plotter, mesh, style)
+            _add_lights(plotter)
+            _set_camera(plotter, camera)
+            plotter.render_window.SetMultiSamples(0)
+            yield plotter
+        finally:
+            plotter.close()
 
 
 def _set_camera(plotter: Any, camera: Camera) -> None:

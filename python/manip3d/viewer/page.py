@@ -495,28 +495,58 @@ def page_of(
 def still_page(thing: Shown, camera: Camera, style: Style, scale: int) -> str:
     """A page whose ``manip3d`` becomes the data URL of one picture; `html` without its buttons."""
     placement = Placement.of(thing)
-    page = {
+    page = _steered(style, [model_entry(thing, placement, "", "")])
+    page["still"] = {
+        "size": [scale * side for side in style.size],
+        "scale": scale,
+        "background": "#{:02x}{:02x}{:02x}".format(*style.background),
+        "pose": _pose_entry(camera, placement),
+    }
+    return document("", page)
+
+
+def timing_page(
+    meshes: Sequence[Mesh], camera: Camera, style: Style, frames: int, seconds: float
+) -> str:
+    """A page whose ``manip3d`` becomes the times of frames that show all meshes together."""
+    here = Placement(np.zeros(3), 1.0)
+    page = _steered(
+        style,
+        [
+            {"label": "", "detail": "", "glb": _base64(placed_glb(mesh, here)), "boundary": ""}
+            for mesh in meshes
+        ],
+    )
+    page["timing"] = {
+        "size": list(style.size),
+        "frames": frames,
+        "seconds": seconds,
+        "pose": _pose_entry(camera, here),
+    }
+    return document("", page)
+
+
+def _steered(style: Style, models: list[dict[str, Any]]) -> dict[str, Any]:
+    """What pages hold that nobody looks at."""
+    return {
         "title": "",
         "view": VIEW,  # of no effect: the pose says where the camera stands
         "places": [],
         "ramp": RAMP,
         "looks": _looks(style, axes=False),
-        "models": [model_entry(thing, placement, "", "")],
-        "still": {
-            "size": [scale * side for side in style.size],
-            "scale": scale,
-            "background": "#{:02x}{:02x}{:02x}".format(*style.background),
-            "pose": {
-                "position": placement(camera.position).tolist(),
-                "target": placement(camera.target).tolist(),
-                "up": camera.up.tolist(),
-                "view_angle": camera.view_angle,
-                "near": camera.near * placement.scale,
-                "far": camera.far * placement.scale,
-            },
-        },
+        "models": models,
     }
-    return document("", page)
+
+
+def _pose_entry(camera: Camera, placement: Placement) -> dict[str, Any]:
+    return {
+        "position": placement(camera.position).tolist(),
+        "target": placement(camera.target).tolist(),
+        "up": camera.up.tolist(),
+        "view_angle": camera.view_angle,
+        "near": camera.near * placement.scale,
+        "far": camera.far * placement.scale,
+    }
 
 
 @checked

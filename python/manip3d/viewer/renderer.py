@@ -82,6 +82,19 @@ def _complaint(name: Renderer) -> str | None:
     return lines[-1] if lines else f"exit code {child.returncode}"
 
 
+def check(name: Renderer) -> None:
+    """Refuse a renderer that does not draw here.
+
+    Raises
+    ------
+    RenderError
+        The message gives its complaint and the cure.
+    """
+    complaint = _complaint(name)
+    if complaint is not None:
+        raise RenderError(f"{name}: {complaint} (cure: {_CURES[name]})")
+
+
 def renderer() -> Renderer:
     """The program that draws pictures here.
 

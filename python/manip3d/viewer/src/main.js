@@ -17,6 +17,8 @@ import css from "./viewer.css";
  * @property {Entry[]} models
  * @property {{size: number[], scale: number, pose: import("./stage.js").Pose, background: string}} [still]
  *   instead of a view, one picture: its PNG's data URL
+ * @property {{size: number[], frames: number, seconds: number, pose: import("./stage.js").Pose}} [timing]
+ *   instead of a view, how long frames of all models take
  * @property {{rate: number}} [film]  the models are shown one after the other, so many a second
  */
 
@@ -103,6 +105,7 @@ async function start(page) {
   const models = await Promise.all(page.models.map((entry) => load(entry, page.ramp)));
   const stage = new Stage(canvas, panes, models, page.view, page.places);
   if (page.still) return still(stage, page.looks, page.still);
+  if (page.timing) return timing(stage, page.looks, page.timing);
   message.remove();
   /** @type {Record<string, () => void>} */
   const actions = {};
@@ -174,6 +177,16 @@ function still(stage, looks, { size, scale, pose, background }) {
   stage.setBackground(background);
   stage.setPose(pose);
   return stage.picture(size[0], size[1]);
+}
+
+/**
+ * @param {Stage} stage @param {import("./model.js").Looks} looks
+ * @param {NonNullable<Page["timing"]>} settings
+ */
+function timing(stage, looks, { size, frames, seconds, pose }) {
+  for (const model of stage.models) model.show(looks);
+  stage.setPose(pose);
+  return stage.frameTimes(size[0], size[1], frames, seconds);
 }
 
 /** @typedef {ReturnType<typeof switchesOf>} Switches */

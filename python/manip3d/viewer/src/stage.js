@@ -11,6 +11,7 @@ const SLOW = 50; // ms for a picture: the camera's movement stutters
 const QUICK = 25;
 const FASTER = 1.25; // times the points of the picture before
 const LEAST_SHARE = 0.02; // of the points that are drawn while it moves
+const WARMING = 3; // frames before those that are timed
 
 /**
  * From where the models are seen.
@@ -235,6 +236,39 @@ export class Stage {
     this.camera.updateProjectionMatrix();
     this.renderer.render(this.scene, this.camera);
     return this.canvas.toDataURL("image/png");
+  }
+
+  /**
+   * Draws all models again and again, without waiting for the screen.
+   * @param {number} width @param {number} height
+   * @param {number} frames  at most
+   * @param {number} seconds  no further frame after these
+   */
+  frameTimes(width, height, frames, seconds) {
+    this.renderer.setPixelRatio(1);
+    this.renderer.setSize(width, height, false);
+    this.renderer.setScissorTest(false);
+    this.renderer.setViewport(0, 0, width, height);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    for (const model of this.models) model.root.visible = true;
+    const gl = this.renderer.getContext();
+    const frame = () => {
+      const begin = performance.now();
+      this.renderer.render(this.scene, this.camera);
+      gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)); // waits for the GPU
+      return performance.now() - begin;
+    };
+    for (let i = 0; i < WARMING; i++) frame(); // buffers and shaders are made by the first
+    const milliseconds = [];
+    const end = performance.now() + 1000 * seconds;
+    do milliseconds.push(frame());
+    while (milliseconds.length < frames && performance.now() < end);
+    const names = gl.getExtension("WEBGL_debug_renderer_info");
+    return {
+      milliseconds,
+      renderer: gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER),
+    };
   }
 
   requestDraw() {

@@ -1,0 +1,174 @@
+"""How long frames of a scene take to draw, without waiting for a screen."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d._util.checked import checked
+from manip3d.errors import InputError, RenderError
+from manip3d.mesh import Mesh
+from manip3d.viewer import _chromium, _pyvista
+from manip3d.viewer.renderer import check
+from manip3d.viewer.scene import OBLIQUE, Camera, Style, frame_points
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from manip3d.viewer.renderer import Renderer
+
+SPACING = 0.8  # from one model to the next, of unit diagonals: they stand close and do not overlap
+_WARMING = 3  # frames before those that are timed; as in stage.js
+
+
+@dataclass(frozen=True)
+class FrameTimes:
+    """What `frame_times` measured.
+
+    Attributes
+    ----------
+    milliseconds : (N,) float64
+        Of each frame, until its last pixel was drawn.
+    triangles : int
+        Of the scene.
+    driver : str
+        What OpenGL says of whoever draws: a graphics card, or a program that stands in for one.
+    """
+
+    milliseconds: NDArray[np.float64] = field(repr=False)
+    triangles: int
+    driver: str
+
+    @property
+    def median(self) -> float:
+        """Of the frames, in milliseconds."""
+        return float(np.median(self.milliseconds))
+
+    @property
+    def ms_per_million(self) -> float:
+        """Milliseconds for each million triangles: what `simplify.polygon_budget` takes."""
+        return 1e6 * self.median / max(self.triangles, 1)
+
+
+@checked
+def frame_times(
+    meshes: Sequence[Mesh],
+    drawn_by: Renderer,
+    *,
+    size: tuple[int, int] = (1280, 720),
+    frames: int = 100,
+    seconds: float = 5.0,
+) -> FrameTimes:
+    """Draw a scene again and again, as fast as it goes.
+
+    Parameters
+    ----------
+    meshes : sequence of Mesh
+        Stand side by side, equally large, and are all seen.
+    drawn_by : 'chromium' or 'pyvista'
+        The viewer's page (three.js) in a headless browser, or VTK off screen.
+    size : (width, height), pixels
+    frames : int
+        Most frames; three more are drawn before them.
+    seconds : float
+        After these no further frame is begun.
+
+    Returns
+    -------
+    FrameTimes
+
+    Raises
+    ------
+    InputError
+        An option out of range; no mesh, or one without faces.
+    RenderError
+        This renderer does not work here.
+
+    Examples
+    --------
+    >>> from manip3d.simulate import models
+    >>> times = frame_times([models.MODELS["rocker"](5000)], "chromium")  # doctest: +SKIP
+    >>> times.triangles  # doctest: +SKIP
+    5600
+    """
+    if drawn_by not in ("chromium", "pyvista"):
+        raise InputError(f"drawn_by: expected 'chromium' or 'pyvista', got {drawn_by!r}")
+    if not meshes or any(mesh.num_faces == 0 for mesh in meshes):
+        raise InputError(
+            f"meshes: expected meshes with faces, got {[mesh.num_faces for mesh in meshes]} faces"
+        )
+    if frames < 1:
+        raise InputError(f"frames: expected >= 1, got {frames}")
+    if not (seconds > 0.0 and math.isfinite(seconds)):
+        raise InputError(f"seconds: expected a number > 0, got {seconds}")
+    style = Style(size)
+    if drawn_by == "pyvista":
+        check(drawn_by)  # a broken driver would end this process
+    placed = _side_by_side(meshes)
+    used = np.concatenate([mesh.vertices[np.unique(mesh.faces)] for mesh in placed])
+    camera = frame_points(used, size, OBLIQUE.azimuth, OBLIQUE.elevation, 1.0, OBLIQUE.up)
+    run = _in_browser if drawn_by == "chromium" else _in_vtk
+    return run(placed, camera, style, frames, seconds)
+
+
+def _side_by_side(meshes: Sequence[Mesh]) -> list[Mesh]:
+    """Each with a unit diagonal, in rows."""
+    columns = math.ceil(math.sqrt(len(meshes)))
+    placed = []
+    for i, mesh in enumerate(meshes):
+        low, high = mesh.bounds
+        row, column = divmod(i, columns)
+        size = float(np.linalg.norm(high - low)) or 1.0
+        place = SPACING * np.array([column, -row, 0.0])
+        placed.append(mesh.replace(vertices=(mesh.vertices - 0.5 * (low + high)) / size + place))
+    return placed
+
+
+def _in_browser(
+    meshes: Sequence[Mesh], camera: Camera, style: Style, frames: int, seconds: float
+) -> FrameTimes:
+    from manip3d.viewer.page import timing_page
+
+    page = timing_page(meshes, camera, style, frames, seconds)
+    with _chromium.open_page(page, style.size) as tab:
+        found = tab.evaluate("manip3d")
+    return FrameTimes(np.array(found["milliseconds"]), _count(meshes), found["renderer"])
+
+
+def _in_vtk(
+    meshes: Sequence[Mesh], camera: Camera, style: Style, frames: int, seconds: float
+) -> FrameTimes:
+    with _pyvista.scene(meshes, camera, style) as plotter:
+        window = plotter.render_window
+
+        def frame() -> float:
+            begun = time.perf_counter()
+            window.Render()
+            window.WaitForCompletion()
+            return 1000.0 * (time.perf_counter() - begun)
+
+        if np.ptp(plotter.screenshot(return_img=True)) == 0:
+            raise RenderError("pyvista: the picture is empty")
+        for _ in range(_WARMING):
+            frame()
+        times: list[float] = []
+        end = time.perf_counter() + seconds
+        while not times or (len(times) < frames and time.perf_counter() < end):
+            times.append(frame())
+        driver = _driver(window)
+    return FrameTimes(np.array(times), _count(meshes), driver)
+
+
+def _count(meshes: Sequence[Mesh]) -> int:
+    return sum(mesh.num_faces for mesh in meshes)
+
+
+def _driver(window: Any) -> str:
+    lines = str(window.ReportCapabilities()).splitlines()
+    names = [line.partition(":")[2].strip() for line in lines if "renderer string" in line]
+    return names[0] if names else "unknown"
