@@ -164,7 +164,7 @@ OF_A_SECOND = {
     "simplify.qem_tp", "simplify.qem_btp", "simplify.dense_mesh", "simplify.dense_mesh_grid",
     "simplify.cs3", "simplify.cs3_grid", "simplify.relief", "simplify.relief_grid",
     "simplify.sample_depth", "simplify.sample_depth_grid", "simplify.simplify_depth",
-    "simplify.cut_depth_steps", "simplify.grid_delaunay", "modify.body_mirror",
+    "simplify.cut_depth_steps", "simplify.polygon_budget", "simplify.grid_delaunay", "modify.body_mirror",
     "modify.segment_body", "modify.lift_landmarks", "modify.skeleton_from", "modify.joint_layouts",
     "modify.skeletons_from_motion",
     "forge.range_scale", "forge.ctp", "forge.subtract", "forge.deform", "forge.additive",
