@@ -129,6 +129,7 @@ KERNELS: dict[str, Kernel] = {
     "simplify.qem_tp": lambda _: simplify.qem_tp(pipe, ratio=0.3),
     "simplify.qem_btp": lambda _: simplify.qem_btp(pipe, ratio=0.3),
     "simplify.lod_chain": lambda _: simplify.lod_chain(hill, 3),
+    "simplify.polygon_budget": lambda _: simplify.polygon_budget(10.0, 72.0),
     "simplify.share_budget": lambda _: simplify.share_budget([hill, pipe], 200),
     "simplify.cs3_cameras": lambda t: simplify.cs3_cameras(views, 60, threads=t),
     "simplify.relief_cameras": lambda t: simplify.relief_cameras(views, 60, threads=t),

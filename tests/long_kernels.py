@@ -169,7 +169,7 @@ OF_A_SECOND = {
     "simplify.sample_depth", "simplify.sample_depth_grid", "simplify.simplify_depth",
     "simplify.cut_depth_steps", "simplify.grid_delaunay", "modify.body_mirror",
     "modify.segment_body", "modify.lift_landmarks", "modify.skeleton_from", "modify.joint_layouts",
-    "modify.skeletons_from_motion",
+    "modify.skeletons_from_motion", "simplify.polygon_budget",
     "forge.range_scale", "forge.ctp", "forge.subtract", "forge.deform", "forge.additive",
     "forge.subtractive", "forge.additive_subtractive", "forge.replacement", "forge.translation",
     "forge.rotation", "forge.lattice_insert", "forge.lattice_remove", "forge.spoof",

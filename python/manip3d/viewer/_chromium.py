@@ -58,6 +58,7 @@ class Tab:
         self._buffer = b""
         self._numbers = itertools.count(1)
         self._session: str | None = None
+        self.patience = SECONDS
         target = self.send("Target.createTarget", url="about:blank")["targetId"]
         attached = self.send("Target.attachToTarget", targetId=target, flatten=True)
         self._session = attached["sessionId"]
@@ -71,7 +72,7 @@ class Tab:
         rest = json.dumps(message).encode() + b"\0"
         while rest:
             rest = rest[os.write(self._commands, rest) :]
-        deadline = time.monotonic() + SECONDS
+        deadline = time.monotonic() + self.patience
         while True:
             answer = self._next_message(deadline)
             if answer.get("id") == number:
@@ -85,7 +86,7 @@ class Tab:
         while b"\0" not in self._buffer:
             ready, _, _ = select.select([self._answers], [], [], deadline - time.monotonic())
             if not ready:
-                raise RenderError(f"Chromium gave no answer within {SECONDS:.0f} s")
+                raise RenderError(f"Chromium gave no answer within {self.patience:.0f} s")
             received = os.read(self._answers, 1 << 20)
             if not received:
                 raise RenderError("Chromium ended before it answered")
@@ -180,5 +181,10 @@ def draw(thing: Mesh | DrawnPoints, camera: Camera, style: Style) -> Image:
     width, height = (SUPERSAMPLING * n for n in style.size)
     with open_page(still_page(thing, camera, style, SUPERSAMPLING), (width, height)) as tab:
         url = tab.evaluate("manip3d")
+    return downsampled(picture_of(url), SUPERSAMPLING)
+
+
+def picture_of(url: str) -> Image:
+    """The picture that a data URL holds."""
     with pillow().open(io.BytesIO(base64.b64decode(url.partition(",")[2]))) as image:
-        return downsampled(np.asarray(image.convert("RGB")), SUPERSAMPLING)
+        return np.asarray(image.convert("RGB"))

@@ -45,7 +45,7 @@ from manip3d.viewer.showing import Shown, shown
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from manip3d.viewer.scene import Camera, Points, Shading, Up
+    from manip3d.viewer.scene import Camera, Points, Rgb, Shading, Up
 
 BUNDLE = Path(__file__).parent / "dist" / "viewer.js"
 VIEW = {"azimuth": 30.0, "elevation": 20.0, "up": "y"}
@@ -499,7 +499,7 @@ def still_page(thing: Shown, camera: Camera, style: Style, scale: int) -> str:
     page["still"] = {
         "size": [scale * side for side in style.size],
         "scale": scale,
-        "background": "#{:02x}{:02x}{:02x}".format(*style.background),
+        "background": _css(style.background),
         "pose": _pose_entry(camera, placement),
     }
     return document("", page)
@@ -521,6 +521,7 @@ def timing_page(
         "size": list(style.size),
         "frames": frames,
         "seconds": seconds,
+        "background": _css(style.background),
         "pose": _pose_entry(camera, here),
     }
     return document("", page)
@@ -536,6 +537,10 @@ def _steered(style: Style, models: list[dict[str, Any]]) -> dict[str, Any]:
         "looks": _looks(style, axes=False),
         "models": models,
     }
+
+
+def _css(color: Rgb) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*color)
 
 
 def _pose_entry(camera: Camera, placement: Placement) -> dict[str, Any]:

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from manip3d.viewer.renderer import Renderer
 
 SPACING = 0.8  # from one model to the next, of unit diagonals: they stand close and do not overlap
-_WARMING = 3  # frames before those that are timed; as in stage.js
+_PATIENCE = 240.0  # seconds; a program in the place of a graphics card draws slowly
+_WARMING = 2  # frames before those that are timed; as in stage.js
 
 
 @dataclass(frozen=True)
@@ -34,14 +35,14 @@ class FrameTimes:
     ----------
     milliseconds : (N,) float64
         Of each frame, until its last pixel was drawn.
-    triangles : int
+    num_faces : int
         Of the scene.
     driver : str
         What OpenGL says of whoever draws: a graphics card, or a program that stands in for one.
     """
 
     milliseconds: NDArray[np.float64] = field(repr=False)
-    triangles: int
+    num_faces: int
     driver: str
 
     @property
@@ -52,7 +53,7 @@ class FrameTimes:
     @property
     def ms_per_million(self) -> float:
         """Milliseconds for each million triangles: what `simplify.polygon_budget` takes."""
-        return 1e6 * self.median / max(self.triangles, 1)
+        return 1e6 * self.median / max(self.num_faces, 1)
 
 
 @checked
@@ -74,7 +75,7 @@ def frame_times(
         The viewer's page (three.js) in a headless browser, or VTK off screen.
     size : (width, height), pixels
     frames : int
-        Most frames; three more are drawn before them.
+        Most frames; two more are drawn before them.
     seconds : float
         After these no further frame is begun.
 
@@ -93,7 +94,7 @@ def frame_times(
     --------
     >>> from manip3d.simulate import models
     >>> times = frame_times([models.MODELS["rocker"](5000)], "chromium")  # doctest: +SKIP
-    >>> times.triangles  # doctest: +SKIP
+    >>> times.num_faces  # doctest: +SKIP
     5600
     """
     if drawn_by not in ("chromium", "pyvista"):
@@ -136,7 +137,10 @@ def _in_browser(
 
     page = timing_page(meshes, camera, style, frames, seconds)
     with _chromium.open_page(page, style.size) as tab:
+        tab.patience = _PATIENCE + seconds
         found = tab.evaluate("manip3d")
+    if np.ptp(_chromium.picture_of(found["picture"])) == 0:
+        raise RenderError("chromium: the picture is empty")
     return FrameTimes(np.array(found["milliseconds"]), _count(meshes), found["renderer"])
 
 

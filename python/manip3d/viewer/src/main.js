@@ -17,7 +17,7 @@ import css from "./viewer.css";
  * @property {Entry[]} models
  * @property {{size: number[], scale: number, pose: import("./stage.js").Pose, background: string}} [still]
  *   instead of a view, one picture: its PNG's data URL
- * @property {{size: number[], frames: number, seconds: number, pose: import("./stage.js").Pose}} [timing]
+ * @property {{size: number[], frames: number, seconds: number, pose: import("./stage.js").Pose, background: string}} [timing]
  *   instead of a view, how long frames of all models take
  * @property {{rate: number}} [film]  the models are shown one after the other, so many a second
  */
@@ -183,8 +183,9 @@ function still(stage, looks, { size, scale, pose, background }) {
  * @param {Stage} stage @param {import("./model.js").Looks} looks
  * @param {NonNullable<Page["timing"]>} settings
  */
-function timing(stage, looks, { size, frames, seconds, pose }) {
+function timing(stage, looks, { size, frames, seconds, pose, background }) {
   for (const model of stage.models) model.show(looks);
+  stage.setBackground(background);
   stage.setPose(pose);
   return stage.frameTimes(size[0], size[1], frames, seconds);
 }

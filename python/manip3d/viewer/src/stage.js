@@ -11,7 +11,7 @@ const SLOW = 50; // ms for a picture: the camera's movement stutters
 const QUICK = 25;
 const FASTER = 1.25; // times the points of the picture before
 const LEAST_SHARE = 0.02; // of the points that are drawn while it moves
-const WARMING = 3; // frames before those that are timed
+const WARMING = 2; // frames before those that are timed
 
 /**
  * From where the models are seen.
@@ -264,9 +264,12 @@ export class Stage {
     const end = performance.now() + 1000 * seconds;
     do milliseconds.push(frame());
     while (milliseconds.length < frames && performance.now() < end);
+    this.renderer.render(this.scene, this.camera);
+    const picture = this.canvas.toDataURL("image/png");
     const names = gl.getExtension("WEBGL_debug_renderer_info");
     return {
       milliseconds,
+      picture,
       renderer: gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER),
     };
   }
