@@ -131,6 +131,9 @@ KERNELS: dict[str, Kernel] = {
     "simplify.lod_chain": lambda _: simplify.lod_chain(hill, 3),
     "simplify.polygon_budget": lambda _: simplify.polygon_budget(10.0, 72.0),
     "simplify.share_budget": lambda _: simplify.share_budget([hill, pipe], 200),
+    "simplify.confidence_of_levels": lambda _: simplify.confidence_of_levels(
+        np.arange(12, dtype=np.uint8).reshape(3, 4), 15
+    ),
     "simplify.cs3_cameras": lambda t: simplify.cs3_cameras(views, 60, threads=t),
     "simplify.relief_cameras": lambda t: simplify.relief_cameras(views, 60, threads=t),
     "simplify.dense_mesh": lambda t: simplify.dense_mesh(DEPTH, CAMERA, threads=t),
