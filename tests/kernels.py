@@ -54,6 +54,8 @@ pasted = forge.ctp(cloud, hoax, position=(4, 1, 0), threads=1)
 scanner = lattice_scans.lattice()
 scan = lattice_scans.scan(np.random.default_rng(0))[::10].copy()
 yard = turn_scans.turn(0.0, 0)
+shining = LidarFrame(yard[::9], (np.arange(len(yard[::9])) % 97 / 100).astype(np.float32))
+level = authenticate.turn_consistency(yard, yard, yard, lattice=scanner, threads=1)
 wall = Box((0.0, 6.0, 0.0), (3.0, 8.0, 2.0))
 near_wall = np.ascontiguousarray(scan[wall.contains(scan)])
 person = capsule_body.painted(0)
@@ -208,6 +210,8 @@ KERNELS: dict[str, Kernel] = {
         authenticate.inspect_drive([LidarFrame(cloud)] * 2, origin=(0, 0, 0), threads=t)
     ),
     "authenticate.verdict_of_drive": lambda _: authenticate.verdict_of_drive([inspected]),
+    "authenticate.drive_evidence": lambda _: authenticate.drive_evidence([inspected]),
+    "authenticate.likelihood_ratio": lambda _: authenticate.likelihood_ratio(0.01),
     "authenticate.combined_verdict": lambda _: authenticate.combined_verdict(inspected.detectors),
     "authenticate.occlusion_consistency": lambda t: authenticate.occlusion_consistency(
         cloud, grid=angles, threads=t
@@ -220,6 +224,9 @@ KERNELS: dict[str, Kernel] = {
     ),
     "authenticate.turn_consistency": lambda t: authenticate.turn_consistency(
         yard[~turn_scans.box_at(0, 0.0).contains(yard)], yard, yard, lattice=scanner, threads=t
+    ),
+    "authenticate.reflectance_consistency": lambda t: authenticate.reflectance_consistency(
+        shining, lattice=scanner, previous=shining, following=shining, turns=level, threads=t
     ),
     "metrics.render_depth": lambda t: metrics.render_depth(dense, CAMERA, threads=t),
     "metrics.range_image_error": lambda t: metrics.range_image_error(

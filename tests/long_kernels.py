@@ -34,6 +34,11 @@ def cloud(count: int = 2_000_000, seed: int = 1) -> NDArray[np.float32]:
 
 
 @cache
+def shining(copies: int) -> LidarFrame:
+    points = scan(copies)
+    return LidarFrame(points, (np.arange(len(points)) % 97 / 100).astype(np.float32))
+
+
 def scan(copies: int = 1) -> NDArray[np.float32]:
     turn = lattice_scans.scan(np.random.default_rng(0))
     far = [turn * np.float32(1 + 0.001 * k) for k in range(copies)]
@@ -132,6 +137,12 @@ LONG: dict[str, Callable[[], Callable[[], object]]] = {
         scan(30),
         scan(30),
         scan(30),
+        lattice=lattice_scans.lattice(),
+        threads=1,
+    ),
+    "authenticate.reflectance_consistency": lambda: partial(
+        authenticate.reflectance_consistency,
+        shining(30),
         lattice=lattice_scans.lattice(),
         threads=1,
     ),

@@ -69,6 +69,7 @@ FACADES: dict[str, list[Callable[..., Any]]] = {
     "FmpdOptions": [metrics.fmpd],
     "CrossModalOptions": [authenticate.CrossModalParameters],
     "GenericOptions": [authenticate.generic_consistency],
+    "ReflectanceOptions": [authenticate.reflectance_consistency],
     "TurnOptions": [authenticate.turn_consistency],
     "GridMeshOptions": [simplify.dense_mesh, simplify.dense_mesh_grid],
     "HausdorffOptions": [metrics.hausdorff_bound],

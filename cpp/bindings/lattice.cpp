@@ -9,10 +9,12 @@
 
 #include "interruptible.hpp"
 #include "manip3d/authenticate/generic.hpp"
+#include "manip3d/authenticate/reflectance.hpp"
 #include "manip3d/authenticate/turns.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
 #include "numpy.hpp"
+#include "points.hpp"
 
 namespace manip3d::bindings {
 namespace {
@@ -71,6 +73,26 @@ py::list to_list(std::vector<TurnRegion>&& regions) {
     list.append(std::move(fields));
   }
   return list;
+}
+
+constexpr const char* kReflectanceNames[] = {"even", "changed"};
+
+py::list to_list(std::vector<ReflectanceRegion>&& regions) {
+  py::list list;
+  for (ReflectanceRegion& region : regions) {
+    list.append(py::make_tuple(kReflectanceNames[static_cast<int>(region.kind)], region.strength,
+                               to_numpy(std::move(region.rows))));
+  }
+  return list;
+}
+
+ScanMotion to_motion(const CArray<double>& matrix, const char* name) {
+  const auto table = rows<Rows<double, 4>>(matrix, name);
+  if (table.rows() != 4) throw InputError(std::string(name) + ": expected 4 rows");
+  ScanMotion motion;
+  motion.rotation = table.topLeftCorner<3, 3>();
+  motion.translation = table.topRightCorner<3, 1>();
+  return motion;
 }
 
 Fields to_fields(const ScanMotion& motion) {
@@ -163,6 +185,34 @@ void bind_lattice(py::module_& m) {
       },
       py::arg("points").noconvert(), py::arg("previous").noconvert(),
       py::arg("following").noconvert(), py::arg("rings").noconvert(), py::arg("threads"));
+  m.def(
+      "compare_reflectance",
+      [](const CArray<float>& points, const CArray<float>& reflectance, const CArray<double>& rings,
+         const std::vector<CArray<float>>& turns, const std::vector<CArray<double>>& motions,
+         int threads) {
+        const PointsView view = points_view(points, reflectance);
+        const ScanLattice lattice = to_lattice(rings, 0, 0.0, 0.0);
+        const bool both = turns.size() == 4 && motions.size() == 2;
+        if (!both && !turns.empty()) throw InputError("turns: expected two turns or none");
+        const PointsView none;
+        const PointsView earlier = both ? points_view(turns[0], turns[1]) : none;
+        const PointsView later = both ? points_view(turns[2], turns[3]) : none;
+        const ReflectanceTurn previous{earlier,
+                                       both ? to_motion(motions[0], "previous") : ScanMotion{}};
+        const ReflectanceTurn following{later,
+                                        both ? to_motion(motions[1], "following") : ScanMotion{}};
+        ReflectanceOptions options;
+        options.num_threads = threads;
+        std::vector<ReflectanceRegion> regions;
+        {
+          const py::gil_scoped_release nogil;
+          regions = compare_reflectance(view, lattice, both ? &previous : nullptr,
+                                        both ? &following : nullptr, options, interruptible());
+        }
+        return to_list(std::move(regions));
+      },
+      py::arg("points").noconvert(), py::arg("reflectance").noconvert(),
+      py::arg("rings").noconvert(), py::arg("turns"), py::arg("motions"), py::arg("threads"));
   m.attr("CELL_COLUMNS") = kCellColumns;
   m.attr("CELL_RINGS") = kCellRings;
 }

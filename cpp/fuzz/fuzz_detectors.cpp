@@ -13,6 +13,7 @@
 #include "manip3d/authenticate/density.hpp"
 #include "manip3d/authenticate/generic.hpp"
 #include "manip3d/authenticate/occlusion.hpp"
+#include "manip3d/authenticate/reflectance.hpp"
 #include "manip3d/authenticate/turns.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/nearest_neighbours.hpp"
@@ -114,6 +115,20 @@ void check_turns(const PointCloud& scan, const PointCloud& beside, const ScanLat
   }
 }
 
+void check_reflectances(PointCloud scan, const ScanLattice& lattice) {
+  scan.intensity.resize(scan.points.rows());
+  for (Eigen::Index i = 0; i < scan.points.rows(); ++i) {
+    scan.intensity(i) = static_cast<float>(i * 37 % 101) / 100.0F;
+  }
+  const PointsView view(scan);
+  const ReflectanceTurn turn{view, {}};
+  for (const ReflectanceRegion& region :
+       compare_reflectance(view, lattice, &turn, &turn, {.num_threads = 1})) {
+    require(std::isfinite(region.strength) && region.strength > 0.0);
+    require(ascending_rows(region.rows, scan.points.rows()));
+  }
+}
+
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
@@ -150,6 +165,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     const PointCloud previous = fuzzing::take_scan(bytes);
     check_generic(scan, previous, lattice);
     check_turns(scan, previous, lattice);
+    check_reflectances(scan, lattice);
   });
   if (bytes.take<std::uint8_t>() % 64 != 7) return 0;  // what follows takes a tenth of a second
   run([&] {

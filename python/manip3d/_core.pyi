@@ -90,6 +90,7 @@ __all__: list[str] = [
     "closest_points",
     "compare_cross_modal",
     "compare_paper_watermark",
+    "compare_reflectance",
     "compare_turns",
     "composite",
     "copy_transform_paste",
@@ -1870,6 +1871,14 @@ def compare_paper_watermark(
     counts: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex],
     options: PaperSettings,
 ) -> tuple[numpy.ndarray, numpy.ndarray, numpy.ndarray, numpy.ndarray]: ...
+def compare_reflectance(
+    points: numpy.typing.NDArray[numpy.float32],
+    reflectance: numpy.typing.NDArray[numpy.float32],
+    rings: numpy.typing.NDArray[numpy.float64],
+    turns: collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float32]],
+    motions: collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
+    threads: typing.SupportsInt | typing.SupportsIndex,
+) -> list[typing.Any]: ...
 def compare_turns(
     points: numpy.typing.NDArray[numpy.float32],
     previous: numpy.typing.NDArray[numpy.float32],

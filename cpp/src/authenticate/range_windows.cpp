@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <cmath>
-#include <numbers>
+
+#include "authenticate/natural_log.hpp"
 
 namespace manip3d {
 namespace {
@@ -21,18 +21,6 @@ constexpr double kLeastShare = 0.25;
 
 // Fewer incoherent ranges in a window reach no exponent that counts.
 constexpr std::int32_t kFewestIncoherent = 6;
-
-// ln x for x > 0 from additions, multiplications and divisions: the same bits on every CPU.
-double natural_log(double x) {
-  int exponent = 0;
-  const double mantissa = std::frexp(x, &exponent);        // in [0.5, 1)
-  const double t = (mantissa - 0.75) / (mantissa + 0.75);  // ln m = ln 0.75 + 2 artanh t
-  const double s = t * t;                                  // <= 0.04
-  double series = 0.0;
-  for (int k = 19; k >= 1; k -= 2) series = series * s + 1.0 / k;
-  constexpr double kLogThreeQuarters = -0.28768207245178093;
-  return exponent * std::numbers::ln2 + kLogThreeQuarters + 2.0 * t * series;
-}
 
 // P(X >= x) <= exp(-chernoff) for the sum X of n independent 0-1 variables of mean p [Chernoff
 // 1952].

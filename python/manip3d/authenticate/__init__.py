@@ -61,6 +61,11 @@ from manip3d.authenticate._paper_watermark import (
     noise_blocks,
 )
 from manip3d.authenticate._power import EDITS, measure_power
+from manip3d.authenticate._reflectance import (
+    ReflectanceRegion,
+    ReflectanceResult,
+    reflectance_consistency,
+)
 from manip3d.authenticate._risk import (
     ACTIONS,
     ATTACK_TYPES,
@@ -71,6 +76,7 @@ from manip3d.authenticate._risk import (
     temporal_factor,
 )
 from manip3d.authenticate._sensors import Sensor, identify_sensor, kitti_lattice
+from manip3d.authenticate._sequence import DriveEvidence, drive_evidence
 from manip3d.authenticate._stereo import Disparity, StereoRig, stereo_disparity
 from manip3d.authenticate._streams import (
     StreamInspection,
@@ -81,7 +87,14 @@ from manip3d.authenticate._streams import (
     inter_frame_noise,
 )
 from manip3d.authenticate._turns import TurnRegion, TurnResult, turn_consistency
-from manip3d.authenticate._verdict import Calibration, Power, Processing, Region, Verdict
+from manip3d.authenticate._verdict import (
+    Calibration,
+    Power,
+    Processing,
+    Region,
+    Verdict,
+    likelihood_ratio,
+)
 from manip3d.authenticate._watermark import (
     EMBEDDINGS,
     MAX_MOVE_M,
@@ -132,6 +145,7 @@ __all__ = [
     "DensityResult",
     "DetectorReport",
     "Disparity",
+    "DriveEvidence",
     "EvidenceReport",
     "GenericResult",
     "Inspection",
@@ -147,6 +161,8 @@ __all__ = [
     "Policy",
     "Power",
     "Processing",
+    "ReflectanceRegion",
+    "ReflectanceResult",
     "Region",
     "Risk",
     "RiskParameters",
@@ -173,6 +189,7 @@ __all__ = [
     "cross_modal_consistency",
     "density_consistency",
     "depth_noise",
+    "drive_evidence",
     "drive_numbers",
     "drive_scans",
     "drive_times",
@@ -187,12 +204,14 @@ __all__ = [
     "inspect_stream",
     "inter_frame_noise",
     "kitti_lattice",
+    "likelihood_ratio",
     "measure_power",
     "noise_blocks",
     "occlusion_consistency",
     "plain_name",
     "read_record",
     "record_path",
+    "reflectance_consistency",
     "refuse_existing_record",
     "stereo_disparity",
     "temporal_factor",

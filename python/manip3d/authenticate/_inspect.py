@@ -30,9 +30,17 @@ from manip3d.authenticate._occlusion import (
 from manip3d.authenticate._origin import LEAST_EXPLAINED, estimate_origin
 from manip3d.authenticate._power import BLIND, known_power
 from manip3d.authenticate._processing import find_processing
+from manip3d.authenticate._reflectance import ReflectanceResult, reflectance_consistency
 from manip3d.authenticate._sensors import Sensor, identify_sensor, nothing_to_tell
 from manip3d.authenticate._turns import TurnResult, turn_consistency
-from manip3d.authenticate._verdict import Calibration, Power, Processing, Region, Verdict
+from manip3d.authenticate._verdict import (
+    Calibration,
+    Power,
+    Processing,
+    Region,
+    Verdict,
+    likelihood_ratio,
+)
 from manip3d.authenticate._watermark import KeyFile, Policy, Watermarker, WatermarkResult
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, ScanLike, to_scan
@@ -52,6 +60,7 @@ TITLES = {
     "occlusion": "II: nothing behind anything",
     "generic": "III: the sensor's lattice",
     "turns": "IV: the turns before and after",
+    "reflectance": "V: the reflectances",
     "watermark": "Keyed watermark",
 }
 """What each detector tests, by its name."""
@@ -84,7 +93,7 @@ class DetectorReport:
 
     Attributes
     ----------
-    name : 'density', 'occlusion', 'generic', 'turns' or 'watermark'
+    name : 'density', 'occlusion', 'generic', 'turns', 'reflectance' or 'watermark'
     verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
     reason : str
         The verdict's reason in words.
@@ -151,10 +160,11 @@ class Inspection(Showable):
         ``argument``, ``file``, the words of `estimate_origin`, or why the position is not known.
     detectors : tuple of DetectorReport
         One report each of detectors I, II and III; of detector IV where the frames before and
-        after were given; and of the watermark where a record was given and a key.
+        after were given; of detector V where a spinning scanner's frame has reflectances; and of
+        the watermark where a record was given and a key.
     blind : tuple of str
         Classes of edits that no detector finds in scans of this scanner.
-    density, occlusion, generic, turns
+    density, occlusion, generic, turns, reflectance
         The detectors' own results with their maps; None where a detector did not run.
     scan : LidarFrame or None
         What was judged, so that the result can be shown.
@@ -175,6 +185,7 @@ class Inspection(Showable):
     occlusion: OcclusionResult | None = field(default=None, repr=False)
     generic: GenericResult | None = field(default=None, repr=False)
     turns: TurnResult | None = field(default=None, repr=False)
+    reflectance: ReflectanceResult | None = field(default=None, repr=False)
     scan: LidarFrame | None = field(default=None, repr=False)
     watermark: WatermarkResult | None = field(default=None, repr=False)
 
@@ -192,6 +203,18 @@ class Inspection(Showable):
     def p_value(self) -> float | None:
         """The smallest p-value that a detector with the common verdict states."""
         return min((r.p_value for r in self._deciding() if r.p_value is not None), default=None)
+
+    @property
+    def likelihood_ratio(self) -> float | None:
+        """How much likelier the evidence is under an edit than in a clean scan, at least.
+
+        Of the smallest p-value of the detectors that looked, times their number; see
+        `likelihood_ratio`. None: none of them states a p-value, or the scan was processed.
+        """
+        p_values = [r.p_value for r in self.detectors if r.p_value is not None]
+        if not p_values or self.verdict not in ("no_trace", "tampered"):
+            return None
+        return likelihood_ratio(min(1.0, min(p_values) * len(p_values)))
 
     @property
     def regions(self) -> tuple[Region, ...]:
@@ -229,6 +252,7 @@ class Inspection(Showable):
             "reason": self.reason,
             "score": self.score,
             "p_value": self.p_value,
+            "likelihood_ratio": self.likelihood_ratio,
             "points": self.num_points,
             "sensor": None if self.sensor is None else self.sensor.name,
             "sensor_reason": None if self.sensor is None else self.sensor.reason,
@@ -265,6 +289,8 @@ class Inspection(Showable):
             values["false_alarm_rate"] = self.generic.false_alarm_rate
         if report.name == "turns" and self.turns is not None:
             values["false_alarm_rate"] = self.turns.false_alarm_rate
+        if report.name == "reflectance" and self.reflectance is not None:
+            values["false_alarm_rate"] = self.reflectance.false_alarm_rate
         return values
 
 
@@ -554,13 +580,25 @@ def _by_lattice(
             centred, before, after, lattice=sensor.lattice,
             false_alarm_rate=FALSE_ALARM_RATE, threads=threads,
         )  # fmt: skip
+    reflectance = None
+    if judged and sensor.lattice is not None and centred.intensity is not None:
+        both = turns is not None
+        reflectance = reflectance_consistency(
+            centred, lattice=sensor.lattice, previous=before if both else None,
+            following=after if both else None, turns=turns,
+            false_alarm_rate=FALSE_ALARM_RATE, threads=threads,
+        )  # fmt: skip
     reports = (
         DetectorReport("density", "undecidable", why),
         DetectorReport("occlusion", "undecidable", why),
         _of_generic(generic, place, sensor, embedding),
         *(() if turns is None else (_of_turns(turns, place, sensor, embedding),)),
+        *(() if reflectance is None else (_of_reflectance(reflectance, place, sensor, embedding),)),
     )
-    return _combined(scan, place, source, sensor, reports, processing, generic=generic, turns=turns)
+    return _combined(
+        scan, place, source, sensor, reports, processing, generic=generic, turns=turns,
+        reflectance=reflectance,
+    )  # fmt: skip
 
 
 def _by_angles(
@@ -712,6 +750,26 @@ def _of_turns(found: TurnResult, place: Place, sensor: Sensor, embedding: str) -
     return DetectorReport(
         "turns", found.verdict, found.reason, found.score, found.p_value, regions, found.suspected,
         known_power("turns", sensor, embedding), found.calibration,
+    )  # fmt: skip
+
+
+def _of_reflectance(
+    found: ReflectanceResult, place: Place, sensor: Sensor, embedding: str
+) -> DetectorReport:
+    regions = tuple(
+        Region(
+            _moved(region.box, place), region.rows, region.p_value, {region.kind: region.strength}
+        )
+        for region in found.regions
+    )
+    judged = found.verdict != "undecidable"
+    power = known_power(
+        "reflectance" if found.with_turns else "reflectance alone", sensor, embedding
+    )
+    return DetectorReport(
+        "reflectance", found.verdict, found.reason, found.score if judged else None,
+        found.p_value if judged else None, regions, found.suspected,
+        power if judged else _no_power(), found.calibration,
     )  # fmt: skip
 
 

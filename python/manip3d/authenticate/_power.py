@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     Edit = Callable[[Points, Rows, SensorLattice, np.random.Generator], Points]
 
 BLIND = (
-    "reflectance rewritten",
+    "reflectance rewritten within the noise, or with that of other firings of the same lasers",
     "ranges of existing firings rewritten on the lattice (white-box)",
 )
 """Classes of edits that no detector here finds."""
@@ -317,6 +317,10 @@ _REPORTED = (
     "8 clean frames of KITTI that chose no threshold: drives 0005 and 0079, stereo-2015 000083 and "
     "000131, object"
 )
+_REWRITTEN = (
+    "9 clean frames of KITTI's drive 0005, of which one raised a threshold; reflectances of an "
+    "object made one value, scaled, exchanged, another place's, or shifted, 9 of each"
+)
 _SCENES = "simulated terrestrial scans of manip3d.simulate.scenes, 0.2 degrees"
 
 MEASURED: Mapping[str, Mapping[str, Power]] = ReadOnlyMapping(
@@ -350,6 +354,8 @@ MEASURED: Mapping[str, Mapping[str, Power]] = ReadOnlyMapping(
             white_box_added=(16, 36),
             spoofed=(1, 36),
         ),
+        "reflectance": _measured(_REWRITTEN, intensity=(20, 45), white_box_removed=(7, 9)),
+        "reflectance alone": _measured(_REWRITTEN, intensity=(11, 45), white_box_removed=(7, 9)),
         "generic lbm": _measured(
             _REPORTED,
             added=(40, 40),
@@ -386,11 +392,12 @@ def known_power(detector: str, sensor: Sensor, embedding: str = "") -> Mapping[s
 
     Parameters
     ----------
-    detector : 'density', 'occlusion', 'generic' or 'turns'
+    detector : 'density', 'occlusion', 'generic', 'turns', 'reflectance' or 'reflectance alone'
+        The last one without the frames before and after.
     sensor : Sensor
     embedding : str
         Of a watermark whose bits the scan carries.
     """
-    judged = "lattice" if detector in ("generic", "turns") else "terrestrial"
+    judged = "terrestrial" if detector in ("density", "occlusion") else "lattice"
     measured = MEASURED.get(f"{detector} {embedding}".strip()) if sensor.kind == judged else None
     return ReadOnlyMapping({}) if measured is None else measured

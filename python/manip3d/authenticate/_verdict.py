@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
+from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
+from manip3d.errors import InputError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -116,3 +119,34 @@ class Processing:
 
     kind: str
     detail: str
+
+
+@checked
+def likelihood_ratio(p_value: float) -> float:
+    """Return how much likelier what was seen is under an edit than in a clean frame, at least.
+
+    Parameters
+    ----------
+    p_value : float
+        In (0, 1].
+
+    Returns
+    -------
+    float
+        1 / (2 sqrt(p)), a calibrator of p-values [Vovk and Wang, Annals of Statistics 2021]: its
+        mean over clean frames is 1 at most, so that it is a bet that a clean frame does not win.
+
+    Raises
+    ------
+    InputError
+        A value out of range.
+
+    Examples
+    --------
+    >>> from manip3d import authenticate
+    >>> authenticate.likelihood_ratio(0.01)
+    5.0
+    """
+    if not 0.0 <= p_value <= 1.0:
+        raise InputError(f"p_value: expected a probability in [0, 1], got {p_value!r}")
+    return 0.5 / math.sqrt(max(p_value, 1e-300))

@@ -362,6 +362,10 @@ def show_drive(
     rows = [(word, str(number), f"{number / len(found):.0%}") for word, number in counts.items()]
     table(console, sorted(rows), ("verdict", "scans", "share"))
     console.print()
+    if len(found) > 1:
+        from manip3d import authenticate
+
+        console.print(authenticate.drive_evidence(found).statement, soft_wrap=True)
     console.print(f"{verdict}: {reason}", soft_wrap=True)
 
 

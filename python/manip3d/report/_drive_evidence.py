@@ -21,7 +21,7 @@ from manip3d.report._evidence import PAGE_STYLE
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from manip3d.authenticate import Inspection
+    from manip3d.authenticate import DriveEvidence, Inspection
     from manip3d.lidar import Box
 
     Pose = NDArray[np.float64]
@@ -41,6 +41,9 @@ HIGHEST = 600.0
 
 DEEPEST = 12.0
 """Powers of ten down to which p-values are drawn."""
+
+P_VALUES = (("generic", "#0072B2", 2.5), ("turns", "#D55E00", 4.0), ("reflectance", "#009E73", 5.5))
+"""Detectors whose p-values are drawn, with color and radius."""
 
 MOST_ROWS = 500
 """Of the table; the rest is counted."""
@@ -132,9 +135,10 @@ def _aligned(found: Inspection) -> bool:
 def _drive_page(
     found: Sequence[Inspection | None], names: Sequence[str], source: str, errors: Sequence[str]
 ) -> str:
-    from manip3d.authenticate import verdict_of_drive
+    from manip3d.authenticate import drive_evidence, verdict_of_drive
 
     verdict, reason = verdict_of_drive(found)
+    together = drive_evidence(found)
     counts = Counter(_word(each) for each in found)
     summary = ", ".join(f"{number} {word}" for word, number in sorted(counts.items()))
     title = html.escape(source)
@@ -147,6 +151,7 @@ def _drive_page(
         + _limits(found)
         + "<h2>Timeline</h2>"
         + _timeline(found, names)
+        + _added_up(together)
         + _map(found, names)
         + _table(found, names)
         + "".join(f"<p>{html.escape(error)}</p>" for error in errors)
@@ -197,7 +202,7 @@ def _timeline(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
         for power, label in ((2.0, "p = 0.01"), (6.0, "1e-6"), (12.0, "1e-12 and below"))
     )
     marks = ""
-    for kind, color, radius in (("generic", "#0072B2", 2.5), ("turns", "#D55E00", 4.0)):
+    for kind, color, radius in P_VALUES:
         for number, each in enumerate(found):
             p_value = None if each is None else _p_of(each, kind)
             if p_value is None:
@@ -215,8 +220,41 @@ def _timeline(found: Sequence[Inspection | None], names: Sequence[str]) -> str:
             f'<span style="border-left:1em solid {color}"> {word}</span>'
             for word, color in COLORS.items()
         )
-        + ". Small circles: p-value of detector III; large ones: of detector IV, whose smallest is "
-        "that of its calibration.</p>"
+        + ". Small circles: p-value of detector III; larger ones: of detectors IV (orange) and V "
+        "(green), whose smallest is that of their calibration.</p>"
+    )
+
+
+def _added_up(together: DriveEvidence) -> str:
+    """What the frames say together: a curve, and the line that it must not reach."""
+    if len(together.evidence) < 2:
+        return ""
+    lowest = min(0.0, float(together.evidence.min()))
+    highest = 1.2 * max(together.threshold, float(together.evidence.max()), 1.0)
+    high = PLOT / (highest - lowest)
+    step = WIDTH / len(together.evidence)
+
+    def level(value: float) -> str:
+        return f"{high * (highest - value):.1f}"
+
+    curve = " L".join(
+        f"{(number + 0.5) * step:.1f},{level(value)}"
+        for number, value in enumerate(together.evidence.tolist())
+    )
+    lines = "".join(
+        f'<line x1="0" x2="{WIDTH:g}" y1="{level(value)}" y2="{level(value)}" stroke="{color}"/>'
+        f'<text x="4" y="{high * (highest - value) - 3:.1f}" font-size="11">{label}</text>'
+        for value, color, label in (
+            (0.0, "#ccc", "ratio 1"),
+            (together.threshold, "#b00020", f"alarm: 1e{together.threshold:.1f}"),
+        )
+    )
+    return (
+        "<h2>Evidence that adds up</h2>"
+        f'<div class=wide><svg viewBox="0 0 {WIDTH:g} {PLOT:g}" width="{WIDTH:g}" role="img" '
+        f'aria-label="Likelihood ratio that adds up over the scans">{lines}'
+        f'<path d="M{curve}" fill="none" stroke="#0072B2" stroke-width="2"/></svg></div>'
+        f"<p>{html.escape(together.statement)}</p>"
     )
 
 

@@ -272,7 +272,9 @@ def _page(inspection: Inspection, source: str) -> str:
         f"<title>{html.escape(source)}: {verdict}</title><style>{PAGE_STYLE}</style>"
         f"<h1 class={verdict}>{verdict}</h1>"
         f"<p>{html.escape(inspection.reason)}</p>"
-        f"<p>{html.escape(source)}, {points} points; {html.escape(place_sentence(inspection))}</p>"
+        + _ratio(inspection)
+        + f"<p>{html.escape(source)}, {points} points; "
+        + f"{html.escape(place_sentence(inspection))}</p>"
         + _facts(inspection, source)
         + _verdicts(inspection)
         + _regions(inspection)
@@ -321,6 +323,18 @@ def _scene(inspection: Inspection) -> str:
     return viewer.figure(inspection, "The scan, with suspected points and boxes by detector")
 
 
+def _ratio(inspection: Inspection) -> str:
+    """The likelihood ratio, in words."""
+    ratio = inspection.likelihood_ratio
+    if ratio is None:
+        return ""
+    said = "for an edit" if ratio > 1.0 else "for a clean scan"
+    return (
+        f"<p>Likelihood ratio of an edit over a clean scan: {ratio:.3g} ({said}; clean scans have "
+        "a mean of 1 at most)</p>"
+    )
+
+
 def _facts(inspection: Inspection, source: str) -> str:
     """What was judged, by what, and by which limits."""
     facts = [f"manip3d {__version__}"]
@@ -341,6 +355,11 @@ def _facts(inspection: Inspection, source: str) -> str:
         facts.append(
             f"detector IV: p-values up to {inspection.turns.false_alarm_rate:g} alarm; smallest of "
             f"this scan {inspection.turns.p_value:.2g}"
+        )
+    if inspection.reflectance is not None:
+        facts.append(
+            f"detector V: p-values up to {inspection.reflectance.false_alarm_rate:g} alarm; "
+            f"smallest of this scan {inspection.reflectance.p_value:.2g}"
         )
     return "<ul>" + "".join(f"<li>{html.escape(fact)}</li>" for fact in facts) + "</ul>"
 

@@ -131,6 +131,7 @@ NAMES = {
     "occlusion": "detector II",
     "generic": "detector III",
     "turns": "detector IV",
+    "reflectance": "detector V",
     "watermark": "watermark",
 }
 

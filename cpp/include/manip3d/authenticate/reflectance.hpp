@@ -1,0 +1,62 @@
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "manip3d/authenticate/lattice.hpp"
+#include "manip3d/geometry/align_scans.hpp"
+
+/// @file
+/// Evidence that the reflectance of a part of a frame was rewritten.
+namespace manip3d {
+
+enum class ReflectanceEvidence : std::uint8_t {
+  kEven,     ///< Neighbours along a ring have the same reflectance: no shot noise.
+  kChanged,  ///< The turns before and after agree on a reflectance that the frame does not have.
+};
+inline constexpr int kNumReflectanceEvidence = 2;
+
+/// A connected set of directions with one kind of evidence.
+struct ReflectanceRegion {
+  ReflectanceEvidence kind = ReflectanceEvidence::kEven;
+  /// kEven: log likelihood ratio of a rewritten surface over a clean one. kChanged: points times
+  /// their metres from the scanner, weighed by how far their windows exceed the threshold.
+  double strength = 0.0;
+  std::vector<std::int32_t> rows;  ///< Points of the frame in those directions, ascending.
+};
+
+struct ReflectanceOptions {
+  double nearest = 4.0;    ///< Metres: nearer is the vehicle.
+  double farthest = 35.0;  ///< Metres: farther, two turns see different spots of a surface.
+  double reach = 0.35;     ///< Metres between a point and one of another turn beside it.
+  int num_threads = 0;
+};
+
+/// A turn beside the frame, and the motion that takes it into the frame's coordinates.
+struct ReflectanceTurn {
+  const PointsView& points;
+  ScanMotion motion;
+};
+
+/// By how much lasers are brighter than one another on the same surfaces, from the frame itself:
+/// the sum of the median differences of neighbouring lasers. (rings,), of mean 0.
+std::vector<double> laser_gains(const PointsView& points, const LatticeReading& reading,
+                                int num_rings);
+
+/// Looks for rewritten reflectances in one frame.
+///
+/// Reflectances are shares in [0, 1]; the frame's smallest and largest value are taken for the ends
+/// of the scale, where it is clipped, and are not looked at. With both neighbours, the reflectance
+/// I of a point is compared with P and N, those of the points around it a turn earlier and later,
+/// less the gains of their lasers. If all three have the same noise, E = I - (P + N) / 2 has 3/2 of
+/// its variance and D = P - N twice; what moves or is patterned raises both, an edit raises E.
+/// @throws InputError  what check_points and read_lattice refuse; points without a reflectance, or
+///                     with one beyond [0, 1]; an option out of range.
+std::vector<ReflectanceRegion> compare_reflectance(const PointsView& points,
+                                                   const ScanLattice& lattice,
+                                                   const ReflectanceTurn* previous,
+                                                   const ReflectanceTurn* following,
+                                                   const ReflectanceOptions& options = {},
+                                                   const Progress& progress = {});
+
+}  // namespace manip3d

@@ -1,0 +1,431 @@
+#include "manip3d/authenticate/reflectance.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <span>
+#include <string>
+
+#include "authenticate/natural_log.hpp"
+#include "authenticate/range_windows.hpp"
+#include "authenticate/ring_image.hpp"
+#include "geometry/constants.hpp"
+#include "geometry/median.hpp"
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+constexpr float kNoReflectance = std::numeric_limits<float>::quiet_NaN();
+
+// Directions in which points of one frame are compared: less than the step from firing to firing.
+constexpr int kFineColumns = 4000;
+// Points of another turn are looked for so many lasers and fine columns around.
+constexpr int kLookRings = 2;
+constexpr int kLookColumns = 4;
+constexpr std::size_t kMostBeside = 3;
+constexpr double kBesideSoftening = 0.05;  // metres: weights are 1 / (distance + this)
+
+// Directions in which neighbouring lasers are compared: a firing in each.
+constexpr int kGainColumns = 2000;
+constexpr std::size_t kFewestGains = 50;
+
+// Cells of the evidence: two lasers, 1.44 degrees, and a quarter of an octave of range.
+constexpr int kShareRings = 2;
+constexpr int kShareColumns = 250;
+
+// Energies are clipped, so that no single point decides.
+constexpr double kMostEnergy = 0.06;
+// Reflectances come in hundredths, and half the frame's noise is below 0.03: energies near 0 say
+// nothing of each other.
+constexpr double kLeastEnergy = 0.0008;
+constexpr double kEnergyRatio = 3.32;  // e^1.2: 99 of 100 windows of clean frames have less
+constexpr double kMostExcess = 2.0;
+constexpr int kFewestCompared = 20;
+
+// Share of neighbours with the same reflectance on a surface that was painted with one value.
+constexpr double kEvenShare = 0.75;
+constexpr double kLeastEven = 0.08;
+constexpr double kMostEven = 0.7;
+constexpr double kEvenRatio = 5.0;   // log likelihood ratio of a window
+constexpr double kEvenGap = 0.0075;  // radians between neighbours along a ring
+
+bool is_one_surface(double a, double b, double share, double slack) {
+  return std::abs(a - b) < share * a + slack;
+}
+
+double range_of(const PointsView& view, Eigen::Index row) {
+  return std::sqrt(view.points.row(row).cast<double>().squaredNorm());
+}
+
+int share_column(double azimuth, int columns) {
+  return std::min(static_cast<int>(azimuth * (columns / kFullTurn)), columns - 1);
+}
+
+// Which reflectances are clipped: the smallest and the largest of a scan.
+struct ReflectanceScale {
+  explicit ReflectanceScale(const PointsView& view)
+      : lowest(view.intensity.size() > 0 ? view.intensity.minCoeff() : 0.0F),
+        highest(view.intensity.size() > 0 ? view.intensity.maxCoeff() : 0.0F) {}
+  [[nodiscard]] bool holds(float value) const { return value > lowest && value < highest; }
+  float lowest, highest;
+};
+
+// What a turn saw, less the gain of the laser, looked up from where the frame's scanner stood.
+class ReflectanceView {
+ public:
+  ReflectanceView(const ReflectanceTurn& turn, const ScanLattice& lattice,
+                  const std::vector<double>& gains, int num_threads, const Progress& progress)
+      : nearest_(lattice.num_rings(), kFineColumns, -1) {
+    const PointsView& view = turn.points;
+    const LatticeReading own = read_lattice(view, lattice, num_threads, progress);
+    places_.resize(view.num_points(), 3);
+    const Eigen::Matrix3f rotation = turn.motion.rotation.cast<float>();
+    const Eigen::RowVector3f shift = turn.motion.translation.transpose().cast<float>();
+    const ReflectanceScale scale(view);
+    reflectance_.assign(static_cast<std::size_t>(view.num_points()), kNoReflectance);
+    for (Eigen::Index i = 0; i < view.num_points(); ++i) {
+      places_.row(i) = (rotation * view.points.row(i).transpose()).transpose() + shift;
+      if (!places_.row(i).allFinite()) places_.row(i).setZero();  // no scanner sees so far
+      if (own.ring(i) < 0 || !scale.holds(view.intensity(i))) continue;
+      const auto gain = static_cast<float>(gains[static_cast<std::size_t>(own.ring(i))]);
+      reflectance_[static_cast<std::size_t>(i)] = view.intensity(i) - gain;
+    }
+    const PointsView moved(PointsView::Map<Points>(places_.data(), places_.rows(), 3));
+    const LatticeReading seen = read_lattice(moved, lattice, num_threads, progress);
+    for (Eigen::Index i = 0; i < places_.rows(); ++i) {
+      if (seen.ring(i) < 0 || std::isnan(reflectance_[static_cast<std::size_t>(i)])) continue;
+      std::int32_t& first = nearest_(seen.ring(i), share_column(seen.azimuth(i), kFineColumns));
+      if (first < 0 || places_.row(i).squaredNorm() < places_.row(first).squaredNorm()) {
+        first = static_cast<std::int32_t>(i);
+      }
+    }
+  }
+
+  // The mean of the nearest points within reach, the nearer the heavier; none: not a number.
+  [[nodiscard]] double beside(const Eigen::RowVector3f& place, int ring, int column,
+                              double reach) const {
+    std::array<std::pair<double, std::int32_t>, kMostBeside> best;
+    std::size_t found = 0;
+    for (int r = std::max(0, ring - kLookRings);
+         r <= std::min(nearest_.rings() - 1, ring + kLookRings); ++r) {
+      for (int d = -kLookColumns; d <= kLookColumns; ++d) {
+        const std::int32_t i = nearest_(r, nearest_.wrapped(column + d));
+        if (i < 0) continue;
+        std::pair<double, std::int32_t> at{(places_.row(i) - place).squaredNorm(), i};
+        if (!(at.first < reach * reach)) continue;
+        if (found < kMostBeside) {
+          best[found++] = at;
+        } else if (const auto worst = std::max_element(best.begin(), best.end()); at < *worst) {
+          *worst = at;
+        }
+      }
+    }
+    if (found == 0) return kNoReflectance;
+    double sum = 0.0;
+    double weights = 0.0;
+    for (std::size_t k = 0; k < found; ++k) {
+      const double weight = 1.0 / (std::sqrt(best[k].first) + kBesideSoftening);
+      sum += weight * static_cast<double>(reflectance_[static_cast<std::size_t>(best[k].second)]);
+      weights += weight;
+    }
+    return sum / weights;
+  }
+
+ private:
+  Points places_;
+  std::vector<float> reflectance_;
+  RingImage<std::int32_t> nearest_;
+};
+
+struct ShareVoxel {
+  int row, column, layer;
+};
+
+struct ReflectanceTally {
+  int points = 0;
+  double first = 0.0;   // kEven: log likelihood ratio; kChanged: energy of E
+  double second = 0.0;  // kChanged: energy of D
+  double metres = 0.0;  // kChanged: sum of the distances of the points
+};
+
+class ReflectanceSearch {
+ public:
+  ReflectanceSearch(const PointsView& points, const ScanLattice& lattice,
+                    const ReflectanceOptions& options, const Progress& progress)
+      : points_(points),
+        lattice_(lattice),
+        options_(options),
+        progress_(progress),
+        scale_(points),
+        reading_(read_lattice(points, lattice, options.num_threads, progress)),
+        rows_((lattice.num_rings() + kShareRings - 1) / kShareRings),
+        ranges_(static_cast<std::size_t>(points.num_points()), 0.0) {
+    for (Eigen::Index i = 0; i < points.num_points(); ++i) {
+      if (reading_.ring(i) < 0 || !scale_.holds(points.intensity(i))) continue;
+      const double range = range_of(points, i);
+      if (range > options.nearest && range < options.farthest) ranges_[index(i)] = range;
+    }
+  }
+
+  [[nodiscard]] std::vector<ReflectanceRegion> run(const ReflectanceTurn* previous,
+                                                   const ReflectanceTurn* following) {
+    std::vector<ReflectanceRegion> regions;
+    find_even(regions);
+    if (previous != nullptr && following != nullptr) find_changed(*previous, *following, regions);
+    return regions;
+  }
+
+ private:
+  using Tallies = RangeVoxels<ReflectanceTally>;
+
+  static std::size_t index(Eigen::Index i) { return static_cast<std::size_t>(i); }
+
+  [[nodiscard]] bool is_judged(Eigen::Index i) const { return ranges_[index(i)] > 0.0; }
+
+  [[nodiscard]] ShareVoxel voxel_of(Eigen::Index i) const {
+    return {reading_.ring(i) / kShareRings, share_column(reading_.azimuth(i), kShareColumns),
+            range_layer(points_.points.row(i).squaredNorm())};
+  }
+
+  ReflectanceTally& tally_of(Tallies& tallies, Eigen::Index i) const {
+    const ShareVoxel at = voxel_of(i);
+    return tallies(at.row, at.column, at.layer);
+  }
+
+  // The rows of each laser, by azimuth.
+  [[nodiscard]] std::vector<std::vector<std::int32_t>> rows_by_azimuth() const {
+    std::vector<std::vector<std::int32_t>> rows(static_cast<std::size_t>(lattice_.num_rings()));
+    for (std::int32_t i = 0; i < points_.num_points(); ++i) {
+      if (reading_.ring(i) >= 0) rows[static_cast<std::size_t>(reading_.ring(i))].push_back(i);
+    }
+    const auto comes_first = [&](std::int32_t a, std::int32_t b) {
+      return reading_.azimuth(a) < reading_.azimuth(b);
+    };
+    Ticker ticker(progress_, 1);
+    for (std::vector<std::int32_t>& of_ring : rows) {
+      ticker.tick();
+      if (!std::is_sorted(of_ring.begin(), of_ring.end(), comes_first)) {
+        std::stable_sort(of_ring.begin(), of_ring.end(), comes_first);
+      }
+    }
+    return rows;
+  }
+
+  // Surfaces that were painted with one value, or with values of a few neighbours: the scanner's
+  // shot noise leaves one pair of neighbours in eight with the same hundredth.
+  void find_even(std::vector<ReflectanceRegion>& regions) const {
+    struct Pair {
+      std::int32_t row;
+      int ring;
+      bool same;
+    };
+    Ticker ticker(progress_);
+    std::vector<Pair> pairs;
+    std::vector<double> same(static_cast<std::size_t>(lattice_.num_rings()), 5.0);
+    std::vector<double> all(same.size(), 30.0);
+    for (const std::vector<std::int32_t>& rows : rows_by_azimuth()) {
+      for (std::size_t k = 1; k < rows.size(); ++k) {
+        ticker.tick();
+        const std::int32_t a = rows[k - 1];
+        const std::int32_t b = rows[k];
+        if (!is_judged(a) || !is_judged(b)) continue;
+        if (!(reading_.azimuth(b) - reading_.azimuth(a) < kEvenGap)) continue;
+        if (!is_one_surface(ranges_[index(a)], ranges_[index(b)], 0.03, 0.05)) continue;
+        const auto ring = static_cast<std::size_t>(reading_.ring(a));
+        const bool equal = points_.intensity(a) == points_.intensity(b);
+        pairs.push_back({a, reading_.ring(a), equal});
+        same[ring] += equal ? 1.0 : 0.0;
+        all[ring] += 1.0;
+      }
+    }
+    std::vector<std::array<double, 2>> ratios;  // of a pair that differs, and of one that does not
+    for (std::size_t ring = 0; ring < same.size(); ++ring) {
+      const double clean = std::clamp(same[ring] / all[ring], kLeastEven, kMostEven);
+      const double even = std::max(kEvenShare, clean + 0.05);
+      ratios.push_back({natural_log((1.0 - even) / (1.0 - clean)), natural_log(even / clean)});
+    }
+    Tallies tallies(rows_, kShareColumns, {});
+    for (const Pair& pair : pairs) {
+      ReflectanceTally& tally = tally_of(tallies, pair.row);
+      ++tally.points;
+      tally.first += ratios[static_cast<std::size_t>(pair.ring)][pair.same ? 1 : 0];
+    }
+    add_regions(ReflectanceEvidence::kEven, tallies, regions);
+  }
+
+  void find_changed(const ReflectanceTurn& previous, const ReflectanceTurn& following,
+                    std::vector<ReflectanceRegion>& regions) const {
+    const std::vector<double> gains = laser_gains(points_, reading_, lattice_.num_rings());
+    const std::array<ReflectanceView, 2> views{
+        ReflectanceView(previous, lattice_, gains, options_.num_threads, progress_),
+        ReflectanceView(following, lattice_, gains, options_.num_threads, progress_)};
+    Ticker ticker(progress_);
+    Tallies tallies(rows_, kShareColumns, {});
+    for (Eigen::Index i = 0; i < points_.num_points(); ++i) {
+      ticker.tick();
+      if (!is_judged(i)) continue;
+      const int column = share_column(reading_.azimuth(i), kFineColumns);
+      const auto seen = [&](const ReflectanceView& view) {
+        return view.beside(points_.points.row(i), reading_.ring(i), column, options_.reach);
+      };
+      const double before = seen(views[0]);
+      const double after = seen(views[1]);
+      if (std::isnan(before) || std::isnan(after)) continue;
+      const double here = points_.intensity(i) - gains[static_cast<std::size_t>(reading_.ring(i))];
+      const double edit = here - (before + after) / 2.0;
+      const double apart = before - after;
+      ReflectanceTally& tally = tally_of(tallies, i);
+      ++tally.points;
+      tally.first += std::min(edit * edit / 1.5, kMostEnergy);
+      tally.second += std::min(apart * apart / 2.0, kMostEnergy);
+      tally.metres += ranges_[index(i)];
+    }
+    add_regions(ReflectanceEvidence::kChanged, tallies, regions);
+  }
+
+  // The sum over a voxel and the 26 around it.
+  [[nodiscard]] static ReflectanceTally window_around(const Tallies& tallies,
+                                                      const ShareVoxel& at) {
+    ReflectanceTally sum;
+    const int columns = tallies.columns();
+    for (int r = std::max(0, at.row - 1); r <= std::min(tallies.rows() - 1, at.row + 1); ++r) {
+      for (int d = -1; d <= 1; ++d) {
+        for (int layer = std::max(0, at.layer - 1);
+             layer <= std::min(Tallies::kLayers - 1, at.layer + 1); ++layer) {
+          const ReflectanceTally& tally = tallies(r, (at.column + d + columns) % columns, layer);
+          sum.points += tally.points;
+          sum.first += tally.first;
+          sum.second += tally.second;
+        }
+      }
+    }
+    return sum;
+  }
+
+  // What a voxel adds to its region; 0: its window says nothing.
+  static double strength_of(ReflectanceEvidence kind, const ReflectanceTally& own,
+                            const ReflectanceTally& window) {
+    if (kind == ReflectanceEvidence::kEven) {
+      return window.first > kEvenRatio ? std::max(own.first, 0.0) : 0.0;
+    }
+    if (window.points < kFewestCompared) return 0.0;
+    const double floor = kLeastEnergy * window.points;
+    const double ratio = (window.first + floor) / (window.second + floor);
+    const double excess = std::min(ratio / kEnergyRatio - 1.0, kMostExcess);
+    return excess > 0.0 ? own.metres * excess : 0.0;  // near surfaces have more points
+  }
+
+  void add_regions(ReflectanceEvidence kind, const Tallies& tallies,
+                   std::vector<ReflectanceRegion>& regions) const {
+    RingImage<std::uint8_t> suspect(rows_, kShareColumns, 0);
+    RangeVoxels<float> strengths(rows_, kShareColumns, 0.0F);
+    for (int row = 0; row < rows_; ++row) {
+      for (int column = 0; column < kShareColumns; ++column) {
+        for (int layer = 0; layer < Tallies::kLayers; ++layer) {
+          const ReflectanceTally& own = tallies(row, column, layer);
+          if (own.points == 0) continue;
+          const double strength =
+              strength_of(kind, own, window_around(tallies, {row, column, layer}));
+          if (!(strength > 0.0)) continue;
+          strengths(row, column, layer) = static_cast<float>(strength);
+          suspect(row, column) = 1;
+        }
+      }
+    }
+    const std::size_t first = regions.size();
+    RingImage<std::int32_t> region_of(rows_, kShareColumns, -1);
+    for (const auto& component : connected_components(suspect)) {
+      ReflectanceRegion found{kind, 0.0, {}};
+      for (const auto& [row, column] : component) {
+        region_of(row, column) = static_cast<std::int32_t>(regions.size());
+        for (int layer = 0; layer < Tallies::kLayers; ++layer) {
+          found.strength += strengths(row, column, layer);
+        }
+      }
+      regions.push_back(std::move(found));
+    }
+    if (regions.size() == first) return;
+    for (Eigen::Index i = 0; i < points_.num_points(); ++i) {
+      if (!is_judged(i)) continue;
+      const ShareVoxel at = voxel_of(i);
+      if (!(strengths(at.row, at.column, at.layer) > 0.0F)) continue;
+      regions[static_cast<std::size_t>(region_of(at.row, at.column))].rows.push_back(
+          static_cast<std::int32_t>(i));
+    }
+  }
+
+  const PointsView& points_;
+  const ScanLattice& lattice_;
+  const ReflectanceOptions& options_;
+  const Progress& progress_;
+  ReflectanceScale scale_;
+  LatticeReading reading_;
+  int rows_;
+  std::vector<double> ranges_;  // metres; 0: not judged
+};
+
+void check_reflectance(const PointsView& view, const char* name) {
+  check_points(view);
+  if (view.num_points() > 0 && !view.has_intensity()) {
+    throw InputError(std::string(name) + ": expected points with a reflectance, got none");
+  }
+  for (Eigen::Index i = 0; i < view.intensity.size(); ++i) {
+    if (view.intensity(i) >= 0.0F && view.intensity(i) <= 1.0F) continue;
+    throw InputError(std::string(name) + ": expected reflectances in [0, 1], got " +
+                     std::to_string(view.intensity(i)) + " in row " + std::to_string(i));
+  }
+}
+
+void check_reflectance_options(const ReflectanceOptions& options) {
+  if (!(options.nearest > 0.0 && options.farthest > options.nearest)) {
+    throw InputError("nearest: expected 0 < nearest < farthest");
+  }
+  if (!(options.reach > 0.0 && options.reach < 10.0)) {
+    throw InputError("reach: expected metres in (0, 10), got " + std::to_string(options.reach));
+  }
+}
+
+}  // namespace
+
+std::vector<double> laser_gains(const PointsView& points, const LatticeReading& reading,
+                                int num_rings) {
+  RingImage<std::int32_t> image(num_rings, kGainColumns, -1);
+  const ReflectanceScale scale(points);
+  for (Eigen::Index i = 0; i < points.num_points(); ++i) {
+    if (reading.ring(i) < 0 || !scale.holds(points.intensity(i))) continue;
+    image(reading.ring(i), share_column(reading.azimuth(i), kGainColumns)) =
+        static_cast<std::int32_t>(i);
+  }
+  std::vector<double> gains(static_cast<std::size_t>(num_rings), 0.0);
+  for (int ring = 1; ring < num_rings; ++ring) {
+    std::vector<float> steps;
+    for (int column = 0; column < kGainColumns; ++column) {
+      const std::int32_t above = image(ring - 1, column);
+      const std::int32_t below = image(ring, column);
+      if (above < 0 || below < 0) continue;
+      if (!is_one_surface(range_of(points, below), range_of(points, above), 0.08, 0.1)) continue;
+      steps.push_back(points.intensity(below) - points.intensity(above));
+    }
+    const double step =
+        steps.size() > kFewestGains ? static_cast<double>(median(std::span(steps))) : 0.0;
+    gains[static_cast<std::size_t>(ring)] = gains[static_cast<std::size_t>(ring - 1)] + step;
+  }
+  const double mean = std::accumulate(gains.begin(), gains.end(), 0.0) / std::max(num_rings, 1);
+  for (double& gain : gains) gain -= mean;
+  return gains;
+}
+
+std::vector<ReflectanceRegion> compare_reflectance(
+    const PointsView& points, const ScanLattice& lattice, const ReflectanceTurn* previous,
+    const ReflectanceTurn* following, const ReflectanceOptions& options, const Progress& progress) {
+  check_reflectance_options(options);
+  check_reflectance(points, "frame");
+  if (previous != nullptr) check_reflectance(previous->points, "previous");
+  if (following != nullptr) check_reflectance(following->points, "following");
+  return ReflectanceSearch(points, lattice, options, progress).run(previous, following);
+}
+
+}  // namespace manip3d

@@ -1,0 +1,86 @@
+"""Evidence that adds up over the frames of a drive."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from manip3d import InputError, LidarFrame, authenticate, report
+from manip3d.authenticate import DetectorReport, Inspection, drive_evidence, likelihood_ratio
+from manip3d.authenticate._sequence import upper_rate
+
+NOTHING = authenticate.inspect(LidarFrame(np.zeros((0, 3), np.float32)))
+
+
+def frame(*p_values: float) -> Inspection:
+    """An inspection whose detectors state these p-values."""
+    reports = tuple(DetectorReport("generic", "no_trace", "", 0.0, p) for p in p_values)
+    return replace(NOTHING, verdict="no_trace", detectors=reports)
+
+
+def test_a_clean_frame_has_a_ratio_of_one_in_the_mean() -> None:
+    """The mean over p-values that are evenly spread is the integral of 1 / (2 sqrt(p)): 1."""
+    p_values = (np.arange(200_000) + 0.5) / 200_000
+    mean = np.mean([likelihood_ratio(p) for p in p_values])
+    assert 0.99 < mean <= 1.0
+    assert likelihood_ratio(1.0) == 0.5
+    assert likelihood_ratio(0.0025) == pytest.approx(10.0)
+
+
+def test_a_frame_says_its_smallest_p_value_times_their_number() -> None:
+    assert frame(0.5, 0.0004).likelihood_ratio == pytest.approx(0.5 / math.sqrt(0.0008))
+    assert frame(0.9, 0.9).likelihood_ratio == 0.5
+    assert frame().likelihood_ratio is None
+    assert replace(frame(0.1), verdict="processed").likelihood_ratio is None
+
+
+def test_weak_evidence_adds_up_and_clean_frames_take_it_back() -> None:
+    weak, clean = frame(0.0025), frame(1.0)  # ratios 10 and 1/2
+    found = drive_evidence([weak] * 4)
+    np.testing.assert_allclose(found.evidence, [1.0, 2.0, 3.0, 4.0])
+    assert found.threshold == pytest.approx(math.log10(36_000))
+    assert (found.alarms, found.judged) == ((), 4)
+    assert drive_evidence([weak] * 5).alarms == (4,)
+    assert drive_evidence([weak] * 10).alarms == (4, 9)  # it starts anew
+    mixed = drive_evidence([clean] * 50 + [weak] * 5)
+    assert mixed.alarms == (54,)  # clean frames before leave no debt
+    assert drive_evidence([weak, clean, clean, clean, clean] * 5).alarms == ()
+    assert drive_evidence([None, NOTHING]).judged == 0
+
+
+def test_the_rate_holds_for_frames_that_do_not_depend_on_each_other() -> None:
+    """At 100 alarms an hour, one in 360 frames: of 20 000 even p-values 55 alarms would be most."""
+    rng = np.random.default_rng(0)
+    frames = [frame(p) for p in rng.random(20_000)]
+    found = drive_evidence(frames, alarms_per_hour=100.0)
+    assert len(found.alarms) <= 55
+    assert "20000 frames" in found.statement
+
+
+def test_the_bound_is_that_of_the_binomial_law() -> None:
+    assert upper_rate(0, 100) == pytest.approx(1.0 - 0.05 ** (1.0 / 100.0))
+    rate = upper_rate(2, 50)
+    fewer = sum(math.comb(50, k) * rate**k * (1.0 - rate) ** (50 - k) for k in range(3))
+    assert fewer == pytest.approx(0.05)
+    assert upper_rate(5, 5) == 1.0
+
+
+def test_a_drive_page_shows_the_curve(tmp_path: Path) -> None:
+    found = [frame(0.0025)] * 6
+    page = tmp_path / "drive.html"
+    report.write_drive_evidence(found, page, names=[str(k) for k in range(6)])
+    text = page.read_text()
+    assert "Evidence that adds up" in text
+    assert "an alarm at frame 4" in text
+
+
+def test_bad_rates_are_named() -> None:
+    for name in ("alarms_per_hour", "frames_per_second"):
+        with pytest.raises(InputError, match=name):
+            drive_evidence([], **{name: 0.0})
+    with pytest.raises(InputError, match="p_value"):
+        likelihood_ratio(2.0)

@@ -1,0 +1,198 @@
+"""Detector V: reflectances that were rewritten, found alone and beside the turns around them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lattice_scans as scans
+import turn_scans
+from manip3d import InputError, LidarFrame, _core, authenticate, forge
+from manip3d.authenticate import ReflectanceResult, TurnResult, reflectance_consistency
+from manip3d.report import write_evidence
+
+LATTICE = turn_scans.LATTICE
+STEP = 0.9
+GAIN = np.random.default_rng(7).normal(0.0, 0.06, len(LATTICE.slope))
+"""By how much lasers are brighter than one another."""
+
+
+def shining(points: np.ndarray, position: float, seed: int) -> LidarFrame:
+    """Points of a scanner at (position, 0) with reflectances in hundredths: of patches of the
+    world, with shot noise and the gains of the lasers."""
+    x, y = points[:, 0].astype(np.float64) + position, points[:, 1].astype(np.float64)
+    number = np.floor((x + 1.4) / 4.0) + np.floor((y + 1.4) / 4.0)  # no edge lies on a face
+    patch = 0.3 + 0.1 * np.mod(number, 3.0)
+    noise = np.random.default_rng(seed).normal(0.0, 0.04, len(points))
+    value = patch + GAIN[LATTICE.read(points).ring] + noise
+    hundredths = np.clip(np.round(value * 100.0), 0.0, 99.0)
+    return LidarFrame(points, (hundredths / 100.0).astype(np.float32), origin=(0.0, 0.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def turns() -> list[LidarFrame]:
+    """Three turns, 0.9 m apart."""
+    return [shining(turn_scans.turn(STEP * k, 10 + k), STEP * k, 20 + k) for k in (-1, 0, 1)]
+
+
+@pytest.fixture(scope="module")
+def aligned(turns: list[LidarFrame]) -> TurnResult:
+    return authenticate.turn_consistency(turns[1], turns[0], turns[2], lattice=LATTICE)
+
+
+def judged(
+    turns: list[LidarFrame], aligned: TurnResult | None, values: np.ndarray, threads: int = 1
+) -> ReflectanceResult:
+    frame = turns[1].replace(intensity=values.astype(np.float32))
+    if aligned is None:
+        return reflectance_consistency(frame, lattice=LATTICE, threads=threads)
+    return reflectance_consistency(
+        frame, lattice=LATTICE, previous=turns[0], following=turns[2], turns=aligned,
+        threads=threads,
+    )  # fmt: skip
+
+
+def of_box(turns: list[LidarFrame]) -> tuple[np.ndarray, np.ndarray]:
+    """The frame's reflectances, and rows of the first box."""
+    assert turns[1].intensity is not None
+    return turns[1].intensity.copy(), turn_scans.box_at(0, 0.0).contains(turns[1].points)
+
+
+def test_a_clean_frame_is_not_accused(turns: list[LidarFrame], aligned: TurnResult) -> None:
+    values, _ = of_box(turns)
+    for beside in (None, aligned):
+        found = judged(turns, beside, values)
+        assert (found.verdict, found.with_turns) == ("no_trace", beside is not None)
+        assert found.p_value > 0.01
+        assert len(found.suspected) == 0
+
+
+@pytest.mark.parametrize("edit", ["darker", "brighter", "scaled"])
+def test_changed_reflectances_are_found_beside_the_turns(
+    turns: list[LidarFrame], aligned: TurnResult, edit: str
+) -> None:
+    values, box = of_box(turns)
+    change = {"darker": lambda v: v - 0.2, "brighter": lambda v: v + 0.2, "scaled": lambda v: v * 2}
+    values[box] = np.clip(np.round(change[edit](values[box]) * 100.0), 0.0, 99.0) / 100.0
+    assert judged(turns, None, values).verdict == "no_trace"  # alone, it is a bright box
+    found = judged(turns, aligned, values)
+    assert (found.verdict, found.regions[0].kind) == ("tampered", "changed")
+    assert box[found.suspected].mean() > 0.7
+    center = turn_scans.box_at(0, 0.0).center
+    assert np.abs(np.subtract(found.regions[0].box.center, center)).max() < 1.5
+
+
+def test_one_value_has_no_shot_noise(turns: list[LidarFrame]) -> None:
+    values, box = of_box(turns)
+    values[box] = 0.4
+    found = judged(turns, None, values)
+    assert (found.verdict, found.regions[0].kind) == ("tampered", "even")
+    assert box[found.suspected].mean() > 0.8
+
+
+def test_a_filled_hole_has_the_values_of_its_rim(turns: list[LidarFrame]) -> None:
+    """The white-box deletion, which no other detector finds in one frame."""
+    forged = forge.lattice_remove(turns[1], turn_scans.box_at(0, 0.0), lattice=LATTICE)
+    assert forged.intensity is not None
+    assert authenticate.generic_consistency(forged.points, calibration=LATTICE).verdict == (
+        "no_trace"
+    )
+    found = reflectance_consistency(LidarFrame(forged.points, forged.intensity), lattice=LATTICE)
+    assert (found.verdict, found.regions[0].kind) == ("tampered", "even")
+    assert np.isin(found.suspected, forged.moved).mean() > 0.8
+
+
+def test_values_between_hundredths_were_not_written_by_the_scanner(
+    turns: list[LidarFrame],
+) -> None:
+    values, box = of_box(turns)
+    values[box] *= 0.8123
+    found = judged(turns, None, values)
+    assert (found.verdict, found.regions[0].kind) == ("tampered", "grid")
+    assert set(found.suspected) <= set(np.flatnonzero(box))
+
+
+def test_a_laser_is_compared_with_itself(turns: list[LidarFrame], aligned: TurnResult) -> None:
+    """The gains of lasers are taken off: the kernel sees no edit where each has its own."""
+    values, _ = of_box(turns)
+    assert GAIN.std() > 0.04
+    table = LATTICE.table
+    beside = [a for k in (0, 2) for a in (turns[k].points, turns[k].intensity)]
+    motions = [aligned.previous, aligned.following]
+    found = _core.compare_reflectance(turns[1].points, values, table, beside, motions, 1)
+    assert max((strength for kind, strength, _ in found if kind == "changed"), default=0.0) < 3000.0
+
+
+def test_threads_do_not_matter(turns: list[LidarFrame], aligned: TurnResult) -> None:
+    values, box = of_box(turns)
+    values[box] = np.clip(values[box] + 0.2, 0.0, 0.99)
+    one, two = (judged(turns, aligned, values, threads) for threads in (1, 2))
+    assert one.score == two.score > 0.0
+    np.testing.assert_array_equal(one.suspected, two.suspected)
+
+
+@pytest.mark.parametrize(
+    ("values", "why"),
+    [
+        (None, "no reflectances"),
+        (lambda n: np.full(n, 0.5), "fewer than"),
+        (lambda n: np.arange(n) % 200, "not in [0, 1]"),
+    ],
+)
+def test_what_cannot_be_judged(
+    turns: list[LidarFrame], values: Callable[[int], Any] | None, why: str
+) -> None:
+    points = turns[1].points
+    given = None if values is None else values(len(points)).astype(np.float32)
+    found = reflectance_consistency(LidarFrame(points, given), lattice=LATTICE)
+    assert found.verdict == "undecidable"
+    assert why in found.reason
+
+
+def test_bad_input_is_named(turns: list[LidarFrame]) -> None:
+    with pytest.raises(InputError, match="previous, following"):
+        reflectance_consistency(turns[1], lattice=LATTICE, previous=turns[0])
+    with pytest.raises(InputError, match="false_alarm_rate"):
+        reflectance_consistency(turns[1], lattice=LATTICE, false_alarm_rate=0.0)
+    nothing = np.empty((0, 3), np.float32)
+    with pytest.raises(InputError, match="reflectance"):
+        _core.compare_reflectance(turns[1].points, nothing[:, 0].copy(), LATTICE.table, [], [], 1)
+    with pytest.raises(InputError, match=r"\[0, 1\].*row 1"):
+        _core.compare_reflectance(
+            turns[1].points[:2].copy(), np.array([0, 2], "f4"), LATTICE.table, [], [], 1
+        )
+
+
+def far_seeing(frame: LidarFrame) -> LidarFrame:
+    """The frame with a point at 79 m: the yard is smaller than what the scanner reaches."""
+    points = frame.points.copy()
+    row = np.flatnonzero(LATTICE.read(points).ring == 0)[100:101]
+    reading = LATTICE.read(points[row])
+    points[row] = scans.rounded(
+        scans.beam_points(LATTICE, reading.ring, reading.count, np.full(1, 79.0))
+    )
+    return frame.replace(points=points)
+
+
+def test_an_inspection_names_it(turns: list[LidarFrame], tmp_path: Path) -> None:
+    values, box = of_box(turns)
+    values[box] = 0.4
+    found = authenticate.inspect(
+        far_seeing(turns[1].replace(intensity=values)),
+        previous=turns[0],
+        following=turns[2],
+        lattice=LATTICE,
+    )
+    assert (found.verdict, found.detectors[-1].name) == ("tampered", "reflectance")
+    assert found.power["intensity"].planted > 20
+    ratio = found.likelihood_ratio
+    assert ratio is not None
+    assert ratio > 1.0
+    write_evidence(found, tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert "Likelihood ratio of an edit over a clean scan" in page
+    assert "V: the reflectances" in page
