@@ -11,7 +11,7 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
-from manip3d.camera import _depth_image
+from manip3d.camera import Intrinsics, Registration, _depth_image
 from manip3d.errors import InputError
 from manip3d.simplify._bandwidth import (
     LEAST_POINTS,
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-    from manip3d.camera import Intrinsics, Registration
 
 __all__ = ["Effort", "Relief", "ReliefStream", "relief", "relief_grid"]
 
