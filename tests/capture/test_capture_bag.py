@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,71 +11,9 @@ import pytest
 from manip3d import FormatError, InputError, capture
 
 rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="the extra 'bags' is not installed")
-rosbag2 = pytest.importorskip("rosbags.rosbag2")
 typesys = pytest.importorskip("rosbags.typesys")
 
-CLOUD = "sensor_msgs/msg/PointCloud2"
-LAYOUT = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"),
-          ("time", "<f8")]  # fmt: skip
-KINDS = {"<i1": 1, "<u1": 2, "<i2": 3, "<u2": 4, "<i4": 5, "<u4": 6, "<f4": 7, "<f8": 8}
-
-
-def points_of(number: int, count: int = 50) -> np.ndarray[Any, Any]:
-    rng = np.random.default_rng(number)
-    table = np.zeros(count, LAYOUT)
-    for name, kind in LAYOUT:
-        table[name] = rng.integers(0, 60, count) if "u" in kind else rng.normal(size=count)
-    return table
-
-
-def message(
-    types: Any,
-    table: np.ndarray[Any, Any],
-    *,
-    stamp: float = 0.0,
-    rows: int = 1,
-    padding: int = 0,
-    frame: str = "velodyne",
-    ros1: bool = False,
-) -> Any:
-    """A cloud of so many rows; so many bytes beside each row that are no points."""
-    dtype = table.dtype
-    fields = [
-        types.types["sensor_msgs/msg/PointField"](
-            name, dtype.fields[name][1], KINDS[dtype[name].str.replace("|", "<")], 1
-        )
-        for name in dtype.names
-    ]
-    width = len(table) // rows
-    lines = np.zeros((rows, width * dtype.itemsize + padding), np.uint8)
-    lines[:, : width * dtype.itemsize] = table.view(np.uint8).reshape(rows, -1)
-    time = types.types["builtin_interfaces/msg/Time"](int(stamp), round(stamp % 1 * 1e9))
-    sequence = (0,) if ros1 else ()
-    header = types.types["std_msgs/msg/Header"](*sequence, stamp=time, frame_id=frame)
-    return types.types[CLOUD](
-        header, rows, width, fields, False, dtype.itemsize, lines.shape[1], lines.reshape(-1), True
-    )
-
-
-def write_bag(
-    path: Path, clouds: dict[str, Sequence[Any]], storage: str = "mcap", mode: str = "NONE"
-) -> Path:
-    """A ROS 2 bag of the clouds of each topic; 0.1 s lie between two of them."""
-    types = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    plugin = getattr(rosbag2.StoragePlugin, storage.upper())
-    writer = rosbag2.Writer(path, version=8, storage_plugin=plugin)
-    if mode != "NONE":
-        writer.set_compression(rosbag2.CompressionMode[mode], rosbag2.CompressionFormat.ZSTD)
-    with writer:
-        for topic, messages in clouds.items():
-            connection = writer.add_connection(topic, CLOUD, typestore=types)
-            for number, each in enumerate(messages):
-                raw = types.serialize_cdr(each, CLOUD)
-                writer.write(connection, 10**9 + number * 10**8, raw)
-    return path
-
-
-TYPES = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+from ros_bags import CLOUD, TYPES, message, points_of, write_bag  # noqa: E402
 
 
 @pytest.mark.parametrize(("storage", "mode"), [

@@ -36,7 +36,7 @@ SHORTER = (
 NOT_RUN = ("demo", "data get")
 """The demo has tests of its own, and no test uses the network: these are parsed, not run."""
 
-EXIT_CODES = {"inspect scan.bin": 3, "inspect b.bin": 3, "inspect forged": 3}
+EXIT_CODES = {"inspect scan.bin": 3, "inspect b.bin": 3, "inspect forged": 3, "street.mcap": 4}
 
 
 def blocks(language: str) -> list[str]:
@@ -173,6 +173,12 @@ def make_sources(words: list[str], place: Path) -> None:
         line = 'forge stream "sim:body?motion=still&frames=12" --type 1 --still -q -o'
         forged = str(place / "forged")
         assert CliRunner().invoke(app, [*shlex.split(line), forged]).exit_code == 0
+    if "street.mcap" in sources and not (place / "street.mcap").exists():
+        from ros_bags import TYPES, message, points_of, write_bag
+
+        clouds = [message(TYPES, points_of(number)) for number in range(2)]
+        (file,) = write_bag(place / "bag", {"/points": clouds}).glob("*.mcap")
+        file.rename(place / "street.mcap")
     if sources == "play frames/":
         (place / "frames").mkdir(exist_ok=True)
         manip3d.Mesh(np.eye(3), [[0, 1, 2]]).write(place / "frames/0.glb")
