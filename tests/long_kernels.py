@@ -172,6 +172,8 @@ LONG: dict[str, Callable[[], Callable[[], object]]] = {
 OF_A_SECOND = {
     "authenticate.attack_type",
     "authenticate.cross_modal_consistency",
+    "authenticate.drive_evidence",
+    "authenticate.likelihood_ratio",
     "authenticate.stereo_disparity",
     "authenticate.temporal_factor",
     "authenticate.verdict_of_alerts",

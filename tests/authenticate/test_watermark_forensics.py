@@ -51,7 +51,9 @@ def test_a_verified_watermark_is_allowed_for(embedding: str, key: KeyFile) -> No
     assert {r.verdict for r in bare.detectors} == {"undecidable"}
     found = inspect(sent.frame, lattice=LATTICE, watermark=sent.record, key=key)
     assert (found.verdict, found.processing) == ("no_trace", ())
-    assert [r.name for r in found.detectors] == ["density", "occlusion", "generic", "watermark"]
+    assert [r.name for r in found.detectors] == [
+        "density", "occlusion", "generic", "reflectance", "watermark",
+    ]  # fmt: skip
     assert found.watermark is not None
     assert found.watermark.verdict == "authentic"
     assert found.record()["watermark"]["content"] == "intact"

@@ -392,7 +392,9 @@ def test_points_by_bandwidth(frames: Path, tmp_path: Path) -> None:
     one = ("depth", frames / "000.depth.png", "--intrinsics", FOCAL, "-o", tmp_path / "x.glb")
     done = manip3d(*one, *asked[:4])
     assert " of 8,000 bytes" in done.stderr or " of 8 000 bytes" in done.stderr
-    assert "--points: expected a number, or" in error_line(manip3d(*one, "-q", "--force"))
+    none = manip3d(*one, "-q", "--force")
+    assert none.returncode == 2
+    assert "--points: expected it, or --bandwidth with --rate" in none.stderr
     few = manip3d(*one, "-q", "--force", "--bandwidth", "5000", "--rate", "10")
     assert "--bandwidth: expected at least" in error_line(few)
     assert "--bandwidth, --rate: expected both" in error_line(

@@ -15,6 +15,7 @@ from manip3d.experiments.table_3_4 import EXPERIMENT as ERRORS
 SABOTAGE = "the first case was sabotaged"
 # Experiments on recordings have no case without them.
 ONLY_RECORDED = {
+    "cameras-5": [{"model": name, "camera": name} for name in ("azure", "realsense")],
     "real-people-4": [
         {"model": f"recording of {kind}", "kind": kind}
         for kind in ("sequence", "skeletons", "image")

@@ -112,6 +112,7 @@ def values() -> Iterator[object]:
     yield simplify.share_budget([kernels.hill, kernels.pipe], 80)
     for kind in (
         authenticate.LatticeReading,
+        authenticate.ReflectanceRegion,
         authenticate.SuspectRegion,
         modify.Hits,
         modify.Placement,

@@ -193,6 +193,8 @@ def depth(
     """
     from manip3d import simplify
 
+    if points is None and bandwidth is None and rate is None:
+        raise typer.BadParameter("expected it, or --bandwidth with --rate", param_hint="--points")
     shell = Terminal(as_json=as_json, quiet=quiet)
     with naming_options(*_OPTIONS):
         options = simplify.DepthOptions(
