@@ -62,12 +62,13 @@ class DriveEvidence:
         most = float(self.evidence.max(initial=0.0))
         hour = 3600.0 * FRAMES_PER_SECOND
         bound = upper_rate(MEASURED_ALARMS, MEASURED_FRAMES) * hour
+        rate = f"{self.alarms_per_hour:g} an hour"
         return (
-            f"evidence over {self.judged} frames: {found}; it adds up to 1e{most:.1f}, and "
-            f"1e{self.threshold:.1f} alarms (at most {self.alarms_per_hour:g} of clean "
-            "drives an hour, if frames do not depend on each other; "
-            f"{MEASURED_ALARMS} alarms in {MEASURED_FRAMES} clean simulated frames: so many frames "
-            f"only bound it by {bound:.0f} an hour, with 95 %)"
+            f"evidence over {self.judged} frames: {found}. The likelihood ratios of successive "
+            f"frames multiply to 1e{most:.1f} at most; 1e{self.threshold:.1f} raises an alarm, of "
+            f"which clean drives would have at most {rate} if frames did not depend on each other. "
+            f"Measured: {MEASURED_ALARMS} alarms in {MEASURED_FRAMES} clean simulated frames, so "
+            f"few that they only bound the rate by {bound:.0f} an hour (95 %)."
         )
 
 
