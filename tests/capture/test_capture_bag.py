@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -172,3 +173,12 @@ def test_commands_take_bags(tmp_path: Path) -> None:
         assert "undecidable: 2 of 2 scans" in judged.output
     watched = CliRunner().invoke(app, ["alert", "run", str(file), "-q"])
     assert watched.exit_code == 4
+
+
+def test_a_process_that_is_limited_itself_reads_bags(tmp_path: Path) -> None:
+    """Nobody may raise a hard limit: the reader's own is then that one."""
+    bag = write_bag(tmp_path / "bag", {"/points": [message(TYPES, points_of(1))]})
+    script = "import resource; resource.setrlimit(resource.RLIMIT_AS, (3 << 30, 3 << 30))\n"
+    script += f"from manip3d import capture; print(len(list(capture.open('bag:{bag}'))))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("1\n", "")

@@ -73,7 +73,8 @@ struct ReflectanceScale {
   float lowest, highest;
 };
 
-// What a turn saw, less the gain of the laser, looked up from where the frame's scanner stood.
+// The reflectances of a turn, less the gain of each laser, looked up from where the frame's scanner
+// stood.
 class ReflectanceView {
  public:
   ReflectanceView(const ReflectanceTurn& turn, const ScanLattice& lattice,
@@ -305,7 +306,7 @@ class ReflectanceSearch {
     return sum;
   }
 
-  // What a voxel adds to its region; 0: its window says nothing.
+  // The strength that a voxel adds to its region; 0: its window says nothing.
   static double strength_of(ReflectanceEvidence kind, const ReflectanceTally& own,
                             const ReflectanceTally& window) {
     if (kind == ReflectanceEvidence::kEven) {

@@ -251,7 +251,8 @@ class ColorPainter {
   void fade(int radius) {
     if (radius == 0) return;
     const std::int64_t cols = box_.width, rows = box_.height, size = 2 * radius + 1;
-    // Of each column the covered pixels of the rows around; `radius` columns of nothing beside it.
+    // The covered pixels of each column in the rows around, with `radius` empty columns on each
+    // side.
     std::vector<std::int32_t> padded(static_cast<std::size_t>(cols + 2 * radius), 0);
     std::int32_t* column = padded.data() + radius;
     for (std::int64_t v = 0; v < std::min<std::int64_t>(radius, rows); ++v) add_row(v, 1, column);

@@ -7,9 +7,9 @@
 
 namespace manip3d {
 
-// What a collapse of v and t may not do in the modes `quality` and `fast`. Nothing is locked but
-// what the caller locks: boundaries may shrink, holes may close, seams may be left, all at their
-// price. Refused is what makes, by Rules,
+// The rules that refuse a collapse of v and t in the modes `quality` and `fast`. Nothing is locked
+// but what the caller locks: boundaries may shrink, holes may close, seams may be left, all at
+// their price. Refused is what makes, by Rules,
 //
 //   an edge of three faces or more                      kLink         kAll
 //   two faces on the same three vertices                kDuplicate    kAll, kAnyEdges
@@ -50,7 +50,7 @@ constexpr bool may_double_faces(Rules rules, bool has_complex_edge) {
 
 constexpr bool may_turn_faces(Rules rules) { return rules == Rules::kFlips; }
 
-/// Of a face around a vertex: its other two corners, counter-clockwise.
+/// The other two corners of a face around a vertex, counter-clockwise.
 using Side = std::array<std::int32_t, 2>;
 
 /// Appends the sides of faces that lie back to back around one vertex, the lower end first; sorts
@@ -64,7 +64,7 @@ inline void append_twins(std::vector<Side>& sides, std::vector<Side>& twins) {
   }
 }
 
-/// Of faces with the same key around one vertex, one stays; `twins` are sorted.
+/// The key by which faces around one vertex are doubles: one of each key stays. `twins` are sorted.
 inline Side double_key(const Side& side, const std::vector<Side>& twins) {
   const Side sorted{std::min(side[0], side[1]), std::max(side[0], side[1])};
   return std::binary_search(twins.begin(), twins.end(), sorted) ? side : sorted;

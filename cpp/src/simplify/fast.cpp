@@ -979,7 +979,7 @@ class FastSimplifier {
     });
   }
 
-  /// Of v or t, whose fans were gathered.
+  /// Whether v or t, whose fans were gathered, has an edge of three faces or more.
   [[nodiscard]] bool has_complex_edge_at(std::int32_t v, std::int32_t t, Worker& worker) const {
     if (is_complex_.empty() || (is_complex_[v] == 0 && is_complex_[t] == 0)) return false;
     const Fan &first = worker.first, &second = worker.second;
@@ -1010,7 +1010,7 @@ class FastSimplifier {
     return sides.end() - std::unique(sides.begin(), sides.end());
   }
 
-  /// What a collapse may do to the edges and faces around v and t: collapse_rules.hpp.
+  /// The first rule of collapse_rules.hpp about edges and faces around v and t that is broken.
   [[nodiscard]] std::optional<Rejection> check_links(std::int32_t v, std::int32_t t,
                                                      const Fan& first, const Fan& second) const {
     const auto is_across = [&](std::int32_t w) {
@@ -1323,8 +1323,9 @@ class FastSimplifier {
     remove_double_faces();
   }
 
-  /// Of faces on the same three vertices the first one stays, of faces back to back the first on
-  /// each side: around the vertices of this pass where faces may have come to lie on others.
+  /// Removes all but the first of the faces on the same three vertices, and of faces back to back
+  /// all but the first on each side: around the vertices of this pass where faces may lie on
+  /// others.
   void remove_double_faces() {
     is_doubling_.assign(vertices_.size(), 0);
     std::vector<Triple> twins;

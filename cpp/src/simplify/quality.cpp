@@ -525,7 +525,7 @@ class QualitySimplifier {
     return pieces_.size() > 0 ? pieces_.num_faces(pieces_.of_vertex(v)) : mesh_.num_faces();
   }
 
-  /// Of v or t, whose rings were gathered.
+  /// Whether v or t, whose rings were gathered, has an edge of three faces or more.
   [[nodiscard]] bool has_complex_edge() const {
     const auto has_one = [](const Ring& ring) {
       return std::any_of(ring.edges().begin(), ring.edges().end(),

@@ -95,7 +95,7 @@ class ReflectanceRegion:
 
 @dataclass(frozen=True, eq=False)
 class ReflectanceResult:
-    """What detector V says of a frame; see :func:`reflectance_consistency`.
+    """The result of detector V for a frame; see :func:`reflectance_consistency`.
 
     Attributes
     ----------

@@ -18,6 +18,9 @@ CLOUD = "sensor_msgs/msg/PointCloud2"
 
 def main(path: Path, topic: str, limit: int, out: BinaryIO) -> None:
     """Write the messages of a bag's topic; with an empty name of its only topic of clouds."""
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    if hard != resource.RLIM_INFINITY:
+        limit = min(limit, hard)  # nobody may raise it
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     try:
         _write_messages(path, topic, out)

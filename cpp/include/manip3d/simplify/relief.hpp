@@ -81,7 +81,7 @@ struct ReliefResult {
 ///    before stay: a progressive order of the vertices. Where they leave no legal way to a size,
 ///    its mesh is that of the size before.
 ///
-/// Where pixels have a confidence, each of these measures is times it: the error of a pixel that is
+/// The confidence of a pixel multiplies each of these measures: the error of a pixel that is
 /// halved or of the pixels that a triangle lies over, and the area of a triangle of step 2, which
 /// counts by the least of its corners' confidences and of the mean of the other pixels in it. Only
 /// what closes holes and fills bays does not depend on it: nothing was measured there.
