@@ -116,8 +116,8 @@ def test_frames_are_frozen_and_replaced() -> None:
         scan.points = scan.points  # type: ignore[misc]
     with pytest.raises(TypeError):
         scan.fields["new"] = scan.points  # type: ignore[index]
-    later = scan.replace(timestamp=2.5)
-    assert later.timestamp == 2.5
+    later = scan.replace(time_ns=2_500_000_000)
+    assert later.time_ns == 2_500_000_000
     assert later.points is scan.points
     with pytest.raises(InputError, match="no such attribute: time"):
         scan.replace(time=2.5)

@@ -46,6 +46,7 @@ RETIRED_NAMES = {
     "n_faces": "num_faces",
     "n_points": "num_points",
     "random_state": "rng",
+    "timestamp": "time_ns",
     "uv_coords": "texcoords",
     "verbose": "progress",
 }

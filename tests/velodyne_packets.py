@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable, Sequence
+from fractions import Fraction
 
 import numpy as np
 
@@ -66,18 +67,29 @@ def pcap(
     return data
 
 
-def pcapng(frames: Iterable[bytes], *, link: int = 1, order: str = "<", tick: int = 6) -> bytes:
-    """A pcapng file: a section, an interface, and an enhanced block per frame."""
+def pcapng(
+    frames: Iterable[bytes],
+    *,
+    link: int = 1,
+    order: str = "<",
+    tick: int = 6,
+    start: Fraction = Fraction(1000),
+) -> bytes:
+    """A pcapng file: a section, an interface, and an enhanced block per frame, 0.25 s apart.
+
+    ``tick`` is the interface's if_tsresol: a power of ten, or of two where 128 is added.
+    """
 
     def ng_block(kind: int, body: bytes) -> bytes:
         size = 12 + len(body)
         return struct.pack(order + "II", kind, size) + body + struct.pack(order + "I", size)
 
+    per_second = 2 ** (tick - 128) if tick >= 128 else 10**tick
     data = ng_block(0x0A0D0D0A, struct.pack(order + "IHHq", 0x1A2B3C4D, 1, 0, -1))
     option = struct.pack(order + "HHBxxx", 9, 1, tick) + struct.pack(order + "HH", 0, 0)
     data += ng_block(1, struct.pack(order + "HHI", link, 0, 65535) + option)
     for i, frame in enumerate(frames):
-        ticks = round((1000.0 + i * 0.25) * 10**tick)
+        ticks = int((start + Fraction(i, 4)) * per_second) % 2**64
         head = struct.pack(
             order + "IIIII", 0, ticks >> 32, ticks & 0xFFFFFFFF, len(frame), len(frame)
         )

@@ -42,7 +42,7 @@ std::optional<VelodyneModel> to_model(const std::string& name) {
 Fields to_fields(VelodyneFrame&& frame) {
   Fields fields;
   fields["model"] = velodyne_model_name(frame.model);
-  fields["receive_time"] = frame.receive_time;
+  fields["time_ns"] = frame.time_ns;
   fields["sensor_time"] = frame.sensor_time;
   fields["packets"] = frame.packets;
   fields["is_complete"] = frame.is_complete;

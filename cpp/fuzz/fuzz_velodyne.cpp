@@ -53,7 +53,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   try {
     for (std::size_t at = 1; at < size; at += manip3d::kVelodynePacketBytes) {
       const std::size_t length = std::min(size - at, manip3d::kVelodynePacketBytes);
-      decoder.decode(std::as_bytes(std::span(data + at, length)), 0.0);
+      decoder.decode(std::as_bytes(std::span(data + at, length)), 0);
       take_all();
     }
   } catch (const manip3d::InputError&) {  // the model's lasers are not those of the calibration

@@ -45,12 +45,12 @@ TEST(UdpReceiver, PacketsComeInOrder) {
   receiver.start();
   std::thread sender(send_numbers, receiver.port(), kCount, milliseconds(2));
   std::vector<std::byte> payload;
-  double time = 0.0;
+  std::int64_t time_ns = 0;
   std::int64_t received = 0;
   int last = -1;
   const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
   while (last + 1 < kCount && std::chrono::steady_clock::now() < deadline) {
-    if (!receiver.read(payload, time, milliseconds(20))) continue;
+    if (!receiver.read(payload, time_ns, milliseconds(20))) continue;
     int number = 0;
     ASSERT_EQ(payload.size(), sizeof(number));
     std::memcpy(&number, payload.data(), sizeof(number));
@@ -68,14 +68,14 @@ TEST(UdpReceiver, PacketsComeInOrder) {
 TEST(UdpReceiver, StartsAndStopsManyTimes) {
   UdpReceiver receiver(any_port(4));
   std::vector<std::byte> payload;
-  double time = 0.0;
+  std::int64_t time_ns = 0;
   for (int i = 0; i < 20; ++i) {
     receiver.start();
     EXPECT_TRUE(receiver.is_running());
     receiver.stop();
     receiver.stop();
     EXPECT_FALSE(receiver.is_running());
-    EXPECT_FALSE(receiver.read(payload, time, milliseconds(0)));
+    EXPECT_FALSE(receiver.read(payload, time_ns, milliseconds(0)));
   }
 }
 
@@ -87,8 +87,8 @@ TEST(UdpReceiver, StopEndsAWaitingRead) {
     receiver.stop();
   });
   std::vector<std::byte> payload;
-  double time = 0.0;
-  EXPECT_FALSE(receiver.read(payload, time, std::chrono::minutes(10)));
+  std::int64_t time_ns = 0;
+  EXPECT_FALSE(receiver.read(payload, time_ns, std::chrono::minutes(10)));
   stopper.join();
 }
 
@@ -116,8 +116,8 @@ TEST(UdpReceiver, StopsFromAnyThreadAtOnceAndTwice) {
     const auto begin = std::chrono::steady_clock::now();
     const auto wait = [&] {
       std::vector<std::byte> payload;
-      double time = 0.0;
-      EXPECT_FALSE(receiver.read(payload, time, kLong));
+      std::int64_t time_ns = 0;
+      EXPECT_FALSE(receiver.read(payload, time_ns, kLong));
     };
     const auto stop_twice = [&] {
       receiver.stop();
@@ -150,8 +150,8 @@ TEST(UdpReceiver, StartsAndStopsFromManyThreadsEndInOneState) {
   receiver.start();
   send_numbers(receiver.port(), 1, milliseconds(0));
   std::vector<std::byte> payload;
-  double time = 0.0;
-  EXPECT_TRUE(receiver.read(payload, time, milliseconds(20'000)));
+  std::int64_t time_ns = 0;
+  EXPECT_TRUE(receiver.read(payload, time_ns, milliseconds(20'000)));
 }
 
 TEST(UdpReceiver, ABadAddressLeavesNoSocketOpen) {

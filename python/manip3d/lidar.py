@@ -102,8 +102,8 @@ class LidarFrame(Showable):
         Metres, right-handed; x forward, y left, z up (KITTI) where the format knows its axes.
     intensity : (N,) float32 or None
         As stored (KITTI: reflectance in [0, 1]); None: the scanner gave none.
-    timestamp : float or None
-        Seconds since 1970 (UTC).
+    time_ns : int or None
+        When it was taken, nanoseconds since 1970 (UTC); None: not known.
     ring : (N,) integers or None
         Laser of each point; of decoded packets 0 is the highest beam (KITTI's order).
     origin : (float, float, float) or None
@@ -132,7 +132,7 @@ class LidarFrame(Showable):
 
     points: NDArray[np.float32]
     intensity: NDArray[np.float32] | None = None
-    timestamp: float | None = None
+    time_ns: int | None = None
     ring: NDArray[Any] | None = None
     origin: tuple[float, float, float] | None = None
     source: str = ""
@@ -146,6 +146,10 @@ class LidarFrame(Showable):
         intensity = None
         if self.intensity is not None:
             intensity = _column(self.intensity, "intensity")
+        time_ns = self.time_ns
+        whole = isinstance(time_ns, int | np.integer) and -(2**63) <= time_ns < 2**63
+        if time_ns is not None and not whole:
+            raise InputError(f"time_ns: expected whole nanoseconds of 64 bits, got {time_ns!r}")
         _core.check_points(points, np.empty(0, np.float32) if intensity is None else intensity)
         exact = None if self.exact is None else as_rows(self.exact, 3, np.float64, "exact")
         ring = None if self.ring is None else np.asarray(self.ring)
@@ -164,6 +168,7 @@ class LidarFrame(Showable):
         for name, value in (
             ("points", points),
             ("intensity", intensity),
+            ("time_ns", None if time_ns is None else int(time_ns)),
             ("exact", exact),
             ("ring", ring),
             ("fields", ReadOnlyMapping(fields)),
@@ -277,8 +282,8 @@ class LidarFrame(Showable):
         parts = [f"{self.num_points} points"]
         if self.ring is not None and self.num_points:
             parts.append(f"rings {self.ring.min()}-{self.ring.max()}")
-        if self.timestamp is not None:
-            parts.append(f"t = {self.timestamp:.3f} s")
+        if self.time_ns is not None:
+            parts.append(f"t = {self.time_ns / 1e9:.3f} s")
         if self.fields:
             parts.append(", ".join(self.fields))
         return f"<manip3d.LidarFrame: {'; '.join(parts)}>"

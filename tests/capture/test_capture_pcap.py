@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import lzma
 import struct
+from fractions import Fraction
 from pathlib import Path
 
 import pytest
@@ -15,11 +16,11 @@ PAYLOAD = packet([block(20 * b, [1000] * 32) for b in range(12)])
 UDP = udp_frame(PAYLOAD)
 
 
-def read(tmp_path: Path, data: bytes, name: str = "p.pcap") -> tuple[list[float], dict[str, int]]:
+def read(tmp_path: Path, data: bytes, name: str = "p.pcap") -> tuple[list[int], dict[str, int]]:
     path = tmp_path / name
     path.write_bytes(data)
     source = capture.open(f"pcap:{path}")
-    times = [frame.timestamp or 0.0 for frame in source]
+    times = [frame.time_ns or 0 for frame in source]
     return times, source.counters
 
 
@@ -28,7 +29,7 @@ def read(tmp_path: Path, data: bytes, name: str = "p.pcap") -> tuple[list[float]
 def test_byte_orders_and_clocks(tmp_path: Path, order: str, nanoseconds: bool) -> None:
     data = pcap([ethernet(UDP)] * 3, order=order, nanoseconds=nanoseconds, start=1234.75)
     times, counters = read(tmp_path, data)
-    assert times == [1234.75]
+    assert times == [1_234_750_000_000]
     assert counters["points"] == 3 * 384
     assert counters["file_udp"] == 3
 
@@ -58,11 +59,21 @@ def test_link_types(tmp_path: Path, link: int, frame: bytes, kind: str) -> None:
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-@pytest.mark.parametrize("tick", [6, 9])
+@pytest.mark.parametrize("tick", [0, 3, 6, 9, 10, 128 + 10, 128 + 32])
 def test_pcapng_clocks(tmp_path: Path, order: str, tick: int) -> None:
-    times, counters = read(tmp_path, pcapng([ethernet(UDP)] * 2, order=order, tick=tick))
-    assert times == pytest.approx([1000.0])
+    """To the nanosecond, where the clock of the interface ticks so often."""
+    start = Fraction(1_700_000_000_123_456_789, 10**9)
+    data = pcapng([ethernet(UDP)] * 2, order=order, tick=tick, start=start)
+    times, counters = read(tmp_path, data)
+    per_second = 2 ** (tick - 128) if tick >= 128 else 10**tick
+    ticks = int(start * per_second)
+    assert times == [round(Fraction(ticks * 10**9, per_second))]
     assert counters["points"] == 768
+
+
+@pytest.mark.parametrize("tick", [20, 127, 128 + 64, 255])
+def test_a_clock_that_ticks_too_often_for_64_bits_tells_no_time(tmp_path: Path, tick: int) -> None:
+    assert read(tmp_path, pcapng([ethernet(UDP)] * 2, tick=tick))[0] == [0]
 
 
 def test_compressed_recordings(tmp_path: Path) -> None:

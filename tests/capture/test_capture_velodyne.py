@@ -85,7 +85,7 @@ def test_one_return(
     assert frame.intensity[0] == 7 + firing
     assert frame.format is not None
     assert frame.format.header["model"] == model
-    assert frame.timestamp == 1000.0
+    assert frame.time_ns == 1000 * 10**9
     assert firings(counters) == 12 * 32
     assert (counters["packets"], counters["points"]) == (1, 1)
 

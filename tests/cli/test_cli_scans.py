@@ -90,13 +90,13 @@ def test_a_recording_becomes_a_drive(tmp_path: Path) -> None:
     run("convert", path, "-o", tmp_path / "drive")
     drive = open_kitti(tmp_path / "drive")
     assert [f.name for f in drive] == ["000000", "000001", "000002"]
-    assert drive[0].timestamp == 1000.0
+    assert drive[0].time_ns == 1000 * 10**9
     assert drive[1].scan().num_points == 75 * 384
     told = json.loads(run("info", tmp_path / "drive", "--json"))
     assert [s["points"] for s in told["scans"]] == [f.scan().num_points for f in drive]
     assert told["counters"] == {"frames": 3, "points": 188 * 384, "skipped": 0}
     source = capture.open(f"kitti:{tmp_path / 'drive'}")
-    assert [frame.timestamp for frame in source] == [f.timestamp for f in drive]
+    assert [frame.time_ns for frame in source] == [f.time_ns for f in drive]
     assert "3 scans: name a folder" in run("convert", path, "-o", tmp_path / "a.bin", code=1)
 
 

@@ -60,7 +60,7 @@ def test_scans_and_truth_come_back(folder: Path, frames: list[DriveFrame]) -> No
         label = scan.fields["label"]
         np.testing.assert_array_equal(label & 0xFFFF, made.scan.label)
         np.testing.assert_array_equal((label >> 16).astype(int) - 1, made.scan.object)
-        assert scan.timestamp == pytest.approx(946_728_000 + made.time, abs=2e-6)
+        assert scan.time_ns == pytest.approx(1e9 * (946_728_000 + made.time), abs=1000)
 
 
 def test_pictures_come_back(folder: Path, frames: list[DriveFrame]) -> None:

@@ -143,7 +143,7 @@ Found datagram_of(ByteSpan frame, std::uint32_t link, Datagram& datagram) {
 class PcapReader::Records {
  public:
   struct Record {
-    double time = 0.0;
+    std::int64_t time_ns = 0;  // since 1970
     std::uint32_t link = 0;
     bool is_whole = false;
     ByteSpan bytes;
@@ -165,6 +165,7 @@ class PcapReader::Records {
 
  private:
   static constexpr std::uint32_t kMicroseconds = 0xA1B2C3D4, kNanoseconds = 0xA1B23C4D;
+  static constexpr std::int64_t kSecond = 1'000'000'000;  // in nanoseconds
   static constexpr std::uint32_t kSection = 0x0A0D0D0A;  // the same in both byte orders
 
   static std::uint32_t swapped(std::uint32_t v) {
@@ -190,7 +191,7 @@ class PcapReader::Records {
     if (native != kMicroseconds && native != kNanoseconds) {
       throw FormatError::at_byte(0, "expected a pcap or pcapng file");
     }
-    tick_ = native == kNanoseconds ? 1e-9 : 1e-6;
+    tick_ns_ = native == kNanoseconds ? 1 : 1000;
     const ByteSpan header = bytes(24, "the header");
     // The upper half of the link type can hold the length of check sums.
     constexpr std::uint32_t kLinkMask = 0xFFFF;
@@ -201,7 +202,7 @@ class PcapReader::Records {
     if (input_.at_end()) return false;
     const std::int64_t offset = input_.offset();
     const ByteSpan header = bytes(16, "the header of a record");
-    record.time = static_cast<double>(u32(header, 0)) + tick_ * static_cast<double>(u32(header, 4));
+    record.time_ns = kSecond * u32(header, 0) + tick_ns_ * u32(header, 4);
     const std::uint32_t stored = u32(header, 8);
     record.is_whole = stored >= u32(header, 12);
     record.link = link_;
@@ -255,8 +256,28 @@ class PcapReader::Records {
 
   struct Interface {
     std::uint32_t link = 0;
-    double tick = 1e-6;
+    std::uint64_t ticks_per_second = 1'000'000;
   };
+
+  // Of if_tsresol: a power of ten, or of two where the highest bit is set. 0: more than 64 bits count.
+  static std::uint64_t per_second_of(unsigned resolution) {
+    constexpr unsigned kBinary = 0x80, kMostTens = 19;
+    const unsigned exponent = resolution & ~kBinary;
+    if ((resolution & kBinary) != 0) return exponent < 64 ? std::uint64_t{1} << exponent : 0;
+    std::uint64_t ticks = exponent <= kMostTens ? 1 : 0;
+    for (unsigned i = 0; ticks != 0 && i < exponent; ++i) ticks *= 10;
+    return ticks;
+  }
+
+  static std::int64_t nanoseconds(std::uint64_t ticks, std::uint64_t per_second) {
+    constexpr std::uint64_t kLatest = 9'000'000'000;  // seconds: the year 2255
+    if (per_second == 0) return 0;
+    const std::uint64_t seconds = std::min(ticks / per_second, kLatest);
+    const double part = static_cast<double>(ticks % per_second) /
+                        static_cast<double>(per_second);
+    return kSecond * static_cast<std::int64_t>(seconds) +
+           std::llround(static_cast<double>(kSecond) * part);
+  }
 
   [[noreturn]] static void fail_short(std::int64_t offset) {
     throw FormatError::at_byte(offset, "a block is too short for what it should hold");
@@ -269,15 +290,13 @@ class PcapReader::Records {
     if (interfaces_.size() == kMostInterfaces) {
       throw FormatError::at_byte(offset, "more than 4096 interfaces");
     }
-    Interface added{u16(body, 0), 1e-6};
+    Interface added{u16(body, 0)};
     std::size_t at = 8;
     while (at + 4 <= body.size() && u16(body, at) != 0) {
       const std::size_t size = u16(body, at + 2);
       if (size > body.size() - at - 4) fail_short(offset);
       if (u16(body, at) == kTimeResolution && size >= 1) {
-        const auto exponent = std::to_integer<int>(body[at + 4]);
-        constexpr int kBinary = 0x80;
-        added.tick = std::pow((exponent & kBinary) != 0 ? 2.0 : 10.0, -(exponent & ~kBinary));
+        added.ticks_per_second = per_second_of(std::to_integer<unsigned>(body[at + 4]));
       }
       at += 4 + (size + 3) / 4 * 4;
     }
@@ -293,9 +312,8 @@ class PcapReader::Records {
     if (index >= interfaces_.size()) {
       throw FormatError::at_byte(offset + 8, "no interface " + std::to_string(index));
     }
-    constexpr double kHigh = 4294967296.0;
-    const double ticks = kHigh * static_cast<double>(u32(body, 4)) + u32(body, 8);
-    record.time = interfaces_[index].tick * ticks;
+    const std::uint64_t ticks = std::uint64_t{u32(body, 4)} << 32 | u32(body, 8);
+    record.time_ns = nanoseconds(ticks, interfaces_[index].ticks_per_second);
     record.link = interfaces_[index].link;
     record.is_whole = stored >= u32(body, 16);
     record.bytes = body.subspan(kHeader, stored);
@@ -306,7 +324,7 @@ class PcapReader::Records {
     if (body.size() < 4) fail_short(offset);
     if (interfaces_.empty()) throw FormatError::at_byte(offset, "no interface 0");
     const std::size_t length = u32(body, 0);
-    record.time = 0.0;  // it has none
+    record.time_ns = 0;  // it has none
     record.link = interfaces_[0].link;
     record.is_whole = length <= body.size() - 4;
     record.bytes = body.subspan(4, std::min(length, body.size() - 4));
@@ -316,7 +334,7 @@ class PcapReader::Records {
   InputBuffer input_;
   bool is_ng_ = false;
   bool is_big_ = false;
-  double tick_ = 1e-6;
+  std::int64_t tick_ns_ = 1000;
   std::uint32_t link_ = 0;
   std::vector<Interface> interfaces_;
 };
@@ -334,7 +352,7 @@ bool PcapReader::next(UdpPacket& packet) {
     switch (datagram_of(record.bytes, record.link, datagram)) {
       case Found::kUdp:
         ++counters_.udp;
-        packet = {record.time, datagram.port, datagram.payload};
+        packet = {record.time_ns, datagram.port, datagram.payload};
         return true;
       case Found::kFragment:
         ++counters_.fragments;

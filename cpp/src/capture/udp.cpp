@@ -53,7 +53,7 @@ Descriptor bound_socket(const UdpOptions& options, std::uint16_t& port) {
 }
 
 struct Arrival {
-  double time = 0.0;
+  std::int64_t time_ns = 0;
   std::int64_t dropped = 0;  // by the kernel since the socket was opened; 0: it does not say
 };
 
@@ -69,7 +69,8 @@ Arrival arrival_of(msghdr& message) {
     } else if (c->cmsg_type == SCM_TIMESTAMPNS) {
       timespec time{};
       std::memcpy(&time, CMSG_DATA(c), sizeof(time));
-      arrival.time = static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+      constexpr std::int64_t kSecond = 1'000'000'000;
+      arrival.time_ns = kSecond * time.tv_sec + time.tv_nsec;
     }
   }
   return arrival;
@@ -144,7 +145,7 @@ void UdpReceiver::receive() {
       } else if ((message.msg_flags & MSG_TRUNC) != 0) {
         ++counters_.too_long;
       } else {
-        put(data.data(), static_cast<std::size_t>(size), arrival.time);
+        put(data.data(), static_cast<std::size_t>(size), arrival.time_ns);
       }
     }
     arrived_.notify_one();
@@ -152,19 +153,19 @@ void UdpReceiver::receive() {
   end_of_thread();
 }
 
-void UdpReceiver::put(const std::byte* data, std::size_t size, double time) {
+void UdpReceiver::put(const std::byte* data, std::size_t size, std::int64_t time_ns) {
   if (count_ == slots_.size()) {
     ++counters_.dropped;
     return;
   }
   const std::size_t slot = (begin_ + count_) % slots_.size();
-  slots_[slot] = {time, size};
+  slots_[slot] = {time_ns, size};
   std::memcpy(bytes_.data() + slot * kMaxUdpBytes, data, size);
   ++count_;
   ++counters_.packets;
 }
 
-bool UdpReceiver::read(std::vector<std::byte>& payload, double& time,
+bool UdpReceiver::read(std::vector<std::byte>& payload, std::int64_t& time_ns,
                        std::chrono::milliseconds timeout) {
   std::unique_lock lock(mutex_);
   arrived_.wait_for(lock, timeout, [this] { return count_ > 0 || !running_; });
@@ -172,7 +173,7 @@ bool UdpReceiver::read(std::vector<std::byte>& payload, double& time,
   const Slot& slot = slots_[begin_];
   const std::byte* data = bytes_.data() + begin_ * kMaxUdpBytes;
   payload.assign(data, data + slot.size);
-  time = slot.time;
+  time_ns = slot.time_ns;
   begin_ = (begin_ + 1) % slots_.size();
   --count_;
   return true;

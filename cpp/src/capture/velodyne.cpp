@@ -210,7 +210,7 @@ struct VelodyneDecoder::Block {
 
 struct VelodyneDecoder::Packet {
   std::array<Block, kBlocks> blocks;
-  double receive_time = 0.0;
+  std::int64_t time_ns = 0;
   double sensor_time = 0.0;  // seconds after the hour
 };
 
@@ -371,7 +371,7 @@ void VelodyneDecoder::read_returns(Packet& packet, std::span<const std::byte> pa
   }
 }
 
-void VelodyneDecoder::decode(std::span<const std::byte> payload, double receive_time) {
+void VelodyneDecoder::decode(std::span<const std::byte> payload, std::int64_t time_ns) {
   if (payload.size() == kPositionPacketBytes) {
     ++counters_.position_packets;
     return;
@@ -388,7 +388,7 @@ void VelodyneDecoder::decode(std::span<const std::byte> payload, double receive_
     return;
   }
   Packet packet;
-  packet.receive_time = receive_time;
+  packet.time_ns = time_ns;
   read_packet(payload, packet);
   read_returns(packet, payload);
   const bool some = std::any_of(packet.blocks.begin(), packet.blocks.end(),
@@ -429,7 +429,7 @@ void VelodyneDecoder::begin_frame(const Packet& packet, bool at_cut) {
   frame_ = {};
   frame_.model = *model_;
   frame_.packets = 1;
-  frame_.receive_time = packet.receive_time;
+  frame_.time_ns = packet.time_ns;
   frame_.sensor_time = packet.sensor_time;
   frame_time_ = packet.sensor_time;
   for_each_column(

@@ -33,7 +33,7 @@ ReadStatus VelodynePcapSource::read(VelodyneFrame& frame, std::chrono::milliseco
         at_end_ = true;
         decoder_.flush();
       } else if (!port_ || packet.destination_port == *port_) {
-        decoder_.decode(packet.payload, packet.time);
+        decoder_.decode(packet.payload, packet.time_ns);
       }
     }
     return ReadStatus::kFrame;
@@ -48,14 +48,14 @@ VelodyneUdpSource::VelodyneUdpSource(const UdpOptions& udp, VelodyneOptions opti
 ReadStatus VelodyneUdpSource::read(VelodyneFrame& frame, std::chrono::milliseconds timeout) {
   using Clock = std::chrono::steady_clock;
   const auto deadline = Clock::now() + timeout;
-  double time = 0.0;
+  std::int64_t time_ns = 0;
   while (!decoder_.take(frame)) {
     const auto left =
         std::chrono::duration_cast<std::chrono::milliseconds>(deadline - Clock::now());
     const bool was_running =
         receiver_.is_running();  // asked first: what came before the end counts
-    if (receiver_.read(payload_, time, std::max(left, std::chrono::milliseconds(0)))) {
-      decoder_.decode(payload_, time);
+    if (receiver_.read(payload_, time_ns, std::max(left, std::chrono::milliseconds(0)))) {
+      decoder_.decode(payload_, time_ns);
     } else if (was_running) {
       return ReadStatus::kTimeout;
     } else {

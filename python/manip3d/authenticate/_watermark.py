@@ -447,7 +447,7 @@ class Watermarker:
         scan : LidarFrame, (N, 3) or (N, 4) float32
             Metres; (N, 4) with intensity.
         time_ns : int, optional
-            Nanoseconds since 1970; by default the frame's timestamp, else the clock's.
+            Nanoseconds since 1970; by default the frame's, else the clock's.
         is_end : bool
             The session ends with this frame.
 
@@ -473,7 +473,8 @@ class Watermarker:
         clock = time.time_ns()
         if self._key.expires_ns and clock >= self._key.expires_ns:
             raise InputError("key: it has expired, and embeds no more")
-        stamp = _time_of(frame, clock) if time_ns is None else time_ns
+        if time_ns is None:
+            time_ns = clock if frame.time_ns is None else frame.time_ns
         if self._embedder is None:
             slices, least, rounding = self._options
             self._embedder = _core.WatermarkEmbedder(
@@ -481,7 +482,7 @@ class Watermarker:
             )
         exact = _exact_hash(frame)
         points, record, number, tiles = self._embedder.embed(
-            given.points, given.intensity, stamp, frame.num_dropped, is_end, exact
+            given.points, given.intensity, time_ns, frame.num_dropped, is_end, exact
         )
         marked = frame if not len(points) else frame.replace(points=points)
         return Watermarked(marked, record, number, tiles, not len(points))
@@ -599,12 +600,6 @@ def as_frame(scan: ScanLike) -> LidarFrame:
         return scan
     points, intensity, _ = to_scan(scan)
     return LidarFrame(points, intensity if len(intensity) else None)
-
-
-def _time_of(frame: LidarFrame, clock: int) -> int:
-    if frame.timestamp is None or not abs(frame.timestamp) < 9e9:
-        return clock
-    return round(frame.timestamp * 1e9)
 
 
 def _azimuths(slices: Iterable[int], num_slices: int) -> tuple[tuple[float, float], ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import os
 import shutil
 from collections.abc import Sequence
@@ -10,6 +9,7 @@ from pathlib import Path
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
+from manip3d._util.times import parse_time
 from manip3d.authenticate._watermark import Watermarked, WatermarkResult, WatermarkVerdict
 from manip3d.errors import InputError
 from manip3d.io import write_scan
@@ -171,17 +171,10 @@ def drive_times(folder: str | os.PathLike[str]) -> list[int] | None:
     path = path_of(folder) / "velodyne_points" / "timestamps.txt"
     try:
         lines = path.read_text(encoding="ascii").split("\n")
-        times = [_nanoseconds(line) for line in lines if line.strip()]
+        times = [parse_time(line) for line in lines if line.strip()]
     except (OSError, ValueError):
         return None
     return times if len(times) == len(drive_scans(folder)) else None
-
-
-def _nanoseconds(line: str) -> int:
-    """The time of a line such as ``2011-09-26 13:02:25.594360375``, UTC."""
-    seconds, _, fraction = line.strip().partition(".")
-    moment = datetime.datetime.fromisoformat(seconds).replace(tzinfo=datetime.UTC)
-    return round(moment.timestamp()) * 10**9 + int((fraction + "0" * 9)[:9])
 
 
 def _scan_folder(folder: str | os.PathLike[str]) -> Path:

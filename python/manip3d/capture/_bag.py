@@ -123,9 +123,7 @@ class BagRecording:
         lowered = header["frame_id"].lower()
         at_sensor = not any(name in lowered for name in _FIXED_FRAMES)
         stamp = header["stamp_ns"] or header["received_ns"]
-        return frame_of_table(
-            table, origin=(0.0, 0.0, 0.0) if at_sensor else None, timestamp=stamp / 1e9
-        )
+        return frame_of_table(table, origin=(0.0, 0.0, 0.0) if at_sensor else None, time_ns=stamp)
 
     def _dtype(self, header: dict[str, Any], where: str) -> tuple[np.dtype[Any], dict[str, str]]:
         """The layout of a point, and the key of each named field; the first of a name counts."""

@@ -162,11 +162,11 @@ def open_lidar(
     LidarSource
         Its frames have x forward, y left, z up, metres; ``intensity`` 0 to 255 as sent; ``ring``
         0 the highest laser; ``fields``: ``laser`` (number in the packet), ``azimuth`` (degrees),
-        ``range`` (metres, as sent), ``time`` (seconds after ``timestamp``), ``return_type`` (see
-        `RETURN_TYPES`). ``timestamp`` is when the frame's first packet was received. ``format``
+        ``range`` (metres, as sent), ``time`` (seconds after ``time_ns``), ``return_type`` (see
+        `RETURN_TYPES`). ``time_ns`` is when the frame's first packet was received. ``format``
         tells the model, the sensor's own time and whether the turn is complete. An Ouster's
         ``fields`` are ``column``, ``range``, ``time``, ``return`` (1, 2) and its own (``near_ir``).
-        A bag's are those of its messages; ``timestamp`` is the message's own, else when it was
+        A bag's are those of its messages; ``time_ns`` is the message's own, else when it was
         recorded; ``origin`` is None where the frame's name says that the scanner is elsewhere
         (``base_link``, ``map``, ``odom``).
 
@@ -295,7 +295,7 @@ def _to_frame(fields: dict[str, Any], uri: str) -> LidarFrame:
     return LidarFrame(
         points=fields.pop("points").reshape(-1, 3),
         intensity=fields.pop("intensity"),
-        timestamp=fields.pop("receive_time"),
+        time_ns=fields.pop("time_ns"),
         ring=fields.pop("ring"),
         origin=(0.0, 0.0, 0.0),
         source=uri,

@@ -82,7 +82,7 @@ class OusterRecording:
         return LidarFrame(
             points=merged["points"],
             intensity=merged["REFLECTIVITY"].astype(np.float32),
-            timestamp=float(received.min()) * 1e-9 if received.size else None,
+            time_ns=int(received.min()) if received.size else None,
             ring=merged["row"],
             origin=(0.0, 0.0, 0.0),
             source=self._uri,

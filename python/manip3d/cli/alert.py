@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from manip3d._util.times import SECOND_NS
 from manip3d.cli.kinds import expect_kind
 from manip3d.cli.options import MISSED, Force, Json, MostFrames, OptionalOutput, Quiet
 from manip3d.cli.terminal import Terminal, check_output, counted, table
@@ -205,7 +206,7 @@ def _scans_only(source: str, frames: int | None) -> tuple[None, Iterator[_Moment
     def moments() -> Iterator[_Moment]:
         with capture.open_lidar(address) as recording:
             for frame in itertools.islice(recording, frames):
-                yield _Moment(frame, None, None, None, frame.timestamp)
+                yield _Moment(frame, None, None, None, _seconds(frame.time_ns))
 
     return None, moments(), frames or 0
 
@@ -259,9 +260,13 @@ def _recorded(
             if has_key and beside.is_file():
                 record = authenticate.read_record(beside)
             pictures = None if pair is None else frame.pictures(*pair)
-            yield _Moment(frame.scan(), pictures, record, frame.velocity(), frame.timestamp)
+            yield _Moment(frame.scan(), pictures, record, frame.velocity(), _seconds(frame.time_ns))
 
     return rig, moments(), len(chosen)
+
+
+def _seconds(time_ns: int | None) -> float | None:
+    return None if time_ns is None else time_ns / SECOND_NS
 
 
 class _View:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from manip3d._util.times import SECOND_NS
 from manip3d.cli.terminal import Terminal, count, table
 from manip3d.errors import InputError
 from manip3d.io._scan_tables import scan_suffix
@@ -60,12 +61,12 @@ def summary(source: str, terminal: Terminal, calibration: Path | None = None) ->
 def _told(source: str, scans: list[dict[str, Any]]) -> dict[str, Any]:
     """All scans, and how long they take together where each says when it began."""
     record: dict[str, Any] = {"file": source, "unit": "m", "scans": scans}
-    times = [scan["timestamp"] for scan in scans]
+    times = [scan["time_ns"] for scan in scans]
     if len(times) < 2 or None in times:
         return record
     return record | {
-        "seconds": times[-1] - times[0],
-        "frames_per_second": 1.0 / float(np.median(np.diff(times)))
+        "seconds": (times[-1] - times[0]) / SECOND_NS,
+        "frames_per_second": SECOND_NS / float(np.median(np.diff(times)))
         if np.all(np.diff(times) > 0)
         else None,
     }
@@ -87,7 +88,7 @@ def _describe(frame: LidarFrame) -> dict[str, Any]:
         "intensity": _extent(frame.intensity),
         "ring": _extent(frame.ring),
         "rings": None if frame.ring is None else len(np.unique(frame.ring)),
-        "timestamp": frame.timestamp,
+        "time_ns": frame.time_ns,
         "fields": {name: str(values.dtype) for name, values in frame.fields.items()},
     }
     told = ("model", "sensor_time", "packets", "is_complete")
@@ -177,7 +178,7 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
     times = []
     for number, scan in enumerate(scans):
         scan.write(folder / f"{number:06d}.bin")
-        times.append(scan.timestamp)
+        times.append(scan.time_ns)
     if times and None not in times:
-        atomic_write(output / "times.txt", "".join(f"{time!r}\n" for time in times))
+        atomic_write(output / "times.txt", "".join(f"{time / SECOND_NS:.9f}\n" for time in times))
     terminal.say(f"wrote {len(times)} scans to {output}{os.sep}")

@@ -12,7 +12,6 @@ import math
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
@@ -21,6 +20,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.paths import path_of
+from manip3d._util.times import nanoseconds, parse_time
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import regular_bytes
 from manip3d.io._images import require
@@ -105,8 +105,8 @@ class KittiFrame:
     scan_path : Path
     images : mapping of int to Path
         By camera, those that are here.
-    timestamp : float or None
-        Of the scan, seconds since 1970.
+    time_ns : int or None
+        Of the scan, nanoseconds since 1970 (odometry drives: since their first frame).
     label_path, truth_path, disparity_path, oxts_path : Path or None
         Objects (``label_2``), labels of points (``labels/NAME.label``, one uint32 per point as in
         SemanticKITTI), disparity ground truth (``disp_occ_0``), position (``oxts``).
@@ -116,7 +116,7 @@ class KittiFrame:
     name: str
     scan_path: Path
     images: Mapping[int, Path]
-    timestamp: float | None
+    time_ns: int | None
     label_path: Path | None
     truth_path: Path | None
     disparity_path: Path | None
@@ -131,7 +131,7 @@ class KittiFrame:
         FormatError
             The scan is damaged, or there is another number of labels than points.
         """
-        frame = read_scan(self.scan_path).replace(timestamp=self.timestamp)
+        frame = read_scan(self.scan_path).replace(time_ns=self.time_ns)
         if self.truth_path is None:
             return frame
         raw = regular_bytes(self.truth_path)
@@ -278,7 +278,7 @@ class KittiDrive:
             name=name,
             scan_path=scan,
             images=images,
-            timestamp=self._times.get(int(name)) if name.isdecimal() else None,
+            time_ns=self._times.get(int(name)) if name.isdecimal() else None,
             label_path=_first([self.path / "label_2" / f"{name}.txt"]),
             truth_path=_first([truth / "labels" / f"{name}.label"]),
             disparity_path=_first([self.path / "disp_occ_0" / f"{name}.png"]),
@@ -491,8 +491,8 @@ def _find_calibration(path: Path, given: Path | None) -> tuple[Path | None, bool
     return None, False
 
 
-def _times(path: Path, raw: bool) -> dict[int, float]:
-    """Seconds by frame number: line n of the file is frame n."""
+def _times(path: Path, raw: bool) -> dict[int, int]:
+    """Nanoseconds by frame number: line n of the file is frame n."""
     file = path / ("velodyne_points/timestamps.txt" if raw else "times.txt")
     if not file.is_file():
         return {}
@@ -501,21 +501,12 @@ def _times(path: Path, raw: bool) -> dict[int, float]:
         if not line.strip():
             continue
         try:
-            times[number] = parse_time(line) if raw else _finite(line)
+            times[number] = parse_time(line) if raw else nanoseconds(float(line))
         except ValueError:
             raise FormatError(
                 f"expected a time, got {line[:40]!r}", file=str(file), line=number + 1
             ) from None
     return times
-
-
-def parse_time(text: str) -> float:
-    """Seconds since 1970 of ``2011-09-26 13:02:44.317412775``, which names no time zone: UTC."""
-    whole, _, fraction = text.strip().partition(".")
-    if fraction and not (fraction.isascii() and fraction.isdigit()):
-        raise ValueError(f"expected digits after the point, got {fraction!r}")
-    moment = datetime.strptime(whole, "%Y-%m-%d %H:%M:%S").replace(tzinfo=UTC)
-    return moment.timestamp() + (float(f"0.{fraction}") if fraction else 0.0)
 
 
 def _picture(path: Path) -> NDArray[np.uint8]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
-from manip3d.datasets.kitti import parse_time
+from manip3d._util.times import parse_time
 from manip3d.errors import FormatError
 from manip3d.io import read_depth
 from manip3d.io._text_files import text_of
@@ -140,7 +140,7 @@ class RangeImageFolder(Sequence[LidarFrame]):
         row, column = np.nonzero(ranges)
         return LidarFrame(
             points=layout.points(ranges)[row, column].astype(np.float32),
-            timestamp=self._time(index),
+            time_ns=self._time(index),
             ring=row.astype(np.uint16),
             origin=(0.0, 0.0, 0.0),
             source=str(path),
@@ -151,7 +151,7 @@ class RangeImageFolder(Sequence[LidarFrame]):
             format=ScanFormat("range-image", header={"shape": expected}),
         )
 
-    def _time(self, index: int) -> float | None:
+    def _time(self, index: int) -> int | None:
         if index >= len(self._times):
             return None
         try:

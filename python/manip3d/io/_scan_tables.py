@@ -111,7 +111,7 @@ def frame_of_table(
     table: Table,
     *,
     origin: tuple[float, float, float] | None,
-    timestamp: float | None = None,
+    time_ns: int | None = None,
 ) -> LidarFrame:
     """The scan that a table of points is: those without coordinates (NaN) are left out.
 
@@ -140,7 +140,7 @@ def frame_of_table(
         intensity=None if intensity is None else _finite(intensity.astype(np.float32), name),
         ring=ring,
         origin=origin,
-        timestamp=timestamp,
+        time_ns=time_ns,
         source=name,
         fields={key: np.ascontiguousarray(values) for key, values in by_name.items()},
         exact=exact_coordinates(stored, points),

@@ -17,6 +17,7 @@ from manip3d._util.checked import checked
 from manip3d._util.linear import product
 from manip3d._util.options import generator_of, reporting
 from manip3d._util.paths import path_of
+from manip3d._util.times import SECOND_NS
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.io._files import atomic_folder
 from manip3d.lidar import Box
@@ -35,8 +36,8 @@ __all__ = ["DriveFrame", "drive", "write_drive"]
 DATE = "2000_01_01"
 """Of simulated drives: no real one has it."""
 _START = datetime(2000, 1, 1, 12, 0, 0, tzinfo=UTC)
-EPOCH = _START.timestamp()
-"""Seconds since 1970 of a street's time 0."""
+EPOCH_NS = int(_START.timestamp()) * SECOND_NS
+"""A street's time 0, nanoseconds since 1970."""
 _ORIGIN = (49.0, 8.4)  # latitude and longitude of the street's zero, made up
 _EARTH_RADIUS = 6378137.0
 

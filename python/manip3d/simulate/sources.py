@@ -8,10 +8,11 @@ from typing import Any, TypeVar
 from urllib.parse import parse_qsl, urlsplit
 
 from manip3d._util.checked import checked
+from manip3d._util.times import nanoseconds
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
 from manip3d.simulate import scenes
-from manip3d.simulate.drives import EPOCH, DriveFrame, drive
+from manip3d.simulate.drives import EPOCH_NS, DriveFrame, drive
 from manip3d.simulate.people import BodySimulator
 from manip3d.simulate.streets import street
 from manip3d.simulate.terrestrial import terrestrial_scan
@@ -68,7 +69,7 @@ def open_source(address: str, *, threads: int = 0) -> Iterator[LidarFrame] | Bod
         frames, start = _taken(options, "frames", int, 10), _taken(options, "start", float, 0.0)
         _refuse_others(options, address)
         return (
-            frame.scan.frame.replace(source=address, timestamp=EPOCH + frame.time)
+            frame.scan.frame.replace(source=address, time_ns=EPOCH_NS + nanoseconds(frame.time))
             for frame in drive(
                 street(seed), frames, start=start, pictures=False, rng=seed, threads=threads
             )

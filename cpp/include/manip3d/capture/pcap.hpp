@@ -16,7 +16,7 @@ namespace manip3d {
 
 /// One UDP payload, valid until the next call of PcapReader::next.
 struct UdpPacket {
-  double time = 0.0;  ///< Seconds since 1970.
+  std::int64_t time_ns = 0;  ///< Since 1970.
   std::uint16_t destination_port = 0;
   std::span<const std::byte> payload;
 };

@@ -49,7 +49,7 @@ class UdpReceiver {
   void stop();
   /// The oldest packet that waits; false when none comes within `timeout`, or none waits after
   /// `stop`.
-  bool read(std::vector<std::byte>& payload, double& time, std::chrono::milliseconds timeout);
+  bool read(std::vector<std::byte>& payload, std::int64_t& time_ns, std::chrono::milliseconds timeout);
 
   [[nodiscard]] std::uint16_t port() const { return port_; }
   [[nodiscard]] bool is_running() const;
@@ -57,13 +57,13 @@ class UdpReceiver {
 
  private:
   struct Slot {
-    double time = 0.0;
+    std::int64_t time_ns = 0;
     std::size_t size = 0;
   };
 
   void receive();
   void end_of_thread();
-  void put(const std::byte* data, std::size_t size, double time);
+  void put(const std::byte* data, std::size_t size, std::int64_t time_ns);
 
   Descriptor socket_;
   Descriptor wake_;  // an eventfd that ends the wait of the thread

@@ -103,8 +103,8 @@ struct VelodyneFrame {
   std::vector<float> range;               ///< As sent, metres, without the calibration's offsets.
   std::vector<float> time;                ///< Seconds after the frame's first packet.
   VelodyneModel model = VelodyneModel::kVlp16;
-  double receive_time = 0.0;  ///< Arrival of the first packet, as its receiver noted.
-  double sensor_time = 0.0;   ///< Time in the first packet, seconds after the hour.
+  std::int64_t time_ns = 0;  ///< Arrival of the first packet since 1970, as its receiver noted.
+  double sensor_time = 0.0;  ///< Time in the first packet, seconds after the hour.
   std::int64_t packets = 0;
   bool is_complete = false;  ///< Began and ended at the cut.
 
@@ -122,7 +122,7 @@ class VelodyneDecoder {
 
   /// Adds one UDP payload.
   /// @throws InputError  it is the first one of an HDL-64E, and there is no calibration.
-  void decode(std::span<const std::byte> payload, double receive_time);
+  void decode(std::span<const std::byte> payload, std::int64_t time_ns);
   /// Takes the oldest frame that has ended.
   bool take(VelodyneFrame& frame);
   /// Ends the frame in progress; it is not complete.
