@@ -108,14 +108,14 @@ def test_mask_is_that_of_the_formulas(turn: float) -> None:
     assert len(result.regions) == 1
     region = result.regions[0]
     columns = result.mask.shape[1]
-    assert (region.columns[0] > region.columns[1]) == (turn > 0)
-    width = (region.columns[1] - region.columns[0]) % columns + 1
+    assert (region.mask_columns[0] > region.mask_columns[1]) == (turn > 0)
+    width = (region.mask_columns[1] - region.mask_columns[0]) % columns + 1
     assert width * result.grid.azimuth_deg == pytest.approx(
         2 * math.degrees(math.asin(0.6 / 3.0)), abs=1.0
     )
     # The only region: its first and last row are those of the marked cells.
     marked_rows = np.flatnonzero(result.mask.any(axis=1))
-    assert region.rows == (marked_rows[0], marked_rows[-1])
+    assert region.mask_rows == (marked_rows[0], marked_rows[-1])
 
 
 def test_region_is_the_object() -> None:

@@ -62,7 +62,7 @@ def test_raw_drive(tmp_path: Path) -> None:
     assert second.scan().fields["label"].tolist() == list(range(50))
     assert first.scan().fields == {}
     # The second scan is frame 2: the third line of the timestamps.
-    assert second.time_ns == 1_293_840_002_500_000_000
+    assert second.time_ns == 1_293_840_002_500_000_001
     assert second.scan().time_ns == second.time_ns
     assert (sorted(first.images), sorted(second.images)) == ([], [2])
     assert [f.name for f in drive[1:]] == ["0000000002"]

@@ -89,9 +89,11 @@ from manip3d.authenticate._streams import (
 from manip3d.authenticate._turns import TurnRegion, TurnResult, turn_consistency
 from manip3d.authenticate._verdict import (
     Calibration,
+    Detection,
     Power,
     Processing,
     Region,
+    RegionLike,
     Verdict,
     likelihood_ratio,
 )
@@ -143,6 +145,7 @@ __all__ = [
     "CrossModalResult",
     "DensityParameters",
     "DensityResult",
+    "Detection",
     "DetectorReport",
     "Disparity",
     "DriveEvidence",
@@ -164,6 +167,7 @@ __all__ = [
     "ReflectanceRegion",
     "ReflectanceResult",
     "Region",
+    "RegionLike",
     "Risk",
     "RiskParameters",
     "RiskTracker",

@@ -12,11 +12,13 @@ from manip3d._util.checked import checked
 from manip3d._util.options import reporting, threads_of
 from manip3d._util.showing import Showable
 from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
-from manip3d.authenticate._verdict import Calibration, Verdict
+from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Region, Verdict
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, ScanLike, placed, to_scan
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import ArrayLike, NDArray
 
     from manip3d._util.options import Progress
@@ -138,8 +140,8 @@ class DensityResult(Showable):
         Ranges that are off, from and to.
     suspected : int32 array
         Rows of the points there, ascending.
-    boxes : tuple of Box
-        One, around all suspected points; none where there are none.
+    regions : tuple of Region
+        One, of all suspected points; none where there are none.
     score : float
         The largest deviation that persists, over its threshold: tampered from 1 on.
     parameters : DensityParameters
@@ -157,11 +159,26 @@ class DensityResult(Showable):
     ratio: Floats
     offending: Floats
     suspected: NDArray[np.int32]
-    boxes: tuple[Box, ...]
+    regions: tuple[Region, ...]
     score: float
     parameters: DensityParameters
     calibration: Calibration | None
     scan: LidarFrame | None = field(default=None, repr=False)
+
+    @property
+    def boxes(self) -> tuple[Box, ...]:
+        """Around the suspected points of each region, metres."""
+        return tuple(region.box for region in self.regions)
+
+    @property
+    def p_value(self) -> float | None:
+        """None: the detector states none."""
+        return None
+
+    @property
+    def power(self) -> Mapping[str, Power]:
+        """Empty: it depends on the scanner, see `inspect`."""
+        return NO_POWER
 
 
 @checked
@@ -284,7 +301,7 @@ def density_consistency(
         ratio,
         _ranges(np.asarray(off.any(axis=0)), edges),
         suspected,
-        _boxes(scene.points, suspected),
+        _regions(scene.points, suspected),
         score,
         parameters,
         _calibration(parameters),
@@ -396,13 +413,14 @@ def _ranges(off: NDArray[np.bool_], edges: Floats) -> Floats:
     return np.column_stack([edges[np.flatnonzero(steps == 1)], edges[np.flatnonzero(steps == -1)]])
 
 
-def _boxes(points: NDArray[np.float32], rows: NDArray[np.int32]) -> tuple[Box, ...]:
-    """One box around the points."""
+def _regions(points: NDArray[np.float32], rows: NDArray[np.int32]) -> tuple[Region, ...]:
+    """One region of all the points."""
     if not len(rows):
         return ()
     low = points[rows].min(axis=0).astype(np.float64)
     high = points[rows].max(axis=0).astype(np.float64)
-    return (Box(tuple(((low + high) / 2).tolist()), tuple((high - low).tolist())),)
+    box = Box(tuple(((low + high) / 2).tolist()), tuple((high - low).tolist()))
+    return (Region(box, rows.astype(np.int64)),)
 
 
 def _calibration(parameters: DensityParameters) -> Calibration | None:

@@ -16,7 +16,7 @@ from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
 from manip3d.authenticate._carriers import ALLOWED, allowing
 from manip3d.authenticate._lattice import SensorLattice, estimate_lattice
-from manip3d.authenticate._verdict import Verdict
+from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
 
@@ -73,6 +73,15 @@ REASONS = {
     "no previous": "no frame before or after on the same lattice was given",
     "no lattice": "no lattice of a spinning scanner was found",
 }
+
+
+IN_WORDS: dict[Verdict, str] = {
+    "no_trace": "points lie where the sensor can measure",
+    "tampered": "points lie where the sensor cannot measure",
+    "processed": "the whole scan contradicts a part of the sensor's lattice",
+    "undecidable": "the scan does not stand on the lattice of a spinning scanner",
+}
+"""Reasons of the verdicts."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +145,8 @@ class GenericResult(Showable):
     verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
         ``processed``: the whole frame contradicts a kind of evidence that the lattice knows, so
         that an edit may have gone unseen.
+    reason : str
+        In words.
     p_value : float
         Probability, at most, that a clean frame shows evidence as strong; the verdict is
         ``tampered`` where it does not exceed ``false_alarm_rate``.
@@ -161,6 +172,7 @@ class GenericResult(Showable):
     """
 
     verdict: Verdict
+    reason: str
     p_value: float
     score: float
     false_alarm_rate: float
@@ -170,6 +182,16 @@ class GenericResult(Showable):
     evidence_map: NDArray[np.uint16]
     lattice: SensorLattice | None
     scan: LidarFrame | None = field(default=None, repr=False)
+
+    @property
+    def power(self) -> Mapping[str, Power]:
+        """Empty: it depends on the scanner, see `inspect`."""
+        return NO_POWER
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """None: what is clean is told by the lattice, not by thresholds fixed on scans."""
+        return None
 
     @property
     def contradicted(self) -> frozenset[str]:
@@ -210,6 +232,7 @@ class GenericResult(Showable):
         return replace(
             self,
             verdict="tampered" if kept else quiet,
+            reason=IN_WORDS["tampered" if kept else quiet],
             p_value=min((region.p_value for region in kept), default=1.0),
             score=self.score if kept else 0.0,
             evidence=evidence,
@@ -413,8 +436,11 @@ def _judged(
         for i in sorted(alarming, key=lambda i: (logs[i], i))
     )
     suspected = np.flatnonzero(np.isin(found["region_of_point"], alarming))
+    quiet = _quiet_verdict(evidence, found["directions"], is_stated)
+    verdict: Verdict = "tampered" if alarming else quiet
     return GenericResult(
-        "tampered" if alarming else _quiet_verdict(evidence, found["directions"], is_stated),
+        verdict,
+        IN_WORDS[verdict],
         10.0 ** min(logs, default=0.0),
         abs(min(best, default=0.0)),
         false_alarm_rate,
@@ -536,6 +562,7 @@ def _undecidable(false_alarm_rate: float) -> GenericResult:
     nothing = EvidenceReport(False, REASONS["no lattice"], 0.0, 0.0, 1.0)
     return GenericResult(
         "undecidable",
+        IN_WORDS["undecidable"],
         1.0,
         0.0,
         false_alarm_rate,

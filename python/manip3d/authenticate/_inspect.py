@@ -34,6 +34,7 @@ from manip3d.authenticate._reflectance import ReflectanceResult, reflectance_con
 from manip3d.authenticate._sensors import Sensor, identify_sensor, nothing_to_tell
 from manip3d.authenticate._turns import TurnResult, turn_consistency
 from manip3d.authenticate._verdict import (
+    NO_POWER,
     Calibration,
     Power,
     Processing,
@@ -75,18 +76,6 @@ FALSE_ALARM_RATE = 0.01
 """Of clean frames that detector III may call tampered."""
 
 
-def _no_power() -> Mapping[str, Power]:
-    return ReadOnlyMapping({})
-
-
-_GENERIC_REASONS = {
-    "no_trace": "points lie where the sensor can measure",
-    "tampered": "points lie where the sensor cannot measure",
-    "processed": "the whole scan contradicts a part of the sensor's lattice",
-    "undecidable": "the scan does not stand on the lattice of a spinning scanner",
-}
-
-
 @dataclass(frozen=True, eq=False)
 class DetectorReport:
     """What one detector says of a scan, in the words that all of them share.
@@ -119,7 +108,7 @@ class DetectorReport:
     p_value: float | None = None
     regions: tuple[Region, ...] = ()
     suspected: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64), repr=False)
-    power: Mapping[str, Power] = field(default_factory=_no_power, repr=False)
+    power: Mapping[str, Power] = field(default_factory=lambda: NO_POWER, repr=False)
     calibration: Calibration | None = None
 
     @property
@@ -390,7 +379,7 @@ def inspect(
     result = replace(_with_watermark(result, signed), scan=scan.replace(origin=result.origin))
     if power:
         return result
-    bare = tuple(replace(report, power=_no_power()) for report in result.detectors)
+    bare = tuple(replace(report, power=NO_POWER) for report in result.detectors)
     return replace(result, detectors=bare)
 
 
@@ -716,7 +705,7 @@ def _at_origin(frame: LidarFrame, place: Place) -> LidarFrame:
 
 
 def _of_angles(name: str, found: DensityResult | OcclusionResult, sensor: Sensor) -> DetectorReport:
-    regions = tuple(Region(box, found.suspected.astype(np.int64)) for box in found.boxes)
+    regions = tuple(Region(region.box, region.rows) for region in found.regions)
     return DetectorReport(
         name, found.verdict, found.reason, found.score, None, regions,
         found.suspected.astype(np.int64), known_power(name, sensor), found.calibration,
@@ -735,7 +724,7 @@ def _of_generic(
         for region in found.regions
     )
     return DetectorReport(
-        "generic", found.verdict, _GENERIC_REASONS[found.verdict], found.score, found.p_value,
+        "generic", found.verdict, found.reason, found.score, found.p_value,
         regions, found.suspected, known_power("generic", sensor, embedding),
     )  # fmt: skip
 
@@ -769,7 +758,7 @@ def _of_reflectance(
     return DetectorReport(
         "reflectance", found.verdict, found.reason, found.score if judged else None,
         found.p_value if judged else None, regions, found.suspected,
-        power if judged else _no_power(), found.calibration,
+        power if judged else NO_POWER, found.calibration,
     )  # fmt: skip
 
 

@@ -13,11 +13,13 @@ from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
 from manip3d._util.showing import Showable
 from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
-from manip3d.authenticate._verdict import Calibration, Verdict
+from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, Scan, ScanLike, origin_of, placed, to_scan
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import ArrayLike, NDArray
 
 
@@ -119,7 +121,7 @@ RINGS_CALIBRATION = Calibration(
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OcclusionRegion:
     """Cells in which something is seen behind something else, grown together.
 
@@ -131,20 +133,28 @@ class OcclusionRegion:
         Median of what is in front.
     area : float, square metres
         Solid angle times squared range.
-    rows, columns : (int, int)
-        First and last row and column in `OcclusionResult.mask`; ``columns[0] > columns[1]``: the
-        region crosses azimuth 180 degrees.
+    mask_rows, mask_columns : (int, int)
+        First and last row and column in `OcclusionResult.mask`; ``mask_columns[0] >
+        mask_columns[1]``: the region crosses azimuth 180 degrees.
     box : Box
         Around its suspected points.
+    rows : (K,) int64
+        Rows of its suspected points, ascending.
     """
 
     cells: int
     solid_angle: float
     range: float
     area: float
-    rows: tuple[int, int]
-    columns: tuple[int, int]
+    mask_rows: tuple[int, int]
+    mask_columns: tuple[int, int]
     box: Box
+    rows: NDArray[np.int64]
+
+    @property
+    def p_value(self) -> float | None:
+        """None: the detector states none."""
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,8 +172,6 @@ class OcclusionResult(Showable):
         Before.
     regions : tuple of OcclusionRegion
         Above A_th, the largest first.
-    boxes : tuple of Box
-        Of the regions.
     suspected : int32 array
         Rows of the points in front, ascending.
     multiple : float
@@ -197,8 +205,18 @@ class OcclusionResult(Showable):
 
     @property
     def boxes(self) -> tuple[Box, ...]:
-        """Around the suspected points of each region."""
+        """Around the suspected points of each region, metres."""
         return tuple(region.box for region in self.regions)
+
+    @property
+    def p_value(self) -> float | None:
+        """None: the detector states none."""
+        return None
+
+    @property
+    def power(self) -> Mapping[str, Power]:
+        """Empty: it depends on the scanner, see `inspect`."""
+        return NO_POWER
 
 
 @checked
@@ -306,11 +324,14 @@ def occlusion_consistency(
             threads_of(threads),
         )
     )
-    every = tuple(_region(values, first) for values in found)
-    regions = tuple(region for region in every if region.area >= parameters.min_area)
-    suspected = suspected[component < len(regions)]  # the largest come first
     if first_echoes is not None:
         suspected = first_echoes[suspected].astype(np.int32)
+    every = tuple(
+        _region(values, first, suspected[component == number].astype(np.int64))
+        for number, values in enumerate(found)
+    )
+    regions = tuple(region for region in every if region.area >= parameters.min_area)
+    suspected = suspected[component < len(regions)]  # the largest come first
     share = multiple / max(occupied, 1)
     verdict: Verdict = "tampered" if regions else "no_trace"
     reason = "nothing is seen behind anything"
@@ -373,7 +394,7 @@ def _radians(grid: AngularGrid) -> tuple[float, float, float, float, float, floa
     )
 
 
-def _region(values: tuple[Any, ...], first: int) -> OcclusionRegion:
+def _region(values: tuple[Any, ...], first: int, members: NDArray[np.int64]) -> OcclusionRegion:
     """The core counts rows of the whole grid; the mask begins with row ``first`` of that."""
     cells, solid_angle, distance, area, row0, row1, column0, column1, box = values
     center, size, yaw = box
@@ -385,6 +406,7 @@ def _region(values: tuple[Any, ...], first: int) -> OcclusionRegion:
         (row0 - first, row1 - first),
         (column0, column1),
         Box(tuple(center), tuple(size), yaw),
+        members,
     )
 
 

@@ -17,7 +17,7 @@ from manip3d._util.options import threads_of
 from manip3d.authenticate._generic import largest_group, tight_box
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._turns import TurnResult, turn_consistency
-from manip3d.authenticate._verdict import Calibration, Verdict
+from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
 
@@ -127,6 +127,11 @@ class ReflectanceResult:
     regions: tuple[ReflectanceRegion, ...]
     suspected: NDArray[np.int64]
     calibration: Calibration = field(repr=False)
+
+    @property
+    def power(self) -> Mapping[str, Power]:
+        """Empty: it depends on the scanner, see `inspect`."""
+        return NO_POWER
 
 
 _REASONS = {

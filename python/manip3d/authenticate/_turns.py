@@ -15,7 +15,7 @@ from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import threads_of
 from manip3d.authenticate._generic import largest_group, tight_box
 from manip3d.authenticate._lattice import SensorLattice
-from manip3d.authenticate._verdict import Calibration, Verdict
+from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
 
@@ -118,6 +118,11 @@ class TurnResult:
     previous: NDArray[np.float64] = field(repr=False)
     following: NDArray[np.float64] = field(repr=False)
     calibration: Calibration = field(repr=False)
+
+    @property
+    def power(self) -> Mapping[str, Power]:
+        """Empty: it depends on the scanner, see `inspect`."""
+        return NO_POWER
 
 
 CALIBRATION = Calibration(

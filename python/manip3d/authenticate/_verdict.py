@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from manip3d._util.mappings import ReadOnlyMapping
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from manip3d.lidar import Box
@@ -103,6 +105,73 @@ class Region:
             "p_value": self.p_value,
             "evidence": dict(self.evidence),
         }
+
+
+NO_POWER: Mapping[str, Power] = ReadOnlyMapping({})
+"""Of a detector that knows nothing of the scanner: `inspect` looks its power up."""
+
+
+@runtime_checkable
+class RegionLike(Protocol):
+    """A region, whatever else its detector tells of it; see `Region`."""
+
+    @property
+    def box(self) -> Box: ...
+    @property
+    def rows(self) -> NDArray[np.int64]: ...
+    @property
+    def p_value(self) -> float | None: ...
+
+
+@runtime_checkable
+class Detection(Protocol):
+    """What every detector of an edited LiDAR scan returns, whatever it looks at.
+
+    Attributes
+    ----------
+    verdict : str
+        One of `Verdict`; of a keyed watermark one of `WatermarkVerdict`.
+    reason : str
+        The verdict's reason in words.
+    score : float or None
+        The detector's own measure, larger is more suspicious; None: it could not judge.
+    p_value : float or None
+        Probability, at most, that a clean scan shows as much; None: the detector states none.
+    regions : sequence of RegionLike
+        Places with evidence, each with a ``box``, ``rows`` and a ``p_value``.
+    suspected : (K,) integers
+        Rows of the suspected points, ascending.
+    power : mapping of str to Power
+        Share of the edits of each class that are found; empty: the detector alone does not know
+        the scanner, and `inspect` tells.
+    calibration : Calibration or None
+        Where the thresholds come from; None: a publication, a user, or none are needed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import authenticate
+    >>> empty = np.zeros((0, 3), np.float32)
+    >>> isinstance(authenticate.density_consistency(empty), authenticate.Detection)
+    True
+    """
+
+    @property
+    def verdict(self) -> str: ...
+    @property
+    def reason(self) -> str: ...
+    @property
+    def score(self) -> float | None: ...
+    @property
+    def p_value(self) -> float | None: ...
+    @property
+    def regions(self) -> Sequence[RegionLike]: ...
+    @property
+    def suspected(self) -> NDArray[np.integer[Any]]: ...
+    @property
+    def power(self) -> Mapping[str, Power]: ...
+    @property
+    def calibration(self) -> Calibration | None: ...
 
 
 @dataclass(frozen=True)

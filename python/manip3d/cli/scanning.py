@@ -175,10 +175,12 @@ def _write_folder(scans: Iterator[LidarFrame], output: Path, terminal: Terminal)
 
     folder = output / "velodyne"
     folder.mkdir(parents=True, exist_ok=True)
-    times = []
+    count_written, times = 0, []
     for number, scan in enumerate(scans):
         scan.write(folder / f"{number:06d}.bin")
-        times.append(scan.time_ns)
-    if times and None not in times:
-        atomic_write(output / "times.txt", "".join(f"{time / SECOND_NS:.9f}\n" for time in times))
-    terminal.say(f"wrote {len(times)} scans to {output}{os.sep}")
+        count_written += 1
+        if scan.time_ns is not None:
+            times.append(f"{scan.time_ns // SECOND_NS}.{scan.time_ns % SECOND_NS:09d}\n")
+    if times and len(times) == count_written:
+        atomic_write(output / "times.txt", "".join(times))
+    terminal.say(f"wrote {count_written} scans to {output}{os.sep}")
