@@ -12,6 +12,7 @@
 #include "interruptible.hpp"
 #include "manip3d/io/mesh_file.hpp"
 #include "manip3d/io/range_grid.hpp"
+#include "manip3d/io/scene_file.hpp"
 #include "manip3d/io/temporary.hpp"
 #include "mesh.hpp"
 #include "modules.hpp"
@@ -19,6 +20,8 @@
 
 namespace manip3d::bindings {
 namespace {
+
+using RowMatrix4 = Eigen::Matrix<double, 4, 4, Eigen::RowMajor>;
 
 py::list to_list(const std::vector<std::string>& strings) {
   py::list list;
@@ -41,9 +44,73 @@ ReadOptions read_options(bool allow_outside, std::uint64_t max_bytes) {
   return options;
 }
 
+// (nodes, meshes, document, buffer, warnings); a node is (name, parent, mesh, transform, is drawn),
+// a mesh (name, mesh, why it is fixed).
+py::tuple to_tuple(Scene&& scene) {
+  const py::list materials = materials_to_python(scene.materials);
+  py::list nodes, meshes;
+  for (const SceneNode& node : scene.nodes) {
+    nodes.append(py::make_tuple(readable(node.name), node.parent, node.mesh,
+                                to_numpy(RowMatrix4(node.transform)), node.is_drawn));
+  }
+  for (SceneMesh& mesh : scene.meshes) {
+    meshes.append(py::make_tuple(readable(mesh.name),
+                                 mesh_to_python(std::move(mesh.mesh), materials), mesh.fixed));
+  }
+  return py::make_tuple(nodes, meshes, py::bytes(scene.document), py::bytes(scene.buffer),
+                        to_list(scene.warnings));
+}
+
+/// The meshes of a level of detail, borrowed for the length of a call; None: as it was read.
+SceneLevel borrow_level(const py::list& meshes, std::vector<std::unique_ptr<BorrowedMesh>>& keep) {
+  SceneLevel level;
+  for (const py::handle mesh : meshes) {
+    if (mesh.is_none()) {
+      level.emplace_back(std::nullopt);
+      continue;
+    }
+    keep.push_back(std::make_unique<BorrowedMesh>(py::reinterpret_borrow<py::object>(mesh)));
+    level.emplace_back(keep.back()->view());
+  }
+  return level;
+}
+
 }  // namespace
 
 void bind_io(py::module_& m) {
+  m.def(
+      "read_scene",
+      [](const py::bytes& path, bool allow_outside, std::uint64_t max_bytes) {
+        const auto file = to_path(path, "path");
+        Scene scene;
+        {
+          const py::gil_scoped_release nogil;
+          scene = read_scene(file, read_options(allow_outside, max_bytes), interruptible());
+        }
+        return to_tuple(std::move(scene));
+      },
+      py::arg("path"), py::arg("allow_outside"), py::arg("max_bytes"));
+  m.def(
+      "write_scene",
+      [](const py::bytes& path, const std::string& document, const std::string& buffer,
+         const std::vector<py::list>& levels, std::int64_t max_vertices,
+         const std::vector<double>& coverages) {
+        const auto file = to_path(path, "path");
+        std::vector<std::unique_ptr<BorrowedMesh>> keep;
+        const SceneLevel finest = borrow_level(levels.at(0), keep);
+        SceneWriteOptions options{max_vertices, {}, coverages};
+        for (std::size_t i = 1; i < levels.size(); ++i) {
+          options.coarser.push_back(borrow_level(levels[i], keep));
+        }
+        std::vector<std::string> warnings;
+        {
+          const py::gil_scoped_release nogil;
+          warnings = write_scene(file, document, buffer, finest, options, interruptible());
+        }
+        return to_list(warnings);
+      },
+      py::arg("path"), py::arg("document"), py::arg("buffer"), py::arg("levels"),
+      py::arg("max_vertices"), py::arg("coverages"));
   m.def(
       "read_mesh",
       [](const py::bytes& path, bool allow_outside, std::uint64_t max_bytes) {

@@ -135,9 +135,18 @@ std::vector<Material> materials_of(const py::object& mesh) {
   return materials;
 }
 
+py::list materials_to_python(const std::vector<Material>& materials) {
+  py::list list;
+  for (const Material& m : materials) list.append(to_python(m));
+  return list;
+}
+
 py::object mesh_to_python(TriangleMesh&& mesh) {
-  py::list materials;
-  for (const Material& m : mesh.materials) materials.append(to_python(m));
+  const py::list materials = materials_to_python(mesh.materials);
+  return make_mesh(std::move(mesh), materials);
+}
+
+py::object mesh_to_python(TriangleMesh&& mesh, const py::list& materials) {
   return make_mesh(std::move(mesh), materials);
 }
 

@@ -31,6 +31,12 @@ std::vector<Material> materials_of(const py::object& mesh);
 /// A `manip3d.Mesh` that owns the tables of `mesh`.
 py::object mesh_to_python(TriangleMesh&& mesh);
 
+/// `manip3d.Material`s.
+py::list materials_to_python(const std::vector<Material>& materials);
+
+/// A `manip3d.Mesh` with the tables of `mesh` and these materials.
+py::object mesh_to_python(TriangleMesh&& mesh, const py::list& materials);
+
 /// A `manip3d.Mesh` with the tables of `mesh`, and the material objects and file name of `source`.
 py::object mesh_to_python(TriangleMesh&& mesh, const py::object& source);
 

@@ -7,6 +7,7 @@
 #include "io/output.hpp"
 #include "manip3d/io/byte_source.hpp"
 #include "manip3d/io/mesh_file.hpp"
+#include "manip3d/io/scene_file.hpp"
 
 /// @file
 /// One reader and one writer per format; mesh_file.cpp holds the table that dispatches to them.
@@ -18,6 +19,8 @@ ReadResult read_off(ByteSource& source, const ReadOptions& options, const Progre
 ReadResult read_stl(ByteSource& source, const ReadOptions& options, const Progress& progress);
 /// Both .gltf and .glb.
 ReadResult read_gltf(ByteSource& source, const ReadOptions& options, const Progress& progress);
+
+Scene read_gltf_scene(ByteSource& source, const ReadOptions& options, const Progress& progress);
 
 /// What a writer gets beside the mesh.
 struct WriteJob {

@@ -15,6 +15,7 @@
 #include "io/formats.hpp"
 #include "io/gltf_document.hpp"
 #include "io/gltf_scene.hpp"
+#include "io/gltf_shell.hpp"
 #include "io/warnings.hpp"
 #include "manip3d/error.hpp"
 
@@ -123,6 +124,31 @@ class Reader {
     return std::move(result_);
   }
 
+  Scene read_scene(const GltfResource& resource, const Progress& progress) {
+    is_scene_ = true;
+    check_asset();
+    Scene scene;
+    scene.nodes = read_nodes();
+    const std::vector<bool> is_shown = shown_nodes();
+    const std::int64_t num_meshes = document_.count("meshes");
+    GltfKept kept{std::vector<bool>(static_cast<std::size_t>(num_meshes), false), is_shown};
+    for (std::int64_t m = 0; m < num_meshes; ++m) {
+      scene.meshes.push_back(read_mesh_of_scene(m));
+      SceneMesh& mesh = scene.meshes.back();
+      if (mesh.fixed.empty()) mesh.fixed = reason_to_keep(m, scene.nodes);
+      if (mesh.fixed.empty()) warn_of_losses(m);
+      kept.meshes[m] = !mesh.fixed.empty() && is_used(m, is_shown, scene.nodes);
+      if (progress) progress(static_cast<double>(m + 1) / static_cast<double>(num_meshes));
+    }
+    scene.materials = scene_materials();
+    scene.warnings = std::move(result_.warnings);
+    GltfScene shell = read_gltf_shell(document_, kept, resource, budget_, scene.warnings);
+    constexpr auto kReplace = nlohmann::ordered_json::error_handler_t::replace;
+    scene.document = shell.json.dump(-1, ' ', false, kReplace);
+    scene.buffer = std::move(shell.buffer);
+    return scene;
+  }
+
  private:
   /// Each warning once, however often there is cause for it.
   void warn_once(const std::string& warning) {
@@ -138,6 +164,7 @@ class Reader {
     const JsonPlace version = document_.root().member("asset").member("version");
     if (!version.text().starts_with("2.")) version.fail("expected glTF 2.x, got another version");
     check_extensions();
+    if (is_scene_) return;
     if (document_.count("animations") > 0) warn_once("animations are left out");
     if (document_.count("skins") > 0)
       warn_once("skins are left out: meshes stay in their bind pose");
@@ -148,11 +175,13 @@ class Reader {
     const auto appearance = [](const std::string& name) {
       return name.starts_with("KHR_materials_");
     };
-    const std::string known = "KHR_mesh_quantization";
+    const auto is_known = [this](const std::string& name) {
+      return name == "KHR_mesh_quantization" || (is_scene_ && is_kept_extension(name));
+    };
     if (const auto required = document_.root().find("extensionsRequired")) {
       for (std::int64_t i = 0; i < required->size(); ++i) {
         const std::string& name = required->item(i).text();
-        if (name != known && !appearance(name)) {
+        if (!is_known(name) && !appearance(name)) {
           required->item(i).fail("the file requires the extension " + name + ", which is not read");
         }
       }
@@ -160,7 +189,7 @@ class Reader {
     if (const auto used = document_.root().find("extensionsUsed")) {
       for (std::int64_t i = 0; i < used->size(); ++i) {
         const std::string& name = used->item(i).text();
-        if (name != known) warn_once("extension " + name + " is left out");
+        if (!is_known(name)) warn_once("extension " + name + " is left out");
       }
     }
   }
@@ -212,16 +241,22 @@ class Reader {
 
   /// Roots of the default scene, else of the first scene, else all nodes without a parent.
   std::vector<std::int64_t> scene_roots(const std::vector<bool>& has_parent) const {
-    std::vector<std::int64_t> roots;
     if (document_.count("scenes") == 0) {
+      std::vector<std::int64_t> roots;
       for (std::size_t n = 0; n < has_parent.size(); ++n) {
         if (!has_parent[n]) roots.push_back(static_cast<std::int64_t>(n));
       }
       return roots;
     }
     const auto chosen = document_.root().find("scene");
-    const JsonPlace scene =
-        chosen ? document_.object("scenes", *chosen) : document_.root().member("scenes").item(0);
+    return roots_of(
+        chosen ? document_.object("scenes", *chosen) : document_.root().member("scenes").item(0),
+        has_parent);
+  }
+
+  static std::vector<std::int64_t> roots_of(const JsonPlace& scene,
+                                            const std::vector<bool>& has_parent) {
+    std::vector<std::int64_t> roots;
     const auto list = scene.find("nodes");
     std::vector<bool> listed(has_parent.size(), false);
     for (std::int64_t i = 0; list && i < list->size(); ++i) {
@@ -261,6 +296,157 @@ class Reader {
     }
   }
 
+  // --- Scenes ----------------------------------------------------------------------------
+
+  /// Marks these nodes and what hangs on them.
+  static void mark(std::vector<std::int64_t> stack,
+                   const std::vector<std::vector<std::int64_t>>& children,
+                   std::vector<bool>& marked) {
+    while (!stack.empty()) {
+      const auto n = static_cast<std::size_t>(stack.back());
+      stack.pop_back();
+      marked[n] = true;
+      stack.insert(stack.end(), children[n].begin(), children[n].end());
+    }
+  }
+
+  std::vector<SceneNode> read_nodes() {
+    std::vector<bool> has_parent;
+    const auto children = read_forest(has_parent);
+    std::vector<bool> is_drawn(children.size(), false);
+    mark(scene_roots(has_parent), children, is_drawn);
+    std::vector<SceneNode> nodes(children.size());
+    for (std::size_t n = 0; n < nodes.size(); ++n) {
+      const JsonPlace place = node(static_cast<std::int64_t>(n));
+      if (const auto name = place.find("name")) nodes[n].name = name->text();
+      if (const auto mesh = place.find("mesh")) {
+        static_cast<void>(document_.object("meshes", *mesh));  // checks the index
+        nodes[n].mesh = static_cast<std::int32_t>(mesh->integer(0, document_.count("meshes") - 1));
+      }
+      const Transform transform = node_transform(place);
+      nodes[n].transform.topLeftCorner<3, 3>() = transform.linear;
+      nodes[n].transform.topRightCorner<3, 1>() = transform.translation;
+      nodes[n].is_drawn = is_drawn[n];
+      for (const std::int64_t child : children[n]) {
+        nodes[child].parent = static_cast<std::int32_t>(n);
+      }
+    }
+    return nodes;
+  }
+
+  /// Nodes that are part of any scene.
+  std::vector<bool> shown_nodes() const {
+    std::vector<bool> has_parent;
+    const auto children = read_forest(has_parent);
+    std::vector<bool> is_shown(children.size(), false);
+    if (document_.count("scenes") == 0) mark(scene_roots(has_parent), children, is_shown);
+    for (std::int64_t i = 0; i < document_.count("scenes"); ++i) {
+      mark(roots_of(document_.root().member("scenes").item(i), has_parent), children, is_shown);
+    }
+    return is_shown;
+  }
+
+  static bool is_used(std::int64_t mesh, const std::vector<bool>& is_shown,
+                      const std::vector<SceneNode>& nodes) {
+    for (std::size_t n = 0; n < nodes.size(); ++n) {
+      if (is_shown[n] && nodes[n].mesh == mesh) return true;
+    }
+    return false;
+  }
+
+  SceneMesh read_mesh_of_scene(std::int64_t index) {
+    SceneMesh mesh;
+    const JsonPlace place = document_.root().member("meshes").item(index);
+    if (const auto name = place.find("name")) mesh.name = name->text();
+    mesh_ = TriangleMesh();
+    draws_.clear();
+    texcoord_rows_.clear();
+    num_vertices_ = num_texcoords_ = num_normals_ = num_faces_ = 0;
+    instances_ = {{index, Transform()}};
+    plan_draws();
+    allocate();
+    fill({});
+    if (num_faces_ == 0) mesh.fixed = "it has no triangles";
+    mesh.mesh = std::move(mesh_);
+    return mesh;
+  }
+
+  /// Why a mesh is not to be replaced by triangles with the attributes of a TriangleMesh, or "".
+  std::string reason_to_keep(std::int64_t mesh, const std::vector<SceneNode>& nodes) {
+    bool is_drawn = false;
+    for (std::size_t n = 0; n < nodes.size(); ++n) {
+      if (nodes[n].mesh != mesh) continue;
+      is_drawn = is_drawn || nodes[n].is_drawn;
+      const JsonPlace place = node(static_cast<std::int64_t>(n));
+      if (place.has("skin")) return "it has a skin";
+      const auto extensions = place.find("extensions");
+      if (extensions && extensions->has("EXT_mesh_gpu_instancing")) {
+        return "EXT_mesh_gpu_instancing places it";
+      }
+    }
+    if (!is_drawn) return "the default scene does not show it";
+    const JsonPlace list = document_.root().member("meshes").item(mesh).member("primitives");
+    for (std::int64_t i = 0; i < list.size(); ++i) {
+      const JsonPlace place = list.item(i);
+      const JsonPlace attributes = place.member("attributes");
+      if (place.has("targets")) return "it has morph targets";
+      if (attributes.has("JOINTS_0")) return "it has joints";
+      if (!attributes.has("POSITION")) return "it has primitives without POSITION";
+      const auto mode = place.find("mode");
+      if (mode && mode->integer(0, kTriangleFan) < kTriangles) return "it has points or lines";
+      const auto material = place.find("material");
+      if (material && needs_more_texcoords(document_.object("materials", *material).value())) {
+        return "a texture needs TEXCOORD_1";
+      }
+    }
+    return "";
+  }
+
+  /// Whether some texture is placed by another set of texture coordinates than the first.
+  static bool needs_more_texcoords(const JsonPlace::Json& value) {
+    if (!value.is_structured()) return false;
+    if (value.is_object()) {
+      const auto set = value.find("texCoord");
+      if (set != value.end() && set->is_number() && set->get<double>() != 0.0) return true;
+    }
+    return std::any_of(value.begin(), value.end(), needs_more_texcoords);
+  }
+
+  /// Names what a replaced mesh loses.
+  void warn_of_losses(std::int64_t mesh) {
+    constexpr std::array<std::string_view, 4> kHeld = {"POSITION", "NORMAL", "TEXCOORD_0",
+                                                       "COLOR_0"};
+    const JsonPlace list = document_.root().member("meshes").item(mesh).member("primitives");
+    for (std::int64_t i = 0; i < list.size(); ++i) {
+      const JsonPlace place = list.item(i);
+      const JsonPlace attributes = place.member("attributes");
+      for (const auto& [name, accessor] : attributes.value().items()) {
+        if (std::find(kHeld.begin(), kHeld.end(), name) == kHeld.end()) {
+          warn_once(name + " of meshes that are simplified is left out");
+        }
+      }
+      const auto color = attributes.find("COLOR_0");
+      if (color && document_.accessor(*color).num_components == 4) {
+        warn_once("alpha of vertex colours of meshes that are simplified is left out");
+      }
+      for (const char* member : {"extras", "extensions"}) {
+        if (!place.has(member)) continue;
+        warn_once(std::string(member) + " of primitives that are simplified are left out");
+      }
+    }
+  }
+
+  /// All materials of the file, by their index there; what they lack stays in the document.
+  std::vector<Material> scene_materials() {
+    const std::size_t num_warnings = result_.warnings.size();
+    std::vector<Material> materials;
+    for (std::int64_t i = 0; i < document_.count("materials"); ++i) {
+      materials.push_back(read_material(document_.root().member("materials").item(i)));
+    }
+    result_.warnings.resize(num_warnings);
+    return materials;
+  }
+
   // --- Primitives ------------------------------------------------------------------------
 
   const GltfAccessor* attribute(const JsonPlace& attributes, const char* name, int fewest,
@@ -278,14 +464,14 @@ class Reader {
     Primitive p{.pointer = place.pointer()};
     if (const auto mode = place.find("mode")) p.mode = mode->integer(0, kTriangleFan);
     if (p.mode < kTriangles) {
-      warn_once("points and lines are left out");
+      if (!is_scene_) warn_once("points and lines are left out");
       return std::nullopt;
     }
-    if (place.has("targets")) warn_once("morph targets are left out");
+    if (!is_scene_ && place.has("targets")) warn_once("morph targets are left out");
     const JsonPlace attributes = place.member("attributes");
     p.position = attribute(attributes, "POSITION", 3, 3);
     if (p.position == nullptr) {
-      warn_once("primitives without POSITION are left out");
+      if (!is_scene_) warn_once("primitives without POSITION are left out");
       return std::nullopt;
     }
     check_compression(place, p);
@@ -618,6 +804,7 @@ class Reader {
 
   GltfBudget& budget_;
   GltfDocument document_;
+  bool is_scene_ = false;
   ReadResult result_;
   TriangleMesh& mesh_ = result_.mesh;
   std::vector<Instance> instances_;
@@ -659,6 +846,12 @@ Bytes read_beside(const ReadOptions& options, const std::string& uri, std::int64
   return read_all(*file_source(path), static_cast<std::size_t>(size), nullptr);
 }
 
+GltfResource resource_beside(const ReadOptions& options) {
+  return [&options](const std::string& uri, std::int64_t size) {
+    return read_beside(options, uri, size);
+  };
+}
+
 }  // namespace
 
 GltfBudget::GltfBudget(std::int64_t stored_bytes, std::uint64_t max_bytes)
@@ -679,13 +872,21 @@ ReadResult parse_gltf(std::span<const std::byte> data, const GltfResource& resou
   return Reader(data, resource, budget).read(progress);
 }
 
+Scene parse_gltf_scene(std::span<const std::byte> data, const GltfResource& resource,
+                       GltfBudget budget, const Progress& progress) {
+  return Reader(data, resource, budget).read_scene(resource, progress);
+}
+
 ReadResult read_gltf(ByteSource& source, const ReadOptions& options, const Progress& progress) {
   GltfBudget budget(static_cast<std::int64_t>(source.stored_size()), options.max_bytes);
   const Bytes file = read_all(source, std::numeric_limits<std::size_t>::max(), &budget);
-  const GltfResource resource = [&](const std::string& uri, std::int64_t size) {
-    return read_beside(options, uri, size);
-  };
-  return parse_gltf(file, resource, budget, progress);
+  return parse_gltf(file, resource_beside(options), budget, progress);
+}
+
+Scene read_gltf_scene(ByteSource& source, const ReadOptions& options, const Progress& progress) {
+  GltfBudget budget(static_cast<std::int64_t>(source.stored_size()), options.max_bytes);
+  const Bytes file = read_all(source, std::numeric_limits<std::size_t>::max(), &budget);
+  return parse_gltf_scene(file, resource_beside(options), budget, progress);
 }
 
 }  // namespace manip3d

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "manip3d/io/mesh_file.hpp"
+#include "manip3d/io/scene_file.hpp"
 
 /// @file
 /// glTF 2.0, as .gltf (JSON, with files beside it) and .glb (one binary file).
@@ -58,5 +59,9 @@ class GltfBudget {
 ///                      named), a mesh beyond the budget. The message holds a JSON pointer.
 ReadResult parse_gltf(std::span<const std::byte> data, const GltfResource& resource,
                       GltfBudget budget, const Progress& progress = {});
+
+/// The same file as a scene: see read_scene(). Its images are read by `resource`, too.
+Scene parse_gltf_scene(std::span<const std::byte> data, const GltfResource& resource,
+                       GltfBudget budget, const Progress& progress = {});
 
 }  // namespace manip3d

@@ -56,6 +56,7 @@ class GltfDocument {
   GltfDocument(ByteSpan file, const GltfResource& resource, GltfBudget& budget);
 
   [[nodiscard]] JsonPlace root() const { return {json_, "", json_offset_}; }
+  [[nodiscard]] const JsonPlace::Json& json() const { return json_; }
   /// The `index`-th object of a top-level array such as "accessors"; `user` is who refers to it.
   [[nodiscard]] JsonPlace object(const char* array, const JsonPlace& user) const;
   /// Elements of a top-level array; 0 where it is absent.

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
+#include <functional>
 #include <limits>
 #include <map>
 #include <numeric>
@@ -103,69 +104,38 @@ Eigen::Vector3d origin_for_float32(const MeshView& mesh) {
   return box.center().cast<float>().cast<double>();  // exact for readers with float32 nodes too
 }
 
-class SceneBuilder {
+using GltfMaterialOf = std::function<std::int64_t(std::int32_t material, bool has_texcoords)>;
+
+/// Writes the triangles of meshes into a scene's accessors.
+class PrimitiveWriter {
  public:
-  SceneBuilder(const MeshView& mesh, const std::vector<Material>& materials,
-               const GltfTextureReader& read_texture, std::vector<std::string>& warnings,
-               const WriteOptions& options)
-      : materials_(materials),
-        read_texture_(read_texture),
-        warnings_(warnings),
-        options_(options),
-        origin_(origin_of(mesh)) {
-    levels_.push_back(&mesh);
-    for (const MeshView& level : options.coarser) levels_.push_back(&level);
-  }
-
-  GltfScene build() {
-    if (options_.max_vertices != 0 && options_.max_vertices < 3) {
-      throw InputError("max_vertices: expected at least 3, got " +
-                       std::to_string(options_.max_vertices));
+  PrimitiveWriter(GltfScene& scene, Eigen::Vector3d origin, std::int64_t max_vertices,
+                  std::size_t num_materials, GltfMaterialOf material_of)
+      : scene_(scene),
+        origin_(std::move(origin)),
+        max_vertices_(max_vertices),
+        num_materials_(num_materials),
+        material_of_(std::move(material_of)) {
+    if (max_vertices != 0 && max_vertices < 3) {
+      throw InputError("max_vertices: expected at least 3, got " + std::to_string(max_vertices));
     }
-    scene_.json["asset"] = {{"version", "2.0"}, {"generator", "manip3d " MANIP3D_VERSION}};
-    if (levels_.size() > 1) scene_.json["extensionsUsed"] = {"MSFT_lod"};
-    scene_.json["scene"] = 0;
-    scene_.json["scenes"] = Json::array({{{"nodes", {0}}}});
-    for (std::size_t level = 0; level < levels_.size(); ++level) write_node(level);
-    for (const Material& material : materials_) write_material(material);
-    for (const MeshView* level : levels_) write_mesh(*level);
-    return std::move(scene_);
   }
 
- private:
-  static Eigen::Vector3d origin_of(const MeshView& mesh) {
-    check_mesh(mesh);
-    return origin_for_float32(mesh);
-  }
-
-  void write_node(std::size_t level) {
-    Json node = {{"mesh", level}};
-    if (!origin_.isZero(0.0)) node["translation"] = {origin_.x(), origin_.y(), origin_.z()};
-    if (level == 0 && levels_.size() > 1) {
-      std::vector<std::size_t> ids(levels_.size() - 1);
-      std::iota(ids.begin(), ids.end(), std::size_t{1});
-      node["extensions"] = {{"MSFT_lod", {{"ids", ids}}}};
-      node["extras"] = {{"MSFT_screencoverage", options_.coverages}};
-    }
-    scene_.json["nodes"].push_back(std::move(node));
-  }
-
-  void write_mesh(const MeshView& mesh) {
+  Json primitives(const MeshView& mesh) {
     check_mesh(mesh);
     if (mesh.num_faces() == 0) throw InputError("mesh: glTF cannot hold a mesh without faces");
     mesh_ = &mesh;
     chains_.assign(mesh.num_vertices(), -1);
     Json primitives = Json::array();
-    for (const Group& group : group_faces(mesh, materials_.size())) {
+    for (const Group& group : group_faces(mesh, num_materials_)) {
       for (std::size_t face = 0; face < group.faces.size();) {
         primitives.push_back(write_primitive(group, face));
       }
     }
-    scene_.json["meshes"].push_back({{"primitives", std::move(primitives)}});
+    return primitives;
   }
 
-  // --- Primitives ------------------------------------------------------------------------
-
+ private:
   /// The faces of a group from `face` on, as many as the limit of vertices allows.
   Json write_primitive(const Group& group, std::size_t& face) {
     const std::vector<std::uint32_t> indices = split_vertices(group, face);
@@ -176,7 +146,7 @@ class SceneBuilder {
     if (mesh_->colors.rows() > 0) attributes["COLOR_0"] = write_colors();
     Json primitive = {{"attributes", std::move(attributes)}, {"indices", write_indices(indices)}};
     if (group.material >= 0) {
-      primitive["material"] = group.has_texcoords ? group.material : untextured(group.material);
+      primitive["material"] = material_of_(group.material, group.has_texcoords);
     }
     return primitive;
   }
@@ -184,9 +154,8 @@ class SceneBuilder {
   /// Fills `splits_`; the indices of the corners into it.
   std::vector<std::uint32_t> split_vertices(const Group& group, std::size_t& face) {
     splits_.clear();
-    const std::size_t most = options_.max_vertices > 0
-                                 ? static_cast<std::size_t>(options_.max_vertices)
-                                 : std::numeric_limits<std::size_t>::max();
+    const std::size_t most = max_vertices_ > 0 ? static_cast<std::size_t>(max_vertices_)
+                                               : std::numeric_limits<std::size_t>::max();
     std::vector<std::uint32_t> indices;
     indices.reserve(3 * (group.faces.size() - face));
     for (; face < group.faces.size() && splits_.size() <= most - 3; ++face) {
@@ -288,6 +257,66 @@ class SceneBuilder {
     return write_accessor(bytes_of(indices), GltfType::kUnsignedInt, indices.size(), "SCALAR");
   }
 
+  GltfScene& scene_;
+  Eigen::Vector3d origin_;
+  std::int64_t max_vertices_;
+  std::size_t num_materials_;
+  GltfMaterialOf material_of_;
+  const MeshView* mesh_ = nullptr;  ///< The one that is being written.
+  std::vector<Split> splits_;
+  std::vector<std::int32_t> chains_;  ///< Per vertex of the mesh: its latest split, or -1.
+};
+
+class SceneBuilder {
+ public:
+  SceneBuilder(const MeshView& mesh, const std::vector<Material>& materials,
+               const GltfTextureReader& read_texture, std::vector<std::string>& warnings,
+               const WriteOptions& options)
+      : materials_(materials),
+        read_texture_(read_texture),
+        warnings_(warnings),
+        options_(options),
+        origin_(origin_of(mesh)) {
+    levels_.push_back(&mesh);
+    for (const MeshView& level : options.coarser) levels_.push_back(&level);
+  }
+
+  GltfScene build() {
+    PrimitiveWriter writer(scene_, origin_, options_.max_vertices, materials_.size(),
+                           [this](std::int32_t material, bool has_texcoords) {
+                             return has_texcoords ? std::int64_t{material} : untextured(material);
+                           });
+    scene_.json["asset"] = {{"version", "2.0"}, {"generator", "manip3d " MANIP3D_VERSION}};
+    if (levels_.size() > 1) scene_.json["extensionsUsed"] = {"MSFT_lod"};
+    scene_.json["scene"] = 0;
+    scene_.json["scenes"] = Json::array({{{"nodes", {0}}}});
+    for (std::size_t level = 0; level < levels_.size(); ++level) write_node(level);
+    for (const Material& material : materials_) write_material(material);
+    for (const MeshView* level : levels_) {
+      Json primitives = writer.primitives(*level);
+      scene_.json["meshes"].push_back({{"primitives", std::move(primitives)}});
+    }
+    return std::move(scene_);
+  }
+
+ private:
+  static Eigen::Vector3d origin_of(const MeshView& mesh) {
+    check_mesh(mesh);
+    return origin_for_float32(mesh);
+  }
+
+  void write_node(std::size_t level) {
+    Json node = {{"mesh", level}};
+    if (!origin_.isZero(0.0)) node["translation"] = {origin_.x(), origin_.y(), origin_.z()};
+    if (level == 0 && levels_.size() > 1) {
+      std::vector<std::size_t> ids(levels_.size() - 1);
+      std::iota(ids.begin(), ids.end(), std::size_t{1});
+      node["extensions"] = {{"MSFT_lod", {{"ids", ids}}}};
+      node["extras"] = {{"MSFT_screencoverage", options_.coverages}};
+    }
+    scene_.json["nodes"].push_back(std::move(node));
+  }
+
   // --- Materials -------------------------------------------------------------------------
 
   Json material_factors(const Material& m) {
@@ -361,15 +390,12 @@ class SceneBuilder {
   }
 
   std::vector<const MeshView*> levels_;
-  const MeshView* mesh_ = nullptr;  ///< The level that is being written.
   const std::vector<Material>& materials_;
   const GltfTextureReader& read_texture_;
   std::vector<std::string>& warnings_;
   const WriteOptions& options_;
   Eigen::Vector3d origin_;
   GltfScene scene_;
-  std::vector<Split> splits_;
-  std::vector<std::int32_t> chains_;  ///< Per vertex of the mesh: its latest split, or -1.
   std::map<std::int32_t, std::size_t> untextured_;
 };
 
@@ -381,6 +407,13 @@ std::size_t GltfScene::add_buffer_view(std::string_view bytes) {
       {{"buffer", 0}, {"byteOffset", buffer.size()}, {"byteLength", bytes.size()}});
   buffer += bytes;
   return json["bufferViews"].size() - 1;
+}
+
+Json write_primitives(GltfScene& scene, const MeshView& mesh, std::size_t num_materials,
+                      std::int64_t max_vertices) {
+  return PrimitiveWriter(scene, Eigen::Vector3d::Zero(), max_vertices, num_materials,
+                         [](std::int32_t material, bool) { return std::int64_t{material}; })
+      .primitives(mesh);
 }
 
 GltfScene build_gltf(const MeshView& mesh, const std::vector<Material>& materials,

@@ -1,12 +1,15 @@
 #pragma once
 
 #include <cstddef>
+#include <filesystem>
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "io/output.hpp"
+#include "io/texture_files.hpp"
 #include "manip3d/geometry/mesh.hpp"
 #include "manip3d/io/mesh_file.hpp"
 
@@ -46,9 +49,22 @@ GltfScene build_gltf(const MeshView& mesh, const std::vector<Material>& material
                      const GltfTextureReader& read_texture, std::vector<std::string>& warnings,
                      const WriteOptions& options = {});
 
+/// The primitives of a mesh, with their accessors in `scene`: positions as they are, materials by
+/// their index.
+/// @throws InputError  as build_gltf.
+nlohmann::ordered_json write_primitives(GltfScene& scene, const MeshView& mesh,
+                                        std::size_t num_materials, std::int64_t max_vertices);
+
 /// Puts the images into the buffer and gives all bytes of a GLB file that precede the buffer.
 /// @throws InputError  more than 4 GiB.
 std::string finish_glb(GltfScene& scene);
+
+/// Writes a GLB file. @throws InputError  more than 4 GiB.
+void write_glb(Output& output, GltfScene& scene);
+
+/// Writes a .gltf file to `path`, with its buffer and images beside it.
+void write_gltf(Output& output, GltfScene& scene, const std::filesystem::path& path,
+                CompanionFiles& files);
 
 /// Member of a material's `extras`: the material whose textures it lacks.
 constexpr const char* kUntexturedCopyOf = "manip3d_untextured_copy_of";

@@ -91,6 +91,10 @@ std::string finish_glb(GltfScene& scene) {
 void write_glb(Output& output, const WriteJob& job) {
   CompanionFiles files(job);
   GltfScene scene = build(job, files);
+  write_glb(output, scene);
+}
+
+void write_glb(Output& output, GltfScene& scene) {
   output.text(finish_glb(scene));
   write_in_pieces(output, scene.buffer);
 }
@@ -100,7 +104,12 @@ void write_glb(Output& output, const WriteJob& job) {
 void write_gltf(Output& output, const WriteJob& job) {
   CompanionFiles files(job);
   GltfScene scene = build(job, files);
-  const std::string stem = without_compression_suffix(job.path).stem().string();
+  write_gltf(output, scene, job.path, files);
+}
+
+void write_gltf(Output& output, GltfScene& scene, const std::filesystem::path& path,
+                CompanionFiles& files) {
+  const std::string stem = without_compression_suffix(path).stem().string();
   for (std::size_t i = 0; i < scene.images.size(); ++i) {
     const GltfImage& image = scene.images[i];
     scene.json["images"][i] = {

@@ -91,6 +91,7 @@ class JsonPlace {
   }
 
   [[nodiscard]] const std::string& pointer() const { return pointer_; }
+  [[nodiscard]] const Json& value() const { return *value_; }
 
  private:
   [[nodiscard]] std::string shown() const {

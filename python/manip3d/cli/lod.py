@@ -11,7 +11,7 @@ from manip3d.cli.kinds import expect_kind
 from manip3d.cli.many import over_files
 from manip3d.cli.options import Force, Json, Output, Quiet
 from manip3d.cli.simplify import Method, Mode
-from manip3d.cli.sources import open_mesh
+from manip3d.cli.sources import open_mesh, open_scene
 from manip3d.cli.terminal import Terminal, check_output, counted, table
 from manip3d.errors import InputError
 from manip3d.io import READABLE
@@ -56,6 +56,7 @@ def lod(
 
     An output that ends in .glb or .gltf holds all levels (MSFT_lod); a folder's name without a
     suffix gives one .glb for each, and lods.json. Several meshes become one .glb each in a folder.
+    A glTF file with several nodes keeps them: each mesh has levels of its own.
 
     Example: manip3d lod head.obj -o head.glb --levels 4
     """
@@ -66,17 +67,20 @@ def lod(
         raise InputError(f"--method {method}: expected --mode published, got {mode}")
     expect_kind(source, "mesh", verb="lod")
     check_output(output, SUFFIXES, force=force, folder=True)
-    mesh = open_mesh(source, shell)
-    if not no_clean:
-        mesh = simplify.clean(mesh).mesh
-    with shell.progress("lod") as progress:
-        chain = simplify.lod_chain(
-            mesh,
-            levels,
-            ratio=ratio,
-            method=str(mode if mode != Mode.published else method or Method.qem4vr),
-            progress=progress,
-        )
+    chosen = str(mode if mode != Mode.published else method or Method.qem4vr)
+    scene = open_scene(source, output, shell)
+    chain: simplify.SceneLods | simplify.LodChain
+    if scene is not None:
+        with shell.progress("lod") as progress:
+            chain = simplify.scene_lods(
+                scene, levels, ratio=ratio, method=chosen, cleaned=not no_clean, progress=progress
+            )
+    else:
+        mesh = open_mesh(source, shell)
+        if not no_clean:
+            mesh = simplify.clean(mesh).mesh
+        with shell.progress("lod") as progress:
+            chain = simplify.lod_chain(mesh, levels, ratio=ratio, method=chosen, progress=progress)
     chain.write(output, max_vertices=max_vertices)
     record = _record(source, output, chain)
     rows = [

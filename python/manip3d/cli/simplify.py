@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -23,10 +23,13 @@ from manip3d.cli.options import (
     Quiet,
     Strict,
 )
-from manip3d.cli.sources import open_mesh
+from manip3d.cli.sources import open_mesh, open_scene, tell_scene
 from manip3d.cli.terminal import Progress, Terminal, check_output, count, counted
 from manip3d.errors import InputError
 from manip3d.io import READABLE, WRITABLE
+
+if TYPE_CHECKING:
+    from manip3d.io import Scene
 
 Box = tuple[float, float, float, float, float, float]
 
@@ -51,6 +54,24 @@ class Order:
                 "expected --faces, --ratio, --max-error or --max-distance, got none of them"
             )
 
+    def target(self, num_faces: int) -> int | None:
+        """The number of faces to stop at, of so many as were read."""
+        if self.ratio is None:
+            return self.faces
+        if not 0 < self.ratio <= 1:
+            raise InputError(f"--ratio: expected a number in (0, 1], got {self.ratio}")
+        fraction = int(num_faces * self.ratio)
+        return fraction if self.faces is None else max(self.faces, fraction)
+
+    def limits(self) -> dict[str, Any]:
+        """What else ends the run."""
+        limits: dict[str, Any] = {"max_error": self.max_error}
+        if self.method != "fast":
+            limits["max_distance"] = self.max_distance
+        elif self.max_distance is not None:
+            raise InputError("--max-distance: expected --mode quality or published, got fast")
+        return limits
+
 
 def simplify_file(
     source: str, output: Path, order: Order, terminal: Terminal, progress: Progress | None = None
@@ -61,6 +82,9 @@ def simplify_file(
     """
     from manip3d import simplify
 
+    scene = open_scene(source, output, terminal)
+    if scene is not None:
+        return _simplify_scene(scene, source, output, order, terminal, progress)
     mesh = open_mesh(source, terminal)
     record: dict[str, Any] = {"input": source, "output": str(output), "method": order.method}
     record["faces_before"] = mesh.num_faces
@@ -68,17 +92,8 @@ def simplify_file(
     # The fast mode does its own cleaning, which costs next to nothing.
     cleaned = simplify.clean(mesh).mesh if order.clean and order.method != "fast" else mesh
     record["faces_cleaned"] = cleaned.num_faces
-    target = order.faces
-    if order.ratio is not None:
-        if not 0 < order.ratio <= 1:
-            raise InputError(f"--ratio: expected a number in (0, 1], got {order.ratio}")
-        fraction = int(mesh.num_faces * order.ratio)
-        target = fraction if target is None else max(target, fraction)
-    limits: dict[str, Any] = {"target_faces": target, "max_error": order.max_error}
-    if order.method != "fast":
-        limits["max_distance"] = order.max_distance
-    elif order.max_distance is not None:
-        raise InputError("--max-distance: expected --mode quality or published, got fast")
+    target = order.target(mesh.num_faces)
+    limits: dict[str, Any] = {"target_faces": target, **order.limits()}
     if order.lock_box is not None:
         low, high = np.reshape(order.lock_box, (2, 3))
         limits["locked"] = ((cleaned.vertices >= low) & (cleaned.vertices <= high)).all(axis=1)
@@ -92,24 +107,75 @@ def simplify_file(
     method = own.get(order.method) or simplify.METHODS[order.method]
     result = method(cleaned, progress=progress, **limits, **order.options)
     seconds = time.perf_counter() - started
-    stop = str(result.stop)
-    record |= {
-        "faces_after": result.mesh.num_faces,
-        "target_faces": target,
-        "max_error": result.max_error,
-        "distance_bound": result.distance_bound,
-        "stop": stop,
-        "rejected": dict(result.rejected),
-        "message": result.message,
-        "seconds": round(seconds, 4),
-        "target_missed": stop not in ("target_reached", "error_limit", "distance_limit"),
-    }
+    record |= _outcome(result, result, target, seconds, result.mesh.num_faces)
     if result.mesh.num_faces == 0:
         raise InputError(f"{source}: nothing is left of it at this target; {output} is not written")
-    if stop != "refused":
+    if record["stop"] != "refused":
         result.mesh.write(output)
     terminal.say(_sentence(record))
     return record
+
+
+def _simplify_scene(
+    scene: Scene,
+    source: str,
+    output: Path,
+    order: Order,
+    terminal: Terminal,
+    progress: Progress | None,
+) -> dict[str, Any]:
+    """Simplify each mesh of a scene once; faces are counted as they are drawn."""
+    from manip3d import simplify
+
+    record: dict[str, Any] = {"input": source, "output": str(output), "method": order.method}
+    record |= {"faces_before": scene.num_faces, "faces_cleaned": scene.num_faces}
+    target = order.target(scene.num_faces)
+    box = None if order.lock_box is None else np.reshape(order.lock_box, (2, 3))
+    started = time.perf_counter()
+    done = simplify.simplify_scene(
+        scene,
+        order.method,
+        target_faces=target,
+        lock_box=box,
+        cleaned=order.clean,
+        options=order.options,
+        progress=progress,
+        **order.limits(),
+    )
+    seconds = time.perf_counter() - started
+    record |= _outcome(done, done.result, target, seconds, done.scene.num_faces)
+    record["scene"] = {
+        "nodes": len(scene.nodes),
+        "meshes": len(scene.meshes),
+        "instances": scene.num_instances,
+        "stored_faces_before": scene.num_stored_faces,
+        "stored_faces_after": done.scene.num_stored_faces,
+        "fixed_meshes": {i: reason for i, reason in enumerate(scene.fixed) if reason},
+    }
+    if done.scene.num_faces == 0:
+        raise InputError(f"{source}: nothing is left of it at this target; {output} is not written")
+    if record["stop"] != "refused":
+        done.scene.write(output)
+        tell_scene(scene, done.scene, terminal)
+    terminal.say(_sentence(record))
+    return record
+
+
+def _outcome(
+    done: Any, run: Any, target: int | None, seconds: float, faces_after: int
+) -> dict[str, Any]:
+    stop = str(done.stop)
+    return {
+        "faces_after": faces_after,
+        "target_faces": target,
+        "max_error": done.max_error,
+        "distance_bound": done.distance_bound,
+        "stop": stop,
+        "rejected": dict(run.rejected),
+        "message": run.message,
+        "seconds": round(seconds, 4),
+        "target_missed": stop not in ("target_reached", "error_limit", "distance_limit"),
+    }
 
 
 def _sentence(record: dict[str, Any]) -> str:
@@ -238,6 +304,9 @@ def simplify(
     The mesh is cleaned first. The first target that is reached ends the run: --faces, --ratio,
     --max-error or --max-distance. Several files are simplified one by one into a folder, in
     parallel processes.
+
+    A glTF file with several nodes that becomes one keeps them: each mesh is simplified once, and
+    faces count as they are drawn, for each node that shows them.
 
     Example: manip3d simplify head.obj -o light.glb --faces 5000
     """

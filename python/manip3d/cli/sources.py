@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from manip3d.cli.terminal import Terminal, counted
-from manip3d.errors import InputError
-from manip3d.io import read_mesh, read_mesh_bytes
+from manip3d.cli.terminal import Terminal, count, counted
+from manip3d.errors import FormatError, InputError
+from manip3d.io import Scene, read_mesh, read_mesh_bytes, read_scene
 from manip3d.mesh import Mesh
 
 
@@ -41,6 +41,66 @@ def open_mesh(source: str, terminal: Terminal, *, may_be_empty: bool = False) ->
     if mesh.num_faces == 0:
         terminal.say(f"warning: {source} has no faces")
     return mesh
+
+
+GLTF_SUFFIXES = (".glb", ".gltf")
+
+
+def open_scene(source: str, output: Path, terminal: Terminal) -> Scene | None:
+    """Read a glTF file whose nodes are worth keeping, and say what was read.
+
+    Returns
+    -------
+    Scene or None
+        ``None`` where a mesh holds as much: another format, an output of another format, a single
+        node, or a scene whose meshes can all not be simplified without what a mesh lacks.
+    """
+    kinds = {mesh_suffix(Path(source)), mesh_suffix(output) or ".glb"}
+    if source == "-" or not kinds <= set(GLTF_SUFFIXES):
+        return None
+    try:
+        scene = read_scene(source)
+    except FormatError as error:  # what is wrong with the triangles, read_mesh says
+        terminal.say(f"warning: nodes are not kept: {error}")
+        return None
+    if scene.is_flat or scene.num_instances == 0:
+        return None
+    uses = scene.num_uses
+    reasons = [reason for reason, n in zip(scene.fixed, uses, strict=True) if n > 0]
+    if all(reasons):
+        listed = ", ".join(sorted(set(reasons)))
+        terminal.say(f"warning: nodes are not kept, all becomes one mesh: {listed}")
+        return None
+    terminal.say(
+        f"read {source} ({mesh_suffix(Path(source)).lstrip('.')}): "
+        f"{counted(len(scene.nodes), 'node')}, "
+        f"{counted(len(scene.meshes), 'mesh', 'meshes')} shown {count(scene.num_instances)} times, "
+        f"{counted(scene.num_faces, 'face')} drawn, {count(scene.num_stored_faces)} stored"
+    )
+    for name, reason, n in zip(scene.names, scene.fixed, uses, strict=True):
+        if reason and n > 0:
+            terminal.say(f"warning: mesh '{name}' stays as it is: {reason}")
+    return scene
+
+
+def tell_scene(before: Scene, after: Scene, terminal: Terminal) -> None:
+    """Say what became of a scene."""
+    terminal.say(
+        f"faces drawn: {count(before.num_faces)} -> {count(after.num_faces)}, stored: "
+        f"{count(before.num_stored_faces)} -> {count(after.num_stored_faces)}"
+    )
+    gone = [
+        name or str(i)
+        for i, (name, mesh, old) in enumerate(
+            zip(after.names, after.meshes, before.meshes, strict=True)
+        )
+        if mesh.num_faces == 0 and old.num_faces > 0
+    ]
+    if gone:
+        names = ", ".join(gone[:5]) + (", ..." if len(gone) > 5 else "")
+        terminal.say(
+            f"nothing is left of {counted(len(gone), 'mesh', 'meshes')} ({names}); nodes stay"
+        )
 
 
 def mesh_suffix(path: Path) -> str:

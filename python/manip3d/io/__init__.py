@@ -30,6 +30,7 @@ from manip3d.io._mesh_files import (
 )
 from manip3d.io._remote import is_url, local_copy, local_output
 from manip3d.io._scan_files import SCAN_SUFFIXES, read_scan, read_scans, write_scan, write_scans
+from manip3d.io._scenes import Scene, SceneNode, read_scene, write_scene
 
 __all__ = [
     "DEPTH_SUFFIXES",
@@ -41,6 +42,8 @@ __all__ = [
     "Motion",
     "RangeGrid",
     "ReadReport",
+    "Scene",
+    "SceneNode",
     "describe_unit",
     "guess_depth_unit",
     "is_color_png",
@@ -57,9 +60,11 @@ __all__ = [
     "read_report",
     "read_scan",
     "read_scans",
+    "read_scene",
     "texture_path",
     "write_lods",
     "write_mesh",
     "write_scan",
     "write_scans",
+    "write_scene",
 ]

@@ -11,12 +11,13 @@ from manip3d._util.checked import checked
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_folder
 from manip3d.io._mesh_files import write_gltf, write_mesh
+from manip3d.io._scenes import Scene, write_scene
 from manip3d.mesh import Mesh
 
 
 @checked
 def write_lods(
-    levels: Sequence[Mesh],
+    levels: Sequence[Mesh] | Sequence[Scene],
     path: str | os.PathLike[str],
     *,
     coverages: Sequence[float] | None = None,
@@ -27,8 +28,8 @@ def write_lods(
 
     Parameters
     ----------
-    levels : sequence of Mesh
-        Finest first, all with the same materials.
+    levels : sequence of Mesh or of Scene
+        Finest first, all with the same materials; or of the same scene.
     path : path-like
         A name that ends in ``.glb`` or ``.gltf`` (the extension ``MSFT_lod``: readers that do not
         know it show the finest level), or a folder's: ``level_0.glb`` and so on, and ``lods.json``,
@@ -44,14 +45,15 @@ def write_lods(
     Raises
     ------
     InputError
-        No levels, coverages that do not fit them, another suffix, and what `write_mesh` refuses.
+        No levels, coverages that do not fit them, another suffix, and what
+        `write_mesh` refuses.
     OSError
         The operating system refused; what was there is whole.
 
     Notes
     -----
-    glTF files are read as one mesh with one transform for each node: nodes, instances and their
-    names are not kept, and neither are skins, animations and quantised attributes.
+    Levels of a scene keep its nodes (`write_scene`); the manifest then counts the faces that are
+    drawn, and beside them those that are stored.
 
     Examples
     --------
@@ -63,6 +65,8 @@ def write_lods(
     """
     if not levels:
         raise InputError("levels: expected at least one, got none")
+    scenes = [level for level in levels if isinstance(level, Scene)]
+    meshes = [level for level in levels if isinstance(level, Mesh)]
     if coverages is None:
         finest = max(1, levels[0].num_faces)
         coverages = [*(level.num_faces / finest for level in levels[1:]), 0.0]
@@ -71,34 +75,43 @@ def write_lods(
         raise InputError(f"coverages: expected {len(levels)} numbers in [0, 1], got {shares}")
     suffix = Path(path).suffix.lower()
     if suffix in (".glb", ".gltf"):
-        write_gltf(levels, path, shares, max_vertices)
+        if scenes:
+            write_scene(
+                scenes[0], path, coarser=scenes[1:], coverages=shares, max_vertices=max_vertices
+            )
+        else:
+            write_gltf(meshes, path, shares, max_vertices)
     elif suffix:
         raise InputError(
             f"path: expected .glb, .gltf or a folder's name without suffix, got {path}"
         )
     else:
         with atomic_folder(path) as folder:
-            _write_folder(levels, folder, shares, errors, max_vertices)
+            _write_folder([*scenes, *meshes], folder, shares, errors, max_vertices)
 
 
 def _write_folder(
-    levels: Sequence[Mesh],
+    levels: Sequence[Mesh | Scene],
     folder: Path,
     coverages: Sequence[float],
     errors: Sequence[float] | None,
     max_vertices: int | None,
 ) -> None:
     manifest = []
-    for i, (mesh, coverage) in enumerate(zip(levels, coverages, strict=True)):
+    for i, (level, coverage) in enumerate(zip(levels, coverages, strict=True)):
         name = f"level_{i}.glb"
-        write_mesh(mesh, folder / name, max_vertices=max_vertices)
-        level = {
+        entry: dict[str, str | float] = {
             "file": name,
-            "faces": mesh.num_faces,
-            "vertices": mesh.num_vertices,
+            "faces": level.num_faces,
+            "vertices": level.num_vertices,
             "screen_coverage": coverage,
         }
+        if isinstance(level, Scene):
+            write_scene(level, folder / name, max_vertices=max_vertices)
+            entry["stored_faces"] = level.num_stored_faces
+        else:
+            write_mesh(level, folder / name, max_vertices=max_vertices)
         if errors is not None:
-            level["max_error"] = float(errors[i])
-        manifest.append(level)
+            entry["max_error"] = float(errors[i])
+        manifest.append(entry)
     (folder / "lods.json").write_text(json.dumps({"levels": manifest}, indent=1) + "\n")

@@ -67,6 +67,13 @@ from manip3d.simplify._relief import (
     relief_grid,
 )
 from manip3d.simplify._sampling import SamplingMethod, sample_depth, sample_depth_grid
+from manip3d.simplify._scene import (
+    SceneLevel,
+    SceneLods,
+    SceneResult,
+    scene_lods,
+    simplify_scene,
+)
 
 __all__ = [
     "DEPTH_STEP",
@@ -97,6 +104,9 @@ __all__ = [
     "Relief",
     "ReliefStream",
     "SamplingMethod",
+    "SceneLevel",
+    "SceneLods",
+    "SceneResult",
     "SeamMode",
     "SharedBudget",
     "SimplifyResult",
@@ -127,8 +137,10 @@ __all__ = [
     "relief_grid",
     "sample_depth",
     "sample_depth_grid",
+    "scene_lods",
     "share_budget",
     "simplify",
     "simplify_depth",
     "simplify_depth_file",
+    "simplify_scene",
 ]

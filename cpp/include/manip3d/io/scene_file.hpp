@@ -1,0 +1,72 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "manip3d/geometry/mesh.hpp"
+#include "manip3d/io/mesh_file.hpp"
+#include "manip3d/progress.hpp"
+
+/// @file
+/// Scenes of glTF files: nodes in a hierarchy, and meshes that several nodes may show.
+namespace manip3d {
+
+struct SceneNode {
+  std::string name;
+  std::int32_t parent = -1;                                 ///< Index of a node; -1: a root.
+  std::int32_t mesh = -1;                                   ///< Index of a mesh; -1: none.
+  Eigen::Matrix4d transform = Eigen::Matrix4d::Identity();  ///< Into the parent's coordinates.
+  bool is_drawn = false;                                    ///< Part of the default scene.
+};
+
+struct SceneMesh {
+  std::string name;
+  TriangleMesh mesh;  ///< In its own coordinates; its materials are those of the scene.
+  std::string fixed;  ///< Why it can only be written as it was read; empty: it may be replaced.
+};
+
+struct Scene {
+  std::vector<SceneNode> nodes;
+  std::vector<SceneMesh> meshes;
+  std::vector<Material> materials;
+  /// All of the file but the triangles that may be replaced: glTF's JSON without buffers, and the
+  /// bytes of the one buffer that its bufferViews lie in.
+  std::string document;
+  std::string buffer;
+  std::vector<std::string> warnings;  ///< What was left out, for the user.
+};
+
+/// Reads a .gltf or .glb file, compressed or not, as a scene.
+///
+/// Nodes, cameras, lights, materials, textures, animations and `extras` are kept as they are; so
+/// are meshes that are no plain triangles: skinned ones, ones with morph targets, points or lines,
+/// and ones whose textures need a second set of texture coordinates.
+/// @throws FormatError  as read_mesh(); a file of another format.
+Scene read_scene(const std::filesystem::path& path, const ReadOptions& options = {},
+                 const Progress& progress = {});
+
+/// The meshes of one level of detail, one for each of Scene::meshes; none: as it was read. One
+/// without faces is left out, and the nodes that show it stay.
+using SceneLevel = std::vector<std::optional<MeshView>>;
+
+struct SceneWriteOptions {
+  std::int64_t max_vertices = 0;  ///< As WriteOptions::max_vertices.
+  /// Coarser levels of detail (MSFT_lod), and for all levels the least share of the screen.
+  std::vector<SceneLevel> coarser;
+  std::vector<double> coverages;
+};
+
+/// Writes a scene, with other triangles, as .gltf or .glb, whole or not at all.
+/// @return what was left out, for the user.
+/// @throws InputError  another suffix, a document that read_scene() did not make, meshes that do
+///                     not fit it, and as write_mesh().
+std::vector<std::string> write_scene(const std::filesystem::path& path, const std::string& document,
+                                     const std::string& buffer, const SceneLevel& meshes,
+                                     const SceneWriteOptions& options = {},
+                                     const Progress& progress = {});
+
+}  // namespace manip3d

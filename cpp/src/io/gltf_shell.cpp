@@ -1,0 +1,330 @@
+#include "io/gltf_shell.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string_view>
+#include <utility>
+
+#include "io/warnings.hpp"
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr std::int64_t kLargestImage = std::int64_t{1} << 31;
+constexpr std::int64_t kLargestOffset = std::int64_t{1} << 53;
+
+/// MIME type of an image that a bufferView may hold; "" for others.
+std::string image_type(std::string_view data) {
+  if (data.starts_with("\x89PNG\r\n\x1A\n")) return "image/png";
+  if (data.starts_with("\xFF\xD8\xFF")) return "image/jpeg";
+  if (data.starts_with("RIFF") && data.substr(8).starts_with("WEBP")) return "image/webp";
+  if (data.starts_with("\xABKTX 20")) return "image/ktx2";
+  return "";
+}
+
+/// Bytes of an element of an accessor: columns of matrices start at multiples of four bytes.
+std::int64_t element_bytes(const JsonPlace& accessor) {
+  const std::int64_t code = accessor.member("componentType").integer(5120, 5126);
+  const std::int64_t component = code <= 5121 ? 1 : code <= 5123 ? 2 : 4;
+  struct Shape {
+    const char* name;
+    std::int64_t rows, columns;
+  };
+  constexpr std::array<Shape, 7> kShapes = {{{"SCALAR", 1, 1},
+                                             {"VEC2", 2, 1},
+                                             {"VEC3", 3, 1},
+                                             {"VEC4", 4, 1},
+                                             {"MAT2", 2, 2},
+                                             {"MAT3", 3, 3},
+                                             {"MAT4", 4, 4}}};
+  const JsonPlace type = accessor.member("type");
+  for (const Shape& shape : kShapes) {
+    if (type.text() != shape.name) continue;
+    const std::int64_t column = component * shape.rows;
+    return shape.columns == 1 ? column : shape.columns * ((column + 3) / 4 * 4);
+  }
+  type.fail("expected SCALAR, VEC2, VEC3, VEC4, MAT2, MAT3 or MAT4");
+}
+
+class ShellReader {
+ public:
+  ShellReader(GltfDocument& source, const GltfResource& resource, GltfBudget& budget,
+              std::vector<std::string>& warnings)
+      : source_(source), resource_(resource), budget_(budget), warnings_(warnings) {}
+
+  GltfScene read(const GltfKept& kept) {
+    json() = Json(source_.json());
+    for (const char* gone : {"buffers", "bufferViews", "accessors"}) json().erase(gone);
+    json()["bufferViews"] = Json::array();
+    json()["accessors"] = Json::array();
+    keep_meshes(kept.meshes);
+    keep_nodes(kept.nodes);
+    keep_skins();
+    keep_animations();
+    keep_images();
+    drop_extensions(json());
+    drop_unused_extensions(kept.meshes);
+    return std::move(shell_);
+  }
+
+ private:
+  Json& json() { return shell_.json; }
+
+  // --- Bytes -----------------------------------------------------------------------------
+
+  std::size_t copy_bytes(ByteSpan bytes, const JsonPlace& user) {
+    budget_.charge(static_cast<std::int64_t>(bytes.size()), user.pointer());
+    return shell_.add_buffer_view({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+  }
+
+  /// The elements that `owner` names, and no others that lie between them.
+  std::size_t copy_elements(const JsonPlace& owner, std::int64_t count, std::int64_t element) {
+    const JsonPlace user = owner.member("bufferView");
+    const ByteSpan bytes = source_.buffer_view(user);
+    const JsonPlace view = source_.object("bufferViews", user);
+    const auto stride_given = view.find("byteStride");
+    const std::int64_t stride = stride_given ? stride_given->integer(element, 252) : element;
+    const auto offset_given = owner.find("byteOffset");
+    const std::int64_t offset = offset_given ? offset_given->integer(0, kLargestOffset) : 0;
+    if (count > 0 &&
+        offset + (count - 1) * stride + element > static_cast<std::int64_t>(bytes.size())) {
+      owner.fail(std::to_string(count) + " elements do not fit into their bufferView");
+    }
+    const std::int64_t packed = stride_given ? (element + 3) / 4 * 4 : element;
+    budget_.charge(count * packed, owner.pointer());
+    std::string copy(static_cast<std::size_t>(count * packed), '\0');
+    for (std::int64_t i = 0; i < count; ++i) {
+      const auto* from = reinterpret_cast<const char*>(bytes.data()) + offset + i * stride;
+      std::copy(from, from + element, copy.begin() + i * packed);
+    }
+    const std::size_t index = shell_.add_buffer_view(copy);
+    if (stride_given) json()["bufferViews"][index]["byteStride"] = packed;
+    if (const auto target = view.find("target")) {
+      json()["bufferViews"][index]["target"] = target->integer(0, 65535);
+    }
+    return index;
+  }
+
+  /// The new index of the accessor that `user` names.
+  std::size_t keep_accessor(const JsonPlace& user) {
+    const JsonPlace place = source_.object("accessors", user);
+    const auto known = accessors_.find(place.pointer());
+    if (known != accessors_.end()) return known->second;
+    const std::int64_t count = place.member("count").integer(0, (std::int64_t{1} << 31) - 1);
+    const std::int64_t element = element_bytes(place);
+    Json accessor = Json(place.value());
+    accessor.erase("byteOffset");
+    if (place.has("bufferView")) accessor["bufferView"] = copy_elements(place, count, element);
+    if (const auto sparse = place.find("sparse")) {
+      const std::int64_t replaced = sparse->member("count").integer(0, count);
+      const JsonPlace indices = sparse->member("indices"), values = sparse->member("values");
+      const std::int64_t code = indices.member("componentType").integer(5121, 5125);
+      const std::int64_t index = code == 5121 ? 1 : code == 5123 ? 2 : 4;
+      accessor["sparse"]["indices"]["bufferView"] = copy_elements(indices, replaced, index);
+      accessor["sparse"]["values"]["bufferView"] = copy_elements(values, replaced, element);
+      for (const char* part : {"indices", "values"}) accessor["sparse"][part].erase("byteOffset");
+    }
+    json()["accessors"].push_back(std::move(accessor));
+    const std::size_t index = json()["accessors"].size() - 1;
+    accessors_.emplace(place.pointer(), index);
+    return index;
+  }
+
+  /// Each member of an object that names accessors, such as the attributes of a primitive.
+  void keep_members(const JsonPlace& place, Json& copy) {
+    for (auto& [key, index] : copy.items()) index = keep_accessor(place.member(key.c_str()));
+  }
+
+  // --- What refers to it -----------------------------------------------------------------
+
+  [[nodiscard]] JsonPlace item(const char* array, std::size_t index) const {
+    return source_.root().member(array).item(static_cast<std::int64_t>(index));
+  }
+
+  void keep_meshes(const std::vector<bool>& is_kept) {
+    for (std::size_t m = 0; m < is_kept.size(); ++m) {
+      Json& mesh = json()["meshes"][m];
+      if (!is_kept[m]) {
+        mesh["primitives"] = Json::array();
+        continue;
+      }
+      const JsonPlace primitives = item("meshes", m).member("primitives");
+      for (std::int64_t i = 0; i < primitives.size(); ++i) {
+        const JsonPlace place = primitives.item(i);
+        Json& primitive = mesh["primitives"][static_cast<std::size_t>(i)];
+        keep_members(place.member("attributes"), primitive["attributes"]);
+        if (const auto indices = place.find("indices")) {
+          primitive["indices"] = keep_accessor(*indices);
+        }
+        const auto targets = place.find("targets");
+        for (std::int64_t t = 0; targets && t < targets->size(); ++t) {
+          keep_members(targets->item(t), primitive["targets"][static_cast<std::size_t>(t)]);
+        }
+      }
+    }
+  }
+
+  void keep_nodes(const std::vector<bool>& is_kept) {
+    bool any_emptied = false;
+    for (std::size_t n = 0; n < is_kept.size(); ++n) {
+      Json& node = json()["nodes"][n];
+      if (!is_kept[n]) {
+        for (const char* shown : {"mesh", "skin", "camera", "extensions", "weights"}) {
+          any_emptied = node.erase(shown) > 0 || any_emptied;
+        }
+        continue;
+      }
+      const JsonPlace place = item("nodes", n);
+      const auto extensions = place.find("extensions");
+      const auto instances =
+          extensions ? extensions->find("EXT_mesh_gpu_instancing") : std::nullopt;
+      if (instances) {
+        keep_members(instances->member("attributes"),
+                     node["extensions"]["EXT_mesh_gpu_instancing"]["attributes"]);
+      }
+    }
+    if (any_emptied) warn(warnings_, "what belongs to no scene is left out of its nodes");
+  }
+
+  void keep_skins() {
+    for (std::int64_t i = 0; i < source_.count("skins"); ++i) {
+      const auto index = static_cast<std::size_t>(i);
+      if (const auto matrices = item("skins", index).find("inverseBindMatrices")) {
+        json()["skins"][index]["inverseBindMatrices"] = keep_accessor(*matrices);
+      }
+    }
+  }
+
+  void keep_animations() {
+    for (std::int64_t a = 0; a < source_.count("animations"); ++a) {
+      const auto index = static_cast<std::size_t>(a);
+      const JsonPlace samplers = item("animations", index).member("samplers");
+      for (std::int64_t i = 0; i < samplers.size(); ++i) {
+        const JsonPlace place = samplers.item(i);
+        Json& sampler = json()["animations"][index]["samplers"][static_cast<std::size_t>(i)];
+        sampler["input"] = keep_accessor(place.member("input"));
+        sampler["output"] = keep_accessor(place.member("output"));
+      }
+    }
+  }
+
+  void keep_images() {
+    for (std::int64_t i = 0; i < source_.count("images"); ++i) {
+      const auto index = static_cast<std::size_t>(i);
+      const JsonPlace place = item("images", index);
+      Json& image = json()["images"][index];
+      if (place.has("bufferView")) {
+        const JsonPlace user = place.member("bufferView");
+        image["bufferView"] = copy_bytes(source_.buffer_view(user), user);
+        continue;
+      }
+      const JsonPlace uri = place.member("uri");
+      const std::optional<Bytes> bytes = image_file(uri);
+      if (!bytes) continue;
+      const std::string type =
+          image_type({reinterpret_cast<const char*>(bytes->data()), bytes->size()});
+      if (type.empty()) {
+        warn(warnings_, place.pointer() + " is no PNG or JPEG image; only its name is kept");
+        continue;
+      }
+      image.erase("uri");
+      image["mimeType"] = type;
+      image["bufferView"] = copy_bytes(*bytes, uri);
+    }
+  }
+
+  std::optional<Bytes> image_file(const JsonPlace& uri) {
+    const std::string scheme = uri_scheme(uri.text());
+    if (scheme == "data") return decode_data_uri(uri);
+    if (!scheme.empty()) return std::nullopt;  // a remote image keeps its name
+    const std::string name = decode_relative_uri(uri);
+    try {
+      Bytes bytes = resource_(name, kLargestImage);
+      budget_.add_file(static_cast<std::int64_t>(bytes.size()));
+      return bytes;
+    } catch (const InputError& error) {
+      warn(warnings_, "image '" + name + "' is not read, only its name is kept: " + error.what());
+    } catch (const std::filesystem::filesystem_error&) {
+      warn(warnings_, "image '" + name + "' not found, only its name is kept");
+    }
+    return std::nullopt;
+  }
+
+  // --- Extensions ------------------------------------------------------------------------
+
+  /// What is left of an extension that is not kept would refer to what has moved.
+  static void drop_extensions(Json& value) {
+    if (value.is_object()) {
+      const auto found = value.find("extensions");
+      if (found != value.end() && found->is_object()) {
+        Json kept = Json::object();
+        for (auto& [name, content] : found->items()) {
+          if (is_kept_extension(name)) kept[name] = std::move(content);
+        }
+        if (kept.empty()) {
+          value.erase("extensions");
+        } else {
+          *found = std::move(kept);
+        }
+      }
+      for (auto& [key, member] : value.items()) {
+        if (key != "extras") drop_extensions(member);
+      }
+    } else if (value.is_array()) {
+      for (Json& member : value) drop_extensions(member);
+    }
+  }
+
+  /// A file must not require what it does not use.
+  void drop_unused_extensions(const std::vector<bool>& is_kept) {
+    const bool any_kept = std::find(is_kept.begin(), is_kept.end(), true) != is_kept.end();
+    for (const char* list : {"extensionsUsed", "extensionsRequired"}) {
+      const auto found = json().find(list);
+      if (found == json().end()) continue;
+      Json kept = Json::array();
+      for (const Json& name : *found) {
+        const auto& text = name.get_ref<const std::string&>();
+        if (is_kept_extension(text) && (any_kept || text != "KHR_mesh_quantization")) {
+          kept.push_back(name);
+        }
+      }
+      if (kept.empty()) {
+        json().erase(list);
+      } else {
+        json()[list] = std::move(kept);
+      }
+    }
+  }
+
+  GltfDocument& source_;
+  const GltfResource& resource_;
+  GltfBudget& budget_;
+  std::vector<std::string>& warnings_;
+  GltfScene shell_;
+  std::map<std::string, std::size_t> accessors_;  ///< New indices, by pointer.
+};
+
+}  // namespace
+
+bool is_kept_extension(const std::string& name) {
+  constexpr std::array<std::string_view, 8> kKept = {
+      "EXT_mesh_gpu_instancing", "EXT_texture_webp",     "KHR_animation_pointer",
+      "KHR_lights_punctual",     "KHR_node_visibility",  "KHR_mesh_quantization",
+      "KHR_texture_basisu",      "KHR_texture_transform"};
+  return name.starts_with("KHR_materials_") ||
+         std::find(kKept.begin(), kKept.end(), name) != kKept.end();
+}
+
+GltfScene read_gltf_shell(GltfDocument& source, const GltfKept& kept, const GltfResource& resource,
+                          GltfBudget& budget, std::vector<std::string>& warnings) {
+  return ShellReader(source, resource, budget, warnings).read(kept);
+}
+
+}  // namespace manip3d

@@ -1,0 +1,27 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "io/gltf_document.hpp"
+#include "io/gltf_scene.hpp"
+
+namespace manip3d {
+
+/// Whether a scene keeps an extension: those that refer to nothing but what keeps its index
+/// (nodes, materials, textures, images), and those whose accessors the shell knows of.
+bool is_kept_extension(const std::string& name);
+
+/// What the shell of a file keeps.
+struct GltfKept {
+  std::vector<bool> meshes;  ///< Of each mesh: its primitives.
+  std::vector<bool> nodes;   ///< Of each node: what it shows.
+};
+
+/// All of a glTF file but the primitives that are not kept, with one buffer that holds what is
+/// still referred to, images included.
+/// @throws FormatError  references or lengths that do not fit.
+GltfScene read_gltf_shell(GltfDocument& source, const GltfKept& kept, const GltfResource& resource,
+                          GltfBudget& budget, std::vector<std::string>& warnings);
+
+}  // namespace manip3d

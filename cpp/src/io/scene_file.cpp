@@ -1,0 +1,203 @@
+#include "manip3d/io/scene_file.hpp"
+
+#include <algorithm>
+#include <set>
+#include <string>
+#include <utility>
+
+#include "io/formats.hpp"
+#include "io/gltf_scene.hpp"
+#include "io/texture_files.hpp"
+#include "manip3d/error.hpp"
+
+namespace manip3d {
+namespace fs = std::filesystem;
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+std::optional<MeshFormat> gltf_format(const fs::path& path) {
+  const auto format = format_of_suffix(without_compression_suffix(path).extension().string());
+  const bool is_gltf = format == MeshFormat::kGltf || format == MeshFormat::kGlb;
+  return is_gltf ? format : std::nullopt;
+}
+
+/// Puts the triangles of all levels into the document of a scene.
+class SceneAssembler {
+ public:
+  SceneAssembler(const std::string& document, const std::string& buffer, const SceneLevel& meshes,
+                 const SceneWriteOptions& options)
+      : options_(options) {
+    scene_.json = Json::parse(document);
+    scene_.buffer = buffer;
+    levels_.push_back(&meshes);
+    for (const SceneLevel& level : options.coarser) levels_.push_back(&level);
+    num_materials_ = scene_.json.contains("materials") ? scene_.json["materials"].size() : 0;
+    const std::size_t num_meshes =
+        scene_.json.contains("meshes") ? scene_.json["meshes"].size() : 0;
+    for (const SceneLevel* level : levels_) {
+      if (level->size() == num_meshes) continue;
+      throw InputError("meshes: expected one for each mesh of the scene (" +
+                       std::to_string(num_meshes) + "), got " + std::to_string(level->size()));
+    }
+  }
+
+  GltfScene assemble() {
+    scene_.json["asset"]["generator"] = "manip3d " MANIP3D_VERSION;
+    write_meshes();
+    if (scene_.json.contains("nodes")) write_nodes();
+    for (const char* array : {"accessors", "bufferViews", "meshes"}) {
+      if (scene_.json.contains(array) && scene_.json[array].empty()) scene_.json.erase(array);
+    }
+    return std::move(scene_);
+  }
+
+ private:
+  /// New indices of the meshes of each level, or -1 for those of which nothing is left.
+  void write_meshes() {
+    Json before = scene_.json.contains("meshes") ? scene_.json["meshes"] : Json::array();
+    Json after = Json::array();
+    for (const SceneLevel* level : levels_) {
+      std::vector<std::int64_t> indices(before.size(), -1);
+      for (std::size_t m = 0; m < before.size(); ++m) {
+        Json mesh = before[m];
+        if (const auto& given = (*level)[m]) {
+          mesh["primitives"] =
+              given->num_faces() > 0
+                  ? write_primitives(scene_, *given, num_materials_, options_.max_vertices)
+                  : Json::array();
+        } else if (!placed_.empty()) {
+          indices[m] = placed_.front()[m];  // one for all levels
+          continue;
+        }
+        if (mesh["primitives"].empty()) continue;
+        indices[m] = static_cast<std::int64_t>(after.size());
+        after.push_back(std::move(mesh));
+      }
+      placed_.push_back(std::move(indices));
+    }
+    scene_.json["meshes"] = std::move(after);
+  }
+
+  void write_nodes() {
+    find_animated();
+    const std::size_t num_nodes = scene_.json["nodes"].size();
+    for (std::size_t n = 0; n < num_nodes; ++n) {
+      const Json& node = scene_.json["nodes"][n];
+      if (!node.contains("mesh")) continue;
+      const auto mesh = node["mesh"].get<std::size_t>();
+      const bool has_levels = levels_.size() > 1 && (*levels_.front())[mesh].has_value();
+      show(n, placed_.front().at(mesh));
+      if (has_levels) write_levels(n, mesh);
+    }
+  }
+
+  void show(std::size_t node, std::int64_t mesh) {
+    if (mesh < 0) {
+      scene_.json["nodes"][node].erase("mesh");
+    } else {
+      scene_.json["nodes"][node]["mesh"] = mesh;
+    }
+  }
+
+  void find_animated() {
+    if (!scene_.json.contains("animations")) return;
+    for (const Json& animation : scene_.json["animations"]) {
+      for (const Json& channel : animation.at("channels")) {
+        const Json& target = channel.at("target");
+        if (target.contains("node")) animated_.insert(target["node"].get<std::size_t>());
+      }
+    }
+  }
+
+  // A level of detail takes the place of its node, with all that hangs on it and moves with it. A
+  // node that is more than a mesh gets the levels in a child of its own.
+  void write_levels(std::size_t n, std::size_t mesh) {
+    Json& nodes = scene_.json["nodes"];
+    const auto is_more = [&](const Json& node) {
+      const bool has_text = node.contains("extras") && !node["extras"].is_object();
+      return node.contains("children") || node.contains("camera") || node.contains("extensions") ||
+             has_text || animated_.contains(n);
+    };
+    std::size_t finest = n;
+    if (is_more(nodes[n])) {
+      finest = nodes.size();
+      nodes.push_back(Json::object());
+      if (nodes[n].contains("name")) nodes[finest]["name"] = nodes[n]["name"];
+      nodes[n]["children"].push_back(finest);
+      nodes[n].erase("mesh");
+      show(finest, placed_.front()[mesh]);
+    }
+    Json base = nodes[finest];
+    base.erase("extras");
+    Json ids = Json::array();
+    for (std::size_t level = 1; level < levels_.size(); ++level) {
+      ids.push_back(nodes.size());
+      nodes.push_back(base);
+      show(nodes.size() - 1, placed_[level][mesh]);
+    }
+    nodes[finest]["extensions"]["MSFT_lod"] = {{"ids", ids}};
+    nodes[finest]["extras"]["MSFT_screencoverage"] = options_.coverages;
+    Json& used = scene_.json["extensionsUsed"];
+    if (std::find(used.begin(), used.end(), "MSFT_lod") == used.end()) used.push_back("MSFT_lod");
+  }
+
+  const SceneWriteOptions& options_;
+  std::vector<const SceneLevel*> levels_;
+  std::size_t num_materials_ = 0;
+  GltfScene scene_;
+  std::vector<std::vector<std::int64_t>> placed_;  ///< New index of a mesh: by level, by mesh.
+  std::set<std::size_t> animated_;                 ///< Nodes that an animation moves.
+};
+
+GltfScene assemble(const std::string& document, const std::string& buffer, const SceneLevel& meshes,
+                   const SceneWriteOptions& options) {
+  try {
+    return SceneAssembler(document, buffer, meshes, options).assemble();
+  } catch (const Json::exception& error) {
+    throw InputError(std::string("document: expected one of read_scene, got: ") + error.what());
+  }
+}
+
+}  // namespace
+
+Scene read_scene(const fs::path& path, const ReadOptions& options, const Progress& progress) {
+  ReadOptions here = options;
+  here.folder = path.parent_path().empty() ? "." : path.parent_path();
+  try {
+    if (!gltf_format(path)) {
+      throw FormatError("expected a scene in .gltf or .glb", {});
+    }
+    const auto bytes = decompressed(file_source(path, SpecialFiles::kAllowed), compression_of(path),
+                                    options.max_bytes);
+    return read_gltf_scene(*bytes, here, progress);
+  } catch (const FormatError& error) {
+    if (!error.file().empty()) throw;  // a file that the scene names
+    throw error.in_file(path.string());
+  }
+}
+
+std::vector<std::string> write_scene(const fs::path& path, const std::string& document,
+                                     const std::string& buffer, const SceneLevel& meshes,
+                                     const SceneWriteOptions& options, const Progress& progress) {
+  const auto format = gltf_format(path);
+  if (!format) {
+    throw InputError("path: expected .glb or .gltf for a scene, got '" + path.string() + "'");
+  }
+  GltfScene scene = assemble(document, buffer, meshes, options);
+  std::vector<std::string> warnings;
+  Output output(path, compression_of(path), progress);
+  if (*format == MeshFormat::kGlb) {
+    write_glb(output, scene);
+  } else {
+    const std::vector<Material> no_materials;
+    const WriteOptions no_options;
+    const WriteJob job{MeshView(), no_materials, no_options, path, warnings};
+    CompanionFiles files(job);
+    write_gltf(output, scene, path, files);
+  }
+  output.commit();
+  return warnings;
+}
+
+}  // namespace manip3d

@@ -1,0 +1,291 @@
+"""Scenes of glTF files: nodes in a hierarchy, and meshes that several of them show."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from manip3d import _core
+from manip3d._util.checked import checked
+from manip3d.errors import InputError
+from manip3d.io._mesh_files import _limit
+from manip3d.io._remote import local_copy, local_output
+from manip3d.mesh import Mesh
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_logger = logging.getLogger("manip3d")
+
+
+@dataclass(frozen=True, eq=False)
+class SceneNode:
+    """A node of a `Scene`.
+
+    Attributes
+    ----------
+    name : str
+        Empty where the file gives none.
+    parent : int or None
+        Index of a node; ``None`` for a root.
+    mesh : int or None
+        Index of the mesh that the node shows.
+    transform : (4, 4) float64
+        From the node's coordinates into its parent's.
+    drawn : bool
+        Whether the file's default scene has the node.
+    """
+
+    name: str
+    parent: int | None
+    mesh: int | None
+    transform: NDArray[np.float64] = field(repr=False)
+    drawn: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A glTF file with its hierarchy of nodes; see :func:`read_scene`.
+
+    Attributes
+    ----------
+    nodes : tuple of SceneNode
+        All nodes of the file.
+    meshes : tuple of Mesh
+        Each mesh once, in its own coordinates, however many nodes show it.
+    names : tuple of str
+        Of the meshes.
+    fixed : tuple of str
+        Of each mesh: why it is always written as it was read, such as ``"it has a skin"``; empty
+        for a mesh that :meth:`with_meshes` may replace.
+    warnings : tuple of str
+        What reading left out.
+    source : str or None
+        The file it was read from.
+    """
+
+    nodes: tuple[SceneNode, ...]
+    meshes: tuple[Mesh, ...]
+    names: tuple[str, ...]
+    fixed: tuple[str, ...]
+    warnings: tuple[str, ...]
+    source: str | None
+    _document: bytes = field(repr=False)
+    _buffer: bytes = field(repr=False)
+
+    @property
+    def num_uses(self) -> NDArray[np.int64]:
+        """(M,) how many drawn nodes show each mesh."""
+        shown = [node.mesh for node in self.nodes if node.drawn and node.mesh is not None]
+        return np.bincount(np.array(shown, dtype=np.int64), minlength=len(self.meshes))
+
+    @property
+    def num_instances(self) -> int:
+        """Drawn nodes that show a mesh."""
+        return int(self.num_uses.sum())
+
+    @property
+    def num_faces(self) -> int:
+        """Faces that are drawn: those of a mesh count once for each node that shows it."""
+        return int(self.num_uses @ self._face_counts())
+
+    @property
+    def num_stored_faces(self) -> int:
+        """Faces that are stored: those of a mesh count once, however many nodes show it."""
+        return int(self._face_counts()[self.num_uses > 0].sum())
+
+    @property
+    def num_vertices(self) -> int:
+        """Vertices of the meshes, each mesh once."""
+        return sum(mesh.num_vertices for mesh in self.meshes)
+
+    def _face_counts(self) -> NDArray[np.int64]:
+        return np.array([mesh.num_faces for mesh in self.meshes], dtype=np.int64)
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether a single node is all there is, so that a `Mesh` holds it as well."""
+        return len(self.nodes) == 1 and self.nodes[0].mesh is not None
+
+    def world_transforms(self) -> NDArray[np.float64]:
+        """(N, 4, 4) from the coordinates of each node into those of the scene."""
+        world = np.empty((len(self.nodes), 4, 4))
+        known: set[int] = set()
+        for start in range(len(self.nodes)):
+            path: list[int] = []
+            node: int | None = start
+            while node is not None and node not in known:
+                path.append(node)
+                node = self.nodes[node].parent
+            for i in reversed(path):
+                parent = self.nodes[i].parent
+                local = self.nodes[i].transform
+                world[i] = local if parent is None else world[parent] @ local
+                known.add(i)
+        return world
+
+    def with_meshes(self, meshes: Mapping[int, Mesh]) -> Scene:
+        """Return the scene with other triangles for some of its meshes.
+
+        Parameters
+        ----------
+        meshes : mapping of int to Mesh
+            By index; in the coordinates of the mesh that it replaces, with materials by their
+            index in that mesh's ``materials``. A mesh without faces is left out when the scene is
+            written; its nodes stay.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        InputError
+            There is no such mesh, or it is fixed.
+        """
+        changed = list(self.meshes)
+        for index, mesh in meshes.items():
+            if not 0 <= index < len(changed):
+                raise InputError(
+                    f"meshes: expected indices below {len(changed)} (the scene's meshes), "
+                    f"got {index}"
+                )
+            if self.fixed[index]:
+                raise InputError(f"meshes: mesh {index} is fixed: {self.fixed[index]}")
+            changed[index] = mesh
+        return replace(self, meshes=tuple(changed))
+
+    def write(self, path: str | os.PathLike[str], *, max_vertices: int | None = None) -> None:
+        """Write the scene; see :func:`manip3d.io.write_scene`."""
+        write_scene(self, path, max_vertices=max_vertices)
+
+
+@checked
+def read_scene(
+    path: str | os.PathLike[str], *, allow_outside: bool = False, max_bytes: int | None = None
+) -> Scene:
+    """Read a ``.gltf`` or ``.glb`` file with its nodes: each mesh once, in its own coordinates.
+
+    `read_mesh` reads the same file as one mesh, in the coordinates of the scene.
+
+    Parameters
+    ----------
+    path, allow_outside, max_bytes
+        As for `read_mesh`.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    FormatError
+        As `read_mesh`, and for files of another format.
+    OSError
+        `FileNotFoundError` and the like.
+
+    Notes
+    -----
+    Nodes with their names, parents and transforms, materials, textures, cameras, lights,
+    animations, skins and ``extras`` are written as they were read. So are meshes that are not plain
+    triangles (``Scene.fixed`` says why). Other meshes keep positions, normals, ``TEXCOORD_0`` and
+    ``COLOR_0``; what else they have is named in ``warnings``.
+
+    Examples
+    --------
+    >>> from manip3d import io, simulate
+    >>> simulate.models.floor(columns=2, rows=1).write("floor.glb")
+    >>> scene = io.read_scene("floor.glb")
+    >>> scene.num_instances, scene.num_faces
+    (1, 4)
+    """
+    with local_copy(path, max_bytes=max_bytes) as local:
+        nodes, meshes, document, buffer, warnings = _core.read_scene(
+            os.fsencode(local), bool(allow_outside), _limit(max_bytes)
+        )
+    for text in warnings:
+        _logger.warning("%s: %s", os.fspath(path), text)
+    return Scene(
+        nodes=tuple(
+            SceneNode(name, _index(parent), _index(mesh), transform, drawn)
+            for name, parent, mesh, transform, drawn in nodes
+        ),
+        meshes=tuple(mesh for _, mesh, _ in meshes),
+        names=tuple(name for name, _, _ in meshes),
+        fixed=tuple(reason for _, _, reason in meshes),
+        warnings=tuple(warnings),
+        source=os.fspath(path),
+        _document=document,
+        _buffer=buffer,
+    )
+
+
+def _index(value: int) -> int | None:
+    return None if value < 0 else value
+
+
+@checked
+def write_scene(
+    scene: Scene,
+    path: str | os.PathLike[str],
+    *,
+    coarser: Sequence[Scene] = (),
+    coverages: Sequence[float] = (),
+    max_vertices: int | None = None,
+) -> None:
+    """Write a scene as ``.glb`` or ``.gltf``.
+
+    Parameters
+    ----------
+    scene : Scene
+    path : path-like
+        Images lie in the file (``.glb``) or in the ``.bin`` beside it.
+    coarser : sequence of Scene
+        Levels of detail of the same scene, finest first (the extension ``MSFT_lod``). A node that
+        has children, a camera or an animation gets a child that shows its mesh: a level takes the
+        place of its node, with all that hangs on it.
+    coverages : sequence of float
+        The least share of the screen that each level is made for, this one included.
+    max_vertices : int, optional
+        As for `write_mesh`.
+
+    Raises
+    ------
+    InputError
+        Another suffix, levels of another scene, and what `write_mesh` refuses.
+    OSError
+        The operating system refused; the old file is whole.
+
+    Examples
+    --------
+    >>> from manip3d import io, simulate
+    >>> simulate.models.floor(columns=2, rows=1).write("floor.glb")
+    >>> io.write_scene(io.read_scene("floor.glb"), "copy.glb")
+    >>> io.read_mesh("copy.glb").num_faces
+    4
+    """
+    levels = [scene, *coarser]
+    if any(level.fixed != scene.fixed for level in coarser):
+        raise InputError("coarser: expected levels of the same scene, got another")
+    with local_output(path) as local:
+        warnings = _core.write_scene(
+            os.fsencode(local),
+            scene._document,
+            scene._buffer,
+            [_replaced(level) for level in levels],
+            0 if max_vertices is None else max_vertices,
+            list(coverages),
+        )
+        for text in warnings:
+            _logger.warning("%s: %s", os.fspath(path), text)
+
+
+def _replaced(scene: Scene) -> list[Mesh | None]:
+    return [
+        None if reason else mesh for mesh, reason in zip(scene.meshes, scene.fixed, strict=True)
+    ]

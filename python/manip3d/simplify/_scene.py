@@ -1,0 +1,517 @@
+"""Scenes with fewer faces: each mesh once, all of them by one measure of error."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from manip3d._util.checked import checked
+from manip3d.errors import InputError
+from manip3d.io import Scene
+from manip3d.mesh import Material, Mesh
+from manip3d.simplify._collapse import METHODS, SimplifyResult, StopReason, clean
+from manip3d.simplify._lod import lod_chain
+from manip3d.simplify._quality import QualityResult, fast, quality
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from manip3d._util.options import Progress
+
+_Result = SimplifyResult | QualityResult
+
+_MOST_RUNS = 6  # to meet a number of drawn faces; each halves what is left of it or better
+_NEAR = 0.01  # of the target: as near to it as a run more is worth
+
+# Of the scene's diagonal. Meshes of several instances lie this far from their places, each
+# differently, so that what happens to touch the first instance is not welded to all of them.
+_HAIR = 1e-9
+
+_TABLES = (
+    "vertices",
+    "faces",
+    "texcoords",
+    "face_texcoords",
+    "normals",
+    "face_normals",
+    "colors",
+    "face_material",
+)
+
+
+@dataclass(frozen=True)
+class SceneResult:
+    """A simplified scene; see :func:`simplify_scene`.
+
+    Attributes
+    ----------
+    scene : Scene
+    max_error : float
+        Largest error of a step (``QualityResult.max_error``), in the unit of the scene.
+    distance_bound : float or None
+        With ``max_distance``: upper bound of the two-sided Hausdorff distance of each instance of
+        each mesh, in the unit of the scene.
+    stop : StopReason
+    result : QualityResult or SimplifyResult
+        The run over all meshes, each at the place of its largest instance.
+    """
+
+    scene: Scene
+    max_error: float
+    distance_bound: float | None
+    stop: StopReason
+    result: _Result = field(repr=False)
+
+
+@dataclass(frozen=True)
+class SceneLevel:
+    """A level of detail of a scene.
+
+    Attributes
+    ----------
+    scene : Scene
+    max_error : float
+        Largest error of the collapses that led here, in the unit of the scene.
+    """
+
+    scene: Scene = field(repr=False)
+    max_error: float
+
+    @property
+    def num_faces(self) -> int:
+        """Faces that are drawn."""
+        return self.scene.num_faces
+
+
+@dataclass(frozen=True)
+class SceneLods:
+    """Levels of detail of a scene, finest first; see :func:`scene_lods`.
+
+    Attributes
+    ----------
+    levels : tuple of SceneLevel
+        The first is the scene itself.
+    result : QualityResult or SimplifyResult
+        The run that the levels come from, or that of the coarsest one tried.
+    """
+
+    levels: tuple[SceneLevel, ...]
+    result: _Result = field(repr=False)
+
+    def write(self, path: str | os.PathLike[str], *, max_vertices: int | None = None) -> None:
+        """Write all levels; see :func:`manip3d.io.write_lods`."""
+        from manip3d.io import write_lods
+
+        write_lods(
+            [level.scene for level in self.levels],
+            path,
+            errors=[level.max_error for level in self.levels],
+            max_vertices=max_vertices,
+        )
+
+
+def _largest_instance(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The (4, 4) transform of the largest of some instances that has an inverse."""
+    linear = places[:, :3, :3]
+    singular = np.linalg.svd(linear, compute_uv=False)
+    flat = ~(singular[:, -1] > 1e-9 * singular[:, 0])
+    sizes = np.where(flat, -1.0, (linear**2).sum(axis=(1, 2)))
+    best = int(np.argmax(sizes))
+    if not flat[best]:
+        chosen: NDArray[np.float64] = places[best].copy()
+        return chosen
+    # Each instance is flattened to nothing along some axis: its size alone counts.
+    place = np.eye(4)
+    size = float(singular[:, 0].max())
+    place[:3, :3] *= size if size > 0.0 else 1.0
+    place[:3, 3] = places[int(np.argmax(singular[:, 0])), :3, 3]
+    return place
+
+
+def _compact(
+    table: NDArray[Any] | None, index: NDArray[np.int32] | None
+) -> tuple[NDArray[Any] | None, NDArray[np.int32] | None]:
+    """The rows that an index names, and the index of them; -1 stays -1."""
+    if table is None or index is None or not (index >= 0).any():
+        return None, None
+    used = np.unique(index[index >= 0])
+    rows = np.full(len(table) + 1, -1, dtype=np.int32)  # the last one: of -1
+    rows[used] = np.arange(len(used), dtype=np.int32)
+    return table[used], rows[index]
+
+
+def _turned(normals: NDArray[np.float64], linear: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit normals of a surface after a linear map, but for the sign that a mirror gives."""
+    turned = normals @ np.linalg.inv(linear)
+    lengths = np.linalg.norm(turned, axis=1, keepdims=True)
+    unit: NDArray[np.float64] = np.divide(turned, lengths, out=turned, where=lengths > 0.0)
+    return unit
+
+
+class _Placed:
+    """The meshes of a scene that may be simplified, each once, as one mesh.
+
+    A face's material tells its mesh, too: borders between meshes are like those of materials.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self._uses = scene.num_uses
+        self.indices = [
+            i
+            for i, mesh in enumerate(scene.meshes)
+            if self._uses[i] > 0 and not scene.fixed[i] and mesh.num_faces > 0
+        ]
+        if not self.indices:
+            reasons = sorted({reason for reason in scene.fixed if reason})
+            raise InputError(
+                f"scene: no mesh can be simplified: {', '.join(reasons) or 'no faces'}"
+            )
+        world = scene.world_transforms()
+        instances: dict[int, list[NDArray[np.float64]]] = {i: [] for i in self.indices}
+        for node, place in zip(scene.nodes, world, strict=True):
+            if node.drawn and node.mesh in instances:
+                instances[node.mesh].append(place)
+        self._places = {i: _largest_instance(np.array(own)) for i, own in instances.items()}
+        self._part_aside()
+        self.stretch = max(
+            (
+                float(np.linalg.norm(other[:3, :3] @ np.linalg.inv(self._places[i][:3, :3]), 2))
+                for i, own in instances.items()
+                for other in own
+            ),
+            default=1.0,
+        )
+        if self.stretch < 1.0 + 1e-9:
+            self.stretch = 1.0
+        self._pairs: list[tuple[int, int]] = []
+        self.mesh = self._merge()
+        fixed = [i for i, reason in enumerate(scene.fixed) if reason]
+        self.fixed_faces = int(sum(self._uses[i] * scene.meshes[i].num_faces for i in fixed))
+
+    def _part_aside(self) -> None:
+        shared = [i for i in self.indices if self._uses[i] > 1]
+        if not shared or len(self.indices) == 1:
+            return
+        corners = np.concatenate([self._vertices(i) for i in self.indices])
+        diagonal = float(np.linalg.norm(np.ptp(corners, axis=0)))
+        for number, i in enumerate(shared):
+            self._places[i][:3, 3] += _HAIR * diagonal * (number + 1)
+
+    def _vertices(self, index: int) -> NDArray[np.float64]:
+        place = self._places[index]
+        placed: NDArray[np.float64] = (
+            self.scene.meshes[index].vertices @ place[:3, :3].T + place[:3, 3]
+        )
+        return placed
+
+    def _mirrors(self, index: int) -> bool:
+        return bool(np.linalg.det(self._places[index][:3, :3]) < 0.0)
+
+    def _merge(self) -> Mesh:
+        """All meshes one after the other; corners of those without an attribute have -1."""
+        chosen = [self.scene.meshes[i] for i in self.indices]
+        has_colors = any(mesh.colors is not None for mesh in chosen)
+        tables: dict[str, list[NDArray[Any]]] = {name: [] for name in _TABLES}
+        counts = {"vertices": 0, "texcoords": 0, "normals": 0}
+        for index, mesh in zip(self.indices, chosen, strict=True):
+            turn = slice(None, None, -1 if self._mirrors(index) else 1)
+            tables["vertices"].append(self._vertices(index))
+            tables["faces"].append(mesh.faces[:, turn] + np.int32(counts["vertices"]))
+            for table, corners in (("texcoords", "face_texcoords"), ("normals", "face_normals")):
+                rows, of_face = getattr(mesh, table), getattr(mesh, corners)
+                if rows is None or of_face is None:
+                    tables[corners].append(np.full((mesh.num_faces, 3), -1, dtype=np.int32))
+                    continue
+                if table == "normals":
+                    rows = _turned(rows, self._places[index][:3, :3])
+                shifted = np.where(of_face >= 0, of_face + np.int32(counts[table]), np.int32(-1))
+                tables[table].append(rows)
+                tables[corners].append(shifted[:, turn].astype(np.int32))
+                counts[table] += len(rows)
+            if has_colors:
+                white = np.full((mesh.num_vertices, 3), 255, dtype=np.uint8)
+                tables["colors"].append(white if mesh.colors is None else mesh.colors)
+            tables["face_material"].append(self._pair_rows(index, mesh))
+            counts["vertices"] += mesh.num_vertices
+        joined = {name: np.concatenate(parts) for name, parts in tables.items() if parts}
+        for table, corners in (("texcoords", "face_texcoords"), ("normals", "face_normals")):
+            if table not in joined:
+                joined.pop(corners, None)
+        return Mesh(**joined, materials=[Material() for _ in self._pairs])
+
+    def _pair_rows(self, index: int, mesh: Mesh) -> NDArray[np.int32]:
+        """Of each face: the row of its mesh and material in `_pairs`."""
+        given = mesh.face_material
+        materials = np.full(mesh.num_faces, -1, dtype=np.int32) if given is None else given
+        values, rows = np.unique(materials, return_inverse=True)
+        first = len(self._pairs)
+        self._pairs += [(index, int(value)) for value in values]
+        return (rows.reshape(-1) + first).astype(np.int32)
+
+    def split(self, mesh: Mesh) -> Scene:
+        """The scene with the parts of a simplified mesh."""
+        assert mesh.face_material is not None
+        owner = np.array([i for i, _ in self._pairs])[mesh.face_material]
+        return self.scene.with_meshes(
+            {i: self._part(mesh, np.flatnonzero(owner == i), i) for i in self.indices}
+        )
+
+    def _part(self, mesh: Mesh, chosen: NDArray[np.int64], index: int) -> Mesh:
+        original = self.scene.meshes[index]
+        if len(chosen) == 0:
+            return Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32), materials=original.materials)
+        place = self._places[index]
+        turn = slice(None, None, -1 if self._mirrors(index) else 1)
+
+        def corners(table: NDArray[np.int32] | None) -> NDArray[np.int32] | None:
+            return None if table is None else np.ascontiguousarray(table[chosen][:, turn])
+
+        used, faces = _compact(np.arange(mesh.num_vertices), corners(mesh.faces))
+        assert used is not None
+        assert faces is not None
+        assert mesh.face_material is not None
+        vertices = (mesh.vertices[used] - place[:3, 3]) @ np.linalg.inv(place[:3, :3]).T
+        texcoords, face_texcoords = _compact(mesh.texcoords, corners(mesh.face_texcoords))
+        normals, face_normals = _compact(mesh.normals, corners(mesh.face_normals))
+        if normals is not None:
+            normals = _turned(normals, np.linalg.inv(place[:3, :3]))
+        materials = np.array([m for _, m in self._pairs], dtype=np.int32)[
+            mesh.face_material[chosen]
+        ]
+        has_colors = original.colors is not None and mesh.colors is not None
+        return Mesh(
+            vertices,
+            faces,
+            texcoords=texcoords,
+            face_texcoords=face_texcoords,
+            normals=normals,
+            face_normals=face_normals,
+            colors=mesh.colors[used] if has_colors and mesh.colors is not None else None,
+            face_material=None if original.face_material is None else materials,
+            materials=original.materials,
+            source=original.source,
+        )
+
+    def num_drawn(self, mesh: Mesh) -> int:
+        """Faces that are drawn when a simplified mesh takes its place, fixed meshes included."""
+        assert mesh.face_material is not None
+        each = np.array([self._uses[i] for i, _ in self._pairs])
+        return int(each[mesh.face_material].sum()) + self.fixed_faces
+
+
+@checked
+def simplify_scene(
+    scene: Scene,
+    method: str = "quality",
+    *,
+    target_faces: int | None = None,
+    ratio: float | None = None,
+    max_error: float | None = None,
+    max_distance: float | None = None,
+    lock_box: ArrayLike | None = None,
+    cleaned: bool = True,
+    options: Mapping[str, Any] | None = None,
+    progress: Progress = None,
+) -> SceneResult:
+    """Simplify the meshes of a scene, each once, and keep its nodes and instances.
+
+    Parameters
+    ----------
+    scene : Scene
+        Not changed.
+    method : str
+        ``"quality"``, ``"fast"`` or one of `METHODS`.
+    target_faces : int, optional
+        Stop at this many faces as they are drawn, or fewer: those of a mesh count for each node
+        that shows it (``Scene.num_faces``).
+    ratio : float in [0, 1], optional
+        The fraction of the drawn faces that stays.
+    max_error, max_distance : float, optional
+        As for the method, in the unit of the scene, at the largest instance of each mesh.
+    lock_box : (2, 3) float, optional
+        Two corners, in the coordinates of the scene: vertices between them stay (for ``"quality"``
+        and ``"fast"``). Of several instances the largest one counts.
+    cleaned : bool
+        Clean the meshes first (:func:`clean`), where the method does not do it itself.
+    options : dict of str, optional
+        Further arguments of the method, such as ``{"seam_weight": 1.0}``.
+    progress : None, True or callable
+        ``True`` shows a bar; a callable gets ``(fraction, message)``, at most ten times a second.
+
+    Returns
+    -------
+    SceneResult
+        Meshes that are fixed (``Scene.fixed``) count for the target and stay as they are.
+
+    Raises
+    ------
+    InputError
+        No target, no mesh that may be simplified, and what the method refuses.
+
+    Notes
+    -----
+    The meshes are simplified in one run, each at the place of its largest instance, so that all
+    faces compete by the same error in the unit of the scene. A mesh that n nodes show costs n times
+    the error and saves n times the faces: n cancels in the price of a face, and only the count of
+    faces knows of it. Where meshes have several instances the run is repeated, six times at most,
+    until the number of drawn faces is within 1 % below the target. Meshes with one instance whose
+    vertices coincide stay together there; a border between two meshes is treated like one between
+    two materials.
+
+    Examples
+    --------
+    >>> from manip3d import io, simplify, simulate
+    >>> simulate.models.head(faces=2000).write("head.glb")
+    >>> done = simplify.simplify_scene(io.read_scene("head.glb"), target_faces=500)
+    >>> done.scene.num_faces
+    500
+    """
+    placed = _Placed(scene)
+    mesh = placed.mesh if method in ("quality", "fast") or not cleaned else clean(placed.mesh).mesh
+    target = _drawn_target(scene, target_faces, ratio)
+    limits: dict[str, Any] = {"max_error": max_error}
+    if max_distance is not None:
+        limits["max_distance"] = max_distance / placed.stretch
+    if lock_box is not None:
+        limits["locked"] = _inside(mesh.vertices, lock_box)
+    if target is None and max_error is None and max_distance is None:
+        raise InputError(
+            "target_faces, ratio, max_error or max_distance: expected at least one, got none"
+        )
+    run = _runner(method)
+
+    def at(stored: int | None) -> _Result:
+        return run(mesh, target_faces=stored, progress=progress, **limits, **(options or {}))
+
+    result = at(None) if target is None else _meet(placed, target, at)
+    bound = result.distance_bound
+    stop = result.stop
+    if target is not None and stop == StopReason.TARGET_REACHED:
+        drawn = placed.num_drawn(result.mesh)
+        stop = stop if drawn <= target else StopReason.NO_LEGAL_COLLAPSE
+    return SceneResult(
+        scene=placed.split(result.mesh) if stop != StopReason.REFUSED else scene,
+        max_error=result.max_error,
+        distance_bound=None if bound is None else bound * placed.stretch,
+        stop=stop,
+        result=result,
+    )
+
+
+def _runner(method: str) -> Callable[..., _Result]:
+    own: dict[str, Callable[..., _Result]] = {"quality": quality, "fast": fast, **METHODS}
+    if method not in own:
+        raise InputError(f"method: expected one of {', '.join(own)}, got {method!r}")
+    return own[method]
+
+
+def _drawn_target(scene: Scene, target_faces: int | None, ratio: float | None) -> int | None:
+    targets = []
+    if target_faces is not None:
+        if target_faces < 0:
+            raise InputError(f"target_faces: expected >= 0, got {target_faces}")
+        targets.append(target_faces)
+    if ratio is not None:
+        if not 0.0 <= ratio <= 1.0:
+            raise InputError(f"ratio: expected a number in [0, 1], got {ratio}")
+        targets.append(math.floor(ratio * scene.num_faces))
+    return max(targets, default=None)
+
+
+def _inside(vertices: NDArray[np.float64], box: ArrayLike) -> NDArray[np.bool_]:
+    corners = np.asarray(box, dtype=np.float64)
+    if corners.shape != (2, 3):
+        raise InputError(f"lock_box: expected shape (2, 3), got {corners.shape}")
+    chosen: NDArray[np.bool_] = ((vertices >= corners[0]) & (vertices <= corners[1])).all(axis=1)
+    return chosen
+
+
+def _meet(placed: _Placed, target: int, at: Callable[[int | None], _Result]) -> _Result:
+    """The run whose number of stored faces gives the most drawn ones within the target."""
+    before = placed.mesh.num_faces
+    drawn_before = placed.num_drawn(placed.mesh) - placed.fixed_faces
+    wanted = max(0, target - placed.fixed_faces)
+    if drawn_before == before:
+        return at(wanted)
+    too_few, too_many = (0, 0), (before, drawn_before)
+    best: _Result | None = None
+    for _ in range(_MOST_RUNS):
+        (low, low_drawn), (high, high_drawn) = too_few, too_many
+        share = (wanted - low_drawn) / max(1, high_drawn - low_drawn)
+        stored = min(max(low + round(share * (high - low)), low + 1), high)
+        result = at(stored)
+        drawn = placed.num_drawn(result.mesh) - placed.fixed_faces
+        if drawn > wanted:
+            best = best or result
+            if result.stop != StopReason.TARGET_REACHED:
+                return result
+            too_many = (stored, drawn)
+        else:
+            best = result
+            if result.stop != StopReason.TARGET_REACHED or drawn >= (1.0 - _NEAR) * wanted:
+                return result
+            too_few = (stored, drawn)
+        if too_many[0] - too_few[0] <= 1:
+            break
+    assert best is not None
+    return best
+
+
+@checked
+def scene_lods(
+    scene: Scene,
+    levels: int | Sequence[int] = 4,
+    *,
+    ratio: float = 0.5,
+    method: str = "qem4vr",
+    cleaned: bool = True,
+    options: Mapping[str, Any] | None = None,
+    progress: Progress = None,
+) -> SceneLods:
+    """Make levels of detail of a scene, with its nodes and instances.
+
+    Parameters
+    ----------
+    scene : Scene
+        The finest level; not changed.
+    levels : int or sequence of int
+        How many levels there are in all, or the numbers of stored faces of the coarser ones,
+        descending. A stored face counts once, however many nodes show it.
+    ratio : float in (0, 1)
+        Stored faces of a level over those of the one before, where ``levels`` is a number.
+    method, options, progress
+        As for :func:`lod_chain`.
+    cleaned : bool
+        Clean the meshes first (:func:`clean`), where the method does not do it itself.
+
+    Returns
+    -------
+    SceneLods
+        Levels that the simplifier cannot reach are left out: see ``result.stop``.
+
+    Raises
+    ------
+    InputError
+        No mesh that may be simplified, and what :func:`lod_chain` refuses.
+
+    Examples
+    --------
+    >>> from manip3d import io, simplify, simulate
+    >>> simulate.models.head(faces=2000).write("head.glb")
+    >>> chain = simplify.scene_lods(io.read_scene("head.glb"), 3)
+    >>> [level.num_faces for level in chain.levels]
+    [1932, 966, 483]
+    """
+    placed = _Placed(scene)
+    mesh = placed.mesh if method in ("quality", "fast") or not cleaned else clean(placed.mesh).mesh
+    chain = lod_chain(mesh, levels, ratio=ratio, method=method, options=options, progress=progress)
+    coarser = [SceneLevel(placed.split(own.mesh), own.max_error) for own in chain.levels[1:]]
+    return SceneLods((SceneLevel(scene, 0.0), *coarser), chain.result)

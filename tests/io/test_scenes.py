@@ -1,0 +1,320 @@
+"""Scenes: what is read of a glTF file's nodes, and what is written again."""
+
+from __future__ import annotations
+
+import copy
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gltf_files import PNG, SQUARE_BUFFER, data_uri, document, glb
+from manip3d import FormatError, InputError, Mesh, io, read_mesh
+
+# root (moved up)      the square is shown by `left`, `right` (half as large) and `mirrored`
+#   left  right  mirrored        `camera` shows nothing
+NODES: list[dict[str, Any]] = [
+    {"name": "root", "translation": [0, 0, 5], "children": [1, 2, 3, 4], "extras": {"id": 7}},
+    {"name": "left", "mesh": 0, "translation": [-2, 0, 0]},
+    {"name": "right", "mesh": 0, "translation": [2, 0, 0], "scale": [0.5, 0.5, 0.5]},
+    {
+        "name": "mirrored",
+        "mesh": 0,
+        "matrix": [-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 3, 0, 1],
+    },
+    {"name": "camera", "camera": 0, "extensions": {"KHR_lights_punctual": {"light": 0}}},
+]
+
+
+def scene_document(**changes: Any) -> dict[str, Any]:
+    """A hierarchy with three instances of the square, a camera, a light, a texture."""
+    base = document(
+        nodes=copy.deepcopy(NODES),
+        cameras=[{"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}],
+        extensionsUsed=["KHR_lights_punctual", "KHR_texture_transform"],
+        extensions={"KHR_lights_punctual": {"lights": [{"type": "point", "name": "lamp"}]}},
+        images=[{"uri": data_uri(PNG, "image/png"), "name": "skin"}],
+        samplers=[{"wrapS": 33071}],
+        textures=[{"source": 0, "sampler": 0}],
+        materials=[
+            {
+                "name": "paint",
+                "pbrMetallicRoughness": {"baseColorFactor": [1, 0, 0, 1]},
+                "extras": {"keep": True},
+            }
+        ],
+        asset={"version": "2.0", "copyright": "somebody"},
+    )
+    base["meshes"][0] |= {"name": "square", "extras": {"part": 3}}
+    base["meshes"][0]["primitives"][0]["material"] = 0
+    return {**base, **changes}
+
+
+def written(path: Path, **changes: Any) -> Path:
+    path.write_bytes(glb(scene_document(**changes), SQUARE_BUFFER))
+    return path
+
+
+def json_of(path: Path) -> dict[str, Any]:
+    content = path.read_bytes()
+    size = struct.unpack_from("<I", content, 12)[0]
+    found: dict[str, Any] = json.loads(content[20 : 20 + size])
+    return found
+
+
+def test_each_mesh_is_read_once_and_nodes_say_where_it_is(tmp_path: Path) -> None:
+    scene = io.read_scene(written(tmp_path / "scene.glb"))
+    assert [node.name for node in scene.nodes] == ["root", "left", "right", "mirrored", "camera"]
+    assert [node.parent for node in scene.nodes] == [None, 0, 0, 0, 0]
+    assert [node.mesh for node in scene.nodes] == [None, 0, 0, 0, None]
+    assert len(scene.meshes) == 1
+    assert scene.names == ("square",)
+    assert scene.fixed == ("",)
+    assert (scene.num_instances, scene.num_faces, scene.num_stored_faces) == (3, 6, 2)
+    np.testing.assert_array_equal(scene.meshes[0].vertices[3], [1, 1, 0])
+    world = scene.world_transforms()
+    np.testing.assert_array_equal(world[2] @ [1, 1, 0, 1], [2.5, 0.5, 5, 1])
+    np.testing.assert_array_equal(world[3] @ [1, 1, 0, 1], [-1, 4, 5, 1])
+    assert scene.warnings == ()
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".gltf"])
+def test_a_scene_is_written_as_it_was_read(suffix: str, tmp_path: Path) -> None:
+    source = written(tmp_path / "scene.glb")
+    copied = tmp_path / f"copy{suffix}"
+    io.read_scene(source).write(copied)
+    found = json_of(copied) if suffix == ".glb" else json.loads(copied.read_text())
+    for member in ("nodes", "scenes", "scene", "cameras", "extensions", "samplers", "textures"):
+        assert found[member] == scene_document()[member], member
+    assert found["materials"] == scene_document()["materials"]
+    assert found["asset"]["copyright"] == "somebody"
+    assert found["meshes"][0]["name"] == "square"
+    assert found["meshes"][0]["extras"] == {"part": 3}
+    assert found["images"][0]["name"] == "skin"
+    before, after = read_mesh(source), read_mesh(copied)
+    np.testing.assert_array_equal(after.vertices[after.faces], before.vertices[before.faces])
+    if suffix == ".glb":  # what was read is written the same again
+        io.read_scene(copied).write(tmp_path / "again.glb")
+        assert json_of(tmp_path / "again.glb") == found
+
+
+def test_other_triangles_take_the_place_of_a_mesh_in_all_its_nodes(tmp_path: Path) -> None:
+    scene = io.read_scene(written(tmp_path / "scene.glb"))
+    triangle = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], face_material=[0])
+    changed = scene.with_meshes({0: triangle})
+    assert (changed.num_faces, changed.num_stored_faces) == (3, 1)
+    assert scene.num_faces == 6
+    changed.write(tmp_path / "out.glb")
+    found = json_of(tmp_path / "out.glb")
+    assert len(found["meshes"]) == 1
+    assert found["meshes"][0]["primitives"][0]["material"] == 0
+    assert len(found["accessors"]) == 2
+    assert read_mesh(tmp_path / "out.glb").num_faces == 3
+
+
+def test_a_mesh_of_which_nothing_is_left_leaves_its_nodes(tmp_path: Path) -> None:
+    nodes = [*copy.deepcopy(NODES), {"name": "other", "mesh": 1}]
+    meshes = scene_document()["meshes"] * 2
+    source = written(tmp_path / "scene.glb", nodes=nodes, meshes=meshes, scenes=[{"nodes": [0, 5]}])
+    scene = io.read_scene(source)
+    nothing = Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
+    scene.with_meshes({0: nothing}).write(tmp_path / "out.glb")
+    found = json_of(tmp_path / "out.glb")
+    assert [node.get("mesh") for node in found["nodes"]] == [None] * 5 + [0]
+    assert [node["name"] for node in found["nodes"]] == [node["name"] for node in nodes]
+    assert read_mesh(tmp_path / "out.glb").num_faces == 2
+
+
+def test_levels_of_detail_hang_on_nodes_that_are_nothing_but_a_mesh(tmp_path: Path) -> None:
+    nodes = copy.deepcopy(NODES)
+    nodes[1]["children"] = [5]
+    nodes.append({"name": "under left"})
+    scene = io.read_scene(written(tmp_path / "scene.glb", nodes=nodes))
+    triangle = Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], face_material=[0])
+    coarse = scene.with_meshes({0: triangle})
+    io.write_lods([scene, coarse], tmp_path / "lods.glb")
+    found = json_of(tmp_path / "lods.glb")
+    assert found["extensionsUsed"][-1] == "MSFT_lod"
+    right, left = found["nodes"][2], found["nodes"][1]
+    (level,) = right["extensions"]["MSFT_lod"]["ids"]
+    assert right["extras"]["MSFT_screencoverage"] == [0.5, 0.0]
+    assert found["nodes"][level]["scale"] == right["scale"]
+    assert found["nodes"][level]["mesh"] == 1
+    # `left` has a child: a level in its place would take the child away
+    assert "mesh" not in left
+    assert "extensions" not in left
+    shown = found["nodes"][left["children"][-1]]
+    assert shown["mesh"] == 0
+    assert "MSFT_lod" in shown["extensions"]
+    assert read_mesh(tmp_path / "lods.glb").num_faces == 6
+    # read again, the coarser levels belong to no scene
+    again = io.read_scene(tmp_path / "lods.glb")
+    assert again.num_faces == 6
+    assert any("MSFT_lod" in text for text in again.warnings)
+
+
+def test_a_folder_of_levels_counts_drawn_and_stored_faces(tmp_path: Path) -> None:
+    scene = io.read_scene(written(tmp_path / "scene.glb"))
+    io.write_lods([scene], tmp_path / "lods", errors=[0.0])
+    (level,) = json.loads((tmp_path / "lods" / "lods.json").read_text())["levels"]
+    assert (level["faces"], level["stored_faces"]) == (6, 2)
+    assert len(json_of(tmp_path / "lods" / "level_0.glb")["nodes"]) == 5
+
+
+def test_a_skinned_mesh_stays_with_its_skin_and_animation(tmp_path: Path) -> None:
+    """Four vertices with joints; a second mesh without shares the accessors of its positions."""
+    joints = np.zeros((4, 4), np.uint8).tobytes()
+    weights = np.tile(np.float32([1, 0, 0, 0]), (4, 1)).tobytes()
+    inverse = np.eye(4, dtype="<f4").tobytes()
+    times = np.float32([0, 1]).tobytes()
+    moves = np.float32([[0, 0, 0], [1, 0, 0]]).tobytes()
+    parts = [SQUARE_BUFFER, joints, weights, inverse, times, moves]
+    changes = scene_document()
+    starts = np.cumsum([0, *map(len, parts)])
+    views = [
+        {"buffer": 0, "byteOffset": int(a), "byteLength": len(p)}
+        for a, p in zip(starts[1:], parts[1:], strict=False)
+    ]
+    changes["bufferViews"] += views
+    changes["buffers"] = [{"byteLength": int(starts[-1])}]
+    changes["accessors"] += [
+        {"bufferView": 2, "componentType": 5121, "count": 4, "type": "VEC4"},
+        {"bufferView": 3, "componentType": 5126, "count": 4, "type": "VEC4"},
+        {"bufferView": 4, "componentType": 5126, "count": 1, "type": "MAT4"},
+        {
+            "bufferView": 5,
+            "componentType": 5126,
+            "count": 2,
+            "type": "SCALAR",
+            "min": [0],
+            "max": [1],
+        },
+        {"bufferView": 6, "componentType": 5126, "count": 2, "type": "VEC3"},
+    ]
+    skinned = {
+        "name": "skinned",
+        "primitives": [
+            {"attributes": {"POSITION": 0, "JOINTS_0": 2, "WEIGHTS_0": 3}, "indices": 1}
+        ],
+    }
+    changes["meshes"].append(skinned)
+    changes["nodes"] += [{"name": "body", "mesh": 1, "skin": 0}, {"name": "joint"}]
+    changes["scenes"] = [{"nodes": [0, 5, 6]}]
+    changes["skins"] = [{"joints": [6], "inverseBindMatrices": 4}]
+    changes["animations"] = [
+        {
+            "samplers": [{"input": 5, "output": 6}],
+            "channels": [{"sampler": 0, "target": {"node": 6, "path": "translation"}}],
+        }
+    ]
+    source = tmp_path / "skinned.glb"
+    source.write_bytes(glb(changes, b"".join(parts)))
+    scene = io.read_scene(source)
+    assert scene.fixed == ("", "it has a skin")
+    assert scene.num_faces == 8
+    with pytest.raises(InputError, match="mesh 1 is fixed: it has a skin"):
+        scene.with_meshes({1: scene.meshes[0]})
+    scene.write(tmp_path / "out.glb")
+    found = json_of(tmp_path / "out.glb")
+    (primitive,) = found["meshes"][1]["primitives"]
+
+    def values(index: int, dtype: str) -> np.ndarray:
+        accessor = found["accessors"][index]
+        view = found["bufferViews"][accessor["bufferView"]]
+        content = (tmp_path / "out.glb").read_bytes()
+        size = struct.unpack_from("<I", content, 12)[0]
+        start = 20 + size + 8 + view["byteOffset"]
+        return np.frombuffer(content[start : start + view["byteLength"]], dtype)
+
+    assert values(primitive["attributes"]["JOINTS_0"], "u1").tobytes() == joints
+    assert values(primitive["attributes"]["WEIGHTS_0"], "<f4").tobytes() == weights
+    assert values(found["skins"][0]["inverseBindMatrices"], "<f4").tobytes() == inverse
+    (sampler,) = found["animations"][0]["samplers"]
+    assert values(sampler["input"], "<f4").tobytes() == times
+    assert values(sampler["output"], "<f4").tobytes() == moves
+    assert found["animations"][0]["channels"] == changes["animations"][0]["channels"]
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"targets": [{"POSITION": 0}]}, "it has morph targets"),
+        ({"mode": 1}, "it has no triangles"),
+        ({"material": 1}, "a texture needs TEXCOORD_1"),
+    ],
+)
+def test_why_a_mesh_is_fixed(change: dict[str, Any], reason: str, tmp_path: Path) -> None:
+    meshes = scene_document()["meshes"]
+    meshes[0]["primitives"][0] |= change
+    lit = {"occlusionTexture": {"index": 0, "texCoord": 1}}
+    materials = [*scene_document()["materials"], lit]
+    source = written(tmp_path / "scene.glb", meshes=meshes, materials=materials)
+    assert io.read_scene(source).fixed == (reason,)
+
+
+def test_what_is_lost_is_named(tmp_path: Path) -> None:
+    meshes = scene_document()["meshes"]
+    meshes[0]["primitives"][0]["attributes"]["TEXCOORD_1"] = 0
+    meshes[0]["primitives"][0]["extras"] = {"a": 1}
+    used = ["KHR_lights_punctual", "EXT_strange"]
+    source = written(tmp_path / "scene.glb", meshes=meshes, extensionsUsed=used)
+    warnings = io.read_scene(source).warnings
+    assert "TEXCOORD_1 of meshes that are simplified is left out" in warnings
+    assert "extras of primitives that are simplified are left out" in warnings
+    assert "extension EXT_strange is left out" in warnings
+    io.read_scene(source).write(tmp_path / "out.glb")
+    assert json_of(tmp_path / "out.glb")["extensionsUsed"] == ["KHR_lights_punctual"]
+
+
+def test_images_beside_the_file_come_along(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "skin.png").write_bytes(PNG)
+    images = [{"uri": "skin.png"}, {"uri": "missing.png"}, {"uri": "https://host/x.png"}]
+    source = written(tmp_path / "a" / "scene.glb", images=images)
+    scene = io.read_scene(source)
+    assert any("missing.png" in text for text in scene.warnings)
+    scene.write(tmp_path / "out.glb")
+    first, second, third = json_of(tmp_path / "out.glb")["images"]
+    assert first["mimeType"] == "image/png"
+    assert (second, third) == ({"uri": "missing.png"}, {"uri": "https://host/x.png"})
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"animations": [{"samplers": [{"input": 99, "output": 0}]}]}, "/animations/0"),
+        ({"animations": [{"samplers": 3}]}, "array"),
+        ({"skins": [{"inverseBindMatrices": 9}]}, "/skins/0/inverseBindMatrices"),
+        ({"images": [{"bufferView": 8}]}, "/images/0/bufferView"),
+        ({"images": [{}]}, '"uri"'),
+        ({"extensionsRequired": ["EXT_strange"]}, "EXT_strange"),
+        ({"nodes": [{"mesh": 4}]}, "/nodes/0/mesh"),
+        ({"nodes": [{"children": [0]}]}, "cycle"),
+        ({"scenes": [{"nodes": [0]}, {"nodes": [1]}]}, "has a parent"),
+        ({"meshes": [3]}, "/meshes/0"),
+    ],
+)
+def test_damaged_scenes_are_refused(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match=message):
+        io.read_scene(written(tmp_path / "scene.glb", **changes))
+
+
+def test_other_formats_and_documents_are_refused(tmp_path: Path) -> None:
+    source = written(tmp_path / "scene.glb")
+    scene = io.read_scene(source)
+    with pytest.raises(InputError, match=r"path: expected \.glb or \.gltf"):
+        scene.write(tmp_path / "out.obj")
+    (tmp_path / "a.obj").write_text("v 0 0 0\n")
+    with pytest.raises(FormatError, match="expected a scene"):
+        io.read_scene(tmp_path / "a.obj")
+    with pytest.raises(InputError, match="below 1"):
+        scene.with_meshes({1: scene.meshes[0]})
+    other = io.read_scene(written(tmp_path / "other.glb", meshes=scene_document()["meshes"] * 2))
+    with pytest.raises(InputError, match="coarser"):
+        io.write_scene(scene, tmp_path / "out.glb", coarser=[other])
+    with pytest.raises(InputError, match="levels: expected a sequence"):
+        io.write_lods([scene, scene.meshes[0]], tmp_path / "out.glb")  # type: ignore[list-item]
+    assert not (tmp_path / "out.glb").exists()

@@ -1,0 +1,229 @@
+"""Scenes with instances: each mesh is simplified once, faces count as they are drawn."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from command_line import manip3d
+from gltf_files import glb
+from manip3d import InputError, Mesh, io, metrics, read_mesh, simplify
+from zoo import grid, sphere
+
+
+def scene_file(
+    path: Path,
+    meshes: list[tuple[NDArray[np.float64], NDArray[np.int32]]],
+    nodes: list[dict[str, Any]],
+) -> Path:
+    """A GLB of plain meshes, shown by these nodes; all without a parent are roots."""
+    buffer = b""
+    made: dict[str, Any] = {
+        "asset": {"version": "2.0"}, "accessors": [], "bufferViews": [], "meshes": [],
+    }  # fmt: skip
+
+    def add(values: NDArray[Any], component: int, shape: str, **more: Any) -> int:
+        nonlocal buffer
+        data = values.tobytes()
+        made["bufferViews"].append(
+            {"buffer": 0, "byteOffset": len(buffer), "byteLength": len(data)}
+        )
+        made["accessors"].append(
+            {"bufferView": len(made["bufferViews"]) - 1, "componentType": component,
+             "count": values.size if shape == "SCALAR" else len(values), "type": shape, **more}
+        )  # fmt: skip
+        buffer += data
+        return len(made["accessors"]) - 1
+
+    for i, (vertices, faces) in enumerate(meshes):
+        points = vertices.astype("<f4")
+        low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+        position = add(points, 5126, "VEC3", min=low, max=high)
+        index = add(faces.astype("<u4"), 5125, "SCALAR")
+        primitive = {"attributes": {"POSITION": position}, "indices": index}
+        made["meshes"].append({"name": f"mesh {i}", "primitives": [primitive]})
+    children = {child for node in nodes for child in node.get("children", [])}
+    made["nodes"] = nodes
+    made["scenes"] = [{"nodes": [i for i in range(len(nodes)) if i not in children]}]
+    made["buffers"] = [{"byteLength": len(buffer)}]
+    path.write_bytes(glb(made, buffer))
+    return path
+
+
+def four_balls(path: Path) -> Path:
+    """Four instances of a ball below one node, one of them mirrored and larger."""
+    nodes: list[dict[str, Any]] = [{"name": "balls", "children": [1, 2, 3, 4]}]
+    nodes += [{"name": f"ball {i}", "mesh": 0, "translation": [4.0 * i, 0, 0]} for i in range(4)]
+    nodes[3]["scale"] = [-1.5, 1.5, 1.5]
+    return scene_file(path, [sphere(24, 16)], nodes)
+
+
+@pytest.mark.parametrize("method", ["quality", "fast", "qem4vr", "qem-orig"])
+def test_a_mesh_of_four_instances_is_simplified_once(method: str, tmp_path: Path) -> None:
+    source = four_balls(tmp_path / "balls.glb")
+    scene = io.read_scene(source)
+    target = scene.num_faces // 4
+    done = simplify.simplify_scene(scene, method, target_faces=target)
+    assert done.stop == "target_reached"
+    assert 0.98 * target <= done.scene.num_faces <= target
+    assert done.scene.num_faces == 4 * done.scene.num_stored_faces
+    done.scene.write(tmp_path / "out.glb")
+    again = io.read_scene(tmp_path / "out.glb")
+    assert [node.name for node in again.nodes] == [node.name for node in scene.nodes]
+    np.testing.assert_array_equal(again.world_transforms(), scene.world_transforms())
+    assert len(again.meshes) == 1
+    before, after = read_mesh(source), read_mesh(tmp_path / "out.glb")
+    assert after.num_faces == done.scene.num_faces
+    assert metrics.metro(before, after, sampling="vertex").mean < 3e-3
+    # outward as before, in the mirrored instance as well
+    volume = [np.linalg.det(mesh.vertices[mesh.faces]).sum() for mesh in (before, after)]
+    assert volume[1] == pytest.approx(volume[0], rel=0.1)
+
+
+def test_one_error_for_all_meshes_at_the_size_they_are_shown(tmp_path: Path) -> None:
+    """The same ball twice, as two meshes, one shown ten times as large: it needs more faces."""
+    ball = sphere(32, 24)
+    nodes = [{"mesh": 0}, {"mesh": 1, "translation": [50, 0, 0], "scale": [10, 10, 10]}]
+    scene = io.read_scene(scene_file(tmp_path / "two.glb", [ball, ball], nodes))
+    done = simplify.simplify_scene(scene, ratio=0.2).scene
+    assert done.num_faces <= 0.2 * scene.num_faces
+    small, large = (mesh.num_faces for mesh in done.meshes)
+    assert large > 5 * small
+    # without the scale both are alike
+    del nodes[1]["scale"]
+    scene = io.read_scene(scene_file(tmp_path / "two.glb", [ball, ball], nodes))
+    done = simplify.simplify_scene(scene, ratio=0.2).scene
+    small, large = (mesh.num_faces for mesh in done.meshes)
+    assert large == pytest.approx(small, rel=0.1)
+
+
+def test_meshes_that_touch_stay_together(tmp_path: Path) -> None:
+    """A wavy sheet cut in two meshes: no gap opens along the cut."""
+    vertices, faces = grid(24, 24)
+    vertices[:, 2] = 2 * np.sin(vertices[:, 0] / 4) * np.cos(vertices[:, 1] / 5)
+    left = vertices[faces].mean(axis=1)[:, 0] < 12
+    scene = io.read_scene(
+        scene_file(
+            tmp_path / "sheet.glb",
+            [(vertices, faces[left]), (vertices, faces[~left])],
+            [{"mesh": 0}, {"mesh": 1}],
+        )
+    )
+    for method in ("quality", "fast", "qem4vr"):
+        done = simplify.simplify_scene(scene, method, ratio=0.1).scene
+        assert min(mesh.num_faces for mesh in done.meshes) > 0
+        done.write(tmp_path / "out.glb")
+        welded = simplify.clean(read_mesh(tmp_path / "out.glb")).mesh
+        assert welded.summary().components == 1
+        edges = np.sort(welded.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        borders, counts = np.unique(edges, axis=0, return_counts=True)
+        ends = welded.vertices[borders[counts == 1]]
+        on_rim = (np.abs(ends[:, 0, :2] - 12) > 11.5).any(axis=1)
+        assert on_rim.all(), method
+
+
+def test_max_distance_holds_for_every_instance(tmp_path: Path) -> None:
+    vertices, faces = sphere(24, 16)
+    nodes: list[dict[str, Any]] = [
+        {"mesh": 0},
+        {"mesh": 0, "translation": [9, 0, 0], "scale": [1, 1, 3]},
+        {"mesh": 0, "translation": [0, 9, 0], "scale": [2.5, 2.5, 1]},
+    ]
+    scene = io.read_scene(scene_file(tmp_path / "a.glb", [(vertices, faces)], nodes))
+    done = simplify.simplify_scene(scene, max_distance=0.05)
+    assert done.stop == "distance_limit"
+    assert done.distance_bound is not None
+    assert done.distance_bound <= 0.05
+    assert done.scene.num_faces < 0.7 * scene.num_faces
+    for place in scene.world_transforms():
+        meshes = [
+            mesh.replace(vertices=mesh.vertices @ place[:3, :3].T + place[:3, 3])
+            for mesh in (scene.meshes[0], done.scene.meshes[0])
+        ]
+        assert metrics.metro(*meshes, sampling="vertex").max * meshes[0].diagonal <= 0.05
+
+
+def test_attributes_of_each_mesh_stay_its_own(tmp_path: Path) -> None:
+    """A textured head in a group, beside a plain ball that has neither texture nor material."""
+    from manip3d import simulate
+
+    head = simulate.models.head(faces=2000)
+    head.write(tmp_path / "head.glb")
+    alone = io.read_scene(tmp_path / "head.glb")
+    colored = Mesh(*sphere(12, 8), colors=np.full((98, 3), 7)[: len(sphere(12, 8)[0])])
+    colored.write(tmp_path / "ball.glb")
+    done = simplify.simplify_scene(alone, target_faces=400)
+    (mesh,) = done.scene.meshes
+    assert mesh.texcoords is not None
+    assert mesh.num_faces == done.scene.num_faces <= 400
+    flat = simplify.quality(read_mesh(tmp_path / "head.glb"), target_faces=400).mesh
+    np.testing.assert_allclose(mesh.vertices, flat.vertices, atol=1e-12)
+    (ball,) = simplify.simplify_scene(io.read_scene(tmp_path / "ball.glb"), ratio=0.5).scene.meshes
+    assert ball.texcoords is None
+    assert ball.colors is not None
+    assert (ball.colors == 7).all()
+
+
+def test_a_flattened_instance_is_simplified_all_the_same(tmp_path: Path) -> None:
+    nodes = [{"mesh": 0, "scale": [2, 2, 0]}, {"mesh": 0, "scale": [0, 0, 0]}]
+    scene = io.read_scene(scene_file(tmp_path / "flat.glb", [sphere(24, 16)], nodes))
+    done = simplify.simplify_scene(scene, ratio=0.25)
+    assert done.scene.num_faces <= 0.25 * scene.num_faces
+
+
+def test_what_is_refused(tmp_path: Path) -> None:
+    scene = io.read_scene(four_balls(tmp_path / "balls.glb"))
+    with pytest.raises(InputError, match="at least one, got none"):
+        simplify.simplify_scene(scene)
+    with pytest.raises(InputError, match="method: expected one of quality"):
+        simplify.simplify_scene(scene, "best", ratio=0.5)
+    with pytest.raises(InputError, match="ratio"):
+        simplify.simplify_scene(scene, ratio=2.0)
+    with pytest.raises(InputError, match=r"lock_box: expected shape \(2, 3\)"):
+        simplify.simplify_scene(scene, ratio=0.5, lock_box=[1, 2])
+
+
+def test_levels_of_detail_of_a_scene(tmp_path: Path) -> None:
+    scene = io.read_scene(four_balls(tmp_path / "balls.glb"))
+    chain = simplify.scene_lods(scene, 3)
+    assert [level.num_faces for level in chain.levels] == [
+        scene.num_faces, scene.num_faces // 2, scene.num_faces // 4
+    ]  # fmt: skip
+    chain.write(tmp_path / "lods.glb")
+    assert io.read_scene(tmp_path / "lods.glb").num_instances == 4
+    assert read_mesh(tmp_path / "lods.glb").num_faces == scene.num_faces
+
+
+def test_the_command_keeps_nodes_and_prints_both_counts(tmp_path: Path) -> None:
+    source = four_balls(tmp_path / "balls.glb")
+    run = manip3d("simplify", source, "-o", tmp_path / "out.glb", "--ratio", "0.25", "--json")
+    record = json.loads(run.stdout)
+    assert record["scene"]["instances"] == 4
+    assert record["faces_before"] == 4 * record["scene"]["stored_faces_before"]
+    assert record["faces_after"] == 4 * record["scene"]["stored_faces_after"]
+    assert io.read_scene(tmp_path / "out.glb").num_instances == 4
+    said = run.stderr.replace("\N{NARROW NO-BREAK SPACE}", "").replace("\N{NO-BREAK SPACE}", "")
+    assert "5 nodes, 1 mesh shown 4 times" in said
+    assert "faces drawn" in said
+    # another format holds no nodes
+    manip3d("simplify", source, "-o", tmp_path / "out.ply", "--ratio", "0.25")
+    assert read_mesh(tmp_path / "out.ply").num_faces <= 0.25 * record["faces_before"]
+    manip3d("lod", source, "-o", tmp_path / "lods", "--levels", "2")
+    levels = json.loads((tmp_path / "lods" / "lods.json").read_text())["levels"]
+    assert [level["faces"] for level in levels] == [4 * level["stored_faces"] for level in levels]
+
+
+def test_other_readers_see_the_same_instances(tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    source = four_balls(tmp_path / "balls.glb")
+    done = simplify.simplify_scene(io.read_scene(source), ratio=0.5).scene
+    done.write(tmp_path / "out.glb")
+    before, after = (trimesh.load(p, force="scene") for p in (source, tmp_path / "out.glb"))
+    assert len(after.geometry) == 1
+    assert len(after.graph.nodes_geometry) == len(before.graph.nodes_geometry) == 4
+    np.testing.assert_allclose(after.bounds, before.bounds, atol=0.05)
