@@ -2,11 +2,17 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
+#include <cstring>
 #include <limits>
+#include <memory>
 #include <string>
 #include <vector>
 
+#include "forge/texture_sampler.hpp"
+#include "forge/triangle_pixels.hpp"
+#include "geometry/lanes.hpp"
 #include "geometry/lens.hpp"
 #include "manip3d/error.hpp"
 #include "manip3d/geometry/depth_step.hpp"
@@ -16,12 +22,6 @@ namespace manip3d {
 namespace {
 
 constexpr float kInfinity = std::numeric_limits<float>::infinity();
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-
-/// A vertex in an image: pixel coordinates and depth; NaN if it is behind the camera.
-struct Drawn {
-  float u = kNan, v = kNan, z = kNan;
-};
 
 /// project() in single precision for cameras without distortion, after a rigid motion.
 class Projector {
@@ -58,65 +58,29 @@ class Projector {
   float fx_, fy_, cx_, cy_;
 };
 
-/// Calls `use(u, v, a, b, c)` with the barycentric coordinates of each pixel centre within a
-/// triangle, its edges included.
-template <typename Use>
-void rasterize(const Drawn& a, const Drawn& b, const Drawn& c, std::int64_t rows, std::int64_t cols,
-               const Use& use) {
-  const float least_u = std::min({a.u, b.u, c.u}), most_u = std::max({a.u, b.u, c.u});
-  const float least_v = std::min({a.v, b.v, c.v}), most_v = std::max({a.v, b.v, c.v});
-  const auto right = static_cast<float>(cols - 1), bottom = static_cast<float>(rows - 1);
-  // Fails on NaN: a corner is behind the camera.
-  if (!(most_u >= 0.0F && least_u <= right && most_v >= 0.0F && least_v <= bottom)) return;
-  const auto first = [](float least) {  // std::ceil is a call where there is no SSE 4.1
-    const auto whole = static_cast<std::int32_t>(std::max(least, 0.0F));
-    return whole + (static_cast<float>(whole) < least ? 1 : 0);
-  };
-  const std::int32_t u0 = first(least_u), v0 = first(least_v);
-  const auto u1 = static_cast<std::int32_t>(std::min(most_u, right));
-  const auto v1 = static_cast<std::int32_t>(std::min(most_v, bottom));
-  if (u0 > u1 || v0 > v1) return;
-  const float bu = b.u - a.u, bv = b.v - a.v, cu = c.u - a.u, cv = c.v - a.v;
-  const float area = bu * cv - bv * cu;
-  if (area == 0.0F || !(std::abs(area) < kInfinity)) return;
-  // Barycentric coordinates are linear in the image.
-  const float scale = 1.0F / area;
-  const float b_du = cv * scale, b_dv = -cu * scale;
-  const float c_du = -bv * scale, c_dv = bu * scale;
-  constexpr float kEdge = -1e-4F;  // neighbours share their edge whatever rounding says
-  for (std::int32_t v = v0; v <= v1; ++v) {
-    const float pv = static_cast<float>(v) - a.v;
-    const float wb0 = pv * b_dv, wc0 = pv * c_dv;
-    for (std::int32_t u = u0; u <= u1; ++u) {
-      const float pu = static_cast<float>(u) - a.u;
-      const float wb = wb0 + pu * b_du, wc = wc0 + pu * c_du;
-      const float wa = 1.0F - wb - wc;
-      if (std::min(wa, std::min(wb, wc)) < kEdge) continue;
-      use(u, v, wa, wb, wc);
-    }
-  }
-}
-
-/// Where something is drawn in an image, and how far it is.
+/// How far what is drawn in a box of an image is.
 struct DepthBuffer {
-  std::int64_t rows, cols;
-  std::vector<float> z;
+  PixelBox box;
+  std::vector<float> z;  ///< Of the box; a few more, so that four can be read from each.
 
-  DepthBuffer(std::int64_t num_rows, std::int64_t num_cols)
-      : rows(num_rows), cols(num_cols), z(static_cast<std::size_t>(rows * cols), kInfinity) {}
+  explicit DepthBuffer(const PixelBox& where)
+      : box(where), z(static_cast<std::size_t>(box.width * box.height + 3), kInfinity) {}
 
-  bool nearer(std::int64_t pixel, float depth) {
-    if (!(depth < z[pixel])) return false;
-    z[pixel] = depth;
+  [[nodiscard]] std::int64_t index(std::int64_t u, std::int64_t v) const {
+    return (v - box.v0) * box.width + u - box.u0;
+  }
+  bool nearer(std::int64_t i, float depth) {
+    if (!(depth < z[i])) return false;
+    z[i] = depth;
     return true;
   }
-  /// The pixel of a place, or -1.
-  [[nodiscard]] std::int64_t pixel_at(float u, float v) const {
-    if (!(u > -0.5F && v > -0.5F && u < static_cast<float>(cols) - 0.5F &&
-          v < static_cast<float>(rows) - 0.5F)) {
-      return -1;
-    }
-    return static_cast<std::int64_t>(v + 0.5F) * cols + static_cast<std::int64_t>(u + 0.5F);
+  /// Which of four pixels are inside a triangle and nearer than what was drawn there; theirs are
+  /// the depths from now on.
+  Int4 nearer(std::int64_t i, Int4 inside, Float4 depths) {
+    const Float4 before = load4(&z[i]);
+    const Int4 is_nearer = inside & (depths < before);
+    store4(&z[i], is_nearer ? depths : before);
+    return is_nearer;
   }
 };
 
@@ -125,21 +89,22 @@ bool is_hidden(const SceneView& scene, std::int64_t pixel, float z) {
   return behind != 0 && static_cast<float>(behind) < 1000.0F * z;
 }
 
+/// @param image  Of the whole image.
 void fill_pinholes(DepthBuffer& image, std::vector<std::int64_t>& filled, float focal) {
   const DepthStep step({}, focal);
+  const std::int64_t rows = image.box.height, cols = image.box.width;
   const auto between = [&](std::int64_t one, std::int64_t other) {
     const auto [near, far] = std::minmax(image.z[one], image.z[other]);
     return far < kInfinity && step.connects(near, far) ? 0.5F * (near + far) : kInfinity;
   };
   const std::size_t begin = filled.size();
   std::vector<float> values;
-  for (std::int64_t v = 0; v < image.rows; ++v) {
-    for (std::int64_t u = 0; u < image.cols; ++u) {
-      const std::int64_t p = v * image.cols + u;
+  for (std::int64_t v = 0; v < rows; ++v) {
+    for (std::int64_t u = 0; u < cols; ++u) {
+      const std::int64_t p = v * cols + u;
       if (image.z[p] < kInfinity) continue;
-      const float along = u > 0 && u + 1 < image.cols ? between(p - 1, p + 1) : kInfinity;
-      const float down =
-          v > 0 && v + 1 < image.rows ? between(p - image.cols, p + image.cols) : kInfinity;
+      const float along = u > 0 && u + 1 < cols ? between(p - 1, p + 1) : kInfinity;
+      const float down = v > 0 && v + 1 < rows ? between(p - cols, p + cols) : kInfinity;
       const float z = std::min(along, down);
       if (z < kInfinity) {
         filled.push_back(p);
@@ -150,81 +115,65 @@ void fill_pinholes(DepthBuffer& image, std::vector<std::int64_t>& filled, float 
   for (std::size_t i = 0; i < values.size(); ++i) image.z[filled[begin + i]] = values[i];
 }
 
-/// The person alone as the depth camera sees them.
-DepthBuffer draw_depth(const PersonSurface& person, const SceneView& scene,
-                       const std::vector<Drawn>& at, const CompositeOptions& options,
-                       std::vector<std::int64_t>& filled) {
-  DepthBuffer image(scene.rows, scene.cols);
-  if (options.surface == CompositeSurface::kPoints || person.in_place) {
-    for (const Drawn& vertex : at) {
-      const std::int64_t pixel = image.pixel_at(vertex.u, vertex.v);
-      if (pixel >= 0) image.nearer(pixel, vertex.z);
-    }
-    if (options.fill_pinholes && !person.in_place) {
-      // Twice: where a row and a column without points cross, the first time fills the neighbours.
-      for (int pass = 0; pass < 2; ++pass) {
-        fill_pinholes(image, filled, static_cast<float>(scene.camera.fx));
-      }
-    }
-    return image;
+/// The pixel of a place in an image, or -1.
+std::int64_t pixel_at(const Drawn& place, std::int64_t rows, std::int64_t cols) {
+  if (!(place.u > -0.5F && place.v > -0.5F && place.u < static_cast<float>(cols) - 0.5F &&
+        place.v < static_cast<float>(rows) - 0.5F)) {
+    return -1;
   }
+  return static_cast<std::int64_t>(place.v + 0.5F) * cols +
+         static_cast<std::int64_t>(place.u + 0.5F);
+}
+
+/// The person alone as the depth camera sees them.
+DepthBuffer draw_points(const PersonSurface& person, const SceneView& scene,
+                        const std::vector<Drawn>& at, bool fills,
+                        std::vector<std::int64_t>& filled) {
+  DepthBuffer image({0, 0, scene.cols, scene.rows});
+  for (const Drawn& vertex : at) {
+    const std::int64_t pixel = pixel_at(vertex, scene.rows, scene.cols);
+    if (pixel >= 0) image.nearer(pixel, vertex.z);
+  }
+  if (fills && !person.in_place) {
+    // Twice: where a row and a column without points cross, the first time fills the neighbours.
+    for (int pass = 0; pass < 2; ++pass) {
+      fill_pinholes(image, filled, static_cast<float>(scene.camera.fx));
+    }
+  }
+  return image;
+}
+
+DepthBuffer draw_faces(const PersonSurface& person, const std::vector<Drawn>& at,
+                       const PixelBox& box) {
+  DepthBuffer image(box);
+  std::vector<float> inverse(at.size());  // of depth: linear in the image
+  for (std::size_t i = 0; i < at.size(); ++i) inverse[i] = 1.0F / at[i].z;
   for (std::int64_t f = 0; f < person.num_faces; ++f) {
     const std::int32_t* face = person.faces + 3 * f;
-    const Drawn &a = at[face[0]], &b = at[face[1]], &c = at[face[2]];
-    const float ia = 1.0F / a.z, ib = 1.0F / b.z, ic = 1.0F / c.z;  // linear in the image
-    rasterize(a, b, c, scene.rows, scene.cols,
-              [&](std::int32_t u, std::int32_t v, float wa, float wb, float wc) {
-                image.nearer(v * scene.cols + u, 1.0F / (wa * ia + wb * ib + wc * ic));
-              });
+    const float ia = inverse[face[0]], ib = inverse[face[1]], ic = inverse[face[2]];
+    for_each_pixel(at[face[0]], at[face[1]], at[face[2]], box,
+                   [&](std::int32_t u, std::int32_t v, const FourPixels& four) {
+                     image.nearer(image.index(u, v), four.inside, 1.0F / four.mix(ia, ib, ic));
+                   });
   }
   return image;
 }
 
 /// Depth and truth: the scene, and the person where nothing of it is nearer.
-/// @param box  All that is drawn lies in it.
-void put_before(const DepthBuffer& person, const SceneView& scene, const PixelBox& box,
-                const CompositeBuffers& out) {
+void put_before(const DepthBuffer& person, const SceneView& scene, const CompositeBuffers& out) {
   constexpr float kFarthest = 65.535F;
   std::copy_n(scene.depth, scene.rows * scene.cols, out.depth);
   std::fill_n(out.mask, scene.rows * scene.cols, std::uint8_t{0});
+  const PixelBox& box = person.box;
   for (std::int64_t v = box.v0; v < box.v0 + box.height; ++v) {
     for (std::int64_t u = box.u0; u < box.u0 + box.width; ++u) {
       const std::int64_t i = v * scene.cols + u;
-      const float z = person.z[i];
+      const float z = person.z[person.index(u, v)];
       if (!(z <= kFarthest) || is_hidden(scene, i, z)) continue;
       out.mask[i] = 1;
       out.depth[i] = static_cast<std::uint16_t>(1000.0F * z + 0.5F);
     }
   }
-}
-
-using Rgb = std::array<std::uint8_t, 3>;
-
-/// The colour between four pixels; those beyond the image are its edge's.
-inline Rgb sample(const ColorView& image, float u, float v) {
-  const float x = std::clamp(u, 0.0F, static_cast<float>(image.cols - 1));
-  const float y = std::clamp(v, 0.0F, static_cast<float>(image.rows - 1));
-  const auto u0 = static_cast<std::int32_t>(x), v0 = static_cast<std::int32_t>(y);
-  const std::int64_t right = u0 + 1 < image.cols ? 3 : 0;
-  const std::int64_t below = v0 + 1 < image.rows ? 3 * image.cols : 0;
-  // Weights in 1/256, so that sums are whole numbers.
-  const auto fu = static_cast<std::uint32_t>((x - static_cast<float>(u0)) * 256.0F + 0.5F);
-  const auto fv = static_cast<std::uint32_t>((y - static_cast<float>(v0)) * 256.0F + 0.5F);
-  const std::uint8_t* top = image.pixels + 3 * (v0 * image.cols + u0);
-  const std::uint8_t* bottom = top + below;
-  // Red and blue are blended at once, in the two halves of a word.
-  const auto red_blue = [](const std::uint8_t* p) { return p[0] | std::uint64_t{p[2]} << 32; };
-  const auto blend = [&](std::uint64_t p, std::uint64_t p_right, std::uint64_t q,
-                         std::uint64_t q_right, std::uint64_t half) {
-    const std::uint64_t above = (256 - fu) * p + fu * p_right;
-    const std::uint64_t under = (256 - fu) * q + fu * q_right;
-    return ((256 - fv) * above + fv * under + half) >> 16;
-  };
-  const std::uint64_t rb = blend(red_blue(top), red_blue(top + right), red_blue(bottom),
-                                 red_blue(bottom + right), 0x0000'8000'0000'8000);
-  const std::uint64_t g = blend(top[1], top[right + 1], bottom[1], bottom[right + 1], 0x8000);
-  return {static_cast<std::uint8_t>(rb), static_cast<std::uint8_t>(g),
-          static_cast<std::uint8_t>(rb >> 32)};
 }
 
 /// The colours of a person whose edges may fade, within a box of the image.
@@ -238,40 +187,48 @@ class ColorPainter {
     std::copy_n(scene_.pixels, 3 * scene_.rows * scene_.cols, out_);
   }
 
-  /// @param u, v  In the box.
-  void paint(std::int64_t u, std::int64_t v, const Rgb& rgb) {
-    covered_[v * box_.width + u] = 1;
-    std::copy_n(rgb.begin(), 3, out_ + 3 * in_image(u, v));
+  /// @param u, v  Of the image, in the box.
+  /// @param rgb  R + 2^8 G + 2^16 B.
+  void paint(std::int64_t u, std::int64_t v, std::uint32_t rgb) {
+    covered_[(v - box_.v0) * box_.width + u - box_.u0] = 1;
+    std::uint8_t* pixel = out_ + 3 * (v * scene_.cols + u);
+    pixel[0] = static_cast<std::uint8_t>(rgb);
+    pixel[1] = static_cast<std::uint8_t>(rgb >> 8);
+    pixel[2] = static_cast<std::uint8_t>(rgb >> 16);
   }
   [[nodiscard]] const std::uint8_t* painted(std::int64_t u, std::int64_t v) const {
-    return out_ + 3 * in_image(u, v);
+    return out_ + 3 * (v * scene_.cols + u);
   }
 
   /// The person's share of a pixel is that of the square of side 2 radius + 1 around it.
   void fade(int radius) {
     if (radius == 0) return;
-    const std::int64_t cols = box_.width, rows = box_.height, size = 2 * radius + 1;
+    const std::int64_t cols = box_.width, rows = box_.height;
+    const auto size = static_cast<std::uint8_t>(2 * radius + 1);
     // The covered pixels of each column in the rows around, with `radius` empty columns on each
     // side.
-    std::vector<std::int32_t> padded(static_cast<std::size_t>(cols + 2 * radius), 0);
-    std::int32_t* column = padded.data() + radius;
-    for (std::int64_t v = 0; v < std::min<std::int64_t>(radius, rows); ++v) add_row(v, 1, column);
+    std::vector<std::uint8_t> padded(static_cast<std::size_t>(cols + 2 * radius), 0);
+    std::uint8_t* column = padded.data() + radius;
+    for (std::int64_t v = 0; v < std::min<std::int64_t>(radius, rows); ++v) add_row(v, column);
     for (std::int64_t v = 0; v < rows; ++v) {
-      if (v + radius < rows) add_row(v + radius, 1, column);
-      if (v - radius - 1 >= 0) add_row(v - radius - 1, -1, column);
+      if (v + radius < rows) add_row(v + radius, column);
+      if (v - radius - 1 >= 0) remove_row(v - radius - 1, column);
       const std::uint8_t* covered = covered_.data() + v * cols;
-      const std::int64_t first = std::find(covered, covered + cols, 1) - covered;
-      std::int64_t end = cols;
-      while (end > first && covered[end - 1] == 0) --end;
-      std::int32_t sum = 0;
-      for (std::int64_t u = first - radius; u < first + radius && first < end; ++u)
-        sum += column[u];
-      for (std::int64_t u = first; u < end; ++u) {
-        sum += column[u + radius];
-        if (covered[u] != 0 && sum < size * size) {
-          mix(in_image(u, v), sum, static_cast<std::int32_t>(size * size));
+      // Where all columns around are full, nothing fades: it is so for most of a person.
+      std::int64_t next_gap = -1;  // a column that is not full: the first one behind u - radius
+      for (std::int64_t u = 0; u < cols; ++u) {
+        if (covered[u] == 0) {
+          u = next_covered(covered, u) - 1;
+          continue;
         }
-        sum -= column[u - radius];
+        if (next_gap < u - radius) next_gap = next_other(column, u - radius, cols + radius, size);
+        if (next_gap > u + radius) {
+          u = next_gap - radius - 1;
+          continue;
+        }
+        std::int32_t sum = 0;
+        for (std::int64_t k = u - radius; k <= u + radius; ++k) sum += column[k];
+        mix(in_image(u, v), sum, std::int32_t{size} * size);
       }
     }
   }
@@ -280,9 +237,31 @@ class ColorPainter {
   [[nodiscard]] std::int64_t in_image(std::int64_t u, std::int64_t v) const {
     return (box_.v0 + v) * scene_.cols + box_.u0 + u;
   }
-  void add_row(std::int64_t v, std::int32_t sign, std::int32_t* column) const {
+  void add_row(std::int64_t v, std::uint8_t* column) const {
     const std::uint8_t* row = covered_.data() + v * box_.width;
-    for (std::int64_t u = 0; u < box_.width; ++u) column[u] += sign * row[u];
+    for (std::int64_t u = 0; u < box_.width; ++u) {
+      column[u] = static_cast<std::uint8_t>(column[u] + row[u]);
+    }
+  }
+  void remove_row(std::int64_t v, std::uint8_t* column) const {
+    const std::uint8_t* row = covered_.data() + v * box_.width;
+    for (std::int64_t u = 0; u < box_.width; ++u) {
+      column[u] = static_cast<std::uint8_t>(column[u] - row[u]);
+    }
+  }
+  [[nodiscard]] std::int64_t next_covered(const std::uint8_t* covered, std::int64_t u) const {
+    return next_other(covered, u, box_.width, 0);
+  }
+  /// The first of the bytes from `begin` on that is not `value`, or `end`.
+  static std::int64_t next_other(const std::uint8_t* bytes, std::int64_t begin, std::int64_t end,
+                                 std::uint8_t value) {
+    const std::uint64_t eight = 0x0101'0101'0101'0101U * value;
+    for (std::uint64_t word; begin + 8 <= end; begin += 8) {
+      std::memcpy(&word, bytes + begin, sizeof word);
+      if (word != eight) break;
+    }
+    while (begin < end && bytes[begin] == value) ++begin;
+    return begin;
   }
   void mix(std::int64_t pixel, std::int32_t own, std::int32_t whole) {
     for (std::int64_t k = 3 * pixel; k < 3 * pixel + 3; ++k) {
@@ -297,11 +276,13 @@ class ColorPainter {
   std::vector<std::uint8_t> covered_;
 };
 
+bool is_finite(const Drawn& place) { return std::abs(place.u) + std::abs(place.v) < kInfinity; }
+
 /// The pixels of an image in which the vertices lie.
 PixelBox box_around(const std::vector<Drawn>& at, std::int64_t cols, std::int64_t rows) {
   float u0 = kInfinity, v0 = kInfinity, u1 = -kInfinity, v1 = -kInfinity;
   for (const Drawn& d : at) {
-    if (!(std::abs(d.u) + std::abs(d.v) < kInfinity)) continue;
+    if (!is_finite(d)) continue;
     u0 = std::min(u0, d.u);
     u1 = std::max(u1, d.u);
     v0 = std::min(v0, d.v);
@@ -318,60 +299,87 @@ PixelBox box_around(const std::vector<Drawn>& at, std::int64_t cols, std::int64_
 /// Where each vertex's colour is in the image of the person's frame.
 std::vector<Drawn> texels_of(const PersonSurface& person) {
   std::vector<Drawn> texels(static_cast<std::size_t>(person.num_vertices));
-  std::optional<Projector> projector;
-  if (person.registration) projector.emplace(*person.registration);
+  if (person.registration) {
+    const Projector projector(*person.registration);
+    for (std::size_t i = 0; i < texels.size(); ++i) texels[i] = projector(person.seen + 3 * i);
+    return texels;
+  }
   for (std::size_t i = 0; i < texels.size(); ++i) {
-    if (projector) {
-      texels[i] = (*projector)(person.seen + 3 * i);
-    } else {
-      texels[i] = {static_cast<float>(person.pixels[2 * i]),
-                   static_cast<float>(person.pixels[2 * i + 1]), 1.0F};
-    }
+    texels[i] = {static_cast<float>(person.pixels[2 * i]),
+                 static_cast<float>(person.pixels[2 * i + 1]), 1.0F};
   }
   return texels;
 }
 
-/// Triangles of the person in a box of the scene's colour image.
-void paint_faces(const PersonSurface& person, const SceneView& scene, const std::vector<Drawn>& at,
-                 const std::vector<Drawn>& in_depth, const PixelBox& box, ColorPainter& painter) {
-  const std::vector<Drawn> texels = texels_of(person);
+/// 1 for each vertex that the scene does not hide in its depth image.
+std::vector<std::uint8_t> shown_vertices(const SceneView& scene,
+                                         const std::vector<Drawn>& in_depth) {
   std::vector<std::uint8_t> shown(in_depth.size(), 1);
   for (std::size_t i = 0; i < in_depth.size(); ++i) {
-    const Drawn& d = in_depth[i];
-    const bool inside = d.u > -0.5F && d.v > -0.5F && d.u < static_cast<float>(scene.cols) - 0.5F &&
-                        d.v < static_cast<float>(scene.rows) - 0.5F;
-    if (!inside) continue;
-    const auto pixel =
-        static_cast<std::int64_t>(d.v + 0.5F) * scene.cols + static_cast<std::int64_t>(d.u + 0.5F);
-    shown[i] = is_hidden(scene, pixel, d.z) ? 0 : 1;
+    const std::int64_t pixel = pixel_at(in_depth[i], scene.rows, scene.cols);
+    if (pixel >= 0 && is_hidden(scene, pixel, in_depth[i].z)) shown[i] = 0;
   }
-  DepthBuffer image(box.height, box.width);
+  return shown;
+}
+
+/// Which place of the person's image each pixel of a box shows.
+struct TexelBuffer {
+  explicit TexelBuffer(std::size_t size)
+      : u(std::make_unique_for_overwrite<float[]>(size)),
+        v(std::make_unique_for_overwrite<float[]>(size)) {}
+
+  void keep(std::int64_t i, Int4 which, Float4 us, Float4 vs) {
+    store4(&u[i], which ? us : load4(&u[i]));
+    store4(&v[i], which ? vs : load4(&v[i]));
+  }
+
+  std::unique_ptr<float[]> u, v;  ///< Set where something was drawn.
+};
+
+/// Draws the person's triangles in a box of the scene's colour image.
+void draw_texels(const PersonSurface& person, const SceneView& scene, const std::vector<Drawn>& at,
+                 const std::vector<Drawn>& in_depth, DepthBuffer& image, TexelBuffer& shows) {
+  const std::vector<Drawn> texels = texels_of(person);
+  const std::vector<std::uint8_t> shown = shown_vertices(scene, in_depth);
   for (std::int64_t f = 0; f < person.num_faces; ++f) {
     const std::int32_t i = person.faces[3 * f], j = person.faces[3 * f + 1],
                        k = person.faces[3 * f + 2];
     const int num_shown = shown[i] + shown[j] + shown[k];
     if (num_shown == 0) continue;
-    const auto in_box = [&](const Drawn& d) {
-      return Drawn{d.u - static_cast<float>(box.u0), d.v - static_cast<float>(box.v0), d.z};
-    };
-    const Drawn a = in_box(at[i]), b = in_box(at[j]), c = in_box(at[k]);
+    const Drawn &a = at[i], &b = at[j], &c = at[k];
     const Drawn &ta = texels[i], &tb = texels[j], &tc = texels[k];
-    rasterize(a, b, c, image.rows, image.cols,
-              [&](std::int32_t pu, std::int32_t pv, float wa, float wb, float wc) {
-                if (num_shown < 3) {
-                  const float share = wa * static_cast<float>(shown[i]) +
-                                      wb * static_cast<float>(shown[j]) +
-                                      wc * static_cast<float>(shown[k]);
-                  if (share < 0.5F) return;
-                }
-                // A triangle is a few pixels: depth and texture are linear within it.
-                const float u = wa * ta.u + wb * tb.u + wc * tc.u;
-                const float v = wa * ta.v + wb * tb.v + wc * tc.v;
-                if (!(std::abs(u) + std::abs(v) < kInfinity)) return;
-                if (image.nearer(pv * box.width + pu, wa * a.z + wb * b.z + wc * c.z)) {
-                  painter.paint(pu, pv, sample(person.color, u, v));
-                }
-              });
+    if (!is_finite(ta) || !is_finite(tb) || !is_finite(tc)) continue;  // has no colour
+    for_each_pixel(a, b, c, image.box, [&](std::int32_t u, std::int32_t v, const FourPixels& four) {
+      // A triangle is a few pixels: depth and texture are linear within it.
+      const Float4 texel_u = four.mix(ta.u, tb.u, tc.u), texel_v = four.mix(ta.v, tb.v, tc.v);
+      Int4 inside = four.inside;
+      if (num_shown < 3) inside &= four.mix(shown[i], shown[j], shown[k]) >= 0.5F;
+      const std::int64_t pixel = image.index(u, v);
+      const Int4 nearer = image.nearer(pixel, inside, four.mix(a.z, b.z, c.z));
+      shows.keep(pixel, nearer, texel_u, texel_v);
+    });
+  }
+}
+
+/// Colours a box of the scene's image where the person is drawn.
+void paint_faces(const PersonSurface& person, const SceneView& scene, const std::vector<Drawn>& at,
+                 const std::vector<Drawn>& in_depth, const PixelBox& box, ColorPainter& painter) {
+  DepthBuffer image(box);
+  TexelBuffer shows(image.z.size());
+  draw_texels(person, scene, at, in_depth, image, shows);
+  const TextureSampler sample(person.color);
+  for (std::int64_t v = box.v0; v < box.v0 + box.height; ++v) {
+    const std::int64_t row = image.index(0, v), end = box.u0 + box.width;
+    for (std::int64_t u = box.u0; u < end; u += 4) {
+      const std::int64_t i = row + u;
+      unsigned drawn = true_lanes(load4(&image.z[i]) < kInfinity);
+      if (u + 4 > end) drawn &= (1U << (end - u)) - 1;
+      if (drawn == 0) continue;
+      const auto places = sample.places(load4(&shows.u[i]), load4(&shows.v[i]));
+      for (int lane = 0; lane < 4; ++lane) {
+        if ((drawn >> lane & 1U) != 0) painter.paint(u + lane, v, sample.packed(places[lane]));
+      }
+    }
   }
 }
 
@@ -380,13 +388,13 @@ void paint_points(const PersonSurface& person, const SceneView& scene, const std
                   const std::vector<std::int64_t>& filled, const std::uint8_t* mask,
                   ColorPainter& painter) {
   const std::vector<Drawn> texels = texels_of(person);
-  DepthBuffer image(scene.rows, scene.cols);
+  const TextureSampler sample(person.color);
+  DepthBuffer image({0, 0, scene.cols, scene.rows});
   for (std::size_t i = 0; i < at.size(); ++i) {
-    const std::int64_t pixel = image.pixel_at(at[i].u, at[i].v);
+    const std::int64_t pixel = pixel_at(at[i], scene.rows, scene.cols);
     if (pixel < 0 || mask[pixel] == 0 || !image.nearer(pixel, at[i].z)) continue;
-    if (!(std::abs(texels[i].u) + std::abs(texels[i].v) < kInfinity)) continue;
-    painter.paint(pixel % scene.cols, pixel / scene.cols,
-                  sample(person.color, texels[i].u, texels[i].v));
+    if (!is_finite(texels[i])) continue;
+    painter.paint(pixel % scene.cols, pixel / scene.cols, sample.packed(texels[i].u, texels[i].v));
   }
   for (const std::int64_t pixel : filled) {
     if (mask[pixel] == 0) continue;
@@ -403,9 +411,9 @@ void paint_points(const PersonSurface& person, const SceneView& scene, const std
     if (u + 1 < scene.cols) add(u + 1, v);
     if (v + 1 < scene.rows) add(u, v + 1);
     if (count == 0) continue;
-    Rgb rgb;
-    for (std::size_t k = 0; k < 3; ++k) rgb[k] = static_cast<std::uint8_t>(sum[k] / count);
-    painter.paint(u, v, rgb);
+    painter.paint(u, v,
+                  static_cast<std::uint32_t>(sum[0] / count + ((sum[1] / count) << 8) +
+                                             ((sum[2] / count) << 16)));
     image.z[pixel] = 0.0F;  // has a colour now, for those that are filled after it
   }
 }
@@ -449,8 +457,10 @@ void composite(const PersonSurface& person, const SceneView& scene, const Compos
     }
   }
   std::vector<std::int64_t> filled;
-  const DepthBuffer drawn = draw_depth(person, scene, at, options, filled);
-  put_before(drawn, scene, box_around(at, scene.cols, scene.rows), out);
+  const bool as_points = options.surface == CompositeSurface::kPoints || person.in_place;
+  put_before(as_points ? draw_points(person, scene, at, options.fill_pinholes, filled)
+                       : draw_faces(person, at, box_around(at, scene.cols, scene.rows)),
+             scene, out);
   if (scene.color.pixels == nullptr || out.color == nullptr) return;
   const PixelBox whole{0, 0, scene.color.cols, scene.color.rows};
   if (options.surface == CompositeSurface::kPoints && !scene.registration) {

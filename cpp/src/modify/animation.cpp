@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "geometry/cell_cut.hpp"
 #include "manip3d/error.hpp"
@@ -66,6 +68,158 @@ class BonePairs {
   std::array<std::array<std::uint8_t, kNumJoints>, kNumJoints> joint_{};
   Skeleton skeleton_;
   float squared_reach_;
+};
+
+/// The values of a table that was filled row by row.
+template <int kColumns, typename Scalar>
+Rows<Scalar, kColumns> rows_of(const std::vector<Scalar>& values) {
+  return Eigen::Map<const Rows<Scalar, kColumns>>(
+      values.data(), static_cast<Eigen::Index>(values.size()) / kColumns, kColumns);
+}
+
+/// A vertex for each labelled pixel, row by row of the image; where the vertices of the last two
+/// rows are is known.
+class VertexRows {
+ public:
+  static constexpr std::int32_t kNone = -1;
+
+  VertexRows(const RangeImage& image, const std::uint8_t* labels)
+      : image_(image),
+        labels_(labels),
+        xyz_(static_cast<std::size_t>(3 * image.cols())),
+        above_(image.cols()),
+        below_(image.cols()) {
+    const std::int64_t size = image.rows() * image.cols();
+    const auto count = static_cast<std::size_t>(size - std::count(labels, labels + size, 0));
+    points_.reserve(3 * count);
+    pixels_.reserve(2 * count);
+    bones_.reserve(count);
+  }
+
+  /// Row v of the image is below from now on, what was below is above.
+  void add(std::int64_t v) {
+    std::swap(above_, below_);
+    const std::uint8_t* label = labels_ + v * image_.cols();
+    std::int64_t begin = 0, end = image_.cols();
+    while (begin < end && label[begin] == 0) ++begin;
+    while (end > begin && label[end - 1] == 0) --end;
+    below_.clear(begin, end);
+    float *x = xyz_.data(), *y = x + image_.cols(), *z = y + image_.cols();
+    image_.load_row(v, begin, end - begin, x, y, z);
+    for (std::int64_t u = begin; u < end; ++u) {
+      const std::int64_t i = u - begin;
+      if (label[u] == 0 || std::isnan(z[i])) continue;
+      if (label[u] >= kNumJoints) {
+        throw InputError("labels: expected 0 to 24, got " + std::to_string(label[u]));
+      }
+      below_.vertex[u] = static_cast<std::int32_t>(bones_.size());
+      bones_.push_back(label[u]);
+      points_.insert(points_.end(), {x[i], y[i], z[i]});
+      pixels_.insert(pixels_.end(), {static_cast<std::int32_t>(u), static_cast<std::int32_t>(v)});
+    }
+  }
+
+  /// The first column of a cell between the two rows that has a vertex, and behind the last one.
+  [[nodiscard]] std::pair<std::int64_t, std::int64_t> cells() const {
+    const std::int64_t begin = std::min(above_.begin, below_.begin);
+    return {std::max<std::int64_t>(begin - 1, 0),
+            std::min(std::max(above_.end, below_.end), image_.cols() - 1)};
+  }
+  [[nodiscard]] std::int32_t above(std::int64_t u) const { return above_.vertex[u]; }
+  [[nodiscard]] std::int32_t below(std::int64_t u) const { return below_.vertex[u]; }
+
+  [[nodiscard]] std::uint8_t bone(std::int32_t vertex) const { return bones_[vertex]; }
+  [[nodiscard]] float depth(std::int32_t vertex) const { return points_[3 * vertex + 2]; }
+  [[nodiscard]] Eigen::Vector3f point(std::int32_t vertex) const {
+    return Eigen::Map<const Eigen::Vector3f>(&points_[3 * vertex]);
+  }
+
+  [[nodiscard]] AnimationMesh mesh(const std::vector<std::int32_t>& faces) && {
+    return {rows_of<3>(points_), rows_of<2>(pixels_), std::move(bones_), rows_of<3>(faces)};
+  }
+  /// At most so many vertices will there be.
+  [[nodiscard]] std::size_t capacity() const { return bones_.capacity(); }
+
+ private:
+  struct Row {
+    explicit Row(std::int64_t cols) : vertex(static_cast<std::size_t>(cols), kNone), begin(cols) {}
+    void clear(std::int64_t from, std::int64_t to) {
+      if (begin < end) std::fill(vertex.begin() + begin, vertex.begin() + end, kNone);
+      begin = from;
+      end = to;
+    }
+    std::vector<std::int32_t> vertex;  ///< Of each column, or kNone.
+    std::int64_t begin, end = 0;       ///< Columns outside have none.
+  };
+
+  const RangeImage& image_;
+  const std::uint8_t* labels_;
+  std::vector<float> xyz_, points_;
+  std::vector<std::int32_t> pixels_;
+  std::vector<std::uint8_t> bones_;
+  Row above_, below_;
+};
+
+/// The triangles of cells whose depths are connected and whose bones fit together.
+class CellCutter {
+ public:
+  /// @param pairs  Null: all bones fit.
+  CellCutter(const VertexRows& vertices, const DepthStep& step, const BonePairs* pairs, bool flips)
+      : vertices_(vertices), step_(step), pairs_(pairs), flips_(flips) {}
+
+  void cut_row() {
+    const auto [begin, end] = vertices_.cells();
+    for (std::int64_t u = begin; u < end; ++u) cut(u);
+  }
+
+  std::vector<std::int32_t> faces;
+
+ private:
+  /// The cell between columns u and u + 1 of the two rows.
+  void cut(std::int64_t u) {
+    std::array<std::int32_t, 4> vertex = {vertices_.above(u), vertices_.above(u + 1),
+                                          vertices_.below(u + 1), vertices_.below(u)};
+    if (!flips_) std::swap(vertex[1], vertex[3]);  // as cell_corners()
+    unsigned valid = 0;
+    for (unsigned i = 0; i < 4; ++i) valid |= vertex[i] != VertexRows::kNone ? 1U << i : 0U;
+    const CellCut way = cut_cell(valid, [&](int i, int j) {
+      return (vertices_.point(vertex[i]) - vertices_.point(vertex[j])).squaredNorm();
+    });
+    if (way == CellCut::kNone) return;
+    const bool is_plain = valid == 15 && is_of_one_bone(vertex) && connects(vertex);
+    for (const auto& [i, j, k] : cell_triangles(way)) {
+      const std::array<std::int32_t, 3> corner = {vertex[i], vertex[j], vertex[k]};
+      if (!is_plain && !(connects(corner) && fits(corner))) continue;
+      faces.insert(faces.end(), corner.begin(), corner.end());
+    }
+  }
+
+  template <std::size_t kCount>
+  [[nodiscard]] bool connects(const std::array<std::int32_t, kCount>& corner) const {
+    float near = vertices_.depth(corner[0]), far = near;
+    for (const std::int32_t vertex : corner) {
+      near = std::min(near, vertices_.depth(vertex));
+      far = std::max(far, vertices_.depth(vertex));
+    }
+    return step_.connects(near, far);
+  }
+  [[nodiscard]] bool is_of_one_bone(const std::array<std::int32_t, 4>& corner) const {
+    const std::uint8_t bone = vertices_.bone(corner[0]);
+    return bone == vertices_.bone(corner[1]) && bone == vertices_.bone(corner[2]) &&
+           bone == vertices_.bone(corner[3]);
+  }
+  [[nodiscard]] bool fits(const std::array<std::int32_t, 3>& corner) const {
+    return fits(corner[0], corner[1]) && fits(corner[1], corner[2]) && fits(corner[2], corner[0]);
+  }
+  [[nodiscard]] bool fits(std::int32_t a, std::int32_t b) const {
+    const std::uint8_t one = vertices_.bone(a), other = vertices_.bone(b);
+    return one == other || pairs_ == nullptr || pairs_->fit(one, other, vertices_.point(a));
+  }
+
+  const VertexRows& vertices_;
+  const DepthStep& step_;
+  const BonePairs* pairs_;
+  bool flips_;
 };
 
 // --- Motions ------------------------------------------------------------------------------------
@@ -221,69 +375,14 @@ AnimationMesh animation_mesh(const DepthView& depth, const PixelRays& rays, doub
   const RangeImage image(depth, rays);
   const DepthStep step(options.step, focal);
   const BonePairs pairs(skeleton, options.joint_reach);
-  const std::int64_t rows = depth.rows, cols = depth.cols;
-  std::vector<std::int32_t> vertex_at(static_cast<std::size_t>(rows * cols), -1);
-  std::vector<float> xyz(static_cast<std::size_t>(3 * cols));
-  std::vector<float> points;
-  std::vector<std::int32_t> pixels;
-  AnimationMesh mesh;
-  std::int64_t first_row = rows, last_row = 0;
-  for (std::int64_t v = 0; v < rows; ++v) {
-    const std::uint8_t* label = labels + v * cols;
-    const auto is_set = [](std::uint8_t l) { return l != 0; };
-    const std::int64_t begin = std::find_if(label, label + cols, is_set) - label;
-    if (begin == cols) continue;
-    float *x = xyz.data(), *y = x + cols, *z = y + cols;
-    image.load_row(v, begin, cols - begin, x + begin, y + begin, z + begin);
-    for (std::int64_t u = begin; u < cols; ++u) {
-      if (label[u] == 0 || std::isnan(z[u])) continue;
-      if (label[u] >= kNumJoints) {
-        throw InputError("labels: expected 0 to 24, got " + std::to_string(label[u]));
-      }
-      vertex_at[v * cols + u] = static_cast<std::int32_t>(mesh.labels.size());
-      mesh.labels.push_back(label[u]);
-      points.insert(points.end(), {x[u], y[u], z[u]});
-      pixels.insert(pixels.end(), {static_cast<std::int32_t>(u), static_cast<std::int32_t>(v)});
-      first_row = std::min(first_row, v);
-      last_row = v;
-    }
+  VertexRows vertices(image, labels);
+  CellCutter cutter(vertices, step, options.by_label ? &pairs : nullptr, rays.flips());
+  cutter.faces.reserve(6 * vertices.capacity());
+  for (std::int64_t v = 0; v < depth.rows; ++v) {
+    vertices.add(v);
+    cutter.cut_row();
   }
-  const auto count = static_cast<Eigen::Index>(mesh.labels.size());
-  mesh.vertices = Eigen::Map<const Rows<float, 3>>(points.data(), count, 3);
-  mesh.pixels = Eigen::Map<const Rows<std::int32_t, 2>>(pixels.data(), count, 2);
-
-  std::vector<std::int32_t> faces;
-  faces.reserve(static_cast<std::size_t>(6 * count));
-  const auto fits = [&](std::int32_t a, std::int32_t b) {
-    const std::uint8_t la = mesh.labels[a], lb = mesh.labels[b];
-    return la == lb || pairs.fit(la, lb, mesh.vertices.row(a));
-  };
-  for (std::int64_t v = first_row; v < last_row; ++v) {
-    for (std::int64_t u = 0; u + 1 < cols; ++u) {
-      const auto corner = cell_corners(v * cols + u, cols, rays.flips());
-      std::array<std::int32_t, 4> vertex{};
-      unsigned valid = 0;
-      for (unsigned i = 0; i < 4; ++i) {
-        vertex[i] = vertex_at[corner[i]];
-        valid |= vertex[i] >= 0 ? 1U << i : 0U;
-      }
-      if (valid == 0) continue;
-      const CellCut cut = cut_cell(valid, [&](int i, int j) {
-        return (mesh.vertices.row(vertex[i]) - mesh.vertices.row(vertex[j])).squaredNorm();
-      });
-      for (const auto& [i, j, k] : cell_triangles(cut)) {
-        const std::int32_t a = vertex[i], b = vertex[j], c = vertex[k];
-        const auto [near, far] =
-            std::minmax({mesh.vertices(a, 2), mesh.vertices(b, 2), mesh.vertices(c, 2)});
-        if (!step.connects(near, far)) continue;
-        if (options.by_label && !(fits(a, b) && fits(b, c) && fits(c, a))) continue;
-        faces.insert(faces.end(), {a, b, c});
-      }
-    }
-  }
-  mesh.faces = Eigen::Map<const Rows<std::int32_t, 3>>(
-      faces.data(), static_cast<Eigen::Index>(faces.size() / 3), 3);
-  return mesh;
+  return std::move(vertices).mesh(cutter.faces);
 }
 
 std::optional<BoneMotions> follow_pose(const Skeleton& source, const Skeleton& pose,

@@ -5,7 +5,6 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
-#include <functional>
 #include <limits>
 #include <string>
 #include <vector>
@@ -60,6 +59,48 @@ std::uint32_t ordered(float value) {
   return (bits >> 31) != 0 ? ~bits : bits | 0x80000000U;
 }
 
+/// A heap whose nodes have four children: half as deep as one with two, and the four lie together.
+class LeastFirst {
+ public:
+  LeastFirst() : keys_(kChildren, kNone) {}
+  void reserve(std::size_t count) { keys_.reserve(count + kChildren); }
+  [[nodiscard]] bool empty() const { return size_ == 0; }
+
+  /// @param key  Less than all bits set.
+  void push(std::uint64_t key) {
+    keys_.push_back(kNone);
+    std::size_t at = size_++;
+    for (; at > 0 && key < keys_[parent(at)]; at = parent(at)) keys_[at] = keys_[parent(at)];
+    keys_[at] = key;
+  }
+
+  /// Takes the least key out.
+  std::uint64_t pop() {
+    const std::uint64_t least = keys_[0], key = keys_[--size_];
+    keys_[size_] = kNone;
+    keys_.pop_back();
+    std::size_t at = 0;
+    for (std::size_t child = 1; child < size_; child = kChildren * at + 1) {
+      const std::uint64_t* keys = &keys_[child];  // behind the last key are some that are no keys
+      const std::size_t one = keys[1] < keys[0] ? 1 : 0, other = keys[3] < keys[2] ? 3 : 2;
+      const std::size_t best = child + (keys[other] < keys[one] ? other : one);
+      if (!(keys_[best] < key)) break;
+      keys_[at] = keys_[best];
+      at = best;
+    }
+    if (size_ > 0) keys_[at] = key;
+    return least;
+  }
+
+ private:
+  static constexpr std::size_t kChildren = 4;
+  static constexpr std::uint64_t kNone = ~std::uint64_t{0};
+  static std::size_t parent(std::size_t at) { return (at - 1) / kChildren; }
+
+  std::vector<std::uint64_t> keys_;  ///< Then four times kNone.
+  std::size_t size_ = 0;
+};
+
 /// Labels that spread over a person's points.
 class Flood {
  public:
@@ -67,11 +108,15 @@ class Flood {
       : bones_(bones),
         step_(step),
         points_(points),
-        point_at_(static_cast<std::size_t>(points.rows * points.cols), kNoPoint),
+        stride_(points.box.width + 2),
+        point_at_(static_cast<std::size_t>(stride_ * (points.box.height + 2)), kNoPoint),
+        place_(static_cast<std::size_t>(points.count)),
         offered_(static_cast<std::size_t>(points.count), kNothing),
         offer_(static_cast<std::size_t>(points.count), 0) {
     for (std::int64_t i = 0; i < points.count; ++i) {
-      point_at_[points.pixel[i]] = static_cast<std::int32_t>(i);
+      const std::int64_t at = place(points.pixel[i] % points.cols, points.pixel[i] / points.cols);
+      place_[i] = static_cast<std::int32_t>(at);
+      point_at_[at] = static_cast<std::int32_t>(i);
       points.label[i] = 0;
       points.squared_distance[i] = points.skin_distance[i] = kUnreached;
     }
@@ -79,8 +124,9 @@ class Flood {
   }
 
   void seed(std::int64_t u, std::int64_t v, std::size_t label) {
-    if (u < 0 || v < 0 || u >= points_.cols || v >= points_.rows) return;
-    const std::int32_t point = point_at_[v * points_.cols + u];
+    const PixelBox& box = points_.box;
+    if (u < box.u0 || v < box.v0 || u >= box.u0 + box.width || v >= box.v0 + box.height) return;
+    const std::int32_t point = point_at_[place(u, v)];
     if (point != kNoPoint) offer(point, label);
   }
 
@@ -105,9 +151,14 @@ class Flood {
     std::uint8_t label;
   };
 
+  [[nodiscard]] std::int64_t place(std::int64_t u, std::int64_t v) const {
+    return (v - points_.box.v0 + 1) * stride_ + u - points_.box.u0 + 1;
+  }
+
   /// A point may become a bone's; the best offer to each point stands in the queue.
   void offer(std::int32_t point, std::size_t label) {
     if (points_.label[point] != 0) return;
+    if (offered_[point] != kNothing && offer_[point] == label) return;  // by another neighbour
     const auto d = bones_.to(label, points_.x[point], points_.y[point], points_.z[point]);
     if (!(d.skin <= reach_)) return;
     const std::uint32_t rank = ordered(d.judged);
@@ -117,16 +168,14 @@ class Flood {
     const bool is_new = rank != offered_[point];
     offered_[point] = rank;
     offer_[point] = static_cast<std::uint8_t>(label);
-    if (!is_new) return;
-    queue_.push_back((std::uint64_t{rank} << 32) | static_cast<std::uint32_t>(point));
-    std::push_heap(queue_.begin(), queue_.end(), std::greater<>());
+    points_.squared_distance[point] = d.squared;  // all points in the queue are taken in the end
+    points_.skin_distance[point] = d.skin;
+    if (is_new) queue_.push((std::uint64_t{rank} << 32) | static_cast<std::uint32_t>(point));
   }
 
   void run() {
     while (!queue_.empty()) {
-      const std::uint64_t first = queue_.front();
-      std::pop_heap(queue_.begin(), queue_.end(), std::greater<>());
-      queue_.pop_back();
+      const std::uint64_t first = queue_.pop();
       const auto point = static_cast<std::int32_t>(first & 0xffffffffU);
       if (points_.label[point] != 0 || offered_[point] != first >> 32) continue;  // outbid
       take(point, offer_[point]);
@@ -134,16 +183,12 @@ class Flood {
   }
 
   void take(std::int32_t point, std::uint8_t label) {
-    const auto d = bones_.to(label, points_.x[point], points_.y[point], points_.z[point]);
     points_.label[point] = label;
-    points_.squared_distance[point] = d.squared;
-    points_.skin_distance[point] = d.skin;
-    const std::int64_t pixel = points_.pixel[point];
-    const std::int64_t u = pixel % points_.cols, v = pixel / points_.cols;
-    if (v > 0) pass_on(point, point_at_[pixel - points_.cols], label);
-    if (u > 0) pass_on(point, point_at_[pixel - 1], label);
-    if (u + 1 < points_.cols) pass_on(point, point_at_[pixel + 1], label);
-    if (v + 1 < points_.rows) pass_on(point, point_at_[pixel + points_.cols], label);
+    const std::int32_t* here = &point_at_[place_[point]];
+    pass_on(point, here[-stride_], label);
+    pass_on(point, here[-1], label);
+    pass_on(point, here[1], label);
+    pass_on(point, here[stride_], label);
   }
 
   void pass_on(std::int32_t from, std::int32_t to, std::uint8_t label) {
@@ -159,10 +204,12 @@ class Flood {
   const BoneDistances& bones_;
   const DepthStep& step_;
   PersonPoints& points_;
-  std::vector<std::int32_t> point_at_;
+  std::int64_t stride_;
+  std::vector<std::int32_t> point_at_;  ///< In the box of all, with a frame of none around it.
+  std::vector<std::int32_t> place_;     ///< By point: where it stands there.
   std::vector<std::uint32_t> offered_;  ///< By point: rank of the best offer so far.
   std::vector<std::uint8_t> offer_;     ///< Its bone.
-  std::vector<std::uint64_t> queue_;    ///< Rank and point; a heap, the least first.
+  LeastFirst queue_;                    ///< Ranks and points.
   std::vector<Blocked> blocked_;        ///< Offers that met a contour.
   float reach_ = kUnreached;
   bool crosses_ = false;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <numeric>
 #include <string>
 #include <utility>
 
@@ -19,6 +20,9 @@ namespace {
 constexpr std::int64_t kTile = 8;  // a row of its mask is one 64-bit word
 constexpr std::size_t kTilePoints = 64;
 constexpr std::uint8_t kNoBodyIndex = 0xff;
+
+/// Of a row of the mask: whole tiles.
+std::int64_t stride_of(std::int64_t cols) { return (cols + kTile - 1) / kTile * kTile; }
 
 struct DepthBounds {
   float near = 0.0F, far = 0.0F;
@@ -242,17 +246,26 @@ void check_options(const PersonMaskOptions& o) {
 }
 
 void PersonPoints::resize(std::int64_t num_rows, std::int64_t num_cols) {
+  set_shape(num_rows, num_cols);
+  make_room(rows * cols);
+}
+
+void PersonPoints::set_shape(std::int64_t num_rows, std::int64_t num_cols) {
   rows = num_rows;
   cols = num_cols;
-  const auto size = static_cast<std::size_t>(rows * cols);
+  mask.assign(rows * stride_of(cols), 0);
+  tile_start.reserve((rows / kTile + 1) * (cols / kTile + 1) + 1);
+  count = 0;
+  box = {};
+}
+
+void PersonPoints::make_room(std::int64_t num_points) {
+  const auto size = static_cast<std::size_t>(num_points);
+  if (size <= x.size()) return;
   for (std::vector<float>* column : {&x, &y, &z, &squared_distance, &skin_distance})
     column->resize(size);
   pixel.resize(size);
   label.resize(size);
-  mask.assign(kTile * ((cols + kTile - 1) / kTile * kTile), 0);
-  tile_start.reserve((rows / kTile + 1) * (cols / kTile + 1) + 1);
-  count = 0;
-  box = {};
 }
 
 void find_person(const DepthView& depth, const std::uint8_t* body_index, const Skeleton& skeleton,
@@ -263,19 +276,20 @@ void find_person(const DepthView& depth, const std::uint8_t* body_index, const S
                      std::to_string(depth.rows) + ", " + std::to_string(depth.cols) + ")");
   }
   if (points.rows != depth.rows || points.cols != depth.cols) {
-    points.resize(depth.rows, depth.cols);
+    points.set_shape(depth.rows, depth.cols);
   }
   const bool by_index = body_index != nullptr && skeleton.body != kNoBodyIndex;
   const MaskRow row(depth, body_index, skeleton.body, depth_bounds(skeleton, by_index, options));
+  const std::int64_t stride = stride_of(depth.cols);
+  for (std::int64_t v = 0; v < depth.rows; ++v) row.fill(v, points.mask.data() + v * stride);
+  points.make_room(std::reduce(points.mask.begin(), points.mask.end(), std::int64_t{0}));
   Collector collector(depth, rays, points);
-  const std::int64_t stride = (depth.cols + kTile - 1) / kTile * kTile;
   for (std::int64_t v0 = 0; v0 < depth.rows; v0 += kTile) {
     const std::int64_t height = std::min(kTile, depth.rows - v0);
-    for (std::int64_t v = 0; v < height; ++v) row.fill(v0 + v, points.mask.data() + v * stride);
     for (std::int64_t u0 = 0; u0 < depth.cols; u0 += kTile) {
       collector.start_tile();
       for (std::int64_t v = 0; v < height; ++v) {
-        const std::uint8_t* mask = points.mask.data() + v * stride + u0;
+        const std::uint8_t* mask = points.mask.data() + (v0 + v) * stride + u0;
         if (load_word(mask) == 0) continue;
         for (std::int64_t u = 0; u < kTile; ++u) {
           if (mask[u] != 0) collector.add(u0 + u, v0 + v);

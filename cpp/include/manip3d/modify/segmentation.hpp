@@ -31,9 +31,12 @@ struct PersonPoints {
   std::vector<float> skin_distance;      ///< To its skin: negative within.
   std::vector<std::int32_t> tile_start;  ///< First point of each tile, then `count`.
   PixelBox box;                          ///< Around all pixels.
-  std::vector<std::uint8_t> mask;        ///< One row of tiles, while they are collected.
-  /// Makes room for an image of so many pixels.
+  std::vector<std::uint8_t> mask;        ///< Of the image, in rows of whole tiles.
+  /// Makes room for all pixels of an image, so that no memory is asked for later.
   void resize(std::int64_t num_rows, std::int64_t num_cols);
+  /// Room for points is made when they are counted.
+  void set_shape(std::int64_t num_rows, std::int64_t num_cols);
+  void make_room(std::int64_t num_points);
 };
 
 /// Collects the pixels of a person. With a body index (as RgbdFrame::body_index, or null) those of
