@@ -1,5 +1,7 @@
 #include "manip3d/geometry/depth_image.hpp"
 
+#include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 #include <string>
@@ -9,6 +11,22 @@
 #include "manip3d/geometry/range_image.hpp"
 
 namespace manip3d {
+namespace {
+
+/// Whether all valid points are, without a branch for each.
+bool all_finite(const PointGridView& grid, std::int64_t num_pixels) {
+  constexpr std::uint32_t kExponent = 0x7f800000U;  // all of it: infinity or NaN
+  const auto bits = [](float one) { return std::bit_cast<std::uint32_t>(one) & kExponent; };
+  unsigned bad = 0;
+  for (std::int64_t i = 0; i < num_pixels; ++i) {
+    const float* p = grid.points + 3 * i;
+    const std::uint32_t most = std::max({bits(p[0]), bits(p[1]), bits(p[2])});
+    bad |= static_cast<unsigned>(grid.valid[i] != 0) & static_cast<unsigned>(most == kExponent);
+  }
+  return bad == 0;
+}
+
+}  // namespace
 
 PointGrid unproject(const DepthView& depth, const PixelRays& rays, int num_threads) {
   const RangeImage image(depth, rays);
@@ -40,7 +58,9 @@ void check_point_grid(const PointGridView& grid) {
     throw InputError("points: expected at most 16384 rows and columns, got " +
                      std::to_string(grid.rows) + " x " + std::to_string(grid.cols));
   }
-  for (std::int64_t i = 0; i < grid.rows * grid.cols; ++i) {
+  const std::int64_t num_pixels = grid.rows * grid.cols;
+  if (all_finite(grid, num_pixels)) return;
+  for (std::int64_t i = 0; i < num_pixels; ++i) {
     const float* p = grid.points + 3 * i;
     if (grid.valid[i] != 0 &&
         !(std::isfinite(p[0]) && std::isfinite(p[1]) && std::isfinite(p[2]))) {

@@ -27,6 +27,7 @@ using relief_detail::Vec3;
 /// What an effort spends. Measured on the Stanford scans; each step pays for itself.
 struct Budget {
   double start;       ///< Bisections of the first triangulation per target point.
+  int finest;         ///< Pixels between its vertices inside of the surface.
   float round_share;  ///< Share of the vertices that a round may remove.
   int flip_sweeps;
   float flip_floor;  ///< Pairs of triangles below this many mean errors are not looked at.
@@ -37,17 +38,17 @@ struct Budget {
 Budget budget_of(ReliefEffort effort) {
   switch (effort) {
     case ReliefEffort::kLive:
-      return {0.4, 0.4F, 1, 1.0F, 0, 0};
+      return {0.4, 1, 0.4F, 1, 1.0F, 0, 0};
     case ReliefEffort::kFast:
-      return {0.7, 0.3F, 3, 0.3F, 0, 0};
+      return {0.7, 1, 0.3F, 3, 0.3F, 0, 0};
     case ReliefEffort::kBalanced:
-      return {1.0, 0.2F, 3, 0.3F, 1, 1};
+      return {1.0, 1, 0.2F, 3, 0.3F, 1, 1};
     case ReliefEffort::kFine:
-      return {3.0, 0.2F, 4, 0.3F, 2, 1};
+      return {3.0, 1, 0.2F, 4, 0.3F, 2, 1};
     case ReliefEffort::kBest:
       break;
   }
-  return {1e9, 0.1F, 8, 0.3F, 4, 2};
+  return {1e9, 1, 0.1F, 8, 0.3F, 4, 2};
 }
 
 void check_options(const ReliefOptions& options) {
@@ -157,9 +158,9 @@ struct Relief::Memory {
   std::vector<Placed> placed;          ///< Output vertices by pixel.
   std::vector<std::int64_t> previous;  ///< Input pixels of the frame before.
   EdgeMemory before;                   ///< Edges of the frame before.
-  std::vector<std::uint8_t> covered;   ///< Scratch.
-  std::vector<Keep> keep;              ///< By pixel of the surface; or empty.
-  std::vector<Triangulation> levels;   ///< The smaller meshes, smallest first.
+  relief_detail::CoverageScratch coverage;
+  std::vector<Keep> keep;             ///< By pixel of the surface; or empty.
+  std::vector<Triangulation> levels;  ///< The smaller meshes, smallest first.
 
   void recall(const PointGridView& grid, const ReliefOptions& options);
   void select(const ReliefOptions& options, std::int64_t target, ReliefResult& result);
@@ -194,11 +195,13 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
   const std::int64_t used = surface.num_used();
   const double wanted = budget.start * static_cast<double>(target);
   auto splits = static_cast<std::int64_t>(std::min(wanted, static_cast<double>(used)));
-  if (used <= target) splits = used;
-  mesh.assign(surface, start.build(surface, splits, keep));
-  while (mesh.num_vertices() < target && splits < used) {
+  int finest = budget.finest;
+  if (used <= target) splits = used, finest = 1;
+  mesh.assign(surface, start.build(surface, splits, finest, keep));
+  while (mesh.num_vertices() < target && (splits < used || finest > 1)) {
     splits = std::min(2 * splits, used);
-    mesh.assign(surface, start.build(surface, splits, keep));
+    if (splits == used) finest = 1;
+    mesh.assign(surface, start.build(surface, splits, finest, keep));
   }
   result.stop = used <= target ? ReliefStop::kAllPoints : ReliefStop::kTarget;
   result.dropped_pixels = 0;
@@ -371,7 +374,7 @@ void Relief::run(const PointGridView& grid, const ReliefOptions& options, Relief
   }
   m.write(grid, options, result);
   result.cover =
-      relief_detail::coverage_of(m.surface, result.mesh.pixels, result.mesh.faces, m.covered);
+      relief_detail::coverage_of(m.surface, result.mesh.pixels, result.mesh.faces, m.coverage);
   if (options.stability > 1.0) m.before.assign(m.surface, m.mesh);
 }
 

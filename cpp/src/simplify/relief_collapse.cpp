@@ -20,7 +20,7 @@ constexpr float kBoundaryWeight = kMissingFactor / 6.0F;
 // false surface at 1 % of the points.
 constexpr float kCoverFactor = 10.0F * kMissingFactor;
 constexpr std::int64_t kFew = 64;  // vertices
-constexpr std::int32_t kNever = -1, kNoRound = -2;
+constexpr std::int32_t kNoRound = -2;
 constexpr float kStays = std::numeric_limits<float>::infinity();
 
 using Fan = Triangulation::Fan;
@@ -93,21 +93,17 @@ void LocalQuadric::add(const LocalQuadric& q, const Vec3& offset) {
 
 void Collapser::assign(const Surface& surface, const Triangulation& mesh,
                        std::span<const Keep> keep, float keep_factor) {
-  for (auto* numbers : {&factor_, &spent_}) make_room(*numbers, mesh.num_slots());
-  for (auto* quadrics : {&surface_, &boundary_}) make_room(*quadrics, mesh.num_slots());
+  make_room(nodes_, mesh.num_slots());
+  make_room(boundary_, mesh.num_slots());
   make_room(seen_, mesh.num_face_slots());
-  make_room(touched_, mesh.num_slots());
-  factor_.assign(mesh.num_slots(), 1.0F);
+  nodes_.assign(mesh.num_slots(), {});
+  boundary_.assign(mesh.num_slots(), {});
   if (!keep.empty()) {
     for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
       const Keep kept = keep[mesh.vertex(v).pixel];
-      if (kept != Keep::kFree) factor_[v] = kept == Keep::kFixed ? kStays : keep_factor;
+      if (kept != Keep::kFree) nodes_[v].factor = kept == Keep::kFixed ? kStays : keep_factor;
     }
   }
-  surface_.assign(mesh.num_slots(), {});
-  boundary_.assign(mesh.num_slots(), {});
-  spent_.assign(mesh.num_slots(), 0.0F);
-  touched_.assign(mesh.num_slots(), kNever);
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
     const Triangle& corners = mesh.triangle(t);
     const Vec3 a = mesh.vertex(corners[0]).point;
@@ -118,7 +114,7 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
     const Vec3 n = normal / twice_area;
     const float trust = confidence_of(surface, mesh, corners);
     for (int i = 0; i < 3; ++i) {
-      surface_[corners[i]].add_plane_through_origin(n, trust * (twice_area * (1.0F / 6.0F)));
+      nodes_[corners[i]].surface.add_plane_through_origin(n, trust * (twice_area * (1.0F / 6.0F)));
       if (mesh.neighbors(t)[i] != Triangulation::kNone) continue;
       // The plane along the side, upright on the triangle.
       const std::int32_t p = corners[(i + 1) % 3], q = corners[(i + 2) % 3];
@@ -135,12 +131,10 @@ void Collapser::assign(const Surface& surface, const Triangulation& mesh,
   find_pieces(mesh);
 }
 
-bool Collapser::is_fixed(std::int32_t v) const { return factor_[v] == kStays; }
+bool Collapser::is_fixed(std::int32_t v) const { return nodes_[v].factor == kStays; }
 
 void Collapser::find_pieces(const Triangulation& mesh) {
-  make_room(piece_, mesh.num_slots());
   make_room(stack_, mesh.num_face_slots());
-  piece_.assign(mesh.num_slots(), kNone);
   pieces_.clear();
   left_out_ = 0;
   largest_ = 0;
@@ -148,7 +142,7 @@ void Collapser::find_pieces(const Triangulation& mesh) {
   const auto enter = [&](std::int32_t t) {  // a vertex has one fan, so it belongs to one piece
     stack_.push_back(t);
     for (const std::int32_t v : mesh.triangle(t)) {
-      piece_[v] = static_cast<std::int32_t>(pieces_.size()) - 1;
+      nodes_[v].piece = static_cast<std::int32_t>(pieces_.size()) - 1;
     }
   };
   seen_.assign(mesh.num_face_slots(), 0);
@@ -173,7 +167,7 @@ void Collapser::find_pieces(const Triangulation& mesh) {
   }
   for (std::int32_t v = 0; v < mesh.num_slots(); ++v) {
     has_fixed_ = has_fixed_ || is_fixed(v);
-    pieces_[piece_[v]].area += surface_[v].weight;
+    pieces_[nodes_[v].piece].area += nodes_[v].surface.weight;
   }
   for (std::int32_t i = 1; i < static_cast<std::int32_t>(pieces_.size()); ++i) {
     if (pieces_[i].area > pieces_[largest_].area) largest_ = i;
@@ -183,11 +177,11 @@ void Collapser::find_pieces(const Triangulation& mesh) {
 float Collapser::price(const Triangulation& mesh, std::int32_t v, std::int32_t to,
                        float cut) const {
   const Vec3 offset = mesh.vertex(to).point - mesh.vertex(v).point;
-  const LocalQuadric &q = surface_[v], &r = surface_[to];
+  const LocalQuadric &q = nodes_[v].surface, &r = nodes_[to].surface;
   const float squares = std::max(0.0F, q(offset)) + r.c;
-  float price = std::sqrt(squares * (q.weight + r.weight)) - spent_[v] - spent_[to];
+  float price = std::sqrt(squares * (q.weight + r.weight)) - nodes_[v].spent - nodes_[to].spent;
   if (mesh.vertex(v).on_boundary) price += std::max(boundary_[v](offset) - boundary_[v].c, cut);
-  return price * factor_[v];
+  return price * nodes_[v].factor;
 }
 
 int Collapser::cheapest(const Surface& surface, const Triangulation& mesh, std::int32_t v,
@@ -205,8 +199,8 @@ int Collapser::cheapest(const Surface& surface, const Triangulation& mesh, std::
   int best = -1;
   for (int i = 0; i < fan.num_neighbors; i += step) {
     const std::int32_t to = fan.neighbors[i];
-    if (touched_[to] == round) continue;
-    const float p = price(mesh, v, to, cut) + cover * factor_[v];
+    if (nodes_[to].touched == round) continue;
+    const float p = price(mesh, v, to, cut) + cover * nodes_[v].factor;
     if (best >= 0 && !(p < lowest)) continue;
     if (legal && !mesh.can_collapse(surface, v, fan, i)) continue;
     lowest = p;
@@ -218,12 +212,12 @@ int Collapser::cheapest(const Surface& surface, const Triangulation& mesh, std::
 float Collapser::price_of_piece(const Surface& surface, const Triangulation& mesh,
                                 std::int32_t t) const {
   const auto [a, b, c] = mesh.triangle(t);
-  const Piece& piece = pieces_[piece_[a]];
-  if (piece.fixed || piece_[a] == largest_) return kStays;
+  const Piece& piece = pieces_[nodes_[a].piece];
+  if (piece.fixed || nodes_[a].piece == largest_) return kStays;
   constexpr float kThird = 1.0F / 3.0F;
   const Vec3 middle = kThird * (mesh.vertex(a).point + mesh.vertex(b).point + mesh.vertex(c).point);
   const float distance = mesh.distance_to_others(surface, t, middle);
-  const float kept = std::max({factor_[a], factor_[b], factor_[c]});
+  const float kept = std::max({nodes_[a].factor, nodes_[b].factor, nodes_[c].factor});
   return kThird * static_cast<float>(piece.area) * distance * kept;
 }
 
@@ -270,10 +264,10 @@ bool Collapser::collapse(const Surface& surface, Triangulation& mesh, const Move
                          std::int32_t round) {
   Fan fan;
   const std::int32_t v = move.vertex;
-  if (touched_[v] == round || !mesh.fan(v, fan)) return false;
+  if (nodes_[v].touched == round || !mesh.fan(v, fan)) return false;
   int i = 0;
   while (i < fan.num_neighbors && fan.neighbors[i] != move.to) ++i;
-  if (i == fan.num_neighbors || touched_[move.to] == round ||
+  if (i == fan.num_neighbors || nodes_[move.to].touched == round ||
       !mesh.can_collapse(surface, v, fan, i)) {
     float lowest = 0.0F;
     i = cheapest(surface, mesh, v, fan, true, round, lowest);
@@ -282,10 +276,10 @@ bool Collapser::collapse(const Surface& surface, Triangulation& mesh, const Move
   const std::int32_t to = fan.neighbors[i];
   const Vec3 offset = mesh.vertex(v).point - mesh.vertex(to).point;
   mesh.collapse(v, fan, i);
-  surface_[to].add(surface_[v], offset);
+  nodes_[to].surface.add(nodes_[v].surface, offset);
   boundary_[to].add(boundary_[v], offset);
-  spent_[to] = std::sqrt(surface_[to].c * surface_[to].weight);
-  touched_[v] = touched_[to] = round;
+  nodes_[to].spent = std::sqrt(nodes_[to].surface.c * nodes_[to].surface.weight);
+  nodes_[v].touched = nodes_[to].touched = round;
   return true;
 }
 
@@ -300,7 +294,7 @@ bool Collapser::make(const Surface& surface, Triangulation& mesh, const Move& mo
   if (move.to == kLeaveOut) {  // never below the target: collapses can do better
     if (mesh.num_vertices() - 3 < target) return false;
     const std::int32_t t = mesh.vertex(move.vertex).triangle;
-    leave_out(mesh, piece_[move.vertex], {&t, 1});
+    leave_out(mesh, nodes_[move.vertex].piece, {&t, 1});
     return true;
   }
   return collapse(surface, mesh, move, round);
@@ -323,7 +317,7 @@ bool Collapser::leave_out_least(Triangulation& mesh) {
   if (least == kNone) return false;
   stack_.clear();
   for (std::int32_t t = 0; t < mesh.num_face_slots(); ++t) {
-    if (mesh.is_face(t) && piece_[mesh.triangle(t)[0]] == least) stack_.push_back(t);
+    if (mesh.is_face(t) && nodes_[mesh.triangle(t)[0]].piece == least) stack_.push_back(t);
   }
   leave_out(mesh, least, stack_);
   return true;

@@ -65,6 +65,14 @@ class Collapser {
     double area = 0.0;
     bool fixed = false;  ///< Some vertex stays.
   };
+  /// What a price asks of both ends of an edge, in one line of the cache.
+  struct alignas(64) Node {
+    LocalQuadric surface;
+    float spent = 0.0F;         ///< sqrt(w Q) at the vertex itself.
+    float factor = 1.0F;        ///< On its price; infinite: it stays.
+    std::int32_t touched = -1;  ///< The round in which it last changed.
+    std::int32_t piece = -1;
+  };
   [[nodiscard]] bool is_fixed(std::int32_t v) const;
   void find_pieces(const Triangulation& mesh);
   /// @param cut  at least so much is lost beside the boundary.
@@ -84,17 +92,13 @@ class Collapser {
   bool leave_out_least(Triangulation& mesh);
   void leave_out(Triangulation& mesh, std::int32_t piece, std::span<const std::int32_t> faces);
 
-  std::vector<LocalQuadric> surface_;   ///< By vertex.
+  std::vector<Node> nodes_;             ///< By vertex.
   std::vector<LocalQuadric> boundary_;  ///< By vertex.
-  std::vector<float> spent_;            ///< By vertex: sqrt(w Q) at the vertex itself.
-  std::vector<float> factor_;           ///< By vertex: on its price; infinite: it stays.
-  std::vector<std::int32_t> piece_;     ///< By vertex.
   std::vector<Piece> pieces_;
   std::int32_t largest_ = 0;
   std::int64_t left_out_ = 0;  ///< Twice the pixels of the pieces left out.
   bool has_fixed_ = false;
   std::vector<Move> moves_;
-  std::vector<std::int32_t> touched_;  ///< The round in which a vertex last changed.
   std::vector<std::int32_t> stack_;
   std::vector<std::uint8_t> seen_;
 };

@@ -31,6 +31,18 @@ bool holds_cut_cell(const Surface& surface, const Corners& t, std::int32_t pixel
          holds(t, {u + 1, v + 1});
 }
 
+/// How many of the pixels before each one do not stand for a whole cell of surface.
+void count_flaws(const Surface& surface, std::vector<std::int32_t>& flaws) {
+  const auto num_pixels = static_cast<std::int32_t>(surface.num_pixels());
+  flaws.resize(surface.num_pixels() + 1);
+  std::int32_t count = 0;
+  for (std::int32_t p = 0; p < num_pixels; ++p) {
+    flaws[p] = count;
+    count += (surface.cell(p) & kFull) != kFull || !surface.is_used(p) ? 1 : 0;
+  }
+  flaws[num_pixels] = count;
+}
+
 float area_of(const Surface& surface, const Corners& t) {
   const auto point = [&](const Corner& p) {
     return surface.sample(p[1] * surface.cols() + p[0]).point();
@@ -43,10 +55,12 @@ float area_of(const Surface& surface, const Corners& t) {
 DepthCoverage coverage_of(const Surface& surface,
                           const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                           const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
-                          std::vector<std::uint8_t>& covered) {
+                          CoverageScratch& scratch) {
   DepthCoverage result;
   if (surface.empty()) return result;
+  std::vector<std::uint8_t>& covered = scratch.covered;
   covered.assign(surface.num_pixels(), 0);
+  count_flaws(surface, scratch.flaws);
   double area = 0.0, bridges = 0.0;
   for (Eigen::Index f = 0; f < faces.rows(); ++f) {
     Corners t{};
@@ -57,18 +71,22 @@ DepthCoverage coverage_of(const Surface& surface,
     if (orient(t[0], t[1], t[2]) < 0) std::swap(t[1], t[2]);
     if (orient(t[0], t[1], t[2]) == 0) continue;
     std::int64_t inside = 0, without = 0;
-    visit_pixels(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed, [&](std::int32_t p) {
-      covered[p] = 1;
-      ++inside;
-      without += !surface.is_used(p) || holds_cut_cell(surface, t, p) ? 1 : 0;
-    });
+    visit_spans(surface.cols(), t[0], t[1], t[2], SidePixels::kClosed,
+                [&](std::int32_t first, std::int32_t last) {
+                  std::fill(covered.begin() + first, covered.begin() + last + 1, 1);
+                  inside += last - first + 1;
+                  if (scratch.flaws[first] == scratch.flaws[last + 1]) return;
+                  for (std::int32_t p = first; p <= last; ++p) {
+                    without += !surface.is_used(p) || holds_cut_cell(surface, t, p) ? 1 : 0;
+                  }
+                });
     const double own = area_of(surface, t);
     area += own;
     bridges += own * static_cast<double>(without) / static_cast<double>(inside);
   }
   std::int64_t both = 0;
   for (std::size_t p = 0; p < covered.size(); ++p) {
-    both += covered[p] != 0 && surface.is_used(static_cast<std::int32_t>(p)) ? 1 : 0;
+    both += covered[p] & static_cast<int>(surface.is_used(static_cast<std::int32_t>(p)));
   }
   result.coverage = static_cast<double>(both) / static_cast<double>(surface.num_used());
   result.bridges = area > 0.0 ? bridges / area : 0.0;
@@ -104,8 +122,8 @@ DepthCoverage depth_coverage(const PointGridView& grid,
   }
   relief_detail::Surface surface;
   surface.assign(grid, rule, {}, 1);
-  std::vector<std::uint8_t> covered;
-  return relief_detail::coverage_of(surface, pixels, faces, covered);
+  relief_detail::CoverageScratch scratch;
+  return relief_detail::coverage_of(surface, pixels, faces, scratch);
 }
 
 }  // namespace manip3d

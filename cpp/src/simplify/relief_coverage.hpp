@@ -9,10 +9,15 @@
 
 namespace manip3d::relief_detail {
 
-/// As depth_coverage(), of a surface that is there already; `covered` is scratch.
+struct CoverageScratch {
+  std::vector<std::uint8_t> covered;
+  std::vector<std::int32_t> flaws;
+};
+
+/// As depth_coverage(), of a surface that is there already.
 DepthCoverage coverage_of(const Surface& surface,
                           const Eigen::Ref<const Rows<std::int32_t, 2>>& pixels,
                           const Eigen::Ref<const Rows<std::int32_t, 3>>& faces,
-                          std::vector<std::uint8_t>& covered);
+                          CoverageScratch& scratch);
 
 }  // namespace manip3d::relief_detail

@@ -14,11 +14,11 @@ enum class SidePixels : std::uint8_t {
   kClosed,  ///< All.
 };
 
-/// Calls visit(pixel) for each pixel in a triangle (counter-clockwise with v up), row by row.
+/// Calls visit(first, last) for the pixels of each row in a triangle (counter-clockwise with v up).
 /// Pixel (u, v) has the number v * cols + u. Exact in integers up to 16 384 pixels a side.
 template <typename Visit>
-void visit_pixels(int cols, std::array<std::int32_t, 2> a, std::array<std::int32_t, 2> b,
-                  std::array<std::int32_t, 2> c, SidePixels edges, Visit&& visit) {
+void visit_spans(int cols, std::array<std::int32_t, 2> a, std::array<std::int32_t, 2> b,
+                 std::array<std::int32_t, 2> c, SidePixels edges, Visit&& visit) {
   // A pixel of row v is inside of a side that rises by dv if dv * u <= value, where value is affine
   // in v. Its quotient by |dv| and the remainder are carried from row to row.
   struct Side {
@@ -59,8 +59,18 @@ void visit_pixels(int cols, std::array<std::int32_t, 2> a, std::array<std::int32
       }
       s.next();
     }
-    for (std::int32_t u = from; u <= to; ++u) visit(v * cols + u);
+    if (from <= to) visit(v * cols + from, v * cols + to);
   }
+}
+
+/// Calls visit(pixel) for each of these pixels.
+template <typename Visit>
+void visit_pixels(int cols, const std::array<std::int32_t, 2>& a,
+                  const std::array<std::int32_t, 2>& b, const std::array<std::int32_t, 2>& c,
+                  SidePixels edges, Visit&& visit) {
+  visit_spans(cols, a, b, c, edges, [&](std::int32_t first, std::int32_t last) {
+    for (std::int32_t pixel = first; pixel <= last; ++pixel) visit(pixel);
+  });
 }
 
 }  // namespace manip3d::relief_detail

@@ -14,7 +14,7 @@ constexpr int kTile = Surface::kTile;
 
 /// Distance of a point from a line. Zero on a plane for every camera: straight lines of pixels are
 /// straight lines in space there.
-float distance_from_line(const Vec3& p, const Vec3& a, const Vec3& b) {
+inline float distance_from_line(const Vec3& p, const Vec3& a, const Vec3& b) {
   const Vec3 along = b - a;
   const float length = along.squaredNorm();
   return length > 0.0F ? std::sqrt((p - a).cross(along).squaredNorm() / length) : 0.0F;
@@ -37,36 +37,56 @@ int diagonal_direction(int u, int v, int step) {
 
 }  // namespace
 
-void StartMesh::measure_sides(const Surface& surface, std::span<const Keep> keep, int step) {
+void StartMesh::measure_pixels(const Surface& surface) {
+  const int cols = surface.cols(), rows = surface.rows();
+  for (int v = 0; v < rows; ++v) {
+    for (int u = is_odd(v) ? 0 : 1; u < cols; u += 2) {
+      const std::int32_t p = v * cols + u;
+      int full = 0, some = 0, cells = 0;
+      if (u > 0 && v > 0 && u + 1 < cols && v + 1 < rows) {
+        const unsigned all = surface.cell(p) & surface.cell(p - 1) & surface.cell(p - cols) &
+                             surface.cell(p - cols - 1) & kFull;
+        if (all == kFull) {
+          errors_[p] = 0.0F;
+          continue;
+        }
+      }
+      for (int dv = -1; dv <= 0; ++dv) {
+        for (int du = -1; du <= 0; ++du) {
+          if (u + du < 0 || v + dv < 0 || u + du >= cols - 1 || v + dv >= rows - 1) continue;
+          const int halves = surface.cell(p + dv * cols + du) & kFull;
+          ++cells;
+          full += halves == kFull ? 1 : 0;
+          some += halves != 0 ? 1 : 0;
+        }
+      }
+      errors_[p] = some == 0 ? kNoTriangle : full == cells ? 0.0F : kMustSplit;
+    }
+  }
+}
+
+void StartMesh::measure_sides(const Surface& surface, int finest, std::span<const Keep> keep,
+                              int step) {
   const int cols = surface.cols(), rows = surface.rows();
   const float weight = static_cast<float>(step * step);
+  const int h = step / 2;
   for (int v = 0; v < rows; v += step) {
     const bool odd_row = is_odd(v / step);
     for (int u = odd_row ? 0 : step; u < cols; u += 2 * step) {
       const std::int32_t p = v * cols + u;
-      float error = kNoTriangle;
-      if (step == 1) {
-        int full = 0, some = 0, cells = 0;
-        for (int dv = -1; dv <= 0; ++dv) {
-          for (int du = -1; du <= 0; ++du) {
-            if (u + du < 0 || v + dv < 0 || u + du >= cols - 1 || v + dv >= rows - 1) continue;
-            const int halves = surface.cell(p + dv * cols + du) & kFull;
-            ++cells;
-            full += halves == kFull ? 1 : 0;
-            some += halves != 0 ? 1 : 0;
-          }
+      float error = step == 1 ? errors_[p] : kNoTriangle;
+      if (step > 1) {
+        const bool left = u > 0, right = u + h < cols;
+        if (v > 0) {
+          if (left) error = std::max(error, errors_[p - h * cols - h]);
+          if (right) error = std::max(error, errors_[p - h * cols + h]);
         }
-        error = some == 0 ? kNoTriangle : full == cells ? 0.0F : kMustSplit;
-      } else {
-        const int h = step / 2;
-        for (const int du : {-h, h}) {
-          for (const int dv : {-h, h}) {
-            if (u + du < 0 || v + dv < 0 || u + du >= cols || v + dv >= rows) continue;
-            error = std::max(error, errors_[p + dv * cols + du]);
-          }
+        if (v + h < rows) {
+          if (left) error = std::max(error, errors_[p + h * cols - h]);
+          if (right) error = std::max(error, errors_[p + h * cols + h]);
         }
       }
-      if (error >= 0.0F && error < kMustSplit) {
+      if (step >= finest && error >= 0.0F && error < kMustSplit) {
         const std::int32_t away = odd_row ? step * cols : step;
         const float own =
             distance_from_line(surface.sample(p).point(), surface.sample(p - away).point(),
@@ -78,7 +98,8 @@ void StartMesh::measure_sides(const Surface& surface, std::span<const Keep> keep
   }
 }
 
-void StartMesh::measure_diagonals(const Surface& surface, std::span<const Keep> keep, int step) {
+void StartMesh::measure_diagonals(const Surface& surface, int finest, std::span<const Keep> keep,
+                                  int step) {
   const int cols = surface.cols(), rows = surface.rows();
   const float weight = static_cast<float>(step * step);
   for (int v = step; v < rows; v += 2 * step) {
@@ -86,7 +107,7 @@ void StartMesh::measure_diagonals(const Surface& surface, std::span<const Keep> 
       const std::int32_t p = v * cols + u;
       float error = std::max(std::max(errors_[p - step], errors_[p + step]),
                              std::max(errors_[p - step * cols], errors_[p + step * cols]));
-      if (error >= 0.0F && error < kMustSplit) {
+      if (step >= finest && error >= 0.0F && error < kMustSplit) {
         const std::int32_t away = step * cols + step * diagonal_direction(u, v, step);
         const float own =
             distance_from_line(surface.sample(p).point(), surface.sample(p - away).point(),
@@ -98,24 +119,29 @@ void StartMesh::measure_diagonals(const Surface& surface, std::span<const Keep> 
   }
 }
 
-void StartMesh::measure(const Surface& surface, std::span<const Keep> keep) {
+void StartMesh::measure(const Surface& surface, int finest, std::span<const Keep> keep) {
   errors_.resize(static_cast<std::size_t>(surface.cols()) * surface.rows());
+  measure_pixels(surface);
   for (int step = 1; step < kTile; step *= 2) {
-    measure_sides(surface, keep, step);
-    measure_diagonals(surface, keep, step);
+    // A pass that could only write what is there.
+    if (step > 1 || finest == 1 || !keep.empty()) measure_sides(surface, finest, keep, step);
+    measure_diagonals(surface, finest, keep, step);
   }
   for (int v = 0; v < surface.rows(); v += kTile) {
     for (int u = 0; u < surface.cols(); u += kTile) errors_[v * surface.cols() + u] = kNoTriangle;
   }
 }
 
-float StartMesh::threshold_for(std::int64_t num_vertices) {
+float StartMesh::threshold_for(const Surface& surface, std::int64_t num_vertices, int finest) {
   // Counts by the upper bits of the error, which order as the errors do.
   constexpr int kShift = 19;
   histogram_.assign(std::size_t{1} << (31 - kShift), 0);
-  for (const float error : errors_) {
-    if (error > 0.0F && error < kMustSplit) {
-      ++histogram_[std::bit_cast<std::uint32_t>(error) >> kShift];
+  for (int v = 0; v < surface.rows(); v += finest) {
+    for (int u = 0; u < surface.cols(); u += finest) {
+      const float error = errors_[v * surface.cols() + u];
+      if (error > 0.0F && error < kMustSplit) {
+        ++histogram_[std::bit_cast<std::uint32_t>(error) >> kShift];
+      }
     }
   }
   std::int64_t left = num_vertices;
@@ -126,13 +152,36 @@ float StartMesh::threshold_for(std::int64_t num_vertices) {
   return std::bit_cast<float>(static_cast<std::uint32_t>(bucket << kShift));
 }
 
+void StartMesh::find_busy_tiles(const Surface& surface, float threshold) {
+  constexpr int kHalf = kTile / 2;
+  busy_.clear();
+  for (int v = kHalf; v < surface.rows(); v += kTile) {
+    for (int u = kHalf; u < surface.cols(); u += kTile) {
+      busy_.push_back(errors_[v * surface.cols() + u] >= threshold ? 1 : 0);
+    }
+  }
+}
+
+/// Calls visit(u) for u = first, first + stride, ... below `end` where the tile of pixel (u, v) is
+/// busy; of pixels between tiles the next one, as both are where such a pixel is an end.
+template <typename Visit>
+void StartMesh::visit_busy(int cols, int v, int first, int stride, int end, Visit&& visit) {
+  const int across = cols / kTile, down = static_cast<int>(busy_.size()) / across;
+  const std::uint8_t* const busy = busy_.data() + std::min(v / kTile, down - 1) * across;
+  for (int tile = 0; tile < across; ++tile) {
+    if (busy[tile] == 0) continue;
+    const int stop = tile + 1 < across ? (tile + 1) * kTile : end;
+    for (int u = tile * kTile + first; u < stop; u += stride) visit(u);
+  }
+}
+
 void StartMesh::emit_cells(const Surface& surface, float threshold) {
   const int cols = surface.cols();
   for (int v = 0; v + 1 < surface.rows(); ++v) {
-    for (int u = 0; u + 1 < cols; ++u) {
+    visit_busy(cols, v, 0, 1, cols - 1, [&](int u) {
       const std::int32_t a = v * cols + u, b = a + 1, c = a + cols, d = c + 1;
       const std::uint8_t cell = surface.cell(a);
-      if ((cell & kFull) == 0) continue;
+      if ((cell & kFull) == 0) return;
       // The two corners at which a side is halved: b and c, or a and d.
       const bool at_bc = is_odd(u) == is_odd(v);
       const bool first = errors_[at_bc ? b : a] >= threshold;
@@ -144,7 +193,7 @@ void StartMesh::emit_cells(const Surface& surface, float threshold) {
         const std::uint8_t cut = at_bc ? kFull : kFull | kCutFromBToC;
         faces_.push_back(cell_triangle(cut, second, a, cols));
       }
-    }
+    });
   }
 }
 
@@ -156,31 +205,31 @@ void StartMesh::emit_fans(const Surface& surface, float threshold, int step) {
   const auto is_flat = [&](std::int32_t p) { return errors_[p] >= 0.0F && errors_[p] < threshold; };
   // Around halved diagonals: the four quarters of the square whose outer side is not halved.
   for (int v = step; v < rows; v += 2 * step) {
-    for (int u = step; u < cols; u += 2 * step) {
+    visit_busy(cols, v, step, 2 * step, cols, [&](int u) {
       const std::int32_t m = v * cols + u;
-      if (!(errors_[m] >= threshold)) continue;
+      if (!(errors_[m] >= threshold)) return;
       const std::int32_t du = step, dv = step * cols;
       if (is_flat(m - dv)) emit(m, m - dv - du, m - dv + du);
       if (is_flat(m + du)) emit(m, m + du - dv, m + du + dv);
       if (is_flat(m + dv)) emit(m, m + dv + du, m + dv - du);
       if (is_flat(m - du)) emit(m, m - du + dv, m - du - dv);
-    }
+    });
   }
   if (step == 1) return;
   // Around halved sides: the up to four halves of the quarters whose long side is not halved.
   const int h = step / 2;
   for (int v = 0; v < rows; v += step) {
     const bool odd_row = is_odd(v / step);
-    for (int u = odd_row ? 0 : step; u < cols; u += 2 * step) {
+    visit_busy(cols, v, odd_row ? 0 : step, 2 * step, cols, [&](int u) {
       const std::int32_t m = v * cols + u;
-      if (!(errors_[m] >= threshold)) continue;
+      if (!(errors_[m] >= threshold)) return;
       const std::int32_t du = step, dv = step * cols;
       const bool left = u > 0, right = u + step < cols, below = v > 0, above = v + step < rows;
       if (right && above && is_flat(m + h + h * cols)) emit(m, m + du, m + dv);
       if (left && above && is_flat(m - h + h * cols)) emit(m, m + dv, m - du);
       if (left && below && is_flat(m - h - h * cols)) emit(m, m - du, m - dv);
       if (right && below && is_flat(m + h - h * cols)) emit(m, m - dv, m + du);
-    }
+    });
   }
 }
 
@@ -188,6 +237,7 @@ void StartMesh::emit(const Surface& surface, float threshold) {
   const int cols = surface.cols();
   const int half = kTile / 2;
   faces_.clear();
+  find_busy_tiles(surface, threshold);
   for (int v = half; v < surface.rows(); v += kTile) {
     for (int u = half; u < cols; u += kTile) {
       const std::int32_t m = v * cols + u;
@@ -208,9 +258,9 @@ void StartMesh::emit(const Surface& surface, float threshold) {
 }
 
 std::span<const Triangle> StartMesh::build(const Surface& surface, std::int64_t num_vertices,
-                                           std::span<const Keep> keep) {
-  measure(surface, keep);
-  emit(surface, threshold_for(num_vertices));
+                                           int finest, std::span<const Keep> keep) {
+  measure(surface, finest, keep);
+  emit(surface, threshold_for(surface, num_vertices, finest));
   return faces_;
 }
 

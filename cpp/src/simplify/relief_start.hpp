@@ -16,20 +16,27 @@ class StartMesh {
  public:
   /// Halves where the error is largest: at most `num_vertices` times, not counting what the edges
   /// of the surface need.
+  /// @param finest  power of two: pixels between the vertices of the finest grid; finer ones only
+  ///                where the edges of the surface need them.
   /// @param keep  by pixel, may be empty: pixels that become vertices in any case.
-  std::span<const Triangle> build(const Surface& surface, std::int64_t num_vertices,
+  std::span<const Triangle> build(const Surface& surface, std::int64_t num_vertices, int finest,
                                   std::span<const Keep> keep);
 
  private:
-  void measure(const Surface& surface, std::span<const Keep> keep);
-  void measure_sides(const Surface& surface, std::span<const Keep> keep, int step);
-  void measure_diagonals(const Surface& surface, std::span<const Keep> keep, int step);
-  [[nodiscard]] float threshold_for(std::int64_t num_vertices);
+  void measure(const Surface& surface, int finest, std::span<const Keep> keep);
+  void measure_pixels(const Surface& surface);
+  void measure_sides(const Surface& surface, int finest, std::span<const Keep> keep, int step);
+  void measure_diagonals(const Surface& surface, int finest, std::span<const Keep> keep, int step);
+  [[nodiscard]] float threshold_for(const Surface& surface, std::int64_t num_vertices, int finest);
+  void find_busy_tiles(const Surface& surface, float threshold);
+  template <typename Visit>
+  void visit_busy(int cols, int v, int first, int stride, int end, Visit&& visit);
   void emit(const Surface& surface, float threshold);
   void emit_cells(const Surface& surface, float threshold);
   void emit_fans(const Surface& surface, float threshold, int step);
 
   std::vector<float> errors_;  ///< By pixel: of the bisection there, at least that of its parts.
+  std::vector<std::uint8_t> busy_;  ///< By tile: is something in it bisected?
   std::vector<std::int32_t> histogram_;
   std::vector<Triangle> faces_;
 };

@@ -9,6 +9,7 @@
 #include "geometry/cell_cut.hpp"
 #include "geometry/constants.hpp"
 #include "manip3d/geometry/parallel.hpp"
+#include "simplify/importance_rows.hpp"
 
 namespace manip3d::relief_detail {
 namespace {
@@ -27,8 +28,176 @@ std::uint8_t cell_of(CellCut cut) {  // corners 0 to 3 are a, b, d, c
   return kCells[static_cast<std::size_t>(cut)];
 }
 
-float squared_distance(const Sample& p, const Sample& q) {
-  return (p.point() - q.point()).squaredNorm();
+/// A row of samples, coordinate by coordinate: loops over it take several pixels at a time.
+struct CoordinateRow {
+  std::vector<float> x, y, z;
+  void assign(std::span<const Sample> row) {
+    for (auto* axis : {&x, &y, &z}) axis->resize(row.size());
+    for (std::size_t u = 0; u < row.size(); ++u) {
+      x[u] = row[u].x, y[u] = row[u].y, z[u] = row[u].z;
+    }
+  }
+};
+
+/// Squared distances of the pixels of two rows, from the given first ones on.
+void squared_distances(const CoordinateRow& row, int first, const CoordinateRow& other,
+                       int other_first, std::vector<float>& out) {
+  const float *x = row.x.data() + first, *y = row.y.data() + first, *z = row.z.data() + first;
+  const float *x2 = other.x.data() + other_first, *y2 = other.y.data() + other_first,
+              *z2 = other.z.data() + other_first;
+  float* const to = out.data();
+  const auto size = static_cast<std::ptrdiff_t>(row.x.size()) - std::max(first, other_first);
+  for (std::ptrdiff_t u = 0; u < size; ++u) {
+    const float dx = x[u] - x2[u], dy = y[u] - y2[u], dz = z[u] - z2[u];
+    to[u] = dx * dx + (dy * dy + dz * dz);
+  }
+}
+
+// What decides on a cell, as bits; bits 0 to 3: are a, b, d, c valid?
+constexpr std::uint16_t kTurned = 16;  // the diagonal from b to c is the shorter one
+// The ends of the side are near enough.
+constexpr std::uint16_t kNearAB = 32, kNearDC = 64, kNearAC = 128, kNearBD = 256, kNearAD = 512,
+                        kNearBC = 1024;
+constexpr std::uint16_t kAllNear = kNearAB | kNearDC | kNearAC | kNearBD | kNearAD | kNearBC;
+constexpr unsigned kAllCellBits = 2048;
+
+std::uint8_t cell_of_bits(unsigned bits) {
+  const auto has = [bits](unsigned all) { return (bits & all) == all; };
+  std::uint8_t cell = cell_of(cut_cell(bits & 15U, [&](int i, int) {
+    return (i == 0) == has(kTurned) ? 1.0F : 0.0F;  // i = 0: the diagonal from a to d
+  }));
+  const bool turned = (cell & kCutFromBToC) != 0;
+  if (!has(turned ? kNearAB | kNearBC | kNearAC : kNearAB | kNearBD | kNearAD)) {
+    cell &= static_cast<std::uint8_t>(~kFirst);
+  }
+  if (!has(turned ? kNearBD | kNearDC | kNearBC : kNearAD | kNearDC | kNearAC)) {
+    cell &= static_cast<std::uint8_t>(~kSecond);
+  }
+  return (cell & kFull) == 0 ? std::uint8_t{0} : cell;
+}
+
+const std::array<std::uint8_t, kAllCellBits>& cells_by_bits() {
+  static const std::array<std::uint8_t, kAllCellBits> cells = [] {
+    std::array<std::uint8_t, kAllCellBits> all{};
+    for (unsigned bits = 0; bits < kAllCellBits; ++bits) all[bits] = cell_of_bits(bits);
+    return all;
+  }();
+  return cells;
+}
+
+/// Rows of cells in turn, with the lengths of their sides.
+class CellRows {
+ public:
+  CellRows(int cols, float max_squared) : max_squared_(max_squared) {
+    for (auto* lengths : {&ab_, &dc_, &ac_, &ad_, &bc_}) {
+      lengths->resize(static_cast<std::size_t>(cols));
+    }
+    bits_.resize(static_cast<std::size_t>(cols));
+  }
+
+  void start(std::span<const Sample> row) { below_.assign(row); }
+
+  /// The bits of the cells between the row given last and the next one.
+  const std::vector<std::uint16_t>& next(std::span<const Sample> row) {
+    std::swap(above_, below_);
+    below_.assign(row);
+    squared_distances(above_, 0, below_, 1, ad_);
+    squared_distances(above_, 1, below_, 0, bc_);
+    const auto size = static_cast<std::ptrdiff_t>(row.size()) - 1;
+    std::uint16_t* const bits = bits_.data();
+    const float *ad = ad_.data(), *bc = bc_.data();
+    const auto where = [](bool condition, std::uint16_t bit) {
+      return static_cast<std::uint16_t>(condition ? bit : 0);
+    };
+    if (!(max_squared_ < kInfinityF)) {
+      for (std::ptrdiff_t u = 0; u < size; ++u) {
+        bits[u] = static_cast<std::uint16_t>(kAllNear | where(!(ad[u] <= bc[u]), kTurned));
+      }
+      return bits_;
+    }
+    squared_distances(above_, 0, above_, 1, ab_);
+    squared_distances(below_, 0, below_, 1, dc_);
+    squared_distances(above_, 0, below_, 0, ac_);
+    const float *ab = ab_.data(), *dc = dc_.data(), *ac = ac_.data();
+    const float most = max_squared_;
+    for (std::ptrdiff_t u = 0; u < size; ++u) {
+      bits[u] = static_cast<std::uint16_t>(
+          where(!(ad[u] <= bc[u]), kTurned) | where(ab[u] <= most, kNearAB) |
+          where(dc[u] <= most, kNearDC) | where(ac[u] <= most, kNearAC) |
+          where(ac[u + 1] <= most, kNearBD) | where(ad[u] <= most, kNearAD) |
+          where(bc[u] <= most, kNearBC));
+    }
+    return bits_;
+  }
+
+ private:
+  float max_squared_;
+  CoordinateRow above_, below_;
+  std::vector<float> ab_, dc_, ac_, ad_, bc_;
+  std::vector<std::uint16_t> bits_;
+};
+
+/// A third of the areas of the triangles of a row of cells. Cell u is entry u + 1, and there is one
+/// without triangles on each side.
+struct AreaRow {
+  std::vector<float> first, second;
+  std::vector<std::int32_t> cells;  ///< As wide as the areas.
+
+  void clear(int cols) {
+    const auto size = static_cast<std::size_t>(cols) + 1;
+    for (auto* areas : {&first, &second}) areas->assign(size, 0.0F);
+    cells.assign(size, 0);
+  }
+  void assign(const CoordinateRow& above, const CoordinateRow& below,
+              std::span<const std::uint8_t> row);
+};
+
+void AreaRow::assign(const CoordinateRow& above, const CoordinateRow& below,
+                     std::span<const std::uint8_t> row) {
+  constexpr float kSixth = 1.0F / 6.0F;  // half a cross product for each of three corners
+  const float *ax = above.x.data(), *ay = above.y.data(), *az = above.z.data();
+  const float *cx = below.x.data(), *cy = below.y.data(), *cz = below.z.data();
+  const auto third = [](float qx, float qy, float qz, float rx, float ry, float rz) {
+    const float nx = qy * rz - qz * ry, ny = qz * rx - qx * rz, nz = qx * ry - qy * rx;
+    return kSixth * std::sqrt(nx * nx + (ny * ny + nz * nz));
+  };
+  float *f = first.data() + 1, *s = second.data() + 1;
+  const auto size = static_cast<std::ptrdiff_t>(row.size());
+  std::copy(row.begin(), row.end(), cells.begin() + 1);
+  const std::int32_t* const cell = cells.data() + 1;
+  for (std::ptrdiff_t u = 0; u < size; ++u) {
+    const bool turned = (cell[u] & kCutFromBToC) != 0;
+    const float xa = ax[u], ya = ay[u], za = az[u], xb = ax[u + 1], yb = ay[u + 1], zb = az[u + 1];
+    const float xc = cx[u], yc = cy[u], zc = cz[u], xd = cx[u + 1], yd = cy[u + 1], zd = cz[u + 1];
+    // The first is a, b and c if turned, else d; the second b if turned, else a, and d and c.
+    const float xr = turned ? xc : xd, yr = turned ? yc : yd, zr = turned ? zc : zd;
+    const float xp = turned ? xb : xa, yp = turned ? yb : ya, zp = turned ? zb : za;
+    const float third1 = third(xb - xa, yb - ya, zb - za, xr - xa, yr - ya, zr - za);
+    const float third2 = third(xd - xp, yd - yp, zd - zp, xc - xp, yc - yp, zc - zp);
+    f[u] = (cell[u] & kFirst) != 0 ? third1 : 0.0F;
+    s[u] = (cell[u] & kSecond) != 0 ? third2 : 0.0F;
+  }
+}
+
+/// What the pixels between two rows of cells get.
+void add_corners(const AreaRow& before, const AreaRow& after, std::span<float> out) {
+  // Entry u is the cell on the left, u + 1 that on the right.
+  const float *f1 = before.first.data(), *s1 = before.second.data();
+  const float *f2 = after.first.data(), *s2 = after.second.data();
+  const std::int32_t *cell1 = before.cells.data(), *cell2 = after.cells.data();
+  float* const to = out.data();
+  const auto size = static_cast<std::ptrdiff_t>(out.size());
+  for (std::ptrdiff_t u = 0; u < size; ++u) {
+    const float one1 = f1[u], two1 = s1[u], one2 = f1[u + 1], two2 = s1[u + 1];
+    const float one3 = f2[u], two3 = s2[u], one4 = f2[u + 1], two4 = s2[u + 1];
+    // d and c of the cells before; b and a of those after.
+    float sum = ((cell1[u] & kCutFromBToC) != 0 ? 0.0F : one1) + two1;
+    sum += (cell1[u + 1] & kCutFromBToC) != 0 ? one2 : 0.0F;
+    sum = sum + two2 + one3;
+    sum += (cell2[u] & kCutFromBToC) != 0 ? two3 : 0.0F;
+    sum += one4;
+    to[u] = sum + ((cell2[u + 1] & kCutFromBToC) != 0 ? 0.0F : two4);
+  }
 }
 
 }  // namespace
@@ -39,20 +208,23 @@ bool Surface::crop(const PointGridView& grid) {
   for (std::int64_t v = 0; v < grid.rows; ++v) {
     const std::uint8_t* valid = grid.valid + v * grid.cols;
     const float* point = grid.points + v * grid.cols * 3;
-    std::int64_t row_first = grid.cols, row_last = -1;
-    Eigen::Array3f row_low = Eigen::Array3f::Constant(std::numeric_limits<float>::infinity());
-    Eigen::Array3f row_high = -row_low;
-    for (std::int64_t u = 0; u < grid.cols; ++u) {
-      if (valid[u] == 0) continue;
-      row_first = std::min(row_first, u);
-      row_last = u;
-      const Eigen::Array3f p = Eigen::Map<const Eigen::Array3f>(point + 3 * u);
-      row_low = row_low.min(p);
-      row_high = row_high.max(p);
+    const auto is_valid = [](std::uint8_t one) { return one != 0; };
+    const std::uint8_t* const end = valid + grid.cols;
+    const std::int64_t row_first = std::find_if(valid, end, is_valid) - valid;
+    if (row_first == grid.cols) continue;
+    std::int64_t row_last = grid.cols - 1;
+    while (valid[row_last] == 0) --row_last;
+    std::array<float, 3> row_low = {kInfinityF, kInfinityF, kInfinityF};
+    std::array<float, 3> row_high = {-kInfinityF, -kInfinityF, -kInfinityF};
+    for (std::int64_t u = row_first; u <= row_last; ++u) {
+      for (std::size_t i = 0; i < 3; ++i) {
+        const float p = point[3 * u + static_cast<std::int64_t>(i)];
+        row_low[i] = std::min(row_low[i], choose(valid[u] != 0, p, kInfinityF));
+        row_high[i] = std::max(row_high[i], choose(valid[u] != 0, p, -kInfinityF));
+      }
     }
-    if (row_last < 0) continue;
-    low = low.cwiseMin(row_low.cast<double>().matrix());
-    high = high.cwiseMax(row_high.cast<double>().matrix());
+    low = low.cwiseMin(Eigen::Map<const Vec3>(row_low.data()).cast<double>());
+    high = high.cwiseMax(Eigen::Map<const Vec3>(row_high.data()).cast<double>());
     first_u = std::min(first_u, row_first);
     last_u = std::max(last_u, row_last);
     first_v = std::min(first_v, v);
@@ -99,56 +271,79 @@ void Surface::cut_cells(const DenseRule& rule, int num_threads) {
   cells_.assign(samples_.size(), 0);
   const double limit = rule.max_edge / unit_;
   const auto max_squared = static_cast<float>(limit * limit);
-  const bool any_length = !std::isfinite(rule.max_edge), any_step = !std::isfinite(rule.max_step);
-  const auto keeps = [&](const std::array<std::int32_t, 3>& t) {
-    const Sample &p = samples_[t[0]], &q = samples_[t[1]], &r = samples_[t[2]];
-    const auto [low, high] = std::minmax({p.z, q.z, r.z});
-    return (any_length ||
-            (squared_distance(p, q) <= max_squared && squared_distance(q, r) <= max_squared &&
-             squared_distance(r, p) <= max_squared)) &&
-           (any_step || unit_ * double{high - low} <= rule.max_step * (unit_ * low + center_.z()));
+  const std::array<std::uint8_t, kAllCellBits>& cell_by_bits = cells_by_bits();
+  const bool any_step = !std::isfinite(rule.max_step);
+  parallel_chunks(used_rows_ - 1, kRowsPerChunk, num_threads,
+                  [&](std::int64_t begin, std::int64_t end) {
+                    CellRows rows(used_cols_, max_squared);
+                    rows.start(used_row(static_cast<int>(begin)));
+                    for (auto v = static_cast<int>(begin); v < static_cast<int>(end); ++v) {
+                      const std::vector<std::uint16_t>& bits = rows.next(used_row(v + 1));
+                      const std::uint8_t* above = valid_.data() + std::ptrdiff_t{v} * cols_;
+                      const std::uint8_t* below = above + cols_;
+                      std::uint8_t* cells = cells_.data() + std::ptrdiff_t{v} * cols_;
+                      for (int u = 0; u + 1 < used_cols_; ++u) {
+                        const unsigned valid =
+                            above[u] | above[u + 1] << 1U | below[u + 1] << 2U | below[u] << 3U;
+                        cells[u] = cell_by_bits[bits[u] | valid];
+                      }
+                      if (!any_step) cut_steps(rule.max_step, v);
+                    }
+                  });
+}
+
+void Surface::cut_steps(double max_step, int v) {
+  const auto is_step = [&](float low, float high) {
+    return !(unit_ * double{high - low} <= max_step * (unit_ * low + center_.z()));
   };
-  parallel_chunks(
-      used_rows_ - 1, kRowsPerChunk, num_threads, [&](std::int64_t begin, std::int64_t end) {
-        for (std::int64_t v = begin; v < end; ++v) {
-          for (int u = 0; u + 1 < used_cols_; ++u) {
-            const auto a = static_cast<std::int32_t>(v * cols_ + u);
-            const std::int32_t b = a + 1, c = a + cols_, d = c + 1;
-            const std::array<std::int32_t, 4> corner = {a, b, d, c};
-            const unsigned valid = valid_[a] | valid_[b] << 1U | valid_[d] << 2U | valid_[c] << 3U;
-            std::uint8_t cell = cell_of(cut_cell(valid, [&](int i, int j) {
-              return squared_distance(samples_[corner[i]], samples_[corner[j]]);
-            }));
-            if ((cell & kFirst) != 0 && !keeps(cell_triangle(cell, false, a, cols_))) {
-              cell &= static_cast<std::uint8_t>(~kFirst);
-            }
-            if ((cell & kSecond) != 0 && !keeps(cell_triangle(cell, true, a, cols_))) {
-              cell &= static_cast<std::uint8_t>(~kSecond);
-            }
-            cells_[a] = (cell & kFull) == 0 ? std::uint8_t{0} : cell;
-          }
-        }
-      });
+  for (int u = 0; u + 1 < used_cols_; ++u) {
+    const std::int32_t a = v * cols_ + u;
+    std::uint8_t& cell = cells_[a];
+    if (cell == 0) continue;
+    const auto [low, high] = std::minmax(
+        {samples_[a].z, samples_[a + 1].z, samples_[a + cols_].z, samples_[a + cols_ + 1].z});
+    if ((cell & kFull) == kFull && !is_step(low, high)) continue;  // then its halves are none
+    for (const bool second : {false, true}) {
+      const std::uint8_t half = second ? kSecond : kFirst;
+      if ((cell & half) == 0) continue;
+      const auto [p, q, r] = cell_triangle(cell, second, a, cols_);
+      const auto [least, most] = std::minmax({samples_[p].z, samples_[q].z, samples_[r].z});
+      if (is_step(least, most)) cell &= static_cast<std::uint8_t>(~half);
+    }
+    if ((cell & kFull) == 0) cell = 0;
+  }
 }
 
 void Surface::add_areas() {
-  constexpr float kSixth = 1.0F / 6.0F;  // half a cross product for each of three corners
-  num_faces_ = num_used_ = 0;
-  const auto add = [&](const std::array<std::int32_t, 3>& t) {
-    const Vec3 p = samples_[t[0]].point();
-    const Vec3 q = samples_[t[1]].point(), r = samples_[t[2]].point();
-    const float third = kSixth * (q - p).cross(r - p).norm();
-    for (const std::int32_t pixel : t) samples_[pixel].weight += third;
-    ++num_faces_;
-  };
-  for (int v = 0; v + 1 < used_rows_; ++v) {
-    for (int u = 0; u + 1 < used_cols_; ++u) {
-      const std::int32_t a = v * cols_ + u;
-      const std::uint8_t cell = cells_[a];
-      if ((cell & kFirst) != 0) add(cell_triangle(cell, false, a, cols_));
-      if ((cell & kSecond) != 0) add(cell_triangle(cell, true, a, cols_));
+  AreaRow before, row;  // of the cells below and above a row of pixels
+  CoordinateRow points, next;
+  std::vector<float> weights(static_cast<std::size_t>(used_cols_));
+  for (AreaRow* areas : {&before, &row}) areas->clear(used_cols_);
+  num_faces_ = 0;
+  points.assign(used_row(0));
+  for (int v = 0; v < used_rows_; ++v) {
+    std::swap(before, row);
+    if (v + 1 < used_rows_) {
+      next.assign(used_row(v + 1));
+      const std::span cells(cells_.data() + std::ptrdiff_t{v} * cols_,
+                            static_cast<std::size_t>(used_cols_ - 1));
+      row.assign(points, next, cells);
+      int halves = 0;
+      for (const std::uint8_t cell : cells) halves += (cell & 1) + (cell >> 1 & 1);
+      num_faces_ += halves;
+      std::swap(points, next);
+    } else {
+      row.clear(used_cols_);
     }
+    add_corners(before, row, weights);
+    Sample* const samples = samples_.data() + std::ptrdiff_t{v} * cols_;
+    for (int u = 0; u < used_cols_; ++u) samples[u].weight = weights[u];
   }
+  count_used();
+}
+
+void Surface::count_used() {
+  num_used_ = 0;
   double total = 0.0;
   used_.resize(samples_.size());
   for (std::size_t p = 0; p < samples_.size(); ++p) {

@@ -92,8 +92,16 @@ class Surface {
   bool crop(const PointGridView& grid);
   void load_samples(const PointGridView& grid, int num_threads);
   void cut_cells(const DenseRule& rule, int num_threads);
+  /// Leaves out the triangles of a row of cells that span a step in depth.
+  void cut_steps(double max_step, int v);
   void add_areas();
+  void count_used();
   void weigh(const PointGridView& grid, std::span<const float> confidence);
+
+  /// The pixels of a row that are no padding.
+  [[nodiscard]] std::span<const Sample> used_row(int v) const {
+    return {samples_.data() + std::ptrdiff_t{v} * cols_, static_cast<std::size_t>(used_cols_)};
+  }
 
   int cols_ = 0, rows_ = 0;            ///< Padded.
   int u0_ = 0, v0_ = 0;                ///< The crop's corner in the input.

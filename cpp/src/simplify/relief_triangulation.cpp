@@ -37,26 +37,26 @@ void Triangulation::link_neighbors(std::span<const Triangle> faces) {
     }
     return kNone;
   };
-  make_room(neighbors_, num_faces);
-  neighbors_.resize(faces.size());
+  make_room(faces_, num_faces);
+  faces_.resize(faces.size());
   for (std::int32_t t = 0; t < num_faces; ++t) {
     const auto [a, b, c] = faces[t];
-    neighbors_[t] = {triangle_of(c, b), triangle_of(a, c), triangle_of(b, a)};
+    faces_[t].neighbors = {triangle_of(c, b), triangle_of(a, c), triangle_of(b, a)};
   }
 }
 
 void Triangulation::split_fans(const Surface& surface, std::span<const Triangle> faces) {
-  make_room(faces_, static_cast<std::int64_t>(faces.size()));
-  faces_.assign(faces.size(), {kNone, kNone, kNone});
+  for (Face& face : faces_) face.corners = {kNone, kNone, kNone};
   vertices_.clear();
   for (std::size_t i = 0; i < 3 * faces.size(); ++i) {
-    if (faces_[i / 3][i % 3] != kNone) continue;
+    if (faces_[i / 3].corners[i % 3] != kNone) continue;
     const std::int32_t pixel = faces[i / 3][i % 3];
     const auto id = static_cast<std::int32_t>(vertices_.size());
     auto first = static_cast<std::int32_t>(i / 3);
     bool on_boundary = true;
     for (const std::int32_t from = first;;) {  // backwards to where the fan starts
-      const std::int32_t before = neighbors_[first][(corner(faces[first], pixel) + 2) % 3];
+      const std::int32_t before =
+          faces_[first].neighbors[previous_corner(corner(faces[first], pixel))];
       if (before == kNone) break;
       first = before;
       if (first == from) {
@@ -68,8 +68,8 @@ void Triangulation::split_fans(const Surface& surface, std::span<const Triangle>
                          surface.sample(pixel).point(), on_boundary});
     for (std::int32_t t = first;;) {
       const int k = corner(faces[t], pixel);
-      faces_[t][k] = id;
-      t = neighbors_[t][(k + 1) % 3];
+      faces_[t].corners[k] = id;
+      t = faces_[t].neighbors[next_corner(k)];
       if (t == kNone || t == first) break;
     }
   }
@@ -87,7 +87,6 @@ void Triangulation::assign(const Surface& surface, std::span<const Triangle> fac
 void Triangulation::clear() {
   vertices_.clear();
   faces_.clear();
-  neighbors_.clear();
   num_alive_ = 0;
 }
 
@@ -109,34 +108,34 @@ void Triangulation::remove_vertex(std::int32_t v) {
 
 void Triangulation::keep_one(std::int32_t t) {
   for (std::int32_t other = 0; other < num_face_slots(); ++other) {
-    if (other != t) faces_[other] = {kNone, kNone, kNone};
+    if (other != t) faces_[other].corners = {kNone, kNone, kNone};
   }
   for (std::int32_t v = 0; v < num_slots(); ++v) {
     if (!vertices_[v].alive()) continue;
-    if (corner(faces_[t], v) == 2 && faces_[t][2] != v) {
+    if (corner(faces_[t].corners, v) == 2 && faces_[t].corners[2] != v) {
       remove_vertex(v);
     } else {
       vertices_[v].triangle = t;
       vertices_[v].on_boundary = true;
     }
   }
-  neighbors_[t] = {kNone, kNone, kNone};
+  faces_[t].neighbors = {kNone, kNone, kNone};
 }
 
 void Triangulation::remove_piece(std::span<const std::int32_t> faces) {
   for (const std::int32_t t : faces) {
-    for (const std::int32_t v : faces_[t]) {
+    for (const std::int32_t v : faces_[t].corners) {
       if (!vertices_[v].alive()) continue;
       remove_vertex(v);
     }
-    faces_[t] = {kNone, kNone, kNone};
+    faces_[t].corners = {kNone, kNone, kNone};
   }
 }
 
 float Triangulation::distance_to_others(const Surface& surface, std::int32_t t,
                                         const Vec3& point) const {
   std::array<std::int32_t, 2> low = {surface.cols(), surface.rows()}, high = {-1, -1};
-  for (const std::int32_t v : faces_[t]) {
+  for (const std::int32_t v : faces_[t].corners) {
     low = {std::min(low[0], vertices_[v].u), std::min(low[1], vertices_[v].v)};
     high = {std::max(high[0], vertices_[v].u), std::max(high[1], vertices_[v].v)};
   }
@@ -145,7 +144,8 @@ float Triangulation::distance_to_others(const Surface& surface, std::int32_t t,
     const std::int32_t pixel = v * surface.cols() + u;
     int others = num_at_[pixel];
     if (others == 0) return;
-    for (const std::int32_t own : faces_[t]) others -= vertices_[own].pixel == pixel ? 1 : 0;
+    for (const std::int32_t own : faces_[t].corners)
+      others -= vertices_[own].pixel == pixel ? 1 : 0;
     if (others > 0) nearest = std::min(nearest, (surface.sample(pixel).point() - point).norm());
   };
   for (int v = low[1]; v <= high[1]; ++v) {
@@ -177,12 +177,12 @@ bool Triangulation::fan(std::int32_t v, Fan& out) const {
   int k = 0;
   do {
     if (out.size == kMaxFan) return false;
-    k = corner(faces_[t], v);
+    k = corner(faces_[t].corners, v);
     out.faces[out.size] = t;
-    out.neighbors[out.size++] = faces_[t][(k + 1) % 3];
-    const std::int32_t next = neighbors_[t][(k + 1) % 3];
+    out.neighbors[out.size++] = faces_[t].corners[next_corner(k)];
+    const std::int32_t next = faces_[t].neighbors[next_corner(k)];
     if (next == kNone) {
-      out.neighbors[out.size] = faces_[t][(k + 2) % 3];
+      out.neighbors[out.size] = faces_[t].corners[previous_corner(k)];
       out.num_neighbors = out.size + 1;
       return true;
     }
@@ -243,7 +243,7 @@ bool Triangulation::can_collapse(const Surface& surface, std::int32_t v, const F
 
 void Triangulation::relink(std::int32_t t, std::int32_t from, std::int32_t to) {
   if (t == kNone) return;
-  for (std::int32_t& n : neighbors_[t]) {
+  for (std::int32_t& n : faces_[t].neighbors) {
     if (n == from) {
       n = to;
       return;
@@ -252,10 +252,13 @@ void Triangulation::relink(std::int32_t t, std::int32_t from, std::int32_t to) {
 }
 
 void Triangulation::find_first(std::int32_t v, std::int32_t t) {
-  const std::int32_t from = t;
+  if (!vertices_[v].on_boundary) {  // any will do
+    vertices_[v].triangle = faces_[t].neighbors[next_corner(corner(faces_[t].corners, v))];
+    return;
+  }
   for (;;) {
-    const std::int32_t before = neighbors_[t][(corner(faces_[t], v) + 2) % 3];
-    if (before == kNone || before == from) break;
+    const std::int32_t before = faces_[t].neighbors[previous_corner(corner(faces_[t].corners, v))];
+    if (before == kNone) break;
     t = before;
   }
   vertices_[v].triangle = t;
@@ -270,18 +273,18 @@ void Triangulation::collapse(std::int32_t v, const Fan& fan, int i) {
     const std::int32_t t = fan.faces[k];
     const std::int32_t a = fan.neighbors[k], b = fan.next(k);
     if (a != target && b != target) {
-      faces_[t][corner(faces_[t], v)] = target;
+      faces_[t].corners[corner(faces_[t].corners, v)] = target;
       stays = t;
       continue;
     }
     // Its two neighbours that remain become neighbours of each other.
-    const std::int32_t beyond = neighbors_[t][corner(faces_[t], v)];
-    const std::int32_t within = neighbors_[t][corner(faces_[t], target)];
+    const std::int32_t beyond = faces_[t].neighbors[corner(faces_[t].corners, v)];
+    const std::int32_t within = faces_[t].neighbors[corner(faces_[t].corners, target)];
     relink(beyond, t, within);
     relink(within, t, beyond);
     side[sides] = a == target ? b : a;
     at_side[sides++] = beyond != kNone ? beyond : within;
-    faces_[t] = {kNone, kNone, kNone};
+    faces_[t].corners = {kNone, kNone, kNone};
   }
   remove_vertex(v);
   find_first(target, stays != kNone ? stays : at_side[0]);
@@ -308,22 +311,22 @@ std::array<std::int32_t, 2> Triangulation::hole_of_three(const Surface& surface,
 void Triangulation::close_hole(std::int32_t v, const std::array<std::int32_t, 2>& others) {
   const auto t = static_cast<std::int32_t>(faces_.size());
   const Triangle hole = {v, others[0], others[1]};
-  faces_.push_back(hole);
-  neighbors_.emplace_back();
+  faces_.push_back({hole, {}});
   for (int i = 0; i < 3; ++i) {
     // The first triangle of a corner's fan lies behind the side to the corner before it.
     const std::int32_t behind = vertices_[hole[i]].triangle;
-    neighbors_[t][(i + 1) % 3] = behind;
-    neighbors_[behind][(corner(faces_[behind], hole[i]) + 2) % 3] = t;
+    faces_[t].neighbors[next_corner(i)] = behind;
+    faces_[behind].neighbors[previous_corner(corner(faces_[behind].corners, hole[i]))] = t;
   }
   for (const std::int32_t at : hole) vertices_[at].on_boundary = false;
 }
 
 bool Triangulation::quad(std::int32_t t, int i, std::array<std::int32_t, 4>& abcd) const {
-  const std::int32_t across = neighbors_[t][i];
+  const std::int32_t across = faces_[t].neighbors[i];
   if (across == kNone) return false;
-  const std::int32_t a = faces_[t][i], b = faces_[t][(i + 1) % 3], c = faces_[t][(i + 2) % 3];
-  const Triangle& other = faces_[across];
+  const std::int32_t a = faces_[t].corners[i], b = faces_[t].corners[next_corner(i)],
+                     c = faces_[t].corners[previous_corner(i)];
+  const Triangle& other = faces_[across].corners;
   const std::int32_t d = other[0] != b && other[0] != c   ? other[0]
                          : other[1] != b && other[1] != c ? other[1]
                                                           : other[2];
@@ -332,17 +335,18 @@ bool Triangulation::quad(std::int32_t t, int i, std::array<std::int32_t, 4>& abc
 }
 
 void Triangulation::flip(std::int32_t t, int i) {
-  const std::int32_t o = neighbors_[t][i];
+  const std::int32_t o = faces_[t].neighbors[i];
   std::array<std::int32_t, 4> abcd{};
   quad(t, i, abcd);
   const auto [a, b, c, d] = abcd;
-  const std::int32_t ca = neighbors_[t][(i + 1) % 3], ab = neighbors_[t][(i + 2) % 3];
-  const std::int32_t cd = neighbors_[o][corner(faces_[o], b)];
-  const std::int32_t db = neighbors_[o][corner(faces_[o], c)];
-  faces_[t] = {a, b, d};
-  neighbors_[t] = {db, o, ab};
-  faces_[o] = {a, d, c};
-  neighbors_[o] = {cd, ca, t};
+  const std::int32_t ca = faces_[t].neighbors[next_corner(i)],
+                     ab = faces_[t].neighbors[previous_corner(i)];
+  const std::int32_t cd = faces_[o].neighbors[corner(faces_[o].corners, b)];
+  const std::int32_t db = faces_[o].neighbors[corner(faces_[o].corners, c)];
+  faces_[t].corners = {a, b, d};
+  faces_[t].neighbors = {db, o, ab};
+  faces_[o].corners = {a, d, c};
+  faces_[o].neighbors = {cd, ca, t};
   relink(db, o, t);
   relink(ca, t, o);
   find_first(a, t);

@@ -26,7 +26,7 @@ class Triangulation {
   static constexpr std::int32_t kNone = -1;
   static constexpr int kMaxFan = 64;  ///< Triangles around a vertex.
 
-  struct Vertex {
+  struct alignas(32) Vertex {
     std::int32_t pixel = 0;
     std::int32_t triangle = kNone;  ///< The first of its fan if on the boundary; kNone: removed.
     std::int32_t u = 0, v = 0;
@@ -67,14 +67,14 @@ class Triangulation {
   [[nodiscard]] std::int32_t num_face_slots() const {
     return static_cast<std::int32_t>(faces_.size());
   }
-  [[nodiscard]] bool is_face(std::int32_t t) const { return faces_[t][0] != kNone; }
-  [[nodiscard]] const Triangle& triangle(std::int32_t t) const { return faces_[t]; }
+  [[nodiscard]] bool is_face(std::int32_t t) const { return faces_[t].corners[0] != kNone; }
+  [[nodiscard]] const Triangle& triangle(std::int32_t t) const { return faces_[t].corners; }
   /// Triangles across the sides opposite to the three corners, or kNone.
-  [[nodiscard]] const Triangle& neighbors(std::int32_t t) const { return neighbors_[t]; }
+  [[nodiscard]] const Triangle& neighbors(std::int32_t t) const { return faces_[t].neighbors; }
 
   /// Is t a piece of its own?
   [[nodiscard]] bool is_alone(std::int32_t t) const {
-    return neighbors_[t] == Triangle{kNone, kNone, kNone};
+    return faces_[t].neighbors == Triangle{kNone, kNone, kNone};
   }
   /// How far a point is from the nearest vertex of other pieces than t, a piece of its own: of
   /// those in the least square of pixels around t that holds any. 1 (the whole surface) if there is
@@ -130,10 +130,16 @@ class Triangulation {
   }
 
  private:
-  static int corner(const Triangle& t, std::int32_t v) { return t[0] == v ? 0 : t[1] == v ? 1 : 2; }
+  static int next_corner(int i) { return i < 2 ? i + 1 : 0; }
+  static int previous_corner(int i) { return i > 0 ? i - 1 : 2; }
+  /// Which corner v is, without branches: they go either way as often as not.
+  static int corner(const Triangle& t, std::int32_t v) {
+    const int later = t[0] != v ? 1 : 0;
+    return later + (later & (t[1] != v ? 1 : 0));
+  }
   /// The triangle across the side of t opposite to its corner v, or kNone.
   [[nodiscard]] std::int32_t across(std::int32_t t, std::int32_t v) const {
-    return neighbors_[t][corner(faces_[t], v)];
+    return faces_[t].neighbors[corner(faces_[t].corners, v)];
   }
   void link_neighbors(std::span<const Triangle> faces);
   void split_fans(const Surface& surface, std::span<const Triangle> faces);
@@ -141,12 +147,16 @@ class Triangulation {
   void find_first(std::int32_t v, std::int32_t t);
   [[nodiscard]] std::int32_t first_neighbor(std::int32_t v) const {
     const std::int32_t t = vertices_[v].triangle;
-    return faces_[t][(corner(faces_[t], v) + 1) % 3];
+    return faces_[t].corners[next_corner(corner(faces_[t].corners, v))];
   }
   void remove_vertex(std::int32_t v);
 
   std::vector<Vertex> vertices_;
-  std::vector<Triangle> faces_, neighbors_;
+  /// Both are read together.
+  struct alignas(32) Face {
+    Triangle corners, neighbors;
+  };
+  std::vector<Face> faces_;
   std::int64_t num_alive_ = 0;
   std::vector<std::uint8_t> num_at_;  ///< By pixel: vertices.
   // Scratch of assign().
