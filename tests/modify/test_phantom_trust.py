@@ -108,6 +108,23 @@ def test_sides_that_a_tracker_swaps_do_not_move_the_phantom() -> None:
     np.testing.assert_allclose(np.array(normals)[:, 0], 1.0, atol=0.02)
 
 
+def test_sides_that_a_tracker_swaps_do_not_move_the_limb() -> None:
+    """The joints of the intact arm are the stump's for a moment; the hand stays where it is."""
+    truth = pose({"HandLeft": (0.3, 0.2, -0.1)})
+    swapped = replace(truth, positions=truth.positions[list(MIRRORED_JOINTS)])
+    pipeline = PhantomPipeline("right_arm")
+    hands = []
+    for number in range(45):
+        told = swapped if 10 <= number < 20 or number >= 25 else truth
+        result = pipeline.process(seen(truth, number, told=told))
+        hands.append(result.skeleton.positions[11])
+    wanted = truth.positions[7] * (-1, 1, 1)
+    np.testing.assert_allclose(hands[5:25], np.tile(wanted, (20, 1)), atol=0.04)
+    # A tracker that keeps to it is believed after half a second.
+    assert result.plane is not None
+    assert result.plane.normal[0] < -0.9
+
+
 def test_the_plane_of_the_joints_is_still_there() -> None:
     told = jittered(pose(), np.random.default_rng(0), 0.02)
     first = PhantomPipeline("right_arm", plane="joints", smoothing="default").process(frame(told))

@@ -5,6 +5,7 @@
 #include <limits>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "manip3d/error.hpp"
@@ -59,6 +60,33 @@ class StageClock {
   std::array<double, kNumPhantomStages>& seconds_;
   Clock::time_point last_ = Clock::now();
 };
+
+/// Do shoulders and hips, as far as they are there, point against the body's left?
+bool has_sides_swapped(const Skeleton& told, const BodyFrame& frame) {
+  using enum Joint;
+  constexpr std::array kPairs = {std::pair{kShoulderLeft, kShoulderRight},
+                                 std::pair{kHipLeft, kHipRight}};
+  constexpr double kAgainst = -0.5;  // cosine: a body that turns passes 90 degrees slowly
+  bool is_told = false;
+  for (const auto& [left, right] : kPairs) {
+    if (!is_usable(told, left) || !is_usable(told, right)) continue;
+    const Eigen::Vector3d across = (told[left] - told[right]).cast<double>();
+    if (!(frame.n.dot(across) < kAgainst * across.norm())) return false;
+    is_told = true;
+  }
+  return is_told;
+}
+
+Skeleton with_sides_swapped(const Skeleton& told) {
+  Skeleton result = told;
+  for (std::size_t joint = 0; joint < kNumJoints; ++joint) {
+    const std::size_t other = kMirroredJoints[joint];
+    result.positions[joint] = told.positions[other];
+    result.orientations[joint] = told.orientations[other];
+    result.states[joint] = told.states[other];
+  }
+  return result;
+}
 
 /// For how long joints of a limb have been guessed.
 class InferredClock {
@@ -285,14 +313,29 @@ class PhantomPipeline::Workspace {
       if (key_person_.lost_for(time_s) >= most) start_person(std::nullopt);
       return person_;
     }
-    const Skeleton& raw = input.people[*index];
+    const Skeleton& told = input.people[*index];
     has_skeleton_ = true;
-    if (person_id_ != raw.id && !is_at_same_place(raw)) start_person(raw.id);
-    person_id_ = raw.id;
+    if (person_id_ != told.id && !is_at_same_place(told)) start_person(told.id);
+    person_id_ = told.id;
+    const Skeleton raw = with_sides_kept(told, time_s);
     raw_ = raw;
     person_ = smoother_.add(raw);
     if (!options_.smooths) restore_positions(raw);
     return person_;
+  }
+
+  /// A tracker may take left for right for a moment, which does not move a limb to the other side.
+  /// One that keeps to it is believed, and the person is begun anew.
+  Skeleton with_sides_kept(const Skeleton& told, double time_s) {
+    constexpr double kPatience = 0.5;  // seconds
+    if (!frame_ || !follows_trunk() || !has_sides_swapped(told, *frame_)) {
+      sides_kept_since_ = time_s;
+      return told;
+    }
+    if (time_s - sides_kept_since_ <= kPatience) return with_sides_swapped(told);
+    start_person(told.id);
+    sides_kept_since_ = time_s;
+    return told;
   }
 
   /// A tracker may give the same person another id.
@@ -560,7 +603,8 @@ class PhantomPipeline::Workspace {
   std::int64_t clock_ns_ = 0, first_ns_ = 0;  ///< The source's clock, or a nominal one.
   Skeleton raw_;                              ///< As the tracker told it, in this frame.
   std::optional<std::int64_t> person_id_;
-  std::optional<Skeleton> person_;  ///< As last seen, smoothed.
+  std::optional<Skeleton> person_;    ///< As last seen, smoothed.
+  double sides_kept_since_ = kNever;  ///< Since when the tracker takes left for right.
   std::optional<BodyFrame> frame_;
   Mirror mirror_;
   std::optional<Held> held_;
