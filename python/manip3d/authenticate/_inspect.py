@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -29,7 +30,11 @@ from manip3d.authenticate._occlusion import (
 )
 from manip3d.authenticate._origin import LEAST_EXPLAINED, estimate_origin
 from manip3d.authenticate._power import BLIND, known_power
-from manip3d.authenticate._processing import find_processing
+from manip3d.authenticate._processing import (
+    COORDINATES_KEPT,
+    copies_of_earlier,
+    find_processing,
+)
 from manip3d.authenticate._reflectance import ReflectanceResult, reflectance_consistency
 from manip3d.authenticate._sensors import Sensor, identify_sensor, nothing_to_tell
 from manip3d.authenticate._turns import TurnResult, turn_consistency
@@ -560,21 +565,31 @@ def _by_lattice(
     before, after = beside
     generic = None
     if sensor.off_lattice == 0.0 and sensor.lattice is not None:
-        generic = consistency_allowing(
+        judge = functools.partial(
+            consistency_allowing,
             embedding,
-            centred,
-            sensor.lattice,
+            lattice=sensor.lattice,
             previous=before,
             following=after,
             false_alarm_rate=FALSE_ALARM_RATE,
             threads=threads,
         )
-    processing = find_processing(centred.points, sensor, generic)
-    if generic is not None and processing:
+        generic = judge(centred)
+    repeated: tuple[Processing, ...] = ()
+    if generic is not None and generic.evidence["duplicate"].share > 0.0:
+        copies = copies_of_earlier(centred.points)
+        if copies.any():
+            kept = np.flatnonzero(~copies)
+            generic = judge(centred.select(kept)).with_rows(kept, centred)
+            detail = f"{np.count_nonzero(copies)} points repeat another one"
+            repeated = (Processing("repeated", detail),)
+    processing = repeated + find_processing(centred.points, sensor, generic, centred.intensity)
+    changed = [step for step in processing if step.kind not in COORDINATES_KEPT]
+    if generic is not None and changed:
         generic = generic.without(EVIDENCE if generic.values_changed else MISSING)
     why = f"detector III judges the {sensor.name}"
     turns = None
-    judged = generic is not None and not processing
+    judged = generic is not None and not changed and not repeated
     if judged and sensor.lattice is not None and before is not None and after is not None:
         turns = turn_consistency(
             centred, before, after, lattice=sensor.lattice,

@@ -16,6 +16,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d.authenticate._lattice import LINE_TOLERANCE, SensorLattice, estimate_lattice
 from manip3d.authenticate._occlusion import estimate_grid
+from manip3d.authenticate._origin import LEAST_EXPLAINED, estimate_origin
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame, ScanLike, to_scan
 
@@ -224,6 +225,9 @@ def _by_grid(frame: LidarFrame, threads: int) -> Sensor | None:
     rows = np.unique(np.round((elevation - grid.elevation_phase_deg) / grid.elevation_deg)).size
     if rows < TERRESTRIAL_ROWS:
         return None
+    around = estimate_origin(frame, known=(0.0, 0.0, 0.0), threads=threads)
+    if around.position is None or around.axis != "z" or around.explained < LEAST_EXPLAINED:
+        return None  # a scanner on its side, or rows that rounding made
     return Sensor(
         "terrestrial scanner",
         "terrestrial",
