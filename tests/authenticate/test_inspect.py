@@ -149,7 +149,7 @@ def test_an_edit_beside_repeated_points_is_found_with_its_rows() -> None:
 def reflectances(points: np.ndarray) -> np.ndarray:
     """Whole hundredths with the scanner's noise, some of them 0."""
     rng = np.random.default_rng(3)
-    values = 0.3 + 0.1 * np.sin(points[:, 0]) + rng.normal(0.0, 0.03, len(points))
+    values = 0.3 + 0.25 * np.sin(points[:, 0]) + rng.normal(0.0, 0.03, len(points))
     values[rng.random(len(points)) < 0.03] = 0.0
     return np.round(np.clip(values, 0.0, 0.99), 2).astype(np.float32)
 
