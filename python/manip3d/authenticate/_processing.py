@@ -87,6 +87,7 @@ def find_processing(
     sensor: Sensor,
     generic: GenericResult | None,
     reflectance: NDArray[np.float32] | None = None,
+    reading: LatticeReading | None = None,
 ) -> tuple[Processing, ...]:
     """Say what was done to the scan as a whole; nothing where nothing can be told.
 
@@ -98,6 +99,8 @@ def find_processing(
         What detector III says by the sensor's lattice.
     reflectance : (N,) float32 or None
         Of a scanner on a lattice.
+    reading : LatticeReading or None
+        Where the points lie on the sensor's lattice; None: it is read here.
     """
     found = list(_of_coordinates(points))
     if sensor.off_lattice > 0.0:
@@ -109,7 +112,7 @@ def find_processing(
             )
         )
     elif generic is not None and generic.lattice is not None:
-        found += _of_lattice(points, sensor, generic)
+        found += _of_lattice(points, sensor, generic, reading)
         if reflectance is not None and "order" not in generic.contradicted:
             found += _of_reflectance(reflectance)
     return tuple(found)
@@ -164,7 +167,10 @@ def _share_rounded(points: NDArray[np.float32], step: float) -> float:
 
 
 def _of_lattice(
-    points: NDArray[np.float32], sensor: Sensor, generic: GenericResult
+    points: NDArray[np.float32],
+    sensor: Sensor,
+    generic: GenericResult,
+    reading: LatticeReading | None,
 ) -> list[Processing]:
     found = []
     contradicted = generic.contradicted
@@ -179,16 +185,19 @@ def _of_lattice(
         )
     if "duplicate" in contradicted:
         found.append(Processing("fused", "most directions hold several returns"))
-    return found + _of_extent(points, sensor, generic)
+    return found + _of_extent(points, sensor, generic, reading)
 
 
 def _of_extent(
-    points: NDArray[np.float32], sensor: Sensor, generic: GenericResult
+    points: NDArray[np.float32],
+    sensor: Sensor,
+    generic: GenericResult,
+    reading: LatticeReading | None,
 ) -> list[Processing]:
     if sensor.lattice is None or len(points) == 0:
         return []
     found = []
-    reading = sensor.lattice.read(points)
+    reading = sensor.lattice.read(points) if reading is None else reading
     azimuth = np.sort(reading.azimuth[reading.ring >= 0])
     gap = math.degrees(float(np.diff(np.r_[azimuth, azimuth[:1] + 2.0 * math.pi]).max(initial=0.0)))
     if gap > WIDEST_GAP:
@@ -228,8 +237,10 @@ def _first_azimuth(ring: NDArray[np.int32], azimuth: NDArray[np.float32]) -> flo
 
     A ring begins where the file first has it: points that were appended say nothing of it.
     """
-    rings, starts = np.unique(ring, return_index=True)
-    starts = starts[rings > 0]
+    rings = int(ring.max(initial=-1)) + 1
+    first = np.full(rings + 1, -1)
+    first[ring[::-1]] = np.arange(len(ring) - 1, -1, -1)  # the last to be written is the first row
+    starts = first[1:rings][first[1:rings] >= 0]
     if len(starts) < 8:
         return 0.0
     return float(np.median(180.0 - np.mod(180.0 - np.degrees(azimuth[starts]), 360.0)))

@@ -3,7 +3,6 @@ have."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -270,22 +269,23 @@ def why_rewritten(values: NDArray[np.float32]) -> str | None:
     values : (N,) float32
         In the order of the scanner's file.
     """
-    some = values[::SAMPLE].astype(np.float64)
-    if len(some) < FEWEST_VALUES or len(np.unique(some)) <= 2:
+    first, second = values[:-1:SAMPLE], values[1::SAMPLE]
+    some = first.astype(np.float64)
+    if len(some) < FEWEST_VALUES:
+        return None
+    noisy = (first > first.min()) & (first < first.max())
+    if not noisy.any():
         return None  # none were measured, or none were kept
     if not is_in_hundredths(values):
         if any(_share_off(some, step) < MOST_OFF_STEP for step in OTHER_STEPS):
             return None
         return "reflectances are no whole hundredths"
-    low, high = np.quantile(some, (0.05, 0.95)) / STEP
-    used = np.unique(np.round(values.astype(np.float64) / STEP).astype(np.int64))
-    between = np.arange(math.ceil(low - 1e-6), math.floor(high + 1e-6) + 1)
-    unused = 1.0 - np.isin(between, used).mean() if len(between) else 0.0
+    hundredths = np.round(some / STEP).astype(np.int64)
+    low, high = np.quantile(hundredths, (0.05, 0.95)).astype(np.int64)
+    unused = float(np.mean(np.bincount(hundredths)[low : high + 1] == 0))
     if unused > MOST_UNUSED:
         return f"{unused:.0%} of the hundredths of reflectance do not occur"
-    first, second = values[:-1:SAMPLE], values[1::SAMPLE]
-    noisy = (first > values.min()) & (first < values.max())
-    alike = float(np.mean(first[noisy] == second[noisy])) if noisy.any() else 0.0
+    alike = float(np.mean(first[noisy] == second[noisy]))
     if alike > MOST_ALIKE:
         return f"{alike:.0%} of the points have the reflectance of the next one"
     return None
@@ -319,7 +319,8 @@ def _why_not(frame: LidarFrame) -> str | None:
         raise InputError("frame: expected finite reflectances")
     if values.min() < 0.0 or values.max() > 1.0:
         return "reflectances are not in [0, 1]"
-    if len(np.unique(values)) < FEWEST_VALUES:
+    some = values[::SAMPLE]
+    if len(np.unique(some)) < FEWEST_VALUES and len(np.unique(values)) < FEWEST_VALUES:
         return f"reflectances have fewer than {FEWEST_VALUES} different values"
     return why_rewritten(values)
 
