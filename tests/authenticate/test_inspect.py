@@ -113,6 +113,15 @@ LAUNDERING: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "low": lambda p: p[p[:, 2] < 0.0],
     "voxels": lambda p: p[np.unique(np.floor(p / 0.1), axis=0, return_index=True)[1]],
     "twice": lambda p: np.concatenate([p, p]),
+    "three of a hundred lost": lambda p: p[np.random.default_rng(0).random(len(p)) < 0.97],
+    "a laser left out": lambda p: p[LATTICE.read(p).ring != 20],
+    "fine voxels in file order": lambda p: p[
+        np.sort(np.unique(np.floor(p / 0.05), axis=0, return_index=True)[1])
+    ],
+    "the ground alone": lambda p: p[p[:, 2] < -0.9],
+    "cut at no round height": lambda p: p[p[:, 2] < 0.437],
+    "padded with its last point": lambda p: np.concatenate([p, np.repeat(p[-1:], 2000, axis=0)]),
+    "a sector left out": lambda p: p[np.abs(np.arctan2(p[:, 1], p[:, 0]) - 1.0) > 0.03],
 }
 
 
@@ -122,6 +131,70 @@ def test_processed_scans_are_neither_accused_nor_cleared(name: str) -> None:
     assert found.verdict == "processed", found.record()
     assert found.processing
     assert found.reason == "; ".join(f"{s.kind}: {s.detail}" for s in found.processing)
+
+
+def test_an_edit_beside_repeated_points_is_found_with_its_rows() -> None:
+    def paste(points: np.ndarray) -> np.ndarray:
+        car = np.array([12.0, -4.0, -1.0]) + np.random.default_rng(0).uniform(-1, 1, (500, 3))
+        return np.concatenate([points[:100], points, car.astype(np.float32)])
+
+    found = street_with(paste)
+    assert found.verdict == "tampered"
+    assert [step.kind for step in found.processing] == ["repeated"]
+    assert found.scan is not None
+    assert (found.regions[0].rows >= found.num_points - 500).mean() > 0.9
+    assert found.regions[0].rows.max() < found.num_points
+
+
+def reflectances(points: np.ndarray) -> np.ndarray:
+    """Whole hundredths with the scanner's noise, some of them 0."""
+    rng = np.random.default_rng(3)
+    values = 0.3 + 0.25 * np.sin(points[:, 0]) + rng.normal(0.0, 0.03, len(points))
+    values[rng.random(len(points)) < 0.03] = 0.0
+    return np.round(np.clip(values, 0.0, 0.99), 2).astype(np.float32)
+
+
+REWRITINGS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "20 levels": lambda v: np.round(v * 20) / 20,
+    "the root": lambda v: np.sqrt(v),
+    "the root, rounded": lambda v: np.round(np.sqrt(v), 2),
+    "the mean of five": lambda v: np.round(np.convolve(v, np.ones(5) / 5, "same"), 2),
+    "another scale": lambda v: v * 255.0,
+    "the number of the ring": lambda v: np.floor(np.arange(len(v)) * 64 / len(v)) / 63.0,
+}
+
+
+@pytest.mark.parametrize("name", REWRITINGS)
+def test_reflectances_that_were_rewritten_everywhere_are_no_edit(name: str) -> None:
+    points = street()
+    values = REWRITINGS[name](reflectances(points)).astype(np.float32)
+    found = authenticate.inspect(
+        LidarFrame(points, values, origin=(0.0, 0.0, 0.0)), lattice=LATTICE
+    )
+    assert found.verdict == "processed"
+    assert [step.kind for step in found.processing] == ["reflectances"]
+    assert found.detectors[-1].verdict == "undecidable"
+
+
+def test_reflectances_of_the_scanner_are_not_called_rewritten() -> None:
+    points = street()
+    clean = reflectances(points)
+    for values in (clean, np.zeros_like(clean), np.round(clean * 255), np.round(clean * 255) / 255):
+        frame = LidarFrame(points, values.astype(np.float32), origin=(0.0, 0.0, 0.0))
+        found = authenticate.inspect(frame, lattice=LATTICE)
+        assert (found.verdict, found.processing) == ("no_trace", ())
+    dark = authenticate.inspect(
+        LidarFrame(points[clean > 0], clean[clean > 0], origin=(0.0, 0.0, 0.0)), lattice=LATTICE
+    )
+    assert dark.verdict == "processed"
+    assert "filtered" in {step.kind for step in dark.processing}
+
+
+def test_a_scan_on_its_side_is_not_taken_for_a_terrestrial_one() -> None:
+    upright = authenticate.identify_sensor(CAVE)
+    assert upright.kind == "terrestrial"
+    on_its_side = authenticate.identify_sensor(np.ascontiguousarray(CAVE[:, [0, 2, 1]]))
+    assert on_its_side.kind != "terrestrial"
 
 
 def test_more_pasted_points_than_scanned_ones_do_not_hide_the_scanner() -> None:

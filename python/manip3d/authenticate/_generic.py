@@ -204,6 +204,18 @@ class GenericResult(Showable):
         """Whether coordinates were changed everywhere: then no point tells of itself."""
         return bool(self.contradicted & {"grid", "line", "step", "range"})
 
+    def with_rows(self, rows: NDArray[np.int64], scan: LidarFrame) -> GenericResult:
+        """Return the result for a scan of which only some points were judged.
+
+        Parameters
+        ----------
+        rows : (N,) int64
+            Row of ``scan`` of each point that was judged.
+        scan : LidarFrame
+        """
+        regions = tuple(replace(region, rows=rows[region.rows]) for region in self.regions)
+        return replace(self, regions=regions, suspected=rows[self.suspected], scan=scan)
+
     def without(self, kinds: Collection[str]) -> GenericResult:
         """Return the result as it is without some kinds of evidence.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -20,7 +21,7 @@ from manip3d.authenticate._generic import (
     GenericResult,
     consistency_allowing,
 )
-from manip3d.authenticate._lattice import SensorLattice
+from manip3d.authenticate._lattice import LatticeReading, SensorLattice
 from manip3d.authenticate._occlusion import (
     PAPER_OCCLUSION,
     OcclusionResult,
@@ -29,9 +30,13 @@ from manip3d.authenticate._occlusion import (
 )
 from manip3d.authenticate._origin import LEAST_EXPLAINED, estimate_origin
 from manip3d.authenticate._power import BLIND, known_power
-from manip3d.authenticate._processing import find_processing
+from manip3d.authenticate._processing import (
+    COORDINATES_KEPT,
+    copies_of_earlier,
+    find_processing,
+)
 from manip3d.authenticate._reflectance import ReflectanceResult, reflectance_consistency
-from manip3d.authenticate._sensors import Sensor, identify_sensor, nothing_to_tell
+from manip3d.authenticate._sensors import Sensor, identify_and_read, nothing_to_tell
 from manip3d.authenticate._turns import TurnResult, turn_consistency
 from manip3d.authenticate._verdict import (
     NO_POWER,
@@ -409,16 +414,20 @@ def _inspected(
         embedding = ""
     if embedding:
         scan = scan.replace(points=without_bits(scan.points, embedding), exact=None, format=None)
-    place, source = _scanner(scan, asked.origin, asked.lattice, asked.threads)
+    place, source, known = _scanner(scan, asked.origin, asked.lattice, asked.threads)
     told(0.1)
     if place is None:
         return _without_place(scan, source)
-    found = _identified(_at_origin(scan, place), asked.sensor, asked.lattice, asked.threads)
+    found, reading = _identified(
+        _at_origin(scan, place), asked.sensor, asked.lattice, asked.threads, known
+    )
     told(0.3)
     if found.kind == "lattice" and not asked.printed:
         beside = (asked.previous, asked.following)
         before, after = (_neighbour(other, place, embedding) for other in beside)
-        result = _by_lattice(scan, place, source, found, (before, after), embedding, asked.threads)
+        result = _by_lattice(
+            scan, place, source, (found, reading), (before, after), embedding, asked.threads
+        )
     elif found.kind == "terrestrial" or asked.printed:
         result = _by_angles(scan, place, source, found, asked.printed, asked.threads, told)
     else:
@@ -503,12 +512,29 @@ def combined_verdict(
     return "undecidable"
 
 
+_Identified = tuple[Sensor, "LatticeReading | None"]
+
+
 def _identified(
-    scan: LidarFrame, sensor: str, lattice: SensorLattice | None, threads: int
-) -> Sensor:
-    """The scanner; what a caller states of it is believed where the scan can be one of it."""
-    if sensor == "auto":
-        return identify_sensor(scan, lattice=lattice, threads=threads)
+    scan: LidarFrame,
+    sensor: str,
+    lattice: SensorLattice | None,
+    threads: int,
+    known: _Identified | None,
+) -> _Identified:
+    """The scanner; what a caller states of it is believed where the scan can be one of it.
+
+    Beside it where the points lie on its lattice, if that was read; ``known``: it was found before.
+    """
+    if sensor in ("auto", "lattice"):
+        found = known or identify_and_read(scan, lattice=lattice, threads=threads)
+        if sensor == "auto" or found[0].kind == "lattice":
+            return found
+    return _stated(scan, sensor, threads), None
+
+
+def _stated(scan: LidarFrame, sensor: str, threads: int) -> Sensor:
+    """The scanner that a caller stated, and that was not told from the scan."""
     if (why := nothing_to_tell(scan.points)) is not None:
         return Sensor("unknown", "unknown", why)
     if sensor == "terrestrial":
@@ -520,9 +546,6 @@ def _identified(
         )
     if sensor == "other":
         return Sensor("another scanner", "unknown", "stated by the caller")
-    identified = identify_sensor(scan, lattice=lattice, threads=threads)
-    if identified.kind == "lattice":
-        return identified
     return Sensor("unknown", "unknown", "the scan does not stand on the lattice that was stated")
 
 
@@ -539,31 +562,44 @@ def _by_lattice(
     scan: LidarFrame,
     place: Place,
     source: str,
-    sensor: Sensor,
+    identified: _Identified,
     beside: tuple[LidarFrame | None, LidarFrame | None],
     embedding: str,
     threads: int,
 ) -> Inspection:
     """Judge by detector III, with what a verified embedding moved."""
+    sensor, reading = identified
     centred = _at_origin(scan, place)
     before, after = beside
     generic = None
     if sensor.off_lattice == 0.0 and sensor.lattice is not None:
-        generic = consistency_allowing(
+        judge = functools.partial(
+            consistency_allowing,
             embedding,
-            centred,
-            sensor.lattice,
+            lattice=sensor.lattice,
             previous=before,
             following=after,
             false_alarm_rate=FALSE_ALARM_RATE,
             threads=threads,
         )
-    processing = find_processing(centred.points, sensor, generic)
-    if generic is not None and processing:
+        generic = judge(centred)
+    repeated: tuple[Processing, ...] = ()
+    if generic is not None and generic.evidence["duplicate"].share > 0.0:
+        copies = copies_of_earlier(centred.points)
+        if copies.any():
+            kept = np.flatnonzero(~copies)
+            generic = judge(centred.select(kept)).with_rows(kept, centred)
+            detail = f"{np.count_nonzero(copies)} points repeat another one"
+            repeated = (Processing("repeated", detail),)
+    processing = repeated + find_processing(
+        centred.points, sensor, generic, centred.intensity, reading
+    )
+    changed = [step for step in processing if step.kind not in COORDINATES_KEPT]
+    if generic is not None and changed:
         generic = generic.without(EVIDENCE if generic.values_changed else MISSING)
     why = f"detector III judges the {sensor.name}"
     turns = None
-    judged = generic is not None and not processing
+    judged = generic is not None and not changed and not repeated
     if judged and sensor.lattice is not None and before is not None and after is not None:
         turns = turn_consistency(
             centred, before, after, lattice=sensor.lattice,
@@ -667,17 +703,20 @@ def _as_frame(scan: ScanLike) -> LidarFrame:
 
 def _scanner(
     frame: LidarFrame, origin: ArrayLike | None, lattice: SensorLattice | None, threads: int
-) -> tuple[Place | None, str]:
-    """The scanner's position and who states it; or None and why the scan cannot be judged."""
+) -> tuple[Place | None, str, _Identified | None]:
+    """The scanner's position and who states it; or None and why the scan cannot be judged.
+
+    Then the scanner, where its lattice told the position.
+    """
     stated = origin if origin is not None else frame.origin
     if stated is None:
-        identified = identify_sensor(frame, lattice=lattice, threads=threads)
-        if frame.num_points and identified.kind == "lattice":
-            return (0.0, 0.0, 0.0), "the lattice of a spinning scanner"
+        identified = identify_and_read(frame, lattice=lattice, threads=threads)
+        if frame.num_points and identified[0].kind == "lattice":
+            return (0.0, 0.0, 0.0), "the lattice of a spinning scanner", identified
         found = estimate_origin(frame, threads=threads)
-        return found.position, found.reason
+        return found.position, found.reason, None
     x, y, z = (float(value) for value in place_of(stated, "origin"))
-    return (x, y, z), "argument" if origin is not None else "file"
+    return (x, y, z), "argument" if origin is not None else "file", None
 
 
 def _fused(scan: LidarFrame, place: Place, threads: int) -> bool:

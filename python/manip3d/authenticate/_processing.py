@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from manip3d.authenticate._reflectance import is_in_hundredths, why_rewritten
 from manip3d.authenticate._verdict import Processing
 
 if TYPE_CHECKING:
@@ -22,19 +23,19 @@ ROUNDINGS = (0.1, 0.05, 0.02, 0.01, 0.005)
 SAMPLE = 5000
 """Points that are looked at before all are."""
 
-WIDEST_GAP = 10.0
-"""Degrees of azimuth without any point. Whole frames of an HDL-64E have 0.2 at most: its lower
-lasers always meet the road, or its own car."""
+WIDEST_GAP = 1.0
+"""Degrees of azimuth without any point. Whole frames of an HDL-64E have 0.15 at most (47 of nine
+drives): its lower lasers always meet the road, or its own car."""
 
-LEAST_RANGE = 75.0
-"""Metres: whole frames of KITTI (15 of six drives were looked at) reach to 79.9 m."""
+LEAST_RANGE = 78.5
+"""Metres: whole frames of KITTI (47 of nine drives were looked at) reach to 79.8 m and farther."""
 
 NEAREST_RANGE, LEAST_OF_LOWEST = 2.5, 0.25
 """Metres; share of the firings in which one of the lowest eighth of the lasers must have a return.
 Where a scanner's own car does not answer (1.5 m in KITTI), the road does, which the lowest lasers
 meet 4 m away; where nothing answers them, what is near was cut off."""
 
-FACE, MOST_ON_FACE = 0.05, 200
+FACE, MOST_ON_FACE = 0.05, 50
 """Metres, points: where a frame was cut at a height, many points lie next to the cut; the lowest
 and highest 5 cm of KITTI's whole frames hold 42 at most. A flat street has many, too, and one in 25
 ends at a round height by chance."""
@@ -42,9 +43,13 @@ ends at a round height by chance."""
 ROUND_HEIGHT, OFF_ROUND = 0.1, 0.002
 """Metres: heights that people cut at, and how near to the cut the next point lies."""
 
+MOST_ANYWHERE = 200
+"""Points on a face at another height, which only tell of a cut where firings are known."""
+
 CUT_EDGE, FEWEST_AT_EDGE, LEAST_SILENT = 0.005, 20, 0.4
-"""Metres, points, share: of the points so near to a cut, many have a neighbour in the lasers or the
-firings that was cut off. The lowest points of a street have neighbours that answered."""
+"""Metres, points, share: of the points so near to a cut (or on its face, where fewer are so near),
+many have a neighbour in the lasers or the firings that was cut off. The lowest points of a street
+have neighbours that answered."""
 
 FIRST_AZIMUTH = 1.0
 """Degrees from straight ahead at which rings of whole frames begin at most."""
@@ -53,9 +58,36 @@ LEAST_FILL = 0.6
 """Share of the firings of the lower half of the lasers that return. Whole frames of KITTI have 0.77
 to 0.95, every second point of one 0.48."""
 
+MOST_SINGLE_HOLES = 0.012
+"""Share of the firings of the lower half of the lasers without a return, of those whose neighbours
+along the ring both have one. Whole frames of KITTI have 0.001 to 0.006, a frame without three
+points of a hundred 0.03, one that was thinned to a point in each voxel of 5 cm 0.4."""
+
+HOLE_SECTORS = 16
+"""Of the firings: what is missing everywhere is missing in most of them."""
+
+OFF_LATTICE = 0.002
+"""Metres from a line or a step: what lies farther is of no firing."""
+
+LEAST_ANSWERED, ANSWERED_BESIDE = 0.02, 0.3
+"""Share of the firings with a return of a laser that was left out, and of the lasers above and
+below. The lasers of KITTI's whole frames have 0.4 and more."""
+
+LEAST_OF_HIGHEST = 0.01
+"""Share of the firings of the highest eighth of the lasers, which look to the horizon and above:
+where all that stands was taken away nothing answers them. KITTI's whole frames have 0.8."""
+
+
+COORDINATES_KEPT = ("repeated", "reflectances")
+"""Kinds of processing that leave every return where it was measured."""
+
 
 def find_processing(
-    points: NDArray[np.float32], sensor: Sensor, generic: GenericResult | None
+    points: NDArray[np.float32],
+    sensor: Sensor,
+    generic: GenericResult | None,
+    reflectance: NDArray[np.float32] | None = None,
+    reading: LatticeReading | None = None,
 ) -> tuple[Processing, ...]:
     """Say what was done to the scan as a whole; nothing where nothing can be told.
 
@@ -65,6 +97,10 @@ def find_processing(
     sensor : Sensor
     generic : GenericResult or None
         What detector III says by the sensor's lattice.
+    reflectance : (N,) float32 or None
+        Of a scanner on a lattice.
+    reading : LatticeReading or None
+        Where the points lie on the sensor's lattice; None: it is read here.
     """
     found = list(_of_coordinates(points))
     if sensor.off_lattice > 0.0:
@@ -76,8 +112,34 @@ def find_processing(
             )
         )
     elif generic is not None and generic.lattice is not None:
-        found += _of_lattice(points, sensor, generic)
+        found += _of_lattice(points, sensor, generic, reading)
+        if reflectance is not None and "order" not in generic.contradicted:
+            found += _of_reflectance(reflectance)
     return tuple(found)
+
+
+def _of_reflectance(values: NDArray[np.float32]) -> list[Processing]:
+    found = []
+    if (why := why_rewritten(values)) is not None:
+        found.append(Processing("reflectances", why))
+    elif is_in_hundredths(values) and values.min() > 0.0:
+        found.append(Processing("filtered", "no point has a reflectance of 0, as many have"))
+    return found
+
+
+def copies_of_earlier(points: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Return which points repeat an earlier one to the bit; points at the origin do not.
+
+    Parameters
+    ----------
+    points : (N, 3) float32
+    """
+    words = np.ascontiguousarray(points).view(np.uint32).astype(np.uint64)
+    order = np.lexsort((words[:, 2], words[:, 1], words[:, 0]))
+    same = (words[order[1:]] == words[order[:-1]]).all(axis=1)
+    copies = np.zeros(len(points), np.bool_)
+    copies[order[1:][same]] = True  # a stable sort leaves the first of equal rows in front
+    return copies & points.any(axis=1)
 
 
 def _of_coordinates(points: NDArray[np.float32]) -> list[Processing]:
@@ -105,7 +167,10 @@ def _share_rounded(points: NDArray[np.float32], step: float) -> float:
 
 
 def _of_lattice(
-    points: NDArray[np.float32], sensor: Sensor, generic: GenericResult
+    points: NDArray[np.float32],
+    sensor: Sensor,
+    generic: GenericResult,
+    reading: LatticeReading | None,
 ) -> list[Processing]:
     found = []
     contradicted = generic.contradicted
@@ -120,16 +185,19 @@ def _of_lattice(
         )
     if "duplicate" in contradicted:
         found.append(Processing("fused", "most directions hold several returns"))
-    return found + _of_extent(points, sensor, generic)
+    return found + _of_extent(points, sensor, generic, reading)
 
 
 def _of_extent(
-    points: NDArray[np.float32], sensor: Sensor, generic: GenericResult
+    points: NDArray[np.float32],
+    sensor: Sensor,
+    generic: GenericResult,
+    reading: LatticeReading | None,
 ) -> list[Processing]:
     if sensor.lattice is None or len(points) == 0:
         return []
     found = []
-    reading = sensor.lattice.read(points)
+    reading = sensor.lattice.read(points) if reading is None else reading
     azimuth = np.sort(reading.azimuth[reading.ring >= 0])
     gap = math.degrees(float(np.diff(np.r_[azimuth, azimuth[:1] + 2.0 * math.pi]).max(initial=0.0)))
     if gap > WIDEST_GAP:
@@ -141,12 +209,14 @@ def _of_extent(
     if distance.min() > NEAREST_RANGE and _lowest_are_silent(reading, sensor.lattice):
         found.append(Processing("cropped", f"no points nearer than {distance.min():.1f} m"))
     firings = firings_of(reading, len(sensor.lattice.slope))
+    if firings is not None and _highest_are_silent(firings):
+        found.append(Processing("cropped", "the highest lasers have no returns"))
     for name, height in (("above", wide[:, 2]), ("below", -wide[:, 2])):
         if is_cut_at_height(height, firings):
             cut = float(height.max()) if name == "above" else -float(height.max())
             found.append(Processing("cropped", f"no points {name} a height of {cut:.2f} m"))
-    if gap <= WIDEST_GAP and _is_thin(firings):
-        found.append(Processing("thinned", "fewer returns from the ground than a whole frame has"))
+    if firings is not None:
+        found += _of_thinning(firings, whole=gap <= WIDEST_GAP)
     first = _first_azimuth(reading.ring, reading.azimuth)
     if gap <= WIDEST_GAP and abs(first) > FIRST_AZIMUTH and "order" not in generic.contradicted:
         found.append(Processing("turned", f"the rings begin at {first:.0f} degrees of azimuth"))
@@ -167,20 +237,49 @@ def _first_azimuth(ring: NDArray[np.int32], azimuth: NDArray[np.float32]) -> flo
 
     A ring begins where the file first has it: points that were appended say nothing of it.
     """
-    rings, starts = np.unique(ring, return_index=True)
-    starts = starts[rings > 0]
+    rings = int(ring.max(initial=-1)) + 1
+    first = np.full(rings + 1, -1)
+    first[ring[::-1]] = np.arange(len(ring) - 1, -1, -1)  # the last to be written is the first row
+    starts = first[1:rings][first[1:rings] >= 0]
     if len(starts) < 8:
         return 0.0
     return float(np.median(180.0 - np.mod(180.0 - np.degrees(azimuth[starts]), 360.0)))
 
 
-def _is_thin(firings: Firings | None) -> bool:
-    """Whether the firings of the lower half of the lasers have too few returns."""
-    if firings is None:
-        return False
+def _of_thinning(firings: Firings, *, whole: bool) -> list[Processing]:
+    """Points that were left out here and there, or laser by laser."""
+    found = []
     rings = len(firings.answered)
     below = firings.answered[(3 * rings) // 8 : (7 * rings) // 8]
-    return bool(np.count_nonzero(below) < LEAST_FILL * below.size)
+    if whole and np.count_nonzero(below) < LEAST_FILL * below.size:
+        found.append(Processing("thinned", "fewer returns from the ground than a whole frame has"))
+    elif (holes := _single_holes(below)) > MOST_SINGLE_HOLES:
+        found.append(
+            Processing("thinned", f"{holes:.1%} of the returns are missing one by one everywhere")
+        )
+    answered = firings.answered.mean(axis=1)
+    beside = np.minimum(answered[:-2], answered[2:])
+    silent = np.flatnonzero((answered[1:-1] < LEAST_ANSWERED) & (beside > ANSWERED_BESIDE))
+    if len(silent):
+        found.append(Processing("thinned", f"{len(silent)} of the {rings} lasers have no returns"))
+    return found
+
+
+def _single_holes(answered: NDArray[np.bool_]) -> float:
+    """Share of firings without a return among those between two with one, in a typical sector."""
+    between = answered[:, :-2] & answered[:, 2:]
+    holes = between & ~answered[:, 1:-1]
+    starts = np.linspace(0, between.shape[1], HOLE_SECTORS, endpoint=False).astype(np.intp)
+    if between.shape[1] < HOLE_SECTORS:
+        return 0.0
+    possible = np.add.reduceat(between.sum(axis=0), starts)
+    return float(np.median(np.add.reduceat(holes.sum(axis=0), starts) / np.maximum(possible, 1)))
+
+
+def _highest_are_silent(firings: Firings) -> bool:
+    """Whether nothing answers the highest eighth of the lasers."""
+    highest = firings.answered[: max(1, len(firings.answered) // 8)]
+    return bool(np.count_nonzero(highest) < LEAST_OF_HIGHEST * highest.size)
 
 
 class Firings(NamedTuple):
@@ -203,6 +302,7 @@ class Firings(NamedTuple):
 def firings_of(reading: LatticeReading, rings: int) -> Firings | None:
     """Return the firings of the head; None: the lattice has no encoder, or no point is on it."""
     known = (reading.ring >= 0) & (reading.count >= 0)
+    known &= (np.abs(reading.line_error) < OFF_LATTICE) & (np.abs(reading.step_error) < OFF_LATTICE)
     if not known.any():
         return None
     votes = np.bincount(reading.count[known])
@@ -217,7 +317,7 @@ def firings_of(reading: LatticeReading, rings: int) -> Firings | None:
 
 
 def is_cut_at_height(height: NDArray[np.float64], firings: Firings | None) -> bool:
-    """Return whether points end at a round height because what lay beyond it was cut off.
+    """Return whether points end at a height because what lay beyond it was cut off.
 
     Parameters
     ----------
@@ -228,14 +328,19 @@ def is_cut_at_height(height: NDArray[np.float64], firings: Firings | None) -> bo
     """
     top = float(height.max())
     off = abs(top - ROUND_HEIGHT * round(top / ROUND_HEIGHT))
-    if off >= OFF_ROUND or np.count_nonzero(height > top - FACE) <= MOST_ON_FACE:
+    near = np.flatnonzero(height > top - FACE)
+    if len(near) <= (MOST_ON_FACE if off < OFF_ROUND else MOST_ANYWHERE):
         return False
-    return firings is None or _is_silent_beyond(height > top - CUT_EDGE, firings)
+    if off >= OFF_ROUND and firings is None:
+        return False
+    if np.count_nonzero(height > top - CUT_EDGE) >= FEWEST_AT_EDGE:
+        near = near[height[near] > top - CUT_EDGE]
+    return firings is None or _is_silent_beyond(near, firings)
 
 
-def _is_silent_beyond(at_edge: NDArray[np.bool_], firings: Firings) -> bool:
+def _is_silent_beyond(at_edge: NDArray[np.intp], firings: Firings) -> bool:
     """Whether many of the points at an edge have a neighbour without a return."""
-    edge = np.flatnonzero(at_edge & (firings.firing >= 0))
+    edge = at_edge[firings.firing[at_edge] >= 0]
     if len(edge) < FEWEST_AT_EDGE:
         return False
     ring, firing = firings.ring[edge], firings.firing[edge]

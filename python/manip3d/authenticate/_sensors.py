@@ -14,8 +14,14 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from manip3d._util.checked import checked
-from manip3d.authenticate._lattice import LINE_TOLERANCE, SensorLattice, estimate_lattice
+from manip3d.authenticate._lattice import (
+    LINE_TOLERANCE,
+    LatticeReading,
+    SensorLattice,
+    estimate_lattice,
+)
 from manip3d.authenticate._occlusion import estimate_grid
+from manip3d.authenticate._origin import LEAST_EXPLAINED, estimate_origin
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame, ScanLike, to_scan
 
@@ -143,16 +149,25 @@ def identify_sensor(
     InputError
         A shape is wrong, a coordinate is not finite.
     """
+    return identify_and_read(scan, lattice=lattice, threads=threads)[0]
+
+
+def identify_and_read(
+    scan: ScanLike, *, lattice: SensorLattice | None = None, threads: int = 0
+) -> tuple[Sensor, LatticeReading | None]:
+    """Return the scanner, and where the points lie on its lattice if that was read already."""
     scene = to_scan(scan)
     frame = scene.frame if scene.frame is not None else LidarFrame(scene.points)
     if (why := nothing_to_tell(frame.points)) is not None:
-        return Sensor("unknown", "unknown", why)
+        return Sensor("unknown", "unknown", why), None
     given = [] if lattice is None else [lattice]
     for known in (*given, kitti_lattice()):
-        found = _on_lattice(frame.points, known, threads)
+        reading = known.read(frame.points, threads=threads)
+        found = _on_lattice(frame.points, known, reading)
         if found is not None:
-            return found
-    return _by_own_lattice(frame, threads) or _by_grid(frame, threads) or _by_beams(frame.points)
+            return found, reading
+    sensor = _by_own_lattice(frame, threads) or _by_grid(frame, threads) or _by_beams(frame.points)
+    return sensor, None
 
 
 def nothing_to_tell(points: NDArray[np.float32]) -> str | None:
@@ -165,9 +180,10 @@ def nothing_to_tell(points: NDArray[np.float32]) -> str | None:
     return None
 
 
-def _on_lattice(points: NDArray[np.float32], lattice: SensorLattice, threads: int) -> Sensor | None:
+def _on_lattice(
+    points: NDArray[np.float32], lattice: SensorLattice, reading: LatticeReading
+) -> Sensor | None:
     """The scanner of the lattice, if most points lie on its lines or were moved off them a bit."""
-    reading = lattice.read(points, threads=threads)
     error = np.abs(reading.line_error)
     on = (reading.ring >= 0) & (error < LINE_TOLERANCE)
     crowded = np.bincount(reading.ring[on], minlength=1) >= 20
@@ -224,6 +240,9 @@ def _by_grid(frame: LidarFrame, threads: int) -> Sensor | None:
     rows = np.unique(np.round((elevation - grid.elevation_phase_deg) / grid.elevation_deg)).size
     if rows < TERRESTRIAL_ROWS:
         return None
+    around = estimate_origin(frame, known=(0.0, 0.0, 0.0), threads=threads)
+    if around.position is None or around.axis != "z" or around.explained < LEAST_EXPLAINED:
+        return None  # a scanner on its side, or rows that rounding made
     return Sensor(
         "terrestrial scanner",
         "terrestrial",

@@ -181,7 +181,8 @@ class Processing:
     Attributes
     ----------
     kind : str
-        ``shuffled``, ``rounded``, ``float16``, ``cropped``, ``thinned``, ``turned`` or ``moved``.
+        ``shuffled``, ``rounded``, ``float16``, ``cropped``, ``thinned``, ``filtered``, ``turned``,
+        ``moved``, ``fused``, ``repeated`` or ``reflectances``.
     detail : str
         In words, with numbers.
     """
