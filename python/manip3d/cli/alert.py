@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from manip3d.cli.kinds import expect_kind
+from manip3d.cli.many import over_files
 from manip3d.cli.options import MISSED, Force, Json, MostFrames, OptionalOutput, Quiet
 from manip3d.cli.terminal import Terminal, check_output, counted, table
+from manip3d.cli.watermark import key_of
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
 
     from manip3d import LidarFrame
     from manip3d.authenticate import Alert, AlertMonitor, StereoRig
+    from manip3d.batch import Summary
 
 app = typer.Typer(
     name="alert",
@@ -53,12 +56,37 @@ class _Moment(NamedTuple):
     time: float | None
 
 
+OVERVIEW = "overview.html"
+"""Page of all vehicles, in the folder of the pages of each."""
+
+
+def _overview(summary: Summary, output: str) -> None:
+    """Write the page that shows all vehicles and leads to the page of each."""
+    from manip3d import report
+    from manip3d.io import local_output
+
+    drives = []
+    for row in summary.rows:
+        page = str(row["output"]).removeprefix(output.rstrip("/") + "/")
+        drives.append({**row, "page": page if page.endswith(".html") else ""})
+    with local_output(f"{output.rstrip('/')}/{OVERVIEW}") as path:
+        report.write_alert_overview(drives, path)
+
+
 @app.command("run")
+@over_files(
+    lambda: (".pcap", ".pcapng", ".mcap"),
+    writable=lambda: (".html", ".json"),
+    otherwise=".html",
+    drives=True,
+    depends=key_of,
+    finish=_overview,
+)
 def run(
     source: Annotated[
         str,
         typer.Argument(
-            metavar="DRIVE",
+            metavar="SOURCE",
             help="A folder of a KITTI drive, a recording of a LiDAR (.pcap, .mcap, a ROS bag), or "
             "sim:street?seed=0&frames=10 for a simulated drive.",
         ),
@@ -104,6 +132,8 @@ def run(
     --live beside the frames, so that their word comes some frames later). The
     output is a timeline with maps and boxes (.html) or the numbers (.json). The exit code is 0 when
     nothing was found, 3 when a frame was tampered with, and 4 when nothing can be said of a frame.
+    Of several drives, each is watched by itself, and the output is a folder with the page of each
+    and one of all vehicles, overview.html.
 
     Example: manip3d alert run signed --key sensor.key -o alert.html
     """

@@ -216,10 +216,21 @@ def _facts(source: str, counts: AlertCounts) -> str:
 
 
 def _timeline(records: Sequence[dict[str, Any]]) -> str:
-    """One row of cells for each witness, and the risk below."""
+    """One row of cells for each witness, the risk below, and what the colours mean."""
+    used = {_verdict(record, name) for record in records for name in _ROWS}
+    legend = "".join(
+        f"<li><b style='background:{_COLORS[name]}'></b>{meaning}"
+        for name, meaning in _MEANING.items()
+        if name in used
+    )
+    return _strip_of(records, _ROWS) + f"<ul class=legend>{legend}</ul>"
+
+
+def _strip_of(records: Sequence[dict[str, Any]], names: Sequence[str] = _ROWS[:1]) -> str:
+    """One row of cells for each name, and the risk below."""
     count = max(len(records), 1)
     parts = ["<div class=time>"]
-    for name in _ROWS:
+    for name in names:
         cells = "".join(_cells([_verdict(record, name) for record in records]))
         parts.append(
             f"<span>{name}</span><svg viewBox='0 0 {count} 1' height=22 "
@@ -239,13 +250,7 @@ def _timeline(records: Sequence[dict[str, Any]]) -> str:
         f"<span></span><span>frame 0 to {len(records) - 1}; lines at 0.3 (medium) and 0.6 (high)"
         "</span></div>"
     )
-    used = {_verdict(record, name) for record in records for name in _ROWS}
-    legend = "".join(
-        f"<li><b style='background:{_COLORS[name]}'></b>{meaning}"
-        for name, meaning in _MEANING.items()
-        if name in used
-    )
-    return "".join(parts) + f"<ul class=legend>{legend}</ul>"
+    return "".join(parts)
 
 
 def _verdict(record: dict[str, Any], row: str) -> str:
