@@ -19,6 +19,7 @@ namespace manip3d::bindings {
 namespace {
 
 constexpr std::tuple kCrossModalOptions{
+    Field{"heading", &CrossModalOptions::heading},
     Field{"azimuth_step", &CrossModalOptions::azimuth_step},
     Field{"elevation_step", &CrossModalOptions::elevation_step},
     Field{"half_azimuth", &CrossModalOptions::half_azimuth},
@@ -80,7 +81,7 @@ void bind_cross_modal(py::module_& m) {
         for (const CrossModalComponent& c : result.components) {
           components.append(py::make_tuple(c.added, c.cells, c.empty, c.dark, c.solid_angle, c.area,
                                            c.evidence, c.difference, to_array(c.lower),
-                                           to_array(c.upper)));
+                                           to_array(c.upper), to_array(c.center)));
         }
         return py::make_tuple(to_fields(std::move(result), kCrossModalResult), components);
       },

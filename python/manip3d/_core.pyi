@@ -1758,7 +1758,20 @@ class CrossModalOptions:
     def __getstate__(
         self,
     ) -> tuple[
-        float, float, float, float, float, float, float, float, float, float, int, float, float
+        float,
+        float,
+        float,
+        float,
+        float,
+        float,
+        float,
+        float,
+        float,
+        float,
+        float,
+        int,
+        float,
+        float,
     ]: ...
     def __init__(self) -> None: ...
     def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None: ...
@@ -1782,6 +1795,10 @@ class CrossModalOptions:
     def half_azimuth(self) -> float: ...
     @half_azimuth.setter
     def half_azimuth(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
+    @property
+    def heading(self) -> float: ...
+    @heading.setter
+    def heading(self, arg0: typing.SupportsFloat | typing.SupportsIndex) -> None: ...
     @property
     def highest(self) -> float: ...
     @highest.setter

@@ -97,6 +97,8 @@ def alerts() -> Iterator[object]:
     rig = authenticate.StereoRig(88.0, (47.5, 35.5), 0.5, camera)
     seen = authenticate.Disparity(np.full((72, 96), 12.0, np.float32))
     yield from (rig, seen, authenticate.cross_modal_consistency(scan(), seen, rig))
+    yield authenticate.surround_consistency(scan(), {"front": seen}, {"front": rig})
+    yield authenticate.CameraPair(rig, 2, 3)
     box = manip3d.Box((8, 0, 0), (1, 1, 1))
     yield authenticate.CrossModalRegion("added", 9, 0, 0.01, 1.0, 5.0, box, 2.0)
 

@@ -36,6 +36,10 @@ void check_camera(const DisparityView& disparity, const StereoView& camera) {
 }
 
 void check_cross_modal_options(const CrossModalOptions& options) {
+  if (!(options.heading >= -360.0 && options.heading <= 360.0)) {
+    throw InputError("heading: expected -360 to 360 degrees, got " +
+                     std::to_string(options.heading));
+  }
   if (!(options.azimuth_step > 0.0 && options.elevation_step > 0.0)) {
     throw InputError("azimuth_step, elevation_step: expected numbers > 0");
   }
@@ -61,6 +65,23 @@ void check_cross_modal_options(const CrossModalOptions& options) {
         options.min_missing_area >= 0.0)) {
     throw InputError("min_cells, min_added_area, min_missing_area: expected >= 1, >= 0 and >= 0");
   }
+}
+
+// A turn about the vertical that brings the heading to x.
+Eigen::Matrix3d turn_to_front(double heading_deg) {
+  const auto [sine, cosine] = sin_cos(heading_deg * kDegree);
+  Eigen::Matrix3d turn = Eigen::Matrix3d::Identity();
+  turn.topLeftCorner<2, 2>() << cosine, sine, -sine, cosine;
+  return turn;
+}
+
+Points turned_points(const PointsView& view, const Eigen::Matrix3d& turn) {
+  Points turned(view.num_points(), 3);
+  for (std::int64_t i = 0; i < view.num_points(); ++i) {
+    const Eigen::Vector3d point = view.points.row(i).transpose().cast<double>();
+    turned.row(i) = (turn * point).transpose().cast<float>();
+  }
+  return turned;
 }
 
 // Equirectangular cells ahead of the scanner; row 0 is the highest, column 0 the leftmost.
@@ -355,14 +376,10 @@ std::vector<float> to_ranges(const InverseRanges& seen, bool nearest) {
   return ranges;
 }
 
-}  // namespace
-
-CrossModalResult compare_cross_modal(const PointsView& view, const DisparityView& disparity,
-                                     const StereoView& camera, const CrossModalOptions& options,
-                                     const Progress& progress) {
-  check_points(view);
-  check_camera(disparity, camera);
-  check_cross_modal_options(options);
+// The comparison where the heading is x.
+CrossModalResult compare_ahead(const PointsView& view, const DisparityView& disparity,
+                               const StereoView& camera, const CrossModalOptions& options,
+                               const Progress& progress) {
   const FrontMap map(options);
   InverseRanges lidar(map.cells());
   InverseRanges stereo(map.cells());
@@ -409,7 +426,29 @@ CrossModalResult compare_cross_modal(const PointsView& view, const DisparityView
     CrossModalComponent part = kept[k].component;
     part.lower = kept[k].lower;
     part.upper = kept[k].upper;
+    part.center = (part.lower + part.upper) / 2.0;
     result.components.push_back(part);
+  }
+  return result;
+}
+
+}  // namespace
+
+CrossModalResult compare_cross_modal(const PointsView& view, const DisparityView& disparity,
+                                     const StereoView& camera, const CrossModalOptions& options,
+                                     const Progress& progress) {
+  check_points(view);
+  check_camera(disparity, camera);
+  check_cross_modal_options(options);
+  if (options.heading == 0.0) return compare_ahead(view, disparity, camera, options, progress);
+  const Eigen::Matrix3d turn = turn_to_front(options.heading);
+  const Points turned = turned_points(view, turn);
+  StereoView ahead = camera;
+  ahead.lidar_from_camera.topRows<3>() = turn * camera.lidar_from_camera.topRows<3>();
+  CrossModalResult result = compare_ahead(PointsView({turned.data(), turned.rows(), 3}), disparity,
+                                          ahead, options, progress);
+  for (CrossModalComponent& part : result.components) {
+    part.center = turn.transpose() * part.center;
   }
   return result;
 }

@@ -66,6 +66,7 @@ from manip3d.authenticate._reflectance import (
     ReflectanceResult,
     reflectance_consistency,
 )
+from manip3d.authenticate._rig_files import RIGS_FILE, CameraPair, read_rigs, write_rigs
 from manip3d.authenticate._risk import (
     ACTIONS,
     ATTACK_TYPES,
@@ -86,6 +87,7 @@ from manip3d.authenticate._streams import (
     inspect_stream,
     inter_frame_noise,
 )
+from manip3d.authenticate._surround import SurroundResult, surround_consistency
 from manip3d.authenticate._turns import TurnRegion, TurnResult, turn_consistency
 from manip3d.authenticate._verdict import (
     Calibration,
@@ -131,6 +133,7 @@ __all__ = [
     "PAPER_DENSITY",
     "PAPER_EMBEDDINGS",
     "PAPER_OCCLUSION",
+    "RIGS_FILE",
     "RINGS_OCCLUSION",
     "SPARSE_DENSITY",
     "WITNESSES",
@@ -140,6 +143,7 @@ __all__ = [
     "AngularGrid",
     "AttackObservation",
     "Calibration",
+    "CameraPair",
     "CrossModalParameters",
     "CrossModalRegion",
     "CrossModalResult",
@@ -177,6 +181,7 @@ __all__ = [
     "StreamInspection",
     "StreamRegion",
     "StreamReport",
+    "SurroundResult",
     "SuspectRegion",
     "Tile",
     "TurnRegion",
@@ -214,14 +219,17 @@ __all__ = [
     "occlusion_consistency",
     "plain_name",
     "read_record",
+    "read_rigs",
     "record_path",
     "reflectance_consistency",
     "refuse_existing_record",
     "stereo_disparity",
+    "surround_consistency",
     "temporal_factor",
     "turn_consistency",
     "verdict_of_alerts",
     "verdict_of_drive",
     "verdict_of_stream",
+    "write_rigs",
     "write_watermarked",
 ]

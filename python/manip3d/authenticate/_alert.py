@@ -21,6 +21,7 @@ from manip3d.authenticate._cross_modal import (
 from manip3d.authenticate._inspect import Inspection, inspect
 from manip3d.authenticate._risk import ACTIONS, AttackObservation, Risk, RiskParameters, RiskTracker
 from manip3d.authenticate._stereo import StereoRig, stereo_disparity
+from manip3d.authenticate._surround import SurroundResult
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
@@ -83,7 +84,8 @@ class Alert:
         From receiving the frame to this verdict.
     is_late : bool
         It took longer than the budget.
-    cross_modal : CrossModalResult or None
+    cross_modal : CrossModalResult, SurroundResult or None
+        The second of a monitor with several pairs.
     watermark : WatermarkResult or None
     forensics : Inspection or None
     """
@@ -97,7 +99,7 @@ class Alert:
     risk: Risk
     seconds: float
     is_late: bool
-    cross_modal: CrossModalResult | None = field(default=None, repr=False)
+    cross_modal: CrossModalResult | SurroundResult | None = field(default=None, repr=False)
     watermark: WatermarkResult | None = field(default=None, repr=False)
     forensics: Inspection | None = field(default=None, repr=False)
 
@@ -131,7 +133,8 @@ class AlertCounts:
     verdicts : mapping of str to int
         ``skipped`` counts frames that no witness saw.
     skipped : mapping of str to int
-        By witness: frames in which it had no time, or was not due.
+        By witness: frames in which it had no time, or was not due. Of several stereo pairs also
+        each by itself, as ``cross-modal NAME``.
     late : int
         Frames whose verdict took longer than the budget.
     slowest_s : float
@@ -171,8 +174,10 @@ class AlertMonitor:
         Verifier with its key; without one no frame is ``authentic``.
     policy : Policy, optional
         The verifier's.
-    rig : StereoRig, optional
-        Cameras; without them nothing is compared.
+    rig : StereoRig or mapping of str to StereoRig, optional
+        Cameras, or several pairs by their names; without them nothing is compared. Of several
+        pairs those that were heard longest ago come first, and beyond the budget one a frame, so
+        that each speaks at least once every ``every_s`` and a frame for each of the others.
     budget_s : float, seconds
         For the verdict on a frame: the time between two frames. Infinity: nothing is skipped but
         forensics, for a drive that is looked at afterwards.
@@ -210,7 +215,7 @@ class AlertMonitor:
         marker: Watermarker | None = None,
         *,
         policy: Policy | None = None,
-        rig: StereoRig | None = None,
+        rig: StereoRig | Mapping[str, StereoRig] | None = None,
         budget_s: float = 0.1,
         every_s: float = 1.0,
         cross_modal: CrossModalParameters | None = None,
@@ -218,10 +223,17 @@ class AlertMonitor:
         background: bool = False,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
+        if isinstance(rig, Mapping) and not rig:
+            raise InputError("rig: expected at least one stereo rig, got none")
+        if isinstance(rig, Mapping) and cross_modal is not None and cross_modal.heading is not None:
+            raise InputError("cross_modal: expected no heading with several rigs")
         for name, value in (("budget_s", budget_s), ("every_s", every_s)):
             if not value > 0.0:
                 raise InputError(f"{name}: expected a number > 0, got {value}")
-        self._marker, self._policy, self._rig = marker, policy, rig
+        self._marker, self._policy = marker, policy
+        self._rig = rig if isinstance(rig, StereoRig) else None
+        self._rigs = {} if rig is None or isinstance(rig, StereoRig) else dict(rig)
+        self._turns = list(self._rigs)  # the pair that was heard longest ago first
         self._budget, self._every = budget_s, every_s
         self._parameters = cross_modal
         self._risk = RiskTracker(risk)
@@ -246,6 +258,7 @@ class AlertMonitor:
         record: bytes | None = None,
         left: ArrayLike | None = None,
         right: ArrayLike | None = None,
+        pairs: Mapping[str, tuple[ArrayLike, ArrayLike]] | None = None,
         speed_mps: float,
         motion: tuple[float, float, float] = (0.0, 0.0, 0.0),
         time_s: float | None = None,
@@ -260,6 +273,8 @@ class AlertMonitor:
             The watermark's record; without one a monitor with a key says ``undecidable``.
         left, right : (H, W) or (H, W, 3) uint8, optional
             The rectified pair taken at the same moment.
+        pairs : mapping of str to (left, right), optional
+            Of a monitor with several rigs, the pictures of each; a pair may have none.
         speed_mps : float, m/s
             Of the car.
         motion : (float, float, float)
@@ -273,13 +288,14 @@ class AlertMonitor:
         Raises
         ------
         InputError
-            One picture without the other, pictures of another kind, a time that is not finite, a
-            negative wait.
+            One picture without the other, pictures of another kind, a pair without a rig, a time
+            that is not finite, a negative wait.
         MissingExtraError
             There are pictures and OpenCV is not installed.
         """
         if (left is None) != (right is None):
             raise InputError("left, right: expected both pictures or none")
+        self._check_pairs(left, pairs)
         if time_s is not None and not math.isfinite(time_s):
             raise InputError(f"time_s: expected a finite number, got {time_s}")
         if not 0.0 <= waited_s < math.inf:
@@ -288,7 +304,11 @@ class AlertMonitor:
             begin = self._clock() - waited_s
             now = self._number * min(self._budget, _FRAME_S) if time_s is None else time_s
             watermark, sworn = self._ask_watermark(frame, record)
-            cross, seen = self._ask_cameras(frame, left, right, now, begin)
+            cross, seen = (
+                self._ask_pairs(frame, pairs or {}, now, begin)
+                if self._rigs
+                else self._ask_cameras(frame, left, right, now, begin)
+            )
             forensics, looked = self._ask_forensics(frame, watermark, now)
             told = {"watermark": sworn, "cross-modal": seen, "forensics": looked}
             verdict, reason = _joined(told, has_key=self._marker is not None)
@@ -390,6 +410,54 @@ class AlertMonitor:
         )
         return found, self._heard("cross-modal", found.verdict, found.reason, start, now)
 
+    def _check_pairs(
+        self, left: ArrayLike | None, pairs: Mapping[str, tuple[ArrayLike, ArrayLike]] | None
+    ) -> None:
+        if self._rigs and left is not None:
+            raise InputError("left, right: expected pairs, since the monitor has several rigs")
+        for name in pairs or {}:
+            if name not in self._rigs:
+                known = ", ".join(sorted(self._rigs)) or "none, since the monitor has no named rigs"
+                raise InputError(f"pairs: expected names of rigs ({known}), got {name!r}")
+
+    def _ask_pairs(
+        self,
+        frame: LidarFrame,
+        pairs: Mapping[str, tuple[ArrayLike, ArrayLike]],
+        now: float,
+        begin: float,
+    ) -> tuple[SurroundResult | None, WitnessReport]:
+        """Ask the pairs that there is time for, and of those that are due one beyond it."""
+        if not pairs:
+            return None, WitnessReport("absent", "no stereo pair")
+        start = self._clock()
+        found: dict[str, CrossModalResult] = {}
+        left_out = []
+        is_beyond = False
+        for name in [each for each in self._turns if each in pairs]:
+            has_time = self._has_time(_of_pair(name), begin)
+            if not has_time and (is_beyond or not self._is_due(_of_pair(name), now)):
+                left_out.append(name)
+                continue
+            asked = self._clock()
+            disparity = stereo_disparity(*pairs[name])
+            found[name] = cross_modal_consistency(
+                frame, disparity, self._rigs[name], parameters=self._parameters
+            )
+            self._heard(_of_pair(name), found[name].verdict, found[name].reason, asked, now)
+            is_beyond = self._clock() - begin > self._budget
+        self._turns = [each for each in self._turns if each not in found] + list(found)
+        for name in left_out:
+            self._skipped[_of_pair(name)] = self._skipped.get(_of_pair(name), 0) + 1
+        if not found:
+            return None, WitnessReport("skipped", "no time left in this frame")
+        joined = SurroundResult({name: found[name] for name in self._rigs if name in found})
+        reason = joined.reason
+        if len(found) < len(self._rigs):
+            silent = ", ".join(name for name in self._rigs if name not in found)
+            reason = f"{reason} (not asked: {silent})"
+        return joined, WitnessReport(joined.verdict, reason, self._clock() - start)
+
     def _ask_forensics(
         self, frame: LidarFrame, watermark: WatermarkResult | None, now: float
     ) -> tuple[Inspection | None, WitnessReport]:
@@ -466,8 +534,14 @@ def _joined(told: Mapping[str, WitnessReport], *, has_key: bool) -> tuple[str, s
     return "undecidable", "no witness has seen this frame"
 
 
+def _of_pair(name: str) -> str:
+    return f"cross-modal {name}"
+
+
 def _boxes(
-    watermark: WatermarkResult | None, cross: CrossModalResult | None, forensics: Inspection | None
+    watermark: WatermarkResult | None,
+    cross: CrossModalResult | SurroundResult | None,
+    forensics: Inspection | None,
 ) -> tuple[Box, ...]:
     """The narrowest that is known: cameras, else forensics, else the sectors of the watermark."""
     if cross is not None and cross.verdict == "tampered":
@@ -481,7 +555,7 @@ def _boxes(
 
 def _observation(
     watermark: WatermarkResult | None,
-    cross: CrossModalResult | None,
+    cross: CrossModalResult | SurroundResult | None,
     forensics: Inspection | None,
     speed_mps: float,
     region: RiskParameters,

@@ -40,7 +40,7 @@ class CrossModalParameters:
     azimuth_step, elevation_step : float, degrees
         Size of a cell of the maps.
     half_azimuth : float, degrees
-        The maps reach this far to each side of straight ahead.
+        The maps reach this far to each side of the heading.
     lowest, highest : float, degrees
         Elevations of the maps: the scanner's own field of view.
     min_range, max_range : float, metres
@@ -58,6 +58,9 @@ class CrossModalParameters:
     min_added_area, min_missing_area : float, square metres
         Least evidence of a region: its area, each cell at its own range, dark empty cells at their
         weight.
+    heading : float or None, degrees
+        Azimuth of the maps' middle, counter-clockwise from straight ahead; None: where the cameras
+        look (`StereoRig.heading_deg`), to the nearest 5 degrees.
 
     Notes
     -----
@@ -81,12 +84,15 @@ class CrossModalParameters:
     min_cells: int = 25
     min_added_area: float = 0.25
     min_missing_area: float = 0.2
+    heading: float | None = None
 
     def to_core(self) -> _core.CrossModalOptions:
         """Return the same for the core."""
         options = _core.CrossModalOptions()
         for each in fields(self):
-            setattr(options, each.name, getattr(self, each.name))
+            value = getattr(self, each.name)
+            if value is not None:
+                setattr(options, each.name, value)
         return options
 
 
@@ -129,11 +135,19 @@ class CrossModalRegion:
 
     @property
     def azimuth(self) -> tuple[float, float]:
-        """Azimuths between which the box lies, radians, the smaller one first."""
+        """Azimuths between which the box lies, radians, counter-clockwise from the first.
+
+        The middle of the box lies within pi of straight ahead; the ends may lie beyond.
+        """
         (x, y, _), (length, width, _) = self.box.center, self.box.size
-        angles = [
-            math.atan2(y + sy * width / 2, x + sx * length / 2) for sx in (-1, 1) for sy in (-1, 1)
-        ]
+        cosine, sine = math.cos(self.box.yaw), math.sin(self.box.yaw)
+        middle = math.atan2(y, x)
+        angles = []
+        for sx, sy in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+            along, across = sx * length / 2, sy * width / 2
+            corner = math.atan2(y + sine * along + cosine * across,
+                                x + cosine * along - sine * across)  # fmt: skip
+            angles.append(middle + math.remainder(corner - middle, 2.0 * math.pi))
         return min(angles), max(angles)
 
     def record(self) -> dict[str, object]:
@@ -172,6 +186,8 @@ class CrossModalResult(Showable):
         Rows of added points, ascending.
     lidar, stereo : (H, W) float32, metres
         Ranges; 0: nothing. Row 0 is the highest elevation, column 0 the leftmost azimuth.
+    heading : float, degrees
+        Azimuth of the maps' middle.
     difference : (H, W) float32, pixels of disparity
         LiDAR minus stereo; 0 where nothing is judged.
     mask : (H, W) int8
@@ -203,6 +219,7 @@ class CrossModalResult(Showable):
     score: float
     parameters: CrossModalParameters
     scan: LidarFrame | None = field(default=None, repr=False)
+    heading: float = 0.0
 
     @property
     def boxes(self) -> tuple[Box, ...]:
@@ -211,13 +228,19 @@ class CrossModalResult(Showable):
 
     @property
     def judged_azimuth_deg(self) -> tuple[float, float]:
-        """Leftmost and rightmost azimuth that is judged at all, degrees; (0, 0): none."""
+        """Leftmost and rightmost azimuth that is judged at all, degrees; (0, 0): none.
+
+        Of cameras that look to the side or back they may lie beyond 180 degrees.
+        """
         columns = np.flatnonzero(self.judged.any(axis=0))
         if not len(columns):
             return (0.0, 0.0)
         p = self.parameters
-        left = p.half_azimuth - p.azimuth_step * float(columns[0])
-        return (left, p.half_azimuth - p.azimuth_step * float(columns[-1] + 1))
+        left = self.heading + p.half_azimuth
+        return (
+            left - p.azimuth_step * float(columns[0]),
+            left - p.azimuth_step * float(columns[-1] + 1),
+        )
 
     def observation(
         self, *, speed_mps: float, parameters: RiskParameters | None = None
@@ -233,19 +256,24 @@ class CrossModalResult(Showable):
         """
         if not self.regions or self.verdict != "tampered":
             return None
-        region = RiskParameters() if parameters is None else parameters
         near = min(self.regions, key=lambda each: _nearest(each.box))
+        changed, judged = self.cells_in_region(speed_mps, parameters)
+        return AttackObservation(self.attack, nearest_place(near.box), changed, judged)
+
+    def cells_in_region(
+        self, speed_mps: float, parameters: RiskParameters | None = None
+    ) -> tuple[int, int]:
+        """Return how many cells of the safety region were changed, and how many are judged."""
+        region = RiskParameters() if parameters is None else parameters
         inside = self._in_region(region, speed_mps) & self.judged
-        changed = int(np.count_nonzero(inside & (self.mask != 0)))
-        return AttackObservation(
-            self.attack, _nearest_place(near.box), changed, int(np.count_nonzero(inside))
-        )
+        return int(np.count_nonzero(inside & (self.mask != 0))), int(np.count_nonzero(inside))
 
     def _in_region(self, region: RiskParameters, speed_mps: float) -> NDArray[np.bool_]:
         """Cells whose surface lies in the safety region: what is missing counts where it was."""
         p = self.parameters
         rows, columns = self.mask.shape
-        azimuth = np.radians(p.half_azimuth - p.azimuth_step * (np.arange(columns) + 0.5))
+        left = self.heading + p.half_azimuth
+        azimuth = np.radians(left - p.azimuth_step * (np.arange(columns) + 0.5))
         elevation = np.radians(p.highest - p.elevation_step * (np.arange(rows) + 0.5))[:, None]
         seen = np.where(self.mask < 0, self.stereo, self.lidar)
         distance = np.where(seen > 0.0, seen, self.stereo).astype(np.float64)
@@ -307,7 +335,8 @@ def cross_modal_consistency(
     """
     scene = to_scan(scan)
     chosen = CrossModalParameters() if parameters is None else parameters
-    in_pixels_of_map = replace(chosen, tolerance=chosen.tolerance / disparity.step)
+    heading = _to_five_degrees(rig.heading_deg) if chosen.heading is None else chosen.heading
+    in_pixels_of_map = replace(chosen, tolerance=chosen.tolerance / disparity.step, heading=heading)
     found, components = _core.compare_cross_modal(
         scene.points,
         disparity.values,
@@ -317,7 +346,7 @@ def cross_modal_consistency(
         disparity.grey,
     )
     shape = (found["rows"], found["columns"])
-    regions = tuple(_region(values, chosen, disparity.step) for values in components)
+    regions = tuple(_region(values, chosen, disparity.step, heading) for values in components)
     judged = found["judged"].reshape(shape).astype(bool)
     cells = float(np.mean(judged))
     points = found["judged_points"] / max(len(scene.points), 1)
@@ -345,7 +374,13 @@ def cross_modal_consistency(
         max((region.score for region in regions), default=0.0),
         chosen,
         placed(scene, np.zeros(3)),
+        heading,
     )
+
+
+def _to_five_degrees(heading: float) -> float:
+    """Cameras that look ahead but for their mounting are compared in the LiDAR's own axes."""
+    return 5.0 * round(heading / 5.0) + 0.0  # never -0
 
 
 @checked
@@ -376,17 +411,24 @@ def attack_type(regions: Sequence[CrossModalRegion]) -> str:
 def _is_one_object(added: CrossModalRegion, missing: CrossModalRegion) -> bool:
     if math.dist(added.box.center[:2], missing.box.center[:2]) <= NEAR_M:
         return True
-    left, right = added.azimuth, missing.azimuth
     ratio = max(added.area, missing.area) / min(added.area, missing.area)
-    return left[0] <= right[1] and right[0] <= left[1] and ratio <= COMPARABLE
+    return _overlap(added.azimuth, missing.azimuth) and ratio <= COMPARABLE
+
+
+def _overlap(a: tuple[float, float], b: tuple[float, float]) -> bool:
+    """Whether two ranges of azimuths have one in common, also across straight behind."""
+    turn = 2.0 * math.pi
+    return any(a[0] <= b[1] + shift and b[0] + shift <= a[1] for shift in (-turn, 0.0, turn))
 
 
 def _region(
-    values: tuple[Any, ...], parameters: CrossModalParameters, step: int
+    values: tuple[Any, ...], parameters: CrossModalParameters, step: int, heading: float
 ) -> CrossModalRegion:
-    added, cells, empty, dark, solid_angle, area, evidence, difference, lower, upper = values
+    added, cells, empty, dark, solid_angle, area, evidence, difference, lower, upper, center = (
+        values
+    )
     least = parameters.min_added_area if added else parameters.min_missing_area
-    x, y, z = ((a + b) / 2 for a, b in zip(lower, upper, strict=True))
+    x, y, z = center
     length, width, height = (b - a for a, b in zip(lower, upper, strict=True))
     return CrossModalRegion(
         "added" if added else "missing",
@@ -395,24 +437,32 @@ def _region(
         solid_angle,
         area,
         difference * step,
-        Box((x, y, z), (length, width, height), 0.0, "added" if added else "missing"),
+        Box(
+            (x, y, z),
+            (length, width, height),
+            math.radians(heading),
+            "added" if added else "missing",
+        ),
         evidence / least if least > 0.0 else math.inf,
         dark,
         evidence,
     )
 
 
-def _nearest_place(box: Box) -> tuple[float, float]:
+def nearest_place(box: Box) -> tuple[float, float]:
     """Place of a box over the ground that is nearest to the scanner."""
-    x, y = (
+    cosine, sine = math.cos(box.yaw), math.sin(box.yaw)
+    x, y, _ = box.center
+    own = (cosine * x + sine * y, cosine * y - sine * x)  # along the sides of the box
+    along, across = (
         math.copysign(max(abs(at) - size / 2, 0.0), at)
-        for at, size in zip(box.center[:2], box.size[:2], strict=True)
+        for at, size in zip(own, box.size[:2], strict=True)
     )
-    return x, y
+    return cosine * along - sine * across, sine * along + cosine * across
 
 
 def _nearest(box: Box) -> float:
-    return math.hypot(*_nearest_place(box))
+    return math.hypot(*nearest_place(box))
 
 
 def _in_words(regions: Sequence[CrossModalRegion]) -> str:

@@ -80,6 +80,15 @@ class StereoRig:
         if not all(math.isfinite(value) for value in self.center):
             raise InputError(f"center: expected finite numbers, got {self.center}")
 
+    @property
+    def heading_deg(self) -> float:
+        """Azimuth of the cameras' axis, degrees counter-clockwise from straight ahead.
+
+        0 where they look straight up or down.
+        """
+        x, y = self.T_lidar_camera[:2, 2]
+        return math.degrees(math.atan2(y, x))
+
     @classmethod
     def from_calibration(
         cls, calibration: Calibration, *, left: int = 2, right: int = 3

@@ -31,7 +31,7 @@ from __future__ import annotations
 
 from manip3d.batch._rows import Rows
 from manip3d.batch._run import Summary, run
-from manip3d.batch._sources import SourceFile, find_files, is_folder, is_pattern
+from manip3d.batch._sources import SourceFile, find_drives, find_files, is_folder, is_pattern
 from manip3d.batch._stored import run_stored
 from manip3d.batch._table import TABLE_SUFFIXES, write_table
 
@@ -40,6 +40,7 @@ __all__ = [
     "Rows",
     "SourceFile",
     "Summary",
+    "find_drives",
     "find_files",
     "is_folder",
     "is_pattern",

@@ -81,8 +81,9 @@ def run(
     Parameters
     ----------
     function : callable(source, output, **options) -> mapping
-        What is done with one file: reads the path ``source``, writes the path ``output`` (None
-        without one) and returns the columns of its row. Workers import it by its name.
+        What is done with one file: reads the path ``source``, writes the path ``output`` (a file or
+        a folder; None without one) and returns the columns of its row. Workers import it by its
+        name.
     sources : path, URL, or sequence of them
         Files, folders and patterns, as `find_files` takes them, or what it returned.
     output : path or URL, optional
@@ -189,8 +190,7 @@ def one_file(function: Work, source: str, output: str | None, options: Mapping[s
                 for part in error.args
             )
             raise
-        is_file = written is not None and written.is_file()
-        num_bytes = written.stat().st_size if written is not None and is_file else None
+        num_bytes = None if written is None else _bytes_of(written)
         names = {str(local): source} | ({str(written): output} if written is not None else {})
     fixed = {"source": source, "output": output, "error": "", "output_bytes": num_bytes}
     row = fixed | {"seconds": round(time.perf_counter() - started, 4)}
@@ -199,6 +199,13 @@ def one_file(function: Work, source: str, output: str | None, options: Mapping[s
         key: names.get(value, value) if isinstance(value, str) else value
         for key, value in plain.items()
     }
+
+
+def _bytes_of(output: Path) -> int | None:
+    """The size of a file, or of all files of a folder; None: there is nothing."""
+    if output.is_dir():
+        return sum(Place(str(output)).sizes().values())
+    return output.stat().st_size if output.is_file() else None
 
 
 def _plain(value: Any) -> Any:
@@ -304,7 +311,7 @@ def _store(
     overwrite: bool,
 ) -> _Checked | _Memory:
     """The rows of earlier runs, after a look that nothing of others would be replaced."""
-    sizes = {} if output is None else output.sizes()
+    sizes = {} if output is None else _with_folders(output.sizes())
     if table is None:
         return _Memory()
     asked = {
@@ -316,6 +323,15 @@ def _store(
     if not overwrite and not Place(folder).names():
         _refuse_existing(table, output, sizes, targets)
     return _Checked(Rows(folder, asked, overwrite=overwrite), output, sizes)
+
+
+def _with_folders(sizes: Mapping[str, int]) -> dict[str, int]:
+    """The sizes of files by their relative names, and of the folders that they are in."""
+    totals = dict(sizes)
+    for name, size in sizes.items():
+        for folder in PurePosixPath(name).parents[:-1]:
+            totals[str(folder)] = totals.get(str(folder), 0) + size
+    return totals
 
 
 def _refuse_existing(

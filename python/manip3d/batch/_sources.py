@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import hashlib
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -101,6 +102,108 @@ def find_files(
     return [found[name] for name in sorted(found)]
 
 
+@checked
+def find_drives(
+    sources: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    *,
+    suffixes: Sequence[str] | None = None,
+) -> list[SourceFile]:
+    """Return the drives that sources stand for, sorted by name, each once.
+
+    A drive is one piece of work, whatever the number of its scans: what is said of a frame depends
+    on the frames before it.
+
+    Parameters
+    ----------
+    sources : path or sequence of them
+        Drives in KITTI's layout, folders (all drives below them), patterns, files that are taken
+        as they are, and ``sim:`` addresses.
+    suffixes : sequence of str, optional
+        Of a folder, files with one of these are taken, too, as `find_files` does. Files within a
+        drive are not: they are its own.
+
+    Raises
+    ------
+    InputError
+        A folder or a pattern stands for nothing; a source is a URL.
+    OSError
+        There is no such source.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     for name in ("a", "b"):
+    ...         (Path(folder) / "day" / name / "velodyne").mkdir(parents=True)
+    ...     print([drive.relative for drive in find_drives(folder)])
+    ['day/a', 'day/b']
+    """
+    named = [sources] if isinstance(sources, str | os.PathLike) else list(sources)
+    found: dict[str, SourceFile] = {}
+    for source in named:
+        if is_url(source):
+            raise InputError(f"{source}: expected a drive on this machine, got a URL")
+        name = os.fspath(source)
+        if name.startswith(_ADDRESSES):
+            found.setdefault(name, SourceFile(name, _plain_name(name), name))
+            continue
+        for drive in _drives_of(str(path_of(source, "sources")), suffixes):
+            found.setdefault(drive.name, drive)
+    return [found[name] for name in sorted(found)]
+
+
+def _plain_name(address: str) -> str:
+    """A name for the outputs of an address: ``sim:street?seed=1`` becomes ``sim-street-seed-1``."""
+    return re.sub(r"[^A-Za-z0-9.]+", "-", address).strip("-")
+
+
+def _drives_of(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]:
+    if is_pattern(source):
+        places, root = [Path(p) for p in glob.glob(source, recursive=True)], _fixed_part(source)
+        taken = [place for place in places if place.is_file() or _is_drive(place)]
+    elif Path(source).is_dir() and not _is_drive(Path(source)):
+        taken, root = list(_below(Path(source), suffixes)), source
+    else:
+        Path(source).stat()  # a missing source is an OSError that names it
+        taken, root = [Path(source)], str(Path(source).parent)
+    if not taken:
+        raise InputError(f"{source}: expected drives in KITTI's layout, found none")
+    is_named = is_pattern(source) or not Path(source).is_dir() or _is_drive(Path(source))
+    for place in taken:
+        stamp = _stamp_of_folder(place) if place.is_dir() else _stamp_of_file(place)
+        yield SourceFile(str(place), os.path.relpath(place, root), stamp, is_named)
+
+
+def _is_drive(folder: Path) -> bool:
+    return (folder / "velodyne_points").is_dir() or (folder / "velodyne").is_dir()
+
+
+def _below(folder: Path, suffixes: Sequence[str] | None) -> Iterator[Path]:
+    """Drives below a folder, and the wanted files that belong to none."""
+    for top, folders, names in os.walk(folder):
+        folders.sort()
+        if _is_drive(Path(top)):
+            folders.clear()
+            yield Path(top)
+        elif suffixes is not None:
+            yield from (Path(top) / name for name in names if _is_wanted(name, suffixes))
+
+
+def _stamp_of_file(path: Path) -> str:
+    status = path.stat()
+    return f"{status.st_size} {status.st_mtime_ns}"
+
+
+def _stamp_of_folder(folder: Path) -> str:
+    """Changes when a file in the folder does, comes or goes."""
+    digest = hashlib.sha256()
+    files = sorted(Path(top) / name for top, _, names in os.walk(folder) for name in names)
+    for file in files:
+        digest.update(f"{file.relative_to(folder)}\0{_stamp_of_file(file)}\n".encode())
+    return f"{len(files)} {digest.hexdigest()[:32]}"
+
+
 def _local(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]:
     path = Path(source)
     if is_pattern(source):
@@ -114,8 +217,7 @@ def _local(source: str, suffixes: Sequence[str] | None) -> Iterator[SourceFile]:
         files, root = [path], str(path.parent)
     _refuse_none(files, source, suffixes)
     for file in files:
-        status = file.stat()
-        stamp = f"{status.st_size} {status.st_mtime_ns}"
+        stamp = _stamp_of_file(file)
         yield SourceFile(str(file), os.path.relpath(file, root), stamp, not path.is_dir())
 
 

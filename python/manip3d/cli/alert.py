@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -14,8 +14,10 @@ import typer
 
 from manip3d._util.times import SECOND_NS
 from manip3d.cli.kinds import expect_kind
+from manip3d.cli.many import over_files
 from manip3d.cli.options import MISSED, Force, Json, MostFrames, OptionalOutput, Quiet
 from manip3d.cli.terminal import Terminal, check_output, counted, table
+from manip3d.cli.watermark import key_of
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,6 +25,11 @@ if TYPE_CHECKING:
 
     from manip3d import LidarFrame
     from manip3d.authenticate import Alert, AlertMonitor, StereoRig
+    from manip3d.batch import Summary
+    from manip3d.datasets import KittiFrame
+    from manip3d.simulate import DriveFrame
+
+    Cameras = StereoRig | Mapping[str, StereoRig] | None
 
 app = typer.Typer(
     name="alert",
@@ -45,21 +52,47 @@ def _group() -> None:
 
 
 class _Moment(NamedTuple):
-    """What reaches the car at one time."""
+    """What reaches the car at one time: the pictures of one pair, or of several by their names."""
 
     frame: LidarFrame
     pictures: tuple[Any, Any] | None
     record: bytes | None
     velocity: tuple[float, float, float] | None
     time: float | None
+    pairs: Mapping[str, tuple[Any, Any]] | None = None
+
+
+OVERVIEW = "overview.html"
+"""Page of all vehicles, in the folder of the pages of each."""
+
+
+def _overview(summary: Summary, output: str) -> None:
+    """Write the page that shows all vehicles and leads to the page of each."""
+    from manip3d import report
+    from manip3d.io import local_output
+
+    drives = []
+    for row in summary.rows:
+        page = str(row["output"]).removeprefix(output.rstrip("/") + "/")
+        drives.append({**row, "page": page if page.endswith(".html") else ""})
+    with local_output(f"{output.rstrip('/')}/{OVERVIEW}") as path:
+        report.write_alert_overview(drives, path)
 
 
 @app.command("run")
+@over_files(
+    lambda: (".pcap", ".pcapng", ".mcap"),
+    writable=lambda: (".html", ".json"),
+    otherwise=".html",
+    drives=True,
+    depends=key_of,
+    finish=_overview,
+)
 def run(
     source: Annotated[
         str,
         typer.Argument(
-            metavar="DRIVE",
+            metavar="SOURCE",
             help="A folder of a KITTI drive, a recording of a LiDAR (.pcap, .mcap, a ROS bag), or "
             "sim:street?seed=0&frames=10 for a simulated drive.",
         ),
@@ -72,6 +105,13 @@ def run(
     calibration: Annotated[
         Path | None,
         typer.Option(help="Calibration of the drive, when not where KITTI has it."),
+    ] = None,
+    rigs: Annotated[
+        Path | None,
+        typer.Option(
+            help="Stereo pairs of the drive, which may look all around; by default rigs.json in "
+            "its folder, else KITTI's front pair."
+        ),
     ] = None,
     speed: Annotated[
         float,
@@ -105,6 +145,8 @@ def run(
     --live beside the frames, so that their word comes some frames later). The
     output is a timeline with maps and boxes (.html) or the numbers (.json). The exit code is 0 when
     nothing was found, 3 when a frame was tampered with, and 4 when nothing can be said of a frame.
+    Of several drives, each is watched by itself, and the output is a folder with the page of each
+    and one of all vehicles, overview.html.
 
     Example: manip3d alert run signed --key sensor.key -o alert.html
     """
@@ -112,7 +154,7 @@ def run(
 
     shell = Terminal(as_json=as_json, quiet=quiet)
     check_output(output, report.ALERT_KINDS, force=force)
-    rig, moments, total = _opened(source, calibration, frames, has_key=key is not None)
+    rig, moments, total = _opened(source, calibration, rigs, frames, has_key=key is not None)
     timeline = report.AlertTimeline(source)
     told: list[tuple[str, str]] = []
     with ExitStack() as stack:
@@ -171,6 +213,7 @@ def _judged(
             record=moment.record,
             left=pair[0],
             right=pair[1],
+            pairs=moment.pairs,
             speed_mps=abs(ahead),
             motion=(ahead * step, left * step, turn * step),
             time_s=moment.time,
@@ -179,22 +222,31 @@ def _judged(
 
 
 def _opened(
-    source: str, calibration: Path | None, frames: int | None, *, has_key: bool
-) -> tuple[StereoRig | None, Iterator[_Moment], int]:
+    source: str,
+    calibration: Path | None,
+    rigs: Path | None,
+    frames: int | None,
+    *,
+    has_key: bool,
+) -> tuple[Cameras, Iterator[_Moment], int]:
     """The cameras, the frames, and how many there are."""
     if source.startswith("sim:"):
-        if calibration is not None:
-            raise InputError("--calibration: expected with a folder, got a simulated drive")
+        _refuse_files("a simulated drive", "a folder", calibration, rigs)
         return _simulated(source, frames)
     kind = expect_kind(source, "drive", "packets", verb="alert run")
     if kind == "drive":
-        return _recorded(source, calibration, frames, has_key=has_key)
-    if calibration is not None:
-        raise InputError("--calibration: expected with a KITTI drive, got a recording of a LiDAR")
+        return _recorded(source, calibration, rigs, frames, has_key=has_key)
+    _refuse_files("a recording of a LiDAR", "a KITTI drive", calibration, rigs)
     return _scans_only(source, frames)
 
 
-def _scans_only(source: str, frames: int | None) -> tuple[None, Iterator[_Moment], int]:
+def _refuse_files(got: str, expected: str, calibration: Path | None, rigs: Path | None) -> None:
+    for name, path in (("calibration", calibration), ("rigs", rigs)):
+        if path is not None:
+            raise InputError(f"--{name}: expected with {expected}, got {got}")
+
+
+def _scans_only(source: str, frames: int | None) -> tuple[Cameras, Iterator[_Moment], int]:
     """A recording without cameras, records and speeds."""
     from manip3d import capture
     from manip3d.viewer import scan_address
@@ -211,45 +263,50 @@ def _scans_only(source: str, frames: int | None) -> tuple[None, Iterator[_Moment
     return None, moments(), frames or 0
 
 
-def _simulated(address: str, frames: int | None) -> tuple[StereoRig, Iterator[_Moment], int]:
-    from manip3d import authenticate, datasets, simulate
+def _simulated(address: str, frames: int | None) -> tuple[Cameras, Iterator[_Moment], int]:
+    from manip3d import simulate
     from manip3d.simulate import cameras
 
-    source = simulate.open_drive(address)
-    rig = authenticate.StereoRig.from_calibration(datasets.KittiCalibration(*cameras.projections()))
+    source = iter(simulate.open_drive(address))
+    first = next(source)
+    around = cameras.surround_rigs()
+    rigs: Cameras = around if first.around else around["front"]
 
     def moments() -> Iterator[_Moment]:
-        for number, frame in enumerate(source):
-            if number == frames:
-                return
-            pair = frame.pictures
-            yield _Moment(
-                frame.scan.frame,
-                None if pair is None else (pair.left, pair.right),
-                None,
-                frame.velocity,
-                frame.time,
-            )
+        for frame in itertools.islice(itertools.chain([first], source), frames):
+            yield _simulated_moment(frame)
 
-    return rig, moments(), frames or 0
+    return rigs, moments(), frames or 0
+
+
+def _simulated_moment(frame: DriveFrame) -> _Moment:
+    one = None if frame.pictures is None else (frame.pictures.left, frame.pictures.right)
+    pairs = {name: (pair.left, pair.right) for name, pair in frame.around.items()}
+    pictures = None if pairs else one
+    return _Moment(frame.scan.frame, pictures, None, frame.velocity, frame.time, pairs or None)
 
 
 def _recorded(
-    source: str, calibration: Path | None, frames: int | None, *, has_key: bool
-) -> tuple[StereoRig | None, Iterator[_Moment], int]:
+    source: str,
+    calibration: Path | None,
+    rigs: Path | None,
+    frames: int | None,
+    *,
+    has_key: bool,
+) -> tuple[Cameras, Iterator[_Moment], int]:
     from manip3d import authenticate, datasets
 
     drive = datasets.open_kitti(source, calibration=calibration)
     if not len(drive):
         raise InputError(f"{source}: expected scans, found none")
     chosen = drive[: len(drive) if frames is None else frames]
-    pair = next(
-        (pair for pair in ((2, 3), (0, 1)) for each in chosen if set(pair) <= set(each.images)),
-        None,
-    )
-    rig = None
+    beside = Path(source) / authenticate.RIGS_FILE
+    path = rigs if rigs is not None or not beside.is_file() else beside
+    around = {} if path is None else authenticate.read_rigs(path)
+    pair = None if around else _front_pair(chosen)
+    cameras: Cameras = {name: each.rig for name, each in around.items()} or None
     if pair is not None:
-        rig = authenticate.StereoRig.from_calibration(
+        cameras = authenticate.StereoRig.from_calibration(
             chosen[0].calibration(), left=pair[0], right=pair[1]
         )
 
@@ -260,9 +317,18 @@ def _recorded(
             if has_key and beside.is_file():
                 record = authenticate.read_record(beside)
             pictures = None if pair is None else frame.pictures(*pair)
-            yield _Moment(frame.scan(), pictures, record, frame.velocity(), _seconds(frame.time_ns))
+            seen = {name: frame.pictures(left, right) for name, (_, left, right) in around.items()}
+            pairs = {name: both for name, both in seen.items() if both is not None}
+            when = _seconds(frame.time_ns)
+            yield _Moment(frame.scan(), pictures, record, frame.velocity(), when, pairs or None)
 
-    return rig, moments(), len(chosen)
+    return cameras, moments(), len(chosen)
+
+
+def _front_pair(frames: Sequence[KittiFrame]) -> tuple[int, int] | None:
+    """KITTI's colour pair, else its grey one, if any frame has pictures of it."""
+    pairs = ((2, 3), (0, 1))
+    return next((p for p in pairs for frame in frames if set(p) <= set(frame.images)), None)
 
 
 def _seconds(time_ns: int | None) -> float | None:

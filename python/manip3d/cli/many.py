@@ -12,7 +12,7 @@ import importlib
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
@@ -44,12 +44,18 @@ class Many:
     writable : sequence of str
         Suffixes that the verb writes; a source with another one becomes ``otherwise``.
     otherwise : str
+    noun : str
+        What one source is.
+    find : callable
+        Lists the sources, as `manip3d.batch.find_files` does.
     """
 
     suffixes: Sequence[str]
     to: str = ""
     writable: Sequence[str] = ()
     otherwise: str = ""
+    noun: str = "file"
+    find: Callable[..., list[SourceFile]] | None = None
 
     def files(self, sources: Sequence[str]) -> list[SourceFile]:
         """The files that the sources stand for.
@@ -65,7 +71,7 @@ class Many:
 
         if self.to and self.to not in self.writable:
             raise InputError(f"--to: expected one of {', '.join(self.writable)}, got {self.to}")
-        return find_files(sources, suffixes=self.suffixes)
+        return (self.find or find_files)(sources, suffixes=self.suffixes)
 
     def rename(self, relative: str) -> str:
         """The name of an output from that of its source."""
@@ -85,6 +91,10 @@ def over_files(
     otherwise: str = "",
     prepare: Callable[[list[SourceFile], dict[str, Any]], Mapping[str, Mapping[str, Any]]]
     | None = None,
+    drives: bool = False,
+    has_to: bool = True,
+    depends: Callable[[Mapping[str, Any]], str] = lambda options: "",
+    finish: Callable[[Summary, str], object] = lambda summary, output: None,
 ) -> Callable[[Verb], Verb]:
     """Make a verb of one file (and ``output``) a verb of many.
 
@@ -98,10 +108,19 @@ def over_files(
         As of `Many`.
     prepare : callable(files, options), optional
         Returns options of single files by their names, and may change those of all.
+    drives : bool
+        One source is a whole drive, as `manip3d.batch.find_drives` finds them.
+    has_to : bool
+        The command has the option ``--to``, if it has outputs.
+    depends : callable(options) -> str
+        What else results depend on, so that stored ones are not taken for others.
+    finish : callable(summary, output)
+        Called at the end, where there is an output.
     """
 
     def decorate(verb: Verb) -> Verb:
-        signature = _signature(verb, argument)
+        several = _SEVERAL_DRIVES if drives else _SEVERAL_FILES
+        signature = _signature(verb, argument, several, has_to=has_to)
 
         has_jobs = "jobs" in inspect.signature(verb).parameters
 
@@ -113,17 +132,35 @@ def over_files(
             if not table and not dask and _is_one(sources):
                 _one(verb, argument, sources[0], given)
                 return
-            many = Many(suffixes(), to, writable(), otherwise)
+            many = _kind_of_many(drives)(suffixes(), to, writable(), otherwise)
             files = many.files(sources)
             each = {} if prepare is None else prepare(files, given)
+            also = depends(given)
+            files = [replace(file, stamp=f"{file.stamp} {also}".rstrip()) for file in files]
             work = {"module": verb.__module__, "verb": verb.__name__, "argument": argument}
-            _many(work, files, given, many, each, table=table, dask=dask, jobs=jobs)
+            output = given.get("output")
+            summary = _many(work, files, given, many, each, table=table, dask=dask, jobs=jobs)
+            if output is not None:
+                finish(summary, str(output))
+            _exit(summary, many.noun)
 
         command.__signature__ = signature  # type: ignore[attr-defined]
         command.__annotations__ = {p.name: p.annotation for p in signature.parameters.values()}
         return command
 
     return decorate
+
+
+def _kind_of_many(drives: bool) -> Callable[..., Many]:
+    if not drives:
+        return Many
+    from manip3d.batch import find_drives
+
+    return functools.partial(Many, noun="drive", find=find_drives)
+
+
+_SEVERAL_FILES = "several of them, folders, patterns or URLs"
+_SEVERAL_DRIVES = "several of them, folders of drives, or patterns"
 
 
 def with_defaults(verb: Verb, **defaults: Any) -> Verb:
@@ -141,7 +178,7 @@ def with_defaults(verb: Verb, **defaults: Any) -> Verb:
     return command
 
 
-def _signature(verb: Verb, name: str) -> inspect.Signature:
+def _signature(verb: Verb, name: str, more_of_them: str, *, has_to: bool) -> inspect.Signature:
     """The verb's, with several sources and with the options of many files."""
     hints = get_type_hints(verb, include_extras=True)
     parameters = {
@@ -149,13 +186,11 @@ def _signature(verb: Verb, name: str) -> inspect.Signature:
         for n, parameter in inspect.signature(verb).parameters.items()
     }
     one_file = parameters[name].annotation.__metadata__[0].help.rstrip(".")
-    several = typer.Argument(
-        metavar=name.upper(), help=f"{one_file}; several of them, folders, patterns or URLs."
-    )
+    several = typer.Argument(metavar=name.upper(), help=f"{one_file}; {more_of_them}.")
     parameters[name] = parameters[name].replace(annotation=Annotated[list[str], several])
     more: dict[str, tuple[Any, Any]] = {"jobs": (FolderJobs, 0)}
     if "output" in parameters:
-        more["to"] = (To, "")
+        more |= {"to": (To, "")} if has_to else {}
         option = copy.copy(parameters["output"].annotation.__metadata__[0])
         option.parser = _path_or_url
         kind = parameters["output"].annotation.__origin__
@@ -217,8 +252,8 @@ def _many(
     table: str,
     dask: str,
     jobs: int,
-) -> None:
-    """Run the verb on each file, print the rows, and end with the exit code of them all."""
+) -> Summary:
+    """Run the verb on each file and print the rows."""
     from manip3d import batch
 
     shell = Terminal(as_json=given.get("as_json", False), quiet=given.get("quiet", False))
@@ -239,8 +274,8 @@ def _many(
             progress=progress,
             on_error=lambda source, error: shell.say(f"{source}: {error}"),
         )
-    _tell(shell, summary)
-    _exit(summary)
+    _tell(shell, summary, many.noun)
+    return summary
 
 
 _SHARED = ("as_json", "quiet", "force", "jobs")
@@ -283,7 +318,7 @@ def on_file(
     return {k: v for k, v in record.items() if v not in paths} | {"exit_code": code}
 
 
-def _tell(shell: Terminal, summary: Summary) -> None:
+def _tell(shell: Terminal, summary: Summary, noun: str) -> None:
     from manip3d.batch._table import table_text
 
     skipped = sum(bool(row.get("skipped")) for row in summary.rows)
@@ -295,7 +330,7 @@ def _tell(shell: Terminal, summary: Summary) -> None:
     told = ", ".join(f"{count(number)} {words}" for words, number in parts.items() if number)
     table = f"; table in {summary.table}" if summary.table else ""
     shell.say(
-        f"{counted(len(summary.rows), 'file')}{f' ({told})' if told else ''} in "
+        f"{counted(len(summary.rows), noun)}{f' ({told})' if told else ''} in "
         f"{summary.seconds:.1f} s{table}"
     )
     shell.result(
@@ -303,10 +338,10 @@ def _tell(shell: Terminal, summary: Summary) -> None:
     )
 
 
-def _exit(summary: Summary) -> None:
+def _exit(summary: Summary, noun: str) -> None:
     """End with 1 if a file failed, else with the gravest code of a single file."""
     if summary.failed:
-        raise Error(f"{count(summary.failed)} of {counted(len(summary.rows), 'file')} failed")
+        raise Error(f"{count(summary.failed)} of {counted(len(summary.rows), noun)} failed")
     codes = {row["exit_code"] for row in summary.rows}
     for code in _GRAVEST_FIRST:
         if code in codes:

@@ -20,6 +20,7 @@ def write_simulated(
     frames: int,
     resolution: float,
     pictures: bool,
+    surround: bool,
     force: bool,
     threads: int,
     seed: int,
@@ -35,7 +36,7 @@ def write_simulated(
 
     name = source.removeprefix("sim:")
     if name == "street":
-        return _street(output, terminal, frames, pictures, force, threads, seed)
+        return _street(output, terminal, frames, pictures, surround, force, threads, seed)
     if name in {**scenes.SCENES, **scenes.CALIBRATION}:
         return _scan(name, output, terminal, resolution, threads, seed)
     if name in models.MODELS:
@@ -67,6 +68,7 @@ def _street(
     terminal: Terminal,
     frames: int,
     pictures: bool,
+    surround: bool,
     force: bool,
     threads: int,
     seed: int,
@@ -80,6 +82,7 @@ def _street(
             frames,
             number=seed % 10_000,
             pictures=pictures,
+            surround=surround,
             rng=seed,
             threads=threads,
             overwrite=force,
@@ -135,6 +138,9 @@ def simulate(
     ] = 0.06,
     no_pictures: Annotated[
         bool, typer.Option("--no-pictures", help="Leave out the cameras of a drive: LiDAR only.")
+    ] = False,
+    surround: Annotated[
+        bool, typer.Option("--surround", help="Give a drive five pairs of cameras, all around.")
     ] = False,
     force: Force = False,
     as_json: Json = False,

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from manip3d.cli.kinds import expect_kind
+from manip3d.cli.many import over_files
 from manip3d.cli.options import Force, Json, Quiet
 from manip3d.cli.terminal import Terminal, check_output, counted, table
 from manip3d.errors import InputError
@@ -18,6 +21,8 @@ from manip3d.io import SCAN_SUFFIXES
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from manip3d.batch import SourceFile
 
 app = typer.Typer(
     name="watermark",
@@ -31,7 +36,7 @@ EXIT_CODES = {"authentic": 0, "tampered": 3, "undecidable": 4}
 
 Source = Annotated[
     str,
-    typer.Argument(metavar="SCAN|DRIVE", help="A scan, or a folder of a KITTI drive."),
+    typer.Argument(metavar="SOURCE", help="A scan, or a folder of a KITTI drive."),
 ]
 Key = Annotated[Path, typer.Option("--key", help="Key file, as 'watermark keygen' makes it.")]
 
@@ -63,13 +68,49 @@ def keygen(
     shell.result(record, lambda console: console.print(f"key {record['key_id']}"))
 
 
+def key_of(options: Mapping[str, Any]) -> str:
+    """What the results of many drives depend on besides the drives: the key, and the time."""
+    import time
+
+    from manip3d import authenticate
+
+    if options.get("key") is None:
+        return ""
+    path = Path(options["key"])
+    with authenticate.KeyFile(path) as key:
+        is_timed = options.get("max_age") is not None
+        stamp = f"key {key.key_id} {path.stat().st_mtime_ns}"
+        return f"{stamp} at {time.time_ns()}" if is_timed else stamp
+
+
+def _of_one_only(
+    files: Sequence[SourceFile], options: Mapping[str, Any]
+) -> Mapping[str, Mapping[str, Any]]:
+    for name in ("record", "state", "report"):
+        if options.get(name) is not None:
+            raise InputError(f"--{name}: expected with one scan or drive, got several")
+    return {}
+
+
 @app.command("embed")
+@over_files(
+    lambda: SCAN_SUFFIXES,
+    writable=lambda: SCAN_SUFFIXES,
+    drives=True,
+    has_to=False,
+    depends=key_of,
+)
 def embed(
     source: Source,
     key: Key,
     output: Annotated[
         Path,
-        typer.Option("-o", "--output", help="Scan to write, or folder of the drive to write."),
+        typer.Option(
+            "-o",
+            "--output",
+            help="Scan to write, or folder of the drive to write; of several, the folder that "
+            "they are written to.",
+        ),
     ],
     embedding: Annotated[
         str,
@@ -91,7 +132,8 @@ def embed(
     """Embed a watermark into a scan, or into all scans of a drive as one chain.
 
     The record of each scan is written beside it, as SCAN.wm. Points move by at most 1.8 mm (lbm),
-    1.9 mm (qim) or not at all (detached).
+    1.9 mm (qim) or not at all (detached). Of several drives, each is a session of its own and one
+    piece of work: its frames are chained, and only drives are worked on side by side.
 
     Example: manip3d watermark embed drive --key sensor.key -o signed
     """
@@ -130,13 +172,15 @@ def embed(
             if progress is not None:
                 progress((number + 1) / len(scans), path.name)
         record = {"source": source, "output": str(output), "session": marker.session,
-                  "key_id": secret.key_id, "embedding": embedding, "frames": rows}  # fmt: skip
+                  "key_id": secret.key_id, "embedding": embedding, "num_frames": len(rows),
+                  "frames": rows}  # fmt: skip
     records = "its record" if len(rows) == 1 else "their records"
     shell.say(f"wrote {counted(len(rows), 'scan')} with {records} to {output}")
     shell.result(record, lambda console: console.print(f"session {record['session']}"))
 
 
 @app.command("verify")
+@over_files(lambda: SCAN_SUFFIXES, drives=True, prepare=_of_one_only, depends=key_of)
 def verify(
     source: Source,
     key: Key,
@@ -200,7 +244,7 @@ def verify(
         for number, path in enumerate(scans):
             beside = authenticate.record_path(path) if record is None else record
             found = marker.verify(read_scan(path), authenticate.read_record(beside), policy=policy)
-            results.append((path.name, found))
+            results.append((path.name, replace(found, scan=None)))  # a drive's scans fill memory
             if progress is not None:
                 progress((number + 1) / len(scans), path.name)
     verdict, reason = authenticate.verdict_of_stream([found for _, found in results], whole=drive)
@@ -208,6 +252,8 @@ def verify(
         "source": source,
         "verdict": verdict,
         "reason": reason,
+        "num_frames": len(results),
+        "verdicts": dict(Counter(found.verdict for _, found in results)),
         "frames": [{"scan": name} | found.record() for name, found in results],
     }
     if report is not None:

@@ -104,7 +104,7 @@ class KittiFrame:
         ``0000000005``, ``000005``, ...
     scan_path : Path
     images : mapping of int to Path
-        By camera, those that are here.
+        By camera, those that are here; from 4 on those of further pairs.
     time_ns : int or None
         Of the scan, nanoseconds since 1970 (odometry drives: since their first frame).
     label_path, truth_path, disparity_path, oxts_path : Path or None
@@ -249,6 +249,13 @@ class KittiDrive:
         """Boxes by frame number, of ``tracklet_labels.xml``; empty where there is none."""
         return {} if self.tracklet_path is None else read_tracklets(self.tracklet_path)
 
+    @functools.cached_property
+    def _cameras(self) -> tuple[int, ...]:
+        """KITTI's four, and further ones of a car with cameras all around."""
+        digits = "[0-9][0-9]" if self.layout == "raw" else "[0-9]*"
+        names = (folder.name[6:] for folder in self.path.glob(f"image_{digits}"))
+        return tuple(sorted({int(name) for name in names if name.isdecimal() and len(name) <= 2}))
+
     def __len__(self) -> int:
         return len(self._scans)
 
@@ -268,8 +275,8 @@ class KittiDrive:
         name = scan.name.split(".")[0]
         raw = self.layout == "raw"
         images = {}
-        for camera in range(4):
-            folder = self.path / (f"image_0{camera}/data" if raw else f"image_{camera}")
+        for camera in self._cameras:
+            folder = self.path / (f"image_{camera:02d}/data" if raw else f"image_{camera}")
             found = _first(folder / f"{name}{suffix}" for suffix in _IMAGE_SUFFIXES)
             if found is not None:
                 images[camera] = found

@@ -13,6 +13,7 @@ from manip3d.errors import Error, FormatError, InputError
 from manip3d.experiments import RESULTS_FORMAT
 from manip3d.io._files import atomic_write
 from manip3d.report._alert import ALERT_KINDS, AlertTimeline
+from manip3d.report._alert_overview import write_alert_overview
 from manip3d.report._case_log import append_log, read_log
 from manip3d.report._drive_evidence import write_drive_evidence
 from manip3d.report._evidence import (
@@ -30,6 +31,7 @@ __all__ = [
     "append_log",
     "place_sentence",
     "read_log",
+    "write_alert_overview",
     "write_drive_evidence",
     "write_evidence",
     "write_report",

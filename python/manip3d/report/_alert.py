@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from manip3d.authenticate import Alert, AlertCounts, CrossModalResult
+    from manip3d.authenticate import Alert, AlertCounts, CrossModalResult, SurroundResult
 
 ALERT_KINDS = (".html", ".json")
 """Suffixes that `AlertTimeline.write` knows."""
@@ -84,7 +84,7 @@ class AlertTimeline:
                 _Scene(
                     alert.number,
                     f"Frame {alert.number}: {alert.reason}",
-                    _maps(alert.cross_modal),
+                    _all_maps(alert.cross_modal),
                     _from_above(alert),
                 )
             )
@@ -216,10 +216,21 @@ def _facts(source: str, counts: AlertCounts) -> str:
 
 
 def _timeline(records: Sequence[dict[str, Any]]) -> str:
-    """One row of cells for each witness, and the risk below."""
+    """One row of cells for each witness, the risk below, and what the colours mean."""
+    used = {_verdict(record, name) for record in records for name in _ROWS}
+    legend = "".join(
+        f"<li><b style='background:{_COLORS[name]}'></b>{meaning}"
+        for name, meaning in _MEANING.items()
+        if name in used
+    )
+    return _strip_of(records, _ROWS) + f"<ul class=legend>{legend}</ul>"
+
+
+def _strip_of(records: Sequence[dict[str, Any]], names: Sequence[str] = _ROWS[:1]) -> str:
+    """One row of cells for each name, and the risk below."""
     count = max(len(records), 1)
     parts = ["<div class=time>"]
-    for name in _ROWS:
+    for name in names:
         cells = "".join(_cells([_verdict(record, name) for record in records]))
         parts.append(
             f"<span>{name}</span><svg viewBox='0 0 {count} 1' height=22 "
@@ -239,13 +250,7 @@ def _timeline(records: Sequence[dict[str, Any]]) -> str:
         f"<span></span><span>frame 0 to {len(records) - 1}; lines at 0.3 (medium) and 0.6 (high)"
         "</span></div>"
     )
-    used = {_verdict(record, name) for record in records for name in _ROWS}
-    legend = "".join(
-        f"<li><b style='background:{_COLORS[name]}'></b>{meaning}"
-        for name, meaning in _MEANING.items()
-        if name in used
-    )
-    return "".join(parts) + f"<ul class=legend>{legend}</ul>"
+    return "".join(parts)
 
 
 def _verdict(record: dict[str, Any], row: str) -> str:
@@ -292,20 +297,32 @@ def _table(records: Sequence[dict[str, Any]]) -> str:
 # --- pictures -------------------------------------------------------------------------------------
 
 
-def _maps(result: CrossModalResult) -> str:
+def _all_maps(result: CrossModalResult | SurroundResult) -> str:
+    """The maps of a pair; of several those that contradict, else the first."""
+    pairs = getattr(result, "pairs", {"": result})
+    accusing = {name: found for name, found in pairs.items() if found.verdict == "tampered"}
+    shown = accusing or dict([next(iter(pairs.items()))])
+    return "".join(_maps(found, name) for name, found in shown.items())
+
+
+def _maps(result: CrossModalResult, name: str) -> str:
     """Range maps of both, and where they contradict each other."""
+    of_pair = f"{name}: " if name else ""
     rows = np.flatnonzero(result.judged.any(axis=1))
     window = slice(rows[0], rows[-1] + 1) if len(rows) else slice(None)
     pictures = (
-        ("LiDAR, range", _in_colors(result.lidar[window], result.parameters.max_range)),
-        ("cameras, range", _in_colors(result.stereo[window], result.parameters.max_range)),
-        ("contradictions", _marked(result.mask[window], result.judged[window])),
+        (f"{of_pair}LiDAR, range", _in_colors(result.lidar[window], result.parameters.max_range)),
+        (
+            f"{of_pair}cameras, range",
+            _in_colors(result.stereo[window], result.parameters.max_range),
+        ),
+        (f"{of_pair}contradictions", _marked(result.mask[window], result.judged[window])),
     )
     return (
         "<div>"
         + "".join(
-            f"<figure><img alt='{caption}' src='data:image/png;base64,{_png(pixels)}'>"
-            f"<figcaption>{caption}</figcaption></figure>"
+            f"<figure><img alt='{html.escape(caption)}' src='data:image/png;base64,{_png(pixels)}'>"
+            f"<figcaption>{html.escape(caption)}</figcaption></figure>"
             for caption, pixels in pictures
         )
         + "</div>"
@@ -334,13 +351,14 @@ def _png(pixels: NDArray[np.uint8]) -> str:
 
 
 def _from_above(alert: Alert) -> str:
-    """The scan ahead of the car with the boxes; the car drives upwards."""
+    """The scan ahead of the car, or around it, with the boxes; the car drives upwards."""
     dots = ""
     result = alert.cross_modal
+    behind = _REACH if hasattr(result, "pairs") else 0.0
     if result is not None and result.scan is not None:
         points = result.scan.points
         x, y, z = points[:, 0], points[:, 1], points[:, 2]
-        ahead = (x > 0) & (x < _REACH) & (abs(y) < _SIDE) & (z > -1.4) & (z < 2.5)
+        ahead = (x >= -behind) & (x < _REACH) & (abs(y) < _SIDE) & (z > -1.4) & (z < 2.5)
         some = points[ahead][:: max(1, int(ahead.sum()) // _DOTS)]
         dots = "".join(f"M{-y:.1f} {-x:.1f}h.01" for x, y, _ in some.tolist())
     shapes = "".join(
@@ -349,11 +367,13 @@ def _from_above(alert: Alert) -> str:
         for box in alert.boxes
     )
     return (
-        f"<figure><svg viewBox='{-_SIDE} {-_REACH} {2 * _SIDE} {_REACH + 3}' role=img "
+        f"<figure><svg viewBox='{-_SIDE} {-_REACH} {2 * _SIDE} {_REACH + max(behind, 3)}' "
+        "role=img "
         "aria-label='view from above'>"
         f"<path d='{dots}' stroke='#78909c' stroke-width=.22 stroke-linecap=round fill=none>"
         "</path><path d='M-.9 2L0 -2L.9 2Z' fill='#263238'></path>"
-        f"{shapes}</svg><figcaption>from above, {_REACH:.0f} m ahead</figcaption></figure>"
+        f"{shapes}</svg><figcaption>from above, {_REACH:.0f} m ahead{' and behind' * (behind > 0)}"
+        "</figcaption></figure>"
     )
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import math
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -12,14 +14,27 @@ from numpy.typing import NDArray
 
 from manip3d._util.checked import checked
 from manip3d._util.linear import product
+from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.options import generator_of
+from manip3d.authenticate import StereoRig
+from manip3d.errors import InputError
 from manip3d.simulate._stage import Mover, Stage
 from manip3d.simulate.streets import Street
 
 if TYPE_CHECKING:
     from manip3d._util.options import Rng
 
-__all__ = ["BASELINE", "FOCAL", "HEIGHT", "WIDTH", "StereoPair", "projections", "stereo_pair"]
+__all__ = [
+    "BASELINE",
+    "FOCAL",
+    "HEIGHT",
+    "SURROUND",
+    "WIDTH",
+    "StereoPair",
+    "projections",
+    "stereo_pair",
+    "surround_rigs",
+]
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
@@ -35,6 +50,15 @@ LEFT_OFFSET = 0.0622
 """Camera 2 is this far to the left of camera 0, metres."""
 CAMERA_0 = (0.27, 0.0, -0.08)
 """Camera 0 in the LiDAR's frame, metres; all cameras look along its x."""
+
+SURROUND: Mapping[str, float] = ReadOnlyMapping(
+    {"front": 0.0, "left": 72.0, "rear-left": 144.0, "rear-right": -144.0, "right": -72.0}
+)
+"""Headings of five pairs that together see all around, degrees counter-clockwise from ahead.
+
+None looks straight back, where a sweep of the LiDAR begins and ends: half of what such a pair sees
+was scanned a tenth of a second after the other half.
+"""
 
 _BAND = 24  # rows shaded at once: their arrays stay in the cache
 _NOISE = 1.5  # grey levels of the sensor
@@ -84,11 +108,36 @@ def projections() -> tuple[dict[int, Doubles], Doubles]:
     return matrices, rigid
 
 
+def surround_rigs() -> dict[str, StereoRig]:
+    """Return the rigs of `SURROUND`, each the front pair turned about the LiDAR's vertical."""
+    x, y, z = CAMERA_0
+    ahead = np.array(
+        [
+            [0.0, 0.0, 1.0, x],
+            [-1.0, 0.0, 0.0, y + LEFT_OFFSET],
+            [0.0, -1.0, 0.0, z],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
+    return {
+        name: StereoRig(FOCAL, CENTER, BASELINE, product(_turn(math.radians(heading)), ahead))
+        for name, heading in SURROUND.items()
+    }
+
+
+def _turn(angle: float) -> Doubles:
+    """(4, 4) turn about the vertical, radians."""
+    turn = np.eye(4)
+    turn[:2, :2] = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
+    return turn
+
+
 @checked
 def stereo_pair(
     street: Street,
     time: float = 0.0,
     *,
+    heading: float = 0.0,
     rng: Rng = 0,
     threads: int = 0,
 ) -> StereoPair:
@@ -98,7 +147,9 @@ def stereo_pair(
     ----------
     street : Street
     time : float, seconds
-        When the LiDAR looks ahead, as in KITTI.
+        When the LiDAR looks ahead, as in KITTI, or where the pair looks.
+    heading : float, degrees
+        Turn of the pair about the LiDAR's vertical, counter-clockwise from ahead.
     rng : int, numpy.random.Generator or None
         Noise of the pictures.
     threads : int
@@ -112,13 +163,16 @@ def stereo_pair(
     Raises
     ------
     InputError
-        The car has left the street.
+        The car has left the street, or the heading is not finite.
     MissingExtraError
         Open3D is not installed.
     """
     random = generator_of(rng)
     position, yaw = street.pose([time])
-    cosine, sine = np.cos(yaw[0]), np.sin(yaw[0])
+    if not math.isfinite(heading):
+        raise InputError(f"heading: expected a finite number, got {heading}")
+    angle = yaw[0] + math.radians(heading)
+    cosine, sine = np.cos(angle), np.sin(angle)
     turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     rays, _ = _rays()
     aim = product(rays, turn.T.astype(np.float32))

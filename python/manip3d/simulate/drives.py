@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from manip3d._util.linear import product
 from manip3d._util.options import generator_of, reporting
 from manip3d._util.paths import path_of
 from manip3d._util.times import SECOND_NS
+from manip3d.authenticate import RIGS_FILE, CameraPair, write_rigs
 from manip3d.errors import InputError, MissingExtraError
 from manip3d.io._files import atomic_folder
 from manip3d.lidar import Box
@@ -70,11 +71,15 @@ class DriveFrame:
         When the LiDAR looks ahead and the cameras expose.
     scan : LidarScan
     pictures : StereoPair or None
+        Of the pair that looks ahead.
     boxes : tuple of manip3d.Box
         Of the cars, people and cyclists that the scan has points of, in the LiDAR's frame;
         ``track`` is the number that the scan's and the pictures' objects have.
     velocity : (float, float, float)
         Of the car: m/s ahead and to the left, rad/s counter-clockwise.
+    around : mapping of str to StereoPair
+        Of a drive with cameras all around the pairs of `cameras.SURROUND`, ``front`` among them;
+        each exposes when the LiDAR looks where it does.
     """
 
     time: float
@@ -82,6 +87,7 @@ class DriveFrame:
     pictures: StereoPair | None
     boxes: tuple[Box, ...]
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    around: Mapping[str, StereoPair] = field(default_factory=dict)
 
 
 @checked
@@ -91,6 +97,7 @@ def drive(
     *,
     start: float = 0.0,
     pictures: bool = True,
+    surround: bool = False,
     rng: Rng = 0,
     threads: int = 0,
 ) -> Iterator[DriveFrame]:
@@ -104,6 +111,8 @@ def drive(
         Of the first frame.
     pictures : bool
         Whether the cameras see, too.
+    surround : bool
+        Whether there are pairs of cameras all around; without pictures there are none.
     rng : int, numpy.random.Generator or None
         Noise; frame n is the same however many frames follow it.
     threads : int
@@ -132,7 +141,27 @@ def drive(
         boxes = tuple(box for box in street.boxes(time) if box.track in seen)
         velocity, turn = _motion(street, time)
         speed = float(np.hypot(*velocity[:2]))
-        yield DriveFrame(time, scan, pair, boxes, (speed, 0.0, turn))
+        around = {}
+        if pair is not None and surround:
+            around = {"front": pair} | _around(street, time, random, threads)
+        yield DriveFrame(time, scan, pair, boxes, (speed, 0.0, turn), around)
+
+
+def _around(
+    street: Street, time: float, random: np.random.Generator, threads: int
+) -> dict[str, StereoPair]:
+    """What the pairs that do not look ahead see; the LiDAR turns clockwise."""
+    return {
+        name: stereo_pair(
+            street,
+            time - heading / 360.0 * TURN_PERIOD,
+            heading=heading,
+            rng=random,
+            threads=threads,
+        )
+        for name, heading in cameras.SURROUND.items()
+        if heading != 0.0
+    }
 
 
 @checked
@@ -144,6 +173,7 @@ def write_drive(
     number: int = 0,
     start: float = 0.0,
     pictures: bool = True,
+    surround: bool = False,
     rng: Rng = 0,
     threads: int = 0,
     overwrite: bool = False,
@@ -163,8 +193,10 @@ def write_drive(
     frames : int
     number : int
         NNNN.
-    start, pictures, rng, threads
-        As for `drive`.
+    start, pictures, surround, rng, threads
+        As for `drive`. The pairs all around are ``image_02`` and ``image_03`` (ahead) to
+        ``image_10`` and ``image_11``; ``rigs.json`` says where they look
+        (`manip3d.authenticate.read_rigs`).
     overwrite : bool
         Replace ``folder`` if it holds a simulated drive and nothing else.
     progress : None, True or callable
@@ -195,7 +227,18 @@ def write_drive(
         day = new / DATE
         _write_calibration(day)
         moments = []
-        source = drive(street, frames, start=start, pictures=pictures, rng=rng, threads=threads)
+        source = drive(
+            street,
+            frames,
+            start=start,
+            pictures=pictures,
+            surround=surround,
+            rng=rng,
+            threads=threads,
+        )
+        if pictures and surround:
+            (day / name).mkdir(parents=True)
+            write_rigs(surround_pairs(), day / name / RIGS_FILE)
         with reporting(progress, "frames") as report:
             for index, frame in enumerate(source):
                 _write_frame(day / name, index, frame, street)
@@ -221,11 +264,21 @@ def _write_frame(folder: Path, index: int, frame: DriveFrame, street: Street) ->
     lines = [_label_line(box) for box in frame.boxes]
     _write(folder / "label_2" / f"{name}.txt", "".join(lines).encode())
     _write(folder / "oxts" / "data" / f"{name}.txt", _oxts_line(street, frame.time).encode())
-    if frame.pictures is not None:
-        for camera, pixels in ((2, frame.pictures.left), (3, frame.pictures.right)):
-            path = folder / f"image_0{camera}" / "data" / f"{name}.png"
-            path.parent.mkdir(parents=True, exist_ok=True)
-            _image(pixels).save(path, compress_level=1)
+    pairs = [] if frame.pictures is None else [frame.pictures]
+    pairs += [pair for place, pair in frame.around.items() if place != "front"]
+    pictures = [pixels for pair in pairs for pixels in (pair.left, pair.right)]
+    for camera, pixels in enumerate(pictures, start=2):
+        path = folder / f"image_{camera:02d}" / "data" / f"{name}.png"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _image(pixels).save(path, compress_level=1)
+
+
+def surround_pairs() -> dict[str, CameraPair]:
+    """Return the pairs of `cameras.SURROUND` with the numbers of their cameras in a drive."""
+    return {
+        name: CameraPair(rig, 2 + 2 * number, 3 + 2 * number)
+        for number, (name, rig) in enumerate(cameras.surround_rigs().items())
+    }
 
 
 def _image(pixels: NDArray[np.uint8]) -> PIL.Image.Image:

@@ -94,7 +94,8 @@ def open_drive(address: str, *, threads: int = 0) -> Iterator[DriveFrame]:
     Parameters
     ----------
     address : str
-        ``sim:street?seed=0&frames=10&start=0``, as for `open_source`.
+        ``sim:street?seed=0&frames=10&start=0&surround=no``, as for `open_source`; with
+        ``surround=yes`` there are pairs of cameras all around.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The frames do not depend on it.
 
@@ -120,8 +121,9 @@ def open_drive(address: str, *, threads: int = 0) -> Iterator[DriveFrame]:
     options = dict(parse_qsl(parts.query, keep_blank_values=True))
     seed, frames = _taken(options, "seed", int, 0), _taken(options, "frames", int, 10)
     start = _taken(options, "start", float, 0.0)
+    surround = _yes_or_no("surround", options.pop("surround", "no"))
     _refuse_others(options, address)
-    return drive(street(seed), frames, start=start, rng=seed, threads=threads)
+    return drive(street(seed), frames, start=start, surround=surround, rng=seed, threads=threads)
 
 
 def _body(options: Mapping[str, str], address: str, threads: int) -> BodySimulator:
@@ -137,9 +139,7 @@ def _body(options: Mapping[str, str], address: str, threads: int) -> BodySimulat
 def _parsed(name: str, text: str, kind: str, default: Any) -> Any:
     """The value of an option of `BodySimulator` by the type of its field."""
     if kind.startswith("bool"):
-        if text not in ("yes", "no"):
-            raise InputError(f"{name}: expected yes or no, got {text!r}")
-        return text == "yes"
+        return _yes_or_no(name, text)
     if kind.startswith("str"):
         return text or default
     try:
@@ -150,6 +150,12 @@ def _parsed(name: str, text: str, kind: str, default: Any) -> Any:
     except ValueError:
         expected = "FROM:UNTIL" if kind.startswith("Interval") else "a number"
         raise InputError(f"{name}: expected {expected}, got {text!r}") from None
+
+
+def _yes_or_no(name: str, text: str) -> bool:
+    if text not in ("yes", "no"):
+        raise InputError(f"{name}: expected yes or no, got {text!r}")
+    return text == "yes"
 
 
 def _taken(

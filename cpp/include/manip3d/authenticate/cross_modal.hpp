@@ -27,9 +27,10 @@ struct DisparityView {
 };
 
 struct CrossModalOptions {
+  double heading = 0.0;           ///< Degrees counter-clockwise from x: the middle of the maps.
   double azimuth_step = 0.3;      ///< Degrees.
   double elevation_step = 0.45;   ///< Degrees.
-  double half_azimuth = 45.0;     ///< Degrees to each side of straight ahead.
+  double half_azimuth = 45.0;     ///< Degrees to each side of the heading.
   double lowest = -24.0;          ///< Degrees: the scanner's own field of view, without its edges.
   double highest = 1.5;           ///< Degrees.
   double min_range = 4.5;         ///< Metres: nearer than that neither is trusted, also by depth.
@@ -52,8 +53,10 @@ struct CrossModalComponent {
   double area = 0.0;         ///< Square metres, each cell at its own range.
   double evidence = 0.0;     ///< The same with dark empty cells at their weight.
   double difference = 0.0;   ///< Pixels of disparity, mean of the cells.
-  Eigen::Vector3d lower = Eigen::Vector3d::Zero();  ///< Box around what was added or is missing.
+  /// Box around what was added or is missing, in axes turned by the heading.
+  Eigen::Vector3d lower = Eigen::Vector3d::Zero();
   Eigen::Vector3d upper = Eigen::Vector3d::Zero();
+  Eigen::Vector3d center = Eigen::Vector3d::Zero();  ///< Its middle, in the LiDAR's own axes.
 };
 
 struct CrossModalResult {
@@ -72,12 +75,12 @@ struct CrossModalResult {
 /// Compares a LiDAR scan with a stereo depth map (dissertation, section 7.3.2).
 ///
 /// Both become equirectangular maps of inverse range around the scanner, in which the error of
-/// stereo is the same near and far. A cell is marked "added" where the nearest LiDAR point is
-/// nearer than all that the cameras see in the 3x3 cells around, and "missing" where all that the
-/// cameras see there is nearer than every LiDAR point. What is nearer to the cameras than they can
-/// match is never added. That a dark surface returns nothing is weak evidence: such cells count
-/// `dark_weight`. Components of 8 neighbours above the thresholds are reported. The same bytes on
-/// every machine.
+/// stereo is the same near and far; the maps look where the cameras do, by the heading. A cell is
+/// marked "added" where the nearest LiDAR point is nearer than all that the cameras see in the 3x3
+/// cells around, and "missing" where all that the cameras see there is nearer than every LiDAR
+/// point. What is nearer to the cameras than they can match is never added. That a dark surface
+/// returns nothing is weak evidence: such cells count `dark_weight`. Components of 8 neighbours
+/// above the thresholds are reported. The same bytes on every machine.
 /// @throws InputError  what check_points refuses, a camera or an option out of range.
 CrossModalResult compare_cross_modal(const PointsView& view, const DisparityView& disparity,
                                      const StereoView& camera,

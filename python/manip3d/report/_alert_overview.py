@@ -1,0 +1,109 @@
+"""Several vehicles on one page: what a monitor said of the drive of each."""
+
+from __future__ import annotations
+
+import html
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import PurePosixPath
+from typing import Any
+from urllib.parse import quote
+
+from manip3d import __version__
+from manip3d._util.checked import checked
+from manip3d._util.paths import path_of
+from manip3d.errors import InputError
+from manip3d.io._files import atomic_write
+from manip3d.report._alert import _QUIET, _STYLE, _strip_of
+
+_GRAVEST_FIRST = ("failed", "tampered", "undecidable", "no_trace", "authentic")
+
+
+@checked
+def write_alert_overview(
+    drives: Sequence[Mapping[str, Any]], output: str | os.PathLike[str]
+) -> None:
+    """Write one page that shows what was said of several drives, the gravest first.
+
+    Parameters
+    ----------
+    drives : sequence of mappings
+        Of each vehicle what `AlertTimeline.summary` returns; where its own page is, relative to
+        this one, as ``page``; or, where nothing could be judged, ``source`` and ``error``.
+    output : path
+        ``.html``; an existing file is replaced.
+
+    Raises
+    ------
+    InputError
+        No drives, or another suffix.
+    OSError
+        It cannot be written; the old file is whole.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     page = Path(folder) / "overview.html"
+    ...     write_alert_overview([{"source": "car 1", "error": "no such drive"}], page)
+    ...     print("car 1" in page.read_text())
+    True
+    """
+    path = path_of(output, "output")
+    if path.suffix.lower() != ".html":
+        raise InputError(f"output: expected a name that ends in .html, got {path.name}")
+    if len(drives) == 0:
+        raise InputError("drives: expected at least one, got none")
+    ranked = sorted(drives, key=lambda drive: _GRAVEST_FIRST.index(_verdict_of(drive)))
+    counts = {name: sum(_verdict_of(drive) == name for drive in drives) for name in _GRAVEST_FIRST}
+    told = ", ".join(f"{count} {_word(name)}" for name, count in counts.items() if count)
+    title = "1 vehicle" if len(drives) == 1 else f"{len(drives)} vehicles"
+    page = (
+        "<!doctype html><html lang=en><meta charset=utf-8>"
+        '<meta name=viewport content="width=device-width">'
+        f"<title>{title}: {told}</title><style>{_STYLE}</style>"
+        f"<h1>{title}</h1><p>{told}</p>"
+        + "".join(_vehicle(drive) for drive in ranked)
+        + f"<p class=fine>The gravest first. manip3d {html.escape(__version__)}</p></html>\n"
+    )
+    atomic_write(path, page.encode())
+
+
+def _verdict_of(drive: Mapping[str, Any]) -> str:
+    return "failed" if drive.get("error") else str(drive["verdict"])
+
+
+def _word(verdict: str) -> str:
+    return verdict.replace("_", " ")
+
+
+def _vehicle(drive: Mapping[str, Any]) -> str:
+    """Name, verdict, reason, the verdicts over time with the risk, and the worst frames."""
+    name = html.escape(_name_of(str(drive["source"])))
+    if drive.get("page"):
+        name = f"<a href='{quote(str(drive['page']))}'>{name}</a>"
+    verdict = _verdict_of(drive)
+    shown = f"<h2>{name}: <span class={verdict}>{_word(verdict)}</span></h2>"
+    if verdict == "failed":
+        return f"<section>{shown}<p>{html.escape(str(drive['error']))}</p></section>"
+    frames = drive["frames"]
+    loud = [frame for frame in frames if frame["verdict"] not in _QUIET]
+    worst = max(loud, key=lambda frame: frame["risk"]["score"], default=None)
+    facts = [f"{len(frames)} frames, {len(loud)} of them to look at"]
+    if worst is not None:
+        attack = f", {worst['attack']}" if worst["attack"] else ""
+        facts.append(
+            f"worst: frame {worst['frame']}{attack}, risk {worst['risk']['level']} "
+            f"({worst['risk']['score']:.2f}); recommended: {worst['risk']['action']}"
+        )
+    lines = "".join(f"<li>{html.escape(fact)}" for fact in facts)
+    return (
+        f"<section>{shown}<p>{html.escape(str(drive['reason']))}</p>"
+        f"{_strip_of(frames)}<ul>{lines}</ul></section>"
+    )
+
+
+def _name_of(source: str) -> str:
+    """The last part of a path; an address as it is."""
+    return source if ":" in source else PurePosixPath(source.rstrip("/")).name or source
