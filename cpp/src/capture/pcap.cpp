@@ -166,7 +166,7 @@ class PcapReader::Records {
  private:
   static constexpr std::uint32_t kMicroseconds = 0xA1B2C3D4, kNanoseconds = 0xA1B23C4D;
   static constexpr std::int64_t kSecond = 1'000'000'000;  // in nanoseconds
-  static constexpr std::uint32_t kSection = 0x0A0D0D0A;  // the same in both byte orders
+  static constexpr std::uint32_t kSection = 0x0A0D0D0A;   // the same in both byte orders
 
   static std::uint32_t swapped(std::uint32_t v) {
     return v >> 24 | (v >> 8 & 0xFF00) | (v << 8 & 0xFF0000) | v << 24;
@@ -259,7 +259,8 @@ class PcapReader::Records {
     std::uint64_t ticks_per_second = 1'000'000;
   };
 
-  // Of if_tsresol: a power of ten, or of two where the highest bit is set. 0: more than 64 bits count.
+  // The option if_tsresol is a power of ten, or of two where its highest bit is set. Clocks that
+  // tick more often than 64 bits can count give 0.
   static std::uint64_t per_second_of(unsigned resolution) {
     constexpr unsigned kBinary = 0x80, kMostTens = 19;
     const unsigned exponent = resolution & ~kBinary;
@@ -273,8 +274,7 @@ class PcapReader::Records {
     constexpr std::uint64_t kLatest = 9'000'000'000;  // seconds: the year 2255
     if (per_second == 0) return 0;
     const std::uint64_t seconds = std::min(ticks / per_second, kLatest);
-    const double part = static_cast<double>(ticks % per_second) /
-                        static_cast<double>(per_second);
+    const double part = static_cast<double>(ticks % per_second) / static_cast<double>(per_second);
     return kSecond * static_cast<std::int64_t>(seconds) +
            std::llround(static_cast<double>(kSecond) * part);
   }

@@ -49,7 +49,8 @@ class UdpReceiver {
   void stop();
   /// The oldest packet that waits; false when none comes within `timeout`, or none waits after
   /// `stop`.
-  bool read(std::vector<std::byte>& payload, std::int64_t& time_ns, std::chrono::milliseconds timeout);
+  bool read(std::vector<std::byte>& payload, std::int64_t& time_ns,
+            std::chrono::milliseconds timeout);
 
   [[nodiscard]] std::uint16_t port() const { return port_; }
   [[nodiscard]] bool is_running() const;
