@@ -1,5 +1,5 @@
-// glTF and GLB: whatever the bytes, a FormatError or a valid mesh or scene; a mesh that came through
-// is written and read again with the same faces.
+// glTF and GLB: whatever the bytes, a FormatError or a valid mesh or scene; a mesh that came
+// through is written and read again with the same faces.
 #include <algorithm>
 #include <cstdint>
 #include <cstdlib>
@@ -64,9 +64,9 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   } catch (const manip3d::FormatError&) {
   }
   try {
-    const manip3d::Scene scene = manip3d::parse_gltf_scene(
-        std::as_bytes(std::span(data, size)), resource,
-        manip3d::GltfBudget(static_cast<std::int64_t>(size)));
+    const manip3d::Scene scene =
+        manip3d::parse_gltf_scene(std::as_bytes(std::span(data, size)), resource,
+                                  manip3d::GltfBudget(static_cast<std::int64_t>(size)));
     for (const manip3d::SceneMesh& mesh : scene.meshes) manip3d::check_mesh(mesh.mesh);
   } catch (const manip3d::FormatError&) {
   }
