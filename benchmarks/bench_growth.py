@@ -47,7 +47,7 @@ def relief_lattice(num_faces: int) -> Mesh:
     return Mesh(np.stack([x, y, height], axis=-1).reshape(-1, 3), faces)
 
 
-def run(mode: str, num_faces: int) -> Row:
+def run(mode: simplify.Mode, num_faces: int) -> Row:
     """One run in this process."""
     mesh = relief_lattice(num_faces)
     target = int(RATIO * mesh.num_faces)

@@ -6,9 +6,13 @@ import base64
 import copy
 import json
 import struct
+import tempfile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from manip3d import Mesh, io
 
 # 2---3
 # | \ |   the unit square: corners 0 1 2 and 2 1 3
@@ -108,3 +112,10 @@ class Scene:
 
     def glb(self) -> bytes:
         return glb({**self.json, "buffers": [{"byteLength": len(self.buffer)}]}, self.buffer)
+
+
+def scene_of(mesh: Mesh) -> io.Scene:
+    """A mesh as a scene of one node."""
+    with tempfile.TemporaryDirectory() as folder:
+        mesh.write(Path(folder, "mesh.glb"))
+        return io.read_scene(Path(folder, "mesh.glb"))

@@ -15,6 +15,7 @@ import capsule_body
 import exact_models as models
 import lattice_scans
 import turn_scans
+from gltf_files import scene_of
 from manip3d import (
     Box,
     Intrinsics,
@@ -42,6 +43,8 @@ GRID = _core.unproject(DEPTH, CAMERA, 1)[0].reshape(72, 96, 3)
 hill = models.hill(13)
 coarse = hill.replace(faces=hill.faces // 2 * 2)
 pipe = models.pipe(16, 6)
+
+hill_scene = scene_of(models.hill(13))
 coarse_pipe = pipe.replace(faces=pipe.faces // 2 * 2)
 found = simplify.dense_mesh(DEPTH, CAMERA, threads=1)
 dense = found.mesh
@@ -131,6 +134,8 @@ KERNELS: dict[str, Kernel] = {
     "simplify.qem_tp": lambda _: simplify.qem_tp(pipe, ratio=0.3),
     "simplify.qem_btp": lambda _: simplify.qem_btp(pipe, ratio=0.3),
     "simplify.lod_chain": lambda _: simplify.lod_chain(hill, 3),
+    "simplify.simplify_scene": lambda _: simplify.simplify_scene(hill_scene, ratio=0.3),
+    "simplify.scene_lods": lambda _: simplify.scene_lods(hill_scene, 3),
     "simplify.polygon_budget": lambda _: simplify.polygon_budget(10.0, 72.0),
     "simplify.share_budget": lambda _: simplify.share_budget([hill, pipe], 200),
     "simplify.confidence_of_levels": lambda _: simplify.confidence_of_levels(

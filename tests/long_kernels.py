@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 import capsule_body
 import exact_models
 import lattice_scans
+from gltf_files import scene_of
 from manip3d import Intrinsics, LidarFrame, Mesh, authenticate, forge, metrics, modify, simplify
 
 PRESSED_AFTER_S = 0.2  # of the kernel's processor time
@@ -85,6 +86,10 @@ LONG: dict[str, Callable[[], Callable[[], object]]] = {
     "simplify.qem_orig": lambda: partial(simplify.qem_orig, hill(400), ratio=0.1),
     "simplify.qem_bp": lambda: partial(simplify.qem_bp, hill(400), ratio=0.1),
     "simplify.lod_chain": lambda: partial(simplify.lod_chain, hill(400), 3),
+    "simplify.simplify_scene": lambda: partial(
+        simplify.simplify_scene, scene_of(hill(300)), ratio=0.2
+    ),
+    "simplify.scene_lods": lambda: partial(simplify.scene_lods, scene_of(hill(400)), 3),
     "simplify.share_budget": lambda: partial(simplify.share_budget, [hill(300)] * 2, 200),
     "simplify.relief_cameras": lambda: partial(
         simplify.relief_cameras, [simplify.CameraView(depth(), CAMERA)] * 3, 9000, threads=1

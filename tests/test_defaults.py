@@ -103,6 +103,7 @@ FACADES: dict[str, list[Callable[..., Any]]] = {
     "UdpOptions": [capture.open_lidar],
     "VelodyneOptions": [capture.open_lidar],
     "WatermarkOptions": [authenticate.Watermarker],
+    "SceneWriteOptions": [],  # of a scene that the writer of Python has
     "WriteOptions": [],  # a folder that the writer of Python names
 }
 ALIASES = {

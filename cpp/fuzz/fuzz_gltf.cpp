@@ -1,5 +1,5 @@
-// glTF and GLB: whatever the bytes, a FormatError or a valid mesh; a mesh that came through is
-// written and read again with the same faces.
+// glTF and GLB: whatever the bytes, a FormatError or a valid mesh or scene; a mesh that came
+// through is written and read again with the same faces.
 #include <algorithm>
 #include <cstdint>
 #include <cstdlib>
@@ -10,6 +10,7 @@
 #include "io/gltf.hpp"
 #include "io/gltf_scene.hpp"
 #include "manip3d/error.hpp"
+#include "manip3d/io/scene_file.hpp"
 
 namespace {
 
@@ -60,6 +61,13 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       if (material >= static_cast<std::int64_t>(content.mesh.materials.size())) std::abort();
     }
     if (content.mesh.faces.rows() < 4096) check_round_trip(content.mesh);
+  } catch (const manip3d::FormatError&) {
+  }
+  try {
+    const manip3d::Scene scene =
+        manip3d::parse_gltf_scene(std::as_bytes(std::span(data, size)), resource,
+                                  manip3d::GltfBudget(static_cast<std::int64_t>(size)));
+    for (const manip3d::SceneMesh& mesh : scene.meshes) manip3d::check_mesh(mesh.mesh);
   } catch (const manip3d::FormatError&) {
   }
   return 0;

@@ -131,6 +131,7 @@ __all__: list[str] = [
     "read_mesh_bytes",
     "read_points",
     "read_range_grid",
+    "read_scene",
     "readable_suffixes",
     "registered_texcoords",
     "relief_flip_edges",
@@ -166,6 +167,7 @@ __all__: list[str] = [
     "writable_suffixes",
     "write_mesh",
     "write_points",
+    "write_scene",
 ]
 
 class Cs3Importance:
@@ -2182,6 +2184,9 @@ def read_points(
 def read_range_grid(
     path: bytes, max_bytes: typing.SupportsInt | typing.SupportsIndex
 ) -> tuple[int, int, numpy.ndarray, numpy.ndarray]: ...
+def read_scene(
+    path: bytes, allow_outside: bool, max_bytes: typing.SupportsInt | typing.SupportsIndex
+) -> tuple[typing.Any, ...]: ...
 def readable_suffixes() -> list[typing.Any]: ...
 def registered_texcoords(
     vertices: numpy.typing.NDArray[numpy.float32], registration: typing.Any
@@ -2376,6 +2381,14 @@ def write_points(
     num_points: typing.SupportsInt | typing.SupportsIndex,
     bytes: numpy.typing.NDArray[numpy.int8],
 ) -> None: ...
+def write_scene(
+    path: bytes,
+    document: str,
+    buffer: str,
+    levels: collections.abc.Sequence[list[typing.Any]],
+    max_vertices: typing.SupportsInt | typing.SupportsIndex,
+    coverages: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
+) -> list[typing.Any]: ...
 
 CELL_COLUMNS: int = 500
 CELL_RINGS: int = 2

@@ -111,6 +111,9 @@ def values() -> Iterator[object]:
     yield from (authenticate.PAPER_DENSITY, authenticate.PAPER_OCCLUSION)
     yield simplify.DepthOptions(60)
     yield simplify.lod_chain(kernels.hill, 2)
+    levels = simplify.scene_lods(kernels.hill_scene, 2)
+    yield from (levels, levels.levels[1], kernels.hill_scene, kernels.hill_scene.nodes[0])
+    yield simplify.simplify_scene(kernels.hill_scene, ratio=0.3)
     yield simplify.share_budget([kernels.hill, kernels.pipe], 80)
     for kind in (
         authenticate.LatticeReading,

@@ -275,8 +275,8 @@ def write_scene(
     with local_output(path) as local:
         warnings = _core.write_scene(
             os.fsencode(local),
-            scene._document,
-            scene._buffer,
+            scene._document,  # type: ignore[arg-type]  # bytes are a std::string, too
+            scene._buffer,  # type: ignore[arg-type]
             [_replaced(level) for level in levels],
             0 if max_vertices is None else max_vertices,
             list(coverages),

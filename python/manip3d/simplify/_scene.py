@@ -147,7 +147,7 @@ def _compact(
     return table[used], rows[index]
 
 
-def _turned(normals: NDArray[np.float64], linear: NDArray[np.float64]) -> NDArray[np.float64]:
+def _turned(normals: NDArray[Any], linear: NDArray[Any]) -> NDArray[np.float64]:
     """Unit normals of a surface after a linear map, but for the sign that a mirror gives."""
     turned = normals @ np.linalg.inv(linear)
     lengths = np.linalg.norm(turned, axis=1, keepdims=True)
@@ -241,7 +241,9 @@ class _Placed:
                 tables["colors"].append(white if mesh.colors is None else mesh.colors)
             tables["face_material"].append(self._pair_rows(index, mesh))
             counts["vertices"] += mesh.num_vertices
-        joined = {name: np.concatenate(parts) for name, parts in tables.items() if parts}
+        joined: dict[str, Any] = {
+            name: np.concatenate(parts) for name, parts in tables.items() if parts
+        }
         for table, corners in (("texcoords", "face_texcoords"), ("normals", "face_normals")):
             if table not in joined:
                 joined.pop(corners, None)
