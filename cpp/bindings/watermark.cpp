@@ -50,9 +50,20 @@ WatermarkEmbedding to_embedding(int number) {
 }
 
 WatermarkOptions to_options(int embedding, int slices, int least_points, bool paper_merge,
-                            bool round) {
-  return {to_embedding(embedding), slices, least_points,
-          paper_merge ? WatermarkMerge::kPaper : WatermarkMerge::kAdjacent, round};
+                            bool round, std::uint32_t units_per_m = 1000) {
+  return {to_embedding(embedding),
+          slices,
+          least_points,
+          paper_merge ? WatermarkMerge::kPaper : WatermarkMerge::kAdjacent,
+          round,
+          units_per_m};
+}
+
+// (N, 3) float64, or nothing.
+ExactView exact_view(const std::optional<CArray<double>>& exact) {
+  if (!exact) return {};
+  if (exact->ndim() != 2 || exact->shape(1) != 3) throw InputError("exact: expected shape (N, 3)");
+  return {exact->data(), static_cast<std::size_t>(exact->size())};
 }
 
 using Embedder = Exclusive<WatermarkEmbedder>;
@@ -61,16 +72,19 @@ using Key = Exclusive<WatermarkKey>;
 
 py::tuple embed(Embedder& self, const CArray<float>& points, const CArray<float>& intensity,
                 std::int64_t time_ns, std::uint32_t num_dropped, bool is_end,
-                const std::optional<py::bytes>& context) {
+                const std::optional<py::bytes>& context, const std::optional<CArray<double>>& exact,
+                const std::array<std::int64_t, 3>& offset) {
   const PointsView view = points_view(points, intensity);
-  WatermarkFrame frame{time_ns, num_dropped, is_end, std::nullopt};
+  const ExactView wide = exact_view(exact);
+  WatermarkFrame frame{time_ns, num_dropped, is_end, std::nullopt, offset};
   if (context) frame.context = fixed<32>(*context, "context");
   WatermarkedScan scan = self.with([&](WatermarkEmbedder& embedder) {
     const py::gil_scoped_release nogil;
-    return embedder.embed(view, frame);
+    return embedder.embed(view, frame, wide);
   });
   const py::bytes record = to_bytes(scan.record);
-  return py::make_tuple(to_numpy(std::move(scan.points)), record, scan.frame, scan.num_tiles);
+  return py::make_tuple(to_numpy(std::move(scan.points)), record, scan.frame, scan.num_tiles,
+                        to_numpy(std::move(scan.exact)));
 }
 
 Fields to_fields(const WatermarkHeader& header) {
@@ -87,6 +101,9 @@ Fields to_fields(const WatermarkHeader& header) {
   fields["time_ns"] = header.time_ns;
   fields["has_intensity"] = header.has_intensity;
   fields["num_dropped"] = header.num_dropped;
+  fields["is_exact"] = header.is_exact;
+  fields["units_per_m"] = header.units_per_m;
+  fields["offset"] = header.offset;
   fields["tile_of_slice"] = header.tile_of;
   return fields;
 }
@@ -95,8 +112,10 @@ WatermarkPolicy to_policy(const std::vector<int>& embeddings, const std::vector<
                           const std::vector<py::bytes>& sensors,
                           const std::vector<py::bytes>& sessions, std::int64_t max_points,
                           bool any_order, std::int64_t max_age_ns,
-                          const std::optional<py::bytes>& context) {
+                          const std::optional<py::bytes>& context,
+                          const std::vector<std::uint32_t>& units_per_m) {
   WatermarkPolicy policy;
+  policy.units_per_m = units_per_m;
   policy.embeddings.clear();
   for (const int each : embeddings) policy.embeddings.push_back(to_embedding(each));
   policy.carriers.clear();
@@ -133,12 +152,13 @@ Fields to_fields(WatermarkFinding&& finding) {
 
 Fields verify(Verifier& self, const CArray<float>& points, const CArray<float>& intensity,
               const py::bytes& record, const WatermarkPolicy& policy, std::uint32_t num_dropped,
-              std::int64_t now_ns) {
+              std::int64_t now_ns, const std::optional<CArray<double>>& exact) {
   const PointsView view = points_view(points, intensity);
+  const ExactView wide = exact_view(exact);
   const std::vector<std::uint8_t> bytes = from_bytes(record);
   WatermarkFinding finding = self.with([&](WatermarkVerifier& verifier) {
     const py::gil_scoped_release nogil;
-    return verifier.verify(view, bytes, policy, num_dropped, now_ns);
+    return verifier.verify(view, bytes, policy, num_dropped, now_ns, wide);
   });
   return to_fields(std::move(finding));
 }
@@ -182,10 +202,11 @@ void bind_watermark(py::module_& m) {
 
   py::class_<Embedder>(m, "WatermarkEmbedder")
       .def(py::init([](Key& key, const py::bytes& sensor, const std::optional<py::bytes>& session,
-                       int embedding, int slices, int least_points, bool paper_merge, bool round) {
+                       int embedding, int slices, int least_points, bool paper_merge, bool round,
+                       std::uint32_t units_per_m) {
              const WatermarkId id = fixed<16>(sensor, "sensor");
              const WatermarkOptions options =
-                 to_options(embedding, slices, least_points, paper_merge, round);
+                 to_options(embedding, slices, least_points, paper_merge, round, units_per_m);
              return key.with([&](const WatermarkKey& open) {
                return session ? std::make_unique<Embedder>(WatermarkEmbedder(
                                     open, id, fixed<16>(*session, "session"), options))
@@ -193,9 +214,12 @@ void bind_watermark(py::module_& m) {
              });
            }),
            py::arg("key"), py::arg("sensor"), py::arg("session"), py::arg("embedding"),
-           py::arg("slices"), py::arg("least_points"), py::arg("paper_merge"), py::arg("round"))
+           py::arg("slices"), py::arg("least_points"), py::arg("paper_merge"), py::arg("round"),
+           py::arg("units_per_m") = 1000)
       .def("embed", &embed, py::arg("points").noconvert(), py::arg("intensity").noconvert(),
-           py::arg("time_ns"), py::arg("num_dropped"), py::arg("is_end"), py::arg("context"))
+           py::arg("time_ns"), py::arg("num_dropped"), py::arg("is_end"), py::arg("context"),
+           py::arg("exact").noconvert() = py::none(),
+           py::arg("offset") = std::array<std::int64_t, 3>{})
       .def_property_readonly("session",
                              [](Embedder& self) {
                                return self.with([](const WatermarkEmbedder& embedder) {
@@ -207,7 +231,7 @@ void bind_watermark(py::module_& m) {
   py::class_<WatermarkPolicy>(m, "WatermarkPolicy")
       .def(py::init(&to_policy), py::arg("embeddings"), py::arg("carriers"), py::arg("sensors"),
            py::arg("sessions"), py::arg("max_points"), py::arg("any_order"), py::arg("max_age_ns"),
-           py::arg("context"));
+           py::arg("context"), py::arg("units_per_m") = std::vector<std::uint32_t>{});
 
   py::class_<Verifier>(m, "WatermarkVerifier")
       .def(py::init([](Key& key) {
@@ -217,7 +241,8 @@ void bind_watermark(py::module_& m) {
            }),
            py::arg("key"))
       .def("verify", &verify, py::arg("points").noconvert(), py::arg("intensity").noconvert(),
-           py::arg("record"), py::arg("policy"), py::arg("num_dropped"), py::arg("now_ns"))
+           py::arg("record"), py::arg("policy"), py::arg("num_dropped"), py::arg("now_ns"),
+           py::arg("exact").noconvert() = py::none())
       .def("state",
            [](Verifier& self) {
              return to_bytes(

@@ -2,6 +2,7 @@
 // typed error or a verdict, and never `authentic` but for what was embedded.
 #include <algorithm>
 #include <cstdint>
+#include <cstring>
 #include <filesystem>
 #include <span>
 #include <vector>
@@ -33,11 +34,11 @@ PointCloud small_scan() {
   return cloud;
 }
 
-// One key, scan and record for all inputs.
+// One key, and a scan and its record for all inputs; the same scan in a national grid's float64.
 struct Known {
   WatermarkKey key;
   PointCloud cloud = small_scan();
-  WatermarkedScan sent;
+  WatermarkedScan sent, sent_exact;
 
   static WatermarkKey make() {
     SecretBytes file(WatermarkKey::kFileSize);
@@ -51,6 +52,12 @@ struct Known {
 
   Known() : key(make()) {
     WatermarkEmbedder embedder(key, WatermarkId{});
+    ExactPoints exact = cloud.points.cast<double>();
+    exact.rowwise() += Eigen::RowVector3d(456'789.0, 5'428'123.0, 112.0);
+    WatermarkFrame frame;
+    frame.offset = {456'789'000, 5'428'123'000, 112'000};
+    WatermarkEmbedder other(key, WatermarkId{});
+    sent_exact = other.embed(cloud, frame, {exact.data(), static_cast<std::size_t>(exact.size())});
     sent = embedder.embed(cloud);
     cloud.points = sent.points;
   }
@@ -63,6 +70,11 @@ void check_record(std::span<const std::uint8_t> bytes) {
     require(record.counts.size() == record.header.num_tiles);
     require(record.tags.size() == record.header.num_tiles);
     for (const std::uint16_t tile : record.header.tile_of) require(tile < record.header.num_tiles);
+    require(record.header.units_per_m <= 1'000'000);
+    for (const std::int64_t offset : record.header.offset) {
+      require(offset == 0 || (record.header.is_exact && offset >= -(std::int64_t{1} << 37) &&
+                              offset <= std::int64_t{1} << 37));
+    }
   });
 }
 
@@ -93,5 +105,19 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   check_record(record);
   const auto finding = verifier.verify(known.cloud, record, policy);
   require((finding.verdict == WatermarkVerdict::kAuthentic) == (record == known.sent.record));
+  // Any coordinates in float64 beside the record of others.
+  ExactPoints exact = known.sent_exact.exact;
+  for (std::size_t i = 0; i + 9 <= size && i < 90; i += 9) {
+    std::memcpy(exact.data() + data[i] % exact.size(), data + i + 1, sizeof(double));
+  }
+  try {
+    WatermarkVerifier another(known.key);
+    const auto found = another.verify(known.cloud, known.sent_exact.record, policy, 0, 0,
+                                      {exact.data(), static_cast<std::size_t>(exact.size())});
+    const double moved = (exact - known.sent_exact.exact).cwiseAbs().maxCoeff();
+    require(found.verdict != WatermarkVerdict::kAuthentic || moved < 2e-7);
+  } catch (const InputError&) {
+    require(!exact.allFinite());
+  }
   return 0;
 }

@@ -1535,6 +1535,7 @@ class WatermarkEmbedder:
         least_points: typing.SupportsInt | typing.SupportsIndex,
         paper_merge: bool,
         round: bool,
+        units_per_m: typing.SupportsInt | typing.SupportsIndex = 1000,
     ) -> None: ...
     def close(self) -> None: ...
     def embed(
@@ -1545,6 +1546,10 @@ class WatermarkEmbedder:
         num_dropped: typing.SupportsInt | typing.SupportsIndex,
         is_end: bool,
         context: bytes | None,
+        exact: numpy.typing.NDArray[numpy.float64] | None = None,
+        offset: typing.Annotated[
+            collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex], "FixedSize(3)"
+        ] = [0, 0, 0],
     ) -> tuple[typing.Any, ...]: ...
     @property
     def session(self) -> bytes: ...
@@ -1560,6 +1565,7 @@ class WatermarkPolicy:
         any_order: bool,
         max_age_ns: typing.SupportsInt | typing.SupportsIndex,
         context: bytes | None,
+        units_per_m: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = [],
     ) -> None: ...
 
 class WatermarkVerifier:
@@ -1576,6 +1582,7 @@ class WatermarkVerifier:
         policy: WatermarkPolicy,
         num_dropped: typing.SupportsInt | typing.SupportsIndex,
         now_ns: typing.SupportsInt | typing.SupportsIndex,
+        exact: numpy.typing.NDArray[numpy.float64] | None = None,
     ) -> dict[str, typing.Any]: ...
 
 class PaperSettings:

@@ -155,6 +155,9 @@ class Embedder:
     least: int = 1000
     frame: int = 0
     previous: bytes = bytes(32)
+    units: int = 1000
+    offset: tuple[int, int, int] = (0, 0, 0)
+    is_exact: bool = False  # coordinates are written in float64
     keys: list[bytes] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -166,7 +169,9 @@ class Embedder:
         if self.embedding == DETACHED:
             x, y, z = (f32_bits(value) for value in point)
             return x, y, z, i
-        x, y, z = (round(value * 1000.0) for value in point)
+        x, y, z = (
+            round(value * self.units) - at for value, at in zip(point, self.offset, strict=True)
+        )
         if self.embedding == LBM:
             return x & ~1, y & ~1, z & ~1, i
         return x, y, (2 * z) // 5, i
@@ -179,6 +184,11 @@ class Embedder:
 
     def written(self, s: Sample, bit: int) -> Point:
         x, y, z, _ = s
+        if self.is_exact:
+            a, b, c = (((q | bit) + at) / self.units for q, at in zip(s, self.offset, strict=False))
+            return a, b, c
+        if self.embedding == LBM and self.units != 1000:
+            return tuple(f32((q | bit) / self.units) for q in (x, y, z))  # type: ignore[return-value]
         if self.embedding == LBM:
             return f32((x | bit) / 1000), f32((y | bit) / 1000), f32((z | bit) / 1000)
         quarter = 0 if x == y == z == 0 else 4 * z + (3 if bit else 1)
@@ -217,8 +227,10 @@ class Embedder:
         flags = (self.frame == 0) | is_end << 1 | (context is not None) << 3
         header = b"m3d-wm01" + struct.pack("<4B", 1, self.embedding, 0, flags)
         header += self.sensor + self.session + struct.pack("<Qq", self.frame, time_ns)
-        header += struct.pack("<I3q", 0 if self.embedding == DETACHED else 1000, 0, 0, 0)
-        header += struct.pack("<IHHHI", 0, intensity is not None, self.slices, tiles, 0)
+        units = 0 if self.embedding == DETACHED else self.units
+        header += struct.pack("<I3q", units, *self.offset)
+        fields = (intensity is not None) | self.is_exact << 1
+        header += struct.pack("<IHHHI", 0, fields, self.slices, tiles, 0)
         header += struct.pack(f"<{self.slices}H", *tile_of) + (context or bytes(32))
         tile_key, frame_key, bits_key = self.keys[:3]
         full = []

@@ -8,6 +8,7 @@
 #include <tuple>
 #include <utility>
 
+#include "authenticate/watermark_record.hpp"
 #include "manip3d/error.hpp"
 
 namespace manip3d {
@@ -19,7 +20,6 @@ constexpr double kQuarters = 1600.0;        // quarters of a QIM cell of 2.5 mm 
 // Units or quarters: float32 tells neighbours apart below 2^23.
 constexpr std::int32_t kLimit = 8'000'000;
 
-constexpr double kMillimetre = 1.0 / kUnits;
 constexpr double kQuarter = 1.0 / kQuarters;
 
 // 1.5 * 2^52 has the integers in its lowest bits: a sum with it is rounded to the nearest one.
@@ -30,9 +30,10 @@ inline std::int64_t nearest(double value) {
   return std::bit_cast<std::int64_t>(value + kShift) - std::bit_cast<std::int64_t>(kShift);
 }
 
-// float32(q / 1000) and float32(q / 1600), by a product: q / 1000 is at least 2^-25 / 1000 of
-// itself away from where float32 rounds the other way, or is a float32, and the product is wrong by
-// 2^-52 of itself. Divisions take a third of the time of a frame's samples.
+// float32(q / 1000) and float32(q / 1600), by a product: q / n is at least 2^-25 / n of itself away
+// from where float32 rounds the other way, or is a float32, and the product is wrong by 2^-52 of
+// itself, which is less for any n up to 2^26. Divisions take a third of the time of a frame's
+// samples.
 inline float on_grid(std::int32_t q, double metres) {
   return static_cast<float>(static_cast<double>(q) * metres);
 }
@@ -47,11 +48,37 @@ inline std::int32_t intensity_of(const PointsView& points, Eigen::Index row) {
   return points.has_intensity() ? std::bit_cast<std::int32_t>(points.intensity[row]) : 0;
 }
 
-[[noreturn]] void refuse(const PointsView& points, Eigen::Index row) {
-  const auto text = [&](int axis) { return std::to_string(points.points(row, axis)); };
-  throw InputError("points: expected coordinates on a grid of 1 mm, within 4 km, got (" + text(0) +
+// The grid in words.
+std::string grid_of(std::uint32_t units_per_m) {
+  return units_per_m == 1000 ? "1 mm" : "1/" + std::to_string(units_per_m) + " m";
+}
+
+template <typename Value>
+[[noreturn]] void refuse(const Value* xyz, std::int64_t row, const std::string& grid) {
+  const auto text = [&](int axis) { return std::to_string(xyz[3 * row + axis]); };
+  throw InputError("points: expected coordinates on a grid of " + grid + ", got (" + text(0) +
                    ", " + text(1) + ", " + text(2) + ") in row " + std::to_string(row) +
                    "; embed 'detached', or round the points onto the grid");
+}
+
+// A coordinate in float64 as whole units from the offset.
+struct Unit {
+  std::int64_t from_offset;
+  bool is_on_grid, fits;
+};
+
+// Coordinates are the nearest float64 to a point of the grid, or one that a format's scale and
+// offset make of it: a few times 2^-15 units away, as far from zero as they may be.
+constexpr double kOfGrid = 1.0 / 8192.0;
+constexpr std::int64_t kExactReach = std::int64_t{1} << 30;
+
+Unit unit_of(double metres, double units, std::int64_t offset) {
+  const double scaled = metres * units;
+  if (!(std::abs(scaled) < static_cast<double>(kFarthestUnit))) return {0, false, false};
+  const std::int64_t whole = nearest(scaled), from_offset = whole - offset;
+  const bool fits = from_offset > -kExactReach && from_offset < kExactReach;
+  const bool is_on_grid = std::abs(scaled - static_cast<double>(whole)) <= kOfGrid;
+  return {fits ? from_offset : 0, is_on_grid, fits};
 }
 
 // Slices of integer samples.
@@ -159,9 +186,13 @@ void sample_for_embedding(const PointsView& points, const WatermarkOptions& opti
     return;
   }
   const bool is_lbm = options.embedding == WatermarkEmbedding::kLbm;
-  Block block(kUnits, kUnits, kReach);
+  Block block(options.units_per_m, options.units_per_m, kReach);
   for_each_row(points, block, [&](Eigen::Index row, std::size_t i) {
-    if (!block.fits(i) || (!options.round && !block.is_on_grid(i))) refuse(points, row);
+    if (!block.fits(i) || (!options.round && !block.is_on_grid(i))) {
+      const double reach = static_cast<double>(kReach) / options.units_per_m;
+      const std::string far = options.units_per_m == 1000 ? "4 km" : std::to_string(reach) + " m";
+      refuse(points.points.data(), row, grid_of(options.units_per_m) + ", within " + far);
+    }
     WatermarkSample& s = found.samples[static_cast<std::size_t>(row)];
     s.intensity = intensity_of(points, row);
     if (is_lbm) {
@@ -179,15 +210,15 @@ void sample_for_embedding(const PointsView& points, const WatermarkOptions& opti
 }
 
 void sample_for_verification(const PointsView& points, WatermarkEmbedding embedding,
-                             const SliceTable& slices, LatticeSamples& found,
-                             std::vector<std::uint16_t>& slice_of) {
+                             std::uint32_t units_per_m, const SliceTable& slices,
+                             LatticeSamples& found, std::vector<std::uint16_t>& slice_of) {
   make_room(points, found, slice_of);
   if (embedding == WatermarkEmbedding::kDetached) {
     sample_bits(points, slices, found, slice_of);
     return;
   }
   const bool is_lbm = embedding == WatermarkEmbedding::kLbm;
-  Block block(kUnits, is_lbm ? kUnits : kQuarters, kLimit);
+  Block block(units_per_m, is_lbm ? units_per_m : kQuarters, kLimit);
   for_each_row(points, block, [&](Eigen::Index row, std::size_t i) {
     WatermarkSample& s = found.samples[static_cast<std::size_t>(row)];
     s.intensity = intensity_of(points, row);
@@ -211,6 +242,43 @@ void sample_for_verification(const PointsView& points, WatermarkEmbedding embedd
   find_slices(slices, found, slice_of);
 }
 
+void sample_exact(const PointsView& points, const ExactGrid& grid, ExactUse use,
+                  const SliceTable& slices, LatticeSamples& found,
+                  std::vector<std::uint16_t>& slice_of) {
+  make_room(points, found, slice_of);
+  for (Eigen::Index row = 0; row < points.num_points(); ++row) {
+    const auto i = static_cast<std::size_t>(row);
+    std::array<std::int32_t, 3> q;
+    std::uint8_t mark = 0;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const Unit unit =
+          unit_of(grid.coordinates[3 * i + axis], grid.units_per_m, grid.offset[axis]);
+      const bool accepted = unit.fits && (unit.is_on_grid || use == ExactUse::kRound);
+      if (!accepted && use != ExactUse::kVerify) {
+        refuse(grid.coordinates.data(), row,
+               grid_of(grid.units_per_m) + ", within 2^30 steps of the origin");
+      }
+      if (!accepted) mark |= kOffLattice;
+      q[axis] = static_cast<std::int32_t>(unit.from_offset);
+      if (use == ExactUse::kVerify) mark |= static_cast<std::uint8_t>((q[axis] & 1) << axis);
+    }
+    found.samples[i] = {q[0] & ~1, q[1] & ~1, q[2] & ~1, intensity_of(points, row)};
+    found.marks[i] = mark;
+  }
+  find_slices(slices, found, slice_of);
+}
+
+void write_exact(const LatticeSamples& found, const ExactGrid& grid, double* xyz) {
+  for (std::size_t i = 0; i < found.samples.size(); ++i) {
+    const WatermarkSample& s = found.samples[i];
+    const std::array<std::int32_t, 3> q = {s.x, s.y, s.z};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const std::int64_t unit = (q[axis] | found.marks[i]) + grid.offset[axis];
+      xyz[3 * i + axis] = static_cast<double>(unit) / grid.units_per_m;
+    }
+  }
+}
+
 std::int64_t nearest_unit(double metres) { return nearest(metres * kUnits); }
 
 std::uint8_t mark_of(const WatermarkSample& sample, std::uint8_t bit,
@@ -221,18 +289,20 @@ std::uint8_t mark_of(const WatermarkSample& sample, std::uint8_t bit,
 }
 
 void write_sample(const WatermarkSample& sample, std::uint8_t bit, WatermarkEmbedding embedding,
-                  float* xyz) {
+                  float* xyz, double metres) {
   const bool is_lbm = embedding == WatermarkEmbedding::kLbm;
   const std::int32_t own = is_lbm ? bit : 0;
-  xyz[0] = on_grid(sample.x | own, kMillimetre);
-  xyz[1] = on_grid(sample.y | own, kMillimetre);
-  xyz[2] = is_lbm ? on_grid(sample.z | own, kMillimetre)
+  xyz[0] = on_grid(sample.x | own, metres);
+  xyz[1] = on_grid(sample.y | own, metres);
+  xyz[2] = is_lbm ? on_grid(sample.z | own, metres)
                   : on_grid(4 * sample.z + mark_of(sample, bit, embedding), kQuarter);
 }
 
-void write_samples(const LatticeSamples& found, WatermarkEmbedding embedding, float* xyz) {
+void write_samples(const LatticeSamples& found, WatermarkEmbedding embedding,
+                   std::uint32_t units_per_m, float* xyz) {
+  const double metres = 1.0 / units_per_m;
   for (std::size_t i = 0; i < found.samples.size(); ++i) {
-    write_sample(found.samples[i], found.marks[i], embedding, xyz + 3 * i);
+    write_sample(found.samples[i], found.marks[i], embedding, xyz + 3 * i, metres);
   }
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -33,18 +34,39 @@ void sample_for_embedding(const PointsView& points, const WatermarkOptions& opti
 
 /// The same at the receiver, with marks.
 void sample_for_verification(const PointsView& points, WatermarkEmbedding embedding,
-                             const SliceTable& slices, LatticeSamples& found,
-                             std::vector<std::uint16_t>& slice_of);
+                             std::uint32_t units_per_m, const SliceTable& slices,
+                             LatticeSamples& found, std::vector<std::uint16_t>& slice_of);
+
+/// Coordinates in float64 on a stated grid: whole units from an offset.
+struct ExactGrid {
+  ExactView coordinates;
+  std::uint32_t units_per_m;
+  std::array<std::int64_t, 3> offset;
+};
+
+enum class ExactUse : std::uint8_t { kEmbed, kRound, kVerify };
+
+/// Samples of LBM, with marks for a verifier.
+/// @throws InputError  not for a verifier: a point is off the grid, and is not to be rounded, or
+/// too
+///                     far from the offset.
+void sample_exact(const PointsView& points, const ExactGrid& grid, ExactUse use,
+                  const SliceTable& slices, LatticeSamples& found,
+                  std::vector<std::uint16_t>& slice_of);
+
+/// Writes the coordinates of all samples of LBM; `marks` hold their bits, in x, y and z alike.
+void write_exact(const LatticeSamples& found, const ExactGrid& grid, double* xyz);
 
 /// The mark of a sample that carries `bit`.
 std::uint8_t mark_of(const WatermarkSample& sample, std::uint8_t bit, WatermarkEmbedding embedding);
 
-/// Writes three coordinates, metres.
+/// Writes three coordinates; a unit of LBM, and of x and y, is as many metres.
 void write_sample(const WatermarkSample& sample, std::uint8_t bit, WatermarkEmbedding embedding,
-                  float* xyz);
+                  float* xyz, double metres = 0.001);
 
 /// Writes the coordinates of all samples, metres; `marks` hold their bits.
-void write_samples(const LatticeSamples& found, WatermarkEmbedding embedding, float* xyz);
+void write_samples(const LatticeSamples& found, WatermarkEmbedding embedding,
+                   std::uint32_t units_per_m, float* xyz);
 
 /// Sorts the marks, and the rows with them, of identical samples of a tile: they carry their bits
 /// in ascending order.

@@ -128,7 +128,7 @@ std::int64_t printed_quantizer(std::int64_t z, std::uint8_t bit) {
 // At the receiver z is in quarters of the step; points off the grid are rounded.
 void sample_received(const PointsView& points, PaperEmbedding embedding, const SliceTable& slices,
                      LatticeSamples& found, std::vector<std::uint16_t>& slice_of) {
-  sample_for_verification(points, keyed_kind(embedding), slices, found, slice_of);
+  sample_for_verification(points, keyed_kind(embedding), 1000, slices, found, slice_of);
   if (embedding != PaperEmbedding::kQimPrinted) return;
   for (std::size_t i = 0; i < found.samples.size(); ++i) {
     found.samples[i].z = 4 * found.samples[i].z + (found.marks[i] & 3);

@@ -25,6 +25,15 @@ WatermarkOrder order_of(WatermarkEmbedding embedding) {
                                                     : WatermarkOrder::kHeightFirst;
 }
 
+void check_exact(const PointsView& points, ExactView exact) {
+  if (!exact.empty() && exact.size() != 3 * static_cast<std::size_t>(points.num_points())) {
+    throw InputError("exact: expected as many rows as points");
+  }
+  if (!std::all_of(exact.begin(), exact.end(), [](double x) { return std::isfinite(x); })) {
+    throw InputError("exact: expected finite coordinates");
+  }
+}
+
 std::span<const std::uint8_t> bytes_of_samples(std::span<const WatermarkSample> samples) {
   return {reinterpret_cast<const std::uint8_t*>(samples.data()), samples.size_bytes()};
 }
@@ -150,7 +159,28 @@ struct WatermarkEmbedder::State {
     header.embedding = chosen.embedding;
     header.sensor = sensor;
     header.session = session;
-    header.units_per_m = chosen.embedding == WatermarkEmbedding::kDetached ? 0 : 1000;
+    if (chosen.units_per_m < 1 || chosen.units_per_m > kMostUnitsPerMetre) {
+      throw InputError("units_per_m: expected 1 to 1000000, got " +
+                       std::to_string(chosen.units_per_m));
+    }
+    if (chosen.embedding == WatermarkEmbedding::kQim && chosen.units_per_m != 1000) {
+      throw InputError("units_per_m: expected 1000 with QIM, whose cells are 2.5 mm, got " +
+                       std::to_string(chosen.units_per_m));
+    }
+    header.units_per_m = chosen.embedding == WatermarkEmbedding::kDetached ? 0 : chosen.units_per_m;
+  }
+
+  // Samples of the points, or of their coordinates in float64.
+  void sample(const PointsView& points, const ExactGrid& grid) {
+    if (!header.is_exact) {
+      sample_for_embedding(points, options, slices, found, slice_of);
+      return;
+    }
+    if (header.embedding != WatermarkEmbedding::kLbm) {
+      throw InputError("exact: expected coordinates in float64 with LBM only");
+    }
+    sample_exact(points, grid, options.round ? ExactUse::kRound : ExactUse::kEmbed, slices, found,
+                 slice_of);
   }
 
   // Merges slices until each tile has its bits; the tiles are in `tiled` then.
@@ -216,14 +246,27 @@ void WatermarkEmbedder::close() {
   state_->is_closed = true;
 }
 
-WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const WatermarkFrame& frame) {
+WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const WatermarkFrame& frame,
+                                         ExactView exact) {
   State& s = *state_;
   if (s.is_closed) throw Error("the watermarker is closed");
   if (s.has_ended) throw Error("the session has ended with its last frame");
   check_points(points);
   if (points.num_points() == 0) throw InputError("points: expected at least one, got none");
-  sample_for_embedding(points, s.options, s.slices, s.found, s.slice_of);
+  check_exact(points, exact);
   WatermarkHeader& header = s.header;
+  header.is_exact = !exact.empty();
+  header.offset = frame.offset;
+  for (const std::int64_t offset : frame.offset) {
+    if (offset != 0 && !header.is_exact) {
+      throw InputError("offset: expected 0 for coordinates in float32");
+    }
+    if (!(offset >= -kFarthestUnit && offset <= kFarthestUnit)) {
+      throw InputError("offset: expected at most 2^37 units from zero");
+    }
+  }
+  const ExactGrid grid{exact, header.units_per_m, frame.offset};
+  s.sample(points, grid);
   header.is_genesis = header.frame == 0;
   header.is_end = frame.is_end;
   header.has_context = frame.context.has_value();
@@ -237,13 +280,18 @@ WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const Waterma
   const std::vector<WatermarkTag> tags = tags_of_tiles(s.keys, head, s.tiled);
   WatermarkedScan result;
   if (header.embedding != WatermarkEmbedding::kDetached) {
-    result.points.resize(points.num_points(), 3);
     for (std::size_t t = 0; t < tags.size(); ++t) {
       for_each_bit(s.keys, tags[t], s.tiled, t, s.stream, [&](std::size_t place, std::uint8_t bit) {
         s.found.marks[s.tiled.rows[place]] = bit;
       });
     }
-    write_samples(s.found, header.embedding, result.points.data());
+    if (header.is_exact) {
+      result.exact.resize(points.num_points(), 3);
+      write_exact(s.found, grid, result.exact.data());
+    } else {
+      result.points.resize(points.num_points(), 3);
+      write_samples(s.found, header.embedding, header.units_per_m, result.points.data());
+    }
   }
   result.record = s.make_record(head, tags);
   result.frame = header.frame;
@@ -275,7 +323,7 @@ struct WatermarkVerifier::State {
 
   void find_place(const WatermarkRecord& record, WatermarkFinding& finding) const;
   void go_on(const WatermarkHeader& header, const WatermarkTag& frame_tag);
-  void check_content(const PointsView& points, std::span<const std::uint8_t> bytes,
+  void check_content(const PointsView& points, ExactView exact, std::span<const std::uint8_t> bytes,
                      const WatermarkRecord& record, std::uint32_t num_dropped,
                      WatermarkFinding& finding);
   [[nodiscard]] WatermarkTag state_tag(std::span<const std::uint8_t> bytes) const;
@@ -297,6 +345,10 @@ std::string objection(const WatermarkPolicy& policy, const WatermarkHeader& head
   }
   if (!policy.sessions.empty() && !holds(policy.sessions, header.session)) {
     return "the record is of another session than the policy names";
+  }
+  const bool carries = header.embedding != WatermarkEmbedding::kDetached;
+  if (carries && !policy.units_per_m.empty() && !holds(policy.units_per_m, header.units_per_m)) {
+    return "the policy refuses this lattice";
   }
   if (policy.context && !header.has_context) return "the record binds no context";
   if (policy.context && !equal_in_constant_time(*policy.context, header.context)) {
@@ -376,7 +428,7 @@ void WatermarkVerifier::reset() {
 WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
                                            std::span<const std::uint8_t> bytes,
                                            const WatermarkPolicy& policy, std::uint32_t num_dropped,
-                                           std::int64_t now_ns) {
+                                           std::int64_t now_ns, ExactView exact) {
   State& s = *state_;
   if (s.root.size() == 0) throw Error("the verifier is closed");
   WatermarkFinding finding;
@@ -385,6 +437,7 @@ WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
     return finding;
   };
   check_points(points);
+  check_exact(points, exact);
   if (points.num_points() > policy.max_points) {
     return unverifiable("more points than the policy allows: " +
                         std::to_string(points.num_points()));
@@ -414,7 +467,11 @@ WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
   }
   if (std::string why = objection(policy, record.header); !why.empty()) return unverifiable(why);
   finding.header = record.header;
-  s.check_content(points, bytes, record, num_dropped, finding);
+  if (record.header.is_exact && exact.empty() && points.num_points() > 0) {
+    return unverifiable(
+        "coordinates were signed in float64, of which the scan has the float32 part only");
+  }
+  s.check_content(points, exact, bytes, record, num_dropped, finding);
   s.find_place(record, finding);
   finding.freshness = freshness_of(policy, record.header, now_ns);
   conclude(policy, finding);
@@ -423,7 +480,7 @@ WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
   return finding;
 }
 
-void WatermarkVerifier::State::check_content(const PointsView& points,
+void WatermarkVerifier::State::check_content(const PointsView& points, ExactView exact,
                                              std::span<const std::uint8_t> bytes,
                                              const WatermarkRecord& record,
                                              std::uint32_t num_dropped, WatermarkFinding& finding) {
@@ -431,7 +488,12 @@ void WatermarkVerifier::State::check_content(const PointsView& points,
   if (static_cast<int>(header.tile_of.size()) != slices.size()) {
     slices = SliceTable(static_cast<int>(header.tile_of.size()));
   }
-  sample_for_verification(points, header.embedding, slices, found, slice_of);
+  if (header.is_exact) {
+    sample_exact(points, {exact, header.units_per_m, header.offset}, ExactUse::kVerify, slices,
+                 found, slice_of);
+  } else {
+    sample_for_verification(points, header.embedding, header.units_per_m, slices, found, slice_of);
+  }
   order.sort(found.samples, found.marks, slice_of, header.tile_of, header.num_tiles,
              order_of(header.embedding), tiled);
   finding.tile_of_row.resize(slice_of.size());

@@ -11,6 +11,7 @@ namespace {
 
 constexpr std::string_view kRecordMagic = "m3d-wm01";
 constexpr std::uint8_t kGenesis = 1, kEnd = 2, kContext = 8;
+constexpr std::uint16_t kIntensity = 1, kExact = 2;
 constexpr std::size_t kPerTile = 20;
 
 class Writer {
@@ -61,6 +62,27 @@ class RecordReader {
   std::size_t at_ = 0;
 };
 
+// A detached record has the bits of floats, QIM cells of 2.5 mm, LBM a stated grid.
+void check_grid(const WatermarkHeader& header, const RecordReader& reader) {
+  const std::uint32_t units = header.units_per_m;
+  const bool fits = header.embedding == WatermarkEmbedding::kDetached ? units == 0
+                    : header.embedding == WatermarkEmbedding::kQim
+                        ? units == 1000
+                        : units >= 1 && units <= kMostUnitsPerMetre;
+  if (!fits) reader.fail("another lattice than the embedding has");
+}
+
+void check_fields(const WatermarkHeader& header, std::uint16_t fields, const RecordReader& reader) {
+  if ((fields & ~(kIntensity | kExact)) != 0) reader.fail("fields that nobody knows");
+  if (header.is_exact && header.embedding != WatermarkEmbedding::kLbm) {
+    reader.fail("coordinates in float64 with another embedding than LBM");
+  }
+  for (const std::int64_t offset : header.offset) {
+    if (offset != 0 && !header.is_exact) reader.fail("an offset of coordinates in float32");
+    if (offset < -kFarthestUnit || offset > kFarthestUnit) reader.fail("an offset too far away");
+  }
+}
+
 // Tiles are numbered by their first slices, and none is without one.
 void check_merge_map(const WatermarkHeader& header, const RecordReader& reader) {
   std::uint16_t seen = 0;
@@ -89,7 +111,8 @@ std::vector<std::uint8_t> header_bytes(const WatermarkHeader& header) {
   out.put(header.units_per_m);
   for (const std::int64_t offset : header.offset) out.put(offset);
   out.put(header.units_per_intensity);
-  out.put(static_cast<std::uint16_t>(header.has_intensity ? 1 : 0));
+  out.put(static_cast<std::uint16_t>((header.has_intensity ? kIntensity : 0) |
+                                     (header.is_exact ? kExact : 0)));
   out.put(static_cast<std::uint16_t>(header.tile_of.size()));
   out.put(header.num_tiles);
   out.put(header.num_dropped);
@@ -129,17 +152,14 @@ WatermarkRecord WatermarkRecord::parse(std::span<const std::uint8_t> bytes) {
   header.frame = in.get<std::uint64_t>();
   header.time_ns = in.get<std::int64_t>();
   header.units_per_m = in.get<std::uint32_t>();
-  const std::uint32_t expected = header.embedding == WatermarkEmbedding::kDetached ? 0 : 1000;
-  if (header.units_per_m != expected) in.fail("another lattice than the embedding has");
-  for (std::int64_t& offset : header.offset) {
-    offset = in.get<std::int64_t>();
-    if (offset != 0) in.fail("an offset, which this version does not know");
-  }
+  check_grid(header, in);
+  for (std::int64_t& offset : header.offset) offset = in.get<std::int64_t>();
   header.units_per_intensity = in.get<std::uint32_t>();
   if (header.units_per_intensity != 0) in.fail("another lattice of intensities than float32");
   const auto fields = in.get<std::uint16_t>();
-  if (fields > 1) in.fail("fields that nobody knows");
-  header.has_intensity = fields == 1;
+  header.has_intensity = (fields & kIntensity) != 0;
+  header.is_exact = (fields & kExact) != 0;
+  check_fields(header, fields, in);
   const auto slices = in.get<std::uint16_t>();
   header.num_tiles = in.get<std::uint16_t>();
   if (slices < 4 || slices > 360) in.fail("expected 4 to 360 slices");

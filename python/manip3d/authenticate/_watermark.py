@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from manip3d import _core
+from manip3d._util.arrays import vector
 from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.paths import path_of
@@ -21,10 +22,11 @@ from manip3d._util.showing import Showable
 from manip3d.authenticate._verdict import Calibration, Power, Region
 from manip3d.errors import FormatError, InputError
 from manip3d.io._files import atomic_write, regular_bytes
-from manip3d.lidar import Box, LidarFrame, ScanLike, to_scan
+from manip3d.io._scan_tables import measured_points
+from manip3d.lidar import Box, LidarFrame, ScanFormat, ScanLike, to_scan
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
 Embedding: TypeAlias = Literal["detached", "lbm", "qim"]
 WatermarkVerdict: TypeAlias = Literal["authentic", "tampered", "undecidable"]
@@ -45,7 +47,7 @@ MAX_MOVE_M: Mapping[str, float] = ReadOnlyMapping(
     {"detached": 0.0, "lbm": 3.0**0.5 / 1000.0, "qim": 0.001875}
 )
 """Largest move of a point by each embedding, metres (QIM: of points not within 3 mm of the
-origin)."""
+origin; LBM: on a grid of 1 mm, on another one in proportion to its step)."""
 
 CHECKPOINT_FRAMES = 600
 """A verifier with a state file writes it after so many frames, and when it is closed."""
@@ -157,6 +159,8 @@ class Policy:
         does not matter, as for recordings.
     max_points : int
         Larger scans are not looked at.
+    units_per_m : sequence of int
+        Grids, in steps a metre, whose points may carry bits; none: any that a record states.
     """
 
     embeddings: Sequence[str] = EMBEDDINGS
@@ -165,6 +169,7 @@ class Policy:
     sessions: Sequence[str] = ()
     max_age_s: float | None = None
     max_points: int = 10_000_000
+    units_per_m: Sequence[int] = ()
 
     def __post_init__(self) -> None:
         for each in self.embeddings:
@@ -175,6 +180,8 @@ class Policy:
             raise InputError(f"max_age_s: expected more than 0 and below 9e9, got {self.max_age_s}")
         if not 0 < self.max_points < 2**31:
             raise InputError(f"max_points: expected 1 to 2147483647, got {self.max_points}")
+        for units in self.units_per_m:
+            _check_units(units)
         for each in self.sessions:
             _session_bytes(each)
 
@@ -188,6 +195,7 @@ class Policy:
             self.order == "any",
             0 if self.max_age_s is None else round(self.max_age_s * 1e9),
             None,
+            list(self.units_per_m),
         )
 
 
@@ -366,16 +374,23 @@ class Watermarker:
     sensor : str
         Name of the sensor, at most 16 bytes of UTF-8; the records are bound to it.
     embedding : 'lbm', 'qim' or 'detached'
-        ``lbm``: lowest bits of x, y and z, which moves points by up to sqrt(3) mm. ``qim``: z in
-        cells of 2.5 mm, up to 1.875 mm. Both need coordinates on a grid of 1 mm, as KITTI's raw
-        scans have them. ``detached``: nothing is changed, for any scanner's points, also where
-        coordinates need float64 (LAS, E57, a national grid).
+        ``lbm``: lowest bits of x, y and z, which moves points by up to sqrt(3) mm; also of
+        coordinates that need float64 (LAS, a national grid). ``qim``: z in cells of 2.5 mm, up to
+        1.875 mm. Both need coordinates on a grid, of 1 mm as KITTI's raw scans have them if no
+        other one is stated. ``detached``: nothing is changed, for any scanner's points.
     slices : int
         Sectors of the full turn, 4 to 360.
     least_points : int
         Sectors with fewer points are joined with a neighbour.
     round_points : bool
-        Move points that are not on the grid onto it: up to sqrt(3)/2 mm more.
+        Move points that are not on the grid onto it: up to sqrt(3)/2 of its step more.
+    units_per_m : int
+        Steps of the grid a metre, which the record states: 100 for a file in whole centimetres.
+        ``lbm`` moves points by up to sqrt(3) steps then. Others than 1000 for ``lbm`` only.
+    origin : (float, float, float) or None, metres
+        Of coordinates that need float64 (`LidarFrame.exact`): where the sectors meet, and where
+        the grid's steps are counted from, which the record states, too. To the nearest step; None:
+        the middle of each scan.
     state : path, optional
         File that keeps what the verifier has seen, so that replays are noticed after a restart; it
         is authenticated with the key.
@@ -389,6 +404,9 @@ class Watermarker:
     columns than coordinates and intensity are not bound.
 
     Points whose order was changed, or which were written as float32 and read again, verify.
+    Coordinates in float64 are bound as points of the grid: one within 2^-13 steps of such a point
+    stands for it, since formats with a scale and an offset, such as LAS, do not give the nearest
+    float64 back.
 
     Examples
     --------
@@ -412,6 +430,8 @@ class Watermarker:
         slices: int = 36,
         least_points: int = 1000,
         round_points: bool = False,
+        units_per_m: int = 1000,
+        origin: ArrayLike | None = None,
         state: str | os.PathLike[str] | None = None,
     ) -> None:
         if not 1 <= least_points < 2**31:
@@ -420,7 +440,11 @@ class Watermarker:
             raise InputError(f"slices: expected 4 to 360, got {slices}")
         self._embedding = _embedding_number(embedding)
         self._sensor = _sensor_bytes(sensor)
-        self._options = (slices, least_points, round_points)
+        _check_units(units_per_m)
+        if embedding == "qim" and units_per_m != 1000:
+            raise InputError(f"units_per_m: expected 1000 with embedding 'qim', got {units_per_m}")
+        self._options = (slices, least_points, round_points, units_per_m)
+        self._origin = None if origin is None else vector(origin, 3, "origin")
         self._key = key
         self._embedder: _core.WatermarkEmbedder | None = None
         self._verifier = _core.WatermarkVerifier(key._key)
@@ -458,34 +482,69 @@ class Watermarker:
         Raises
         ------
         InputError
-            There are no points, or they are not on the grid of 1 mm; ``exact`` coordinates that
-            float32 cannot hold, unless detached; the key has expired.
+            There are no points, or they are not on the grid; coordinates that need float64 with
+            ``qim``, or whose points in float32 are others; the key has expired.
         Error
             The watermarker is closed, or its session has ended.
         """
         given = to_scan(scan)
         frame = as_frame(scan)
-        if frame.exact is not None and self._embedding != EMBEDDINGS.index("detached"):
+        carries = frame.exact is not None and self._embedding != EMBEDDINGS.index("detached")
+        if carries and self._embedding != EMBEDDINGS.index("lbm"):
             raise InputError(
-                "scan: its coordinates need float64, which carry no bits; expected embedding "
-                "'detached', or a scan without `exact`"
+                "scan: its coordinates need float64, whose z has no cells; expected embedding "
+                "'lbm' or 'detached', or a scan without `exact`"
             )
+        if carries and not _is_of_one_piece(frame):
+            raise InputError("scan: expected points that are its exact coordinates in float32")
         clock = time.time_ns()
         if self._key.expires_ns and clock >= self._key.expires_ns:
             raise InputError("key: it has expired, and embeds no more")
         if time_ns is None:
             time_ns = clock if frame.time_ns is None else frame.time_ns
         if self._embedder is None:
-            slices, least, rounding = self._options
+            slices, least, rounding, units = self._options
             self._embedder = _core.WatermarkEmbedder(
-                self._key._key, self._sensor, None, self._embedding, slices, least, False, rounding
+                self._key._key,
+                self._sensor,
+                None,
+                self._embedding,
+                slices,
+                least,
+                False,
+                rounding,
+                units,
             )
-        exact = _exact_hash(frame)
-        points, record, number, tiles = self._embedder.embed(
-            given.points, given.intensity, time_ns, frame.num_dropped, is_end, exact
+        points, record, number, tiles, exact = self._embedder.embed(
+            given.points,
+            given.intensity,
+            time_ns,
+            frame.num_dropped,
+            is_end,
+            None if carries else _exact_hash(frame),
+            frame.exact if carries else None,
+            self._offset(frame) if carries else (0, 0, 0),
         )
-        marked = frame if not len(points) else frame.replace(points=points)
-        return Watermarked(marked, record, number, tiles, not len(points))
+        if len(exact):
+            marked = frame.replace(points=_in_float32(frame, exact), exact=exact)
+        else:
+            marked = frame if not len(points) else frame.replace(points=points)
+        is_detached = not len(points) and not len(exact)
+        return Watermarked(marked, record, number, tiles, is_detached)
+
+    def _offset(self, frame: LidarFrame) -> tuple[int, int, int]:
+        """The origin in steps of the grid."""
+        if self._origin is not None:
+            place = self._origin
+        elif frame.exact is None or not len(frame.exact):
+            place = np.zeros(3)
+        else:
+            place = np.round((frame.exact.min(axis=0) + frame.exact.max(axis=0)) / 2.0)
+        steps = place * self._options[3]
+        if not (np.abs(steps) < _FARTHEST_STEP).all():
+            raise InputError(f"origin: expected at most 2^37 steps of the grid, got {place}")
+        x, y, z = (round(step) for step in steps.tolist())
+        return x, y, z
 
     def verify(
         self,
@@ -528,8 +587,9 @@ class Watermarker:
             chosen._core(),
             frame.num_dropped,
             time.time_ns() if now_ns is None else now_ns,
+            frame.exact,
         )
-        result = _with_exact(_result(found, frame), found["header"], _exact_hash(frame))
+        result = _with_exact(_result(found, frame), found["header"], frame)
         self._since_checkpoint += 1
         if self._since_checkpoint >= CHECKPOINT_FRAMES:
             self._checkpoint()
@@ -569,6 +629,27 @@ class Watermarker:
             f"<manip3d.authenticate.Watermarker: {EMBEDDINGS[self._embedding]}, key "
             f"{self._key.key_id[:8]}{session}>"
         )
+
+
+_MOST_UNITS = 1_000_000  # a metre
+_FARTHEST_STEP = 2.0**37
+
+
+def _check_units(units_per_m: int) -> None:
+    if not 1 <= units_per_m <= _MOST_UNITS:
+        raise InputError(f"units_per_m: expected 1 to {_MOST_UNITS}, got {units_per_m}")
+
+
+def _in_float32(frame: LidarFrame, exact: NDArray[np.float64]) -> NDArray[np.float32]:
+    """The points of coordinates in float64, as the frame's format has them."""
+    return measured_points(exact, frame.format or ScanFormat(""), frame.source)
+
+
+def _is_of_one_piece(frame: LidarFrame) -> bool:
+    """Whether the points are the exact coordinates in float32, so that either says the same."""
+    if frame.exact is None:
+        return True
+    return np.array_equal(_in_float32(frame, frame.exact), frame.points)
 
 
 def _embedding_number(name: str) -> int:
@@ -686,11 +767,17 @@ def _exact_hash(frame: LidarFrame) -> bytes | None:
 
 
 def _with_exact(
-    result: WatermarkResult, header: Mapping[str, Any] | None, exact: bytes | None
+    result: WatermarkResult, header: Mapping[str, Any] | None, frame: LidarFrame
 ) -> WatermarkResult:
     """The result with what the record says of coordinates in float64."""
     if header is None or result.content != "intact":
         return result
+    if header["is_exact"]:
+        if _is_of_one_piece(frame):
+            return result
+        reason = "the points in float32 are not those of the coordinates that were signed"
+        return replace(result, verdict="tampered", content="tampered", reason=reason)
+    exact = _exact_hash(frame)
     if exact is None and not header["has_context"]:
         return result
     if exact is None:

@@ -6,19 +6,27 @@ import os
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d._util.times import parse_time
 from manip3d.authenticate._watermark import Watermarked, WatermarkResult, WatermarkVerdict
 from manip3d.errors import InputError
-from manip3d.io import write_scan
+from manip3d.io import read_scan, write_scan
 from manip3d.io._files import atomic_path, atomic_write, open_regular
 from manip3d.io._scan_files import scan_paths
 from manip3d.io._scan_tables import scan_suffix
+from manip3d.lidar import LidarFrame
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 MAX_RECORD_BYTES = 16384
 
+_SAME_M = 1e-8  # metres: as far apart as float64 of a national grid may be, and no grid's step
 _EXACT = (".bin", ".pcd.bin", ".pcd", ".ply")
 
 _FOLDERS = (Path("velodyne_points") / "data", Path("velodyne"))
@@ -108,16 +116,35 @@ def write_watermarked(
     target = path_of(path)
     source = None if unchanged is None else path_of(unchanged)
     copies = source is not None and sent.is_detached and source.suffix == target.suffix
-    if not copies:
+    exact = sent.frame.exact is not None and not sent.is_detached
+    if not copies and not exact:
         check_holds_float32(target)
     target.parent.mkdir(parents=True, exist_ok=True)
     if source is not None and copies:
         if source.resolve() != target.resolve():
             with atomic_path(target) as temporary:
                 shutil.copyfile(source, temporary)
+    elif exact:
+        _write_exact(sent.frame, target)
     else:
         write_scan(sent.frame, target)
     atomic_write(record_path(target), sent.record)
+
+
+def _write_exact(frame: LidarFrame, target: Path) -> None:
+    """Write coordinates in float64, if the format gives them back as they are."""
+    with atomic_path(target) as temporary:
+        write_scan(frame, temporary)
+        read = read_scan(temporary).exact
+        if read is None or frame.exact is None or not _are_same(read, frame.exact):
+            raise InputError(
+                f"{target}: expected a format that keeps coordinates of float64 as they are, such "
+                "as the one that they were read from"
+            )
+
+
+def _are_same(read: NDArray[np.float64], written: NDArray[np.float64]) -> bool:
+    return read.shape == written.shape and bool((np.abs(read - written) <= _SAME_M).all())
 
 
 @checked

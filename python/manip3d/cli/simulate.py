@@ -165,6 +165,7 @@ def simulate(
         frames=frames,
         resolution=resolution,
         pictures=not no_pictures,
+        surround=surround,
         force=force,
         threads=jobs,
         seed=seed,

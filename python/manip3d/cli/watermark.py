@@ -123,8 +123,22 @@ def embed(
         str, typer.Option(help="Name of the sensor that the records are bound to.")
     ] = "",
     round_points: Annotated[
-        bool, typer.Option("--round", help="Move points off the grid of 1 mm onto it.")
+        bool, typer.Option("--round", help="Move points off the grid onto it.")
     ] = False,
+    units_per_m: Annotated[
+        int,
+        typer.Option(
+            help="Steps of the coordinates' grid a metre, for lbm; 1000: whole millimetres."
+        ),
+    ] = 1000,
+    origin: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            metavar="X Y Z",
+            help="Origin of coordinates that need float64, such as UTM, metres; by default the "
+            "middle of each scan.",
+        ),
+    ] = None,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -147,15 +161,18 @@ def embed(
         _check_folder(source, output, force=force)
     else:
         check_output(output, SCAN_SUFFIXES, force=force)
-        if embedding != "detached" or Path(source).suffix != output.suffix:
-            authenticate.check_holds_float32(output)
         authenticate.refuse_existing_record(output, replace=force)
     times = authenticate.drive_times(source) if drive else None
     rows = []
     with (
         authenticate.KeyFile(key) as secret,
         authenticate.Watermarker(
-            secret, sensor=sensor, embedding=embedding, round_points=round_points
+            secret,
+            sensor=sensor,
+            embedding=embedding,
+            round_points=round_points,
+            units_per_m=units_per_m,
+            origin=origin,
         ) as marker,
         shell.progress("embed") as progress,
     ):

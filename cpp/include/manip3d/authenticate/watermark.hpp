@@ -21,7 +21,7 @@ namespace manip3d {
 /// How a scan carries its bits.
 enum class WatermarkEmbedding : std::uint8_t {
   kDetached = 0,  ///< Not at all: the record alone tells; the points stay as they are, to the bit.
-  kLbm = 1,       ///< Lowest bits of x, y and z in units of 1 mm.
+  kLbm = 1,       ///< Lowest bits of x, y and z in units of the stated lattice, of 1 mm if none is.
   kQim = 2,       ///< z at a quarter or three quarters of a cell of 2.5 mm.
 };
 
@@ -43,8 +43,9 @@ struct WatermarkHeader {
   WatermarkId session{};
   std::uint64_t frame = 0;
   std::int64_t time_ns = 0;
-  std::uint32_t units_per_m = 1000;  ///< 0: the bits of the float32 coordinates.
-  std::array<std::int64_t, 3> offset{};
+  std::uint32_t units_per_m = 1000;       ///< 0: the bits of the float32 coordinates.
+  std::array<std::int64_t, 3> offset{};   ///< Units from the coordinates' zero to the samples' one.
+  bool is_exact = false;                  ///< Samples are of float64 coordinates.
   std::uint32_t units_per_intensity = 0;  ///< 0: the bits of the float32 values.
   bool has_intensity = false;
   std::uint32_t num_dropped = 0;       ///< Points of the file without coordinates.
@@ -58,12 +59,12 @@ struct WatermarkHeader {
 /// header | num_tiles x (count u32, tag 16) | tag of the previous frame 32 | record tag 32 |
 /// frame tag 32, where the header is "m3d-wm01", suite u8, embedding u8, carrier u8, flags u8
 /// (1 genesis, 2 end, 8 context), sensor 16, session 16, frame u64, time_ns i64, units_per_m u32,
-/// offset 3 x i64, units_per_intensity u32, fields u16 (1 intensity), slices u16, tiles u16,
-/// dropped u32, slices x u16 merge map, context 32. With keys of the session (watermark_suite.hpp),
-/// tag_i = BLAKE2b(K_tile, "m3d-tile" | header | i u32 | count u32 | samples of 16 bytes),
-/// frame tag = BLAKE2b(K_frame, "m3d-frame" | record | tag_0 | tag_1 ...), and, so that a changed
-/// record is told from changed points,
-/// record tag = BLAKE2b(K_frame, "m3d-record" | record | frame tag).
+/// offset 3 x i64, units_per_intensity u32, fields u16 (1 intensity, 2 float64), slices u16, tiles
+/// u16, dropped u32, slices x u16 merge map, context 32. With keys of the session
+/// (watermark_suite.hpp), tag_i = BLAKE2b(K_tile, "m3d-tile" | header | i u32 | count u32 | samples
+/// of 16 bytes), frame tag = BLAKE2b(K_frame, "m3d-frame" | record | tag_0 | tag_1 ...), and, so
+/// that a changed record is told from changed points, record tag = BLAKE2b(K_frame, "m3d-record" |
+/// record | frame tag).
 struct WatermarkRecord {
   static constexpr std::size_t kMaxSize = 16384;
   static constexpr std::size_t kFixedSize = 102;  ///< Bytes of the header before the merge map.
@@ -82,8 +83,13 @@ struct WatermarkOptions {
   int slices = 36;
   int least_points = 1000;  ///< Fewest points of a tile; smaller slices are merged.
   WatermarkMerge merge = WatermarkMerge::kAdjacent;
-  bool round = false;  ///< Move points that are not on the millimetre grid onto it.
+  bool round = false;                ///< Move points that are not on the grid onto it.
+  std::uint32_t units_per_m = 1000;  ///< Steps of the grid a metre, 1 to 1000000; QIM: 1000.
 };
+
+/// Coordinates that need float64, (N, 3), row by row; empty: the points say all.
+using ExactView = std::span<const double>;
+using ExactPoints = Rows<double, 3>;
 
 /// Rows in the order that both ends derive, tile by tile: the first step of embedding by itself.
 /// @throws InputError  no points, values that are not finite, points off the grid.
@@ -96,10 +102,12 @@ struct WatermarkFrame {
   std::uint32_t num_dropped = 0;
   bool is_end = false;
   std::optional<std::array<std::uint8_t, 32>> context;
+  std::array<std::int64_t, 3> offset{};  ///< Of coordinates in float64, units; else 0.
 };
 
 struct WatermarkedScan {
-  Points points;  ///< The rows that came, in their order; empty where nothing was to change.
+  Points points;      ///< The rows that came, in their order; empty where nothing was to change.
+  ExactPoints exact;  ///< The same where coordinates in float64 came; `points` is empty then.
   std::vector<std::uint8_t> record;
   std::uint64_t frame = 0;
   int num_tiles = 0;
@@ -121,9 +129,12 @@ class WatermarkEmbedder {
 
   /// The largest move of a point is sqrt(3) units for LBM, 15/8 units for QIM (of 1 mm), or
   /// nothing (detached), and sqrt(3)/2 units more where points are rounded onto the grid.
+  /// @param exact  Coordinates in float64, for LBM: they carry the bits, and `points` is not looked
+  ///               at but for its intensities. One within 2^-13 units of a point of the grid is it.
   /// @throws InputError  no points, values that are not finite, points off the grid.
   /// @throws Error  closed, or the session has ended.
-  WatermarkedScan embed(const PointsView& points, const WatermarkFrame& frame = {});
+  WatermarkedScan embed(const PointsView& points, const WatermarkFrame& frame = {},
+                        ExactView exact = {});
 
   [[nodiscard]] const WatermarkId& session() const;
   /// Wipes the keys; may be called twice.
@@ -139,8 +150,9 @@ struct WatermarkPolicy {
   std::vector<WatermarkEmbedding> embeddings = {WatermarkEmbedding::kDetached,
                                                 WatermarkEmbedding::kLbm, WatermarkEmbedding::kQim};
   std::vector<std::uint8_t> carriers = {0, 1};
-  std::vector<WatermarkId> sensors;   ///< Empty: any.
-  std::vector<WatermarkId> sessions;  ///< Empty: any.
+  std::vector<WatermarkId> sensors;        ///< Empty: any.
+  std::vector<WatermarkId> sessions;       ///< Empty: any.
+  std::vector<std::uint32_t> units_per_m;  ///< Of grids that carry bits; empty: any.
   std::int64_t max_points = 10'000'000;
   bool any_order = false;       ///< Accept a frame whose place in the stream is not known.
   std::int64_t max_age_ns = 0;  ///< 0: frames of any age.
@@ -186,7 +198,7 @@ class WatermarkVerifier {
   /// @throws Error  closed.
   WatermarkFinding verify(const PointsView& points, std::span<const std::uint8_t> record,
                           const WatermarkPolicy& policy, std::uint32_t num_dropped = 0,
-                          std::int64_t now_ns = 0);
+                          std::int64_t now_ns = 0, ExactView exact = {});
 
   /// The chain's state, authenticated with the key: for a verifier that goes on later.
   [[nodiscard]] std::vector<std::uint8_t> state() const;
