@@ -16,6 +16,8 @@ doubled   body pixels of the affected limb are more than 10 % as many as it had.
           surface between shoulders and hips: a chest is broader than 18 cm to either side of a
           spine, and by the spine alone chests and hips were called double limbs. Where the limb is
           left as it is (``--kept``), so it says of all arms and nine legs of ten.
+          Of eight frames of the tuning half that it calls doubled under tracking, five show a
+          knee beside a hand, as the joints of seated thighs lie deep: it says too much there.
 floating  the largest piece of the phantom begins more than 10 cm (arms) or 16 cm (legs) from its
           root.
 """

@@ -94,6 +94,26 @@ def test_jitter_is_seen_in_the_error() -> None:
     assert raw["median_error"] > 3.0 * exact["median_error"]
 
 
+def test_errors_of_trackers_are_told_with_their_lag() -> None:
+    kinds = {
+        c.options["sensing"] for c in accuracy_4.EXPERIMENT.cases(QUICK) if "sensing" in c.options
+    }
+    assert {"correlated jitter, filtered", "biased by pose, filtered"} <= kinds
+    exact, biased = (accuracy("surface", n, seconds=0.2) for n in (0, 7))
+    assert biased["sensing"] == "biased by pose, raw"
+    assert biased["median_error"] > 3.0 * exact["median_error"]
+
+
+def test_the_lag_is_what_a_path_is_behind_by() -> None:
+    times = np.arange(60) / 30.0
+    phase = 3.0 * times
+    wanted = np.stack([np.sin(phase), np.cos(phase), 0.0 * phase], axis=1)
+    behind = phase - 3.0 * 0.08
+    shown = np.stack([np.sin(behind), np.cos(behind), 0.5 + 0.0 * phase], axis=1)
+    assert accuracy_4._lag(times, shown, wanted) == pytest.approx(0.08, abs=0.006)
+    assert np.isnan(accuracy_4._lag(times, shown, 0.0 * wanted))
+
+
 def test_turning_uncovers_the_limb() -> None:
     facing = accuracy("turn", 0)
     a_little = accuracy("turn", 0, angle=10)

@@ -2,10 +2,10 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 
 #include "manip3d/modify/body_bones.hpp"
 #include "manip3d/modify/joint_smoother.hpp"
@@ -23,36 +23,54 @@ constexpr double kTold =
 constexpr double kJointNoise = 0.05;  // metres: bias and jitter of a tracker's joint
 constexpr double kMostMoved = 0.12;   // metres: beyond, the tracker means something else
 constexpr std::size_t kMostMoving = 4;
+constexpr std::size_t kBlock = 32;  // samples that are passed over together
 constexpr std::uint8_t kNoBone = 0xff;
 
 /// A sample of the person's points, and the bone whose skin is nearest to each.
 struct Samples {
   std::size_t count = 0;
   alignas(32) std::array<float, kMostSamples> x, y, z;
-  alignas(32) std::array<float, kMostSamples> other;  ///< To the nearest skin that does not move.
-  alignas(32) std::array<float, kMostSamples> skin;   ///< To the nearest skin at all.
+  /// To the nearest skin that does not move; kFarthest if there is none so near.
+  alignas(32) std::array<float, kMostSamples> other;
+  alignas(32) std::array<float, kMostSamples> skin;  ///< To the nearest skin at all.
   alignas(32) std::array<std::int32_t, kMostSamples> bone;
+  std::array<Eigen::AlignedBox3f, kMostSamples / kBlock> boxes;  ///< Around each block.
 
   explicit Samples(const PersonPoints& points) {
     const auto all = static_cast<std::size_t>(points.count);
     const std::size_t stride = std::max<std::size_t>(1, (all + kMostSamples - 1) / kMostSamples);
     for (std::size_t i = stride / 2; i < all; i += stride) {
       x[count] = points.x[i], y[count] = points.y[i], z[count] = points.z[i];
-      other[count++] = std::numeric_limits<float>::max();
+      boxes[count / kBlock].extend(Eigen::Vector3f(x[count], y[count], z[count]));
+      other[count++] = kFarthest;
     }
   }
 
-  /// Lowers `to` to the distance from a bone's skin where that is less.
+  /// Lowers `to`, which is kFarthest or less, to the distance from a bone's skin where that is
+  /// less.
   void measure(const Eigen::Vector3f& from, const Eigen::Vector3f& end, const BoneRadii& radii,
                std::int32_t number, std::array<float, kMostSamples>& to) {
     const Eigen::Vector3f b = end - from;
     const Eigen::Vector3f t = b / std::max(b.squaredNorm(), 1e-9F);
     const float taper = radii.end - radii.start;
-    for (std::size_t i = 0; i < count; ++i) {
+    constexpr float kRounding = 1e-3F;  // metres: far above that of these floats
+    const float reach = kFarthest + std::max(radii.start, radii.end) + kRounding;
+    const Eigen::AlignedBox3f around(from.cwiseMin(end), from.cwiseMax(end));
+    for (std::size_t begin = 0; begin < count; begin += kBlock) {
+      if (boxes[begin / kBlock].squaredExteriorDistance(around) > reach * reach) continue;
+      measure_block(begin, std::min(begin + kBlock, count), from, b, t, radii.start, taper, number,
+                    to);
+    }
+  }
+
+  void measure_block(std::size_t first, std::size_t last, const Eigen::Vector3f& from,
+                     const Eigen::Vector3f& b, const Eigen::Vector3f& t, float radius, float taper,
+                     std::int32_t number, std::array<float, kMostSamples>& to) {
+    for (std::size_t i = first; i < last; ++i) {
       const float dx = x[i] - from.x(), dy = y[i] - from.y(), dz = z[i] - from.z();
       const float along = std::clamp(dx * t.x() + dy * t.y() + dz * t.z(), 0.0F, 1.0F);
       const float ex = dx - along * b.x(), ey = dy - along * b.y(), ez = dz - along * b.z();
-      const float off = std::sqrt(ex * ex + ey * ey + ez * ez) - (radii.start + along * taper);
+      const float off = std::sqrt(ex * ex + ey * ey + ez * ez) - (radius + along * taper);
       const bool nearer = off < to[i];
       to[i] = nearer ? off : to[i];
       bone[i] = nearer ? number : bone[i];

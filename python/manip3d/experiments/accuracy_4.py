@@ -24,6 +24,14 @@ _JITTER = 0.01
 _EXACT = {"noise": 0.0, "jitter": 0.0}
 _NOISY = {"noise": 1.0, "jitter": 0.0}
 _JITTERY = {"noise": 1.0, "jitter": _JITTER}
+_CORRELATION = 0.9
+"""From frame to frame: trackers filter, so that their errors drift rather than shake."""
+
+_BIAS = 0.02
+"""Length of each joint's error that turns with its bone, metres."""
+
+_CORRELATED = _JITTERY | {"correlation": _CORRELATION}
+_BIASED = _JITTERY | {"bias": _BIAS}
 _AS_THEY_COME = {"smoothing": None}
 
 _EXERCISES = (
@@ -40,6 +48,10 @@ _SENSING: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "noise": (_NOISY, _AS_THEY_COME),
     "jitter, filtered": (_JITTERY, {}),
     "jitter, raw": (_JITTERY, _AS_THEY_COME),
+    "correlated jitter, filtered": (_CORRELATED, {}),
+    "correlated jitter, raw": (_CORRELATED, _AS_THEY_COME),
+    "biased by pose, filtered": (_BIASED, {}),
+    "biased by pose, raw": (_BIASED, _AS_THEY_COME),
 }
 _RULES: dict[str, Segmentation] = {"": "skin", "_paper": "paper"}
 """Suffix of a measure, and the segmentation that it is of."""
@@ -152,8 +164,12 @@ def surface_error(case: Case) -> Row:
         name: [] for name in ("median_error", "sensor", "length", "source", "holes", "mirrored")
     }
     pairs = _phantom.outcomes(_scene(case, **sensing), {"affected": limb} | pipeline, times)
+    path = []
     for number, outcome in enumerate(pairs):
-        if number % 10 or outcome.phantom.state != "tracking":
+        if outcome.phantom.state != "tracking":
+            continue
+        path.append((times[number], *_ends(outcome, limb)))
+        if number % 10:
             continue
         found["median_error"].append(_phantom.errors(outcome, limb))
         found["sensor"].append(_phantom.sensor_errors(outcome, limb))
@@ -174,7 +190,39 @@ def surface_error(case: Case) -> Row:
         "source_exact": float((misses == 0).mean()),
         "source_miss": int(misses.max()),
         "largest_hole": max(found["holes"], default=0),
+        "lag": _lag(*(np.array(column) for column in zip(*path, strict=True))),
     }
+
+
+def _ends(outcome: _phantom.Outcome, limb: Any) -> tuple[Any, Any]:
+    """Where the phantom's hand or foot is, and where it ought to be."""
+    from manip3d.simulate import LIMBS, opposite
+
+    origin, normal = outcome.truth.mirror_plane(limb)
+    intact: Any = opposite(limb)
+    end = outcome.truth.joints[LIMBS[intact][3]]
+    wanted = end - 2.0 * ((end - origin) @ normal) * normal
+    return outcome.phantom.skeleton.positions[LIMBS[limb][3]].astype(float), wanted
+
+
+def _lag(times: Any, shown: Any, wanted: Any) -> float:
+    """Seconds by which one path is behind the other: the shift that leaves least between them.
+
+    Not a number where there is too little of it, or nothing moves.
+    """
+    earliest, latest, least_motion = -0.05, 0.3, 0.02  # seconds, seconds, metres
+    asked = (times - times[0] >= latest) & (times[-1] - times >= -earliest)
+    if asked.sum() < 5 or np.linalg.norm(np.std(wanted, axis=0)) < least_motion:
+        return float("nan")
+    shifts = np.linspace(earliest, latest, 71)
+
+    def left(shift: float) -> float:
+        at = times[asked] - shift
+        moved = np.stack([np.interp(at, times, column) for column in wanted.T], axis=1)
+        off = shown[asked] - moved
+        return float(np.sum((off - off.mean(axis=0)) ** 2))
+
+    return float(shifts[int(np.argmin([left(float(shift)) for shift in shifts]))])
 
 
 def _length_error(outcome: _phantom.Outcome, limb: str) -> float:
@@ -396,12 +444,17 @@ def _noise_adds_itself(rows: Sequence[Row]) -> Iterator[Finding]:
 
 
 def _jitter(rows: Sequence[Row]) -> Iterator[Finding]:
-    filtered = {row["model"]: row for row in _sensed(rows, "jitter, filtered")}
-    for row in _sensed(rows, "jitter, raw"):
-        if row["model"] in filtered:
-            mine, raw = filtered[row["model"]]["median_error"] * 1e3, row["median_error"] * 1e3
-            numbers = f"median {mine:.1f} mm filtered, {raw:.1f} mm raw"
-            yield Finding(row["model"], None, numbers)
+    for kind in ("jitter", "correlated jitter", "biased by pose"):
+        raw = {row["model"]: row for row in _sensed(rows, f"{kind}, raw")}
+        for row in _sensed(rows, f"{kind}, filtered"):
+            if row["model"] in raw:
+                both = (("filtered", row), ("raw", raw[row["model"]]))
+                numbers = "; ".join(
+                    f"{name} {r['median_error'] * 1e3:.1f} mm, 95 % {r['error_95'] * 1e3:.0f} mm, "
+                    f"lag {r['lag'] * 1e3:.0f} ms"
+                    for name, r in both
+                )
+                yield Finding(f"{row['model']}, {kind}", None, numbers)
 
 
 def _length_kept(rows: Sequence[Row]) -> Iterator[Finding]:
@@ -514,6 +567,7 @@ EXPERIMENT = Experiment(
         Column("sensing", "sensing"),
         Column("median_error", "median error, mm", 1e3, 2),
         Column("error_95", "95 %, mm", 1e3, 1),
+        Column("lag", "lag, ms", 1e3, 0),
         Column("sensor", "own points, mm", 1e3, 2),
         Column("length", "length off, %", 1e2, 3),
         Column("source_exact", "source exact, %", 1e2, 2),
@@ -586,7 +640,10 @@ EXPERIMENT = Experiment(
         "phantom point to the intact limb of the whole body, reflected in the true plane of "
         "symmetry. Labels: limbs are divided at their joints, the trunk is one. As printed: by the "
         "nearest bone, eq. 4.1; else by the nearest skin. Girth: of trunk, arms and legs, against "
-        f"the default body's. Jitter: {_JITTER * 1e3:.0f} mm for each coordinate of a joint. At "
+        f"the default body's. Jitter: {_JITTER * 1e3:.0f} mm for each coordinate of a joint; "
+        f"correlated: AR(1), {_CORRELATION:g} from frame to frame; biased: {_BIAS * 1e3:.0f} mm "
+        "more that turn with the bone. Lag: by how much the hand or foot is behind where it ought "
+        "to be. At "
         "the root: within 0.12 m of shoulder or hip, where removal leaves the trunk alone. Pixels "
         "that fly lie between two surfaces, on neither. As printed, a leg's pixels under a hand "
         "that lies on it are the hand's, and a missing arm is looked for only where the other "
