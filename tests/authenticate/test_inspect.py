@@ -98,6 +98,12 @@ def test_no_trace_states_the_power_and_what_it_is_blind_to() -> None:
     assert "authentic" not in json.dumps(found.record())
 
 
+def another_turn(width: float) -> np.ndarray:
+    """The first radians of the turn after the street's, which saw it anew."""
+    points = scans.scan(np.random.default_rng(6))
+    return points[np.mod(np.arctan2(points[:, 1], points[:, 0]), 2.0 * np.pi) < width]
+
+
 ROTATION = np.array([[0.9, 0.19**0.5, 0.0], [-(0.19**0.5), 0.9, 0.0], [0.0, 0.0, 1.0]])
 LAUNDERING: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "shuffled": lambda p: p[np.random.default_rng(0).permutation(len(p))],
@@ -121,6 +127,7 @@ LAUNDERING: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "the ground alone": lambda p: p[p[:, 2] < -0.9],
     "cut at no round height": lambda p: p[p[:, 2] < 0.437],
     "padded with its last point": lambda p: np.concatenate([p, np.repeat(p[-1:], 2000, axis=0)]),
+    "a turn and a quarter": lambda p: np.concatenate([p, another_turn(1.5)]),
     "a sector left out": lambda p: p[np.abs(np.arctan2(p[:, 1], p[:, 0]) - 1.0) > 0.03],
 }
 

@@ -178,6 +178,25 @@ def far_seeing(frame: LidarFrame) -> LidarFrame:
     return frame.replace(points=points)
 
 
+PLANTED = [name for name in authenticate.EDITS if name.startswith("reflectance")]
+
+
+def test_power_is_measured_for_rewritten_reflectances(turns: list[LidarFrame]) -> None:
+    assert len(PLANTED) == 5
+    alone = authenticate.measure_power(turns[1:2], LATTICE, planted=2, classes=PLANTED, rng=4)
+    assert {power.planted for power in alone.values()} == {2}
+    assert alone["reflectance: one value"].found > 0
+    assert alone["reflectance: exchanged"].found == 0  # one frame says nothing of it
+    beside = authenticate.measure_power(
+        turns, LATTICE, planted=2, classes=["reflectance: shifted"], neighbours=True, rng=4
+    )
+    assert beside["reflectance: shifted"].found > 0
+    constant = turns[1].replace(intensity=np.zeros(turns[1].num_points, np.float32))
+    assert authenticate.measure_power([constant], LATTICE, planted=1, classes=PLANTED) == {}
+    with pytest.raises(InputError, match="classes: expected some of added"):
+        authenticate.measure_power(turns, LATTICE, classes=["painted"])
+
+
 def test_an_inspection_names_it(turns: list[LidarFrame], tmp_path: Path) -> None:
     values, box = of_box(turns)
     values[box] = 0.4
@@ -188,7 +207,12 @@ def test_an_inspection_names_it(turns: list[LidarFrame], tmp_path: Path) -> None
         lattice=LATTICE,
     )
     assert (found.verdict, found.detectors[-1].name) == ("tampered", "reflectance")
-    assert found.power["intensity"].planted > 20
+    for name in PLANTED:
+        assert found.power[name].planted >= 20
+    assert found.power["reflectance: one value"].share > 0.9
+    without = authenticate.inspect(far_seeing(turns[1]).replace(intensity=None), lattice=LATTICE)
+    assert any("reflectance rewritten: the scan has none" in name for name in without.blind)
+    assert not any(name in without.power for name in PLANTED)
     ratio = found.likelihood_ratio
     assert ratio is not None
     assert ratio > 1.0

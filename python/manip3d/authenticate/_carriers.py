@@ -103,7 +103,8 @@ def _whole(
     scaled = values * units
     nearest = np.round(scaled)
     wide: NDArray[np.bool_] = np.abs(scaled - nearest) < 0.01 + 1e-7 * np.abs(scaled)
-    return nearest.astype(np.int64), wide
+    wide &= np.abs(nearest) < 2.0**53
+    return np.where(wide, nearest, 0.0).astype(np.int64), wide
 
 
 def _carries_lbm(points: NDArray[np.float64]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

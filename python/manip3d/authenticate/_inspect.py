@@ -29,7 +29,7 @@ from manip3d.authenticate._occlusion import (
     occlusion_consistency,
 )
 from manip3d.authenticate._origin import LEAST_EXPLAINED, estimate_origin
-from manip3d.authenticate._power import BLIND, known_power
+from manip3d.authenticate._power import BLIND, BLIND_WITHOUT_REFLECTANCES, known_power
 from manip3d.authenticate._processing import (
     COORDINATES_KEPT,
     copies_of_earlier,
@@ -596,7 +596,7 @@ def _by_lattice(
     )
     changed = [step for step in processing if step.kind not in COORDINATES_KEPT]
     if generic is not None and changed:
-        generic = generic.without(EVIDENCE if generic.values_changed else MISSING)
+        generic = generic.without(_spoiled(generic, processing))
     why = f"detector III judges the {sensor.name}"
     turns = None
     judged = generic is not None and not changed and not repeated
@@ -623,7 +623,17 @@ def _by_lattice(
     return _combined(
         scan, place, source, sensor, reports, processing, generic=generic, turns=turns,
         reflectance=reflectance,
+        blind=BLIND if reports[-1].name == "reflectance" and reports[-1].power
+        else (*BLIND, BLIND_WITHOUT_REFLECTANCES),
     )  # fmt: skip
+
+
+def _spoiled(generic: GenericResult, processing: Sequence[Processing]) -> Sequence[str]:
+    """Kinds of evidence that say nothing of a scan that was processed as a whole."""
+    if generic.values_changed:
+        return EVIDENCE
+    is_fused = any(step.kind == "fused" for step in processing)
+    return (*MISSING, "duplicate", "order") if is_fused else MISSING
 
 
 def _by_angles(

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from manip3d.authenticate._carriers import ALLOWED, without_bits
 from manip3d.authenticate._generic import consistency_allowing
 from manip3d.authenticate._lattice import SensorLattice
 from manip3d.authenticate._paper_watermark import embed_paper, noise_blocks
+from manip3d.authenticate._reflectance import reflectance_consistency, why_not_judged
 from manip3d.authenticate._turns import turn_consistency
 from manip3d.authenticate._verdict import Power
 from manip3d.errors import InputError
@@ -26,16 +27,21 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from manip3d.authenticate._sensors import Sensor
+    from manip3d.forge import Forgery
 
     Points = NDArray[np.float32]
+    Cloud = NDArray[np.float32]  # x, y, z and, where it was measured, the reflectance
     Rows = NDArray[np.int64]
-    Edit = Callable[[Points, Rows, SensorLattice, np.random.Generator], Points]
+    Edit = Callable[[Cloud, Rows, SensorLattice, np.random.Generator], Cloud]
 
 BLIND = (
     "reflectance rewritten within the noise, or with that of other firings of the same lasers",
     "ranges of existing firings rewritten on the lattice (white-box)",
 )
 """Classes of edits that no detector here finds."""
+
+BLIND_WITHOUT_REFLECTANCES = "reflectance rewritten: the scan has none that can be judged"
+"""Beside those, where detector V says nothing."""
 
 NEAREST, FARTHEST = 5.0, 25.0
 """Metres: where planted edits stand."""
@@ -49,10 +55,14 @@ def _rounded(points: NDArray[np.float64]) -> Points:
     return np.ascontiguousarray(np.round(points * 1000.0) / 1000.0, np.float32)
 
 
-def _written(points: Points, lattice: SensorLattice) -> Points:
+def _xyz(cloud: Cloud) -> Points:
+    return np.ascontiguousarray(cloud[:, :3])
+
+
+def _written(cloud: Cloud, lattice: SensorLattice) -> Cloud:
     """Ring after ring, each by azimuth: as an attacker would write it who knows the format."""
-    reading = lattice.read(points)
-    return points[np.lexsort((reading.azimuth, reading.ring))]
+    reading = lattice.read(_xyz(cloud))
+    return cloud[np.lexsort((reading.azimuth, reading.ring))]
 
 
 def _turned(points: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
@@ -62,75 +72,70 @@ def _turned(points: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
     return np.column_stack([x, y, points[:, 2]])
 
 
-def _with(points: Points, rows: Rows, values: NDArray[np.float64]) -> Points:
-    edited = points.copy()
-    edited[rows] = _rounded(values)
+def _with(cloud: Cloud, rows: Rows, places: NDArray[np.float64]) -> Cloud:
+    edited = cloud.copy()
+    edited[rows, :3] = _rounded(places)
     return edited
 
 
-def _added(points: Points, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Points:
+def _added(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
     """A copy of the object a quarter of a turn away, give or take."""
-    pasted = _rounded(_turned(points[rows].astype(np.float64), rng.uniform(1.0, 5.0)))
-    return _written(np.concatenate([points, pasted]), lattice)
+    pasted = cloud[rows]
+    pasted[:, :3] = _rounded(_turned(pasted[:, :3].astype(np.float64), rng.uniform(1.0, 5.0)))
+    return _written(np.concatenate([cloud, pasted]), lattice)
 
 
-def _moved(points: Points, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Points:
+def _moved(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
     """The object 0.5 to 3 m away on the ground."""
     angle, length = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(0.5, 3.0)
     shift = length * np.array([math.cos(angle), math.sin(angle), 0.0])
-    return _written(_with(points, rows, points[rows] + shift), lattice)
+    return _written(_with(cloud, rows, cloud[rows, :3] + shift), lattice)
 
 
-def _rotated(
-    points: Points, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
-) -> Points:
+def _rotated(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
     """The object turned about its own centre by 5 to 30 degrees."""
-    center = points[rows].mean(axis=0, dtype=np.float64)
+    center = cloud[rows, :3].mean(axis=0, dtype=np.float64)
     angle = math.radians(rng.uniform(5.0, 30.0)) * rng.choice([-1.0, 1.0])
-    turned = _turned(points[rows] - center, angle) + center
-    return _written(_with(points, rows, turned), lattice)
+    turned = _turned(cloud[rows, :3] - center, angle) + center
+    return _written(_with(cloud, rows, turned), lattice)
 
 
-def _resampled(
-    points: Points, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
-) -> Points:
+def _resampled(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
     """The object's points replaced by points between pairs of them."""
-    first, second = points[rows], points[rng.permutation(rows)]
+    first, second = cloud[rows, :3], cloud[rng.permutation(rows), :3]
     weight = rng.uniform(0.2, 0.8, (len(rows), 1))
-    return _written(_with(points, rows, first * weight + second * (1.0 - weight)), lattice)
+    return _written(_with(cloud, rows, first * weight + second * (1.0 - weight)), lattice)
 
 
-def _removed(
-    points: Points, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
-) -> Points:
-    return np.delete(points, rows, axis=0)
+def _removed(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
+    return np.delete(cloud, rows, axis=0)
 
 
 def _along_rays(
-    points: Points, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
-) -> Points:
+    cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
+) -> Cloud:
     """The object 10 cm nearer or farther along the rays from the scanner."""
-    far = points[rows].astype(np.float64)
+    far = cloud[rows, :3].astype(np.float64)
     distance = np.sqrt((far * far).sum(axis=1, keepdims=True))
     shift = 0.1 * rng.choice([-1.0, 1.0])
-    return _with(points, rows, far * (1.0 + shift / distance))
+    return _with(cloud, rows, far * (1.0 + shift / distance))
 
 
-def _bump(points: Points, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Points:
+def _bump(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
     """A smooth bump of 5 cm towards the scanner, half a metre wide, in the object's face."""
-    far = points[rows].astype(np.float64)
+    far = cloud[rows, :3].astype(np.float64)
     distance = np.sqrt((far * far).sum(axis=1, keepdims=True))
     apart = far - far[rng.integers(len(far))]
     height = 0.05 * np.exp(-(apart * apart).sum(axis=1, keepdims=True) / (2.0 * 0.25**2))
-    return _with(points, rows, far * (1.0 - height / distance))
+    return _with(cloud, rows, far * (1.0 - height / distance))
 
 
 def _few_points(
-    points: Points, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
-) -> Points:
+    cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
+) -> Cloud:
     """Five points of the object, each 0.5 m away."""
     some = np.sort(rng.choice(rows, 5, replace=False))
-    return _written(_with(points, some, points[some] + rng.uniform(-0.5, 0.5, (5, 3))), lattice)
+    return _written(_with(cloud, some, cloud[some, :3] + rng.uniform(-0.5, 0.5, (5, 3))), lattice)
 
 
 def _box_of(points: Points, rows: Rows) -> Box:
@@ -141,27 +146,65 @@ def _box_of(points: Points, rows: Rows) -> Box:
     return Box((x, y, z), (length, width, height))
 
 
+def _cloud_of(forgery: Forgery) -> Cloud:
+    if forgery.intensity is None:
+        return forgery.points
+    return np.column_stack([forgery.points, forgery.intensity])
+
+
 def _overwritten(
-    points: Points, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
-) -> Points:
+    cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
+) -> Cloud:
     """White-box: the firings that saw the object see what stands beside it."""
-    return lattice_remove(points, _box_of(points, rows), lattice=lattice, rng=rng).points
+    box = _box_of(cloud[:, :3], rows)
+    return _cloud_of(lattice_remove(cloud, box, lattice=lattice, rng=rng))
 
 
 def _duplicated(
-    points: Points, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
-) -> Points:
+    cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
+) -> Cloud:
     """White-box: firings elsewhere see the object, on the lattice."""
     turn = float(rng.uniform(0.5, 5.5))
-    return lattice_insert(points, points[rows], lattice=lattice, turn=turn, rng=rng).points
+    return _cloud_of(lattice_insert(cloud, cloud[rows], lattice=lattice, turn=turn, rng=rng))
 
 
-def _spoofed(
-    points: Points, rows: Rows, lattice: SensorLattice, rng: np.random.Generator
-) -> Points:
+def _spoofed(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
     """At most 200 returns of the object elsewhere, on the lattice."""
     turn = float(rng.uniform(0.5, 5.5))
-    return spoof(points, points[rows], lattice=lattice, turn=turn, rng=rng).points
+    return _cloud_of(spoof(cloud, cloud[rows], lattice=lattice, turn=turn, rng=rng))
+
+
+def _shining(cloud: Cloud, rows: Rows, values: NDArray[np.float64]) -> Cloud:
+    """The object with other reflectances, as the scanner writes them."""
+    edited = cloud.copy()
+    edited[rows, 3] = np.round(np.clip(values, 0.0, 0.99), 2)
+    return edited
+
+
+def _painted(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
+    """The object in one reflectance."""
+    return _shining(cloud, rows, np.full(len(rows), rng.uniform(0.1, 0.9)))
+
+
+def _scaled(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
+    """The object half as bright, or half as bright again."""
+    return _shining(cloud, rows, cloud[rows, 3] * rng.choice([0.5, 1.5]))
+
+
+def _shifted(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
+    """The object brighter or darker by 0.2."""
+    return _shining(cloud, rows, cloud[rows, 3] + rng.choice([-0.2, 0.2]))
+
+
+def _exchanged(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
+    """The reflectances of the object in another order."""
+    return _shining(cloud, rows, cloud[rng.permutation(rows), 3].astype(np.float64))
+
+
+def _borrowed(cloud: Cloud, rows: Rows, lattice: SensorLattice, rng: np.random.Generator) -> Cloud:
+    """The reflectances of as many rows of the file elsewhere."""
+    shift = int(rng.integers(len(cloud) // 4, 3 * len(cloud) // 4))
+    return _shining(cloud, rows, cloud[(rows + shift) % len(cloud), 3].astype(np.float64))
 
 
 WHITE_BOX: Mapping[str, Edit] = MappingProxyType(
@@ -172,6 +215,17 @@ WHITE_BOX: Mapping[str, Edit] = MappingProxyType(
     }
 )
 """Edits by an attacker who rewrites ranges of existing firings; the lattice needs an encoder."""
+
+REFLECTANCE_EDITS: Mapping[str, Edit] = MappingProxyType(
+    {
+        "reflectance: one value": _painted,
+        "reflectance: scaled": _scaled,
+        "reflectance: shifted": _shifted,
+        "reflectance: exchanged": _exchanged,
+        "reflectance: from elsewhere": _borrowed,
+    }
+)
+"""Edits of the reflectances alone; the frames need some that detector V can judge."""
 
 EDITS: Mapping[str, Edit] = MappingProxyType(
     {
@@ -184,6 +238,7 @@ EDITS: Mapping[str, Edit] = MappingProxyType(
         "bump": _bump,
         "five points": _few_points,
         **WHITE_BOX,
+        **REFLECTANCE_EDITS,
     }
 )
 """Classes of edits that are planted, by attackers who write whole millimetres in file order."""
@@ -195,13 +250,14 @@ def measure_power(
     lattice: SensorLattice,
     *,
     planted: int = 20,
+    classes: Sequence[str] | None = None,
     neighbours: bool = False,
     embedding: str = "",
     false_alarm_rate: float = 0.01,
     rng: int = 0,
     threads: int = 0,
 ) -> dict[str, Power]:
-    """Plant edits in clean frames of a scanner and count those that detectors III and IV find.
+    """Plant edits in clean frames of a scanner and count those that detectors III to V find.
 
     Parameters
     ----------
@@ -211,9 +267,11 @@ def measure_power(
         Of the scanner.
     planted : int
         Edits of each class in each frame.
+    classes : sequence of str, optional
+        Of `EDITS`; by default all.
     neighbours : bool
-        Give the detectors the frames before and behind, which are clean; without them detector
-        III is alone.
+        Give the detectors the frames before and behind, which are clean; without them detector IV
+        says nothing, and detector V looks at one frame.
     embedding : str
         'lbm' or 'qim': the edited frame is watermarked, and its record verified, before the
         detector looks at it; empty: it is not.
@@ -226,55 +284,99 @@ def measure_power(
     Returns
     -------
     dict of str to Power
-        By class of edit, of `EDITS`; classes of which nothing could be planted are left out.
+        By class of edit, of `EDITS`; classes of which nothing could be planted are left out: those
+        of reflectances in frames without any, or with a watermark.
 
     Raises
     ------
     InputError
-        ``planted`` is not positive; an unknown embedding.
+        ``planted`` is not positive; an unknown embedding or class.
     """
     if embedding and embedding not in ALLOWED:
         raise InputError(f"embedding: expected one of {', '.join(ALLOWED)}, got {embedding!r}")
     if planted < 1:
         raise InputError(f"planted: expected at least 1, got {planted}")
+    wanted = tuple(EDITS) if classes is None else tuple(classes)
+    if unknown := set(wanted) - set(EDITS):
+        raise InputError(f"classes: expected some of {', '.join(EDITS)}, got {min(unknown)!r}")
     random = generator_of(rng)
-    found, tried = dict.fromkeys(EDITS, 0), dict.fromkeys(EDITS, 0)
+    found, tried = dict.fromkeys(wanted, 0), dict.fromkeys(wanted, 0)
     listed = list(frames)
     if not all(isinstance(frame, LidarFrame) for frame in listed):
         raise InputError("frames: expected LidarFrames")
-    clouds = [frame.points for frame in listed]
-    for i, points in enumerate(clouds):
-        before = clouds[i - 1] if neighbours and i > 0 else None
-        after = clouds[i + 1] if neighbours and i + 1 < len(clouds) else None
+    judge = _Judge(lattice, embedding, false_alarm_rate, threads)
+    for i, frame in enumerate(listed):
+        before = listed[i - 1] if neighbours and i > 0 else None
+        after = listed[i + 1] if neighbours and i + 1 < len(listed) else None
         if neighbours and (before is None or after is None):
             continue
+        cloud = _with_reflectance(frame, embedding)
         for _ in range(planted):
-            rows = _some_object(points, random)
+            rows = _some_object(_xyz(cloud), random)
             if rows is None:
                 break
-            for name, edit in EDITS.items():
-                if name in WHITE_BOX and not lattice.steps:
+            for name in wanted:
+                if (name in WHITE_BOX and not lattice.steps) or (
+                    name in REFLECTANCE_EDITS and cloud.shape[1] == 3
+                ):
                     continue
-                forged = _marked(edit(points, rows, lattice, random), embedding, random)
-                result = consistency_allowing(
-                    embedding,
-                    forged,
-                    lattice,
-                    previous=before,
-                    following=after,
-                    false_alarm_rate=false_alarm_rate,
-                    threads=threads,
-                )
-                verdicts = [result.verdict]
-                if before is not None and after is not None:
-                    turns = turn_consistency(
-                        forged, before, after, lattice=lattice,
-                        false_alarm_rate=false_alarm_rate, threads=threads,
-                    )  # fmt: skip
-                    verdicts.append(turns.verdict)
+                forged = EDITS[name](cloud, rows, lattice, random)
                 tried[name] += 1
-                found[name] += "tampered" in verdicts
-    return {name: Power(found[name], tried[name]) for name in EDITS if tried[name]}
+                found[name] += judge.finds(forged, before, after, random)
+    return {name: Power(found[name], tried[name]) for name in wanted if tried[name]}
+
+
+def _with_reflectance(frame: LidarFrame, embedding: str) -> Cloud:
+    """Points with the reflectances that detector V can judge, which a watermark's owner keeps."""
+    usable = not embedding and why_not_judged(frame) is None
+    if not usable or frame.intensity is None:
+        return frame.points
+    return np.column_stack([frame.points, frame.intensity])
+
+
+class _Judge(NamedTuple):
+    """The detectors of a spinning scanner."""
+
+    lattice: SensorLattice
+    embedding: str
+    false_alarm_rate: float
+    threads: int
+
+    def finds(
+        self,
+        cloud: Cloud,
+        before: LidarFrame | None,
+        after: LidarFrame | None,
+        random: np.random.Generator,
+    ) -> bool:
+        """Whether a detector accuses an edited frame."""
+        points = _marked(_xyz(cloud), self.embedding, random)
+        rate, threads = self.false_alarm_rate, self.threads
+        result = consistency_allowing(
+            self.embedding, points, self.lattice, previous=before, following=after,
+            false_alarm_rate=rate, threads=threads,
+        )  # fmt: skip
+        if result.verdict == "tampered":
+            return True
+        turns = None
+        if before is not None and after is not None:
+            turns = turn_consistency(
+                points, before, after, lattice=self.lattice, false_alarm_rate=rate, threads=threads
+            )
+            if turns.verdict == "tampered":
+                return True
+        if cloud.shape[1] == 3:
+            return False
+        frame = LidarFrame(points, np.ascontiguousarray(cloud[:, 3]))
+        beside = turns is not None and before is not None and before.intensity is not None
+        return (
+            reflectance_consistency(
+                frame, lattice=self.lattice, previous=before if beside else None,
+                following=after if beside else None, turns=turns, false_alarm_rate=rate,
+                threads=threads,
+            ).verdict
+            == "tampered"
+        )  # fmt: skip
 
 
 def _marked(points: Points, embedding: str, random: np.random.Generator) -> Points:
@@ -305,7 +407,7 @@ def _some_object(points: Points, random: np.random.Generator) -> Rows | None:
 def _measured(source: str, **found: tuple[int, int]) -> Mapping[str, Power]:
     return ReadOnlyMapping(
         {
-            name.replace("_", " ").replace("white box", "white-box"): Power(
+            name.replace("__", ": ").replace("_", " ").replace("white box", "white-box"): Power(
                 hits, planted, source=source
             )
             for name, (hits, planted) in found.items()
@@ -317,10 +419,13 @@ _REPORTED = (
     "8 clean frames of KITTI that chose no threshold: drives 0005 and 0079, stereo-2015 000083 and "
     "000131, object"
 )
-_REWRITTEN = (
-    "9 clean frames of KITTI's drive 0005, of which one raised a threshold; reflectances of an "
-    "object made one value, scaled, exchanged, another place's, or shifted, 9 of each; white-box "
-    "deletions in 18 frames"
+_SINGLE = (
+    "7 clean frames of KITTI: 4 of drive 0005, of which one may have raised a threshold, "
+    "stereo-2015 000083 and 000131, object; detectors III and V together"
+)
+_BESIDE = (
+    "clean frames of KITTI's drive 0005, of which one may have raised a threshold, with the frames "
+    "before and after; detectors III, IV and V together"
 )
 _SCENES = "simulated terrestrial scans of manip3d.simulate.scenes, 0.2 degrees"
 
@@ -355,8 +460,28 @@ MEASURED: Mapping[str, Mapping[str, Power]] = ReadOnlyMapping(
             white_box_added=(16, 36),
             spoofed=(1, 36),
         ),
-        "reflectance": _measured(_REWRITTEN, intensity=(20, 45), white_box_removed=(14, 18)),
-        "reflectance alone": _measured(_REWRITTEN, intensity=(11, 45), white_box_removed=(14, 18)),
+        "reflectance": _measured(
+            _BESIDE,
+            reflectance__one_value=(21, 22),
+            reflectance__scaled=(8, 22),
+            reflectance__shifted=(8, 22),
+            reflectance__exchanged=(1, 22),
+            reflectance__from_elsewhere=(4, 22),
+            white_box_removed=(14, 22),
+            white_box_added=(11, 22),
+            spoofed=(1, 22),
+        ),
+        "reflectance alone": _measured(
+            _SINGLE,
+            reflectance__one_value=(41, 42),
+            reflectance__scaled=(1, 42),
+            reflectance__shifted=(2, 42),
+            reflectance__exchanged=(0, 42),
+            reflectance__from_elsewhere=(0, 42),
+            white_box_removed=(33, 42),
+            white_box_added=(0, 42),
+            spoofed=(0, 42),
+        ),
         "generic lbm": _measured(
             _REPORTED,
             added=(40, 40),

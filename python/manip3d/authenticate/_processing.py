@@ -58,6 +58,10 @@ LEAST_FILL = 0.6
 """Share of the firings of the lower half of the lasers that return. Whole frames of KITTI have 0.77
 to 0.95, every second point of one 0.48."""
 
+DARK, MOST_DARK = 0.05, 0.002
+"""Reflectance, share: where so many are nearly 0, some are 0. KITTI's whole frames have 0.09 of 0,
+and 0.01 to 0.03 between it and this."""
+
 MOST_SINGLE_HOLES = 0.012
 """Share of the firings of the lower half of the lasers without a return, of those whose neighbours
 along the ring both have one. Whole frames of KITTI have 0.001 to 0.006, a frame without three
@@ -68,6 +72,13 @@ HOLE_SECTORS = 16
 
 OFF_LATTICE = 0.002
 """Metres from a line or a step: what lies farther is of no firing."""
+
+MOST_TWICE = 0.3
+"""Share of a laser's points in a sector that share a firing with another one, in one turn."""
+
+SECTORS, LEAST_SEEN_TWICE, FEWEST_SEEN_TWICE = 72, 30.0, 500
+"""Of the horizon; degrees in which most lasers answered twice where a scan holds more than a turn;
+points, at least. What is pasted stands in the way of a few lasers, or is narrower."""
 
 LEAST_ANSWERED, ANSWERED_BESIDE = 0.02, 0.3
 """Share of the firings with a return of a laser that was left out, and of the lasers above and
@@ -122,7 +133,7 @@ def _of_reflectance(values: NDArray[np.float32]) -> list[Processing]:
     found = []
     if (why := why_rewritten(values)) is not None:
         found.append(Processing("reflectances", why))
-    elif is_in_hundredths(values) and values.min() > 0.0:
+    elif is_in_hundredths(values) and values.min() > 0.0 and np.mean(values < DARK) > MOST_DARK:
         found.append(Processing("filtered", "no point has a reflectance of 0, as many have"))
     return found
 
@@ -185,7 +196,34 @@ def _of_lattice(
         )
     if "duplicate" in contradicted:
         found.append(Processing("fused", "most directions hold several returns"))
+    elif (twice := _degrees_seen_twice(points, sensor, generic, reading)) >= LEAST_SEEN_TWICE:
+        found.append(Processing("fused", f"{twice:.0f} degrees of azimuth were seen twice"))
     return found + _of_extent(points, sensor, generic, reading)
+
+
+def _degrees_seen_twice(
+    points: NDArray[np.float32],
+    sensor: Sensor,
+    generic: GenericResult,
+    reading: LatticeReading | None,
+) -> float:
+    """Degrees of azimuth in which most lasers have two returns a firing: more than one turn."""
+    lattice = sensor.lattice
+    if lattice is None or not lattice.steps:
+        return 0.0
+    if not generic.evidence["duplicate"].strength > FEWEST_SEEN_TWICE:
+        return 0.0
+    reading = lattice.read(points) if reading is None else reading
+    known = (reading.ring >= 0) & (reading.count >= 0)
+    firing = reading.ring[known].astype(np.int64) * lattice.steps + reading.count[known]
+    returns = np.bincount(firing)[firing]
+    sector = (reading.azimuth[known] * (SECTORS / (2.0 * math.pi))).astype(np.intp)
+    place = sector.clip(0, SECTORS - 1) * len(lattice.slope) + reading.ring[known]
+    size = SECTORS * len(lattice.slope)
+    several = np.bincount(place[returns > 1], minlength=size)
+    is_double = several > MOST_TWICE * np.bincount(place, minlength=size)
+    lasers = is_double.reshape(SECTORS, -1).mean(axis=1)
+    return float(np.count_nonzero(lasers > 0.5) * 360.0 / SECTORS)
 
 
 def _of_extent(

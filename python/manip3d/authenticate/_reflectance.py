@@ -222,7 +222,7 @@ def reflectance_consistency(
     if (previous is None) != (following is None):
         raise InputError("previous, following: expected both frames or neither, got one")
     nothing = np.empty(0, np.int64)
-    if (why := _why_not(frame)) is not None:
+    if (why := why_not_judged(frame)) is not None:
         return ReflectanceResult(
             "undecidable", why, 1.0, 0.0, false_alarm_rate, False, (), nothing, CALIBRATION
         )
@@ -232,7 +232,7 @@ def reflectance_consistency(
         if turns is None:
             turns = turn_consistency(frame, previous, following, lattice=lattice, threads=threads)
         usable = turns.verdict != "undecidable"
-        if usable and _why_not(previous) is None and _why_not(following) is None:
+        if usable and why_not_judged(previous) is None and why_not_judged(following) is None:
             for other, motion in ((previous, turns.previous), (following, turns.following)):
                 beside += [_points_of(other), _reflectance_of(other)]
                 motions.append(np.ascontiguousarray(motion))
@@ -315,7 +315,7 @@ def _share_off(values: NDArray[np.float64], step: float) -> float:
     return float(np.mean(off))
 
 
-def _why_not(frame: LidarFrame) -> str | None:
+def why_not_judged(frame: LidarFrame) -> str | None:
     """Why nothing can be told of a frame's reflectances; None: they can be judged."""
     values = frame.intensity
     if values is None or len(values) == 0:
