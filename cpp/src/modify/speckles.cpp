@@ -28,13 +28,13 @@ PixelBox labelled_box(std::int64_t rows, std::int64_t cols, const std::uint8_t* 
 /// The pixels of a box that have neighbours `step` before and after them in the box.
 void fill_between(const PixelBox& inner, std::int64_t cols, std::int64_t step, std::uint16_t* depth,
                   std::uint8_t* labels) {
-  constexpr double kSameSurface = 0.03;  // of the depth
+  constexpr double kMostStep = 0.03;  // of the depth
   for (std::int64_t v = inner.v0; v < inner.v0 + inner.height; ++v) {
     for (std::int64_t i = v * cols + inner.u0; i < v * cols + inner.u0 + inner.width; ++i) {
       const std::uint8_t bone = labels[i - step];
       if (labels[i] != 0 || bone == 0 || bone != labels[i + step]) continue;
       const int before = depth[i - step], after = depth[i + step];
-      if (!(std::abs(before - after) < kSameSurface * before)) continue;
+      if (!(std::abs(before - after) < kMostStep * before)) continue;
       depth[i] = static_cast<std::uint16_t>((before + after) / 2);
       labels[i] = bone;
     }
