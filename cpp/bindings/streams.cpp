@@ -1,5 +1,6 @@
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -13,6 +14,7 @@
 #include "manip3d/forge/composite.hpp"
 #include "manip3d/modify/animation.hpp"
 #include "manip3d/modify/region_growing.hpp"
+#include "manip3d/modify/speckles.hpp"
 #include "modules.hpp"
 #include "numpy.hpp"
 #include "rgbd.hpp"
@@ -47,6 +49,28 @@ py::tuple segment_region(const py::array& depth, const std::optional<Bytes>& bod
     }
   }
   return py::make_tuple(to_numpy(std::move(labels)), to_numpy(std::move(distances)));
+}
+
+/// Copies of depth and labels with single lost pixels filled.
+py::tuple without_speckles(const CArray<std::uint16_t>& depth, const Bytes& labels) {
+  check_image(depth, 0, "depth");
+  check_image(labels, 0, "labels");
+  if (labels.shape(0) != depth.shape(0) || labels.shape(1) != depth.shape(1)) {
+    throw InputError("labels: expected the shape of depth");
+  }
+  CArray<std::uint16_t> filled({depth.shape(0), depth.shape(1)});
+  Bytes bones({depth.shape(0), depth.shape(1)});
+  std::uint16_t* z = filled.mutable_data();
+  std::uint8_t* bone = bones.mutable_data();
+  const std::uint16_t* from = depth.data();
+  const std::uint8_t* label = labels.data();
+  {
+    const py::gil_scoped_release nogil;
+    std::copy_n(from, filled.size(), z);
+    std::copy_n(label, bones.size(), bone);
+    fill_speckles(filled.shape(0), filled.shape(1), z, bone);
+  }
+  return py::make_tuple(filled, bones);
 }
 
 py::tuple make_animation_mesh(const py::array& depth, const Bytes& labels, const py::object& camera,
@@ -228,6 +252,8 @@ void bind_streams(py::module_& m) {
   m.def("silhouette_spans", &spans_of, py::arg("depth"), py::arg("focal"), py::arg("options"));
   m.def("segment_region", &segment_region, py::arg("depth"), py::arg("body_index").noconvert(),
         py::arg("camera"), py::arg("skeleton"), py::arg("mask"), py::arg("options"));
+  m.def("without_speckles", &without_speckles, py::arg("depth").noconvert(),
+        py::arg("labels").noconvert());
   m.def("animation_mesh", &make_animation_mesh, py::arg("depth"), py::arg("labels").noconvert(),
         py::arg("camera"), py::arg("skeleton"), py::arg("options"));
   m.def("animate", &animate_vertices, py::arg("vertices").noconvert(),

@@ -164,6 +164,7 @@ __all__: list[str] = [
     "watermark_header",
     "watermark_order",
     "welded_boundary",
+    "without_speckles",
     "writable_suffixes",
     "write_mesh",
     "write_points",
@@ -2372,6 +2373,9 @@ def watermark_order(
     least_points: typing.SupportsInt | typing.SupportsIndex,
 ) -> numpy.ndarray: ...
 def welded_boundary(mesh: typing.Any) -> numpy.ndarray: ...
+def without_speckles(
+    depth: numpy.typing.NDArray[numpy.uint16], labels: numpy.typing.NDArray[numpy.uint8]
+) -> tuple[typing.Any, ...]: ...
 def writable_suffixes() -> list[typing.Any]: ...
 def write_mesh(
     mesh: typing.Any,

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
+import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 
 from manip3d import InputError, capture, forge
+from manip3d._util.remaining import RemainingTime
 from manip3d.rgbd import NO_BODY
 from manip3d.simulate import BodySimulator, write_forged_people
 
@@ -62,6 +65,69 @@ def test_a_stopped_run_goes_on_and_gives_the_same(tmp_path: Path) -> None:
             for place in (f"set/{row['recording']}", f"whole/{row['recording']}")
         )
         np.testing.assert_array_equal(one, other)
+
+
+def test_a_recording_that_fails_does_not_end_the_run(tmp_path: Path) -> None:
+    (tmp_path / "set" / "streams.csv.rows").mkdir(parents=True)
+    blocked = tmp_path / "set" / "p1-wave-room-type1"
+    blocked.mkdir()
+    (blocked / "mine.txt").write_text("no recording")
+    failures: list[str] = []
+    made = write_forged_people(
+        tmp_path / "set", **FEW, on_error=lambda name, error: failures.append(name)
+    )
+    assert failures == ["p1-wave-room-type1"]
+    assert (len(made.rows), made.failed) == (6, 1)
+    assert [row["stream"] for row in made.rows if row["error"]] == failures
+    (blocked / "mine.txt").unlink()
+    blocked.rmdir()
+    again = write_forged_people(tmp_path / "set", **FEW)
+    assert (again.resumed, again.failed) == (5, 0)
+
+
+def test_a_full_disk_is_said_before_the_run_and_ends_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usage = shutil.disk_usage(tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=1_000_000))
+        with pytest.raises(OSError, match=r"expected 0\.0 GB free for 6 recordings, got 0\.0 GB"):
+            write_forged_people(tmp_path / "set", **FEW)
+    assert not list((tmp_path / "set").glob("p1-*"))
+
+    def fill(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    tried: list[str] = []
+    with monkeypatch.context() as patch:
+        patch.setattr(capture, "record", fill)
+        with pytest.raises(OSError, match="No space left"):
+            write_forged_people(
+                tmp_path / "set", **FEW, on_error=lambda name, error: tried.append(name)
+            )
+    assert tried == ["p1-wave-room-real"]
+
+
+def test_progress_says_what_is_done_and_how_long_the_rest_takes(tmp_path: Path) -> None:
+    told: list[tuple[float, str]] = []
+    write_forged_people(tmp_path / "set", **FEW, progress=lambda *now: told.append(now))
+    assert [fraction for fraction, _ in told] == pytest.approx([n / 6 for n in range(1, 7)])
+    assert told[0][1].startswith("p1-wave-room-real, ")
+    assert told[0][1].endswith(" left")
+    assert told[-1][1] == "p1-raise-left-room-type2"
+
+
+def test_remaining_time_is_judged_by_this_run_alone() -> None:
+    now = [100.0]
+    remaining = RemainingTime(0.5, clock=lambda: now[0])  # half was there already
+    assert remaining(0.5) == ""
+    now[0] += 600.0
+    assert remaining(0.6) == "about 40 minutes left"
+    assert remaining(0.53) == "about 3 hours left"
+    assert remaining(0.9) == "about 2 minutes left"
+    assert remaining(0.95) == "about a minute left"
+    assert remaining(0.99) == "less than a minute left"
+    assert remaining(1.0) == ""
 
 
 def test_wrong_options_are_named(tmp_path: Path) -> None:

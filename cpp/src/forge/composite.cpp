@@ -148,10 +148,11 @@ DepthBuffer draw_faces(const PersonSurface& person, const std::vector<Drawn>& at
   DepthBuffer image(box);
   std::vector<float> inverse(at.size());  // of depth: linear in the image
   for (std::size_t i = 0; i < at.size(); ++i) inverse[i] = 1.0F / at[i].z;
+  const DrawBounds bounds(box);
   for (std::int64_t f = 0; f < person.num_faces; ++f) {
     const std::int32_t* face = person.faces + 3 * f;
     const float ia = inverse[face[0]], ib = inverse[face[1]], ic = inverse[face[2]];
-    for_each_pixel(at[face[0]], at[face[1]], at[face[2]], box,
+    for_each_pixel(at[face[0]], at[face[1]], at[face[2]], bounds,
                    [&](std::int32_t u, std::int32_t v, const FourPixels& four) {
                      image.nearer(image.index(u, v), four.inside, 1.0F / four.mix(ia, ib, ic));
                    });
@@ -176,21 +177,102 @@ void put_before(const DepthBuffer& person, const SceneView& scene, const Composi
   }
 }
 
-/// The colours of a person whose edges may fade, within a box of the image.
-class ColorPainter {
+/// Which pixels of a box a person covers; their edges fade.
+class Coverage {
  public:
-  ColorPainter(const SceneView& scene, const PixelBox& box, std::uint8_t* out)
-      : scene_(scene.color),
-        box_(box),
-        out_(out),
-        covered_(static_cast<std::size_t>(box.width * box.height), 0) {
-    std::copy_n(scene_.pixels, 3 * scene_.rows * scene_.cols, out_);
+  explicit Coverage(const PixelBox& box)
+      : cols_(box.width),
+        rows_(box.height),
+        covered_(static_cast<std::size_t>(cols_ * rows_), std::uint8_t{0}) {}
+
+  explicit Coverage(const DepthBuffer& drawn) : Coverage(drawn.box) {
+    for (std::size_t i = 0; i < covered_.size(); ++i) covered_[i] = drawn.z[i] < kInfinity ? 1 : 0;
   }
 
-  /// @param u, v  Of the image, in the box.
+  /// @param i  As DepthBuffer::index().
+  void add(std::int64_t i) { covered_[i] = 1; }
+
+  /// Of each covered pixel the covered ones among the square of side 2 radius + 1 around it, row by
+  /// row from the first one on.
+  class Shares {
+   public:
+    Shares(const Coverage& of, int radius)
+        : of_(of),
+          radius_(radius),
+          size_(static_cast<std::uint8_t>(2 * radius + 1)),
+          column_(static_cast<std::size_t>(of.cols_ + 2 * radius), std::uint8_t{0}) {
+      for (std::int64_t v = 0; v < std::min<std::int64_t>(radius, of.rows_); ++v) add_row<1>(v);
+    }
+
+    /// Calls `use(u, share)` for those pixels of the next row that are not covered all around.
+    template <typename Use>
+    void next_row(const Use& use) {
+      if (row_ + radius_ < of_.rows_) add_row<1>(row_ + radius_);
+      if (row_ - radius_ - 1 >= 0) add_row<-1>(row_ - radius_ - 1);
+      const std::uint8_t* covered = of_.covered_.data() + row_ * of_.cols_;
+      const std::uint8_t* column = column_.data() + radius_;
+      ++row_;
+      std::int64_t gap = -1;  // the first column from u - radius on that is not full
+      for (std::int64_t u = 0; u < of_.cols_; ++u) {
+        if (covered[u] == 0) {
+          u = next_other(covered, u, of_.cols_, 0) - 1;
+          continue;
+        }
+        if (gap < u - radius_) gap = next_other(column, u - radius_, of_.cols_ + radius_, size_);
+        if (gap > u + radius_) {  // so it is for most of a person
+          u = gap - radius_ - 1;
+          continue;
+        }
+        std::int32_t sum = 0;
+        for (std::int64_t k = u - radius_; k <= u + radius_; ++k) sum += column[k];
+        use(u, sum);
+      }
+    }
+
+   private:
+    template <int kSign>
+    void add_row(std::int64_t v) {
+      const std::uint8_t* row = of_.covered_.data() + v * of_.cols_;
+      std::uint8_t* column = column_.data() + radius_;
+      for (std::int64_t u = 0; u < of_.cols_; ++u) {
+        column[u] = static_cast<std::uint8_t>(column[u] + kSign * row[u]);
+      }
+    }
+    /// The first of the bytes from `begin` on that is not `value`, or `end`.
+    static std::int64_t next_other(const std::uint8_t* bytes, std::int64_t begin, std::int64_t end,
+                                   std::uint8_t value) {
+      const std::uint64_t eight = 0x0101'0101'0101'0101U * value;
+      for (std::uint64_t word; begin + 8 <= end; begin += 8) {
+        std::memcpy(&word, bytes + begin, sizeof word);
+        if (word != eight) break;
+      }
+      while (begin < end && bytes[begin] == value) ++begin;
+      return begin;
+    }
+
+    const Coverage& of_;
+    std::int64_t radius_, row_ = 0;
+    std::uint8_t size_;
+    std::vector<std::uint8_t> column_;  ///< Covered pixels in the rows around, `radius` empty ones
+                                        ///< on each side.
+  };
+
+ private:
+  std::int64_t cols_, rows_;
+  std::vector<std::uint8_t> covered_;
+};
+
+/// The scene's colour image, on which a person is painted.
+class ColorPainter {
+ public:
+  ColorPainter(const SceneView& scene, std::uint8_t* out) : scene_(scene.color), out_(out) {}
+
+  void copy_rows(std::int64_t begin, std::int64_t end) {
+    const std::int64_t stride = 3 * scene_.cols;
+    std::copy_n(scene_.pixels + begin * stride, (end - begin) * stride, out_ + begin * stride);
+  }
   /// @param rgb  R + 2^8 G + 2^16 B.
   void paint(std::int64_t u, std::int64_t v, std::uint32_t rgb) {
-    covered_[(v - box_.v0) * box_.width + u - box_.u0] = 1;
     std::uint8_t* pixel = out_ + 3 * (v * scene_.cols + u);
     pixel[0] = static_cast<std::uint8_t>(rgb);
     pixel[1] = static_cast<std::uint8_t>(rgb >> 8);
@@ -199,81 +281,18 @@ class ColorPainter {
   [[nodiscard]] const std::uint8_t* painted(std::int64_t u, std::int64_t v) const {
     return out_ + 3 * (v * scene_.cols + u);
   }
-
-  /// The person's share of a pixel is that of the square of side 2 radius + 1 around it.
-  void fade(int radius) {
-    if (radius == 0) return;
-    const std::int64_t cols = box_.width, rows = box_.height;
-    const auto size = static_cast<std::uint8_t>(2 * radius + 1);
-    // The covered pixels of each column in the rows around, with `radius` empty columns on each
-    // side.
-    std::vector<std::uint8_t> padded(static_cast<std::size_t>(cols + 2 * radius), 0);
-    std::uint8_t* column = padded.data() + radius;
-    for (std::int64_t v = 0; v < std::min<std::int64_t>(radius, rows); ++v) add_row(v, column);
-    for (std::int64_t v = 0; v < rows; ++v) {
-      if (v + radius < rows) add_row(v + radius, column);
-      if (v - radius - 1 >= 0) remove_row(v - radius - 1, column);
-      const std::uint8_t* covered = covered_.data() + v * cols;
-      // Where all columns around are full, nothing fades: it is so for most of a person.
-      std::int64_t next_gap = -1;  // a column that is not full: the first one behind u - radius
-      for (std::int64_t u = 0; u < cols; ++u) {
-        if (covered[u] == 0) {
-          u = next_covered(covered, u) - 1;
-          continue;
-        }
-        if (next_gap < u - radius) next_gap = next_other(column, u - radius, cols + radius, size);
-        if (next_gap > u + radius) {
-          u = next_gap - radius - 1;
-          continue;
-        }
-        std::int32_t sum = 0;
-        for (std::int64_t k = u - radius; k <= u + radius; ++k) sum += column[k];
-        mix(in_image(u, v), sum, std::int32_t{size} * size);
-      }
-    }
-  }
-
- private:
-  [[nodiscard]] std::int64_t in_image(std::int64_t u, std::int64_t v) const {
-    return (box_.v0 + v) * scene_.cols + box_.u0 + u;
-  }
-  void add_row(std::int64_t v, std::uint8_t* column) const {
-    const std::uint8_t* row = covered_.data() + v * box_.width;
-    for (std::int64_t u = 0; u < box_.width; ++u) {
-      column[u] = static_cast<std::uint8_t>(column[u] + row[u]);
-    }
-  }
-  void remove_row(std::int64_t v, std::uint8_t* column) const {
-    const std::uint8_t* row = covered_.data() + v * box_.width;
-    for (std::int64_t u = 0; u < box_.width; ++u) {
-      column[u] = static_cast<std::uint8_t>(column[u] - row[u]);
-    }
-  }
-  [[nodiscard]] std::int64_t next_covered(const std::uint8_t* covered, std::int64_t u) const {
-    return next_other(covered, u, box_.width, 0);
-  }
-  /// The first of the bytes from `begin` on that is not `value`, or `end`.
-  static std::int64_t next_other(const std::uint8_t* bytes, std::int64_t begin, std::int64_t end,
-                                 std::uint8_t value) {
-    const std::uint64_t eight = 0x0101'0101'0101'0101U * value;
-    for (std::uint64_t word; begin + 8 <= end; begin += 8) {
-      std::memcpy(&word, bytes + begin, sizeof word);
-      if (word != eight) break;
-    }
-    while (begin < end && bytes[begin] == value) ++begin;
-    return begin;
-  }
-  void mix(std::int64_t pixel, std::int32_t own, std::int32_t whole) {
-    for (std::int64_t k = 3 * pixel; k < 3 * pixel + 3; ++k) {
+  /// Lets the scene shine through a painted pixel.
+  void fade(std::int64_t u, std::int64_t v, std::int32_t own, std::int32_t whole) {
+    const std::int64_t first = 3 * (v * scene_.cols + u);
+    for (std::int64_t k = first; k < first + 3; ++k) {
       const std::int32_t sum = own * out_[k] + (whole - own) * scene_.pixels[k];
       out_[k] = static_cast<std::uint8_t>((sum + whole / 2) / whole);
     }
   }
 
+ private:
   ColorView scene_;
-  PixelBox box_;
   std::uint8_t* out_;
-  std::vector<std::uint8_t> covered_;
 };
 
 bool is_finite(const Drawn& place) { return std::abs(place.u) + std::abs(place.v) < kInfinity; }
@@ -341,19 +360,23 @@ void draw_texels(const PersonSurface& person, const SceneView& scene, const std:
                  const std::vector<Drawn>& in_depth, DepthBuffer& image, TexelBuffer& shows) {
   const std::vector<Drawn> texels = texels_of(person);
   const std::vector<std::uint8_t> shown = shown_vertices(scene, in_depth);
+  const DrawBounds bounds(image.box);
   for (std::int64_t f = 0; f < person.num_faces; ++f) {
     const std::int32_t i = person.faces[3 * f], j = person.faces[3 * f + 1],
                        k = person.faces[3 * f + 2];
     const int num_shown = shown[i] + shown[j] + shown[k];
     if (num_shown == 0) continue;
-    const Drawn &a = at[i], &b = at[j], &c = at[k];
-    const Drawn &ta = texels[i], &tb = texels[j], &tc = texels[k];
+    // Copies: the buffers that are written could be what references point to.
+    const Drawn a = at[i], b = at[j], c = at[k];
+    const Drawn ta = texels[i], tb = texels[j], tc = texels[k];
+    const auto shown_a = static_cast<float>(shown[i]), shown_b = static_cast<float>(shown[j]),
+               shown_c = static_cast<float>(shown[k]);
     if (!is_finite(ta) || !is_finite(tb) || !is_finite(tc)) continue;  // has no colour
-    for_each_pixel(a, b, c, image.box, [&](std::int32_t u, std::int32_t v, const FourPixels& four) {
+    for_each_pixel(a, b, c, bounds, [&](std::int32_t u, std::int32_t v, const FourPixels& four) {
       // A triangle is a few pixels: depth and texture are linear within it.
       const Float4 texel_u = four.mix(ta.u, tb.u, tc.u), texel_v = four.mix(ta.v, tb.v, tc.v);
       Int4 inside = four.inside;
-      if (num_shown < 3) inside &= four.mix(shown[i], shown[j], shown[k]) >= 0.5F;
+      if (num_shown < 3) inside &= four.mix(shown_a, shown_b, shown_c) >= 0.5F;
       const std::int64_t pixel = image.index(u, v);
       const Int4 nearer = image.nearer(pixel, inside, four.mix(a.z, b.z, c.z));
       shows.keep(pixel, nearer, texel_u, texel_v);
@@ -361,39 +384,58 @@ void draw_texels(const PersonSurface& person, const SceneView& scene, const std:
   }
 }
 
-/// Colours a box of the scene's image where the person is drawn.
-void paint_faces(const PersonSurface& person, const SceneView& scene, const std::vector<Drawn>& at,
-                 const std::vector<Drawn>& in_depth, const PixelBox& box, ColorPainter& painter) {
-  DepthBuffer image(box);
-  TexelBuffer shows(image.z.size());
-  draw_texels(person, scene, at, in_depth, image, shows);
-  const TextureSampler sample(person.color);
-  for (std::int64_t v = box.v0; v < box.v0 + box.height; ++v) {
-    const std::int64_t row = image.index(0, v), end = box.u0 + box.width;
-    for (std::int64_t u = box.u0; u < end; u += 4) {
-      const std::int64_t i = row + u;
-      unsigned drawn = true_lanes(load4(&image.z[i]) < kInfinity);
-      if (u + 4 > end) drawn &= (1U << (end - u)) - 1;
-      if (drawn == 0) continue;
-      const auto places = sample.places(load4(&shows.u[i]), load4(&shows.v[i]));
-      for (int lane = 0; lane < 4; ++lane) {
-        if ((drawn >> lane & 1U) != 0) painter.paint(u + lane, v, sample.packed(places[lane]));
-      }
+/// Colours a row of the scene's image where the person is drawn.
+void paint_row(const DepthBuffer& drawn, const TexelBuffer& shows, std::int64_t v,
+               const TextureSampler& sample, ColorPainter& painter) {
+  const std::int64_t end = drawn.box.u0 + drawn.box.width;
+  for (std::int64_t u = drawn.box.u0; u < end; u += 4) {
+    const std::int64_t i = drawn.index(u, v);
+    unsigned is_drawn = true_lanes(load4(&drawn.z[i]) < kInfinity);
+    if (u + 4 > end) is_drawn &= (1U << (end - u)) - 1;
+    if (is_drawn == 0) continue;
+    const auto places = sample.places(load4(&shows.u[i]), load4(&shows.v[i]));
+    for (int lane = 0; lane < 4; ++lane) {
+      if ((is_drawn >> lane & 1U) != 0) painter.paint(u + lane, v, sample.packed(places[lane]));
     }
   }
 }
 
+/// The scene's image with the person in a box of it. Each row is copied, painted and faded while it
+/// is in the cache.
+void paint_faces(const PersonSurface& person, const SceneView& scene, const std::vector<Drawn>& at,
+                 const std::vector<Drawn>& in_depth, const PixelBox& box, int blend,
+                 ColorPainter& painter) {
+  DepthBuffer drawn(box);
+  TexelBuffer shows(drawn.z.size());
+  draw_texels(person, scene, at, in_depth, drawn, shows);
+  const Coverage coverage(drawn);
+  Coverage::Shares shares(coverage, blend);
+  const TextureSampler sample(person.color);
+  const std::int32_t whole = (2 * blend + 1) * (2 * blend + 1);
+  painter.copy_rows(0, box.v0);
+  for (std::int64_t v = box.v0; v < box.v0 + box.height; ++v) {
+    painter.copy_rows(v, v + 1);
+    paint_row(drawn, shows, v, sample, painter);
+    shares.next_row(
+        [&](std::int64_t u, std::int32_t share) { painter.fade(box.u0 + u, v, share, whole); });
+  }
+  painter.copy_rows(box.v0 + box.height, scene.color.rows);
+}
+
 /// One colour for each vertex's pixel; pinholes get the mean of the neighbours that have one.
 void paint_points(const PersonSurface& person, const SceneView& scene, const std::vector<Drawn>& at,
-                  const std::vector<std::int64_t>& filled, const std::uint8_t* mask,
+                  const std::vector<std::int64_t>& filled, const std::uint8_t* mask, int blend,
                   ColorPainter& painter) {
+  painter.copy_rows(0, scene.color.rows);
   const std::vector<Drawn> texels = texels_of(person);
   const TextureSampler sample(person.color);
   DepthBuffer image({0, 0, scene.cols, scene.rows});
+  Coverage coverage(image.box);
   for (std::size_t i = 0; i < at.size(); ++i) {
     const std::int64_t pixel = pixel_at(at[i], scene.rows, scene.cols);
     if (pixel < 0 || mask[pixel] == 0 || !image.nearer(pixel, at[i].z)) continue;
     if (!is_finite(texels[i])) continue;
+    coverage.add(pixel);
     painter.paint(pixel % scene.cols, pixel / scene.cols, sample.packed(texels[i].u, texels[i].v));
   }
   for (const std::int64_t pixel : filled) {
@@ -411,10 +453,16 @@ void paint_points(const PersonSurface& person, const SceneView& scene, const std
     if (u + 1 < scene.cols) add(u + 1, v);
     if (v + 1 < scene.rows) add(u, v + 1);
     if (count == 0) continue;
+    coverage.add(pixel);
     painter.paint(u, v,
                   static_cast<std::uint32_t>(sum[0] / count + ((sum[1] / count) << 8) +
                                              ((sum[2] / count) << 16)));
     image.z[pixel] = 0.0F;  // has a colour now, for those that are filled after it
+  }
+  Coverage::Shares shares(coverage, blend);
+  const std::int32_t whole = (2 * blend + 1) * (2 * blend + 1);
+  for (std::int64_t v = 0; v < scene.rows; ++v) {
+    shares.next_row([&](std::int64_t u, std::int32_t share) { painter.fade(u, v, share, whole); });
   }
 }
 
@@ -462,11 +510,9 @@ void composite(const PersonSurface& person, const SceneView& scene, const Compos
                        : draw_faces(person, at, box_around(at, scene.cols, scene.rows)),
              scene, out);
   if (scene.color.pixels == nullptr || out.color == nullptr) return;
-  const PixelBox whole{0, 0, scene.color.cols, scene.color.rows};
+  ColorPainter painter(scene, out.color);
   if (options.surface == CompositeSurface::kPoints && !scene.registration) {
-    ColorPainter painter(scene, whole, out.color);
-    paint_points(person, scene, at, filled, out.mask, painter);
-    painter.fade(options.blend);
+    paint_points(person, scene, at, filled, out.mask, options.blend, painter);
     return;
   }
   std::vector<Drawn> in_color(at);
@@ -475,9 +521,7 @@ void composite(const PersonSurface& person, const SceneView& scene, const Compos
     for (std::size_t i = 0; i < at.size(); ++i) in_color[i] = camera(person.vertices + 3 * i);
   }
   const PixelBox box = box_around(in_color, scene.color.cols, scene.color.rows);
-  ColorPainter painter(scene, box, out.color);
-  if (!box.empty()) paint_faces(person, scene, in_color, at, box, painter);
-  painter.fade(options.blend);
+  paint_faces(person, scene, in_color, at, box, options.blend, painter);
 }
 
 }  // namespace manip3d

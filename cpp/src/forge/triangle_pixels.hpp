@@ -17,6 +17,16 @@ struct Drawn {
   float z = std::numeric_limits<float>::quiet_NaN();
 };
 
+/// The first and last columns and rows of a box.
+struct DrawBounds {
+  float left, right, top, bottom;
+  explicit DrawBounds(const PixelBox& box)
+      : left(static_cast<float>(box.u0)),
+        right(static_cast<float>(box.u0 + box.width - 1)),
+        top(static_cast<float>(box.v0)),
+        bottom(static_cast<float>(box.v0 + box.height - 1)) {}
+};
+
 /// Barycentric coordinates of four pixel centres of a row, and which of them are in the triangle.
 struct FourPixels {
   Int4 inside;
@@ -30,21 +40,21 @@ struct FourPixels {
 /// in a triangle, its edges included, were among the four. Triangles of a few pixels are what it is
 /// made for: a row of one is rarely longer than four.
 template <typename Use>
-void for_each_pixel(const Drawn& a, const Drawn& b, const Drawn& c, const PixelBox& box,
+void for_each_pixel(const Drawn& a, const Drawn& b, const Drawn& c, const DrawBounds& box,
                     const Use& use) {
   const float least_u = std::min({a.u, b.u, c.u}), most_u = std::max({a.u, b.u, c.u});
   const float least_v = std::min({a.v, b.v, c.v}), most_v = std::max({a.v, b.v, c.v});
-  const auto left = static_cast<float>(box.u0), right = static_cast<float>(box.u0 + box.width - 1);
-  const auto top = static_cast<float>(box.v0), bottom = static_cast<float>(box.v0 + box.height - 1);
-  if (!(most_u >= left && least_u <= right && most_v >= top && least_v <= bottom)) return;
+  if (!(most_u >= box.left && least_u <= box.right && most_v >= box.top && least_v <= box.bottom)) {
+    return;
+  }
   const auto first = [](float least, float from) {  // std::ceil is a call where SSE 4.1 is not
     const float at = std::max(least, from);
     const auto whole = static_cast<std::int32_t>(at);
     return whole + (static_cast<float>(whole) < at ? 1 : 0);
   };
-  const std::int32_t u0 = first(least_u, left), v0 = first(least_v, top);
-  const auto u1 = static_cast<std::int32_t>(std::min(most_u, right));
-  const auto v1 = static_cast<std::int32_t>(std::min(most_v, bottom));
+  const std::int32_t u0 = first(least_u, box.left), v0 = first(least_v, box.top);
+  const auto u1 = static_cast<std::int32_t>(std::min(most_u, box.right));
+  const auto v1 = static_cast<std::int32_t>(std::min(most_v, box.bottom));
   if (u0 > u1 || v0 > v1) return;
   const float bu = b.u - a.u, bv = b.v - a.v, cu = c.u - a.u, cv = c.v - a.v;
   const float area = bu * cv - bv * cu;

@@ -3,10 +3,9 @@
 #include <array>
 #include <cstdint>
 
-namespace manip3d {
+#include "geometry/lanes.hpp"
 
-/// Four numbers at a time: one instruction on every processor that has vectors of 16 bytes.
-using Float4 = float __attribute__((vector_size(16)));
+namespace manip3d {
 
 /// A vertex with the quadric of the planes that it stands for, about the vertex itself: a point at
 /// the offset u from it has Q(u) = u'Au + 2b'u + c [Garland & Heckbert 1997]. About the vertex,

@@ -612,7 +612,7 @@ def forge_people(
             seed=seed,
             jobs=jobs,
             overwrite=force,
-            progress=progress,
+            progress=progress or shell.line,  # a log gets a line for each
             on_error=lambda name, error: shell.say(f"error: {name}: {error}"),
         )
     resumed = f", {made.resumed} of them there already" if made.resumed else ""

@@ -5,10 +5,11 @@ from __future__ import annotations
 import io
 import os
 import threading
+import time
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -46,10 +47,14 @@ class ForgedFrame:
         What a consumer of the stream sees.
     mask : (H, W) bool
         Pixels whose depth is the forged person's: the truth.
+    stage_ms : dict
+        Milliseconds of this thread's processor time in each stage: ``smoothing``,
+        ``segmentation``, ``mesh``, ``animation``, ``drawing``, ``body index``.
     """
 
     frame: RgbdFrame
     mask: Mask
+    stage_ms: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,6 +256,19 @@ def without_people(frame: RgbdFrame, plate: RgbdFrame) -> RgbdFrame:
     )
 
 
+class _Stopwatch:
+    """Processor time of this thread, stage by stage."""
+
+    def __init__(self) -> None:
+        self.spent_ms: dict[str, float] = {}
+        self._since = time.thread_time_ns()
+
+    def done(self, stage: str) -> None:
+        now = time.thread_time_ns()
+        self.spent_ms[stage] = (now - self._since) * 1e-6
+        self._since = now
+
+
 @dataclass(frozen=True)
 class _Options:
     method: Skinning
@@ -373,6 +391,7 @@ class StreamForger:
         """
         check_frames("source", [frame])
         with self._lock:
+            watch = _Stopwatch()
             scene, pose = self._next()
             if scene is None or (self._poses is not None and pose is None):
                 return None
@@ -382,7 +401,8 @@ class StreamForger:
             target = _first_skeleton(pose) if isinstance(pose, RgbdFrame) else pose
             if self._options.smooths and target is not None:
                 target = self._other.add(target)
-            return _forge(frame, person, scene, target, self.kind, self._options)
+            watch.done("smoothing")
+            return _forge(frame, person, scene, target, self.kind, self._options, watch)
 
 
 class ForgedStream:
@@ -594,18 +614,25 @@ def _forge(
     pose: Skeleton | None,
     kind: int,
     options: _Options,
+    watch: _Stopwatch,
 ) -> ForgedFrame:
     """The person of a frame before a scene."""
     camera = frame.calibration.depth
     by_label = kind == 2 and options.by_label
-    labels = np.zeros_like(frame.depth, np.uint8)
+    labels = np.zeros(frame.depth.shape, np.uint8)
     moved = person
     if kind == 1 or (person is not None and pose is not None):
         labels = _labels(frame, person)
+    watch.done("segmentation")
     stays = not options.move.any()
     in_place = kind == 1 and stays and same_camera(camera, scene.calibration.depth)
-    seen = frame.depth if in_place else _without_speckles(frame.depth, labels)
+    seen = frame.depth
+    if not in_place:  # single lost pixels would be holes in what is drawn
+        seen, labels = _core.without_speckles(
+            np.ascontiguousarray(seen), np.ascontiguousarray(labels)
+        )
     mesh = animation_mesh(seen, camera, labels, person, by_label=by_label)
+    watch.done("mesh")
     vertices = mesh.vertices
     if kind == 2 and person is not None and pose is not None:
         animated = animate(
@@ -618,6 +645,7 @@ def _forge(
             vertices, moved = animated.vertices, animated.skeleton
     if not stays:
         vertices = (vertices + options.move).astype(np.float32)
+    watch.done("animation")
     has_color = frame.color is not None and scene.color is not None
     core = _core.CompositeOptions()
     core.surface = _core.CompositeSurface.__members__[options.surface.upper()]
@@ -636,6 +664,7 @@ def _forge(
         scene.calibration.registration,
         core,
     )
+    watch.done("drawing")
     drawn = mask.view(np.bool_)
     index, skeletons = _people(scene, drawn, moved, options.move)
     forged = replace(
@@ -647,27 +676,8 @@ def _forge(
         time=frame.time,
         number=frame.number,
     )
-    return ForgedFrame(forged, drawn)
-
-
-def _without_speckles(depth: NDArray[np.uint16], labels: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """The depth with single lost pixels between two of one bone filled; ``labels`` are, too."""
-    filled = depth.copy()
-    rows, columns = (np.asarray(labels.any(axis=axis)) for axis in (1, 0))
-    if not rows.any():
-        return filled
-    # Nothing is filled beside the person: their box is a fraction of the image.
-    top, bottom = int(rows.argmax()), len(rows) - int(rows[::-1].argmax())
-    left, right = int(columns.argmax()), len(columns) - int(columns[::-1].argmax())
-    box = np.s_[top:bottom, left:right]
-    inside, own = filled[box], labels[box]
-    for image, bones in ((inside, own), (inside.T, own.T)):
-        before, after = image[:, :-2].astype(np.int32), image[:, 2:].astype(np.int32)
-        between = (bones[:, 1:-1] == 0) & (bones[:, :-2] > 0) & (bones[:, :-2] == bones[:, 2:])
-        between &= np.abs(before - after) < 0.03 * before
-        image[:, 1:-1][between] = ((before + after) // 2)[between]
-        bones[:, 1:-1][between] = bones[:, :-2][between]
-    return filled
+    watch.done("body index")
+    return ForgedFrame(forged, drawn, watch.spent_ms)
 
 
 def same_camera(one: Any, other: Any) -> bool:

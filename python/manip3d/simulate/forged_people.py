@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+import shutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +19,7 @@ from manip3d._util.extras import require
 from manip3d._util.fingerprint import code_fingerprint
 from manip3d._util.options import reporting
 from manip3d._util.paths import path_of
+from manip3d._util.remaining import RemainingTime
 from manip3d.batch import Rows, run_stored, write_table
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
@@ -43,6 +46,7 @@ KINDS = ("real", "type1", "type2")
 
 _NAMES = ("wave", "raise-left", "raise-right", "raise-both")
 _AWAY_S = 60.0  # the scene is taken so much later, while nobody is there
+_BYTES = {"depth": 180_000, "color": 26_000}  # of a frame of 512 x 424, about
 _NEAREST, _FARTHEST = 2.1, 2.7  # metres from the camera to a person
 
 
@@ -111,8 +115,9 @@ def write_forged_people(
     overwrite : bool
         Make what is there again.
     progress : None, True or callable(fraction, message)
+        The message names the recording that is done, and says how long the others will take.
     on_error : callable(name, error)
-        Called for each recording that fails; the others are made.
+        Called for each recording that fails; the others are made, unless the disk is full.
 
     Returns
     -------
@@ -125,7 +130,7 @@ def write_forged_people(
     MissingExtraError
         Open3D is not installed.
     OSError
-        The folder cannot be written.
+        The folder cannot be written, or there is less space than the recordings will need.
 
     Notes
     -----
@@ -171,14 +176,26 @@ def write_forged_people(
     made_of = {"function": "write_forged_people", "library": code_fingerprint(), **options}
     store = Rows(str(stored), made_of | {"suffix": suffix}, overwrite=overwrite)
     tasks = {each.name: (_write, (each, str(target), suffix)) for each in wanted}
+    stored_rows = _WholeOnly(store, target)
+    missing = [each for each in wanted if stored_rows.load(each.name) is None]
+    _check_space(target, missing)
+    remaining = RemainingTime(1.0 - len(missing) / len(wanted))
+
+    def failed(name: str, error: str) -> None:
+        on_error(name, error)
+        if os.strerror(errno.ENOSPC) in error:  # so would all that follow
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(target))
+
     try:
         with reporting(None if callable(progress) else progress, "streams") as told:
             found = run_stored(
                 tasks,
-                _WholeOnly(store, target),
+                stored_rows,
                 jobs or len(os.sched_getaffinity(0)),
-                progress=progress if callable(progress) else _fraction_only(told),
-                on_error=on_error,
+                progress=_with_remaining(progress, remaining)
+                if callable(progress)
+                else _fraction_only(told),
+                on_error=failed,
             )
     finally:
         store.flush()
@@ -193,6 +210,30 @@ def write_forged_people(
     }
     atomic_write(target / "provenance.json", json.dumps(provenance, indent=1) + "\n")
     return ForgedPeople(target, rows, found.resumed, len(found.failed))
+
+
+def _check_space(folder: Path, streams: Sequence[_Stream]) -> None:
+    """Refuse to begin what would fill the disk hours later."""
+    each = _BYTES["depth"], _BYTES["color"]
+    needed = sum(stream.frames * (each[0] + each[1] * stream.color) for stream in streams)
+    free = shutil.disk_usage(folder).free
+    if needed > free:
+        raise OSError(
+            errno.ENOSPC,
+            f"expected {needed / 1e9:.1f} GB free for {len(streams)} recordings, "
+            f"got {free / 1e9:.1f} GB",
+            str(folder),
+        )
+
+
+def _with_remaining(
+    progress: Callable[[float, str], object], remaining: RemainingTime
+) -> Callable[[float, str], object]:
+    def report(fraction: float, name: str) -> None:
+        left = remaining(fraction)
+        progress(fraction, f"{name}, {left}" if left else name)
+
+    return report
 
 
 def _fraction_only(told: Callable[[float], object] | None) -> Callable[[float, str], object] | None:

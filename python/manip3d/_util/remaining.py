@@ -1,0 +1,33 @@
+"""How long a run will still take."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+
+class RemainingTime:
+    """Words for the time that a run still needs, if it goes on as it has since it began.
+
+    Parameters
+    ----------
+    begun_at : float
+        The fraction that was done before: by a run that was stopped.
+    clock : callable
+        Seconds.
+    """
+
+    def __init__(self, begun_at: float = 0.0, clock: Callable[[], float] = time.monotonic) -> None:
+        self._begun_at, self._clock = begun_at, clock
+        self._begun_s = clock()
+
+    def __call__(self, fraction: float) -> str:
+        """``about 12 minutes left``; ``""`` where there is nothing to judge by."""
+        done = fraction - self._begun_at
+        if not (done > 0.0 and fraction < 1.0):
+            return ""
+        seconds = (self._clock() - self._begun_s) * (1.0 - fraction) / done
+        for unit, length in (("hour", 3600.0), ("minute", 60.0)):
+            if seconds >= 1.5 * length:
+                return f"about {round(seconds / length)} {unit}s left"
+        return "about a minute left" if seconds >= 30.0 else "less than a minute left"
