@@ -349,6 +349,71 @@ def test_closes_a_hole_of_one_pixel_where_points_are_few() -> None:
     assert result.pixels.tolist() == [[0, 0], [20, 0], [0, 20], [20, 20]]
 
 
+def outline(mesh: simplify.DepthMesh) -> tuple[int, set[frozenset[tuple[int, ...]]]]:
+    """What flips of edges leave: the number of faces, and the edges that have one face."""
+    edges = Counter(
+        frozenset((tuple(face[i]), tuple(face[(i + 1) % 3])))
+        for face in corners(mesh).tolist()
+        for i in range(3)
+    )
+    return mesh.num_faces, {edge for edge, count in edges.items() if count == 1}
+
+
+@settings(max_examples=60)
+@given(
+    height=st.integers(1, 23),
+    width=st.integers(1, 40),
+    holes=st.sampled_from([0.0, 0.1, 0.4]),
+    max_edge=st.sampled_from([None, 0.4, 1.0]),
+    seed=st.integers(0, 2**31),
+)
+def test_all_points_are_the_dense_mesh(
+    height: int, width: int, holes: float, max_edge: float | None, seed: int
+) -> None:
+    """Its cells are cut many at a time; those of the dense mesh one by one."""
+    random = np.random.default_rng(seed)
+    points = bumps(height, width, seed)
+    points[..., 2] += random.normal(0, 0.3, (height, width)).astype(np.float32)
+    points[..., :2] *= np.float32(0.3)
+    valid = random.random((height, width)) >= holes
+    dense = simplify.dense_mesh_grid(points, valid, max_edge=max_edge)
+    result = simplify.relief_grid(
+        points, valid, 6 * height * width, effort="live", max_edge=max_edge
+    )
+    assert outline(result) == outline(dense)
+
+
+@pytest.mark.parametrize("step", [0.01, 0.1])
+def test_the_dense_mesh_without_steps_in_depth(step: float) -> None:
+    camera = Intrinsics(41, 37, 30.0, 30.0, 20.0, 18.0)
+    random = np.random.default_rng(3)
+    depth = (2 + random.normal(0, 0.03, (37, 41))).astype(np.float32)
+    depth[:, 20:] += 1
+    depth[random.random(depth.shape) < 0.1] = 0
+    dense = simplify.dense_mesh(depth, camera)
+    u, v = np.moveaxis(corners(dense), -1, 0)
+    z = depth.astype(float)[v, u]
+    kept = np.ptp(z, axis=1) <= step * z.min(axis=1)
+    result = simplify.relief(depth, camera, 6 * depth.size, effort="live", depth_step=step)
+    left = simplify.DepthMesh.with_faces(dense, np.ascontiguousarray(dense.faces[kept]))
+    assert 0 < kept.sum() < len(kept)
+    assert outline(result) == outline(left)
+
+
+def test_live_on_every_second_pixel_and_on_long_rows() -> None:
+    points = bumps(40, 64)
+    checkers = (np.indices((40, 64)).sum(axis=0) % 2).astype(bool)
+    assert simplify.relief_grid(points, checkers, 10, effort="live").num_faces == 0
+    checkers |= np.arange(64) < 32  # half of it is a surface
+    result = simplify.relief_grid(points, checkers, 30, effort="live")
+    check_promises(result, points, checkers, 30)
+    assert result.coverage > 0.9
+    long = bumps(3, 4096)
+    check_promises(
+        simplify.relief_grid(long, None, 120, effort="live"), long, np.ones((3, 4096), bool), 120
+    )
+
+
 @pytest.mark.parametrize("effort", EFFORTS)
 def test_no_target_is_too_small(effort: simplify.Effort) -> None:
     """Each hole once kept a loop of three vertices, and then the only piece was dropped."""

@@ -24,10 +24,15 @@ using relief_detail::Triangle;
 using relief_detail::Triangulation;
 using relief_detail::Vec3;
 
+/// Pixels per vertex from which on a first mesh over every second pixel is as good: at 1 % of the
+/// points the result was the same on three of four images and scans, its error 1.01 times on the
+/// fourth.
+constexpr std::int64_t kSparse = 32;
+
 /// What an effort spends. Measured on the Stanford scans; each step pays for itself.
 struct Budget {
   double start;       ///< Bisections of the first triangulation per target point.
-  int finest;         ///< Pixels between its vertices inside of the surface.
+  int finest;         ///< Pixels between its inner vertices, from kSparse on.
   float round_share;  ///< Share of the vertices that a round may remove.
   int flip_sweeps;
   float flip_floor;  ///< Pairs of triangles below this many mean errors are not looked at.
@@ -38,7 +43,7 @@ struct Budget {
 Budget budget_of(ReliefEffort effort) {
   switch (effort) {
     case ReliefEffort::kLive:
-      return {0.4, 1, 0.4F, 1, 1.0F, 0, 0};
+      return {0.4, 2, 0.4F, 1, 1.0F, 0, 0};
     case ReliefEffort::kFast:
       return {0.7, 1, 0.3F, 3, 0.3F, 0, 0};
     case ReliefEffort::kBalanced:
@@ -195,7 +200,7 @@ void Relief::Memory::select(const ReliefOptions& options, std::int64_t target,
   const std::int64_t used = surface.num_used();
   const double wanted = budget.start * static_cast<double>(target);
   auto splits = static_cast<std::int64_t>(std::min(wanted, static_cast<double>(used)));
-  int finest = budget.finest;
+  int finest = target <= used / kSparse ? budget.finest : 1;
   if (used <= target) splits = used, finest = 1;
   mesh.assign(surface, start.build(surface, splits, finest, keep));
   while (mesh.num_vertices() < target && (splits < used || finest > 1)) {
