@@ -510,7 +510,7 @@ def scene_lods(
     >>> simulate.models.head(faces=2000).write("head.glb")
     >>> chain = simplify.scene_lods(io.read_scene("head.glb"), 3)
     >>> [level.num_faces for level in chain.levels]
-    [1932, 966, 483]
+    [1932, 966, 482]
     """
     placed = _Placed(scene)
     mesh = placed.mesh if method in ("quality", "fast") or not cleaned else clean(placed.mesh).mesh
