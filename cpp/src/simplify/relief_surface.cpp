@@ -28,11 +28,27 @@ std::uint8_t cell_of(CellCut cut) {  // corners 0 to 3 are a, b, d, c
   return kCells[static_cast<std::size_t>(cut)];
 }
 
+/// Hands out the rows of a buffer, one after the other.
+template <typename Item>
+class Rooms {
+ public:
+  Rooms(Item* first, std::size_t size) : next_(first), size_(size) {}
+  std::span<Item> row() {
+    const std::span<Item> taken(next_, size_);
+    next_ += size_;
+    return taken;
+  }
+
+ private:
+  Item* next_;
+  std::size_t size_;
+};
+
 /// A row of samples, coordinate by coordinate: loops over it take several pixels at a time.
 struct CoordinateRow {
-  std::vector<float> x, y, z;
+  explicit CoordinateRow(Rooms<float>& rooms) : x(rooms.row()), y(rooms.row()), z(rooms.row()) {}
+  std::span<float> x, y, z;
   void assign(std::span<const Sample> row) {
-    for (auto* axis : {&x, &y, &z}) axis->resize(row.size());
     for (std::size_t u = 0; u < row.size(); ++u) {
       x[u] = row[u].x, y[u] = row[u].y, z[u] = row[u].z;
     }
@@ -41,12 +57,12 @@ struct CoordinateRow {
 
 /// Squared distances of the pixels of two rows, from the given first ones on.
 void squared_distances(const CoordinateRow& row, int first, const CoordinateRow& other,
-                       int other_first, std::vector<float>& out) {
+                       int other_first, std::span<float> out) {
   const float *x = row.x.data() + first, *y = row.y.data() + first, *z = row.z.data() + first;
   const float *x2 = other.x.data() + other_first, *y2 = other.y.data() + other_first,
               *z2 = other.z.data() + other_first;
   float* const to = out.data();
-  const auto size = static_cast<std::ptrdiff_t>(row.x.size()) - std::max(first, other_first);
+  const auto size = static_cast<std::ptrdiff_t>(out.size()) - std::max(first, other_first);
   for (std::ptrdiff_t u = 0; u < size; ++u) {
     const float dx = x[u] - x2[u], dy = y[u] - y2[u], dz = z[u] - z2[u];
     to[u] = dx * dx + (dy * dy + dz * dz);
@@ -88,17 +104,23 @@ const std::array<std::uint8_t, kAllCellBits>& cells_by_bits() {
 /// Rows of cells in turn, with the lengths of their sides.
 class CellRows {
  public:
-  CellRows(int cols, float max_squared) : max_squared_(max_squared) {
-    for (auto* lengths : {&ab_, &dc_, &ac_, &ad_, &bc_}) {
-      lengths->resize(static_cast<std::size_t>(cols));
-    }
-    bits_.resize(static_cast<std::size_t>(cols));
-  }
+  static constexpr std::int64_t kFloatRows = 11;
+
+  CellRows(Rooms<float> rooms, std::span<std::uint16_t> bits, float max_squared)
+      : max_squared_(max_squared),
+        above_(rooms),
+        below_(rooms),
+        ab_(rooms.row()),
+        dc_(rooms.row()),
+        ac_(rooms.row()),
+        ad_(rooms.row()),
+        bc_(rooms.row()),
+        bits_(bits) {}
 
   void start(std::span<const Sample> row) { below_.assign(row); }
 
   /// The bits of the cells between the row given last and the next one.
-  const std::vector<std::uint16_t>& next(std::span<const Sample> row) {
+  std::span<const std::uint16_t> next(std::span<const Sample> row) {
     std::swap(above_, below_);
     below_.assign(row);
     squared_distances(above_, 0, below_, 1, ad_);
@@ -133,20 +155,22 @@ class CellRows {
  private:
   float max_squared_;
   CoordinateRow above_, below_;
-  std::vector<float> ab_, dc_, ac_, ad_, bc_;
-  std::vector<std::uint16_t> bits_;
+  std::span<float> ab_, dc_, ac_, ad_, bc_;
+  std::span<std::uint16_t> bits_;
 };
 
 /// A third of the areas of the triangles of a row of cells. Cell u is entry u + 1, and there is one
 /// without triangles on each side.
 struct AreaRow {
-  std::vector<float> first, second;
-  std::vector<std::int32_t> cells;  ///< As wide as the areas.
+  AreaRow(Rooms<float>& areas, std::span<std::int32_t> all)
+      : first(areas.row()), second(areas.row()), cells(all) {}
+  std::span<float> first, second;
+  std::span<std::int32_t> cells;  ///< As wide as the areas.
 
-  void clear(int cols) {
-    const auto size = static_cast<std::size_t>(cols) + 1;
-    for (auto* areas : {&first, &second}) areas->assign(size, 0.0F);
-    cells.assign(size, 0);
+  void clear() {
+    for (const std::span<float> areas : {first, second})
+      std::fill(areas.begin(), areas.end(), 0.0F);
+    std::fill(cells.begin(), cells.end(), 0);
   }
   void assign(const CoordinateRow& above, const CoordinateRow& below,
               std::span<const std::uint8_t> row);
@@ -269,27 +293,38 @@ void Surface::load_samples(const PointGridView& grid, int num_threads) {
 
 void Surface::cut_cells(const DenseRule& rule, int num_threads) {
   cells_.assign(samples_.size(), 0);
+  // Each chunk of rows has its own part of the scratch, whichever thread takes it.
+  const std::int64_t size = (used_rows_ + kRowsPerChunk - 1) / kRowsPerChunk * used_cols_;
+  make_room(row_floats_, size * CellRows::kFloatRows);
+  row_floats_.resize(static_cast<std::size_t>(size * CellRows::kFloatRows));
+  make_room(row_bits_, size);
+  row_bits_.resize(static_cast<std::size_t>(size));
+  // A function object of two references needs no memory of its own.
+  parallel_chunks(
+      used_rows_ - 1, kRowsPerChunk, num_threads,
+      [this, &rule](std::int64_t begin, std::int64_t end) { cut_rows(rule, begin, end); });
+}
+
+void Surface::cut_rows(const DenseRule& rule, std::int64_t begin, std::int64_t end) {
   const double limit = rule.max_edge / unit_;
-  const auto max_squared = static_cast<float>(limit * limit);
+  const bool has_steps = std::isfinite(rule.max_step);
   const std::array<std::uint8_t, kAllCellBits>& cell_by_bits = cells_by_bits();
-  const bool any_step = !std::isfinite(rule.max_step);
-  parallel_chunks(used_rows_ - 1, kRowsPerChunk, num_threads,
-                  [&](std::int64_t begin, std::int64_t end) {
-                    CellRows rows(used_cols_, max_squared);
-                    rows.start(used_row(static_cast<int>(begin)));
-                    for (auto v = static_cast<int>(begin); v < static_cast<int>(end); ++v) {
-                      const std::vector<std::uint16_t>& bits = rows.next(used_row(v + 1));
-                      const std::uint8_t* above = valid_.data() + std::ptrdiff_t{v} * cols_;
-                      const std::uint8_t* below = above + cols_;
-                      std::uint8_t* cells = cells_.data() + std::ptrdiff_t{v} * cols_;
-                      for (int u = 0; u + 1 < used_cols_; ++u) {
-                        const unsigned valid =
-                            above[u] | above[u + 1] << 1U | below[u + 1] << 2U | below[u] << 3U;
-                        cells[u] = cell_by_bits[bits[u] | valid];
-                      }
-                      if (!any_step) cut_steps(rule.max_step, v);
-                    }
-                  });
+  const auto width = static_cast<std::size_t>(used_cols_);
+  const std::int64_t first = begin / kRowsPerChunk * used_cols_;
+  CellRows rows({row_floats_.data() + first * CellRows::kFloatRows, width},
+                {row_bits_.data() + first, width}, static_cast<float>(limit * limit));
+  rows.start(used_row(static_cast<int>(begin)));
+  for (auto v = static_cast<int>(begin); v < static_cast<int>(end); ++v) {
+    const std::span<const std::uint16_t> bits = rows.next(used_row(v + 1));
+    const std::uint8_t* above = valid_.data() + std::ptrdiff_t{v} * cols_;
+    const std::uint8_t* below = above + cols_;
+    std::uint8_t* cells = cells_.data() + std::ptrdiff_t{v} * cols_;
+    for (int u = 0; u + 1 < used_cols_; ++u) {
+      const unsigned valid = above[u] | above[u + 1] << 1U | below[u + 1] << 2U | below[u] << 3U;
+      cells[u] = cell_by_bits[bits[u] | valid];
+    }
+    if (has_steps) cut_steps(rule.max_step, v);
+  }
 }
 
 void Surface::cut_steps(double max_step, int v) {
@@ -315,10 +350,19 @@ void Surface::cut_steps(double max_step, int v) {
 }
 
 void Surface::add_areas() {
-  AreaRow before, row;  // of the cells below and above a row of pixels
-  CoordinateRow points, next;
-  std::vector<float> weights(static_cast<std::size_t>(used_cols_));
-  for (AreaRow* areas : {&before, &row}) areas->clear(used_cols_);
+  constexpr std::int64_t kFloatRows = 4 + 6 + 1;
+  const auto width = static_cast<std::size_t>(used_cols_) + 1;
+  make_room(row_floats_, kFloatRows * (used_cols_ + 1));
+  row_floats_.resize(kFloatRows * width);
+  make_room(row_cells_, 2 * (used_cols_ + 1));
+  row_cells_.resize(2 * width);
+  Rooms<float> rooms(row_floats_.data(), width);
+  // Of the cells below and above a row of pixels.
+  AreaRow before(rooms, {row_cells_.data(), width});
+  AreaRow row(rooms, {row_cells_.data() + width, width});
+  CoordinateRow points(rooms), next(rooms);
+  const std::span<float> weights = rooms.row().first(width - 1);
+  for (AreaRow* areas : {&before, &row}) areas->clear();
   num_faces_ = 0;
   points.assign(used_row(0));
   for (int v = 0; v < used_rows_; ++v) {
@@ -333,7 +377,7 @@ void Surface::add_areas() {
       num_faces_ += halves;
       std::swap(points, next);
     } else {
-      row.clear(used_cols_);
+      row.clear();
     }
     add_corners(before, row, weights);
     Sample* const samples = samples_.data() + std::ptrdiff_t{v} * cols_;

@@ -92,6 +92,8 @@ class Surface {
   bool crop(const PointGridView& grid);
   void load_samples(const PointGridView& grid, int num_threads);
   void cut_cells(const DenseRule& rule, int num_threads);
+  /// The rows of cells of one chunk.
+  void cut_rows(const DenseRule& rule, std::int64_t begin, std::int64_t end);
   /// Leaves out the triangles of a row of cells that span a step in depth.
   void cut_steps(double max_step, int v);
   void add_areas();
@@ -112,6 +114,9 @@ class Surface {
   std::vector<std::uint8_t> valid_, used_;
   std::vector<float> confidence_;  ///< By pixel; or empty.
   std::vector<std::uint8_t> cells_;
+  std::vector<float> row_floats_;  ///< Scratch of loops over rows, as the next two.
+  std::vector<std::uint16_t> row_bits_;
+  std::vector<std::int32_t> row_cells_;
   std::int64_t num_faces_ = 0, num_used_ = 0;
   float mean_area_ = 0.0F;
 };
