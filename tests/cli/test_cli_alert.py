@@ -80,9 +80,10 @@ def test_json_output_has_the_same_numbers(drive: Path, tmp_path: Path) -> None:
 
 
 def test_bad_input_is_named(drive: Path, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
     for arguments, words in (
         ((str(tmp_path / "nothing"),), "nothing"),
-        ((str(tmp_path),), "alert run takes a drive"),
+        ((str(tmp_path / "empty"),), "expected drives in KITTI's layout, found none"),
         (("sim:street?frames=1", "--calibration", "x"), "--calibration: expected with a folder"),
         (("sim:indoor-00",), "address: expected sim:street"),
         ((str(drive), "-o", str(tmp_path / "a.pdf")), ".html"),

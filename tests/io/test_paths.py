@@ -51,6 +51,19 @@ def write_results(path: str) -> object:
             return study.write_results(asked, answers, path)
 
 
+def write_scene(path: str) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "hill.glb"
+        mesh.write(file)
+        io.write_scene(io.read_scene(file), path)
+
+
+def write_rigs(path: str) -> None:
+    calibration = datasets.KittiCalibration(*simulate.cameras.projections())
+    rig = authenticate.StereoRig.from_calibration(calibration)
+    authenticate.write_rigs({"front": authenticate.CameraPair(rig, 2, 3)}, path)
+
+
 # By "function parameter"; the callable gets the path.
 ENTRIES: dict[str, Callable[[str], object]] = {
     "io.read_bvh path": io.read_bvh,
@@ -119,6 +132,13 @@ ENTRIES: dict[str, Callable[[str], object]] = {
         authenticate.inspect(scan), p
     ),
     "capture.export_joints path": lambda p: capture.export_joints(rgbd_frames.frames(1), p),
+    "io.read_scene path": io.read_scene,
+    "io.write_scene path": lambda p: write_scene(p + ".glb"),
+    "report.write_alert_overview output": lambda p: report.write_alert_overview(
+        [{"source": "a", "error": "b"}], p + ".html"
+    ),
+    "authenticate.read_rigs path": authenticate.read_rigs,
+    "authenticate.write_rigs path": write_rigs,
     "io.write_lods path": lambda p: io.write_lods([mesh], p + ".glb"),
     "viewer.kind_of source": viewer.kind_of,
     "viewer.open_thing source": viewer.open_thing,

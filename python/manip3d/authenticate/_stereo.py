@@ -87,7 +87,7 @@ class StereoRig:
         0 where they look straight up or down.
         """
         x, y = self.T_lidar_camera[:2, 2]
-        return math.degrees(math.atan2(y, x))
+        return math.degrees(math.atan2(y, x)) + 0.0  # never -0.0
 
     @classmethod
     def from_calibration(

@@ -116,11 +116,19 @@ class RegionLike(Protocol):
     """A region, whatever else its detector tells of it; see `Region`."""
 
     @property
-    def box(self) -> Box: ...
+    def box(self) -> Box:
+        """Around its suspected points, or where removed ones stood, metres."""
+        ...
+
     @property
-    def rows(self) -> NDArray[np.int64]: ...
+    def rows(self) -> NDArray[np.int64]:
+        """Rows of its suspected points; none where points were removed."""
+        ...
+
     @property
-    def p_value(self) -> float | None: ...
+    def p_value(self) -> float | None:
+        """Probability, at most, that a clean scan shows as much; None: it is not stated."""
+        ...
 
 
 @runtime_checkable
@@ -157,21 +165,44 @@ class Detection(Protocol):
     """
 
     @property
-    def verdict(self) -> str: ...
+    def verdict(self) -> str:
+        """One of `Verdict`; of a keyed watermark one of `WatermarkVerdict`."""
+        ...
+
     @property
-    def reason(self) -> str: ...
+    def reason(self) -> str:
+        """The verdict's reason in words."""
+        ...
+
     @property
-    def score(self) -> float | None: ...
+    def score(self) -> float | None:
+        """The detector's own measure, larger is more suspicious."""
+        ...
+
     @property
-    def p_value(self) -> float | None: ...
+    def p_value(self) -> float | None:
+        """Probability, at most, that a clean scan shows as much; None: it is not stated."""
+        ...
+
     @property
-    def regions(self) -> Sequence[RegionLike]: ...
+    def regions(self) -> Sequence[RegionLike]:
+        """Places with evidence."""
+        ...
+
     @property
-    def suspected(self) -> NDArray[np.integer[Any]]: ...
+    def suspected(self) -> NDArray[np.integer[Any]]:
+        """Rows of the suspected points, ascending."""
+        ...
+
     @property
-    def power(self) -> Mapping[str, Power]: ...
+    def power(self) -> Mapping[str, Power]:
+        """Share of the edits of each class that are found."""
+        ...
+
     @property
-    def calibration(self) -> Calibration | None: ...
+    def calibration(self) -> Calibration | None:
+        """Where the thresholds come from."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -153,7 +153,7 @@ def _chain_of_runs(
     progress: Progress,
 ) -> LodChain:
     run = _OWN_RUNS[method]
-    _check_options(method, run, options)
+    check_options(method, run, options)
     found = [LodLevel(mesh, 0.0)]
     for target in targets:
         result = run(mesh, target_faces=target, progress=progress, **(options or {}))
@@ -163,7 +163,8 @@ def _chain_of_runs(
     return LodChain(tuple(found), result)
 
 
-def _check_options(method: str, run: Callable[..., Any], options: Mapping[str, Any] | None) -> None:
+def check_options(method: str, run: Callable[..., Any], options: Mapping[str, Any] | None) -> None:
+    """Refuse options that are no arguments of the method."""
     known = set(inspect.signature(run).parameters) - {"mesh", "target_faces", "progress"}
     if unknown := sorted(str(name) for name in set(options or {}) - known):
         raise InputError(f"options: expected arguments of {method}, got {', '.join(unknown)}")
@@ -179,7 +180,7 @@ def _run(
     if method not in METHODS:
         raise InputError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
     run = METHODS[method]
-    _check_options(method, run, options)
+    check_options(method, run, options)
     return run(mesh, target_faces=target_faces, progress=progress, **(options or {}))
 
 

@@ -14,7 +14,7 @@ from manip3d.errors import InputError
 from manip3d.io import Scene
 from manip3d.mesh import Material, Mesh
 from manip3d.simplify._collapse import METHODS, SimplifyResult, StopReason, clean
-from manip3d.simplify._lod import lod_chain
+from manip3d.simplify._lod import check_options, lod_chain
 from manip3d.simplify._quality import QualityResult, fast, quality
 
 if TYPE_CHECKING:
@@ -389,9 +389,11 @@ def simplify_scene(
             "target_faces, ratio, max_error or max_distance: expected at least one, got none"
         )
     run = _runner(method)
+    check_options(method, run, options)
+    limits.update(options or {})
 
     def at(stored: int | None) -> _Result:
-        return run(mesh, target_faces=stored, progress=progress, **limits, **(options or {}))
+        return run(mesh, target_faces=stored, progress=progress, **limits)
 
     result = at(None) if target is None else _meet(placed, target, at)
     bound = result.distance_bound

@@ -608,7 +608,7 @@ def cast_mesh(mesh: Mesh, camera: Intrinsics, *, threads: int = 0) -> Floats:
     >>> from manip3d import Intrinsics, Mesh, simulate
     >>> camera = Intrinsics(3, 3, 1.0, 1.0, 1.0, 1.0)
     >>> wall = Mesh([[-9, -9, 2], [9, -9, 2], [0, 9, 2]], [[0, 2, 1]])
-    >>> float(simulate.cast_mesh(wall, camera)[1, 1])
+    >>> round(float(simulate.cast_mesh(wall, camera)[1, 1]), 6)
     2.0
     """
     shape = camera.height, camera.width
