@@ -46,12 +46,12 @@ VelodyneUdpSource::VelodyneUdpSource(const UdpOptions& udp, VelodyneOptions opti
     : receiver_(udp), decoder_(std::move(options)) {}
 
 ReadStatus VelodyneUdpSource::read(VelodyneFrame& frame, std::chrono::milliseconds timeout) {
-  using Clock = std::chrono::steady_clock;
-  const auto deadline = Clock::now() + timeout;
+  using Steady = std::chrono::steady_clock;
+  const auto deadline = Steady::now() + timeout;
   std::int64_t time_ns = 0;
   while (!decoder_.take(frame)) {
     const auto left =
-        std::chrono::duration_cast<std::chrono::milliseconds>(deadline - Clock::now());
+        std::chrono::duration_cast<std::chrono::milliseconds>(deadline - Steady::now());
     const bool was_running =
         receiver_.is_running();  // asked first: what came before the end counts
     if (receiver_.read(payload_, time_ns, std::max(left, std::chrono::milliseconds(0)))) {
