@@ -180,6 +180,7 @@ OF_A_SECOND = {
     "authenticate.drive_evidence",
     "authenticate.likelihood_ratio",
     "authenticate.stereo_disparity",
+    "authenticate.surround_consistency",
     "authenticate.temporal_factor",
     "authenticate.verdict_of_alerts",
     "simplify.qem_tp", "simplify.qem_btp", "simplify.dense_mesh", "simplify.dense_mesh_grid",
