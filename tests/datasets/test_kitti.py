@@ -237,7 +237,7 @@ def test_points_in_the_left_image(
 
 def test_real_drive_in_time(realdata: RealData) -> None:
     drive = open_kitti(realdata("lidar/kitti_raw/2011_09_26/2011_09_26_drive_0005_sync"))
-    times = [frame.time_ns for frame in drive]
+    times = [frame.time_ns / 1e9 for frame in drive if frame.time_ns is not None]
     steps = np.diff(np.array(times, dtype=np.float64))
     assert len(times) == 20
     assert np.all((steps > 0.09) & (steps < 0.12))
