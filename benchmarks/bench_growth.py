@@ -1,4 +1,4 @@
-"""What simplification costs as the mesh grows: time and memory, 10 thousand to 10 million faces.
+"""Time and memory of simplification as the mesh grows from 10 thousand to 10 million faces.
 
 ``python benchmarks/bench_growth.py [--faces N ...] [--modes MODE ...] [-o growth.json]``
 

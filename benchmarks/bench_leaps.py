@@ -51,7 +51,7 @@ KNOWN = 15  # frames: a patient whose sides are swapped from the start is anothe
 
 @dataclass(frozen=True)
 class Disturbance:
-    """What a tracker does to joints."""
+    """The errors of a tracker's joints."""
 
     jitter: float
     correlation: float

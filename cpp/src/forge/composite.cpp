@@ -61,7 +61,7 @@ class Projector {
 /// How far what is drawn in a box of an image is.
 struct DepthBuffer {
   PixelBox box;
-  std::vector<float> z;  ///< Of the box; a few more, so that four can be read from each.
+  std::vector<float> z;  ///< Depths in the box; a few more, so that four can be read from each.
 
   explicit DepthBuffer(const PixelBox& where)
       : box(where), z(static_cast<std::size_t>(box.width * box.height + 3), kInfinity) {}
@@ -192,8 +192,8 @@ class Coverage {
   /// @param i  As DepthBuffer::index().
   void add(std::int64_t i) { covered_[i] = 1; }
 
-  /// Of each covered pixel the covered ones among the square of side 2 radius + 1 around it, row by
-  /// row from the first one on.
+  /// Counts for each covered pixel the covered ones among the square of side 2 radius + 1 around
+  /// it, row by row from the first one on.
   class Shares {
    public:
     Shares(const Coverage& of, int radius)

@@ -259,7 +259,7 @@ class ShellReader {
 
   // --- Extensions ------------------------------------------------------------------------
 
-  /// What is left of an extension that is not kept would refer to what has moved.
+  /// The rest of an extension that is not kept would refer to what has moved.
   static void drop_extensions(Json& value) {
     if (value.is_object()) {
       const auto found = value.find("extensions");

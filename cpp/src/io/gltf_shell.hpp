@@ -12,10 +12,10 @@ namespace manip3d {
 /// (nodes, materials, textures, images), and those whose accessors the shell knows of.
 bool is_kept_extension(const std::string& name);
 
-/// What the shell of a file keeps.
+/// The parts that the shell of a file keeps.
 struct GltfKept {
-  std::vector<bool> meshes;  ///< Of each mesh: its primitives.
-  std::vector<bool> nodes;   ///< Of each node: what it shows.
+  std::vector<bool> meshes;  ///< Whether a mesh keeps its primitives.
+  std::vector<bool> nodes;   ///< Whether a node keeps what it shows.
 };
 
 /// All of a glTF file but the primitives that are not kept, with one buffer that holds what is

@@ -102,7 +102,7 @@ struct WatermarkFrame {
   std::uint32_t num_dropped = 0;
   bool is_end = false;
   std::optional<std::array<std::uint8_t, 32>> context;
-  std::array<std::int64_t, 3> offset{};  ///< Of coordinates in float64, units; else 0.
+  std::array<std::int64_t, 3> offset{};  ///< Origin of float64 coordinates, units; else 0.
 };
 
 struct WatermarkedScan {
@@ -152,7 +152,7 @@ struct WatermarkPolicy {
   std::vector<std::uint8_t> carriers = {0, 1};
   std::vector<WatermarkId> sensors;        ///< Empty: any.
   std::vector<WatermarkId> sessions;       ///< Empty: any.
-  std::vector<std::uint32_t> units_per_m;  ///< Of grids that carry bits; empty: any.
+  std::vector<std::uint32_t> units_per_m;  ///< Accepted grids that carry bits; empty: any.
   std::int64_t max_points = 10'000'000;
   bool any_order = false;       ///< Accept a frame whose place in the stream is not known.
   std::int64_t max_age_ns = 0;  ///< 0: frames of any age.

@@ -37,7 +37,7 @@ struct Scene {
   /// bytes of the one buffer that its bufferViews lie in.
   std::string document;
   std::string buffer;
-  std::vector<std::string> warnings;  ///< What was left out, for the user.
+  std::vector<std::string> warnings;  ///< Tell the user which parts were left out.
 };
 
 /// Reads a .gltf or .glb file, compressed or not, as a scene.

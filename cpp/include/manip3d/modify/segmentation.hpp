@@ -31,7 +31,7 @@ struct PersonPoints {
   std::vector<float> skin_distance;      ///< To its skin: negative within.
   std::vector<std::int32_t> tile_start;  ///< First point of each tile, then `count`.
   PixelBox box;                          ///< Around all pixels.
-  std::vector<std::uint8_t> mask;        ///< Of the image, in rows of whole tiles.
+  std::vector<std::uint8_t> mask;        ///< Pixels of the image, in rows of whole tiles.
   /// Makes room for all pixels of an image, so that no memory is asked for later.
   void resize(std::int64_t num_rows, std::int64_t num_cols);
   /// Room for points is made when they are counted.
