@@ -19,8 +19,9 @@ constexpr std::size_t kMostSurface = 500;  // points of a key frame: more do not
 constexpr std::size_t kLeastSurface = 60;  // with fewer the joints alone are followed
 constexpr int kIterations = 4;             // steps fall below 0.1 mm by the third
 constexpr double kWindow = 90.0;           // frames over which joints are averaged
-// Of a pixel against a key frame. Neighbours share their noise, so that 500 points tell as much as
-// some thirty: the mean residual, four times, at least 1 cm (a Kinect V1 steps by 2 cm).
+// Standard deviation of a pixel's distance to a key frame: at least 1 cm (a Kinect V1 steps by
+// 2 cm), else four times the mean residual, since neighbours share their noise and 500 points tell
+// no more than some thirty independent ones.
 constexpr double kSurfaceNoise = 0.010, kSharedNoise = 4.0;
 constexpr double kSurfaceScale = 0.02;  // metres: of the Geman-McClure weight
 // Metres: of a trunk's joint. Jitter is measured; below 1 cm what joints show is slow, and wrong.
@@ -29,7 +30,7 @@ constexpr double kJointScale = 0.05;  // metres: of the Cauchy weight
 // What the trunk's motion changes by in a frame: radians and metres of the Cauchy prior.
 constexpr double kTurnNoise = 0.010, kMoveNoise = 0.006;
 constexpr double kStepMemory = 0.7;         // of the velocity, from frame to frame
-constexpr double kContradiction = 0.15;     // metres: joints off by so much are another trunk's
+constexpr double kContradiction = 0.15;     // metres: joints farther off belong to another trunk
 constexpr double kContradictionTime = 0.3;  // seconds until joints are believed
 constexpr double kNewKeyTurn = 0.99;  // cosine of half the turn after which points are renewed
 constexpr double kNewKeyShare = 0.55;
@@ -54,8 +55,8 @@ Eigen::Matrix3d axes_of(const BodyFrame& frame) {
   return axes;
 }
 
-/// Standard deviation of the plane's normal: of the trunk's turn (its variance, square radians) and
-/// of the mean of shoulders that shake, over so many frames.
+/// Standard deviation of the plane's normal, degrees, from two parts: the variance `turn` of the
+/// trunk's rotation (square radians), and the jitter of the shoulders, averaged over `frames`.
 double normal_deviation_deg(double turn, double frames) {
   constexpr double kShoulders = 0.35, kJitter = 0.02;  // metres
   constexpr double kDegrees = 57.29577951308232;
@@ -162,10 +163,10 @@ std::optional<Eigen::Vector3d> normal_at(const DepthView& depth, const PixelRays
   return normal;
 }
 
-/// How far the depth image is from a point of a surface, along its normal.
+/// Distance of the depth image from a point of a surface, along its normal, and its weight.
 struct SurfaceResidual {
   double off = 0.0;    ///< Metres.
-  double share = 1.0;  ///< The Geman-McClure weight is 1 / share^2.
+  double share = 1.0;  ///< 1 + (off / scale)^2; the Geman-McClure weight is 1 / share^2.
   [[nodiscard]] bool agrees() const { return share < 4.0; }
   [[nodiscard]] double weight(double noise) const { return 1.0 / (noise * noise * share * share); }
 };
@@ -291,7 +292,7 @@ std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const Dept
   return frame();
 }
 
-/// The axes of the joints' means, with the plane that the surface has told.
+/// Frame of the averaged joints, its plane of symmetry replaced by that fitted to the surface.
 std::optional<BodyFrame> TrunkTracker::frame() const {
   if (!pose_) return std::nullopt;
   auto frame = trunk_frame(mean_skeleton(), affected_);
@@ -437,7 +438,8 @@ void TrunkTracker::judge(const Matrix6& information) {
       normal_deviation_deg(covariance.topLeftCorner<3, 3>().trace() / 3.0, std::max(frames, 1.0));
 }
 
-/// The variance of white noise that would make the joints' second differences.
+/// Updates the joints' variance, taking their second differences for those of white noise: with
+/// weights 1, -2, 1 in three coordinates these have 6 x 3 = 18 times its variance.
 void TrunkTracker::measure_jitter(const Skeleton& joints) {
   double sum = 0.0, count = 0.0;
   for (const Joint joint : kTrunkJoints) {
@@ -478,7 +480,7 @@ void TrunkTracker::average_joints(const Skeleton& joints) {
   }
 }
 
-/// The means where the trunk is now.
+/// The averaged joints, placed by the trunk's present pose.
 Skeleton TrunkTracker::mean_skeleton() const {
   Skeleton skeleton;
   for (const Joint joint : kTrunkJoints) {
