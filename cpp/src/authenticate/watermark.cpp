@@ -123,12 +123,11 @@ std::vector<std::int32_t> watermark_order(const PointsView& points,
   LatticeSamples found;
   std::vector<std::uint16_t> slice_of;
   sample_for_embedding(points, options, slices, found, slice_of);
-  std::vector<std::uint32_t> counts(static_cast<std::size_t>(slices.size()), 0);
-  for (const std::uint16_t slice : slice_of) ++counts[slice];
+  const std::vector<std::uint32_t> counts = count_slices(slice_of, slices.size());
   const std::vector<std::uint16_t> tile_of =
       merge_slices(counts, static_cast<std::uint32_t>(options.least_points), options.merge);
   TiledSamples tiled;
-  CanonicalOrder().sort(found.samples, found.marks, slice_of, tile_of,
+  CanonicalOrder().sort(found.samples, {}, slice_of, tile_of,
                         1 + *std::max_element(tile_of.begin(), tile_of.end()),
                         order_of(options.embedding), tiled);
   return {tiled.rows.begin(), tiled.rows.end()};
@@ -185,8 +184,7 @@ struct WatermarkEmbedder::State {
 
   // Merges slices until each tile has its bits; the tiles are in `tiled` then.
   void make_tiles() {
-    std::vector<std::uint32_t> counts(static_cast<std::size_t>(slices.size()), 0);
-    for (const std::uint16_t slice : slice_of) ++counts[slice];
+    const std::vector<std::uint32_t> counts = count_slices(slice_of, slices.size());
     const bool carries = header.embedding != WatermarkEmbedding::kDetached;
     for (std::uint64_t least = static_cast<std::uint64_t>(options.least_points);; least *= 4) {
       const auto bounded = static_cast<std::uint32_t>(
@@ -194,7 +192,7 @@ struct WatermarkEmbedder::State {
       header.tile_of = merge_slices(counts, bounded, options.merge);
       header.num_tiles = static_cast<std::uint16_t>(
           1 + *std::max_element(header.tile_of.begin(), header.tile_of.end()));
-      order.sort(found.samples, found.marks, slice_of, header.tile_of, header.num_tiles,
+      order.sort(found.samples, {}, slice_of, header.tile_of, header.num_tiles,
                  order_of(header.embedding), tiled);
       bool enough = true;
       for (std::size_t t = 0; carries && t < header.num_tiles; ++t) {
