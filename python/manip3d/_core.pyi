@@ -1905,6 +1905,15 @@ def compare_reflectance(
     turns: collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float32]],
     motions: collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
     threads: typing.SupportsInt | typing.SupportsIndex,
+    reading: tuple[
+        typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+    ]
+    | None = None,
 ) -> list[typing.Any]: ...
 def compare_turns(
     points: numpy.typing.NDArray[numpy.float32],
@@ -2023,6 +2032,15 @@ def generic_consistency(
     previous: numpy.typing.NDArray[numpy.float32],
     following: numpy.typing.NDArray[numpy.float32],
     threads: typing.SupportsInt | typing.SupportsIndex,
+    reading: tuple[
+        typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+    ]
+    | None = None,
 ) -> dict[str, typing.Any]: ...
 def grid_delaunay(pixels: numpy.typing.NDArray[numpy.int32]) -> numpy.ndarray: ...
 def grid_mesh(
