@@ -133,7 +133,7 @@ def test_late_patterns_weigh_more_and_a_wrong_weight_is_told() -> None:
 
 def test_a_watermark_moves_points_by_what_is_printed(monkeypatch: pytest.MonkeyPatch) -> None:
     frame = manip3d.LidarFrame(grid_scan(40_000), reflectances(40_000))
-    monkeypatch.setattr(table_7_2, "_frames", lambda *_: iter([(frame, ())] * 2))
+    monkeypatch.setattr(table_7_2, "_frames", lambda *_: iter([(0, frame, ()), (1, frame, ())]))
     experiment, found = registry()["figure-7.10"], []
     for case in experiment.cases(QUICK)[:5]:
         row = figure_7_10.embed(case)
