@@ -204,7 +204,7 @@ class Registration:
     Attributes
     ----------
     color : Intrinsics
-        Of the colour camera; without a ray table.
+        Intrinsics of the colour camera, without a ray table.
     rotation : (3, 3) float64
         Takes points of the depth camera to the colour camera.
     translation : (3,) float64, metres

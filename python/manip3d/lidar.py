@@ -116,7 +116,7 @@ class LidarFrame(Showable):
         The file's own coordinates where float32 metres cannot hold them; written back for points
         that were not moved. `ScanFormat.to_file` leads to them.
     format : ScanFormat or None
-        Of the file it came from.
+        Format of the file that the scan came from.
     num_dropped : int
         Points of the file without coordinates (NaN), which are not here.
 

@@ -102,7 +102,7 @@ class RgbdCalibration:
     ----------
     depth : Intrinsics
     registration : Registration, optional
-        Of the colour camera; without it colour has the depth image's pixels.
+        Registration of the colour camera. Without it the colour image has the depth image's pixels.
     """
 
     depth: Intrinsics
@@ -131,9 +131,9 @@ class RgbdFrame(Showable):
     body_index : (H, W) uint8, optional
         Number of the person that the pixel belongs to, or `NO_BODY`.
     skeletons : tuple of Skeleton
-        Of the people the sensor keeps track of.
+        Skeletons of the people that the sensor keeps track of.
     time : int
-        Of the depth image, nanoseconds by the sensor's clock.
+        Time of the depth image, nanoseconds by the sensor's clock.
     number : int
         Counts what the sensor made, so that gaps show frames that were lost.
 

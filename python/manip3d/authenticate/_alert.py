@@ -67,7 +67,7 @@ class Alert:
     Attributes
     ----------
     number : int
-        Of the frame in the monitor's stream; skipped ones count.
+        Index of the frame in the monitor's stream, from 0 on; skipped ones count.
     verdict : 'authentic', 'no_trace', 'tampered', 'undecidable' or 'skipped'
         ``tampered`` if watermark or forensics say so; ``undecidable`` if the cameras alone do,
         which accuse too many clean frames to decide. ``authentic`` rests on the watermark alone. A
@@ -182,8 +182,8 @@ class AlertMonitor:
         For the verdict on a frame: the time between two frames. Infinity: nothing is skipped but
         forensics, for a drive that is looked at afterwards.
     every_s : float, seconds
-        Of the stream, within which cameras and forensics speak once whatever it costs. Infinity:
-        only within the budget, forensics never.
+        Period, on the stream's clock, in which cameras and forensics judge at least one frame,
+        whatever it costs. Infinity: only within the budget, forensics never.
     cross_modal : CrossModalParameters, optional
     risk : RiskParameters, optional
     background : bool
@@ -274,13 +274,14 @@ class AlertMonitor:
         left, right : (H, W) or (H, W, 3) uint8, optional
             The rectified pair taken at the same moment.
         pairs : mapping of str to (left, right), optional
-            Of a monitor with several rigs, the pictures of each; a pair may have none.
+            The pictures of each rig, for a monitor with several rigs; a pair may have none.
         speed_mps : float, m/s
-            Of the car.
+            Speed of the car.
         motion : (float, float, float)
             As for `RiskTracker.update`.
         time_s : float, optional
-            Of the stream; by default a budget after the frame before, at most 0.1 s.
+            Time of the frame on the stream's clock; by default a budget after the frame before, at
+            most 0.1 s.
         waited_s : float, seconds
             For which the frame has waited for those before it. It counts: a monitor that is behind
             leaves out the cameras and verifies the watermark alone until it has caught up.

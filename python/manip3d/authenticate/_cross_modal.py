@@ -47,7 +47,8 @@ class CrossModalParameters:
         What is nearer or farther is not judged. Added points must also be that far along the
         cameras' axis: what is nearer to them they cannot match.
     tolerance : float, pixels of disparity
-        By which the two may differ. A pixel is 0.26 m at 10 m with KITTI's cameras, 1 m at 20 m.
+        Largest difference between the two disparities that counts as agreement. A pixel is 0.26 m
+        at 10 m with KITTI's cameras, 1 m at 20 m.
     dark_level : float, grey levels
         Where the picture is darker, that the scan has no point is weak evidence: dark paint, tyres
         and glass seen at a grazing angle return nothing to a scanner either.
@@ -173,7 +174,7 @@ class CrossModalResult(Showable):
     Attributes
     ----------
     verdict : 'no_trace', 'tampered' or 'undecidable'
-        Of the shared field of view alone.
+        Verdict on the field of view that LiDAR and cameras share, and on nothing else.
     reason : str
         In words.
     attack : str
@@ -181,7 +182,7 @@ class CrossModalResult(Showable):
     regions : tuple of CrossModalRegion
         The largest area first.
     boxes : tuple of Box
-        Of the regions, in the LiDAR's frame.
+        Boxes of the regions, in the LiDAR's frame.
     suspected : int32 array
         Rows of added points, ascending.
     lidar, stereo : (H, W) float32, metres
@@ -250,7 +251,7 @@ class CrossModalResult(Showable):
         Parameters
         ----------
         speed_mps : float, m/s
-            Of the car: how far the safety region reaches.
+            Speed of the car, which says how far the safety region reaches.
         parameters : RiskParameters, optional
             The safety region.
         """
@@ -311,7 +312,7 @@ def cross_modal_consistency(
     scan : LidarFrame, (N, 3) or (N, 4) float32
         Metres; x forward, y left, z up, the scanner at the origin.
     disparity : Disparity
-        Of the left image, see `stereo_disparity`.
+        Disparity of the left image, see `stereo_disparity`.
     rig : StereoRig
     parameters : CrossModalParameters, optional
 

@@ -196,7 +196,7 @@ def density_consistency(
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        Of one position.
+        A scan taken from one position.
     parameters : DensityParameters, optional
         `CALIBRATED_DENSITY`, `SPARSE_DENSITY` for fewer than half a million points; or
         `PAPER_DENSITY` for the dissertation's single signal.

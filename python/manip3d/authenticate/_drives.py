@@ -49,8 +49,8 @@ def inspect_drive(
         In the order of the drive, of one scanner; None: a frame that is missing, whose result is
         None and whose neighbours are judged without it.
     lattice : SensorLattice, optional
-        Of the scanner; else the one that the first scan with a lattice was judged by is tried
-        first for all later ones.
+        Lattice of the scanner. Without it the lattice by which the first scan that has one was
+        judged is tried first on all later scans.
     sensor, origin, power, printed, threads
         As of `inspect`.
     numbers : iterable of int, optional

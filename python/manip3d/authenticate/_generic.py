@@ -96,10 +96,10 @@ class EvidenceReport:
     reason : str
         Why not; empty where it was used.
     share : float
-        Of the frame's points that contradict it, whether it was used or not.
+        Share of the frame's points that contradict it, whether it was used or not.
     strength : float
-        Of the strongest region: points, firings (``void``), an exponent (``range``) or standard
-        deviations (``drift``).
+        Strength of the strongest region: a number of points, or of firings (``void``), an exponent
+        (``range``) or standard deviations (``drift``).
     p_value : float
         Probability, at most, that a clean frame shows as much; 1 where it was not used.
     """
@@ -160,7 +160,7 @@ class GenericResult(Showable):
     evidence : mapping of str to EvidenceReport
         Each kind, used or not.
     regions : tuple of SuspectRegion
-        Those whose own ``p_value`` does not exceed ``false_alarm_rate``, the most significant
+        Regions whose own ``p_value`` does not exceed ``false_alarm_rate``, the most significant
         first.
     suspected : (K,) int64
         Rows of the points with evidence in those regions.
@@ -168,7 +168,7 @@ class GenericResult(Showable):
         Items of evidence by direction: two lasers a row, the highest first; columns
         counter-clockwise from straight ahead.
     lattice : SensorLattice or None
-        That the frame was judged by.
+        Lattice by which the frame was judged.
     scan : LidarFrame or None
         What was judged, so that the result can be shown.
     """
@@ -224,7 +224,7 @@ class GenericResult(Showable):
         Parameters
         ----------
         kinds : collection of str
-            Those that stand on what a frame as a whole no longer has.
+            Kinds of evidence that stand on what a frame as a whole no longer has.
         """
         points = 0 if self.scan is None else self.scan.num_points
         tests = math.log10(max(1, sum(said.used for said in self.evidence.values())))
@@ -279,14 +279,14 @@ def generic_consistency(
     frame : LidarFrame or (N, 3) points
         Metres, the scanner at the origin, the points in the order of its file.
     calibration : SensorLattice, optional
-        Of the scanner, from :func:`estimate_lattice` on clean scans; else it is estimated from the
-        frame itself, which takes some tenths of a second.
+        Lattice of the scanner, from :func:`estimate_lattice` on clean scans; else it is estimated
+        from the frame itself, which takes some tenths of a second.
     previous : LidarFrame or (N, 3) points, optional
         The frame a turn earlier: what was answered then is missed now.
     following : LidarFrame or (N, 3) points, optional
         The frame a turn later, in the same sense; beside ``previous`` it must have answered, too.
     false_alarm_rate : float
-        Of clean frames that may be called tampered; in (0, 1).
+        Share of clean frames that may be called tampered; in (0, 1).
     tolerance : float, metres
         How far from its line and step a point may be; coordinates of whole millimetres leave 0.8
         mm.

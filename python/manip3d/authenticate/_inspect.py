@@ -145,7 +145,7 @@ class Inspection(Showable):
     num_points : int
         Points of the scan.
     sensor : Sensor or None
-        Which scanner made it; None: its position is not known.
+        The scanner that made it; None: its position is not known.
     processing : tuple of Processing
         What was done to the scan as a whole.
     origin : (float, float, float) or None
@@ -318,8 +318,8 @@ def inspect(
         The frames a turn earlier and later: what was answered then is missed now. With both,
         detector IV compares what the turns saw.
     lattice : SensorLattice, optional
-        Of the scanner, from `estimate_lattice` on clean scans; else that of KITTI's scanner is
-        tried, and one is estimated from the frame.
+        Lattice of the scanner, from `estimate_lattice` on clean scans. Without it that of KITTI's
+        scanner is tried, then one estimated from the frame.
     sensor : 'auto', 'lattice', 'terrestrial' or 'other'
         The scanner: told from the scan; one on a lattice (HDL-64E); a terrestrial one; another,
         which no detector is calibrated for. A scan that does not stand on the lattice, or on a grid

@@ -219,7 +219,7 @@ class LatticeReading:
     ring : (N,) int32
         Nearest laser, 0 the highest; -1: at the scanner itself.
     count : (N,) int32
-        Of the encoder, in ``[0, steps)``; -1: no ring, or no encoder known.
+        Count of the encoder, in ``[0, steps)``; -1: no ring, or no encoder known.
     azimuth : (N,) float32
         ``atan2(y, x)`` in [0, 2 pi).
     line_error, step_error, range_error : (N,) float32

@@ -266,8 +266,8 @@ def occlusion_consistency(
     Parameters
     ----------
     scan : LidarFrame, (N, 3) or (N, 4) float32
-        Of one position; of pulses with several echoes, only the first is
-        looked at where the fields ``target_index`` or ``return_number`` tell.
+        A scan taken from one position. Of a pulse with several echoes only the first is looked at,
+        where the fields ``target_index`` or ``return_number`` number the echoes.
     parameters : OcclusionParameters, optional
         `CALIBRATED_OCCLUSION`, or `RINGS_OCCLUSION` where elevations have no grid; or
         `PAPER_OCCLUSION`.

@@ -264,11 +264,11 @@ def measure_power(
     frames : iterable of LidarFrame
         Clean frames, the scanner at the origin; consecutive ones with ``neighbours``.
     lattice : SensorLattice
-        Of the scanner.
+        Lattice of the scanner.
     planted : int
         Edits of each class in each frame.
     classes : sequence of str, optional
-        Of `EDITS`; by default all.
+        Names out of `EDITS`; by default all of them.
     neighbours : bool
         Give the detectors the frames before and behind, which are clean; without them detector IV
         says nothing, and detector V looks at one frame.
@@ -522,7 +522,7 @@ def known_power(detector: str, sensor: Sensor, embedding: str = "") -> Mapping[s
         The last one without the frames before and after.
     sensor : Sensor
     embedding : str
-        Of a watermark whose bits the scan carries.
+        Embedding of the watermark whose bits the scan carries.
     """
     judged = "terrestrial" if detector in ("density", "occlusion") else "lattice"
     measured = MEASURED.get(f"{detector} {embedding}".strip()) if sensor.kind == judged else None

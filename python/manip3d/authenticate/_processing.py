@@ -109,7 +109,7 @@ def find_processing(
     generic : GenericResult or None
         What detector III says by the sensor's lattice.
     reflectance : (N,) float32 or None
-        Of a scanner on a lattice.
+        Reflectance of each point, looked at only for a scanner on a lattice.
     reading : LatticeReading or None
         Where the points lie on the sensor's lattice; None: it is read here.
     """
@@ -327,7 +327,7 @@ class Firings(NamedTuple):
     ----------
     answered : (rings, F) bool
     firing : (N,) int64
-        Of each point; -1: of none.
+        Firing that each point belongs to; -1: none.
     ring : (N,) int32
         Laser of each point.
     """

@@ -126,7 +126,7 @@ class ReflectanceResult:
     with_turns : bool
         Whether the turns before and after were compared, too.
     regions : tuple of ReflectanceRegion
-        Those whose own ``p_value`` does not exceed ``false_alarm_rate``, the strongest first.
+        Regions whose own ``p_value`` does not exceed ``false_alarm_rate``, the strongest first.
     suspected : (K,) int64
         Rows of the points in them.
     calibration : Calibration
@@ -173,7 +173,7 @@ def reflectance_consistency(
     frame : LidarFrame
         Metres, the scanner at the origin, with reflectances in [0, 1].
     lattice : SensorLattice
-        Of the scanner, from :func:`estimate_lattice`; only its lines are looked at.
+        Lattice of the scanner, from :func:`estimate_lattice`; only its lines are looked at.
     previous, following : LidarFrame, optional
         The frames a turn earlier and later, of the same scanner; not edited in the same way.
         Both, or neither.
@@ -181,8 +181,8 @@ def reflectance_consistency(
         What `turn_consistency` said of the three frames, which knows how they lie to each other;
         else they are aligned here.
     false_alarm_rate : float
-        Of clean frames that may be called tampered; in (0, 1). Rates below 1 / 180 never alarm:
-        the threshold stands on so many frames.
+        Share of clean frames that may be called tampered; in (0, 1). Rates below 1 / 180 never
+        alarm: the threshold stands on so many frames.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 

@@ -106,7 +106,7 @@ class RiskParameters:
         points : (..., 3), metres
             In the LiDAR's frame: ahead, to the left, up.
         speed_mps : float, m/s
-            Of the car: the box ends at the stopping distance.
+            Speed of the car: the box ends at the stopping distance.
 
         Returns
         -------
@@ -304,7 +304,7 @@ class RiskTracker:
         attack : AttackObservation or None
             None: the frame is clean.
         speed_mps : float, m/s
-            Of the car, >= 0.
+            Speed of the car, >= 0.
         motion : (float, float, float)
             How the car moved since the frame before: metres ahead and to the left, and radians
             counter-clockwise. Zeros where it is not known.

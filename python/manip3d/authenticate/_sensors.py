@@ -99,7 +99,7 @@ class Sensor:
     reason : str
         What tells it.
     lattice : SensorLattice or None
-        Of the scanner, where it is known.
+        Lattice of the scanner, where it is known.
     off_lattice : float
         Metres: median distance of the points from the lines of the lattice, where they were moved
         off them; 0: they lie on it.

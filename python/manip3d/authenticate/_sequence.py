@@ -32,7 +32,7 @@ class DriveEvidence:
     Attributes
     ----------
     log10_ratio : (N,) float64
-        Of each frame: log10 of its likelihood ratio; 0 where it was not judged.
+        Log10 of each frame's likelihood ratio; 0 where it was not judged.
     evidence : (N,) float64
         log10 of what has added up by each frame.
     threshold : float
@@ -87,7 +87,7 @@ def drive_evidence(
     found : sequence of Inspection or None
         In the order of the drive, as `inspect_drive` yields them.
     alarms_per_hour : float
-        Of clean drives, at most; positive.
+        False alarms per hour of clean driving, at most; positive.
     frames_per_second : float
         Turns of the scanner; positive.
 

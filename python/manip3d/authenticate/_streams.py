@@ -83,7 +83,7 @@ def depth_noise(
     region : int, pixels
         Side of the regions; the last ones may be smaller.
     sigma : float, pixels
-        Of the 5 x 5 Gaussian G; 1.1 is OpenCV's for that size.
+        Standard deviation of the 5 x 5 Gaussian G; 1.1 is OpenCV's for that size.
 
     Returns
     -------
@@ -139,7 +139,7 @@ class StreamRegion:
     box : (int, int, int, int)
         First column, first row, width and height.
     share : float
-        Of sharp rows on the less sharp side of the silhouette; 1 before a frozen background.
+        Share of sharp rows on the less sharp side of the silhouette; 1 before a frozen background.
     """
 
     frame: int
@@ -175,7 +175,7 @@ class StreamInspection:
     verdict : 'no_trace', 'tampered', 'processed' or 'undecidable'
     reason : str
     score : float or None
-        Of silhouettes: larger is more suspicious; None: there is none to judge.
+        Suspicion of cut-out silhouettes, larger is worse; None: there is none to judge.
     p_value : None
         No probability is stated.
     regions : tuple of StreamRegion

@@ -113,7 +113,7 @@ class SurroundResult(Showable):
         Parameters
         ----------
         speed_mps : float, m/s
-            Of the car: how far the safety region reaches.
+            Speed of the car, which says how far the safety region reaches.
         parameters : RiskParameters, optional
             The safety region.
         """
@@ -158,7 +158,7 @@ def surround_consistency(
     scan : LidarFrame, (N, 3) or (N, 4) float32
         Metres; x forward, y left, z up, the scanner at the origin.
     disparities : mapping of str to Disparity
-        Of the left images, by the names of their pairs.
+        Disparities of the left images, by the names of their pairs.
     rigs : mapping of str to StereoRig
         At least those of ``disparities``.
     parameters : CrossModalParameters, optional

@@ -62,7 +62,7 @@ class TurnRegion:
     strength : float
         For ranking; a clean frame seldom reaches 1.
     directions : int
-        Of a laser and a third of a degree.
+        Number of directions in the region, each a third of a degree of one laser.
     distance : float, metres
         Median of what the turns saw there, or of the points that nobody saw.
     box : Box
@@ -100,7 +100,7 @@ class TurnResult:
     false_alarm_rate : float
         As asked for.
     regions : tuple of TurnRegion
-        Those whose own ``p_value`` does not exceed ``false_alarm_rate``, the strongest first.
+        Regions whose own ``p_value`` does not exceed ``false_alarm_rate``, the strongest first.
     suspected : (K,) int64
         Rows of the points in them.
     previous, following : (4, 4) float64
@@ -158,10 +158,10 @@ def turn_consistency(
     previous, following : the same
         The frames a turn earlier and later, of the same scanner; not edited in the same way.
     lattice : SensorLattice
-        Of the scanner, from :func:`estimate_lattice`; only its lines are looked at.
+        Lattice of the scanner, from :func:`estimate_lattice`; only its lines are looked at.
     false_alarm_rate : float
-        Of clean frames that may be called tampered; in (0, 1). Rates below 1 / 595 never alarm:
-        the threshold stands on so many frames.
+        Share of clean frames that may be called tampered; in (0, 1). Rates below 1 / 595 never
+        alarm: the threshold stands on so many frames.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 

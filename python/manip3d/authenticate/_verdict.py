@@ -37,7 +37,7 @@ class Calibration:
         The clean scans on which they were fixed; never those of a report.
     num_scans : int
     false_alarms : int
-        Of those scans, with the thresholds as they are.
+        Number of those scans that the thresholds, as they are, would call tampered.
     note : str
         What they do not cover.
     """

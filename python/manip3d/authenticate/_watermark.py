@@ -146,7 +146,7 @@ class Policy:
     Attributes
     ----------
     embeddings : sequence of str
-        Of ``detached``, ``lbm`` and ``qim``.
+        Names out of ``detached``, ``lbm`` and ``qim``.
     order : 'chain' or 'any'
         ``chain``: a frame must follow the one before it, or begin its session. ``any``: a frame
         whose place is not known is accepted, such as a single one; gaps and replays never are.
@@ -216,7 +216,7 @@ class Watermarked(Showable):
     record : bytes
         What `Watermarker.verify` needs beside the scan, about 1 kB.
     number : int
-        Of the frame in its session.
+        Number of the frame in its session.
     num_tiles : int
         Sectors that are verified one by one.
     is_detached : bool
@@ -285,7 +285,7 @@ class WatermarkResult(Showable):
         Rows of points of which only carrier bits were changed. Keep them from whoever may have
         changed the scan.
     number : int or None
-        Of the frame in its session; None: the record could not be used.
+        Number of the frame in its session; None: the record could not be used.
     session : str
         Hexadecimal; empty where the record could not be used.
     embedding : str

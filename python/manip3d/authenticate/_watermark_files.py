@@ -105,7 +105,7 @@ def write_watermarked(
     ----------
     sent : Watermarked
     path : path
-        Of the scan; its suffix chooses the format.
+        Path of the scan; its suffix chooses the format.
     unchanged : path, optional
         File that the scan was read from: where its points stayed as they are and the format is the
         same, the file is copied byte for byte.

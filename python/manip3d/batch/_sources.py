@@ -83,8 +83,8 @@ def find_files(
     sources : path, URL or sequence of them
         Files, folders (all files below them), and patterns (``*``, ``?``, ``[...]``, ``**``).
     suffixes : sequence of str, optional
-        Of a folder only files with one of these are taken, alone or followed by ``.gz`` or
-        ``.xz``. Files that are named, or that a pattern matches, are taken in any case.
+        Suffixes of the files that are taken from a folder, alone or followed by ``.gz`` or ``.xz``.
+        Files that are named, or that a pattern matches, are taken in any case.
 
     Raises
     ------
@@ -119,8 +119,8 @@ def find_drives(
         Drives in KITTI's layout, folders (all drives below them), patterns, files that are taken
         as they are, and ``sim:`` addresses.
     suffixes : sequence of str, optional
-        Of a folder, files with one of these are taken, too, as `find_files` does. Files within a
-        drive are not: they are its own.
+        Suffixes of single files that are taken from a folder, too, as `find_files` does. Files
+        within a drive are not: they are its own.
 
     Raises
     ------

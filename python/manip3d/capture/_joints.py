@@ -77,7 +77,7 @@ def export_joints(
     InputError
         Another suffix, a file that exists, no skeleton of the person in the source.
     FormatError, DeviceError
-        Of the source.
+        The source raised it.
     """
     target = Path(path_of(path))
     if target.suffix not in (".csv", ".bvh"):

@@ -147,7 +147,7 @@ def open_lidar(
     min_range, max_range : float, metres
         Other returns are left out, and counted.
     port : int, optional
-        Of a recording, take packets sent to this port only: one of several sensors.
+        Take only packets that were sent to this port, as for one of several sensors in a recording.
     sender : str, optional
         Take packets from this address only (live).
     ring_packets : int

@@ -259,13 +259,13 @@ def open_rgbd(
         and ``people:`` are `manip3d.datasets.open_people`. ``forged:SOURCE#OPTIONS`` is a
         `ForgedSource` of any of these; its options are described in `Notes`.
     speed : float
-        Of recordings. 0: every frame, when it is read. 1: as a camera would give them, by their
+        Playback speed of recordings. 0: every frame, as fast as read. 1: real time, by the frames'
         times; frames that a slow reader misses are counted as ``dropped``. 2: twice as fast.
     camera : Intrinsics or RgbdCalibration, optional
-        Of folders of images that have no ``calibration.json``; for other files, instead of their
-        own. A mirrored camera has its images turned round.
+        Camera of a folder of images that has no ``calibration.json``; for other files it replaces
+        their own. A mirrored camera has its images turned round.
     units_per_metre : float, optional
-        Of depth images in folders: 1000, of ``tum:`` 5000, unless it is said here.
+        Stored units per metre of depth images. By default 1000 for folders and 5000 for ``tum:``.
 
     Raises
     ------
@@ -418,7 +418,7 @@ def record(
     OSError
         The disk is full, and the like; the frames before are good.
     FormatError, DeviceError
-        Of the source.
+        The source raised it.
     """
     for name, value in (("frames", frames), ("seconds", seconds)):
         if value is not None and not value > 0:

@@ -25,7 +25,7 @@ def open(uri: str, **options: Any) -> LidarSource | RgbdSource:
     uri : str
         ``SCHEME:PLACE``.
     **options
-        Those of `open_lidar` (``pcap:``, ``velodyne:``, ``ouster:``, ``kitti:``, ``bag:``) or of
+        Options of `open_lidar` (``pcap:``, ``velodyne:``, ``ouster:``, ``kitti:``, ``bag:``) or of
         `open_rgbd` (all others).
 
     Returns

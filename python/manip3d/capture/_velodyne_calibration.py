@@ -54,7 +54,7 @@ class VelodyneCalibration:
     range_offset_x, range_offset_y : (L,) float64
         Metres, at 2.4 m along x and at 1.93 m along y.
     vertical_offset, horizontal_offset : (L,) float64
-        Of the laser, metres, at right angles to its beam.
+        Offsets of the laser, metres, at right angles to its beam.
     range_unit : float
         Metres.
     """

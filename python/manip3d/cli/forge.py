@@ -427,7 +427,7 @@ def forge_frames(
     InputError
         An option does not fit; the truth file exists without ``force``.
     FormatError, DeviceError, OSError
-        Of the sources.
+        A source raised it.
     """
     from manip3d import capture, forge
     from manip3d.cli.capture import open_source

@@ -220,7 +220,7 @@ class Drive:
     Attributes
     ----------
     names : list of str
-        Of the scans that were read so far.
+        Names of the scans that were read so far.
     errors : dict of int to str
         Scans that could not be read.
     paths : dict of int to Path

@@ -41,9 +41,9 @@ class DataFile:
     size : int
         Bytes of the file at ``path``.
     sha256 : str
-        Of the file at ``path``.
+        SHA-256 of the file at ``path``.
     content_sha256 : str
-        Of its uncompressed bytes: what the official home serves.
+        SHA-256 of its uncompressed bytes, which are what the official home serves.
     url : str
         The official home's address of the uncompressed bytes; ``""``: there is none.
     text : str

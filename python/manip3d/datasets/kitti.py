@@ -106,7 +106,7 @@ class KittiFrame:
     images : mapping of int to Path
         By camera, those that are here; from 4 on those of further pairs.
     time_ns : int or None
-        Of the scan, nanoseconds since 1970 (odometry drives: since their first frame).
+        Time of the scan, nanoseconds since 1970 (odometry drives: since their first frame).
     label_path, truth_path, disparity_path, oxts_path : Path or None
         Objects (``label_2``), labels of points (``labels/NAME.label``, one uint32 per point as in
         SemanticKITTI), disparity ground truth (``disp_occ_0``), position (``oxts``).

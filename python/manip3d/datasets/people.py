@@ -93,7 +93,7 @@ class RgbdSequence(Sequence[RgbdFrame]):
     ----------
     uri : str
     title : str
-        Of the data set.
+        Title of the data set.
     """
 
     def __init__(self, uri: str, title: str, num_frames: int, load: Callable[[int], RgbdFrame]):

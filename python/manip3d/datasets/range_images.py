@@ -36,9 +36,9 @@ class RangeImageLayout:
     ----------
     units_per_metre : float
     azimuth : (W,) float64
-        Of each column's middle, radians, counter-clockwise from x (ahead) seen from above.
+        Azimuth of each column's middle, radians, counter-clockwise from x (ahead) seen from above.
     elevation : (H,) float64
-        Of each row, radians, up.
+        Elevation of each row, radians, positive above the horizon.
     """
 
     units_per_metre: float

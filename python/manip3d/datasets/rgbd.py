@@ -41,7 +41,7 @@ class DepthFrame:
     depth : (H, W) uint16 in millimetres, or float32 in metres
         0 = no measurement.
     intrinsics : Intrinsics
-        Of the depth camera.
+        Intrinsics of the depth camera.
     color : (H', W', 3) uint8 or None
     is_registered : bool
         Whether colour pixel (u, v) shows what depth pixel (u, v) measures.

@@ -30,7 +30,7 @@ class Estimate:
     ----------
     value, low, high : float
     p : float
-        Of a two-sided test against 0.
+        p-value of a two-sided t test that the number is 0.
     df : float
         Degrees of freedom of its t distribution.
     """
@@ -65,13 +65,13 @@ class MixedModel:
     Attributes
     ----------
     means : tuple of float
-        Of each occasion.
+        Mean score of each occasion.
     changes : tuple of Estimate
         From the first occasion to each other one.
     sd_between, sd_within : float
         Between participants, and of one participant's scores about their own level.
     participants, scores : int
-        That the model stands on.
+        Numbers of participants and of scores that the model was fitted to.
     """
 
     means: tuple[float, ...]
@@ -127,7 +127,7 @@ def fit_mixed_model(scores: ArrayLike) -> MixedModel:
     Parameters
     ----------
     scores : (N, T) float
-        Of N participants at T occasions; NaN where one is missing.
+        Scores of N participants at T occasions; NaN where one is missing.
 
     Returns
     -------
@@ -295,7 +295,7 @@ def analyse(
     ----------
     diary : Diary
     today : date, optional
-        Up to which sessions were to be done; by default today.
+        Last day on which sessions were due; by default today.
     protocol : Protocol, optional
 
     Returns

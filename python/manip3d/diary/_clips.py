@@ -39,7 +39,7 @@ class Clip:
         When the game was over.
     game : str
     start, end : float
-        Of the anomaly, seconds of play.
+        Start and end of the anomaly, seconds of play.
     pictures : tuple of (float, bytes)
         Seconds of play and JPEG; they begin up to 5 s before ``start``.
     """

@@ -64,7 +64,7 @@ class Diary:
     Parameters
     ----------
     path : path
-        Of the file.
+        Path of the file.
     key : path, optional
         Key file of `make_key`; without it the diary is not encrypted.
     create : bool

@@ -54,7 +54,7 @@ def write_page(
         An HTML file; it is not encrypted.
     identifier : str
     today : date, optional
-        Up to which sessions were to be done; by default today.
+        Last day on which sessions were due; by default today.
     clips : bool
         With the films of difficulties.
     overwrite : bool

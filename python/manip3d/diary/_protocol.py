@@ -36,7 +36,7 @@ class Adherence:
     Attributes
     ----------
     days : int
-        Of the protocol so far, the first one included.
+        Days of the protocol so far, the first one included.
     expected, complete, partial : int
         Sessions to be done in them; done with all games; done with fewer. More sessions in a day
         than the protocol has count no further.

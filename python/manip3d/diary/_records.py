@@ -72,7 +72,7 @@ class DiaryGame:
         Played, and waited for the phantom limb.
     score, misses, by_phantom : int
     gain : float
-        Of virtual enhancement; 1: none.
+        Gain of the virtual enhancement; 1: none.
     anomalies : tuple of (float, float)
         From and to which second of play no point was made though a target was in reach.
     """
@@ -195,7 +195,8 @@ class FeltRecord:
     ----------
     at : datetime
     length, telescoping : int, per cent
-        Of the intact limb's length; how far the hand or foot has moved up into the stump.
+        Felt length in per cent of the intact limb's; how far the hand or foot has moved up into the
+        stump.
     raised, bent : int, degrees
         The limb sideways from hanging down; elbow or knee.
     """

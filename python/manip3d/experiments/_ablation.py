@@ -47,9 +47,9 @@ def weight_ablation(
     titles : dict
         What the report calls these options.
     meshes : dict of scale to labels
-        Which models it looks at.
+        Models that it looks at.
     measures : dict of column to scale
-        In which the source's value is judged.
+        Columns in which the source's value is judged.
     """
 
     def cases(plan: Plan) -> list[Case]:

@@ -76,7 +76,7 @@ class DepthModel:
     same_file : bool
         Whether it is the published file itself.
     width : int
-        Of a simulated image.
+        Width of a simulated image, pixels.
     """
 
     published: str
@@ -354,7 +354,7 @@ def reduction_case(
     Parameters
     ----------
     share : float
-        Of the measured pixels that stay.
+        Share of the measured pixels that stay.
     options
         For the method.
     """

@@ -29,13 +29,13 @@ class Target:
     scan : (N, 3) float32
         The clean frame.
     box : Box
-        Of the object that is removed, moved or bent.
+        Box of the object that is removed, moved or bent.
     hoax : (K, 3) float32
         Points of an object of another drive.
     distance, azimuth : float
         Where the hoax is to stand, metres and radians.
     lattice : SensorLattice
-        Of the scanner.
+        Lattice of the scanner.
     seed : int
     """
 

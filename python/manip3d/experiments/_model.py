@@ -175,7 +175,8 @@ class Claim:
         Rows that did not fail -> findings. Each kind of data is judged apart, so that a verdict
         says on which data it rests.
     about : callable
-        Which rows the claim needs; looks at options only, which failed rows have too.
+        Tells whether the claim needs a row. It may look at options only, since failed rows have
+        nothing else.
     data : tuple of str
         Kinds of data that can judge it: ``("published",)`` where it is about numbers of the
         published files. On other data the numbers are shown and nothing is judged.

@@ -52,7 +52,7 @@ class RunSummary:
     cases : int
         Different cases of all experiments; shared ones count once.
     resumed : int
-        Of these, taken from the folder.
+        Number of these cases whose stored result was used again.
     failed : int
     seconds : float
         Wall time.

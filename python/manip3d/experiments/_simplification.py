@@ -286,7 +286,7 @@ def lowest(
     Parameters
     ----------
     among : callable
-        Which rows are compared.
+        Tells whether a row is compared.
     five : bool
         Judge only where all five methods are compared.
     """

@@ -44,7 +44,7 @@ def additive(
     object_points : LidarFrame, (K, 3) or (K, 4)
         At the place they had in their own frame.
     offset : (3,), metres
-        By which they are shifted.
+        Vector by which they are shifted.
     allow_collision : bool
         Else scene points within the object's box, 0.3 m above its foot and higher, are an error.
     threads : int

@@ -53,18 +53,18 @@ def ctp(
     scan : LidarFrame, (N, 3) or (N, 4) float32
         Metres; a fourth column is intensity.
     hoax : Mesh, LidarFrame or (K, 3) array
-        Of a mesh, the vertices.
+        What is pasted; of a mesh, its vertices.
     position : (3,) metres
         P_object, in the scan's frame.
     rotation : float or (3, 3)
         Turn about the vertical in radians, or a rotation matrix.
     scale : float
-        Of the hoax's units to metres; see `range_scale`.
+        Metres per unit of the hoax; see `range_scale`.
     translation : 'centroid' or 'paper'
         ``centroid``: t = P_object - R s o_object, the hoax's centroid lands on the position.
         ``paper``: t = P_object - (o_scene - o_object) as printed, which is somewhere else.
     intensity : float or (K,)
-        Of the appended points, where the scan has intensities.
+        Intensity of the appended points, where the scan has intensities.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
@@ -120,7 +120,7 @@ def crtp(
     resampling : 'poisson' or 'uniform'
         How points are thinned out: so that none are nearer than a radius, or by chance.
     intensity : float
-        Of the appended points, where the scan has intensities.
+        Intensity of the appended points, where the scan has intensities.
     rng : int, numpy.random.Generator or None
 
     Returns

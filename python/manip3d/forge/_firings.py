@@ -87,7 +87,7 @@ def lattice_insert(
     hoax : LidarFrame, (K, 3) or (K, 4) float32
         The object as the same scanner saw it: points of this frame (a duplicate) or of another.
     lattice : authenticate.SensorLattice
-        Of the scanner, with its encoder.
+        Lattice of the scanner, with its encoder.
     turn : float, radians
         Counter-clockwise; it is rounded to whole steps of the encoder.
     most : int, optional
@@ -198,7 +198,7 @@ def lattice_remove(
     box : Box
         Around the object, without the ground below it.
     lattice : authenticate.SensorLattice
-        Of the scanner, with its encoder.
+        Lattice of the scanner, with its encoder.
     rng : int, numpy.random.Generator or None
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.

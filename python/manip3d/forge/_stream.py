@@ -294,7 +294,7 @@ class StreamForger:
     ----------
     kind : int
     calibration : RgbdCalibration
-        Of the background's camera.
+        Calibration of the background's camera.
 
     Raises
     ------
@@ -415,7 +415,7 @@ class ForgedStream:
     ----------
     kind : int
     calibration : RgbdCalibration
-        Of the background's camera.
+        Calibration of the background's camera.
     missed : int
         Frames of the last iteration in which nobody was found: they show the background alone.
     """
@@ -492,7 +492,7 @@ def stream(
         ``mesh``: triangles are drawn; ``points``: as published, vertices are, and pinholes between
         them filled. A colour camera of its own is always drawn with triangles.
     fill_pinholes : bool
-        Of points.
+        Fill pinholes between vertices; for ``surface='points'`` only.
     blend : int, pixels
         Width over which the person's colours fade into the background's, 0 to 64.
     smoothing : bool

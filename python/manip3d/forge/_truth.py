@@ -48,7 +48,7 @@ class Forgery(Showable):
     box : Box
         Around what was added and moved; around what was removed where nothing was.
     transform : (4, 4) float64
-        Of the object into the scan; the identity where no object was placed.
+        Takes the object into the scan's frame; the identity where no object was placed.
     attack : str
     parameters : mapping
         What the attack was asked for.

@@ -39,7 +39,7 @@ class Motion:
     Attributes
     ----------
     names : tuple of str
-        Of the J joints, in the order of the file; End Sites are left out.
+        Names of the J joints, in the order of the file; End Sites are left out.
     parents : tuple of int
         The joint that each one hangs from; -1 of the root.
     positions : (T, J, 3) float64

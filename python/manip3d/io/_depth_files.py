@@ -43,8 +43,8 @@ def read_depth(
     path : path-like or URL
         16-bit grey PNG, PGM or TIFF, or ``.npy``; the content decides, not the suffix.
     units_per_metre : float
-        Of whole-number images: 1000 for Kinect and most others, 5000 for TUM and ICL-NUIM.
-        Images of floating-point numbers (TIFF, ``.npy``) are metres.
+        Stored units per metre of whole-number images: 1000 for Kinect and most others, 5000 for TUM
+        and ICL-NUIM. Images of floating-point numbers (TIFF, ``.npy``) are metres.
     max_pixels : int
         Larger images are refused before anything is allocated for them.
 

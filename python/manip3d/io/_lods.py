@@ -38,7 +38,7 @@ def write_lods(
         The least share of the screen that each level is made for, descending. By default a level
         serves until the next has as many faces for each pixel as the first at full screen.
     errors : sequence of float, optional
-        Of each level, in the file's unit; for the manifest.
+        Error of each level, in the file's unit; for the manifest.
     max_vertices : int, optional
         As for `write_mesh`.
 

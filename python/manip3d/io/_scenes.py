@@ -59,9 +59,9 @@ class Scene:
     meshes : tuple of Mesh
         Each mesh once, in its own coordinates, however many nodes show it.
     names : tuple of str
-        Of the meshes.
+        Names of the meshes.
     fixed : tuple of str
-        Of each mesh: why it is always written as it was read, such as ``"it has a skin"``; empty
+        For each mesh, why it is always written as it was read, such as ``"it has a skin"``; empty
         for a mesh that :meth:`with_meshes` may replace.
     warnings : tuple of str
         What reading left out.

@@ -31,7 +31,7 @@ class BoundaryGap:
     crack_length : float
         Summed length of those edges, in the meshes' units.
     diagonal : float
-        Of the original's bounding box, in the meshes' units.
+        Diagonal of the original's bounding box, in the meshes' units.
     """
 
     forward: Deviation | None
@@ -62,7 +62,7 @@ def boundary_gap(
     original, simplified : Mesh
         In the same units and place; at least one face each.
     tolerance : float
-        Of a crack, in diagonals of the original's bounding box; 1e-6 to 1.
+        Width from which a gap is a crack, in diagonals of the original's bounding box; 1e-6 to 1.
     weld : bool
         Count vertices with bit-identical positions as one, in both meshes. Without it each seam of
         a file that stores one vertex per texture coordinate (glTF always) is a boundary, and a

@@ -28,7 +28,7 @@ class Comparison:
     Attributes
     ----------
     faces : (int, int)
-        Of the original and of the other mesh.
+        Numbers of faces of the original and of the other mesh.
     metro_vertex, metro_area : MetroResult
         Distances in both directions, from the vertices and from samples spread by area.
     texture_error : TextureError or None

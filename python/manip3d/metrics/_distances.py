@@ -64,7 +64,7 @@ class MetroResult:
     backward : Deviation
         From the simplified surface's samples to the original.
     diagonal : float
-        Of the original's bounding box, in the meshes' units.
+        Diagonal of the original's bounding box, in the meshes' units.
     sampling : 'vertex' or 'area'
     """
 
@@ -146,7 +146,8 @@ def nearest_distances(
         Where the scanner stood: points are searched by the direction in which it saw them, which
         takes O(N) time. ``None``: a k-d tree; slower, and the same answer.
     resolution : float, radians
-        Of the search; 0: one point a cell on average. The answer does not depend on it.
+        Cell size of the search grid; 0: one point a cell on average. The answer does not depend on
+        it.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The answer does not depend on it.
     progress : None, True or callable(fraction, message)
@@ -259,7 +260,7 @@ class HausdorffBound:
     backward : (lower, upper) float
         Largest distance of a point of the simplified surface from the original.
     diagonal : float
-        Of the original's bounding box, in the meshes' units.
+        Diagonal of the original's bounding box, in the meshes' units.
     """
 
     forward: tuple[float, float]

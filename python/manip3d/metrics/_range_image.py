@@ -30,10 +30,10 @@ class RangeImageError:
     Attributes
     ----------
     mean_square, mean_absolute, max : float
-        Of the differences, in (squared) units of the points: metres for depth images. NaN where
-        no pixel was compared.
+        Mean square, mean absolute and largest difference of depth, in (squared) units of the
+        points: metres for depth images. NaN where no pixel was compared.
     diagonal : float
-        Of the bounding box of the range image's points.
+        Diagonal of the bounding box of the range image's points.
     compared : int
         Pixels valid in both.
     valid : int

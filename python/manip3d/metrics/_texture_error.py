@@ -25,8 +25,8 @@ class TextureError:
     Attributes
     ----------
     mean, rms, mse, max : float or None
-        Of the distances between texture coordinates (1 = a whole texture); ``mse`` is the square of
-        ``rms``. ``None`` when no sample could be compared.
+        Statistics of the distances between texture coordinates (1 = a whole texture); ``mse`` is
+        the square of ``rms``. ``None`` when no sample could be compared.
     samples : int
         Samples compared.
     skipped : int

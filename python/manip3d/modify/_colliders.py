@@ -96,7 +96,7 @@ class ColliderTracker:
     min_radius, max_radius : float, metres
         Radii are clamped to these.
     first_radius : float, metres
-        Of a bone of which, and of whose mirrored bone, no points were seen.
+        Radius of a bone where no point was seen of it nor of its mirrored bone.
 
     Raises
     ------
@@ -137,7 +137,7 @@ class ColliderTracker:
         labels : (N,) uint8, optional
             Nearest bone of each of the person's points.
         squared_distances : (N,) float32, optional
-            Of each point to it, square metres.
+            Squared distance of each point to the solid, square metres.
 
         Raises
         ------

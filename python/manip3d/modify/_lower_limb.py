@@ -126,13 +126,14 @@ class PlacementEstimator:
     Parameters
     ----------
     share : float
-        Of the reach, at which targets stand; (0, 1].
+        Share of the reach at which targets stand; (0, 1].
     spread : float
         Sine of the angle between straight ahead and each target; [0, 1).
     stable_frames : int
-        After which the placement is frozen.
+        Number of frames in a row within ``tolerance`` after which the placement is frozen.
     tolerance : float, metres
-        By which knee height and hip centre of a person who keeps still may move.
+        How far knee height and hip centre may be from their running means; beyond, the means start
+        anew.
 
     Raises
     ------

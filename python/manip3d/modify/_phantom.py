@@ -147,7 +147,7 @@ class BodyPlane:
     origin : (3,) float64, metres
         A point of it, in the trunk.
     normal : (3,) float64
-        Of length 1, towards the person's left.
+        Unit normal, towards the person's left.
     """
 
     origin: NDArray[np.float64]
@@ -206,7 +206,7 @@ class PhantomFrame:
     color : (H', W', 3) uint8 or None
         The frame's own, for the body.
     phantom_color : (H', W', 3) uint8 or None
-        Of frame ``texture_number``, for the phantom.
+        Colour image of frame ``texture_number``, from which the phantom is textured.
     seconds : dict of str to float
         By stage, in the order of table 4.1; wall time.
     """
@@ -627,9 +627,9 @@ def segment_body(
     near, far, margin : float, metres
         As of `PhantomPipeline`.
     seeds : {"line", "middle"}
-        Of ``region``: all pixels under a bone, or the one under its middle (figure 5.4).
+        For ``region`` only: all pixels under a bone, or the one under its middle (figure 5.4).
     reach : float, metres
-        Of ``region``: pixels beyond a contour count up to this distance from the bone's skin.
+        For ``region`` only: pixels beyond a contour count up to this distance from the bone's skin.
 
     Raises
     ------

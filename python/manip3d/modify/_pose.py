@@ -140,7 +140,7 @@ class PoseTracker:
     static : bool
         The frames are pictures that have nothing to do with each other.
     min_confidence : float
-        Of MediaPipe's detector, 0 to 1.
+        Least confidence of MediaPipe's detector, 0 to 1.
     min_visibility : float
         As for `lift_landmarks`.
 

@@ -32,7 +32,7 @@ class Reposed:
     Attributes
     ----------
     vertices : (V, 3) float32 or float64, metres
-        Of the dtype that they came in.
+        Vertices, in the dtype of the input.
     skeleton : Skeleton
         Bones have their lengths; orientations are turned along.
     """
@@ -58,8 +58,8 @@ def repose(
     Parameters
     ----------
     vertices : (V, 3), metres
-        Of the person's mesh, in the frame of the skeleton. Other dtypes than float32 become
-        float64. Not changed.
+        Vertices of the person's mesh, in the frame of the skeleton. Other dtypes than float32
+        become float64. Not changed.
     skeleton : Skeleton
         The pose that the vertices are in.
     gains : mapping of str to float, optional

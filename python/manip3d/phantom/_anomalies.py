@@ -30,7 +30,7 @@ class AnomalyWatch:
     Attributes
     ----------
     found : list of Anomaly
-        Those that are over; `finish` adds one that still goes on.
+        Anomalies that are over; `finish` adds the one that still goes on.
 
     Examples
     --------

@@ -26,12 +26,12 @@ class FeltLimb:
     Attributes
     ----------
     length : int, per cent
-        Of the intact limb's.
+        Felt length in per cent of the intact limb's.
     telescoping : int, per cent
         How far the hand or foot has moved up: 0 at the end of that length, 100 in the shoulder or
         hip.
     raised : int, degrees
-        Of the whole limb, sideways from hanging down.
+        Angle by which the whole limb is raised sideways from hanging down.
     bent : int, degrees
         At elbow or knee; 0: straight.
 

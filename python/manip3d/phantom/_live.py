@@ -127,9 +127,9 @@ def run_live(
         The limb to replace; by default the one that a simulated person has lost, else the right
         arm, or leg for a game of legs.
     game : str, optional
-        Of `manip3d.phantom.games.GAMES`; by default one for that limb.
+        Name out of `manip3d.phantom.games.GAMES`; by default one for that limb.
     difficulty, seed : int
-        Of the first game.
+        Difficulty and seed of the first game.
     host : str
         Address of this machine at which the page is served. Other than a loopback address other
         machines reach it, a headset for instance; the connection is encrypted then.
@@ -142,7 +142,7 @@ def run_live(
     seconds : float, optional
         Stop after so many; without it at Ctrl-C.
     jpeg_quality : int
-        Of the colours, 1 to 100.
+        JPEG quality of the colour images, 1 to 100.
     gain : float
         Virtual enhancement, as of `LiveSession`; the page changes it.
     diary, participant, diary_key : path, str, path, optional
@@ -160,7 +160,7 @@ def run_live(
     Raises
     ------
     InputError, FormatError, DeviceError, OSError
-        Of the source, before anything is shown; a camera that goes away later is waited for.
+        The source raised it before anything is shown; a camera that goes away later is waited for.
     MissingExtraError
         aiohttp or, for simulated people, Open3D is not installed; SQLAlchemy for a diary.
     """

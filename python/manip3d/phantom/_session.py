@@ -115,7 +115,7 @@ class GameSummary:
     Attributes
     ----------
     game : str
-        Of `manip3d.phantom.games.GAMES`.
+        Name out of `manip3d.phantom.games.GAMES`.
     difficulty, seed : int
     ending : str
         ``time``, ``misses``, ``done`` or ``stopped``.
@@ -155,11 +155,11 @@ class LiveSession:
     affected : {"left_arm", "right_arm", "left_leg", "right_leg"}
         The limb to replace.
     game : str
-        Of `manip3d.phantom.games.GAMES`; by default one for that limb.
+        Name out of `manip3d.phantom.games.GAMES`; by default one for that limb.
     difficulty : int
         1 to 3.
     seed : int
-        Of the first game; each further one has the next.
+        Seed of the first game; each further game has the next number.
     jpeg_quality : int
         1 to 100.
     gain : float

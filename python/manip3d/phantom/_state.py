@@ -39,18 +39,18 @@ class Game:
     rules : str
         ``bubbles``, ``pedal`` or ``piano``.
     speeds : tuple of float, metres per second
-        Of bubbles.
+        Speeds of the bubbles, one for each difficulty.
     intervals : tuple of float, seconds
         Between one pair of bubbles and the next; how long a key of the piano stays up.
     reaches : tuple of tuple of float
         Places of the pairs of generators or keys, as shares of the limb's length.
     strokes : tuple of int
-        Of a pedal, that lift its ball to the disk.
+        Strokes of a pedal that lift its ball to the disk, one number for each difficulty.
     swings : tuple of float
         How far the foot must move to count: degrees at the ankle for the pedals, metres above the
         floor for the piano.
     radius : float, metres
-        Of a target.
+        Radius of a target.
     seconds : float
         Time limit.
     most_misses : int
@@ -85,7 +85,7 @@ class Target:
     place : (float, float, float)
         Centre.
     key : int
-        Of the piano, from the player's left to their right.
+        Key of the piano, counted from the player's left to their right.
     age : float, seconds
         How long a key has been up.
     """
@@ -109,7 +109,7 @@ class Event:
     number, side, place, key
         The target's.
     bone : int
-        That did it, by its far joint; -1.
+        Bone that did it, by its far joint; -1: none.
     """
 
     kind: Literal["burst", "stroke", "arrived", "note", "missed"]
@@ -215,7 +215,7 @@ class GameState:
     ending : str
         Why it is over: ``time``, ``misses`` or ``done``; empty before.
     clock : float, seconds
-        That were played; it stands still while nobody calls `step`.
+        Time that was played; it stands still while nobody calls `step`.
     score, misses : int
     by_bone : mapping of int to int
         Points by the bone that made them.
@@ -229,7 +229,7 @@ class GameState:
     stains : tuple of points
         Where missed targets reached the ceiling.
     events : tuple of Event
-        Of the last step.
+        Events of the last step.
     """
 
     game: Game

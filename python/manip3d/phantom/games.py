@@ -118,13 +118,13 @@ def begin(
     Parameters
     ----------
     name : str
-        Of `GAMES`.
+        Name out of `GAMES`.
     skeleton : Skeleton
         The player's, with all limbs that play.
     difficulty : int
         1 to 3.
     seed : int
-        Of the places; at least 0.
+        Seed of the places of the targets; at least 0.
     floor : float, optional
         The y of a foot that stands on it, for the piano; by default that of the lower foot now.
 

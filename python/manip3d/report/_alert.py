@@ -110,7 +110,7 @@ class AlertTimeline:
         output : path
             ``.html``: a self-contained page; ``.json``: the numbers. An existing file is replaced.
         verdict, reason : str
-            Of the whole drive, see `manip3d.authenticate.alert_of_stream`.
+            Verdict on the whole drive and its reason, see `manip3d.authenticate.alert_of_stream`.
         counts : AlertCounts
 
         Raises

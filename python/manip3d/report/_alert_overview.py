@@ -28,8 +28,8 @@ def write_alert_overview(
     Parameters
     ----------
     drives : sequence of mappings
-        Of each vehicle what `AlertTimeline.summary` returns; where its own page is, relative to
-        this one, as ``page``; or, where nothing could be judged, ``source`` and ``error``.
+        For each vehicle what `AlertTimeline.summary` returns, with ``page``, the place of its own
+        page relative to this one; or ``source`` and ``error`` where nothing could be judged.
     output : path
         ``.html``; an existing file is replaced.
 

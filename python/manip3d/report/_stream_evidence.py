@@ -50,7 +50,7 @@ def write_stream_evidence(
     inspection : StreamInspection
         The result of `manip3d.authenticate.inspect_stream`.
     frames : iterable of RgbdFrame
-        Those that were judged, by their numbers; others are left out.
+        Frames that were judged, found by their numbers; others are left out.
     output : path
         ``.html``: a self-contained page with frames, what was inserted in them, and the curves of
         noise; ``.json``: the numbers. An existing file is replaced.

@@ -83,7 +83,7 @@ def run_demo(
     data : 'auto', 'real' or 'simulated'
         ``auto``: recorded data where ``MANIP3D_DATA`` has them.
     seed : int
-        Of the tables' random choices.
+        Seed of the tables' random choices.
     jobs : int
         Processes; 0: one per core.
     progress : callable, optional

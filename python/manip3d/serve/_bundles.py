@@ -33,7 +33,7 @@ def bundled_pages(name: str, title: str, body: str) -> dict[str, Page]:
     Parameters
     ----------
     name : str
-        Of the bundle: ``live`` or ``study``.
+        Name of the bundle: ``live`` or ``study``.
     title : str
     body : str
         HTML before the script.

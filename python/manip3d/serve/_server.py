@@ -43,17 +43,17 @@ class Limits:
     Attributes
     ----------
     message_bytes : int
-        Of one message of a client; a larger one ends its connection before it is read.
+        Largest message of a client; a larger one ends its connection before it is read.
     messages_per_second, message_burst : float
-        Of one client, in the long run and at once.
+        Messages of one client: how many a second in the long run, and how many at once.
     requests_per_second, request_burst : float
-        Of all clients together.
+        Requests of all clients together: how many a second in the long run, and how many at once.
     connections, streams : int
         Open at the same time.
     request_seconds : float
-        In which a connection must have sent a whole request.
+        Time within which a connection must have sent a whole request.
     send_seconds : float
-        After which a client that takes no bytes is disconnected.
+        Time after which a client that takes no bytes is disconnected.
     frames_in_flight : int
         Frames that a client has not acknowledged; while it has so many, newer frames replace the
         one that waits for it.
@@ -144,7 +144,7 @@ class StreamClient:
         Raises
         ------
         FormatError
-            That frame was never sent, or is acknowledged already.
+            The frame was never sent, or is acknowledged already.
         """
         captured_ns = self._flying.pop(sequence, None)
         if captured_ns is None:

@@ -94,7 +94,7 @@ class JointSimplification(Showable):
     corner_texcoords : (m, 3, 2) float32
         Texture coordinates of its corners in that picture, v up; NaN: not seen.
     covered : tuple of (H, W) bool
-        Of each view, the valid pixels that show what earlier views had already sampled.
+        For each view, True at valid pixels that show what earlier views had already sampled.
     views : tuple of DepthSimplification
         What was chosen in each view, before the views were joined.
     """

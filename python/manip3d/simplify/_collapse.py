@@ -86,10 +86,10 @@ class CleanResult(Showable):
     duplicate_faces : int
         Faces removed because an earlier face is their duplicate.
     changed_faces : int
-        Of those, faces whose material, texture coordinates or colours differ from the kept
-        face's: where the picture may change. 0 unless ``duplicates='any'``.
+        Number of those duplicate faces whose material, texture coordinates or colours differ from
+        the kept face's: where the picture may change. 0 unless ``duplicates='any'``.
     changed_vertices : int
-        Of the merged vertices, those whose colour differs from the kept vertex's.
+        Number of merged vertices whose colour differs from the kept vertex's.
     """
 
     mesh: Mesh
@@ -340,8 +340,8 @@ def qem4vr(
         keeps seams straighter, less keeps the surface closer. The source's 1000 is a factor of
         quadrics; the experiment ``ablation-seam-weight`` shows what it does as a weight of planes.
     curvature : 'turning' or 'paper'
-        Of the boundary at a vertex: |r' x r''| / (2 |r'|^2), which does not depend on the unit,
-        or eq. 2.5 as printed, on the mesh scaled to a unit diagonal.
+        Measure of the boundary's curvature at a vertex: |r' x r''| / (2 |r'|^2), which does not
+        depend on the unit, or eq. 2.5 as printed, on the mesh scaled to a unit diagonal.
     seam_mode : 'planes', 'paper' or 'lock'
         Planes perpendicular to the faces of each seam edge, and seam vertices that move along
         their seam only, as long as the target can be reached so; the quadrics of seam vertices

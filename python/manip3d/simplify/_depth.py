@@ -126,7 +126,7 @@ class DepthMesh(Showable):
         time_ns : int
             By the sensor's clock.
         jpeg_quality : int
-            Of ``color``, 1 to 100.
+            JPEG quality of ``color``, 1 to 100.
 
         Returns
         -------
@@ -400,7 +400,7 @@ def dense_mesh(
         0 and NaN mean no measurement.
     intrinsics : Intrinsics
     color : (H', W', 3 or 4) uint8, optional
-        Of the depth image's size, or that of ``registration.color``.
+        Colour image of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
         Where the colour camera stands; without it both images share their pixels.
     max_edge : float, metres, optional
@@ -700,7 +700,7 @@ def cs3(
     target_points : int
         Never more vertices than this, and no fewer than 99 % of it where the image has so many.
     color : (H', W', 3 or 4) uint8, optional
-        Of the depth image's size, or that of ``registration.color``.
+        Colour image of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
         Where the colour camera stands; without it both images share their pixels.
     variant : 'cios', 'lios', 'cnms' or 'lnms'

@@ -152,7 +152,7 @@ class DepthFileResult:
     bridges : float
         Share of the faces' area that lies over no triangle of that dense mesh.
     num_bytes : int or None
-        Of all files that were written, where ``options`` have a bandwidth.
+        Bytes of all files that were written, where ``options`` have a bandwidth.
     """
 
     source: Path
@@ -209,7 +209,7 @@ def simplify_depth(
     options : DepthOptions
         ``intrinsics`` and ``unit`` are not looked at: the image and the camera are here.
     color : (H', W', 3 or 4) uint8, optional
-        Of the depth image's size, or that of ``registration.color``.
+        Colour image of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
         Position of the colour camera; without it both images share their pixels.
     mask : (H, W) bool, optional

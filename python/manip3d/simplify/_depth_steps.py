@@ -44,7 +44,7 @@ def cut_depth_steps(
     Returns
     -------
     DepthMesh
-        Of the type of ``found``, with all its vertices.
+        A mesh of the type of ``found``, with all its vertices.
 
     Raises
     ------

@@ -212,7 +212,7 @@ class SharedBudget:
     levels : tuple of LodLevel
         One for each model, in order.
     num_faces : int
-        Of all.
+        Number of faces of all models together.
     max_error : float
         The error up to which each model was simplified, in the unit of the models.
     reached : bool
@@ -242,7 +242,7 @@ def polygon_budget(
         Milliseconds for each million triangles, measured on that device with a scene like one's
         own: `FrameTimes.ms_per_million` of `manip3d.viewer.frame_times`.
     refresh_hz : float
-        Of the display, such as 72 or 90.
+        Refresh rate of the display, such as 72 or 90.
     views : int
         How often the scene is drawn for each picture: 2 for two eyes one after the other, 1 where
         the device draws both at once.

@@ -190,7 +190,7 @@ def relief(
     target_points : int
         At most so many vertices; at least 3.
     color : (H', W', 3 or 4) uint8, optional
-        Of the depth image's size, or that of ``registration.color``.
+        Colour image of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
         Where the colour camera stands; without it both images share their pixels.
     mask : (H, W) bool, optional
@@ -319,7 +319,7 @@ def relief_grid(
         At most so many vertices; at least 3.
     color : (H, W, 3 or 4) uint8, optional
     mask : (H, W) bool, optional
-        Of the valid pixels, those to use.
+        True where a valid pixel may be used; by default everywhere.
     confidence : (H, W) float, 0 to 1, optional
         As of `relief`.
     rows_up : bool
@@ -396,8 +396,8 @@ class ReliefStream:
         How many times as much it costs to give up a vertex of the frame before; 1: each frame
         chooses for itself.
     newest_share : float
-        Of the newest frame in a pixel's mean over time, (0, 1]; 1: no smoothing, so that vertices
-        are the points as measured.
+        Weight of the newest frame in a pixel's mean over time, in (0, 1]; 1: no smoothing, so that
+        vertices are the points as measured.
     gate : float
         A pixel that changes by a larger part of its depth starts anew.
     threads : int

@@ -58,7 +58,7 @@ def sample_depth(
         crossings of the Laplacian of Gaussian along the rows (scale-space analysis), which is
         meant for a single object.
     color : (H', W', 3 or 4) uint8, optional
-        Of the depth image's size, or that of ``registration.color``.
+        Colour image of the depth image's size, or that of ``registration.color``.
     registration : Registration, optional
     max_edge : float, metres, optional
         Triangles with a longer edge are left out.

@@ -129,11 +129,11 @@ class Pose:
     Attributes
     ----------
     turn : float
-        Of the whole body to the person's left; 0: towards the camera.
+        Turn of the whole body to the person's left; 0: towards the camera.
     lean : float
-        Of the chest ahead.
+        Forward lean of the chest.
     shoulder_tilt : float
-        Of the shoulders alone; the person's left one goes up.
+        Tilt of the shoulders alone; the person's left one goes up.
     head_turn : float
         To the person's left.
     left_arm, right_arm : Arm

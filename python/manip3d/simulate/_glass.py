@@ -29,7 +29,7 @@ def lost(points: Floats, transmission: Floats, random: np.random.Generator) -> N
     transmission : (N,) float32
         Share that is lost.
     random : numpy.random.Generator
-        Of the chance from pulse to pulse.
+        Generator of the chance events from pulse to pulse.
     """
     row, column = _tile_place(points)
     fate = (1.0 - SPECKLE) * _fates()[row, column]

@@ -47,7 +47,7 @@ def pose_at(
     Parameters
     ----------
     exercise : str
-        Of `MOTIONS`.
+        Name out of `MOTIONS`.
     time : float, seconds
     moving : (bool, bool)
         Whether the left and the right limb take part; the other one rests.

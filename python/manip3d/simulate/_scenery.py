@@ -50,7 +50,7 @@ class Background:
         Cosine between the line of sight and the normal.
     color : (H, W, 3) uint8
     rays : (H, W, 3) float32
-        Of the pixels, 1 m ahead.
+        Rays of the pixels, scaled to a depth of 1 m.
     """
 
     depth: Floats
@@ -124,13 +124,13 @@ def furnish(
     Parameters
     ----------
     scene : str
-        Of `SCENES`; empty: there is nothing at all.
+        Name out of `SCENES`; empty: there is nothing at all.
     seat : float, optional
         Distance of the chair, metres.
     turn : float, degrees
-        Of the chair.
+        Turn of the chair.
     distance : float, metres
-        Of the person; the wall stands 1.4 m behind, in a hall 2.6 m.
+        Distance of the person; the wall stands 1.4 m behind, in a hall 2.6 m.
     camera_height : float, metres
     """
     vertices: list[Floats] = []

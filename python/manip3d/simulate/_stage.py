@@ -132,7 +132,7 @@ class Stage:
         ----------
         origins : (N, 3) or (3,) float32
         directions : (N, 3) float32
-            Of unit length.
+            Directions of unit length.
         times : (N,) float32 or float, seconds
         subsets : sequence of (K,) int64, optional
             For each mover the rays that may meet it; else found from its bounding sphere.

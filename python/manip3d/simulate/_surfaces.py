@@ -27,7 +27,7 @@ class Patch:
     vertices : (V, 3) float64
     faces : (F, 3) int
     texcoords : (V, 2) float64 or None
-        Of the vertices; ``None``: the faces have no UV.
+        Texture coordinates of the vertices; ``None``: the faces have no UV.
     material : int
     """
 

@@ -109,7 +109,7 @@ def pierced(
     holes : (N, 4)
         x0, z0, x1, z1 of each; they do not overlap.
     depth : float, metres
-        Of the recess behind the wall.
+        Depth of the recess behind the wall.
 
     Returns
     -------

@@ -44,7 +44,7 @@ def measure(depth: Floats, slant: Floats, scale: float, random: np.random.Genera
     slant : (H, W) float32
         Cosine between the line of sight and the surface's normal.
     scale : float
-        Of all faults; 0: none.
+        Factor on all faults; 0: none.
     random : numpy.random.Generator
     """
     if scale == 0.0:

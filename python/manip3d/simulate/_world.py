@@ -44,7 +44,7 @@ class Surface:
     color : (red, green, blue)
         Diffuse, 0 to 1.
     reflectance : float
-        Of the laser's wavelength, 0 to 1.
+        Reflectance at the laser's wavelength, 0 to 1.
     transmission : float
         Share of laser pulses that pass (glass) or are mirrored away: no return. Neighbours share
         their fate.
@@ -73,7 +73,8 @@ class World:
     vertices : (V, 3) float32, metres
     faces : (F, 3) int32
     texcoords : (F, 3, 2) float32, metres
-        Of the corners; divided by the surface's ``texture_size`` they count repetitions.
+        Texture coordinates of the corners; divided by the surface's ``texture_size`` they count
+        repetitions.
     face_label : (F,) uint8
         A `Label`.
     face_object : (F,) int32
@@ -82,7 +83,7 @@ class World:
         Index into ``surfaces``.
     surfaces : tuple of Surface
     boxes : tuple of Box
-        Of the objects, in the world's frame; ``track`` is the object's number.
+        Boxes of the objects, in the world's frame; ``track`` is the object's number.
     """
 
     vertices: NDArray[np.float32]

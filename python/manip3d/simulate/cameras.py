@@ -153,8 +153,8 @@ def stereo_pair(
     rng : int, numpy.random.Generator or None
         Noise of the pictures.
     threads : int
-        Of the ray casting; 0: ``MANIP3D_THREADS``, else all cores. The result does not depend on
-        it.
+        Threads of the ray casting; 0: ``MANIP3D_THREADS``, else all cores. The result does not
+        depend on it.
 
     Returns
     -------

@@ -312,7 +312,7 @@ def person(*, width: int = 640, height: int = 480, wall: bool = False) -> DepthS
     Parameters
     ----------
     width, height : int
-        Of the image; the field of view is a Kinect's.
+        Size of the image in pixels; the field of view is a Kinect's.
     wall : bool
         Leave the wall and the floor behind the person in the scene; without it they are cut away.
 
@@ -365,7 +365,7 @@ def room(*, width: int = 640, height: int = 480) -> DepthScene:
     Parameters
     ----------
     width, height : int
-        Of the image; the field of view is a Kinect's.
+        Size of the image in pixels; the field of view is a Kinect's.
 
     Raises
     ------

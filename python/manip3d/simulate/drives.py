@@ -71,15 +71,15 @@ class DriveFrame:
         When the LiDAR looks ahead and the cameras expose.
     scan : LidarScan
     pictures : StereoPair or None
-        Of the pair that looks ahead.
+        Pictures of the pair that looks ahead.
     boxes : tuple of manip3d.Box
-        Of the cars, people and cyclists that the scan has points of, in the LiDAR's frame;
+        Boxes of the cars, people and cyclists of which the scan has points, in the LiDAR's frame;
         ``track`` is the number that the scan's and the pictures' objects have.
     velocity : (float, float, float)
-        Of the car: m/s ahead and to the left, rad/s counter-clockwise.
+        Velocity of the car: m/s ahead, m/s to the left, rad/s counter-clockwise.
     around : mapping of str to StereoPair
-        Of a drive with cameras all around the pairs of `cameras.SURROUND`, ``front`` among them;
-        each exposes when the LiDAR looks where it does.
+        Pictures of all pairs of `cameras.SURROUND`, ``front`` among them, in a drive with cameras
+        all around. Each pair exposes when the LiDAR looks in its direction.
     """
 
     time: float
@@ -108,7 +108,7 @@ def drive(
     street : Street
     frames : int
     start : float, seconds
-        Of the first frame.
+        Time of the first frame.
     pictures : bool
         Whether the cameras see, too.
     surround : bool

@@ -100,9 +100,9 @@ def write_forged_people(
     people, actions, scenes : int
         How many: at most 6, 4 (waving, raising the left arm, the right arm, both) and 3 (`SCENES`).
     kinds : sequence of str
-        Of `KINDS`.
+        Names out of `KINDS`.
     frames : int
-        Of each recording, 30 a second.
+        Number of frames of each recording, 30 a second.
     still : bool
         Forgeries stand before one still frame, else before a running background.
     color : bool

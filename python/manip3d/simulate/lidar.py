@@ -77,7 +77,7 @@ class LidarScan:
     encoder : (F,) int16
         Truth: encoder value of each firing, 0.09 degrees a step.
     time : (F,) float64, seconds
-        Of each firing, on the street's clock; the sensor looks ahead at the frame's time.
+        Time of each firing, on the street's clock; the sensor looks ahead at the frame's time.
     """
 
     points: Floats
@@ -111,7 +111,7 @@ class Lasers:
     slope, offset_m
         A point lies at ``z = slope * reach + offset_m``; ``reach``: see ``horizontal_m``.
     azimuth_deg
-        Of the laser at encoder value 0.
+        Azimuth of the laser at encoder value 0.
     horizontal_m
         The beam passes the axis at this distance: a point lies ``reach`` along the laser's
         azimuth and ``horizontal_m`` to the left.

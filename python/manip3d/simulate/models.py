@@ -105,7 +105,7 @@ def rocker(faces: int = 80_354, *, rng: int | np.random.Generator = 0) -> Mesh:
     faces : int
         Approximate.
     rng : int or numpy.random.Generator
-        Of the surface's noise.
+        Source of the surface's noise.
     """
     random = np.random.default_rng(rng)
     low, high = (-0.068, -0.030, -0.026), (0.066, 0.030, 0.030)
@@ -388,7 +388,7 @@ def lifeboat(faces: int = 37_986, *, rng: int | np.random.Generator = 0) -> Mesh
     faces : int
         Approximate.
     rng : int or numpy.random.Generator
-        Of the heap of netting in the bows, a soup of triangles.
+        Source of randomness for the heap of netting in the bows, a soup of triangles.
     """
     random_seed = np.random.default_rng(rng).integers(2**32)
     materials = [

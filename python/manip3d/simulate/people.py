@@ -175,11 +175,11 @@ class BodySimulator:
     distance : float, metres
         From the camera to the base of the spine, along the optical axis.
     turn, turning : float, degrees; degrees per second
-        Of the whole body to the person's left; ``turning`` goes on with the time.
+        Turn of the whole body to the person's left: at the start, and what is added each second.
     sway : float, degrees
         The whole body turns to and fro by so much, once in two seconds.
     shoulder_tilt : float, degrees
-        Of the shoulders within the chest; the left one goes up.
+        Tilt of the shoulders against the chest; the left one goes up.
     stripes : bool
         On the shirt.
     cover : str
@@ -195,7 +195,7 @@ class BodySimulator:
     jitter : float, metres
         Standard deviation of each coordinate of a tracked joint; of an inferred one, five times.
     correlation : float
-        Of the jitter from frame to frame, 0 (white) to 0.99.
+        Correlation of the jitter from frame to frame, 0 (white) to 0.99.
     bias : float, metres
         Length of each joint's error that turns with its bone: trackers are wrong in the same way
         wherever they see the same pose.
@@ -219,9 +219,10 @@ class BodySimulator:
     frames : int
         How many an iteration gives.
     seed : int
-        Of noise and jitter.
+        Seed of noise and jitter.
     threads : int
-        Of ray casting; 0: ``MANIP3D_THREADS``, else all cores. The frames do not depend on it.
+        Threads of the ray casting; 0: ``MANIP3D_THREADS``, else all cores. The frames do not depend
+        on it.
 
     Raises
     ------

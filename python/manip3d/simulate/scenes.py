@@ -91,7 +91,7 @@ def indoor(kind: str, *, rng: Rng = 0, name: str = "") -> Scene:
         ``office``, ``living``, ``lecture``, ``storage``, ``hall`` or ``workshop``.
     rng : int, numpy.random.Generator or None
     name : str
-        Of the scene; the kind, if empty.
+        Name of the scene; its kind, if empty.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def outdoor(kind: str, *, rng: Rng = 0, name: str = "") -> Scene:
         ``street``, ``square``, ``parking``, ``park``, ``courtyard`` or ``suburb``.
     rng : int, numpy.random.Generator or None
     name : str
-        Of the scene; the kind, if empty.
+        Name of the scene; its kind, if empty.
 
     Raises
     ------

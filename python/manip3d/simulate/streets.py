@@ -53,7 +53,7 @@ class Street:
     relief : callable
         Height of the road at (x, y).
     start : (x, y), metres
-        Of the car at time 0.
+        Place of the car at time 0.
     speed : float, metres per second
     sway : float, metres
         How far the car leaves the middle of its lane, to and fro.

@@ -55,7 +55,7 @@ class TerrestrialScan:
     row, column : (N,) uint16
         Place in the angular grid; row 0 is the lowest.
     shape : (rows, columns)
-        Of the whole grid.
+        Shape of the whole grid.
     resolution_deg : float
     first_azimuth_deg, first_elevation_deg : float
         Centre of column 0 and of row 0.
@@ -113,7 +113,7 @@ def terrestrial_scan(
     ----------
     scene : Scene
     resolution_deg : float
-        Of the grid, in azimuth and in elevation.
+        Step of the grid, in azimuth and in elevation.
     field_of_view : ((azimuth, azimuth), (elevation, elevation)), degrees
     range_noise : float, metres
         Standard deviation of a range (the VZ-400's data sheet: precision 3 mm).

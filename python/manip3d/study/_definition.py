@@ -160,7 +160,7 @@ class Common:
     kind : {"rating", "jnd", "display"}
     title : str
     seed : int
-        Of all orders.
+        Seed of all random orders.
     consent : sequence of str
         Paragraphs that a participant agrees to.
     introduction : sequence of str

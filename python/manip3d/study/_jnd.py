@@ -55,9 +55,9 @@ class Staircase:
     Attributes
     ----------
     level : int
-        Of the next comparison.
+        Level of the next comparison.
     step : int
-        By which it changes.
+        Amount by which the level changes.
     lowest, highest : int
     trials : list of (int, bool)
         Level and whether the answer was right.
@@ -112,9 +112,9 @@ class Rules:
     start, step, lowest, highest : int
         Percent of the original's polygons.
     reversals : int
-        After which it ends.
+        Number of reversals after which a staircase ends.
     most_trials : int
-        After which it ends at the latest.
+        Number of comparisons after which it ends in any case.
     """
 
     start: int = 50
@@ -180,7 +180,7 @@ class JndModel:
     file : str
         Beside the definition, or ``data:`` and the name of a public mesh.
     kind : str
-        Of `CLASSES`.
+        Name out of `CLASSES`.
     up : {"y", "z"}
         The mesh's axis that points upwards: it turns about that.
     """
@@ -200,7 +200,7 @@ class JndStudy(Study):
     common : Common
     models : sequence of JndModel
     methods : sequence of str
-        Of `METHODS`.
+        Names out of `METHODS`.
     rules : Rules
     size_deg : float
         Width of each mesh's pane in visual degrees.
@@ -587,9 +587,9 @@ class JndLevel:
     file : str
     model, method : str
     difference_percent : int
-        That was asked for.
+        Difference in faces that was asked for, percent of the original's.
     faces : int
-        That it has.
+        Number of faces of the stimulus.
     reached_percent : float
         Difference that it has, percent of the original's faces.
     """

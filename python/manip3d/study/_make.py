@@ -54,9 +54,10 @@ def make_stimuli(
     definition : path-like
         A TOML or JSON file.
     frames, surfaces, seed : int
-        Of a rating, as of `make_rating_stimuli`.
+        For a rating only: as in `make_rating_stimuli`.
     images : path-like, optional
-        Of a rating: take one's own pictures and clips instead, by `copy_rating_stimuli`.
+        For a rating only: folder of your own pictures and clips, which `copy_rating_stimuli` takes
+        instead.
     overwrite : bool
         Replace the folder if it is there.
     progress : callable, optional

@@ -106,7 +106,7 @@ def write_template(name: str, path: str | os.PathLike[str], *, example: bool = F
     Parameters
     ----------
     name : str
-        Of `TEMPLATES`.
+        Name out of `TEMPLATES`.
     path : path-like
         A name that ends in ``.toml``.
     example : bool

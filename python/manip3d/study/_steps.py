@@ -39,7 +39,7 @@ class Field:
         The question.
     type : FieldType
     choices : sequence of (str, str)
-        Of a choice: value and label.
+        Values and labels of a choice.
     low, high : float
         Ends of a scale, a number or a card.
     ends : (str, str)
@@ -148,7 +148,7 @@ class Step:
     size_deg : float
         Width of a stimulus in visual degrees; 0: as large as there is room.
     turn_s : float
-        In which meshes turn round once.
+        Time in which meshes turn round once, seconds.
     minimum_s : float
         For which it is shown at least.
     button : str

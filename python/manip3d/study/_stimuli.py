@@ -148,7 +148,7 @@ def make_rating_stimuli(
     composition : mapping, optional
         Numbers of stimuli as `PUBLISHED_COMPOSITION`, which is the default.
     frames : int
-        Of a clip, 10 a second.
+        Number of frames of a clip, 10 a second.
     examples : bool
         Also one image of each class, shown before.
     surfaces : int
@@ -273,7 +273,7 @@ def copy_rating_stimuli(
     output : path-like
         A folder to be made, with ``stimuli.csv``.
     seed : int
-        Of the names that the files get.
+        Seed of the names that the files get.
     overwrite : bool
         Replace the folder if it is there.
 

@@ -46,7 +46,7 @@ class Answer:
     time_ns : int
         When it was stored, by `time.time_ns`.
     assigned : int or None
-        Of the step that tells the group: how many others of that group came before.
+        How many other participants of the group came before; set in the step that tells the group.
     """
 
     step: str

@@ -137,15 +137,16 @@ def open_thing(
     source : path or str
         A file, a folder of frames, or an address as `manip3d.capture.open` takes it.
     frame : int, optional
-        Which scan or frame, from 0 on; default: the first, of LiDAR packets the first whole turn.
+        Number of the scan or frame, from 0 on. Default: the first one; for LiDAR packets the first
+        whole turn.
     intrinsics : Intrinsics, optional
-        Of a depth image or of a folder of them.
+        Camera of a depth image or of a folder of them.
     unit : str or float
         Unit of a depth image, as `manip3d.io.read_depth_guessing` takes it.
     color : path, optional
         Colour image of a depth image, of the same size.
     calibration : path, optional
-        Of an HDL-64E, for recordings of its packets.
+        Calibration file of an HDL-64E, for recordings of its packets.
 
     Raises
     ------

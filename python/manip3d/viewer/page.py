@@ -324,7 +324,7 @@ def html(
     max_faces : int
         Larger meshes are shown simplified, and say so.
     max_points : int
-        Of more points as many are shown, and the page says so.
+        Most points shown. A larger cloud is thinned to that number, and the page says so.
 
     Returns
     -------
@@ -576,7 +576,7 @@ def figure(
     caption : str
     height : int, pixels
     max_points : int
-        Of more points as many are shown, and the figure says so.
+        Most points shown. A larger cloud is thinned to that number, and the figure says so.
     """
     try:
         inner = iframe(html(thing, max_points=max_points), height=height)
@@ -609,7 +609,7 @@ def view(thing: Any, output: str | os.PathLike[str] | None = None, **options: An
         Where to write; without it a page in the folder for temporary files is opened in the
         browser, where there is a display.
     **options
-        Of `html`; for ``.png`` of `picture`, or of `comparison` for several things.
+        Options of `html`; for ``.png`` those of `picture`, or of `comparison` for several things.
 
     Returns
     -------
@@ -664,7 +664,7 @@ def play(
         Where to write; without it a page in the folder for temporary files is opened in the
         browser, where there is a display.
     **options
-        Of `film`.
+        Options of `film`.
 
     Returns
     -------

@@ -73,11 +73,12 @@ def textured_picture(
     ----------
     phantom : PhantomFrame
     color : (H', W', 3) uint8, optional
-        Of the frame; without it all is grey.
+        Colour image of the frame; without it everything is grey.
     with_phantom : bool
         Without it, the person as measured, less the affected limb.
     phantom_color : (H', W', 3) uint8, optional
-        Of frame ``phantom.texture_number`` while the phantom is held; by default the result's own.
+        Colour image of frame ``phantom.texture_number`` while the phantom is held; by default the
+        result's own.
     """
     if phantom_color is None and color is not None:
         phantom_color = phantom.phantom_color
@@ -161,7 +162,7 @@ def surface_picture(
         In the frame of the depth camera.
     faces : (m, 3) int32
     texcoords : (n, 2) float32
-        Of each vertex.
+        Texture coordinates of each vertex.
     color, camera, azimuth, threads
         As of `mesh_picture`.
 
@@ -224,8 +225,8 @@ def phantom_sheet(
     Returns
     -------
     (H, 3 W, 3) uint8
-        Of H x W depth pixels. Where there is no colour at the pixels of the depth, the first
-        picture is the depth.
+        Three pictures of H x W depth pixels side by side. Where there is no colour at the pixels of
+        the depth, the first picture is the depth.
 
     Raises
     ------

@@ -83,11 +83,11 @@ def picture(
     up : 'y', 'z' or '-y'
         The upward axis; ``-y`` is that of a camera (x right, y down, z ahead).
     place : str, optional
-        Of points: the name of one of `DrawnPoints.poses`; the first one by default.
+        For points only: name of one of `DrawnPoints.poses`; the first one by default.
     color_by : str, optional
-        Of points: the name of one of `DrawnPoints.columns`; the first one by default.
+        For points only: name of one of `DrawnPoints.columns`; the first one by default.
     legend : bool
-        Of points: write what the colours mean into the lower left corner.
+        For points only: write what the colours mean into the lower left corner.
     shading : 'smooth' or 'flat'
         ``smooth`` uses the file's normals, else averages over edges flatter than 40 degrees;
         ``flat`` gives each triangle its own shade.
@@ -143,7 +143,7 @@ def points_picture(
     boxes : sequence of Box, or mapping of str to sequence of Box
         Drawn as lines, each label or key in its own colour.
     **options
-        Of `picture`.
+        Options of `picture`.
 
     Raises
     ------
@@ -228,7 +228,7 @@ def comparison(
     columns : int, optional
         Pictures per row; default: all in one row, at most four.
     size : (width, height), pixels
-        Of one picture, without its caption.
+        Size of one picture, without its caption.
     azimuth, elevation, zoom, up, place, color_by, legend, shading, texture, wireframe, boundary, \
     backfaces, background
         As for `picture`.

@@ -131,7 +131,7 @@ class Classes:
     name : str
         ``verdict``, ``truth``, ...
     values : (N,) uint8
-        Which of ``labels``.
+        Index into ``labels``.
     labels : sequence of str
     palette : sequence of (r, g, b) of 0 to 255
         One for each label.
@@ -542,7 +542,7 @@ def box_lines(
     ----------
     boxes : sequence of Box, or mapping of str to sequence of Box
     colors : mapping of str to (r, g, b), optional
-        Of labels or keys; the others take those of a palette in turn.
+        Colours by label or key; the others take the colours of a palette in turn.
     """
     groups: dict[str, list[Box]] = {}
     if isinstance(boxes, Mapping):
@@ -697,7 +697,7 @@ class DepthImage(Showable):
     intrinsics : Intrinsics, optional
         Without it a camera is assumed that sees as much as a Kinect V1.
     color : (H, W, 3) uint8, optional
-        Of the same pixels.
+        Colour of the same pixels.
     """
 
     depth: NDArray[Any]
@@ -746,7 +746,7 @@ def depth_points(
         0 and NaN mean no measurement.
     intrinsics : Intrinsics
     color : (H', W', 3) uint8, optional
-        Of the depth image's pixels, or of ``registration``.
+        Colour image on the depth image's pixels, or seen by the colour camera of ``registration``.
     registration : Registration, optional
         Where the colour camera stands.
 

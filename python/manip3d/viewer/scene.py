@@ -144,7 +144,7 @@ class Direction(NamedTuple):
         Raises
         ------
         InputError
-            That is no direction.
+            The text is no direction.
         """
         chosen = Direction(
             self.azimuth if azimuth is None else azimuth,

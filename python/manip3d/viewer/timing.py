@@ -34,9 +34,9 @@ class FrameTimes:
     Attributes
     ----------
     milliseconds : (N,) float64
-        Of each frame, until its last pixel was drawn.
+        Time of each frame, until its last pixel was drawn.
     num_faces : int
-        Of the scene.
+        Number of faces of the scene.
     driver : str
         What OpenGL says of whoever draws: a graphics card, or a program that stands in for one.
     """
