@@ -76,6 +76,16 @@ verified = authenticate.WatermarkResult(
     "authentic", "every point", "intact", "in order", 0, "unknown", is_end=True
 )
 
+
+def carrying_picture() -> np.ndarray:
+    """A picture with the header of a record, and zeros behind it."""
+    header = b"m3d-wm01" + bytes(86) + bytes([4, 0, 1, 0])
+    bits = np.unpackbits(np.frombuffer(header, np.uint8), bitorder="little")
+    picture = np.zeros((128, 128), np.uint8)
+    picture.reshape(-1)[: len(bits)] = bits
+    return picture
+
+
 walk = [capsule_body.painted(number) for number in range(6)]
 moves = io.Motion(
     JOINTS,
@@ -124,6 +134,10 @@ KERNELS: dict[str, Kernel] = {
         person_mesh.vertices, person_mesh.labels, skeleton, walk[5].skeletons[0]
     ),
     "authenticate.noise_blocks": lambda _: authenticate.noise_blocks(1),
+    "authenticate.record_of_picture": lambda _: authenticate.record_of_picture(carrying_picture()),
+    "authenticate.without_record": lambda _: authenticate.without_record(
+        np.full((128, 128), 255, np.uint8)
+    ),
     "authenticate.embed_paper": lambda _: authenticate.embed_paper(on_grid, blocks),
     "authenticate.compare_paper": lambda _: authenticate.compare_paper(
         marked.frame, blocks, marked.metadata
@@ -270,12 +284,15 @@ READ_FILES = {
     "authenticate.drive_scans",
     "authenticate.drive_times",
     "authenticate.plain_name",
+    "authenticate.picture_path",
+    "authenticate.read_carrier",
     "authenticate.read_record",
     "authenticate.read_rigs",
     "authenticate.record_path",
     "forge.read_stream_truth",
     "authenticate.refuse_existing_record",
     "authenticate.write_rigs",
+    "authenticate.write_carrier",
     "authenticate.write_watermarked",
     "simplify.simplify_depth_file",
     "simplify.common_depth_unit",

@@ -196,6 +196,7 @@ OF_A_SECOND = {
     "authenticate.estimate_grid", "authenticate.kitti_lattice",
     "authenticate.inspect_drive", "authenticate.verdict_of_drive",
     "authenticate.combined_verdict", "authenticate.occlusion_consistency",
+    "authenticate.record_of_picture", "authenticate.without_record",
     "authenticate.noise_blocks", "authenticate.embed_paper", "authenticate.compare_paper",
     "authenticate.verdict_of_stream", "authenticate.depth_noise", "authenticate.inter_frame_noise",
     "authenticate.inspect_stream", "forge.background_plate", "forge.without_people",

@@ -3,8 +3,11 @@
 #include <pybind11/stl.h>
 #include <pybind11/typing.h>
 
+#include <cstdint>
 #include <numbers>
+#include <optional>
 #include <string>
+#include <tuple>
 #include <utility>
 
 #include "interruptible.hpp"
@@ -32,6 +35,19 @@ ScanLattice to_lattice(const CArray<double>& rings, int steps, double range_step
     lattice.rings.push_back({row[0], row[1], row[2], row[3], row[4], row[5], row[6]});
   }
   return lattice;
+}
+
+// Ring, count, azimuth, line error, step error, range error.
+using Reading = std::tuple<CArray<std::int32_t>, CArray<std::int32_t>, CArray<float>, CArray<float>,
+                           CArray<float>, CArray<float>>;
+
+LatticeReading to_reading(const Reading& reading) {
+  return {rows<Indices>(std::get<0>(reading), "ring"),
+          rows<Indices>(std::get<1>(reading), "count"),
+          rows<Eigen::VectorXf>(std::get<2>(reading), "azimuth"),
+          rows<Eigen::VectorXf>(std::get<3>(reading), "line_error"),
+          rows<Eigen::VectorXf>(std::get<4>(reading), "step_error"),
+          rows<Eigen::VectorXf>(std::get<5>(reading), "range_error")};
 }
 
 constexpr const char* kDroppedNames[] = {"",        "unknown",   "contradicted",
@@ -131,9 +147,12 @@ void bind_lattice(py::module_& m) {
       "generic_consistency",
       [](const CArray<float>& points, const CArray<double>& rings, int steps, double range_step,
          double coordinate_step, double tolerance, double range_incoherence, double azimuth_error,
-         const CArray<float>& previous, const CArray<float>& following, int threads) {
+         const CArray<float>& previous, const CArray<float>& following, int threads,
+         const std::optional<Reading>& reading) {
         const PointsView view(rows<Points>(points, "points"));
         const ScanLattice lattice = to_lattice(rings, steps, range_step, coordinate_step);
+        std::optional<LatticeReading> read;
+        if (reading) read = to_reading(*reading);
         const PointsView earlier(rows<Points>(previous, "previous"));
         const PointsView later(rows<Points>(following, "following"));
         GenericOptions options;
@@ -144,7 +163,10 @@ void bind_lattice(py::module_& m) {
         GenericResult result;
         {
           const py::gil_scoped_release nogil;
-          result = generic_consistency(view, lattice, options, earlier, later, interruptible());
+          result =
+              read ? generic_consistency(view, lattice, std::move(*read), options, earlier, later,
+                                         interruptible())
+                   : generic_consistency(view, lattice, options, earlier, later, interruptible());
         }
         Fields fields;
         fields["evidence"] = to_list(result.evidence);
@@ -159,7 +181,7 @@ void bind_lattice(py::module_& m) {
       py::arg("points").noconvert(), py::arg("rings").noconvert(), py::arg("steps"),
       py::arg("range_step"), py::arg("coordinate_step"), py::arg("tolerance"),
       py::arg("range_incoherence"), py::arg("azimuth_error"), py::arg("previous").noconvert(),
-      py::arg("following").noconvert(), py::arg("threads"));
+      py::arg("following").noconvert(), py::arg("threads"), py::arg("reading") = py::none());
   m.def(
       "compare_turns",
       [](const CArray<float>& points, const CArray<float>& previous, const CArray<float>& following,
@@ -189,9 +211,11 @@ void bind_lattice(py::module_& m) {
       "compare_reflectance",
       [](const CArray<float>& points, const CArray<float>& reflectance, const CArray<double>& rings,
          const std::vector<CArray<float>>& turns, const std::vector<CArray<double>>& motions,
-         int threads) {
+         int threads, const std::optional<Reading>& reading) {
         const PointsView view = points_view(points, reflectance);
         const ScanLattice lattice = to_lattice(rings, 0, 0.0, 0.0);
+        std::optional<LatticeReading> read;
+        if (reading) read = to_reading(*reading);
         const bool both = turns.size() == 4 && motions.size() == 2;
         if (!both && !turns.empty()) throw InputError("turns: expected two turns or none");
         const PointsView none;
@@ -206,13 +230,18 @@ void bind_lattice(py::module_& m) {
         std::vector<ReflectanceRegion> regions;
         {
           const py::gil_scoped_release nogil;
-          regions = compare_reflectance(view, lattice, both ? &previous : nullptr,
-                                        both ? &following : nullptr, options, interruptible());
+          const ReflectanceTurn* first = both ? &previous : nullptr;
+          const ReflectanceTurn* second = both ? &following : nullptr;
+          regions =
+              read ? compare_reflectance(view, lattice, std::move(*read), first, second, options,
+                                         interruptible())
+                   : compare_reflectance(view, lattice, first, second, options, interruptible());
         }
         return to_list(std::move(regions));
       },
       py::arg("points").noconvert(), py::arg("reflectance").noconvert(),
-      py::arg("rings").noconvert(), py::arg("turns"), py::arg("motions"), py::arg("threads"));
+      py::arg("rings").noconvert(), py::arg("turns"), py::arg("motions"), py::arg("threads"),
+      py::arg("reading") = py::none());
   m.attr("CELL_COLUMNS") = kCellColumns;
   m.attr("CELL_RINGS") = kCellRings;
 }

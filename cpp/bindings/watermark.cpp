@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -66,6 +67,21 @@ ExactView exact_view(const std::optional<CArray<double>>& exact) {
   return {exact->data(), static_cast<std::size_t>(exact->size())};
 }
 
+// (H, W) or (H, W, 3) uint8, or nothing.
+std::optional<PictureView> picture_view(const std::optional<CArray<std::uint8_t>>& picture) {
+  if (!picture) return std::nullopt;
+  const py::ssize_t most = std::numeric_limits<std::uint32_t>::max();
+  const bool is_grey = picture->ndim() == 2;
+  if (!(is_grey || picture->ndim() == 3) || picture->shape(0) > most || picture->shape(1) > most ||
+      (!is_grey && picture->shape(2) != 3)) {
+    throw InputError("picture: expected shape (H, W) or (H, W, 3)");
+  }
+  return PictureView{{picture->data(), static_cast<std::size_t>(picture->size())},
+                     static_cast<std::uint32_t>(picture->shape(0)),
+                     static_cast<std::uint32_t>(picture->shape(1)),
+                     is_grey ? 1U : 3U};
+}
+
 using Embedder = Exclusive<WatermarkEmbedder>;
 using Verifier = Exclusive<WatermarkVerifier>;
 using Key = Exclusive<WatermarkKey>;
@@ -73,10 +89,11 @@ using Key = Exclusive<WatermarkKey>;
 py::tuple embed(Embedder& self, const CArray<float>& points, const CArray<float>& intensity,
                 std::int64_t time_ns, std::uint32_t num_dropped, bool is_end,
                 const std::optional<py::bytes>& context, const std::optional<CArray<double>>& exact,
-                const std::array<std::int64_t, 3>& offset) {
+                const std::array<std::int64_t, 3>& offset,
+                const std::optional<CArray<std::uint8_t>>& picture) {
   const PointsView view = points_view(points, intensity);
   const ExactView wide = exact_view(exact);
-  WatermarkFrame frame{time_ns, num_dropped, is_end, std::nullopt, offset};
+  WatermarkFrame frame{time_ns, num_dropped, is_end, std::nullopt, offset, picture_view(picture)};
   if (context) frame.context = fixed<32>(*context, "context");
   WatermarkedScan scan = self.with([&](WatermarkEmbedder& embedder) {
     const py::gil_scoped_release nogil;
@@ -84,7 +101,7 @@ py::tuple embed(Embedder& self, const CArray<float>& points, const CArray<float>
   });
   const py::bytes record = to_bytes(scan.record);
   return py::make_tuple(to_numpy(std::move(scan.points)), record, scan.frame, scan.num_tiles,
-                        to_numpy(std::move(scan.exact)));
+                        to_numpy(std::move(scan.exact)), to_numpy(std::move(scan.picture)));
 }
 
 Fields to_fields(const WatermarkHeader& header) {
@@ -152,13 +169,15 @@ Fields to_fields(WatermarkFinding&& finding) {
 
 Fields verify(Verifier& self, const CArray<float>& points, const CArray<float>& intensity,
               const py::bytes& record, const WatermarkPolicy& policy, std::uint32_t num_dropped,
-              std::int64_t now_ns, const std::optional<CArray<double>>& exact) {
+              std::int64_t now_ns, const std::optional<CArray<double>>& exact,
+              const std::optional<CArray<std::uint8_t>>& picture) {
   const PointsView view = points_view(points, intensity);
   const ExactView wide = exact_view(exact);
+  const std::optional<PictureView> seen = picture_view(picture);
   const std::vector<std::uint8_t> bytes = from_bytes(record);
   WatermarkFinding finding = self.with([&](WatermarkVerifier& verifier) {
     const py::gil_scoped_release nogil;
-    return verifier.verify(view, bytes, policy, num_dropped, now_ns, wide);
+    return verifier.verify(view, bytes, policy, num_dropped, now_ns, wide, seen);
   });
   return to_fields(std::move(finding));
 }
@@ -219,7 +238,8 @@ void bind_watermark(py::module_& m) {
       .def("embed", &embed, py::arg("points").noconvert(), py::arg("intensity").noconvert(),
            py::arg("time_ns"), py::arg("num_dropped"), py::arg("is_end"), py::arg("context"),
            py::arg("exact").noconvert() = py::none(),
-           py::arg("offset") = std::array<std::int64_t, 3>{})
+           py::arg("offset") = std::array<std::int64_t, 3>{},
+           py::arg("picture").noconvert() = py::none())
       .def_property_readonly("session",
                              [](Embedder& self) {
                                return self.with([](const WatermarkEmbedder& embedder) {
@@ -242,7 +262,7 @@ void bind_watermark(py::module_& m) {
            py::arg("key"))
       .def("verify", &verify, py::arg("points").noconvert(), py::arg("intensity").noconvert(),
            py::arg("record"), py::arg("policy"), py::arg("num_dropped"), py::arg("now_ns"),
-           py::arg("exact").noconvert() = py::none())
+           py::arg("exact").noconvert() = py::none(), py::arg("picture").noconvert() = py::none())
       .def("state",
            [](Verifier& self) {
              return to_bytes(
@@ -310,6 +330,18 @@ void bind_watermark(py::module_& m) {
       },
       py::arg("points").noconvert(), py::arg("intensity").noconvert(), py::arg("embedding"),
       py::arg("slices"), py::arg("least_points"));
+  m.def(
+      "watermark_in_picture",
+      [](const CArray<std::uint8_t>& picture) {
+        return to_bytes(record_in(*picture_view(picture)));
+      },
+      py::arg("picture").noconvert());
+  m.def(
+      "without_watermark_record",
+      [](const CArray<std::uint8_t>& picture) {
+        return to_numpy(without_record(*picture_view(picture)));
+      },
+      py::arg("picture").noconvert());
   m.def(
       "watermark_header",
       [](const py::bytes& record) {

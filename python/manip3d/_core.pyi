@@ -162,9 +162,11 @@ __all__: list[str] = [
     "unproject",
     "unproject_pixels",
     "watermark_header",
+    "watermark_in_picture",
     "watermark_order",
     "welded_boundary",
     "without_speckles",
+    "without_watermark_record",
     "writable_suffixes",
     "write_mesh",
     "write_points",
@@ -1551,6 +1553,7 @@ class WatermarkEmbedder:
         offset: typing.Annotated[
             collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex], "FixedSize(3)"
         ] = [0, 0, 0],
+        picture: numpy.typing.NDArray[numpy.uint8] | None = None,
     ) -> tuple[typing.Any, ...]: ...
     @property
     def session(self) -> bytes: ...
@@ -1584,6 +1587,7 @@ class WatermarkVerifier:
         num_dropped: typing.SupportsInt | typing.SupportsIndex,
         now_ns: typing.SupportsInt | typing.SupportsIndex,
         exact: numpy.typing.NDArray[numpy.float64] | None = None,
+        picture: numpy.typing.NDArray[numpy.uint8] | None = None,
     ) -> dict[str, typing.Any]: ...
 
 class PaperSettings:
@@ -1905,6 +1909,15 @@ def compare_reflectance(
     turns: collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float32]],
     motions: collections.abc.Sequence[typing.Annotated[numpy.typing.ArrayLike, numpy.float64]],
     threads: typing.SupportsInt | typing.SupportsIndex,
+    reading: tuple[
+        typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+    ]
+    | None = None,
 ) -> list[typing.Any]: ...
 def compare_turns(
     points: numpy.typing.NDArray[numpy.float32],
@@ -2023,6 +2036,15 @@ def generic_consistency(
     previous: numpy.typing.NDArray[numpy.float32],
     following: numpy.typing.NDArray[numpy.float32],
     threads: typing.SupportsInt | typing.SupportsIndex,
+    reading: tuple[
+        typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.int32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+        typing.Annotated[numpy.typing.ArrayLike, numpy.float32],
+    ]
+    | None = None,
 ) -> dict[str, typing.Any]: ...
 def grid_delaunay(pixels: numpy.typing.NDArray[numpy.int32]) -> numpy.ndarray: ...
 def grid_mesh(
@@ -2365,6 +2387,7 @@ def unproject_pixels(
     camera: typing.Any,
 ) -> numpy.ndarray: ...
 def watermark_header(record: bytes) -> dict[str, typing.Any]: ...
+def watermark_in_picture(picture: numpy.typing.NDArray[numpy.uint8]) -> bytes: ...
 def watermark_order(
     points: numpy.typing.NDArray[numpy.float32],
     intensity: numpy.typing.NDArray[numpy.float32],
@@ -2376,6 +2399,7 @@ def welded_boundary(mesh: typing.Any) -> numpy.ndarray: ...
 def without_speckles(
     depth: numpy.typing.NDArray[numpy.uint16], labels: numpy.typing.NDArray[numpy.uint8]
 ) -> tuple[typing.Any, ...]: ...
+def without_watermark_record(picture: numpy.typing.NDArray[numpy.uint8]) -> numpy.ndarray: ...
 def writable_suffixes() -> list[typing.Any]: ...
 def write_mesh(
     mesh: typing.Any,

@@ -12,7 +12,9 @@ import pytest
 
 import lattice_scans as scans
 import manip3d
+from manip3d import _core, authenticate
 from manip3d.authenticate import SensorLattice, estimate_lattice, generic_consistency
+from manip3d.authenticate._generic import consistency_allowing
 from manip3d.datasets import open_kitti
 from real_data import RealData
 
@@ -37,6 +39,49 @@ def box_of(points: np.ndarray, azimuth: float, span: float, top: float) -> np.nd
     """Rows of the points in a wedge ahead of the wall, for objects to stand in."""
     angle = np.abs(np.arctan2(points[:, 1], points[:, 0]) - azimuth)
     return (angle < span) & (points[:, 2] < top)
+
+
+def test_a_reading_that_is_handed_on_gives_the_same_bits(clean: np.ndarray) -> None:
+    forged = clean.copy()
+    forged[5000:5200, 0] += np.float32(0.5)
+    reading = LATTICE.read(forged)
+    before = [column.copy() for column in reading.columns]
+    alone = judged(forged)
+    handed = consistency_allowing("", forged, LATTICE, reading=reading)
+    assert handed.verdict == alone.verdict == "tampered"
+    assert handed.score == alone.score
+    assert handed.evidence == alone.evidence
+    np.testing.assert_array_equal(handed.suspected, alone.suspected)
+    np.testing.assert_array_equal(handed.evidence_map, alone.evidence_map)
+    for column, kept in zip(reading.columns, before, strict=True):
+        np.testing.assert_array_equal(column, kept)  # the detector works on its own copy
+
+    values = np.random.default_rng(4).integers(1, 99, len(forged)).astype(np.float32) / 100.0
+    values[box_of(forged, 0.5, 0.15, 1.0)] = 0.5
+    table = LATTICE.table
+    own = _core.compare_reflectance(forged, values, table, [], [], 1)
+    given = _core.compare_reflectance(forged, values, table, [], [], 1, reading.columns)
+    assert own
+    for first, second in zip(own, given, strict=True):
+        assert first[:2] == second[:2]
+        np.testing.assert_array_equal(first[2], second[2])
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "named"),
+    [(0, 64, "a ring"), (0, -2, "a ring"), (1, 4000, "a count"), (2, math.nan, "an azimuth")],
+)
+def test_a_reading_of_another_lattice_is_refused(
+    clean: np.ndarray, column: int, value: float, named: str
+) -> None:
+    columns = [each.copy() for each in LATTICE.read(clean).columns]
+    columns[column][7] = value
+    wrong = authenticate.LatticeReading(*columns)
+    with pytest.raises(manip3d.InputError, match=f"reading: expected {named}.* row 7"):
+        consistency_allowing("", clean, LATTICE, reading=wrong)
+    fewer = LATTICE.read(clean[1:])
+    with pytest.raises(manip3d.InputError, match="reading: expected that of"):
+        consistency_allowing("", clean, LATTICE, reading=fewer)
 
 
 # The reading against the definition, in double precision with libm.

@@ -90,7 +90,7 @@ def test_an_independent_implementation_writes_the_same(tmp_path: Path) -> None:
         embedder = _core.WatermarkEmbedder(
             core_key, bytes(16), bytes(range(16)), 1, 36, 300, False, False, units
         )
-        points, record, _, _, exact = embedder.embed(
+        points, record, _, _, exact, _ = embedder.embed(
             given, scan.intensity, 7, 0, True, None, scan.exact if is_exact else None, offset
         )
         other = oracle.Embedder(

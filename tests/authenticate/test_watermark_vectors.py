@@ -49,7 +49,7 @@ def test_known_answers(number: int, tmp_path: Path) -> None:
         points = grid_scan(vector["points"], 100 * number + frame)
         values = reflectances(len(points), number)
         context = bytes(range(32)) if number % 3 == 2 else None
-        written, record, _, _, _ = embedder.embed(
+        written, record, *_ = embedder.embed(
             points, values if vector["intensity"] else np.empty(0, np.float32),
             10**9 * frame + number, 0, frame + 1 == vector["frames"], context,
         )  # fmt: skip

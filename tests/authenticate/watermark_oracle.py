@@ -158,6 +158,7 @@ class Embedder:
     units: int = 1000
     offset: tuple[int, int, int] = (0, 0, 0)
     is_exact: bool = False  # coordinates are written in float64
+    carrier: int = 0
     keys: list[bytes] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -225,7 +226,7 @@ class Embedder:
             least *= 4
 
         flags = (self.frame == 0) | is_end << 1 | (context is not None) << 3
-        header = b"m3d-wm01" + struct.pack("<4B", 1, self.embedding, 0, flags)
+        header = b"m3d-wm01" + struct.pack("<4B", 1, self.embedding, self.carrier, flags)
         header += self.sensor + self.session + struct.pack("<Qq", self.frame, time_ns)
         units = 0 if self.embedding == DETACHED else self.units
         header += struct.pack("<I3q", units, *self.offset)

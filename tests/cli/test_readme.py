@@ -243,7 +243,20 @@ def make_watermark(words: list[str], place: Path) -> None:
     scans.mkdir(parents=True, exist_ok=True)
     scan = np.round(CAVE, 3)
     manip3d.LidarFrame(scan, np.zeros(len(scan), np.float32)).write(scans / "0000000000.bin")
-    if words[0] == "alert" or words[1] == "verify":
+    pictures = place / "drive" / "image_02" / "data"
+    pictures.mkdir(parents=True, exist_ok=True)
+    picture = np.full((375, 1242, 3), 100, np.uint8)
+    manip3d.authenticate.write_carrier(picture, pictures / "0000000000.png")
+    if "carried" in words and words[1] == "verify":
+        marker = manip3d.authenticate.Watermarker(key)
+        taken = manip3d.io.read_scan(scans / "0000000000.bin")
+        carried = marker.embed(taken, is_end=True, picture=picture)
+        manip3d.authenticate.write_watermarked(
+            carried,
+            place / "carried" / "velodyne_points" / "data" / "0000000000.bin",
+            picture=place / "carried" / "image_02" / "data" / "0000000000.png",
+        )
+    elif words[0] == "alert" or words[1] == "verify":
         marker = manip3d.authenticate.Watermarker(key)
         sent = marker.embed(manip3d.io.read_scan(scans / "0000000000.bin"), is_end=True)
         signed = place / "signed" / "velodyne_points" / "data"

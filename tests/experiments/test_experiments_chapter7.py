@@ -27,19 +27,44 @@ QUICK = Plan("simulated", "quick")
 def test_full_scale_has_the_published_frames() -> None:
     cases = table_7_2.EXPERIMENT.cases(Plan("simulated", "full"))
     assert registry()["table-7.2"] is table_7_2.EXPERIMENT
-    clean = [c.options["frames"] for c in cases if c.options["attack"] == "original"]
-    attacks = [c.options["frames"] for c in cases if c.options["attack"] != "original"]
-    assert sum(clean) == 1765
+    assert sum(case.options["frames"]["original"] for case in cases) == 1765
+    attacks = [sum(c.options["frames"].values()) - c.options["frames"]["original"] for c in cases]
     assert sum(attacks) == 8735
+    pieces = [c.options for c in cases if c.options["model"] == "drive 2"]
+    assert [piece["first"] for piece in pieces] == list(range(0, 395, 5))
+    assert all(max(piece["frames"].values()) <= 5 for piece in pieces)
+
+
+def piece(case: Case, detected: int, accused: int) -> Row:
+    counts = {
+        f"{attack} {kind}": accused if attack == "original" else detected
+        for attack in table_7_2._ATTACKS
+        for kind in table_7_2._KINDS
+    }
+    attacked = {f"{attack} attacked": 3 for attack in table_7_2._ATTACKS}
+    return {**case.options, **counts, **attacked, "data": "simulated", "error": "", "key": "k"}
 
 
 def rows(detected: int, accused: int) -> list[Row]:
-    made = []
-    for case in table_7_2.EXPERIMENT.cases(QUICK):
-        count = accused if case.options["attack"] == "original" else detected
-        row: Row = {**case.options, **dict.fromkeys(table_7_2._KINDS, count), "attacked": 3}
-        made.append(table_7_2.EXPERIMENT.complete(row | {"data": "simulated", "error": None}))
-    return made
+    experiment = table_7_2.EXPERIMENT
+    assert experiment.gather is not None
+    made = [piece(case, detected, accused) for case in experiment.cases(QUICK)]
+    return [experiment.complete(row) for row in experiment.gather(made)]
+
+
+def test_pieces_of_a_drive_are_added_up_and_a_failed_one_is_told() -> None:
+    experiment = table_7_2.EXPERIMENT
+    assert experiment.gather is not None
+    case = experiment.cases(QUICK)[0]
+    whole = piece(case, 2, 1)
+    failed = {**case.options, "data": "simulated", "error": "OSError: no", "key": "l"}
+    found = experiment.gather([whole, whole])
+    assert [row["attack"] for row in found] == list(table_7_2._ATTACKS)
+    assert [row["keyed lbm"] for row in found] == [2, 4, 4, 4, 4, 4, 4]
+    assert {(row["attacked"], row["error"], row["model"]) for row in found} == {(6, "", "drive 1")}
+    assert {row["error"] for row in experiment.gather([whole, failed])} == {
+        "1 of 2 pieces failed: OSError: no"
+    }
 
 
 @pytest.mark.parametrize(
@@ -55,11 +80,21 @@ def test_claims(detected: int, accused: int, holds: list[bool]) -> None:
 
 def test_one_frame_of_each_attack() -> None:
     pytest.importorskip("open3d")
-    for case in table_7_2.EXPERIMENT.cases(QUICK)[:7:3]:
-        row = table_7_2.detect(Case(case.run, {**case.options, "frames": 1}))
-        assert row["attacked"] == 1
-        expected = 0 if case.options["attack"] == "original" else 1
-        assert [row[kind] for kind in table_7_2._KINDS] == [expected] * 5
+    case = table_7_2.EXPERIMENT.cases(QUICK)[1]
+    frames = dict.fromkeys(table_7_2._ATTACKS, 1)
+    row = table_7_2.detect(Case(case.run, {**case.options, "frames": frames}))
+    for attack in table_7_2._ATTACKS:
+        assert row[f"{attack} attacked"] == 1
+        expected = 0 if attack == "original" else 1
+        assert [row[f"{attack} {kind}"] for kind in table_7_2._KINDS] == [expected] * 5
+
+
+def test_frames_of_a_piece_are_those_of_the_drive() -> None:
+    pytest.importorskip("open3d")
+    late = list(table_7_2._frames(300, 99, 2))
+    assert [number for number, _, _ in late] == [99, 100]  # the last of a street, the first of one
+    again = next(table_7_2._frames(300, 100, 1))
+    np.testing.assert_array_equal(late[1][1].points, again[1].points)
 
 
 # --- Figures --------------------------------------------------------------------------------------
@@ -98,7 +133,7 @@ def test_late_patterns_weigh_more_and_a_wrong_weight_is_told() -> None:
 
 def test_a_watermark_moves_points_by_what_is_printed(monkeypatch: pytest.MonkeyPatch) -> None:
     frame = manip3d.LidarFrame(grid_scan(40_000), reflectances(40_000))
-    monkeypatch.setattr(table_7_2, "_frames", lambda *_: iter([(frame, ())] * 2))
+    monkeypatch.setattr(table_7_2, "_frames", lambda *_: iter([(0, frame, ()), (1, frame, ())]))
     experiment, found = registry()["figure-7.10"], []
     for case in experiment.cases(QUICK)[:5]:
         row = figure_7_10.embed(case)

@@ -125,6 +125,68 @@ def test_sides_that_a_tracker_swaps_do_not_move_the_limb() -> None:
     assert result.plane.normal[0] < -0.9
 
 
+def test_sides_told_for_long_are_kept_for_longer() -> None:
+    """A tracker that was right for two seconds is not believed when it is wrong for 0.7."""
+    truth = pose()
+    swapped = replace(truth, positions=truth.positions[list(MIRRORED_JOINTS)])
+    pipeline = PhantomPipeline("right_arm")
+    for number in range(90):
+        told = swapped if 60 <= number < 80 else truth
+        result = pipeline.process(seen(truth, number, told=told))
+        assert result.plane is not None
+        assert result.plane.normal[0] > 0.95, number
+
+
+def drifting(limb: Limb, guessed: tuple[str, ...]) -> list[PhantomFrame]:
+    """Two seconds of somebody who stands still; errors of 2 cm, of guesses 10 cm, go on and on."""
+    rng = np.random.default_rng(3)
+    truth = pose(inferred=guessed)
+    scale = np.where(truth.states == 1, 0.10, 0.02)[:, None]
+    error = rng.normal(size=(25, 3))
+    pipeline = PhantomPipeline(limb)
+    results = []
+    for number in range(60):
+        error = 0.9 * error + np.sqrt(1.0 - 0.81) * rng.normal(size=(25, 3))
+        told = replace(truth, positions=(truth.positions + scale * error).astype(np.float32))
+        results.append(pipeline.process(seen(truth, number, told=told, camera=KINECT)))
+    return results
+
+
+def yaws(results: list[PhantomFrame]) -> NDArray[np.float64]:
+    """Degrees that the plane is turned by about the vertical."""
+    normals = np.array([result.plane.normal for result in results if result.plane is not None])
+    return np.asarray(np.rad2deg(np.arctan2(normals[:, 2], normals[:, 0])), np.float64)
+
+
+def test_joints_that_are_guessed_turn_the_plane_little() -> None:
+    guessed = yaws(drifting("left_leg", ("HipLeft", "HipRight", "SpineBase")))
+    assert np.sqrt(np.mean(guessed**2)) < 10.0
+
+
+def test_a_plane_is_no_surer_than_joints_that_drift() -> None:
+    results = drifting("left_leg", ())
+    said = np.array([result.quality.plane_deg for result in results])
+    off = np.abs(yaws(results))
+    assert (off < 3.0 * said).mean() > 0.95
+    assert said[-1] < said[1]
+
+
+def test_a_leg_at_the_plane_is_not_tracking() -> None:
+    crossed = {"KneeLeft": (0.03, -0.48, -0.15), "AnkleLeft": (-0.02, -0.85, -0.15),
+               "FootLeft": (-0.03, -0.90, -0.30)}  # fmt: skip
+    leg = (17, 18, 19)
+    apart, across = frame(pose(), KINECT, without=leg), frame(pose(crossed), KINECT, without=leg)
+    assert PhantomPipeline("right_leg").process(apart).quality.side < 0.5
+    pipeline = PhantomPipeline("right_leg")
+    result = pipeline.process(across)
+    assert result.quality.side > 0.5
+    assert result.state is PhantomState.DEGRADED
+    assert result.reason is PhantomReason.SHAKY
+    # Nor is it held there when the person is no longer told.
+    gone = replace(across, skeletons=(), time=across.time + 33_333_333, number=1)
+    assert pipeline.process(gone).state is PhantomState.LOST
+
+
 def test_the_plane_of_the_joints_is_still_there() -> None:
     told = jittered(pose(), np.random.default_rng(0), 0.02)
     first = PhantomPipeline("right_arm", plane="joints", smoothing="default").process(frame(told))

@@ -78,18 +78,24 @@ struct KeyLayout {
   int second_bits = 0, second_drop = 0;
 
   template <WatermarkOrder kOrder>
-  static KeyLayout of(const std::vector<WatermarkSample>& samples) {
+  static KeyLayout of(const std::vector<WatermarkSample>& samples,
+                      std::vector<std::uint32_t>& seconds) {
     std::int32_t low = std::numeric_limits<std::int32_t>::max();
     std::int32_t high = std::numeric_limits<std::int32_t>::min();
     std::uint32_t varying = 0;
     std::uint32_t least = std::numeric_limits<std::uint32_t>::max(), most = 0;
-    for (const WatermarkSample& s : samples) {
-      const std::int32_t value = first_of<kOrder>(s);
+    seconds.resize(samples.size());
+    const WatermarkSample* const all = samples.data();
+    const std::int32_t first = first_of<kOrder>(all[0]);
+    for (std::size_t i = 0; i < samples.size(); ++i) {
+      const std::int32_t value = first_of<kOrder>(all[i]);
       low = std::min(low, value);
       high = std::max(high, value);
-      varying |= static_cast<std::uint32_t>(value ^ first_of<kOrder>(samples[0]));
-      least = std::min(least, second_of<kOrder>(s));
-      most = std::max(most, second_of<kOrder>(s));
+      varying |= static_cast<std::uint32_t>(value ^ first);
+      const std::uint32_t second = second_of<kOrder>(all[i]);
+      seconds[i] = second;
+      least = std::min(least, second);
+      most = std::max(most, second);
     }
     KeyLayout layout;
     constexpr int kKeyBits = digits_of(kOrder) * kDigitBits;
@@ -107,10 +113,10 @@ struct KeyLayout {
   }
 
   template <WatermarkOrder kOrder>
-  [[nodiscard]] std::uint64_t key(const WatermarkSample& s) const {
+  [[nodiscard]] std::uint64_t key(const WatermarkSample& s, std::uint32_t second) const {
     const auto high = static_cast<std::uint64_t>(first_of<kOrder>(s) - low) >> first_drop;
     if constexpr (kOrder != WatermarkOrder::kHeightFirst) return high << second_bits;
-    return (high << second_bits) | ((second_of<kOrder>(s) - second_low) >> second_drop);
+    return (high << second_bits) | ((second - second_low) >> second_drop);
   }
 };
 
@@ -159,12 +165,11 @@ SliceTable::SliceTable(int num_slices) {
   }
 }
 
-template <typename Wide, typename Value>
-void SliceTable::find_all(const Value* xy, std::size_t count, std::size_t stride,
-                          std::uint16_t* slices) const {
+template <typename Wide, std::size_t kStride, typename Value>
+void SliceTable::find_all(const Value* xy, std::size_t count, std::uint16_t* slices) const {
   for (std::size_t i = 0; i < count; ++i) {
     const float angle =
-        diamond_angle(static_cast<float>(xy[i * stride]), static_cast<float>(xy[i * stride + 1]));
+        diamond_angle(static_cast<float>(xy[i * kStride]), static_cast<float>(xy[i * kStride + 1]));
     slices[i] =
         static_cast<std::uint16_t>(std::min(kCells - 1, static_cast<int>(angle * (kCells / 4))));
   }
@@ -172,7 +177,7 @@ void SliceTable::find_all(const Value* xy, std::size_t count, std::size_t stride
   const std::int32_t *boundary_x = x_.data(), *boundary_y = y_.data();
   const std::uint16_t* guesses = guesses_.data();
   for (std::size_t i = 0; i < count; ++i) {
-    const Value x = xy[i * stride], y = xy[i * stride + 1];
+    const Value x = xy[i * kStride], y = xy[i * kStride + 1];
     const std::uint16_t slice = guesses[slices[i]];
     // The cross product of the next boundary and the point is exact: 28 bits times 31 or 24.
     const auto next = static_cast<std::uint16_t>(slice + (slice < last));
@@ -183,14 +188,26 @@ void SliceTable::find_all(const Value* xy, std::size_t count, std::size_t stride
   }
 }
 
-void SliceTable::find(const std::int32_t* xy, std::size_t count, std::size_t stride,
+void SliceTable::find(const WatermarkSample* samples, std::size_t count,
                       std::uint16_t* slices) const {
-  find_all<std::int64_t>(xy, count, stride, slices);
+  if (count > 0) find_all<std::int64_t, 4>(&samples->x, count, slices);
 }
 
-void SliceTable::find(const float* xy, std::size_t count, std::size_t stride,
-                      std::uint16_t* slices) const {
-  find_all<double>(xy, count, stride, slices);
+void SliceTable::find(const float* xyz, std::size_t count, std::uint16_t* slices) const {
+  find_all<double, 3>(xyz, count, slices);
+}
+
+std::vector<std::uint32_t> count_slices(const std::vector<std::uint16_t>& slices, int num_slices) {
+  std::vector<std::uint32_t> counts(static_cast<std::size_t>(num_slices), 0);
+  // Neighbours are mostly of one slice: a run is counted at once, not by steps that wait for the
+  // one before them.
+  for (std::size_t begin = 0; begin < slices.size();) {
+    std::size_t end = begin + 1;
+    while (end < slices.size() && slices[end] == slices[begin]) ++end;
+    counts[slices[begin]] += static_cast<std::uint32_t>(end - begin);
+    begin = end;
+  }
+  return counts;
 }
 
 std::vector<std::uint16_t> merge_slices(const std::vector<std::uint32_t>& counts,
@@ -248,8 +265,7 @@ void CanonicalOrder::sort(const std::vector<WatermarkSample>& samples,
   const std::size_t size = samples.size();
   std::vector<std::uint32_t>& begins = tiled.begins;
   begins.assign(static_cast<std::size_t>(num_tiles) + 1, 0);
-  std::vector<std::uint32_t> counts(tile_of.size(), 0);
-  for (const std::uint16_t slice : slices) ++counts[slice];
+  const std::vector<std::uint32_t> counts = count_slices(slices, static_cast<int>(tile_of.size()));
   for (std::size_t s = 0; s < counts.size(); ++s) begins[tile_of[s] + 1U] += counts[s];
   std::partial_sum(begins.begin(), begins.end(), begins.begin());
 
@@ -267,17 +283,20 @@ void CanonicalOrder::sort(const std::vector<WatermarkSample>& samples,
       break;
   }
   tiled.samples.resize(size);
-  tiled.marks.resize(size);
+  tiled.marks.resize(marks.size());
   tiled.rows.resize(size);
-  const std::vector<std::uint64_t>& sorted = digits_of(order) % 2 == 0 ? items_ : other_;
+  const std::uint64_t* const sorted = (digits_of(order) % 2 == 0 ? items_ : other_).data();
+  const WatermarkSample* const from = samples.data();
+  WatermarkSample* const to = tiled.samples.data();
+  std::uint32_t* const rows = tiled.rows.data();
   constexpr std::size_t kAhead = 16;  // rows are scattered over the scan
   for (std::size_t i = 0; i < size; ++i) {
-    if (i + kAhead < size) __builtin_prefetch(samples.data() + sorted[i + kAhead] % kRows);
+    if (i + kAhead < size) __builtin_prefetch(from + sorted[i + kAhead] % kRows);
     const auto row = static_cast<std::uint32_t>(sorted[i] % kRows);
-    tiled.samples[i] = samples[row];
-    tiled.marks[i] = marks[row];
-    tiled.rows[i] = row;
+    to[i] = from[row];
+    rows[i] = row;
   }
+  for (std::size_t i = 0; i < marks.size(); ++i) tiled.marks[i] = marks[rows[i]];
 }
 
 template <WatermarkOrder kOrder>
@@ -286,10 +305,18 @@ void CanonicalOrder::sort_by(const std::vector<WatermarkSample>& samples,
                              const std::vector<std::uint16_t>& tile_of,
                              std::vector<std::uint32_t>& begins) {
   if (samples.empty()) return;
-  const KeyLayout layout = KeyLayout::of<kOrder>(samples);
+  const KeyLayout layout = KeyLayout::of<kOrder>(samples, seconds_);
   std::vector<std::uint32_t> next(begins.begin(), begins.end() - 1);
-  for (std::size_t i = 0; i < samples.size(); ++i) {
-    items_[next[tile_of[slices[i]]]++] = (layout.key<kOrder>(samples[i]) << kRowBits) | i;
+  for (std::size_t begin = 0; begin < samples.size();) {
+    std::size_t end = begin + 1;  // of a run of one slice, which stays together
+    while (end < samples.size() && slices[end] == slices[begin]) ++end;
+    std::uint32_t& place = next[tile_of[slices[begin]]];
+    std::uint64_t* const items = items_.data() + place;
+    for (std::size_t i = begin; i < end; ++i) {
+      items[i - begin] = (layout.key<kOrder>(samples[i], seconds_[i]) << kRowBits) | i;
+    }
+    place += static_cast<std::uint32_t>(end - begin);
+    begin = end;
   }
   const auto before = [&](std::uint64_t a, std::uint64_t b) {
     const std::size_t i = a % kRows, j = b % kRows;

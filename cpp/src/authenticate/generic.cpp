@@ -7,6 +7,7 @@
 #include <numeric>
 #include <optional>
 #include <span>
+#include <utility>
 
 #include "authenticate/file_order.hpp"
 #include "authenticate/ground_plane.hpp"
@@ -57,14 +58,15 @@ using SectorTally = std::array<std::int64_t, kSectors>;
 // One frame on its way through the stages; each stage fills in what the later ones need.
 class Examination {
  public:
-  Examination(const PointsView& points, const ScanLattice& lattice, const GenericOptions& options,
-              const PointsView& previous, const PointsView& following, const Progress& progress)
+  Examination(const PointsView& points, const ScanLattice& lattice, LatticeReading reading,
+              const GenericOptions& options, const PointsView& previous,
+              const PointsView& following, const Progress& progress)
       : points_(points),
         beside_{&previous, &following},
         lattice_(lattice),
         options_(options),
         progress_(progress),
-        reading_(read_lattice(points, lattice, options.num_threads, part_of(progress, 0.0, 0.1))),
+        reading_(std::move(reading)),
         cells_((lattice.num_rings() + kCellRings - 1) / kCellRings, kCellColumns, Strength{}) {
     result_.flags.assign(points.num_points(), 0);
     num_read_ = (reading_.ring.array() >= 0).count();
@@ -620,7 +622,21 @@ GenericResult generic_consistency(const PointsView& points, const ScanLattice& l
                                   const GenericOptions& options, const PointsView& previous,
                                   const PointsView& following, const Progress& progress) {
   check_options(options);
-  return Examination(points, lattice, options, previous, following, progress).run();
+  return Examination(
+             points, lattice,
+             read_lattice(points, lattice, options.num_threads, part_of(progress, 0.0, 0.1)),
+             options, previous, following, progress)
+      .run();
+}
+
+GenericResult generic_consistency(const PointsView& points, const ScanLattice& lattice,
+                                  LatticeReading reading, const GenericOptions& options,
+                                  const PointsView& previous, const PointsView& following,
+                                  const Progress& progress) {
+  check_options(options);
+  check_reading(reading, points, lattice);
+  return Examination(points, lattice, std::move(reading), options, previous, following, progress)
+      .run();
 }
 
 }  // namespace manip3d

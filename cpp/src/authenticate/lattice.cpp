@@ -18,6 +18,7 @@ constexpr int kMaxRings = 1024;
 constexpr int kMaxSteps = 65'536;
 constexpr double kSmallestStep = 1e-6;  // metres
 constexpr double kLargestStep = 1.0;
+constexpr float kLargestAzimuth = 6.2831855F;  // one turn, in single precision
 constexpr double kSmallestRho = 0.01;  // metres; nearer to the axis no line is told from another
 
 struct Beam : ScanLattice::Ring {
@@ -158,6 +159,33 @@ LatticeReading read_lattice(const PointsView& points, const ScanLattice& lattice
   const auto read = [&](std::int64_t begin, std::int64_t end) { reader.read(begin, end); };
   parallel_chunks(n, kChunk, num_threads, read, progress);
   return reading;
+}
+
+void check_reading(const LatticeReading& reading, const PointsView& points,
+                   const ScanLattice& lattice) {
+  check_points(points);
+  check_readable(lattice);
+  const Eigen::Index n = points.num_points();
+  for (const Eigen::Index size :
+       {reading.ring.size(), reading.count.size(), reading.azimuth.size(),
+        reading.line_error.size(), reading.step_error.size(), reading.range_error.size()}) {
+    if (size == n) continue;
+    throw InputError("reading: expected that of " + std::to_string(n) + " points, got that of " +
+                     std::to_string(size));
+  }
+  const auto refuse = [](const char* what, Eigen::Index i) {
+    throw InputError(std::string("reading: expected ") + what + " of the lattice in row " +
+                     std::to_string(i));
+  };
+  for (Eigen::Index i = 0; i < n; ++i) {
+    if (reading.ring(i) < -1 || reading.ring(i) >= lattice.num_rings()) refuse("a ring", i);
+    if (reading.count(i) < -1 || (lattice.steps > 0 && reading.count(i) >= lattice.steps)) {
+      refuse("a count", i);
+    }
+    if (!(reading.azimuth(i) >= 0.0F && reading.azimuth(i) <= kLargestAzimuth)) {
+      refuse("an azimuth", i);
+    }
+  }
 }
 
 }  // namespace manip3d

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "authenticate/watermark_record.hpp"
+#include "authenticate/wide_vectors.hpp"
 #include "manip3d/error.hpp"
 
 namespace manip3d {
@@ -84,8 +85,7 @@ Unit unit_of(double metres, double units, std::int64_t offset) {
 // Slices of integer samples.
 void find_slices(const SliceTable& slices, const LatticeSamples& found,
                  std::vector<std::uint16_t>& slice_of) {
-  if (found.samples.empty()) return;
-  slices.find(&found.samples[0].x, found.samples.size(), 4, slice_of.data());
+  slices.find(found.samples.data(), found.samples.size(), slice_of.data());
 }
 
 void sample_bits(const PointsView& points, const SliceTable& slices, LatticeSamples& found,
@@ -97,7 +97,7 @@ void sample_bits(const PointsView& points, const SliceTable& slices, LatticeSamp
                         std::bit_cast<std::int32_t>(z), intensity_of(points, row)};
     found.marks[i] = 0;
   }
-  slices.find(points.points.data(), found.samples.size(), 3, slice_of.data());
+  slices.find(points.points.data(), found.samples.size(), slice_of.data());
 }
 
 void make_room(const PointsView& points, LatticeSamples& found,
@@ -108,71 +108,131 @@ void make_room(const PointsView& points, LatticeSamples& found,
   slice_of.resize(size);
 }
 
-// Coordinates of a block of points as whole numbers of units.
-class Block {
- public:
-  static constexpr Eigen::Index kPoints = 128;
+// What a coordinate must be: near enough; the float32 of its place on the grid; that to the bit,
+// since -0 and 0 are the same place, but embedders write no -0.
+enum class Demand { kNear, kOnGrid, kWritten };
 
-  // The units of x and y, and those of z, a metre; values beyond the limit count as the next one.
-  Block(double units, double units_z, std::int32_t limit) : limit_(limit), beyond_(limit + 1) {
-    for (std::size_t i = 0; i < kValues; ++i) {
-      units_[i] = i % 3 == 2 ? units_z : units;
-      metres_[i] = 1.0 / units_[i];
+constexpr std::size_t kBlockPoints = 128;
+constexpr std::size_t kBlockValues = 3 * kBlockPoints;
+
+// Coordinates of a block of points as whole numbers of units, and -1 where they are as demanded.
+struct Block {
+  std::array<double, kBlockValues> units, metres;  // a metre; of a unit
+  std::array<std::int32_t, kBlockValues> q, good;
+  double limit = 0.0;
+
+  Block(double units_xy, double units_z, std::int32_t most) : limit(most) {
+    for (std::size_t i = 0; i < kBlockValues; ++i) {
+      units[i] = i % 3 == 2 ? units_z : units_xy;
+      metres[i] = 1.0 / units[i];
     }
   }
 
-  void read(const PointsView& points, Eigen::Index row) {
-    const auto count =
-        3 * static_cast<std::size_t>(std::min<Eigen::Index>(kPoints, points.num_points() - row));
-    const float* values = points.points.data() + 3 * row;
-    for (std::size_t i = 0; i < count; ++i) {  // no branches: four values at a time
-      const double scaled = static_cast<double>(values[i]) * units_[i];
-      const double low = scaled < beyond_ ? scaled : beyond_;
-      const double inside = low > -beyond_ ? low : -beyond_;
-      const double whole = (inside + kShift) - kShift;
-      const auto written = static_cast<float>(whole * metres_[i]);
-      q_[i] = static_cast<std::int32_t>(whole);
-      equal_[i] = written == values[i] ? -1 : 0;
-      same_[i] = std::bit_cast<std::int32_t>(written) == std::bit_cast<std::int32_t>(values[i]);
-    }
+  [[nodiscard]] bool is_good(std::size_t i) const {
+    return (good[3 * i] & good[3 * i + 1] & good[3 * i + 2]) != 0;
   }
-
-  [[nodiscard]] std::int32_t x(std::size_t i) const { return q_[3 * i]; }
-  [[nodiscard]] std::int32_t y(std::size_t i) const { return q_[3 * i + 1]; }
-  [[nodiscard]] std::int32_t z(std::size_t i) const { return q_[3 * i + 2]; }
-  // Whether all coordinates are within the limit; on the grid; on it to the bit: -0 and 0 are the
-  // same place, but embedders write no -0.
-  [[nodiscard]] bool fits(std::size_t i) const {
-    return std::abs(x(i)) < limit_ && std::abs(y(i)) < limit_ && std::abs(z(i)) < limit_;
-  }
-  [[nodiscard]] bool is_on_grid(std::size_t i) const { return all(equal_, i); }
-  [[nodiscard]] bool is_written(std::size_t i) const { return all(same_, i); }
-
- private:
-  static constexpr std::size_t kValues = 3 * kPoints;
-  template <typename T>
-  using Values = std::array<T, kValues>;
-
-  static bool all(const Values<std::int32_t>& flags, std::size_t i) {
-    return (flags[3 * i] & flags[3 * i + 1] & flags[3 * i + 2]) != 0;
-  }
-
-  std::int32_t limit_;
-  double beyond_;
-  Values<double> units_, metres_;
-  Values<std::int32_t> q_, equal_, same_;
 };
 
-// Calls `use(row, i)` for all rows, `i` being the place in the block that holds the row.
-template <typename Use>
-void for_each_row(const PointsView& points, Block& block, const Use& use) {
-  const Eigen::Index size = points.num_points();
-  for (Eigen::Index begin = 0; begin < size; begin += Block::kPoints) {
-    block.read(points, begin);
-    const Eigen::Index end = std::min(size, begin + Block::kPoints);
-    for (Eigen::Index row = begin; row < end; ++row)
-      use(row, static_cast<std::size_t>(row - begin));
+// Returns whether all values are as demanded; those beyond the limit count as the next one.
+template <Demand kDemand>
+MANIP3D_INLINE bool read_values(const float* values, std::size_t count, Block& block) {
+  const double beyond = block.limit + 1.0;
+  std::int32_t all = -1;
+  for (std::size_t i = 0; i < count; ++i) {  // no branches: several values at a time
+    const double scaled = static_cast<double>(values[i]) * block.units[i];
+    const double low = scaled < beyond ? scaled : beyond;
+    const double inside = low > -beyond ? low : -beyond;
+    const double whole = (inside + kShift) - kShift;
+    const auto written = static_cast<float>(whole * block.metres[i]);
+    const auto q = static_cast<std::int32_t>(whole);
+    const auto most = static_cast<std::int32_t>(block.limit);
+    std::int32_t good = (q < most) & (q > -most) ? -1 : 0;
+    if constexpr (kDemand == Demand::kOnGrid) good &= written == values[i] ? -1 : 0;
+    if constexpr (kDemand == Demand::kWritten) {
+      good &=
+          std::bit_cast<std::int32_t>(written) == std::bit_cast<std::int32_t>(values[i]) ? -1 : 0;
+    }
+    block.q[i] = q;
+    block.good[i] = good;
+    all &= good;
   }
+  return all != 0;
+}
+
+MANIP3D_INLINE void write_values(const std::int32_t* q, const double* metres, std::size_t count,
+                                 float* values) {
+  for (std::size_t i = 0; i < count; ++i) values[i] = on_grid(q[i], metres[i]);
+}
+
+template <Demand kDemand>
+bool read_block(const float* values, std::size_t count, Block& block) {
+  return read_values<kDemand>(values, count, block);
+}
+
+void write_block(const std::int32_t* q, const double* metres, std::size_t count, float* values) {
+  write_values(q, metres, count, values);
+}
+
+#ifdef MANIP3D_AVX2
+template <Demand kDemand>
+MANIP3D_AVX2 bool read_block_wide(const float* values, std::size_t count, Block& block) {
+  return read_values<kDemand>(values, count, block);
+}
+
+MANIP3D_AVX2 void write_block_wide(const std::int32_t* q, const double* metres, std::size_t count,
+                                   float* values) {
+  write_values(q, metres, count, values);
+}
+#endif
+
+// Calls `use(begin, end, all)` for blocks of rows, whose coordinates are in `block` then; `all`
+// says whether they all are as demanded.
+template <Demand kDemand, typename Use>
+void for_each_block(const PointsView& points, Block& block, const Use& use) {
+  auto* read = &read_block<kDemand>;
+#ifdef MANIP3D_AVX2
+  if (has_avx2()) read = &read_block_wide<kDemand>;
+#endif
+  const auto size = static_cast<std::size_t>(points.num_points());
+  for (std::size_t begin = 0; begin < size; begin += kBlockPoints) {
+    const std::size_t end = std::min(size, begin + kBlockPoints);
+    const bool all = read(points.points.data() + 3 * begin, 3 * (end - begin), block);
+    use(begin, end, all);
+  }
+}
+
+// Copies the intensities; 0 where there are none.
+void sample_intensities(const PointsView& points, LatticeSamples& found) {
+  WatermarkSample* const samples = found.samples.data();
+  const Eigen::Index size = points.num_points();
+  for (Eigen::Index row = 0; row < size; ++row) samples[row].intensity = intensity_of(points, row);
+}
+
+[[noreturn]] void refuse_first(const PointsView& points, const Block& block, std::size_t begin,
+                               std::size_t end, std::uint32_t units_per_m) {
+  std::size_t row = begin;
+  while (row + 1 < end && block.is_good(row - begin)) ++row;
+  const double reach = static_cast<double>(kReach) / units_per_m;
+  const std::string far = units_per_m == 1000 ? "4 km" : std::to_string(reach) + " m";
+  refuse(points.points.data(), static_cast<std::int64_t>(row),
+         grid_of(units_per_m) + ", within " + far);
+}
+
+template <Demand kDemand>
+void sample_blocks_for_embedding(const PointsView& points, const WatermarkOptions& options,
+                                 LatticeSamples& found) {
+  const bool is_lbm = options.embedding == WatermarkEmbedding::kLbm;
+  Block block(options.units_per_m, options.units_per_m, kReach);
+  WatermarkSample* const samples = found.samples.data();
+  for_each_block<kDemand>(points, block, [&](std::size_t begin, std::size_t end, bool all) {
+    if (!all) refuse_first(points, block, begin, end, options.units_per_m);
+    const std::int32_t* q = block.q.data();
+    for (std::size_t row = begin; row < end; ++row, q += 3) {
+      const std::int32_t shine = samples[row].intensity;
+      samples[row] = is_lbm ? WatermarkSample{q[0] & ~1, q[1] & ~1, q[2] & ~1, shine}
+                            : WatermarkSample{q[0], q[1], cell_of(q[2]), shine};
+    }
+  });
 }
 
 }  // namespace
@@ -185,27 +245,13 @@ void sample_for_embedding(const PointsView& points, const WatermarkOptions& opti
     sample_bits(points, slices, found, slice_of);
     return;
   }
-  const bool is_lbm = options.embedding == WatermarkEmbedding::kLbm;
-  Block block(options.units_per_m, options.units_per_m, kReach);
-  for_each_row(points, block, [&](Eigen::Index row, std::size_t i) {
-    if (!block.fits(i) || (!options.round && !block.is_on_grid(i))) {
-      const double reach = static_cast<double>(kReach) / options.units_per_m;
-      const std::string far = options.units_per_m == 1000 ? "4 km" : std::to_string(reach) + " m";
-      refuse(points.points.data(), row, grid_of(options.units_per_m) + ", within " + far);
-    }
-    WatermarkSample& s = found.samples[static_cast<std::size_t>(row)];
-    s.intensity = intensity_of(points, row);
-    if (is_lbm) {
-      s.x = block.x(i) & ~1;
-      s.y = block.y(i) & ~1;
-      s.z = block.z(i) & ~1;
-    } else {
-      s.x = block.x(i);
-      s.y = block.y(i);
-      s.z = cell_of(block.z(i));
-    }
-    found.marks[static_cast<std::size_t>(row)] = 0;
-  });
+  sample_intensities(points, found);
+  std::fill(found.marks.begin(), found.marks.end(), std::uint8_t{0});
+  if (options.round) {
+    sample_blocks_for_embedding<Demand::kNear>(points, options, found);
+  } else {
+    sample_blocks_for_embedding<Demand::kOnGrid>(points, options, found);
+  }
   find_slices(slices, found, slice_of);
 }
 
@@ -218,27 +264,27 @@ void sample_for_verification(const PointsView& points, WatermarkEmbedding embedd
     return;
   }
   const bool is_lbm = embedding == WatermarkEmbedding::kLbm;
+  sample_intensities(points, found);
   Block block(units_per_m, is_lbm ? units_per_m : kQuarters, kLimit);
-  for_each_row(points, block, [&](Eigen::Index row, std::size_t i) {
-    WatermarkSample& s = found.samples[static_cast<std::size_t>(row)];
-    s.intensity = intensity_of(points, row);
-    const std::int32_t x = block.x(i), y = block.y(i), z = block.z(i);
-    std::uint8_t mark;
-    if (is_lbm) {
-      s.x = x & ~1;
-      s.y = y & ~1;
-      s.z = z & ~1;
-      mark = static_cast<std::uint8_t>((x & 1) | (y & 1) << 1 | (z & 1) << 2);
-    } else {
-      s.x = x;
-      s.y = y;
-      s.z = z >> 2;
-      mark = static_cast<std::uint8_t>(z & 3);
+  WatermarkSample* const samples = found.samples.data();
+  std::uint8_t* const marks = found.marks.data();
+  const auto use = [&](std::size_t begin, std::size_t end, bool all) {
+    const std::int32_t* q = block.q.data();
+    for (std::size_t row = begin; row < end; ++row, q += 3) {
+      const std::int32_t x = q[0], y = q[1], z = q[2], shine = samples[row].intensity;
+      if (is_lbm) {
+        samples[row] = {x & ~1, y & ~1, z & ~1, shine};
+        marks[row] = static_cast<std::uint8_t>((x & 1) | (y & 1) << 1 | (z & 1) << 2);
+      } else {
+        samples[row] = {x, y, z >> 2, shine};
+        marks[row] = static_cast<std::uint8_t>(z & 3);
+      }
     }
-    const bool exact = block.fits(i) && block.is_written(i);
-    found.marks[static_cast<std::size_t>(row)] =
-        exact ? mark : static_cast<std::uint8_t>(mark | kOffLattice);
-  });
+    for (std::size_t row = begin; !all && row < end; ++row) {
+      if (!block.is_good(row - begin)) marks[row] |= kOffLattice;
+    }
+  };
+  for_each_block<Demand::kWritten>(points, block, use);
   find_slices(slices, found, slice_of);
 }
 
@@ -300,9 +346,27 @@ void write_sample(const WatermarkSample& sample, std::uint8_t bit, WatermarkEmbe
 
 void write_samples(const LatticeSamples& found, WatermarkEmbedding embedding,
                    std::uint32_t units_per_m, float* xyz) {
-  const double metres = 1.0 / units_per_m;
-  for (std::size_t i = 0; i < found.samples.size(); ++i) {
-    write_sample(found.samples[i], found.marks[i], embedding, xyz + 3 * i, metres);
+  const bool is_lbm = embedding == WatermarkEmbedding::kLbm;
+  const Block block(units_per_m, is_lbm ? units_per_m : kQuarters, 0);
+  std::array<std::int32_t, kBlockValues> units;
+  auto* write = &write_block;
+#ifdef MANIP3D_AVX2
+  if (has_avx2()) write = &write_block_wide;
+#endif
+  const WatermarkSample* const samples = found.samples.data();
+  const std::uint8_t* const marks = found.marks.data();
+  const std::size_t size = found.samples.size();
+  for (std::size_t begin = 0; begin < size; begin += kBlockPoints) {
+    const std::size_t end = std::min(size, begin + kBlockPoints);
+    std::int32_t* q = units.data();
+    for (std::size_t i = begin; i < end; ++i, q += 3) {
+      const WatermarkSample& s = samples[i];
+      const std::int32_t own = is_lbm ? marks[i] : 0;
+      q[0] = s.x | own;
+      q[1] = s.y | own;
+      q[2] = is_lbm ? s.z | own : 4 * s.z + mark_of(s, marks[i], embedding);
+    }
+    write(units.data(), block.metres.data(), 3 * (end - begin), xyz + 3 * begin);
   }
 }
 

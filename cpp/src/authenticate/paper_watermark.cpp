@@ -163,14 +163,13 @@ PaperMarked embed_paper(const PointsView& points, std::span<const std::uint8_t> 
     }
   }
   PaperMarked result;
-  std::vector<std::uint32_t> counts(static_cast<std::size_t>(options.slices), 0);
-  for (const std::uint16_t slice : slice_of) ++counts[slice];
+  const std::vector<std::uint32_t> counts = count_slices(slice_of, options.slices);
   PaperMetadata& metadata = result.metadata;
   metadata.tile_of =
       merge_slices(counts, static_cast<std::uint32_t>(options.block_bits), options.merge);
   const int num_tiles = 1 + *std::max_element(metadata.tile_of.begin(), metadata.tile_of.end());
   TiledSamples tiled;
-  CanonicalOrder().sort(found.samples, found.marks, slice_of, metadata.tile_of, num_tiles,
+  CanonicalOrder().sort(found.samples, {}, slice_of, metadata.tile_of, num_tiles,
                         order_of(options.embedding), tiled);
 
   result.points.resize(points.num_points(), 3);
@@ -182,17 +181,18 @@ PaperMarked embed_paper(const PointsView& points, std::span<const std::uint8_t> 
     metadata.counts.push_back(static_cast<std::uint32_t>(size));
     assignment.places(t, size, places);
     expected_bits(tiled, t, options.embedding, blocks, places, bits);
-    for (std::size_t j = 0; j < size; ++j) {
-      const WatermarkSample& sample = tiled.samples[begin + j];
-      float* xyz = result.points.data() + 3 * std::size_t{tiled.rows[begin + j]};
-      write_sample(sample, bits[j], keyed_kind(options.embedding), xyz);
-      if (printed) {
-        xyz[2] = static_cast<float>(static_cast<double>(printed_quantizer(sample.z, bits[j])) /
-                                    kCellQuarters);
-      } else if (options.embedding == PaperEmbedding::kQimCell && is_no_return(sample)) {
-        xyz[2] =
-            static_cast<float>((bits[j] != 0 ? 3.0 : 1.0) / kCellQuarters);  // all points carry
-      }
+    for (std::size_t j = 0; j < size; ++j) found.marks[tiled.rows[begin + j]] = bits[j];
+  }
+  write_samples(found, keyed_kind(options.embedding), 1000, result.points.data());
+  if (options.embedding == PaperEmbedding::kLbm) return result;
+  for (std::size_t i = 0; i < found.samples.size(); ++i) {
+    const WatermarkSample& sample = found.samples[i];
+    float& z = result.points.data()[3 * i + 2];
+    if (printed) {
+      z = static_cast<float>(static_cast<double>(printed_quantizer(sample.z, found.marks[i])) /
+                             kCellQuarters);
+    } else if (is_no_return(sample)) {  // all points carry
+      z = static_cast<float>((found.marks[i] != 0 ? 3.0 : 1.0) / kCellQuarters);
     }
   }
   return result;
@@ -243,11 +243,12 @@ PaperComparison compare_paper(const PointsView& points, std::span<const std::uin
       ++mismatches;
       result.rows.push_back(static_cast<std::int32_t>(read[j].second));
     }
-    std::sort(places.begin(), places.end());
-    places.erase(std::unique(places.begin(), places.end()), places.end());
-    result.and_mismatches.push_back(
-        std::count_if(places.begin(), places.end(),
-                      [&](std::uint32_t place) { return and_read[place] != and_expected[place]; }));
+    // The first group has each bit of the block once, the others repeat them.
+    const auto once = places.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(
+                                           size, static_cast<std::size_t>(options.block_bits)));
+    result.and_mismatches.push_back(std::count_if(places.begin(), once, [&](std::uint32_t place) {
+      return and_read[place] != and_expected[place];
+    }));
     result.mismatches.push_back(mismatches);
     result.counts.push_back(static_cast<std::uint32_t>(size));
   }

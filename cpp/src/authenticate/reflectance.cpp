@@ -7,6 +7,7 @@
 #include <numeric>
 #include <span>
 #include <string>
+#include <utility>
 
 #include "authenticate/natural_log.hpp"
 #include "authenticate/range_windows.hpp"
@@ -154,14 +155,14 @@ struct ReflectanceTally {
 
 class ReflectanceSearch {
  public:
-  ReflectanceSearch(const PointsView& points, const ScanLattice& lattice,
+  ReflectanceSearch(const PointsView& points, const ScanLattice& lattice, LatticeReading reading,
                     const ReflectanceOptions& options, const Progress& progress)
       : points_(points),
         lattice_(lattice),
         options_(options),
         progress_(progress),
         scale_(points),
-        reading_(read_lattice(points, lattice, options.num_threads, progress)),
+        reading_(std::move(reading)),
         rows_((lattice.num_rings() + kShareRings - 1) / kShareRings),
         ranges_(static_cast<std::size_t>(points.num_points()), 0.0) {
     for (Eigen::Index i = 0; i < points.num_points(); ++i) {
@@ -389,6 +390,14 @@ void check_reflectance_options(const ReflectanceOptions& options) {
   }
 }
 
+void check_compared(const PointsView& points, const ReflectanceTurn* previous,
+                    const ReflectanceTurn* following, const ReflectanceOptions& options) {
+  check_reflectance_options(options);
+  check_reflectance(points, "frame");
+  if (previous != nullptr) check_reflectance(previous->points, "previous");
+  if (following != nullptr) check_reflectance(following->points, "following");
+}
+
 }  // namespace
 
 std::vector<double> laser_gains(const PointsView& points, const LatticeReading& reading,
@@ -422,11 +431,21 @@ std::vector<double> laser_gains(const PointsView& points, const LatticeReading& 
 std::vector<ReflectanceRegion> compare_reflectance(
     const PointsView& points, const ScanLattice& lattice, const ReflectanceTurn* previous,
     const ReflectanceTurn* following, const ReflectanceOptions& options, const Progress& progress) {
-  check_reflectance_options(options);
-  check_reflectance(points, "frame");
-  if (previous != nullptr) check_reflectance(previous->points, "previous");
-  if (following != nullptr) check_reflectance(following->points, "following");
-  return ReflectanceSearch(points, lattice, options, progress).run(previous, following);
+  check_compared(points, previous, following, options);
+  return ReflectanceSearch(points, lattice,
+                           read_lattice(points, lattice, options.num_threads, progress), options,
+                           progress)
+      .run(previous, following);
+}
+
+std::vector<ReflectanceRegion> compare_reflectance(
+    const PointsView& points, const ScanLattice& lattice, LatticeReading reading,
+    const ReflectanceTurn* previous, const ReflectanceTurn* following,
+    const ReflectanceOptions& options, const Progress& progress) {
+  check_compared(points, previous, following, options);
+  check_reading(reading, points, lattice);
+  return ReflectanceSearch(points, lattice, std::move(reading), options, progress)
+      .run(previous, following);
 }
 
 }  // namespace manip3d

@@ -18,7 +18,8 @@ namespace manip3d {
 namespace {
 
 constexpr std::uint32_t kLeastEffective = 128;  // bits of a tile; 80 pass by luck too often
-constexpr std::size_t kMaxSessions = 4096;      // that a verifier remembers
+constexpr std::uint8_t kBeside = 0, kInPicture = 1;
+constexpr std::size_t kMaxSessions = 4096;  // that a verifier remembers
 
 WatermarkOrder order_of(WatermarkEmbedding embedding) {
   return embedding == WatermarkEmbedding::kDetached ? WatermarkOrder::kPlain
@@ -123,12 +124,11 @@ std::vector<std::int32_t> watermark_order(const PointsView& points,
   LatticeSamples found;
   std::vector<std::uint16_t> slice_of;
   sample_for_embedding(points, options, slices, found, slice_of);
-  std::vector<std::uint32_t> counts(static_cast<std::size_t>(slices.size()), 0);
-  for (const std::uint16_t slice : slice_of) ++counts[slice];
+  const std::vector<std::uint32_t> counts = count_slices(slice_of, slices.size());
   const std::vector<std::uint16_t> tile_of =
       merge_slices(counts, static_cast<std::uint32_t>(options.least_points), options.merge);
   TiledSamples tiled;
-  CanonicalOrder().sort(found.samples, found.marks, slice_of, tile_of,
+  CanonicalOrder().sort(found.samples, {}, slice_of, tile_of,
                         1 + *std::max_element(tile_of.begin(), tile_of.end()),
                         order_of(options.embedding), tiled);
   return {tiled.rows.begin(), tiled.rows.end()};
@@ -185,8 +185,7 @@ struct WatermarkEmbedder::State {
 
   // Merges slices until each tile has its bits; the tiles are in `tiled` then.
   void make_tiles() {
-    std::vector<std::uint32_t> counts(static_cast<std::size_t>(slices.size()), 0);
-    for (const std::uint16_t slice : slice_of) ++counts[slice];
+    const std::vector<std::uint32_t> counts = count_slices(slice_of, slices.size());
     const bool carries = header.embedding != WatermarkEmbedding::kDetached;
     for (std::uint64_t least = static_cast<std::uint64_t>(options.least_points);; least *= 4) {
       const auto bounded = static_cast<std::uint32_t>(
@@ -194,7 +193,7 @@ struct WatermarkEmbedder::State {
       header.tile_of = merge_slices(counts, bounded, options.merge);
       header.num_tiles = static_cast<std::uint16_t>(
           1 + *std::max_element(header.tile_of.begin(), header.tile_of.end()));
-      order.sort(found.samples, found.marks, slice_of, header.tile_of, header.num_tiles,
+      order.sort(found.samples, {}, slice_of, header.tile_of, header.num_tiles,
                  order_of(header.embedding), tiled);
       bool enough = true;
       for (std::size_t t = 0; carries && t < header.num_tiles; ++t) {
@@ -254,6 +253,9 @@ WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const Waterma
   check_points(points);
   if (points.num_points() == 0) throw InputError("points: expected at least one, got none");
   check_exact(points, exact);
+  if (frame.picture && frame.context) {
+    throw InputError("picture: expected no other context beside it");
+  }
   WatermarkHeader& header = s.header;
   header.is_exact = !exact.empty();
   header.offset = frame.offset;
@@ -269,12 +271,19 @@ WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const Waterma
   s.sample(points, grid);
   header.is_genesis = header.frame == 0;
   header.is_end = frame.is_end;
-  header.has_context = frame.context.has_value();
-  header.context = frame.context.value_or(std::array<std::uint8_t, 32>{});
+  header.carrier = frame.picture ? kInPicture : kBeside;
+  header.has_context = frame.context.has_value() || frame.picture.has_value();
+  header.context = frame.picture ? tag_of_picture(s.keys.image(), *frame.picture)
+                                 : frame.context.value_or(std::array<std::uint8_t, 32>{});
   header.time_ns = frame.time_ns;
   header.num_dropped = frame.num_dropped;
   header.has_intensity = points.has_intensity();
   s.make_tiles();
+  if (frame.picture && record_size(header.tile_of.size(), header.num_tiles) > kMostCarried) {
+    throw InputError("picture: expected a record of at most 2048 bytes, got " +
+                     std::to_string(header.num_tiles) + " tiles of " +
+                     std::to_string(header.tile_of.size()) + " slices");
+  }
 
   const std::vector<std::uint8_t> head = header_bytes(header);
   const std::vector<WatermarkTag> tags = tags_of_tiles(s.keys, head, s.tiled);
@@ -294,6 +303,7 @@ WatermarkedScan WatermarkEmbedder::embed(const PointsView& points, const Waterma
     }
   }
   result.record = s.make_record(head, tags);
+  if (frame.picture) result.picture = with_record(*frame.picture, result.record);
   result.frame = header.frame;
   result.num_tiles = header.num_tiles;
   ++header.frame;
@@ -375,7 +385,9 @@ void conclude(const WatermarkPolicy& policy, WatermarkFinding& finding) {
   const auto bits = std::count(finding.tiles.begin(), finding.tiles.end(), WatermarkTile::kBits);
   if (finding.content == WatermarkContent::kTampered) {
     const std::string total = " of " + std::to_string(finding.tiles.size()) + " tiles";
-    if (changed + bits == 0) {
+    if (changed + bits == 0 && finding.picture_changed) {
+      say(WatermarkVerdict::kTampered, "the picture is not the one that was signed");
+    } else if (changed + bits == 0) {
       say(WatermarkVerdict::kTampered, "the scan has other columns or points than were signed");
     } else if (changed > 0) {
       say(WatermarkVerdict::kTampered,
@@ -428,7 +440,8 @@ void WatermarkVerifier::reset() {
 WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
                                            std::span<const std::uint8_t> bytes,
                                            const WatermarkPolicy& policy, std::uint32_t num_dropped,
-                                           std::int64_t now_ns, ExactView exact) {
+                                           std::int64_t now_ns, ExactView exact,
+                                           const std::optional<PictureView>& picture) {
   State& s = *state_;
   if (s.root.size() == 0) throw Error("the verifier is closed");
   WatermarkFinding finding;
@@ -438,6 +451,7 @@ WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
   };
   check_points(points);
   check_exact(points, exact);
+  if (picture) check_picture(*picture);
   if (points.num_points() > policy.max_points) {
     return unverifiable("more points than the policy allows: " +
                         std::to_string(points.num_points()));
@@ -467,11 +481,21 @@ WatermarkFinding WatermarkVerifier::verify(const PointsView& points,
   }
   if (std::string why = objection(policy, record.header); !why.empty()) return unverifiable(why);
   finding.header = record.header;
+  if ((record.header.carrier == kInPicture) != picture.has_value()) {
+    return unverifiable(picture
+                            ? "the record is not one that a picture carries"
+                            : "the record binds the picture that carries it, which is not here");
+  }
   if (record.header.is_exact && exact.empty() && points.num_points() > 0) {
     return unverifiable(
         "coordinates were signed in float64, of which the scan has the float32 part only");
   }
   s.check_content(points, exact, bytes, record, num_dropped, finding);
+  if (picture) {
+    const WatermarkTag seen = tag_of_picture(s.keys.image(), *picture);
+    finding.picture_changed = !equal_in_constant_time(seen, record.header.context);
+    if (finding.picture_changed) finding.content = WatermarkContent::kTampered;
+  }
   s.find_place(record, finding);
   finding.freshness = freshness_of(policy, record.header, now_ns);
   conclude(policy, finding);

@@ -1,7 +1,6 @@
 #include "authenticate/watermark_record.hpp"
 
 #include <algorithm>
-#include <string_view>
 
 #include "authenticate/little_endian.hpp"
 #include "manip3d/error.hpp"
@@ -9,7 +8,6 @@
 namespace manip3d {
 namespace {
 
-constexpr std::string_view kRecordMagic = "m3d-wm01";
 constexpr std::uint8_t kGenesis = 1, kEnd = 2, kContext = 8;
 constexpr std::uint16_t kIntensity = 1, kExact = 2;
 constexpr std::size_t kPerTile = 20;
@@ -94,6 +92,12 @@ void check_merge_map(const WatermarkHeader& header, const RecordReader& reader) 
 }
 
 }  // namespace
+
+std::size_t record_size(std::size_t slices, std::size_t tiles) {
+  constexpr std::size_t kContextSize = 32, kPrevious = 32;
+  return WatermarkRecord::kFixedSize + 2 * slices + kContextSize + kPerTile * tiles + kPrevious +
+         kRecordEnd;
+}
 
 std::vector<std::uint8_t> header_bytes(const WatermarkHeader& header) {
   Writer out;

@@ -86,9 +86,9 @@ std::vector<std::uint32_t> keyed_permutation(std::span<const std::uint8_t> key,
     return load<std::uint32_t>(stream.data() + used - 4);
   };
   for (std::uint32_t left = size; left > 1; --left) {
-    const std::uint32_t rejected = (0U - left) % left;  // 2^32 mod left: these would be biased
     std::uint32_t drawn = next();
-    while (drawn < rejected) drawn = next();
+    // Those below 2^32 mod left would be biased; that is less than `left`, and seldom asked for.
+    while (drawn < left && drawn < (0U - left) % left) drawn = next();
     std::swap(order[left - 1], order[drawn % left]);
   }
   return order;

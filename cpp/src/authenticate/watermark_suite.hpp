@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "manip3d/authenticate/watermark_key.hpp"
+#include "manip3d/authenticate/watermark_picture.hpp"
 
 /// @file
 /// Suite 1 of the watermark: keyed BLAKE2b-256 for tags, ChaCha20 for bits and permutations.
@@ -48,6 +49,7 @@ class SessionKeys {
   [[nodiscard]] std::span<const std::uint8_t> tile() const { return key(0); }
   [[nodiscard]] std::span<const std::uint8_t> frame() const { return key(1); }
   [[nodiscard]] std::span<const std::uint8_t> bits() const { return key(2); }
+  [[nodiscard]] std::span<const std::uint8_t> image() const { return key(4); }
   void close() { keys_ = SecretBytes(); }
 
  private:
@@ -64,6 +66,10 @@ bool equal_in_constant_time(std::span<const std::uint8_t> a, std::span<const std
 /// ChaCha20(BLAKE2b(K_bits, tag), nonce 0): `count` bits, the lowest of each byte first.
 void carrier_bits(const SessionKeys& keys, const WatermarkTag& tag, std::size_t count,
                   std::vector<std::uint8_t>& stream);
+
+/// BLAKE2b(K_image, "m3d-image" | height u32 | width u32 | channels u32 | samples without the
+/// carrier's bits): what a record binds of the picture that carries it.
+WatermarkTag tag_of_picture(std::span<const std::uint8_t> key, const PictureView& picture);
 
 /// Permutation of [0, size): Fisher-Yates with rejection sampling over ChaCha20-IETF.
 std::vector<std::uint32_t> keyed_permutation(std::span<const std::uint8_t> key,

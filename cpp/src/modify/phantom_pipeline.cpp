@@ -325,16 +325,20 @@ class PhantomPipeline::Workspace {
   }
 
   /// A tracker may take left for right for a moment, which does not move a limb to the other side.
-  /// One that keeps to it is believed, and the person is begun anew.
+  /// One that keeps to it is believed, and the person is begun anew: the later, the longer it has
+  /// told otherwise.
   Skeleton with_sides_kept(const Skeleton& told, double time_s) {
-    constexpr double kPatience = 0.5;  // seconds
+    constexpr double kLeast = 0.5, kMost = 2.0;  // seconds
+    if (!frame_ || !follows_trunk()) sides_known_since_ = time_s;
     if (!frame_ || !follows_trunk() || !has_sides_swapped(told, *frame_)) {
       sides_kept_since_ = time_s;
       return told;
     }
-    if (time_s - sides_kept_since_ <= kPatience) return with_sides_swapped(told);
+    const double patience =
+        std::clamp(0.5 * (sides_kept_since_ - sides_known_since_), kLeast, kMost);
+    if (time_s - sides_kept_since_ <= patience) return with_sides_swapped(told);
     start_person(told.id);
-    sides_kept_since_ = time_s;
+    sides_kept_since_ = sides_known_since_ = time_s;
     return told;
   }
 
@@ -452,7 +456,10 @@ class PhantomPipeline::Workspace {
       return;
     }
     const double age = time_s - last_tracking_;
-    if (!held_ || !frame_ || !(age <= options_.hold_seconds + options_.fade_seconds)) {
+    // What was at the wrong place is not held there.
+    const bool is_misplaced = held_ && held_->is_misplaced;
+    if (!held_ || !frame_ || is_misplaced ||
+        !(age <= options_.hold_seconds + options_.fade_seconds)) {
       forget_phantom();
       return;  // kLost
     }
@@ -480,8 +487,27 @@ class PhantomPipeline::Workspace {
       report.quality.leap = std::max(0.0, static_cast<double>(mine - intact));
     }
     ends_ = ends;
+    if (follows_trunk() && !is_arm(affected)) report.quality.side = doubt_of_side(person);
     report.reason = worst_of(affected, report.quality);
     if (report.reason != PhantomReason::kNone) report.state = PhantomState::kDegraded;
+    using enum PhantomReason;
+    held_->is_misplaced =
+        report.reason == kShaky || report.reason == kLeap || report.reason == kDetached;
+  }
+
+  /// Legs do not cross the plane but by its errors, or where one is laid over the other.
+  [[nodiscard]] double doubt_of_side(const Skeleton& person) const {
+    const Limb intact = opposite(options_.affected);
+    const double left = limb_root(intact) == Joint::kHipLeft ? 1.0 : -1.0;
+    double worst = 0.0;
+    for (const Joint joint : limb_chain(intact).subspan(1)) {
+      if (!is_usable(person, joint)) continue;
+      constexpr double kLeast = 1e-3;  // metres: at the plane or beyond it
+      const Eigen::Vector3d p = person[joint].cast<double>();
+      const double distance = std::max(kLeast, left * frame_->n.dot(p - frame_->origin));
+      worst = std::max(worst, trunk_.deviation_at(p, *frame_) / distance);
+    }
+    return worst;
   }
 
   PixelBox mirror(const Skeleton& person, const Skeleton& fitted, const PhantomInput& input,
@@ -498,7 +524,7 @@ class PhantomPipeline::Workspace {
                            mirror_, goes_by_skin(), image, root_);
       }
       held_ = Held{*frame_, with_mirrored_limb(person, options_.affected, *frame_, mirror_),
-                   input.number};
+                   input.number, false};
     }
     const BodyMotion motion(held_->frame, *frame_);
     const bool is_held = report.state != PhantomState::kTracking;
@@ -586,6 +612,7 @@ class PhantomPipeline::Workspace {
     BodyFrame frame;    ///< Of the body when the intact limb was last seen.
     Skeleton skeleton;  ///< With the phantom's joints.
     std::int64_t number = 0;
+    bool is_misplaced = false;
   };
 
   PhantomOptions options_;
@@ -603,8 +630,9 @@ class PhantomPipeline::Workspace {
   std::int64_t clock_ns_ = 0, first_ns_ = 0;  ///< The source's clock, or a nominal one.
   Skeleton raw_;                              ///< As the tracker told it, in this frame.
   std::optional<std::int64_t> person_id_;
-  std::optional<Skeleton> person_;    ///< As last seen, smoothed.
-  double sides_kept_since_ = kNever;  ///< Since when the tracker takes left for right.
+  std::optional<Skeleton> person_;     ///< As last seen, smoothed.
+  double sides_kept_since_ = kNever;   ///< Since when the tracker takes left for right.
+  double sides_known_since_ = kNever;  ///< Since when the body's left is known.
   std::optional<BodyFrame> frame_;
   Mirror mirror_;
   std::optional<Held> held_;

@@ -14,6 +14,7 @@ namespace {
 // (kMostLeft and both kMostLost: of the tuning half of benchmarks/bench_people.py alone): no rate
 // measured on those trials is one for other people.
 constexpr double kMostPlane = 6.0;  // degrees: 6 cm at a hand 0.3 m from the plane
+constexpr double kMostSide = 0.5;   // two standard deviations to the plane
 constexpr double kMostLeap = 0.12;  // metres in one frame
 constexpr double kMostGapArm = 0.10,
                  kMostGapLeg = 0.16;   // metres: a hip lies deeper than a shoulder
@@ -192,9 +193,10 @@ void PictureJudge::measure_pieces(const Eigen::Vector3f& root, const PixelBox& b
 
 PhantomReason worst_of(Limb affected, PhantomQuality& quality) {
   const double most_lost = is_arm(affected) ? kMostLostTrunk : kMostLostLegs;
-  const std::array<std::pair<PhantomReason, double>, 7> measures = {{
+  const std::array<std::pair<PhantomReason, double>, 8> measures = {{
       {PhantomReason::kCalibration, (1.0 - quality.fit) / (1.0 - kLeastFit)},
       {PhantomReason::kShaky, quality.plane_deg / kMostPlane},
+      {PhantomReason::kShaky, quality.side / kMostSide},
       {PhantomReason::kLeap, quality.leap / kMostLeap},
       {PhantomReason::kDetached, quality.gap / (is_arm(affected) ? kMostGapArm : kMostGapLeg)},
       {PhantomReason::kShredded, (1.0 - quality.largest) / (1.0 - kLeastLargest)},

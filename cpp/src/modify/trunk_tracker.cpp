@@ -1,6 +1,7 @@
 #include "manip3d/modify/trunk_tracker.hpp"
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <initializer_list>
@@ -19,26 +20,35 @@ constexpr std::size_t kMostSurface = 500;  // points of a key frame: more do not
 constexpr std::size_t kLeastSurface = 60;  // with fewer the joints alone are followed
 constexpr int kIterations = 4;             // steps fall below 0.1 mm by the third
 constexpr double kWindow = 90.0;           // frames over which joints are averaged
-// Standard deviation of a pixel's distance to a key frame: at least 1 cm (a Kinect V1 steps by
-// 2 cm), else four times the mean residual, since neighbours share their noise and 500 points tell
-// no more than some thirty independent ones.
+constexpr double kFirstErrors = 5.0;       // frames that the first correlation counts as
+// Of a pixel against a key frame. Neighbours share their noise, so that 500 points tell as much as
+// some thirty: the mean residual, four times, at least 1 cm (a Kinect V1 steps by 2 cm).
 constexpr double kSurfaceNoise = 0.010, kSharedNoise = 4.0;
 constexpr double kSurfaceScale = 0.02;  // metres: of the Geman-McClure weight
-// Metres: of a trunk's joint. Jitter is measured; below 1 cm what joints show is slow, and wrong.
-constexpr double kLeastJointNoise = 0.01, kMostJointNoise = 0.04;
+constexpr double kAgreement = 1.7320508075688772 * kSurfaceScale;  // there the weight is 1 / 16
+// Metres: of what a trunk's joint jumps by. Jitter is measured; below 1 cm what joints show is
+// slow, and wrong.
+constexpr double kLeastJointNoise = 0.01, kMostJointNoise = 0.08;
+constexpr double kFirstJitter = 0.005, kGuessed = 5.0;  // metres; times that of a guess
+constexpr double kJointBias = 0.02;  // metres: what the mean of a joint is off by in any case
+// Errors of joints from frame to frame, until they are measured: trackers filter.
+constexpr double kFirstCorrelation = 0.8, kMostCorrelation = 0.95;
 constexpr double kJointScale = 0.05;  // metres: of the Cauchy weight
 // What the trunk's motion changes by in a frame: radians and metres of the Cauchy prior.
 constexpr double kTurnNoise = 0.010, kMoveNoise = 0.006;
 constexpr double kStepMemory = 0.7;         // of the velocity, from frame to frame
-constexpr double kContradiction = 0.15;     // metres: joints farther off belong to another trunk
+constexpr double kContradiction = 0.15;     // metres: joints off by so much are another trunk's
 constexpr double kContradictionTime = 0.3;  // seconds until joints are believed
 constexpr double kNewKeyTurn = 0.99;  // cosine of half the turn after which points are renewed
 constexpr double kNewKeyShare = 0.55;
 constexpr double kSymmetryWindow = 45.0;  // frames over which the plane of the surface is averaged
+constexpr double kFirstPlanes = 5.0;      // frames
 constexpr double kSymmetryNoise = 0.02;   // metres: what left and right differ by, and its clothes
 // How far the plane of the joints may be off: roll and yaw in radians, and metres aside.
 const Eigen::Vector3d kPlaneBias(0.03, 0.04, 0.012);
 constexpr double kLegRoll = 0.005;  // a leaning trunk says little about the roll of the pelvis
+constexpr double kLeftTilt = 0.2;   // of the spine's tilt, in a plane for legs
+constexpr double kUnknown = 0.04;   // square metres: of a joint never seen
 
 constexpr std::array kTrunkJoints = {kSpineBase,    kSpineMid,      kSpineShoulder, kNeck,
                                      kShoulderLeft, kShoulderRight, kHipLeft,       kHipRight};
@@ -55,62 +65,71 @@ Eigen::Matrix3d axes_of(const BodyFrame& frame) {
   return axes;
 }
 
-/// Standard deviation of the plane's normal, degrees, from two parts: the variance `turn` of the
-/// trunk's rotation (square radians), and the jitter of the shoulders, averaged over `frames`.
-double normal_deviation_deg(double turn, double frames) {
-  constexpr double kShoulders = 0.35, kJitter = 0.02;  // metres
-  constexpr double kDegrees = 57.29577951308232;
-  return kDegrees * std::sqrt(turn + 2.0 * kJitter * kJitter / (kShoulders * kShoulders * frames));
-}
-
 struct Line {
   Eigen::Vector3d point = Eigen::Vector3d::Zero(), direction = Eigen::Vector3d::Zero();
 };
 
+using JointTrust = std::array<double, kNumJoints>;
+
+double trust_of(const JointTrust& trust, Joint joint) {
+  return trust[static_cast<std::size_t>(joint)];
+}
+
 /// The least-squares line through the joints of the middle, up the spine.
-std::optional<Line> middle_line(const Skeleton& skeleton) {
+std::optional<Line> middle_line(const Skeleton& skeleton, const JointTrust& trust) {
   Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-  double count = 0.0;
+  double weight = 0.0;
+  int count = 0;
   for (const Joint joint : kMiddle) {
     if (!is_usable(skeleton, joint)) continue;
-    sum += skeleton[joint].cast<double>();
-    count += 1.0;
+    sum += trust_of(trust, joint) * skeleton[joint].cast<double>();
+    weight += trust_of(trust, joint);
+    ++count;
   }
-  if (count < 2.0) return std::nullopt;
+  if (count < 2) return std::nullopt;
   Line line;
-  line.point = sum / count;
+  line.point = sum / weight;
   // The heights along the spine weigh the joints: those farther from the mean tell more.
   constexpr std::array kHeights = {0.0, 0.31, 0.535, 0.61};  // of the middle joints, metres
   double mean = 0.0;
   for (std::size_t i = 0; i < kMiddle.size(); ++i) {
-    if (is_usable(skeleton, kMiddle[i])) mean += kHeights[i] / count;
+    if (!is_usable(skeleton, kMiddle[i])) continue;
+    mean += kHeights[i] * trust_of(trust, kMiddle[i]) / weight;
   }
   for (std::size_t i = 0; i < kMiddle.size(); ++i) {
     if (!is_usable(skeleton, kMiddle[i])) continue;
-    line.direction += (kHeights[i] - mean) * (skeleton[kMiddle[i]].cast<double>() - line.point);
+    line.direction += trust_of(trust, kMiddle[i]) * (kHeights[i] - mean) *
+                      (skeleton[kMiddle[i]].cast<double>() - line.point);
   }
   constexpr double kShortest = 1e-3;  // square metres
-  if (!(line.direction.norm() > kShortest)) return std::nullopt;
+  if (!(count * line.direction.norm() > kShortest * weight)) return std::nullopt;
   line.direction.normalize();
   return line;
 }
 
-/// From right to left; a joint that is missing is replaced by the middle of the spine.
-std::optional<Eigen::Vector3d> across(const Skeleton& skeleton, Joint left, Joint right,
-                                      Joint middle) {
+struct Pair {
+  Eigen::Vector3d across;  ///< From right to left.
+  double trust = 0.0;      ///< That of the joint that is trusted less.
+};
+
+/// A joint that is missing is replaced by the middle of the spine.
+std::optional<Pair> pair_of(const Skeleton& skeleton, const JointTrust& trust, Joint left,
+                            Joint right, Joint middle) {
   const bool has_left = is_usable(skeleton, left), has_right = is_usable(skeleton, right);
-  if (!has_left && !has_right) return std::nullopt;
-  if (has_left && has_right) return (skeleton[left] - skeleton[right]).cast<double>();
-  if (!is_usable(skeleton, middle)) return std::nullopt;
-  return 2.0 * (has_left ? skeleton[left] - skeleton[middle] : skeleton[middle] - skeleton[right])
-                   .cast<double>();
+  const auto between = [&](Joint from, Joint to, double times) {
+    return Pair{times * (skeleton[to] - skeleton[from]).cast<double>(),
+                std::min(trust_of(trust, from), trust_of(trust, to))};
+  };
+  if (has_left && has_right) return between(right, left, 1.0);
+  if (!(has_left || has_right) || !is_usable(skeleton, middle)) return std::nullopt;
+  return has_left ? between(middle, left, 2.0) : between(right, middle, 2.0);
 }
 
 /// Takes most of the sideways tilt out of a plane for legs: a pelvis stays level on a seat and over
 /// two feet where the spine leans, and a sensor stands upright. What tilts by more is believed, as
 /// a sensor may lie on its side.
 void level(BodyFrame& frame) {
-  constexpr double kShare = 0.8, kBelieved = 0.25;  // of the tilt; its sine
+  constexpr double kShare = 1.0 - kLeftTilt, kBelieved = 0.25;  // of the tilt; its sine
   const double tilt = frame.n.y();
   const double share = kShare / (1.0 + (tilt * tilt) / (kBelieved * kBelieved));
   frame.n = (frame.n - share * tilt * Eigen::Vector3d::UnitY()).normalized();
@@ -163,18 +182,19 @@ std::optional<Eigen::Vector3d> normal_at(const DepthView& depth, const PixelRays
   return normal;
 }
 
-/// Distance of the depth image from a point of a surface, along its normal, and its weight.
+/// How far the depth image is from a point of a surface, along its normal.
 struct SurfaceResidual {
   double off = 0.0;    ///< Metres.
-  double share = 1.0;  ///< 1 + (off / scale)^2; the Geman-McClure weight is 1 / share^2.
-  [[nodiscard]] bool agrees() const { return share < 4.0; }
+  double share = 1.0;  ///< The Geman-McClure weight is 1 / share^2.
+  [[nodiscard]] bool agrees() const { return std::abs(off) < kAgreement; }
   [[nodiscard]] double weight(double noise) const { return 1.0 / (noise * noise * share * share); }
 };
 
 /// At the pixel that a point projects to; none where nothing was measured.
 std::optional<SurfaceResidual> residual_at(const Eigen::Vector3d& p, const Eigen::Vector3d& normal,
                                            const DepthView& depth, const PixelRays& rays,
-                                           const PixelProjector& projector) {
+                                           const PixelProjector& projector,
+                                           double scale = kSurfaceScale) {
   const std::int32_t pixel = projector.pixel(static_cast<float>(p.x()), static_cast<float>(p.y()),
                                              static_cast<float>(p.z()));
   if (pixel < 0) return std::nullopt;
@@ -182,7 +202,7 @@ std::optional<SurfaceResidual> residual_at(const Eigen::Vector3d& p, const Eigen
   if (!(z > 0.0F)) return std::nullopt;
   const Eigen::Vector3d q = lift(rays, pixel % depth.cols, pixel / depth.cols, z).cast<double>();
   const double off = normal.dot(q - p);
-  return SurfaceResidual{off, 1.0 + (off * off) / (kSurfaceScale * kSurfaceScale)};
+  return SurfaceResidual{off, 1.0 + (off * off) / (scale * scale)};
 }
 
 bool is_on_trunk(std::uint8_t bone) {
@@ -201,21 +221,27 @@ bool is_on_trunk(std::uint8_t bone) {
 
 }  // namespace
 
-std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb) {
-  const auto line = middle_line(skeleton);
+namespace {
+
+std::optional<BodyFrame> trusted_frame(const Skeleton& skeleton, Limb limb,
+                                       const JointTrust& trust) {
+  const auto line = middle_line(skeleton, trust);
   if (!line) return std::nullopt;
   const bool arm = is_arm(limb);
   // Shoulders are twice as far apart as hips, so halved they count as much: for legs.
   constexpr double kOtherPair = 0.5;
   Eigen::Vector3d x = Eigen::Vector3d::Zero();
-  if (const auto shoulders = across(skeleton, kShoulderLeft, kShoulderRight, kSpineShoulder)) {
-    x += (arm ? 1.0 : kOtherPair) * *shoulders;
-  }
-  if (const auto hips = across(skeleton, kHipLeft, kHipRight, kSpineBase)) {
-    x += (arm ? kOtherPair : 1.0) * *hips;
-  }
+  double weight = 0.0;
+  const auto add = [&](const std::optional<Pair>& pair, double share) {
+    if (!pair) return;
+    x += share * pair->trust * pair->across;
+    weight += pair->trust;
+  };
+  add(pair_of(skeleton, trust, kShoulderLeft, kShoulderRight, kSpineShoulder),
+      arm ? 1.0 : kOtherPair);
+  add(pair_of(skeleton, trust, kHipLeft, kHipRight, kSpineBase), arm ? kOtherPair : 1.0);
   constexpr double kShortest = 0.05, kLeastSine = 0.1, kNearest = 0.1;
-  if (!(x.norm() > kShortest)) return std::nullopt;
+  if (!(x.norm() > kShortest * std::min(weight, 1.0))) return std::nullopt;
   BodyFrame frame;
   frame.x = x.normalized();
   frame.y = line->direction;
@@ -234,6 +260,14 @@ std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb) {
   return frame;
 }
 
+}  // namespace
+
+std::optional<BodyFrame> trunk_frame(const Skeleton& skeleton, Limb limb) {
+  JointTrust all;
+  all.fill(1.0);
+  return trusted_frame(skeleton, limb, all);
+}
+
 TrunkTracker::TrunkTracker(Limb affected) : affected_(affected) {
   surface_.reserve(kMostSurface);
   reset();
@@ -247,7 +281,10 @@ void TrunkTracker::reset() {
   surface_.clear();
   plane_ = {};
   residual_ = 0.0;
-  jitter_ = kMostJointNoise * kMostJointNoise;
+  error_power_ = kFirstErrors * kFirstJitter * kFirstJitter;
+  error_product_ = kFirstCorrelation * error_power_;
+  turn_variance_ = 0.0;
+  covariance_.setZero();
   surface_share_ = 0.0;
   deviation_deg_ = std::numeric_limits<double>::infinity();
 }
@@ -255,7 +292,6 @@ void TrunkTracker::reset() {
 void TrunkTracker::start(const BodyFrame& frame) {
   reset();
   pose_ = Pose{Eigen::Quaterniond(axes_of(frame)), frame.origin};
-  deviation_deg_ = normal_deviation_deg(0.0, 1.0);
 }
 
 std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const DepthView& depth,
@@ -283,6 +319,7 @@ std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const Dept
     const auto frame = trunk_frame(*joints, affected_);
     if (!frame) return std::nullopt;
     start(*frame);
+    measure_jitter(*joints);
   } else {
     return std::nullopt;
   }
@@ -292,10 +329,10 @@ std::optional<BodyFrame> TrunkTracker::update(const Skeleton* joints, const Dept
   return frame();
 }
 
-/// Frame of the averaged joints, its plane of symmetry replaced by that fitted to the surface.
+/// The axes of the joints' means, with the plane that the surface has told.
 std::optional<BodyFrame> TrunkTracker::frame() const {
   if (!pose_) return std::nullopt;
-  auto frame = trunk_frame(mean_skeleton(), affected_);
+  auto frame = trusted_frame(mean_skeleton(), affected_, joint_trust());
   if (!frame || plane_.weight == 0.0) return frame;
   const Eigen::Vector3d n = (pose_->rotation * plane_.normal).normalized();
   frame->origin += (plane_.offset - n.dot(frame->origin - pose_->translation)) * n;
@@ -313,18 +350,24 @@ std::optional<BodyFrame> TrunkTracker::frame() const {
 /// 2 s (a y + b z).
 void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& rays,
                                     const Intrinsics& camera) {
-  const auto axes = trunk_frame(mean_skeleton(), affected_);
-  if (!axes || surface_.size() < kLeastSurface) return;
+  const auto axes = trusted_frame(mean_skeleton(), affected_, joint_trust());
+  if (!axes) return;
+  if (surface_.size() < kLeastSurface) {
+    judge(joint_plane_variance().cwiseInverse().asDiagonal());
+    return;
+  }
   const PixelProjector projector(camera, rays);
   const Eigen::Matrix3d rotation = pose_->rotation.toRotationMatrix();
-  Eigen::Vector3d bias = kPlaneBias;
-  if (!is_arm(affected_)) bias[0] = kLegRoll;
-  const Eigen::Vector3d prior = bias.cwiseProduct(bias).cwiseInverse();
+  const Eigen::Vector3d prior = joint_plane_variance().cwiseInverse();
   Eigen::Vector3d moved = Eigen::Vector3d::Zero();
   std::size_t agreed = 0;
   Eigen::Vector3d n = axes->n, o = axes->origin;
-  for (int iteration = 0; iteration < 2; ++iteration) {
-    Eigen::Matrix3d information = prior.asDiagonal();
+  Eigen::Matrix3d told;  // by the surface
+  // Later the last frames' planes are near; at first that of the joints may be far off.
+  const int wider = plane_.weight < kFirstPlanes ? 4 : 0;
+  for (int iteration = -wider; iteration < 2; ++iteration) {
+    const double scale = kSurfaceScale * (iteration < 0 ? 1.0 - 0.5 * iteration : 1.0);
+    told.setZero();
     Eigen::Vector3d gradient = -prior.cwiseProduct(moved);
     agreed = 0;
     for (const SurfacePoint& point : surface_) {
@@ -335,7 +378,7 @@ void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& ray
       const Eigen::Vector3d normal = turned - 2.0 * n.dot(turned) * n;
       constexpr double kLeastCosine = 0.3;  // of surfaces that the camera sees
       if (!(-normal.dot(p) > kLeastCosine * p.norm())) continue;
-      const auto found = residual_at(p, normal, depth, rays, projector);
+      const auto found = residual_at(p, normal, depth, rays, projector, scale);
       if (!found) continue;
       if (found->agrees()) ++agreed;
       const double weight = found->weight(kSymmetryNoise);
@@ -343,18 +386,68 @@ void TrunkTracker::measure_symmetry(const DepthView& depth, const PixelRays& ray
       const Eigen::Vector3d row(across * axes->y.dot(from) - 2.0 * s * normal.dot(axes->y),
                                 across * axes->z.dot(from) - 2.0 * s * normal.dot(axes->z),
                                 -across);
-      information += weight * row * row.transpose();
+      told += weight * row * row.transpose();
       gradient += weight * found->off * row;
     }
+    const Eigen::Matrix3d information = told + Eigen::Matrix3d(prior.asDiagonal());
     moved += information.ldlt().solve(gradient);
     n = (axes->n + moved[0] * axes->y + moved[1] * axes->z).normalized();
     o = axes->origin + moved[2] * axes->n;
   }
+  Eigen::Matrix3d known = prior.asDiagonal();
+  if (agreed >= kLeastSurface) known += told / (kSharedNoise * kSharedNoise);
+  judge(known);
   if (agreed < kLeastSurface) return;
   plane_.weight = std::min(plane_.weight + 1.0, kSymmetryWindow);
   const double gain = 1.0 / plane_.weight;
   plane_.normal += gain * (pose_->rotation.conjugate() * n - plane_.normal);
   plane_.offset += gain * (n.dot(o - pose_->translation) - plane_.offset);
+}
+
+/// The deviation of the plane's normal: of what is known of the plane within the trunk, its roll
+/// and its yaw, and of the trunk's own turn.
+void TrunkTracker::judge(const Eigen::Matrix3d& information) {
+  covariance_ = information.inverse();
+  constexpr double kDegrees = 57.29577951308232;
+  deviation_deg_ = kDegrees * std::sqrt(turn_variance_ + covariance_(0, 0) + covariance_(1, 1));
+}
+
+double TrunkTracker::deviation_at(const Eigen::Vector3d& p, const BodyFrame& frame) const {
+  const Eigen::Vector3d from = p - frame.origin;
+  const Eigen::Vector3d row(frame.y.dot(from), frame.z.dot(from), -1.0);
+  return std::sqrt(row.dot(covariance_ * row) + turn_variance_ * row.head<2>().squaredNorm());
+}
+
+/// Variances of the plane that the joints tell: its roll and yaw, and metres aside.
+Eigen::Vector3d TrunkTracker::joint_plane_variance() const {
+  const auto variance = [&](Joint joint) {
+    const JointMean& mean = joints_[static_cast<std::size_t>(joint)];
+    return mean.weight > 0.0 ? mean_variance(mean) : kUnknown;
+  };
+  const JointTrust trusted = joint_trust();
+  // Of the mean of two directions by their trust, over its length.
+  constexpr double kShoulders = 0.35, kHips = 0.18, kOtherPair = 0.5;  // metres, metres
+  const bool arm = is_arm(affected_);
+  const auto pair_trust = [&](Joint left, Joint right) {
+    return std::min(trust_of(trusted, left), trust_of(trusted, right));
+  };
+  const double a = (arm ? 1.0 : kOtherPair) * pair_trust(kShoulderLeft, kShoulderRight);
+  const double b = (arm ? kOtherPair : 1.0) * pair_trust(kHipLeft, kHipRight);
+  const double length = std::max(a * kShoulders + b * kHips, 1e-3);
+  const double yaw = (a * a * (variance(kShoulderLeft) + variance(kShoulderRight)) +
+                      b * b * (variance(kHipLeft) + variance(kHipRight))) /
+                     (length * length);
+  // Of a line through the middle joints.
+  constexpr double kSpine = 0.25;  // metres: deviation of their heights
+  double precision = 0.0;
+  for (const Joint joint : kMiddle) precision += 1.0 / (variance(joint) + 1e-6);
+  Eigen::Vector3d bias = kPlaneBias;
+  double roll = 1.0 / (precision * kSpine * kSpine);
+  if (!arm) {
+    bias[0] = kLegRoll;
+    roll *= kLeftTilt * kLeftTilt;
+  }
+  return bias.cwiseProduct(bias) + Eigen::Vector3d(roll, yaw, 1.0 / precision);
 }
 
 /// Are most joints far from where they are in the trunk?
@@ -373,7 +466,7 @@ bool TrunkTracker::contradicts(const Skeleton& joints) const {
 void TrunkTracker::fit(const Skeleton* joints, const DepthView& depth, const PixelRays& rays,
                        const Intrinsics& camera) {
   const PixelProjector projector(camera, rays);
-  const double joint_noise = std::clamp(std::sqrt(jitter_), kLeastJointNoise, kMostJointNoise);
+  const double rho = correlation();
   const double surface_noise = std::max(kSurfaceNoise, kSharedNoise * residual_);
   Vector6 moved = Vector6::Zero();
   Matrix6 information = Matrix6::Zero();
@@ -413,9 +506,13 @@ void TrunkTracker::fit(const Skeleton* joints, const DepthView& depth, const Pix
       const JointMean& mean = joints_[static_cast<std::size_t>(joint)];
       if (joints == nullptr || mean.weight == 0.0 || !is_usable(*joints, joint)) continue;
       const Eigen::Vector3d arm = rotation * mean.place;
-      const Eigen::Vector3d off = (*joints)[joint].cast<double>() - arm - centre;
+      const Eigen::Vector3d whole = (*joints)[joint].cast<double>() - arm - centre;
+      // Errors that drift are known from the last frame but for what is new of them.
+      const Eigen::Vector3d off = whole - rho * (rotation * mean.last_error);
+      const double noise =
+          std::clamp(std::sqrt(innovation(mean)), kLeastJointNoise, kMostJointNoise);
       const double share = 1.0 + off.squaredNorm() / (kJointScale * kJointScale);
-      const double weight = 1.0 / (joint_noise * joint_noise * share);
+      const double weight = 1.0 / (noise * noise * share);
       Eigen::Matrix<double, 3, 6> rows;
       rows << 0.0, arm.z(), -arm.y(), 1.0, 0.0, 0.0,  //
           -arm.z(), 0.0, arm.x(), 0.0, 1.0, 0.0,      //
@@ -428,59 +525,99 @@ void TrunkTracker::fit(const Skeleton* joints, const DepthView& depth, const Pix
     pose_->rotation = (small_turn(step.head<3>()) * pose_->rotation).normalized();
     pose_->translation += step.tail<3>();
   }
-  judge(information);
-}
-
-void TrunkTracker::judge(const Matrix6& information) {
   const Matrix6 covariance = information.ldlt().solve(Matrix6::Identity());
-  const double frames = joints_[static_cast<std::size_t>(kSpineShoulder)].weight;
-  deviation_deg_ =
-      normal_deviation_deg(covariance.topLeftCorner<3, 3>().trace() / 3.0, std::max(frames, 1.0));
+  turn_variance_ = covariance.topLeftCorner<3, 3>().trace() / 3.0;
 }
 
-/// Updates the joints' variance, taking their second differences for those of white noise: with
-/// weights 1, -2, 1 in three coordinates these have 6 x 3 = 18 times its variance.
+/// Of the joints' errors from one frame to the next.
+double TrunkTracker::correlation() const {
+  return std::clamp(error_product_ / error_power_, 0.0, kMostCorrelation);
+}
+
+/// The variance of what is new in a joint's error, from that of its second differences: with white
+/// noise six times it, with correlated noise less.
+double TrunkTracker::innovation(const JointMean& mean) const {
+  const double rho = correlation();
+  return mean.jitter * 3.0 * (1.0 + rho) / (3.0 - rho);
+}
+
+/// The variance of a joint's mean: frames that share their errors tell no more than fewer do.
+double TrunkTracker::mean_variance(const JointMean& mean) const {
+  const double rho = correlation();
+  const double frames = 1.0 + std::max(0.0, mean.weight - 1.0) * (1.0 - rho) / (1.0 + rho);
+  return innovation(mean) / ((1.0 - rho * rho) * frames);
+}
+
+/// The variance of white noise that would make each joint's second differences.
 void TrunkTracker::measure_jitter(const Skeleton& joints) {
-  double sum = 0.0, count = 0.0;
   for (const Joint joint : kTrunkJoints) {
     JointMean& mean = joints_[static_cast<std::size_t>(joint)];
     if (!is_usable(joints, joint)) {
       mean.num_last = 0;
       continue;
     }
+    const bool is_guess = joints.state(joint) != TrackingState::kTracked;
+    const double least = kFirstJitter * (is_guess ? kGuessed : 1.0);
     const Eigen::Vector3d now = joints[joint].cast<double>();
+    if (mean.jitter == 0.0) mean.jitter = least * least;
     if (mean.num_last == 2) {
-      constexpr double kMost = 0.1;  // metres: what jumps farther is no jitter
+      constexpr double kMost = 0.1;    // metres: what jumps farther is no jitter
+      constexpr double kMemory = 0.9;  // from frame to frame
       const Eigen::Vector3d second = now - 2.0 * mean.last[0] + mean.last[1];
-      sum += std::min(second.squaredNorm(), 6.0 * kMost * kMost) / 18.0;
-      count += 1.0;
+      const double seen = std::min(second.squaredNorm(), 18.0 * kMost * kMost) / 18.0;
+      mean.jitter = kMemory * mean.jitter + (1.0 - kMemory) * seen;
     }
+    // A guess may stand still, and is no better for that.
+    if (is_guess) mean.jitter = std::max(mean.jitter, least * least);
     mean.last[1] = mean.last[0];
     mean.last[0] = now;
     mean.num_last = std::min(mean.num_last + 1, 2);
   }
-  constexpr double kMemory = 0.9;  // from frame to frame
-  if (count > 0.0) jitter_ = kMemory * jitter_ + (1.0 - kMemory) * sum / count;
 }
 
 void TrunkTracker::average_joints(const Skeleton& joints) {
   const Eigen::Quaterniond back = pose_->rotation.conjugate();
+  double power = 0.0, product = 0.0, count = 0.0;
   for (const Joint joint : kTrunkJoints) {
-    if (!is_usable(joints, joint)) continue;
     JointMean& mean = joints_[static_cast<std::size_t>(joint)];
+    if (!is_usable(joints, joint)) {
+      mean.last_error.setZero();
+      continue;
+    }
     const Eigen::Vector3d place = back * (joints[joint].cast<double>() - pose_->translation);
     // A guess counts as a quarter of a measurement.
     const double trust = joints.state(joint) == TrackingState::kTracked ? 1.0 : 0.25;
     mean.weight = std::min(mean.weight + trust, kWindow);
+    if (mean.weight <= trust) mean.place = place;  // the first time
     const Eigen::Vector3d off = place - mean.place;
     const double distance = off.norm();
+    if (distance < kContradiction && !mean.last_error.isZero(0.0)) {
+      power += off.squaredNorm();
+      product += off.dot(mean.last_error);
+      count += 1.0;
+    }
+    mean.last_error = off;
     const double bounded =
         mean.weight > 1.0 && distance > kJointScale ? kJointScale / distance : 1.0;
     mean.place += std::min(1.0, trust / mean.weight) * bounded * off;
   }
+  if (count == 0.0) return;
+  constexpr double kMemory = 0.98;  // from frame to frame
+  error_power_ = kMemory * error_power_ + power / count;
+  error_product_ = kMemory * error_product_ + product / count;
 }
 
-/// The averaged joints, placed by the trunk's present pose.
+TrunkTracker::JointTrust TrunkTracker::joint_trust() const {
+  JointTrust trust{};
+  for (const Joint joint : kTrunkJoints) {
+    const auto i = static_cast<std::size_t>(joint);
+    if (joints_[i].weight == 0.0) continue;
+    trust[i] = kJointBias * kJointBias / (kJointBias * kJointBias + mean_variance(joints_[i]));
+  }
+  return trust;
+}
+
+/// The means where the trunk is now.
 Skeleton TrunkTracker::mean_skeleton() const {
   Skeleton skeleton;
   for (const Joint joint : kTrunkJoints) {

@@ -60,6 +60,7 @@ from manip3d.authenticate._paper_watermark import (
     embed_paper,
     noise_blocks,
 )
+from manip3d.authenticate._picture_files import picture_path, read_carrier, write_carrier
 from manip3d.authenticate._power import EDITS, measure_power
 from manip3d.authenticate._reflectance import (
     ReflectanceRegion,
@@ -100,6 +101,7 @@ from manip3d.authenticate._verdict import (
     likelihood_ratio,
 )
 from manip3d.authenticate._watermark import (
+    CARRIERS,
     EMBEDDINGS,
     MAX_MOVE_M,
     KeyFile,
@@ -108,6 +110,8 @@ from manip3d.authenticate._watermark import (
     Watermarked,
     Watermarker,
     WatermarkResult,
+    record_of_picture,
+    without_record,
 )
 from manip3d.authenticate._watermark_files import (
     check_holds_float32,
@@ -127,6 +131,7 @@ __all__ = [
     "ATTACK_TYPES",
     "CALIBRATED_DENSITY",
     "CALIBRATED_OCCLUSION",
+    "CARRIERS",
     "EDITS",
     "EMBEDDINGS",
     "MAX_MOVE_M",
@@ -217,9 +222,12 @@ __all__ = [
     "measure_power",
     "noise_blocks",
     "occlusion_consistency",
+    "picture_path",
     "plain_name",
+    "read_carrier",
     "read_record",
     "read_rigs",
+    "record_of_picture",
     "record_path",
     "reflectance_consistency",
     "refuse_existing_record",
@@ -230,6 +238,8 @@ __all__ = [
     "verdict_of_alerts",
     "verdict_of_drive",
     "verdict_of_stream",
+    "without_record",
+    "write_carrier",
     "write_rigs",
     "write_watermarked",
 ]

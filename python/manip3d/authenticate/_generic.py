@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,8 @@ from manip3d.lidar import Box, LidarFrame
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+
+    from manip3d.authenticate._lattice import LatticeReading
 
 EVIDENCE = (
     "grid", "line", "step", "firing", "duplicate", "order", "range", "drift", "void", "time",
@@ -333,21 +335,45 @@ def generic_consistency(
         except InputError:
             _core.check_points(cloud, np.empty(0, np.float32))
             return _undecidable(false_alarm_rate)
-    found = _core.generic_consistency(
+    scan = frame if isinstance(frame, LidarFrame) else LidarFrame(cloud, origin=(0.0, 0.0, 0.0))
+    found = _examined(
+        cloud, lattice, previous, following, _Limits(tolerance, range_incoherence, azimuth_error),
+        None, threads,
+    )  # fmt: skip
+    return _judged(found, scan, lattice, false_alarm_rate, is_stated=calibration is not None)
+
+
+class _Limits(NamedTuple):
+    """How far clean points may lie off the lattice; see `generic_consistency`."""
+
+    tolerance: float = 0.002
+    range_incoherence: float = 0.12
+    azimuth_error: float = 0.0
+
+
+def _examined(
+    cloud: NDArray[np.float32],
+    lattice: SensorLattice,
+    previous: LidarFrame | ArrayLike | None,
+    following: LidarFrame | ArrayLike | None,
+    limits: _Limits,
+    reading: LatticeReading | None,
+    threads: int,
+) -> Mapping[str, Any]:
+    """What the kernel finds; it reads the lattice where that was not done."""
+    found: Mapping[str, Any] = _core.generic_consistency(
         cloud,
         lattice.table,
         lattice.steps,
         lattice.range_step,
         lattice.coordinate_step,
-        tolerance,
-        range_incoherence,
-        azimuth_error,
+        *limits,
         _points_of(previous, "previous"),
         _points_of(following, "following"),
         threads_of(threads),
+        None if reading is None else reading.columns,
     )
-    scan = frame if isinstance(frame, LidarFrame) else LidarFrame(cloud, origin=(0.0, 0.0, 0.0))
-    return _judged(found, scan, lattice, false_alarm_rate, is_stated=calibration is not None)
+    return found
 
 
 def consistency_allowing(
@@ -357,6 +383,7 @@ def consistency_allowing(
     *,
     previous: LidarFrame | ArrayLike | None = None,
     following: LidarFrame | ArrayLike | None = None,
+    reading: LatticeReading | None = None,
     false_alarm_rate: float = 0.01,
     threads: int = 0,
 ) -> GenericResult:
@@ -366,24 +393,23 @@ def consistency_allowing(
     ----------
     embedding : str
         'lbm' or 'qim', of points `without_bits`; empty: none.
+    reading : LatticeReading or None
+        Where the frame's points lie on the lattice; None: it is read here. With an embedding it is
+        read anew: its lattice knows fewer steps.
     """
-    if embedding not in ALLOWED:
-        return generic_consistency(
-            frame, calibration=lattice, previous=previous, following=following,
-            false_alarm_rate=false_alarm_rate, threads=threads,
-        )  # fmt: skip
-    allowed = ALLOWED[embedding]
-    return generic_consistency(
-        frame,
-        calibration=allowing(lattice, embedding),
-        previous=previous,
-        following=following,
-        false_alarm_rate=false_alarm_rate,
-        tolerance=0.002 + allowed.tolerance,
-        range_incoherence=allowed.range_incoherence or 0.12,
-        azimuth_error=allowed.azimuth_error,
-        threads=threads,
-    )
+    cloud = _points_of(frame, "points")
+    limits = _Limits()
+    if embedding in ALLOWED:
+        allowed = ALLOWED[embedding]
+        limits = _Limits(
+            limits.tolerance + allowed.tolerance,
+            allowed.range_incoherence or limits.range_incoherence,
+            allowed.azimuth_error,
+        )
+        lattice, reading = allowing(lattice, embedding), None
+    scan = frame if isinstance(frame, LidarFrame) else LidarFrame(cloud, origin=(0.0, 0.0, 0.0))
+    found = _examined(cloud, lattice, previous, following, limits, reading, threads)
+    return _judged(found, scan, lattice, false_alarm_rate, is_stated=True)
 
 
 def _points_of(frame: LidarFrame | ArrayLike | None, name: str) -> NDArray[np.float32]:

@@ -27,6 +27,14 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     Floats: TypeAlias = NDArray[np.float64]
+    ReadingColumns: TypeAlias = tuple[
+        NDArray[np.int32],
+        NDArray[np.int32],
+        NDArray[np.float32],
+        NDArray[np.float32],
+        NDArray[np.float32],
+        NDArray[np.float32],
+    ]
 
 LINE_TOLERANCE = 2e-3
 """Metres from a line: coordinates of whole millimetres leave 0.8 mm."""
@@ -224,6 +232,13 @@ class LatticeReading:
     line_error: NDArray[np.float32]
     step_error: NDArray[np.float32]
     range_error: NDArray[np.float32]
+
+    @property
+    def columns(self) -> ReadingColumns:
+        """The arrays above, in their order: what detectors take that need not read again."""
+        return (
+            self.ring, self.count, self.azimuth, self.line_error, self.step_error, self.range_error
+        )  # fmt: skip
 
 
 @checked

@@ -36,7 +36,7 @@ seen before. ``undecidable``: nothing can be said, the reason tells why (no reco
 gap in the stream ...)."""
 
 EMBEDDINGS: tuple[Embedding, ...] = ("detached", "lbm", "qim")
-_CARRIERS = ("sidecar", "image")
+CARRIERS: tuple[str, ...] = ("sidecar", "picture")
 _VERDICTS: tuple[WatermarkVerdict, ...] = ("authentic", "tampered", "undecidable")
 _CONTENT = ("intact", "tampered", "unverifiable")
 _ORDER = ("unknown", "in order", "gap", "replay")
@@ -161,6 +161,8 @@ class Policy:
         Larger scans are not looked at.
     units_per_m : sequence of int
         Grids, in steps a metre, whose points may carry bits; none: any that a record states.
+    carriers : sequence of str
+        Of ``sidecar`` (a record beside the scan) and ``picture``.
     """
 
     embeddings: Sequence[str] = EMBEDDINGS
@@ -170,10 +172,14 @@ class Policy:
     max_age_s: float | None = None
     max_points: int = 10_000_000
     units_per_m: Sequence[int] = ()
+    carriers: Sequence[str] = CARRIERS
 
     def __post_init__(self) -> None:
         for each in self.embeddings:
             _embedding_number(each)
+        for carrier in self.carriers:
+            if carrier not in CARRIERS:
+                raise InputError(f"carriers: expected {' or '.join(CARRIERS)}, got {carrier!r}")
         if self.order not in ("chain", "any"):
             raise InputError(f"order: expected chain or any, got {self.order!r}")
         if self.max_age_s is not None and not 0.0 < self.max_age_s < 9e9:
@@ -188,7 +194,7 @@ class Policy:
     def _core(self) -> _core.WatermarkPolicy:
         return _core.WatermarkPolicy(
             [_embedding_number(each) for each in self.embeddings],
-            [0, 1],
+            [CARRIERS.index(each) for each in self.carriers],
             [_sensor_bytes(each) for each in self.sensors],
             [_session_bytes(each) for each in self.sessions],
             self.max_points,
@@ -215,6 +221,9 @@ class Watermarked(Showable):
         Sectors that are verified one by one.
     is_detached : bool
         The points stayed as they were.
+    picture : (H, W) or (H, W, 3) uint8, or None
+        The picture with the record in its lowest bits, if one was given: nothing else has to
+        travel beside the scan then.
     """
 
     frame: LidarFrame
@@ -222,6 +231,7 @@ class Watermarked(Showable):
     number: int
     num_tiles: int
     is_detached: bool = False
+    picture: NDArray[np.uint8] | None = field(default=None, repr=False)
 
     @property
     def points(self) -> NDArray[np.float32]:
@@ -462,7 +472,12 @@ class Watermarker:
         return "" if self._embedder is None else self._embedder.session.hex()
 
     def embed(
-        self, scan: ScanLike, *, time_ns: int | None = None, is_end: bool = False
+        self,
+        scan: ScanLike,
+        *,
+        time_ns: int | None = None,
+        is_end: bool = False,
+        picture: ArrayLike | None = None,
     ) -> Watermarked:
         """Embed the watermark of the next frame.
 
@@ -474,6 +489,9 @@ class Watermarker:
             Nanoseconds since 1970; by default the frame's, else the clock's.
         is_end : bool
             The session ends with this frame.
+        picture : (H, W) or (H, W, 3) uint8, optional
+            Of the same moment, as the camera gave it: it will carry the record in the lowest bits
+            of its first 16384 samples, and the record binds the others.
 
         Returns
         -------
@@ -483,7 +501,8 @@ class Watermarker:
         ------
         InputError
             There are no points, or they are not on the grid; coordinates that need float64 with
-            ``qim``, or whose points in float32 are others; the key has expired.
+            ``qim``, or whose points in float32 are others; the key has expired; a picture that
+            cannot carry the record, or one beside a detached scan in float64.
         Error
             The watermarker is closed, or its session has ended.
         """
@@ -497,6 +516,13 @@ class Watermarker:
             )
         if carries and not _is_of_one_piece(frame):
             raise InputError("scan: expected points that are its exact coordinates in float32")
+        exact_hash = None if carries else _exact_hash(frame)
+        carrier = None if picture is None else checked_picture(picture)
+        if carrier is not None and exact_hash is not None:
+            raise InputError(
+                "picture: expected a scan without float64 coordinates, or embedding 'lbm': a "
+                "detached record binds these where it would bind the picture"
+            )
         clock = time.time_ns()
         if self._key.expires_ns and clock >= self._key.expires_ns:
             raise InputError("key: it has expired, and embeds no more")
@@ -515,22 +541,24 @@ class Watermarker:
                 rounding,
                 units,
             )
-        points, record, number, tiles, exact = self._embedder.embed(
+        points, record, number, tiles, exact, samples = self._embedder.embed(
             given.points,
             given.intensity,
             time_ns,
             frame.num_dropped,
             is_end,
-            None if carries else _exact_hash(frame),
+            exact_hash,
             frame.exact if carries else None,
             self._offset(frame) if carries else (0, 0, 0),
+            carrier,
         )
         if len(exact):
             marked = frame.replace(points=_in_float32(frame, exact), exact=exact)
         else:
             marked = frame if not len(points) else frame.replace(points=points)
         is_detached = not len(points) and not len(exact)
-        return Watermarked(marked, record, number, tiles, is_detached)
+        carried = None if carrier is None else samples.reshape(carrier.shape)
+        return Watermarked(marked, record, number, tiles, is_detached, carried)
 
     def _offset(self, frame: LidarFrame) -> tuple[int, int, int]:
         """The origin in steps of the grid."""
@@ -553,6 +581,7 @@ class Watermarker:
         *,
         policy: Policy | None = None,
         now_ns: int | None = None,
+        picture: ArrayLike | None = None,
     ) -> WatermarkResult:
         """Verify the next frame of a stream.
 
@@ -561,10 +590,13 @@ class Watermarker:
         scan : LidarFrame, (N, 3) or (N, 4) float32
             In any order.
         record : bytes or None
-            As `embed` gave it; None: there is none, and the verdict is ``undecidable``.
+            As `embed` gave it; None: the picture carries it, or there is none, and the verdict is
+            ``undecidable``.
         policy : Policy, optional
         now_ns : int, optional
             Nanoseconds since 1970; by default the clock's.
+        picture : (H, W) or (H, W, 3) uint8, optional
+            That carries the record, and is verified with it.
 
         Returns
         -------
@@ -573,13 +605,22 @@ class Watermarker:
         Raises
         ------
         InputError
-            Coordinates that are not finite.
+            Coordinates that are not finite; a record beside a picture, or a picture too small for
+            one.
         Error
             The watermarker is closed.
         """
         given = to_scan(scan)
         frame = as_frame(scan)
         chosen = Policy() if policy is None else policy
+        carrier = None if picture is None else checked_picture(picture)
+        if carrier is not None:
+            if record is not None:
+                raise InputError("record: expected none with a picture, which carries its own")
+            try:
+                record = _core.watermark_in_picture(carrier)
+            except FormatError as error:
+                return _unverifiable(f"the picture has no record: {error.reason}", frame)
         found = self._verifier.verify(
             given.points,
             given.intensity,
@@ -588,6 +629,7 @@ class Watermarker:
             frame.num_dropped,
             time.time_ns() if now_ns is None else now_ns,
             frame.exact,
+            carrier,
         )
         result = _with_exact(_result(found, frame), found["header"], frame)
         self._since_checkpoint += 1
@@ -681,6 +723,83 @@ def as_frame(scan: ScanLike) -> LidarFrame:
         return scan
     points, intensity, _ = to_scan(scan)
     return LidarFrame(points, intensity if len(intensity) else None)
+
+
+def _unverifiable(reason: str, frame: LidarFrame) -> WatermarkResult:
+    return WatermarkResult(
+        "undecidable", reason, "unverifiable", "unknown", 0, "unknown", scan=frame
+    )
+
+
+def checked_picture(picture: ArrayLike) -> NDArray[np.uint8]:
+    """Return a picture as an array of 8 bits a sample, grey or RGB."""
+    pixels = np.asarray(picture)
+    if pixels.dtype != np.uint8 or not (
+        pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 3)
+    ):
+        raise InputError(
+            f"picture: expected uint8 (H, W) or (H, W, 3), got {pixels.dtype} {pixels.shape}"
+        )
+    return np.ascontiguousarray(pixels)
+
+
+@checked
+def record_of_picture(picture: ArrayLike) -> bytes:
+    """Return the record that a picture carries, as it stands there: nothing is verified.
+
+    Parameters
+    ----------
+    picture : (H, W) or (H, W, 3) uint8
+
+    Raises
+    ------
+    InputError
+        Another kind of picture, or one of fewer than 16384 samples.
+    FormatError
+        There is no record in it.
+
+    Examples
+    --------
+    >>> import tempfile, numpy as np, manip3d
+    >>> from manip3d.authenticate import KeyFile, Watermarker, record_of_picture
+    >>> scan = manip3d.LidarFrame(np.arange(9000, dtype=np.float32).reshape(3000, 3) / 8)
+    >>> grey = np.full((375, 1242), 128, np.uint8)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     marker = Watermarker(KeyFile.create(folder + "/sensor.key"))
+    ...     sent = marker.embed(scan, picture=grey)
+    ...     print(marker.verify(sent.frame, None, picture=sent.picture).verdict)
+    authentic
+    >>> record_of_picture(sent.picture) == sent.record
+    True
+    """
+    return _core.watermark_in_picture(checked_picture(picture))
+
+
+@checked
+def without_record(picture: ArrayLike) -> NDArray[np.uint8]:
+    """Return a picture with the bits cleared that carry a record.
+
+    What both ends make of the picture, such as the stereo depth of the printed watermark, is the
+    same before embedding and after it.
+
+    Parameters
+    ----------
+    picture : (H, W) or (H, W, 3) uint8
+
+    Raises
+    ------
+    InputError
+        Another kind of picture, or one of fewer than 16384 samples.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d.authenticate import without_record
+    >>> int(without_record(np.full((128, 128), 255, np.uint8)).max())
+    254
+    """
+    pixels = checked_picture(picture)
+    return _core.without_watermark_record(pixels).reshape(pixels.shape)
 
 
 def _azimuths(slices: Iterable[int], num_slices: int) -> tuple[tuple[float, float], ...]:
@@ -778,11 +897,12 @@ def _with_exact(
         reason = "the points in float32 are not those of the coordinates that were signed"
         return replace(result, verdict="tampered", content="tampered", reason=reason)
     exact = _exact_hash(frame)
-    if exact is None and not header["has_context"]:
+    has_exact = header["has_context"] and header["carrier"] == CARRIERS.index("sidecar")
+    if exact is None and not has_exact:
         return result
     if exact is None:
         reason = "coordinates were signed in float64, of which the scan has the float32 part only"
-    elif not header["has_context"]:
+    elif not has_exact:
         reason = "the scan's coordinates need float64, of which the float32 part only was signed"
     elif hmac.compare_digest(header["context"], exact):
         return result

@@ -13,6 +13,7 @@ import numpy as np
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d._util.times import parse_time
+from manip3d.authenticate._picture_files import picture_path, write_carrier
 from manip3d.authenticate._watermark import Watermarked, WatermarkResult, WatermarkVerdict
 from manip3d.errors import InputError
 from manip3d.io import read_scan, write_scan
@@ -96,8 +97,9 @@ def write_watermarked(
     path: str | os.PathLike[str],
     *,
     unchanged: str | os.PathLike[str] | None = None,
+    picture: str | os.PathLike[str] | None = None,
 ) -> None:
-    """Write a watermarked scan and, beside it, its record.
+    """Write a watermarked scan and, beside it, its record or the picture that carries it.
 
     Parameters
     ----------
@@ -107,6 +109,8 @@ def write_watermarked(
     unchanged : path, optional
         File that the scan was read from: where its points stayed as they are and the format is the
         same, the file is copied byte for byte.
+    picture : path, optional
+        Where the picture that carries the record is written (.png); by default ``SCAN.png``.
 
     Raises
     ------
@@ -128,7 +132,12 @@ def write_watermarked(
         _write_exact(sent.frame, target)
     else:
         write_scan(sent.frame, target)
-    atomic_write(record_path(target), sent.record)
+    if sent.picture is None:
+        atomic_write(record_path(target), sent.record)
+        return
+    shown = picture_path(target) if picture is None else path_of(picture)
+    shown.parent.mkdir(parents=True, exist_ok=True)
+    write_carrier(sent.picture, shown)
 
 
 def _write_exact(frame: LidarFrame, target: Path) -> None:

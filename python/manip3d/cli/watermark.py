@@ -41,6 +41,15 @@ Source = Annotated[
 Key = Annotated[Path, typer.Option("--key", help="Key file, as 'watermark keygen' makes it.")]
 
 
+Picture = Annotated[
+    str,
+    typer.Option(
+        help="Picture (.png) that carries the record instead of a file beside the scan; of a "
+        "drive the folder of its pictures, such as image_02."
+    ),
+]
+
+
 @app.command("keygen")
 def keygen(
     path: Annotated[Path, typer.Argument(metavar="KEY", help="File to make.")],
@@ -139,15 +148,17 @@ def embed(
             "middle of each scan.",
         ),
     ] = None,
+    picture: Picture = "",
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Embed a watermark into a scan, or into all scans of a drive as one chain.
 
-    The record of each scan is written beside it, as SCAN.wm. Points move by at most 1.8 mm (lbm),
-    1.9 mm (qim) or not at all (detached). Of several drives, each is a session of its own and one
-    piece of work: its frames are chained, and only drives are worked on side by side.
+    The record of each scan is written beside it, as SCAN.wm, or with --picture in the lowest bits
+    of the picture, SCAN.png or that of the drive. Points move by at most 1.8 mm (lbm), 1.9 mm (qim)
+    or not at all (detached). Of several drives, each is a session of its own and one piece of work:
+    its frames are chained, and only drives are worked on side by side.
 
     Example: manip3d watermark embed drive --key sensor.key -o signed
     """
@@ -162,6 +173,8 @@ def embed(
     else:
         check_output(output, SCAN_SUFFIXES, force=force)
         authenticate.refuse_existing_record(output, replace=force)
+        if picture:
+            check_output(authenticate.picture_path(output), (".png",), force=force)
     times = authenticate.drive_times(source) if drive else None
     rows = []
     with (
@@ -177,13 +190,16 @@ def embed(
         shell.progress("embed") as progress,
     ):
         for number, path in enumerate(scans):
+            seen = _picture_of(path, source, picture)
             sent = marker.embed(
                 read_scan(path),
                 time_ns=None if times is None else times[number],
                 is_end=number + 1 == len(scans),
+                picture=None if seen is None else authenticate.read_carrier(seen),
             )
             target = output / authenticate.plain_name(path, source) if drive else output
-            authenticate.write_watermarked(sent, target, unchanged=path)
+            shown = output / seen.relative_to(source) if drive and seen is not None else None
+            authenticate.write_watermarked(sent, target, unchanged=path, picture=shown)
             rows.append({"scan": str(target), "frame": sent.number, "points": len(sent.points),
                          "tiles": sent.num_tiles})  # fmt: skip
             if progress is not None:
@@ -192,7 +208,8 @@ def embed(
                   "key_id": secret.key_id, "embedding": embedding, "num_frames": len(rows),
                   "frames": rows}  # fmt: skip
     records = "its record" if len(rows) == 1 else "their records"
-    shell.say(f"wrote {counted(len(rows), 'scan')} with {records} to {output}")
+    carried = " in pictures" if picture and drive else " in a picture" if picture else ""
+    shell.say(f"wrote {counted(len(rows), 'scan')} with {records}{carried} to {output}")
     shell.result(record, lambda console: console.print(f"session {record['session']}"))
 
 
@@ -224,6 +241,7 @@ def verify(
             help="Write the operator's report (.json), which lists points: for the owner only."
         ),
     ] = None,
+    picture: Picture = "",
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -244,12 +262,15 @@ def verify(
     drive = Path(source).is_dir()
     if drive and record is not None:
         raise InputError("--record: expected with a single scan, got a drive")
+    if picture and record is not None:
+        raise InputError("--record: expected none with --picture, which carries its own")
     policy = authenticate.Policy(
         embeddings=(embedding,) if embedding else authenticate.EMBEDDINGS,
         order="chain" if drive else "any",
         sensors=(sensor,) if sensor else (),
         sessions=(session,) if session else (),
         max_age_s=max_age,
+        carriers=("picture",) if picture else ("sidecar",),
     )
     scans = _scans(source, "watermark verify")
     results = []
@@ -259,8 +280,15 @@ def verify(
         shell.progress("verify") as progress,
     ):
         for number, path in enumerate(scans):
-            beside = authenticate.record_path(path) if record is None else record
-            found = marker.verify(read_scan(path), authenticate.read_record(beside), policy=policy)
+            seen = _picture_of(path, source, picture)
+            if seen is None:
+                beside = authenticate.record_path(path) if record is None else record
+                found = marker.verify(
+                    read_scan(path), authenticate.read_record(beside), policy=policy
+                )
+            else:
+                shown = authenticate.read_carrier(seen) if seen.is_file() else None
+                found = marker.verify(read_scan(path), None, policy=policy, picture=shown)
             results.append((path.name, replace(found, scan=None)))  # a drive's scans fill memory
             if progress is not None:
                 progress((number + 1) / len(scans), path.name)
@@ -292,6 +320,19 @@ def _scans(source: str, verb: str) -> list[Path]:
     if not Path(source).is_dir():
         return [Path(source)]
     return authenticate.drive_scans(source)
+
+
+def _picture_of(scan: Path, source: str, picture: str) -> Path | None:
+    """The picture that belongs to a scan; None: records stand beside the scans."""
+    if not picture:
+        return None
+    if not Path(source).is_dir():
+        return Path(picture)
+    folder = Path(source) / picture
+    if Path(picture).is_absolute() or ".." in Path(picture).parts or not folder.is_dir():
+        raise InputError(f"--picture: expected a folder of pictures in {source}, got {picture}")
+    inside = folder / "data" if (folder / "data").is_dir() else folder
+    return inside / f"{scan.name.split('.')[0]}.png"
 
 
 def _check_folder(source: str, output: Path, *, force: bool) -> None:

@@ -330,6 +330,9 @@ class Experiment:
     claims : tuple of Claim
     complete : callable
         Row -> row with what the publication says about it; runs after the case.
+    gather : callable or None
+        Rows of cases, failed ones among them -> rows of the table, where cases are pieces of rows,
+        so that a stopped run resumes within them; runs before `complete`.
     figures : callable or None
         Rows that did not fail -> figures by name.
     sheets : callable or None
@@ -351,6 +354,7 @@ class Experiment:
     columns: tuple[Column, ...]
     claims: tuple[Claim, ...] = ()
     complete: Callable[[Row], Row] = _as_it_is
+    gather: Callable[[Sequence[Row]], list[Row]] | None = None
     figures: Callable[[Sequence[Row]], dict[str, Figure]] | None = None
     sheets: Callable[[Sequence[Row]], dict[str, Sheet]] | None = None
     notes: tuple[Note, ...] = ()

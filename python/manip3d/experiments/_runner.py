@@ -205,15 +205,15 @@ def _rows(
     done: Mapping[str, Row],
     failed: Mapping[str, str],
 ) -> list[Row]:
-    return [
-        _completed(
-            experiment,
-            {"experiment": experiment.id, "model": describe(case), "data": _data_of(case)}
-            | {**case.options, **done.get(key, {})}
-            | {"error": failed.get(key, ""), "key": key},
-        )
+    rows = [
+        {"experiment": experiment.id, "model": describe(case), "data": _data_of(case)}
+        | {**case.options, **done.get(key, {})}
+        | {"error": failed.get(key, ""), "key": key}
         for key, case in cases.items()
     ]
+    if experiment.gather is not None:
+        rows = experiment.gather(rows)
+    return [_completed(experiment, row) for row in rows]
 
 
 def _data_of(case: Case) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from manip3d import authenticate, datasets
 from manip3d.experiments import _alert_attacks, _published
 from manip3d.experiments._alert_attacks import ATTACKS
+from manip3d.experiments._counting import interval
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
 from manip3d.lidar import Box, LidarFrame
 
@@ -170,16 +171,6 @@ def _complete(row: Row) -> Row:
         "published detected": sum(int(line["cross_modal_detected_forged"]) for line in forged),
         "published attacks": sum(int(line["frames"]) for line in forged),
     }
-
-
-def interval(found: int, of: int) -> tuple[float, float]:
-    """Wilson's 95 % interval of a share."""
-    if of == 0:
-        return (0.0, 1.0)
-    z, share = 1.959964, found / of
-    middle = (share + z * z / (2 * of)) / (1 + z * z / of)
-    half = z * (share * (1 - share) / of + z * z / (4 * of * of)) ** 0.5 / (1 + z * z / of)
-    return (max(0.0, middle - half), min(1.0, middle + half))
 
 
 def _halves(rows: Sequence[Row]) -> Iterator[tuple[str, Sequence[Row]]]:

@@ -53,7 +53,7 @@ def embed(case: Case) -> Row:
     distances, recovered = [], 0
     row: Row = {}
     with tempfile.TemporaryDirectory() as folder:
-        for number, (frame, _) in enumerate(table_7_2._frames(options["seed"], options["frames"])):
+        for number, frame, _ in table_7_2._frames(options["seed"], 0, options["frames"]):
             sent, right = _marked(frame, options["method"], number, Path(folder))
             moved = sent.points.astype(np.float64) - frame.points
             # Points keep their rows, and each moves less than half of what separates two: the

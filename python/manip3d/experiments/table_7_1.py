@@ -64,7 +64,7 @@ def time_step(case: Case) -> Row:
 def _frame(seed: int) -> LidarFrame:
     from manip3d.experiments.table_7_2 import _frames
 
-    (frame, _), *_ = _frames(seed, 1)
+    _, frame, _ = next(_frames(seed, 0, 1))
     return frame
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from manip3d.errors import InputError
 from manip3d.experiments import _published
+from manip3d.experiments._counting import interval
 from manip3d.experiments._model import Case, Claim, Column, Experiment, Finding, Plan, Row
 
 if TYPE_CHECKING:
@@ -35,25 +35,41 @@ _KINDS = ("paper lbm", "paper qim", "keyed lbm", "keyed qim", "keyed detached")
 
 _QUICK_FRAMES = 3
 
+_MOST_TURNS = 100
+"""Frames of a street; the next one goes on."""
+
+_PIECE = 5
+"""Frames of a case: a run that was stopped loses at most so many of each process."""
+
 
 def _cases(plan: Plan) -> list[Case]:
-    printed = {(line["drive"], line["attack"]): line for line in _published_lines()}
-    return [
-        Case(
-            detect,
-            {
+    """Pieces of drives; each embeds a frame once and attacks it in every way."""
+    cases = []
+    for drive in _DRIVES:
+        frames = {
+            attack: _QUICK_FRAMES if plan.scale == "quick" else _published_frames(drive, attack)
+            for attack in _ATTACKS
+        }
+        for first in range(0, max(frames.values()), _PIECE):
+            inside = {name: min(max(of - first, 0), _PIECE) for name, of in frames.items()}
+            options = {
                 "model": f"drive {drive}",
-                "attack": attack,
                 "seed": plan.seed + 100 * drive,
                 "scale": plan.scale,
-                "frames": _QUICK_FRAMES
-                if plan.scale == "quick"
-                else int(printed[str(drive), number]["frames"]),
-            },
-        )
-        for drive in _DRIVES
-        for attack, number in _ATTACKS.items()
-    ]
+                "first": first,
+                "frames": inside,
+            }
+            cases.append(Case(detect, options))
+    return cases
+
+
+def _published_frames(drive: int, attack: str) -> int:
+    wanted = (str(drive), _ATTACKS[attack])
+    return next(
+        int(line["frames"])
+        for line in _published_lines()
+        if (line["drive"], line["attack"]) == wanted
+    )
 
 
 def _published_lines() -> tuple[dict[str, str], ...]:
@@ -61,36 +77,42 @@ def _published_lines() -> tuple[dict[str, str], ...]:
 
 
 def detect(case: Case) -> Row:
-    """Embed each frame, attack it, and count the frames that each verifier calls forged."""
+    """Embed each frame, attack it in every way, and count what each verifier calls forged."""
     options = case.options
-    counts = dict.fromkeys(_KINDS, 0)
-    attacked = 0
+    counts = {f"{attack} {kind}": 0 for attack in _ATTACKS for kind in (*_KINDS, "attacked")}
     with tempfile.TemporaryDirectory() as folder:
-        for number, (frame, boxes) in enumerate(_frames(options["seed"], options["frames"])):
-            told = _verdicts(frame, boxes, options["attack"], number, Path(folder))
-            if told is None:
-                continue
-            attacked += 1
-            for kind in _KINDS:
-                counts[kind] += told[kind]
-    return {**counts, "attacked": attacked}
+        first, frames = options["first"], options["frames"]
+        for number, frame, boxes in _frames(options["seed"], first, max(frames.values())):
+            attacks = [attack for attack in _ATTACKS if number < first + frames[attack]]
+            for attack, told in _verdicts(frame, boxes, attacks, number, Path(folder)).items():
+                counts[f"{attack} attacked"] += 1
+                for kind in _KINDS:
+                    counts[f"{attack} {kind}"] += told[kind]
+    return counts
 
 
-def _frames(seed: int, count: int) -> Iterator[tuple[LidarFrame, tuple[Box, ...]]]:
-    """Frames of simulated streets; a street is as long as its drive."""
+def _frames(seed: int, first: int, count: int) -> Iterator[tuple[int, LidarFrame, tuple[Box, ...]]]:
+    """Frames of simulated streets by their numbers; a street is as long as its drive.
+
+    Each piece of a street draws its own noise, so that it needs none of those before it.
+    """
     from manip3d.simulate.drives import drive
+    from manip3d.simulate.lidar import TURN_PERIOD
     from manip3d.simulate.streets import street
 
-    done = 0
-    while done < count:
-        place, some = street(seed), min(100, count - done)
-        try:
-            for frame in drive(place, some, pictures=False, rng=seed, threads=1):
-                yield _as_frame(frame.scan), frame.boxes
-                done += 1
-        except InputError:  # the street is shorter: the next one goes on
-            if not done:
-                raise
+    number, wanted = 0, range(first, first + count)
+    while number < wanted.stop:
+        place = street(seed)
+        turns = min(_MOST_TURNS, int(min(place.duration, 1e3) / TURN_PERIOD))
+        inside = range(max(wanted.start - number, 0), min(wanted.stop - number, turns))
+        if inside:
+            source = drive(
+                place, len(inside), start=inside.start * TURN_PERIOD, pictures=False,
+                rng=np.random.default_rng([seed, inside.start]), threads=1,
+            )  # fmt: skip
+            for turn, frame in zip(inside, source, strict=True):
+                yield number + turn, _as_frame(frame.scan), frame.boxes
+        number += turns
         seed += 1
 
 
@@ -101,32 +123,50 @@ def _as_frame(scan: Any) -> LidarFrame:
 
 
 def _verdicts(
-    frame: LidarFrame, boxes: Sequence[Box], attack: str, number: int, folder: Path
-) -> dict[str, bool] | None:
-    """Whether each verifier calls the attacked frame forged; None: nothing can be attacked."""
+    frame: LidarFrame, boxes: Sequence[Box], attacks: Sequence[str], number: int, folder: Path
+) -> dict[str, dict[str, bool]]:
+    """By attack, whether each verifier calls the frame forged; attacks without a target are left
+    out."""
     from manip3d import authenticate
 
-    found: dict[str, bool] = {}
+    found: dict[str, dict[str, bool]] = {}
     blocks = authenticate.noise_blocks(number)
-    for kind in _KINDS:
-        family, embedding = kind.split()
-        if family == "paper":
-            name = "qim-printed" if embedding == "qim" else embedding
-            marked = authenticate.embed_paper(frame, blocks, embedding=name, frame=number)
-            received = _attacked(marked.frame, boxes, attack)
-            if received is None:
-                return None
-            compared = authenticate.compare_paper(received, blocks, marked.metadata)
-            found[kind] = compared.verdict == "inconsistent"
-            continue
-        path = folder / "experiment.key"
-        key = authenticate.KeyFile(path) if path.exists() else authenticate.KeyFile.create(path)
-        with key, authenticate.Watermarker(key, embedding=embedding) as marker:
-            sent = marker.embed(frame)
-            received = _attacked(sent.frame, boxes, attack)
-            if received is None:
-                return None
-            found[kind] = marker.verify(received, sent.record).verdict == "tampered"
+
+    def ask(kind: str, sent: LidarFrame, is_forged: Callable[[LidarFrame], bool]) -> None:
+        for attack in attacks:
+            received = _attacked(sent, boxes, attack)
+            if received is not None:
+                found.setdefault(attack, {})[kind] = is_forged(received)
+
+    path = folder / "experiment.key"
+    key = authenticate.KeyFile(path) if path.exists() else authenticate.KeyFile.create(path)
+    with key:
+        for kind in _KINDS:
+            family, embedding = kind.split()
+            if family == "paper":
+                name = "qim-printed" if embedding == "qim" else embedding
+                marked = authenticate.embed_paper(frame, blocks, embedding=name, frame=number)
+
+                def is_inconsistent(
+                    received: LidarFrame, marked: authenticate.PaperMarked = marked
+                ) -> bool:
+                    compared = authenticate.compare_paper(received, blocks, marked.metadata)
+                    return compared.verdict == "inconsistent"
+
+                ask(kind, marked.frame, is_inconsistent)
+                continue
+            with authenticate.Watermarker(key, embedding=embedding) as marker:
+                sent = marker.embed(frame)
+
+                def is_tampered(
+                    received: LidarFrame,
+                    marker: authenticate.Watermarker = marker,
+                    sent: authenticate.Watermarked = sent,
+                ) -> bool:
+                    marker.reset()
+                    return marker.verify(received, sent.record).verdict == "tampered"
+
+                ask(kind, sent.frame, is_tampered)
     return found
 
 
@@ -163,6 +203,25 @@ def _nearest(frame: LidarFrame, boxes: Sequence[Box]) -> Box | None:
     return next((b for b in near if np.count_nonzero(b.contains(frame.points)) >= 20), None)
 
 
+def _gathered(rows: Sequence[Row]) -> list[Row]:
+    """Rows of pieces as those of the table: a drive, an attack, its frames added up."""
+    gathered = []
+    for name in dict.fromkeys(row["model"] for row in rows):
+        pieces = [row for row in rows if row["model"] == name]
+        failed = [row["error"] for row in pieces if row["error"]]
+        kept = {n: pieces[0][n] for n in pieces[0] if n not in ("first", "frames", "key", "error")}
+        kept = {n: value for n, value in kept.items() if n.split()[0] not in _ATTACKS}
+        error = f"{len(failed)} of {len(pieces)} pieces failed: {failed[0]}" if failed else ""
+        for attack in _ATTACKS:
+            sums = {
+                kind: sum(row.get(f"{attack} {kind}", 0) for row in pieces)
+                for kind in (*_KINDS, "attacked")
+            }
+            key = f"{pieces[0]['key']} {attack}"
+            gathered.append(kept | {"attack": attack} | sums | {"error": error, "key": key})
+    return gathered
+
+
 def _complete(row: Row) -> Row:
     drive = row["model"].removeprefix("drive ")
     for line in _published_lines():
@@ -176,19 +235,24 @@ def _complete(row: Row) -> Row:
 
 
 def _detected(rows: Sequence[Row], family: str) -> Iterator[Finding]:
-    for kind in (kind for kind in _KINDS if kind.startswith(family)):
-        forged = [row for row in rows if row["attack"] != "original"]
-        if forged:
-            mine, all_of = sum(r[kind] for r in forged), sum(r["attacked"] for r in forged)
-            yield Finding(kind, mine == all_of > 0, f"{mine} of {all_of} attacks detected")
+    forged = [row for row in rows if row["attack"] != "original"]
+    yield from _counted(forged, family, "attacks detected", all_of_them=True)
 
 
 def _clean(rows: Sequence[Row], family: str) -> Iterator[Finding]:
+    clean = [row for row in rows if row["attack"] == "original"]
+    yield from _counted(clean, family, "clean frames accused", all_of_them=False)
+
+
+def _counted(
+    rows: Sequence[Row], family: str, what: str, *, all_of_them: bool
+) -> Iterator[Finding]:
     for kind in (kind for kind in _KINDS if kind.startswith(family)):
-        clean = [row for row in rows if row["attack"] == "original"]
-        if clean:
-            mine, all_of = sum(r[kind] for r in clean), sum(r["attacked"] for r in clean)
-            yield Finding(kind, mine == 0 < all_of, f"{mine} of {all_of} clean frames accused")
+        if rows:
+            mine, of = sum(r[kind] for r in rows), sum(r["attacked"] for r in rows)
+            low, high = interval(mine, of)
+            numbers = f"{mine} of {of} {what} ({low:.2%} to {high:.2%})"
+            yield Finding(kind, of > 0 and mine == (of if all_of_them else 0), numbers)
 
 
 def _claims(family: str, source: str) -> tuple[Claim, Claim]:
@@ -216,6 +280,7 @@ EXPERIMENT = Experiment(
     ),
     claims=(*_claims("paper", "table 7.2"), *_claims("keyed", "aim")),
     complete=_complete,
+    gather=_gathered,
     notes=(
         "Columns are frames that were called forged. The watermark image is pseudo-random (the "
         "alternative of section 7.6), not made of stereo depth. Frames without an object of 20 "

@@ -523,8 +523,7 @@ class BodySimulator:
         last = round(time * self.rate)
         sums = np.zeros((25, 3))
         for frame in range(last - _MEMORY, last + 1):
-            random = np.random.default_rng([self.seed, stream, frame + _MEMORY])
-            sums = rho * sums + np.sqrt(1.0 - rho * rho) * random.standard_normal((25, 3))
+            sums = rho * sums + np.sqrt(1.0 - rho * rho) * _draws(self.seed, stream, frame)
         return sums
 
     @functools.cached_property
@@ -546,14 +545,20 @@ def _bone_errors(figure: PosedFigure, number: int) -> NDArray[np.float64]:
     fixed = np.random.default_rng([25, number]).standard_normal((25, 3))
     fixed /= np.linalg.norm(fixed, axis=1, keepdims=True)
     bones = figure.joints - figure.joints[list(PARENTS)]
-    errors = np.empty((25, 3))
-    for joint, bone in enumerate(bones):
-        along = bone if np.linalg.norm(bone) > 1e-6 else figure.joints[1] - figure.joints[0]
-        along = along / np.linalg.norm(along)
-        side = np.cross(along, np.cross(figure.lateral[0], along))
-        side /= max(float(np.linalg.norm(side)), 1e-6)
-        errors[joint] = product(fixed[joint], np.stack([along, side, np.cross(along, side)]))
-    return errors
+    short = np.linalg.norm(bones, axis=1) <= 1e-6
+    bones[short] = figure.joints[1] - figure.joints[0]
+    along = bones / np.linalg.norm(bones, axis=1, keepdims=True)
+    side = np.cross(along, np.cross(figure.lateral[0], along))
+    side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-6)
+    axes = np.stack([along, side, np.cross(along, side)], axis=1)
+    return np.asarray(np.einsum("ji,jik->jk", fixed, axes))
+
+
+@functools.lru_cache(maxsize=4 * (_MEMORY + 1))
+def _draws(seed: int, stream: int, frame: int) -> NDArray[np.float64]:
+    """(25, 3) standard normal numbers of one frame; neighbouring frames share all but one."""
+    random = np.random.default_rng([seed, stream, frame + _MEMORY])
+    return random.standard_normal((25, 3))
 
 
 @functools.cache

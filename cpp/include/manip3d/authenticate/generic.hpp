@@ -94,4 +94,11 @@ GenericResult generic_consistency(const PointsView& points, const ScanLattice& l
                                   const PointsView& previous = {}, const PointsView& following = {},
                                   const Progress& progress = {});
 
+/// The same where read_lattice has said already where the points lie on this lattice.
+/// @throws InputError  what check_reading refuses, too.
+GenericResult generic_consistency(const PointsView& points, const ScanLattice& lattice,
+                                  LatticeReading reading, const GenericOptions& options,
+                                  const PointsView& previous, const PointsView& following,
+                                  const Progress& progress = {});
+
 }  // namespace manip3d

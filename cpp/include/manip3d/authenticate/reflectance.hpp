@@ -59,4 +59,12 @@ std::vector<ReflectanceRegion> compare_reflectance(const PointsView& points,
                                                    const ReflectanceOptions& options = {},
                                                    const Progress& progress = {});
 
+/// The same where read_lattice has said already where the points lie on this lattice; only rings
+/// and azimuths are looked at.
+/// @throws InputError  what check_reading refuses, too.
+std::vector<ReflectanceRegion> compare_reflectance(
+    const PointsView& points, const ScanLattice& lattice, LatticeReading reading,
+    const ReflectanceTurn* previous, const ReflectanceTurn* following,
+    const ReflectanceOptions& options, const Progress& progress = {});
+
 }  // namespace manip3d

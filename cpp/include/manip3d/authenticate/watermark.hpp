@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "manip3d/authenticate/watermark_key.hpp"
+#include "manip3d/authenticate/watermark_picture.hpp"
 #include "manip3d/geometry/point_cloud.hpp"
 
 /// @file
@@ -103,12 +104,15 @@ struct WatermarkFrame {
   bool is_end = false;
   std::optional<std::array<std::uint8_t, 32>> context;
   std::array<std::int64_t, 3> offset{};  ///< Origin of float64 coordinates, units; else 0.
+  /// Picture that is to carry the record; it is the context then, and no other may be given.
+  std::optional<PictureView> picture;
 };
 
 struct WatermarkedScan {
   Points points;      ///< The rows that came, in their order; empty where nothing was to change.
   ExactPoints exact;  ///< The same where coordinates in float64 came; `points` is empty then.
   std::vector<std::uint8_t> record;
+  std::vector<std::uint8_t> picture;  ///< Samples of the picture with the record, if one came.
   std::uint64_t frame = 0;
   int num_tiles = 0;
 };
@@ -131,7 +135,8 @@ class WatermarkEmbedder {
   /// nothing (detached), and sqrt(3)/2 units more where points are rounded onto the grid.
   /// @param exact  Coordinates in float64, for LBM: they carry the bits, and `points` is not looked
   ///               at but for its intensities. One within 2^-13 units of a point of the grid is it.
-  /// @throws InputError  no points, values that are not finite, points off the grid.
+  /// @throws InputError  no points, values that are not finite, points off the grid, a picture that
+  ///                     cannot carry the record.
   /// @throws Error  closed, or the session has ended.
   WatermarkedScan embed(const PointsView& points, const WatermarkFrame& frame = {},
                         ExactView exact = {});
@@ -178,6 +183,7 @@ struct WatermarkFinding {
   WatermarkFreshness freshness = WatermarkFreshness::kUnknown;
   /// Fields of a record whose own tag holds; of another one nothing is told.
   std::optional<WatermarkHeader> header;
+  bool picture_changed = false;  ///< The picture is not the one that the record binds.
   std::vector<WatermarkTile> tiles;
   std::vector<std::int32_t> rows;          ///< Points of which only carrier bits differ, ascending.
   std::vector<std::uint16_t> tile_of_row;  ///< (N,) Where the record's header is known.
@@ -194,11 +200,13 @@ class WatermarkVerifier {
 
   /// @param num_dropped  Points of the file without coordinates.
   /// @param now_ns       Nanoseconds since 1970.
+  /// @param picture      The one that carried the record, if one did.
   /// @throws InputError  values that are not finite.
   /// @throws Error  closed.
   WatermarkFinding verify(const PointsView& points, std::span<const std::uint8_t> record,
                           const WatermarkPolicy& policy, std::uint32_t num_dropped = 0,
-                          std::int64_t now_ns = 0, ExactView exact = {});
+                          std::int64_t now_ns = 0, ExactView exact = {},
+                          const std::optional<PictureView>& picture = std::nullopt);
 
   /// The chain's state, authenticated with the key: for a verifier that goes on later.
   [[nodiscard]] std::vector<std::uint8_t> state() const;

@@ -58,6 +58,8 @@ class TrunkTracker {
 
   /// Standard deviation of the plane's normal, degrees; infinite before the first frame.
   [[nodiscard]] double deviation_deg() const { return deviation_deg_; }
+  /// Standard deviation of a point's distance from the plane, metres.
+  [[nodiscard]] double deviation_at(const Eigen::Vector3d& p, const BodyFrame& frame) const;
   /// Share of the key frame's points that the last frame agreed with.
   [[nodiscard]] double surface_share() const { return surface_share_; }
 
@@ -77,11 +79,14 @@ class TrunkTracker {
     int num_last = 0;
     Eigen::Vector3d place = Eigen::Vector3d::Zero();  ///< In the trunk.
     double weight = 0.0;                              ///< Frames, at most those of the window.
+    double jitter = 0.0;  ///< Variance of its white noise, square metres; 0: never seen.
+    Eigen::Vector3d last_error = Eigen::Vector3d::Zero();  ///< From its mean, in the trunk.
   };
   struct PlaneMean {  ///< In the trunk.
     Eigen::Vector3d normal = Eigen::Vector3d::Zero();
     double offset = 0.0, weight = 0.0;
   };
+  using JointTrust = std::array<double, kNumJoints>;  ///< Against one that is exact.
   using Vector6 = Eigen::Matrix<double, 6, 1>;
   using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
@@ -93,7 +98,12 @@ class TrunkTracker {
   [[nodiscard]] bool contradicts(const Skeleton& joints) const;
   [[nodiscard]] Skeleton mean_skeleton() const;
   void measure_symmetry(const DepthView& depth, const PixelRays& rays, const Intrinsics& camera);
-  void judge(const Matrix6& information);
+  void judge(const Eigen::Matrix3d& information);
+  [[nodiscard]] double correlation() const;
+  [[nodiscard]] double innovation(const JointMean& mean) const;
+  [[nodiscard]] double mean_variance(const JointMean& mean) const;
+  [[nodiscard]] JointTrust joint_trust() const;
+  [[nodiscard]] Eigen::Vector3d joint_plane_variance() const;
 
   Limb affected_;
   std::optional<Pose> pose_;
@@ -105,7 +115,10 @@ class TrunkTracker {
   std::vector<SurfacePoint> surface_;
   Eigen::Quaterniond key_rotation_ = Eigen::Quaterniond::Identity();
   double residual_ = 0.0;  ///< Mean distance of the surface from the key frame, metres.
-  double jitter_ = 0.0;    ///< Variance of the joints' white noise, square metres.
+  double error_power_ = 0.0, error_product_ = 0.0;  ///< Of the joints, of a frame and its next.
+  double turn_variance_ = 0.0;                      ///< Of the trunk, square radians.
+  /// Of the plane within the trunk: its normal's roll and yaw, and metres aside.
+  Eigen::Matrix3d covariance_ = Eigen::Matrix3d::Zero();
   double surface_share_ = 0.0;
   double deviation_deg_ = 0.0;
 };

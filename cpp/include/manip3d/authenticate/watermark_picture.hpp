@@ -1,0 +1,45 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+/// @file
+/// A picture of the same moment as carrier of a scan's record: the lowest bits of its first
+/// samples.
+namespace manip3d {
+
+/// A borrowed picture of 8 bits a sample, row by row: grey, or red, green and blue.
+struct PictureView {
+  std::span<const std::uint8_t> samples;
+  std::uint32_t height = 0, width = 0;
+  std::uint32_t channels = 1;  ///< 1 or 3.
+};
+
+/// The first samples of a picture, whose lowest bits carry a record, the lowest bit of each byte
+/// first, and zeros behind it.
+constexpr std::size_t kCarrierSamples = 16384;
+constexpr std::size_t kMostCarried = kCarrierSamples / 8;  ///< Bytes of a record in a picture.
+
+/// @throws InputError  neither grey nor three channels, another number of samples than its shape
+///                     has, or fewer than `kCarrierSamples`.
+void check_picture(const PictureView& picture);
+
+/// The samples with the carrier's bits cleared: what a record binds, and what both ends see.
+/// @throws InputError  as `check_picture`.
+std::vector<std::uint8_t> without_record(const PictureView& picture);
+
+/// The samples with a record in place of the carrier's bits.
+/// @throws InputError  as `check_picture`; a record of more than `kMostCarried` bytes.
+std::vector<std::uint8_t> with_record(const PictureView& picture,
+                                      std::span<const std::uint8_t> record);
+
+/// The bytes of the record that a picture carries, by the numbers of slices and tiles that they
+/// state: nothing is authentic before a verifier says so.
+/// @throws InputError  as `check_picture`.
+/// @throws FormatError  there is no record, it would be longer than the carrier, or bits behind it
+///                      are set.
+std::vector<std::uint8_t> record_in(const PictureView& picture);
+
+}  // namespace manip3d
