@@ -181,8 +181,8 @@ def reflectance_consistency(
         What `turn_consistency` said of the three frames, which knows how they lie to each other;
         else they are aligned here.
     false_alarm_rate : float
-        Share of clean frames that may be called tampered; in (0, 1). Rates below 1 / 180 never
-        alarm: the threshold stands on so many frames.
+        Of clean frames that may be called tampered; in (0, 1). Rates below 1 / 180 never alarm:
+        the threshold stands on so many frames.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 

@@ -160,8 +160,8 @@ def turn_consistency(
     lattice : SensorLattice
         Lattice of the scanner, from :func:`estimate_lattice`; only its lines are looked at.
     false_alarm_rate : float
-        Share of clean frames that may be called tampered; in (0, 1). Rates below 1 / 595 never
-        alarm: the threshold stands on so many frames.
+        Of clean frames that may be called tampered; in (0, 1). Rates below 1 / 595 never alarm:
+        the threshold stands on so many frames.
     threads : int
         0: ``MANIP3D_THREADS``, else all cores. The result does not depend on it.
 
