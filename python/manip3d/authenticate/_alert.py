@@ -185,6 +185,7 @@ class AlertMonitor:
         Of the stream, within which cameras and forensics speak once whatever it costs. Infinity:
         only within the budget, forensics never.
     cross_modal : CrossModalParameters, optional
+        Of a single pair; several share the false alarms of a frame.
     risk : RiskParameters, optional
     background : bool
         Forensics work in a thread of their own, on one core, while further frames are judged. They
@@ -432,6 +433,7 @@ class AlertMonitor:
             return None, WitnessReport("absent", "no stereo pair")
         start = self._clock()
         found: dict[str, CrossModalResult] = {}
+        shared = (self._parameters or CrossModalParameters()).shared(len(self._rigs))
         left_out = []
         is_beyond = False
         for name in [each for each in self._turns if each in pairs]:
@@ -442,7 +444,7 @@ class AlertMonitor:
             asked = self._clock()
             disparity = stereo_disparity(*pairs[name])
             found[name] = cross_modal_consistency(
-                frame, disparity, self._rigs[name], parameters=self._parameters
+                frame, disparity, self._rigs[name], parameters=shared
             )
             self._heard(_of_pair(name), found[name].verdict, found[name].reason, asked, now)
             is_beyond = self._clock() - begin > self._budget
