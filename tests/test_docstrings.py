@@ -6,9 +6,12 @@ import importlib
 import inspect
 import re
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
+
+import manip3d
 
 ROOMS = ("diary", "forge", "io", "metrics", "simplify", "simulate", "study")
 
@@ -94,6 +97,18 @@ def test_errors_are_described(name: str) -> None:
 @pytest.mark.parametrize("name", sorted(set(FUNCTIONS) - WITHOUT_EXAMPLE))
 def test_there_is_an_example(name: str) -> None:
     assert ">>>" in sections(FUNCTIONS[name]).get("Examples", "")
+
+
+def test_descriptions_name_what_they_describe() -> None:
+    """``level : int`` is "Level of ...", not "Of ...", so that each description stands alone."""
+    fragment = re.compile(r"^( +)\S.* : .+\n\1    (Of|That|(By|In|After|Up to) which) .*", re.M)
+    root = Path(manip3d.__file__).parent
+    found = [
+        f"{path.relative_to(root)}: {match[0]}"
+        for path in sorted(root.rglob("*.py"))
+        for match in fragment.finditer(path.read_text())
+    ]
+    assert not found
 
 
 def test_exceptions_exist() -> None:

@@ -76,7 +76,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("readme")
     (folder / "meshes").mkdir()  # what a data folder has
     vertices, faces = sphere(24, 48)
-    manip3d.Mesh(vertices, faces).write(folder / "head.obj")
+    for name in ("head.obj", "plane.obj"):
+        manip3d.Mesh(vertices, faces).write(folder / name)
     manip3d.Mesh(0.7 * vertices, faces).write(folder / "car.obj")
     (folder / "models").mkdir()
     manip3d.Mesh(vertices, faces).write(folder / "models" / "ball.obj")

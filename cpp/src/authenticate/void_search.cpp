@@ -32,9 +32,10 @@ constexpr int kBlockRings = 3;
 constexpr int kBlockColumns = 5;
 constexpr int kWidening = 1;
 
-// A gap in a ring says something where lasers beside it answer, and where it is no longer than 42
-// degrees. Between two houses a street may well fade away below the sky: unless the column answers
-// again above, what is beside it must be the ground, or stand at about its distance.
+// A gap in a ring is judged only where the ring answers on both sides and the gap is no longer than
+// 42 degrees. Between two houses a distant street may return nothing up to the sky, with no edit
+// made. Unless the same column answers again above, the answers beside the gap must therefore come
+// from the ground, or from about the ground's distance.
 constexpr double kShareOfRange = 0.7;  // of the ground's range
 constexpr int kSide = 8;               // firings
 constexpr int kLongestColumnGap = 250;
@@ -284,7 +285,7 @@ int holes_beside(const std::vector<RingCell>& component, const Answers& answers,
   return holes;
 }
 
-// Share of a void that is no hole which moved.
+// Share of a void that is not explained as a hole that moved here from another turn.
 double unexplained(const std::vector<RingCell>& component, const Answers& answers,
                    const std::vector<const Answers*>& beside) {
   int holes = 0;

@@ -27,7 +27,7 @@ enum class Answer : std::uint8_t {
   kNearer,
 };
 
-/// What the firings of one turn brought home: a row per laser, a column per firing. Columns are
+/// Returns of the firings of one turn: a row per laser, a column per firing. Columns are
 /// counted from straight ahead, so that those of different lasers lie above each other although
 /// each laser looks another way when it fires.
 struct Answers {
@@ -39,27 +39,28 @@ Answers sort_answers(const PointsView& points, const LatticeReading& reading,
                      const ScanLattice& lattice, const FiringSchedule& schedule,
                      const GroundPlane& ground);
 
-/// A set of firings side by side, above ground that answered, which went to the ground themselves
-/// and got no return, although those to both sides did that went as far, and nothing nearer is
-/// seen there.
+/// Adjacent firings without a return where one was expected: they point at ground within range,
+/// the ground just below them answered, so did the firings on both sides that reach as far, and
+/// nothing nearer is seen there. Deleting an object's points leaves such a hole.
 struct Void {
   struct Cell {
     int ring;
     double azimuth;  ///< Radians, in [0, 2 pi).
   };
   std::vector<Cell> cells;
-  double distance;      ///< Metres: median horizontal distance of the ground below.
-  double weight = 1.0;  ///< Of each cell: the share of the void that no hole nearby explains, which
-                        ///< another turn has and this one has not: what swallows light moves on.
+  double distance;  ///< Metres: median horizontal distance of the ground below.
+  /// Weight of each cell: the share of the void that no hole of another turn nearby explains, which
+  /// this turn does not have. A dark car makes such holes, which move with it.
+  double weight = 1.0;
 };
 
 struct VoidOptions {
   double min_ground_range = 8.0;
   double max_ground_range = 80.0;
   int answered_beside = 7;  ///< Of the eight firings to each side of the lost ones in their ring.
-  /// Only firings that were answered, with their neighbours, in all of these turns: one beside this
-  /// one, or the one before and the one behind. Two of them tell a hole by themselves: it need not
-  /// begin above ground then.
+  /// Turns to compare with: the one before or after this one, or both. A firing counts as lost only
+  /// if it and its neighbours were answered in all of them. With two of them that alone shows a
+  /// hole, which then need not begin above ground.
   std::vector<const Answers*> beside;
   Progress progress;  ///< May cancel the search.
 };

@@ -102,8 +102,8 @@ SinCos sin_cos_deg(double degrees) {
   return {static_cast<double>(std::sin(angle)), static_cast<double>(std::cos(angle))};
 }
 
-// Those of an azimuth in [0, 36000): the table, and on from there by less than 0.01 degrees, where
-// the next term of the series is 1e-12.
+// Sine and cosine of an azimuth in [0, 36000) hundredths of a degree: the table's entry, turned on
+// by the rest, which is below 0.01 degrees, so that a series of second order is exact to 1e-12.
 SinCos sin_cos_centideg(double azimuth) {
   const auto whole = static_cast<std::size_t>(azimuth);
   const SinCos& base = turn_table()[whole];
@@ -147,7 +147,7 @@ void for_each_column(VelodyneFrame& frame, F f) {
   f(frame.time, std::size_t{1});
 }
 
-// A correction of z alone, in terms of offsets along the beam and at right angles to it.
+// Sets a correction of z alone, split into offsets along the beam and at right angles to it.
 void raise(LaserCalibration& laser, double height) {
   const auto [sin, cos] = sin_cos_deg(laser.elevation_deg);
   laser.range_offset_m = height * sin;
@@ -205,7 +205,7 @@ struct VelodyneDecoder::Block {
   double turn = 0.0;          // to the next column
   double time = 0.0;          // seconds after the packet
   ReturnType type = ReturnType::kUnknown;
-  std::size_t twin = kBlocks;  // the other return of the same firings
+  std::size_t twin = kBlocks;  // block with the other return of the same firings; kBlocks: none
 };
 
 struct VelodyneDecoder::Packet {

@@ -219,7 +219,7 @@ class Coverage {
           continue;
         }
         if (gap < u - radius_) gap = next_other(column, u - radius_, of_.cols_ + radius_, size_);
-        if (gap > u + radius_) {  // so it is for most of a person
+        if (gap > u + radius_) {  // covered all around, as most of a person is: skip ahead
           u = gap - radius_ - 1;
           continue;
         }

@@ -25,7 +25,7 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr std::int64_t kSampled = 400'000;    // points for the density of surfaces
-constexpr std::int64_t kTilePoints = 40'000;  // of those, points in whole tiles for the grid
+constexpr std::int64_t kTilePoints = 40'000;  // points for the grid, in tiles that stay whole
 constexpr std::int64_t kFewestPoints = 1000;
 constexpr double kTile = 4.0 * kDegree;
 
@@ -98,12 +98,13 @@ std::vector<Patch> sample_patches(const Points& points, const Progress& progress
   return patches;
 }
 
-// How unequal the patches are in what they have over what their solid angle calls for, mean of the
-// binary logarithms. A patch of area A at range r whose normal is turned by t covers A cos t / r^2,
-// and a cell of the grid step^2 rho / r.
+// Mean absolute deviation, from its median, of log2(points of a patch / points that the grid would
+// put there): 0 at the true position, up to noise. A patch of area A at range r, whose normal is
+// turned by t from the ray, covers a solid angle of A cos t / r^2; a cell of the grid covers
+// step^2 rho / r, with rho the distance from the polar axis. So density r rho / cos t is constant.
 double unevenness(const std::vector<Patch>& patches, const Vector3d& origin, int axis,
                   std::vector<double>& logs, std::vector<double>& scratch) {
-  constexpr double kMost = 2.2;      // beyond, the patch tells nothing
+  constexpr double kMost = 2.2;      // a larger deviation counts as this one: it tells nothing
   constexpr double kGrazing = 0.03;  // least cosine
   logs.clear();
   for (const Patch& patch : patches) {
@@ -185,7 +186,7 @@ Vector3d even_position(const std::vector<Patch>& patches, int axis, const Progre
 
 // --- The grid ------------------------------------------------------------------------------------
 
-// Points as a position sees them; the polar axis is the third coordinate.
+// Polar coordinates of the points about a position; the polar axis is the third coordinate.
 struct Sight {
   std::vector<Vector3d> rays;
   std::vector<double> azimuth, elevation, range, rho;
@@ -219,8 +220,9 @@ SinCos wave_of(double turns) {
   return {-cosine, sine};
 }
 
-// Within a window the phases of the grid agree although the position is somewhat off: so many
-// columns, two degrees of the other angle, ranges of one part in 2^parts of an octave.
+// Points whose phases are compared with each other. Within a window the phases of the grid agree
+// although the position is somewhat off. It spans `columns` steps of one angle, two degrees of the
+// other, and 1 / 2^parts of an octave of range: negative `parts` span several octaves.
 struct Window {
   std::int64_t columns = 8;
   int parts = 3;
@@ -266,7 +268,8 @@ class Windows {
 struct Phases {
   double cosine = 0.0, sine = 0.0, count = 0.0;
 
-  // Over all pairs: sum of the cosines of their differences, and number, a point's share of each.
+  // Sum of the cosines of the differences over all ordered pairs, and number of these pairs, both
+  // divided by the number of points so that a full window does not outweigh all others.
   [[nodiscard]] double agreement() const {
     return count > 1.0 ? (cosine * cosine + sine * sine - count) / count : 0.0;
   }
@@ -334,8 +337,9 @@ class Grid {
     return tried[last];
   }
 
-  // Finds faint rows where columns are plain: their distance from that of the columns, if one point
-  // is to be a cell, and the height at which they are plainest.
+  // Finds faint rows where columns are plain. Their step is searched around that which gives one
+  // point a cell, with the step of the columns known; and since a wrong height blurs rows, at nine
+  // heights, of which the one with the most coherent rows is kept.
   void find_rows(double cell_area, double range) {
     constexpr int kHeights = 4;        // on either side
     constexpr double kHeight = 0.025;  // of the range
@@ -433,7 +437,7 @@ class Grid {
       normal.leftCols<3>().setZero();
       gradient.head<3>().setZero();
     }
-    // What nothing determines stays.
+    // Damping: unknowns that no phase depends on do not move.
     normal.diagonal().array() += 1e-9 * normal.trace() + 1e-12;
     const Vector5 change = normal.ldlt().solve(gradient);
     position += change.head<3>();
@@ -443,8 +447,9 @@ class Grid {
     return change.head<3>().norm();
   }
 
-  // Mean over the tiles of the share of points that agree with each other as those of most tiles
-  // do: within a window that a second scanner shares, only the pairs of one scanner agree.
+  // Mean over the tiles of the share of their points that stand on the grid. Only pairs of two such
+  // points agree, so agreement goes with the square of the share, hence the root. It is measured
+  // against the tile at 4/5 of all, as noise keeps even clean tiles below 1.
   double explained(bool azimuth_angle) {
     constexpr double kFewestPairs = 20.0;
     constexpr std::size_t kFewestTiles = 10;
@@ -512,7 +517,7 @@ class Grid {
 
 // --- Putting it together -------------------------------------------------------------------------
 
-constexpr double kCoherent = 0.6;    // of one angle: half of the points of two scanners make 0.25
+constexpr double kCoherent = 0.6;    // of one angle; two scanners with equal shares reach 0.25
 constexpr double kNoticeable = 0.1;  // of the elevations, which alone tell the height
 constexpr double kPlain = 0.3;       // of either, in the narrowest windows
 constexpr double kFaint = 0.03;      // enough to try: it grows as the position gets better

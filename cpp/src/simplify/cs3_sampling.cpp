@@ -13,7 +13,7 @@ namespace {
 constexpr int kDigitBits = kKeyBits / 2;
 constexpr std::uint32_t kDigits = 1U << kDigitBits;
 
-// Counts of digits become the places where their first items go.
+// Exclusive prefix sum: the count of each digit becomes the place where its first item goes.
 void sum_up(std::vector<std::uint32_t>& counts) {
   std::uint32_t sum = 0;
   for (std::uint32_t& count : counts) {
@@ -93,9 +93,9 @@ struct Cs3Sampler::Frame {
   [[nodiscard]] std::int64_t u(Slot slot) const { return slot % static_cast<Slot>(map.stride); }
   [[nodiscard]] std::int64_t v(Slot slot) const { return slot / static_cast<Slot>(map.stride); }
 
-  /// Where the search for the factor starts: as printed; or, because eq. 3.9 makes all radii
-  /// smaller, where squares of them would be as dense as those of eq. 3.8. Each sixteenth pixel
-  /// tells: in order of importance they are well mixed.
+  /// Start of the search for the factor. 1, as printed, with eq. 3.8. Eq. 3.9 makes all radii
+  /// smaller, so the factor starts where its squares would be as dense as those of eq. 3.8, judged
+  /// by every sixteenth pixel: in order of importance near and far pixels are well mixed.
   [[nodiscard]] double first_factor() const {
     if (!options.distance_dependent) return 1.0;
     constexpr std::size_t kStep = 16;
@@ -294,7 +294,7 @@ double Cs3Sampler::search(const Frame& frame, Cs3Report& report) {
   return many;
 }
 
-// Adds the most important points that are not chosen yet, up to n.
+// Continues with the most important points that are not chosen yet, up to n, repulsion aside.
 void Cs3Sampler::go_on(const Frame& frame) {
   const auto n = static_cast<std::size_t>(frame.options.target_points);
   blocked_.assign(frame.map.keys.size() / 64, 0);

@@ -162,7 +162,7 @@ class Policy:
     units_per_m : sequence of int
         Grids, in steps a metre, whose points may carry bits; none: any that a record states.
     carriers : sequence of str
-        Of ``sidecar`` (a record beside the scan) and ``picture``.
+        Names out of ``sidecar`` (a record beside the scan) and ``picture``.
     """
 
     embeddings: Sequence[str] = EMBEDDINGS
@@ -398,9 +398,9 @@ class Watermarker:
         Steps of the grid a metre, which the record states: 100 for a file in whole centimetres.
         ``lbm`` moves points by up to sqrt(3) steps then. Others than 1000 for ``lbm`` only.
     origin : (float, float, float) or None, metres
-        Of coordinates that need float64 (`LidarFrame.exact`): where the sectors meet, and where
-        the grid's steps are counted from, which the record states, too. To the nearest step; None:
-        the middle of each scan.
+        For coordinates that need float64 (`LidarFrame.exact`): where the sectors meet, and where
+        the grid's steps are counted from, which the record states, too. Rounded to the nearest
+        step; None: the middle of each scan.
     state : path, optional
         File that keeps what the verifier has seen, so that replays are noticed after a restart; it
         is authenticated with the key.
@@ -490,8 +490,8 @@ class Watermarker:
         is_end : bool
             The session ends with this frame.
         picture : (H, W) or (H, W, 3) uint8, optional
-            Of the same moment, as the camera gave it: it will carry the record in the lowest bits
-            of its first 16384 samples, and the record binds the others.
+            Picture of the same moment, as the camera gave it. It will carry the record in the
+            lowest bits of its first 16384 samples, and the record binds the others.
 
         Returns
         -------
@@ -596,7 +596,7 @@ class Watermarker:
         now_ns : int, optional
             Nanoseconds since 1970; by default the clock's.
         picture : (H, W) or (H, W, 3) uint8, optional
-            That carries the record, and is verified with it.
+            Picture that carries the record, and is verified with it.
 
         Returns
         -------

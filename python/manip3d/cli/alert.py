@@ -127,7 +127,9 @@ def run(
     ] = None,
     every: Annotated[
         float,
-        typer.Option(min=0.001, help="Seconds within which cameras and forensics speak once."),
+        typer.Option(
+            min=0.001, help="Seconds in which cameras and forensics judge at least one frame."
+        ),
     ] = 1.0,
     live: Annotated[
         bool,

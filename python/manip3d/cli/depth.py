@@ -123,7 +123,9 @@ def depth(
     ] = None,
     by_distance: Annotated[
         bool,
-        typer.Option("--by-distance", help="More points where it is near (--method cs3)."),
+        typer.Option(
+            "--by-distance", help="Put more points where the surface is near (--method cs3)."
+        ),
     ] = False,
     move_points: Annotated[
         bool,
@@ -148,9 +150,8 @@ def depth(
     confidence: Annotated[
         str,
         typer.Option(
-            help="Grey image or .npy of the same size: how far each pixel is believed, as levels "
-            "or 0 to 1; its error counts that many times (--method relief). A file or a folder, "
-            "as --mask."
+            help="Grey image or .npy of the same size: weight of each pixel's error, as levels "
+            "or 0 to 1: 0 is not believed (--method relief). A file or a folder, as --mask."
         ),
     ] = "",
     confidence_max: Annotated[
@@ -169,8 +170,8 @@ def depth(
     bandwidth: Annotated[
         float | None,
         typer.Option(
-            help="Bytes a second: each file, which is a frame, has the points that fit into its "
-            "share of them. With --rate."
+            help="Bytes a second of a stream whose frames are the files: each gets as many points "
+            "as fit into its share. Needs --rate."
         ),
     ] = None,
     rate: Annotated[

@@ -60,7 +60,10 @@ def inspect(
     ] = None,
     lattice: Annotated[
         Path | None,
-        typer.Option(help="Lattice of the scanner, as SensorLattice.save writes it (.json)."),
+        typer.Option(
+            help="Lattice of the scanner (angles of its lasers, steps of its encoder), as "
+            "SensorLattice.save writes it (.json)."
+        ),
     ] = None,
     sensor: Annotated[
         str, typer.Option(help="Scanner: auto, lattice (HDL-64E), terrestrial or other.")
@@ -118,12 +121,13 @@ def inspect(
     """Look for edits of a LiDAR scan, a drive or an RGB-D recording.
 
     The exit code is 0 for no_trace, 3 for tampered, 4 for processed and undecidable; of a drive it
-    is that of the gravest verdict, 1 if a scan could not be read, and 130 when interrupted. The
-    scans of a drive and of packets are judged with their neighbours, a line each; without them
-    where numbers are missing between, and in folders without times (object and stereo benchmarks).
-    No verdict says that a scan is authentic: only a keyed watermark does. With -o the evidence is
-    written: a page with pictures and boxes (.html; of a drive a timeline and a map, of a recording
-    frames, what was inserted in them and the curves of noise), or the numbers (.json).
+    is that of the gravest verdict, 1 if a scan could not be read, and 130 when interrupted. Each
+    scan of a drive or of packets gets a line, and is judged together with the scans before and
+    after it; it is judged alone where those are missing, and in folders without times (object and
+    stereo benchmarks). No verdict says that a scan is authentic: only a keyed watermark does. With
+    -o the evidence is written: a page with pictures and boxes (.html; of a drive a timeline and a
+    map, of a recording frames, what was inserted in them and the curves of noise), or the numbers
+    (.json).
 
     Example: manip3d inspect scan.bin -o evidence.html
     """

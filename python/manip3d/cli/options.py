@@ -95,13 +95,15 @@ Table = Annotated[
     str,
     typer.Option(
         metavar="FILE",
-        help="Table of the results, .csv or .parquet, one row a file; a run that was stopped goes "
-        "on by it. With -o it is results.csv in that folder.",
+        help="Table of the results, .csv or .parquet, one row a file; a stopped run is resumed "
+        "from it. Default where -o is given: results.csv in that folder.",
     ),
 ]
 To = Annotated[
     str,
-    typer.Option(metavar="SUFFIX", help="Format of the outputs of several files, such as .glb."),
+    typer.Option(
+        metavar="SUFFIX", help="Suffix of the outputs of several files; it chooses their format."
+    ),
 ]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of every random choice.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace existing outputs.")]

@@ -250,8 +250,8 @@ def simplify(
         tuple[float, float] | None,
         typer.Option(
             metavar="MS HZ",
-            help="Stop at as many faces as a headset draws in time for both eyes, from its "
-            "milliseconds for a million triangles and its refresh rate.",
+            help="Stop at the number of faces that a headset can draw for both eyes in the time of "
+            "one picture. MS: its milliseconds for a million triangles; HZ: its refresh rate.",
         ),
     ] = None,
     max_error: Annotated[
@@ -271,13 +271,16 @@ def simplify(
     mode: Annotated[
         Mode | None,
         typer.Option(
-            help="The rules: quality (least error, vertices move; the default) or published (the "
-            "method of chapter 2, vertices of the input) or fast (speed before error)."
+            help="What matters most: quality (least error, vertices move; the default), published "
+            "(the dissertation's method, vertices of the input) or fast (speed before error)."
         ),
     ] = None,
     method: Annotated[
         Method | None,
-        typer.Option(help="Method of chapter 2; implies --mode published, whose own is qem4vr."),
+        typer.Option(
+            help="Method of the dissertation, chapter 2; implies --mode published. Without it that "
+            "mode uses qem4vr."
+        ),
     ] = None,
     seam_mode: Annotated[
         SeamMode | None,

@@ -115,10 +115,10 @@ def clean(mesh: Mesh, *, weld: bool = True, duplicates: Duplicates = "same") -> 
         Merge vertices at bit-identical positions (-0.0 equals 0.0). Corners keep their texture
         coordinates and normals; of several vertex colours that of the lowest vertex stays.
     duplicates : 'same', 'any' or 'keep'
-        Of faces on the same three positions the first one stays. ``'same'`` removes the exact
-        copies of it: same orientation, material, texture coordinates, normals and colours, so
-        that the picture does not change. ``'any'`` removes all others, also the back sides of
-        surfaces that are stored twice. ``'keep'`` removes none.
+        What is done with further faces on the same three positions. ``'same'`` removes exact
+        copies of the first one: same orientation, material, texture coordinates, normals and
+        colours, so that the picture does not change. ``'any'`` removes all others, also the back
+        sides of surfaces that are stored twice. ``'keep'`` removes none.
 
     Returns
     -------

@@ -8,7 +8,7 @@
 
 namespace manip3d {
 
-/// Where a scanner stood, as its angular grid tells.
+/// Position of a scanner and the angular grid on which its points stand, seen from there.
 struct ScanOrigin {
   bool found = false;
   Eigen::Vector3d position = Eigen::Vector3d::Zero();  ///< Metres, in the frame of the points.
@@ -18,28 +18,29 @@ struct ScanOrigin {
   double azimuth_step = 0.0;
   double elevation_step = 0.0;
 
-  /// How well points within 16 columns (rows) of each other agree on where columns (rows) are: mean
-  /// cosine of their differences in phase; 1: all of them, 0: none.
+  /// Agreement of points within 16 columns (rows) of each other on where columns (rows) are. A
+  /// point's phase is its angle over the step, in turns; this is the mean cosine of the differences
+  /// of phase over pairs of points. 1: all points stand on the grid, 0: phases are random.
   double azimuth_coherence = 0.0;
   double elevation_coherence = 0.0;
 
-  /// Share of the points that stand on this grid, as the mean over tiles of 4 degrees: of a cloud
-  /// fused from two positions about half, with an object pasted in nearly all.
+  /// Share of the points that stand on this grid, as the mean over tiles of 4 degrees. A cloud
+  /// fused from two positions has about half, a scan with an object pasted into it nearly all.
   double explained = 0.0;
 };
 
 /// Finds the position from which a scan stands on a grid of azimuth and elevation.
 ///
-/// (0, 0, 0) is tried first. Otherwise a position is looked for from which every patch of surface
-/// has as many points as its solid angle calls for, which is right to some per cent of the range;
-/// from there it follows the phases of the grid: in windows of 8 columns they agree in spite of
-/// such an error, and each time that they do, the window is widened, to 64 columns at last. The
-/// polar axis may be any of the three.
+/// (0, 0, 0) is tried first. If it fails, the first guess is the position from which every patch of
+/// surface has the number of points that its solid angle calls for; it is right to some per cent of
+/// the range. Gauss-Newton steps then make the phases of the grid agree. They are compared within
+/// windows of 8 columns at first, over which a wrong position hardly shifts them, and the window is
+/// doubled as long as they agree, to 256 columns at most. The polar axis may be x, y or z.
 ///
-/// Clouds of two scanners, of scanners without such a grid, or that were turned out of their
-/// upright have no such position: `found` is false. So it is where only columns were found, which
-/// do not tell the height. Looks at up to 400 000 points in any order; the same for any number of
-/// threads.
+/// `found` is false for clouds of two scanners, of scanners without such a grid, and for clouds
+/// that were tilted; also where only azimuth columns were found, which leave the height
+/// undetermined. Looks at up to 400 000 points in any order; the result is the same for any number
+/// of threads.
 /// @param known  judge this position only.
 /// @throws InputError  what check_points refuses; a known position that is not finite.
 ScanOrigin estimate_scan_origin(const PointsView& view,

@@ -11,7 +11,7 @@
 
 namespace manip3d {
 
-/// Where the lines of sight of a range sensor run.
+/// Lines of sight of a range sensor, one for each (u, v) of its pixel grid.
 ///
 /// Each of a pixel's two coordinates is a ratio of two affine functions of the point,
 /// u = (u_over X) / (u_under X) with X = (x, y, z, 1), and a pixel's line of sight is where two
@@ -53,11 +53,11 @@ std::vector<double> render_depth(const MeshView& mesh, const PointGridView& grid
 /// Differences of depth between a range image and a mesh, over the pixels that both have.
 struct RangeImageError {
   double mean_square = 0.0;    ///< Squared units of the points; NaN where nothing was compared.
-  double mean_absolute = 0.0;  ///< Likewise.
-  double max = 0.0;
-  double diagonal = 0.0;      ///< Diagonal of the valid points' bounding box.
-  std::int64_t compared = 0;  ///< Pixels valid in both.
-  std::int64_t valid = 0;     ///< Pixels valid in the range image.
+  double mean_absolute = 0.0;  ///< Units of the points; NaN where nothing was compared.
+  double max = 0.0;            ///< Largest absolute difference; NaN where nothing was compared.
+  double diagonal = 0.0;       ///< Diagonal of the valid points' bounding box.
+  std::int64_t compared = 0;   ///< Pixels valid in both.
+  std::int64_t valid = 0;      ///< Pixels valid in the range image.
 };
 
 /// How far a mesh is from the range image it was made of, as the sensor sees it: the depth of
