@@ -48,9 +48,6 @@ WITHOUT_EXAMPLE = {
 }
 """Functions whose smallest input is too large for a docstring."""
 
-NOT_YET_MENDED = {"authenticate/_reflectance.py", "authenticate/_turns.py"}
-"""Files in which a description still begins with a fragment."""
-
 
 def public_functions() -> Iterator[tuple[str, Callable[..., Any]]]:
     for room in ROOMS:
@@ -109,7 +106,6 @@ def test_descriptions_name_what_they_describe() -> None:
     found = [
         f"{path.relative_to(root)}: {match[0]}"
         for path in sorted(root.rglob("*.py"))
-        if str(path.relative_to(root)) not in NOT_YET_MENDED
         for match in fragment.finditer(path.read_text())
     ]
     assert not found

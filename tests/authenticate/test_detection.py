@@ -6,11 +6,19 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+import test_cross_modal as scenes
 
 import lattice_scans as scans
 from cave_scans import CAVE, ball
 from manip3d import LidarFrame, authenticate, forge
-from manip3d.authenticate import Calibration, DensityParameters, Detection, Power, RegionLike
+from manip3d.authenticate import (
+    Calibration,
+    DensityParameters,
+    Detection,
+    Disparity,
+    Power,
+    RegionLike,
+)
 from manip3d.lidar import Box
 
 LATTICE = scans.lattice()
@@ -32,6 +40,15 @@ DETECTIONS: dict[str, Callable[[], Detection]] = {
     "generic of nothing": lambda: authenticate.generic_consistency(NOTHING, calibration=LATTICE),
     "turns": lambda: authenticate.turn_consistency(FRAME, FRAME, FRAME, lattice=LATTICE),
     "reflectance": lambda: authenticate.reflectance_consistency(FRAME, lattice=LATTICE),
+    "cross-modal": lambda: authenticate.cross_modal_consistency(
+        scenes.lidar(scenes.CAR), scenes.cameras(), scenes.RIG
+    ),
+    "cross-modal in the dark": lambda: authenticate.cross_modal_consistency(
+        scenes.lidar(scenes.CAR), Disparity(np.zeros((72, 96), np.float32)), scenes.RIG
+    ),
+    "surround": lambda: authenticate.surround_consistency(
+        scenes.lidar(scenes.CAR), {"front": scenes.cameras()}, {"front": scenes.RIG}
+    ),
     "inspect": lambda: authenticate.inspect(FORGED_CAVE, origin=(0, 0, 0)),
 }
 
@@ -57,7 +74,9 @@ def test_the_words_are_those_of_the_protocol(name: str) -> None:
         assert region.p_value is None or 0.0 <= region.p_value <= 1.0
 
 
-@pytest.mark.parametrize("name", ["density", "occlusion", "generic", "inspect"])
+@pytest.mark.parametrize(
+    "name", ["density", "occlusion", "generic", "inspect", "cross-modal", "surround"]
+)
 def test_an_accusation_has_regions_and_their_points(name: str) -> None:
     found = DETECTIONS[name]()
     assert found.verdict == "tampered"

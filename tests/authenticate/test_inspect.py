@@ -21,7 +21,14 @@ from manip3d.authenticate import (
     Processing,
     combined_verdict,
 )
-from manip3d.authenticate._processing import Firings, firings_of, is_cut_at_height
+from manip3d.authenticate._processing import (
+    FARTHEST_POINTS,
+    Firings,
+    ends_in_silence,
+    firings_of,
+    is_cut_at_height,
+)
+from manip3d.authenticate._verdict import FALSE_ALARM_RATE, RATE_SHARES, rate_of
 
 LATTICE = scans.lattice()
 DIRECTIONS = np.random.default_rng(1).normal(size=(50_000, 3))
@@ -237,6 +244,50 @@ def test_a_crop_at_a_round_height_leaves_firings_silent(cut: float) -> None:
     height, firings = street_above(cut)
     assert np.count_nonzero(height < -1.75) > 200
     assert is_cut_at_height(-height, firings)
+
+
+def closed_in() -> np.ndarray:
+    """A frame between walls, 15 to 25 m away."""
+    return scans.scan(np.random.default_rng(8))
+
+
+def test_a_frame_between_walls_is_not_cropped() -> None:
+    points = closed_in()
+    assert np.linalg.norm(points, axis=1).max() < 30.0
+    found = authenticate.inspect(points, lattice=LATTICE)
+    assert (found.verdict, found.processing) == ("no_trace", ())
+
+
+@pytest.mark.parametrize("cut", ["sphere", "box"])
+def test_a_frame_that_was_cut_ends_in_silence(cut: str) -> None:
+    points = closed_in()
+    kept = np.linalg.norm(points, axis=1) < 14.0
+    if cut == "box":  # its walls along x and behind stay as they are
+        kept = points[:, 0] < 8.0
+    found = authenticate.inspect(points[kept], lattice=LATTICE)
+    assert found.verdict == "processed"
+    assert "cropped: no points beyond" in found.reason
+
+
+def test_what_cannot_be_told_of_an_end_counts_as_cut() -> None:
+    points = closed_in()
+    distance = np.linalg.norm(points.astype(np.float64), axis=1)
+    firings = firings_of(LATTICE.read(points), len(LATTICE.slope))
+    assert not ends_in_silence(distance, firings)
+    assert ends_in_silence(distance, None)
+    assert ends_in_silence(distance[:FARTHEST_POINTS], firings)
+
+
+def test_the_detectors_of_a_frame_share_its_rate() -> None:
+    assert sum(RATE_SHARES.values()) == pytest.approx(1.0)
+    assert sum(map(rate_of, RATE_SHARES)) <= FALSE_ALARM_RATE * (1.0 + 1e-12)
+    points = closed_in()
+    values = np.random.default_rng(3).integers(0, 99, len(points)).astype(np.float32) / 100.0
+    frame = LidarFrame(points, values)
+    found = authenticate.inspect(frame, previous=frame, following=frame, lattice=LATTICE)
+    results = (found.generic, found.turns, found.reflectance)
+    rates = [result.false_alarm_rate for result in results if result is not None]
+    assert rates == pytest.approx([0.001, 0.007, 0.002])
 
 
 def test_near_points_are_missed_where_the_lowest_lasers_are_silent() -> None:

@@ -104,6 +104,28 @@ def all_around(**cars: Box) -> LidarFrame:
     return LidarFrame(np.concatenate(sides))
 
 
+def test_pairs_share_the_false_alarms_of_a_frame() -> None:
+    """A single pair accuses at its least area; of several each needs more of it."""
+    attacked, seen = scenes.lidar(scenes.CAR), scenes.cameras()
+    alone = cross_modal_consistency(attacked, seen, scenes.RIG)
+    (region,) = alone.regions
+    just = CrossModalParameters(min_added_area=0.9 * region.evidence)
+    one, three = ({name: RIGS[name] for name in names} for names in (["front"], list(RIGS)))
+    assert surround_consistency(attacked, {"front": seen}, one, parameters=just).verdict == (
+        "tampered"
+    )
+    assert surround_consistency(attacked, {"front": seen}, three, parameters=just).verdict == (
+        "no_trace"
+    )
+    least = CrossModalParameters(min_added_area=0.9 * region.evidence / 3**0.65)
+    assert surround_consistency(attacked, {"front": seen}, three, parameters=least).verdict == (
+        "tampered"
+    )
+    assert just.shared(1) == just
+    with pytest.raises(InputError, match="pairs"):
+        just.shared(0)
+
+
 def test_a_car_behind_is_found_behind() -> None:
     seen = dict.fromkeys(RIGS, scenes.cameras())
     assert surround_consistency(all_around(), seen, RIGS).verdict == "no_trace"

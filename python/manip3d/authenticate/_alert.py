@@ -185,6 +185,7 @@ class AlertMonitor:
         Period, on the stream's clock, in which cameras and forensics judge at least one frame,
         whatever it costs. Infinity: only within the budget, forensics never.
     cross_modal : CrossModalParameters, optional
+        Of a single pair; several share the false alarms of a frame.
     risk : RiskParameters, optional
     background : bool
         Forensics work in a thread of their own, on one core, while further frames are judged. They
@@ -433,6 +434,7 @@ class AlertMonitor:
             return None, WitnessReport("absent", "no stereo pair")
         start = self._clock()
         found: dict[str, CrossModalResult] = {}
+        shared = (self._parameters or CrossModalParameters()).shared(len(self._rigs))
         left_out = []
         is_beyond = False
         for name in [each for each in self._turns if each in pairs]:
@@ -443,7 +445,7 @@ class AlertMonitor:
             asked = self._clock()
             disparity = stereo_disparity(*pairs[name])
             found[name] = cross_modal_consistency(
-                frame, disparity, self._rigs[name], parameters=self._parameters
+                frame, disparity, self._rigs[name], parameters=shared
             )
             self._heard(_of_pair(name), found[name].verdict, found[name].reason, asked, now)
             is_beyond = self._clock() - begin > self._budget

@@ -13,8 +13,9 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
-from manip3d.authenticate._inspect import FALSE_ALARM_RATE, Inspection, inspect
+from manip3d.authenticate._inspect import Inspection, inspect
 from manip3d.authenticate._lattice import SensorLattice
+from manip3d.authenticate._verdict import FALSE_ALARM_RATE
 from manip3d.authenticate._watermark import KeyFile, Policy, Watermarker
 from manip3d.errors import InputError
 from manip3d.lidar import LidarFrame
@@ -140,7 +141,7 @@ def verdict_of_drive(found: Sequence[Inspection | None]) -> tuple[Verdict, str]:
     reason = f"{verdicts[verdict]} of {len(found)} scans"
     if verdict == "tampered":
         reason += (
-            f"; the detectors may accuse {FALSE_ALARM_RATE:.0%} of clean scans each, which is "
+            f"; the detectors together may accuse {FALSE_ALARM_RATE:.0%} of clean scans, which is "
             f"{FALSE_ALARM_RATE * len(found):.1f} of so many"
         )
     return verdict, reason

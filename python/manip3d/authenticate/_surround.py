@@ -13,6 +13,7 @@ from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
 from manip3d._util.showing import Showable
 from manip3d.authenticate._cross_modal import (
+    CALIBRATION,
     CrossModalParameters,
     CrossModalRegion,
     CrossModalResult,
@@ -22,7 +23,7 @@ from manip3d.authenticate._cross_modal import (
 )
 from manip3d.authenticate._risk import AttackObservation, RiskParameters
 from manip3d.authenticate._stereo import Disparity, StereoRig
-from manip3d.authenticate._verdict import Verdict
+from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, ScanLike
 
@@ -74,6 +75,21 @@ class SurroundResult(Showable):
         return tuple(
             sorted((r for found in accusing for r in found.regions), key=lambda r: -r.area)
         )
+
+    @property
+    def p_value(self) -> float | None:
+        """None: as of each pair."""
+        return None
+
+    @property
+    def power(self) -> Mapping[str, Power]:
+        """Empty: it depends on the cameras."""
+        return NO_POWER
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """Where the parameters of each pair come from, before they are shared."""
+        return CALIBRATION
 
     @property
     def boxes(self) -> tuple[Box, ...]:
@@ -162,7 +178,8 @@ def surround_consistency(
     rigs : mapping of str to StereoRig
         At least those of ``disparities``.
     parameters : CrossModalParameters, optional
-        Without a heading, which each pair has of its own.
+        Of a single pair, without a heading, which each pair has of its own. The pairs share the
+        false alarms of a frame (`CrossModalParameters.shared`, by the number of rigs).
 
     Returns
     -------
@@ -198,9 +215,10 @@ def surround_consistency(
             "parameters: expected no heading, since each pair has its own, "
             f"got {parameters.heading}"
         )
+    shared = (parameters or CrossModalParameters()).shared(max(len(rigs), 1))
     return SurroundResult(
         {
-            name: cross_modal_consistency(scan, disparity, rigs[name], parameters=parameters)
+            name: cross_modal_consistency(scan, disparity, rigs[name], parameters=shared)
             for name, disparity in disparities.items()
         }
     )

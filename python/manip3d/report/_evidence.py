@@ -18,6 +18,7 @@ from manip3d import __version__, viewer
 from manip3d._util.checked import checked
 from manip3d._util.json import finite
 from manip3d._util.paths import path_of
+from manip3d.authenticate._verdict import FALSE_ALARM_RATE
 from manip3d.datasets import file_sha256
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
@@ -345,6 +346,10 @@ def _facts(inspection: Inspection, source: str) -> str:
     facts += [f"{step.kind}: {step.detail}" for step in inspection.processing]
     generic = inspection.generic
     if generic is not None:
+        facts.append(
+            f"of clean scans {FALSE_ALARM_RATE:.0%} at most may be called tampered by all "
+            "detectors together; each has its share of that"
+        )
         facts.append(
             f"detector III: p-values up to {generic.false_alarm_rate:g} alarm; smallest of this "
             f"scan {generic.p_value:.2g}"

@@ -1,0 +1,260 @@
+"""How many clean simulated scans `inspect` accuses, each judged by all its detectors together.
+
+``python benchmarks/bench_alarms.py scans.jsonl`` judges clean scans of three scanners, for the
+section `alarms` of RESULTS.md: frames of drives of an HDL-64E, each with the turns before and after
+(detectors III, IV and V) and each alone (III and V), terrestrial scans of 0.2 degrees (I and II),
+and an HDL-32E, which no detector is calibrated for. ``--calibrate`` prints the strongest clean
+evidence of detectors IV and V instead, on streets that are in no report: their thresholds.
+
+Every scan is a line of the file that is named; scans that it has are not judged again, so that a
+run that was stopped goes on. Streets of calibrations and of reports have no number in common.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from measuring import one_thread
+
+if TYPE_CHECKING:
+    from manip3d.authenticate import Inspection
+    from manip3d.lidar import LidarFrame
+
+Line = dict[str, Any]
+
+JUDGED = 10
+"""Frames of a drive that have both neighbours."""
+
+CALIBRATION_STREETS, REPORTED_STREETS = 70_000, 80_000
+"""The first of each; drives are on every street from there on."""
+
+BEAMS_PER_DEGREE = 5
+"""Azimuths at which a simulated HDL-32E fires."""
+
+
+def drive_scans(number: int) -> Iterator[Line]:
+    """The frames of a drive of an HDL-64E, with their neighbours and alone."""
+    from manip3d import simulate
+
+    start = float(np.random.default_rng(number).uniform(0.5, 15.0))
+    frames = [
+        frame.scan.frame
+        for frame in simulate.drive(
+            simulate.street(number), JUDGED + 2, start=start, pictures=False, rng=number
+        )
+    ]
+    for k in range(1, JUDGED + 1):
+        beside = judged(frames[k], previous=frames[k - 1], following=frames[k + 1])
+        yield {"frame": k, "beside": beside, "alone": judged(frames[k])}
+
+
+def terrestrial_scans(number: int) -> Iterator[Line]:
+    """A terrestrial scan, indoors and outdoors in turn."""
+    from manip3d.simulate import scenes
+    from manip3d.simulate.terrestrial import terrestrial_scan
+
+    kinds = sorted({kind for kind, _ in scenes.SCENES.values()})
+    kind = kinds[number % len(kinds)]
+    inside = kind in {name for name, _ in scenes.INDOOR.values()}
+    scene = (scenes.indoor if inside else scenes.outdoor)(kind, rng=number)
+    scan = terrestrial_scan(scene, resolution_deg=0.2, rng=number).frame
+    yield {"frame": 0, "kind": kind, "alone": judged(scan)}
+
+
+def hdl32e_scans(number: int) -> Iterator[Line]:
+    """A frame of an HDL-32E on the car of a street, standing still for a turn."""
+    from manip3d import LidarFrame, simulate
+    from manip3d.authenticate._sensors import BEAMS
+
+    random = np.random.default_rng(number)
+    street = simulate.street(number)
+    position, yaw = street.pose([1.0])
+    azimuth = np.radians(np.arange(360 * BEAMS_PER_DEGREE) / BEAMS_PER_DEGREE)
+    angle, height = (each.ravel() for each in np.meshgrid(azimuth, np.radians(BEAMS["HDL-32E"])))
+    level = np.cos(height)
+    beams = np.column_stack([level * np.cos(angle), level * np.sin(angle), np.sin(height)])
+    cos, sin = np.cos(yaw[0]), np.sin(yaw[0])
+    to_world = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    aim = (beams @ to_world.T).astype(np.float32)
+    origins = np.tile(position[0].astype(np.float32), (len(aim), 1))
+    hits = street.stage.cast(origins, aim, np.full(len(aim), 1.0, np.float32))
+    seen = hits.distance < 70.0
+    ranges = hits.distance[seen] + random.normal(0.0, 0.02, int(np.count_nonzero(seen)))
+    points = np.ascontiguousarray(beams[seen] * ranges[:, None], np.float32)
+    yield {"frame": 0, "alone": judged(LidarFrame(points, origin=(0.0, 0.0, 0.0)))}
+
+
+SCANNERS: dict[str, Callable[[int], Iterator[Line]]] = {
+    "HDL-64E": drive_scans,
+    "terrestrial": terrestrial_scans,
+    "HDL-32E": hdl32e_scans,
+}
+
+
+def judged(frame: LidarFrame, **beside: LidarFrame) -> Line:
+    """What `inspect` says of a scan, as numbers that another threshold can be tried on."""
+    from manip3d.authenticate import inspect
+
+    found: Inspection = inspect(frame, power=False, threads=1, **beside)
+    return {
+        "verdict": found.verdict,
+        "reason": found.reason if found.verdict != "no_trace" else "",
+        "sensor": "" if found.sensor is None else found.sensor.name,
+        "accusing": [r.name for r in found.detectors if r.verdict == "tampered"],
+        "p_value": {r.name: r.p_value for r in found.detectors if r.p_value is not None},
+        "strength": {r.name: r.score for r in found.detectors if r.score is not None},
+    }
+
+
+def run(file: Path, scanner: str, numbers: range) -> list[Line]:
+    """The lines of a scanner's scans; those that the file lacks are judged and appended."""
+    known = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    done = {(line["scanner"], line["number"]) for line in known}
+    for number in numbers:
+        if (scanner, number) in done:
+            continue
+        lines = [
+            {"scanner": scanner, "number": number, **line} for line in SCANNERS[scanner](number)
+        ]
+        with file.open("a") as out:
+            out.write("".join(json.dumps(line) + "\n" for line in lines))
+        known += lines
+        print(f"{scanner} {number}: {len(lines)} scans", file=sys.stderr, flush=True)
+    return [line for line in known if line["scanner"] == scanner and line["number"] in numbers]
+
+
+def interval(events: int, trials: int) -> tuple[float, float]:
+    """The 95 % interval of a rate [Clopper and Pearson, 1934]."""
+    from manip3d.experiments._roc import upper_bound
+
+    return 1.0 - upper_bound(trials - events, trials, 0.975), upper_bound(events, trials, 0.975)
+
+
+def p_values(line: Line) -> dict[str, float]:
+    """Of a scan, by detector, at the thresholds of this package."""
+    from manip3d.authenticate import _reflectance, _turns
+
+    strength, found = line["strength"], dict(line["p_value"])
+    if "turns" in found:
+        found["turns"] = _turns.turn_p_value(strength["turns"])
+    if "reflectance" in found:
+        found["reflectance"] = _reflectance.reflectance_p_value(strength["reflectance"])
+    return found
+
+
+def accused_by(line: Line) -> list[str]:
+    """The detectors that accuse a scan at the thresholds of this package."""
+    from manip3d.authenticate._verdict import rate_of
+
+    spinning = [name for name, p in p_values(line).items() if p <= rate_of(name)]
+    return spinning + [name for name in line["accusing"] if name in ("density", "occlusion")]
+
+
+def log10_ratio(line: Line) -> float:
+    """Of a scan's likelihood ratio, as `Inspection.likelihood_ratio` has it; 0: not judged."""
+    from manip3d.authenticate import likelihood_ratio
+
+    found = p_values(line)
+    if line["verdict"] not in ("no_trace", "tampered") or not found:
+        return 0.0
+    return float(np.log10(likelihood_ratio(min(1.0, min(found.values()) * len(found)))))
+
+
+def calibrate(lines: list[Line]) -> None:
+    """Print the strongest clean evidence of detectors IV and V."""
+    for name in ("turns", "reflectance"):
+        found = [line["beside"]["strength"].get(name) for line in lines]
+        strengths = sorted((value for value in found if value is not None), reverse=True)
+        print(f"{name}: {len(strengths)} frames judged")
+        print(", ".join(f"{value:.3f}" for value in strengths[:40]))
+
+
+def drives_alarmed(lines: list[Line]) -> int:
+    """Alarms of `drive_evidence` over the drives, at one an hour."""
+    from manip3d.authenticate._sequence import FRAMES_PER_SECOND
+
+    threshold = np.log10(3600.0 * FRAMES_PER_SECOND)
+    alarms = 0
+    for number in sorted({line["number"] for line in lines}):
+        total = 0.0
+        for line in lines:
+            if line["number"] == number:
+                total = max(total, 0.0) + log10_ratio(line["beside"])
+                alarms += total >= threshold
+                total = 0.0 if total >= threshold else total
+    return alarms
+
+
+def row(name: str, lines: list[Line]) -> list[str]:
+    """A row of the table, of scans as `inspect` says."""
+    accused = [accused_by(line) for line in lines]
+    count = sum(bool(names) for names in accused)
+    low, high = interval(count, len(lines))
+    by = {names for each in accused for names in each}
+    verdicts = [line["verdict"] for line in lines]
+    return [
+        name,
+        f"{len(lines)}",
+        f"{count}",
+        f"{count / len(lines):.2%}",
+        f"{low:.2%} to {high:.2%}",
+        ", ".join(f"{each} {sum(each in names for names in accused)}" for each in sorted(by))
+        or "–",
+        f"{verdicts.count('processed')}",
+        f"{verdicts.count('undecidable')}",
+    ]
+
+
+HEAD = ["clean simulated scans", "scans", "accused", "share", "95 % interval", "by", "processed",
+        "undecidable"]  # fmt: skip
+
+
+def report(file: Path, streets: int, others: int) -> str:
+    """The table of all scanners."""
+    import tables
+
+    drives = run(file, "HDL-64E", range(REPORTED_STREETS, REPORTED_STREETS + streets))
+    numbers = range(REPORTED_STREETS, REPORTED_STREETS + others)
+    terrestrial, other = run(file, "terrestrial", numbers), run(file, "HDL-32E", numbers)
+    beside, alone = ([line[key] for line in drives] for key in ("beside", "alone"))
+    rows = [
+        row("HDL-64E, with the turns before and after (III, IV, V)", beside),
+        row("HDL-64E, alone (III, V)", alone),
+        row("terrestrial, 0.2 degrees (I, II)", [line["alone"] for line in terrestrial]),
+        row("HDL-32E (no detector)", [line["alone"] for line in other]),
+    ]
+    rows.append(row("all, once each", beside + [line["alone"] for line in terrestrial + other]))
+    text = tables.table(HEAD, rows)
+    return text + (
+        f"\n{drives_alarmed(drives)} alarms of `drive_evidence` at one an hour, in {len(drives)} "
+        f"frames of {streets} drives.\n"
+    )
+
+
+def main() -> None:
+    """Judge what is missing, and write the table or print the tails."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("file", type=Path, help="lines of what was judged, .jsonl")
+    parser.add_argument("--calibrate", action="store_true")
+    parser.add_argument("--streets", type=int, default=56)
+    parser.add_argument("--others", type=int, default=96, help="scans of each other scanner")
+    options = parser.parse_args()
+    one_thread()
+    import tables
+
+    if options.calibrate:
+        first = CALIBRATION_STREETS
+        calibrate(run(options.file, "HDL-64E", range(first, first + options.streets)))
+    else:
+        tables.write_section("alarms", report(options.file, options.streets, options.others))
+
+
+if __name__ == "__main__":
+    main()
