@@ -185,7 +185,7 @@ class AlertMonitor:
         Period, on the stream's clock, in which cameras and forensics judge at least one frame,
         whatever it costs. Infinity: only within the budget, forensics never.
     cross_modal : CrossModalParameters, optional
-        Of a single pair; several share the false alarms of a frame.
+        Parameters of a single pair; several pairs share the false alarms of a frame.
     risk : RiskParameters, optional
     background : bool
         Forensics work in a thread of their own, on one core, while further frames are judged. They

@@ -276,8 +276,8 @@ def measure_power(
         'lbm' or 'qim': the edited frame is watermarked, and its record verified, before the
         detector looks at it; empty: it is not.
     false_alarm_rate : float
-        Of clean frames that the detectors together may call tampered; each may use up its share of
-        it, as in `inspect`.
+        Share of clean frames that the detectors together may call tampered; each may use up its
+        part of it, as in `inspect`.
     rng : int
         Seed of what is edited where.
     threads : int

@@ -178,7 +178,7 @@ def surround_consistency(
     rigs : mapping of str to StereoRig
         At least those of ``disparities``.
     parameters : CrossModalParameters, optional
-        Of a single pair, without a heading, which each pair has of its own. The pairs share the
+        Parameters of a single pair, without a heading: each pair has its own. The pairs share the
         false alarms of a frame (`CrossModalParameters.shared`, by the number of rigs).
 
     Returns

@@ -48,7 +48,7 @@ def rate_of(detector: str, false_alarm_rate: float = FALSE_ALARM_RATE) -> float:
     ----------
     detector : 'generic', 'turns' or 'reflectance'
     false_alarm_rate : float
-        Of the scan as a whole.
+        Rate for the scan as a whole.
     """
     return RATE_SHARES[detector] * false_alarm_rate
 
