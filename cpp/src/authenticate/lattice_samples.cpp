@@ -146,7 +146,7 @@ MANIP3D_INLINE bool read_values(const float* values, std::size_t count, Block& b
     const auto written = static_cast<float>(whole * block.metres[i]);
     const auto q = static_cast<std::int32_t>(whole);
     const auto most = static_cast<std::int32_t>(block.limit);
-    std::int32_t good = (q < most) & (q > -most) ? -1 : 0;
+    std::int32_t good = ((q < most) & (q > -most)) ? -1 : 0;
     if constexpr (kDemand == Demand::kOnGrid) good &= written == values[i] ? -1 : 0;
     if constexpr (kDemand == Demand::kWritten) {
       good &=
