@@ -98,11 +98,15 @@ SCANNERS: dict[str, Callable[[int], Iterator[Line]]] = {
 }
 
 
-def judged(frame: LidarFrame, **beside: LidarFrame) -> Line:
+def judged(
+    frame: LidarFrame, previous: LidarFrame | None = None, following: LidarFrame | None = None
+) -> Line:
     """What `inspect` says of a scan, as numbers that another threshold can be tried on."""
     from manip3d.authenticate import inspect
 
-    found: Inspection = inspect(frame, power=False, threads=1, **beside)
+    found: Inspection = inspect(
+        frame, previous=previous, following=following, power=False, threads=1
+    )
     return {
         "verdict": found.verdict,
         "reason": found.reason if found.verdict != "no_trace" else "",
@@ -243,8 +247,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", type=Path, help="lines of what was judged, .jsonl")
     parser.add_argument("--calibrate", action="store_true")
-    parser.add_argument("--streets", type=int, default=56)
-    parser.add_argument("--others", type=int, default=96, help="scans of each other scanner")
+    parser.add_argument("--streets", type=int, default=51)
+    parser.add_argument("--others", type=int, default=40, help="scans of each other scanner")
     options = parser.parse_args()
     one_thread()
     import tables

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from measuring import one_thread
 
@@ -46,8 +46,8 @@ def measured(folder: Path) -> dict[str, dict[str, Power]]:
     eight = bare([*single, read_scan(folder / EXTRACT)])
     found: dict[str, dict[str, Power]] = {}
 
-    def count(name: str, *args: object, **options: object) -> None:
-        found[name] = measure_power(*args, lattice, threads=1, **options)  # type: ignore[arg-type]
+    def count(name: str, frames: list[LidarFrame], **options: Any) -> None:
+        found[name] = measure_power(frames, lattice, threads=1, **options)
         print(name, {k: (p.found, p.planted) for k, p in found[name].items()}, file=sys.stderr)
 
     count("generic", eight, planted=5, classes=shapes)
