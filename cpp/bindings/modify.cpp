@@ -73,7 +73,7 @@ Fields quality_fields(const PhantomQuality& quality) {
   Fields fields;
   fields["fit"] = py::float_(quality.fit);
   fields["plane_deg"] = py::float_(quality.plane_deg);
-  fields["side"] = py::float_(quality.side);
+  fields["across"] = py::float_(quality.across);
   fields["leap"] = py::float_(quality.leap);
   fields["gap"] = py::float_(quality.gap);
   fields["largest"] = py::float_(quality.largest);

@@ -487,7 +487,7 @@ class PhantomPipeline::Workspace {
       report.quality.leap = std::max(0.0, static_cast<double>(mine - intact));
     }
     ends_ = ends;
-    if (follows_trunk() && !is_arm(affected)) report.quality.side = doubt_of_side(person);
+    if (follows_trunk() && !is_arm(affected)) report.quality.across = deviation_across(person);
     report.reason = worst_of(affected, report.quality);
     if (report.reason != PhantomReason::kNone) report.state = PhantomState::kDegraded;
     using enum PhantomReason;
@@ -495,17 +495,12 @@ class PhantomPipeline::Workspace {
         report.reason == kShaky || report.reason == kLeap || report.reason == kDetached;
   }
 
-  /// Legs do not cross the plane but by its errors, or where one is laid over the other.
-  [[nodiscard]] double doubt_of_side(const Skeleton& person) const {
-    const Limb intact = opposite(options_.affected);
-    const double left = limb_root(intact) == Joint::kHipLeft ? 1.0 : -1.0;
+  /// The largest standard deviation of a joint's distance from the plane.
+  [[nodiscard]] double deviation_across(const Skeleton& person) const {
     double worst = 0.0;
-    for (const Joint joint : limb_chain(intact).subspan(1)) {
+    for (const Joint joint : limb_chain(opposite(options_.affected)).subspan(1)) {
       if (!is_usable(person, joint)) continue;
-      constexpr double kLeast = 1e-3;  // metres: at the plane or beyond it
-      const Eigen::Vector3d p = person[joint].cast<double>();
-      const double distance = std::max(kLeast, left * frame_->n.dot(p - frame_->origin));
-      worst = std::max(worst, trunk_.deviation_at(p, *frame_) / distance);
+      worst = std::max(worst, trunk_.deviation_at(person[joint].cast<double>(), *frame_));
     }
     return worst;
   }

@@ -13,9 +13,9 @@ namespace {
 // The limits at which a frame is degraded, chosen while looking at UTD-MHAD trials of both halves
 // (kMostLeft and both kMostLost: of the tuning half of benchmarks/bench_people.py alone): no rate
 // measured on those trials is one for other people.
-constexpr double kMostPlane = 6.0;  // degrees: 6 cm at a hand 0.3 m from the plane
-constexpr double kMostSide = 0.5;   // two standard deviations to the plane
-constexpr double kMostLeap = 0.12;  // metres in one frame
+constexpr double kMostPlane = 6.0;    // degrees: 6 cm at a hand 0.3 m from the plane
+constexpr double kMostAcross = 0.03;  // metres: an extended leg ends 0.8 m from the plane's origin
+constexpr double kMostLeap = 0.12;    // metres in one frame
 constexpr double kMostGapArm = 0.10,
                  kMostGapLeg = 0.16;   // metres: a hip lies deeper than a shoulder
 constexpr double kLeastLargest = 0.7;  // of the phantom's pixels
@@ -196,7 +196,7 @@ PhantomReason worst_of(Limb affected, PhantomQuality& quality) {
   const std::array<std::pair<PhantomReason, double>, 8> measures = {{
       {PhantomReason::kCalibration, (1.0 - quality.fit) / (1.0 - kLeastFit)},
       {PhantomReason::kShaky, quality.plane_deg / kMostPlane},
-      {PhantomReason::kShaky, quality.side / kMostSide},
+      {PhantomReason::kShaky, quality.across / kMostAcross},
       {PhantomReason::kLeap, quality.leap / kMostLeap},
       {PhantomReason::kDetached, quality.gap / (is_arm(affected) ? kMostGapArm : kMostGapLeg)},
       {PhantomReason::kShredded, (1.0 - quality.largest) / (1.0 - kLeastLargest)},

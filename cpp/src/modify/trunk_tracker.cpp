@@ -107,18 +107,18 @@ std::optional<Line> middle_line(const Skeleton& skeleton, const JointTrust& trus
   return line;
 }
 
-struct Pair {
+struct JointPair {
   Eigen::Vector3d across;  ///< From right to left.
   double trust = 0.0;      ///< That of the joint that is trusted less.
 };
 
 /// A joint that is missing is replaced by the middle of the spine.
-std::optional<Pair> pair_of(const Skeleton& skeleton, const JointTrust& trust, Joint left,
-                            Joint right, Joint middle) {
+std::optional<JointPair> pair_of(const Skeleton& skeleton, const JointTrust& trust, Joint left,
+                                 Joint right, Joint middle) {
   const bool has_left = is_usable(skeleton, left), has_right = is_usable(skeleton, right);
   const auto between = [&](Joint from, Joint to, double times) {
-    return Pair{times * (skeleton[to] - skeleton[from]).cast<double>(),
-                std::min(trust_of(trust, from), trust_of(trust, to))};
+    return JointPair{times * (skeleton[to] - skeleton[from]).cast<double>(),
+                     std::min(trust_of(trust, from), trust_of(trust, to))};
   };
   if (has_left && has_right) return between(right, left, 1.0);
   if (!(has_left || has_right) || !is_usable(skeleton, middle)) return std::nullopt;
@@ -232,7 +232,7 @@ std::optional<BodyFrame> trusted_frame(const Skeleton& skeleton, Limb limb,
   constexpr double kOtherPair = 0.5;
   Eigen::Vector3d x = Eigen::Vector3d::Zero();
   double weight = 0.0;
-  const auto add = [&](const std::optional<Pair>& pair, double share) {
+  const auto add = [&](const std::optional<JointPair>& pair, double share) {
     if (!pair) return;
     x += share * pair->trust * pair->across;
     weight += pair->trust;

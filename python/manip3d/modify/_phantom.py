@@ -108,9 +108,9 @@ class PhantomQuality:
         Share of the tracked joints that lie on the person's pixels.
     plane_deg : float, degrees
         Standard deviation of the plane of symmetry's normal; 0 with ``plane="joints"``.
-    side : float
-        How uncertain it is on which side of the plane the intact leg is: the standard deviation of
-        its distance from the plane over that distance. 0 for arms, which may cross it.
+    across : float, metres
+        Standard deviation of the intact leg's distance from the plane, at the joint where it is
+        largest: the phantom's end is off by twice as much. 0 for arms.
     leap : float, metres
         How much farther than the intact limb's end the phantom's end moved since the last frame.
     gap : float, metres
@@ -129,7 +129,7 @@ class PhantomQuality:
 
     fit: float
     plane_deg: float
-    side: float
+    across: float
     leap: float
     gap: float
     largest: float
