@@ -239,7 +239,7 @@ def test_normals_follow_the_inverse_transpose() -> None:
     np.testing.assert_array_equal(mesh.face_normals, mesh.faces)
 
 
-def test_colors_are_srgb_if_every_primitive_has_them(tmp_path: Path) -> None:
+def test_colors_are_srgb_and_white_where_a_primitive_has_none(tmp_path: Path) -> None:
     scene = Scene()
     position = scene.accessor(SQUARE)
     linear = np.array([[0, 0, 0], [1, 1, 1], [0.5, 0.2158605, 0.001], [2, -1, 0.0031308]])
@@ -251,8 +251,67 @@ def test_colors_are_srgb_if_every_primitive_has_them(tmp_path: Path) -> None:
     )
     scene.primitive({"POSITION": position}, mode=5)
     seen = report(tmp_path, scene.glb())
-    assert seen.mesh.colors is None
-    assert seen.warnings == ("vertex colours are left out: some primitives have none",)
+    assert seen.mesh.colors is not None
+    np.testing.assert_array_equal(seen.mesh.colors[:4], mesh.colors)
+    np.testing.assert_array_equal(seen.mesh.colors[4:], np.full((4, 3), 255))
+    assert seen.warnings == ()
+
+
+def placed_square(*transforms: dict[str, Any]) -> bytes:
+    """One square for each transform, all on the same coordinates: (0, 0) to (1, 1)."""
+    scene = Scene()
+    position, texcoord = scene.accessor(SQUARE), scene.accessor([[0, 0], [1, 0], [0, 1], [1, 1]])
+    image = "data:image/png;base64,aGFsbG8="
+    scene.json["images"], scene.json["textures"] = [{"uri": image}], [{"source": 0}]
+    scene.json["materials"] = [
+        {
+            "pbrMetallicRoughness": {
+                "baseColorTexture": {
+                    "index": 0,
+                    "extensions": {"KHR_texture_transform": transform},
+                }
+            }
+        }
+        for transform in transforms
+    ]
+    scene.json["extensionsRequired"] = scene.json["extensionsUsed"] = ["KHR_texture_transform"]
+    for material in range(len(transforms)):
+        scene.primitive({"POSITION": position, "TEXCOORD_0": texcoord}, mode=5, material=material)
+    return scene.glb()
+
+
+def test_texture_transforms_are_in_the_texture_coordinates(tmp_path: Path) -> None:
+    """KHR_texture_transform: scale, then counter-clockwise rotation, then offset; v points down."""
+    seen = report(
+        tmp_path,
+        placed_square(
+            {"offset": [0.5, 0.25], "scale": [2, 3]},
+            {"rotation": np.pi / 2, "scale": [2, 3], "offset": [0, 1]},
+            {},
+        ),
+    )
+    assert seen.warnings == ()
+    texcoords = seen.mesh.texcoords
+    assert texcoords is not None
+    down = np.column_stack([texcoords[:, 0], 1 - texcoords[:, 1]])
+    np.testing.assert_allclose(down[:4], [[0.5, 0.25], [2.5, 0.25], [0.5, 3.25], [2.5, 3.25]])
+    # (1, 0) of the image turns up, to smaller v; (0, 1) to the right.
+    np.testing.assert_allclose(down[4:8], [[0, 1], [0, -1], [3, 1], [3, -1]], atol=1e-12)
+    np.testing.assert_allclose(down[8:], [[0, 0], [1, 0], [0, 1], [1, 1]])
+
+
+@pytest.mark.parametrize(
+    "name", ["KHR_lights_punctual", "KHR_texture_basisu", "EXT_texture_webp", "KHR_materials_ior"]
+)
+def test_a_required_extension_of_looks_costs_a_warning(tmp_path: Path, name: str) -> None:
+    seen = report(tmp_path, square(extensionsRequired=[name], extensionsUsed=[name]))
+    assert seen.mesh.num_faces == 2
+    assert seen.warnings == (f"extension {name} is left out",)
+
+
+def test_glTF_1_is_named(tmp_path: Path) -> None:
+    with pytest.raises(manip3d.FormatError, match=r"expected glTF 2\.x, got version 1\.0"):
+        read(square(asset={"version": "1.0"}))
 
 
 # --- Materials --------------------------------------------------------------------------------
@@ -406,7 +465,6 @@ def test_points_lines_and_morph_targets_are_left_out(tmp_path: Path) -> None:
     [
         "KHR_draco_mesh_compression",
         "EXT_meshopt_compression",
-        "KHR_texture_transform",
         "EXT_mesh_gpu_instancing",
     ],
 )

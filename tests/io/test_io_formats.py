@@ -115,8 +115,6 @@ def test_obj_skips_and_counts_what_it_does_not_know(tmp_path: Path) -> None:
         ("v 0 0 0 1 2 3 4 5", "v: expected 3, 4, 6 or 7 numbers, got '5'"),
         ("vn 0 0", "vn: expected a finite number, got the end of the line"),
         ("vt", "vt: expected a finite number, got the end of the line"),
-        ("f 1 2", "face: expected at least 3 corners, got 2"),
-        ("f", "face: expected at least 3 corners, got 0"),
         ("f 1 2 0", "face: expected v, v/vt, v//vn or v/vt/vn with indices that exist, got '0'"),
         ("f 1 2 -5", "face: expected v, v/vt, v//vn or v/vt/vn with indices that exist, got '-5'"),
         ("f 1 2 3x", "face: expected v, v/vt, v//vn or v/vt/vn with indices that exist, got '3x'"),
@@ -127,7 +125,6 @@ def test_obj_skips_and_counts_what_it_does_not_know(tmp_path: Path) -> None:
         ),
         ("f 1 2 5", "vertex index: expected 1 to 4, got 5"),
         ("f 1/9 2/9 3/9", "texture coordinate index: expected 1 to 0, got 9"),
-        ("f 1//1 2//1 3//1", "normal index: expected 1 to 0, got 1"),
         ("f 1 2 3 4 9", "vertex index: expected 1 to 4, got 9"),
     ],
 )
@@ -453,11 +450,6 @@ PLY_BODY = "0 0 0\n1 0 0\n0 1 0\n"
         (PLY_HEAD + PLY_FACE + PLY_BODY + "3 0 1 3\n", 13, "vertex index: expected 0 to 2, got 3"),
         (PLY_HEAD + PLY_FACE + PLY_BODY + "3 0 1 -1\n", 13, "vertex_indices: expected an index"),
         (PLY_HEAD + PLY_FACE + PLY_BODY + "3 0 1 1.5\n", 13, "vertex_indices: expected an index"),
-        (
-            PLY_HEAD + PLY_FACE + PLY_BODY + "2 0 1\n",
-            13,
-            "face: expected at least 3 corners, got 2",
-        ),
         (PLY_HEAD + PLY_FACE + PLY_BODY + "-3 0 1\n", 13, "vertex_indices: expected a count >= 0"),
         (PLY_HEAD + PLY_FACE + PLY_BODY + "3 0 1 2 5\n", 13, "element face: more values"),
         (PLY_HEAD + PLY_FACE + PLY_BODY + "\n\n\n\n", 17, "file ends within element face"),
@@ -564,7 +556,7 @@ OFF_BODY = "0 0 0\n1 0 0\n0 1 0\n"
         ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 inf 0\n3 0 1 2\n", 5, "vertex: expected a finite number"),
         ("OFF\n3 1 0\n" + OFF_BODY + "3 0 1 3\n", 6, "vertex index: expected 0 to 2, got 3"),
         ("OFF\n3 1 0\n" + OFF_BODY + "3 0 1 -1\n", 6, "vertex index: expected 0 to 2, got -1"),
-        ("OFF\n3 1 0\n" + OFF_BODY + "2 0 1\n", 6, "face: expected at least 3 corners, got 2"),
+        ("OFF\n3 1 0\n" + OFF_BODY + "-2 0 1\n", 6, "number of corners: expected at least 0"),
         ("OFF\n3 1 0\n" + OFF_BODY + "9 0 1 2\n", 6, "vertex index: expected an integer, got the"),
         ("OFF\n3 1 0\n" + OFF_BODY + "\n\n\n\n", 10, "file ends within the faces"),
     ],
@@ -628,3 +620,40 @@ def test_bytes_that_are_no_obj_are_an_error(tmp_path: Path) -> None:
         io.read_mesh(path)
     path.write_text("# nothing but a name\no empty\n")
     assert io.read_mesh(path).num_faces == 0
+
+
+OBJ_TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "line"),
+    [
+        ("a.obj", OBJ_TRIANGLE + "f 1 2\nf 1\n", 5),
+        ("a.off", "OFF\n3 3 0\n" + OFF_BODY + "2 0 1\n3 0 1 2\n0\n", 6),
+        (
+            "a.ply",
+            PLY_HEAD + PLY_FACE.replace("face 1", "face 3") + PLY_BODY + "1 0\n3 0 1 2\n2 0 1\n",
+            13,
+        ),
+    ],
+)
+def test_faces_of_fewer_than_3_corners_are_left_out(
+    tmp_path: Path, name: str, text: str, line: int
+) -> None:
+    """Real models hold some, between 300 000 good faces."""
+    (tmp_path / name).write_text(text)
+    seen = manip3d.io.read_report(tmp_path / name)
+    assert seen.mesh.faces.tolist() == [[0, 1, 2]]
+    assert seen.num_skipped == 2
+    assert seen.warnings == (
+        f"2 faces of fewer than 3 corners are left out, the first at line {line}",
+    )
+
+
+def test_normals_that_are_not_there_cost_the_normals(tmp_path: Path) -> None:
+    """Some exporters name normals and write none."""
+    (tmp_path / "a.obj").write_text(OBJ_TRIANGLE.replace("f 1 2 3", "f 1//1 2//1 3//1\nf 3 2 1"))
+    seen = manip3d.io.read_report(tmp_path / "a.obj")
+    assert seen.mesh.faces.tolist() == [[0, 1, 2], [2, 1, 0]]
+    assert seen.mesh.normals is None
+    assert seen.warnings == ("normals are left out: faces name some that the file does not hold",)

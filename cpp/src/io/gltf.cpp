@@ -39,6 +39,24 @@ constexpr std::int64_t kTriangles = 4;
 constexpr std::int64_t kTriangleStrip = 5;
 constexpr std::int64_t kTriangleFan = 6;
 
+constexpr const char* kTextureTransform = "KHR_texture_transform";
+
+/// offset, rotation (radians) and scale of KHR_texture_transform: glTF's (u, v) becomes
+/// offset + R (scale * (u, v)), R counter-clockwise as seen, where v points down.
+struct TextureTransform {
+  std::array<double, 2> offset = {0.0, 0.0};
+  double rotation = 0.0;
+  std::array<double, 2> scale = {1.0, 1.0};
+
+  auto operator<=>(const TextureTransform&) const = default;
+
+  [[nodiscard]] Eigen::RowVector2d operator()(double u, double v) const {
+    const double su = scale[0] * u, sv = scale[1] * v;
+    const double c = std::cos(rotation), s = std::sin(rotation);
+    return {offset[0] + c * su + s * sv, offset[1] - s * su + c * sv};
+  }
+};
+
 /// The accessors of one primitive; null where it has none.
 struct Primitive {
   const GltfAccessor* position = nullptr;
@@ -46,6 +64,7 @@ struct Primitive {
   const GltfAccessor* texcoord = nullptr;
   const GltfAccessor* color = nullptr;
   const GltfAccessor* indices = nullptr;
+  TextureTransform texture = {};
   std::int32_t material = -1;
   std::int64_t mode = kTriangles;
   std::string pointer;
@@ -162,7 +181,9 @@ class Reader {
 
   void check_asset() {
     const JsonPlace version = document_.root().member("asset").member("version");
-    if (!version.text().starts_with("2.")) version.fail("expected glTF 2.x, got another version");
+    if (!version.text().starts_with("2.")) {
+      version.fail("expected glTF 2.x, got version " + version.text());
+    }
     check_extensions();
     if (is_scene_) return;
     if (document_.count("animations") > 0) warn_once("animations are left out");
@@ -171,12 +192,17 @@ class Reader {
   }
 
   void check_extensions() {
-    // Extensions of materials change how a mesh looks, not where it is.
-    const auto appearance = [](const std::string& name) {
-      return name.starts_with("KHR_materials_");
+    // They change how a mesh looks, not where it is.
+    constexpr std::array<std::string_view, 5> kLooks = {"EXT_texture_avif", "EXT_texture_webp",
+                                                        "KHR_lights_punctual", "KHR_texture_basisu",
+                                                        "MSFT_texture_dds"};
+    const auto appearance = [&](const std::string& name) {
+      return name.starts_with("KHR_materials_") ||
+             std::find(kLooks.begin(), kLooks.end(), name) != kLooks.end();
     };
     const auto is_known = [this](const std::string& name) {
-      return name == "KHR_mesh_quantization" || (is_scene_ && is_kept_extension(name));
+      return name == "KHR_mesh_quantization" || name == kTextureTransform ||
+             (is_scene_ && is_kept_extension(name));
     };
     if (const auto required = document_.root().find("extensionsRequired")) {
       for (std::int64_t i = 0; i < required->size(); ++i) {
@@ -491,11 +517,50 @@ class Reader {
     if (const auto material = place.find("material")) {
       static_cast<void>(document_.object("materials", *material));  // checks the index
       p.material = static_cast<std::int32_t>(material->integer(0, (std::int64_t{1} << 31) - 1));
+      if (!is_scene_) p.texture = texture_transform(document_.object("materials", *material));
     }
     if (p.mode == kTriangles && p.num_corners() % 3 != 0) {
       place.fail(std::to_string(p.num_corners()) + " corners do not make whole triangles");
     }
     return p;
+  }
+
+  /// What all textures of a material have in common; a TriangleMesh has no other place for it than
+  /// its texture coordinates.
+  TextureTransform texture_transform(const JsonPlace& material) {
+    std::vector<TextureTransform> found;
+    const auto look = [&](const JsonPlace& owner, const char* key) {
+      const auto info = owner.find(key);
+      if (!info) return;
+      const auto extensions = info->find("extensions");
+      const auto given = extensions ? extensions->find(kTextureTransform) : std::nullopt;
+      found.push_back(given ? read_texture_transform(*given) : TextureTransform());
+    };
+    if (const auto pbr = material.find("pbrMetallicRoughness")) {
+      look(*pbr, "baseColorTexture");
+      look(*pbr, "metallicRoughnessTexture");
+    }
+    for (const char* key : {"normalTexture", "occlusionTexture", "emissiveTexture"}) {
+      look(material, key);
+    }
+    if (found.empty()) return {};
+    if (std::any_of(found.begin(), found.end(), [&](const auto& t) { return t != found[0]; })) {
+      warn_once(std::string(kTextureTransform) +
+                ": textures of one material are placed in several ways, all follow the first");
+    }
+    return found[0];
+  }
+
+  static TextureTransform read_texture_transform(const JsonPlace& place) {
+    TextureTransform transform;
+    if (const auto offset = place.find("offset")) {
+      Eigen::Map<Eigen::Vector2d>(transform.offset.data()) = numbers<2>(*offset);
+    }
+    if (const auto rotation = place.find("rotation")) transform.rotation = rotation->number();
+    if (const auto scale = place.find("scale")) {
+      Eigen::Map<Eigen::Vector2d>(transform.scale.data()) = numbers<2>(*scale);
+    }
+    return transform;
   }
 
   /// Where Draco is optional, the plain accessors are there as well; zeros would be a lie.
@@ -525,18 +590,12 @@ class Reader {
   }
 
   void plan_draws() {
-    bool any_color = false;
-    bool all_color = true;
     for (const Instance& instance : instances_) {
       for (const Primitive& p : primitives_of(instance.mesh)) {
         charge(1, sizeof(Draw), p.pointer);
-        any_color = any_color || p.color != nullptr;
-        all_color = all_color && p.color != nullptr;
+        with_colors_ = with_colors_ || p.color != nullptr;
       }
     }
-    if (any_color && !all_color)
-      warn_once("vertex colours are left out: some primitives have none");
-    with_colors_ = any_color && all_color;
     for (const Instance& instance : instances_) plan_instance(instance);
     constexpr std::int64_t kMaxRows = std::numeric_limits<std::int32_t>::max() / 3;
     if (num_vertices_ > kMaxRows || num_faces_ > kMaxRows || num_normals_ > kMaxRows ||
@@ -568,7 +627,7 @@ class Reader {
                 with_colors_ ? kVertexBytes + kColorBytes : kVertexBytes);
       if (p.texcoord != nullptr) {
         std::tie(draw.texcoords, draw.owns_texcoords) =
-            place(texcoord_rows_, p.texcoord, num_texcoords_, size, 16);
+            place(texcoord_rows_, std::pair(p.texcoord, p.texture), num_texcoords_, size, 16);
       }
       if (p.normal != nullptr) {
         std::tie(draw.normals, draw.owns_normals) =
@@ -621,8 +680,12 @@ class Reader {
     }
   }
 
-  /// Linear light to sRGB bytes, IEC 61966-2-1.
+  /// Linear light to sRGB bytes, IEC 61966-2-1; a primitive without colours is white.
   void fill_colors(const Draw& draw) {
+    if (draw.primitive->color == nullptr) {
+      mesh_.colors.middleRows(draw.vertices, draw.primitive->position->count).setConstant(255);
+      return;
+    }
     const GltfAccessor& accessor = *draw.primitive->color;
     std::vector<double> linear(accessor.count * accessor.num_components);
     accessor.decode(linear.data());
@@ -638,6 +701,14 @@ class Reader {
   void fill_texcoords(const Draw& draw) {
     const GltfAccessor& accessor = *draw.primitive->texcoord;
     accessor.decode(mesh_.texcoords.data() + 2 * draw.texcoords);
+    const TextureTransform& transform = draw.primitive->texture;
+    if (transform != TextureTransform()) {
+      for (std::int64_t i = draw.texcoords; i < draw.texcoords + accessor.count; ++i) {
+        auto row = mesh_.texcoords.row(i);
+        row = transform(row[0], row[1]);
+        if (!row.allFinite()) accessor.place.fail("overflows in KHR_texture_transform");
+      }
+    }
     auto v = mesh_.texcoords.col(1).segment(draw.texcoords, accessor.count);
     v = (1.0 - v.array()).matrix().eval();
   }
@@ -809,7 +880,7 @@ class Reader {
   TriangleMesh& mesh_ = result_.mesh;
   std::vector<Instance> instances_;
   std::map<std::int64_t, std::vector<Primitive>> meshes_;
-  std::map<const GltfAccessor*, std::int64_t> texcoord_rows_;
+  std::map<std::pair<const GltfAccessor*, TextureTransform>, std::int64_t> texcoord_rows_;
   std::vector<Draw> draws_;
   bool with_colors_ = false;
   std::int64_t num_vertices_ = 0;

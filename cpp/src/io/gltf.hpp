@@ -48,9 +48,10 @@ class GltfBudget {
 /// Node transforms are applied; one that mirrors turns its triangles around. Primitives of one
 /// node that share their POSITION accessor share their vertices; instances of a mesh share their
 /// texture coordinates. All component types, strides, sparse accessors, triangles, strips and
-/// fans, KHR_mesh_quantization. Points, lines, skins, morph targets, animations and extensions
-/// that are not required are left out with a warning; so are vertex colours unless every primitive
-/// has them.
+/// fans, KHR_mesh_quantization, KHR_texture_transform (in the texture coordinates). Points, lines,
+/// skins, morph targets, animations, extensions of lights, materials and image formats, and others
+/// that are not required are left out with a warning. Where only some primitives have vertex
+/// colours, the others are white.
 /// @param data       a .gltf or .glb, told apart by the first four bytes.
 /// @param resource   called for external buffers; external images stay paths.
 /// @param budget     what reading it may cost.

@@ -2,18 +2,25 @@
 
 #include <cmath>
 
+#include "io/warnings.hpp"
+
 namespace manip3d {
 namespace {
 
 constexpr std::int64_t kMostFaces = std::numeric_limits<std::int32_t>::max() / 3;
+
+std::string place(const FormatError::Position& position) {
+  return position.line ? "line " + std::to_string(*position.line)
+                       : "byte " + std::to_string(position.byte_offset.value_or(0));
+}
 
 }  // namespace
 
 void MeshBuilder::add_polygon(std::span<const Corner> corners, std::int32_t material,
                               const FormatError::Position& position) {
   if (corners.size() < 3) {
-    throw FormatError("face: expected at least 3 corners, got " + std::to_string(corners.size()),
-                      position);
+    if (num_short_++ == 0) first_short_ = position;
+    return;
   }
   const std::int64_t first = faces_.size();
   const auto num_corners = static_cast<std::int64_t>(corners.size());
@@ -64,7 +71,8 @@ void MeshBuilder::add_triangle(const Corner& a, const Corner& b, const Corner& c
   }
 }
 
-void MeshBuilder::check_forward_references() const {
+bool MeshBuilder::check_forward_references() const {
+  bool has_all_normals = true;
   const auto check = [&](const GrowingTable<Faces>& table, std::int64_t face, std::int64_t rows,
                          const char* what, const FormatError::Position& position) {
     if (face >= table.size()) return;
@@ -86,9 +94,13 @@ void MeshBuilder::check_forward_references() const {
     for (std::int64_t face = first; face < last; ++face) {
       check(faces_, face, vertices.size(), "vertex", forward_[i].position);
       check(face_texcoords_, face, texcoords.size(), "texture coordinate", forward_[i].position);
-      check(face_normals_, face, normals.size(), "normal", forward_[i].position);
+      if (face < face_normals_.size()) {
+        const std::int32_t* row = face_normals_.row(face);
+        if (*std::max_element(row, row + 3) >= normals.size()) has_all_normals = false;
+      }
     }
   }
+  return has_all_normals;
 }
 
 void MeshBuilder::cut_polygons() {
@@ -131,8 +143,22 @@ Colors MeshBuilder::take_colors() {
   return bytes;
 }
 
+void MeshBuilder::warn_of_losses(ReadResult& result) {
+  result.num_skipped += num_short_;
+  if (num_short_ > 0) {
+    warn(result.warnings, std::to_string(num_short_) +
+                              " faces of fewer than 3 corners are left out, the first at " +
+                              place(first_short_));
+  }
+}
+
 void MeshBuilder::finish(ReadResult& result) {
-  check_forward_references();
+  warn_of_losses(result);
+  if (!check_forward_references()) {
+    warn(result.warnings, "normals are left out: faces name some that the file does not hold");
+    face_normals_.take();
+    normals.take();
+  }
   // Rows of faces read after the last one with the attribute.
   if (!face_texcoords_.empty()) face_texcoords_.fill(faces_.size(), kNone, input_);
   if (!face_normals_.empty()) face_normals_.fill(faces_.size(), kNone, input_);

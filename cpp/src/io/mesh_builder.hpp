@@ -84,7 +84,8 @@ class MeshBuilder {
 
   void reserve_faces(std::int64_t num_faces) { faces_.reserve(num_faces); }
 
-  /// @param corners   at least three; indices >= -1, and vertices known to be >= 0.
+  /// Fewer than three corners make no face: such polygons are left out, and finish() warns.
+  /// @param corners   indices >= -1, and vertices known to be >= 0.
   /// @param material  index into the materials of the mesh or -1.
   void add_polygon(std::span<const Corner> corners, std::int32_t material,
                    const FormatError::Position& position);
@@ -93,7 +94,8 @@ class MeshBuilder {
   [[nodiscard]] std::int64_t num_faces() const { return faces_.size(); }
 
   /// Checks indices that pointed to rows not read yet, cuts the polygons, moves the tables out.
-  /// @throws FormatError  an index out of range, at the position of the first such polygon.
+  /// @throws FormatError  an index of a vertex or texture coordinate out of range, at the position
+  /// of the first such polygon.
   void finish(ReadResult& result);
 
  private:
@@ -108,7 +110,9 @@ class MeshBuilder {
   };
 
   void add_triangle(const Corner& a, const Corner& b, const Corner& c);
-  void check_forward_references() const;
+  void warn_of_losses(ReadResult& result);
+  /// Whether all normals that faces name are there: they do not change the surface.
+  [[nodiscard]] bool check_forward_references() const;
   void cut_polygons();
   [[nodiscard]] Colors take_colors();
 
@@ -122,6 +126,8 @@ class MeshBuilder {
   GrowingTable<Faces> corners_;  ///< vertex, texcoord, normal of the corners of polygons_.
   std::vector<ForwardReference> forward_;
   std::int64_t num_polygons_ = 0;
+  std::int64_t num_short_ = 0;  ///< Polygons of fewer than three corners.
+  FormatError::Position first_short_;
 };
 
 }  // namespace manip3d

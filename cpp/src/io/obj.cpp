@@ -99,10 +99,6 @@ class ObjReader {
   void face(LineCursor& cursor) {
     corners_.clear();
     while (!cursor.at_end()) corners_.push_back(corner(cursor));
-    if (corners_.size() < 3) {
-      throw FormatError::at_line(cursor.line(), "face: expected at least 3 corners, got " +
-                                                    std::to_string(corners_.size()));
-    }
     builder_.add_polygon(corners_, material_, {cursor.line(), std::nullopt});
   }
 

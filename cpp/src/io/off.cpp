@@ -140,9 +140,9 @@ class OffReader {
   void read_polygon() {
     LineCursor cursor = next_line("the faces");
     const std::int64_t num_corners = cursor.integer("number of corners");
-    if (num_corners < 3) {
-      throw FormatError::at_line(
-          cursor.line(), "face: expected at least 3 corners, got " + std::to_string(num_corners));
+    if (num_corners < 0) {
+      throw FormatError::at_line(cursor.line(), "number of corners: expected at least 0, got " +
+                                                    std::to_string(num_corners));
     }
     corners_.clear();
     for (std::int64_t c = 0; c < num_corners; ++c) {  // ends at the latest with the line

@@ -21,7 +21,8 @@ namespace manip3d {
 // such edges from their targets until all rules fell. Where two faces lie back to back before the
 // collapse, two do so after it: such a sheet is meant to be seen from both sides.
 
-/// Rules on what is forbidden. Later ones hold only when the target was out of reach before.
+/// Rules on what is forbidden. Later ones hold only when the target was out of reach before, or, in
+/// the mode `quality`, when the first rule costs far more than it is worth.
 enum class Rules : std::uint8_t {
   kAll,       // no new edge with more than two faces, no flip, no degenerate or duplicate face
   kAnyEdges,  // edges may get more faces

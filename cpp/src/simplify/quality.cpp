@@ -42,6 +42,13 @@ constexpr double kSurfaceShare = 0.2;
 /// A strip of width d along a border is d / 2 away from the border on average.
 constexpr double kStripDistance = 0.5;
 
+/// How much dearer than a collapse that the link condition forbids a legal one is before that rule
+/// falls; 3 to 100 do the same on the models that need it.
+constexpr double kFarCheaper = 30.0;
+
+/// It falls only for an error that can be seen: mean distance over the size of the mesh.
+constexpr double kVisible = 1e-3;
+
 /// A piece that vanishes is missed more than its distance says.
 constexpr double kPieceFactor = 2.0;
 
@@ -132,6 +139,10 @@ class QualitySimplifier {
         continue;
       }
       const Entry entry = queue_.top();
+      if (is_forbidden_cheaper(entry.price) && relax_rules()) {
+        push_all_edges();
+        continue;
+      }
       queue_.pop();
       entry.b < 0 ? try_piece(entry) : try_edge(entry);
       if (progress_ && step % 512 == 0) {
@@ -178,6 +189,7 @@ class QualitySimplifier {
       surface_[v] += plane;
       area_[v] += area;
     }
+    whole_area_ += 3.0 * area;
     const auto& wedges = mesh_.wedges(f);
     if (!is_textured_ || !mesh_.has_texture(wedges[0])) return;
     const AttributeQuadric texture = AttributeQuadric::triangle(
@@ -335,7 +347,7 @@ class QualitySimplifier {
       }
     }
     plan.price = kSurfaceShare * integral(star.quadric(p), star.area) +
-                 std::max(0.0, plan.owed - owed_[v] - owed_[t]) +
+                 std::max(0.0, plan.owed - owed_[v] - owed_[t]) + spike(v, t, p) +
                  kShortEdgeWeight * (area_[v] + area_[t]) * length;
     plan.price *= std::max(importance(v), importance(t)) / num_edge_faces;
     return plan;
@@ -360,6 +372,27 @@ class QualitySimplifier {
     squares.add(middle, kTowardsMiddle * (area_[v] + area_[t]) + 1e-9 * length * length);
     const Vector3d best = squares.solve(star.normal, star.offset);
     return best.allFinite() ? best : middle;
+  }
+
+  /// What the planes of the faces around an edge do not tell of a place far away from it: where
+  /// opposite sides of a thin part meet, a spike lies in all planes and keeps the volume. The new
+  /// faces form a cone, whose mean distance is a third of that of its tip, and the tip is at least
+  /// as far away as the box of the old faces.
+  [[nodiscard]] double spike(std::int32_t v, std::int32_t t, const Vector3d& p) const {
+    const Vector3d &first = mesh_.position(v), &second = mesh_.position(t);
+    if ((p - 0.5 * (first + second)).squaredNorm() <= (second - first).squaredNorm()) return 0.0;
+    Eigen::AlignedBox3d box;
+    double area = 0.0;
+    for (const std::int32_t from : {v, t}) {
+      mesh_.for_each_face(from, [&](std::int32_t f, std::int32_t c) {
+        const auto& face = mesh_.face(f);
+        const Vector3d &a = mesh_.position(face[(c + 1) % 3]),
+                       &b = mesh_.position(face[(c + 2) % 3]);
+        for (const Vector3d& corner : {mesh_.position(from), a, b}) box.extend(corner);
+        area += 0.5 * (a - p).cross(b - p).norm();
+      });
+    }
+    return box.exteriorDistance(p) / 3.0 * area;
   }
 
   // --- The queue -----------------------------------------------------------------------------
@@ -417,6 +450,23 @@ class QualitySimplifier {
     return price > expected && !queue_.empty() && price > queue_.top().price;
   }
 
+  /// Whether a collapse that the link condition forbids costs far less than the next legal one,
+  /// whose error is large enough to be seen: a part with many holes, or small tubes, keeps them at
+  /// the price of its shape otherwise.
+  [[nodiscard]] bool is_forbidden_cheaper(double price) {
+    if (rules_ != Rules::kAll) return false;
+    if (price * static_cast<double>(mesh_.num_faces()) < kVisible * whole_area_) return false;
+    while (!forbidden_.empty()) {
+      const Entry& entry = forbidden_.top();
+      if (version_[entry.a] + version_[entry.b] == entry.version && !mesh_.is_isolated(entry.a) &&
+          !mesh_.is_isolated(entry.b)) {
+        return price > kFarCheaper * entry.price;
+      }
+      forbidden_.pop();
+    }
+    return false;
+  }
+
   bool relax_rules() {
     const bool error_limit = count(Rejection::kErrorLimit) > 0;
     if (options_.target_faces == 0 || error_limit || guard_ || rules_ == Rules::kFlips) {
@@ -435,7 +485,10 @@ class QualitySimplifier {
     const RingEdge* edge = ring_v_.find(t);
     if (edge == nullptr) return;
     if (faces_left(t) <= edge->num_faces) return refuse(v, t, Rejection::kDegenerate);
-    if (breaks_link(v, t)) return refuse(v, t, Rejection::kLink);
+    if (breaks_link(v, t)) {
+      if (rules_ == Rules::kAll) forbidden_.push(entry);
+      return refuse(v, t, Rejection::kLink);
+    }
     if (takes_last_face_of_locked(v, t)) return refuse(v, t, Rejection::kDegenerate);
     Plan best = plan(v, t, edge->num_faces, Place::kBest);
     std::optional<Rejection> refusal = check_faces(v, t, best.position);
@@ -823,6 +876,7 @@ class QualitySimplifier {
   std::vector<Quadric> borders_;           // of a vertex: the boundaries and seams
   std::vector<AttributeQuadric> texture_;  // of a wedge
   std::vector<double> area_;               // of a vertex: of those faces
+  double whole_area_ = 0.0;                // of all of them
   std::vector<double> border_;             // of a vertex: weighted length of those borders
   std::vector<double> owed_;               // of a vertex: Plan::owed of the collapses so far
   std::vector<std::uint32_t> version_;     // of a vertex: how often it moved
@@ -837,7 +891,7 @@ class QualitySimplifier {
   std::int32_t center_ = -1;     // the vertex whose edges are being priced, or -1
   Star center_star_;
   std::vector<StarFace> center_faces_;
-  FlatHeap<Entry> queue_;
+  FlatHeap<Entry> queue_, forbidden_;
   Rules rules_ = Rules::kAll;
   std::optional<DistanceGuard> guard_;  // of max_distance
   std::vector<std::int32_t> touched_, around_;

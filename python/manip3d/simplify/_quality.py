@@ -59,7 +59,8 @@ class QualityResult(Showable):
         Connected pieces that were removed as a whole, because that cost less than collapses.
     relaxed_collapses : int
         Collapses that made an edge of three faces or turned a face over, because the target was
-        out of reach otherwise.
+        out of reach otherwise, or only at the price of the shape: many holes leave hardly any
+        other collapse.
     dropped_faces : int
         Input faces left out by cleaning: with a repeated vertex, or copies of another.
     message : str
