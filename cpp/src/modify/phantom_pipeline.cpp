@@ -495,12 +495,19 @@ class PhantomPipeline::Workspace {
         report.reason == kShaky || report.reason == kLeap || report.reason == kDetached;
   }
 
-  /// The largest standard deviation of a joint's distance from the plane.
+  /// The largest standard deviation of a joint's distance from the plane, of those that may be on
+  /// its other side.
   [[nodiscard]] double deviation_across(const Skeleton& person) const {
+    constexpr double kSure = 2.0;  // standard deviations
+    const Limb intact = opposite(options_.affected);
+    const double left = limb_root(intact) == Joint::kHipLeft ? 1.0 : -1.0;
     double worst = 0.0;
-    for (const Joint joint : limb_chain(opposite(options_.affected)).subspan(1)) {
+    for (const Joint joint : limb_chain(intact).subspan(1)) {
       if (!is_usable(person, joint)) continue;
-      worst = std::max(worst, trunk_.deviation_at(person[joint].cast<double>(), *frame_));
+      const Eigen::Vector3d p = person[joint].cast<double>();
+      const double deviation = trunk_.deviation_at(p, *frame_);
+      const double distance = left * frame_->n.dot(p - frame_->origin);
+      if (distance < kSure * deviation) worst = std::max(worst, deviation);
     }
     return worst;
   }

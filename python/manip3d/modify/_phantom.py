@@ -109,8 +109,9 @@ class PhantomQuality:
     plane_deg : float, degrees
         Standard deviation of the plane of symmetry's normal; 0 with ``plane="joints"``.
     across : float, metres
-        Standard deviation of the intact leg's distance from the plane, at the joint where it is
-        largest: the phantom's end is off by twice as much. 0 for arms.
+        Standard deviation of the intact leg's distance from the plane, the largest of its joints
+        that are nearer to it than two of them, or beyond: they may be on its other side. 0 where
+        there are none, and for arms.
     leap : float, metres
         How much farther than the intact limb's end the phantom's end moved since the last frame.
     gap : float, metres

@@ -109,12 +109,13 @@ enum class PhantomReason : std::uint8_t {
 struct PhantomQuality {
   double fit = 1.0;        ///< Share of the tracked joints that lie on the person's pixels.
   double plane_deg = 0.0;  ///< Standard deviation of the plane's normal.
-  double across = 0.0;     ///< Standard deviation of a leg's distance from the plane, metres.
-  double leap = 0.0;       ///< Metres that the phantom's end moved farther than the intact one's.
-  double gap = 0.0;        ///< Metres from the root to the largest piece of the phantom.
-  double largest = 1.0;    ///< Share of the phantom's pixels that are in that piece.
-  double lost = 0.0;       ///< Share of the silhouette below the hips, or of the trunk, gone.
-  double left = 0.0;       ///< Share of the affected limb's pixels that are still there.
+  /// Standard deviation of a leg's distance from the plane, metres, where it may be on either side.
+  double across = 0.0;
+  double leap = 0.0;     ///< Metres that the phantom's end moved farther than the intact one's.
+  double gap = 0.0;      ///< Metres from the root to the largest piece of the phantom.
+  double largest = 1.0;  ///< Share of the phantom's pixels that are in that piece.
+  double lost = 0.0;     ///< Share of the silhouette below the hips, or of the trunk, gone.
+  double left = 0.0;     ///< Share of the affected limb's pixels that are still there.
   /// The worst of these over its limit: above 1 the state is not kTracking.
   double score = 0.0;
 };
