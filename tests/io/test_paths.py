@@ -150,6 +150,11 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "authenticate.drive_times folder": authenticate.drive_times,
     "authenticate.plain_name scan": lambda p: authenticate.plain_name(p, "."),
     "authenticate.plain_name drive": lambda p: authenticate.plain_name("a.bin", p),
+    "authenticate.picture_path scan": authenticate.picture_path,
+    "authenticate.read_carrier path": authenticate.read_carrier,
+    "authenticate.write_carrier path": lambda p: authenticate.write_carrier(
+        np.zeros((8, 8), np.uint8), p
+    ),
     "authenticate.read_record path": authenticate.read_record,
     "authenticate.record_path scan": authenticate.record_path,
     "authenticate.refuse_existing_record scan": authenticate.refuse_existing_record,
@@ -158,6 +163,9 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     ),
     "authenticate.write_watermarked unchanged": lambda p: authenticate.write_watermarked(
         authenticate.Watermarked(scan, b"", 0, 1), "a.bin", unchanged=p
+    ),
+    "authenticate.write_watermarked picture": lambda p: authenticate.write_watermarked(
+        authenticate.Watermarked(scan, b"", 0, 1), "a.bin", picture=p
     ),
     "forge.read_stream_truth path": forge.read_stream_truth,
     "study.copy_rating_stimuli images": lambda p: study.copy_rating_stimuli(p, "b"),

@@ -119,6 +119,7 @@ def write_watermarked(
     """
     target = path_of(path)
     source = None if unchanged is None else path_of(unchanged)
+    shown = picture_path(target) if picture is None else path_of(picture)
     copies = source is not None and sent.is_detached and source.suffix == target.suffix
     exact = sent.frame.exact is not None and not sent.is_detached
     if not copies and not exact:
@@ -135,7 +136,6 @@ def write_watermarked(
     if sent.picture is None:
         atomic_write(record_path(target), sent.record)
         return
-    shown = picture_path(target) if picture is None else path_of(picture)
     shown.parent.mkdir(parents=True, exist_ok=True)
     write_carrier(sent.picture, shown)
 
