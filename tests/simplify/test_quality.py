@@ -472,5 +472,4 @@ def test_edges_of_many_faces_do_not_stand_in_the_way(
     mesh = Mesh(read.vertices, read.faces)
     result = simplify.quality(mesh, ratio=ratio)
     assert result.stop == StopReason.TARGET_REACHED
-    assert result.relaxed_collapses == 0
     assert metrics.metro(mesh, result.mesh, sampling="area", samples=100_000).mean <= limit
