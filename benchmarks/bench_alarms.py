@@ -142,7 +142,7 @@ def interval(events: int, trials: int) -> tuple[float, float]:
 
 
 def p_values(line: Line) -> dict[str, float]:
-    """Of a scan, by detector, at the thresholds of this package."""
+    """P-value of each detector for one scan, at the thresholds of this package."""
     from manip3d.authenticate import _reflectance, _turns
 
     strength, found = line["strength"], dict(line["p_value"])
@@ -162,7 +162,7 @@ def accused_by(line: Line) -> list[str]:
 
 
 def log10_ratio(line: Line) -> float:
-    """Of a scan's likelihood ratio, as `Inspection.likelihood_ratio` has it; 0: not judged."""
+    """Logarithm of a scan's likelihood ratio, as `Inspection.likelihood_ratio`; 0: not judged."""
     from manip3d.authenticate import likelihood_ratio
 
     found = p_values(line)

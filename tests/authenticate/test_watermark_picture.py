@@ -26,6 +26,7 @@ from manip3d.authenticate import (
     record_path,
     without_record,
     write_carrier,
+    write_watermarked,
 )
 from manip3d.cli import app
 from manip3d.errors import FormatError, InputError
@@ -182,6 +183,13 @@ def test_bad_input_is_refused(key: KeyFile) -> None:
     with pytest.raises(InputError, match="2048 bytes"):
         wide.embed(many, picture=photo())
     assert wide.embed(many).number == 0
+
+
+def test_a_path_for_a_picture_that_is_not_there_is_refused(tmp_path: Path, key: KeyFile) -> None:
+    sent = Watermarker(key).embed(frame())
+    with pytest.raises(InputError, match=r"^picture: expected none"):
+        write_watermarked(sent, tmp_path / "scan.pcd", picture=tmp_path / "scan.png")
+    assert list(tmp_path.iterdir()) == [tmp_path / "sensor.key"]
 
 
 def png(*chunks: tuple[bytes, bytes], end: bytes = b"") -> bytes:

@@ -108,8 +108,9 @@ void make_room(const PointsView& points, LatticeSamples& found,
   slice_of.resize(size);
 }
 
-// What a coordinate must be: near enough; the float32 of its place on the grid; that to the bit,
-// since -0 and 0 are the same place, but embedders write no -0.
+// Three demands on a coordinate: it lies near its place on the grid; it is the float32 of that
+// place; it is so to the bit, as embedders write it (they write no -0, which is the same place as
+// 0).
 enum class Demand { kNear, kOnGrid, kWritten };
 
 constexpr std::size_t kBlockPoints = 128;

@@ -525,8 +525,8 @@ class Reader {
     return p;
   }
 
-  /// What all textures of a material have in common; a TriangleMesh has no other place for it than
-  /// its texture coordinates.
+  /// The transform that all textures of a material share. It is applied to the texture coordinates,
+  /// because a TriangleMesh has no other place for it.
   TextureTransform texture_transform(const JsonPlace& material) {
     std::vector<TextureTransform> found;
     const auto look = [&](const JsonPlace& owner, const char* key) {

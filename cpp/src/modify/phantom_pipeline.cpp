@@ -456,7 +456,7 @@ class PhantomPipeline::Workspace {
       return;
     }
     const double age = time_s - last_tracking_;
-    // What was at the wrong place is not held there.
+    // A phantom at the wrong place is not held there.
     const bool is_misplaced = held_ && held_->is_misplaced;
     if (!held_ || !frame_ || is_misplaced ||
         !(age <= options_.hold_seconds + options_.fade_seconds)) {
@@ -632,7 +632,7 @@ class PhantomPipeline::Workspace {
   std::int64_t clock_ns_ = 0, first_ns_ = 0;  ///< The source's clock, or a nominal one.
   Skeleton raw_;                              ///< As the tracker told it, in this frame.
   std::optional<std::int64_t> person_id_;
-  std::optional<Skeleton> person_;     ///< As last seen, smoothed.
+  std::optional<Skeleton> person_;     ///< The patient as last seen, smoothed.
   double sides_kept_since_ = kNever;   ///< Since when the tracker takes left for right.
   double sides_known_since_ = kNever;  ///< Since when the body's left is known.
   std::optional<BodyFrame> frame_;

@@ -109,7 +109,7 @@ std::optional<Line> middle_line(const Skeleton& skeleton, const JointTrust& trus
 
 struct JointPair {
   Eigen::Vector3d across;  ///< From right to left.
-  double trust = 0.0;      ///< That of the joint that is trusted less.
+  double trust = 0.0;      ///< Trust of the less trusted of the two joints.
 };
 
 /// A joint that is missing is replaced by the middle of the spine.
@@ -425,7 +425,8 @@ Eigen::Vector3d TrunkTracker::joint_plane_variance() const {
     return mean.weight > 0.0 ? mean_variance(mean) : kUnknown;
   };
   const JointTrust trusted = joint_trust();
-  // Of the mean of two directions by their trust, over its length.
+  // Yaw: variance of the mean of both pairs' directions, weighted by trust, over its squared
+  // length.
   constexpr double kShoulders = 0.35, kHips = 0.18, kOtherPair = 0.5;  // metres, metres
   const bool arm = is_arm(affected_);
   const auto pair_trust = [&](Joint left, Joint right) {
@@ -437,7 +438,7 @@ Eigen::Vector3d TrunkTracker::joint_plane_variance() const {
   const double yaw = (a * a * (variance(kShoulderLeft) + variance(kShoulderRight)) +
                       b * b * (variance(kHipLeft) + variance(kHipRight))) /
                      (length * length);
-  // Of a line through the middle joints.
+  // Roll: variance of the slope of a line through the middle joints.
   constexpr double kSpine = 0.25;  // metres: deviation of their heights
   double precision = 0.0;
   for (const Joint joint : kMiddle) precision += 1.0 / (variance(joint) + 1e-6);

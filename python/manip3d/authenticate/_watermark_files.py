@@ -110,7 +110,8 @@ def write_watermarked(
         File that the scan was read from: where its points stayed as they are and the format is the
         same, the file is copied byte for byte.
     picture : path, optional
-        Where the picture that carries the record is written (.png); by default ``SCAN.png``.
+        Where the picture that carries the record is written (.png); by default ``SCAN.png``. Only
+        for a watermark with a picture.
 
     Raises
     ------
@@ -120,6 +121,8 @@ def write_watermarked(
     target = path_of(path)
     source = None if unchanged is None else path_of(unchanged)
     shown = picture_path(target) if picture is None else path_of(picture)
+    if picture is not None and sent.picture is None:
+        raise InputError("picture: expected none for a watermark whose record no picture carries")
     copies = source is not None and sent.is_detached and source.suffix == target.suffix
     exact = sent.frame.exact is not None and not sent.is_detached
     if not copies and not exact:

@@ -115,9 +115,12 @@ class TrunkTracker {
   std::vector<SurfacePoint> surface_;
   Eigen::Quaterniond key_rotation_ = Eigen::Quaterniond::Identity();
   double residual_ = 0.0;  ///< Mean distance of the surface from the key frame, metres.
-  double error_power_ = 0.0, error_product_ = 0.0;  ///< Of the joints, of a frame and its next.
-  double turn_variance_ = 0.0;                      ///< Of the trunk, square radians.
-  /// Of the plane within the trunk: its normal's roll and yaw, and metres aside.
+  /// Running sums over the joints: the squared error, and the product of the errors of a frame and
+  /// the next one. Their ratio is the correlation from frame to frame.
+  double error_power_ = 0.0, error_product_ = 0.0;
+  double turn_variance_ = 0.0;  ///< Variance of the trunk's orientation, square radians.
+  /// Covariance of the plane's place within the trunk: roll and yaw of its normal, radians, and its
+  /// offset, metres.
   Eigen::Matrix3d covariance_ = Eigen::Matrix3d::Zero();
   double surface_share_ = 0.0;
   double deviation_deg_ = 0.0;
