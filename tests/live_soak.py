@@ -1,8 +1,9 @@
-"""live_soak.py [SECONDS]: a live session, unattended: the simulated amputee plays game after game
+"""live_soak.py [SECONDS [SOURCE]]: a live session, unattended: the simulated amputee plays game after game
 into a diary, beside a client that hangs and one that leaves and comes back.
 
 Prints a summary as JSON; exits with 1 where memory grows, a frame of a client that keeps up is lost
-without being counted, a game is missing in the diary, or somebody was refused. An hour by default.
+without being counted, a game is missing in the diary, or somebody was refused. An hour by default,
+from the simulator as fast as it draws; a recording (``mkv:FILE``) is played over and over.
 """
 
 from __future__ import annotations
@@ -29,18 +30,18 @@ GAME_S = 20.0
 AGAIN_S = 30.0  # after which a client leaves and comes back
 
 
-def main(seconds: float) -> int:
+def main(seconds: float, *source: str) -> int:
     with tempfile.TemporaryDirectory() as name:
-        return soak(Path(name), seconds)
+        return soak(Path(name), seconds, [f"--source={address}" for address in source])
 
 
-def soak(folder: Path, seconds: float) -> int:
+def soak(folder: Path, seconds: float, source: list[str]) -> int:
     path, log = folder / "soak.diary", folder / "log"
     with Diary(path, create=True) as diary:
         diary.enrol("P01", limb="right_arm", clips=True)
     program = subprocess.Popen(
         [sys.executable, "-m", "manip3d", "phantom", "live", "--no-open", "--limb", "right-arm",
-         "--diary", str(path), "--participant", "P01", "--log", str(log), "--json"],
+         "--diary", str(path), "--participant", "P01", "--log", str(log), "--json", *source],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:
@@ -120,4 +121,4 @@ def judge(report: dict, log: Path, path: Path, games: int) -> int:  # type: igno
 
 
 if __name__ == "__main__":
-    sys.exit(main(float(sys.argv[1]) if sys.argv[1:] else HOUR))
+    sys.exit(main(float(sys.argv[1]) if sys.argv[1:] else HOUR, *sys.argv[2:3]))
