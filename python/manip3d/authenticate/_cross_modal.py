@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,10 +11,9 @@ import numpy as np
 
 from manip3d import _core
 from manip3d._util.checked import checked
-from manip3d._util.showing import Showable
 from manip3d.authenticate._risk import AttackObservation, RiskParameters
 from manip3d.authenticate._stereo import Disparity, StereoRig
-from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict
+from manip3d.authenticate._verdict import Calibration, Verdict, WithoutRate
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, ScanLike, placed, to_scan
 
@@ -225,7 +224,7 @@ class CrossModalRegion:
 
 
 @dataclass(frozen=True, eq=False)
-class CrossModalResult(Showable):
+class CrossModalResult(WithoutRate):
     """What `cross_modal_consistency` found.
 
     Attributes
@@ -280,24 +279,9 @@ class CrossModalResult(Showable):
     heading: float = 0.0
 
     @property
-    def p_value(self) -> float | None:
-        """None: the tail of clean scenes is not known well enough to state one."""
-        return None
-
-    @property
-    def power(self) -> Mapping[str, Power]:
-        """Empty: it depends on the cameras; `table-7.2-cross-modal` measures KITTI's."""
-        return NO_POWER
-
-    @property
     def calibration(self) -> Calibration | None:
         """The clean frames that the areas and the tolerance were held against."""
         return CALIBRATION
-
-    @property
-    def boxes(self) -> tuple[Box, ...]:
-        """Around what was added or is missing."""
-        return tuple(region.box for region in self.regions)
 
     @property
     def judged_azimuth_deg(self) -> tuple[float, float]:

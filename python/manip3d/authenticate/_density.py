@@ -10,15 +10,12 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.options import reporting, threads_of
-from manip3d._util.showing import Showable
 from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
-from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Region, Verdict
+from manip3d.authenticate._verdict import Calibration, Region, Verdict, WithoutRate
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, ScanLike, placed, to_scan
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from numpy.typing import ArrayLike, NDArray
 
     from manip3d._util.options import Progress
@@ -119,7 +116,7 @@ _CALIBRATIONS = (
 
 
 @dataclass(frozen=True, eq=False)
-class DensityResult(Showable):
+class DensityResult(WithoutRate):
     """What `density_consistency` found.
 
     Attributes
@@ -164,21 +161,6 @@ class DensityResult(Showable):
     parameters: DensityParameters
     calibration: Calibration | None
     scan: LidarFrame | None = field(default=None, repr=False)
-
-    @property
-    def boxes(self) -> tuple[Box, ...]:
-        """Around the suspected points of each region, metres."""
-        return tuple(region.box for region in self.regions)
-
-    @property
-    def p_value(self) -> float | None:
-        """None: the detector states none."""
-        return None
-
-    @property
-    def power(self) -> Mapping[str, Power]:
-        """Empty: it depends on the scanner, see `inspect`."""
-        return NO_POWER
 
 
 @checked

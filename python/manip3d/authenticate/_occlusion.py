@@ -11,15 +11,12 @@ import numpy as np
 from manip3d import _core
 from manip3d._util.checked import checked
 from manip3d._util.options import threads_of
-from manip3d._util.showing import Showable
 from manip3d.authenticate._origin import NO_ORIGIN, scanner_position
-from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict
+from manip3d.authenticate._verdict import Calibration, Verdict, WithoutRate
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame, Scan, ScanLike, origin_of, placed, to_scan
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from numpy.typing import ArrayLike, NDArray
 
 
@@ -158,7 +155,7 @@ class OcclusionRegion:
 
 
 @dataclass(frozen=True, eq=False)
-class OcclusionResult(Showable):
+class OcclusionResult(WithoutRate):
     """What `occlusion_consistency` found.
 
     Attributes
@@ -202,21 +199,6 @@ class OcclusionResult(Showable):
     parameters: OcclusionParameters
     calibration: Calibration | None
     scan: LidarFrame | None = field(default=None, repr=False)
-
-    @property
-    def boxes(self) -> tuple[Box, ...]:
-        """Around the suspected points of each region, metres."""
-        return tuple(region.box for region in self.regions)
-
-    @property
-    def p_value(self) -> float | None:
-        """None: the detector states none."""
-        return None
-
-    @property
-    def power(self) -> Mapping[str, Power]:
-        """Empty: it depends on the scanner, see `inspect`."""
-        return NO_POWER
 
 
 @checked

@@ -11,7 +11,6 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
-from manip3d._util.showing import Showable
 from manip3d.authenticate._cross_modal import (
     CALIBRATION,
     CrossModalParameters,
@@ -23,16 +22,16 @@ from manip3d.authenticate._cross_modal import (
 )
 from manip3d.authenticate._risk import AttackObservation, RiskParameters
 from manip3d.authenticate._stereo import Disparity, StereoRig
-from manip3d.authenticate._verdict import NO_POWER, Calibration, Power, Verdict
+from manip3d.authenticate._verdict import Calibration, Verdict, WithoutRate
 from manip3d.errors import InputError
-from manip3d.lidar import Box, LidarFrame, ScanLike
+from manip3d.lidar import LidarFrame, ScanLike
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, eq=False)
-class SurroundResult(Showable):
+class SurroundResult(WithoutRate):
     """What several stereo pairs say of one LiDAR scan.
 
     Attributes
@@ -77,24 +76,9 @@ class SurroundResult(Showable):
         )
 
     @property
-    def p_value(self) -> float | None:
-        """None: as of each pair."""
-        return None
-
-    @property
-    def power(self) -> Mapping[str, Power]:
-        """Empty: it depends on the cameras."""
-        return NO_POWER
-
-    @property
     def calibration(self) -> Calibration | None:
         """Where the parameters of each pair come from, before they are shared."""
         return CALIBRATION
-
-    @property
-    def boxes(self) -> tuple[Box, ...]:
-        """Around what was added or is missing, in the LiDAR's frame."""
-        return tuple(region.box for region in self.regions)
 
     @property
     def suspected(self) -> NDArray[np.int32]:

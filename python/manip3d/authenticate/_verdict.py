@@ -11,6 +11,7 @@ import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
+from manip3d._util.showing import Showable
 from manip3d.errors import InputError
 
 if TYPE_CHECKING:
@@ -229,6 +230,32 @@ class Detection(Protocol):
     def calibration(self) -> Calibration | None:
         """Where the thresholds come from."""
         ...
+
+
+class WithoutRate(Showable):
+    """Properties of a `Detection` that states neither p-values nor power of its own."""
+
+    __slots__ = ()
+
+    if TYPE_CHECKING:
+
+        @property
+        def regions(self) -> Sequence[RegionLike]: ...
+
+    @property
+    def boxes(self) -> tuple[Box, ...]:
+        """Around what each region found, metres."""
+        return tuple(region.box for region in self.regions)
+
+    @property
+    def p_value(self) -> float | None:
+        """None: the tail of clean scenes is not known well enough to state one."""
+        return None
+
+    @property
+    def power(self) -> Mapping[str, Power]:
+        """Empty: it depends on the sensors; `inspect` looks it up for a scanner it knows."""
+        return NO_POWER
 
 
 @dataclass(frozen=True)
