@@ -1,5 +1,5 @@
-"""live_soak.py [SECONDS [SOURCE]]: a live session, unattended: the simulated amputee plays game after game
-into a diary, beside a client that hangs and one that leaves and comes back.
+"""live_soak.py [SECONDS [SOURCE]]: a live session, unattended: the simulated amputee plays game
+after game into a diary, beside a client that hangs and one that leaves and comes back.
 
 Prints a summary as JSON; exits with 1 where memory grows, a frame of a client that keeps up is lost
 without being counted, a game is missing in the diary, or somebody was refused. An hour by default,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import io
 import os
@@ -47,6 +48,12 @@ class Stage:
         name = read_message(text, MESSAGES)[0]
         if name not in OF_THE_CONNECTION:
             self.heard.append(name)
+
+    def disconnect(self) -> None:
+        """All streams end, as when a network is gone for a moment."""
+        assert self.server._loop is not None
+        for _, stream in tuple(self.server._clients.values()):
+            asyncio.run_coroutine_threadsafe(stream.close(), self.server._loop)
 
     def show(self, count: int) -> None:
         """Frames that the page has decoded, each."""

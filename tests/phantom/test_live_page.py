@@ -50,12 +50,12 @@ def test_the_phantom_hand_bursts_a_bubble_on_the_page(chromium: None, stage: Sta
 
         press(tab, " ")
         wait_for(lambda: stage.heard == ["ready"])
-        own = []
+        own: dict[int, Any] = {}  # each event is told for a second
         for _ in range(300):
             stage.show(1)
             status = json.loads(tab.evaluate("JSON.stringify(manip3dLive.status())"))
             events = status["game"].get("events", [])
-            own += [e for e in events if e[0] == "burst" and e[2] in PHANTOM_HAND]
+            own |= {e[7]: e for e in events if e[0] == "burst" and e[2] in PHANTOM_HAND}
             if own and status["state"] == "tracking":
                 break
         assert own, "the phantom hand burst nothing"
@@ -101,16 +101,14 @@ def test_games_for_feet_are_played_with_the_phantom_leg(
             idle = screenshot(tab)
             press(tab, " ")
             wait_for(lambda: stage.heard == ["ready"])
+            told_by: dict[int, Any] = {}
             own: list[Any] = []
             status: dict[str, Any] = {}
             for _ in range(240):
                 stage.show(1)
                 status = json.loads(tab.evaluate("JSON.stringify(manip3dLive.status())"))
-                own += [
-                    event
-                    for event in status["game"].get("events", [])
-                    if event[0] == kind and event[2] == phantom_foot
-                ]
+                told_by |= {event[7]: event for event in status["game"].get("events", [])}
+                own = [e for e in told_by.values() if e[0] == kind and e[2] == phantom_foot]
                 if own and status["state"] == "tracking":
                     break
             assert own, f"no {kind} by the phantom foot"
@@ -230,6 +228,7 @@ def test_set_up_touch_and_hazards_on_the_page(chromium: None, tmp_path: Path, wi
     address = simulated_patient("right_arm") + "&frames=400"
     stage = Stage(iter(open_source(address, threads=1)), recorder=recorder)  # type: ignore[arg-type]
     recorder.start()
+    quotes = '"' * 480  # twice as long in JSON
 
     def click(selector: str) -> None:
         tab.evaluate(f"document.querySelector('{selector}').click()")
@@ -276,8 +275,15 @@ def test_set_up_touch_and_hazards_on_the_page(chromium: None, tmp_path: Path, wi
             press(tab, "u")
             assert tab.evaluate("document.querySelector('#setup').hidden")
 
-            tab.evaluate("document.querySelector('#event').value = 'a chair fell over'")
+            # The connection is lost while the therapist writes; the text is one that was pasted.
+            stage.disconnect()
+            wait_for(lambda: stage.server.num_clients == 0)
+            pasted = json.dumps("a chair\tfell over" + quotes)
+            tab.evaluate(f"document.querySelector('#event').value = {pasted}")
             click("#note")
+            assert text_of(tab, "#event-told") == "Being noted."
+            wait_for(lambda: text_of(tab, "#event-told") == "Noted.")
+            assert tab.evaluate("document.querySelector('#event').value") == ""
             said("event")
 
             press(tab, "t")
@@ -313,7 +319,9 @@ def test_set_up_touch_and_hazards_on_the_page(chromium: None, tmp_path: Path, wi
     assert dict(stage.server.refused) == {}
     with Diary(path) as diary:
         assert diary.participant("P01").clips
-        assert [(e.kind, e.text) for e in diary.events("P01")] == [("other", "a chair fell over")]
+        assert [(e.kind, e.text) for e in diary.events("P01")] == [
+            ("other", "a chair fell over" + quotes)
+        ]
         (felt,) = diary.felt("P01")
         assert (felt.length, felt.telescoping, felt.raised, felt.bent) == (60, 0, 0, 0)
         (answers,) = diary.ownership("P01")
@@ -348,11 +356,15 @@ def test_bad_frames_are_counted_and_do_no_harm(chromium: None, stage: Stage) -> 
         stage.show(1)
         message = stage.session.process(next(stage.frames), captured_ns=1)
         assert message is not None
-        later = 0
-        # Two of them: so many may stay unacknowledged.
-        for number, bad in enumerate((message[: len(message) // 2], b"M3DL" + bytes(100))):
-            stage.server.publish(bad, sequence=10_000 + number, captured_ns=0)
-            later = number + 1
-            wait_for(lambda: tab.evaluate("manip3dLive.stats().bad") == later)  # noqa: B023
+        kinds = (message[: len(message) // 2], b"M3DL" + bytes(100), b"")
+        bad = kinds * 2  # more than may stay unacknowledged
+        for number, content in enumerate(bad, 1):
+            stage.server.publish(content, sequence=10_000 + number, captured_ns=0)
+            wait_for(lambda: tab.evaluate("manip3dLive.stats().bad") == number)  # noqa: B023
         assert tab.evaluate("manip3dLive.stats().frames") == 1
-        assert later == 2
+        wait_for(lambda: text_of(tab, "#status").startswith("No picture None has come"))
+        stage.show(2)
+        assert tab.evaluate("manip3dLive.stats().frames") == 3
+        assert text_of(tab, "#status").startswith("Following")
+        report = stage.server.report()[-1]
+        assert (report["unreadable"], report["acknowledged"]) == (len(bad), 3)

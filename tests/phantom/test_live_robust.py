@@ -15,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+import numpy as np
 import pytest
 
 import capsule_body
@@ -96,6 +97,60 @@ def test_a_camera_that_is_pulled_out_is_waited_for(monkeypatch: pytest.MonkeyPat
     assert report.states["tracking"] > 50
     assert report.frames >= 100
     assert dict(report.refused) == {}
+
+
+def test_a_camera_without_a_body_tracker_is_shown_with_pose(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from manip3d.modify import PoseTracker
+
+    class Camera(PulledCamera):
+        def start(self) -> None:
+            pass
+
+        def read(self, timeout: float) -> RgbdFrame | None:
+            time.sleep(0.01)
+            self.number += 1
+            frame = capsule_body.painted(self.number % 40)
+            found = replace(frame, time=self.number * 33_333_333, number=self.number)
+            color = np.full((*frame.depth.shape, 3), 128, np.uint8)
+            return replace(found, skeletons=(), color=None if self.number == 9 else color)
+
+    class Finds(PoseTracker):
+        def _start(self) -> Any:
+            return type("Model", (), {"reset": lambda _: None, "close": lambda _: None})()
+
+        def annotate(self, frame: RgbdFrame) -> RgbdFrame:
+            assert frame.color is not None
+            return replace(frame, skeletons=capsule_body.painted(frame.number % 40).skeletons)
+
+    monkeypatch.setattr(capture, "open_rgbd", lambda *_, **__: Camera())
+    monkeypatch.setattr(_live, "PoseTracker", Finds)
+    report = run_live("openni2:", affected="right_arm", seconds=2.0, pose=True)
+    assert report.states["tracking"] > 20
+    without = run_live("openni2:", affected="right_arm", seconds=1.0)
+    assert set(without.states) == {"lost"}
+
+
+def test_a_headset_has_an_address_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(capture, "open_rgbd", lambda *_, **__: PulledCamera())
+    printed: list[str] = []
+    opened: list[str] = []
+    players: list[Player] = []
+
+    def open_page(url: str) -> None:
+        opened.append(url)
+
+        def join() -> None:
+            players.extend(Player(url) for url in (*opened, *printed))
+
+        threading.Thread(target=join, daemon=True).start()
+
+    run_live("openni2:", affected="right_arm", seconds=2.0, open_page=open_page,
+             on_start=lambda url, made: printed.append(url))  # fmt: skip
+    assert len(players) == 2  # each address has let one in
+    for player in players:
+        player.close()
 
 
 # --- killed ---------------------------------------------------------------------------------------

@@ -161,12 +161,12 @@ def test_a_bubble_is_burst_in_a_headset(stage: Stage) -> None:
 
         trigger(tab)
         wait_for(lambda: stage.heard == ["ready"])
-        own: list[Any] = []
+        own: dict[int, Any] = {}
         for _ in range(300):
             stage.show(1)
             status = json.loads(tab.evaluate("JSON.stringify(manip3dLive.status())"))
             events = status["game"].get("events", [])
-            own += [e for e in events if e[0] == "burst" and e[2] in PHANTOM_HAND]
+            own |= {e[7]: e for e in events if e[0] == "burst" and e[2] in PHANTOM_HAND}
             if own:
                 break
         assert own, "the phantom hand burst nothing"

@@ -50,7 +50,9 @@ def test_the_phantom_hand_bursts_a_bubble() -> None:
     session = LiveSession("right_arm")
     session.command("ready")
     shown = play(session, patient())
-    bursts = [event for frame in shown for event in frame.status["game"].get("events", ())]
+    bursts = list(
+        {e[7]: e for frame in shown for e in frame.status["game"].get("events", ())}.values()
+    )  # each is told for a second
     phantom_hand = {10, 11, 23, 24}
     by_phantom = [event for event in bursts if event[0] == "burst" and event[2] in phantom_hand]
     assert by_phantom
@@ -110,7 +112,8 @@ def test_a_lost_limb_pauses_the_game_and_punishes_nobody() -> None:
         assert status["game"]["phase"] == "paused"
         for name in ("left_s", "score", "misses", "targets", "stains"):
             assert status["game"][name] == before["game"][name]
-        assert status["game"]["events"] == []
+        told = {event[7] for event in status["game"]["events"]}
+        assert told <= {event[7] for event in before["game"]["events"]}  # no new ones
     session.command("stop")
     play(session, [replace(gone[-1], time=gone[-1].time + 33_333_333)])
     summary = session.summaries[-1]
@@ -204,6 +207,52 @@ def test_ratings_reach_the_diary_and_may_end_the_play() -> None:
     session.command("ready")
     assert play(session, frames[42:50])[-1].status["game"]["phase"] == "over"
     assert heard.told == [5, 8]
+
+
+def test_what_is_said_again_after_a_lost_answer_is_taken_once() -> None:
+    heard = Heard()
+    session = LiveSession("right_arm", recorder=heard)
+    first = {"text": "dizzy", "page": 7, "number": 1}
+    for fields in (
+        first,
+        first,
+        {"text": "dizzy", "page": 7, "number": 2},
+        {"text": "dizzy", "page": 8, "number": 1},  # another screen
+        {"text": "dizzy"},
+    ):
+        session.command("event", fields)
+    play(session, patient()[:1])
+    assert heard.told == ["dizzy"] * 4
+
+
+def test_who_feels_sick_is_not_touched_any_more() -> None:
+    session = LiveSession("right_arm", recorder=Heard())
+    frames = patient()
+    session.command("touch", {"mode": "synchronous"})
+    assert play(session, frames[:2])[-1].status["touch"] is not None
+    session.command("unwell")
+    assert play(session, frames[2:4])[-1].status["touch"] is None
+    session.command("touch", {"mode": "synchronous"})
+    assert play(session, frames[4:6])[-1].status["touch"] is None
+
+
+def test_events_are_told_for_a_second_and_counted() -> None:
+    """So that a page that leaves frames out misses none and plays none twice."""
+    session = LiveSession("right_arm")
+    session.command("ready")
+    shown = play(session, patient())
+    first: dict[int, int] = {}
+    last: dict[int, int] = {}
+    for frame in shown:
+        numbers = [event[7] for event in frame.status["game"].get("events", [])]
+        assert numbers == sorted(numbers)
+        for number in numbers:
+            first.setdefault(number, frame.time_ns)
+            last[number] = frame.time_ns
+    assert list(first) == list(range(1, len(first) + 1))
+    assert len(first) >= 2
+    spans = [last[number] - first[number] for number in first if last[number] < shown[-1].time_ns]
+    assert all(0.9e9 < span <= 1.0e9 for span in spans)
 
 
 @pytest.mark.parametrize("consents", [True, False])

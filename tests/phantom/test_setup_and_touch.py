@@ -226,14 +226,18 @@ def test_the_chosen_person_is_followed() -> None:
         return [read_frame(m).status for m in map(session.process, frames) if m][-1]
 
     before = last(both[:2])
-    assert before["people"] == [True, False]
+    assert [is_patient for _, is_patient in before["people"]] == [True, False]
     assert any(name == "One patient" and not met for name, met, _ in before["checks"])
-    session.command("patient", {"which": 1})
-    after = last(both[2:])
+    crossed = replace(both[2], skeletons=(other, first))
+    session.command("patient", {"which": before["people"][1][0]})
+    after = last([crossed, both[3]])
     assert not any(name == "One patient" and not met for name, met, _ in after["checks"])
-    assert after["people"] == [False, True]
+    assert [is_patient for _, is_patient in after["people"]] == [False, True]
     session.command("patient", {"which": 9})  # nobody
     last([replace(capsule_body.painted(5), skeletons=(first, other))])
+    session.command("limb", {"limb": "left_arm"})
+    again = last([replace(capsule_body.painted(n), skeletons=(first, other)) for n in (6, 7)])
+    assert [is_patient for _, is_patient in again["people"]] == [False, True]
 
 
 def test_a_game_is_laid_out_for_the_measured_patient() -> None:

@@ -449,7 +449,7 @@ def test_messages_are_read() -> None:
         ('{"type":"ack","sequence":1,"decoded_ms":NaN}', "expected numbers, got NaN"),
         ('{"type":"ack","sequence":1,"decoded_ms":1e999}', "decoded_ms: expected 0 to"),
         ('{"type":"game","name":"chess"}', "name: expected one of bubbles, piano"),
-        ('{"type":"stop"}' + " " * 1024, "at most 1024 characters"),
+        ('{"type":"stop"}' + " " * 2048, "at most 2048 characters"),
     ],
 )
 def test_other_messages_are_refused(text: str, reason: str) -> None:

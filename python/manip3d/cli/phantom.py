@@ -209,6 +209,13 @@ def phantom_live(
             help="Virtual enhancement: joints turn so many times as far as the patient's.",
         ),
     ] = 1.0,
+    pose: Annotated[
+        bool,
+        typer.Option(
+            "--pose",
+            help="Find the joints in the colour image with MediaPipe, for sources without any.",
+        ),
+    ] = False,
     host: Annotated[
         str,
         typer.Option(
@@ -260,6 +267,8 @@ def phantom_live(
 
     Example: manip3d phantom live --no-open --seconds 2
     """
+    import webbrowser
+
     from manip3d.phantom import run_live
 
     shell = Terminal(as_json=as_json, quiet=quiet)
@@ -269,10 +278,6 @@ def phantom_live(
         if made is not None:
             shell.say("the browser warns that nobody has signed the certificate; compare SHA-256:")
             shell.say(made.fingerprint)
-        if is_opened:
-            import webbrowser
-
-            webbrowser.open(url)
 
     report = run_live(
         source,
@@ -281,6 +286,7 @@ def phantom_live(
         difficulty=difficulty,
         seed=seed,
         gain=gain,
+        pose=pose,
         host=host,
         port=port,
         certificate=certificate,
@@ -290,6 +296,7 @@ def phantom_live(
         diary_key=diary_key,
         log=log,
         on_start=on_start,
+        open_page=webbrowser.open if is_opened else None,
     )
     shell.say(
         f"{counted(report.frames, 'frame')} in {report.seconds:.1f} s, "

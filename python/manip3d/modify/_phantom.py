@@ -86,7 +86,7 @@ _MESSAGES = {
     PhantomReason.NO_PLANE: "The shoulders or hips were not seen: let the patient face the camera.",
     PhantomReason.OCCLUDED: "Something hides the intact limb.",
     PhantomReason.INFERRED: "The tracker only guesses where the intact limb is.",
-    PhantomReason.NO_SKELETON: "There is no skeleton in this source: it needs a body tracker.",
+    PhantomReason.NO_SKELETON: "There is no skeleton in this source: use --pose.",
     PhantomReason.CALIBRATION: "The joints do not fit the depth image: check the calibration.",
     PhantomReason.SHAKY: "The middle of the body is not known well: let the patient face the "
     "camera.",

@@ -14,7 +14,7 @@ from urllib.parse import parse_qs, urlsplit
 from manip3d._util.checked import checked
 from manip3d._util.extras import require
 from manip3d.errors import DeviceError, InputError
-from manip3d.modify import Limb
+from manip3d.modify import Limb, PoseTracker
 from manip3d.phantom._diary import DiaryRecorder
 from manip3d.phantom._log import SessionLog
 from manip3d.phantom._page import live_pages
@@ -108,11 +108,13 @@ def run_live(
     seconds: float | None = None,
     jpeg_quality: int = 80,
     gain: float = 1.0,
+    pose: bool = False,
     diary: str | os.PathLike[str] | None = None,
     participant: str | None = None,
     diary_key: str | os.PathLike[str] | None = None,
     log: str | os.PathLike[str] | None = None,
     on_start: Callable[[str, Certificate | None], object] | None = None,
+    open_page: Callable[[str], object] | None = None,
 ) -> LiveReport:
     """Show a person with a phantom limb in a browser, live, with a game.
 
@@ -145,6 +147,9 @@ def run_live(
         JPEG quality of the colour images, 1 to 100.
     gain : float
         Virtual enhancement, as of `LiveSession`; the page changes it.
+    pose : bool
+        Find the person's joints in the colour images with `manip3d.modify.PoseTracker`, for cameras
+        and recordings without skeletons.
     diary, participant, diary_key : path, str, path, optional
         A diary file, who of its participants plays, and its key file where it is encrypted. Games
         and ratings of pain are kept as they come.
@@ -152,6 +157,9 @@ def run_live(
         A file of JSON lines: every ten seconds frames, states, latency, times of stages and memory.
     on_start : callable(str, Certificate or None), optional
         Gets the page's address as soon as it can be opened, and what encrypts it.
+    open_page : callable(str), optional
+        Gets a second address, for a browser on this machine: each lets one browser in, so that a
+        headset can still use the first one.
 
     Returns
     -------
@@ -162,7 +170,8 @@ def run_live(
     InputError, FormatError, DeviceError, OSError
         The source raised it before anything is shown; a camera that goes away later is waited for.
     MissingExtraError
-        aiohttp or, for simulated people, Open3D is not installed; SQLAlchemy for a diary.
+        aiohttp or, for simulated people, Open3D is not installed; SQLAlchemy for a diary,
+        MediaPipe for ``pose``.
     """
     if (diary is None) != (participant is None):
         raise InputError("diary, participant: expected both or none")
@@ -188,6 +197,7 @@ def run_live(
     def on_message(client: StreamClient, text: str) -> None:
         hear(session, client, text)
 
+    tracker = PoseTracker() if pose else None
     end = None if seconds is None else began + seconds
     frames, first, states = 0, None, dict[str, int]()
     feed = _frames(address)
@@ -199,16 +209,22 @@ def run_live(
             recorder.start()
         if on_start is not None:
             on_start(server.new_url(), server.certificate)
+        if open_page is not None:
+            open_page(server.new_url())
         try:
             for found in feed:
                 if found is None:
                     session.restart()
+                    if tracker is not None:
+                        tracker.reset()
                     continue
                 captured_ns = time.time_ns()
                 sequence = session.sequence
                 if isinstance(found, str):
                     message: bytes | None = session.notice(found)
                 else:
+                    if tracker is not None and found.color is not None:
+                        found = tracker.annotate(found)
                     message = session.process(found, captured_ns=captured_ns)
                 if message is not None:
                     server.publish(message, sequence=sequence, captured_ns=captured_ns)
@@ -224,6 +240,8 @@ def run_live(
             pass
         finally:
             feed.close()
+            if tracker is not None:
+                tracker.close()
             session.end()
             if recorder is not None:
                 recorder.end()
@@ -261,10 +279,14 @@ def hear(session: LiveSession, client: StreamClient, text: str) -> None:
     name, fields = read_message(text, MESSAGES)
     if name == "ack":
         client.acknowledge(int(fields["sequence"]), float(fields["decoded_ms"]))
+    elif name == "bad":
+        client.fail()
     elif name == "clock":  # a page on another machine learns how far its clock is off
         client.say(json.dumps({"clock": [fields["sent_ms"], time.time_ns() / 1e6]}))
     else:
         session.command(name, fields)
+        if "number" in fields:
+            client.say(json.dumps({"heard": fields["number"]}))
 
 
 def _frames(address: str) -> Generator[_Found, None, None]:

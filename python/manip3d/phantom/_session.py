@@ -45,33 +45,44 @@ _ENHANCED = {"arm": ("Shoulder", "Elbow"), "leg": ("Hip", "Knee", "Ankle")}
 
 LIMBS: Sequence[Limb] = ("left_arm", "right_arm", "left_leg", "right_leg")
 
+_KEPT: dict[str, Kind] = {
+    "page": Kind(int, 0, 2**32 - 1, optional=True),
+    "number": Kind(int, 1, 2**31, optional=True),
+}
+"""What a page adds to what must not be lost: it says so again until the answer ``heard`` comes, and
+the session takes each number of a page once."""
+
 MESSAGES: Mapping[str, Mapping[str, Kind]] = {
     "ack": {"sequence": Kind(int, 0, 2**32 - 1), "decoded_ms": Kind(float, 0, 1e15)},
+    "bad": {},
     "clock": {"sent_ms": Kind(float, 0, 1e15)},
     "choose": {"game": Kind(str, choices=tuple(GAMES)), "difficulty": Kind(int, 1, 3)},
     "ready": {},
     "stop": {},
-    "pain": {"value": Kind(int, 0, 10)},
-    "unwell": {},
-    "event": {"text": Kind(str, length=500)},
-    "consent": {"clips": Kind(int, 0, 1)},
+    "pain": {"value": Kind(int, 0, 10), **_KEPT},
+    "unwell": _KEPT,
+    "event": {"text": Kind(str, length=500), **_KEPT},
+    "consent": {"clips": Kind(int, 0, 1), **_KEPT},
     "limb": {"limb": Kind(str, choices=LIMBS)},
-    "patient": {"which": Kind(int, 0, 9)},
+    "patient": {"which": Kind(int, 1, 2**31)},
     "calibrate": {},
     "gain": {"value": Kind(float, 1, MOST_GAIN)},
     "touch": {"mode": Kind(str, choices=(*MODES, "off"))},
     "ownership": {"mode": Kind(str, choices=MODES)}
-    | {f"q{number}": Kind(int, -3, 3) for number in range(1, len(STATEMENTS) + 1)},
-    "felt": {name: Kind(int, low, high) for name, (low, high) in LIMITS.items()},
+    | {f"q{number}": Kind(int, -3, 3) for number in range(1, len(STATEMENTS) + 1)}
+    | _KEPT,
+    "felt": {name: Kind(int, low, high) for name, (low, high) in LIMITS.items()} | _KEPT,
 }
 """What a page may say."""
 
-OF_THE_CONNECTION = ("ack", "clock")
+OF_THE_CONNECTION = ("ack", "bad", "clock")
 """Messages that `answer_client` takes; all others are the session's."""
 
 Pictures = Sequence[tuple[float, bytes]]
 
 _LONGEST_STEP_S = 0.25  # a longer gap between frames is none of the player's time
+_PAGES = 64  # of which the last number is known
+_EVENTS_NS = 1_000_000_000  # for so long an event is told: a slow page leaves frames out
 _FRAMES = 90  # over which times of stages are averaged
 _FLOOR_S = 4.0  # for so long the lowest place of a foot is the floor
 _FEET = tuple(JOINTS.index(name) for name in ("FootLeft", "FootRight"))
@@ -203,7 +214,12 @@ class LiveSession:
         self._pipeline = PhantomPipeline(affected)
         self.affected = str(affected)
         self._people: list[Skeleton] = []
-        self._is_chosen = False
+        self._numbers: dict[int, int] = {}  # of people, by the tracker's id
+        self._chosen: int | None = None
+        self._heard: dict[int, int] = {}  # last number of each page
+        self._events: deque[tuple[int, list[Any]]] = deque()  # when, and what is told
+        self._num_events = 0
+        self._ticks = 0
         self._times: deque[int] = deque(maxlen=_FRAMES)
         self._calibration: PlacementCalibration | None = None
         self._measured: Skeleton | None = None
@@ -260,7 +276,15 @@ class LiveSession:
         if name not in MESSAGES or name in OF_THE_CONNECTION:
             expected = ", ".join(known for known in MESSAGES if known not in OF_THE_CONNECTION)
             raise InputError(f"name: expected one of {expected}, got {name!r}")
-        self._commands.put((name, dict(fields or {})))
+        found = dict(fields or {})
+        page, number = found.pop("page", 0), found.pop("number", None)
+        if number is not None:
+            if number <= self._heard.get(page, 0):
+                return  # said again, as the answer was lost
+            self._heard[page] = number
+            while len(self._heard) > _PAGES:
+                del self._heard[next(iter(self._heard))]
+        self._commands.put((name, found))
 
     def restart(self) -> None:
         """Forget the person: the next frame is of another recording, or the same one again."""
@@ -269,6 +293,7 @@ class LiveSession:
         self._ends.reset()
         self._lowest.clear()
         self._times.clear()
+        self._events.clear()
         self._last_time = None
 
     def end(self) -> None:
@@ -389,7 +414,7 @@ class LiveSession:
             self._note(name, fields)
         if halt:
             self._stop()
-            self._halt = halt
+            self._halt, self._cue = halt, None
 
     def _note(self, name: str, fields: Mapping[str, Any]) -> None:
         assert self._recorder is not None
@@ -409,13 +434,17 @@ class LiveSession:
         if name == "limb":
             self._change_limb(fields["limb"])
         elif name == "patient":
-            if int(fields["which"]) < len(self._people):
+            # By number, not by place: people cross while the therapist points at one.
+            known = {number: person for person, number in self._numbers.items()}
+            if fields["which"] in known:
                 self._stop()
-                self._is_chosen = True
-                self._pipeline.select(self._people[int(fields["which"])].id)
+                self._chosen = known[fields["which"]]
+                self._pipeline.select(self._chosen)
         elif name == "calibrate":
             self._calibration, self._measured = PlacementCalibration(), None
         elif name == "touch":
+            if self._halt:
+                return
             self._stop()
             mode = str(fields["mode"])
             self._cue = None if mode == "off" else TouchCue(mode, self._seed + self._cues)  # type: ignore[arg-type]
@@ -431,8 +460,9 @@ class LiveSession:
         self._stop()
         self._game, self._measured, self._felt, self._cue = None, None, None, None
         self._pipeline, self.affected = PhantomPipeline(limb), str(limb)
-        self._is_chosen = False
         self.restart()
+        if self._chosen is not None:
+            self._pipeline.select(self._chosen)
         if not GAMES[self._choice[0]].limbs.startswith(limb.partition("_")[2]):
             name = "bubbles" if limb.endswith("arm") else "bubbles-legs"
             self._choice = name, self._choice[1]
@@ -568,7 +598,7 @@ class LiveSession:
             shown,
             frame.calibration.depth,
             people=len(people),
-            is_chosen=self._is_chosen,
+            is_chosen=self._chosen is not None,
             rate=(len(self._times) - 1) / span if span > 0 else 0.0,
         )
         calibrated = 1.0 if self._measured is not None else None
@@ -578,10 +608,18 @@ class LiveSession:
             "affected": self.affected,
             "gain": self._gain,
             "checks": [[check.name, check.is_met, check.advice] for check in checks],
-            "people": [one.id == shown.skeleton.id for one in people],
+            "people": [[self._number(one.id), one.id == shown.skeleton.id] for one in people],
             "calibrated": calibrated,
             "clips": None if self._recorder is None else self._recorder.wants_clips,
         }
+
+    def _number(self, person: int) -> int:
+        """Small numbers for people in view, as they come; a tracker's ids may have 64 bits."""
+        if person not in self._numbers:
+            self._numbers[person] = max(self._numbers.values(), default=0) + 1
+            while len(self._numbers) > _PAGES:
+                del self._numbers[next(iter(self._numbers))]
+        return self._numbers[person]
 
     def _touch_status(self, shown: PhantomFrame, seconds: float) -> dict[str, Any]:
         felt = None
@@ -594,6 +632,7 @@ class LiveSession:
         joint, is_felt, place = None, False, None
         if shown.state == PhantomState.TRACKING and not cue.is_over:
             joint, is_felt = cue.pass_time(seconds)
+            self._ticks += is_felt
         if joint is not None:
             side, _, limb = self.affected.partition("_")
             name = (ARM if limb == "arm" else LEG)[joint] + side.title()
@@ -604,6 +643,7 @@ class LiveSession:
                 "left_s": round(SECONDS - cue.clock, 2),
                 "place": place,
                 "felt": is_felt,
+                "ticks": self._ticks,
             },
             "felt": felt,
         }
@@ -630,15 +670,24 @@ class LiveSession:
             **_field_status(game),
             "targets": [[t.number, *_rounded(t.place)] for t in game.targets],
             "stains": [_rounded(place) for place in game.stains],
-            "events": [
-                [event.kind, event.number, event.bone, *_rounded(event.place), event.key]
-                for event in (game.events if playing else ())
-            ],
+            "events": self._told_events(game if playing else None),
         }
         if game.phase == "over":
             found["ending"] = self.summaries[-1].ending
             found["paused_s"] = self.summaries[-1].paused_s
         return found
+
+    def _told_events(self, game: GameState | None) -> list[list[Any]]:
+        """Events of the last second, each with a number, so that a page that leaves frames out
+        misses none and plays none twice."""
+        now = self._last_time or 0
+        for event in () if game is None else game.events:
+            self._num_events += 1
+            told = [event.kind, event.number, event.bone, *_rounded(event.place), event.key]
+            self._events.append((now, [*told, self._num_events]))
+        while self._events and now - self._events[0][0] > _EVENTS_NS:
+            self._events.popleft()
+        return [told for _, told in self._events]
 
 
 def _field_status(game: GameState) -> dict[str, Any]:

@@ -11,8 +11,8 @@ from typing import Any, NoReturn
 
 from manip3d.errors import FormatError
 
-MAX_LENGTH = 1024
-"""Characters of a message."""
+MAX_LENGTH = 2048
+"""Characters of a message; a free text of 500 quotes is twice as long in JSON."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,8 @@ class Kind:
     length : int
         Characters of a free text, if it has no choices; control characters other than line feeds
         and lone surrogates are refused.
+    optional : bool
+        A message may lack the field.
     """
 
     type: type
@@ -37,6 +39,7 @@ class Kind:
     high: float = 0.0
     choices: Sequence[str] = ()
     length: int = 0
+    optional: bool = False
 
     def read(self, name: str, value: Any) -> int | float | str:
         """Return the value of a field.
@@ -76,7 +79,7 @@ class Kind:
 def read_message(
     text: str, types: Mapping[str, Mapping[str, Kind]], *, max_length: int = MAX_LENGTH
 ) -> tuple[str, dict[str, int | float | str]]:
-    """Read one message: a flat JSON object with a ``type`` and exactly the fields of that type.
+    """Read one message: a flat JSON object with a ``type`` and the fields of that type.
 
     Parameters
     ----------
@@ -117,10 +120,11 @@ def read_message(
     if not isinstance(name, str) or name not in types:
         raise FormatError(f"type: expected one of {', '.join(types)}")
     fields = types[name]
-    if found.keys() != fields.keys():
+    needed = {field for field, kind in fields.items() if not kind.optional}
+    if not needed <= found.keys() <= fields.keys():
         expected = ", ".join(fields) or "no fields"
         raise FormatError(f"{name}: expected {expected}, got {', '.join(found) or 'no fields'}")
-    values = {field: kind.read(field, found[field]) for field, kind in fields.items()}
+    values = {field: fields[field].read(field, value) for field, value in found.items()}
     if not all(math.isfinite(v) for v in values.values() if not isinstance(v, str)):
         raise FormatError(f"{name}: expected finite numbers")  # 1e999
     return name, values

@@ -114,8 +114,8 @@ class StreamClient:
     ----------
     number : int
         Counts the streams of a server.
-    sent, dropped : int
-        Frames.
+    sent, dropped, unreadable : int
+        Frames; the last are those that the client could not decode.
     """
 
     def __init__(self, number: int, frames_in_flight: int) -> None:
@@ -123,6 +123,7 @@ class StreamClient:
         self.sent = 0
         self.dropped = 0
         self.acknowledged = 0
+        self.unreadable = 0
         self._window = frames_in_flight
         self._next: _Frame | None = None
         self._said: deque[str] = deque()
@@ -155,6 +156,20 @@ class StreamClient:
             self._latencies.append(decoded_ms - captured_ns / 1e6)
         self._changed.set()
 
+    def fail(self) -> None:
+        """The client could not decode the oldest frame in flight; it gets further ones.
+
+        Raises
+        ------
+        FormatError
+            No frame is in flight.
+        """
+        if not self._flying:
+            raise FormatError("bad: expected a frame in flight, there is none")
+        del self._flying[next(iter(self._flying))]
+        self.unreadable += 1
+        self._changed.set()
+
     def say(self, text: str) -> None:
         """Send a text to this client: in order, before frames, never dropped.
 
@@ -181,6 +196,7 @@ class StreamClient:
             "sent": self.sent,
             "dropped": self.dropped,
             "acknowledged": self.acknowledged,
+            "unreadable": self.unreadable,
             "latency_ms": _percentiles(self._latencies),
             "round_trip_ms": _percentiles(self._round_trips),
         }
@@ -286,7 +302,10 @@ class LocalServer:
         self._opened = 0
         self._transports: weakref.WeakSet[asyncio.BaseTransport] = weakref.WeakSet()
         self._heard: weakref.WeakSet[asyncio.BaseTransport] = weakref.WeakSet()
-        self._requests = _Bucket(self.limits.requests_per_second, self.limits.request_burst)
+        # Whoever was let in has requests of their own: strangers cannot use them up.
+        self._requests, self._strangers = (
+            _Bucket(self.limits.requests_per_second, self.limits.request_burst) for _ in range(2)
+        )
         self._loop: asyncio.AbstractEventLoop | None = None
         self._stopping: asyncio.Event | None = None
         self._thread: threading.Thread | None = None
@@ -511,7 +530,8 @@ class LocalServer:
 
     def _refusal(self, request: web.Request) -> tuple[int, str] | None:
         """Status and reason why a request is not answered."""
-        if not self._requests.take():
+        is_known = _is_same(request.cookies.get(self._cookie_name, ""), self._cookie)
+        if not (self._requests if is_known else self._strangers).take():
             return 429, "too many requests"
         own = self.origin.partition("//")[2]
         if request.headers.getall("Host", []) != [own]:  # a name that was bent to this machine
@@ -520,7 +540,6 @@ class LocalServer:
             return 403, "foreign origin"
         if request.method != "GET":
             return 405, "method not allowed"
-        is_known = _is_same(request.cookies.get(self._cookie_name, ""), self._cookie)
         token = request.query.get("token")
         if request.path == "/" and token is not None:
             if self._takes(token) or is_known:

@@ -24,7 +24,7 @@ export interface GameStatus {
   starts?: number[][];
   strokes?: number[];
   needed?: number;
-  events?: (string | number)[][]; // kind, number, bone, x, y, z, key
+  events?: (string | number)[][]; // kind, number, bone, x, y, z, key, a count of all events
   ending?: "time" | "misses" | "done" | "stopped";
   paused_s?: number;
   halt: string; // why nothing more is played today
@@ -36,6 +36,7 @@ export interface TouchStatus {
   left_s: number;
   place: number[] | null; // where the ball touches the limb now
   felt: boolean; // whether the patient is to be touched now
+  ticks: number; // how often they were to be touched so far
 }
 
 export interface Status {
@@ -50,7 +51,7 @@ export interface Status {
   affected?: string;
   gain?: number; // of virtual enhancement
   checks?: [string, boolean, string][]; // name, whether it is met, what to do
-  people?: boolean[]; // in view, from left to right in the picture; which one is the patient
+  people?: [number, boolean][]; // in view, from left to right: a number, whether it is the patient
   calibrated?: number | null; // share of the time that is over; 1: done
   clips?: boolean | null; // consent; null: there is no diary
   touch?: TouchStatus | null;

@@ -1,10 +1,12 @@
 // The connection: newest frames in, acknowledgements and commands out; comes back when it is lost.
 
 import { readFrame, type Frame } from "./frame";
+import type { Message } from "./parts";
 
 const AGAIN_MS = 1000;
 const HISTORY = 300; // frames that latency is told of: ten seconds
 const CLOCK_EXCHANGES = 10;
+const MOST_ATTEMPTS = 3; // to say something over which the connection was lost each time
 
 /** What became of the frames so far. */
 export interface Stats {
@@ -40,6 +42,15 @@ class Clock {
   }
 }
 
+/** Something that must not be lost. */
+interface Kept {
+  number: number;
+  message: Message;
+  attempts: number;
+  heard: () => void;
+  failed: (error: Error) => void;
+}
+
 export class Link {
   private socket: WebSocket | null = null;
   private last: number | null = null;
@@ -48,6 +59,10 @@ export class Link {
   private chain: Promise<void> = Promise.resolve();
   private counted = { frames: 0, lost: 0, bad: 0 };
   private clock = new Clock();
+  private kept: Kept[] = [];
+  private said = 0;
+  private readonly page = crypto.getRandomValues(new Uint32Array(1))[0];
+  private newestAt = performance.now();
 
   /**
    * @param decode  takes a frame to where it can be drawn
@@ -62,6 +77,32 @@ export class Link {
 
   send(message: Record<string, string | number>): void {
     if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+  }
+
+  /** Says something until the program has heard it, over connections that are lost and come back. */
+  keep(message: Message): Promise<void> {
+    return new Promise((heard, failed) => {
+      const one = { number: ++this.said, message, attempts: 0, heard, failed };
+      this.kept.push(one);
+      this.sayAgain(one);
+    });
+  }
+
+  private sayAgain(one: Kept): void {
+    if (this.socket?.readyState !== WebSocket.OPEN) return;
+    one.attempts += 1;
+    this.send({ ...one.message, page: this.page, number: one.number });
+  }
+
+  private heard(number: number): void {
+    const one = this.kept.find((kept) => kept.number === number);
+    this.kept = this.kept.filter((kept) => kept !== one);
+    one?.heard();
+  }
+
+  /** Seconds since a picture came that could be shown. */
+  get silentS(): number {
+    return (performance.now() - this.newestAt) / 1000;
   }
 
   stats(): Stats {
@@ -86,16 +127,22 @@ export class Link {
       for (let number = 0; number < CLOCK_EXCHANGES; number++) {
         setTimeout(() => this.send({ type: "clock", sent_ms: Clock.now() }), 200 * number);
       }
+      const lost = this.kept.filter((one) => one.attempts >= MOST_ATTEMPTS);
+      this.kept = this.kept.filter((one) => one.attempts < MOST_ATTEMPTS);
+      for (const one of lost) one.failed(new Error("the connection was lost each time"));
+      for (const one of this.kept) this.sayAgain(one);
+      this.newestAt = performance.now();
       this.onState(true);
     });
     socket.addEventListener("message", ({ data }) => {
       if (typeof data === "string") {
-        const { clock } = JSON.parse(data) as { clock: [number, number] };
-        this.clock.take(...clock);
+        const said = JSON.parse(data) as { clock?: [number, number]; heard?: number };
+        if (said.clock) this.clock.take(...said.clock);
+        if (said.heard !== undefined) this.heard(said.heard);
         return;
       }
       // One after the other: images are decoded asynchronously.
-      this.chain = this.chain.then(() => this.take(data as ArrayBuffer));
+      this.chain = this.chain.then(() => this.take(data as ArrayBuffer, socket));
     });
     socket.addEventListener("close", () => {
       this.onState(false);
@@ -104,7 +151,8 @@ export class Link {
     this.socket = socket;
   }
 
-  private async take(data: ArrayBuffer): Promise<void> {
+  private async take(data: ArrayBuffer, socket: WebSocket): Promise<void> {
+    if (socket !== this.socket) return; // what came before the connection was lost
     let frame: Frame;
     try {
       frame = readFrame(data);
@@ -112,8 +160,11 @@ export class Link {
     } catch (error) {
       this.counted.bad += 1;
       console.error(error);
+      // The program waits for an answer to each frame before it sends the next but one.
+      if (socket === this.socket) this.send({ type: "bad" });
       return;
     }
+    if (socket !== this.socket) return; // the new connection knows nothing of this frame
     const decodedMs = Clock.now() + this.clock.aheadMs;
     this.send({ type: "ack", sequence: frame.sequence, decoded_ms: decodedMs });
     if (this.last !== null && frame.sequence > this.last) {
@@ -121,6 +172,7 @@ export class Link {
     }
     this.last = frame.sequence;
     this.counted.frames += 1;
+    this.newestAt = performance.now();
     this.latencies.push(decodedMs - frame.capturedMs);
     this.times.push(performance.now());
     if (this.latencies.length > HISTORY) this.latencies.shift();

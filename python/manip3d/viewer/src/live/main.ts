@@ -9,7 +9,7 @@ import { Bones, Bubbles, Colliders, Cues, room } from "./overlay";
 import { Person } from "./person";
 import { Haptics } from "./haptics";
 import { Panel } from "./panel";
-import { element, write } from "./parts";
+import { element, plain, write, type Message } from "./parts";
 import { Setup, type SetupContent } from "./setup";
 import { TouchPanel, type TouchContent } from "./touch";
 import { Sound } from "./sound";
@@ -28,6 +28,7 @@ const OWN_ANGLE = 75; // through one's own eyes
 const SHOWN_M = { width: 1.9, height: 2.2 }; // around the person, at any shape of the window
 const ARM_M = 0.8; // from one's own eyes to what is on the screen of a 3D television
 const TURN = 0.004; // radians a pixel
+const SILENT_S = 3; // without a picture
 const WORDS_MS = 500; // between two readings of latency, lest the numbers flicker
 
 const HATCHED = "What the camera cannot see is hatched.";
@@ -105,6 +106,7 @@ const painTold = element("span", { id: "pain-told", role: "status" });
 const unwell = element("button", { id: "unwell" }, "I feel sick");
 const event = element("input", { id: "event", maxlength: "500", placeholder: "what, in words" });
 const note = element("button", { id: "note" }, "Note it");
+const eventTold = element("span", { id: "event-told", role: "status" });
 const asking = element(
   "div",
   { class: "row", id: "asking" },
@@ -113,11 +115,22 @@ const asking = element(
   painTold,
   element("label", {}, "Something bad happened ", event),
   note,
+  eventTold,
 );
 asking.hidden = !content.asks;
 
-const setup = new Setup(content, (message) => link.send(message), tellPanels);
-const touching = new TouchPanel(content, (message) => link.send(message), tellPanels);
+const setup = new Setup(
+  content,
+  (message) => link.send(message),
+  (message) => link.keep(message),
+  tellPanels,
+);
+const touching = new TouchPanel(
+  content,
+  (message) => link.send(message),
+  (message) => link.keep(message),
+  tellPanels,
+);
 const openSetup = element("button", { id: "open-setup" }, "Set up", element("kbd", {}, "U"));
 const openTouch = element("button", { id: "open-touch" }, "Touch", element("kbd", {}, "T"));
 openSetup.addEventListener("click", () => {
@@ -263,21 +276,34 @@ function settle(): void {
 
 // --- frames ----------------------------------------------------------------------------------------
 
+let played: number | null = null; // the last event of the game
+let ticked: number | null = null;
+
+/** The events that no earlier frame told; those before the first frame are over. */
+function unplayed({ events = [] }: GameStatus): (string | number)[][] {
+  const before = played ?? Infinity;
+  played = Math.max(played ?? 0, ...events.map((event) => Number(event[7])));
+  return events.filter((event) => Number(event[7]) > before);
+}
+
 async function decode(frame: Frame): Promise<void> {
   await person.show(frame);
   newest = frame.status;
   bones.show(frame.status);
   colliders.show(frame.status);
-  const game = frame.status.game;
+  const game = { ...frame.status.game, events: unplayed(frame.status.game) };
   bubbles.show(content.games[game.name].rules === "piano" ? { ...game, targets: [] } : game);
   piano.show(game);
   pedals.show(game);
-  for (const [kind, , bone, , , , key] of game.events ?? []) {
+  for (const [kind, , bone, , , , key] of game.events) {
     sound.event(String(kind), Number(key));
     if (kind !== "missed") haptics.hit(Number(bone), session);
   }
   cues.show(frame.status);
-  if (frame.status.touch?.felt) {
+  const ticks = frame.status.touch?.ticks ?? ticked ?? 0;
+  const isTick = ticked !== null && ticks > ticked;
+  ticked = ticks;
+  if (isTick) {
     sound.event("touch", 0);
     haptics.hit(frame.status.affected?.startsWith("left") ? 7 : 11, session);
   }
@@ -373,6 +399,10 @@ setInterval(() => {
     ["Left out", `${lost} of ${frames + lost}${bad ? `, ${bad} unreadable` : ""}`],
     ["Computing", `${spent.toFixed(1)} ms a picture`],
   ];
+  if (document.body.dataset.connected === "true" && link.silentS > SILENT_S) {
+    write(stateWord, "No picture");
+    write(stateText, `None has come that can be shown for ${Math.floor(link.silentS)} s.`);
+  }
   numbers.replaceChildren(
     ...told.map(([name, value]) =>
       element("div", {}, element("dt", {}, name), element("dd", {}, value)),
@@ -392,19 +422,36 @@ function choose(): void {
   link.send({ type: "choose", game: gameChoice.value, difficulty: Number(difficulty.value) });
 }
 
+function keepOfPatient(message: Message): void {
+  link.keep(message).catch((error: Error) => write(painTold, `Not noted: ${error.message}.`));
+}
+
 pain.addEventListener("change", () => {
-  if (pain.value !== "") link.send({ type: "pain", value: Number(pain.value) });
+  if (pain.value !== "") keepOfPatient({ type: "pain", value: Number(pain.value) });
   pain.value = "";
   pain.blur();
 });
 unwell.addEventListener("click", () => {
-  link.send({ type: "unwell" });
+  keepOfPatient({ type: "unwell" });
   unwell.blur();
 });
 note.addEventListener("click", () => {
-  if (event.value.trim() !== "") link.send({ type: "event", text: event.value.trim() });
-  event.value = "";
   note.blur();
+  const text = plain(event.value);
+  if (text === "") return;
+  note.disabled = true;
+  write(eventTold, "Being noted.");
+  const done = (words: string): void => {
+    note.disabled = false;
+    write(eventTold, words);
+  };
+  link
+    .keep({ type: "event", text })
+    .then(() => {
+      if (plain(event.value) === text) event.value = "";
+      done("Noted.");
+    })
+    .catch((error: Error) => done(`Not noted: ${error.message}.`));
 });
 for (const kind of ["pointerdown", "keydown"]) {
   document.addEventListener(kind, () => sound.wake());

@@ -1,7 +1,7 @@
 // Before a session, step by step: hazards, camera, patient and limb, measures, pain and consent.
 
 import type { Status } from "./frame";
-import { element, write, type Send } from "./parts";
+import { element, write, type Keep, type Send } from "./parts";
 
 export interface SetupContent {
   limbs: string[];
@@ -30,6 +30,7 @@ export class Setup {
   constructor(
     content: SetupContent,
     private send: Send,
+    keep: Keep,
     private onEnd: () => void,
   ) {
     for (const limb of content.limbs) {
@@ -40,9 +41,10 @@ export class Setup {
       this.limb.blur();
     });
     this.still.addEventListener("click", () => send({ type: "calibrate" }));
-    this.clips.addEventListener("change", () =>
-      send({ type: "consent", clips: Number(this.clips.checked) }),
-    );
+    this.clips.addEventListener("change", () => {
+      // What became of it, the box says: it shows what the program holds.
+      keep({ type: "consent", clips: Number(this.clips.checked) }).catch(console.error);
+    });
     this.read.addEventListener("change", () => this.show());
     const hazards = element("a", { href: "/hazards", target: "_blank" }, "intended use and hazards");
     this.steps = [
@@ -166,12 +168,12 @@ export class Setup {
         ),
       );
     }
-    const key = people.map(Number).join("");
+    const key = people.join(" ");
     if (this.people.dataset.people !== key) {
       this.people.dataset.people = key;
       this.people.replaceChildren(
-        ...people.map((isPatient, which) => {
-          const words = isPatient ? "This is the patient" : `Person ${which + 1} is the patient`;
+        ...people.map(([which, isPatient], place) => {
+          const words = isPatient ? "This is the patient" : `Person ${place + 1} is the patient`;
           const made = element("button", { "aria-pressed": String(isPatient) }, words);
           made.addEventListener("click", () => this.send({ type: "patient", which }));
           return made;

@@ -1,7 +1,7 @@
 // The touch cue with its questions, and the limb that the patient feels.
 
 import type { Status } from "./frame";
-import { element, write, type Send } from "./parts";
+import { element, write, type Keep, type Message, type Send } from "./parts";
 
 export interface TouchContent {
   statements: string[];
@@ -21,18 +21,21 @@ export class TouchPanel {
   readonly root = element("section", { id: "touch", hidden: "", "aria-label": "Touch" });
   private told = element("p", { role: "status" });
   private questions = element("form", { id: "ownership", hidden: "" });
+  private kept = element("p", { role: "status" });
   private mode = "";
   private answered = true;
 
   constructor(
     private content: TouchContent,
-    private send: Send,
+    send: Send,
+    private keep: Keep,
     onEnd: () => void,
   ) {
     const buttons = ["synchronous", "asynchronous"].map((mode) => {
       const made = element("button", { id: `touch-${mode}` }, mode[0].toUpperCase() + mode.slice(1));
       made.addEventListener("click", () => {
         this.answered = false;
+        write(this.kept, "");
         send({ type: "touch", mode });
       });
       return made;
@@ -55,6 +58,7 @@ export class TouchPanel {
       element("div", { class: "row" }, ...buttons, off),
       this.told,
       this.questions,
+      this.kept,
       this.feltForm(),
       close,
     );
@@ -71,15 +75,24 @@ export class TouchPanel {
       }
       return element("label", {}, `${statement} `, list);
     });
-    const keep = element("button", { class: "main" }, "Keep the answers");
-    this.questions.append(element("h3", {}, "How was it?"), ...lists, keep);
+    const keepAnswers = element("button", { class: "main" }, "Keep the answers");
+    this.questions.append(element("h3", {}, "How was it?"), ...lists, keepAnswers);
     this.questions.addEventListener("submit", (event) => {
       event.preventDefault();
-      const message: Record<string, string | number> = { type: "ownership", mode: this.mode };
+      const message: Message = { type: "ownership", mode: this.mode };
       for (const [name, value] of new FormData(this.questions)) message[name] = Number(value);
-      this.send(message);
-      this.answered = true;
-      this.questions.reset();
+      keepAnswers.disabled = true;
+      const done = (words: string): void => {
+        keepAnswers.disabled = false;
+        write(this.kept, words);
+      };
+      this.keep(message)
+        .then(() => {
+          this.answered = true;
+          this.questions.reset();
+          done("Noted.");
+        })
+        .catch((error: Error) => done(`Not noted: ${error.message}.`));
     });
   }
 
@@ -100,9 +113,9 @@ export class TouchPanel {
     form.append(element("button", {}, this.content.asks ? "Show and keep" : "Show"));
     form.addEventListener("submit", (event) => {
       event.preventDefault();
-      const message: Record<string, string | number> = { type: "felt" };
+      const message: Message = { type: "felt" };
       for (const [name, value] of new FormData(form)) message[name] = Number(value);
-      this.send(message);
+      this.keep(message).catch(() => write(this.kept, "Not shown: no connection."));
     });
     return form;
   }
