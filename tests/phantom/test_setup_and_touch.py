@@ -130,7 +130,9 @@ def test_a_cue_shows_each_touch_once(mode: Any) -> None:
     cue = TouchCue(mode, 4)
     seen, felt = [], 0
     while not cue.is_over:
+        due = cue.due
         joint, is_felt = cue.pass_time(1 / 30)
+        assert is_felt == (due is not None and due.felt <= cue.clock)  # told beforehand
         seen.append(joint)
         felt += is_felt
     expected = touches(mode, 4)
@@ -153,6 +155,9 @@ def test_the_ball_touches_the_phantom_limb_of_the_page(body: Skeleton) -> None:
     for status in touched:
         assert status["touch"]["place"] in [status["joints"][joint] for joint in arm]
     assert sum(frame.status["touch"]["felt"] for frame in shown) >= 1
+    seconds, joint = shown[0].status["touch"]["due"]
+    assert 0 < seconds < 3
+    assert joint in ("elbow", "wrist", "hand")
     felt = np.array(shown[-1].status["felt"])
     assert felt.shape == (3, 3)
     session.command("touch", {"mode": "off"})

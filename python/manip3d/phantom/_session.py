@@ -630,13 +630,14 @@ class LiveSession:
         if cue is None:
             return {"touch": None, "felt": felt}
         joint, is_felt, place = None, False, None
+        side, _, limb = self.affected.partition("_")
+        names = ARM if limb == "arm" else LEG
         if shown.state == PhantomState.TRACKING and not cue.is_over:
             joint, is_felt = cue.pass_time(seconds)
             self._ticks += is_felt
         if joint is not None:
-            side, _, limb = self.affected.partition("_")
-            name = (ARM if limb == "arm" else LEG)[joint] + side.title()
-            place = _rounded(shown.skeleton.positions[JOINTS.index(name)])
+            place = _rounded(shown.skeleton.positions[JOINTS.index(names[joint] + side.title())])
+        due = cue.due
         return {
             "touch": {
                 "mode": cue.mode,
@@ -644,6 +645,7 @@ class LiveSession:
                 "place": place,
                 "felt": is_felt,
                 "ticks": self._ticks,
+                "due": due and [round(due.felt - cue.clock, 3), names[due.joint].lower()],
             },
             "felt": felt,
         }

@@ -91,11 +91,17 @@ class TouchCue:
         self.mode = mode
         self.clock = 0.0
         self._touches = touches(mode, seed)
+        self._coming = sorted(self._touches, key=lambda touch: touch.felt)
         self._felt = 0
 
     @property
     def is_over(self) -> bool:
         return self.clock >= SECONDS
+
+    @property
+    def due(self) -> Touch | None:
+        """The next touch to be felt, so that a therapist can make ready for it."""
+        return next((touch for touch in self._coming if touch.felt > self.clock), None)
 
     def pass_time(self, seconds: float) -> tuple[int | None, bool]:
         """The joint that is seen to be touched now, if any, and whether a touch is to be felt."""

@@ -36,6 +36,7 @@ export interface TouchStatus {
   left_s: number;
   place: number[] | null; // where the ball touches the limb now
   felt: boolean; // whether the patient is to be touched now
+  due: [number, string] | null; // seconds to the next time, and the joint
   ticks: number; // how often they were to be touched so far
 }
 

@@ -15,6 +15,7 @@ const WORDS: Record<string, string> = {
   raised: "Raised to the side, degrees",
   bent: "Bent, degrees",
 };
+const READY_S = 0.8; // in which the bar fills; people need 0.2 to react to the tick alone
 const START: Record<string, number> = { length: 100, telescoping: 0, raised: 0, bent: 0 };
 
 export class TouchPanel {
@@ -22,6 +23,9 @@ export class TouchPanel {
   private told = element("p", { role: "status" });
   private questions = element("form", { id: "ownership", hidden: "" });
   private kept = element("p", { role: "status" });
+  private bar = element("progress", { max: "1", value: "0", "aria-label": "Until the next touch" });
+  private where = element("span");
+  private due = element("p", { id: "touch-due", hidden: "" }, this.bar, " ", this.where);
   private mode = "";
   private answered = true;
 
@@ -52,11 +56,12 @@ export class TouchPanel {
       element(
         "p",
         {},
-        "For a minute a ball touches the phantom limb. Touch the patient at each tick, or let the " +
-          "controller in their hand do it.",
+        "For a minute a ball touches the phantom limb. Touch the patient when the bar is full, at the " +
+          "tick, or let the controller in their hand do it.",
       ),
       element("div", { class: "row" }, ...buttons, off),
       this.told,
+      this.due,
       this.questions,
       this.kept,
       this.feltForm(),
@@ -126,6 +131,12 @@ export class TouchPanel {
     const over = Boolean(touch && touch.left_s <= 0);
     const left = touch && !over ? `${touch.mode}: ${Math.ceil(touch.left_s)} s left` : "";
     write(this.told, over && this.answered ? "Over." : left);
+    this.due.hidden = over || !touch?.due;
+    if (touch?.due) {
+      const [seconds, joint] = touch.due;
+      this.bar.value = Math.max(0, 1 - seconds / READY_S);
+      write(this.where, `Next: ${joint}`);
+    }
     this.questions.hidden = !(over && !this.answered && this.content.asks);
   }
 }
