@@ -50,8 +50,8 @@ class Order:
     def __post_init__(self) -> None:
         targets = (self.faces, self.ratio, self.max_error, self.max_distance)
         if all(target is None for target in targets):
-            raise InputError(
-                "expected --faces, --ratio, --max-error or --max-distance, got none of them"
+            raise typer.BadParameter(
+                "expected it, --ratio, --max-error or --max-distance", param_hint="--faces"
             )
 
     def target(self, num_faces: int) -> int | None:

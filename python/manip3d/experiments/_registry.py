@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.metadata import entry_points
 
@@ -104,6 +105,11 @@ def registry() -> Mapping[str, Experiment]:
 
 
 @checked
+def _nearest(name: str, known: Iterable[str]) -> str:
+    found = difflib.get_close_matches(name, list(known), n=3, cutoff=0.0)
+    return ", ".join(found)
+
+
 def select(ids: list[str]) -> list[Experiment]:
     """The experiments of these ids, in the registry's order; all of them for an empty list.
 
@@ -116,6 +122,7 @@ def select(ids: list[str]) -> list[Experiment]:
     unknown = [name for name in ids if name not in known]
     if unknown:
         raise InputError(
-            f"experiment: expected some of {', '.join(known)}, got {', '.join(unknown)}"
+            f"experiment: expected an id such as {_nearest(unknown[0], known)} ('manip3d reproduce "
+            f"--list' prints all of them), got {', '.join(unknown)}"
         )
     return [experiment for name, experiment in known.items() if not ids or name in ids]

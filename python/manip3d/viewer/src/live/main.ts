@@ -400,6 +400,7 @@ setInterval(() => {
     ["Computing", `${spent.toFixed(1)} ms a picture`],
   ];
   if (document.body.dataset.connected === "true" && link.silentS > SILENT_S) {
+    document.body.dataset.state = "lost";
     write(stateWord, "No picture");
     write(stateText, `None has come that can be shown for ${Math.floor(link.silentS)} s.`);
   }
