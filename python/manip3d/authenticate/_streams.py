@@ -253,9 +253,10 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     silhouette that is sharp on both sides, from one pixel to the next, was cut out; the sharpest
     five judged frames in a row decide, since a part of a stream may be forged. ``noise``: the
     published inter-frame noise, as a number without a verdict. Rendered images (no noise, no
-    speckles without a measurement) and
-    images without silhouettes are ``undecidable``; images of unusual size, rounded, doubled or
-    lossily coded ones are ``processed``. No verdict says that a stream is authentic.
+    speckles without a measurement), images without silhouettes and streams of few frames are
+    ``undecidable``; images of unusual size, rounded, doubled or lossily coded ones, and those of
+    which a part repeats exactly behind a camera's own silhouettes, are ``processed``: codecs and
+    filters over time do that, too. No verdict says that a stream is authentic.
     """
     some = _chosen(frames)
     check_frames("frames", some)
@@ -282,7 +283,9 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
     if processing:
         why = "; ".join(f"{step.kind}: {step.detail}" for step in processing)
         return StreamInspection("processed", why, edges.score, processing=processing, **base)
-    if frozen.verdict == "tampered":
+    if frozen.verdict == "undecidable":
+        return StreamInspection("undecidable", frozen.reason, edges.score, **base)
+    if len(frozen_masks) and edges.score is not None and edges.score >= SHARP:
         if edges.verdict == "tampered":  # somebody who keeps still repeats depths, too
             frozen_masks = frozen_masks | edge_masks
         regions = tuple(
@@ -290,9 +293,8 @@ def inspect_stream(frames: Iterable[RgbdFrame], *, progress: Progress = None) ->
             for frame, mask in zip(some, frozen_masks, strict=True)
             if mask.any()
         )
-        return StreamInspection(
-            "tampered", frozen.reason, edges.score, regions, frozen_masks, **base
-        )
+        why = f"{frozen.reason}, and silhouettes before it are cut out"
+        return StreamInspection("tampered", why, edges.score, regions, frozen_masks, **base)
     if edges.verdict == "tampered":
         return StreamInspection(
             "tampered", edges.reason, edges.score, edge_regions, edge_masks, **base
@@ -395,8 +397,9 @@ def _repetition(frames: Sequence[RgbdFrame]) -> tuple[StreamReport, Mask]:
         return StreamReport("repetition", "processed", "all frames are the same", share), nothing
     if frozen.sum() < 4 or share < 0.05:
         return StreamReport("repetition", "no_trace", "depth changes everywhere", share), nothing
+    # By itself no evidence of an edit: codecs and filters over time repeat what hardly changes.
     reason = f"{share:.0%} of the image never changes in {len(pairs)} pairs of frames"
-    return StreamReport("repetition", "tampered", reason, share), _unfrozen(frames)
+    return StreamReport("repetition", "processed", reason, share), _unfrozen(frames)
 
 
 def _by_region(mask: Mask) -> NDArray[np.int64]:
@@ -429,14 +432,16 @@ def _silhouettes(
     best = [max((object_.share for object_ in objects), default=None) for objects in found]
     told = [share for share in best if share is not None]
     nothing = masks[:0]
-    if 2 * len(told) < len(frames):
+    # Few frames show silhouettes where somebody is there for a while only.
+    is_seen = 2 * len(told) >= len(frames)
+    score, first, last = _sharpest_run(best) if is_seen else _sharpest_whole_run(best)
+    if not is_seen and score < SHARP:
         why = "too few silhouettes before a background to judge by"
         return StreamReport("silhouettes", "undecidable", why), (), nothing
-    score, first, last = _sharpest_run(best)
     if (doubt := _rendered(frames)) is not None:
         return StreamReport("silhouettes", "undecidable", doubt, score), (), nothing
     if score < SHARP:
-        why = "silhouettes are as soft as a camera's"
+        why = f"silhouettes are as soft as a camera's in {len(frames)} frames that were judged"
         return StreamReport("silhouettes", "no_trace", why, score), (), nothing
     regions = []
     for frame, objects, mask in zip(frames, found, masks, strict=True):
@@ -470,6 +475,15 @@ def _sharpest_run(best: Sequence[float | None]) -> tuple[float, int, int]:
         if 2 * len(told) > _RUN and float(np.median(told)) > found[0]:
             found = (float(np.median(told)), start, start + _RUN - 1)
     return found
+
+
+def _sharpest_whole_run(best: Sequence[float | None]) -> tuple[float, int, int]:
+    """As `_sharpest_run`, of runs that show a silhouette in each frame."""
+    starts = range(len(best) - _RUN + 1)
+    runs = [(start, [s for s in best[start : start + _RUN] if s is not None]) for start in starts]
+    whole = [(float(np.median(run)), start) for start, run in runs if len(run) == _RUN]
+    score, start = max(whole, default=(0.0, 0))
+    return score, start, start + _RUN - 1
 
 
 @dataclass(frozen=True, eq=False)

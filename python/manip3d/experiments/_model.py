@@ -197,10 +197,12 @@ class Claim:
     def verdict(self, rows: Sequence[Row]) -> Verdict:
         """The claim judged on the rows that it needs.
 
-        If one of them failed, the claim is not judged; what the other models say stands in the
-        findings. Models with a failed case are left out, since judges compare whole models.
+        Without any, or if one of them failed, the claim is not judged; what the other models say
+        stands in the findings. Models with a failed case are left out, since judges compare whole models.
         """
         needed = [row for row in rows if self.about(row)]
+        if not needed:
+            return Verdict(self.text, self.source, (), "there is no case", self.reported)
         failed = [row for row in needed if row.get("error")]
         incomplete = {row.get("model") for row in failed}
         whole = [row for row in needed if row.get("model") not in incomplete]
