@@ -104,9 +104,42 @@ def test_pain_that_rises_by_two_stops_and_is_an_adverse_event(diary: Diary) -> N
     assert diary.add_rating("P01", 7, session=session) == ""
     assert "rose from 6 to 8" in diary.add_rating("P01", 8, session=session)
     assert [event.kind for event in diary.events("P01")] == ["pain"]
+    assert diary.sessions("P01")[0].pain_before == 6
     other = diary.start_session("P01")
     diary.add_game(other, game())
     assert diary.add_rating("P01", 10, session=other) == ""  # nobody knows what was before
+    late = diary.start_session("P01")
+    diary.add_game(late, game())
+    assert diary.add_rating("P01", 4, session=late) == ""
+    assert "rose from 4 to 6" in diary.add_rating("P01", 6, session=late)
+
+
+def test_a_rating_during_the_first_game_is_not_the_one_before_it(diary: Diary) -> None:
+    """Neither is one after a touch cue: nothing is over yet, but the play has begun."""
+    diary.enrol("P01")
+    session = diary.start_session("P01", at=START)
+    diary.add_rating("P01", 3, session=session, at=START)
+    diary.begin_play(session, at=START + timedelta(seconds=5))
+    diary.begin_play(session, at=START + timedelta(seconds=90))
+    told = diary.add_rating("P01", 9, session=session, at=START + timedelta(seconds=10))
+    assert "rose from 3 to 9" in told
+    assert [event.kind for event in diary.events("P01")] == ["pain"]
+    (found,) = diary.sessions("P01")
+    assert (found.pain_before, found.pain_after) == (3, 9)
+    assert found.begun == START + timedelta(seconds=5)
+
+
+def test_pain_that_rises_before_any_play_stops_too(diary: Diary) -> None:
+    """What is said anew within half a minute corrects the first rating; later the pain rose."""
+    diary.enrol("P01")
+    for seconds, told in ((29, ""), (31, "The pain rose from 3 to 6.")):
+        session = diary.start_session("P01", at=START)
+        diary.add_rating("P01", 3, session=session, at=START)
+        again = diary.add_rating("P01", 6, session=session, at=START + timedelta(seconds=seconds))
+        assert again.startswith(told)
+        assert bool(again) == bool(told)
+    first, second = diary.sessions("P01")
+    assert {first.pain_before, second.pain_before} == {6, 3}
 
 
 def test_refusals(diary: Diary) -> None:

@@ -19,6 +19,7 @@ from frame_reader import ReadFrame, read_frame
 from manip3d import InputError
 from manip3d.modify import PhantomState
 from manip3d.phantom import GameSummary, LiveSession, simulated_patient
+from manip3d.phantom._diary import DiaryRecorder
 from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._session import Pictures
 from manip3d.phantom.games import begin
@@ -155,7 +156,7 @@ def test_a_notice_is_a_frame_with_words() -> None:
 
 
 class Heard:
-    """A diary that remembers, and stops at a pain of 8."""
+    """A diary that remembers."""
 
     def __init__(self) -> None:
         self.games: list[GameSummary] = []
@@ -169,7 +170,10 @@ class Heard:
 
     def pain(self, value: int) -> str:
         self.told.append(value)
-        return "The pain is much stronger than before." if value >= 8 else ""
+        return ""
+
+    def play_begins(self) -> None:
+        self.told.append("begins")
 
     def event(self, text: str) -> None:
         self.told.append(text)
@@ -188,22 +192,53 @@ class Heard:
         return "You feel sick."
 
 
-def test_ratings_reach_the_diary_and_may_end_the_play() -> None:
-    heard = Heard()
-    session = LiveSession("right_arm", recorder=heard)
+def recorded(path: Path, **options: Any) -> DiaryRecorder:
+    """A session of P01 in a diary that is made where there is none."""
+    pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+    from manip3d.diary import Diary
+
+    with Diary(path, create=True) as diary:
+        if not diary.participants():
+            diary.enrol("P01", limb="right_arm", clips=True)
+    return DiaryRecorder(path, "P01", None, **options)
+
+
+def test_pain_that_rises_during_the_first_game_ends_the_play(tmp_path: Path) -> None:
+    recorder = recorded(tmp_path / "study.diary")
+    recorder.start()
+    session = LiveSession("right_arm", recorder=recorder)
     frames = patient()
-    session.command("pain", {"value": 5})
+    session.command("pain", {"value": 3})
     session.command("ready")
     shown = play(session, frames[:40])[-1].status["game"]
-    assert (shown["phase"], shown["pain"], shown["halt"]) == ("playing", 5, "")
-    session.command("pain", {"value": 8})
+    assert (shown["phase"], shown["pain"], shown["halt"]) == ("playing", 3, "")
+    session.command("pain", {"value": 9})
     shown = play(session, frames[40:42])[-1].status["game"]
-    assert (shown["phase"], shown["pain"]) == ("over", 8)
-    assert shown["halt"].startswith("The pain")
-    assert [game.ending for game in heard.games] == ["stopped"]
+    assert (shown["phase"], shown["pain"]) == ("over", 9)
+    assert shown["halt"].startswith("The pain rose from 3 to 9.")
     session.command("ready")
     assert play(session, frames[42:50])[-1].status["game"]["phase"] == "over"
-    assert heard.told == [5, 8]
+    session.end()
+    recorder.end()
+    from manip3d.diary import Diary
+
+    with Diary(tmp_path / "study.diary") as diary:
+        (sitting,) = diary.sessions("P01")
+        assert (sitting.pain_before, sitting.pain_after) == (3, 9)
+        assert [game.ending for game in sitting.games] == ["stopped"]
+        assert [event.kind for event in diary.events("P01")] == ["pain"]
+
+
+def test_pain_that_rises_after_a_touch_cue_ends_the_play(tmp_path: Path) -> None:
+    recorder = recorded(tmp_path / "study.diary")
+    recorder.start()
+    session = LiveSession("right_arm", recorder=recorder)
+    for name, fields in (
+        ("pain", {"value": 3}), ("touch", {"mode": "synchronous"}), ("pain", {"value": 5})
+    ):  # fmt: skip
+        session.command(name, fields)
+    assert "rose from 3 to 5" in play(session, patient()[:1])[-1].status["game"]["halt"]
+    recorder.end()
 
 
 @pytest.mark.parametrize("consents", [True, False])
@@ -250,7 +285,6 @@ def test_from_the_camera_to_film_diary_and_fhir(tmp_path: Path) -> None:
     from PIL import Image
 
     from manip3d.diary import Diary, export_clips, fhir_bundle, write_page
-    from manip3d.phantom._diary import DiaryRecorder
 
     path = tmp_path / "study.diary"
     with Diary(path, create=True) as diary:

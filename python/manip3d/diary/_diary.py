@@ -16,7 +16,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.diary._clips import Clip, Pictures, seal_pictures, unseal_pictures
 from manip3d.diary._mcgill import score_mcgill
-from manip3d.diary._protocol import stop_reason
+from manip3d.diary._protocol import judge_rating
 from manip3d.diary._records import (
     AdverseEvent,
     DiaryGame,
@@ -250,6 +250,23 @@ class Diary:
             self._note(connection, "session", number)
         return session
 
+    def begin_play(self, session: int, *, at: datetime | None = None) -> None:
+        """Say that the first game or touch cue of a sitting begins; later calls change nothing.
+
+        Ratings of pain from now on are ``after``.
+
+        Parameters
+        ----------
+        session : int
+        at : datetime, optional
+
+        Raises
+        ------
+        InputError
+            No such session.
+        """
+        self._set_time(session, "begun", aware(at, "at"), keep=True)
+
     def end_session(self, session: int, *, at: datetime | None = None) -> None:
         """Say when a sitting ended.
 
@@ -263,7 +280,10 @@ class Diary:
         InputError
             No such session.
         """
-        moment = aware(at, "at")
+        self._set_time(session, "ended", aware(at, "at"))
+
+    def _set_time(self, session: int, name: str, at: datetime, *, keep: bool = False) -> None:
+        """Set a time of a sitting; ``keep``: unless it is set."""
         with self._engine.begin() as connection:
             number, key = self._of_session(connection, session)
             table = schema.SESSIONS
@@ -271,7 +291,10 @@ class Diary:
                 sql.select(table.c.payload).where(table.c.id == session)
             ).scalar_one()
             about = _about(number, table, session)
-            fields = unseal_fields(key, payload, about) | {"ended": moment.isoformat()}
+            fields = unseal_fields(key, payload, about)
+            if keep and fields.get(name):
+                return
+            fields[name] = at.isoformat()
             connection.execute(
                 sql.update(table)
                 .where(table.c.id == session)
@@ -337,15 +360,16 @@ class Diary:
             0 (none) to 10 (the worst).
         session : int, optional
         when : {"before", "after", "other"}, optional
-            By default ``before`` the first game of the session, ``after`` one; ``other`` without
-            a session.
+            By default ``before`` until the first game or touch cue of the session begins (see
+            `begin_play`), then ``after``; ``other`` without a session.
         at : datetime, optional
 
         Returns
         -------
         str
-            Why the session must stop, where the pain is 2 or more above that before it, which is
-            kept as an adverse event too; else empty.
+            Why the session must stop, where the pain is 2 or more above its first rating (which
+            another one may correct within half a minute, before any play); it is kept as an
+            adverse event too. Else empty.
 
         Raises
         ------
@@ -363,8 +387,9 @@ class Diary:
             if session is not None:
                 self._check_owner(connection, session, number)
                 past = self._session(connection, session, number, key)
-                when = when or ("after" if past.games else "before")
-                reason = stop_reason(past.pain_before, pain) if when == "after" else ""
+                if when is None or when == "after":
+                    when = when or ("after" if past.begun or past.games else "before")
+                    reason = judge_rating(past.ratings, pain, moment, when=when)
             fields = {"at": moment.isoformat(), "pain": pain, "when": when or "other"}
             self._add(connection, schema.RATINGS, number, key, fields, session=session)
             if reason:
@@ -952,6 +977,7 @@ class Diary:
             datetime.fromisoformat(about["ended"]) if about["ended"] else None,
             tuple(sorted(games, key=lambda game: game.at)),
             tuple(sorted(ratings, key=lambda rating: rating.at)),
+            datetime.fromisoformat(about["begun"]) if about.get("begun") else None,
         )
 
     def _note(self, connection: sql.Connection, action: str, number: int | None) -> None:

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from datetime import date, datetime
 
 from manip3d._util.checked import checked
-from manip3d.diary._records import DiarySession
+from manip3d.diary._records import DiarySession, Moment, Rating, first_pain
 from manip3d.errors import InputError
 
 STOP_RISE = 2
-"""A session stops when the pain is so much above that before it."""
+"""A session stops when the pain is so much above its first rating."""
 
 
 @dataclass(frozen=True)
@@ -146,6 +146,11 @@ def stop_reason(before: int | None, now: int) -> str:
     if before is None or now - before < STOP_RISE:
         return ""
     return f"The pain rose from {before} to {now}. Please stop for today and tell your therapist."
+
+
+def judge_rating(ratings: Sequence[Rating], pain: int, at: datetime, *, when: Moment) -> str:
+    """Why a session must stop with one more rating, compared with the first one; or nothing."""
+    return stop_reason(first_pain([*ratings, Rating(at, pain, when)]), pain)
 
 
 SICKNESS = "You feel sick. Please stop for today and tell your therapist."

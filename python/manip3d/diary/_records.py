@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal
@@ -12,6 +13,9 @@ from manip3d.errors import InputError
 
 Moment = Literal["before", "after", "other"]
 Occasion = Literal["baseline", "week-1", "week-4", "other"]
+
+CORRECTION_S = 30.0
+"""For so long after the first rating of a session, and before any play, another one corrects it."""
 
 _IDENTIFIER = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
@@ -100,12 +104,31 @@ class Rating:
     at : datetime
     pain : int
     when : str
-        ``before`` or ``after`` a session, or ``other``.
+        ``before`` the first game or touch cue of a session began, ``after`` that, or ``other``.
     """
 
     at: datetime
     pain: int
     when: Moment
+
+
+def first_pain(ratings: Iterable[Rating]) -> int | None:
+    """What the ratings of a session, by time, are compared with: the first one, or what it was
+    corrected to at once."""
+    first: Rating | None = None
+    pain = None
+    for rating in ratings:
+        if rating.when == "other":
+            continue
+        if first is None:
+            first = rating
+        elif not (
+            first.when == rating.when == "before"
+            and (rating.at - first.at).total_seconds() <= CORRECTION_S
+        ):
+            break
+        pain = rating.pain
+    return pain
 
 
 @dataclass(frozen=True)
@@ -121,6 +144,8 @@ class DiarySession:
         None while it goes on, or where the program was killed.
     games : tuple of DiaryGame
     ratings : tuple of Rating
+    begun : datetime or None
+        When the first game or touch cue began.
     """
 
     number: int
@@ -128,15 +153,17 @@ class DiarySession:
     ended: datetime | None
     games: tuple[DiaryGame, ...]
     ratings: tuple[Rating, ...]
+    begun: datetime | None = None
 
     @property
     def pain_before(self) -> int | None:
-        """The last rating before the first game."""
-        return next((r.pain for r in reversed(self.ratings) if r.when == "before"), None)
+        """The first rating, where it was given before the first game or touch cue; another one
+        within half a minute corrects it."""
+        return first_pain(rating for rating in self.ratings if rating.when == "before")
 
     @property
     def pain_after(self) -> int | None:
-        """The last rating after a game."""
+        """The last rating since the first game or touch cue began."""
         return next((r.pain for r in reversed(self.ratings) if r.when == "after"), None)
 
 

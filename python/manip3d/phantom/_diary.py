@@ -35,6 +35,7 @@ class DiaryRecorder:
         person = self._diary.participant(participant)
         self._participant, self._wants_clips = person.identifier, person.clips
         self._session: int | None = None
+        self._has_begun = False
 
     def start(self) -> None:
         """The page is there."""
@@ -60,6 +61,13 @@ class DiaryRecorder:
         game = DiaryGame(at=datetime.now().astimezone(), **fields)
         # Who has taken back their consent meanwhile is filmed no longer.
         self._diary.add_game(self._session, game, clips if self.wants_clips else ())
+
+    def play_begins(self) -> None:
+        """A game or a touch cue begins; ratings are no longer those before the session."""
+        assert self._session is not None
+        if not self._has_begun:
+            self._diary.begin_play(self._session)
+            self._has_begun = True
 
     def pain(self, value: int) -> str:
         """Keep a rating; return why the session must stop, or nothing."""

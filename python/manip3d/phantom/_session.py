@@ -89,6 +89,9 @@ class Recorder(Protocol):
         """Keep a game that is over; for each anomaly its pictures (seconds of play, JPEG), or
         none."""
 
+    def play_begins(self) -> None:
+        """A game or a touch cue begins; ratings of pain are no longer those before the session."""
+
     def pain(self, value: int) -> str:
         """Keep a rating from 0 to 10; return why the session must stop, or nothing."""
 
@@ -361,6 +364,7 @@ class LiveSession:
             elif name == "ready":
                 if not self._halt and (self._game is None or self._game.phase == "over"):
                     self._game, self._wants_game = None, True
+                    self._note_play()
             elif name == "stop":
                 self._stop()
             elif name == "gain":
@@ -369,6 +373,10 @@ class LiveSession:
                 self._set_up(name, fields)
             elif self._recorder is not None:
                 self._heed(name, fields)
+
+    def _note_play(self) -> None:
+        if self._recorder is not None:
+            self._recorder.play_begins()
 
     def _stop(self) -> None:
         self._wants_game = False
@@ -419,6 +427,8 @@ class LiveSession:
             self._stop()
             mode = str(fields["mode"])
             self._cue = None if mode == "off" else TouchCue(mode, self._seed + self._cues)  # type: ignore[arg-type]
+            if self._cue is not None:
+                self._note_play()
             self._cues += 1
         else:
             self._felt = FeltLimb(**{key: int(fields[key]) for key in LIMITS})
