@@ -149,10 +149,15 @@ def test_ctrl_c_in_the_middle_of_a_game_keeps_it_in_the_diary(tmp_path: Path) ->
     try:
         with _chromium.open_address(url, (640, 480)) as tab:
             press = "document.querySelector('#start').click()"
+            say = (
+                "{const list = document.querySelector('#pain'); list.value = '3';"
+                "list.dispatchEvent(new Event('change'));}"
+            )
             phase = "globalThis.manip3dLive?.status()?.game.phase"
             end = time.monotonic() + 60.0
             while tab.evaluate(phase) not in ("playing", "paused"):
                 if tab.evaluate(phase) == "waiting":
+                    tab.evaluate(say)
                     tab.evaluate(press)
                 assert time.monotonic() < end
                 time.sleep(0.3)

@@ -129,6 +129,23 @@ def test_a_rating_during_the_first_game_is_not_the_one_before_it(diary: Diary) -
     assert found.begun == START + timedelta(seconds=5)
 
 
+def test_a_stop_holds_for_its_day(diary: Diary) -> None:
+    diary.enrol("P01")
+    diary.add_event("P01", "other", "a chair fell over", at=START)
+    assert diary.halt_reason("P01", today=START.date()) == ""
+    session = diary.start_session("P01", at=START)
+    diary.add_rating("P01", 1, session=session, at=START)
+    diary.begin_play(session, at=START)
+    diary.add_rating("P01", 4, session=session, at=START + timedelta(minutes=1))
+    assert diary.halt_reason("P01", today=START.date()).startswith("The pain rose from 1 to 4.")
+    assert diary.halt_reason("P01", today=START.date() + timedelta(days=1)) == ""
+    assert diary.halt_reason("P01") == ""
+    diary.add_event("P01", "sickness")
+    assert diary.halt_reason("P01").startswith("You feel sick.")
+    diary.enrol("P02")
+    assert diary.halt_reason("P02", today=START.date()) == ""
+
+
 def test_pain_that_rises_before_any_play_stops_too(diary: Diary) -> None:
     """What is said anew within half a minute corrects the first rating; later the pain rose."""
     diary.enrol("P01")

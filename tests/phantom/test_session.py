@@ -172,6 +172,9 @@ class Heard:
         self.told.append(value)
         return ""
 
+    def may_play(self) -> str:
+        return ""
+
     def play_begins(self) -> None:
         self.told.append("begins")
 
@@ -227,6 +230,38 @@ def test_pain_that_rises_during_the_first_game_ends_the_play(tmp_path: Path) -> 
         assert (sitting.pain_before, sitting.pain_after) == (3, 9)
         assert [game.ending for game in sitting.games] == ["stopped"]
         assert [event.kind for event in diary.events("P01")] == ["pain"]
+
+
+def test_no_game_starts_before_a_rating_nor_after_a_stop_of_the_same_day(tmp_path: Path) -> None:
+    """Without a rating nothing could be compared; a new program is no new day."""
+    path = tmp_path / "study.diary"
+    recorder = recorded(path)
+    session = LiveSession("right_arm", recorder=recorder)
+    session.halt(recorder.start())
+    frames = patient()
+    session.command("ready")
+    shown = play(session, frames[:40])[-1].status
+    assert (shown["game"]["phase"], shown["game"]["halt"]) == ("waiting", "")
+    assert shown["game"]["ask"].startswith("Please say first how strong the pain is now")
+    assert shown["message"].startswith(shown["game"]["ask"])
+    session.command("pain", {"value": 2})
+    shown = play(session, frames[40:41])[-1].status
+    assert (shown["game"]["phase"], shown["game"]["ask"]) == ("waiting", "")
+    assert "Please say" not in shown["message"]
+    session.command("ready")
+    assert play(session, frames[41:44])[-1].status["game"]["phase"] == "playing"
+    session.command("unwell")
+    assert play(session, frames[44:45])[-1].status["game"]["phase"] == "over"
+    recorder.end()
+
+    recorder = recorded(path)
+    session = LiveSession("right_arm", recorder=recorder)
+    session.halt(recorder.start())
+    session.command("pain", {"value": 2})
+    session.command("ready")
+    shown = play(session, frames[:40])[-1].status["game"]
+    assert (shown["phase"], shown["halt"][:13]) == ("waiting", "You feel sick")
+    recorder.end()
 
 
 def test_pain_that_rises_after_a_touch_cue_ends_the_play(tmp_path: Path) -> None:
@@ -295,6 +330,8 @@ def test_from_the_camera_to_film_diary_and_fhir(tmp_path: Path) -> None:
     frames = patient()
     there_and_back = [*frames[30:], *frames[-2:30:-1]]
     for number in range(30 * 22):
+        if number == 0:
+            session.command("pain", {"value": 3})
         if number in (0, 200):
             session.command("choose", {"game": "bubbles-legs" if number else "bubbles",
                                        "difficulty": 1})  # fmt: skip

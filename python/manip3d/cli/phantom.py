@@ -255,8 +255,8 @@ def phantom_live(
     """Show a person with a phantom limb in the browser, live, with a game. Research software.
 
     The page is served to this machine only (see --host), to whoever has the address that is
-    printed. Ctrl-C ends the session. With a diary the page asks how strong the pain is; where it
-    rises by 2 or the patient feels sick, no further game starts.
+    printed. Ctrl-C ends the session. With a diary no game starts before the patient has said how
+    strong the pain is; where it rises by 2 or the patient feels sick, no further one starts today.
 
     Example: manip3d phantom live --no-open --seconds 2
     """

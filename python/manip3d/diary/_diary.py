@@ -8,7 +8,7 @@ import secrets
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
-from datetime import datetime
+from datetime import date, datetime
 from types import TracebackType
 from typing import Any, Literal, Self, get_args
 
@@ -16,7 +16,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.diary._clips import Clip, Pictures, seal_pictures, unseal_pictures
 from manip3d.diary._mcgill import score_mcgill
-from manip3d.diary._protocol import judge_rating
+from manip3d.diary._protocol import PAIN, SICKNESS, judge_rating
 from manip3d.diary._records import (
     AdverseEvent,
     DiaryGame,
@@ -764,6 +764,31 @@ class Diary:
             for fields in self._fields(schema.EVENTS, identifier)
         ]
         return sorted(found, key=lambda event: event.at)
+
+    def halt_reason(self, identifier: str, *, today: date | None = None) -> str:
+        """Say why a participant must not play any more today, also after a restart.
+
+        Parameters
+        ----------
+        identifier : str
+        today : date, optional
+
+        Returns
+        -------
+        str
+            In words for the patient: of the first adverse event of that day for which a session
+            stops (pain or sickness); empty: they may play.
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        """
+        day = today or date.today()
+        for event in self.events(identifier):
+            if event.at.date() == day and event.kind != "other":
+                return SICKNESS if event.kind == "sickness" else event.text or PAIN
+        return ""
 
     def audit(self) -> list[tuple[datetime, str, str]]:
         """List what was done, by time: when, what (``enrol``, ``game``, ``delete`` ...), and whose;

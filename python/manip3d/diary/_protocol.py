@@ -153,5 +153,8 @@ def judge_rating(ratings: Sequence[Rating], pain: int, at: datetime, *, when: Mo
     return stop_reason(first_pain([*ratings, Rating(at, pain, when)]), pain)
 
 
+PAIN = "The pain rose. Please stop for today and tell your therapist."
+"""Where an adverse event does not say from what to what."""
+
 SICKNESS = "You feel sick. Please stop for today and tell your therapist."
 """What the page says after the patient said so."""

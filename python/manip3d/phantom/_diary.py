@@ -10,6 +10,9 @@ from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._session import GameSummary, Pictures
 
 
+RATE_FIRST = "Please say first how strong the pain is now; then the game can start."
+
+
 class DiaryRecorder:
     """A session of a participant; each game and rating is on the disk when its method returns.
 
@@ -35,11 +38,12 @@ class DiaryRecorder:
         person = self._diary.participant(participant)
         self._participant, self._wants_clips = person.identifier, person.clips
         self._session: int | None = None
-        self._has_begun = False
+        self._has_begun = self._is_rated = False
 
-    def start(self) -> None:
-        """The page is there."""
+    def start(self) -> str:
+        """The page is there; return why the patient must not play any more today, or nothing."""
         self._session = self._diary.start_session(self._participant)
+        return self._diary.halt_reason(self._participant)
 
     def end(self) -> None:
         """The page is gone."""
@@ -62,6 +66,10 @@ class DiaryRecorder:
         # Who has taken back their consent meanwhile is filmed no longer.
         self._diary.add_game(self._session, game, clips if self.wants_clips else ())
 
+    def may_play(self) -> str:
+        """Why no game may start yet, or nothing: without a rating the stop rule would be off."""
+        return "" if self._is_rated else RATE_FIRST
+
     def play_begins(self) -> None:
         """A game or a touch cue begins; ratings are no longer those before the session."""
         assert self._session is not None
@@ -71,6 +79,7 @@ class DiaryRecorder:
 
     def pain(self, value: int) -> str:
         """Keep a rating; return why the session must stop, or nothing."""
+        self._is_rated = True
         return self._diary.add_rating(self._participant, value, session=self._session)
 
     def event(self, text: str) -> None:

@@ -196,7 +196,7 @@ def run_live(
     server = LocalServer(pages, on_message, host=host, port=port, certificate=made)
     with SessionLog(log) as journal, server:
         if recorder is not None:
-            recorder.start()
+            session.halt(recorder.start())
         if on_start is not None:
             on_start(server.new_url(), server.certificate)
         try:

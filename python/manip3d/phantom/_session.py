@@ -89,6 +89,9 @@ class Recorder(Protocol):
         """Keep a game that is over; for each anomaly its pictures (seconds of play, JPEG), or
         none."""
 
+    def may_play(self) -> str:
+        """Why no game may start yet, in words for the patient, or nothing."""
+
     def play_begins(self) -> None:
         """A game or a touch cue begins; ratings of pain are no longer those before the session."""
 
@@ -197,7 +200,7 @@ class LiveSession:
         recorder: Recorder | None = None,
     ) -> None:
         self._recorder = recorder
-        self._halt = ""
+        self._halt = self._ask = ""
         self._pain: int | None = None
         self._lowest: deque[tuple[int, float]] = deque()
         self._watch = AnomalyWatch()
@@ -274,6 +277,10 @@ class LiveSession:
         self._times.clear()
         self._last_time = None
 
+    def halt(self, reason: str) -> None:
+        """No further game starts; the page says why. An empty reason changes nothing."""
+        self._halt = reason or self._halt
+
     def end(self) -> None:
         """A game that goes on is stopped, and told to the recorder."""
         self._stop()
@@ -282,7 +289,7 @@ class LiveSession:
         """A message for the page when there is no frame, such as that the camera is gone."""
         self._obey()
         self.state = "lost"
-        status = {"state": "lost", "reason": "no_frame", "message": message}
+        status = {"state": "lost", "reason": "no_frame", "message": self._told(message)}
         return self._encoded(None, status | self._game_status(playing=False), 0, time.time_ns())
 
     def process(self, frame: RgbdFrame, *, captured_ns: int | None = None) -> bytes | None:
@@ -362,9 +369,7 @@ class LiveSession:
             if name == "choose":
                 self._choice = str(fields["game"]), int(fields["difficulty"])
             elif name == "ready":
-                if not self._halt and (self._game is None or self._game.phase == "over"):
-                    self._game, self._wants_game = None, True
-                    self._note_play()
+                self._start_game()
             elif name == "stop":
                 self._stop()
             elif name == "gain":
@@ -373,6 +378,15 @@ class LiveSession:
                 self._set_up(name, fields)
             elif self._recorder is not None:
                 self._heed(name, fields)
+
+    def _start_game(self) -> None:
+        """The next frame of a tracked limb begins one, if nothing speaks against it."""
+        if self._halt or (self._game is not None and self._game.phase != "over"):
+            return
+        self._ask = "" if self._recorder is None else self._recorder.may_play()
+        if not self._ask:
+            self._game, self._wants_game = None, True
+            self._note_play()
 
     def _note_play(self) -> None:
         if self._recorder is not None:
@@ -388,7 +402,7 @@ class LiveSession:
         """What the patient says of themselves; may end the play for today."""
         assert self._recorder is not None
         if name == "pain":
-            self._pain = int(fields["value"])
+            self._pain, self._ask = int(fields["value"]), ""
             halt = self._recorder.pain(self._pain)
         elif name == "unwell":
             halt = self._recorder.unwell()
@@ -397,7 +411,7 @@ class LiveSession:
             self._note(name, fields)
         if halt:
             self._stop()
-            self._halt = halt
+            self.halt(halt)
 
     def _note(self, name: str, fields: Mapping[str, Any]) -> None:
         assert self._recorder is not None
@@ -546,6 +560,10 @@ class LiveSession:
         self._sequence = (self._sequence + 1) % 2**32
         return message
 
+    def _told(self, message: str) -> str:
+        """What the page says: what is to be done first goes before how the limb is followed."""
+        return f"{self._ask} {message}" if self._ask else message
+
     def _frame_status(self, shown: PhantomFrame, colliders: BodyColliders) -> dict[str, Any]:
         skeleton = shown.skeleton
         capsules = np.concatenate(
@@ -561,7 +579,7 @@ class LiveSession:
         return {
             "state": shown.state.value,
             "reason": shown.reason.value,
-            "message": shown.message,
+            "message": self._told(shown.message),
             "visible": round(shown.visible, 3),
             "score": round(min(shown.quality.score, 1e6), 3),
             "joints": _rounded(skeleton.positions),
@@ -619,7 +637,7 @@ class LiveSession:
         }
 
     def _game_status(self, *, playing: bool) -> dict[str, Any]:
-        about = {"halt": self._halt, "pain": self._pain}
+        about = {"halt": self._halt, "ask": self._ask, "pain": self._pain}
         return {"game": self._shown_game(playing) | about}
 
     def _shown_game(self, playing: bool) -> dict[str, Any]:
