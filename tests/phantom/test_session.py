@@ -19,6 +19,7 @@ from frame_reader import ReadFrame, read_frame
 from manip3d import InputError
 from manip3d.modify import PhantomState
 from manip3d.phantom import GameSummary, LiveSession, simulated_patient
+from manip3d.phantom._anomalies import Anomaly
 from manip3d.phantom._diary import DiaryRecorder
 from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._session import Pictures
@@ -312,6 +313,25 @@ def test_an_anomaly_is_filmed_from_five_seconds_before_it(consents: bool) -> Non
         pixels = np.asarray(image).astype(int)
     assert (np.abs(pixels - 32).max(axis=-1) < 12).mean() > 0.5  # nothing of the room
     assert (np.abs(pixels - 32).max(axis=-1) > 60).sum() > 2000  # the person
+
+
+def test_consent_that_is_taken_back_for_a_moment_takes_earlier_films_with_it() -> None:
+    heard = Heard()
+    heard.wants_clips = True
+    session = LiveSession("right_arm", recorder=heard)
+    session.command("ready")
+    frames = patient()
+    play(session, frames[:45])
+    session._watch.found.append(Anomaly(0.1, 0.5))  # a difficulty that is over
+    play(session, frames[45:46])
+    assert session._clips[0]
+    session.command("consent", {"clips": 0})
+    session.command("consent", {"clips": 1})
+    play(session, frames[46:50])
+    session.end()
+    assert heard.wants_clips
+    assert len(heard.games[0].anomalies) == len(heard.clips) == 1
+    assert not any(heard.clips)
 
 
 def test_from_the_camera_to_film_diary_and_fhir(tmp_path: Path) -> None:

@@ -419,8 +419,8 @@ class LiveSession:
             self._recorder.event(str(fields["text"]))
         elif name == "consent":
             self._recorder.consent(bool(fields["clips"]))
-            if not fields["clips"]:
-                self._ring = None
+            if not fields["clips"]:  # neither what comes nor what was filmed before
+                self._ring, self._clips = None, [() for _ in self._clips]
         else:
             answers = [int(fields[f"q{number}"]) for number in range(1, len(STATEMENTS) + 1)]
             self._recorder.ownership(str(fields["mode"]), answers)
