@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import random
 import sqlite3
@@ -31,7 +32,8 @@ def game(minutes: float = 5, name: str = "piano", **changes: Any) -> DiaryGame:
     fields: dict[str, Any] = {
         "game": name, "difficulty": 2, "seed": 11, "ending": "time", "seconds": 60.0,
         "paused_s": 2.5, "score": 17, "misses": 3, "by_phantom": 8,
-        "anomalies": ((4.0, 16.5), (30.0, 44.0)),
+        "anomalies": ((4.0, 16.5), (30.0, 44.0)), "limb": "left_leg", "source": "openni2:",
+        "version": "0.1", "latency_ms": 31.5, "tracked": 0.96,
     }  # fmt: skip
     return DiaryGame(at=START + timedelta(minutes=minutes), **(fields | changes))
 
@@ -407,14 +409,24 @@ def test_an_older_file_becomes_one_of_today(tmp_path: Path, key: Path | None, ve
         ).fetchall():
             raw.execute(f"DROP INDEX {name}")
         raw.execute("DROP TABLE clips")
-        if version == 3:
-            for statement in schema.MIGRATIONS[2]:
+        for statements in schema.MIGRATIONS[2:version]:
+            for statement in statements:
                 raw.execute(statement)
+        # Games said less then.
+        payloads = raw.execute("SELECT id, payload FROM games").fetchall()
+        for number, payload in payloads if key is None else ():
+            fields = json.loads(payload)
+            for name in ("limb", "source", "version", "latency_ms", "tracked"):
+                del fields[name]
+            text = json.dumps(fields).encode()
+            raw.execute("UPDATE games SET payload = ? WHERE id = ?", (text, number))
         raw.execute(f"PRAGMA user_version = {version}")
         raw.commit()
     assert shape(path) == shape_of_version(tmp_path / "made", version)
     with Diary(path, key=key) as again:
-        assert again.sessions("P01")[0].games == (game(anomalies=()),)
+        told = {} if key else {"limb": "", "source": "", "version": "", "latency_ms": None,
+                               "tracked": None}  # fmt: skip
+        assert again.sessions("P01")[0].games == (game(anomalies=(), **told),)
         again.add_rating("P01", 5)
         again.check()
     assert shape(path) == shape_of_version(tmp_path / "now", schema.VERSION)
@@ -464,7 +476,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         pass
     with contextlib.closing(sqlite3.connect(tmp_path / "later")) as raw:
         raw.execute("PRAGMA user_version = 99")
-    with pytest.raises(FormatError, match="of version 4 at most, got 99"):
+    with pytest.raises(FormatError, match="of version 5 at most, got 99"):
         Diary(tmp_path / "later")
 
 
@@ -486,9 +498,9 @@ def test_a_damaged_file_is_said_to_be(tmp_path: Path, part: str) -> None:
 # --- protocol -------------------------------------------------------------------------------------
 
 
-def sitting(day: int, hour: int = 9, games: int = 3, ending: str = "time") -> DiarySession:
+def sitting(day: int, hour: int = 9, games: int = 3, **changes: Any) -> DiarySession:
     start = START.replace(hour=hour) + timedelta(days=day)
-    return DiarySession(1, start, None, (game(ending=ending),) * games, ())
+    return DiarySession(1, start, None, (game(**changes),) * games, ())
 
 
 def test_adherence_counts_whole_sessions_up_to_two_a_day() -> None:
@@ -502,5 +514,8 @@ def test_adherence_counts_whole_sessions_up_to_two_a_day() -> None:
     assert (whole.days, whole.expected, whole.complete, whole.share) == (28, 56, 56, 1.0)
     short = adherence(sessions, START, date(2026, 3, 5), protocol=Protocol(1, 1, 2))
     assert (short.expected, short.complete) == (4, 2)
+    played = [sitting(0, source="mkv:"), sitting(1), sitting(1, 17, source="sim:body?seed=1")]
+    found = adherence(played, START, date(2026, 3, 5))
+    assert (found.complete, found.partial, found.simulated) == (2, 0, 3)
     with pytest.raises(InputError, match="today: expected 2026-03-02 or later"):
         adherence([], START, date(2026, 3, 1))

@@ -6,6 +6,7 @@ import functools
 import io
 import os
 import shutil
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ import pytest
 
 import capsule_body
 from frame_reader import ReadFrame, read_frame
-from manip3d import InputError
+from manip3d import InputError, __version__
 from manip3d.modify import PhantomState
 from manip3d.phantom import GameSummary, LiveSession, simulated_patient
 from manip3d.phantom._anomalies import Anomaly
@@ -344,11 +345,12 @@ def test_from_the_camera_to_film_diary_and_fhir(tmp_path: Path) -> None:
     path = tmp_path / "study.diary"
     with Diary(path, create=True) as diary:
         diary.enrol("P01", limb="right_arm", clips=True)
-    recorder = DiaryRecorder(path, "P01", None)
+    recorder = DiaryRecorder(path, "P01", None, "mkv:/films/of Jane Doe.mkv")
     session = LiveSession("right_arm", recorder=recorder)
-    recorder.start()
+    recorder.start(lambda: 25.0)
     frames = patient()
     there_and_back = [*frames[30:], *frames[-2:30:-1]]
+    seen = Counter[tuple[int, str]]()
     for number in range(30 * 22):
         if number == 0:
             session.command("pain", {"value": 3})
@@ -360,6 +362,8 @@ def test_from_the_camera_to_film_diary_and_fhir(tmp_path: Path) -> None:
         frame = there_and_back[number % len(there_and_back)]
         time = frames[0].time + number * 33_333_333
         session.process(replace(frame, time=time, number=number), captured_ns=1)
+        if session._game is not None and session._game.phase == "playing":
+            seen[len(session.summaries), session.state] += 1
     session.end()
     recorder.end()
     with Diary(path) as diary:
@@ -367,6 +371,13 @@ def test_from_the_camera_to_film_diary_and_fhir(tmp_path: Path) -> None:
         assert [game.game for game in sitting.games] == ["bubbles", "bubbles-legs"]
         assert sitting.games[0].by_phantom >= 1
         assert sitting.games[0].score == session.summaries[0].score
+        assert {game.limb for game in sitting.games} == {"right_arm"}
+        assert {game.source for game in sitting.games} == {"mkv:"}
+        assert {game.version for game in sitting.games} == {__version__}
+        for number, game in enumerate(sitting.games):
+            share = seen[number, "tracking"] / sum(n for (g, _), n in seen.items() if g == number)
+            assert game.tracked == pytest.approx(share, abs=0.02)
+        assert sitting.games[0].latency_ms == 25.0
         assert len(sitting.games[1].anomalies) == 1
         (clip,) = diary.clips("P01")
         assert (clip.start, clip.end) == sitting.games[1].anomalies[0]

@@ -190,8 +190,8 @@ def phantom_live(
     limb: Annotated[
         LimbName | None,
         typer.Option(
-            help="Limb to replace; by default the one that a simulated person has lost, else the "
-            "right arm."
+            help="Limb to replace; by default that of the participant's enrolment, else the one "
+            "that a simulated person has lost, else the right arm."
         ),
     ] = None,
     game: Annotated[

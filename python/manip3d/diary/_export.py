@@ -41,7 +41,7 @@ _PAIN = {
 }
 _GAME_COLUMNS = (
     "game", "difficulty", "seed", "ending", "seconds", "paused_s", "score", "misses", "by_phantom",
-    "gain",
+    "gain", "limb", "source", "version", "latency_ms", "tracked",
 )  # fmt: skip
 
 
@@ -306,7 +306,11 @@ def _observation(
 
 
 def _seconds(value: float) -> dict[str, Any]:
-    return {"value": value, "unit": "s", "system": "http://unitsofmeasure.org", "code": "s"}
+    return _quantity(value, "s")
+
+
+def _quantity(value: float, unit: str) -> dict[str, Any]:
+    return {"value": value, "unit": unit, "system": "http://unitsofmeasure.org", "code": unit}
 
 
 def _questionnaire(filled: McGill, patient: Mapping[str, str]) -> dict[str, Any]:
@@ -347,6 +351,21 @@ def _game(game: DiaryGame, patient: Mapping[str, str]) -> dict[str, Any]:
     if game.gain != 1.0:
         told = "Gain of movements (virtual enhancement)"
         parts.append({"code": {"text": told}, "valueQuantity": {"value": game.gain}})
+    parts += [
+        {"code": {"text": text}, "valueString": value}
+        for text, value in (
+            ("Limb", game.limb.replace("_", " ")),
+            ("Source of the frames", game.source),
+            ("Version of manip3d", game.version),
+        )
+        if value
+    ]
+    if game.latency_ms is not None:
+        told = "Latency, 95th percentile"
+        parts.append({"code": {"text": told}, "valueQuantity": _quantity(game.latency_ms, "ms")})
+    if game.tracked is not None:
+        told = "Share of frames in which the phantom limb was followed"
+        parts.append({"code": {"text": told}, "valueQuantity": {"value": game.tracked}})
     parts += [
         {
             "code": {"text": "Seconds of play without a point though a target was in reach"},

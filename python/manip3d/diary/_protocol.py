@@ -44,6 +44,8 @@ class Adherence:
         Days with at least one game.
     share : float
         Complete of expected ones.
+    simulated : int
+        Games of a simulated person, which are left out.
     """
 
     days: int
@@ -52,6 +54,7 @@ class Adherence:
     partial: int
     days_played: int
     share: float
+    simulated: int = 0
 
 
 @checked
@@ -64,8 +67,8 @@ def adherence(
 ) -> Adherence:
     """Compare sessions with a protocol.
 
-    A game that was stopped counts for nothing here; days are those of the clock where it was
-    played.
+    A game that was stopped, or of a simulated person, counts for nothing here; days are those of
+    the clock where it was played.
 
     Parameters
     ----------
@@ -98,7 +101,7 @@ def adherence(
     complete, partial, played = Counter[int](), Counter[int](), set[int]()
     for session in sessions:
         day = (session.started.date() - start.date()).days
-        games = sum(game.ending != "stopped" for game in session.games)
+        games = sum(game.ending != "stopped" and not game.is_simulated for game in session.games)
         if not 0 <= day < days or not games:
             continue
         played.add(day)
@@ -109,7 +112,8 @@ def adherence(
         for day, number in partial.items()
     )
     expected = days * plan.sessions_a_day
-    return Adherence(days, expected, done, rest, len(played), done / expected)
+    simulated = sum(game.is_simulated for session in sessions for game in session.games)
+    return Adherence(days, expected, done, rest, len(played), done / expected, simulated)
 
 
 @checked

@@ -79,6 +79,17 @@ class DiaryGame:
         Gain of the virtual enhancement; 1: none.
     anomalies : tuple of (float, float)
         From and to which second of play no point was made though a target was in reach.
+    limb : str
+        The limb that was replaced.
+    source : str
+        Where the frames came from: the whole address of a simulated person, else only its scheme,
+        such as ``mkv:``, as names of files may be names of people. Empty: an older diary.
+    version : str
+        Version of this program.
+    latency_ms : float or None
+        From a frame's arrival to its being decoded in the page, 95th percentile.
+    tracked : float or None
+        Share of the frames in which the phantom limb was followed.
     """
 
     at: datetime
@@ -93,6 +104,16 @@ class DiaryGame:
     by_phantom: int
     anomalies: tuple[tuple[float, float], ...] = ()
     gain: float = 1.0
+    limb: str = ""
+    source: str = ""
+    version: str = ""
+    latency_ms: float | None = None
+    tracked: float | None = None
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether nobody played: the person before the camera was a simulated one."""
+        return self.source.startswith("sim:")
 
 
 @dataclass(frozen=True)

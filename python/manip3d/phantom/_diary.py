@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import datetime
 
 from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._session import GameSummary, Pictures
-
 
 RATE_FIRST = "Please say first how strong the pain is now; then the game can start."
 
 
 class DiaryRecorder:
     """A session of a participant; each game and rating is on the disk when its method returns.
+
+    Attributes
+    ----------
+    limb : str
+        The affected one, as enrolled.
 
     Raises
     ------
@@ -31,17 +35,25 @@ class DiaryRecorder:
         path: str | os.PathLike[str],
         participant: str,
         key: str | os.PathLike[str] | None,
+        source: str = "",
     ) -> None:
         from manip3d.diary import Diary
 
         self._diary = Diary(path, key=key)
         person = self._diary.participant(participant)
         self._participant, self._wants_clips = person.identifier, person.clips
+        self.limb = person.limb
+        self._source = source if source.startswith("sim:") else "".join(source.partition(":")[:2])
+        self._latency: Callable[[], float | None] | None = None
         self._session: int | None = None
         self._has_begun = self._is_rated = False
 
-    def start(self) -> str:
-        """The page is there; return why the patient must not play any more today, or nothing."""
+    def start(self, latency: Callable[[], float | None] | None = None) -> str:
+        """The page is there; return why the patient must not play any more today, or nothing.
+
+        ``latency``: gives milliseconds to the page, if they are known by now.
+        """
+        self._latency = latency
         self._session = self._diary.start_session(self._participant)
         return self._diary.halt_reason(self._participant)
 
@@ -58,10 +70,16 @@ class DiaryRecorder:
 
     def game(self, summary: GameSummary, clips: Sequence[Pictures] = ()) -> None:
         """Keep a game that is over, and what was filmed of it."""
+        from manip3d import __version__
         from manip3d.diary import DiaryGame
 
         assert self._session is not None
-        fields = vars(summary) | {"anomalies": tuple((a.start, a.end) for a in summary.anomalies)}
+        fields = vars(summary) | {
+            "anomalies": tuple((a.start, a.end) for a in summary.anomalies),
+            "source": self._source,
+            "version": __version__,
+            "latency_ms": self._latency and self._latency(),
+        }
         game = DiaryGame(at=datetime.now().astimezone(), **fields)
         # Who has taken back their consent meanwhile is filmed no longer.
         self._diary.add_game(self._session, game, clips if self.wants_clips else ())

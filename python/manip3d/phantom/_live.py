@@ -18,7 +18,7 @@ from manip3d.modify import Limb
 from manip3d.phantom._diary import DiaryRecorder
 from manip3d.phantom._log import SessionLog
 from manip3d.phantom._page import live_pages
-from manip3d.phantom._session import MESSAGES, GameSummary, LiveSession
+from manip3d.phantom._session import LIMBS, MESSAGES, GameSummary, LiveSession
 from manip3d.phantom.games import GAMES
 from manip3d.serve import (
     Certificate,
@@ -124,8 +124,8 @@ def run_live(
         An address for `manip3d.capture.open_rgbd`: a camera, a recording, which is played in real
         time and over again, or a simulated person; by default `simulated_patient`.
     affected : str, optional
-        The limb to replace; by default the one that a simulated person has lost, else the right
-        arm, or leg for a game of legs.
+        The limb to replace; by default that of the participant's enrolment, else the one that a
+        simulated person has lost, else the right arm, or leg for a game of legs.
     game : str, optional
         Name out of `manip3d.phantom.games.GAMES`; by default one for that limb.
     difficulty, seed : int
@@ -147,7 +147,8 @@ def run_live(
         Virtual enhancement, as of `LiveSession`; the page changes it.
     diary, participant, diary_key : path, str, path, optional
         A diary file, who of its participants plays, and its key file where it is encrypted. Games
-        and ratings of pain are kept as they come.
+        and ratings of pain are kept as they come; games of a simulated person are marked, and
+        `manip3d.diary.analyse` and `manip3d.diary.adherence` leave them out.
     log : path, optional
         A file of JSON lines: every ten seconds frames, states, latency, times of stages and memory.
     on_start : callable(str, Certificate or None), optional
@@ -171,10 +172,14 @@ def run_live(
     began = time.monotonic()
     plays_legs = game in GAMES and GAMES[game].limbs == "legs"  # type: ignore[index]
     limb = affected or (limb_of(source) if source else "right_leg" if plays_legs else "right_arm")
+    recorder = None
+    if diary is not None:
+        recorder = DiaryRecorder(diary, str(participant), diary_key, source or "sim:")
+        if affected is None and recorder.limb in LIMBS:
+            limb = recorder.limb
     address = source or simulated_patient(limb, game)
     if address.startswith("sim:"):
         require("live")
-    recorder = None if diary is None else DiaryRecorder(diary, str(participant), diary_key)
     session = LiveSession(
         limb,  # type: ignore[arg-type]
         game=game,
@@ -196,7 +201,7 @@ def run_live(
     server = LocalServer(pages, on_message, host=host, port=port, certificate=made)
     with SessionLog(log) as journal, server:
         if recorder is not None:
-            session.halt(recorder.start())
+            session.halt(recorder.start(lambda: _latency(server)))
         if on_start is not None:
             on_start(server.new_url(), server.certificate)
         try:
@@ -238,6 +243,12 @@ def run_live(
         refused=dict(server.refused),
         games=tuple(session.summaries),
     )
+
+
+def _latency(server: LocalServer) -> float | None:
+    """Milliseconds to the page, 95 %, of the client that came last."""
+    known = (client["latency_ms"] for client in reversed(server.report()))
+    return next((round(float(times[1]), 1) for times in known if times), None)
 
 
 def _certificate(host: str, path: str | os.PathLike[str] | None) -> Certificate | None:

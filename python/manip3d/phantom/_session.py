@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -134,6 +134,10 @@ class GameSummary:
         What joints' angles were multiplied by at the end.
     anomalies : tuple of Anomaly
         Times without a point though a target was in reach.
+    limb : str
+        The limb that was replaced.
+    tracked : float or None
+        Share of the frames in which the phantom limb was followed; None: there were none.
     """
 
     game: str
@@ -147,6 +151,8 @@ class GameSummary:
     by_phantom: int
     gain: float = 1.0
     anomalies: tuple[Anomaly, ...] = ()
+    limb: str = ""
+    tracked: float | None = None
 
 
 @checked
@@ -241,6 +247,7 @@ class LiveSession:
         self._wants_game = False
         self._game: GameState | None = None
         self._paused_s = 0.0
+        self._seen = Counter[bool]()  # frames of the game, by whether the limb was followed
         self._stages: dict[str, deque[float]] = {
             name: deque(maxlen=_FRAMES) for name in ("pipeline", "rules", "encode")
         }
@@ -463,6 +470,8 @@ class LiveSession:
 
     def _play(self, shown: PhantomFrame, seconds: float) -> bool:
         """Whether the game went on in this frame."""
+        if self._game is not None and self._game.phase == "playing":
+            self._seen[shown.state == PhantomState.TRACKING] += 1
         if shown.state != PhantomState.TRACKING:
             self._ends.reset()  # what moves while nothing counts is swept over by nobody
             if self._game is not None and self._game.phase == "playing":
@@ -480,6 +489,7 @@ class LiveSession:
             if self._game is None:  # somebody who faces the camera is asked for
                 return False
             self._wants_game, self._paused_s = False, 0.0
+            self._seen.clear()
             self._watch = AnomalyWatch()
             wanted = self._recorder is not None and self._recorder.wants_clips
             self._ring, self._clips = ClipRing() if wanted else None, []
@@ -520,6 +530,7 @@ class LiveSession:
         assert game is not None
         self._watch.finish()
         self._keep_clips()
+        total = self._seen.total()
         summary = GameSummary(
             game=game.game.name,
             difficulty=game.difficulty,
@@ -532,6 +543,8 @@ class LiveSession:
             by_phantom=self._by_phantom(game),
             gain=self._gain,
             anomalies=tuple(self._watch.found),
+            limb=self.affected,
+            tracked=round(self._seen[True] / total, 3) if total else None,
         )
         self.summaries.append(summary)
         if self._recorder is not None:
