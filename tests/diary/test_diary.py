@@ -161,6 +161,28 @@ def test_pain_that_rises_before_any_play_stops_too(diary: Diary) -> None:
     assert {first.pain_before, second.pain_before} == {6, 3}
 
 
+def test_a_game_that_goes_on_is_replaced_by_what_became_of_it(diary: Diary) -> None:
+    diary.enrol("P01", clips=True)
+    session, other = diary.start_session("P01"), diary.start_session("P01")
+    row = diary.add_game(session, game(0, ending="interrupted", score=0, anomalies=()))
+    going = game(1, ending="interrupted", score=4)
+    assert diary.add_game(session, going, replaces=row) == row
+    kept = {one.number: one.games for one in diary.sessions("P01")}
+    assert (kept[session], kept[other]) == ((going,), ())
+    films = [[(0.0, jpeg("x"))], []]
+    diary.add_game(session, game(), films, replaces=row)
+    diary.add_game(session, game(9))
+    kept = {one.number: one.games for one in diary.sessions("P01")}
+    assert kept[session] == (game(), game(9))
+    assert len(diary.clips("P01")) == 1
+    assert [action for _, action, _ in diary.audit()].count("game") == 2
+    with pytest.raises(InputError, match=r"replaces: session .* has no game of the number"):
+        diary.add_game(other, game(), replaces=row)
+    with pytest.raises(InputError, match="replaces: "):
+        diary.add_game(session, game(), replaces=1)
+    diary.check()
+
+
 def test_refusals(diary: Diary) -> None:
     diary.enrol("P01")
     diary.enrol("P02")
@@ -505,7 +527,8 @@ def sitting(day: int, hour: int = 9, games: int = 3, **changes: Any) -> DiarySes
 
 def test_adherence_counts_whole_sessions_up_to_two_a_day() -> None:
     sessions = [sitting(0), sitting(0, 17), sitting(0, 20), sitting(1), sitting(1, 17, games=2),
-                sitting(2, games=0), sitting(3, ending="stopped"), sitting(30)]  # fmt: skip
+                sitting(2, games=0), sitting(3, ending="stopped"), sitting(30),
+                sitting(3, ending="interrupted")]  # fmt: skip
     found = adherence(sessions, START, date(2026, 3, 5))
     assert (found.days, found.expected) == (4, 8)
     assert (found.complete, found.partial, found.days_played) == (3, 1, 2)

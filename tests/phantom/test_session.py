@@ -162,6 +162,7 @@ class Heard:
 
     def __init__(self) -> None:
         self.games: list[GameSummary] = []
+        self.going: list[GameSummary] = []
         self.told: list[object] = []
 
     wants_clips = False
@@ -169,6 +170,9 @@ class Heard:
     def game(self, summary: GameSummary, clips: Sequence[Pictures]) -> None:
         self.games.append(summary)
         self.clips = list(clips)
+
+    def game_goes_on(self, summary: GameSummary) -> None:
+        self.going.append(summary)
 
     def pain(self, value: int) -> str:
         self.told.append(value)
@@ -295,6 +299,11 @@ def test_an_anomaly_is_filmed_from_five_seconds_before_it(consents: bool) -> Non
         session.process(replace(frame, time=time, number=number), captured_ns=1)
     session.end()
     (game,) = heard.games
+    going = heard.going
+    assert {one.ending for one in going} == {"interrupted"}
+    times = [one.seconds + one.paused_s for one in going]
+    assert times == pytest.approx([0.0, 10.0, 20.0][: len(times)], abs=0.1)
+    assert len(times) >= 2
     assert game.anomalies
     anomaly = game.anomalies[0]
     assert anomaly.end - anomaly.start >= 10.0

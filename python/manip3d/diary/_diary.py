@@ -301,8 +301,18 @@ class Diary:
                 .values(payload=seal_fields(key, fields, about))
             )
 
-    def add_game(self, session: int, game: DiaryGame, clips: Sequence[Pictures] = ()) -> None:
-        """Keep a game that is over, with its anomalies.
+    def add_game(
+        self,
+        session: int,
+        game: DiaryGame,
+        clips: Sequence[Pictures] = (),
+        *,
+        replaces: int | None = None,
+    ) -> int:
+        """Keep a game, with its anomalies.
+
+        One that goes on is kept as ``interrupted``, so that it leaves a trace if the program is
+        killed, and later replaced.
 
         Parameters
         ----------
@@ -311,11 +321,19 @@ class Diary:
         clips : sequence of sequences of (float, bytes)
             For each anomaly the seconds of play and the JPEG of each picture, or no pictures; by
             default there are no clips.
+        replaces : int, optional
+            Number of the same game as it was kept before.
+
+        Returns
+        -------
+        int
+            A number, for ``replaces``.
 
         Raises
         ------
         InputError
-            No such session, clips of somebody who did not consent, or more or fewer than anomalies.
+            No such session or game, clips of somebody who did not consent, or more or fewer than
+            anomalies.
         """
         if clips and len(clips) != len(game.anomalies):
             raise InputError(f"clips: expected {len(game.anomalies)}, got {len(clips)}")
@@ -323,7 +341,12 @@ class Diary:
         del fields["anomalies"]
         with self._engine.begin() as connection:
             number, key = self._of_session(connection, session)
-            row = self._add(connection, schema.GAMES, number, key, fields, session=session)
+            if replaces is None:
+                row = self._add(connection, schema.GAMES, number, key, fields, session=session)
+                self._note(connection, "game", number)
+            else:
+                row = replaces
+                self._replace_game(connection, session, row, number, key, fields)
             if any(clips) and not self._consents(connection, number):
                 raise InputError("clips: expected none, as the participant did not consent")
             for which, (start, end) in enumerate(game.anomalies):
@@ -340,7 +363,26 @@ class Diary:
                             payload=seal_pictures(key, clips[which], about),
                         )
                     )
-            self._note(connection, "game", number)
+        return row
+
+    def _replace_game(
+        self,
+        connection: sql.Connection,
+        session: int,
+        row: int,
+        number: int,
+        key: bytes | None,
+        fields: Mapping[str, Any],
+    ) -> None:
+        table = schema.GAMES
+        done = connection.execute(
+            sql.update(table)
+            .where(table.c.id == row, table.c.session == session)
+            .values(payload=seal_fields(key, fields, _about(number, table, row)))
+        )
+        if done.rowcount != 1:
+            raise InputError(f"replaces: session {session} has no game of the number {row}")
+        connection.execute(sql.delete(schema.ANOMALIES).where(schema.ANOMALIES.c.game == row))
 
     def add_rating(
         self,

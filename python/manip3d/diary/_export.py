@@ -334,6 +334,8 @@ def _questionnaire(filled: McGill, patient: Mapping[str, str]) -> dict[str, Any]
 
 def _game(game: DiaryGame, patient: Mapping[str, str]) -> dict[str, Any]:
     found = _observation({"text": f"Exercise game {game.game}"}, patient, game.at)
+    if game.ending == "interrupted":
+        found["status"] = "preliminary"
     parts: list[dict[str, Any]] = [
         {"code": {"text": text}, "valueInteger": value}
         for text, value in (

@@ -67,8 +67,8 @@ def adherence(
 ) -> Adherence:
     """Compare sessions with a protocol.
 
-    A game that was stopped, or of a simulated person, counts for nothing here; days are those of
-    the clock where it was played.
+    A game that was stopped or interrupted, or of a simulated person, counts for nothing here; days
+    are those of the clock where it was played.
 
     Parameters
     ----------
@@ -101,7 +101,10 @@ def adherence(
     complete, partial, played = Counter[int](), Counter[int](), set[int]()
     for session in sessions:
         day = (session.started.date() - start.date()).days
-        games = sum(game.ending != "stopped" and not game.is_simulated for game in session.games)
+        games = sum(
+            game.ending not in ("stopped", "interrupted") and not game.is_simulated
+            for game in session.games
+        )
         if not 0 <= day < days or not games:
             continue
         played.add(day)

@@ -62,16 +62,17 @@ class Participant:
 
 @dataclass(frozen=True)
 class DiaryGame:
-    """A game that is over.
+    """A game.
 
     Attributes
     ----------
     at : datetime
-        When it was over.
+        When it was over, or last heard of.
     game : str
     difficulty, seed : int
     ending : str
-        ``time``, ``misses``, ``done`` or ``stopped``.
+        ``time``, ``misses``, ``done`` or ``stopped``; ``interrupted`` while it goes on, or where
+        the program was killed.
     seconds, paused_s : float
         Played, and waited for the phantom limb.
     score, misses, by_phantom : int

@@ -5,9 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._session import GameSummary, Pictures
+
+if TYPE_CHECKING:
+    from manip3d.diary import DiaryGame
 
 RATE_FIRST = "Please say first how strong the pain is now; then the game can start."
 
@@ -46,6 +50,7 @@ class DiaryRecorder:
         self._source = source if source.startswith("sim:") else "".join(source.partition(":")[:2])
         self._latency: Callable[[], float | None] | None = None
         self._session: int | None = None
+        self._row: int | None = None  # of the game that goes on
         self._has_begun = self._is_rated = False
 
     def start(self, latency: Callable[[], float | None] | None = None) -> str:
@@ -68,21 +73,31 @@ class DiaryRecorder:
         """Whether the patient consented to short films of anomalies."""
         return self._wants_clips
 
+    def game_goes_on(self, summary: GameSummary) -> None:
+        """Keep how a game stands, in case the program is killed."""
+        assert self._session is not None
+        game = self._game_of(summary)
+        self._row = self._diary.add_game(self._session, game, replaces=self._row)
+
     def game(self, summary: GameSummary, clips: Sequence[Pictures] = ()) -> None:
         """Keep a game that is over, and what was filmed of it."""
+        assert self._session is not None
+        # Who has taken back their consent meanwhile is filmed no longer.
+        films = clips if self.wants_clips else ()
+        self._diary.add_game(self._session, self._game_of(summary), films, replaces=self._row)
+        self._row = None
+
+    def _game_of(self, summary: GameSummary) -> DiaryGame:
         from manip3d import __version__
         from manip3d.diary import DiaryGame
 
-        assert self._session is not None
         fields = vars(summary) | {
             "anomalies": tuple((a.start, a.end) for a in summary.anomalies),
             "source": self._source,
             "version": __version__,
             "latency_ms": self._latency and self._latency(),
         }
-        game = DiaryGame(at=datetime.now().astimezone(), **fields)
-        # Who has taken back their consent meanwhile is filmed no longer.
-        self._diary.add_game(self._session, game, clips if self.wants_clips else ())
+        return DiaryGame(at=datetime.now().astimezone(), **fields)
 
     def may_play(self) -> str:
         """Why no game may start yet, or nothing: without a rating the stop rule would be off."""

@@ -72,6 +72,7 @@ OF_THE_CONNECTION = ("ack", "clock")
 Pictures = Sequence[tuple[float, bytes]]
 
 _LONGEST_STEP_S = 0.25  # a longer gap between frames is none of the player's time
+_TELL_S = 10.0  # between what is kept of a game that goes on
 _FRAMES = 90  # over which times of stages are averaged
 _FLOOR_S = 4.0  # for so long the lowest place of a foot is the floor
 _FEET = tuple(JOINTS.index(name) for name in ("FootLeft", "FootRight"))
@@ -84,6 +85,9 @@ class Recorder(Protocol):
     @property
     def wants_clips(self) -> bool:
         """Whether the patient consented to short films of anomalies."""
+
+    def game_goes_on(self, summary: GameSummary) -> None:
+        """Keep how a game stands, in case the program is killed; `game` replaces it."""
 
     def game(self, summary: GameSummary, clips: Sequence[Pictures]) -> None:
         """Keep a game that is over; for each anomaly its pictures (seconds of play, JPEG), or
@@ -124,7 +128,7 @@ class GameSummary:
         Name out of `manip3d.phantom.games.GAMES`.
     difficulty, seed : int
     ending : str
-        ``time``, ``misses``, ``done`` or ``stopped``.
+        ``time``, ``misses``, ``done`` or ``stopped``; ``interrupted``: it goes on.
     seconds, paused_s : float
         Played, and waited for the phantom limb.
     score, misses : int
@@ -246,7 +250,7 @@ class LiveSession:
         self.state = "lost"
         self._wants_game = False
         self._game: GameState | None = None
-        self._paused_s = 0.0
+        self._paused_s = self._told_s = 0.0
         self._seen = Counter[bool]()  # frames of the game, by whether the limb was followed
         self._stages: dict[str, deque[float]] = {
             name: deque(maxlen=_FRAMES) for name in ("pipeline", "rules", "encode")
@@ -336,6 +340,7 @@ class LiveSession:
                 self._measured, self._calibration = measured, None
         colliders = self._body.update(shown.skeleton)
         playing = self._play(shown, seconds)
+        self._tell_of_game()
         if playing and self._ring is not None and self._game is not None:
             self._ring.add(shown, self._game, frame.calibration.depth, self._watch.since)
         status = (
@@ -488,7 +493,7 @@ class LiveSession:
             self._game = begin(name, body, difficulty=difficulty, seed=seed, floor=floor)
             if self._game is None:  # somebody who faces the camera is asked for
                 return False
-            self._wants_game, self._paused_s = False, 0.0
+            self._wants_game, self._paused_s, self._told_s = False, 0.0, 0.0
             self._seen.clear()
             self._watch = AnomalyWatch()
             wanted = self._recorder is not None and self._recorder.wants_clips
@@ -526,12 +531,26 @@ class LiveSession:
         return self._ends.hits(start, end, radius=radius).bone
 
     def _finish(self, ending: str) -> None:
-        game = self._game
-        assert game is not None
         self._watch.finish()
         self._keep_clips()
-        total = self._seen.total()
-        summary = GameSummary(
+        summary = self._summary(ending)
+        self.summaries.append(summary)
+        if self._recorder is not None:
+            self._recorder.game(summary, tuple(self._clips))
+        self._ring, self._clips = None, []
+
+    def _tell_of_game(self) -> None:
+        """A game that goes on is kept as it begins and every ten seconds."""
+        if self._recorder is None or self._game is None or self._game.phase != "playing":
+            return
+        if self._game.clock + self._paused_s >= self._told_s:
+            self._told_s += _TELL_S
+            self._recorder.game_goes_on(self._summary("interrupted"))
+
+    def _summary(self, ending: str) -> GameSummary:
+        game, total = self._game, self._seen.total()
+        assert game is not None
+        return GameSummary(
             game=game.game.name,
             difficulty=game.difficulty,
             seed=game.seed,
@@ -546,10 +565,6 @@ class LiveSession:
             limb=self.affected,
             tracked=round(self._seen[True] / total, 3) if total else None,
         )
-        self.summaries.append(summary)
-        if self._recorder is not None:
-            self._recorder.game(summary, tuple(self._clips))
-        self._ring, self._clips = None, []
 
     def _by_phantom(self, game: GameState) -> int:
         own = bones_of(game.game.limbs, self.affected.partition("_")[0])
