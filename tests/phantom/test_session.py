@@ -166,6 +166,7 @@ class Heard:
         self.told: list[object] = []
 
     wants_clips = False
+    trouble = ""
 
     def game(self, summary: GameSummary, clips: Sequence[Pictures]) -> None:
         self.games.append(summary)

@@ -257,6 +257,7 @@ def phantom_live(
     The page is served to this machine only (see --host), to whoever has the address that is
     printed. Ctrl-C ends the session. With a diary no game starts before the patient has said how
     strong the pain is; where it rises by 2 or the patient feels sick, no further one starts today.
+    What could not be kept in the diary is printed at the end, and the exit code is 1.
 
     Example: manip3d phantom live --no-open --seconds 2
     """
@@ -318,5 +319,10 @@ def phantom_live(
                 {**vars(summary), "anomalies": [vars(one) for one in summary.anomalies]}
                 for summary in report.games
             ],
+            "unkept": list(report.unkept),
         }
     )
+    for one in report.unkept:
+        typer.echo(f"not kept in the diary: {one}", err=True)
+    if report.unkept:
+        raise typer.Exit(1)

@@ -65,6 +65,8 @@ class LiveReport:
     refused : mapping of str to int
         What the server refused, by reason.
     games : sequence of GameSummary
+    unkept : sequence of str
+        What the diary does not hold, and why, in words to be noted elsewhere.
     """
 
     affected: str
@@ -76,6 +78,7 @@ class LiveReport:
     clients: tuple[Mapping[str, Any], ...]
     refused: Mapping[str, int]
     games: tuple[GameSummary, ...]
+    unkept: tuple[str, ...] = ()
 
 
 def simulated_patient(limb: str, game: str | None = None) -> str:
@@ -147,8 +150,9 @@ def run_live(
         Virtual enhancement, as of `LiveSession`; the page changes it.
     diary, participant, diary_key : path, str, path, optional
         A diary file, who of its participants plays, and its key file where it is encrypted. Games
-        and ratings of pain are kept as they come; games of a simulated person are marked, and
-        `manip3d.diary.analyse` and `manip3d.diary.adherence` leave them out.
+        and ratings of pain are kept as they come, by a thread of their own; what could not be is
+        listed in the report. Games of a simulated person are marked, and `manip3d.diary.analyse`
+        and `manip3d.diary.adherence` leave them out.
     log : path, optional
         A file of JSON lines: every ten seconds frames, states, latency, times of stages and memory.
     on_start : callable(str, Certificate or None), optional
@@ -195,6 +199,7 @@ def run_live(
 
     end = None if seconds is None else began + seconds
     frames, first, states = 0, None, dict[str, int]()
+    unkept: list[str] = []
     feed = _frames(address)
     pages = live_pages(limb, address, asks=recorder is not None)
     made = _certificate(host, certificate)
@@ -231,7 +236,7 @@ def run_live(
             feed.close()
             session.end()
             if recorder is not None:
-                recorder.end()
+                unkept = recorder.end()
     return LiveReport(
         affected=limb,
         frames=frames,
@@ -242,6 +247,7 @@ def run_live(
         clients=tuple(server.report()),
         refused=dict(server.refused),
         games=tuple(session.summaries),
+        unkept=tuple(unkept),
     )
 
 

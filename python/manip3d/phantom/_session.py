@@ -86,6 +86,10 @@ class Recorder(Protocol):
     def wants_clips(self) -> bool:
         """Whether the patient consented to short films of anomalies."""
 
+    @property
+    def trouble(self) -> str:
+        """What is not kept yet, and why, in words; or nothing."""
+
     def game_goes_on(self, summary: GameSummary) -> None:
         """Keep how a game stands, in case the program is killed; `game` replaces it."""
 
@@ -589,8 +593,10 @@ class LiveSession:
         return message
 
     def _told(self, message: str) -> str:
-        """What the page says: what is to be done first goes before how the limb is followed."""
-        return f"{self._ask} {message}" if self._ask else message
+        """What the page says: what is to be done first, how the limb is followed, what is not kept
+        in the diary."""
+        trouble = "" if self._recorder is None else self._recorder.trouble
+        return " ".join(part for part in (self._ask, message, trouble) if part)
 
     def _frame_status(self, shown: PhantomFrame, colliders: BodyColliders) -> dict[str, Any]:
         skeleton = shown.skeleton
