@@ -220,6 +220,35 @@ def test_the_bundle_says_what_the_diary_says(diary: Diary) -> None:
         fhir_bundle(diary, "P7")
 
 
+def test_resources_keep_their_names_and_share_them_with_no_other_study(
+    diary: Diary, tmp_path: Path
+) -> None:
+    def names(of: Diary) -> dict[str, dict[str, Any]]:
+        return {e["fullUrl"]: e["resource"] for e in fhir_bundle(of, "P01")["entry"]}
+
+    before = names(diary)
+    diary.add_rating("P01", 9, at=START - timedelta(days=1))
+    diary.add_event("P01", "sickness", "after a turn", at=START - timedelta(days=1))
+    after = names(diary)
+    assert len(after) == len(before) + 2
+    assert {name: after[name] for name in before} == before
+    with Diary(tmp_path / "other.diary", create=True) as other:
+        other.enrol("P01", limb="right_leg", at=START)
+        assert not set(names(other)) & set(after)
+
+
+def test_an_adverse_event_keeps_its_words(diary: Diary) -> None:
+    diary.add_event("P01", "sickness", "after a turn", at=START)
+    texts = [
+        entry["resource"]["event"]["text"]
+        for entry in fhir_bundle(diary, "P01")["entry"]
+        if entry["resource"]["resourceType"] == "AdverseEvent"
+    ]
+    assert "Sickness: after a turn" in texts
+    assert "Sickness" in texts
+    assert any("session: The pain rose from 5 to 7." in text for text in texts)
+
+
 def photo(shade: int) -> bytes:
     content = io.BytesIO()
     Image.new("RGB", (64, 48), (shade, 90, 40)).save(content, "JPEG")

@@ -181,7 +181,7 @@ class Diary:
                 )
             )
             self._note(connection, "enrol", number)
-        return Participant(name, limb, moment, clips)
+        return Participant(name, limb, moment, clips, number)
 
     def set_consent(self, identifier: str, *, clips: bool) -> None:
         """Say whether a participant consents to clips; without consent theirs are deleted.
@@ -338,7 +338,7 @@ class Diary:
         if clips and len(clips) != len(game.anomalies):
             raise InputError(f"clips: expected {len(game.anomalies)}, got {len(clips)}")
         fields: dict[str, Any] = asdict(game) | {"at": aware(game.at, "at").isoformat()}
-        del fields["anomalies"]
+        del fields["anomalies"], fields["number"]
         with self._engine.begin() as connection:
             number, key = self._of_session(connection, session)
             if replaces is None:
@@ -675,7 +675,7 @@ class Diary:
     def participants(self) -> list[Participant]:
         """Everybody, by pseudonym."""
         with self._engine.begin() as connection:
-            found = [_participant(fields) for _, _, fields in self._all(connection)]
+            found = [_participant(fields, number) for number, _, fields in self._all(connection)]
         return sorted(found, key=lambda one: one.identifier)
 
     def participant(self, identifier: str) -> Participant:
@@ -687,9 +687,9 @@ class Diary:
             No such participant.
         """
         with self._engine.begin() as connection:
-            self._find(connection, identifier)
-            found = (fields for _, _, fields in self._all(connection))
-            return _participant(next(f for f in found if f["identifier"] == identifier))
+            number, _ = self._find(connection, identifier)
+            found = (fields for one, _, fields in self._all(connection) if one == number)
+            return _participant(next(found), number)
 
     def sessions(self, identifier: str) -> list[DiarySession]:
         """The sittings of a participant, by time, with games, anomalies and ratings.
@@ -736,7 +736,7 @@ class Diary:
             No such participant.
         """
         return sorted(
-            (_rating(fields) for fields in self._fields(schema.RATINGS, identifier)),
+            (_rating(*one) for one in self._fields(schema.RATINGS, identifier)),
             key=lambda rating: rating.at,
         )
 
@@ -754,8 +754,9 @@ class Diary:
                 fields["occasion"],
                 tuple(fields["ranks"]),
                 score_mcgill(fields["ranks"], fields["ppi"]),
+                row,
             )
-            for fields in self._answers(identifier, "")
+            for fields, row in self._answers(identifier, "")
         ]
         return sorted(found, key=lambda one: one.at)
 
@@ -769,7 +770,7 @@ class Diary:
         """
         found = [
             Ownership(datetime.fromisoformat(f["at"]), f["mode"], tuple(f["answers"]))
-            for f in self._answers(identifier, _OWNERSHIP)
+            for f, _ in self._answers(identifier, _OWNERSHIP)
         ]
         return sorted(found, key=lambda one: one.at)
 
@@ -784,14 +785,14 @@ class Diary:
         names = ("length", "telescoping", "raised", "bent")
         found = [
             FeltRecord(datetime.fromisoformat(f["at"]), **{name: f[name] for name in names})
-            for f in self._answers(identifier, _FELT)
+            for f, _ in self._answers(identifier, _FELT)
         ]
         return sorted(found, key=lambda one: one.at)
 
-    def _answers(self, identifier: str, kind: str) -> list[dict[str, Any]]:
+    def _answers(self, identifier: str, kind: str) -> list[tuple[dict[str, Any], int]]:
         """Filled-in questionnaires of a kind; those without one are McGill's."""
         rows = self._fields(schema.QUESTIONNAIRES, identifier)
-        return [fields for fields in rows if fields.get("kind", "") == kind]
+        return [(fields, row) for fields, row in rows if fields.get("kind", "") == kind]
 
     def events(self, identifier: str) -> list[AdverseEvent]:
         """The adverse events of a participant, by time.
@@ -802,8 +803,8 @@ class Diary:
             No such participant.
         """
         found = [
-            AdverseEvent(datetime.fromisoformat(fields["at"]), fields["kind"], fields["text"])
-            for fields in self._fields(schema.EVENTS, identifier)
+            AdverseEvent(datetime.fromisoformat(fields["at"]), fields["kind"], fields["text"], row)
+            for fields, row in self._fields(schema.EVENTS, identifier)
         ]
         return sorted(found, key=lambda event: event.at)
 
@@ -1018,10 +1019,12 @@ class Diary:
         fields = next(f for n, _, f in self._all(connection) if n == number)
         return bool(fields.get("clips", False))
 
-    def _fields(self, table: sql.Table, identifier: str) -> list[dict[str, Any]]:
+    def _fields(self, table: sql.Table, identifier: str) -> list[tuple[dict[str, Any], int]]:
+        """Fields and number of each row."""
         with self._engine.begin() as connection:
             number, key = self._find(connection, identifier)
-            return [fields for _, fields in self._rows(connection, table, number, key)]
+            rows = self._rows(connection, table, number, key)
+            return [(fields, row["id"]) for row, fields in rows]
 
     def _session(
         self, connection: sql.Connection, session: int, number: int, key: bytes | None
@@ -1036,8 +1039,8 @@ class Diary:
         games = []
         for row, fields in of_session(schema.GAMES):
             times = [(f["start"], f["end"]) for a, f in anomalies if a["game"] == row["id"]]
-            games.append(_game(fields, sorted(times)))
-        ratings = [_rating(fields) for _, fields in of_session(schema.RATINGS)]
+            games.append(_game(fields, sorted(times), row["id"]))
+        ratings = [_rating(fields, row["id"]) for row, fields in of_session(schema.RATINGS)]
         return DiarySession(
             session,
             datetime.fromisoformat(about["started"]),
@@ -1073,15 +1076,16 @@ def _about(number: int, table: sql.Table | None = None, row: int = 0) -> str:
     return f"participants {number}" if table is None else f"{table.name} {row} of {number}"
 
 
-def _participant(fields: Mapping[str, Any]) -> Participant:
+def _participant(fields: Mapping[str, Any], number: int) -> Participant:
     enrolled = datetime.fromisoformat(fields["enrolled"])
-    return Participant(fields["identifier"], fields["limb"], enrolled, fields.get("clips", False))
+    clips = fields.get("clips", False)
+    return Participant(fields["identifier"], fields["limb"], enrolled, clips, number)
 
 
-def _rating(fields: Mapping[str, Any]) -> Rating:
-    return Rating(datetime.fromisoformat(fields["at"]), fields["pain"], fields["when"])
+def _rating(fields: Mapping[str, Any], row: int) -> Rating:
+    return Rating(datetime.fromisoformat(fields["at"]), fields["pain"], fields["when"], row)
 
 
-def _game(fields: dict[str, Any], anomalies: Sequence[tuple[float, float]]) -> DiaryGame:
+def _game(fields: dict[str, Any], anomalies: Sequence[tuple[float, float]], row: int) -> DiaryGame:
     at = datetime.fromisoformat(fields.pop("at"))
-    return DiaryGame(at=at, **fields, anomalies=tuple(anomalies))
+    return DiaryGame(at=at, **fields, anomalies=tuple(anomalies), number=row)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Literal
 
@@ -52,12 +52,15 @@ class Participant:
     enrolled : datetime
     clips : bool
         Whether they consented to clips of anomalies.
+    number : int
+        Of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     identifier: str
     limb: str
     enrolled: datetime
     clips: bool = False
+    number: int = field(default=0, compare=False)
 
 
 @dataclass(frozen=True)
@@ -91,6 +94,8 @@ class DiaryGame:
         From a frame's arrival to its being decoded in the page, 95th percentile.
     tracked : float or None
         Share of the frames in which the phantom limb was followed.
+    number : int
+        Of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     at: datetime
@@ -110,6 +115,7 @@ class DiaryGame:
     version: str = ""
     latency_ms: float | None = None
     tracked: float | None = None
+    number: int = field(default=0, compare=False)
 
     @property
     def is_simulated(self) -> bool:
@@ -127,11 +133,14 @@ class Rating:
     pain : int
     when : str
         ``before`` the first game or touch cue of a session began, ``after`` that, or ``other``.
+    number : int
+        Of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     at: datetime
     pain: int
     when: Moment
+    number: int = field(default=0, compare=False)
 
 
 def first_pain(ratings: Iterable[Rating]) -> int | None:
@@ -200,12 +209,15 @@ class McGill:
         ``baseline``, ``week-1``, ``week-4`` or ``other``.
     ranks : tuple of 20 int
     score : McGillScore
+    number : int
+        Of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     at: datetime
     occasion: Occasion
     ranks: tuple[int, ...]
     score: McGillScore
+    number: int = field(default=0, compare=False)
 
 
 @dataclass(frozen=True)
@@ -267,8 +279,11 @@ class AdverseEvent:
     kind : str
         ``pain`` (2 or more above the rating before the session), ``sickness`` or ``other``.
     text : str
+    number : int
+        Of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     at: datetime
     kind: Literal["pain", "sickness", "other"]
     text: str
+    number: int = field(default=0, compare=False)
