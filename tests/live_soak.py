@@ -63,6 +63,8 @@ def play(url: str, seconds: float) -> int:
     hangs = Player(url, cookie=cookie, acknowledges=False)
     guest = Player(url, cookie=cookie)
     end, again, games = time.monotonic() + seconds, time.monotonic() + AGAIN_S, 0
+    player.say("pain", value=3)
+    player.wait(lambda s: s["game"]["pain"] == 3)
     while time.monotonic() < end:
         player.say("ready")
         player.wait(lambda s: s["game"]["phase"] in ("playing", "paused"))

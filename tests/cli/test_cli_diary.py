@@ -65,6 +65,21 @@ def test_an_encrypted_diary(tmp_path: Path) -> None:
     assert "is encrypted; its key file is needed" in str(run("list", path).exception)
 
 
+def test_games_of_a_simulated_person_are_left_out(path: str) -> None:
+    from datetime import datetime
+
+    from manip3d.diary import Diary, DiaryGame
+
+    with Diary(path) as diary:
+        session = diary.start_session("P01")
+        at = datetime.now().astimezone()
+        played = DiaryGame(at, "pedal", 1, 5, "time", 60.0, 0.0, 3, 1, 1, source="sim:body")
+        diary.add_game(session, played)
+    assert "0 more in part; left out: 1 game of a simulated person" in ran("show", path, "P01")
+    assert "pedal 3 (simulated)" in ran("show", path, "P01")
+    assert "left out: 1 game of a simulated person" in ran("analyse", path)
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 import rgbd_frames
-from manip3d import RenderError, capture
+from manip3d import RenderError, __version__, capture
 from manip3d.viewer.page import BUNDLE
 
 pytest.importorskip("aiohttp", reason="the extra 'live' is not installed")
@@ -144,15 +144,20 @@ def test_ctrl_c_in_the_middle_of_a_game_keeps_it_in_the_diary(tmp_path: Path) ->
     path = tmp_path / "study.diary"
     with Diary(path, create=True) as diary:
         diary.enrol("P01", limb="left_leg")
-    words = ["--limb", "left-leg", "--game", "piano", "--diary", str(path), "--participant", "P01"]
+    words = ["--game", "piano", "--diary", str(path), "--participant", "P01"]
     program, url = started(*words, "--json")
     try:
         with _chromium.open_address(url, (640, 480)) as tab:
             press = "document.querySelector('#start').click()"
+            say = (
+                "{const list = document.querySelector('#pain'); list.value = '3';"
+                "list.dispatchEvent(new Event('change'));}"
+            )
             phase = "globalThis.manip3dLive?.status()?.game.phase"
             end = time.monotonic() + 60.0
             while tab.evaluate(phase) not in ("playing", "paused"):
                 if tab.evaluate(phase) == "waiting":
+                    tab.evaluate(say)
                     tab.evaluate(press)
                 assert time.monotonic() < end
                 time.sleep(0.3)
@@ -169,6 +174,7 @@ def test_ctrl_c_in_the_middle_of_a_game_keeps_it_in_the_diary(tmp_path: Path) ->
         diary.check()
     assert (game.game, game.ending, game.score) == ("piano", "stopped", told["score"])
     assert session.ended is not None
+    assert (game.limb, game.is_simulated, game.version) == ("left_leg", True, __version__)
 
 
 def test_a_participant_who_is_not_there_is_said_before_a_page_is(tmp_path: Path) -> None:

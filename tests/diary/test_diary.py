@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import random
 import sqlite3
@@ -31,7 +32,8 @@ def game(minutes: float = 5, name: str = "piano", **changes: Any) -> DiaryGame:
     fields: dict[str, Any] = {
         "game": name, "difficulty": 2, "seed": 11, "ending": "time", "seconds": 60.0,
         "paused_s": 2.5, "score": 17, "misses": 3, "by_phantom": 8,
-        "anomalies": ((4.0, 16.5), (30.0, 44.0)),
+        "anomalies": ((4.0, 16.5), (30.0, 44.0)), "limb": "left_leg", "source": "openni2:",
+        "version": "0.1", "latency_ms": 31.5, "tracked": 0.96,
     }  # fmt: skip
     return DiaryGame(at=START + timedelta(minutes=minutes), **(fields | changes))
 
@@ -104,9 +106,81 @@ def test_pain_that_rises_by_two_stops_and_is_an_adverse_event(diary: Diary) -> N
     assert diary.add_rating("P01", 7, session=session) == ""
     assert "rose from 6 to 8" in diary.add_rating("P01", 8, session=session)
     assert [event.kind for event in diary.events("P01")] == ["pain"]
+    assert diary.sessions("P01")[0].pain_before == 6
     other = diary.start_session("P01")
     diary.add_game(other, game())
     assert diary.add_rating("P01", 10, session=other) == ""  # nobody knows what was before
+    late = diary.start_session("P01")
+    diary.add_game(late, game())
+    assert diary.add_rating("P01", 4, session=late) == ""
+    assert "rose from 4 to 6" in diary.add_rating("P01", 6, session=late)
+
+
+def test_a_rating_during_the_first_game_is_not_the_one_before_it(diary: Diary) -> None:
+    """Neither is one after a touch cue: nothing is over yet, but the play has begun."""
+    diary.enrol("P01")
+    session = diary.start_session("P01", at=START)
+    diary.add_rating("P01", 3, session=session, at=START)
+    diary.begin_play(session, at=START + timedelta(seconds=5))
+    diary.begin_play(session, at=START + timedelta(seconds=90))
+    told = diary.add_rating("P01", 9, session=session, at=START + timedelta(seconds=10))
+    assert "rose from 3 to 9" in told
+    assert [event.kind for event in diary.events("P01")] == ["pain"]
+    (found,) = diary.sessions("P01")
+    assert (found.pain_before, found.pain_after) == (3, 9)
+    assert found.begun == START + timedelta(seconds=5)
+
+
+def test_a_stop_holds_for_its_day(diary: Diary) -> None:
+    diary.enrol("P01")
+    diary.add_event("P01", "other", "a chair fell over", at=START)
+    assert diary.halt_reason("P01", today=START.date()) == ""
+    session = diary.start_session("P01", at=START)
+    diary.add_rating("P01", 1, session=session, at=START)
+    diary.begin_play(session, at=START)
+    diary.add_rating("P01", 4, session=session, at=START + timedelta(minutes=1))
+    assert diary.halt_reason("P01", today=START.date()).startswith("The pain rose from 1 to 4.")
+    assert diary.halt_reason("P01", today=START.date() + timedelta(days=1)) == ""
+    assert diary.halt_reason("P01") == ""
+    diary.add_event("P01", "sickness")
+    assert diary.halt_reason("P01").startswith("You feel sick.")
+    diary.enrol("P02")
+    assert diary.halt_reason("P02", today=START.date()) == ""
+
+
+def test_pain_that_rises_before_any_play_stops_too(diary: Diary) -> None:
+    """What is said anew within half a minute corrects the first rating; later the pain rose."""
+    diary.enrol("P01")
+    for seconds, told in ((29, ""), (31, "The pain rose from 3 to 6.")):
+        session = diary.start_session("P01", at=START)
+        diary.add_rating("P01", 3, session=session, at=START)
+        again = diary.add_rating("P01", 6, session=session, at=START + timedelta(seconds=seconds))
+        assert again.startswith(told)
+        assert bool(again) == bool(told)
+    first, second = diary.sessions("P01")
+    assert {first.pain_before, second.pain_before} == {6, 3}
+
+
+def test_a_game_that_goes_on_is_replaced_by_what_became_of_it(diary: Diary) -> None:
+    diary.enrol("P01", clips=True)
+    session, other = diary.start_session("P01"), diary.start_session("P01")
+    row = diary.add_game(session, game(0, ending="interrupted", score=0, anomalies=()))
+    going = game(1, ending="interrupted", score=4)
+    assert diary.add_game(session, going, replaces=row) == row
+    kept = {one.number: one.games for one in diary.sessions("P01")}
+    assert (kept[session], kept[other]) == ((going,), ())
+    films = [[(0.0, jpeg("x"))], []]
+    diary.add_game(session, game(), films, replaces=row)
+    diary.add_game(session, game(9))
+    kept = {one.number: one.games for one in diary.sessions("P01")}
+    assert kept[session] == (game(), game(9))
+    assert len(diary.clips("P01")) == 1
+    assert [action for _, action, _ in diary.audit()].count("game") == 2
+    with pytest.raises(InputError, match=r"replaces: session .* has no game of the number"):
+        diary.add_game(other, game(), replaces=row)
+    with pytest.raises(InputError, match="replaces: "):
+        diary.add_game(session, game(), replaces=1)
+    diary.check()
 
 
 def test_refusals(diary: Diary) -> None:
@@ -357,14 +431,24 @@ def test_an_older_file_becomes_one_of_today(tmp_path: Path, key: Path | None, ve
         ).fetchall():
             raw.execute(f"DROP INDEX {name}")
         raw.execute("DROP TABLE clips")
-        if version == 3:
-            for statement in schema.MIGRATIONS[2]:
+        for statements in schema.MIGRATIONS[2:version]:
+            for statement in statements:
                 raw.execute(statement)
+        # Games said less then.
+        payloads = raw.execute("SELECT id, payload FROM games").fetchall()
+        for number, payload in payloads if key is None else ():
+            fields = json.loads(payload)
+            for name in ("limb", "source", "version", "latency_ms", "tracked"):
+                del fields[name]
+            text = json.dumps(fields).encode()
+            raw.execute("UPDATE games SET payload = ? WHERE id = ?", (text, number))
         raw.execute(f"PRAGMA user_version = {version}")
         raw.commit()
     assert shape(path) == shape_of_version(tmp_path / "made", version)
     with Diary(path, key=key) as again:
-        assert again.sessions("P01")[0].games == (game(anomalies=()),)
+        told = {} if key else {"limb": "", "source": "", "version": "", "latency_ms": None,
+                               "tracked": None}  # fmt: skip
+        assert again.sessions("P01")[0].games == (game(anomalies=(), **told),)
         again.add_rating("P01", 5)
         again.check()
     assert shape(path) == shape_of_version(tmp_path / "now", schema.VERSION)
@@ -414,7 +498,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
         pass
     with contextlib.closing(sqlite3.connect(tmp_path / "later")) as raw:
         raw.execute("PRAGMA user_version = 99")
-    with pytest.raises(FormatError, match="of version 4 at most, got 99"):
+    with pytest.raises(FormatError, match="of version 5 at most, got 99"):
         Diary(tmp_path / "later")
 
 
@@ -436,14 +520,15 @@ def test_a_damaged_file_is_said_to_be(tmp_path: Path, part: str) -> None:
 # --- protocol -------------------------------------------------------------------------------------
 
 
-def sitting(day: int, hour: int = 9, games: int = 3, ending: str = "time") -> DiarySession:
+def sitting(day: int, hour: int = 9, games: int = 3, **changes: Any) -> DiarySession:
     start = START.replace(hour=hour) + timedelta(days=day)
-    return DiarySession(1, start, None, (game(ending=ending),) * games, ())
+    return DiarySession(1, start, None, (game(**changes),) * games, ())
 
 
 def test_adherence_counts_whole_sessions_up_to_two_a_day() -> None:
     sessions = [sitting(0), sitting(0, 17), sitting(0, 20), sitting(1), sitting(1, 17, games=2),
-                sitting(2, games=0), sitting(3, ending="stopped"), sitting(30)]  # fmt: skip
+                sitting(2, games=0), sitting(3, ending="stopped"), sitting(30),
+                sitting(3, ending="interrupted")]  # fmt: skip
     found = adherence(sessions, START, date(2026, 3, 5))
     assert (found.days, found.expected) == (4, 8)
     assert (found.complete, found.partial, found.days_played) == (3, 1, 2)
@@ -452,5 +537,8 @@ def test_adherence_counts_whole_sessions_up_to_two_a_day() -> None:
     assert (whole.days, whole.expected, whole.complete, whole.share) == (28, 56, 56, 1.0)
     short = adherence(sessions, START, date(2026, 3, 5), protocol=Protocol(1, 1, 2))
     assert (short.expected, short.complete) == (4, 2)
+    played = [sitting(0, source="mkv:"), sitting(1), sitting(1, 17, source="sim:body?seed=1")]
+    found = adherence(played, START, date(2026, 3, 5))
+    assert (found.complete, found.partial, found.simulated) == (2, 0, 3)
     with pytest.raises(InputError, match="today: expected 2026-03-02 or later"):
         adherence([], START, date(2026, 3, 1))

@@ -150,6 +150,33 @@ def test_the_page_says_what_the_diary_says_and_runs_nothing(diary: Diary, tmp_pa
         write_page(diary, tmp_path / "P01.html", "P01")
 
 
+def test_games_of_a_simulated_person_are_said_to_be_left_out(diary: Diary, tmp_path: Path) -> None:
+    session = diary.sessions("P01")[0].number
+    for number, source in enumerate(("sim:body?motion=reach", "openni2:")):
+        played = DiaryGame(
+            START + timedelta(minutes=20 + number), "bubbles", 1, 5, "time", 60.0, 0.0, 3, 1, 1,
+            limb="right_arm", source=source, version="9.9", latency_ms=28.5, tracked=0.875,
+        )  # fmt: skip
+        diary.add_game(session, played)
+    write_page(diary, tmp_path / "P01.html", "P01", today=START.date())
+    text = (tmp_path / "P01.html").read_text()
+    assert "1 of 2 sessions with all 3 games" in text
+    assert "Left out: 1 of a simulated person." in text
+    assert "piano 12, bubbles 3 (simulated person), bubbles 3<" in text
+    export_csv(diary, tmp_path / "tables", participants=["P01"])
+    row = rows(tmp_path / "tables", "games")[-1]
+    assert (row["limb"], row["source"], row["version"]) == ("right_arm", "openni2:", "9.9")
+    assert (row["latency_ms"], row["tracked"]) == ("28.5", "0.875")
+    resources = [entry["resource"] for entry in fhir_bundle(diary, "P01")["entry"]]
+    (parts,) = [
+        {c["code"]["text"]: c for c in one["component"]}
+        for one in resources
+        if "openni2:" in json.dumps(one)
+    ]
+    assert parts["Latency, 95th percentile"]["valueQuantity"]["value"] == 28.5
+    assert parts["Limb"]["valueString"] == "right arm"
+
+
 def test_the_bundle_is_fhir(diary: Diary, tmp_path: Path) -> None:
     """By models made of the definitions of FHIR 4.0.1, which is R4."""
     base = pytest.importorskip("fhirclient.models.fhirabstractbase")
@@ -191,6 +218,35 @@ def test_the_bundle_says_what_the_diary_says(diary: Diary) -> None:
     assert [(r["low"]["value"], r["high"]["value"]) for r in ranges] == [(2.0, 14.5)]
     with pytest.raises(InputError, match="'P7' is not enrolled"):
         fhir_bundle(diary, "P7")
+
+
+def test_resources_keep_their_names_and_share_them_with_no_other_study(
+    diary: Diary, tmp_path: Path
+) -> None:
+    def names(of: Diary) -> dict[str, dict[str, Any]]:
+        return {e["fullUrl"]: e["resource"] for e in fhir_bundle(of, "P01")["entry"]}
+
+    before = names(diary)
+    diary.add_rating("P01", 9, at=START - timedelta(days=1))
+    diary.add_event("P01", "sickness", "after a turn", at=START - timedelta(days=1))
+    after = names(diary)
+    assert len(after) == len(before) + 2
+    assert {name: after[name] for name in before} == before
+    with Diary(tmp_path / "other.diary", create=True) as other:
+        other.enrol("P01", limb="right_leg", at=START)
+        assert not set(names(other)) & set(after)
+
+
+def test_an_adverse_event_keeps_its_words(diary: Diary) -> None:
+    diary.add_event("P01", "sickness", "after a turn", at=START)
+    texts = [
+        entry["resource"]["event"]["text"]
+        for entry in fhir_bundle(diary, "P01")["entry"]
+        if entry["resource"]["resourceType"] == "AdverseEvent"
+    ]
+    assert "Sickness: after a turn" in texts
+    assert "Sickness" in texts
+    assert any("session: The pain rose from 5 to 7." in text for text in texts)
 
 
 def photo(shade: int) -> bytes:

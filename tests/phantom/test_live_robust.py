@@ -199,7 +199,7 @@ def test_what_was_recorded_survives_a_kill_in_the_middle_of_a_game(
         player.wait(lambda s: s["game"]["phase"] == "over")
         score = player.status["game"]["score"]
         player.say("ready")
-        player.wait(lambda s: s["game"]["phase"] == "playing")
+        player.wait(lambda s: s["game"]["phase"] == "playing" and s["game"]["left_s"] < 48.5)
         return player, score
 
     scores = []
@@ -214,8 +214,11 @@ def test_what_was_recorded_survives_a_kill_in_the_middle_of_a_game(
     with Diary(path) as diary:
         diary.check()
         first, second = diary.sessions("P01")
-        assert [game.score for s in (first, second) for game in s.games] == scores
-        assert [game.ending for s in (first, second) for game in s.games] == ["stopped"] * 2
+        stopped, going = zip(*(s.games for s in (first, second)), strict=True)
+        assert [game.score for game in stopped] == scores
+        assert {game.ending for game in stopped} == {"stopped"}
+        assert {game.ending for game in going} == {"interrupted"}
+        assert all(9.5 < game.seconds + game.paused_s < 12.0 for game in going)
         assert (first.pain_before, second.pain_before) == (3, 4)
         assert first.ended is None
         assert second.ended is None

@@ -6,6 +6,7 @@ import functools
 import io
 import os
 import shutil
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,9 +17,11 @@ import pytest
 
 import capsule_body
 from frame_reader import ReadFrame, read_frame
-from manip3d import InputError
+from manip3d import InputError, __version__
 from manip3d.modify import PhantomState
 from manip3d.phantom import GameSummary, LiveSession, simulated_patient
+from manip3d.phantom._anomalies import Anomaly
+from manip3d.phantom._diary import DiaryRecorder
 from manip3d.phantom._felt import FeltLimb
 from manip3d.phantom._session import Pictures
 from manip3d.phantom.games import begin
@@ -158,21 +161,32 @@ def test_a_notice_is_a_frame_with_words() -> None:
 
 
 class Heard:
-    """A diary that remembers, and stops at a pain of 8."""
+    """A diary that remembers."""
 
     def __init__(self) -> None:
         self.games: list[GameSummary] = []
+        self.going: list[GameSummary] = []
         self.told: list[object] = []
 
     wants_clips = False
+    trouble = ""
 
     def game(self, summary: GameSummary, clips: Sequence[Pictures]) -> None:
         self.games.append(summary)
         self.clips = list(clips)
 
+    def game_goes_on(self, summary: GameSummary) -> None:
+        self.going.append(summary)
+
     def pain(self, value: int) -> str:
         self.told.append(value)
-        return "The pain is much stronger than before." if value >= 8 else ""
+        return ""
+
+    def may_play(self) -> str:
+        return ""
+
+    def play_begins(self) -> None:
+        self.told.append("begins")
 
     def event(self, text: str) -> None:
         self.told.append(text)
@@ -191,22 +205,85 @@ class Heard:
         return "You feel sick."
 
 
-def test_ratings_reach_the_diary_and_may_end_the_play() -> None:
-    heard = Heard()
-    session = LiveSession("right_arm", recorder=heard)
+def recorded(path: Path, **options: Any) -> DiaryRecorder:
+    """A session of P01 in a diary that is made where there is none."""
+    pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+    from manip3d.diary import Diary
+
+    with Diary(path, create=True) as diary:
+        if not diary.participants():
+            diary.enrol("P01", limb="right_arm", clips=True)
+    return DiaryRecorder(path, "P01", None, **options)
+
+
+def test_pain_that_rises_during_the_first_game_ends_the_play(tmp_path: Path) -> None:
+    recorder = recorded(tmp_path / "study.diary")
+    recorder.start()
+    session = LiveSession("right_arm", recorder=recorder)
     frames = patient()
-    session.command("pain", {"value": 5})
+    session.command("pain", {"value": 3})
     session.command("ready")
     shown = play(session, frames[:40])[-1].status["game"]
-    assert (shown["phase"], shown["pain"], shown["halt"]) == ("playing", 5, "")
-    session.command("pain", {"value": 8})
+    assert (shown["phase"], shown["pain"], shown["halt"]) == ("playing", 3, "")
+    session.command("pain", {"value": 9})
     shown = play(session, frames[40:42])[-1].status["game"]
-    assert (shown["phase"], shown["pain"]) == ("over", 8)
-    assert shown["halt"].startswith("The pain")
-    assert [game.ending for game in heard.games] == ["stopped"]
+    assert (shown["phase"], shown["pain"]) == ("over", 9)
+    assert shown["halt"].startswith("The pain rose from 3 to 9.")
     session.command("ready")
     assert play(session, frames[42:50])[-1].status["game"]["phase"] == "over"
-    assert heard.told == [5, 8]
+    session.end()
+    recorder.end()
+    from manip3d.diary import Diary
+
+    with Diary(tmp_path / "study.diary") as diary:
+        (sitting,) = diary.sessions("P01")
+        assert (sitting.pain_before, sitting.pain_after) == (3, 9)
+        assert [game.ending for game in sitting.games] == ["stopped"]
+        assert [event.kind for event in diary.events("P01")] == ["pain"]
+
+
+def test_no_game_starts_before_a_rating_nor_after_a_stop_of_the_same_day(tmp_path: Path) -> None:
+    """Without a rating nothing could be compared; a new program is no new day."""
+    path = tmp_path / "study.diary"
+    recorder = recorded(path)
+    session = LiveSession("right_arm", recorder=recorder)
+    session.halt(recorder.start())
+    frames = patient()
+    session.command("ready")
+    shown = play(session, frames[:40])[-1].status
+    assert (shown["game"]["phase"], shown["game"]["halt"]) == ("waiting", "")
+    assert shown["game"]["ask"].startswith("Please say first how strong the pain is now")
+    assert shown["message"].startswith(shown["game"]["ask"])
+    session.command("pain", {"value": 2})
+    shown = play(session, frames[40:41])[-1].status
+    assert (shown["game"]["phase"], shown["game"]["ask"]) == ("waiting", "")
+    assert "Please say" not in shown["message"]
+    session.command("ready")
+    assert play(session, frames[41:44])[-1].status["game"]["phase"] == "playing"
+    session.command("unwell")
+    assert play(session, frames[44:45])[-1].status["game"]["phase"] == "over"
+    recorder.end()
+
+    recorder = recorded(path)
+    session = LiveSession("right_arm", recorder=recorder)
+    session.halt(recorder.start())
+    session.command("pain", {"value": 2})
+    session.command("ready")
+    shown = play(session, frames[:40])[-1].status["game"]
+    assert (shown["phase"], shown["halt"][:13]) == ("waiting", "You feel sick")
+    recorder.end()
+
+
+def test_pain_that_rises_after_a_touch_cue_ends_the_play(tmp_path: Path) -> None:
+    recorder = recorded(tmp_path / "study.diary")
+    recorder.start()
+    session = LiveSession("right_arm", recorder=recorder)
+    for name, fields in (
+        ("pain", {"value": 3}), ("touch", {"mode": "synchronous"}), ("pain", {"value": 5})
+    ):  # fmt: skip
+        session.command(name, fields)
+    assert "rose from 3 to 5" in play(session, patient()[:1])[-1].status["game"]["halt"]
+    recorder.end()
 
 
 def test_what_is_said_again_after_a_lost_answer_is_taken_once() -> None:
@@ -272,6 +349,11 @@ def test_an_anomaly_is_filmed_from_five_seconds_before_it(consents: bool) -> Non
         session.process(replace(frame, time=time, number=number), captured_ns=1)
     session.end()
     (game,) = heard.games
+    going = heard.going
+    assert {one.ending for one in going} == {"interrupted"}
+    times = [one.seconds + one.paused_s for one in going]
+    assert times == pytest.approx([0.0, 10.0, 20.0][: len(times)], abs=0.1)
+    assert len(times) >= 2
     assert game.anomalies
     anomaly = game.anomalies[0]
     assert anomaly.end - anomaly.start >= 10.0
@@ -293,23 +375,44 @@ def test_an_anomaly_is_filmed_from_five_seconds_before_it(consents: bool) -> Non
     assert (np.abs(pixels - 32).max(axis=-1) > 60).sum() > 2000  # the person
 
 
+def test_consent_that_is_taken_back_for_a_moment_takes_earlier_films_with_it() -> None:
+    heard = Heard()
+    heard.wants_clips = True
+    session = LiveSession("right_arm", recorder=heard)
+    session.command("ready")
+    frames = patient()
+    play(session, frames[:45])
+    session._watch.found.append(Anomaly(0.1, 0.5))  # a difficulty that is over
+    play(session, frames[45:46])
+    assert session._clips[0]
+    session.command("consent", {"clips": 0})
+    session.command("consent", {"clips": 1})
+    play(session, frames[46:50])
+    session.end()
+    assert heard.wants_clips
+    assert len(heard.games[0].anomalies) == len(heard.clips) == 1
+    assert not any(heard.clips)
+
+
 def test_from_the_camera_to_film_diary_and_fhir(tmp_path: Path) -> None:
     """The simulated amputee scores with one game and not with another; what is kept of both."""
     pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
     from PIL import Image
 
     from manip3d.diary import Diary, export_clips, fhir_bundle, write_page
-    from manip3d.phantom._diary import DiaryRecorder
 
     path = tmp_path / "study.diary"
     with Diary(path, create=True) as diary:
         diary.enrol("P01", limb="right_arm", clips=True)
-    recorder = DiaryRecorder(path, "P01", None)
+    recorder = DiaryRecorder(path, "P01", None, "mkv:/films/of Jane Doe.mkv")
     session = LiveSession("right_arm", recorder=recorder)
-    recorder.start()
+    recorder.start(lambda: 25.0)
     frames = patient()
     there_and_back = [*frames[30:], *frames[-2:30:-1]]
+    seen = Counter[tuple[int, str]]()
     for number in range(30 * 22):
+        if number == 0:
+            session.command("pain", {"value": 3})
         if number in (0, 200):
             session.command("choose", {"game": "bubbles-legs" if number else "bubbles",
                                        "difficulty": 1})  # fmt: skip
@@ -318,6 +421,8 @@ def test_from_the_camera_to_film_diary_and_fhir(tmp_path: Path) -> None:
         frame = there_and_back[number % len(there_and_back)]
         time = frames[0].time + number * 33_333_333
         session.process(replace(frame, time=time, number=number), captured_ns=1)
+        if session._game is not None and session._game.phase == "playing":
+            seen[len(session.summaries), session.state] += 1
     session.end()
     recorder.end()
     with Diary(path) as diary:
@@ -325,6 +430,13 @@ def test_from_the_camera_to_film_diary_and_fhir(tmp_path: Path) -> None:
         assert [game.game for game in sitting.games] == ["bubbles", "bubbles-legs"]
         assert sitting.games[0].by_phantom >= 1
         assert sitting.games[0].score == session.summaries[0].score
+        assert {game.limb for game in sitting.games} == {"right_arm"}
+        assert {game.source for game in sitting.games} == {"mkv:"}
+        assert {game.version for game in sitting.games} == {__version__}
+        for number, game in enumerate(sitting.games):
+            share = seen[number, "tracking"] / sum(n for (g, _), n in seen.items() if g == number)
+            assert game.tracked == pytest.approx(share, abs=0.02)
+        assert sitting.games[0].latency_ms == 25.0
         assert len(sitting.games[1].anomalies) == 1
         (clip,) = diary.clips("P01")
         assert (clip.start, clip.end) == sitting.games[1].anomalies[0]

@@ -219,13 +219,19 @@ def show_participant(path: File, participant: Who, key: Key = None, as_json: Jso
         console.print(f"{person.identifier}{limb}, enrolled {_day(person.enrolled)}")
         console.print(
             f"{done.complete} of {done.expected} sessions complete in {counted(done.days, 'day')}, "
-            f"{done.partial} more in part"
+            f"{done.partial} more in part{_left_out(done.simulated)}"
         )
         rows = []
         for session in sessions:
             stuck = sum(len(game.anomalies) for game in session.games)
             pain = f"{_dash(session.pain_before)} -> {_dash(session.pain_after)}"
-            games = ", ".join(f"{game.game} {game.score}" for game in session.games) or "none"
+            games = (
+                ", ".join(
+                    f"{game.game} {game.score}{' (simulated)' if game.is_simulated else ''}"
+                    for game in session.games
+                )
+                or "none"
+            )
             rows.append([_day(session.started), games, pain, str(stuck)])
         if rows:
             table(console, rows, ("session", "games and scores", "pain", "anomalies"))
@@ -411,6 +417,9 @@ def _show_analysis(console: Console, found: DiaryAnalysis) -> None:
         for name, scores in zip(found.identifiers, found.scores.tolist(), strict=True)
     ]  # fmt: skip
     table(console, rows, ("PRI of", *names, "sessions done"))
+    simulated = sum(one.simulated for one in found.adherence.values())
+    if simulated:
+        console.print(f"sessions done{_left_out(simulated)}")
     if found.model is None:
         console.print("mixed model: too few questionnaires so far (two participants with two each)")
     else:
@@ -433,6 +442,10 @@ def _show_analysis(console: Console, found: DiaryAnalysis) -> None:
 
 def _interval(one: Estimate) -> str:
     return f"{one.value:+.1f} (95 %: {one.low:+.1f} to {one.high:+.1f}; p = {one.p:.3g})"
+
+
+def _left_out(simulated: int) -> str:
+    return f"; left out: {counted(simulated, 'game')} of a simulated person" if simulated else ""
 
 
 def _ranks(text: str) -> list[int]:

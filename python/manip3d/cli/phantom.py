@@ -190,8 +190,8 @@ def phantom_live(
     limb: Annotated[
         LimbName | None,
         typer.Option(
-            help="Limb to replace; by default the one that a simulated person has lost, else the "
-            "right arm."
+            help="Limb to replace; by default that of the participant's enrolment, else the one "
+            "that a simulated person has lost, else the right arm."
         ),
     ] = None,
     game: Annotated[
@@ -262,8 +262,9 @@ def phantom_live(
     """Show a person with a phantom limb in the browser, live, with a game. Research software.
 
     The page is served to this machine only (see --host), to whoever has the address that is
-    printed. Ctrl-C ends the session. With a diary the page asks how strong the pain is; where it
-    rises by 2 or the patient feels sick, no further game starts.
+    printed. Ctrl-C ends the session. With a diary no game starts before the patient has said how
+    strong the pain is; where it rises by 2 or the patient feels sick, no further one starts today.
+    What could not be kept in the diary is printed at the end, and the exit code is 1.
 
     Example: manip3d phantom live --no-open --seconds 2
     """
@@ -325,5 +326,10 @@ def phantom_live(
                 {**vars(summary), "anomalies": [vars(one) for one in summary.anomalies]}
                 for summary in report.games
             ],
+            "unkept": list(report.unkept),
         }
     )
+    for one in report.unkept:
+        typer.echo(f"not kept in the diary: {one}", err=True)
+    if report.unkept:
+        raise typer.Exit(1)

@@ -8,7 +8,7 @@ import secrets
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
-from datetime import datetime
+from datetime import date, datetime
 from types import TracebackType
 from typing import Any, Literal, Self, get_args
 
@@ -16,7 +16,7 @@ from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.diary._clips import Clip, Pictures, seal_pictures, unseal_pictures
 from manip3d.diary._mcgill import score_mcgill
-from manip3d.diary._protocol import stop_reason
+from manip3d.diary._protocol import PAIN, SICKNESS, judge_rating
 from manip3d.diary._records import (
     AdverseEvent,
     DiaryGame,
@@ -181,7 +181,7 @@ class Diary:
                 )
             )
             self._note(connection, "enrol", number)
-        return Participant(name, limb, moment, clips)
+        return Participant(name, limb, moment, clips, number)
 
     def set_consent(self, identifier: str, *, clips: bool) -> None:
         """Say whether a participant consents to clips; without consent theirs are deleted.
@@ -250,6 +250,23 @@ class Diary:
             self._note(connection, "session", number)
         return session
 
+    def begin_play(self, session: int, *, at: datetime | None = None) -> None:
+        """Say that the first game or touch cue of a sitting begins; later calls change nothing.
+
+        Ratings of pain from now on are ``after``.
+
+        Parameters
+        ----------
+        session : int
+        at : datetime, optional
+
+        Raises
+        ------
+        InputError
+            No such session.
+        """
+        self._set_time(session, "begun", aware(at, "at"), keep=True)
+
     def end_session(self, session: int, *, at: datetime | None = None) -> None:
         """Say when a sitting ended.
 
@@ -263,7 +280,10 @@ class Diary:
         InputError
             No such session.
         """
-        moment = aware(at, "at")
+        self._set_time(session, "ended", aware(at, "at"))
+
+    def _set_time(self, session: int, name: str, at: datetime, *, keep: bool = False) -> None:
+        """Set a time of a sitting; ``keep``: unless it is set."""
         with self._engine.begin() as connection:
             number, key = self._of_session(connection, session)
             table = schema.SESSIONS
@@ -271,15 +291,28 @@ class Diary:
                 sql.select(table.c.payload).where(table.c.id == session)
             ).scalar_one()
             about = _about(number, table, session)
-            fields = unseal_fields(key, payload, about) | {"ended": moment.isoformat()}
+            fields = unseal_fields(key, payload, about)
+            if keep and fields.get(name):
+                return
+            fields[name] = at.isoformat()
             connection.execute(
                 sql.update(table)
                 .where(table.c.id == session)
                 .values(payload=seal_fields(key, fields, about))
             )
 
-    def add_game(self, session: int, game: DiaryGame, clips: Sequence[Pictures] = ()) -> None:
-        """Keep a game that is over, with its anomalies.
+    def add_game(
+        self,
+        session: int,
+        game: DiaryGame,
+        clips: Sequence[Pictures] = (),
+        *,
+        replaces: int | None = None,
+    ) -> int:
+        """Keep a game, with its anomalies.
+
+        One that goes on is kept as ``interrupted``, so that it leaves a trace if the program is
+        killed, and later replaced.
 
         Parameters
         ----------
@@ -288,19 +321,32 @@ class Diary:
         clips : sequence of sequences of (float, bytes)
             For each anomaly the seconds of play and the JPEG of each picture, or no pictures; by
             default there are no clips.
+        replaces : int, optional
+            Number of the same game as it was kept before.
+
+        Returns
+        -------
+        int
+            A number, for ``replaces``.
 
         Raises
         ------
         InputError
-            No such session, clips of somebody who did not consent, or more or fewer than anomalies.
+            No such session or game, clips of somebody who did not consent, or more or fewer than
+            anomalies.
         """
         if clips and len(clips) != len(game.anomalies):
             raise InputError(f"clips: expected {len(game.anomalies)}, got {len(clips)}")
         fields: dict[str, Any] = asdict(game) | {"at": aware(game.at, "at").isoformat()}
-        del fields["anomalies"]
+        del fields["anomalies"], fields["number"]
         with self._engine.begin() as connection:
             number, key = self._of_session(connection, session)
-            row = self._add(connection, schema.GAMES, number, key, fields, session=session)
+            if replaces is None:
+                row = self._add(connection, schema.GAMES, number, key, fields, session=session)
+                self._note(connection, "game", number)
+            else:
+                row = replaces
+                self._replace_game(connection, session, row, number, key, fields)
             if any(clips) and not self._consents(connection, number):
                 raise InputError("clips: expected none, as the participant did not consent")
             for which, (start, end) in enumerate(game.anomalies):
@@ -317,7 +363,26 @@ class Diary:
                             payload=seal_pictures(key, clips[which], about),
                         )
                     )
-            self._note(connection, "game", number)
+        return row
+
+    def _replace_game(
+        self,
+        connection: sql.Connection,
+        session: int,
+        row: int,
+        number: int,
+        key: bytes | None,
+        fields: Mapping[str, Any],
+    ) -> None:
+        table = schema.GAMES
+        done = connection.execute(
+            sql.update(table)
+            .where(table.c.id == row, table.c.session == session)
+            .values(payload=seal_fields(key, fields, _about(number, table, row)))
+        )
+        if done.rowcount != 1:
+            raise InputError(f"replaces: session {session} has no game of the number {row}")
+        connection.execute(sql.delete(schema.ANOMALIES).where(schema.ANOMALIES.c.game == row))
 
     def add_rating(
         self,
@@ -337,15 +402,16 @@ class Diary:
             0 (none) to 10 (the worst).
         session : int, optional
         when : {"before", "after", "other"}, optional
-            By default ``before`` the first game of the session, ``after`` one; ``other`` without
-            a session.
+            By default ``before`` until the first game or touch cue of the session begins (see
+            `begin_play`), then ``after``; ``other`` without a session.
         at : datetime, optional
 
         Returns
         -------
         str
-            Why the session must stop, where the pain is 2 or more above that before it, which is
-            kept as an adverse event too; else empty.
+            Why the session must stop, where the pain is 2 or more above its first rating (which
+            another one may correct within half a minute, before any play); it is kept as an
+            adverse event too. Else empty.
 
         Raises
         ------
@@ -363,8 +429,9 @@ class Diary:
             if session is not None:
                 self._check_owner(connection, session, number)
                 past = self._session(connection, session, number, key)
-                when = when or ("after" if past.games else "before")
-                reason = stop_reason(past.pain_before, pain) if when == "after" else ""
+                if when is None or when == "after":
+                    when = when or ("after" if past.begun or past.games else "before")
+                    reason = judge_rating(past.ratings, pain, moment, when=when)
             fields = {"at": moment.isoformat(), "pain": pain, "when": when or "other"}
             self._add(connection, schema.RATINGS, number, key, fields, session=session)
             if reason:
@@ -608,7 +675,7 @@ class Diary:
     def participants(self) -> list[Participant]:
         """Everybody, by pseudonym."""
         with self._engine.begin() as connection:
-            found = [_participant(fields) for _, _, fields in self._all(connection)]
+            found = [_participant(fields, number) for number, _, fields in self._all(connection)]
         return sorted(found, key=lambda one: one.identifier)
 
     def participant(self, identifier: str) -> Participant:
@@ -620,9 +687,9 @@ class Diary:
             No such participant.
         """
         with self._engine.begin() as connection:
-            self._find(connection, identifier)
-            found = (fields for _, _, fields in self._all(connection))
-            return _participant(next(f for f in found if f["identifier"] == identifier))
+            number, _ = self._find(connection, identifier)
+            found = (fields for one, _, fields in self._all(connection) if one == number)
+            return _participant(next(found), number)
 
     def sessions(self, identifier: str) -> list[DiarySession]:
         """The sittings of a participant, by time, with games, anomalies and ratings.
@@ -669,7 +736,7 @@ class Diary:
             No such participant.
         """
         return sorted(
-            (_rating(fields) for fields in self._fields(schema.RATINGS, identifier)),
+            (_rating(*one) for one in self._fields(schema.RATINGS, identifier)),
             key=lambda rating: rating.at,
         )
 
@@ -687,8 +754,9 @@ class Diary:
                 fields["occasion"],
                 tuple(fields["ranks"]),
                 score_mcgill(fields["ranks"], fields["ppi"]),
+                row,
             )
-            for fields in self._answers(identifier, "")
+            for fields, row in self._answers(identifier, "")
         ]
         return sorted(found, key=lambda one: one.at)
 
@@ -702,7 +770,7 @@ class Diary:
         """
         found = [
             Ownership(datetime.fromisoformat(f["at"]), f["mode"], tuple(f["answers"]))
-            for f in self._answers(identifier, _OWNERSHIP)
+            for f, _ in self._answers(identifier, _OWNERSHIP)
         ]
         return sorted(found, key=lambda one: one.at)
 
@@ -717,14 +785,14 @@ class Diary:
         names = ("length", "telescoping", "raised", "bent")
         found = [
             FeltRecord(datetime.fromisoformat(f["at"]), **{name: f[name] for name in names})
-            for f in self._answers(identifier, _FELT)
+            for f, _ in self._answers(identifier, _FELT)
         ]
         return sorted(found, key=lambda one: one.at)
 
-    def _answers(self, identifier: str, kind: str) -> list[dict[str, Any]]:
+    def _answers(self, identifier: str, kind: str) -> list[tuple[dict[str, Any], int]]:
         """Filled-in questionnaires of a kind; those without one are McGill's."""
         rows = self._fields(schema.QUESTIONNAIRES, identifier)
-        return [fields for fields in rows if fields.get("kind", "") == kind]
+        return [(fields, row) for fields, row in rows if fields.get("kind", "") == kind]
 
     def events(self, identifier: str) -> list[AdverseEvent]:
         """The adverse events of a participant, by time.
@@ -735,10 +803,35 @@ class Diary:
             No such participant.
         """
         found = [
-            AdverseEvent(datetime.fromisoformat(fields["at"]), fields["kind"], fields["text"])
-            for fields in self._fields(schema.EVENTS, identifier)
+            AdverseEvent(datetime.fromisoformat(fields["at"]), fields["kind"], fields["text"], row)
+            for fields, row in self._fields(schema.EVENTS, identifier)
         ]
         return sorted(found, key=lambda event: event.at)
+
+    def halt_reason(self, identifier: str, *, today: date | None = None) -> str:
+        """Say why a participant must not play any more today, also after a restart.
+
+        Parameters
+        ----------
+        identifier : str
+        today : date, optional
+
+        Returns
+        -------
+        str
+            In words for the patient: of the first adverse event of that day for which a session
+            stops (pain or sickness); empty: they may play.
+
+        Raises
+        ------
+        InputError
+            No such participant.
+        """
+        day = today or date.today()
+        for event in self.events(identifier):
+            if event.at.date() == day and event.kind != "other":
+                return SICKNESS if event.kind == "sickness" else event.text or PAIN
+        return ""
 
     def audit(self) -> list[tuple[datetime, str, str]]:
         """List what was done, by time: when, what (``enrol``, ``game``, ``delete`` ...), and whose;
@@ -926,10 +1019,12 @@ class Diary:
         fields = next(f for n, _, f in self._all(connection) if n == number)
         return bool(fields.get("clips", False))
 
-    def _fields(self, table: sql.Table, identifier: str) -> list[dict[str, Any]]:
+    def _fields(self, table: sql.Table, identifier: str) -> list[tuple[dict[str, Any], int]]:
+        """Fields and number of each row."""
         with self._engine.begin() as connection:
             number, key = self._find(connection, identifier)
-            return [fields for _, fields in self._rows(connection, table, number, key)]
+            rows = self._rows(connection, table, number, key)
+            return [(fields, row["id"]) for row, fields in rows]
 
     def _session(
         self, connection: sql.Connection, session: int, number: int, key: bytes | None
@@ -944,14 +1039,15 @@ class Diary:
         games = []
         for row, fields in of_session(schema.GAMES):
             times = [(f["start"], f["end"]) for a, f in anomalies if a["game"] == row["id"]]
-            games.append(_game(fields, sorted(times)))
-        ratings = [_rating(fields) for _, fields in of_session(schema.RATINGS)]
+            games.append(_game(fields, sorted(times), row["id"]))
+        ratings = [_rating(fields, row["id"]) for row, fields in of_session(schema.RATINGS)]
         return DiarySession(
             session,
             datetime.fromisoformat(about["started"]),
             datetime.fromisoformat(about["ended"]) if about["ended"] else None,
             tuple(sorted(games, key=lambda game: game.at)),
             tuple(sorted(ratings, key=lambda rating: rating.at)),
+            datetime.fromisoformat(about["begun"]) if about.get("begun") else None,
         )
 
     def _note(self, connection: sql.Connection, action: str, number: int | None) -> None:
@@ -980,15 +1076,16 @@ def _about(number: int, table: sql.Table | None = None, row: int = 0) -> str:
     return f"participants {number}" if table is None else f"{table.name} {row} of {number}"
 
 
-def _participant(fields: Mapping[str, Any]) -> Participant:
+def _participant(fields: Mapping[str, Any], number: int) -> Participant:
     enrolled = datetime.fromisoformat(fields["enrolled"])
-    return Participant(fields["identifier"], fields["limb"], enrolled, fields.get("clips", False))
+    clips = fields.get("clips", False)
+    return Participant(fields["identifier"], fields["limb"], enrolled, clips, number)
 
 
-def _rating(fields: Mapping[str, Any]) -> Rating:
-    return Rating(datetime.fromisoformat(fields["at"]), fields["pain"], fields["when"])
+def _rating(fields: Mapping[str, Any], row: int) -> Rating:
+    return Rating(datetime.fromisoformat(fields["at"]), fields["pain"], fields["when"], row)
 
 
-def _game(fields: dict[str, Any], anomalies: Sequence[tuple[float, float]]) -> DiaryGame:
+def _game(fields: dict[str, Any], anomalies: Sequence[tuple[float, float]], row: int) -> DiaryGame:
     at = datetime.fromisoformat(fields.pop("at"))
-    return DiaryGame(at=at, **fields, anomalies=tuple(anomalies))
+    return DiaryGame(at=at, **fields, anomalies=tuple(anomalies), number=row)

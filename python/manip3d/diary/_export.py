@@ -15,7 +15,7 @@ from typing import Any
 from manip3d._util.checked import checked
 from manip3d._util.paths import path_of
 from manip3d.diary._diary import Diary
-from manip3d.diary._records import DiaryGame, DiarySession, McGill
+from manip3d.diary._records import AdverseEvent, DiaryGame, DiarySession, McGill
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_folder, atomic_write
 
@@ -41,7 +41,7 @@ _PAIN = {
 }
 _GAME_COLUMNS = (
     "game", "difficulty", "seed", "ending", "seconds", "paused_s", "score", "misses", "by_phantom",
-    "gain",
+    "gain", "limb", "source", "version", "latency_ms", "tracked",
 )  # fmt: skip
 
 
@@ -222,7 +222,8 @@ def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
     """Make a FHIR R4 Bundle (a collection) of a participant: Patient, Observations, AdverseEvents.
 
     Ratings have LOINC's code 72514-3; sessions, games and the McGill indices, for which there is no
-    code, are named in words.
+    code, are named in words. Each resource has the same ``fullUrl`` in every copy, whatever was
+    added since, and no other study has it.
 
     Parameters
     ----------
@@ -247,49 +248,49 @@ def fhir_bundle(diary: Diary, identifier: str) -> dict[str, Any]:
     'Patient'
     """
     person = diary.participant(identifier)
-    resources: list[dict[str, Any]] = [
-        {
-            "resourceType": "Patient",
-            "identifier": [{"system": "urn:manip3d:participant", "value": person.identifier}],
-        }
-    ]
-    patient = {"reference": _url(identifier, 0)}
+    found: dict[str, dict[str, Any]] = {}  # resources by what names them
+    about = {"reference": _url("participants", person.number)}
+    found[about["reference"]] = {
+        "resourceType": "Patient",
+        "identifier": [{"system": "urn:manip3d:participant", "value": person.identifier}],
+    }
     for rating in diary.ratings(identifier):
-        found = _observation(_PAIN, patient, rating.at)
-        found["valueInteger"] = rating.pain
+        pain = found[_url("ratings", rating.number)] = _observation(_PAIN, about, rating.at)
+        pain["valueInteger"] = rating.pain
         if rating.when != "other":
-            found["note"] = [{"text": f"{rating.when} the session"}]
-        resources.append(found)
-    resources += [_questionnaire(one, patient) for one in diary.questionnaires(identifier)]
+            pain["note"] = [{"text": f"{rating.when} the session"}]
+    for one in diary.questionnaires(identifier):
+        found[_url("questionnaires", one.number)] = _questionnaire(one, about)
     for session in diary.sessions(identifier):
-        first = len(resources)
-        resources += [_game(game, patient) for game in session.games]
-        members = [{"reference": _url(identifier, n)} for n in range(first, len(resources))]
-        resources.append(_session(session, patient, members))
+        games = {_url("games", game.number): _game(game, about) for game in session.games}
+        found |= games
+        members = [{"reference": url} for url in games]
+        found[_url("sessions", session.number)] = _session(session, about, members)
     for event in diary.events(identifier):
-        told = {"pain": "Pain rose by 2 or more during a session", "sickness": "Sickness"}
-        resources.append(
-            {
-                "resourceType": "AdverseEvent",
-                "actuality": "actual",
-                "event": {"text": told.get(event.kind) or event.text.strip() or "Adverse event"},
-                "subject": patient,
-                "date": event.at.isoformat(),
-            }
-        )
+        found[_url("events", event.number)] = _event(event, about)
     return {
         "resourceType": "Bundle",
         "type": "collection",
         "timestamp": datetime.now().astimezone().isoformat(),
-        "entry": [
-            {"fullUrl": _url(identifier, number), "resource": resource}
-            for number, resource in enumerate(resources)
-        ],
+        "entry": [{"fullUrl": url, "resource": resource} for url, resource in found.items()],
     }
 
 
-def _url(identifier: str, number: int) -> str:
-    return f"urn:uuid:{uuid.uuid5(_NAMESPACE, f'{identifier}/{number}')}"
+def _url(table: str, row: int) -> str:
+    """Names a row of the diary, in each copy the same: rows have random numbers that stay."""
+    return f"urn:uuid:{uuid.uuid5(_NAMESPACE, f'{table}/{row}')}"
+
+
+def _event(event: AdverseEvent, patient: Mapping[str, str]) -> dict[str, Any]:
+    told = {"pain": "Pain rose by 2 or more during a session", "sickness": "Sickness"}
+    words = ": ".join(part for part in (told.get(event.kind, ""), event.text.strip()) if part)
+    return {
+        "resourceType": "AdverseEvent",
+        "actuality": "actual",
+        "event": {"text": words or "Adverse event"},
+        "subject": patient,
+        "date": event.at.isoformat(),
+    }
 
 
 def _observation(
@@ -306,7 +307,11 @@ def _observation(
 
 
 def _seconds(value: float) -> dict[str, Any]:
-    return {"value": value, "unit": "s", "system": "http://unitsofmeasure.org", "code": "s"}
+    return _quantity(value, "s")
+
+
+def _quantity(value: float, unit: str) -> dict[str, Any]:
+    return {"value": value, "unit": unit, "system": "http://unitsofmeasure.org", "code": unit}
 
 
 def _questionnaire(filled: McGill, patient: Mapping[str, str]) -> dict[str, Any]:
@@ -330,6 +335,8 @@ def _questionnaire(filled: McGill, patient: Mapping[str, str]) -> dict[str, Any]
 
 def _game(game: DiaryGame, patient: Mapping[str, str]) -> dict[str, Any]:
     found = _observation({"text": f"Exercise game {game.game}"}, patient, game.at)
+    if game.ending == "interrupted":
+        found["status"] = "preliminary"
     parts: list[dict[str, Any]] = [
         {"code": {"text": text}, "valueInteger": value}
         for text, value in (
@@ -347,6 +354,21 @@ def _game(game: DiaryGame, patient: Mapping[str, str]) -> dict[str, Any]:
     if game.gain != 1.0:
         told = "Gain of movements (virtual enhancement)"
         parts.append({"code": {"text": told}, "valueQuantity": {"value": game.gain}})
+    parts += [
+        {"code": {"text": text}, "valueString": value}
+        for text, value in (
+            ("Limb", game.limb.replace("_", " ")),
+            ("Source of the frames", game.source),
+            ("Version of manip3d", game.version),
+        )
+        if value
+    ]
+    if game.latency_ms is not None:
+        told = "Latency, 95th percentile"
+        parts.append({"code": {"text": told}, "valueQuantity": _quantity(game.latency_ms, "ms")})
+    if game.tracked is not None:
+        told = "Share of frames in which the phantom limb was followed"
+        parts.append({"code": {"text": told}, "valueQuantity": {"value": game.tracked}})
     parts += [
         {
             "code": {"text": "Seconds of play without a point though a target was in reach"},

@@ -13,7 +13,7 @@ from manip3d._util.paths import path_of
 from manip3d.diary._clips import film
 from manip3d.diary._diary import Diary
 from manip3d.diary._protocol import Protocol, adherence
-from manip3d.diary._records import DiarySession
+from manip3d.diary._records import DiaryGame, DiarySession
 from manip3d.errors import InputError
 from manip3d.io._files import atomic_write
 
@@ -88,7 +88,7 @@ def write_page(
         "<h2>Sessions done</h2>",
         f"<p>{done.complete} of {done.expected} sessions with all {plan.games_a_session} games "
         f"({done.share:.0%}) up to day {done.days}, {done.partial} more in part. Days with a game: "
-        f"{done.days_played}.</p>",
+        f"{done.days_played}.{_left_out(done.simulated)}</p>",
         "<h2>Pain before and after each session</h2>",
         _chart(sessions),
         "<h2>Adverse events</h2>",
@@ -113,6 +113,10 @@ def write_page(
 
 def _day(moment: datetime) -> str:
     return moment.strftime("%Y-%m-%d %H:%M")
+
+
+def _left_out(simulated: int) -> str:
+    return f" Left out: {simulated} of a simulated person." if simulated else ""
 
 
 def _chart(sessions: Sequence[DiarySession]) -> str:
@@ -197,7 +201,7 @@ def _sessions(sessions: Sequence[DiarySession]) -> str:
         return "<p>None yet.</p>"
     rows = []
     for session in sessions:
-        games = ", ".join(f"{game.game} {game.score}" for game in session.games) or "none"
+        games = ", ".join(_game(game) for game in session.games) or "none"
         stuck = [
             f"{game.game} {start:.0f} to {end:.0f} s"
             for game in session.games
@@ -206,6 +210,10 @@ def _sessions(sessions: Sequence[DiarySession]) -> str:
         pain = f"{_dash(session.pain_before)} to {_dash(session.pain_after)}"
         rows.append((_day(session.started), games, pain, ", ".join(stuck) or "-"))
     return _table(("Begun", "Games and scores", "Pain", "No point though in reach"), rows)
+
+
+def _game(game: DiaryGame) -> str:
+    return f"{game.game} {game.score}{' (simulated person)' if game.is_simulated else ''}"
 
 
 def _films(diary: Diary, identifier: str) -> str:

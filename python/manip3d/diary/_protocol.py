@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from datetime import date, datetime
 
 from manip3d._util.checked import checked
-from manip3d.diary._records import DiarySession
+from manip3d.diary._records import DiarySession, Moment, Rating, first_pain
 from manip3d.errors import InputError
 
 STOP_RISE = 2
-"""A session stops when the pain is so much above that before it."""
+"""A session stops when the pain is so much above its first rating."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,8 @@ class Adherence:
         Days with at least one game.
     share : float
         Complete of expected ones.
+    simulated : int
+        Games of a simulated person, which are left out.
     """
 
     days: int
@@ -52,6 +54,7 @@ class Adherence:
     partial: int
     days_played: int
     share: float
+    simulated: int = 0
 
 
 @checked
@@ -64,8 +67,8 @@ def adherence(
 ) -> Adherence:
     """Compare sessions with a protocol.
 
-    A game that was stopped counts for nothing here; days are those of the clock where it was
-    played.
+    A game that was stopped or interrupted, or of a simulated person, counts for nothing here; days
+    are those of the clock where it was played.
 
     Parameters
     ----------
@@ -98,7 +101,10 @@ def adherence(
     complete, partial, played = Counter[int](), Counter[int](), set[int]()
     for session in sessions:
         day = (session.started.date() - start.date()).days
-        games = sum(game.ending != "stopped" for game in session.games)
+        games = sum(
+            game.ending not in ("stopped", "interrupted") and not game.is_simulated
+            for game in session.games
+        )
         if not 0 <= day < days or not games:
             continue
         played.add(day)
@@ -109,7 +115,8 @@ def adherence(
         for day, number in partial.items()
     )
     expected = days * plan.sessions_a_day
-    return Adherence(days, expected, done, rest, len(played), done / expected)
+    simulated = sum(game.is_simulated for session in sessions for game in session.games)
+    return Adherence(days, expected, done, rest, len(played), done / expected, simulated)
 
 
 @checked
@@ -147,6 +154,14 @@ def stop_reason(before: int | None, now: int) -> str:
         return ""
     return f"The pain rose from {before} to {now}. Please stop for today and tell your therapist."
 
+
+def judge_rating(ratings: Sequence[Rating], pain: int, at: datetime, *, when: Moment) -> str:
+    """Why a session must stop with one more rating, compared with the first one; or nothing."""
+    return stop_reason(first_pain([*ratings, Rating(at, pain, when)]), pain)
+
+
+PAIN = "The pain rose. Please stop for today and tell your therapist."
+"""Where an adverse event does not say from what to what."""
 
 SICKNESS = "You feel sick. Please stop for today and tell your therapist."
 """What the page says after the patient said so."""

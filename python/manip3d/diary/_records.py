@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Literal
 
@@ -12,6 +13,9 @@ from manip3d.errors import InputError
 
 Moment = Literal["before", "after", "other"]
 Occasion = Literal["baseline", "week-1", "week-4", "other"]
+
+CORRECTION_S = 30.0
+"""For so long after the first rating of a session, and before any play, another one corrects it."""
 
 _IDENTIFIER = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
@@ -48,26 +52,30 @@ class Participant:
     enrolled : datetime
     clips : bool
         Whether they consented to clips of anomalies.
+    number : int
+        Of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     identifier: str
     limb: str
     enrolled: datetime
     clips: bool = False
+    number: int = field(default=0, compare=False)
 
 
 @dataclass(frozen=True)
 class DiaryGame:
-    """A game that is over.
+    """A game.
 
     Attributes
     ----------
     at : datetime
-        When it was over.
+        When it was over, or last heard of.
     game : str
     difficulty, seed : int
     ending : str
-        ``time``, ``misses``, ``done`` or ``stopped``.
+        ``time``, ``misses``, ``done`` or ``stopped``; ``interrupted`` while it goes on, or where
+        the program was killed.
     seconds, paused_s : float
         Played, and waited for the phantom limb.
     score, misses, by_phantom : int
@@ -75,6 +83,19 @@ class DiaryGame:
         Gain of the virtual enhancement; 1: none.
     anomalies : tuple of (float, float)
         From and to which second of play no point was made though a target was in reach.
+    limb : str
+        The limb that was replaced.
+    source : str
+        Where the frames came from: the whole address of a simulated person, else only its scheme,
+        such as ``mkv:``, as names of files may be names of people. Empty: an older diary.
+    version : str
+        Version of this program.
+    latency_ms : float or None
+        From a frame's arrival to its being decoded in the page, 95th percentile.
+    tracked : float or None
+        Share of the frames in which the phantom limb was followed.
+    number : int
+        Of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     at: datetime
@@ -89,6 +110,17 @@ class DiaryGame:
     by_phantom: int
     anomalies: tuple[tuple[float, float], ...] = ()
     gain: float = 1.0
+    limb: str = ""
+    source: str = ""
+    version: str = ""
+    latency_ms: float | None = None
+    tracked: float | None = None
+    number: int = field(default=0, compare=False)
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether nobody played: the person before the camera was a simulated one."""
+        return self.source.startswith("sim:")
 
 
 @dataclass(frozen=True)
@@ -100,12 +132,34 @@ class Rating:
     at : datetime
     pain : int
     when : str
-        ``before`` or ``after`` a session, or ``other``.
+        ``before`` the first game or touch cue of a session began, ``after`` that, or ``other``.
+    number : int
+        Of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     at: datetime
     pain: int
     when: Moment
+    number: int = field(default=0, compare=False)
+
+
+def first_pain(ratings: Iterable[Rating]) -> int | None:
+    """What the ratings of a session, by time, are compared with: the first one, or what it was
+    corrected to at once."""
+    first: Rating | None = None
+    pain = None
+    for rating in ratings:
+        if rating.when == "other":
+            continue
+        if first is None:
+            first = rating
+        elif not (
+            first.when == rating.when == "before"
+            and (rating.at - first.at).total_seconds() <= CORRECTION_S
+        ):
+            break
+        pain = rating.pain
+    return pain
 
 
 @dataclass(frozen=True)
@@ -121,6 +175,8 @@ class DiarySession:
         None while it goes on, or where the program was killed.
     games : tuple of DiaryGame
     ratings : tuple of Rating
+    begun : datetime or None
+        When the first game or touch cue began.
     """
 
     number: int
@@ -128,15 +184,17 @@ class DiarySession:
     ended: datetime | None
     games: tuple[DiaryGame, ...]
     ratings: tuple[Rating, ...]
+    begun: datetime | None = None
 
     @property
     def pain_before(self) -> int | None:
-        """The last rating before the first game."""
-        return next((r.pain for r in reversed(self.ratings) if r.when == "before"), None)
+        """The first rating, where it was given before the first game or touch cue; another one
+        within half a minute corrects it."""
+        return first_pain(rating for rating in self.ratings if rating.when == "before")
 
     @property
     def pain_after(self) -> int | None:
-        """The last rating after a game."""
+        """The last rating since the first game or touch cue began."""
         return next((r.pain for r in reversed(self.ratings) if r.when == "after"), None)
 
 
@@ -151,12 +209,15 @@ class McGill:
         ``baseline``, ``week-1``, ``week-4`` or ``other``.
     ranks : tuple of 20 int
     score : McGillScore
+    number : int
+        Of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     at: datetime
     occasion: Occasion
     ranks: tuple[int, ...]
     score: McGillScore
+    number: int = field(default=0, compare=False)
 
 
 @dataclass(frozen=True)
@@ -218,8 +279,11 @@ class AdverseEvent:
     kind : str
         ``pain`` (2 or more above the rating before the session), ``sickness`` or ``other``.
     text : str
+    number : int
+        Of its row, by which copies name it; 0: it was not read from a diary.
     """
 
     at: datetime
     kind: Literal["pain", "sickness", "other"]
     text: str
+    number: int = field(default=0, compare=False)

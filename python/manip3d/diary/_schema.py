@@ -98,6 +98,7 @@ MIGRATIONS: Sequence[Sequence[str]] = (
         f"CREATE TABLE clips ({_ROW}, {_ANOMALY}, {_PAYLOAD})",
         "CREATE INDEX clips_of_participant ON clips (participant)",
     ),
+    (),  # 4 to 5: payloads of games say more, which an older program does not understand
 )
 VERSION = len(MIGRATIONS)
 

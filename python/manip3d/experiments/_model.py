@@ -198,7 +198,8 @@ class Claim:
         """The claim judged on the rows that it needs.
 
         Without any, or if one of them failed, the claim is not judged; what the other models say
-        stands in the findings. Models with a failed case are left out, since judges compare whole models.
+        stands in the findings. Models with a failed case are left out, since judges compare whole
+        models.
         """
         needed = [row for row in rows if self.about(row)]
         if not needed:

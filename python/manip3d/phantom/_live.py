@@ -18,7 +18,7 @@ from manip3d.modify import Limb, PoseTracker
 from manip3d.phantom._diary import DiaryRecorder
 from manip3d.phantom._log import SessionLog
 from manip3d.phantom._page import live_pages
-from manip3d.phantom._session import MESSAGES, GameSummary, LiveSession
+from manip3d.phantom._session import LIMBS, MESSAGES, GameSummary, LiveSession
 from manip3d.phantom.games import GAMES
 from manip3d.serve import (
     Certificate,
@@ -65,6 +65,8 @@ class LiveReport:
     refused : mapping of str to int
         What the server refused, by reason.
     games : sequence of GameSummary
+    unkept : sequence of str
+        What the diary does not hold, and why, in words to be noted elsewhere.
     """
 
     affected: str
@@ -76,6 +78,7 @@ class LiveReport:
     clients: tuple[Mapping[str, Any], ...]
     refused: Mapping[str, int]
     games: tuple[GameSummary, ...]
+    unkept: tuple[str, ...] = ()
 
 
 def simulated_patient(limb: str, game: str | None = None) -> str:
@@ -126,8 +129,8 @@ def run_live(
         An address for `manip3d.capture.open_rgbd`: a camera, a recording, which is played in real
         time and over again, or a simulated person; by default `simulated_patient`.
     affected : str, optional
-        The limb to replace; by default the one that a simulated person has lost, else the right
-        arm, or leg for a game of legs.
+        The limb to replace; by default that of the participant's enrolment, else the one that a
+        simulated person has lost, else the right arm, or leg for a game of legs.
     game : str, optional
         Name out of `manip3d.phantom.games.GAMES`; by default one for that limb.
     difficulty, seed : int
@@ -152,7 +155,9 @@ def run_live(
         and recordings without skeletons.
     diary, participant, diary_key : path, str, path, optional
         A diary file, who of its participants plays, and its key file where it is encrypted. Games
-        and ratings of pain are kept as they come.
+        and ratings of pain are kept as they come, by a thread of their own; what could not be is
+        listed in the report. Games of a simulated person are marked, and `manip3d.diary.analyse`
+        and `manip3d.diary.adherence` leave them out.
     log : path, optional
         A file of JSON lines: every ten seconds frames, states, latency, times of stages and memory.
     on_start : callable(str, Certificate or None), optional
@@ -180,10 +185,14 @@ def run_live(
     began = time.monotonic()
     plays_legs = game in GAMES and GAMES[game].limbs == "legs"  # type: ignore[index]
     limb = affected or (limb_of(source) if source else "right_leg" if plays_legs else "right_arm")
+    recorder = None
+    if diary is not None:
+        recorder = DiaryRecorder(diary, str(participant), diary_key, source or "sim:")
+        if affected is None and recorder.limb in LIMBS:
+            limb = recorder.limb
     address = source or simulated_patient(limb, game)
     if address.startswith("sim:"):
         require("live")
-    recorder = None if diary is None else DiaryRecorder(diary, str(participant), diary_key)
     session = LiveSession(
         limb,  # type: ignore[arg-type]
         game=game,
@@ -200,13 +209,14 @@ def run_live(
     tracker = PoseTracker() if pose else None
     end = None if seconds is None else began + seconds
     frames, first, states = 0, None, dict[str, int]()
+    unkept: list[str] = []
     feed = _frames(address)
     pages = live_pages(limb, address, asks=recorder is not None)
     made = _certificate(host, certificate)
     server = LocalServer(pages, on_message, host=host, port=port, certificate=made)
     with SessionLog(log) as journal, server:
         if recorder is not None:
-            recorder.start()
+            session.halt(recorder.start(lambda: _latency(server)))
         if on_start is not None:
             on_start(server.new_url(), server.certificate)
         if open_page is not None:
@@ -244,7 +254,7 @@ def run_live(
                 tracker.close()
             session.end()
             if recorder is not None:
-                recorder.end()
+                unkept = recorder.end()
     return LiveReport(
         affected=limb,
         frames=frames,
@@ -255,7 +265,14 @@ def run_live(
         clients=tuple(server.report()),
         refused=dict(server.refused),
         games=tuple(session.summaries),
+        unkept=tuple(unkept),
     )
+
+
+def _latency(server: LocalServer) -> float | None:
+    """Milliseconds to the page, 95 %, of the client that came last."""
+    known = (client["latency_ms"] for client in reversed(server.report()))
+    return next((round(float(times[1]), 1) for times in known if times), None)
 
 
 def _certificate(host: str, path: str | os.PathLike[str] | None) -> Certificate | None:

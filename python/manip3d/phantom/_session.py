@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -83,6 +83,7 @@ Pictures = Sequence[tuple[float, bytes]]
 _LONGEST_STEP_S = 0.25  # a longer gap between frames is none of the player's time
 _PAGES = 64  # of which the last number is known
 _EVENTS_NS = 1_000_000_000  # for so long an event is told: a slow page leaves frames out
+_TELL_S = 10.0  # between what is kept of a game that goes on
 _FRAMES = 90  # over which times of stages are averaged
 _FLOOR_S = 4.0  # for so long the lowest place of a foot is the floor
 _FEET = tuple(JOINTS.index(name) for name in ("FootLeft", "FootRight"))
@@ -96,9 +97,22 @@ class Recorder(Protocol):
     def wants_clips(self) -> bool:
         """Whether the patient consented to short films of anomalies."""
 
+    @property
+    def trouble(self) -> str:
+        """What is not kept yet, and why, in words; or nothing."""
+
+    def game_goes_on(self, summary: GameSummary) -> None:
+        """Keep how a game stands, in case the program is killed; `game` replaces it."""
+
     def game(self, summary: GameSummary, clips: Sequence[Pictures]) -> None:
         """Keep a game that is over; for each anomaly its pictures (seconds of play, JPEG), or
         none."""
+
+    def may_play(self) -> str:
+        """Why no game may start yet, in words for the patient, or nothing."""
+
+    def play_begins(self) -> None:
+        """A game or a touch cue begins; ratings of pain are no longer those before the session."""
 
     def pain(self, value: int) -> str:
         """Keep a rating from 0 to 10; return why the session must stop, or nothing."""
@@ -129,7 +143,7 @@ class GameSummary:
         Name out of `manip3d.phantom.games.GAMES`.
     difficulty, seed : int
     ending : str
-        ``time``, ``misses``, ``done`` or ``stopped``.
+        ``time``, ``misses``, ``done`` or ``stopped``; ``interrupted``: it goes on.
     seconds, paused_s : float
         Played, and waited for the phantom limb.
     score, misses : int
@@ -139,6 +153,10 @@ class GameSummary:
         What joints' angles were multiplied by at the end.
     anomalies : tuple of Anomaly
         Times without a point though a target was in reach.
+    limb : str
+        The limb that was replaced.
+    tracked : float or None
+        Share of the frames in which the phantom limb was followed; None: there were none.
     """
 
     game: str
@@ -152,6 +170,8 @@ class GameSummary:
     by_phantom: int
     gain: float = 1.0
     anomalies: tuple[Anomaly, ...] = ()
+    limb: str = ""
+    tracked: float | None = None
 
 
 @checked
@@ -205,7 +225,7 @@ class LiveSession:
         recorder: Recorder | None = None,
     ) -> None:
         self._recorder = recorder
-        self._halt = ""
+        self._halt = self._ask = ""
         self._pain: int | None = None
         self._lowest: deque[tuple[int, float]] = deque()
         self._watch = AnomalyWatch()
@@ -250,7 +270,8 @@ class LiveSession:
         self.state = "lost"
         self._wants_game = False
         self._game: GameState | None = None
-        self._paused_s = 0.0
+        self._paused_s = self._told_s = 0.0
+        self._seen = Counter[bool]()  # frames of the game, by whether the limb was followed
         self._stages: dict[str, deque[float]] = {
             name: deque(maxlen=_FRAMES) for name in ("pipeline", "rules", "encode")
         }
@@ -296,6 +317,10 @@ class LiveSession:
         self._events.clear()
         self._last_time = None
 
+    def halt(self, reason: str) -> None:
+        """No further game starts; the page says why. An empty reason changes nothing."""
+        self._halt = reason or self._halt
+
     def end(self) -> None:
         """A game that goes on is stopped, and told to the recorder."""
         self._stop()
@@ -304,7 +329,7 @@ class LiveSession:
         """A message for the page when there is no frame, such as that the camera is gone."""
         self._obey()
         self.state = "lost"
-        status = {"state": "lost", "reason": "no_frame", "message": message}
+        status = {"state": "lost", "reason": "no_frame", "message": self._told(message)}
         return self._encoded(None, status | self._game_status(playing=False), 0, time.time_ns())
 
     def process(self, frame: RgbdFrame, *, captured_ns: int | None = None) -> bytes | None:
@@ -344,6 +369,7 @@ class LiveSession:
                 self._measured, self._calibration = measured, None
         colliders = self._body.update(shown.skeleton)
         playing = self._play(shown, seconds)
+        self._tell_of_game()
         if playing and self._ring is not None and self._game is not None:
             self._ring.add(shown, self._game, frame.calibration.depth, self._watch.since)
         status = (
@@ -384,8 +410,7 @@ class LiveSession:
             if name == "choose":
                 self._choice = str(fields["game"]), int(fields["difficulty"])
             elif name == "ready":
-                if not self._halt and (self._game is None or self._game.phase == "over"):
-                    self._game, self._wants_game = None, True
+                self._start_game()
             elif name == "stop":
                 self._stop()
             elif name == "gain":
@@ -394,6 +419,19 @@ class LiveSession:
                 self._set_up(name, fields)
             elif self._recorder is not None:
                 self._heed(name, fields)
+
+    def _start_game(self) -> None:
+        """The next frame of a tracked limb begins one, if nothing speaks against it."""
+        if self._halt or (self._game is not None and self._game.phase != "over"):
+            return
+        self._ask = "" if self._recorder is None else self._recorder.may_play()
+        if not self._ask:
+            self._game, self._wants_game = None, True
+            self._note_play()
+
+    def _note_play(self) -> None:
+        if self._recorder is not None:
+            self._recorder.play_begins()
 
     def _stop(self) -> None:
         self._wants_game = False
@@ -405,7 +443,7 @@ class LiveSession:
         """What the patient says of themselves; may end the play for today."""
         assert self._recorder is not None
         if name == "pain":
-            self._pain = int(fields["value"])
+            self._pain, self._ask = int(fields["value"]), ""
             halt = self._recorder.pain(self._pain)
         elif name == "unwell":
             halt = self._recorder.unwell()
@@ -414,7 +452,8 @@ class LiveSession:
             self._note(name, fields)
         if halt:
             self._stop()
-            self._halt, self._cue = halt, None
+            self.halt(halt)
+            self._cue = None
 
     def _note(self, name: str, fields: Mapping[str, Any]) -> None:
         assert self._recorder is not None
@@ -422,8 +461,8 @@ class LiveSession:
             self._recorder.event(str(fields["text"]))
         elif name == "consent":
             self._recorder.consent(bool(fields["clips"]))
-            if not fields["clips"]:
-                self._ring = None
+            if not fields["clips"]:  # neither what comes nor what was filmed before
+                self._ring, self._clips = None, [() for _ in self._clips]
         else:
             answers = [int(fields[f"q{number}"]) for number in range(1, len(STATEMENTS) + 1)]
             self._recorder.ownership(str(fields["mode"]), answers)
@@ -448,6 +487,8 @@ class LiveSession:
             self._stop()
             mode = str(fields["mode"])
             self._cue = None if mode == "off" else TouchCue(mode, self._seed + self._cues)  # type: ignore[arg-type]
+            if self._cue is not None:
+                self._note_play()
             self._cues += 1
         else:
             self._felt = FeltLimb(**{key: int(fields[key]) for key in LIMITS})
@@ -469,6 +510,8 @@ class LiveSession:
 
     def _play(self, shown: PhantomFrame, seconds: float) -> bool:
         """Whether the game went on in this frame."""
+        if self._game is not None and self._game.phase == "playing":
+            self._seen[shown.state == PhantomState.TRACKING] += 1
         if shown.state != PhantomState.TRACKING:
             self._ends.reset()  # what moves while nothing counts is swept over by nobody
             if self._game is not None and self._game.phase == "playing":
@@ -485,7 +528,8 @@ class LiveSession:
             self._game = begin(name, body, difficulty=difficulty, seed=seed, floor=floor)
             if self._game is None:  # somebody who faces the camera is asked for
                 return False
-            self._wants_game, self._paused_s = False, 0.0
+            self._wants_game, self._paused_s, self._told_s = False, 0.0, 0.0
+            self._seen.clear()
             self._watch = AnomalyWatch()
             wanted = self._recorder is not None and self._recorder.wants_clips
             self._ring, self._clips = ClipRing() if wanted else None, []
@@ -522,11 +566,26 @@ class LiveSession:
         return self._ends.hits(start, end, radius=radius).bone
 
     def _finish(self, ending: str) -> None:
-        game = self._game
-        assert game is not None
         self._watch.finish()
         self._keep_clips()
-        summary = GameSummary(
+        summary = self._summary(ending)
+        self.summaries.append(summary)
+        if self._recorder is not None:
+            self._recorder.game(summary, tuple(self._clips))
+        self._ring, self._clips = None, []
+
+    def _tell_of_game(self) -> None:
+        """A game that goes on is kept as it begins and every ten seconds."""
+        if self._recorder is None or self._game is None or self._game.phase != "playing":
+            return
+        if self._game.clock + self._paused_s >= self._told_s:
+            self._told_s += _TELL_S
+            self._recorder.game_goes_on(self._summary("interrupted"))
+
+    def _summary(self, ending: str) -> GameSummary:
+        game, total = self._game, self._seen.total()
+        assert game is not None
+        return GameSummary(
             game=game.game.name,
             difficulty=game.difficulty,
             seed=game.seed,
@@ -538,11 +597,9 @@ class LiveSession:
             by_phantom=self._by_phantom(game),
             gain=self._gain,
             anomalies=tuple(self._watch.found),
+            limb=self.affected,
+            tracked=round(self._seen[True] / total, 3) if total else None,
         )
-        self.summaries.append(summary)
-        if self._recorder is not None:
-            self._recorder.game(summary, tuple(self._clips))
-        self._ring, self._clips = None, []
 
     def _by_phantom(self, game: GameState) -> int:
         own = bones_of(game.game.limbs, self.affected.partition("_")[0])
@@ -566,6 +623,12 @@ class LiveSession:
         self._sequence = (self._sequence + 1) % 2**32
         return message
 
+    def _told(self, message: str) -> str:
+        """What the page says: what is to be done first, how the limb is followed, what is not kept
+        in the diary."""
+        trouble = "" if self._recorder is None else self._recorder.trouble
+        return " ".join(part for part in (self._ask, message, trouble) if part)
+
     def _frame_status(self, shown: PhantomFrame, colliders: BodyColliders) -> dict[str, Any]:
         skeleton = shown.skeleton
         capsules = np.concatenate(
@@ -581,7 +644,7 @@ class LiveSession:
         return {
             "state": shown.state.value,
             "reason": shown.reason.value,
-            "message": shown.message,
+            "message": self._told(shown.message),
             "visible": round(shown.visible, 3),
             "score": round(min(shown.quality.score, 1e6), 3),
             "joints": _rounded(skeleton.positions),
@@ -651,7 +714,7 @@ class LiveSession:
         }
 
     def _game_status(self, *, playing: bool) -> dict[str, Any]:
-        about = {"halt": self._halt, "pain": self._pain}
+        about = {"halt": self._halt, "ask": self._ask, "pain": self._pain}
         return {"game": self._shown_game(playing) | about}
 
     def _shown_game(self, playing: bool) -> dict[str, Any]:

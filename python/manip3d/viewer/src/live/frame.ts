@@ -28,6 +28,7 @@ export interface GameStatus {
   ending?: "time" | "misses" | "done" | "stopped";
   paused_s?: number;
   halt: string; // why nothing more is played today
+  ask: string; // what the patient is asked to say before a game starts
   pain: number | null; // last rating
 }
 

@@ -348,7 +348,7 @@ function tellGame(game: GameStatus, message: string): void {
     write(score, `Score ${game.score}   ${told}   ${left} s`);
   }
   const pause = game.phase === "paused" ? `: ${message}` : "";
-  const now = `${game.name} ${game.phase} ${pause} ${game.halt} ${views.inHeadset}`;
+  const now = `${game.name} ${game.phase} ${pause} ${game.halt} ${game.ask} ${views.inHeadset}`;
   if (phase === now) return;
   phase = now;
   card.hidden = game.phase === "playing";
@@ -372,6 +372,7 @@ function tellGame(game: GameStatus, message: string): void {
     );
     if (content.asks && !game.halt) lines.push("How strong is the phantom pain now? Say so below.");
   }
+  if (game.ask) lines.unshift(game.ask);
   if (game.halt) {
     heading = "Stop for today";
     lines.unshift(game.halt);

@@ -1,0 +1,123 @@
+"""A thread that writes, so that nobody who plays waits for a disk."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+_AGAIN_S = 1.0  # between attempts to write what could not be written
+
+
+@dataclass(eq=False)
+class _Task:
+    what: str
+    write: Callable[[], object]
+    holds: bool
+    due: float = 0.0
+
+
+class OrderedWriter:
+    """Writes one thing after the other, in the order in which they were given.
+
+    What an OSError keeps from being written, as a locked file or a full disk, is tried again every
+    second; all that came after it waits, so that the order holds. What fails otherwise would fail
+    again: it is lost, and told.
+    """
+
+    def __init__(self) -> None:
+        self._tasks: list[_Task] = []
+        self._lost: list[str] = []
+        self._trouble = ""
+        self._is_over = False
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._run, name="diary", daemon=True)
+        self._thread.start()
+
+    def add(self, what: str, write: Callable[[], object], *, holds: bool = True) -> None:
+        """Have something written; returns at once.
+
+        ``what``: in words for who must note it elsewhere if it cannot be written; empty: nobody
+        must. ``holds``: what comes later waits for it; without this only others without it do.
+        """
+        with self._changed:
+            self._tasks.append(_Task(what, write, holds))
+            self._changed.notify_all()
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether all is written."""
+        with self._changed:
+            return not self._tasks
+
+    @property
+    def trouble(self) -> str:
+        """What is not written and why, in words; empty while all goes well."""
+        with self._changed:
+            parts = []
+            if self._trouble and self._tasks:
+                number = len(self._tasks)
+                things = "1 entry" if number == 1 else f"{number} entries"
+                parts.append(f"Not kept in the diary yet: {things} ({self._trouble}).")
+            if self._lost:
+                more = f", and {len(self._lost) - 1} more" if len(self._lost) > 1 else ""
+                parts.append(f"Cannot be kept in the diary: {self._lost[0]}{more}.")
+            return " ".join(parts)
+
+    def close(self, seconds: float) -> list[str]:
+        """Wait until all is written, but no longer than so many seconds; list what is not."""
+        with self._changed:
+            self._changed.wait_for(lambda: not self._tasks, seconds)
+            why = self._trouble or "it took too long"
+            left = [f"{task.what}: {why}" for task in self._tasks if task.what]
+            self._tasks.clear()
+            self._is_over = True
+            self._changed.notify_all()
+            return [*self._lost, *left]
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                task = self._next()
+                while task is None and not self._is_over:
+                    self._changed.wait(0.05 if self._tasks else None)
+                    task = self._next()
+                if task is None:
+                    return
+            failed = ""
+            try:
+                task.write()
+            except OSError as error:
+                self._postpone(task, str(error))
+                continue
+            except Exception as error:  # whatever it was: the others must be written
+                failed = f"{task.what or 'state of the session'}: {error}"
+            self._done(task, failed)
+
+    def _next(self) -> _Task | None:
+        """The first one that need not wait for another one."""
+        now = time.monotonic()
+        waits = False
+        for task in self._tasks:
+            if task.due <= now and (task.holds or not waits):
+                return task
+            if task.holds:
+                return None
+            waits = True
+        return None
+
+    def _postpone(self, task: _Task, reason: str) -> None:
+        with self._changed:
+            self._trouble = reason
+            task.due = time.monotonic() + _AGAIN_S
+
+    def _done(self, task: _Task, failed: str) -> None:
+        with self._changed:
+            if failed:
+                self._lost.append(failed)
+            if task in self._tasks:  # else nobody waits for it any more
+                self._tasks.remove(task)
+            if not self._tasks:
+                self._trouble = ""
+            self._changed.notify_all()

@@ -1,0 +1,200 @@
+"""What a live session tells its diary: nobody waits for the disk, and nothing is lost silently."""
+
+from __future__ import annotations
+
+import contextlib
+import sqlite3
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import capsule_body
+from manip3d import InputError, phantom
+from manip3d.cli import app
+from manip3d.phantom import GameSummary, LiveReport, LiveSession
+from manip3d.phantom._anomalies import Anomaly
+from manip3d.phantom._writer import OrderedWriter
+
+pytest.importorskip("sqlalchemy", reason="the extra 'diary' is not installed")
+
+from manip3d.diary import Diary, _diary
+from manip3d.phantom import _diary as _recorder
+from manip3d.phantom._diary import DiaryRecorder
+
+PICTURES = ((0.5, b"\xff\xd8 a picture"),)
+
+
+def summary(score: int = 7, ending: str = "time") -> GameSummary:
+    return GameSummary(
+        "bubbles", 1, 3, ending, 60.0, 1.5, score, 2, 3, anomalies=(Anomaly(1.0, 12.0),)
+    )
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + 30.0
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+@contextlib.contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Another program writes and does not come to an end."""
+    with contextlib.closing(sqlite3.connect(path)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        yield
+        other.rollback()
+
+
+@pytest.fixture
+def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(_diary, "_BUSY_S", 0.3)
+    with Diary(tmp_path / "study.diary", create=True) as diary:
+        diary.enrol("P01", limb="right_arm", clips=True)
+    return tmp_path / "study.diary"
+
+
+def test_nobody_waits_for_a_locked_diary_and_all_is_kept_afterwards(path: Path) -> None:
+    recorder = DiaryRecorder(path, "P01", None)
+    session = LiveSession("right_arm", recorder=recorder)
+    session.halt(recorder.start())
+    frames = iter([capsule_body.painted(number) for number in range(4)])
+    told = []
+    with locked(path):
+        for name, fields in (
+            ("pain", {"value": 3}),
+            ("event", {"text": "a chair"}),
+            ("felt", FELT),
+        ):
+            session.command(name, fields)
+        began = time.perf_counter()
+        session.process(next(frames))
+        assert time.perf_counter() - began < 0.25  # the file is waited for longer
+        recorder.game(summary(), [PICTURES])
+        wait_for(lambda: recorder.trouble != "")
+        told.append(recorder.trouble)
+        assert b"Not kept in the diary yet: 4 entries" in (session.process(next(frames)) or b"")
+        assert b"Not kept in the diary yet: " in session.notice("The camera is gone.")
+    wait_for(lambda: recorder.trouble == "")
+    assert b"Not kept" not in (session.process(next(frames)) or b"")
+    assert recorder.end() == []
+    assert "database is locked" in told[0]
+    with Diary(path) as diary:
+        (sitting,) = diary.sessions("P01")
+        assert [rating.pain for rating in sitting.ratings] == [3]
+        assert [(game.score, game.ending) for game in sitting.games] == [(7, "time")]
+        assert sitting.ended is not None
+        actions = [action for _, action, _ in diary.audit()]
+        assert actions == ["enrol", "session", "rating", "event", "questionnaire", "game"]
+        assert sitting.ratings[0].at < sitting.games[0].at  # when it was said, not written
+        assert len(diary.clips("P01")) == 1
+
+
+FELT = {"length": 60, "telescoping": 10, "raised": 0, "bent": 20}
+
+
+def test_what_could_not_be_kept_is_told_at_the_end(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_recorder, "_END_S", 0.5)
+    recorder = DiaryRecorder(path, "P01", None)
+    recorder.start()
+    with locked(path):
+        recorder.pain(3)
+        recorder.play_begins()
+        recorder.game_goes_on(summary(ending="interrupted"))
+        assert "rose from 3 to 6" in recorder.pain(6)  # the stop rule waits for no disk
+        recorder.game(summary())
+        began = time.monotonic()
+        told = recorder.end()
+        assert time.monotonic() - began < 5.0
+    assert [one.split(",")[0] for one in told] == ["pain 3", "pain 6", "game bubbles"]
+    assert "7 points" in told[2]
+    assert all("database is locked" in one for one in told)
+
+
+def test_films_are_dropped_where_consent_is_gone_but_never_the_game(path: Path) -> None:
+    recorder = DiaryRecorder(path, "P01", None)
+    recorder.start()
+    recorder.game_goes_on(summary(0, "interrupted"))
+    with Diary(path) as other:
+        wait_for(lambda: len(other.sessions("P01")[0].games) == 1)
+        other.set_consent("P01", clips=False)
+    recorder.game(summary(), [PICTURES])
+    wait_for(lambda: not recorder.wants_clips)
+    recorder.consent(True)
+    recorder.game(summary(8), [PICTURES])
+    assert recorder.end() == []
+    with Diary(path) as diary:
+        assert [game.score for game in diary.sessions("P01")[0].games] == [7, 8]
+        assert [clip.start for clip in diary.clips("P01")] == [1.0]
+
+
+def test_films_of_before_a_withdrawal_are_not_written_after_it(path: Path) -> None:
+    recorder = DiaryRecorder(path, "P01", None)
+    recorder.start()
+    with locked(path):
+        recorder.game(summary(), [PICTURES])
+        recorder.consent(False)
+        recorder.consent(True)
+    assert recorder.end() == []
+    with Diary(path) as diary:
+        assert len(diary.sessions("P01")[0].games) == 1
+        assert diary.clips("P01") == []
+        assert diary.participant("P01").clips
+
+
+def test_what_is_said_is_kept_while_films_cannot_be_deleted(path: Path) -> None:
+    """Another program reads the diary, which keeps films from being deleted without remains."""
+    recorder = DiaryRecorder(path, "P01", None)
+    recorder.start()
+    recorder.game(summary(), [PICTURES])
+    with Diary(path) as diary, contextlib.closing(sqlite3.connect(path)) as reader:
+        wait_for(lambda: len(diary.clips("P01")) == 1)
+        reader.execute("BEGIN")
+        reader.execute("SELECT count(*) FROM games").fetchone()
+        recorder.consent(False)
+        recorder.pain(4)
+        wait_for(lambda: len(diary.ratings("P01")) == 1)
+        wait_for(lambda: "nothing deleted" in recorder.trouble)
+        reader.rollback()
+    assert recorder.end() == []
+    with Diary(path) as diary:
+        assert diary.clips("P01") == []
+
+
+def test_what_would_fail_again_is_told_and_holds_up_nothing() -> None:
+    done: list[int] = []
+    failures = [OSError("disk full"), OSError("disk full")]
+
+    def write(number: int) -> None:
+        if number == 1 and failures:
+            raise failures.pop()
+        if number == 2:
+            raise InputError("no such session")
+        done.append(number)
+
+    writer = OrderedWriter()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("manip3d.phantom._writer._AGAIN_S", 0.05)
+        for number in range(4):
+            writer.add(f"entry {number}", lambda number=number: write(number))  # type: ignore[misc]
+        wait_for(lambda: writer.is_idle)
+    assert done == [0, 1, 3]
+    assert writer.trouble == "Cannot be kept in the diary: entry 2: no such session."
+    assert writer.close(1.0) == ["entry 2: no such session"]
+    wait_for(lambda: not writer._thread.is_alive())
+
+
+def test_a_live_session_that_lost_something_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    report = LiveReport(
+        "right_arm", 1, 1.0, 0.1, {}, {}, (), {}, (), unkept=("pain 6, 10:31: disk full",)
+    )
+    monkeypatch.setattr(phantom, "run_live", lambda *_, **__: report)
+    done = CliRunner().invoke(app, ["phantom", "live", "--no-open", "--quiet", "--json"])
+    assert done.exit_code == 1
+    assert "not kept in the diary: pain 6, 10:31: disk full" in done.stderr
+    assert '"unkept"' in done.stdout
