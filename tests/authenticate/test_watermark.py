@@ -433,7 +433,21 @@ def test_a_tampered_frame_does_not_break_the_chain(key: KeyFile) -> None:
     assert [found.verdict for found in results] == ["authentic", "tampered", "authentic"]
     assert verdict_of_stream(results)[0] == "tampered"
     assert verdict_of_stream(results[:1])[0] == "undecidable"  # no end
-    assert verdict_of_stream(results[2:])[0] == "authentic"
+    assert verdict_of_stream(results[2:])[0] == "undecidable"  # no beginning
+    assert verdict_of_stream(results[2:], whole=False)[0] == "authentic"
+
+
+def test_several_sessions_are_no_whole_drive(key: KeyFile) -> None:
+    """A verifier takes a session's first frame wherever the one before it has ended."""
+    single = [marker_of(key).embed(frame(1000, n), is_end=True) for n in range(4)]
+    verifier = Watermarker(key)
+    results = [verifier.verify(single[n].frame, single[n].record) for n in (2, 0, 3)]
+    assert [found.verdict for found in results] == ["authentic"] * 3
+    verdict, reason = verdict_of_stream(results)
+    assert verdict == "undecidable"
+    assert "3 sessions" in reason
+    assert verdict_of_stream(results, whole=False)[0] == "authentic"
+    assert verdict_of_stream(results[:1])[0] == "authentic"
 
 
 def test_the_state_survives_and_cannot_be_forged(key: KeyFile, tmp_path: Path) -> None:

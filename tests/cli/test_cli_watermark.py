@@ -176,6 +176,20 @@ def test_dropped_swapped_repeated_and_foreign_frames(
     assert verify(other, key)[0] == 0
 
 
+def test_two_drives_joined_are_not_one(
+    key: Path, signed: Path, drive: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "other"
+    assert run("embed", drive, "--key", key, "-o", other, "-q").exit_code == 0
+    for number in range(4):
+        for suffix in ("", ".wm"):
+            source = f"{frame_of(other, number)}{suffix}"
+            shutil.copy(source, f"{frame_of(signed, 4 + number)}{suffix}")
+    code, record = verify(signed, key)
+    assert (code, record["verdict"]) == (4, "undecidable")
+    assert "2 sessions" in str(record["reason"])
+
+
 def test_another_key_and_bad_key_files(key: Path, signed: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.key"
     assert run("keygen", other).exit_code == 0

@@ -237,13 +237,15 @@ def verdict_of_stream(
     results : sequence of WatermarkResult
         In the order of the stream.
     whole : bool
-        The frames are to be a whole session, whose last frame says that it is the last.
+        The frames are to be one whole session, from its first frame to the one that says that it
+        is the last.
 
     Returns
     -------
     (verdict, reason)
-        ``tampered`` if a frame is; else ``undecidable`` if a frame is, or the end is missing; else
-        ``authentic``.
+        ``tampered`` if a frame is; else ``undecidable`` if a frame is, if the frames are of several
+        sessions (what was between these nobody knows), or if the beginning or the end is missing;
+        else ``authentic``.
     """
     if len(results) == 0:
         raise InputError("results: expected at least one, got none")
@@ -252,8 +254,23 @@ def verdict_of_stream(
         if found:
             one = f" ({len(found)} of {len(results)} frames)" if len(results) > 1 else ""
             return verdict, found[0].reason + one
-    if whole and not results[-1].is_end:
-        return "undecidable", "every frame holds, but the frames at the end are missing"
+    missing = _missing_of_whole(results) if whole else ""
+    if missing:
+        return "undecidable", f"every frame holds, but {missing}"
     return "authentic", results[-1].reason if len(results) == 1 else (
         f"every point of {len(results)} frames is the one that was signed"
     )
+
+
+def _missing_of_whole(results: Sequence[WatermarkResult]) -> str:
+    """Why frames that hold are not one whole session; empty: they are.
+
+    A verifier takes the first frame of a session wherever the one before has ended, so that several
+    sessions in any order, some of them left out, look like a chain.
+    """
+    sessions = len({result.session for result in results})
+    if sessions > 1:
+        return f"they are of {sessions} sessions, and none says which belong together, or how many"
+    if results[0].number != 0:
+        return "the frames at the beginning are missing"
+    return "" if results[-1].is_end else "the frames at the end are missing"
