@@ -119,7 +119,9 @@ KERNELS: dict[str, Kernel] = {
         {"front": authenticate.StereoRig(88.0, (47.5, 35.5), 0.5, np.eye(4)[[2, 0, 1, 3]])},
     ),
     "authenticate.stereo_disparity": lambda _: stereo_or_nothing(),
-    "authenticate.verdict_of_alerts": lambda _: authenticate.verdict_of_alerts([("skipped", "")]),
+    "authenticate.verdict_of_alerts": lambda _: authenticate.verdict_of_alerts(
+        [authenticate.AlertMonitor().skip()]
+    ),
     "authenticate.temporal_factor": lambda _: authenticate.temporal_factor([True, False]),
     "authenticate.depth_noise": lambda _: authenticate.depth_noise(DEPTH),
     "authenticate.inter_frame_noise": lambda _: authenticate.inter_frame_noise(walk),

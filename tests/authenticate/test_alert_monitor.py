@@ -192,7 +192,7 @@ def test_a_frame_left_out_is_counted_and_undecided() -> None:
     assert alert.verdict == "skipped"
     assert {told.verdict for told in alert.witnesses.values()} == {"skipped"}
     assert monitor.counts.verdicts == {"skipped": 1}
-    assert verdict_of_alerts([(alert.verdict, alert.reason)])[0] == "undecidable"
+    assert verdict_of_alerts([alert])[0] == "undecidable"
 
 
 @pytest.mark.parametrize(
@@ -246,6 +246,22 @@ def test_the_watermark_alone_clears_and_accuses(tmp_path: Path) -> None:
         text = json.dumps(alert.record())
         assert "tampered" in text
         assert key.key_id not in repr(monitor)
+
+
+def test_a_drive_that_was_cut_is_not_authentic(tmp_path: Path) -> None:
+    with KeyFile(key_file(tmp_path / "key")) as key:
+        sender = Watermarker(key)
+        sent = [sender.embed(grid_scan(2000, seed=n), is_end=n == 2) for n in range(3)]
+        monitor = AlertMonitor(Watermarker(key))
+        alerts = [
+            monitor.judge(each.frame, record=each.record, speed_mps=1.0).brief() for each in sent
+        ]
+    assert all(alert.watermark is not None and alert.watermark.scan is None for alert in alerts)
+    assert verdict_of_alerts(alerts, whole=True)[0] == "authentic"
+    verdict, reason = verdict_of_alerts(alerts[:2], whole=True)
+    assert verdict == "undecidable"
+    assert "end are missing" in reason
+    assert verdict_of_alerts(alerts[:2])[0] == "authentic"
 
 
 def test_forensics_take_a_verified_watermark_for_no_edit(tmp_path: Path) -> None:

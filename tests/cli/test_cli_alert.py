@@ -53,6 +53,14 @@ def test_a_signed_drive_is_authentic_until_a_point_moves(drive: Path, tmp_path: 
     assert not re.search(r"(src|href)=.?https?:", html)  # it loads nothing
     assert str(tmp_path) not in html.replace(str(signed), "")
 
+    cut = Path(shutil.copytree(signed, tmp_path / "cut"))
+    for last in (cut / "velodyne_points" / "data").glob("0000000002.*"):
+        last.unlink()
+    done = run("alert", "run", str(cut), "--key", str(key))
+    assert done.returncode == 4, done.stderr
+    assert "end are missing" in done.stdout
+    assert run("alert", "run", str(cut), "--key", str(key), "--frames", "2").returncode == 0
+
     victim = signed / "velodyne_points" / "data" / "0000000001.bin"
     rows = np.fromfile(victim, "<f4").reshape(-1, 4)
     rows[5, 0] += 1.0

@@ -8,8 +8,10 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from manip3d._util.checked import checked
 from manip3d._util.mappings import ReadOnlyMapping
@@ -23,6 +25,7 @@ from manip3d.authenticate._risk import ACTIONS, AttackObservation, Risk, RiskPar
 from manip3d.authenticate._stereo import StereoRig, stereo_disparity
 from manip3d.authenticate._surround import SurroundResult
 from manip3d.authenticate._watermark import Policy, Watermarker, WatermarkResult
+from manip3d.authenticate._watermark_files import verdict_of_stream
 from manip3d.errors import InputError
 from manip3d.lidar import Box, LidarFrame
 
@@ -102,6 +105,19 @@ class Alert:
     cross_modal: CrossModalResult | SurroundResult | None = field(default=None, repr=False)
     watermark: WatermarkResult | None = field(default=None, repr=False)
     forensics: Inspection | None = field(default=None, repr=False)
+
+    def brief(self) -> Alert:
+        """Return the alert without scans, maps and points, of which a whole drive fits in memory.
+
+        Examples
+        --------
+        >>> AlertMonitor().skip("too late").brief().verdict
+        'skipped'
+        """
+        kept = self.watermark
+        if kept is not None:
+            kept = replace(kept, scan=None, regions=(), suspected=np.empty(0, np.int64))
+        return replace(self, cross_modal=None, watermark=kept, forensics=None)
 
     def record(self) -> dict[str, Any]:
         """Return the alert without maps, ready for JSON."""
@@ -606,19 +622,22 @@ def _to_ahead(begin_deg: float, end_deg: float) -> float:
 
 
 @checked
-def verdict_of_alerts(alerts: Sequence[tuple[str, str]]) -> tuple[str, str]:
+def verdict_of_alerts(alerts: Sequence[Alert], *, whole: bool = False) -> tuple[str, str]:
     """Return the verdict of several frames, and its reason.
 
     Parameters
     ----------
-    alerts : sequence of (str, str)
-        Verdict and reason of each `Alert`.
+    alerts : sequence of Alert
+        In the order of the stream; also those of `Alert.brief`.
+    whole : bool
+        The frames are to be one whole session of the watermark, from its first frame to the one
+        that says that it is the last, as for `verdict_of_stream`.
 
     Returns
     -------
     (verdict, reason)
-        ``tampered`` if a frame is; else ``undecidable`` if a frame is, or was skipped; else
-        ``authentic`` if every frame is, else ``no_trace``.
+        ``tampered`` if a frame is; else ``undecidable`` if a frame is, or was skipped, or if a
+        whole session is not there; else ``authentic`` if every frame is, else ``no_trace``.
 
     Raises
     ------
@@ -627,14 +646,19 @@ def verdict_of_alerts(alerts: Sequence[tuple[str, str]]) -> tuple[str, str]:
 
     Examples
     --------
-    >>> verdict_of_alerts([("authentic", "every point holds"), ("skipped", "too late")])
-    ('undecidable', 'too late (1 of 2 frames)')
+    >>> verdict_of_alerts([AlertMonitor().skip("too late")])
+    ('undecidable', 'too late (1 of 1 frames)')
     """
     if len(alerts) == 0:
         raise InputError("alerts: expected at least one, got none")
     for verdict, *others in (("tampered",), ("undecidable", "skipped")):
-        reasons = [reason for said, reason in alerts if said in (verdict, *others)]
+        reasons = [alert.reason for alert in alerts if alert.verdict in (verdict, *others)]
         if reasons:
             return verdict, f"{reasons[0]} ({len(reasons)} of {len(alerts)} frames)"
-    every = all(said == "authentic" for said, _ in alerts)
-    return "authentic" if every else "no_trace", f"{alerts[0][1]} ({len(alerts)} frames)"
+    if not all(alert.verdict == "authentic" for alert in alerts):
+        return "no_trace", f"{alerts[0].reason} ({len(alerts)} frames)"
+    if whole:
+        stream, reason = verdict_of_stream([a.watermark for a in alerts if a.watermark is not None])
+        if stream != "authentic":
+            return stream, f"watermark: {reason}"
+    return "authentic", f"{alerts[0].reason} ({len(alerts)} frames)"

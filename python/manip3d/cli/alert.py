@@ -146,7 +146,9 @@ def run(
     every frame (under --live where there is time), and forensics are asked once a second (under
     --live beside the frames, so that their word comes some frames later). The
     output is a timeline with maps and boxes (.html) or the numbers (.json). The exit code is 0 when
-    nothing was found, 3 when a frame was tampered with, and 4 when nothing can be said of a frame.
+    nothing was found, 3 when a frame was tampered with, and 4 when nothing can be said of a frame
+    or when the drive is not one whole session of a watermark (with --frames and --live a part of
+    one will do).
     Of several drives, each is watched by itself, and the output is a folder with the page of each
     and one of all vehicles, overview.html.
 
@@ -158,7 +160,7 @@ def run(
     check_output(output, report.ALERT_KINDS, force=force)
     rig, moments, total = _opened(source, calibration, rigs, frames, has_key=key is not None)
     timeline = report.AlertTimeline(source)
-    told: list[tuple[str, str]] = []
+    told: list[Alert] = []
     with ExitStack() as stack:
         marker = None
         if key is not None:
@@ -173,13 +175,14 @@ def run(
         for alert in _judged(monitor, moments, speed, live=live):
             timeline.add(alert)
             view.show(alert)
-            told.append((alert.verdict, alert.reason))
+            told.append(alert.brief())
         last = monitor.finish()
-        if last is not None and last.verdict == "tampered":
-            told.append((last.verdict, f"forensics: {last.reason}"))
     if not told:
         raise InputError(f"{source}: expected frames, found none")
-    verdict, reason = authenticate.verdict_of_alerts(told)
+    whole = key is not None and frames is None and not live
+    verdict, reason = authenticate.verdict_of_alerts(told, whole=whole)
+    if last is not None and last.verdict == "tampered" and verdict != "tampered":
+        verdict, reason = "tampered", f"forensics: {last.reason}"
     counts = monitor.counts
     if output is not None:
         timeline.write(output, verdict=verdict, reason=reason, counts=counts)
