@@ -283,6 +283,7 @@ KERNELS: dict[str, Kernel] = {
 READ_FILES = {
     "authenticate.check_holds_float32",
     "authenticate.drive_numbers",
+    "authenticate.drive_records_alone",
     "authenticate.drive_scans",
     "authenticate.drive_times",
     "authenticate.plain_name",
@@ -293,6 +294,7 @@ READ_FILES = {
     "authenticate.record_path",
     "forge.read_stream_truth",
     "authenticate.refuse_existing_record",
+    "authenticate.scan_of_record",
     "authenticate.write_rigs",
     "authenticate.write_carrier",
     "authenticate.write_watermarked",

@@ -208,6 +208,44 @@ def test_a_verifier_that_remembers(key: Path, signed: Path, tmp_path: Path) -> N
     assert verify(signed, key)[0] == 0
 
 
+def test_what_a_folder_hides_is_undecidable(key: Path, tmp_path: Path) -> None:
+    """A scan that became a mesh, and a record whose scan was taken away."""
+    folder = tmp_path / "signed"
+    folder.mkdir()
+    for number, name in enumerate(("a.ply", "b.bin", "c.bin")):
+        scan(number).write(tmp_path / name)
+        assert run("embed", tmp_path / name, "--key", key, "-o", folder / name).exit_code == 0
+
+    def codes() -> tuple[int, dict[str, int]]:
+        done = run("verify", folder, "--key", key, "--json", "-q", "--jobs", 1)
+        rows = json.loads(done.stdout)
+        return done.exit_code, {Path(row["source"]).name: row["exit_code"] for row in rows}
+
+    assert codes() == (0, {"a.ply": 0, "b.bin": 0, "c.bin": 0})
+    head, body = (folder / "a.ply").read_bytes().split(b"end_header\n", 1)
+    head += b"element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    face = bytes([3]) + np.array([0, 1, 2], "<i4").tobytes()
+    (folder / "a.ply").write_bytes(head + bytes([body[0] ^ 64]) + body[1:] + face)
+    assert codes() == (4, {"a.ply": 4, "b.bin": 0, "c.bin": 0})
+    (folder / "c.bin").unlink()
+    assert codes() == (4, {"a.ply": 4, "b.bin": 0, "c.bin.wm": 4})
+    assert verify(folder / "c.bin.wm", key)[1]["reason"] == "the record's scan is missing"
+    assert run("verify", folder / "b.bin.wm", "--key", key).exit_code == 1
+
+
+def test_a_drive_names_the_scan_that_is_missing(key: Path, signed: Path) -> None:
+    frame_of(signed, 1).unlink()
+    code, record = verify(signed, key)
+    assert (code, record["verdict"]) == (4, "undecidable")
+    frames = record["frames"]
+    assert isinstance(frames, list)
+    assert [frame["verdict"] for frame in frames] == [
+        "authentic", "undecidable", "authentic", "authentic",
+    ]  # fmt: skip
+    assert frames[1]["scan"] == "0000000001.bin"
+    assert "scan is missing" in frames[1]["reason"]
+
+
 def test_wrong_sources(key: Path, tmp_path: Path) -> None:
     (tmp_path / "empty" / "velodyne").mkdir(parents=True)
     assert run("verify", tmp_path / "empty", "--key", key).exit_code == 1

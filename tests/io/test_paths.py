@@ -146,6 +146,7 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     "viewer.open_thing calibration": lambda p: viewer.open_thing(__file__, calibration=p),
     "authenticate.check_holds_float32 scan": authenticate.check_holds_float32,
     "authenticate.drive_numbers folder": authenticate.drive_numbers,
+    "authenticate.drive_records_alone folder": authenticate.drive_records_alone,
     "authenticate.drive_scans folder": authenticate.drive_scans,
     "authenticate.drive_times folder": authenticate.drive_times,
     "authenticate.plain_name scan": lambda p: authenticate.plain_name(p, "."),
@@ -157,6 +158,7 @@ ENTRIES: dict[str, Callable[[str], object]] = {
     ),
     "authenticate.read_record path": authenticate.read_record,
     "authenticate.record_path scan": authenticate.record_path,
+    "authenticate.scan_of_record record": lambda p: authenticate.scan_of_record(p + ".wm"),
     "authenticate.refuse_existing_record scan": authenticate.refuse_existing_record,
     "authenticate.write_watermarked path": lambda p: authenticate.write_watermarked(
         authenticate.Watermarked(scan, b"", 0, 1), p + ".bin"

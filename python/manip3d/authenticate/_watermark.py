@@ -637,6 +637,40 @@ class Watermarker:
             self._checkpoint()
         return result
 
+    def verify_without_scan(
+        self,
+        record: bytes | None,
+        reason: str,
+        *,
+        policy: Policy | None = None,
+        picture: ArrayLike | None = None,
+    ) -> WatermarkResult:
+        """Take the record of a frame whose scan is missing or cannot be read.
+
+        The frame is ``undecidable`` (``tampered``, if it was seen before), but keeps its place in
+        the chain, so that those after it are judged as if it were there.
+
+        Parameters
+        ----------
+        record, policy, picture
+            As for `verify`.
+        reason : str
+            Why there is no scan.
+
+        Raises
+        ------
+        InputError, Error
+            As `verify`.
+        """
+        empty = LidarFrame(np.empty((0, 3), np.float32))
+        found = self.verify(empty, record, policy=policy, picture=picture)
+        verdict: WatermarkVerdict = "tampered" if found.order == "replay" else "undecidable"
+        if found.order == "replay":
+            reason = f"{reason}, and the frame was seen before, or comes after a later one"
+        return replace(
+            found, verdict=verdict, reason=reason, content="unverifiable", tiles=(), regions=()
+        )
+
     def reset(self) -> None:
         """Forget the frames that were verified."""
         self._verifier.reset()

@@ -26,8 +26,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MAX_RECORD_BYTES = 16384
+RECORD_SUFFIX = ".wm"
 
 _SAME_M = 1e-8  # metres: as far apart as float64 of a national grid may be, and no grid's step
+_COMPRESSED = (".xz", ".gz")
 _EXACT = (".bin", ".pcd.bin", ".pcd", ".ply")
 
 _FOLDERS = (Path("velodyne_points") / "data", Path("velodyne"))
@@ -37,7 +39,7 @@ _FOLDERS = (Path("velodyne_points") / "data", Path("velodyne"))
 def record_path(scan: str | os.PathLike[str]) -> Path:
     """Return the path of the record beside a scan: ``scan.bin.wm`` for ``scan.bin``."""
     path = path_of(scan)
-    return path.with_name(path.name + ".wm")
+    return path.with_name(path.name + RECORD_SUFFIX)
 
 
 @checked
@@ -59,6 +61,23 @@ def read_record(path: str | os.PathLike[str]) -> bytes | None:
             return file.read(MAX_RECORD_BYTES + 1)
     except FileNotFoundError:
         return None
+
+
+@checked
+def scan_of_record(record: str | os.PathLike[str]) -> Path | None:
+    """Return the scan beside which a record stands, which may be compressed; None: it is missing.
+
+    Raises
+    ------
+    InputError
+        The name does not end in ``.wm``.
+    """
+    path = path_of(record)
+    if path.suffix != RECORD_SUFFIX:
+        raise InputError(f"{path}: expected a record, whose name ends in {RECORD_SUFFIX}")
+    scan = path.with_suffix("")
+    names = (scan.name, *(scan.name + suffix for suffix in _COMPRESSED))
+    return next((scan.with_name(name) for name in names if scan.with_name(name).exists()), None)
 
 
 @checked
@@ -175,6 +194,19 @@ def drive_scans(folder: str | os.PathLike[str]) -> list[Path]:
 
 
 @checked
+def drive_records_alone(folder: str | os.PathLike[str]) -> list[Path]:
+    """Return the records of a drive whose scans are missing, in their order.
+
+    Raises
+    ------
+    InputError
+        The folder has neither ``velodyne_points/data`` nor ``velodyne``.
+    """
+    records = _scan_folder(folder).glob(f"*{RECORD_SUFFIX}")
+    return sorted(path for path in records if scan_of_record(path) is None)
+
+
+@checked
 def drive_numbers(folder: str | os.PathLike[str]) -> list[int]:
     """Return a number for each scan of a drive: those a turn apart have numbers that differ by one.
 
@@ -195,7 +227,7 @@ def plain_name(scan: str | os.PathLike[str], drive: str | os.PathLike[str]) -> P
     """Return where a drive's scan belongs in another folder: without a compression's suffix."""
     relative = path_of(scan).relative_to(path_of(drive))
     name = relative.name
-    for suffix in (".xz", ".gz"):
+    for suffix in _COMPRESSED:
         name = name.removesuffix(suffix)
     return relative.with_name(name)
 

@@ -22,6 +22,7 @@ from manip3d.io import SCAN_SUFFIXES
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from manip3d.authenticate import Policy, Watermarker, WatermarkResult
     from manip3d.batch import SourceFile
 
 app = typer.Typer(
@@ -213,8 +214,34 @@ def embed(
     shell.result(record, lambda console: console.print(f"session {record['session']}"))
 
 
+def _verified_suffixes() -> tuple[str, ...]:
+    """Scans, and records, of which those without a scan are told."""
+    from manip3d import authenticate
+
+    return (*SCAN_SUFFIXES, authenticate.RECORD_SUFFIX)
+
+
+def _without_records(files: list[SourceFile]) -> list[SourceFile]:
+    """Leave out records whose scans are there."""
+    from manip3d import authenticate
+
+    return [
+        file
+        for file in files
+        if Path(file.name).suffix != authenticate.RECORD_SUFFIX
+        or authenticate.scan_of_record(file.name) is None
+    ]
+
+
 @app.command("verify")
-@over_files(lambda: SCAN_SUFFIXES, drives=True, prepare=_of_one_only, depends=key_of)
+@over_files(
+    _verified_suffixes,
+    drives=True,
+    prepare=_of_one_only,
+    depends=key_of,
+    choose=_without_records,
+    skipped_code=EXIT_CODES["undecidable"],
+)
 def verify(
     source: Source,
     key: Key,
@@ -250,12 +277,13 @@ def verify(
 
     The exit code is 0 when everything is authentic, 3 when something was tampered with, and 4 when
     nothing can be said. Frames that are missing in a drive, also at its end, are noticed; a single
-    scan is judged by its content, wherever its frame was.
+    scan is judged by its content, wherever its frame was. Of a folder, records whose scans are
+    missing and files that hold no scan are undecidable; what was taken away with its record is
+    noticed in a drive only.
 
     Example: manip3d watermark verify signed --key sensor.key
     """
     from manip3d import authenticate
-    from manip3d.io import read_scan
 
     shell = Terminal(as_json=as_json, quiet=quiet)
     check_output(report, (".json",), force=force)
@@ -272,7 +300,7 @@ def verify(
         max_age_s=max_age,
         carriers=("picture",) if picture else ("sidecar",),
     )
-    scans = _scans(source, "watermark verify")
+    scans = _verified_scans(source, has_pictures=bool(picture))
     results = []
     with (
         authenticate.KeyFile(key) as secret,
@@ -281,14 +309,8 @@ def verify(
     ):
         for number, path in enumerate(scans):
             seen = _picture_of(path, source, picture)
-            if seen is None:
-                beside = authenticate.record_path(path) if record is None else record
-                found = marker.verify(
-                    read_scan(path), authenticate.read_record(beside), policy=policy
-                )
-            else:
-                shown = authenticate.read_carrier(seen) if seen.is_file() else None
-                found = marker.verify(read_scan(path), None, policy=policy, picture=shown)
+            beside = authenticate.record_path(path) if record is None else record
+            found = _verified(marker, path, beside, seen, policy)
             results.append((path.name, replace(found, scan=None)))  # a drive's scans fill memory
             if progress is not None:
                 progress((number + 1) / len(scans), path.name)
@@ -310,6 +332,41 @@ def verify(
         shell.say(f"wrote {report}")
     shell.result(public, lambda console: _show(console, verdict, reason, results))
     raise typer.Exit(EXIT_CODES[verdict])
+
+
+def _verified(
+    marker: Watermarker, scan: Path, record: Path, picture: Path | None, policy: Policy
+) -> WatermarkResult:
+    """What the key says of a scan, or of the record of one that is missing."""
+    from manip3d import authenticate
+    from manip3d.io import read_scan
+
+    shown = None
+    if picture is not None and picture.is_file():
+        shown = authenticate.read_carrier(picture)
+    told = authenticate.read_record(record) if picture is None else None
+    if not scan.exists():
+        return marker.verify_without_scan(told, MISSING, policy=policy, picture=shown)
+    return marker.verify(read_scan(scan), told, policy=policy, picture=shown)
+
+
+MISSING = "the record's scan is missing"
+"""Reason of a frame of which only the record is there."""
+
+
+def _verified_scans(source: str, *, has_pictures: bool) -> list[Path]:
+    """The scans, with those of which only the record beside them is left."""
+    from manip3d import authenticate
+
+    path = Path(source)
+    if path.suffix == authenticate.RECORD_SUFFIX and path.is_file():
+        if authenticate.scan_of_record(path) is not None:
+            raise InputError(f"{source}: expected the scan, got its record")
+        return [path.with_suffix("")]
+    scans = _scans(source, "watermark verify")
+    if path.is_dir() and not has_pictures:
+        scans += [record.with_suffix("") for record in authenticate.drive_records_alone(source)]
+    return sorted(scans, key=lambda scan: scan.name)
 
 
 def _scans(source: str, verb: str) -> list[Path]:
