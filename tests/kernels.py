@@ -281,6 +281,7 @@ KERNELS: dict[str, Kernel] = {
 
 
 READ_FILES = {
+    "authenticate.as_stored",
     "authenticate.check_holds_float32",
     "authenticate.drive_numbers",
     "authenticate.drive_records_alone",

@@ -125,6 +125,38 @@ def test_formats_that_round_are_refused(key: Path, tmp_path: Path) -> None:
         assert not out.exists()
 
 
+@pytest.mark.parametrize("suffix", [".bin", ".pcd.bin", ".pcd", ".ply"])
+@pytest.mark.parametrize("embedding", ["lbm", "detached"])
+def test_organised_scans_and_scans_without_intensity_verify(
+    key: Path, tmp_path: Path, suffix: str, embedding: str
+) -> None:
+    points = scan(1).points.copy()
+    points[[5, 70]] = np.nan
+    rows = "".join(f"{x} {y} {z}\n" for x, y, z in points.tolist())
+    organised = tmp_path / "organised.pcd"
+    organised.write_text(
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 4000\nHEIGHT 2\n"
+        f"VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 8000\nDATA ascii\n{rows}"
+    )
+    assert manip3d.io.read_scan(organised).num_dropped == 2
+    out = tmp_path / f"signed{suffix}"
+    done = run("embed", organised, "--key", key, "-o", out, "--embedding", embedding)
+    assert done.exit_code == 0, done.output
+    assert verify(out, key)[0] == 0
+    same = out.read_bytes() == organised.read_bytes()
+    assert same == (embedding == "detached" and suffix == ".pcd")
+
+
+def test_what_a_format_does_not_give_back_is_not_written(key: Path, tmp_path: Path) -> None:
+    bare = manip3d.LidarFrame(scan(1).points)
+    with manip3d.authenticate.KeyFile(key) as secret:
+        sent = manip3d.authenticate.Watermarker(secret).embed(bare)
+    out = tmp_path / "signed.bin"
+    with pytest.raises(manip3d.InputError, match="does not give the intensities back"):
+        manip3d.authenticate.write_watermarked(sent, out)
+    assert list(tmp_path.glob("signed*")) == []
+
+
 def test_a_drive(key: Path, signed: Path, tmp_path: Path) -> None:
     code, record = verify(signed, key)
     assert (code, record["verdict"]) == (0, "authentic")

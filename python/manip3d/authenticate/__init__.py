@@ -115,6 +115,7 @@ from manip3d.authenticate._watermark import (
 )
 from manip3d.authenticate._watermark_files import (
     RECORD_SUFFIX,
+    as_stored,
     check_holds_float32,
     drive_numbers,
     drive_records_alone,
@@ -200,6 +201,7 @@ __all__ = [
     "Watermarked",
     "Watermarker",
     "WitnessReport",
+    "as_stored",
     "attack_type",
     "check_holds_float32",
     "combined_verdict",

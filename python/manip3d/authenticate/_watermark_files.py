@@ -32,6 +32,8 @@ _SAME_M = 1e-8  # metres: as far apart as float64 of a national grid may be, and
 _COMPRESSED = (".xz", ".gz")
 _EXACT = (".bin", ".pcd.bin", ".pcd", ".ply")
 
+_WITH_INTENSITY = (".bin", ".pcd.bin")
+
 _FOLDERS = (Path("velodyne_points") / "data", Path("velodyne"))
 
 
@@ -111,6 +113,52 @@ def check_holds_float32(scan: str | os.PathLike[str]) -> None:
 
 
 @checked
+def as_stored(
+    frame: LidarFrame,
+    path: str | os.PathLike[str],
+    *,
+    unchanged: str | os.PathLike[str] | None = None,
+) -> LidarFrame:
+    """Return a scan as a file will give it back, which is what has to be signed.
+
+    Points without coordinates, which organised scans have, are not written, so that none is missing
+    from the file; KITTI's and nuScenes' formats have an intensity, 0 where the scan has none.
+
+    Parameters
+    ----------
+    frame : LidarFrame
+    path : path
+        Where it will be written.
+    unchanged : path, optional
+        File that will be copied there if it has the same format, as `write_watermarked` does with
+        detached watermarks: the frame stays as it is then.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from manip3d import LidarFrame
+    >>> organised = LidarFrame(np.ones((2, 3), np.float32), num_dropped=7)
+    >>> stored = as_stored(organised, "scan.bin")
+    >>> stored.num_dropped, stored.intensity.tolist()
+    (0, [0.0, 0.0])
+    """
+    target = path_of(path)
+    if unchanged is not None and _is_same_format(path_of(unchanged), target):
+        return frame
+    intensity = frame.intensity
+    if intensity is None and scan_suffix(target) in _WITH_INTENSITY:
+        intensity = np.zeros(frame.num_points, np.float32)
+    return frame.replace(num_dropped=0, intensity=intensity)
+
+
+def _is_same_format(one: Path, other: Path) -> bool:
+    def packed(path: Path) -> str:
+        return path.suffix if path.suffix in _COMPRESSED else ""
+
+    return scan_suffix(one) == scan_suffix(other) and packed(one) == packed(other)
+
+
+@checked
 def write_watermarked(
     sent: Watermarked,
     path: str | os.PathLike[str],
@@ -135,26 +183,25 @@ def write_watermarked(
     Raises
     ------
     InputError, FormatError, OSError
-        As `manip3d.io.write_scan`; the format cannot hold the points as they are.
+        As `manip3d.io.write_scan`; the format cannot hold the points as they are: what was written
+        is read again before it gets its name (see `as_stored`).
     """
     target = path_of(path)
     source = None if unchanged is None else path_of(unchanged)
     shown = picture_path(target) if picture is None else path_of(picture)
     if picture is not None and sent.picture is None:
         raise InputError("picture: expected none for a watermark whose record no picture carries")
-    copies = source is not None and sent.is_detached and source.suffix == target.suffix
+    copies = source is not None and sent.is_detached and _is_same_format(source, target)
     exact = sent.frame.exact is not None and not sent.is_detached
     if not copies and not exact:
         check_holds_float32(target)
     target.parent.mkdir(parents=True, exist_ok=True)
-    if source is not None and copies:
-        if source.resolve() != target.resolve():
-            with atomic_path(target) as temporary:
-                shutil.copyfile(source, temporary)
-    elif exact:
-        _write_exact(sent.frame, target)
-    else:
-        write_scan(sent.frame, target)
+    with atomic_path(target) as temporary:
+        if source is not None and copies:
+            shutil.copyfile(source, temporary)
+        else:
+            write_scan(sent.frame, temporary)
+        _check_reads_back(read_scan(temporary), sent.frame, target)
     if sent.picture is None:
         atomic_write(record_path(target), sent.record)
         return
@@ -162,19 +209,36 @@ def write_watermarked(
     write_carrier(sent.picture, shown)
 
 
-def _write_exact(frame: LidarFrame, target: Path) -> None:
-    """Write coordinates in float64, if the format gives them back as they are."""
-    with atomic_path(target) as temporary:
-        write_scan(frame, temporary)
-        read = read_scan(temporary).exact
-        if read is None or frame.exact is None or not _are_same(read, frame.exact):
+def _check_reads_back(read: LidarFrame, sent: LidarFrame, target: Path) -> None:
+    """Refuse a file from which the record could not be verified."""
+    if not _are_same(read.exact, sent.exact):
+        raise InputError(
+            f"{target}: expected a format that keeps coordinates of float64 as they are, such "
+            "as the one that they were read from"
+        )
+    is_float32 = sent.exact is None
+    pairs = {
+        "coordinates": not is_float32 or np.array_equal(read.points, sent.points),
+        "intensities": _are_equal(read.intensity, sent.intensity),
+        "number of points without coordinates": read.num_dropped == sent.num_dropped,
+    }
+    for name, is_kept in pairs.items():
+        if not is_kept:
             raise InputError(
-                f"{target}: expected a format that keeps coordinates of float64 as they are, such "
-                "as the one that they were read from"
+                f"{target}: the format does not give the {name} back that were signed; sign the "
+                "scan that manip3d.authenticate.as_stored returns"
             )
 
 
-def _are_same(read: NDArray[np.float64], written: NDArray[np.float64]) -> bool:
+def _are_equal(read: NDArray[np.float32] | None, sent: NDArray[np.float32] | None) -> bool:
+    if read is None or sent is None:
+        return read is sent
+    return np.array_equal(read, sent)
+
+
+def _are_same(read: NDArray[np.float64] | None, written: NDArray[np.float64] | None) -> bool:
+    if read is None or written is None:
+        return read is written
     return read.shape == written.shape and bool((np.abs(read - written) <= _SAME_M).all())
 
 

@@ -192,13 +192,14 @@ def embed(
     ):
         for number, path in enumerate(scans):
             seen = _picture_of(path, source, picture)
+            target = output / authenticate.plain_name(path, source) if drive else output
+            copied = path if embedding == "detached" else None
             sent = marker.embed(
-                read_scan(path),
+                authenticate.as_stored(read_scan(path), target, unchanged=copied),
                 time_ns=None if times is None else times[number],
                 is_end=number + 1 == len(scans),
                 picture=None if seen is None else authenticate.read_carrier(seen),
             )
-            target = output / authenticate.plain_name(path, source) if drive else output
             shown = output / seen.relative_to(source) if drive and seen is not None else None
             authenticate.write_watermarked(sent, target, unchanged=path, picture=shown)
             rows.append({"scan": str(target), "frame": sent.number, "points": len(sent.points),
